@@ -1,0 +1,1 @@
+"""Optimisation over a closed loop: variables, objectives, GA, NLP, comparison."""

@@ -1,0 +1,75 @@
+"""Errors a user can act on: what was found, where, and what is allowed.
+
+Every error that bad input can cause derives from :class:`SpaceRobotError`. The command line prints
+its one line and exits with :attr:`SpaceRobotError.exit_code`; nothing else is caught.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+from pathlib import Path
+
+
+class SpaceRobotError(Exception):
+    """Base of every error caused by input or surroundings rather than by a defect.
+
+    Parameters
+    ----------
+    message
+        What was found and what is allowed, in one line.
+    source
+        File that holds the fault, if one does.
+    where
+        Place in that file: a scenario's dotted path or a URDF element.
+    """
+
+    exit_code = 2
+
+    def __init__(self, message: str, *, source: Path | str | None = None, where: str | None = None) -> None:
+        self.message = " ".join(message.split())
+        self.source = source
+        self.where = where
+        super().__init__(": ".join(str(part) for part in (source, where, self.message) if part))
+
+
+class ScenarioError(SpaceRobotError):
+    """A scenario that cannot be read or does not describe something that can be simulated."""
+
+
+class DescriptionError(SpaceRobotError):
+    """A URDF that cannot be read or holds something that cannot be simulated."""
+
+
+class ResultError(SpaceRobotError):
+    """A result folder that cannot be read or written."""
+
+
+class CompileError(SpaceRobotError):
+    """Generated code that could not be compiled or loaded."""
+
+
+class DivergedError(SpaceRobotError):
+    """A rollout that left its stability limit; raised only where the caller asked for it."""
+
+    exit_code = 3
+
+
+def near_names(name: str, allowed: Iterable[str]) -> str:
+    """Sentence that helps after a wrong name: near ones first, else all (at most twelve).
+
+    Parameters
+    ----------
+    name
+        What was found.
+    allowed
+        What would have been valid.
+    """
+    names = sorted(allowed)
+    close = difflib.get_close_matches(name, names, n=3, cutoff=0.6)
+    if close:
+        return "did you mean " + " or ".join(close) + "?"
+    if not names:
+        return "there are none"
+    shown = ", ".join(names[:12]) + (", ..." if len(names) > 12 else "")
+    return f"allowed: {shown}"

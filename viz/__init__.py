@@ -1,0 +1,1 @@
+"""Pictures of a result: browser animation, figures, report."""
