@@ -1,0 +1,1 @@
+"""Descriptions of robots and objects: find, read, check and write URDF."""

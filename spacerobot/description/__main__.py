@@ -1,0 +1,27 @@
+"""Write the shipped URDFs afresh: ``python -m spacerobot.description``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from spacerobot.description.find import shipped_urdf_folder
+from spacerobot.description.planar import planar_arm_urdf, rectangle_urdf
+from spacerobot.description.spatial import satellite_box_urdf, servicer_urdf
+
+SHIPPED: dict[str, Callable[[], str]] = {
+    "planar_arm.urdf": planar_arm_urdf,
+    "rectangle.urdf": rectangle_urdf,
+    "servicer.urdf": servicer_urdf,
+    "satellite_box.urdf": satellite_box_urdf,
+}
+"""Every file that ships, with the function that writes it."""
+
+
+def main() -> None:
+    """Overwrite the shipped files with what their generators give."""
+    for name, generate in SHIPPED.items():
+        (shipped_urdf_folder() / name).write_text(generate(), encoding="utf-8", newline="\n")
+
+
+if __name__ == "__main__":
+    main()

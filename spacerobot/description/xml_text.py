@@ -1,0 +1,164 @@
+"""Small pieces of URDF text, from which the generators build whole files."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+
+from spacerobot.errors import DescriptionError
+
+PALETTE: dict[str, str] = {
+    "gold": "0.83 0.62 0.20 1",
+    "white": "0.93 0.94 0.95 1",
+    "orange": "0.95 0.45 0.10 1",
+    "graphite": "0.20 0.22 0.25 1",
+    "panel": "0.07 0.13 0.40 1",
+    "silver": "0.66 0.69 0.73 1",
+    "debris": "0.42 0.50 0.47 1",
+    "mate": "0.80 0.12 0.16 1",
+}
+"""Colours (red, green, blue, opacity) of everything that ships."""
+
+
+def number(value: float) -> str:
+    """Text of ``value`` to 15 significant digits, without trailing zeros."""
+    return f"{float(value) + 0.0:.15g}"
+
+
+def numbers(values: Iterable[float]) -> str:
+    """Numbers separated by spaces, as in ``xyz="0 0 1"``."""
+    return " ".join(number(value) for value in values)
+
+
+def origin(xyz: Sequence[float] = (0, 0, 0), rpy: Sequence[float] = (0, 0, 0)) -> str:
+    """``<origin>`` from a position in m and fixed-axis roll, pitch, yaw in rad; empty for the identity."""
+    if not any((*xyz, *rpy)):
+        return ""
+    turn = f' rpy="{" ".join(repr(float(angle)) for angle in rpy)}"' if any(rpy) else ""
+    return f'<origin xyz="{numbers(xyz)}"{turn}/>'
+
+
+def box(size: Sequence[float]) -> str:
+    """Box with edge lengths in m along x, y and z."""
+    return f'<box size="{numbers(size)}"/>'
+
+
+def cylinder(radius_m: float, length_m: float) -> str:
+    """Cylinder about z, centred at its origin."""
+    return f'<cylinder radius="{number(radius_m)}" length="{number(length_m)}"/>'
+
+
+def sphere(radius_m: float) -> str:
+    """Sphere centred at its origin."""
+    return f'<sphere radius="{number(radius_m)}"/>'
+
+
+def shape(kind: str, geometry: str, colour: str, place: str = "") -> list[str]:
+    """Lines of one ``<visual>`` (in a colour of :data:`PALETTE`) or ``<collision>``."""
+    lines = [
+        f"    <{kind}>",
+        *([f"      {place}"] if place else []),
+        f"      <geometry>{geometry}</geometry>",
+    ]
+    if kind == "visual":
+        lines.append(f'      <material name="{colour}"/>')
+    return [*lines, f"    </{kind}>"]
+
+
+def seen(geometry: str, colour: str, place: str = "") -> list[str]:
+    """A primitive that is drawn and also collides."""
+    return shape("visual", geometry, colour, place) + shape("collision", geometry, colour, place)
+
+
+def inertial(mass_kg: float, ixx_iyy_izz: Sequence[float], com: Sequence[float] = (0, 0, 0)) -> list[str]:
+    """``<inertial>`` with principal axes along the link's own, inertia in kg m^2 about the centre of mass."""
+    ixx, iyy, izz = (number(value) for value in ixx_iyy_izz)
+    place = origin(com)
+    return [
+        "    <inertial>",
+        *([f"      {place}"] if place else []),
+        f'      <mass value="{number(mass_kg)}"/>',
+        f'      <inertia ixx="{ixx}" ixy="0" ixz="0" iyy="{iyy}" iyz="0" izz="{izz}"/>',
+        "    </inertial>",
+    ]
+
+
+def link(name: str, *parts: list[str]) -> list[str]:
+    """Lines of one ``<link>``."""
+    body = [line for part in parts for line in part]
+    return [f'  <link name="{name}">', *body, "  </link>"] if body else [f'  <link name="{name}"/>']
+
+
+def fixed(name: str, parent: str, child: str, place: str) -> list[str]:
+    """Lines of a fixed ``<joint>``: ``child`` becomes a frame welded to ``parent``."""
+    return _joint(name, "fixed", parent, child, place, [])
+
+
+def revolute(
+    name: str,
+    parent: str,
+    child: str,
+    place: str,
+    *,
+    axis: Sequence[float],
+    limit_rad: float,
+    effort_n_m: float,
+    velocity_rad_s: float,
+    damping_n_m_s: float,
+) -> list[str]:
+    """Lines of a revolute ``<joint>`` with limits of ``-limit_rad`` to ``limit_rad``."""
+    limit = f'lower="{number(-limit_rad)}" upper="{number(limit_rad)}"'
+    own = [
+        f'    <axis xyz="{numbers(axis)}"/>',
+        f'    <limit {limit} effort="{number(effort_n_m)}" velocity="{number(velocity_rad_s)}"/>',
+        f'    <dynamics damping="{number(damping_n_m_s)}" friction="0"/>',
+    ]
+    return _joint(name, "revolute", parent, child, place, own)
+
+
+def _joint(name: str, kind: str, parent: str, child: str, place: str, own: list[str]) -> list[str]:
+    head = [
+        f'  <joint name="{name}" type="{kind}">',
+        f'    <parent link="{parent}"/>',
+        f'    <child link="{child}"/>',
+        *([f"    {place}"] if place else []),
+    ]
+    return [*head, *own, "  </joint>"]
+
+
+def robot(name: str, comment: str, *parts: list[str]) -> str:
+    """Whole file: header, the colours that are used, links and joints.
+
+    Raises
+    ------
+    DescriptionError
+        If ``name`` is empty or holds anything but letters, digits, ``_``, ``.`` and ``-``.
+    """
+    if not re.fullmatch(r"[A-Za-z0-9_.-]+", name):
+        raise DescriptionError(f"{name!r} found, allowed are letters, digits, '_', '.' and '-'", where="name")
+    body = [line for part in parts for line in part]
+    used = {colour: rgba for colour, rgba in PALETTE.items() if f'name="{colour}"' in "\n".join(body)}
+    colours = [
+        f'  <material name="{colour}"><color rgba="{rgba}"/></material>' for colour, rgba in used.items()
+    ]
+    lines = [
+        '<?xml version="1.0" encoding="utf-8"?>',
+        f"<!-- {comment} -->",
+        f'<robot name="{name}">',
+        *colours,
+        *body,
+        "</robot>",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def require_in_range(where: str, value: float, low: float, high: float) -> None:
+    """Check ``low <= value <= high``, which also refuses what is not finite.
+
+    Raises
+    ------
+    DescriptionError
+        If it does not hold; names the parameter and the range.
+    """
+    if not low <= value <= high:
+        raise DescriptionError(f"{value!r} found, allowed are {low:g} to {high:g}", where=where)
