@@ -1,1 +1,23 @@
 """Descriptions of robots and objects: find, read, check and write URDF."""
+
+from spacerobot.description.find import find_urdf, shipped_names, shipped_urdf_folder
+from spacerobot.description.parts import Geometry, Joint, Link, Shape
+from spacerobot.description.planar import planar_arm_urdf, rectangle_urdf
+from spacerobot.description.read import Description, read_description
+from spacerobot.description.spatial import satellite_box_urdf, servicer_urdf
+
+__all__ = [
+    "Description",
+    "Geometry",
+    "Joint",
+    "Link",
+    "Shape",
+    "find_urdf",
+    "planar_arm_urdf",
+    "read_description",
+    "rectangle_urdf",
+    "satellite_box_urdf",
+    "servicer_urdf",
+    "shipped_names",
+    "shipped_urdf_folder",
+]

@@ -1,0 +1,151 @@
+"""yourdfpy's tree of a checked file to links and joints of this package."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import get_args
+
+import numpy as np
+import yourdfpy as yp
+from lxml import etree
+
+from spacerobot.description.meshes import is_readable, resolve_mesh, stand_in
+from spacerobot.description.parts import Array, Geometry, Joint, JointKind, Link, Shape, frozen
+from spacerobot.errors import DescriptionError
+
+_SHORTEST_AXIS = 1e-9
+
+
+def parse_urdf(root: etree._Element, source: Path) -> yp.Robot:
+    """Parse a syntactically checked tree with yourdfpy, without loading a mesh.
+
+    Raises
+    ------
+    DescriptionError
+        If yourdfpy finds fault with it.
+    """
+    try:
+        urdf = yp.URDF.load(io.BytesIO(etree.tostring(root)), build_scene_graph=False, load_meshes=False)
+        urdf.validate()
+    except (yp.URDFError, ValueError, KeyError, TypeError, AttributeError, IndexError) as error:
+        raise DescriptionError(f"yourdfpy cannot read it: {error}", source=source) from error
+    if urdf.errors:
+        raise DescriptionError(f"not valid: {urdf.errors[0].msg}", source=source)
+    return urdf.robot
+
+
+def convert_joint(joint: yp.Joint, source: Path) -> Joint:
+    """One joint, its axis of unit length.
+
+    Raises
+    ------
+    DescriptionError
+        If its kind cannot be simulated, its axis vanishes or its range is empty.
+    """
+    where = f"joint {joint.name!r}"
+    if joint.type not in get_args(JointKind):
+        allowed = ", ".join(get_args(JointKind))
+        raise DescriptionError(f"is of type {joint.type!r}, allowed: {allowed}", source=source, where=where)
+    length = float(np.linalg.norm(joint.axis))
+    if joint.type != "fixed" and length < _SHORTEST_AXIS:
+        raise DescriptionError("its axis is zero", source=source, where=where)
+    limit = joint.limit or yp.Limit()
+    bounded = joint.type in ("revolute", "prismatic")
+    lower, upper = (limit.lower or 0.0, limit.upper or 0.0) if bounded else (-np.inf, np.inf)
+    if lower > upper:
+        raise DescriptionError(
+            f"lower limit {lower:g} lies above upper {upper:g}", source=source, where=where
+        )
+    dynamics = joint.dynamics or yp.Dynamics()
+    return Joint(
+        name=joint.name,
+        kind=joint.type,
+        parent=joint.parent,
+        child=joint.child,
+        origin=_placement(joint.origin),
+        axis=frozen(joint.axis / length if length >= _SHORTEST_AXIS else (1, 0, 0)),
+        damping=float(dynamics.damping or 0),
+        friction=float(dynamics.friction or 0),
+        effort=np.inf if limit.effort is None else limit.effort,
+        velocity=np.inf if limit.velocity is None else limit.velocity,
+        lower=lower,
+        upper=upper,
+    )
+
+
+def convert_links(robot: yp.Robot, source: Path) -> tuple[tuple[Link, ...], list[str]]:
+    """All links, and warnings about meshes that are missing."""
+    colours = _colours(robot)
+    warnings: list[str] = []
+    links = tuple(_link(link, colours, source, warnings) for link in robot.links)
+    return links, warnings
+
+
+def _link(link: yp.Link, colours: dict[str, Array], source: Path, warnings: list[str]) -> Link:
+    mass, com, inertia = 0.0, np.zeros(3), np.zeros((3, 3))
+    if link.inertial is not None:
+        origin = _placement(link.inertial.origin)
+        turn, mass, com = origin[:3, :3], link.inertial.mass, origin[:3, 3]
+        if link.inertial.inertia is not None:
+            inertia = turn @ link.inertial.inertia @ turn.T
+            inertia = (inertia + inertia.T) / 2
+    shapes: dict[str, list[Shape]] = {"visual": [], "collision": []}
+    for kind, found in (("visual", link.visuals), ("collision", link.collisions)):
+        for shape in found:
+            geometry, fault = _geometry(shape.geometry, source)
+            if geometry is None:
+                warnings.append(f"link {link.name!r}: {kind} mesh {fault}; a box stands in for it")
+                shapes[kind].append(stand_in(mass, com, inertia))
+                continue
+            material = getattr(shape, "material", None)
+            rgba = _rgba(material, colours)
+            shapes[kind].append(Shape(shape.name, _placement(shape.origin), geometry, rgba))
+    return Link(
+        name=link.name,
+        mass=mass,
+        com=frozen(com),
+        inertia=frozen(inertia),
+        visuals=tuple(shapes["visual"]),
+        collisions=tuple(shapes["collision"]),
+    )
+
+
+def _geometry(geometry: yp.Geometry, source: Path) -> tuple[Geometry | None, str]:
+    """A shape's geometry, or None and what is wrong with its mesh."""
+    if geometry.box is not None:
+        return Geometry("box", frozen(geometry.box.size)), ""
+    if geometry.cylinder is not None:
+        return Geometry("cylinder", frozen((geometry.cylinder.radius, geometry.cylinder.length))), ""
+    if geometry.sphere is not None:
+        return Geometry("sphere", frozen((geometry.sphere.radius,))), ""
+    mesh = geometry.mesh
+    scale = frozen(np.broadcast_to(1.0 if mesh.scale is None else mesh.scale, 3))
+    path = resolve_mesh(mesh.filename, source)
+    if path is None:
+        return None, f"{mesh.filename!r} not found"
+    if not is_readable(path, scale):
+        return None, f"{mesh.filename!r} cannot be read"
+    return Geometry("mesh", scale, path), ""
+
+
+def _colours(robot: yp.Robot) -> dict[str, Array]:
+    """Colours by material name: the robot's own, then those that a link defines in passing."""
+    passing = [shape.material for link in robot.links for shape in link.visuals]
+    colours: dict[str, Array] = {}
+    for material in [*robot.materials, *passing]:
+        if material is not None and material.name and material.color is not None:
+            colours.setdefault(material.name, frozen(np.clip(material.color.rgba, 0, 1)))
+    return colours
+
+
+def _rgba(material: yp.Material | None, colours: dict[str, Array]) -> Array | None:
+    if material is None:
+        return None
+    if material.color is not None:
+        return frozen(np.clip(material.color.rgba, 0, 1))
+    return colours.get(material.name)
+
+
+def _placement(origin: Array | None) -> Array:
+    return frozen(np.eye(4) if origin is None else origin)

@@ -1,0 +1,127 @@
+"""Read a URDF, check that it can be simulated, and hand it to Pinocchio."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from spacerobot.description.bodies import check_bodies, check_links, welded_bodies
+from spacerobot.description.parts import Joint, Link
+from spacerobot.description.syntax import check_syntax, parse_xml
+from spacerobot.description.topology import root_link
+from spacerobot.errors import DescriptionError
+
+MOST_BYTES = 20_000_000
+"""Larger files are refused."""
+
+
+@dataclass(frozen=True, eq=False)
+class Description:
+    """A URDF that can be simulated.
+
+    Attributes
+    ----------
+    name
+        Name of the robot.
+    path, sha256
+        The file, absolute, and the hash of its bytes in hexadecimal.
+    root
+        Name of the base: the link without a parent.
+    links, joints
+        In the order of the file.
+    warnings
+        What was ignored or assumed, one line each.
+    """
+
+    name: str
+    path: Path
+    sha256: str
+    root: str
+    links: tuple[Link, ...]
+    joints: tuple[Joint, ...]
+    warnings: tuple[str, ...]
+
+    def to_pinocchio_xml(self, prefix: str) -> str:
+        """URDF text for ``pinocchio.buildModelFromXML`` and ``buildGeomFromUrdfString``.
+
+        Every link and joint is named ``prefix`` + its own name. Inertias stand in link axes, axes have unit
+        length, meshes have absolute paths, and a box stands where a mesh is missing.
+
+        Parameters
+        ----------
+        prefix
+            ``rpr1/`` for example; may be empty.
+        """
+        from spacerobot.description.write import urdf_xml  # yourdfpy takes most of a second to import
+
+        return urdf_xml(self.name, self.links, self.joints, prefix)
+
+
+def read_description(path: Path | str) -> Description:
+    """Read and check a URDF.
+
+    Parameters
+    ----------
+    path
+        The file; see :func:`spacerobot.description.find.find_urdf` for names.
+
+    Raises
+    ------
+    DescriptionError
+        If the file cannot be read or holds something that cannot be simulated: mimic, planar or floating
+        joints, a closed loop, several roots, a base or moving link without mass, an inertia that is not
+        positive definite, a zero axis, a number that is not finite. Names the file and the element.
+    """
+    from spacerobot.description.convert import convert_joint, convert_links, parse_urdf  # imports yourdfpy
+
+    source = Path(path).absolute()
+    data = _read_bytes(source)
+    tree = parse_xml(data, source)
+    warnings = check_syntax(tree, source)
+    robot = parse_urdf(tree, source)
+    joints = tuple(convert_joint(joint, source) for joint in robot.joints)
+    links, mesh_warnings = convert_links(robot, source)
+    root = root_link(links, joints, source)
+    warnings += mesh_warnings + check_links(links, source)
+    warnings += check_bodies(welded_bodies(links, joints, root), source)
+    warnings += _joint_warnings(joints, {joint.name for joint in robot.joints if joint.dynamics is None})
+    return Description(
+        name=robot.name,
+        path=source,
+        sha256=hashlib.sha256(data).hexdigest(),
+        root=root,
+        links=links,
+        joints=joints,
+        warnings=tuple(warnings),
+    )
+
+
+def _read_bytes(source: Path) -> bytes:
+    try:
+        size = source.stat().st_size
+        if not source.is_file():
+            raise DescriptionError("is no file", source=source)
+        if size > MOST_BYTES:
+            raise DescriptionError(f"is {size} bytes long, allowed are {MOST_BYTES}", source=source)
+        return source.read_bytes()
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise DescriptionError(f"cannot be read: {reason}", source=source) from error
+
+
+def _joint_warnings(joints: Sequence[Joint], without_dynamics: set[str]) -> list[str]:
+    """One line for each thing that is ignored, assumed or strange, with the joints it concerns."""
+    moving = [joint for joint in joints if joint.kind != "fixed"]
+    concerned = {
+        "no <dynamics>, damping taken as 0": [joint for joint in moving if joint.name in without_dynamics],
+        "dry friction ignored": [joint for joint in moving if joint.friction > 0],
+        "the effort limit is 0": [joint for joint in moving if joint.effort == 0],
+        "the range is empty": [joint for joint in moving if joint.lower == joint.upper],
+    }
+    return [
+        f"{what}: joint{'s' if len(found) > 1 else ''} {', '.join(joint.name for joint in found)}"
+        for what, found in concerned.items()
+        if found
+    ]

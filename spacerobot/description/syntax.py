@@ -1,0 +1,208 @@
+"""URDF text to an XML tree whose every element is well formed; nothing is looked up outside the text."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+from lxml import etree
+
+from spacerobot.errors import DescriptionError
+
+LARGEST = 1e12
+"""Lengths, masses and inertias beyond this (in SI units) are mistakes."""
+_LARGEST_LIMIT = 1.7976931348623157e308  # files write huge limits for "none"
+_NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
+_SHAPES: dict[str, dict[str, int]] = {
+    "box": {"size": 3},
+    "cylinder": {"radius": 1, "length": 1},
+    "sphere": {"radius": 1},
+    "mesh": {},
+}
+_OTHERS = {"link", "joint", "material", "gazebo", "transmission", "sensor", "drake", "mujoco", "version"}
+
+
+def parse_xml(data: bytes, source: Path) -> etree._Element:
+    """Root of the XML in ``data``: no external entity, no network, no document type, no recovery.
+
+    Raises
+    ------
+    DescriptionError
+        If it is no well-formed XML, or declares a document type or entities.
+    """
+    if b"<!ENTITY" in data:
+        raise DescriptionError("declares XML entities, which a URDF may not", source=source)
+    parser = etree.XMLParser(
+        resolve_entities=False,
+        no_network=True,
+        load_dtd=False,
+        huge_tree=False,
+        remove_comments=True,
+        remove_pis=True,
+    )
+    try:
+        root = etree.fromstring(data, parser)
+    except (etree.XMLSyntaxError, LookupError, ValueError) as error:
+        raise DescriptionError(f"no well-formed XML: {error}", source=source) from error
+    if root.getroottree().docinfo.doctype:
+        raise DescriptionError("declares a document type, which a URDF may not", source=source)
+    return root
+
+
+def check_syntax(root: etree._Element, source: Path) -> list[str]:
+    """Check that all elements that matter are there once, with attributes of the right kind.
+
+    Returns
+    -------
+    list[str]
+        Warnings: top-level elements that are no part of URDF.
+
+    Raises
+    ------
+    DescriptionError
+        Names the file and the element.
+    """
+    _Checker(source).robot(root)
+    unknown = sorted({str(child.tag) for child in root if child.tag not in _OTHERS})
+    return [f"unknown element <{tag}> ignored" for tag in unknown]
+
+
+class _Checker:
+    """Walks the tree; keeps only the file's name, for errors."""
+
+    def __init__(self, source: Path) -> None:
+        self._source = source
+
+    def robot(self, root: etree._Element) -> None:
+        if root.tag != "robot":
+            raise self._error(root, "is the outermost element; it has to be <robot>")
+        for element in root.iter():
+            if "xacro" in str(element.tag):
+                raise self._error(element, "is a xacro macro; run xacro on the file first")
+        self._text(root, "name")
+        for kind, check in (("link", self._link), ("joint", self._joint), ("material", self._material)):
+            seen: set[str] = set()
+            for element in root.findall(kind):
+                name = self._text(element, "name")
+                if name in seen:
+                    raise self._error(element, f"is the second {kind} of this name")
+                seen.add(name)
+                check(element)
+
+    def _link(self, link: etree._Element) -> None:
+        for inertial in self._at_most_one(link, "inertial"):
+            self._origin(inertial)
+            mass = self._one(inertial, "mass")
+            self._numbers(mass, "value", 1, low=0)
+            massive = float(mass.get("value", "0")) > 0
+            for inertia in self._at_most_one(inertial, "inertia", needed=massive):
+                for attribute in ("ixx", "iyy", "izz"):
+                    self._numbers(inertia, attribute, 1)
+                for attribute in ("ixy", "ixz", "iyz"):
+                    self._numbers(inertia, attribute, 1, needed=False)
+        for shape in (*link.findall("visual"), *link.findall("collision")):
+            self._origin(shape)
+            self._geometry(self._one(shape, "geometry"))
+            for material in self._at_most_one(shape, "material"):
+                self._material(material)
+
+    def _geometry(self, geometry: etree._Element) -> None:
+        if len(geometry) != 1 or geometry[0].tag not in _SHAPES:
+            found = ", ".join(f"<{child.tag}>" for child in geometry) or "nothing"
+            raise self._error(geometry, f"holds {found}; allowed is one of {', '.join(_SHAPES)}")
+        shape = geometry[0]
+        for attribute, count in _SHAPES[str(shape.tag)].items():
+            self._numbers(shape, attribute, count, low=0)
+        if shape.tag == "mesh":
+            self._text(shape, "filename")
+            scale = shape.get("scale", "1").split()
+            self._numbers(shape, "scale", 1 if len(scale) == 1 else 3, needed=False)
+
+    def _material(self, material: etree._Element) -> None:
+        for colour in self._at_most_one(material, "color"):
+            self._numbers(colour, "rgba", 4, low=0)
+
+    def _joint(self, joint: etree._Element) -> None:
+        kind = self._text(joint, "type")
+        for end in ("parent", "child"):
+            self._text(self._one(joint, end), "link")
+        self._origin(joint)
+        for axis in self._at_most_one(joint, "axis"):
+            self._numbers(axis, "xyz", 3)
+        for _ in joint.findall("mimic"):
+            raise self._error(joint, "mimics another joint, which cannot be simulated")
+        for limit in self._at_most_one(joint, "limit", needed=kind in ("revolute", "prismatic")):
+            for attribute in ("effort", "velocity"):
+                self._numbers(limit, attribute, 1, low=0, high=_LARGEST_LIMIT)
+            for attribute in ("lower", "upper"):
+                self._numbers(limit, attribute, 1, needed=False, low=-_LARGEST_LIMIT, high=_LARGEST_LIMIT)
+        for dynamics in self._at_most_one(joint, "dynamics"):
+            for attribute in ("damping", "friction"):
+                self._numbers(dynamics, attribute, 1, needed=False, low=0)
+
+    def _origin(self, parent: etree._Element) -> None:
+        for origin in self._at_most_one(parent, "origin"):
+            for attribute in ("xyz", "rpy"):
+                self._numbers(origin, attribute, 3, needed=False)
+
+    def _at_most_one(self, parent: etree._Element, tag: str, *, needed: bool = False) -> list[etree._Element]:
+        found: list[etree._Element] = parent.findall(tag)
+        if len(found) > 1 or (needed and not found):
+            allowed = "one is needed" if needed else "at most one is allowed"
+            raise self._error(parent, f"holds {len(found)} <{tag}> elements, {allowed}")
+        return found
+
+    def _one(self, parent: etree._Element, tag: str) -> etree._Element:
+        return self._at_most_one(parent, tag, needed=True)[0]
+
+    def _text(self, element: etree._Element, attribute: str) -> str:
+        value: str | None = element.get(attribute)
+        if value is None or not value.strip():
+            raise self._error(element, f"has no {attribute!r}")
+        return value
+
+    def _numbers(
+        self,
+        element: etree._Element,
+        attribute: str,
+        count: int,
+        *,
+        needed: bool = True,
+        low: float = -LARGEST,
+        high: float = LARGEST,
+    ) -> None:
+        """Check that the attribute holds ``count`` finite numbers in the range."""
+        text = element.get(attribute)
+        if text is None and not needed:
+            return
+        if text is None:
+            raise self._error(element, f"has no {attribute!r}")
+        words = text.split()
+        good = [word for word in words if _NUMBER.fullmatch(word) and math.isfinite(float(word))]
+        if len(good) != len(words) or len(words) != count:
+            noun = "one finite number" if count == 1 else f"{count} finite numbers"
+            raise self._error(element, f"{attribute}={_shorten(text)!r} found, allowed is {noun}")
+        for word in words:
+            if not low <= float(word) <= high:
+                raise self._error(
+                    element, f"{attribute}={_shorten(text)!r} found, allowed: {low:g} to {high:g}"
+                )
+
+    def _error(self, element: etree._Element, message: str) -> DescriptionError:
+        return DescriptionError(message, source=self._source, where=" ".join(_path(element)))
+
+
+def _path(element: etree._Element) -> Iterator[str]:
+    """The named element that holds ``element``, then ``element`` itself, then its line."""
+    ancestors = [element, *element.iterancestors()]
+    for ancestor in reversed(ancestors):
+        name = ancestor.get("name")
+        if ancestor is element or (name and ancestor.tag in ("link", "joint")):
+            yield f"{ancestor.tag} {_shorten(name)!r}" if name else f"<{ancestor.tag}>"
+    yield f"(line {element.sourceline})"
+
+
+def _shorten(text: str) -> str:
+    return text if len(text) <= 60 else text[:57] + "..."

@@ -1,0 +1,80 @@
+"""Links and joints have to make one tree."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Sequence
+from pathlib import Path
+
+from spacerobot.description.parts import Joint, Link
+from spacerobot.errors import DescriptionError, near_names
+
+MOST_LINKS = 1000
+"""More than any robot has; whoever builds the model does so recursively."""
+
+
+def root_link(links: Sequence[Link], joints: Sequence[Joint], source: Path) -> str:
+    """Name of the one link that has no parent and from which all others are reached.
+
+    Raises
+    ------
+    DescriptionError
+        If there is no link, too many of them, several roots, a link with two parents, a closed loop, or a
+        joint that names no link.
+    """
+    if not links:
+        raise DescriptionError("holds no link", source=source)
+    if len(links) > MOST_LINKS:
+        raise DescriptionError(f"holds {len(links)} links, allowed are {MOST_LINKS}", source=source)
+    parent_joint = _parent_joints(links, joints, source)
+    roots = [link.name for link in links if link.name not in parent_joint]
+    if len(roots) > 1:
+        listed = ", ".join(roots[:5]) + (", ..." if len(roots) > 5 else "")
+        raise DescriptionError(f"{len(roots)} links have no parent ({listed}), allowed is one", source=source)
+    if not roots:
+        raise DescriptionError("every link has a parent: the joints close a loop", source=source)
+    lost = {link.name for link in links} - reached_from(roots[0], joints)
+    if lost:
+        joint = parent_joint[min(lost)]
+        raise DescriptionError(
+            f"closes a loop that {roots[0]!r} does not reach", source=source, where=f"joint {joint.name!r}"
+        )
+    return roots[0]
+
+
+def _parent_joints(links: Sequence[Link], joints: Sequence[Joint], source: Path) -> dict[str, Joint]:
+    """Joint above each link, by the link's name."""
+    names = {link.name for link in links}
+    parent_joint: dict[str, Joint] = {}
+    for joint in joints:
+        where = f"joint {joint.name!r}"
+        for end, name in (("parent", joint.parent), ("child", joint.child)):
+            if name not in names:
+                raise DescriptionError(
+                    f"{end} link {name!r} does not exist; {near_names(name, names)}",
+                    source=source,
+                    where=where,
+                )
+        if joint.child in parent_joint:
+            raise DescriptionError(
+                f"gives link {joint.child!r} a second parent, besides that of joint "
+                f"{parent_joint[joint.child].name!r}; a closed loop cannot be simulated",
+                source=source,
+                where=where,
+            )
+        parent_joint[joint.child] = joint
+    return parent_joint
+
+
+def reached_from(start: str, joints: Sequence[Joint]) -> set[str]:
+    """Names of ``start`` and of all links below it."""
+    children: dict[str, list[str]] = defaultdict(list)
+    for joint in joints:
+        children[joint.parent].append(joint.child)
+    reached, waiting = {start}, [start]
+    while waiting:
+        for child in children[waiting.pop()]:
+            if child not in reached:
+                reached.add(child)
+                waiting.append(child)
+    return reached

@@ -1,0 +1,86 @@
+"""Links and joints to URDF text, with every name prefixed; yourdfpy does the writing."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import yourdfpy as yp
+from lxml import etree
+
+from spacerobot.description.parts import Geometry, Joint, Link, Shape
+
+
+def urdf_xml(name: str, links: Sequence[Link], joints: Sequence[Joint], prefix: str) -> str:
+    """URDF of these links and joints, each named ``prefix`` + its own name.
+
+    Inertias are written in link axes, colours inside the shape that has them, meshes by absolute path.
+    """
+    robot = yp.Robot(
+        name=name,
+        links=[_link(link, prefix) for link in links],
+        joints=[_joint(joint, prefix) for joint in joints],
+    )
+    urdf = yp.URDF(
+        robot, build_scene_graph=False, load_meshes=False, filename_handler=yp.filename_handler_null
+    )
+    return str(etree.tostring(urdf.write_xml(), encoding="unicode", pretty_print=True))
+
+
+def _link(link: Link, prefix: str) -> yp.Link:
+    inertial = None
+    if link.mass > 0:
+        at_com = np.eye(4)
+        at_com[:3, 3] = link.com
+        inertial = yp.Inertial(origin=at_com, mass=link.mass, inertia=link.inertia)
+    return yp.Link(
+        name=prefix + link.name,
+        inertial=inertial,
+        visuals=[
+            yp.Visual(shape.name, shape.placement, _geometry(shape.geometry), _material(shape))
+            for shape in link.visuals
+        ],
+        collisions=[
+            yp.Collision(shape.name, shape.placement, _geometry(shape.geometry)) for shape in link.collisions
+        ],
+    )
+
+
+def _geometry(geometry: Geometry) -> yp.Geometry:
+    size = geometry.size
+    if geometry.kind == "box":
+        return yp.Geometry(box=yp.Box(size))
+    if geometry.kind == "cylinder":
+        return yp.Geometry(cylinder=yp.Cylinder(radius=size[0], length=size[1]))
+    if geometry.kind == "sphere":
+        return yp.Geometry(sphere=yp.Sphere(size[0]))
+    return yp.Geometry(mesh=yp.Mesh(str(geometry.mesh), size))
+
+
+def _material(shape: Shape) -> yp.Material | None:
+    """Material named after its colour: of two with the same name, readers take the first for both."""
+    if shape.rgba is None:
+        return None
+    name = "rgba_" + "_".join(f"{value:g}" for value in shape.rgba)
+    return yp.Material(name=name, color=yp.Color(shape.rgba))
+
+
+def _joint(joint: Joint, prefix: str) -> yp.Joint:
+    limits = {
+        "effort": joint.effort,
+        "velocity": joint.velocity,
+        "lower": joint.lower,
+        "upper": joint.upper,
+    }
+    finite = {key: value for key, value in limits.items() if np.isfinite(value)}
+    moves = joint.kind != "fixed"
+    return yp.Joint(
+        name=prefix + joint.name,
+        type=joint.kind,
+        parent=prefix + joint.parent,
+        child=prefix + joint.child,
+        origin=joint.origin,
+        axis=joint.axis if moves else None,
+        dynamics=yp.Dynamics(joint.damping, joint.friction) if moves else None,
+        limit=yp.Limit(**finite) if finite and moves else None,
+    )
