@@ -1,0 +1,134 @@
+"""Small linear algebra on sparse :class:`casadi.SX` that keeps structural zeros and symmetry.
+
+``SX`` drops an operation only where an operand is *structurally* zero, and it does not notice that the
+two triangles of a symmetric matrix are equal. The helpers here are written so that neither is lost.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import casadi as ca
+
+ZERO3 = ca.SX(3, 1)
+"""The structurally zero vector."""
+
+ZERO33 = ca.SX(3, 3)
+"""The structurally zero 3x3 matrix."""
+
+IDENTITY3 = ca.SX.eye(3)
+"""The sparse identity."""
+
+
+def cross(a: ca.SX, b: ca.SX) -> ca.SX:
+    """Vector product of two 3-vectors, sparse where both operands allow it.
+
+    Parameters
+    ----------
+    a, b
+        Vectors, 3x1.
+
+    Returns
+    -------
+    casadi.SX
+        ``a x b``, 3x1.
+    """
+    return ca.vertcat(
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    )
+
+
+def cross_columns(a: ca.SX, matrix: ca.SX) -> ca.SX:
+    """Vector product of ``a`` with every column: ``skew(a) @ matrix``, 3xn."""
+    return ca.horzcat(*(cross(a, matrix[:, k]) for k in range(matrix.size2())))
+
+
+def mirror(matrix: ca.SX) -> ca.SX:
+    """Symmetric matrix that shares the nodes of the lower triangle, so that the upper one costs nothing."""
+    return ca.tril(matrix) + ca.tril(matrix, False).T
+
+
+def rotate_symmetric(rotation: ca.SX, matrix: ca.SX) -> ca.SX:
+    """Symmetric matrix in rotated axes: ``R A R^T``, 3x3."""
+    return mirror(ca.mtimes(rotation, ca.mtimes(matrix, rotation.T)))
+
+
+def velocity_gradient(angular: ca.SX, acceleration: ca.SX) -> ca.SX:
+    """Acceleration of a rigid body's points relative to its origin, per unit of distance.
+
+    A point at ``r`` from the origin accelerates by ``G r`` more than the origin does:
+    ``G = skew(alpha) + skew(omega) skew(omega)``.
+
+    Parameters
+    ----------
+    angular
+        Angular velocity omega, rad/s, 3x1.
+    acceleration
+        Angular acceleration alpha, rad/s^2, 3x1.
+
+    Returns
+    -------
+    casadi.SX
+        ``G``, 1/s^2, 3x3.
+    """
+    x, y, z = angular[0], angular[1], angular[2]
+    xx, yy, zz, xy, xz, yz = x * x, y * y, z * z, x * y, x * z, y * z
+    ax, ay, az = acceleration[0], acceleration[1], acceleration[2]
+    return ca.vertcat(
+        ca.horzcat(-(yy + zz), xy - az, xz + ay),
+        ca.horzcat(xy + az, -(xx + zz), yz - ax),
+        ca.horzcat(xz - ay, yz + ax, -(xx + yy)),
+    )
+
+
+class SymmetricFactors:
+    """Unrolled ``L D L^T`` of a symmetric positive definite matrix, structural zeros skipped.
+
+    Parameters
+    ----------
+    matrix
+        Symmetric positive definite, nxn; only the lower triangle is read.
+    """
+
+    def __init__(self, matrix: ca.SX) -> None:
+        size = matrix.size1()
+        lower = ca.SX.eye(size)
+        inverse = ca.SX(size, size)
+        scaled = ca.SX(size, size)  # L D
+        for j in range(size):
+            pivot = matrix[j, j]
+            for k in range(j):
+                pivot = pivot - scaled[j, k] * lower[j, k]
+            inverse[j, j] = 1 / pivot
+            for i in range(j + 1, size):
+                entry = matrix[i, j]
+                for k in range(j):
+                    entry = entry - scaled[i, k] * lower[j, k]
+                if entry.nnz():
+                    scaled[i, j] = entry
+                    lower[i, j] = entry * inverse[j, j]
+        self._lower = lower
+        self._inverse = inverse
+
+    def solve(self, right: ca.SX) -> ca.SX:
+        """``A^-1 B`` for any number of columns, nxm."""
+        size = self._lower.size1()
+        rows = [right[i, :] for i in range(size)]
+        for i in range(size):
+            for k in range(i):
+                rows[i] = rows[i] - self._lower[i, k] * rows[k]
+        rows = [self._inverse[i, i] * row for i, row in enumerate(rows)]
+        for i in reversed(range(size)):
+            for k in range(i + 1, size):
+                rows[i] = rows[i] - self._lower[k, i] * rows[k]
+        return ca.vertcat(*rows)
+
+
+def total(terms: Sequence[ca.SX], rows: int = 3) -> ca.SX:
+    """Sum of column vectors of ``rows`` entries; structurally zero if there are none."""
+    result = ca.SX(rows, 1)
+    for term in terms:
+        result = result + term
+    return result

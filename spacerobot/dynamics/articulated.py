@@ -1,0 +1,260 @@
+"""Forward dynamics with articulated bodies (Featherstone 2008, Table 7.1).
+
+The work is split where a closed loop needs it split: :meth:`ArticulatedBody.factorise` depends on the
+posture alone, :meth:`ArticulatedBody.response` is one backward and one forward sweep on it, for any load.
+Velocity terms enter as loads: the inertia forces at zero joint acceleration, which kinematics knows.
+
+A spatial inertia maps (linear acceleration of the joint origin, angular acceleration) to (force, torque
+about the origin) as a symmetric 6x6 matrix ``[[M, G], [G^T, J]]``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import casadi as ca
+import pinocchio
+
+from spacerobot.dynamics.algebra import SymmetricFactors, cross, cross_columns, mirror
+from spacerobot.dynamics.inertias import Inertias, sparse_rotor_inertia
+from spacerobot.dynamics.joints import Joint, sparse
+from spacerobot.dynamics.kinematics import Kinematics
+
+
+@dataclass(frozen=True)
+class Wrench:
+    """A force and a couple applied to the body behind a joint, world axes.
+
+    Attributes
+    ----------
+    joint_id
+        The body's joint; a wrench on the universe (0) does nothing.
+    force
+        N, 3x1, acting at ``point``.
+    torque
+        N m, 3x1, in addition to the force's own moment.
+    point
+        World position of the point of attack, m, 3x1.
+    """
+
+    joint_id: int
+    force: ca.SX
+    torque: ca.SX
+    point: ca.SX
+
+
+@dataclass(frozen=True)
+class _Elimination:
+    """What is left of a joint after its own motion was eliminated.
+
+    The joint's motion subspace is ``A T``: A (6xk) is simple where the joint allows it, T (kxk) orthogonal.
+
+    Attributes
+    ----------
+    rows
+        Where A consists of unit vectors, their rows; else ``None``.
+    axes
+        A.
+    turn
+        T, from velocity coordinates to coordinates along A.
+    factors
+        Of ``D = A^T I A``.
+    gain
+        ``K = I A D^-1``, 6xk, the rows of :attr:`rows` left out (they are the identity).
+    """
+
+    rows: tuple[int, ...] | None
+    axes: ca.SX
+    turn: ca.SX
+    factors: SymmetricFactors
+    gain: ca.SX
+
+
+@dataclass(frozen=True)
+class ArticulatedBody:
+    """Articulated-body factorisation of the inertia matrix at one posture.
+
+    Build it with :meth:`factorise`; the cost of that and of every sweep is linear in the number of joints.
+    """
+
+    model: pinocchio.Model
+    kinematics: Kinematics
+    inertias: Inertias
+    eliminations: tuple[_Elimination, ...]
+
+    @classmethod
+    def factorise(
+        cls,
+        model: pinocchio.Model,
+        kinematics: Kinematics,
+        inertias: Inertias,
+        rotor_inertia: ca.SX | None = None,
+    ) -> ArticulatedBody:
+        """Eliminate every joint, from the leaves to the roots.
+
+        Parameters
+        ----------
+        model, kinematics, inertias
+            The system and its posture.
+        rotor_inertia
+            Inertia of the rotors reflected to the velocity coordinates, nv; ``None`` takes the model's
+            ``armature``.
+        """
+        rotor = sparse_rotor_inertia(model, rotor_inertia)
+        spatial = [_rigid(inertias, kinematics, index) for index in range(model.njoints)]
+        eliminations: list[_Elimination] = []
+        for joint in reversed(kinematics.joints):
+            elimination, rest = _eliminate(joint, kinematics, spatial[joint.index], joint.rates(rotor))
+            eliminations.append(elimination)
+            if joint.parent:
+                shifted = _shift(rest, kinematics.offset[joint.index])
+                spatial[joint.parent] = mirror(spatial[joint.parent] + shifted)
+        return cls(model, kinematics, inertias, tuple(reversed(eliminations)))
+
+    def response(self, tau: ca.SX | None = None, wrenches: Iterable[Wrench] = ()) -> ca.SX:
+        """Acceleration that loads alone cause: ``M^-1 (tau + sum J^T f)``, nv.
+
+        Only joints that carry load cost anything in the backward sweep; velocity and gravity play no part.
+
+        Parameters
+        ----------
+        tau
+            Generalised force in velocity coordinates, nv; may be sparse.
+        wrenches
+            Applied forces and couples.
+        """
+        return self._sweep(tau, self._loads(wrenches))
+
+    def acceleration(self, tau: ca.SX | None = None, wrenches: Iterable[Wrench] = ()) -> ca.SX:
+        """Forward dynamics: v-dot in Pinocchio's velocity coordinates, nv.
+
+        Parameters
+        ----------
+        tau
+            Generalised force in velocity coordinates, nv; may be sparse.
+        wrenches
+            Applied forces and couples, beside the model's gravity.
+        """
+        loads = self._loads(wrenches)
+        for joint in self.kinematics.joints:
+            loads[joint.index] = loads[joint.index] - self._inertia_force(joint.index)
+        return self._sweep(tau, loads)
+
+    def _loads(self, wrenches: Iterable[Wrench]) -> list[ca.SX]:
+        """Applied (force, torque about the joint origin) by joint, 6x1 each."""
+        loads = [ca.SX(6, 1)] * self.model.njoints
+        for wrench in wrenches:
+            lever = wrench.point - self.kinematics.origin[wrench.joint_id]
+            torque = wrench.torque + cross(lever, wrench.force)
+            loads[wrench.joint_id] = loads[wrench.joint_id] + ca.vertcat(wrench.force, torque)
+        return loads
+
+    def _inertia_force(self, index: int) -> ca.SX:
+        """Wrench that the body's motion at zero joint acceleration takes, gravity's share removed, 6x1."""
+        kinematics = self.kinematics
+        mass, moment, rotational = self.inertias.in_world(kinematics, index)
+        spin, spin_bias = kinematics.angular_velocity[index], kinematics.angular_bias[index]
+        felt = kinematics.linear_bias[index] - sparse(self.model.gravity.linear)
+        force = mass * felt + ca.mtimes(kinematics.gradient[index], moment)
+        torque = (
+            cross(moment, felt) + ca.mtimes(rotational, spin_bias) + cross(spin, ca.mtimes(rotational, spin))
+        )
+        return ca.vertcat(force, torque)
+
+    def _sweep(self, tau: ca.SX | None, loads: list[ca.SX]) -> ca.SX:
+        kinematics = self.kinematics
+        efforts = ca.SX(self.model.nv, 1) if tau is None else tau
+        drive = [ca.SX(0, 1)] * self.model.njoints
+        for joint in reversed(kinematics.joints):
+            index, elimination = joint.index, self.eliminations[joint.index - 1]
+            effort = ca.mtimes(elimination.turn, joint.rates(efforts))
+            drive[index] = effort + ca.mtimes(elimination.axes.T, loads[index])
+            if joint.parent:
+                passed = _transmitted(elimination, loads[index], drive[index], effort)
+                force = passed[:3]
+                torque = passed[3:] + cross(kinematics.offset[index], force)
+                loads[joint.parent] = loads[joint.parent] + ca.vertcat(force, torque)
+        motion = [ca.SX(6, 1)] * self.model.njoints
+        result: list[ca.SX] = []
+        for joint in kinematics.joints:
+            elimination = self.eliminations[joint.index - 1]
+            carrier = motion[joint.parent]
+            spin = carrier[3:]
+            carried = ca.vertcat(carrier[:3] + cross(spin, kinematics.offset[joint.index]), spin)
+            motion[joint.index], rate = _accelerate(elimination, carried, drive[joint.index])
+            result.append(ca.mtimes(elimination.turn.T, rate))
+        return ca.vertcat(*result)
+
+
+def _rigid(inertias: Inertias, kinematics: Kinematics, index: int) -> ca.SX:
+    """Spatial inertia of one body about its joint origin, world axes, 6x6."""
+    mass, moment, rotational = inertias.in_world(kinematics, index)
+    coupling = -cross_columns(moment, ca.SX.eye(3))
+    return mirror(
+        ca.vertcat(
+            ca.horzcat(mass * ca.SX.eye(3), ca.SX(3, 3)),
+            ca.horzcat(coupling.T, rotational),
+        )
+    )
+
+
+def _eliminate(
+    joint: Joint, kinematics: Kinematics, inertia: ca.SX, rotor: ca.SX
+) -> tuple[_Elimination, ca.SX]:
+    """Eliminate a joint from the articulated inertia it moves; also what the parent is left to carry."""
+    rows, axes, turn = _subspace(kinematics, joint)
+    if rows is not None and not rotor.nnz():
+        others = [row for row in range(6) if row not in rows]
+        factors = SymmetricFactors(inertia[list(rows), list(rows)])
+        gain, rest = ca.SX(6, len(rows)), ca.SX(6, 6)
+        if others:
+            force = inertia[others, list(rows)]
+            gain[others, :] = factors.solve(force.T).T
+            rest[others, others] = mirror(inertia[others, others] - ca.mtimes(gain[others, :], force.T))
+        return _Elimination(rows, axes, turn, factors, gain), rest
+    force = ca.mtimes(inertia, axes)
+    reflected = ca.mtimes(turn, ca.mtimes(ca.diag(rotor), turn.T))
+    factors = SymmetricFactors(ca.mtimes(axes.T, force) + reflected)
+    gain = factors.solve(force.T).T
+    return _Elimination(None, axes, turn, factors, gain), mirror(inertia - ca.mtimes(gain, force.T))
+
+
+def _subspace(kinematics: Kinematics, joint: Joint) -> tuple[tuple[int, ...] | None, ca.SX, ca.SX]:
+    """Motion subspace as ``A T``; A is made of unit vectors where the columns fill no more rows."""
+    subspace = ca.vertcat(kinematics.linear[joint.index], kinematics.angular[joint.index])
+    rows = tuple(row for row in range(6) if subspace[row, :].nnz())
+    if len(rows) != joint.nv:
+        return None, subspace, ca.SX.eye(joint.nv)
+    axes = ca.SX(6, joint.nv)
+    for column, row in enumerate(rows):
+        axes[row, column] = 1
+    return rows, axes, subspace[list(rows), :]
+
+
+def _shift(inertia: ca.SX, arm: ca.SX) -> ca.SX:
+    """Articulated inertia about a new origin; ``arm`` points from the new origin to the old one."""
+    mass, coupling, rotational = inertia[:3, :3], inertia[:3, 3:], inertia[3:, 3:]
+    moved = coupling + cross_columns(arm, mass).T
+    turned = rotational + cross_columns(arm, coupling).T + cross_columns(arm, moved)
+    return mirror(ca.vertcat(ca.horzcat(mass, ca.SX(3, 3)), ca.horzcat(moved.T, turned)))
+
+
+def _transmitted(elimination: _Elimination, load: ca.SX, drive: ca.SX, effort: ca.SX) -> ca.SX:
+    """Load that reaches the parent through the joint, 6x1."""
+    passed = load - ca.mtimes(elimination.gain, drive)
+    if elimination.rows is not None:
+        # Along its own motion a joint passes on the reaction to its drive and nothing else.
+        passed[list(elimination.rows)] = -effort
+    return passed
+
+
+def _accelerate(elimination: _Elimination, carried: ca.SX, drive: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Spatial acceleration behind the joint, 6x1, and the joint's own along A, kx1."""
+    own = elimination.factors.solve(drive) - ca.mtimes(elimination.gain.T, carried)
+    if elimination.rows is None:
+        return carried + ca.mtimes(elimination.axes, own), own
+    rows = list(elimination.rows)
+    moved = ca.SX(carried)
+    moved[rows] = own
+    return moved, own - carried[rows]

@@ -1,0 +1,71 @@
+"""Joint-space inertia matrix by composite rigid bodies (Featherstone 2008, Table 6.2), world axes."""
+
+from __future__ import annotations
+
+import casadi as ca
+import pinocchio
+
+from spacerobot.dynamics.algebra import IDENTITY3, cross, mirror
+from spacerobot.dynamics.inertias import Inertias, sparse_rotor_inertia
+from spacerobot.dynamics.kinematics import Kinematics
+
+
+def mass_matrix(
+    model: pinocchio.Model,
+    kinematics: Kinematics,
+    inertias: Inertias,
+    rotor_inertia: ca.SX | None = None,
+) -> ca.SX:
+    """Joint-space inertia matrix M, nv x nv, sparse and symmetric.
+
+    Parameters
+    ----------
+    model, kinematics, inertias
+        The system and its posture.
+    rotor_inertia
+        Inertia of the rotors reflected to the velocity coordinates, nv; ``None`` takes the model's
+        ``armature``.
+    """
+    rotor = sparse_rotor_inertia(model, rotor_inertia)
+    composite = [inertias.in_world(kinematics, index) for index in range(model.njoints)]
+    matrix = ca.SX(model.nv, model.nv)
+    for joint in reversed(kinematics.joints):
+        mass, moment, rotational = composite[joint.index]
+        arm = kinematics.offset[joint.index]
+        composite[joint.parent] = _sum(composite[joint.parent], _shifted(mass, moment, rotational, arm))
+        for k in range(joint.nv):
+            column = joint.idx_v + k
+            along = kinematics.linear[joint.index][:, k]
+            about = kinematics.angular[joint.index][:, k]
+            force = mass * along + cross(about, moment)
+            torque = cross(moment, along) + ca.mtimes(rotational, about)
+            _fill_column(matrix, kinematics, joint.index, column, force, torque)
+        for row in range(joint.idx_v, joint.idx_v + joint.nv):
+            matrix[row, row] += rotor[row]
+    return mirror(matrix.T)
+
+
+def _fill_column(
+    matrix: ca.SX, kinematics: Kinematics, index: int, column: int, force: ca.SX, torque: ca.SX
+) -> None:
+    """Project a wrench at joint ``index`` on that joint and all its ancestors, into the upper triangle."""
+    while index:
+        joint = kinematics.joints[index - 1]
+        rows = slice(joint.idx_v, joint.idx_v + joint.nv)
+        matrix[rows, column] = ca.mtimes(kinematics.linear[index].T, force) + ca.mtimes(
+            kinematics.angular[index].T, torque
+        )
+        torque = torque + cross(kinematics.offset[index], force)
+        index = joint.parent
+
+
+def _shifted(mass: ca.SX, moment: ca.SX, rotational: ca.SX, arm: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """Rigid-body inertia about a new origin; ``arm`` points from the new origin to the old one."""
+    half = moment + 0.5 * mass * arm
+    product = ca.mtimes(half, arm.T)
+    spread = 2 * ca.trace(product) * IDENTITY3 - product - product.T
+    return mass, moment + mass * arm, mirror(rotational + spread)
+
+
+def _sum(first: tuple[ca.SX, ca.SX, ca.SX], second: tuple[ca.SX, ca.SX, ca.SX]) -> tuple[ca.SX, ca.SX, ca.SX]:
+    return first[0] + second[0], first[1] + second[1], mirror(first[2] + second[2])

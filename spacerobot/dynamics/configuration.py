@@ -1,0 +1,73 @@
+"""The configuration manifold: rates of Pinocchio's coordinates, and the way back onto it."""
+
+from __future__ import annotations
+
+import casadi as ca
+import pinocchio
+
+from spacerobot.dynamics.joints import Joint, JointKind, quaternion_rotation, read_joints
+
+
+def configuration_derivative(model: pinocchio.Model, q: ca.SX, v: ca.SX) -> ca.SX:
+    """Time derivative of the configuration for a velocity in Pinocchio's coordinates.
+
+    Parameters
+    ----------
+    model
+        Any model of supported joints.
+    q
+        Configuration, nq.
+    v
+        Velocity, nv.
+
+    Returns
+    -------
+    casadi.SX
+        ``qdot``, nq, tangent to the manifold at ``q``.
+    """
+    return ca.vertcat(*(_rate(joint, joint.coordinates(q), joint.rates(v)) for joint in read_joints(model)))
+
+
+def normalise(model: pinocchio.Model, q: ca.SX) -> ca.SX:
+    """Configuration with (cos, sin) pairs and quaternions scaled back to length one, nq."""
+    return ca.vertcat(*(_normalised(joint, joint.coordinates(q)) for joint in read_joints(model)))
+
+
+def _rate(joint: Joint, q: ca.SX, v: ca.SX) -> ca.SX:
+    match joint.kind:
+        case JointKind.UNBOUNDED:
+            return ca.vertcat(-q[1] * v, q[0] * v)
+        case JointKind.PLANAR:
+            cosine, sine = q[2], q[3]
+            return ca.vertcat(
+                cosine * v[0] - sine * v[1], sine * v[0] + cosine * v[1], -sine * v[2], cosine * v[2]
+            )
+        case JointKind.FREE_FLYER:
+            return ca.vertcat(ca.mtimes(quaternion_rotation(q[3:7]), v[:3]), _quaternion_rate(q[3:7], v[3:6]))
+        case _:
+            return v
+
+
+def _quaternion_rate(quaternion: ca.SX, spin: ca.SX) -> ca.SX:
+    """Half the product of the quaternion with the angular velocity in the moving axes."""
+    x, y, z, w = ca.vertsplit(quaternion)
+    half = 0.5 * spin
+    a, b, c = ca.vertsplit(half)
+    return ca.vertcat(
+        w * a + y * c - z * b,
+        w * b + z * a - x * c,
+        w * c + x * b - y * a,
+        -(x * a + y * b + z * c),
+    )
+
+
+def _normalised(joint: Joint, q: ca.SX) -> ca.SX:
+    match joint.kind:
+        case JointKind.UNBOUNDED:
+            return q / ca.norm_2(q)
+        case JointKind.PLANAR:
+            return ca.vertcat(q[:2], q[2:4] / ca.norm_2(q[2:4]))
+        case JointKind.FREE_FLYER:
+            return ca.vertcat(q[:3], q[3:7] / ca.norm_2(q[3:7]))
+        case _:
+            return q

@@ -1,0 +1,63 @@
+"""Inertial parameters of every body, numeric or symbolic, about its joint's origin."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+import pinocchio
+
+from spacerobot.dynamics.algebra import ZERO3, ZERO33, mirror, rotate_symmetric
+from spacerobot.dynamics.joints import sparse
+from spacerobot.dynamics.kinematics import Kinematics
+
+
+@dataclass(frozen=True)
+class Inertias:
+    """Mass, first and second moments of the body behind each joint.
+
+    All tuples are indexed by joint; entry 0 belongs to the universe and is not used. Keep structural zeros:
+    a planar arm should hold mass, the moment's x and y, and the rotational inertia's zz alone.
+
+    Attributes
+    ----------
+    mass
+        kg, 1x1.
+    moment
+        Mass times centre of mass, from the joint origin, in the joint's (moving) axes, kg m, 3x1.
+    rotational
+        Rotational inertia about the *joint origin* in the joint's axes, kg m^2, 3x3 symmetric.
+    """
+
+    mass: tuple[ca.SX, ...]
+    moment: tuple[ca.SX, ...]
+    rotational: tuple[ca.SX, ...]
+
+    @classmethod
+    def from_model(cls, model: pinocchio.Model) -> Inertias:
+        """Numeric inertias of a model; entries below 1e-15 of the largest become structural zeros."""
+        mass, moment, rotational = [ca.SX(1, 1)], [ZERO3], [ZERO33]
+        for index in range(1, model.njoints):
+            inertia = model.inertias[index]
+            spatial = np.asarray(inertia.matrix())
+            mass.append(sparse([inertia.mass]))
+            moment.append(sparse(inertia.mass * np.asarray(inertia.lever)))
+            rotational.append(mirror(sparse(spatial[3:, 3:])))
+        return cls(tuple(mass), tuple(moment), tuple(rotational))
+
+    def in_world(self, kinematics: Kinematics, joint_id: int) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """Mass (1x1), first moment (3x1) and rotational inertia (3x3) about the joint origin, world axes."""
+        rotation = kinematics.rotation[joint_id]
+        return (
+            self.mass[joint_id],
+            ca.mtimes(rotation, self.moment[joint_id]),
+            rotate_symmetric(rotation, self.rotational[joint_id]),
+        )
+
+
+def sparse_rotor_inertia(model: pinocchio.Model, rotor_inertia: ca.SX | None) -> ca.SX:
+    """Reflected rotor inertia, nv, sparse; the model's ``armature`` unless given."""
+    if rotor_inertia is not None:
+        return rotor_inertia
+    return ca.SX(ca.sparsify(ca.DM(model.armature)))

@@ -1,0 +1,199 @@
+"""What the algorithms need to know of a Pinocchio joint, read once from the model.
+
+The configuration and velocity conventions are Pinocchio's: a planar joint is ``(x, y, cos, sin)``, a
+free-flyer ``(x, y, z, qx, qy, qz, qw)``, and the velocity of both is expressed in the moving frame.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import numpy.typing as npt
+import pinocchio
+
+from spacerobot.dynamics.algebra import IDENTITY3, ZERO3
+from spacerobot.errors import DescriptionError
+
+NOISE = 1e-15
+"""Entries of a rotation or a direction nearer than this to 0, 1 or -1 are taken as exactly that.
+
+``rpy="0 0 1.5707963267948966"`` leaves cosines of 6e-17. Kept, they would turn structural zeros into
+arithmetic for the whole subtree; dropped, they change a rotation by less than its own rounding error.
+"""
+
+
+class JointKind(Enum):
+    """Families of supported joints; axis and placement tell the members apart."""
+
+    REVOLUTE = "revolute"
+    UNBOUNDED = "unbounded revolute"
+    PRISMATIC = "prismatic"
+    PLANAR = "planar"
+    FREE_FLYER = "free-flyer"
+
+
+_KINDS = {
+    **dict.fromkeys(("RX", "RY", "RZ", "RevoluteUnaligned"), JointKind.REVOLUTE),
+    **dict.fromkeys(("RUBX", "RUBY", "RUBZ", "RevoluteUnboundedUnaligned"), JointKind.UNBOUNDED),
+    **dict.fromkeys(("PX", "PY", "PZ", "PrismaticUnaligned"), JointKind.PRISMATIC),
+    "Planar": JointKind.PLANAR,
+    "FreeFlyer": JointKind.FREE_FLYER,
+}
+
+
+@dataclass(frozen=True)
+class Joint:
+    """One joint of a model, with exact zeros and ones where the model means them.
+
+    Attributes
+    ----------
+    index, parent
+        Joint indices; 0 is the universe.
+    kind
+        Family.
+    idx_q, nq, idx_v, nv
+        Place and size in the configuration and in the velocity.
+    rotation, offset
+        Placement in the parent's joint frame: 3x3 and 3x1 (m), constant and sparse.
+    linear, angular
+        Motion subspace in the joint's own (moving) axes, 3xnv each, constant and sparse.
+    """
+
+    index: int
+    parent: int
+    kind: JointKind
+    idx_q: int
+    nq: int
+    idx_v: int
+    nv: int
+    rotation: ca.SX
+    offset: ca.SX
+    linear: ca.SX
+    angular: ca.SX
+
+    def coordinates(self, q: ca.SX) -> ca.SX:
+        """Own part of the configuration ``q`` (nq), dense."""
+        return q[self.idx_q : self.idx_q + self.nq]
+
+    def rates(self, v: ca.SX) -> ca.SX:
+        """Own part of a vector in velocity coordinates (nv)."""
+        return v[self.idx_v : self.idx_v + self.nv]
+
+
+def read_joints(model: pinocchio.Model) -> tuple[Joint, ...]:
+    """Joints of a model in Pinocchio's order, without the universe.
+
+    Raises
+    ------
+    DescriptionError
+        If a joint is of a type the algorithms do not cover; it names the joint.
+    """
+    neutral = pinocchio.neutral(model)
+    return tuple(_read(model, index, neutral) for index in range(1, model.njoints))
+
+
+def _read(model: pinocchio.Model, index: int, neutral: npt.NDArray[np.float64]) -> Joint:
+    source: Any = model.joints[index]
+    name = source.shortname().removeprefix("JointModel")
+    if name not in _KINDS:
+        raise DescriptionError(
+            f"joint type {name} is not supported; allowed: {', '.join(_KINDS)}",
+            where=f"joint {model.names[index]!r}",
+        )
+    data = source.createData()
+    source.calc(data, neutral)
+    subspace = np.asarray(data.S, dtype=float).reshape(6, source.nv)
+    placement = model.jointPlacements[index]
+    return Joint(
+        index=index,
+        parent=int(model.parents[index]),
+        kind=_KINDS[name],
+        idx_q=source.idx_q,
+        nq=source.nq,
+        idx_v=source.idx_v,
+        nv=source.nv,
+        rotation=exact_directions(placement.rotation),
+        offset=sparse(placement.translation),
+        linear=exact_directions(subspace[:3]),
+        angular=exact_directions(subspace[3:]),
+    )
+
+
+def exact_directions(matrix: npt.ArrayLike) -> ca.SX:
+    """Sparse copy of unit directions with rounding noise about 0, 1 and -1 removed (see :data:`NOISE`)."""
+    values = np.array(matrix, dtype=float)
+    nearest = np.rint(values)
+    values = np.where(np.abs(values - nearest) < NOISE, nearest, values)
+    return ca.SX(ca.sparsify(ca.DM(values)))
+
+
+def sparse(array: npt.ArrayLike) -> ca.SX:
+    """Sparse copy of an array without entries below :data:`NOISE` of its largest one."""
+    values = np.array(array, dtype=float)
+    largest = np.max(np.abs(values), initial=0.0)
+    return ca.SX(ca.sparsify(ca.DM(np.where(np.abs(values) <= NOISE * largest, 0.0, values))))
+
+
+def joint_rotation(joint: Joint, coordinates: ca.SX) -> ca.SX:
+    """Rotation from the moved joint frame to the resting one, 3x3."""
+    match joint.kind:
+        case JointKind.REVOLUTE:
+            return _turn(joint.angular, ca.cos(coordinates), ca.sin(coordinates))
+        case JointKind.UNBOUNDED:
+            return _turn(joint.angular, coordinates[0], coordinates[1])
+        case JointKind.PLANAR:
+            return _turn(joint.angular[:, 2], coordinates[2], coordinates[3])
+        case JointKind.FREE_FLYER:
+            return quaternion_rotation(coordinates[3:7])
+        case _:
+            return IDENTITY3
+
+
+def joint_translation(joint: Joint, coordinates: ca.SX) -> ca.SX:
+    """Origin of the moved joint frame in the resting one, m, 3x1."""
+    match joint.kind:
+        case JointKind.PRISMATIC:
+            return joint.linear * coordinates
+        case JointKind.PLANAR:
+            return ca.vertcat(coordinates[0], coordinates[1], ca.SX(1, 1))
+        case JointKind.FREE_FLYER:
+            return coordinates[:3]
+        case _:
+            return ZERO3
+
+
+def _turn(axis: ca.SX, cosine: ca.SX, sine: ca.SX) -> ca.SX:
+    """Rotation about a constant unit axis (Rodrigues); sparse about a coordinate axis of either sign."""
+    if axis.nnz() == 1:
+        along = axis * axis  # 1 on the axis, whatever its sign
+        across = ca.diag(ca.SX.ones(3) - along)
+        return ca.sparsify(ca.diag(along) + cosine * across) + sine * _skew(axis)
+    spread = ca.mtimes(axis, axis.T)
+    return (1 - cosine) * spread + cosine * IDENTITY3 + sine * _skew(axis)
+
+
+def _skew(axis: ca.SX) -> ca.SX:
+    rows = [
+        ca.horzcat(ca.SX(1, 1), -axis[2], axis[1]),
+        ca.horzcat(axis[2], ca.SX(1, 1), -axis[0]),
+        ca.horzcat(-axis[1], axis[0], ca.SX(1, 1)),
+    ]
+    return ca.vertcat(*rows)
+
+
+def quaternion_rotation(quaternion: ca.SX) -> ca.SX:
+    """Rotation of a unit quaternion ``(x, y, z, w)``, as Pinocchio (Eigen) computes it, 3x3."""
+    x, y, z, w = ca.vertsplit(quaternion)
+    x2, y2, z2 = x + x, y + y, z + z
+    xx, yy, zz = x * x2, y * y2, z * z2
+    xy, xz, yz = x * y2, x * z2, y * z2
+    wx, wy, wz = w * x2, w * y2, w * z2
+    return ca.vertcat(
+        ca.horzcat(1 - (yy + zz), xy - wz, xz + wy),
+        ca.horzcat(xy + wz, 1 - (xx + zz), yz - wx),
+        ca.horzcat(xz - wy, yz + wx, 1 - (xx + yy)),
+    )

@@ -1,0 +1,125 @@
+"""Momentum, energy and mass properties of a model or of a part of it, in world axes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import casadi as ca
+import pinocchio
+
+from spacerobot.dynamics.algebra import ZERO3, cross
+from spacerobot.dynamics.inertias import Inertias, sparse_rotor_inertia
+from spacerobot.dynamics.kinematics import Kinematics
+
+
+def subtree(model: pinocchio.Model, joint_id: int) -> tuple[int, ...]:
+    """Joint ids of the subtree that starts at ``joint_id``, itself first."""
+    return tuple(int(index) for index in model.subtrees[joint_id] if index)
+
+
+def momentum(
+    model: pinocchio.Model,
+    kinematics: Kinematics,
+    inertias: Inertias,
+    joints: Iterable[int] | None = None,
+    about: ca.SX | None = None,
+) -> tuple[ca.SX, ca.SX]:
+    """Linear momentum and angular momentum about a point fixed in the world.
+
+    Parameters
+    ----------
+    model, kinematics, inertias
+        The system and its motion.
+    joints
+        Joint ids whose bodies count; ``None`` means all.
+    about
+        World point, m, 3x1; ``None`` means the world's origin.
+
+    Returns
+    -------
+    tuple
+        Linear (N s) and angular (N m s) momentum, world axes, 3x1 each.
+    """
+    linear, angular = ZERO3, ZERO3
+    for index in _chosen(model, joints):
+        push, turn = _body_momentum(kinematics, inertias, index)
+        lever = kinematics.origin[index] if about is None else kinematics.origin[index] - about
+        linear = linear + push
+        angular = angular + turn + cross(lever, push)
+    return linear, angular
+
+
+def kinetic_energy(
+    model: pinocchio.Model,
+    kinematics: Kinematics,
+    inertias: Inertias,
+    joints: Iterable[int] | None = None,
+    rotor_inertia: ca.SX | None = None,
+) -> ca.SX:
+    """Kinetic energy of bodies and of the rotors that drive them.
+
+    Parameters
+    ----------
+    model, kinematics, inertias
+        The system and its motion.
+    joints
+        Joint ids whose bodies count; ``None`` means all.
+    rotor_inertia
+        Inertia of the rotors reflected to the velocity coordinates, nv; ``None`` takes the model's
+        ``armature``.
+
+    Returns
+    -------
+    casadi.SX
+        J, 1x1.
+    """
+    rotor = sparse_rotor_inertia(model, rotor_inertia)
+    doubled = ca.SX(1, 1)
+    for index in _chosen(model, joints):
+        push, turn = _body_momentum(kinematics, inertias, index)
+        doubled = doubled + ca.mtimes(kinematics.linear_velocity[index].T, push)
+        doubled = doubled + ca.mtimes(kinematics.angular_velocity[index].T, turn)
+        joint = kinematics.joints[index - 1]
+        rates = joint.rates(kinematics.velocity)
+        doubled = doubled + ca.mtimes(joint.rates(rotor).T, rates * rates)
+    return 0.5 * doubled
+
+
+def total_mass(model: pinocchio.Model, inertias: Inertias, joints: Iterable[int] | None = None) -> ca.SX:
+    """Mass (kg, 1x1) of the bodies behind ``joints``; ``None`` means all."""
+    mass = ca.SX(1, 1)
+    for index in _chosen(model, joints):
+        mass = mass + inertias.mass[index]
+    return mass
+
+
+def centre_of_mass(
+    model: pinocchio.Model,
+    kinematics: Kinematics,
+    inertias: Inertias,
+    joints: Iterable[int] | None = None,
+) -> ca.SX:
+    """Centre of mass (m, world, 3x1) of the bodies behind ``joints``; ``None`` means all."""
+    chosen = _chosen(model, joints)
+    moment = ZERO3
+    for index in chosen:
+        first = ca.mtimes(kinematics.rotation[index], inertias.moment[index])
+        moment = moment + inertias.mass[index] * kinematics.origin[index] + first
+    return moment / total_mass(model, inertias, chosen)
+
+
+def _chosen(model: pinocchio.Model, joints: Iterable[int] | None) -> tuple[int, ...]:
+    return tuple(range(1, model.njoints)) if joints is None else tuple(joints)
+
+
+def _body_momentum(kinematics: Kinematics, inertias: Inertias, index: int) -> tuple[ca.SX, ca.SX]:
+    """Linear momentum, and angular momentum about the joint origin, of one body.
+
+    The rotational part is formed in body axes: ``R I R^T w`` costs less than ``R I R^T`` does.
+    """
+    rotation = kinematics.rotation[index]
+    velocity, spin = kinematics.linear_velocity[index], kinematics.angular_velocity[index]
+    moment = ca.mtimes(rotation, inertias.moment[index])
+    inner = ca.mtimes(inertias.rotational[index], ca.mtimes(rotation.T, spin))
+    linear = inertias.mass[index] * velocity + cross(spin, moment)
+    return linear, cross(moment, velocity) + ca.mtimes(rotation, inner)
