@@ -13,7 +13,7 @@ from spacerobot.errors import DescriptionError
 
 _ROUNDING = 1e-9  # relative; files print inertias with few digits
 _SINGULAR = 1e-12  # smallest ratio of principal inertias that a mass matrix survives
-_TINY_BASE = 1e-3  # of the total mass
+_TINY_BASE = 1e-3  # of another link's mass or inertia
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,10 +123,19 @@ def check_bodies(bodies: Sequence[Body], source: Path) -> list[str]:
                 source=source,
                 where=where,
             )
-    total = sum(body.mass for body in bodies)
-    if bodies[0].mass < _TINY_BASE * total:
-        return [f"the base has {bodies[0].mass:g} kg of {total:g} kg: it will be thrown about"]
-    return []
+    return _light_base(bodies)
+
+
+def _light_base(bodies: Sequence[Body]) -> list[str]:
+    """Warnings about a base that the rest of the robot throws about."""
+    base, rest = bodies[0], bodies[1:]
+    warnings = []
+    if any(base.mass < _TINY_BASE * body.mass for body in rest):
+        warnings.append(f"link {base.name!r}: the base has only {base.mass:g} kg, other links far more")
+    inertia = _principal(base.inertia)[0]
+    if any(inertia < _TINY_BASE * _principal(body.inertia)[0] for body in rest):
+        warnings.append(f"link {base.name!r}: the base has only {inertia:.3g} kg m^2, other links far more")
+    return warnings
 
 
 def _principal(inertia: Array) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from urllib.parse import unquote
 
@@ -17,15 +18,15 @@ def resolve_mesh(filename: str, urdf: Path) -> Path | None:
     """Absolute path of the mesh that a URDF names, or None if there is none.
 
     ``package://name/...`` is looked for in folders called ``name``: the URDF's own parents and what lies
-    directly in them, the nearest first, and never outside that folder. Other names are paths relative to the
-    URDF's folder.
+    directly in them, the nearest first; a name never leads out of that folder. Other names are paths relative
+    to the URDF's folder.
     """
     if filename.startswith("package://"):
         package, _, inside = filename.removeprefix("package://").partition("/")
         for folder in _package_folders(package, urdf):
-            candidate = folder / inside
-            if is_file(candidate) and candidate.resolve().is_relative_to(folder.resolve()):
-                return candidate.resolve()
+            candidate = Path(os.path.normpath(folder / inside))
+            if candidate.is_relative_to(folder) and is_file(candidate):
+                return candidate
         return None
     if filename.startswith("file://"):
         filename = unquote(filename.removeprefix("file://"))
