@@ -1,0 +1,115 @@
+"""A folder of compiled libraries that belongs to this user alone.
+
+An entry is one file ``<key>-<digest>.so``: the key names what it was built from, the digest what it must
+hold. So a file that was cut short or changed is recognised before it is loaded, no library is ever loaded
+under a name that once meant something else, and two processes that build the same entry at once do no harm.
+"""
+
+from __future__ import annotations
+
+import atexit
+import contextlib
+import functools
+import hashlib
+import os
+import shutil
+import stat
+import tempfile
+from pathlib import Path
+
+KEPT = 400  # libraries; the least recently used go first
+
+
+def cache_folder() -> Path:
+    """Folder for compiled libraries: ``SPACEROBOT_CACHE_DIR`` or the user's cache folder, if it is safe.
+
+    It is made with mode 0700. A folder that belongs to someone else, or that others may write, is refused,
+    and a private temporary folder, gone when the process ends, takes its place: a compiled library is code.
+    """
+    wish = os.environ.get("SPACEROBOT_CACHE_DIR")
+    if wish:
+        folder = Path(wish)
+    else:
+        import platformdirs
+
+        folder = Path(platformdirs.user_cache_dir("spacerobot", appauthor=False))
+    folder = folder / "compiled"
+    try:
+        folder.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        folder.mkdir(mode=0o700, exist_ok=True)
+    except OSError:
+        return _private_folder()
+    return folder if _is_private(folder) and _is_private(folder.parent) else _private_folder()
+
+
+def find(folder: Path, key: str) -> Path | None:
+    """Library stored under a key, checked against its digest; broken entries are removed.
+
+    Parameters
+    ----------
+    folder
+        What :func:`cache_folder` gave.
+    key
+        Hexadecimal name of the entry.
+    """
+    for path in sorted(folder.glob(f"{key}-*.so")):
+        if _is_private(path) and _digest(path) == path.stem.rpartition("-")[2]:
+            with contextlib.suppress(OSError):
+                os.utime(path)
+            return path
+        with contextlib.suppress(OSError):
+            path.unlink()
+    return None
+
+
+def store(folder: Path, key: str, built: Path) -> Path:
+    """Move a freshly built library, which lies in the same folder, to its name in one atomic step.
+
+    Parameters
+    ----------
+    folder, key
+        As for :func:`find`.
+    built
+        The library.
+    """
+    built.chmod(0o600)
+    path = folder / f"{key}-{_digest(built)}.so"
+    built.replace(path)
+    _prune(folder)
+    return path
+
+
+def _digest(path: Path) -> str:
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest()[:32]
+    except OSError:
+        return ""
+
+
+def _is_private(path: Path) -> bool:
+    """Whether the path is no link, belongs to this user and cannot be written by others."""
+    if not hasattr(os, "getuid"):
+        return True
+    try:
+        status = path.lstat()
+    except OSError:
+        return False
+    writable = status.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+    return not stat.S_ISLNK(status.st_mode) and status.st_uid == os.getuid() and not writable
+
+
+@functools.cache
+def _private_folder() -> Path:
+    folder = Path(tempfile.mkdtemp(prefix="spacerobot-"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return folder
+
+
+def _prune(folder: Path) -> None:
+    entries = []
+    for path in folder.glob("*.so"):
+        with contextlib.suppress(OSError):
+            entries.append((path.stat().st_mtime, path))
+    for _, path in sorted(entries)[: max(0, len(entries) - KEPT)]:
+        with contextlib.suppress(OSError):
+            path.unlink()

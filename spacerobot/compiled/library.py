@@ -1,0 +1,173 @@
+"""Compiled functions: generate, compile once, load."""
+
+from __future__ import annotations
+
+import ctypes
+import hashlib
+import os
+import subprocess
+import tempfile
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import numpy.typing as npt
+
+from spacerobot.compiled import cache
+from spacerobot.compiled.codegen import maths_of, source_of
+from spacerobot.compiled.toolchain import Toolchain, find_toolchain
+from spacerobot.errors import CompileError, near_names
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Library:
+    """A loaded shared library of compiled functions.
+
+    Attributes
+    ----------
+    functions
+        What was compiled.
+    lanes
+        How many evaluations one call carries.
+    toolchain
+        What compiled it.
+    path
+        The library file.
+    cached
+        Whether it was found in the cache.
+    seconds
+        Time to generate, compile (or find) and load it.
+    """
+
+    functions: Mapping[str, ca.Function]
+    lanes: int
+    toolchain: Toolchain
+    path: Path
+    cached: bool
+    seconds: float
+    _handle: ctypes.CDLL
+
+    def entry(self, name: str) -> Any:
+        """C function exported under a name, as a ctypes function that returns nothing."""
+        function = getattr(self._handle, name)
+        function.restype = None
+        return function
+
+    def __call__(self, name: str, *arguments: npt.ArrayLike) -> tuple[Array, ...]:
+        """Evaluate one function.
+
+        Parameters
+        ----------
+        name
+            Which.
+        arguments
+            One array for each input, of shape (n,), or (n, lanes) to evaluate one set in each lane.
+
+        Returns
+        -------
+        tuple of arrays
+            One for each output, of shape (n,) or (n, lanes).
+        """
+        if name not in self.functions:
+            raise KeyError(f"no function '{name}', {near_names(name, self.functions)}")
+        function = self.functions[name]
+        wide = any(np.ndim(argument) == 2 for argument in arguments)
+        given = [self._lanewise(function.numel_in(i), a) for i, a in enumerate(arguments)]
+        results = [_aligned(function.numel_out(i), self.lanes) for i in range(function.n_out())]
+        pointers = (ctypes.c_void_p * len(given))(*[a.ctypes.data for a in given])
+        targets = (ctypes.c_void_p * len(results))(*[a.ctypes.data for a in results])
+        self.entry(f"call_{name}")(pointers, targets)
+        return tuple(r.copy() if wide else r[:, 0].copy() for r in results)
+
+    def _lanewise(self, size: int, argument: npt.ArrayLike) -> Array:
+        values = np.asarray(argument, dtype=float)
+        out = _aligned(size, self.lanes)
+        out[:] = values if values.ndim == 2 else values.reshape(size, 1)
+        return out
+
+
+def compile_functions(
+    functions: Mapping[str, ca.Function],
+    *,
+    lanes: int = 1,
+    tail: str = "",
+    toolchain: Toolchain | None = None,
+) -> Library:
+    """Compile CasADi functions to one library, or take it from the cache.
+
+    Parameters
+    ----------
+    functions
+        SX functions with dense inputs and outputs, by name.
+    lanes
+        1 for plain doubles; ``toolchain.lanes`` to evaluate so many argument sets in one call.
+    tail
+        C++ source that follows the functions, which it finds as static members of ``Generated``.
+    toolchain
+        What to compile with; found if None.
+
+    Raises
+    ------
+    CompileError
+        There is no compiler, or it does not accept the source, or the library cannot be loaded.
+    """
+    begin = time.perf_counter()
+    toolchain = toolchain or find_toolchain()
+    if toolchain is None:
+        raise CompileError("no C++ compiler was found (g++, clang++, CXX or SPACEROBOT_COMPILER)")
+    vector_symbols = toolchain.vector_symbols if lanes == toolchain.lanes else {}
+    header = resources.files("spacerobot.compiled").joinpath("lanes.hpp").read_text(encoding="utf-8")
+    source = "\n".join(
+        [f"#define LANES {lanes}", header, maths_of(vector_symbols), source_of(functions), tail, ""]
+    )
+    folder = cache.cache_folder()
+    key = _key(source, toolchain)
+    path = cache.find(folder, key)
+    cached = path is not None
+    if path is None:
+        path = cache.store(folder, key, _compile(source, toolchain, folder))
+    try:
+        handle = ctypes.CDLL(str(path))
+    except OSError as error:
+        raise CompileError(f"the compiled library cannot be loaded: {error}") from error
+    return Library(dict(functions), lanes, toolchain, path, cached, time.perf_counter() - begin, handle)
+
+
+def _key(source: str, toolchain: Toolchain) -> str:
+    parts = [source, toolchain.compiler, toolchain.version, " ".join(toolchain.flags), toolchain.processor]
+    return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:32]
+
+
+def _compile(source: str, toolchain: Toolchain, folder: Path) -> Path:
+    """Compile in a private folder inside the cache, so that the result can be moved atomically."""
+    with tempfile.TemporaryDirectory(prefix="build-", dir=folder) as work:
+        source_file = Path(work) / "generated.cpp"
+        source_file.write_text(source, encoding="utf-8")
+        built = Path(work) / "generated.so"
+        options = [flag for flag in toolchain.flags if not flag.startswith("-l")]
+        libraries = [flag for flag in toolchain.flags if flag.startswith("-l")]
+        command = [toolchain.compiler, *options, "-o", str(built), str(source_file), *libraries]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        if done.returncode != 0 or not built.exists():
+            told = next(
+                (line for line in done.stderr.splitlines() if "error" in line), done.stderr.strip()[:300]
+            )
+            raise CompileError(f"{Path(toolchain.compiler).name} failed with {done.returncode}: {told}")
+        handle, target = tempfile.mkstemp(prefix="built-", suffix=".tmp", dir=folder)
+        os.close(handle)
+        return built.replace(target)
+
+
+def _aligned(size: int, lanes: int) -> Array:
+    """Zeros of shape (size, lanes) that start at a multiple of a vector register's width."""
+    width = 8 * lanes
+    room = np.zeros(size * lanes + lanes, dtype=float)
+    shift = (-room.ctypes.data % width) // 8
+    return room[shift : shift + size * lanes].reshape(size, lanes)

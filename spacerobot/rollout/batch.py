@@ -1,0 +1,145 @@
+"""Rows of parameters over threads, with progress and cancellation."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from spacerobot.rollout.engines import Engine, Raw, StopFlag
+from spacerobot.rollout.grid import TimeGrid
+from spacerobot.rollout.kernel import Kernel
+from spacerobot.rollout.protocol import Array
+
+TASK_STEPS = (
+    20_000  # steps of a group in one task: long enough to hide Python, short enough to report and cancel
+)
+
+
+@dataclass(frozen=True)
+class Report:
+    """How far a batch is.
+
+    Attributes
+    ----------
+    done, total
+        Rollouts.
+    wall_s
+        Time since it began.
+    """
+
+    done: int
+    total: int
+    wall_s: float
+
+    @property
+    def rate(self) -> float:
+        """Rollouts per second."""
+        return self.done / max(self.wall_s, 1e-9)
+
+
+class Stop(Protocol):
+    """Something that can be asked whether to stop, such as ``threading.Event``."""
+
+    def is_set(self) -> bool:
+        """Whether to stop."""
+
+
+Progress = Callable[[Report], object]
+
+
+@dataclass(frozen=True)
+class Done:
+    """What :func:`run_batch` returns: arrays, threads used and time taken in s."""
+
+    raw: Raw
+    threads: int
+    wall_s: float
+
+
+def usable_cores() -> int:
+    """Cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def run_batch(
+    engine: Engine,
+    kernel: Kernel,
+    grid: TimeGrid,
+    p: Array,
+    rows: Sequence[int],
+    states: bool,
+    threads: int | None,
+    progress: Progress | None,
+    stop: Stop | None,
+) -> Done:
+    """Roll out every row of p (N, np), recording outputs ``rows``, on some threads.
+
+    Every group of lanes does the same arithmetic wherever it runs, so results depend neither on threads nor
+    on N.
+    """
+    raw = Raw.empty(kernel, grid, len(p), states, rows)
+    flag = StopFlag()
+
+    def work(begin: int, end: int) -> int:
+        engine.rollouts(p[begin:end], grid, raw.part(slice(begin, end)), rows, flag)
+        return end - begin
+
+    size = engine.lanes * max(1, TASK_STEPS // grid.steps)
+    count = 1 if engine.backend == "interpreted" else max(1, threads or usable_cores())
+    seconds = run_tasks(work, len(p), size, count, flag, progress, stop)
+    raw.cost[raw.done < grid.steps] = np.nan
+    return Done(raw, count, seconds)
+
+
+def run_tasks(
+    work: Callable[[int, int], int],
+    total: int,
+    size: int,
+    threads: int,
+    flag: StopFlag,
+    progress: Progress | None,
+    stop: Stop | None,
+) -> float:
+    """Call ``work(begin, end)`` on pieces of ``range(total)`` from threads; the time taken in s.
+
+    Parameters
+    ----------
+    work
+        Does one piece, and returns its length.
+    total, size
+        Length of the whole and of a piece.
+    threads
+        How many.
+    flag
+        Set when the rest shall be left out; pieces that run then leave early.
+    progress, stop
+        As for ``Rollout.batch``.
+    """
+    begin_s = time.perf_counter()
+    done = 0
+    with ThreadPoolExecutor(threads) as pool:
+        pending: set[Future[int]] = set()
+        pieces = iter([(i, min(i + size, total)) for i in range(0, total, size)])
+        try:
+            while True:
+                while len(pending) < 2 * threads and not flag.is_set and (piece := next(pieces, None)):
+                    pending.add(pool.submit(work, *piece))
+                if not pending:
+                    break
+                finished, pending = wait(pending, timeout=0.1, return_when=FIRST_COMPLETED)
+                done += sum(future.result() for future in finished)
+                report = Report(done, total, time.perf_counter() - begin_s)
+                if (progress and finished and progress(report) is False) or (stop and stop.is_set()):
+                    flag.set()
+        except BaseException:
+            flag.set()
+            raise
+    return time.perf_counter() - begin_s

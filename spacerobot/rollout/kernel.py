@@ -1,0 +1,145 @@
+"""The functions that one rollout evaluates, made from a closed loop and what is asked of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from spacerobot.rollout.measures import Measures, Signals
+from spacerobot.rollout.protocol import Array, ClosedLoopFunctions
+
+POSITION_LIMIT = VELOCITY_LIMIT = 1e6
+CONTROLLER_LIMIT = 1e12
+
+
+@dataclass(frozen=True)
+class Kernel:
+    """Functions of a rollout, all SX with dense arguments.
+
+    Attributes
+    ----------
+    functions
+        ``setup``, ``dynamics``, ``normalise``, ``outputs``, ``final`` and ``objective``, as ``rollout.hpp``
+        lists them.
+    nx
+        Length of the closed loop's state; integrals follow it.
+    integrals, peaks
+        How many there are.
+    scale
+        One over the largest value that each state may take, shape (nx + integrals,).
+    outputs, measures
+        Where each named vector lies in y and in r.
+    costs
+        Names of the entries of J.
+    """
+
+    functions: Mapping[str, ca.Function]
+    nx: int
+    integrals: int
+    peaks: int
+    scale: Array
+    outputs: Mapping[str, slice]
+    measures: Mapping[str, slice]
+    costs: tuple[str, ...]
+
+    def size(self, function: str, argument: str) -> int:
+        """Length of an argument of a function."""
+        f = self.functions[function]
+        found = f.numel_out(argument) if argument in f.name_out() else f.numel_in(argument)
+        return int(found)
+
+
+def sx_function(name: str, inputs: Mapping[str, ca.SX], outputs: Mapping[str, ca.SX]) -> ca.Function:
+    """SX function with named dense arguments and common subexpressions merged."""
+    dense = [ca.densify(ca.SX(value)) for value in outputs.values()]
+    return ca.Function(name, list(inputs.values()), dense, list(inputs), list(outputs), {"cse": True})
+
+
+def build_kernel(loop: ClosedLoopFunctions, measures: Measures | None = None) -> Kernel:
+    """Functions of a rollout that also gathers measures.
+
+    Parameters
+    ----------
+    loop
+        The closed loop.
+    measures
+        What to gather; nothing if None.
+    """
+    measures = measures or Measures(Signals.of(loop), {})
+    nx, names = loop.dynamics.numel_in(1), loop.outputs.name_out()
+    integrals = measures.of_kind("integral")
+    count = sum(e.numel() for e in integrals.values())
+    p, t = ca.SX.sym("p", len(loop.parameter_paths)), ca.SX.sym("t")
+    x = ca.SX.sym("x", nx + count)
+    used = _used_parameters(measures)
+    prepared = ca.SX.sym("c", loop.setup.numel_out(1))
+    c = ca.vertcat(prepared, ca.SX.sym("p", len(used)))
+    y = _as_list(loop.outputs(t, x[:nx], prepared))
+    signals = measures.signals
+    symbols = [signals.t, signals.x, *signals.outputs.values(), *[signals.parameters[path] for path in used]]
+    values = [t, x[:nx], *y, *ca.vertsplit(c[prepared.numel() :])]
+
+    def stacked(expressions: Mapping[str, ca.SX]) -> ca.SX:
+        stack = ca.vertcat(ca.SX(0, 1), *expressions.values())
+        return ca.substitute([stack], symbols, values)[0] if stack.numel() else stack
+
+    x0, c0 = loop.setup(p)
+    order = {path: i for i, path in enumerate(loop.parameter_paths)}
+    xdot = ca.vertcat(loop.dynamics(t, x[:nx], prepared), stacked(integrals))
+    at = {"t": t, "x": x, "c": c}
+    peaks = stacked(measures.of_kind("peak"))
+    functions = {
+        "setup": sx_function(
+            "setup",
+            {"p": p},
+            {
+                "x0": ca.vertcat(x0, ca.SX.zeros(count)),
+                "c": ca.vertcat(c0, *[p[order[path]] for path in used]),
+            },
+        ),
+        "dynamics": sx_function("dynamics", at, {"xdot": xdot, "m": peaks}),
+        "normalise": sx_function("normalise", {"x": x}, {"n": ca.vertcat(loop.normalise(x[:nx]), x[nx:])}),
+        "outputs": sx_function("outputs", at, {"y": ca.vertcat(*y)}),
+        "final": sx_function("final", at, {"e": stacked(measures.of_kind("final"))}),
+    }
+    functions["objective"], costs = _objective(measures, loop.parameter_paths, p)
+    limits = [POSITION_LIMIT] * loop.nq + [VELOCITY_LIMIT] * loop.nv + [CONTROLLER_LIMIT] * (loop.nz + count)
+    sizes = {name: loop.outputs.numel_out(name) for name in names}
+    return Kernel(
+        functions,
+        nx,
+        count,
+        peaks.numel(),
+        1 / np.array(limits),
+        slices(sizes),
+        slices(measures.sizes),
+        costs,
+    )
+
+
+def slices(sizes: Mapping[str, int]) -> dict[str, slice]:
+    """Consecutive slices for named vectors of given lengths."""
+    ends = np.cumsum([0, *sizes.values()])
+    return {name: slice(int(a), int(b)) for name, a, b in zip(sizes, ends[:-1], ends[1:], strict=True)}
+
+
+def _objective(measures: Measures, paths: Sequence[str], p: ca.SX) -> tuple[ca.Function, tuple[str, ...]]:
+    r = ca.SX.sym("r", sum(measures.sizes.values()))
+    named = {name: r[where] for name, where in slices(measures.sizes).items()}
+    costs = measures.cost_expressions(named, dict(zip(paths, ca.vertsplit(p), strict=True)))
+    stack = ca.vertcat(ca.SX(0, 1), *costs.values())
+    return sx_function("objective", {"r": r, "p": p}, {"J": stack}), tuple(costs)
+
+
+def _used_parameters(measures: Measures) -> list[str]:
+    """Paths of the parameters that occur in the measures themselves."""
+    stack = ca.vertcat(ca.SX(0, 1), *[m.expression for m in measures.named.values()])
+    return [path for path, symbol in measures.signals.parameters.items() if ca.depends_on(stack, symbol)]
+
+
+def _as_list(result: Any) -> list[ca.SX]:
+    return [ca.SX(part) for part in result] if isinstance(result, tuple | list) else [ca.SX(result)]

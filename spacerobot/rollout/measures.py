@@ -1,0 +1,147 @@
+"""What is asked of a rollout: integrals, peaks and final values of expressions, and costs made of them.
+
+Expressions are written once, with CasADi, over the named outputs::
+
+    signals = Signals.of(loop)
+    error = signals["tip_error"]
+    measures = Measures(
+        signals,
+        {"ise": integral(ca.sumsqr(error)), "torque": peak(ca.fabs(signals["joint_torque"]))},
+        costs=lambda r, p: {"cost": r["ise"] + 1e-6 * ca.mmax(r["torque"])},
+    )
+
+The same expressions then serve the plain rollout, the batch, the adjoint and the forward sensitivities.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+import casadi as ca
+
+from spacerobot.errors import SpaceRobotError, near_names
+from spacerobot.rollout.protocol import ClosedLoopFunctions
+
+Kind = Literal["integral", "peak", "final"]
+Costs = Callable[[Mapping[str, ca.SX], Mapping[str, ca.SX]], Mapping[str, ca.SX]]
+
+
+@dataclass(frozen=True)
+class Signals:
+    """Symbols that measures are written with.
+
+    Attributes
+    ----------
+    t
+        Time in s.
+    x
+        State, shape (nx,).
+    outputs
+        The closed loop's outputs by name, each of shape (n,).
+    parameters
+        Its parameters by dotted path, scalars.
+    """
+
+    t: ca.SX
+    x: ca.SX
+    outputs: Mapping[str, ca.SX]
+    parameters: Mapping[str, ca.SX]
+
+    @classmethod
+    def of(cls, loop: ClosedLoopFunctions) -> Signals:
+        """Symbols for a closed loop."""
+        names = loop.outputs.name_out()
+        outputs = {name: ca.SX.sym(name, loop.outputs.numel_out(name)) for name in names}
+        parameters = {path: ca.SX.sym(path) for path in loop.parameter_paths}
+        return cls(ca.SX.sym("t"), ca.SX.sym("x", len(loop.state_names)), outputs, parameters)
+
+    def __getitem__(self, name: str) -> ca.SX:
+        """Output of a name.
+
+        Raises
+        ------
+        SpaceRobotError
+            There is none.
+        """
+        if name not in self.outputs:
+            raise SpaceRobotError(f"no output '{name}', {near_names(name, self.outputs)}")
+        return self.outputs[name]
+
+
+@dataclass(frozen=True)
+class Measure:
+    """A reduction of a signal over a rollout.
+
+    Attributes
+    ----------
+    kind
+        Integral over time, largest value of each component, or value at the end.
+    expression
+        Over :class:`Signals`, shape (n,).
+    """
+
+    kind: Kind
+    expression: ca.SX
+
+
+def integral(expression: ca.SX) -> Measure:
+    """Integral over the duration, by the same fourth-order method as the state."""
+    return Measure("integral", ca.vec(ca.densify(ca.SX(expression))))
+
+
+def peak(expression: ca.SX) -> Measure:
+    """Largest value of each component over all step boundaries. Its derivative is that at the largest one."""
+    return Measure("peak", ca.vec(ca.densify(ca.SX(expression))))
+
+
+def final(expression: ca.SX) -> Measure:
+    """Value at the end."""
+    return Measure("final", ca.vec(ca.densify(ca.SX(expression))))
+
+
+@dataclass(frozen=True)
+class Measures:
+    """Named measures of a rollout, and the costs made of them.
+
+    Attributes
+    ----------
+    signals
+        The symbols that the measures are written with.
+    named
+        The measures.
+    costs
+        Function of (measures by name, parameters by path), all symbols, that gives scalars by name. Every
+        scalar measure is its own cost if None.
+    """
+
+    signals: Signals
+    named: Mapping[str, Measure]
+    costs: Costs | None = None
+
+    def of_kind(self, kind: Kind) -> dict[str, ca.SX]:
+        """Expressions of one kind, by name."""
+        return {name: m.expression for name, m in self.named.items() if m.kind == kind}
+
+    @property
+    def sizes(self) -> dict[str, int]:
+        """Length of each measure, in the order of r: integrals, peaks, final values."""
+        kinds: tuple[Kind, ...] = ("integral", "peak", "final")
+        return {name: e.numel() for kind in kinds for name, e in self.of_kind(kind).items()}
+
+    def cost_expressions(self, r: Mapping[str, ca.SX], p: Mapping[str, ca.SX]) -> dict[str, ca.SX]:
+        """Costs by name, as expressions of measures and parameters.
+
+        Raises
+        ------
+        SpaceRobotError
+            A cost is not a scalar.
+        """
+        if self.costs is None:
+            return {name: value for name, value in r.items() if value.numel() == 1}
+        found = {name: ca.SX(value) for name, value in self.costs(r, p).items()}
+        for name, value in found.items():
+            if value.numel() != 1:
+                raise SpaceRobotError(f"the cost '{name}' has {value.numel()} entries, allowed: one")
+        return found

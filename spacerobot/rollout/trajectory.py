@@ -1,0 +1,163 @@
+"""What rollouts return."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from spacerobot.rollout.protocol import Array
+
+Status = Literal["completed", "diverged"]
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """One rollout. Every array is read-only.
+
+    Attributes
+    ----------
+    time
+        Sample times in s, shape (nt,); cut short where the rollout diverged.
+    state
+        x = (q, v, z) at the samples, shape (nt, nx).
+    outputs
+        Named outputs at the samples, each of shape (nt, n).
+    measures
+        Named measures of the rollout, NaN if it diverged.
+    costs
+        Named costs of the rollout, NaN if it diverged.
+    status
+        ``diverged`` if a state left its bounds or was no number.
+    diverged_at_s
+        Time of the last good state if it diverged, else None.
+    steps, step_s
+        Steps done and their length; zero and NaN for an adaptive integrator.
+    backend
+        What ran: ``compiled``, ``interpreted`` or ``cvodes``.
+    wall_s
+        Time it took.
+    """
+
+    time: Array
+    state: Array
+    outputs: Mapping[str, Array]
+    measures: Mapping[str, Array]
+    costs: Mapping[str, float]
+    status: Status
+    diverged_at_s: float | None
+    steps: int
+    step_s: float
+    backend: str
+    wall_s: float
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Many rollouts. Every array is read-only; rows follow the rows of the parameters.
+
+    Attributes
+    ----------
+    costs
+        Named costs, each of shape (N,); NaN where a rollout diverged or did not run.
+    measures
+        Named measures, each of shape (N, n).
+    diverged_at_s
+        Time of the last good state, shape (N,); NaN where the rollout completed or did not run.
+    done
+        Whether each rollout ran, shape (N,); all true unless the batch was cancelled.
+    time
+        Sample times in s, shape (nt,).
+    outputs
+        The outputs that were asked for, each of shape (N, nt, n); NaN after divergence.
+    state
+        States if they were asked for, shape (N, nt, nx), else None.
+    backend, lanes, threads
+        What ran.
+    wall_s
+        Time it took.
+    """
+
+    costs: Mapping[str, Array]
+    measures: Mapping[str, Array]
+    diverged_at_s: Array
+    done: npt.NDArray[np.bool_]
+    time: Array
+    outputs: Mapping[str, Array]
+    state: Array | None
+    backend: str
+    lanes: int
+    threads: int
+    wall_s: float
+
+    @property
+    def cancelled(self) -> bool:
+        """Whether some rollouts were left out."""
+        return not bool(self.done.all())
+
+    @property
+    def rate(self) -> float:
+        """Rollouts per second."""
+        return float(self.done.sum()) / max(self.wall_s, 1e-9)
+
+
+@dataclass(frozen=True)
+class Gradient:
+    """Costs of rollouts and their exact derivatives.
+
+    Attributes
+    ----------
+    paths
+        Parameters that the derivatives are with respect to, k of them.
+    costs
+        Named costs, each of shape (N,), or () for a single rollout.
+    gradients
+        Named gradients, each of shape (N, k), or (k,); NaN where a rollout diverged.
+    measures
+        Named measures, each of shape (N, n), or (n,).
+    backend
+        What ran.
+    wall_s
+        Time it took.
+    """
+
+    paths: tuple[str, ...]
+    costs: Mapping[str, Array]
+    gradients: Mapping[str, Array]
+    measures: Mapping[str, Array]
+    backend: str
+    wall_s: float
+
+
+@dataclass(frozen=True)
+class Jacobian:
+    """Forward sensitivities of one rollout with respect to k parameters.
+
+    Attributes
+    ----------
+    paths
+        The parameters.
+    trajectory
+        The rollout itself.
+    measures
+        Derivative of each measure, shape (n, k).
+    outputs
+        Derivative of each asked-for output, shape (nt, n, k).
+    wall_s
+        Time it took.
+    """
+
+    paths: tuple[str, ...]
+    trajectory: Trajectory
+    measures: Mapping[str, Array]
+    outputs: Mapping[str, Array]
+    wall_s: float
+
+
+def frozen(array: npt.NDArray[np.float64]) -> Array:
+    """The array, made read-only."""
+    array.setflags(write=False)
+    return array
