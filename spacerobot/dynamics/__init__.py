@@ -3,6 +3,7 @@
 from spacerobot.dynamics.articulated import ArticulatedBody, Wrench
 from spacerobot.dynamics.composite import mass_matrix
 from spacerobot.dynamics.configuration import configuration_derivative, normalise
+from spacerobot.dynamics.free_floating import FreeFloating, FreeFloatingRobot
 from spacerobot.dynamics.inertias import Inertias
 from spacerobot.dynamics.joints import Joint, JointKind, read_joints
 from spacerobot.dynamics.kinematics import (
@@ -15,9 +16,19 @@ from spacerobot.dynamics.kinematics import (
     point_jacobian,
 )
 from spacerobot.dynamics.momentum import centre_of_mass, kinetic_energy, momentum, subtree, total_mass
+from spacerobot.dynamics.rotations import (
+    quaternion_from_rotation,
+    rotation_exp,
+    rotation_from_quaternion,
+    rotation_from_rpy,
+    rotation_log,
+    skew,
+)
 
 __all__ = [
     "ArticulatedBody",
+    "FreeFloating",
+    "FreeFloatingRobot",
     "Inertias",
     "Joint",
     "JointKind",
@@ -35,7 +46,13 @@ __all__ = [
     "momentum",
     "normalise",
     "point_jacobian",
+    "quaternion_from_rotation",
     "read_joints",
+    "rotation_exp",
+    "rotation_from_quaternion",
+    "rotation_from_rpy",
+    "rotation_log",
+    "skew",
     "subtree",
     "total_mass",
 ]

@@ -5,7 +5,8 @@ from __future__ import annotations
 import casadi as ca
 import pinocchio
 
-from spacerobot.dynamics.joints import Joint, JointKind, quaternion_rotation, read_joints
+from spacerobot.dynamics.joints import Joint, JointKind, read_joints
+from spacerobot.dynamics.rotations import rotation_from_quaternion
 
 
 def configuration_derivative(model: pinocchio.Model, q: ca.SX, v: ca.SX) -> ca.SX:
@@ -43,7 +44,9 @@ def _rate(joint: Joint, q: ca.SX, v: ca.SX) -> ca.SX:
                 cosine * v[0] - sine * v[1], sine * v[0] + cosine * v[1], -sine * v[2], cosine * v[2]
             )
         case JointKind.FREE_FLYER:
-            return ca.vertcat(ca.mtimes(quaternion_rotation(q[3:7]), v[:3]), _quaternion_rate(q[3:7], v[3:6]))
+            return ca.vertcat(
+                ca.mtimes(rotation_from_quaternion(q[3:7]), v[:3]), _quaternion_rate(q[3:7], v[3:6])
+            )
         case _:
             return v
 

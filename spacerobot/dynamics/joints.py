@@ -16,6 +16,7 @@ import numpy.typing as npt
 import pinocchio
 
 from spacerobot.dynamics.algebra import IDENTITY3, ZERO3
+from spacerobot.dynamics.rotations import rotation_from_quaternion, turn
 from spacerobot.errors import DescriptionError
 
 NOISE = 1e-15
@@ -142,13 +143,13 @@ def joint_rotation(joint: Joint, coordinates: ca.SX) -> ca.SX:
     """Rotation from the moved joint frame to the resting one, 3x3."""
     match joint.kind:
         case JointKind.REVOLUTE:
-            return _turn(joint.angular, ca.cos(coordinates), ca.sin(coordinates))
+            return turn(joint.angular, ca.cos(coordinates), ca.sin(coordinates))
         case JointKind.UNBOUNDED:
-            return _turn(joint.angular, coordinates[0], coordinates[1])
+            return turn(joint.angular, coordinates[0], coordinates[1])
         case JointKind.PLANAR:
-            return _turn(joint.angular[:, 2], coordinates[2], coordinates[3])
+            return turn(joint.angular[:, 2], coordinates[2], coordinates[3])
         case JointKind.FREE_FLYER:
-            return quaternion_rotation(coordinates[3:7])
+            return rotation_from_quaternion(coordinates[3:7])
         case _:
             return IDENTITY3
 
@@ -164,36 +165,3 @@ def joint_translation(joint: Joint, coordinates: ca.SX) -> ca.SX:
             return coordinates[:3]
         case _:
             return ZERO3
-
-
-def _turn(axis: ca.SX, cosine: ca.SX, sine: ca.SX) -> ca.SX:
-    """Rotation about a constant unit axis (Rodrigues); sparse about a coordinate axis of either sign."""
-    if axis.nnz() == 1:
-        along = axis * axis  # 1 on the axis, whatever its sign
-        across = ca.diag(ca.SX.ones(3) - along)
-        return ca.sparsify(ca.diag(along) + cosine * across) + sine * _skew(axis)
-    spread = ca.mtimes(axis, axis.T)
-    return (1 - cosine) * spread + cosine * IDENTITY3 + sine * _skew(axis)
-
-
-def _skew(axis: ca.SX) -> ca.SX:
-    rows = [
-        ca.horzcat(ca.SX(1, 1), -axis[2], axis[1]),
-        ca.horzcat(axis[2], ca.SX(1, 1), -axis[0]),
-        ca.horzcat(-axis[1], axis[0], ca.SX(1, 1)),
-    ]
-    return ca.vertcat(*rows)
-
-
-def quaternion_rotation(quaternion: ca.SX) -> ca.SX:
-    """Rotation of a unit quaternion ``(x, y, z, w)``, as Pinocchio (Eigen) computes it, 3x3."""
-    x, y, z, w = ca.vertsplit(quaternion)
-    x2, y2, z2 = x + x, y + y, z + z
-    xx, yy, zz = x * x2, y * y2, z * z2
-    xy, xz, yz = x * y2, x * z2, y * z2
-    wx, wy, wz = w * x2, w * y2, w * z2
-    return ca.vertcat(
-        ca.horzcat(1 - (yy + zz), xy - wz, xz + wy),
-        ca.horzcat(xy + wz, 1 - (xx + zz), yz - wx),
-        ca.horzcat(xz - wy, yz + wx, 1 - (xx + yy)),
-    )

@@ -1,0 +1,243 @@
+"""Kinematics of one free-floating robot: its base reacts to its joints by conservation of momentum.
+
+With base velocity ``v_b`` and joint rates ``r``, momentum is ``p = H_b v_b + H_bm r``. Momentum is conserved
+while no external load acts, so the base velocity, and with it the tip velocity, follows from the joint rates:
+
+    tip velocity = J* r + B h,    J* = J_m - J_b H_b^-1 H_bm   (Umetani and Yoshida's generalised Jacobian)
+
+where ``h`` is the momentum the system happens to have. Joint rates with ``H_bm r = 0`` leave the base alone
+(the reaction null space of Nenchev and Yoshida).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+import numpy.typing as npt
+import pinocchio
+
+from spacerobot.dynamics.algebra import IDENTITY3, SymmetricFactors, cross_columns
+from spacerobot.dynamics.composite import mass_matrix
+from spacerobot.dynamics.inertias import Inertias
+from spacerobot.dynamics.joints import Joint, JointKind
+from spacerobot.dynamics.kinematics import Kinematics, forward_kinematics, frame_jacobian
+from spacerobot.dynamics.momentum import centre_of_mass, subtree
+from spacerobot.errors import DescriptionError, near_names
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class FreeFloating:
+    """Momentum of one free-floating subtree, split into base and joints, at one posture.
+
+    Attributes
+    ----------
+    model, kinematics, inertias
+        The model that holds the robot, and its posture.
+    base
+        The robot's root joint, planar (k = 3) or free-flyer (k = 6).
+    columns
+        Velocity indices of the n joints behind the base.
+    base_inertia
+        H_b, kxk: momentum along the base's velocity coordinates per base velocity.
+    base_coupling
+        H_bm, kxn: the same per joint rate.
+    """
+
+    model: pinocchio.Model
+    kinematics: Kinematics
+    inertias: Inertias
+    base: Joint
+    columns: tuple[int, ...]
+    base_inertia: ca.SX
+    base_coupling: ca.SX
+
+    @classmethod
+    def split(
+        cls, model: pinocchio.Model, kinematics: Kinematics, inertias: Inertias, root: int = 1
+    ) -> FreeFloating:
+        """Split the momentum of the subtree that starts at joint ``root``.
+
+        Raises
+        ------
+        DescriptionError
+            If the joint is not a planar or free-flyer joint on the universe.
+        """
+        base = _base(model, kinematics, root)
+        ids = subtree(model, root)[1:]
+        columns = tuple(c for i in ids for c in _range(kinematics.joints[i - 1]))
+        rows = list(_range(base))
+        still = ca.SX(model.nv, 1)  # rotors belong to the drives, not to the momentum balance of bodies
+        matrix = mass_matrix(model, kinematics, inertias, rotor_inertia=still)
+        return cls(
+            model, kinematics, inertias, base, columns, matrix[rows, rows], matrix[rows, list(columns)]
+        )
+
+    def generalized_jacobian(self, frame_id: int) -> ca.SX:
+        """J*: velocity of a frame per joint rate at zero momentum, 6xn, linear rows first, world axes."""
+        jacobian = frame_jacobian(self.model, self.kinematics, frame_id)
+        reaction = SymmetricFactors(self.base_inertia).solve(self.base_coupling)
+        base = jacobian[:, list(_range(self.base))]
+        return jacobian[:, list(self.columns)] - ca.mtimes(base, reaction)
+
+    def momentum_map(self, frame_id: int) -> ca.SX:
+        """B: velocity of a frame per momentum of the robot, 6x6.
+
+        Columns are linear momentum (N s) and angular momentum about the world's origin (N m s), as
+        :func:`~spacerobot.dynamics.momentum.momentum` gives them; rows as in :meth:`generalized_jacobian`.
+        """
+        jacobian = frame_jacobian(self.model, self.kinematics, frame_id)
+        return ca.mtimes(jacobian[:, list(_range(self.base))], self._base_velocity_per_momentum())
+
+    def base_velocity(self, rates: ca.SX, momentum: ca.SX | None = None) -> ca.SX:
+        """Base velocity in Pinocchio's coordinates (k) that joint rates (n) and momentum (6) entail."""
+        reaction = -SymmetricFactors(self.base_inertia).solve(ca.mtimes(self.base_coupling, rates))
+        if momentum is None:
+            return reaction
+        return reaction + ca.mtimes(self._base_velocity_per_momentum(), momentum)
+
+    def coupling(self) -> ca.SX:
+        """Momentum per joint rate while the base stands still, 6xn.
+
+        Linear momentum (kg m), then angular momentum about the robot's centre of mass (kg m^2), world
+        axes; rows that the base cannot react to (a planar base, out of its plane) are structurally zero.
+        """
+        index = self.base.index
+        wrench = ca.mtimes(self._base_subspace(), self.base_coupling)
+        bodies = subtree(self.model, index)
+        centre = centre_of_mass(self.model, self.kinematics, self.inertias, bodies)
+        lever = self.kinematics.origin[index] - centre
+        return ca.vertcat(wrench[:3, :], wrench[3:, :] + cross_columns(lever, wrench[:3, :]))
+
+    def _base_subspace(self) -> ca.SX:
+        index = self.base.index
+        return ca.vertcat(self.kinematics.linear[index], self.kinematics.angular[index])
+
+    def _base_velocity_per_momentum(self) -> ca.SX:
+        """``H_b^-1 S_b^T X``: X moves angular momentum from the world's origin to the base's, kx6."""
+        lever = cross_columns(self.kinematics.origin[self.base.index], IDENTITY3)
+        move = ca.vertcat(ca.horzcat(IDENTITY3, ca.SX(3, 3)), ca.horzcat(-lever, IDENTITY3))
+        return SymmetricFactors(self.base_inertia).solve(ca.mtimes(self._base_subspace().T, move))
+
+
+@dataclass(frozen=True)
+class FreeFloatingRobot:
+    """Numeric free-floating kinematics of one robot and one tip; compiled once, called with arrays.
+
+    Attributes
+    ----------
+    columns
+        Velocity indices of the robot's n joints, in the order of all joint rates here.
+    function
+        ``(q, momentum, rates) -> (jacobian, momentum_map, coupling, base_velocity)``.
+    """
+
+    columns: tuple[int, ...]
+    function: ca.Function
+
+    @classmethod
+    def of(cls, model: pinocchio.Model, tip: str, root: str | None = None) -> FreeFloatingRobot:
+        """Kinematics of the robot that carries the frame ``tip``.
+
+        Parameters
+        ----------
+        model
+            A model; robots beside this one are left out of its momentum.
+        tip
+            Name of a frame.
+        root
+            Name of the robot's root joint; ``None`` follows the tip down to the universe.
+
+        Raises
+        ------
+        DescriptionError
+            If a name is not in the model or the root is not a free base.
+        """
+        if not model.existFrame(tip):
+            names = (frame.name for frame in model.frames)
+            raise DescriptionError(f"no frame {tip!r} in the model; {near_names(tip, names)}")
+        frame = model.getFrameId(tip)
+        q, momentum = ca.SX.sym("q", model.nq), ca.SX.sym("momentum", 6)
+        kinematics = forward_kinematics(model, q)
+        if root is None:
+            chain = kinematics.support(int(model.frames[frame].parentJoint))
+            base = chain[0].index if chain else 0
+        elif model.existJointName(root):
+            base = int(model.getJointId(root))
+        else:
+            raise DescriptionError(f"no joint {root!r} in the model; {near_names(root, model.names)}")
+        split = FreeFloating.split(model, kinematics, Inertias.from_model(model), base)
+        rates = ca.SX.sym("rates", len(split.columns))
+        function = ca.Function(
+            "free_floating",
+            [q, momentum, rates],
+            [
+                ca.densify(split.generalized_jacobian(frame)),
+                ca.densify(split.momentum_map(frame)),
+                ca.densify(split.coupling()),
+                ca.densify(split.base_velocity(rates, momentum)),
+            ],
+            ["q", "momentum", "rates"],
+            ["jacobian", "momentum_map", "coupling", "base_velocity"],
+        )
+        return cls(split.columns, function)
+
+    def generalized_jacobian(self, q: Array) -> Array:
+        """J* of the tip, (6, n): linear rows first, world axes. Tip velocity = J* rates + B momentum."""
+        return np.asarray(self.function(q, 0, 0)[0])
+
+    def momentum_map(self, q: Array) -> Array:
+        """B, (6, 6): tip velocity per (linear, angular about the world's origin) momentum."""
+        return np.asarray(self.function(q, 0, 0)[1])
+
+    def coupling(self, q: Array) -> Array:
+        """Momentum per joint rate at a still base, (6, n); angular about the robot's centre of mass."""
+        return np.asarray(self.function(q, 0, 0)[2])
+
+    def base_velocity(self, q: Array, rates: Array, momentum: Array | None = None) -> Array:
+        """Base velocity in Pinocchio's coordinates that joint rates and momentum (6, default 0) entail."""
+        return np.asarray(self.function(q, 0 if momentum is None else momentum, rates)[3]).ravel()
+
+    def reaction_null_space(self, q: Array, *, angular_only: bool = False, tolerance: float = 1e-10) -> Array:
+        """Joint rates that leave the base alone, as an orthonormal basis.
+
+        Parameters
+        ----------
+        q
+            Configuration of the whole model.
+        angular_only
+            Keep the base's attitude alone; its origin may move with the centre of mass at rest.
+        tolerance
+            Singular values below this fraction of the largest count as zero.
+
+        Returns
+        -------
+        numpy.ndarray
+            (n, d): d basis vectors of joint rates; d may be 0.
+        """
+        coupling = self.coupling(q)[3:] if angular_only else self.coupling(q)
+        _, values, right = np.linalg.svd(coupling)
+        rank = int(np.sum(values > tolerance * max(values[0], np.finfo(float).tiny))) if values.size else 0
+        return np.asarray(right[rank:].T)
+
+
+def _range(joint: Joint) -> range:
+    return range(joint.idx_v, joint.idx_v + joint.nv)
+
+
+def _base(model: pinocchio.Model, kinematics: Kinematics, root: int) -> Joint:
+    """Root joint of a free-floating robot, or an error that names what was found instead."""
+    if root:
+        joint = kinematics.joints[root - 1]
+        if joint.kind in (JointKind.PLANAR, JointKind.FREE_FLYER) and joint.parent == 0:
+            return joint
+        found = f"a {joint.kind.value} joint on {model.names[joint.parent]!r}"
+    else:
+        found = "a frame fixed to the universe"
+    raise DescriptionError(
+        f"a free-floating robot stands on a planar or free-flyer joint on the universe; found {found}",
+        where=f"joint {model.names[root]!r}",
+    )
