@@ -1,0 +1,131 @@
+"""Robots and the target: their URDF, where they begin, what is changed in them."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field, model_validator
+
+from spacerobot.scenario.control import Amnesia, JointPd, Pid, Sensors
+from spacerobot.scenario.reference import Reference
+from spacerobot.scenario.section import Name, Section, Vector, quantity
+
+
+class Base(Section):
+    """How a body's root link is connected to the world, and where it begins."""
+
+    joint: Literal["planar", "free_flyer", "fixed"] = Field(
+        default="free_flyer",
+        description="planar: free in the world's x-y plane; free_flyer: free in space; fixed",
+    )
+    position: Vector = quantity("m", "root link's origin, world axes", default=(0.0, 0.0, 0.0))
+    rotation_deg: Vector = quantity(
+        "deg", "roll, pitch, yaw of the root link (as in URDF)", default=(0.0, 0.0, 0.0)
+    )
+    velocity: Vector = quantity(
+        "m/s", "initial velocity of the root link's origin, world axes", default=(0.0, 0.0, 0.0)
+    )
+    spin_deg: Vector = quantity("deg/s", "initial angular velocity, world axes", default=(0.0, 0.0, 0.0))
+    close_grasp: Name | None = Field(
+        default=None,
+        description="place the base so that this grasp closes; `position` is then computed, not given",
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> Base:
+        if self.joint == "planar" and (
+            any(self.rotation_deg[:2]) or any(self.spin_deg[:2]) or self.velocity[2]
+        ):
+            raise ValueError("a planar base turns about z and moves in x and y only")
+        if self.joint == "fixed" and (any(self.velocity) or any(self.spin_deg)):
+            raise ValueError("a fixed base has no velocity")
+        if self.joint == "fixed" and self.close_grasp:
+            raise ValueError("a fixed base is not placed by closing a grasp; place the target by it instead")
+        if self.close_grasp and any(self.position):
+            raise ValueError("give either `position` or `close_grasp`, not both")
+        return self
+
+
+class Link(Section):
+    """Mass properties of one link; what is not given comes from the URDF."""
+
+    mass: float | None = quantity("kg", "mass", default=None, gt=0)
+    com: Vector | None = quantity("m", "centre of mass, link axes", default=None)
+    inertia: tuple[float, float, float, float, float, float] | None = quantity(
+        "kg m^2", "ixx, iyy, izz, ixy, ixz, iyz about the centre of mass, link axes", default=None
+    )
+
+
+class Joint(Section):
+    """Initial state and resistance of one joint; what is not given comes from the URDF."""
+
+    angle_deg: float | None = quantity("deg", "initial angle of a revolute or continuous joint", default=None)
+    offset: float | None = quantity("m", "initial offset of a prismatic joint", default=None)
+    rate_deg: float | None = quantity("deg/s", "initial rate of a revolute or continuous joint", default=None)
+    speed: float | None = quantity("m/s", "initial speed of a prismatic joint", default=None)
+    damping: float | None = quantity("N m s/rad or N s/m", "viscous resistance R_j", default=None, ge=0)
+    torque_limit: float | None = quantity(
+        "N m or N", "greatest torque or force of the actuator", default=None, gt=0
+    )
+
+
+class Body(Section):
+    """Something described by a URDF."""
+
+    urdf: str = Field(
+        min_length=1,
+        max_length=4096,
+        description="URDF file: a path (relative to the scenario), or a shipped file's name",
+    )
+    base: Base = Base()
+    links: dict[str, Link] = Field(
+        default={}, description="mass properties that differ from the URDF, by link name"
+    )
+    joints: dict[str, Joint] = Field(default={}, description="initial state and resistance, by joint name")
+
+
+class Tip(Section):
+    """A robot's frame that can hold something, with its controllers."""
+
+    frame: str | None = Field(
+        default=None, description="URDF link that is the tip; the tip's own name if not given"
+    )
+    pid: Pid | None = Field(default=None, description="velocity PID of the tip's position")
+    amnesia: Amnesia | None = Field(default=None, description="amnesia controller of the tip's position")
+    orientation_pid: Pid | None = Field(
+        default=None, description="angular velocity PID of the tip [N m s, N m, kg m^2]"
+    )
+    orientation_amnesia: Amnesia | None = Field(
+        default=None, description="amnesia controller of the tip's orientation"
+    )
+    reference: Reference | None = Field(
+        default=None,
+        description="the tip's reference; derived from the target's if not given, and to hold if neither is",
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> Tip:
+        if self.amnesia and not self.pid:
+            raise ValueError("the amnesia controller corrects the PID's reference: give `pid` too")
+        if self.orientation_amnesia and not self.orientation_pid:
+            raise ValueError("`orientation_amnesia` corrects `orientation_pid`: give it too")
+        return self
+
+
+class Robot(Body):
+    """A robot: a body with tips and controllers."""
+
+    tips: dict[Name, Tip] = Field(default={}, description="frames that can hold something")
+    joint_pd: JointPd | None = Field(
+        default=None, description="joint PD towards the inverse kinematics of the references"
+    )
+    sensors: Sensors | None = Field(default=None, description="sensor errors; ideal sensors if not given")
+    torque_limits: bool = Field(default=False, description="clip joint torques at the URDF's effort limits")
+
+
+class Target(Body):
+    """The object that is held."""
+
+    reference: Reference | None = Field(
+        default=None, description="the object's reference, from which tips derive theirs"
+    )

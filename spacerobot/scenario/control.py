@@ -1,0 +1,84 @@
+"""Controllers and sensors (Eq. 26-38, section 1.6 of the paper)."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from spacerobot.scenario.section import Section, quantity
+
+
+class Pid(Section):
+    """PID on the tip's velocity error, mapped to joint torques by the Jacobian's transpose (Eq. 35).
+
+    For an orientation PID the units are those of torque per angular velocity: N m s/rad, N m/rad, kg m^2/rad.
+    """
+
+    kp: float = quantity("N s/m", "proportional gain K_p", default=0.0, ge=0)
+    ki: float = quantity("N/m", "integral gain K_i", default=0.0, ge=0)
+    kd: float = quantity("kg", "derivative gain K_d", default=0.0, ge=0)
+    feedback: Literal["base", "inertial"] = Field(
+        default="base",
+        description="velocity that is fed back: seen from the robot's own base (joint rates through the "
+        "manipulator Jacobian), or the true one",
+    )
+    derivative: Literal["ideal", "filtered"] = Field(
+        default="ideal",
+        description="ideal: the algebraic loop through the tip's acceleration, solved exactly; "
+        "filtered: a first-order lag, as a real controller has",
+    )
+    filter_time: float = quantity("s", "time constant of the filtered derivative", default=0.02, gt=0)
+
+
+class Amnesia(Section):
+    """Leaky integral of the tip's position error that corrects the reference velocity (Eq. 37, 38)."""
+
+    ge: float = quantity("1/s^2", "gain G_e", ge=0)
+    ta: float = quantity("1/s", "forgetting rate t_a = K_e / R_e", ge=0)
+
+
+class JointPd(Section):
+    """Joint PD towards the inverse kinematics of the reference (Eq. 34)."""
+
+    kp: float = quantity("N m/rad", "proportional gain K_p2", default=0.0, ge=0)
+    kd: float = quantity("N m s/rad", "derivative gain K_d2", default=0.0, ge=0)
+    null_space: bool = Field(
+        default=False, description="only the part of the torque that does not accelerate the robot's tips"
+    )
+    ik_rate: float = quantity(
+        "1/s", "rate at which the inverse kinematics removes its position error", default=10.0, ge=0
+    )
+    ik_damping: float = quantity("m", "damping of the inverse kinematics' pseudo-inverse", default=1e-3, ge=0)
+
+
+class Calibration(Section):
+    """Linear sensor S = a + b s, the same for every component of the signal (section 1.6)."""
+
+    offset: float = quantity("signal's unit", "a", default=0.0)
+    scale: float = quantity("1", "b", default=1.0)
+
+
+class Sensors(Section):
+    """Sensors of one robot, one calibration for each signal that a controller feeds back."""
+
+    joint_position: Calibration = Field(
+        default=Calibration(), description="joint positions [rad, m], used by the joint PD"
+    )
+    joint_rate: Calibration = Field(
+        default=Calibration(),
+        description="joint rates [rad/s, m/s], used by `feedback: base` and the joint PD",
+    )
+    tip_position: Calibration = Field(
+        default=Calibration(), description="tip positions [m], used by the amnesia controller"
+    )
+    tip_velocity: Calibration = Field(
+        default=Calibration(), description="tip velocities [m/s], used by `feedback: inertial`"
+    )
+    tip_orientation: Calibration = Field(
+        default=Calibration(),
+        description="rotation vector of tips relative to their references [rad], for the amnesia controller",
+    )
+    tip_angular_velocity: Calibration = Field(
+        default=Calibration(), description="angular velocities of tips [rad/s], used by `feedback: inertial`"
+    )

@@ -1,0 +1,132 @@
+"""Dotted paths into a scenario's document: ``robots.*.tips.tip.pid.kp``.
+
+A document is the plain form of a scenario: nested dictionaries and lists. Segments are keys or list
+indices; ``*`` stands for every key. A key that itself holds dots (a URDF link may) is matched whole.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Iterator
+from typing import Any
+
+from spacerobot.errors import ScenarioError, near_names
+
+Document = dict[str, Any]
+
+
+def leaves(document: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Every leaf (number, text, truth value, null) with its dotted path, in the document's order."""
+    if isinstance(document, dict):
+        items: list[tuple[Any, Any]] = list(document.items())
+    elif isinstance(document, list | tuple):
+        items = list(enumerate(document))
+    else:
+        yield prefix, document
+        return
+    for key, value in items:
+        yield from leaves(value, f"{prefix}.{key}" if prefix else str(key))
+
+
+def expand(document: Any, pattern: str) -> list[str]:
+    """Dotted paths that a pattern stands for.
+
+    Raises
+    ------
+    ScenarioError
+        Where a segment is not in the document; the near names are listed.
+    """
+    return [".".join(path) for path in _expand(document, pattern.split("."), pattern)]
+
+
+def get(document: Any, path: str) -> Any:
+    """Value at one dotted path without ``*``.
+
+    Raises
+    ------
+    ScenarioError
+        Where a segment is not in the document.
+    """
+    (keys,) = _expand(document, path.split("."), path)
+    for key in keys:
+        document = document[int(key) if isinstance(document, list | tuple) else key]
+    return document
+
+
+def assign(document: Document, pattern: str, value: Any) -> Document:
+    """Copy of a document with a value at every path the pattern stands for.
+
+    A section that is null is opened with its defaults, and a new key may be added to a section that
+    exists; validation judges it afterwards.
+
+    Raises
+    ------
+    ScenarioError
+        Where ``*`` or a section on the way finds nothing.
+    """
+    changed = copy.deepcopy(document)
+    segments = pattern.split(".")
+    parents = [()] if len(segments) == 1 else _expand(changed, segments[:-1], pattern, open_null=True)
+    for parent in parents:
+        node: Any = changed
+        for key in parent:
+            node = node[int(key) if isinstance(node, list) else key]
+        _assign_leaf(node, segments[-1], value, pattern)
+    return changed
+
+
+def _assign_leaf(node: Any, key: str, value: Any, pattern: str) -> None:
+    if isinstance(node, dict):
+        for name in list(node) if key == "*" else [key]:
+            node[name] = copy.deepcopy(value)
+    elif isinstance(node, list):
+        for index in range(len(node)) if key == "*" else [_index(node, key, pattern)]:
+            node[index] = copy.deepcopy(value)
+    else:
+        raise ScenarioError(f"{node!r} has no parts, so no {key!r}", where=pattern)
+
+
+def _index(node: list[Any] | tuple[Any, ...], key: str, pattern: str) -> int:
+    if not key.isdecimal() or int(key) >= len(node):
+        raise ScenarioError(f"no element {key!r}; allowed: 0 to {len(node) - 1}", where=pattern)
+    return int(key)
+
+
+def _expand(
+    node: Any, segments: list[str], pattern: str, *, open_null: bool = False
+) -> list[tuple[str, ...]]:
+    """Key tuples for a pattern, opening null sections on the way if asked."""
+    if not segments:
+        return [()]
+    if isinstance(node, list | tuple):
+        keys = [(str(i), 1) for i in range(len(node))] if segments[0] == "*" else []
+        keys = keys or [(str(_index(node, segments[0], pattern)), 1)]
+    elif isinstance(node, dict):
+        keys = _matching_keys(node, segments, pattern)
+    else:
+        raise ScenarioError(f"{node!r} has no parts, so no {segments[0]!r}", where=pattern)
+    found = []
+    for key, used in keys:
+        child = node[int(key)] if isinstance(node, list | tuple) else node[key]
+        if child is None and open_null and isinstance(node, dict):
+            child = node[key] = {}
+            found.append((key, *segments[used:]))
+            for name in segments[used:]:
+                child[name] = {}
+                child = child[name]
+            continue
+        found += [(key, *rest) for rest in _expand(child, segments[used:], pattern, open_null=open_null)]
+    return found
+
+
+def _matching_keys(node: dict[str, Any], segments: list[str], pattern: str) -> list[tuple[str, int]]:
+    """Keys that the first segments stand for, each with how many segments it takes."""
+    if segments[0] == "*":
+        if not node:
+            raise ScenarioError("`*` finds nothing here", where=pattern)
+        return [(str(key), 1) for key in node]
+    for used in range(len(segments), 0, -1):
+        key = ".".join(segments[:used])
+        if key in node:
+            return [(key, used)]
+    raise ScenarioError(f"no {segments[0]!r}; {near_names(segments[0], map(str, node))}", where=pattern)

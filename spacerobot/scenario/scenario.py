@@ -1,0 +1,78 @@
+"""The whole scenario: what is simulated, from where, how, and for how long."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field, model_validator
+
+from spacerobot.errors import near_names
+from spacerobot.scenario.bodies import Base, Robot, Target
+from spacerobot.scenario.grasp import Grasp
+from spacerobot.scenario.section import Name, Section, Vector, quantity
+
+
+class Simulation(Section):
+    """How long, how finely and by which engine."""
+
+    duration: float = quantity("s", "simulated time", default=10.0, gt=0, le=1e6)
+    step: float | None = quantity(
+        "s", "step of the fixed-step engine; chosen from `tolerance` if not given", default=None, gt=0
+    )
+    output_step: float = quantity("s", "time between samples of the result", default=0.02, gt=0)
+    tolerance: float = quantity(
+        "1", "greatest relative error of the state that a chosen step may cause", default=1e-7, gt=0, le=1e-2
+    )
+    engine: Literal["casadi", "cvodes", "pinocchio"] = Field(
+        default="casadi",
+        description="casadi: fixed-step RK4 over the compiled closed loop; cvodes: implicit, for stiff "
+        "scenes; pinocchio: slow and independent, for checks",
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> Simulation:
+        if self.duration / self.output_step > 1e7:
+            raise ValueError("more than 10 million samples: raise `output_step` or lower `duration`")
+        if self.step is not None and self.duration / self.step > 1e9:
+            raise ValueError("more than a billion steps: raise `step` or lower `duration`")
+        return self
+
+
+class Scenario(Section):
+    """Robots, the target, the grasps that join them, and the simulation."""
+
+    name: Name = Field(default="scenario", description="name of the scenario")
+    description: str = Field(default="", description="what it shows, for people")
+    gravity: Vector = quantity("m/s^2", "gravity; none in orbit", default=(0.0, 0.0, 0.0))
+    robots: dict[Name, Robot] = Field(min_length=1, description="robots by name")
+    target: Target | None = Field(default=None, description="the object that is held")
+    grasps: dict[Name, Grasp] = Field(default={}, description="grasps by name")
+    simulation: Simulation = Simulation()
+
+    @model_validator(mode="after")
+    def _check(self) -> Scenario:
+        if "target" in self.robots:
+            raise ValueError("robots.target: `target` is the held object's name; rename the robot")
+        tips = [f"{robot}/{tip}" for robot, r in self.robots.items() for tip in r.tips]
+        taken: dict[str, str] = {}
+        for name, grasp in self.grasps.items():
+            if self.target is None:
+                raise ValueError(f"grasps.{name}: there is no target to hold")
+            if grasp.tip not in tips:
+                raise ValueError(f"grasps.{name}.tip: no tip {grasp.tip!r}; {near_names(grasp.tip, tips)}")
+            if grasp.tip in taken:
+                raise ValueError(f"grasps.{name}.tip: {grasp.tip!r} already holds grasp {taken[grasp.tip]!r}")
+            taken[grasp.tip] = name
+        for path, base in self._bases():
+            if base.close_grasp is not None and base.close_grasp not in self.grasps:
+                hint = near_names(base.close_grasp, self.grasps)
+                raise ValueError(f"{path}.base.close_grasp: no grasp {base.close_grasp!r}; {hint}")
+        return self
+
+    def _bases(self) -> list[tuple[str, Base]]:
+        bodies: list[tuple[str, Base]] = [
+            (f"robots.{name}", robot.base) for name, robot in self.robots.items()
+        ]
+        if self.target is not None:
+            bodies.append(("target", self.target.base))
+        return bodies

@@ -1,0 +1,57 @@
+"""What every part of a scenario has in common: strict keys, finite numbers, a unit for each number."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints, model_validator
+
+from spacerobot.errors import near_names
+
+Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z_][A-Za-z0-9_-]*$", max_length=64)]
+"""Name of a robot, tip or grasp: letters, digits, ``_`` and ``-``, so that dotted paths stay unambiguous."""
+
+Vector = tuple[float, float, float]
+"""Three components along x, y, z."""
+
+
+class Section(BaseModel):
+    """A part of a scenario: frozen, unknown keys refused, numbers finite.
+
+    Every number is in SI units unless its name ends in another one (``_deg``); the unit is part of the
+    field's description and of the exported JSON schema.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _known_keys(cls, data: Any) -> Any:
+        """Refuse unknown keys with the near names, and truth values where a number belongs."""
+        if not isinstance(data, dict):
+            return data
+        for key, value in data.items():
+            if key not in cls.model_fields:
+                raise ValueError(f"unknown key {key!r}; {near_names(str(key), cls.model_fields)}")
+            values = value if isinstance(value, list | tuple) else [value]
+            if (
+                any(isinstance(item, bool) for item in values)
+                and cls.model_fields[key].annotation is not bool
+            ):
+                raise ValueError(f"{key}: a truth value, found {value!r}")
+        return data
+
+
+def quantity(unit: str, description: str, **options: Any) -> Any:
+    """Pydantic field of a physical quantity; ``options`` go to :func:`pydantic.Field`.
+
+    Parameters
+    ----------
+    unit
+        Unit as written in the documentation, ``1`` for a pure number.
+    description
+        What it is.
+    **options
+        ``default``, ``ge``, ``gt``, ``le``, ... as for :func:`pydantic.Field`.
+    """
+    return Field(description=f"{description} [{unit}]", json_schema_extra={"unit": unit}, **options)
