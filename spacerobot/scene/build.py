@@ -1,0 +1,159 @@
+"""From a scenario file to a scene."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import pinocchio as pin
+
+from spacerobot.errors import ScenarioError, near_names
+from spacerobot.scenario import Hold, Robot, Scenario
+from spacerobot.scenario.catalogue import find_scenario
+from spacerobot.scenario.load import read_document, to_document, validate
+from spacerobot.scenario.paths import Document, assign
+from spacerobot.scene.assumptions import list_assumptions, list_warnings
+from spacerobot.scene.checks import check_gaps, check_limits, check_rigid, is_planar
+from spacerobot.scene.configure import initial_state
+from spacerobot.scene.model import build_model
+from spacerobot.scene.resolve import body_documents, fill, read_descriptions
+from spacerobot.scene.scene import Scene, SceneBody, SceneGrasp, SceneTip
+
+
+def load_scene(name: str | Path, changes: Mapping[str, Any] | Sequence[tuple[str, Any]] = ()) -> Scene:
+    """Scene of a scenario file or of a shipped scenario.
+
+    Parameters
+    ----------
+    name
+        Path of a YAML file, or the name of a shipped scenario.
+    changes
+        New values by dotted path (``*`` stands for every key), applied in order after the URDFs have
+        filled in what the file leaves open.
+
+    Raises
+    ------
+    ScenarioError, DescriptionError
+        If anything in the scenario or its URDFs cannot be simulated.
+    """
+    source = find_scenario(str(name))
+    return build_scene(validate(read_document(source), source=source), changes, source=source)
+
+
+def build_scene(
+    scenario: Scenario,
+    changes: Mapping[str, Any] | Sequence[tuple[str, Any]] = (),
+    *,
+    source: Path | None = None,
+) -> Scene:
+    """Scene of a scenario; see :func:`load_scene`.
+
+    ``source`` is the file it came from: relative URDF paths start at its folder, and errors name it.
+    """
+    resolved, descriptions = resolve(scenario, changes, source=source)
+    model, bodies = build_model(resolved, descriptions)
+    tips = tuple(tip for body in bodies for tip in _tips(model, body, resolved, source))
+    grasps = _grasps(model, resolved, tips, source)
+    q, v = initial_state(model, bodies, grasps, source=source)
+    planar = is_planar(model, bodies, q)
+    scene = Scene(resolved, source, model, bodies, tips, grasps, planar, q, v, (), ())
+    check_gaps(scene)
+    check_rigid(scene)
+    check_limits(scene)
+    for array in (q, v):
+        array.setflags(write=False)
+    return dataclasses.replace(scene, assumptions=list_assumptions(scene), warnings=list_warnings(scene))
+
+
+def resolve(
+    scenario: Scenario, changes: Mapping[str, Any] | Sequence[tuple[str, Any]], *, source: Path | None
+) -> tuple[Scenario, Mapping[str, Any]]:
+    """Scenario with URDF values filled in and changes made, and the URDFs by body path.
+
+    Raises
+    ------
+    ScenarioError, DescriptionError
+        If a change leads nowhere or the result is not valid.
+    """
+    pairs = list(changes.items()) if isinstance(changes, Mapping) else list(changes)
+    document = to_document(scenario)
+    for pattern, value in pairs:
+        if pattern.endswith("urdf"):
+            document = _change(document, pattern, value, source)
+    validate(document, source=source)
+    descriptions = read_descriptions(document, source=source)
+    for path, body in body_documents(document).items():
+        shipped = body["urdf"] == descriptions[path].path.name and not (
+            source is not None and (source.parent / body["urdf"]).is_file()
+        )
+        body["urdf"] = body["urdf"] if shipped else str(descriptions[path].path)
+    document = fill(document, descriptions, source=source)
+    for pattern, value in pairs:
+        if not pattern.endswith("urdf"):
+            document = _change(document, pattern, value, source)
+    resolved = validate(document, source=source)
+    fill(to_document(resolved), descriptions, source=source)  # judges names that a change brought in
+    return resolved, descriptions
+
+
+def _change(document: Document, pattern: str, value: Any, source: Path | None) -> Document:
+    try:
+        return assign(document, pattern, value)
+    except ScenarioError as fault:
+        raise ScenarioError(fault.message, source=source, where=f"--set {fault.where}") from None
+
+
+def _frame(model: Any, body: SceneBody, link: str, where: str, source: Path | None) -> int:
+    names = [link.name for link in body.description.links]
+    if link not in names:
+        raise ScenarioError(
+            f"no link {link!r} in {body.description.path.name}; {near_names(link, names)}",
+            source=source,
+            where=where,
+        )
+    return int(model.getFrameId(f"{body.name}/{link}", pin.FrameType.BODY))
+
+
+def _tips(model: Any, body: SceneBody, scenario: Scenario, source: Path | None) -> list[SceneTip]:
+    if not isinstance(body.config, Robot):
+        return []
+    tips = []
+    for name, tip in body.config.tips.items():
+        path = f"{body.path}.tips.{name}"
+        link = tip.frame or name
+        frame = _frame(model, body, link, f"{path}.frame" if tip.frame else path, source)
+        joint = int(model.frames[frame].parentJoint)
+        held = any(grasp.tip == f"{body.name}/{name}" for grasp in scenario.grasps.values())
+        from_target = (
+            tip.reference is None
+            and held
+            and scenario.target is not None
+            and scenario.target.reference is not None
+        )
+        reference = tip.reference or (scenario.target.reference if from_target and scenario.target else None)
+        tips.append(
+            SceneTip(f"{body.name}/{name}", path, body, frame, joint, tip, reference or Hold(), from_target)
+        )
+    return tips
+
+
+def _grasps(
+    model: Any, scenario: Scenario, tips: Sequence[SceneTip], source: Path | None
+) -> tuple[SceneGrasp, ...]:
+    by_label = {tip.label: tip for tip in tips}
+    grasps = []
+    for name, config in scenario.grasps.items():
+        path = f"grasps.{name}"
+        links = [f.name.removeprefix("target/") for f in model.frames if f.name.startswith("target/")]
+        frame = model.getFrameId(f"target/{config.frame}", pin.FrameType.BODY)
+        if frame >= model.nframes:
+            raise ScenarioError(
+                f"no link {config.frame!r} in the target's URDF; {near_names(config.frame, links)}",
+                source=source,
+                where=f"{path}.frame",
+            )
+        joint = int(model.frames[frame].parentJoint)
+        grasps.append(SceneGrasp(name, path, by_label[config.tip], int(frame), joint, config))
+    return tuple(grasps)

@@ -1,0 +1,135 @@
+"""Checks of a built scene: planarity, gaps, consistent grasps."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from spacerobot.errors import ScenarioError
+from spacerobot.scenario import Compliant, Robot, Weld
+from spacerobot.scene.scene import Array, Scene, SceneBody, SceneGrasp
+
+AXIS_TOLERANCE = 1e-9
+VELOCITY_TOLERANCE = 1e-9
+
+
+def is_planar(model: Any, bodies: Sequence[SceneBody], q: Array) -> bool:
+    """Whether every joint keeps its body in a plane parallel to the world's x-y plane."""
+    if abs(model.gravity.linear[2]) > 0:
+        return False
+    if any(body.base.joint == "free_flyer" for body in bodies):
+        return False
+    data = model.createData()
+    jacobian = pin.computeJointJacobians(model, data, q)
+    for body in bodies:
+        for j in body.joints:
+            column = jacobian[:, model.joints[j].idx_v]
+            turns = bool(np.linalg.norm(column[3:]) > AXIS_TOLERANCE)
+            # a revolute axis must be upright; a prismatic one must lie in the plane
+            if np.linalg.norm(column[3:5]) > AXIS_TOLERANCE or (
+                not turns and abs(column[2]) > AXIS_TOLERANCE
+            ):
+                return False
+    return True
+
+
+def gap(model: Any, grasp: SceneGrasp, q: Array) -> Array:
+    """Vector from mating frame to tip, world axes (3,) [m]."""
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, q)
+    return np.array(data.oMf[grasp.tip.frame].translation - data.oMf[grasp.frame].translation)
+
+
+def check_gaps(scene: Scene) -> None:
+    """Refuse a grasp whose tip is not at its mating frame.
+
+    Raises
+    ------
+    ScenarioError
+        With the gap found, the gap allowed and how to close it.
+    """
+    for grasp in scene.grasps:
+        distance = float(np.linalg.norm(gap(scene.model, grasp, scene.q)))
+        if distance > grasp.config.max_gap:
+            raise ScenarioError(
+                f"does not close: {grasp.tip.label} is {distance:.4g} m from {grasp.config.frame}, allowed "
+                f"max_gap {grasp.config.max_gap:g} m; place a base by `close_grasp: {grasp.name}`",
+                source=scene.source,
+                where=grasp.path,
+            )
+
+
+def check_rigid(scene: Scene) -> None:
+    """Refuse rigid grasps that begin in relative motion or that fix a freedom twice.
+
+    Raises
+    ------
+    ScenarioError
+        Naming the grasps.
+    """
+    rows = []
+    for grasp in scene.grasps:
+        if isinstance(grasp.config, Compliant):
+            continue
+        jacobian = relative_jacobian(scene, grasp)
+        slip = jacobian @ scene.v
+        if np.linalg.norm(slip) > VELOCITY_TOLERANCE:
+            raise ScenarioError(
+                f"rigid, but tip and mating frame begin with relative velocity {np.linalg.norm(slip):.3g}",
+                source=scene.source,
+                where=grasp.path,
+            )
+        rows.append(jacobian)
+    if not rows:
+        return
+    stacked = np.vstack(rows)
+    rank = int(np.linalg.matrix_rank(stacked, tol=1e-8 * np.linalg.norm(stacked)))
+    if rank < len(stacked):
+        names = ", ".join(grasp.name for grasp in scene.grasps if not isinstance(grasp.config, Compliant))
+        raise ScenarioError(
+            f"the rigid grasps {names} fix {len(stacked)} freedoms of which only {rank} are independent in "
+            "the initial posture; use `kind: point` or `compliant` for one of them, or another posture",
+            source=scene.source,
+            where="grasps",
+        )
+
+
+def relative_jacobian(scene: Scene, grasp: SceneGrasp) -> Array:
+    """Velocity of a tip relative to the target's point that coincides with it (rows, nv), world axes.
+
+    Two or three translations, and for a weld one or three rotations behind them.
+    """
+    model, data = scene.model, scene.model.createData()
+    pin.computeJointJacobians(model, data, scene.q)
+    pin.updateFramePlacements(model, data)
+    frames = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+    tip = pin.getFrameJacobian(model, data, grasp.tip.frame, frames)
+    mate = pin.getFrameJacobian(model, data, grasp.frame, frames)
+    arm = data.oMf[grasp.tip.frame].translation - data.oMf[grasp.frame].translation
+    linear = tip[:3] - (mate[:3] - pin.skew(arm) @ mate[3:])
+    jacobian: Array = linear[list(scene.translation_axes)]
+    if isinstance(grasp.config, Weld):
+        jacobian = np.vstack([jacobian, (tip[3:] - mate[3:])[list(scene.rotation_axes)]])
+    return jacobian
+
+
+def check_limits(scene: Scene) -> None:
+    """Refuse torque limits on a robot whose joints have none.
+
+    Raises
+    ------
+    ScenarioError
+        Naming the joints.
+    """
+    for body in scene.robots:
+        if isinstance(body.config, Robot) and body.config.torque_limits:
+            without = [name for name, joint in body.config.joints.items() if joint.torque_limit is None]
+            if without:
+                raise ScenarioError(
+                    f"no effort limit in the URDF, nor joints.*.torque_limit, for {', '.join(without)}",
+                    source=scene.source,
+                    where=f"{body.path}.torque_limits",
+                )

@@ -1,0 +1,97 @@
+"""One Pinocchio model of the whole scene."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from spacerobot.description.read import Description
+from spacerobot.scenario import Body, Robot, Scenario, Target
+from spacerobot.scene.scene import SceneBody
+
+ROOT = "root"
+"""Name, behind the body's prefix, of the joint that floats a base."""
+
+
+def build_model(
+    scenario: Scenario, descriptions: Mapping[str, Description]
+) -> tuple[Any, tuple[SceneBody, ...]]:
+    """Model with every body as a subtree of the universe, and those bodies.
+
+    Parameters
+    ----------
+    scenario
+        Resolved: mass properties and damping are taken from it, not from the URDF.
+    descriptions
+        URDF of each body, by the body's dotted path.
+    """
+    configs: dict[str, Robot | Target] = {f"robots.{name}": robot for name, robot in scenario.robots.items()}
+    if scenario.target is not None:
+        configs["target"] = scenario.target
+    model = pin.Model()
+    model.name = scenario.name
+    for path, config in configs.items():
+        model = _append(model, path.rpartition(".")[2], descriptions[path], config)
+    model.gravity.linear = np.array(scenario.gravity)
+    bodies = tuple(_body(model, path, config, descriptions[path]) for path, config in configs.items())
+    for body in bodies:
+        _set_inertias(model, body)
+        _set_damping(model, body)
+    return model, bodies
+
+
+def _append(model: Any, name: str, description: Description, config: Body) -> Any:
+    """New model with one more body: Pinocchio's parser must not extend a model that is still in use."""
+    xml, base = description.to_pinocchio_xml(prefix=f"{name}/"), config.base
+    placement = pin.SE3.Identity()
+    if base.joint == "fixed":
+        own = pin.buildModelFromXML(xml)
+        placement.rotation = pin.rpy.rpyToMatrix(np.radians(base.rotation_deg))
+        placement.translation = np.array(base.position, dtype=float)
+    elif base.joint == "planar":
+        own = pin.buildModelFromXML(xml, pin.JointModelPlanar(), f"{name}/{ROOT}")
+        placement.translation = np.array([0.0, 0.0, base.position[2]])
+    else:
+        own = pin.buildModelFromXML(xml, pin.JointModelFreeFlyer(), f"{name}/{ROOT}")
+    return pin.appendModel(model, own, 0, placement)
+
+
+def _body(model: Any, path: str, config: Robot | Target, description: Description) -> SceneBody:
+    name = path.rpartition(".")[2]
+    floating = config.base.joint != "fixed"
+    root_joint = int(model.getJointId(f"{name}/{ROOT}")) if floating else 0
+    joints = tuple(
+        j for j in range(1, model.njoints) if model.names[j].startswith(f"{name}/") and j != root_joint
+    )
+    root_frame = int(model.getFrameId(f"{name}/{description.root}", pin.FrameType.BODY))
+    return SceneBody(name, path, config, description, root_frame, root_joint, joints)
+
+
+def _set_inertias(model: Any, body: SceneBody) -> None:
+    """Inertias from the scenario: links welded together by fixed joints add up at their moving joint."""
+    totals = {joint: pin.Inertia.Zero() for joint in body.subtree}
+    for name, link in body.config.links.items():
+        frame = model.frames[model.getFrameId(f"{body.name}/{name}", pin.FrameType.BODY)]
+        if frame.parentJoint not in totals:
+            continue  # welded to the world
+        totals[frame.parentJoint] += frame.placement.act(link_inertia(link))
+    for joint, inertia in totals.items():
+        model.inertias[joint] = inertia
+
+
+def link_inertia(link: Any) -> Any:
+    """``pinocchio.Inertia`` of a resolved link, in link axes."""
+    ixx, iyy, izz, ixy, ixz, iyz = link.inertia or (0.0,) * 6
+    matrix = np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
+    return pin.Inertia(link.mass or 0.0, np.array(link.com or (0.0, 0.0, 0.0)), matrix)
+
+
+def _set_damping(model: Any, body: SceneBody) -> None:
+    damping = np.array(model.damping)
+    for name, joint in body.config.joints.items():
+        index = model.joints[model.getJointId(f"{body.name}/{name}")].idx_v
+        damping[index] = joint.damping or 0.0
+    model.damping = damping

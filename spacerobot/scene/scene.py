@@ -1,0 +1,155 @@
+"""The scene: one Pinocchio model that holds every robot and the target."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spacerobot.description.read import Description
+from spacerobot.errors import ScenarioError, near_names
+from spacerobot.scenario import Base, Compliant, Point, Reference, Robot, Scenario, Target, Tip, Weld
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class SceneBody:
+    """A robot or the target: a subtree of the scene's model.
+
+    Attributes
+    ----------
+    name
+        Prefix of its links and joints in the model, ``rpr1`` of ``rpr1/joint_1``.
+    path
+        Its place in the scenario, ``robots.rpr1`` or ``target``.
+    config
+        Its part of the scenario, mass properties and joints filled in from the URDF.
+    description
+        The URDF as read.
+    root_frame
+        Frame of the root link.
+    root_joint
+        Joint that floats the base; 0 (the universe) for a fixed base.
+    joints
+        Ids of its other joints, parents first.
+    """
+
+    name: str
+    path: str
+    config: Robot | Target
+    description: Description
+    root_frame: int
+    root_joint: int
+    joints: tuple[int, ...]
+
+    @property
+    def base(self) -> Base:
+        """How the base is connected and where it begins."""
+        return self.config.base
+
+    @property
+    def subtree(self) -> tuple[int, ...]:
+        """Ids of all its joints, the floating base included."""
+        return (self.root_joint, *self.joints) if self.root_joint else self.joints
+
+
+@dataclass(frozen=True)
+class SceneTip:
+    """A frame of a robot that can hold something.
+
+    ``reference`` is the tip's own; ``from_target`` says that it is derived from the target's instead.
+    """
+
+    label: str
+    path: str
+    body: SceneBody
+    frame: int
+    joint: int
+    config: Tip
+    reference: Reference
+    from_target: bool
+
+
+@dataclass(frozen=True)
+class SceneGrasp:
+    """A tip and a mating frame of the target, joined."""
+
+    name: str
+    path: str
+    tip: SceneTip
+    frame: int
+    joint: int
+    config: Compliant | Point | Weld
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Everything that exists, and its initial state.
+
+    Attributes
+    ----------
+    scenario
+        The resolved scenario: mass properties and joints filled in from the URDFs.
+    source
+        The file it came from, if any.
+    model
+        ``pinocchio.Model`` of the whole scene; links and joints are named ``body/name``.
+    bodies
+        Robots in the scenario's order, then the target.
+    planar
+        Whether nothing can leave the x-y plane; tips and grasps then have two translations and one rotation.
+    q, v
+        Initial configuration and velocity in Pinocchio's coordinates (nq,), (nv,).
+    assumptions, warnings
+        What was assumed where the scenario is silent, and what a user should look at.
+    """
+
+    scenario: Scenario
+    source: Path | None
+    model: Any
+    bodies: tuple[SceneBody, ...]
+    tips: tuple[SceneTip, ...]
+    grasps: tuple[SceneGrasp, ...]
+    planar: bool
+    q: Array
+    v: Array
+    assumptions: tuple[str, ...]
+    warnings: tuple[str, ...]
+
+    @property
+    def robots(self) -> tuple[SceneBody, ...]:
+        """The bodies that are robots."""
+        return tuple(body for body in self.bodies if isinstance(body.config, Robot))
+
+    @property
+    def target(self) -> SceneBody | None:
+        """The held object."""
+        return next((body for body in self.bodies if isinstance(body.config, Target)), None)
+
+    @property
+    def translation_axes(self) -> tuple[int, ...]:
+        """World axes along which things move: x and y in a planar scene."""
+        return (0, 1) if self.planar else (0, 1, 2)
+
+    @property
+    def rotation_axes(self) -> tuple[int, ...]:
+        """World axes about which things turn: z in a planar scene."""
+        return (2,) if self.planar else (0, 1, 2)
+
+    def body(self, name: str) -> SceneBody:
+        """Body by name.
+
+        Raises
+        ------
+        ScenarioError
+            If there is none; the near names are listed.
+        """
+        by_name: Mapping[str, SceneBody] = {body.name: body for body in self.bodies}
+        if name not in by_name:
+            raise ScenarioError(f"no body {name!r}; {near_names(name, by_name)}", source=self.source)
+        return by_name[name]
