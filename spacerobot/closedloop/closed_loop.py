@@ -1,0 +1,87 @@
+"""The closed loop: x' = f(t, x, c), y = h(t, x, c), with everything tunable in p."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from spacerobot.errors import ScenarioError, near_names
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ClosedLoop:
+    """Robots, object, grasps and controllers as one differential equation.
+
+    Attributes
+    ----------
+    parameter_paths
+        Dotted paths of p: every number of the scenario that the closed loop depends on.
+    parameter_values
+        Their nominal values (np,), in the scenario's units.
+    state_names
+        Names of x = (q, v, z): configuration and velocity in Pinocchio's coordinates, then the states of
+        controllers and the three works of the energy balance.
+    nq, nv, nz
+        Sizes of q, v and z.
+    setup
+        (p) -> (x0, c): initial state and prepared constants, once for each rollout.
+    dynamics
+        (t, x, c) -> (xdot). Between two of ``breakpoints`` it is smooth in t; at one it takes the value
+        that holds afterwards.
+    normalise
+        (x) -> (x): cosine-sine pairs and quaternions back on their unit spheres.
+    outputs
+        (t, x, c) -> named column vectors; see :mod:`spacerobot.closedloop.outputs`.
+    breakpoints
+        Times at which a reference ends (s).
+    """
+
+    parameter_paths: tuple[str, ...]
+    parameter_values: Array
+    state_names: tuple[str, ...]
+    nq: int
+    nv: int
+    nz: int
+    setup: ca.Function
+    dynamics: ca.Function
+    normalise: ca.Function
+    outputs: ca.Function
+    breakpoints: tuple[float, ...]
+
+    @property
+    def nx(self) -> int:
+        """Size of the state."""
+        return self.nq + self.nv + self.nz
+
+    def index(self, path: str) -> int:
+        """Place of a parameter in p.
+
+        Raises
+        ------
+        ScenarioError
+            If the closed loop does not depend on it; the near names are listed.
+        """
+        try:
+            return self.parameter_paths.index(path)
+        except ValueError:
+            hint = near_names(path, self.parameter_paths)
+            raise ScenarioError(f"the closed loop does not depend on it; {hint}", where=path) from None
+
+    def parameters(self, changes: Mapping[str, float] | None = None) -> Array:
+        """Parameter vector p (np,) with some values changed.
+
+        Raises
+        ------
+        ScenarioError
+            For a path the closed loop does not depend on.
+        """
+        values = self.parameter_values.copy()
+        for path, value in (changes or {}).items():
+            values[self.index(path)] = value
+        return values

@@ -1,0 +1,105 @@
+"""Numbers of a scenario as symbols, and constants prepared once for each rollout."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+import casadi as ca
+import numpy as np
+
+from spacerobot.closedloop.closed_loop import Array
+from spacerobot.scenario import Scenario
+from spacerobot.scenario.load import to_document
+from spacerobot.scenario.paths import leaves
+
+
+class Parameters:
+    """Symbols of the numbers the closed loop asks for, made when first asked for.
+
+    A number that is exactly zero may be left out as *structurally* zero (:meth:`sparse`), which is what
+    makes a planar arm cost no more than a planar algorithm; ``vary`` names those to be kept all the same.
+    """
+
+    def __init__(self, scenario: Scenario, vary: Collection[str] = ()) -> None:
+        self._numbers = {
+            path: float(value)
+            for path, value in leaves(to_document(scenario))
+            if isinstance(value, int | float) and not isinstance(value, bool)
+        }
+        self._vary = frozenset(vary)
+        self._symbols: dict[str, ca.SX] = {}
+
+    def __call__(self, path: str) -> ca.SX:
+        """Symbol of one number (1x1)."""
+        if path not in self._symbols:
+            self._symbols[path] = ca.SX.sym(path)
+        return self._symbols[path]
+
+    def vector(self, path: str, size: int = 3) -> ca.SX:
+        """Symbols of a list of numbers (size x 1)."""
+        return ca.vertcat(*(self(f"{path}.{i}") for i in range(size)))
+
+    def sparse(self, path: str) -> ca.SX:
+        """Symbol of one number, or a structural zero if it is exactly zero and not to be varied."""
+        if self._numbers[path] == 0 and path not in self._vary:
+            return ca.SX(1, 1)
+        return self(path)
+
+    def sparse_vector(self, path: str, size: int = 3) -> ca.SX:
+        """Symbols of a list of numbers, exact zeros structural (size x 1)."""
+        return ca.vertcat(*(self.sparse(f"{path}.{i}") for i in range(size)))
+
+    def value(self, path: str) -> float:
+        """Nominal value of one number."""
+        return self._numbers[path]
+
+    @property
+    def paths(self) -> tuple[str, ...]:
+        """Paths asked for so far: the parameter vector's order."""
+        return tuple(self._symbols)
+
+    @property
+    def symbols(self) -> ca.SX:
+        """The parameter vector (np x 1)."""
+        return ca.vertcat(*self._symbols.values()) if self._symbols else ca.SX(0, 1)
+
+    @property
+    def values(self) -> Array:
+        """Nominal values of the parameter vector (np,)."""
+        return np.array([self._numbers[path] for path in self._symbols], dtype=float)
+
+
+class Constants:
+    """Expressions of the parameters that are evaluated once for each rollout instead of at each step."""
+
+    def __init__(self) -> None:
+        self._symbols: list[ca.SX] = []
+        self._expressions: list[ca.SX] = []
+
+    def hoist(self, name: str, expression: ca.SX) -> ca.SX:
+        """Matrix of symbols that stand for an expression of the parameters.
+
+        Structural zeros and numbers stay as they are.
+        """
+        hoisted = ca.SX(expression.sparsity())
+        rows, columns = expression.sparsity().row(), expression.sparsity().get_col()
+        for row, column in zip(rows, columns, strict=True):
+            entry = expression[row, column]
+            if entry.is_constant():
+                hoisted[row, column] = entry
+            else:
+                symbol = ca.SX.sym(f"{name}[{row},{column}]")
+                self._symbols.append(symbol)
+                self._expressions.append(entry)
+                hoisted[row, column] = symbol
+        return hoisted
+
+    @property
+    def symbols(self) -> ca.SX:
+        """Constants c as symbols (nc x 1)."""
+        return ca.vertcat(*self._symbols) if self._symbols else ca.SX(0, 1)
+
+    @property
+    def expressions(self) -> ca.SX:
+        """Constants c as an expression of the parameters (nc x 1)."""
+        return ca.vertcat(*self._expressions) if self._expressions else ca.SX(0, 1)
