@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import io
 from pathlib import Path
-from typing import get_args
 
 import numpy as np
 import yourdfpy as yp
 from lxml import etree
 
 from spacerobot.description.meshes import is_readable, resolve_mesh, stand_in
-from spacerobot.description.parts import Array, Geometry, Joint, JointKind, Link, Shape, frozen
+from spacerobot.description.parts import Array, Geometry, Joint, Link, Shape, frozen
 from spacerobot.errors import DescriptionError
 
 _SHORTEST_AXIS = 1e-9
@@ -26,12 +25,13 @@ def parse_urdf(root: etree._Element, source: Path) -> yp.Robot:
         If yourdfpy finds fault with it.
     """
     try:
-        urdf = yp.URDF.load(io.BytesIO(etree.tostring(root)), build_scene_graph=False, load_meshes=False)
+        text = etree.tostring(root, encoding="utf-8")  # the default, ASCII, breaks names beyond it
+        urdf = yp.URDF.load(io.BytesIO(text), build_scene_graph=False, load_meshes=False)
         urdf.validate()
     except (yp.URDFError, ValueError, KeyError, TypeError, AttributeError, IndexError) as error:
         raise DescriptionError(f"yourdfpy cannot read it: {error}", source=source) from error
     if urdf.errors:
-        raise DescriptionError(f"not valid: {urdf.errors[0].msg}", source=source)
+        raise DescriptionError(f"yourdfpy finds it not valid: {urdf.errors[0].msg}", source=source)
     return urdf.robot
 
 
@@ -41,18 +41,15 @@ def convert_joint(joint: yp.Joint, source: Path) -> Joint:
     Raises
     ------
     DescriptionError
-        If its kind cannot be simulated, its axis vanishes or its range is empty.
+        If its axis vanishes or its range is empty.
     """
     where = f"joint {joint.name!r}"
-    if joint.type not in get_args(JointKind):
-        allowed = ", ".join(get_args(JointKind))
-        raise DescriptionError(f"is of type {joint.type!r}, allowed: {allowed}", source=source, where=where)
     length = float(np.linalg.norm(joint.axis))
     if joint.type != "fixed" and length < _SHORTEST_AXIS:
         raise DescriptionError("its axis is zero", source=source, where=where)
     limit = joint.limit or yp.Limit()
     bounded = joint.type in ("revolute", "prismatic")
-    lower, upper = (limit.lower or 0.0, limit.upper or 0.0) if bounded else (-np.inf, np.inf)
+    lower, upper = (limit.lower, limit.upper) if bounded else (-np.inf, np.inf)
     if lower > upper:
         raise DescriptionError(
             f"lower limit {lower:g} lies above upper {upper:g}", source=source, where=where

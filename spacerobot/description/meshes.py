@@ -12,6 +12,7 @@ from spacerobot.description.find import is_file
 from spacerobot.description.parts import Array, Geometry, Shape, frozen
 
 _FRAME_BOX_M = 0.05  # of a link without mass
+_SHORTEST_EDGE_M, _LONGEST_EDGE_M = 5e-4, 1e3
 
 
 def resolve_mesh(filename: str, urdf: Path) -> Path | None:
@@ -74,6 +75,7 @@ def stand_in(mass: float, com: Array, inertia: Array) -> Shape:
         axes[:, 2] *= np.sign(np.linalg.det(axes))
         placement[:3, :3], placement[:3, 3] = axes, com
         # Box of edges a, b, c: I_1 = m (b^2 + c^2) / 12 and so on, solved for the edges.
-        squares = 6 / mass * (principal.sum() - 2 * principal)
-        edges = np.sqrt(np.maximum(squares, (0.01 * _FRAME_BOX_M) ** 2))
+        with np.errstate(over="ignore", invalid="ignore"):
+            squares = 6 * (principal.sum() - 2 * principal) / mass
+        edges = np.sqrt(np.clip(np.nan_to_num(squares), _SHORTEST_EDGE_M**2, _LONGEST_EDGE_M**2))
     return Shape(None, frozen(placement), Geometry("box", frozen(edges)), frozen((0.6, 0.6, 0.6, 1.0)))

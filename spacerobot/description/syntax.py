@@ -6,9 +6,11 @@ import math
 import re
 from collections.abc import Iterator
 from pathlib import Path
+from typing import get_args
 
 from lxml import etree
 
+from spacerobot.description.parts import JointKind
 from spacerobot.errors import DescriptionError
 
 LARGEST = 1e12
@@ -126,6 +128,9 @@ class _Checker:
 
     def _joint(self, joint: etree._Element) -> None:
         kind = self._text(joint, "type")
+        if kind not in get_args(JointKind):
+            allowed = ", ".join(get_args(JointKind))
+            raise self._error(joint, f"is of type {_shorten(kind)!r}, allowed: {allowed}")
         for end in ("parent", "child"):
             self._text(self._one(joint, end), "link")
         self._origin(joint)
@@ -133,11 +138,12 @@ class _Checker:
             self._numbers(axis, "xyz", 3)
         for _ in joint.findall("mimic"):
             raise self._error(joint, "mimics another joint, which cannot be simulated")
-        for limit in self._at_most_one(joint, "limit", needed=kind in ("revolute", "prismatic")):
+        bounded = kind in ("revolute", "prismatic")
+        for limit in self._at_most_one(joint, "limit", needed=bounded):
             for attribute in ("effort", "velocity"):
                 self._numbers(limit, attribute, 1, low=0, high=_LARGEST_LIMIT)
             for attribute in ("lower", "upper"):
-                self._numbers(limit, attribute, 1, needed=False, low=-_LARGEST_LIMIT, high=_LARGEST_LIMIT)
+                self._numbers(limit, attribute, 1, needed=bounded, low=-_LARGEST_LIMIT, high=_LARGEST_LIMIT)
         for dynamics in self._at_most_one(joint, "dynamics"):
             for attribute in ("damping", "friction"):
                 self._numbers(dynamics, attribute, 1, needed=False, low=0)

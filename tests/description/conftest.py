@@ -27,8 +27,8 @@ class UrdfText:
         ends = f'<parent link="{parent}"/><child link="{child}"/>'
         return f'<joint name="{name}" type="{kind}">{ends}{inside}</joint>'
 
-    def two_links(self, joint: str = LIMIT + DYNAMICS, *, kind: str = "revolute", child: str = INERTIAL) -> Path:
-        return self.write(self.link("a"), self.link("b", child), self.joint("j", "a", "b", kind, joint))
+    def two_links(self, joint: str = LIMIT + DYNAMICS, *, kind: str = "revolute", b: str = INERTIAL) -> Path:
+        return self.write(self.link("a"), self.link("b", b), self.joint("j", "a", "b", kind, joint))
 
     def write(self, *parts: str) -> Path:
         return self.write_text("\n".join(['<robot name="r">', *parts, "</robot>"]))

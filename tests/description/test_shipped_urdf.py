@@ -73,14 +73,14 @@ def test_planar_arm_is_the_papers_table_1() -> None:
     assert {joint.damping for joint in joints if joint.kind != "fixed"} == {0.1}
 
 
-@pytest.mark.parametrize(("yaw_deg", "sign", "expected"), [(0, 1, (0.729, 1.865)), (180, -1, (-0.729, 1.865))])
-def test_tip_of_the_papers_posture(yaw_deg: float, sign: int, expected: tuple[float, float]) -> None:
+@pytest.mark.parametrize(("yaw_deg", "sign", "tip_at"), [(0, 1, (0.729, 1.865)), (180, -1, (-0.729, 1.865))])
+def test_tip_of_the_papers_posture(yaw_deg: float, sign: int, tip_at: tuple[float, float]) -> None:
     model = planar_model(planar_arm_urdf())
     q = pin.neutral(model)
     q[2:4] = math.cos(math.radians(yaw_deg)), math.sin(math.radians(yaw_deg))
     q[4:] = sign * np.radians([40] * 4 + [-40] * 4)
     tip = frame_placement(model, "tip", q)
-    np.testing.assert_allclose(tip.translation[:2], expected, atol=5e-4)
+    np.testing.assert_allclose(tip.translation[:2], tip_at, atol=5e-4)
     assert tip.rotation[0, 0] == pytest.approx(math.cos(math.radians(yaw_deg)), abs=1e-12)
 
 

@@ -1,0 +1,172 @@
+"""Finding descriptions and the meshes they name."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from spacerobot.description import find, find_urdf, read_description, shipped_urdf_folder
+from spacerobot.description.meshes import resolve_mesh
+from spacerobot.errors import DescriptionError
+
+TETRAHEDRON = """\
+v 0 0 0
+v 1 0 0
+v 0 1 0
+v 0 0 1
+f 1 3 2
+f 1 2 4
+f 1 4 3
+f 2 3 4
+"""
+
+
+@pytest.mark.parametrize("name", ["rectangle", "rectangle.urdf"])
+def test_shipped_by_name(name: str, tmp_path: Path) -> None:
+    assert find_urdf(name) == shipped_urdf_folder() / "rectangle.urdf"
+    assert find_urdf(name, tmp_path) == shipped_urdf_folder() / "rectangle.urdf"
+
+
+def test_a_users_file_comes_before_a_shipped_one(tmp_path: Path) -> None:
+    scenario, own = tmp_path / "scenario.yaml", tmp_path / "rectangle.urdf"
+    scenario.touch()
+    (tmp_path / "elsewhere").mkdir()
+    own.touch()
+    assert find_urdf("rectangle.urdf", scenario) == own
+    assert find_urdf("rectangle.urdf", tmp_path) == own
+    assert find_urdf("../rectangle.urdf", tmp_path / "elsewhere") == own
+    assert find_urdf(str(own)) == find_urdf(own, Path("/")) == own
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("rectangel", "rectangel: no such URDF file.*did you mean rectangle.urdf"),
+        ("rectangel.urdf", "did you mean rectangle.urdf"),
+        ("/rectangle.urdf", "^/rectangle.urdf: no such URDF file.*did you mean rectangle.urdf"),
+        ("sub/rectangle.urdf", "no such URDF file"),
+        ("../urdf/rectangle.urdf", "no such URDF file"),
+        ("", "allowed: planar_arm.urdf, rectangle.urdf"),
+        (".", "allowed: planar_arm.urdf"),
+        ("..", "allowed: planar_arm.urdf"),
+        ("a\0b", "no such URDF file"),
+        ("x" * 5000, "no such URDF file"),
+    ],
+)
+def test_what_is_not_found_lists_near_names(name: str, message: str, tmp_path: Path) -> None:
+    for relative_to in (None, tmp_path):
+        with pytest.raises(DescriptionError, match=message):
+            find_urdf(name, relative_to)
+
+
+def test_shipped_folder_of_an_installed_wheel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A wheel carries the files inside the package, where they come before any folder beside it."""
+    package = tmp_path / "spacerobot"
+    (package / "description").mkdir(parents=True)
+    monkeypatch.setattr(find, "__file__", str(package / "description" / "find.py"))
+    with pytest.raises(DescriptionError, match="install spacerobot again"):
+        shipped_urdf_folder()
+    (tmp_path / "urdf").mkdir()
+    assert shipped_urdf_folder() == tmp_path / "urdf"
+    (package / "_urdf").mkdir()
+    assert shipped_urdf_folder() == package / "_urdf"
+
+
+@pytest.fixture
+def workspace(tmp_path: Path) -> Path:
+    """``ws/src/arm/{urdf,meshes}`` and ``ws/src/parts``, with a mesh in each."""
+    source = tmp_path / "ws" / "src"
+    for folder in ("arm/urdf", "arm/meshes", "parts"):
+        (source / folder).mkdir(parents=True)
+    for mesh in ("arm/meshes/link.obj", "arm/urdf/beside.obj", "parts/bolt.obj", "outside.obj"):
+        (source / mesh).write_text(TETRAHEDRON)
+    return source
+
+
+@pytest.mark.parametrize(
+    ("filename", "found"),
+    [
+        ("package://arm/meshes/link.obj", "arm/meshes/link.obj"),
+        ("package://parts/bolt.obj", "parts/bolt.obj"),
+        ("../meshes/link.obj", "arm/meshes/link.obj"),
+        ("beside.obj", "arm/urdf/beside.obj"),
+        ("package://arm/meshes/../urdf/beside.obj", "arm/urdf/beside.obj"),
+        ("package://arm/none.obj", None),
+        ("package://arm/../outside.obj", None),
+        ("package://other/link.obj", None),
+        ("package://../outside.obj", None),
+        ("package:///outside.obj", None),
+        ("package://arm", None),
+        ("package://arm/meshes", None),
+        ("http://example.org/link.obj", None),
+        ("model://arm/meshes/link.obj", None),
+        ("x" * 5000, None),
+    ],
+)
+def test_meshes_are_found_or_not(workspace: Path, filename: str, found: str | None) -> None:
+    mesh = resolve_mesh(filename, workspace / "arm" / "urdf" / "arm.urdf")
+    assert mesh == (workspace / found if found else None)
+
+
+def test_meshes_by_absolute_path_and_file_uri(workspace: Path) -> None:
+    mesh = workspace / "outside.obj"
+    assert resolve_mesh(str(mesh), workspace / "a.urdf") == mesh
+    assert resolve_mesh(mesh.as_uri(), workspace / "a.urdf") == mesh
+    assert resolve_mesh(f"package://arm/{mesh}", workspace / "arm" / "a.urdf") is None
+
+
+def mesh_robot(folder: Path, filename: str, inertial: str) -> Path:
+    place = '<origin xyz="0 0 1"/>'
+    visual = f'<visual>{place}<geometry><mesh filename="{filename}" scale="2 2 2"/></geometry></visual>'
+    path = folder / "own.urdf"
+    path.write_text(f'<robot name="r"><link name="a">{inertial}{visual}</link></robot>')
+    return path
+
+
+def test_a_mesh_reaches_pinocchio(workspace: Path, urdf) -> None:
+    path = mesh_robot(workspace / "arm" / "urdf", "package://arm/meshes/link.obj", urdf.INERTIAL)
+    description = read_description(path)
+    assert description.warnings == ()
+    xml = description.to_pinocchio_xml("s/")
+    model = pin.buildModelFromXML(xml, pin.JointModelFreeFlyer())
+    shape = pin.buildGeomFromUrdfString(model, xml, pin.GeometryType.VISUAL).geometryObjects[0]
+    assert Path(shape.meshPath) == workspace / "arm" / "meshes" / "link.obj"
+    np.testing.assert_array_equal(shape.meshScale, (2, 2, 2))
+    np.testing.assert_array_equal(shape.placement.translation, (0, 0, 1))
+
+
+@pytest.mark.parametrize(
+    ("content", "fault"), [(None, "not found"), ("rubbish", "cannot be read"), ("", "cannot be read")]
+)
+def test_a_box_of_the_same_inertia_stands_in(tmp_path: Path, content: str | None, fault: str) -> None:
+    """The box that stands in for a missing mesh is the uniform body with the link's own inertia."""
+    if content is not None:
+        (tmp_path / "m.stl").write_text(content)
+    inertial = (
+        '<inertial><origin xyz="1 2 3" rpy="0.3 -0.4 0.5"/><mass value="3"/>'
+        '<inertia ixx="1" iyy="1.2" izz="1.5" ixy="0.1"/></inertial>'
+    )
+    description = read_description(mesh_robot(tmp_path, "m.stl", inertial))
+    assert description.warnings == (f"link 'a': visual mesh 'm.stl' {fault}; a box stands in for it",)
+    link = description.links[0]
+    box = link.visuals[0]
+    turn = box.placement[:3, :3]
+    assert np.linalg.det(turn) == pytest.approx(1)
+    uniform = pin.Inertia.FromBox(3, *box.geometry.size).inertia
+    np.testing.assert_allclose(turn @ uniform @ turn.T, link.inertia, atol=1e-12)
+    np.testing.assert_array_equal(box.placement[:3, 3], (1, 2, 3))
+    xml = description.to_pinocchio_xml("s/")
+    model = pin.buildModelFromXML(xml)
+    assert pin.buildGeomFromUrdfString(model, xml, pin.GeometryType.VISUAL).ngeoms == 1
+
+
+def test_users_files_anywhere_on_disk(tmp_path: Path) -> None:
+    folder = tmp_path / "my röbots, all" / "a b"
+    folder.mkdir(parents=True)
+    path = folder / "arm & hand.urdf"
+    shutil.copy(find_urdf("servicer"), path)
+    assert read_description(find_urdf(path.name, folder)).path == path
