@@ -19,6 +19,10 @@ from spacerobot.rollout.kernel import Kernel
 from spacerobot.rollout.protocol import Array
 
 
+INWARD = 1e-9
+"""How far inside its ends each step is evaluated, in steps: what is said of it in ``rollout.hpp``."""
+
+
 @dataclass(frozen=True)
 class Raw:
     """Arrays that an engine fills, one row for each rollout.
@@ -225,7 +229,7 @@ class InterpretedEngine:
             if first_bad < n:
                 break
         visited = np.concatenate(states)
-        last = kernel.functions["dynamics"](done * grid.step_s, visited[-1], c)[1].full().T
+        last = kernel.functions["dynamics"]((done - INWARD) * grid.step_s, visited[-1], c)[1].full().T
         return c, visited, np.concatenate([*peaks, last])[: done + 1], done
 
     def _one(self, p: Array, grid: TimeGrid, raw: Raw, rows: Sequence[int]) -> None:
@@ -235,7 +239,7 @@ class InterpretedEngine:
         if raw.x is not None:
             raw.x[0, : len(sampled)] = sampled
         if raw.y is not None:
-            time = grid.time[None, : len(sampled)]
+            time = grid.time[None, : len(sampled)] - INWARD * grid.step_s
             raw.y[0, : len(sampled)] = kernel.functions["outputs"](time, sampled.T, c).full().T[:, list(rows)]
         raw.done[0] = done
         if done == grid.steps:
@@ -244,7 +248,7 @@ class InterpretedEngine:
 
     def reduce(self, c: Array, x: Array, m: Array, grid: TimeGrid) -> Array:
         """Measures r of a completed rollout."""
-        e = self.kernel.functions["final"](grid.steps * grid.step_s, x[-1], c).full().ravel()
+        e = self.kernel.functions["final"]((grid.steps - INWARD) * grid.step_s, x[-1], c).full().ravel()
         best = m.max(axis=0) if self.kernel.peaks else np.empty(0)
         return np.concatenate([x[-1, self.kernel.nx :], best, e])
 
@@ -252,10 +256,10 @@ class InterpretedEngine:
     def _step(self) -> ca.Function:
         f, nx, nc = self.kernel.functions["dynamics"], self.kernel.scale.size, self.kernel.size("setup", "c")
         x, k, h, c = ca.MX.sym("x", nx), ca.MX.sym("k"), ca.MX.sym("h"), ca.MX.sym("c", nc)
-        k1, m = f(k * h, x, c)
+        k1, m = f((k + INWARD) * h, x, c)
         k2, _ = f((k + 0.5) * h, x + h / 2 * k1, c)
         k3, _ = f((k + 0.5) * h, x + h / 2 * k2, c)
-        k4, _ = f((k + 1) * h, x + h * k3, c)
+        k4, _ = f((k + 1 - INWARD) * h, x + h * k3, c)
         y = self.kernel.functions["normalise"](x + h / 6 * k1 + h / 3 * k2 + h / 3 * k3 + h / 6 * k4)
         return ca.Function("step", [x, k, h, c], [y, m], ["x", "k", "h", "c"], ["next", "m"])
 

@@ -15,6 +15,10 @@ enum {
   NJ = G::objective_J, NR = INTEGRALS + NM + NE
 };
 
+// Where a reference ends, the dynamics jumps. Each step is evaluated this little (in steps) inside its two ends, so
+// that a jump on its boundary is seen from the step's own side, and samples show what led up to them.
+static const double INWARD = 1e-9;
+
 struct Job {
   int64_t count, steps, every;  // rollouts, steps in each, steps between samples
   double h;                     // step, s
@@ -54,7 +58,7 @@ static void scatter(const real* from, int width, int64_t first, int64_t count, d
 INLINE void step(int64_t k, double h, const real* c, real* stage, real* m, real* next) {
   real slope[NX], ignored[NM + 1];
   real *x1 = stage, *x2 = x1 + NX, *x3 = x2 + NX, *x4 = x3 + NX, *sum = x4 + NX;
-  const double t = k * h, middle = (k + 0.5) * h, end = (k + 1) * h;
+  const double t = (k + INWARD) * h, middle = (k + 0.5) * h, end = (k + 1 - INWARD) * h;
   const real t1[1] = {t}, t2[1] = {middle}, t4[1] = {end};
   G::dynamics(t1, x1, c, slope, m);
   for (int i = 0; i < NX; ++i) sum[i] = x1[i] + h / 6 * slope[i], x2[i] = x1[i] + h / 2 * slope[i];
@@ -84,7 +88,7 @@ struct Course {
 static void sample(const Job& job, int64_t first, int64_t k, const Course& at) {
   const int64_t samples = job.steps / job.every + 1, s = k / job.every;
   real y[NY + 1];
-  const real t[1] = {k * job.h};
+  const real t[1] = {(k - INWARD) * job.h};
   if (job.y) G::outputs(t, at.x, at.c, y);
   for (int l = 0; l < LANES && first + l < job.count; ++l) {
     if (lane(at.alive, l) == 0) continue;
@@ -123,7 +127,7 @@ static bool integrate(const Job& job, int64_t first, const real* p, Course& at, 
     at.done = at.done + at.alive;
   }
   if (job.x || job.y) sample(job, first, job.steps, at);
-  const real t[1] = {job.steps * job.h};
+  const real t[1] = {(job.steps - INWARD) * job.h};
   if (PEAKS) {
     G::dynamics(t, at.x, at.c, next, m);
     compete(m, at.alive, job.steps, best, at.when);
@@ -170,7 +174,7 @@ INLINE void accumulate(real* sum, const real* part, int n) {
 
 // xbar at the end of a step becomes xbar at its beginning.
 static void step_reverse(int64_t k, double h, const real* c, const real* stage, real* xbar, real* cbar) {
-  const double time[4] = {k * h, (k + 0.5) * h, (k + 0.5) * h, (k + 1) * h};
+  const double time[4] = {(k + INWARD) * h, (k + 0.5) * h, (k + 0.5) * h, (k + 1 - INWARD) * h};
   const double weight[4] = {h / 6, h / 3, h / 3, h / 6}, reach[4] = {h / 2, h / 2, h, 0};
   real sum[NX], slope[NX], stage_bar[NX], part[NW + 1];
   G::normalise_reverse(stage + 4 * NX, xbar, sum);
@@ -185,8 +189,8 @@ static void step_reverse(int64_t k, double h, const real* c, const real* stage, 
 }
 
 // Seeds of the peaks that were met at step k.
-static void peaks_reverse(int64_t k, double h, const Course& at, const real* x, const real* rbar, real* xbar,
-                          real* cbar) {
+static void peaks_reverse(int64_t k, int64_t steps, double h, const Course& at, const real* x, const real* rbar,
+                          real* xbar, real* cbar) {
   real seed[PEAKS + 1], xpart[NX], cpart[NW + 1], here = 0.;
   for (int i = 0; i < PEAKS; ++i) {
     const real met = at.when[i] == real(double(k));
@@ -194,7 +198,7 @@ static void peaks_reverse(int64_t k, double h, const Course& at, const real* x, 
     here = here || met;
   }
   if (!any(here)) return;
-  const real t[1] = {k * h};
+  const real t[1] = {(k < steps ? k + INWARD : k - INWARD) * h};
   G::peaks_reverse(t, x, at.c, seed, xpart, cpart);
   accumulate(xbar, xpart, NX);
   accumulate(cbar, cpart, NW);
@@ -216,10 +220,10 @@ extern "C" int64_t gradients(const Job* given, const AdjointJob* adjoint) {
     if (!integrate(job, first, p, at, tape.get(), segment, checkpoint.get())) return first;
     G::objective(at.r, p, cost);
     G::objective_reverse(at.r, p, seed, rbar, direct);
-    const real t[1] = {job.steps * job.h};
+    const real t[1] = {(job.steps - INWARD) * job.h};
     G::final_reverse(t, at.x, at.c, rbar + INTEGRALS + PEAKS, xbar, cbar);
     for (int i = 0; i < INTEGRALS; ++i) xbar[NX - INTEGRALS + i] = rbar[i];
-    peaks_reverse(job.steps, job.h, at, at.x, rbar, xbar, cbar);
+    peaks_reverse(job.steps, job.steps, job.h, at, at.x, rbar, xbar, cbar);
     for (int64_t s = segments - 1; s >= 0; --s) {
       const int64_t begin = s * segment, stop = begin + segment < job.steps ? begin + segment : job.steps;
       if (s < segments - 1) {  // the tape holds a later segment: integrate this one again
@@ -232,7 +236,7 @@ extern "C" int64_t gradients(const Job* given, const AdjointJob* adjoint) {
         if (k % job.every == 0 && *job.stop) return first;
         const real* stage = tape.get() + (k - begin) * 5 * NX;
         step_reverse(k, job.h, at.c, stage, xbar, cbar);
-        if (PEAKS) peaks_reverse(k, job.h, at, stage, rbar, xbar, cbar);
+        if (PEAKS) peaks_reverse(k, job.steps, job.h, at, stage, rbar, xbar, cbar);
       }
     }
     G::setup_reverse(p, xbar, cbar, pbar);
