@@ -103,14 +103,18 @@ class FreeFloating:
         """Momentum per joint rate while the base stands still, 6xn.
 
         Linear momentum (kg m), then angular momentum about the robot's centre of mass (kg m^2), world
-        axes; rows that the base cannot react to (a planar base, out of its plane) are structurally zero.
+        axes. A planar base has its in-plane share alone: it cannot react to the rest.
         """
         index = self.base.index
         wrench = ca.mtimes(self._base_subspace(), self.base_coupling)
         bodies = subtree(self.model, index)
         centre = centre_of_mass(self.model, self.kinematics, self.inertias, bodies)
         lever = self.kinematics.origin[index] - centre
-        return ca.vertcat(wrench[:3, :], wrench[3:, :] + cross_columns(lever, wrench[:3, :]))
+        moved = cross_columns(lever, wrench[:3, :])
+        if self.base.kind is JointKind.PLANAR:
+            normal = self.kinematics.angular[index][:, 2]
+            moved = ca.mtimes(normal, ca.mtimes(normal.T, moved))
+        return ca.vertcat(wrench[:3, :], wrench[3:, :] + moved)
 
     def _base_subspace(self) -> ca.SX:
         index = self.base.index
