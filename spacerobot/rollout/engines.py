@@ -18,7 +18,6 @@ from spacerobot.rollout.grid import TimeGrid
 from spacerobot.rollout.kernel import Kernel
 from spacerobot.rollout.protocol import Array
 
-
 INWARD = 1e-9
 """How far inside its ends each step is evaluated, in steps: what is said of it in ``rollout.hpp``."""
 
