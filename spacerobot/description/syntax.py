@@ -32,10 +32,8 @@ def parse_xml(data: bytes, source: Path) -> etree._Element:
     Raises
     ------
     DescriptionError
-        If it is no well-formed XML, or declares a document type or entities.
+        If it is no well-formed XML, or declares a document type (and with it perhaps entities).
     """
-    if b"<!ENTITY" in data:
-        raise DescriptionError("declares XML entities, which a URDF may not", source=source)
     parser = etree.XMLParser(
         resolve_entities=False,
         no_network=True,

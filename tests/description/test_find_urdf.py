@@ -10,7 +10,7 @@ import pinocchio as pin
 import pytest
 
 from spacerobot.description import find, find_urdf, read_description, shipped_urdf_folder
-from spacerobot.description.meshes import resolve_mesh
+from spacerobot.description.meshes import resolve_mesh, stand_in
 from spacerobot.errors import DescriptionError
 
 TETRAHEDRON = """\
@@ -162,6 +162,18 @@ def test_a_box_of_the_same_inertia_stands_in(tmp_path: Path, content: str | None
     xml = description.to_pinocchio_xml("s/")
     model = pin.buildModelFromXML(xml)
     assert pin.buildGeomFromUrdfString(model, xml, pin.GeometryType.VISUAL).ngeoms == 1
+
+
+def test_stand_in_frames_are_right_handed() -> None:
+    rng = np.random.default_rng(3)
+    for _ in range(20):
+        turn, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+        inertia = turn @ np.diag(rng.uniform(1, 1.9, 3)) @ turn.T
+        box = stand_in(2.0, np.zeros(3), inertia)
+        own = box.placement[:3, :3]
+        assert np.linalg.det(own) == pytest.approx(1)
+        uniform = pin.Inertia.FromBox(2, *box.geometry.size).inertia
+        np.testing.assert_allclose(own @ uniform @ own.T, inertia, atol=1e-12)
 
 
 def test_users_files_anywhere_on_disk(tmp_path: Path) -> None:

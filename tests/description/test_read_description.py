@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from spacerobot.description import Description, find_urdf, read_description, shipped_names
 from spacerobot.description import read as read_module
+from spacerobot.description.bodies import welded_bodies
 from spacerobot.errors import DescriptionError
 
 NUMBERS = st.floats(-2, 2).map(lambda value: round(value, 3))
@@ -93,6 +94,20 @@ def test_shipped_files_reach_pinocchio_with_names_and_shapes(name: str) -> None:
         [shape.meshColor for shape in visuals],
         [shape.rgba for link in _as_pinocchio_orders(description, visuals) for shape in link.visuals],
     )
+
+
+@settings(deadline=None, max_examples=60, derandomize=True)
+@given(urdf=trees())
+def test_welded_bodies_are_pinocchios(tmp_path_factory, urdf: str) -> None:
+    """Pinocchio, too, adds links that are fixed to each other; principal inertias do not depend on frames."""
+    path = tmp_path_factory.mktemp("tree") / "tree.urdf"
+    path.write_text(urdf)
+    description = read_description(path)
+    model = pin.buildModelFromXML(urdf, pin.JointModelFreeFlyer())
+    bodies = welded_bodies(description.links, description.joints, description.root)
+    found = sorted([body.mass, *np.linalg.eigvalsh(body.inertia)] for body in bodies)
+    expected = sorted([one.mass, *np.linalg.eigvalsh(one.inertia)] for one in list(model.inertias)[1:])
+    np.testing.assert_allclose(found, expected, rtol=1e-10)
 
 
 def _as_pinocchio_orders(description: Description, visuals) -> list:
