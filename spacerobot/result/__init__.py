@@ -1,0 +1,6 @@
+"""Results: labelled data, metrics, ledger, and their folders on disk."""
+
+from spacerobot.result.result import Result
+from spacerobot.result.store import check_folder, load, save
+
+__all__ = ["Result", "check_folder", "load", "save"]

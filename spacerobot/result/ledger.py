@@ -1,0 +1,59 @@
+"""The ledger: what must not change, and by how much it did."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from spacerobot.scenario import Scenario
+
+
+def build_ledger(data: xr.Dataset, scenario: Scenario) -> dict[str, Any]:
+    """Momentum drift and energy balance of a result.
+
+    Momentum is of robots and target together, about the world's origin; its drift is compared with the
+    largest momentum of a single body. It is not conserved where a base is fixed or gravity pulls, and then
+    said to be so. The energy balance compares what the balance leaves open with the largest energy in it.
+    """
+    return {"momentum": _momentum(data, scenario), "energy": _energy(data)}
+
+
+def _momentum(data: xr.Dataset, scenario: Scenario) -> dict[str, Any]:
+    bodies = [*scenario.robots.values(), *([scenario.target] if scenario.target else [])]
+    if any(body.base.joint == "fixed" for body in bodies):
+        return {"conserved": False, "reason": "a base is fixed"}
+    if any(scenario.gravity):
+        return {"conserved": False, "reason": "gravity acts"}
+    found: dict[str, Any] = {"conserved": True}
+    for kind, unit in (("linear", "n_s"), ("angular", "n_m_s")):
+        total, partial = data[f"momentum_{kind}"].values, data[f"body_momentum_{kind}"].values
+        drift = float(np.linalg.norm(total - total[0], axis=-1).max())
+        largest = float(np.linalg.norm(partial, axis=-1).max())
+        found[kind] = {
+            f"initial_{unit}": [float(x) for x in total[0]],
+            f"drift_{unit}": drift,
+            f"largest_partial_{unit}": largest,
+            "relative_drift": drift / largest if largest > 0 else drift,
+        }
+    return found
+
+
+def _energy(data: xr.Dataset) -> dict[str, Any]:
+    """Actuator power in = change of kinetic and spring energy + what joints and grippers dissipate."""
+    stored = data.energy_kinetic + data.energy_spring + data.energy_potential
+    change = (stored - stored[0]).values
+    flows = {name: data[f"work_{name}"].values for name in ("actuator", "joint", "grasp", "constraint")}
+    residual = change - (flows["actuator"] - flows["joint"] - flows["grasp"] + flows["constraint"])
+    largest = max(float(np.abs(x).max()) for x in (change, stored.values, *flows.values()))
+    worst = float(np.abs(residual).max())
+    return {
+        "actuator_work_j": float(flows["actuator"][-1]),
+        "stored_change_j": float(change[-1]),
+        "joint_loss_j": float(flows["joint"][-1]),
+        "grasp_loss_j": float(flows["grasp"][-1]),
+        "constraint_work_j": float(flows["constraint"][-1]),
+        "largest_residual_j": worst,
+        "relative_residual": worst / largest if largest > 0 else worst,
+    }

@@ -1,0 +1,50 @@
+"""The result of a simulation: labelled data, a summary, and the scenario that made it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import xarray as xr
+
+from spacerobot.scenario import Scenario
+from spacerobot.scene import Scene, build_scene
+
+
+@dataclass(frozen=True)
+class Result:
+    """What came out of one simulation.
+
+    Attributes
+    ----------
+    scenario
+        The resolved scenario; running it again gives the same result.
+    data
+        Everything over time, labelled and with units; see :mod:`spacerobot.result.dataset`.
+    summary
+        Numbers and status, as in ``summary.json``; see :mod:`spacerobot.result.summary`.
+    folder
+        Where it was read from or written to, if it was.
+    """
+
+    scenario: Scenario
+    data: xr.Dataset
+    summary: Mapping[str, Any]
+    folder: Path | None = None
+
+    @property
+    def completed(self) -> bool:
+        """Whether the rollout reached its end."""
+        return bool(self.summary["status"]["state"] == "completed")
+
+    def scene(self) -> Scene:
+        """The scene it was simulated in, built anew from its scenario."""
+        return build_scene(self.scenario, source=self.folder / "scenario.yaml" if self.folder else None)
+
+    def _repr_html_(self) -> str:
+        """Summary table for notebooks."""
+        from spacerobot.result.table import summary_html
+
+        return summary_html(self)

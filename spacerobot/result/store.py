@@ -1,0 +1,134 @@
+"""Result folders: written whole or not at all.
+
+A folder holds ``scenario.yaml`` (resolved), ``summary.json`` and ``result.nc``. The files are written
+beside it first and then moved into place, so that a full disk or an interruption leaves nothing half-done.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import json
+import shutil
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import xarray as xr
+
+from spacerobot.errors import ResultError, ScenarioError
+from spacerobot.result.result import Result
+from spacerobot.result.summary import FORMAT
+from spacerobot.scenario.load import read_document, to_yaml, validate
+
+SCENARIO, SUMMARY, DATA = "scenario.yaml", "summary.json", "result.nc"
+FILES = (SCENARIO, DATA, SUMMARY)
+"""In the order they are moved into place: the summary last, so that a folder with one is complete."""
+
+
+def check_folder(folder: Path) -> None:
+    """Refuse, before any work is done, a folder that could not be written or that holds something else.
+
+    Raises
+    ------
+    ResultError
+        With the reason.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise ResultError("is a file, not a folder", source=folder)
+    if folder.is_dir() and any(folder.iterdir()) and not any((folder / name).exists() for name in FILES):
+        raise ResultError("holds files that are no result; name an empty or a new folder", source=folder)
+    with _writing(folder), _stage(folder):
+        pass
+
+
+def save(result: Result, folder: Path) -> Result:
+    """Write a result; one that is there already is replaced.
+
+    Returns
+    -------
+    Result
+        The same, knowing its folder.
+
+    Raises
+    ------
+    ResultError
+        If the folder cannot be written; what was there before is then still there.
+    """
+    with _writing(folder), _stage(folder) as stage:
+        (stage / SCENARIO).write_text(to_yaml(result.scenario), encoding="utf-8")
+        encoding = {str(name): {"zlib": True, "complevel": 1} for name in result.data.data_vars}
+        result.data.to_netcdf(stage / DATA, engine="netcdf4", encoding=encoding)
+        text = json.dumps(result.summary, indent=2, allow_nan=False)
+        (stage / SUMMARY).write_text(text + "\n", encoding="utf-8")
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / SUMMARY).unlink(missing_ok=True)
+        for name in FILES:
+            (stage / name).replace(folder / name)
+    return dataclasses.replace(result, folder=folder)
+
+
+def load(folder: Path | str) -> Result:
+    """Read a result folder.
+
+    Raises
+    ------
+    ResultError
+        If it is not a complete result, or one of another version's layout.
+    """
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise ResultError("no such folder", source=folder)
+    missing = [name for name in FILES if not (folder / name).is_file()]
+    if missing:
+        raise ResultError(f"not a complete result: no {', '.join(missing)}", source=folder)
+    summary = _parse(folder / SUMMARY, lambda path: json.loads(path.read_text(encoding="utf-8")))
+    found = summary.get("format") if isinstance(summary, dict) else None
+    if found != FORMAT:
+        raise ResultError(
+            f"written by another version: layout {found!r}, this one reads {FORMAT}; run its scenario again",
+            source=folder / SUMMARY,
+        )
+    data = _parse(folder / DATA, lambda path: xr.load_dataset(path, engine="netcdf4"))
+    try:
+        scenario = validate(read_document(folder / SCENARIO), source=folder / SCENARIO)
+    except ScenarioError as fault:
+        raise ResultError(str(fault)) from None
+    return Result(scenario, data, summary, folder)
+
+
+def _parse(path: Path, reader: Callable[[Path], Any]) -> Any:
+    try:
+        return reader(path)
+    except (OSError, ValueError, RuntimeError, KeyError) as fault:
+        raise ResultError(f"cannot be read: {fault}", source=path) from None
+
+
+@contextlib.contextmanager
+def _writing(folder: Path) -> Any:
+    """Tell any fault of the file system in one line."""
+    try:
+        yield
+    except OSError as fault:
+        raise ResultError(f"cannot be written: {fault.strerror or fault}", source=folder) from None
+    except RuntimeError as fault:  # the netCDF library's own
+        raise ResultError(f"cannot be written: {fault}", source=folder) from None
+
+
+@contextlib.contextmanager
+def _stage(folder: Path) -> Any:
+    """Temporary folder on the same file system, gone afterwards."""
+    home = folder if folder.is_dir() else folder.parent
+    made = [path for path in (home, *home.parents) if not path.exists()]
+    home.mkdir(parents=True, exist_ok=True)
+    try:
+        stage = Path(tempfile.mkdtemp(prefix=".spacerobot-", dir=home))
+        try:
+            yield stage
+        finally:
+            shutil.rmtree(stage, ignore_errors=True)
+    finally:
+        for path in made:
+            with contextlib.suppress(OSError):
+                path.rmdir()  # only where nothing was put into it

@@ -1,0 +1,66 @@
+"""The summary of a result, as it stands in ``summary.json``."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Mapping
+from importlib.metadata import PackageNotFoundError, version
+from typing import Any
+
+import xarray as xr
+
+import spacerobot
+from spacerobot.result.ledger import build_ledger
+from spacerobot.result.metrics import body_motion, greatest_grip, greatest_torque, tip_errors
+from spacerobot.rollout import Trajectory
+from spacerobot.scene import Scene
+
+FORMAT = 1
+"""Version of the result's layout; a result of another one is refused."""
+
+
+def build_summary(
+    scene: Scene, data: xr.Dataset, trajectory: Trajectory, timing: Mapping[str, float]
+) -> dict[str, Any]:
+    """Status, headline numbers, ledger, timing, assumptions and versions of a simulation."""
+    bodies = body_motion(data)
+    return {
+        "format": FORMAT,
+        "name": scene.scenario.name,
+        "status": _status(trajectory),
+        "tip_error": tip_errors(data),
+        "target": bodies.get("target"),
+        "bases": {body.name: bodies[body.name] for body in scene.robots},
+        "greatest_torque": greatest_torque(data),
+        "greatest_grip": greatest_grip(data),
+        "ledger": build_ledger(data, scene.scenario),
+        "engine": {
+            "name": scene.scenario.simulation.engine,
+            "backend": trajectory.backend,
+            "step_s": trajectory.step_s if trajectory.steps else None,
+            "steps": trajectory.steps,
+        },
+        "timing_s": dict(timing),
+        "assumptions": list(scene.assumptions),
+        "warnings": list(scene.warnings),
+        "urdf_sha256": {body.name: body.description.sha256 for body in scene.bodies},
+        "versions": _versions(),
+    }
+
+
+def _status(trajectory: Trajectory) -> dict[str, Any]:
+    return {
+        "state": trajectory.status,
+        "reached_s": float(trajectory.time[-1]),
+        "diverged_at_s": trajectory.diverged_at_s,
+    }
+
+
+def _versions() -> dict[str, str]:
+    found = {"spacerobot": spacerobot.__version__, "python": platform.python_version()}
+    for package in ("pin", "casadi", "numpy", "yourdfpy"):
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:
+            found[package] = "unknown"
+    return found

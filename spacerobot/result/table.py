@@ -1,0 +1,72 @@
+"""A result's headline numbers as rows of text, for the terminal and for notebooks."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Mapping
+from typing import Any
+
+from spacerobot.result.result import Result
+
+Row = tuple[str, str]
+
+
+def headline(result: Result) -> list[Row]:
+    """What a person wants to know first, one row each."""
+    summary = result.summary
+    rows = [("status", status_text(summary["status"]))]
+    for tip, axes in summary["tip_error"].items():
+        shown = ["x", "y"] if "body_angle" in result.data else ["x", "y", "z"]
+        spans = ", ".join(
+            f"{axis} {axes[axis]['min_m'] * 1e3:+.3f} .. {axes[axis]['max_m'] * 1e3:+.3f}" for axis in shown
+        )
+        rows.append((f"tip error {tip}", f"{spans} mm (rms {axes['norm']['rms_m'] * 1e3:.3f} mm)"))
+    if summary["target"] is not None:
+        rows.append(("object turned by at most", f"{summary['target']['max_rotation_deg']:.4g} deg"))
+    for base, motion in summary["bases"].items():
+        moved = f"{motion['max_rotation_deg']:.4g} deg, {motion['max_travel_m'] * 1e3:.4g} mm"
+        rows.append((f"base {base} moved by at most", moved))
+    torque, grip = summary["greatest_torque"], summary["greatest_grip"]
+    rows.append(("greatest joint torque", _peak(torque, "torque_n_m", "N m", "joint")))
+    rows.append(("greatest grip force", _peak(grip, "force_n", "N", "grasp")))
+    return rows + ledger_rows(summary["ledger"]) + [("engine", _engine(summary))]
+
+
+def status_text(status: Mapping[str, Any]) -> str:
+    """``completed`` or when it diverged."""
+    if status["state"] == "completed":
+        return f"completed, {status['reached_s']:g} s"
+    return f"diverged after {status['diverged_at_s']:.6g} s"
+
+
+def ledger_rows(ledger: Mapping[str, Any]) -> list[Row]:
+    """Conservation of momentum and the energy balance."""
+    momentum, energy = ledger["momentum"], ledger["energy"]
+    if momentum["conserved"]:
+        drifts = (f"{momentum[kind]['relative_drift']:.1e} {kind}" for kind in ("linear", "angular"))
+        kept = ", ".join(drifts) + " (of the largest partial momentum)"
+    else:
+        kept = f"not conserved: {momentum['reason']}"
+    balance = f"open by {energy['relative_residual']:.1e} (of the largest energy)"
+    return [("momentum drift", kept), ("energy balance", balance)]
+
+
+def _peak(peak: Mapping[str, Any], key: str, unit: str, place: str) -> str:
+    if peak[place] is None:
+        return "none"
+    return f"{peak[key]:.4g} {unit} ({peak[place]}, {peak['time_s']:.3g} s)"
+
+
+def _engine(summary: Mapping[str, Any]) -> str:
+    engine, timing = summary["engine"], summary["timing_s"]
+    step = f", steps of {engine['step_s'] * 1e3:g} ms" if engine["step_s"] else ""
+    return f"{engine['name']} ({engine['backend']}){step}, {timing['rollout'] * 1e3:.0f} ms for the rollout"
+
+
+def summary_html(result: Result) -> str:
+    """HTML table of the headline, text escaped."""
+    rows = "".join(
+        f"<tr><th style='text-align:left'>{html.escape(name)}</th><td>{html.escape(value)}</td></tr>"
+        for name, value in headline(result)
+    )
+    return f"<table><caption>{html.escape(result.scenario.name)}</caption>{rows}</table>"
