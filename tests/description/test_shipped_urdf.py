@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
@@ -120,6 +121,20 @@ def test_planar_arm_of_any_size(links: int, length: float, inertias: list[float]
         principal = np.linalg.eigvalsh(inertia)
         assert principal[0] > 0
         assert principal[0] + principal[1] >= principal[2] * (1 - 1e-12)
+
+
+@pytest.mark.parametrize("link", [(1e-3, 1e-6, 1e12), (1e3, 1e9, 1e-9), (1e3, 1e-6, 1e-9), (1e-3, 1e9, 1e12)])
+def test_whatever_is_in_range_can_be_read(tmp_path: Path, link: tuple[float, float, float]) -> None:
+    length, mass, inertia = link
+    for urdf in (
+        planar_arm_urdf(200, length, mass, (inertia,), 1e-6, 1e-9, 1e-3, 0),
+        planar_arm_urdf(1, length, mass, (inertia,), 1e9, 1e12, 1e3, 1e6),
+        rectangle_urdf(length, 89, mass, inertia, 1e-4),
+        rectangle_urdf(length, 0, mass, inertia, 1e3),
+    ):
+        path = tmp_path / "made.urdf"
+        path.write_text(urdf)
+        assert all("only" in warning for warning in read_description(path).warnings)
 
 
 @pytest.mark.parametrize(
