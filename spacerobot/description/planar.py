@@ -104,7 +104,7 @@ def _base(mass_kg: float, inertia_kg_m2: float, radius_m: float) -> list[str]:
 
 
 def _chain_link(index: int, length_m: float, mass_kg: float, izz: float) -> list[str]:
-    """A slender bar along x, with a rod's inertia about x, kept physical beside the others and not too unlike."""
+    """A slender bar along x, with a rod's inertia about x, kept physical beside the other two."""
     width = 0.2 * length_m
     ixx = max(min(mass_kg * width**2 / 6, izz), 1e-3 * izz)
     colour = "white" if index % 2 else "orange"
