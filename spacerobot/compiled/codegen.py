@@ -23,6 +23,7 @@ BINARY = ("pow", "atan2", "hypot", "fmod", "remainder")
 _BODY = re.compile(r"^static int casadi_f0\(.*?\) \{\n(.*?)^  return 0;\n\}", re.MULTILINE | re.DOTALL)
 _READ = re.compile(r"arg\[(\d+)\]\? arg\[\d+\]\[(\d+)\] : 0;")
 _WRITE = re.compile(r"if \(res\[(\d+)\]!=0\) res\[\d+\]\[(\d+)\]=")
+_TURN = re.compile(r"\b(sin|cos)\(")
 _CONDITIONAL = re.compile(r"\((a\d+)\?(a\d+):0\)")
 
 
@@ -77,6 +78,7 @@ def _member(name: str, function: ca.Function) -> str:
     body = match.group(1).replace("casadi_real", "real")
     body = _READ.sub(r"arg\1[\2];", body)
     body = _WRITE.sub(r"res\1[\2]=", body)
+    body = _TURN.sub(r"casadi_\1(", body)
     body = _CONDITIONAL.sub(r"casadi_if_else_zero(\1,\2)", body)
     reads = [f"const real* __restrict arg{i}" for i in range(function.n_in())]
     writes = [f"real* __restrict res{i}" for i in range(function.n_out())]

@@ -15,6 +15,9 @@
 #if LANES == 1
 
 typedef double real;
+typedef int64_t bits;
+INLINE bits to_bits(real a) { bits b; std::memcpy(&b, &a, sizeof b); return b; }
+INLINE real from_bits(bits b) { real a; std::memcpy(&a, &b, sizeof a); return a; }
 INLINE real select(real condition, real a, real b) { return condition != 0 ? a : b; }
 INLINE double& lane(real& a, int) { return a; }
 INLINE double lane(const real& a, int) { return a; }
@@ -31,6 +34,9 @@ struct real {
   __attribute__((always_inline)) real(double s) : v(s - pack{}) {}  // s - 0 is s, whatever its sign
 };
 
+INLINE bits to_bits(real a) { return (bits)a.v; }
+INLINE real from_bits(bits b) { return real((pack)b); }
+
 #define ARITHMETIC(op) \
   INLINE real operator op(real a, real b) { return real(a.v op b.v); } \
   INLINE real operator op(double a, real b) { return real(a op b.v); } \
@@ -39,7 +45,7 @@ ARITHMETIC(+) ARITHMETIC(-) ARITHMETIC(*) ARITHMETIC(/)
 INLINE real operator-(real a) { return real(-a.v); }
 
 // Truth is 1.0 or 0.0, as in CasADi.
-INLINE real truth(bits m) { return real((pack)(m & (bits)real(1.0).v)); }
+INLINE real truth(bits m) { return from_bits(m & to_bits(1.0)); }
 #define COMPARISON(op) \
   INLINE real operator op(real a, real b) { return truth(a.v op b.v); }
 COMPARISON(<) COMPARISON(<=) COMPARISON(>) COMPARISON(>=) COMPARISON(==) COMPARISON(!=)
@@ -50,8 +56,8 @@ INLINE real select(real condition, real a, real b) { return real(condition.v != 
 INLINE double& lane(real& a, int i) { return reinterpret_cast<double*>(&a)[i]; }
 INLINE double lane(const real& a, int i) { return a.v[i]; }
 
-INLINE real fabs(real a) { return real((pack)((bits)a.v & INT64_MAX)); }
-INLINE real copysign(real a, real b) { return real((pack)(((bits)a.v & INT64_MAX) | ((bits)b.v & INT64_MIN))); }
+INLINE real fabs(real a) { return from_bits(to_bits(a) & INT64_MAX); }
+INLINE real copysign(real a, real b) { return from_bits((to_bits(a) & INT64_MAX) | (to_bits(b) & INT64_MIN)); }
 INLINE real sqrt(real a) { real r; for (int i = 0; i < LANES; ++i) r.v[i] = __builtin_sqrt(a.v[i]); return r; }
 INLINE real fmin(real a, real b) { return select((a < b) || (b != b), a, b); }
 INLINE real fmax(real a, real b) { return select((a > b) || (b != b), a, b); }
@@ -103,3 +109,43 @@ static inline double erfinv(double y) {
   }
   return x;
 }
+
+// Sine and cosine without a call or a branch, so that the compiler keeps registers and shares work between the two
+// of one angle. The angle is reduced by multiples of pi/2 in three fused parts (exact below 2^45 rad; an angle
+// beyond has lost its phase to rounding and gives NaN), then come the minimax polynomials of FreeBSD's msun.
+#if defined(__FMA__) || defined(__aarch64__)
+struct Turn { real sin, cos; };
+INLINE Turn turn(real x) {
+  const real shifted = x * 0.6366197723675814 + 6755399441055744.0;  // the quarter turns are its lowest bits
+  const bits quarters = to_bits(shifted);
+  const real n = shifted - 6755399441055744.0;
+  real r = x - n * 1.5707963267948966;
+  r = r - n * 6.123233995736766e-17;
+  r = r + n * 1.4973849048591833e-33;
+  r = from_bits(to_bits(r) | ((to_bits(35184372088832.0) - to_bits(casadi_fabs(x))) >> 63));
+  const real z = r * r;
+  real s = 1.58969099521155010221e-10;
+  s = s * z - 2.50507602534068634195e-08;
+  s = s * z + 2.75573137070700676789e-06;
+  s = s * z - 1.98412698298579493134e-04;
+  s = s * z + 8.33333333332248946124e-03;
+  s = s * z - 1.66666666666666324348e-01;
+  s = s * (z * r) + r;
+  real c = -1.13596475577881948265e-11;
+  c = c * z + 2.08757232129817482790e-09;
+  c = c * z - 2.75573143513906633035e-07;
+  c = c * z + 2.48015872894767294178e-05;
+  c = c * z - 1.38888888888741095749e-03;
+  c = c * z + 4.16666666666666019037e-02;
+  const real half = 0.5 * z, one = 1.0 - half;
+  c = one + (c * (z * z) + ((1.0 - one) - half));
+  const bits odd = -(quarters & 1), keep = ~odd, a = to_bits(s), b = to_bits(c);
+  const bits sine = (a & keep) | (b & odd), cosine = (b & keep) | (a & odd);
+  return {from_bits(sine ^ ((quarters & 2) << 62)), from_bits(cosine ^ (((quarters + 1) & 2) << 62))};
+}
+INLINE real casadi_sin(real x) { return turn(x).sin; }
+INLINE real casadi_cos(real x) { return turn(x).cos; }
+#else
+#define casadi_sin sin
+#define casadi_cos cos
+#endif

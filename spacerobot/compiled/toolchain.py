@@ -20,10 +20,17 @@ FLAGS = (
     "-ffp-contract=fast",
     "-fno-math-errno",
     "-fno-trapping-math",
+    "-freciprocal-math",  # the articulated-body algorithm divides by each joint's inertia several times
     "-fPIC",
     "-shared",
     "-w",
 )
+
+
+GCC_FLAGS = (
+    "-fschedule-insns",
+    "-fsched-pressure",
+)  # order 3000 operations in a row for few spilled registers
 
 
 @dataclass(frozen=True)
@@ -81,7 +88,8 @@ def _toolchain(wish: str | None, cxx: str | None) -> Toolchain | None:
             processor = _processor()
             lanes = _lanes(processor)
             symbols, libraries = _vector_maths(lanes)
-            return Toolchain(path, version, (*FLAGS, *libraries, "-lm"), processor, lanes, symbols)
+            flags = FLAGS if "clang" in version else (*FLAGS, *GCC_FLAGS)
+            return Toolchain(path, version, (*flags, *libraries, "-lm"), processor, lanes, symbols)
     return None
 
 

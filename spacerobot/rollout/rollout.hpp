@@ -53,11 +53,17 @@ static void scatter(const real* from, int width, int64_t first, int64_t count, d
     for (int j = 0; j < width; ++j) rows[(first + l) * width + j] = lane(from[j], l);
 }
 
-// One step of the classical Runge-Kutta method. `stage` receives x1..x4 (the states at which the dynamics was
-// evaluated) and the sum before normalisation: 5 NX numbers, what the adjoint needs. x1 is already there.
-INLINE void step(int64_t k, double h, const real* c, real* stage, real* m, real* next) {
+// Where the states x2, x3, x4 of the inner stages and the sum before normalisation go. The adjoint needs them all; a
+// plain rollout lets the stages share their place, which then stays in the nearest cache.
+struct Stages {
+  real *x2, *x3, *x4, *sum;
+};
+INLINE Stages on_tape(real* place) { return {place + NX, place + 2 * NX, place + 3 * NX, place + 4 * NX}; }
+
+// One step of the classical Runge-Kutta method from x1 to `next`.
+INLINE void step(int64_t k, double h, const real* c, const real* x1, const Stages& to, real* m, real* next) {
   real slope[NX], ignored[NM + 1];
-  real *x1 = stage, *x2 = x1 + NX, *x3 = x2 + NX, *x4 = x3 + NX, *sum = x4 + NX;
+  real *x2 = to.x2, *x3 = to.x3, *x4 = to.x4, *sum = to.sum;
   const double t = (k + INWARD) * h, middle = (k + 0.5) * h, end = (k + 1 - INWARD) * h;
   const real t1[1] = {t}, t2[1] = {middle}, t4[1] = {end};
   G::dynamics(t1, x1, c, slope, m);
@@ -69,6 +75,15 @@ INLINE void step(int64_t k, double h, const real* c, real* stage, real* m, real*
   G::dynamics(t4, x4, c, slope, ignored);
   for (int i = 0; i < NX; ++i) sum[i] = sum[i] + h / 6 * slope[i];
   G::normalise(sum, next);
+}
+
+// Truth where every state is a number within its bounds.
+INLINE real is_sound(const real* x, const double* scale) {
+  real sum[4] = {0., 0., 0., 0.};  // four sums, since one would wait for each of its own additions
+  for (int i = 0; i + 4 <= NX; i += 4)
+    for (int j = 0; j < 4; ++j) sum[j] = sum[j] + (x[i + j] * scale[i + j]) * (x[i + j] * scale[i + j]);
+  for (int i = NX - NX % 4; i < NX; ++i) sum[0] = sum[0] + (x[i] * scale[i]) * (x[i] * scale[i]);
+  return (sum[0] + sum[1]) + (sum[2] + sum[3]) < 1.;  // false for a NaN as well
 }
 
 // Largest values so far, and the step at which each was met.
@@ -103,7 +118,7 @@ static void sample(const Job& job, int64_t first, int64_t k, const Course& at) {
 // Returns false when told to stop.
 static bool integrate(const Job& job, int64_t first, const real* p, Course& at, real* tape, int64_t segment,
                       real* checkpoint) {
-  real own[5 * NX], m[NM + 1], next[NX];
+  real shared[NX], sum[NX], m[NM + 1], next[NX];
   G::setup(p, at.x, at.c);
   at.alive = 1., at.done = 0.;
   real* best = at.r + INTEGRALS;
@@ -115,13 +130,11 @@ static bool integrate(const Job& job, int64_t first, const real* p, Course& at, 
       if (job.x || job.y) sample(job, first, k, at);
     }
     if (tape && k % segment == 0) std::memcpy(checkpoint + k / segment * NX, at.x, sizeof at.x);
-    real* stage = tape ? tape + k % segment * (5 * NX) : own;
-    std::memcpy(stage, at.x, sizeof at.x);
-    step(k, job.h, at.c, stage, m, next);
+    real* place = tape ? tape + k % segment * (5 * NX) : nullptr;
+    if (tape) std::memcpy(place, at.x, sizeof at.x);
+    step(k, job.h, at.c, at.x, tape ? on_tape(place) : Stages{shared, shared, shared, sum}, m, next);
     if (PEAKS) compete(m, at.alive, k, best, at.when);
-    real size = 0.;
-    for (int i = 0; i < NX; ++i) size = size + (next[i] * job.scale[i]) * (next[i] * job.scale[i]);
-    at.alive = at.alive && (size < 1.);  // false for a NaN as well
+    at.alive = at.alive && is_sound(next, job.scale);
     if (!any(at.alive)) break;
     for (int i = 0; i < NX; ++i) at.x[i] = select(at.alive, next[i], at.x[i]);
     at.done = at.done + at.alive;
@@ -228,9 +241,10 @@ extern "C" int64_t gradients(const Job* given, const AdjointJob* adjoint) {
       const int64_t begin = s * segment, stop = begin + segment < job.steps ? begin + segment : job.steps;
       if (s < segments - 1) {  // the tape holds a later segment: integrate this one again
         std::memcpy(tape.get(), checkpoint.get() + s * NX, sizeof end);
-        for (int64_t k = begin; k < stop; ++k)
-          step(k, job.h, at.c, tape.get() + (k - begin) * 5 * NX, m,
-               k + 1 < stop ? tape.get() + (k + 1 - begin) * 5 * NX : end);
+        for (int64_t k = begin; k < stop; ++k) {
+          real* place = tape.get() + (k - begin) * 5 * NX;
+          step(k, job.h, at.c, place, on_tape(place), m, k + 1 < stop ? place + 5 * NX : end);
+        }
       }
       for (int64_t k = stop - 1; k >= begin; --k) {
         if (k % job.every == 0 && *job.stop) return first;
