@@ -16,10 +16,18 @@ from dataclasses import dataclass
 import casadi as ca
 import pinocchio
 
-from spacerobot.dynamics.algebra import SymmetricFactors, cross, cross_columns, mirror
+from spacerobot.dynamics.algebra import (
+    SymmetricFactors,
+    cross,
+    cross_columns,
+    mirror,
+    rotate_square,
+    rotate_symmetric,
+)
 from spacerobot.dynamics.inertias import Inertias, sparse_rotor_inertia
-from spacerobot.dynamics.joints import Joint, sparse
+from spacerobot.dynamics.joints import sparse
 from spacerobot.dynamics.kinematics import Kinematics
+from spacerobot.dynamics.local_motion import LocalMotion
 
 
 @dataclass(frozen=True)
@@ -76,11 +84,20 @@ class ArticulatedBody:
     """Articulated-body factorisation of the inertia matrix at one posture.
 
     Build it with :meth:`factorise`; the cost of that and of every sweep is linear in the number of joints.
+
+    Attributes
+    ----------
+    model, kinematics
+        The system and its posture.
+    bodies
+        Mass, first moment and rotational inertia of every body in calculation axes.
+    eliminations
+        By joint, without the universe.
     """
 
     model: pinocchio.Model
     kinematics: Kinematics
-    inertias: Inertias
+    bodies: tuple[tuple[ca.SX, ca.SX, ca.SX], ...]
     eliminations: tuple[_Elimination, ...]
 
     @classmethod
@@ -102,15 +119,17 @@ class ArticulatedBody:
             ``armature``.
         """
         rotor = sparse_rotor_inertia(model, rotor_inertia)
-        spatial = [_rigid(inertias, kinematics, index) for index in range(model.njoints)]
+        bodies = [inertias.rotated(motion.body, index) for index, motion in enumerate(kinematics.local)]
+        spatial = [_rigid(*body) for body in bodies]
         eliminations: list[_Elimination] = []
         for joint in reversed(kinematics.joints):
-            elimination, rest = _eliminate(joint, kinematics, spatial[joint.index], joint.rates(rotor))
+            motion = kinematics.local[joint.index]
+            elimination, rest = _eliminate(motion, spatial[joint.index], joint.rates(rotor))
             eliminations.append(elimination)
             if joint.parent:
-                shifted = _shift(rest, kinematics.offset[joint.index])
+                shifted = _shift(_rotated(rest, motion.to_parent), motion.arm)
                 spatial[joint.parent] = mirror(spatial[joint.parent] + shifted)
-        return cls(model, kinematics, inertias, tuple(reversed(eliminations)))
+        return cls(model, kinematics, tuple(bodies), tuple(reversed(eliminations)))
 
     def response(self, tau: ca.SX | None = None, wrenches: Iterable[Wrench] = ()) -> ca.SX:
         """Acceleration that loads alone cause: ``M^-1 (tau + sum J^T f)``, nv.
@@ -145,21 +164,22 @@ class ArticulatedBody:
         """Applied (force, torque about the joint origin) by joint, 6x1 each."""
         loads = [ca.SX(6, 1)] * self.model.njoints
         for wrench in wrenches:
+            axes = self.kinematics.local[wrench.joint_id].axes
             lever = wrench.point - self.kinematics.origin[wrench.joint_id]
             torque = wrench.torque + cross(lever, wrench.force)
-            loads[wrench.joint_id] = loads[wrench.joint_id] + ca.vertcat(wrench.force, torque)
+            load = ca.vertcat(ca.mtimes(axes.T, wrench.force), ca.mtimes(axes.T, torque))
+            loads[wrench.joint_id] = loads[wrench.joint_id] + load
         return loads
 
     def _inertia_force(self, index: int) -> ca.SX:
         """Wrench that the body's motion at zero joint acceleration takes, gravity's share removed, 6x1."""
-        kinematics = self.kinematics
-        mass, moment, rotational = self.inertias.in_world(kinematics, index)
-        spin, spin_bias = kinematics.angular_velocity[index], kinematics.angular_bias[index]
-        felt = kinematics.linear_bias[index] - sparse(self.model.gravity.linear)
-        force = mass * felt + ca.mtimes(kinematics.gradient[index], moment)
-        torque = (
-            cross(moment, felt) + ca.mtimes(rotational, spin_bias) + cross(spin, ca.mtimes(rotational, spin))
-        )
+        motion = self.kinematics.local[index]
+        mass, moment, rotational = self.bodies[index]
+        gravity = ca.mtimes(motion.axes.T, sparse(self.model.gravity.linear))
+        felt = motion.velocity_bias - gravity
+        force = mass * felt + ca.mtimes(motion.gradient, moment)
+        gyroscopic = cross(motion.spin, ca.mtimes(rotational, motion.spin))
+        torque = cross(moment, felt) + ca.mtimes(rotational, motion.spin_bias) + gyroscopic
         return ca.vertcat(force, torque)
 
     def _sweep(self, tau: ca.SX | None, loads: list[ca.SX]) -> ca.SX:
@@ -172,24 +192,25 @@ class ArticulatedBody:
             drive[index] = effort + ca.mtimes(elimination.axes.T, loads[index])
             if joint.parent:
                 passed = _transmitted(elimination, loads[index], drive[index], effort)
-                force = passed[:3]
-                torque = passed[3:] + cross(kinematics.offset[index], force)
+                motion = kinematics.local[index]
+                force = motion.outward(passed[:3])
+                torque = motion.outward(passed[3:]) + cross(motion.arm, force)
                 loads[joint.parent] = loads[joint.parent] + ca.vertcat(force, torque)
-        motion = [ca.SX(6, 1)] * self.model.njoints
+        accelerations = [ca.SX(6, 1)] * self.model.njoints
         result: list[ca.SX] = []
         for joint in kinematics.joints:
             elimination = self.eliminations[joint.index - 1]
-            carrier = motion[joint.parent]
-            spin = carrier[3:]
-            carried = ca.vertcat(carrier[:3] + cross(spin, kinematics.offset[joint.index]), spin)
-            motion[joint.index], rate = _accelerate(elimination, carried, drive[joint.index])
+            motion = kinematics.local[joint.index]
+            linear, angular = accelerations[joint.parent][:3], accelerations[joint.parent][3:]
+            linear = motion.inward(linear + cross(angular, motion.arm))
+            carried = ca.vertcat(linear, motion.inward(angular))
+            accelerations[joint.index], rate = _accelerate(elimination, carried, drive[joint.index])
             result.append(ca.mtimes(elimination.turn.T, rate))
         return ca.vertcat(*result)
 
 
-def _rigid(inertias: Inertias, kinematics: Kinematics, index: int) -> ca.SX:
-    """Spatial inertia of one body about its joint origin, world axes, 6x6."""
-    mass, moment, rotational = inertias.in_world(kinematics, index)
+def _rigid(mass: ca.SX, moment: ca.SX, rotational: ca.SX) -> ca.SX:
+    """Spatial inertia of one body about its joint origin, 6x6."""
     coupling = -cross_columns(moment, ca.SX.eye(3))
     return mirror(
         ca.vertcat(
@@ -199,11 +220,9 @@ def _rigid(inertias: Inertias, kinematics: Kinematics, index: int) -> ca.SX:
     )
 
 
-def _eliminate(
-    joint: Joint, kinematics: Kinematics, inertia: ca.SX, rotor: ca.SX
-) -> tuple[_Elimination, ca.SX]:
+def _eliminate(motion: LocalMotion, inertia: ca.SX, rotor: ca.SX) -> tuple[_Elimination, ca.SX]:
     """Eliminate a joint from the articulated inertia it moves; also what the parent is left to carry."""
-    rows, axes, turn = _subspace(kinematics, joint)
+    rows, axes, turn = _subspace(motion)
     if rows is not None and not rotor.nnz():
         others = [row for row in range(6) if row not in rows]
         factors = SymmetricFactors(inertia[list(rows), list(rows)])
@@ -220,16 +239,25 @@ def _eliminate(
     return _Elimination(None, axes, turn, factors, gain), mirror(inertia - ca.mtimes(gain, force.T))
 
 
-def _subspace(kinematics: Kinematics, joint: Joint) -> tuple[tuple[int, ...] | None, ca.SX, ca.SX]:
+def _subspace(motion: LocalMotion) -> tuple[tuple[int, ...] | None, ca.SX, ca.SX]:
     """Motion subspace as ``A T``; A is made of unit vectors where the columns fill no more rows."""
-    subspace = ca.vertcat(kinematics.linear[joint.index], kinematics.angular[joint.index])
+    subspace = ca.vertcat(motion.linear, motion.angular)
     rows = tuple(row for row in range(6) if subspace[row, :].nnz())
-    if len(rows) != joint.nv:
-        return None, subspace, ca.SX.eye(joint.nv)
-    axes = ca.SX(6, joint.nv)
+    if len(rows) != subspace.size2():
+        return None, subspace, ca.SX.eye(subspace.size2())
+    axes = ca.SX(6, len(rows))
     for column, row in enumerate(rows):
         axes[row, column] = 1
     return rows, axes, subspace[list(rows), :]
+
+
+def _rotated(inertia: ca.SX, rotation: ca.SX | None) -> ca.SX:
+    """Articulated inertia in the parent's calculation axes, 6x6; ``None`` means that they are the same."""
+    if rotation is None:
+        return inertia
+    mass, rotational = (rotate_symmetric(rotation, inertia[rows, rows]) for rows in (slice(3), slice(3, 6)))
+    coupling = rotate_square(rotation, inertia[:3, 3:])
+    return mirror(ca.vertcat(ca.horzcat(mass, ca.SX(3, 3)), ca.horzcat(coupling.T, rotational)))
 
 
 def _shift(inertia: ca.SX, arm: ca.SX) -> ca.SX:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import casadi as ca
 import pinocchio
 
-from spacerobot.dynamics.algebra import IDENTITY3, cross, mirror
-from spacerobot.dynamics.inertias import Inertias, sparse_rotor_inertia
+from spacerobot.dynamics.algebra import cross, mirror
+from spacerobot.dynamics.inertias import Inertias, shifted_inertia, sparse_rotor_inertia
 from spacerobot.dynamics.kinematics import Kinematics
 
 
@@ -31,8 +31,10 @@ def mass_matrix(
     matrix = ca.SX(model.nv, model.nv)
     for joint in reversed(kinematics.joints):
         mass, moment, rotational = composite[joint.index]
-        arm = kinematics.offset[joint.index]
-        composite[joint.parent] = _sum(composite[joint.parent], _shifted(mass, moment, rotational, arm))
+        arm = kinematics.origin[joint.index] - kinematics.origin[joint.parent]
+        composite[joint.parent] = _sum(
+            composite[joint.parent], shifted_inertia(mass, moment, rotational, arm)
+        )
         for k in range(joint.nv):
             column = joint.idx_v + k
             along = kinematics.linear[joint.index][:, k]
@@ -55,16 +57,9 @@ def _fill_column(
         matrix[rows, column] = ca.mtimes(kinematics.linear[index].T, force) + ca.mtimes(
             kinematics.angular[index].T, torque
         )
-        torque = torque + cross(kinematics.offset[index], force)
+        arm = kinematics.origin[index] - kinematics.origin[joint.parent]
+        torque = torque + cross(arm, force)
         index = joint.parent
-
-
-def _shifted(mass: ca.SX, moment: ca.SX, rotational: ca.SX, arm: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """Rigid-body inertia about a new origin; ``arm`` points from the new origin to the old one."""
-    half = moment + 0.5 * mass * arm
-    product = ca.mtimes(half, arm.T)
-    spread = 2 * ca.trace(product) * IDENTITY3 - product - product.T
-    return mass, moment + mass * arm, mirror(rotational + spread)
 
 
 def _sum(first: tuple[ca.SX, ca.SX, ca.SX], second: tuple[ca.SX, ca.SX, ca.SX]) -> tuple[ca.SX, ca.SX, ca.SX]:

@@ -1,7 +1,8 @@
-"""Forward kinematics of any supported model, in world axes throughout.
+"""Forward kinematics of any supported model, in world axes.
 
-World axes are chosen on purpose: Jacobian columns, tip forces and momenta need no further rotation, and
-in a planar mechanism every quantity keeps its zeros.
+The recursion itself runs in each joint's calculation axes (:mod:`~spacerobot.dynamics.local_motion`); what
+is not asked for in world axes is never rotated there, because a CasADi function holds only what its outputs
+need.
 """
 
 from __future__ import annotations
@@ -11,16 +12,9 @@ from dataclasses import dataclass
 import casadi as ca
 import pinocchio
 
-from spacerobot.dynamics.algebra import IDENTITY3, ZERO3, ZERO33, cross, velocity_gradient
-from spacerobot.dynamics.joints import (
-    Joint,
-    JointKind,
-    exact_directions,
-    joint_rotation,
-    joint_translation,
-    read_joints,
-    sparse,
-)
+from spacerobot.dynamics.algebra import ZERO3, cross
+from spacerobot.dynamics.joints import Joint, exact_directions, read_joints, sparse
+from spacerobot.dynamics.local_motion import LocalMotion, local_motions
 
 
 @dataclass(frozen=True)
@@ -35,36 +29,27 @@ class Kinematics:
         The joints, in order, without the universe.
     velocity
         v, Pinocchio's coordinates, nv.
+    local
+        Motion in calculation axes, which the algorithms work in.
     rotation
         R_i, joint axes to world axes, 3x3.
     origin
         Joint origin, m, 3x1.
-    offset
-        Joint origin relative to the parent's joint origin, m, 3x1.
     linear, angular
         Motion subspace, 3xnv_i each: columns of the joint's own velocity, linear at the joint origin.
     linear_velocity, angular_velocity
         Of the joint frame at its origin, m/s and rad/s, 3x1.
-    linear_bias, angular_bias
-        Classical acceleration of the origin and angular acceleration at zero joint acceleration
-        (Pinocchio's v-dot = 0), m/s^2 and rad/s^2, 3x1.
-    gradient
-        ``skew(angular_bias) + skew(angular_velocity)^2``, 1/s^2, 3x3: a point fixed to the body at ``r``
-        from the origin has the bias ``linear_bias + gradient r``.
     """
 
     joints: tuple[Joint, ...]
     velocity: ca.SX
+    local: tuple[LocalMotion, ...]
     rotation: tuple[ca.SX, ...]
     origin: tuple[ca.SX, ...]
-    offset: tuple[ca.SX, ...]
     linear: tuple[ca.SX, ...]
     angular: tuple[ca.SX, ...]
     linear_velocity: tuple[ca.SX, ...]
     angular_velocity: tuple[ca.SX, ...]
-    linear_bias: tuple[ca.SX, ...]
-    angular_bias: tuple[ca.SX, ...]
-    gradient: tuple[ca.SX, ...]
 
     def support(self, index: int) -> tuple[Joint, ...]:
         """Joints between the universe and joint ``index``, both ends included, from the root."""
@@ -95,51 +80,21 @@ def forward_kinematics(model: pinocchio.Model, q: ca.SX, v: ca.SX | None = None)
     """
     joints = read_joints(model)
     velocity = ca.SX(model.nv, 1) if v is None else v
-    rotation, origin, offset = [IDENTITY3], [ZERO3], [ZERO3]
-    linear, angular = [ca.SX(3, 0)], [ca.SX(3, 0)]
-    speed, spin, speed_bias, spin_bias = [ZERO3], [ZERO3], [ZERO3], [ZERO3]
-    gradient = [ZERO33]
+    local = local_motions(joints, q, velocity)
+    origin = [ZERO3]
     for joint in joints:
-        parent = joint.parent
-        coordinates, rates = joint.coordinates(q), joint.rates(velocity)
-        resting = ca.mtimes(rotation[parent], joint.rotation)
-        turned = ca.mtimes(resting, joint_rotation(joint, coordinates))
-        arm = ca.mtimes(rotation[parent], joint.offset) + ca.mtimes(
-            resting, joint_translation(joint, coordinates)
-        )
-        # A revolute or prismatic axis is the same before and after the joint moves; before is cheaper.
-        fixed = joint.kind not in (JointKind.PLANAR, JointKind.FREE_FLYER)
-        axes = resting if fixed else turned
-        along, about = ca.mtimes(axes, joint.linear), ca.mtimes(axes, joint.angular)
-        sliding, turning = ca.mtimes(along, rates), ca.mtimes(about, rates)
-
-        rotation.append(turned)
-        offset.append(arm)
-        origin.append(origin[parent] + arm)
-        linear.append(along)
-        angular.append(about)
-        spin.append(spin[parent] + turning)
-        speed.append(speed[parent] + cross(spin[parent], arm) + sliding)
-        spin_bias.append(spin_bias[parent] + cross(spin[parent], turning))
-        # Coriolis: the columns of `along` turn with the parent (prismatic) or with the joint itself.
-        carrier = spin[parent] if fixed else spin[-1]
-        speed_bias.append(
-            speed_bias[parent] + ca.mtimes(gradient[parent], arm) + cross(spin[parent] + carrier, sliding)
-        )
-        gradient.append(velocity_gradient(spin[-1], spin_bias[-1]))
+        arm = ca.mtimes(local[joint.parent].axes, local[joint.index].arm)
+        origin.append(origin[joint.parent] + arm)
     return Kinematics(
         joints=joints,
         velocity=velocity,
-        rotation=tuple(rotation),
+        local=local,
+        rotation=tuple(ca.mtimes(motion.axes, motion.body) for motion in local),
         origin=tuple(origin),
-        offset=tuple(offset),
-        linear=tuple(linear),
-        angular=tuple(angular),
-        linear_velocity=tuple(speed),
-        angular_velocity=tuple(spin),
-        linear_bias=tuple(speed_bias),
-        angular_bias=tuple(spin_bias),
-        gradient=tuple(gradient),
+        linear=tuple(ca.mtimes(motion.axes, motion.linear) for motion in local),
+        angular=tuple(ca.mtimes(motion.axes, motion.angular) for motion in local),
+        linear_velocity=tuple(ca.mtimes(motion.axes, motion.velocity) for motion in local),
+        angular_velocity=tuple(ca.mtimes(motion.axes, motion.spin) for motion in local),
     )
 
 
@@ -166,9 +121,11 @@ def frame_drift(model: pinocchio.Model, kinematics: Kinematics, frame_id: int) -
         Linear (m/s^2) and angular (rad/s^2), 3x1 each: ``Jdot v`` for the Jacobian of
         :func:`frame_jacobian`.
     """
-    joint, arm = _lever(model, kinematics, frame_id)
-    linear = kinematics.linear_bias[joint] + ca.mtimes(kinematics.gradient[joint], arm)
-    return linear, kinematics.angular_bias[joint]
+    frame = model.frames[frame_id]
+    motion = kinematics.local[int(frame.parentJoint)]
+    arm = ca.mtimes(motion.body, sparse(frame.placement.translation))
+    linear = motion.velocity_bias + ca.mtimes(motion.gradient, arm)
+    return ca.mtimes(motion.axes, linear), ca.mtimes(motion.axes, motion.spin_bias)
 
 
 def frame_jacobian(model: pinocchio.Model, kinematics: Kinematics, frame_id: int) -> ca.SX:

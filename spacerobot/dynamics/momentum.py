@@ -42,7 +42,8 @@ def momentum(
     """
     linear, angular = ZERO3, ZERO3
     for index in _chosen(model, joints):
-        push, turn = _body_momentum(kinematics, inertias, index)
+        axes = kinematics.local[index].axes
+        push, turn = (ca.mtimes(axes, part) for part in _body_momentum(kinematics, inertias, index))
         lever = kinematics.origin[index] if about is None else kinematics.origin[index] - about
         linear = linear + push
         angular = angular + turn + cross(lever, push)
@@ -77,8 +78,8 @@ def kinetic_energy(
     doubled = ca.SX(1, 1)
     for index in _chosen(model, joints):
         push, turn = _body_momentum(kinematics, inertias, index)
-        doubled = doubled + ca.mtimes(kinematics.linear_velocity[index].T, push)
-        doubled = doubled + ca.mtimes(kinematics.angular_velocity[index].T, turn)
+        doubled = doubled + ca.mtimes(kinematics.local[index].velocity.T, push)
+        doubled = doubled + ca.mtimes(kinematics.local[index].spin.T, turn)
         joint = kinematics.joints[index - 1]
         rates = joint.rates(kinematics.velocity)
         doubled = doubled + ca.mtimes(joint.rates(rotor).T, rates * rates)
@@ -113,13 +114,8 @@ def _chosen(model: pinocchio.Model, joints: Iterable[int] | None) -> tuple[int, 
 
 
 def _body_momentum(kinematics: Kinematics, inertias: Inertias, index: int) -> tuple[ca.SX, ca.SX]:
-    """Linear momentum, and angular momentum about the joint origin, of one body.
-
-    The rotational part is formed in body axes: ``R I R^T w`` costs less than ``R I R^T`` does.
-    """
-    rotation = kinematics.rotation[index]
-    velocity, spin = kinematics.linear_velocity[index], kinematics.angular_velocity[index]
-    moment = ca.mtimes(rotation, inertias.moment[index])
-    inner = ca.mtimes(inertias.rotational[index], ca.mtimes(rotation.T, spin))
-    linear = inertias.mass[index] * velocity + cross(spin, moment)
-    return linear, cross(moment, velocity) + ca.mtimes(rotation, inner)
+    """Linear momentum, and angular momentum about the joint origin, of one body in its calculation axes."""
+    motion = kinematics.local[index]
+    mass, moment, rotational = inertias.rotated(motion.body, index)
+    linear = mass * motion.velocity + cross(motion.spin, moment)
+    return linear, cross(moment, motion.velocity) + ca.mtimes(rotational, motion.spin)

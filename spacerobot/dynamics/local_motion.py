@@ -1,0 +1,159 @@
+"""Motion of every joint in the axes that are cheapest to calculate in.
+
+Each joint has *calculation axes*: its own body axes, or those its parent calculates in. Own axes make the
+joint's motion subspace, the body's inertia and the children's offsets constant, but cost a rotation of
+articulated inertia, load and acceleration at the joint. Keeping the parent's axes costs a rotation of the
+body's inertia alone. So axes are kept along parallel joints (a planar arm is calculated in world axes
+altogether) and at leaves, and adopted where the axis of a child points elsewhere.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+
+from spacerobot.dynamics.algebra import IDENTITY3, ZERO3, ZERO33, cross, velocity_gradient
+from spacerobot.dynamics.joints import Joint, JointKind, joint_rotation, joint_translation
+
+_TURNING = (JointKind.REVOLUTE, JointKind.UNBOUNDED, JointKind.PLANAR)
+_CARRIED = (JointKind.PLANAR, JointKind.FREE_FLYER)
+
+
+@dataclass(frozen=True)
+class LocalMotion:
+    """One joint frame's motion, in its calculation axes unless stated otherwise.
+
+    Attributes
+    ----------
+    axes
+        C, calculation axes to world axes, 3x3.
+    to_parent
+        E, calculation axes to those of the parent, 3x3; ``None`` if they are the same.
+    body
+        B, body axes to calculation axes, 3x3; ``C B`` is the joint frame's rotation.
+    arm
+        Joint origin relative to the parent's, in the *parent's* calculation axes, m, 3x1.
+    linear, angular
+        Motion subspace, 3xnv_i each.
+    velocity, spin
+        Of the joint frame at its origin, m/s and rad/s, 3x1.
+    velocity_bias, spin_bias
+        Classical acceleration of the origin (m/s^2) and angular acceleration (rad/s^2) at zero joint
+        acceleration, 3x1.
+    gradient
+        Further bias per distance from the origin, 1/s^2, 3x3.
+    """
+
+    axes: ca.SX
+    to_parent: ca.SX | None
+    body: ca.SX
+    arm: ca.SX
+    linear: ca.SX
+    angular: ca.SX
+    velocity: ca.SX
+    spin: ca.SX
+    velocity_bias: ca.SX
+    spin_bias: ca.SX
+    gradient: ca.SX
+
+    def inward(self, vector: ca.SX) -> ca.SX:
+        """From the parent's calculation axes to these, 3xn."""
+        return vector if self.to_parent is None else ca.mtimes(self.to_parent.T, vector)
+
+    def outward(self, vector: ca.SX) -> ca.SX:
+        """From these calculation axes to the parent's, 3xn."""
+        return vector if self.to_parent is None else ca.mtimes(self.to_parent, vector)
+
+
+UNIVERSE = LocalMotion(
+    axes=IDENTITY3,
+    to_parent=None,
+    body=IDENTITY3,
+    arm=ZERO3,
+    linear=ca.SX(3, 0),
+    angular=ca.SX(3, 0),
+    velocity=ZERO3,
+    spin=ZERO3,
+    velocity_bias=ZERO3,
+    spin_bias=ZERO3,
+    gradient=ZERO33,
+)
+"""The universe: at rest, in world axes."""
+
+
+def local_motions(joints: tuple[Joint, ...], q: ca.SX, v: ca.SX) -> tuple[LocalMotion, ...]:
+    """Motion of the universe (index 0) and of every joint at (q, v)."""
+    bends = _bends(joints)
+    motions = [UNIVERSE]
+    for joint in joints:
+        motions.append(_step(joint, motions[joint.parent], q, v, joint.index in bends))
+    return tuple(motions)
+
+
+def _step(joint: Joint, parent: LocalMotion, q: ca.SX, v: ca.SX, bends: bool) -> LocalMotion:
+    """Motion of a joint from its parent's."""
+    coordinates, rates = joint.coordinates(q), joint.rates(v)
+    resting = ca.mtimes(parent.body, joint.rotation)
+    turned = ca.mtimes(resting, joint_rotation(joint, coordinates))
+    arm = ca.mtimes(parent.body, joint.offset) + ca.mtimes(resting, joint_translation(joint, coordinates))
+    adopt = bends and (joint.kind is JointKind.FREE_FLYER or ca.mtimes(resting, joint.angular).nnz() == 1)
+    to_parent = turned if adopt else None
+    body = IDENTITY3 if adopt else turned
+    # A revolute or prismatic axis is the same before and after the joint moves; before is cheaper.
+    basis = IDENTITY3 if adopt else (turned if joint.kind in _CARRIED else resting)
+    linear, angular = ca.mtimes(basis, joint.linear), ca.mtimes(basis, joint.angular)
+    sliding, turning = ca.mtimes(linear, rates), ca.mtimes(angular, rates)
+
+    def inward(vector: ca.SX) -> ca.SX:
+        return vector if to_parent is None else ca.mtimes(to_parent.T, vector)
+
+    carrier = inward(parent.spin)
+    spin = carrier + turning
+    spin_bias = inward(parent.spin_bias) + cross(carrier, turning)
+    # Coriolis: the columns of `linear` turn with the parent (prismatic) or with the joint itself.
+    swing = carrier + (spin if joint.kind in _CARRIED else carrier)
+    return LocalMotion(
+        axes=parent.axes if to_parent is None else ca.mtimes(parent.axes, to_parent),
+        to_parent=to_parent,
+        body=body,
+        arm=arm,
+        linear=linear,
+        angular=angular,
+        velocity=inward(parent.velocity + cross(parent.spin, arm)) + sliding,
+        spin=spin,
+        velocity_bias=inward(parent.velocity_bias + ca.mtimes(parent.gradient, arm)) + cross(swing, sliding),
+        spin_bias=spin_bias,
+        gradient=velocity_gradient(spin, spin_bias),
+    )
+
+
+def _bends(joints: tuple[Joint, ...]) -> frozenset[int]:
+    """Joints worth their own axes: those with a child about another coordinate axis, and free bodies."""
+    children: dict[int, list[Joint]] = {}
+    for joint in joints:
+        children.setdefault(joint.parent, []).append(joint)
+    chosen = set()
+    for joint in joints:
+        if joint.kind is JointKind.FREE_FLYER or (
+            joint.kind is JointKind.PLANAR and joint.index not in children
+        ):
+            chosen.add(joint.index)
+        elif joint.kind in _TURNING:
+            own = joint.angular[:, -1].sparsity()
+            axes = _axes_beyond(joint.index, IDENTITY3, children)
+            if any(axis.nnz() == 1 and axis.sparsity() != own for axis in axes):
+                chosen.add(joint.index)
+    return frozenset(chosen)
+
+
+def _axes_beyond(index: int, rotation: ca.SX, children: dict[int, list[Joint]]) -> list[ca.SX]:
+    """Axes of the next turning joints, seen through prismatic ones, in the axes of joint ``index``."""
+    axes: list[ca.SX] = []
+    for child in children.get(index, ()):
+        placed = ca.mtimes(rotation, child.rotation)
+        if child.kind is JointKind.PRISMATIC:
+            axes += _axes_beyond(child.index, placed, children)
+        elif child.kind in _TURNING:
+            axes.append(ca.mtimes(placed, child.angular[:, -1]))
+    return axes
