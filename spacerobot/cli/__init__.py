@@ -1,0 +1,1 @@
+"""The command line: the topmost room, which prints what the library returns."""

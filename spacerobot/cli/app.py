@@ -1,0 +1,54 @@
+"""Entry point of the command line.
+
+Each command lives in a module of its own and imports what it needs when it runs, so that help is instant.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+
+import typer
+
+from spacerobot.cli import check, make_arm, paper, run, scenarios, schema
+from spacerobot.cli.output import complain
+from spacerobot.errors import SpaceRobotError
+
+app = typer.Typer(
+    name="spacerobot",
+    help="Free-floating space robots that grip and move an object together: simulate, check, tune, show.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
+)
+for module in (run, check, paper, scenarios, make_arm, schema):
+    module.register(app)
+
+
+@app.callback()
+def _options(version: bool = typer.Option(False, "--version", help="Show the version and stop.")) -> None:
+    if version:
+        import spacerobot
+
+        typer.echo(spacerobot.__version__)
+        raise typer.Exit
+
+
+def main() -> None:
+    """Run the command line: one clear line for each fault a user can mend, and its exit code."""
+    try:
+        app()
+    except SpaceRobotError as fault:
+        complain(str(fault))
+        sys.exit(fault.exit_code)
+    except KeyboardInterrupt:
+        complain("interrupted")
+        sys.exit(130)
+    except BrokenPipeError:
+        # the reader (head, less) has left: nothing to tell it
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(0)
+    except OSError as fault:
+        complain(f"{fault.filename or 'file system'}: {fault.strerror or fault}")
+        sys.exit(2)

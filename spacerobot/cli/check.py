@@ -1,0 +1,118 @@
+"""``spacerobot check``: what a scenario is, before it is run."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import typer
+
+from spacerobot.cli.options import Changes, ScenarioName, parse_changes
+from spacerobot.cli.output import console, warn
+
+if TYPE_CHECKING:
+    from rich.tree import Tree
+
+    from spacerobot.scene import Scene, SceneBody
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command("check", help=HELP)(command)
+
+
+HELP = """Check a scenario: print its scene as a tree and every assumption taken.
+
+Example:
+
+    spacerobot check paper --set grasps.left.stiffness=200
+"""
+
+
+def command(scenario: ScenarioName, changes: Changes = None) -> None:
+    """Print the scene as a tree and every assumption taken."""
+    from spacerobot.scene import load_scene
+
+    scene = load_scene(scenario, parse_changes(changes))
+    for warning in scene.warnings:
+        warn(warning)
+    console().print(scene_tree(scene))
+    console().print("\nassumptions", style="bold")
+    for assumption in scene.assumptions:
+        console().print(f"  {assumption}", markup=False, soft_wrap=True)
+
+
+def scene_tree(scene: Scene) -> Tree:
+    """Tree of bodies, joints, tips, grasps, masses and initial gaps."""
+    from rich.markup import escape
+    from rich.tree import Tree
+
+    kind = "planar" if scene.planar else "spatial"
+    simulation = scene.scenario.simulation
+    step = f"steps of {simulation.step * 1e3:g} ms" if simulation.step else "step chosen from its tolerance"
+    root = Tree(
+        f"[bold]{escape(scene.scenario.name)}[/] {kind}, {scene.model.nv} velocities; "
+        f"{simulation.duration:g} s by {simulation.engine}, {step}"
+    )
+    for body in scene.bodies:
+        _add_body(root, scene, body)
+    _add_grasps(root, scene)
+    return root
+
+
+def _add_body(root: Tree, scene: Scene, body: SceneBody) -> None:
+    import pinocchio as pin
+    from rich.markup import escape
+
+    mass = sum(link.mass or 0.0 for link in body.config.links.values())
+    data = scene.model.createData()
+    pin.framesForwardKinematics(scene.model, data, scene.q)
+    x, y, z = data.oMf[body.root_frame].translation
+    branch = root.add(
+        f"[bold]{escape(body.name)}[/] {escape(body.description.path.name)}: {mass:g} kg, "
+        f"{body.base.joint} base at ({x:.4g}, {y:.4g}, {z:.4g}) m"
+    )
+    chain = branch.add(f"{len(body.joints)} joints") if body.joints else branch
+    by_name = {joint.name: joint for joint in body.description.joints}
+    for name, joint in body.config.joints.items():
+        state = f"{joint.offset:g} m" if joint.offset is not None else f"{joint.angle_deg or 0:g} deg"
+        child = body.config.links.get(by_name[name].child)
+        carries = f", carries {by_name[name].child}" + (f" {child.mass:g} kg" if child else "")
+        limit = f", at most {joint.torque_limit:g}" if joint.torque_limit else ""
+        text = f"{name}: {by_name[name].kind}, {state}, resistance {joint.damping or 0:g}{limit}{carries}"
+        chain.add(escape(text))
+    for tip in scene.tips:
+        if tip.body.name == body.name:
+            branch.add(_tip_text(tip.label, scene))
+
+
+def _tip_text(label: str, scene: Scene) -> str:
+    from rich.markup import escape
+
+    tip = next(tip for tip in scene.tips if tip.label == label)
+    parts = [f"reference {tip.reference.kind}" + (" of the target" if tip.from_target else "")]
+    for name in ("pid", "orientation_pid"):
+        pid = getattr(tip.config, name)
+        if pid is not None:
+            parts.append(f"{name} {pid.kp:g} / {pid.ki:g} / {pid.kd:g} ({pid.feedback} feedback)")
+    for name in ("amnesia", "orientation_amnesia"):
+        memory = getattr(tip.config, name)
+        if memory is not None:
+            parts.append(f"{name} G_e {memory.ge:g}, t_a {memory.ta:.4g}")
+    return f"tip [bold]{escape(label)}[/]: {escape('; '.join(parts))}"
+
+
+def _add_grasps(root: Tree, scene: Scene) -> None:
+    import numpy as np
+    from rich.markup import escape
+
+    from spacerobot.scenario import Compliant
+    from spacerobot.scene.checks import gap
+
+    for grasp in scene.grasps:
+        config = grasp.config
+        how = str(config.kind)
+        if isinstance(config, Compliant):
+            how += f" {config.stiffness:g} N/m, {config.damping:g} N s/m"
+        distance = float(np.linalg.norm(gap(scene.model, grasp, scene.q)))
+        text = f"{grasp.tip.label} holds {config.frame}, {how}, initial gap {distance:.3g} m"
+        root.add(f"grasp [bold]{escape(grasp.name)}[/]: {escape(text)}")

@@ -1,0 +1,96 @@
+"""``spacerobot make-arm``: write a planar arm or a rectangle as URDF."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from spacerobot.cli.output import console
+
+app = typer.Typer(
+    name="make-arm",
+    no_args_is_help=True,
+    help="""Write a planar robot or a rectangle to hold as a URDF, from numbers.
+
+Examples:
+
+    spacerobot make-arm arm my_arm.urdf --links 4 --link-length 0.5
+
+    spacerobot make-arm rectangle my_box.urdf --half-diagonal 0.3 --alpha 45
+""",
+)
+
+
+def register(parent: typer.Typer) -> None:
+    """Add the command and its two forms."""
+    parent.add_typer(app)
+
+
+File = Annotated[Path, typer.Argument(help="URDF file to write.")]
+
+
+@app.command("arm")
+def arm(
+    file: File,
+    links: Annotated[int, typer.Option(help="Number of links.")] = 8,
+    link_length: Annotated[float, typer.Option(help="Length of a link [m].")] = 0.35,
+    link_mass: Annotated[float, typer.Option(help="Mass of a link [kg].")] = 11.76,
+    link_inertia: Annotated[
+        list[float] | None,
+        typer.Option(help="Inertia about the centre of mass [kg m^2]; several take turns. Repeatable."),
+    ] = None,
+    base_mass: Annotated[float, typer.Option(help="Mass of the base [kg].")] = 200.0,
+    base_inertia: Annotated[float, typer.Option(help="Inertia of the base [kg m^2].")] = 40.0,
+    base_radius: Annotated[float, typer.Option(help="From the base's centre to the first joint [m].")] = 0.4,
+    damping: Annotated[float, typer.Option(help="Joint resistance [N m s/rad].")] = 0.1,
+) -> None:
+    """Write a floating base with a chain of links in the x-y plane; by default the paper's robot."""
+    from spacerobot.description.planar import planar_arm_urdf
+
+    text = planar_arm_urdf(
+        links=links,
+        link_length_m=link_length,
+        link_mass_kg=link_mass,
+        link_inertia_kg_m2=tuple(link_inertia) if link_inertia else (0.2153, 0.0929),
+        base_mass_kg=base_mass,
+        base_inertia_kg_m2=base_inertia,
+        base_radius_m=base_radius,
+        damping=damping,
+        name=file.stem,
+    )
+    _write(file, text)
+
+
+@app.command("rectangle")
+def rectangle(
+    file: File,
+    half_diagonal: Annotated[float, typer.Option(help="Half of the diagonal, d [m].")] = 0.2,
+    alpha: Annotated[float, typer.Option(help="Angle of the diagonal to the x axis [deg].")] = 30.0,
+    mass: Annotated[float, typer.Option(help="Mass [kg].")] = 20.0,
+    inertia: Annotated[float, typer.Option(help="Inertia about z [kg m^2].")] = 2.25,
+) -> None:
+    """Write a rectangle with mating points at -+d cos(alpha) on its x axis (Eq. 14, 15)."""
+    from spacerobot.description.planar import rectangle_urdf
+
+    text = rectangle_urdf(
+        half_diagonal_m=half_diagonal,
+        alpha_deg=alpha,
+        mass_kg=mass,
+        inertia_kg_m2=inertia,
+        name=file.stem,
+    )
+    _write(file, text)
+
+
+def _write(file: Path, text: str) -> None:
+    """Write a URDF and read it back, so that what is written can be used."""
+    from spacerobot.description.read import read_description
+    from spacerobot.files import write_text
+
+    write_text(file, text)
+    description = read_description(file)
+    moving = [joint for joint in description.joints if joint.kind != "fixed"]
+    mass = sum(link.mass for link in description.links)
+    console().print(f"{file}: {len(moving)} joints, {mass:g} kg", markup=False, soft_wrap=True)

@@ -1,0 +1,44 @@
+"""Arguments and options that several commands share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+ScenarioName = Annotated[
+    str, typer.Argument(metavar="SCENARIO", help="A YAML file, or the name of a shipped scenario.")
+]
+Changes = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="PATH=VALUE",
+        help="Change a value by its dotted path; `*` stands for every name. Repeatable. "
+        "Example: --set 'robots.*.tips.tip.pid.kp=400'",
+    ),
+]
+Out = Annotated[
+    Path | None, typer.Option("--out", metavar="DIR", help="Folder for the result; made if it is not there.")
+]
+
+
+def parse_changes(given: list[str] | None) -> list[tuple[str, Any]]:
+    """Pairs of dotted path and value from ``path=value`` texts.
+
+    Raises
+    ------
+    ScenarioError
+        If one has no ``=``, or its value is not YAML.
+    """
+    from spacerobot.errors import ScenarioError
+    from spacerobot.scenario.load import parse_yaml
+
+    changes = []
+    for text in given or []:
+        path, equals, value = text.partition("=")
+        if not equals or not path.strip():
+            raise ScenarioError(f"found {text!r}, allowed: PATH=VALUE", where="--set")
+        changes.append((path.strip(), parse_yaml(value, source=f"--set {path.strip()}")))
+    return changes

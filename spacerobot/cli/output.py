@@ -1,0 +1,65 @@
+"""How the command line prints: tables on stdout, progress and complaints on stderr."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+from collections.abc import Callable, Iterator, Sequence
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+from rich.text import Text
+
+PLAIN_WIDTH = 140
+
+
+def console() -> Console:
+    """Console for results; where it is no terminal, lines are long enough not to break tables."""
+    return Console(highlight=False, width=None if sys.stdout.isatty() else PLAIN_WIDTH)
+
+
+def complain(message: str) -> None:
+    """One line on stderr, never wrapped, whatever it holds."""
+    line = " ".join(message.split())
+    Console(stderr=True, highlight=False, soft_wrap=True).print(
+        Text("error: ", style="bold red") + Text(line)
+    )
+
+
+def warn(message: str) -> None:
+    """One line on stderr for what is only worth a look."""
+    line = " ".join(message.split())
+    Console(stderr=True, highlight=False, soft_wrap=True).print(
+        Text("warning: ", style="yellow") + Text(line)
+    )
+
+
+@contextlib.contextmanager
+def progress(first: str) -> Iterator[Callable[[str], None]]:
+    """Spinner on stderr that says what is being done; silent where stderr is no terminal."""
+    with Console(stderr=True).status(escape(first)) as status:
+        yield lambda words: status.update(escape(words))
+
+
+def table(title: str | None, headings: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
+    """Plain table whose texts are taken literally."""
+    made = Table(
+        title=escape(title) if title else None, title_justify="left", header_style="bold", box=SIMPLE_HEAD
+    )
+    for heading in headings:
+        made.add_column(escape(heading), overflow="fold")
+    for row in rows:
+        made.add_row(*(escape(cell) for cell in row))
+    return made
+
+
+def pairs(title: str, rows: Sequence[tuple[str, str]]) -> Table:
+    """Two columns without a heading: names and values."""
+    made = Table(title=escape(title), title_justify="left", show_header=False, box=None, pad_edge=False)
+    made.add_column(style="bold", no_wrap=True)
+    made.add_column(overflow="fold")
+    for name, value in rows:
+        made.add_row(escape(name), escape(value))
+    return made

@@ -1,0 +1,80 @@
+"""``spacerobot paper``: every variant of the paper beside its figures."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import typer
+
+from spacerobot.cli.options import Out
+from spacerobot.cli.output import console, progress, table
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from spacerobot.paper import Variant
+    from spacerobot.result import Result
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command("paper", help=HELP)(command)
+
+
+HELP = """Run PID only and PID + amnesia, with both feedback readings and both radii, beside the paper.
+
+Example:
+
+    spacerobot paper --out out/paper
+"""
+
+LEGEND = (
+    "Tip errors are reference minus position, least .. greatest over 10 s, in mm. base: the PID feeds back "
+    "the velocity seen from the robot's own base; inertial: the true velocity. The paper does not say which, "
+    "and states R = 0.1 m in Table 1 but 0.15 m in the text. See docs/paper.md."
+)
+
+
+def command(out: Out = None) -> None:
+    """Run every variant of the paper and print one table."""
+    from spacerobot.paper import VARIANTS, run_variants
+    from spacerobot.result import check_folder, save
+    from spacerobot.simulate import simulate
+
+    if out is not None:
+        for variant in VARIANTS:
+            check_folder(out / variant.name)
+    results = []
+    with progress("building the closed loop") as tell:
+        for variant, result in run_variants(simulate):
+            tell(f"{variant.name} done")
+            results.append((variant, save(result, out / variant.name) if out is not None else result))
+    console().print(comparison(results))
+    console().print(f"\n{LEGEND}", markup=False)
+    if out is not None:
+        console().print(f"\nresults in {out}", markup=False, soft_wrap=True)
+
+
+def comparison(results: Sequence[tuple[Variant, Result]]) -> object:
+    """Table of the paper's figures and ours."""
+    from spacerobot.paper import FIGURE_7_MM, FIGURE_10_MM, error_bands_mm, note
+
+    headings = ["variant", "robot 1 x", "robot 1 y", "robot 2 x", "robot 2 y", "object turns", "note"]
+    rows = [
+        ["paper: PID only", "5", "", "", "", "visibly", "section 5; tip and axis not said"],
+        ["paper: PID + amnesia", *map(_span, FIGURE_7_MM), "near zero", "Fig. 7"],
+        ["paper: the same, GA-tuned", *map(_span, FIGURE_10_MM), "", "Fig. 10"],
+    ]
+    for variant, result in results:
+        turned = f"{result.summary['target']['max_rotation_deg']:.2g} deg"
+        spans = map(_span, error_bands_mm(result.summary))
+        rows.append([variant.name, *spans, turned, note(variant, result.summary)])
+    return table("the paper and this toolkit [mm]", headings, rows)
+
+
+def _span(band: tuple[float, float]) -> str:
+    return f"{_short(band[0])} .. {_short(band[1])}"
+
+
+def _short(value: float) -> str:
+    return f"{value:.2f}" if abs(value) >= 0.095 else f"{value:.1g}"

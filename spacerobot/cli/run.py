@@ -1,0 +1,101 @@
+"""``spacerobot run``: simulate a scenario."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from spacerobot.cli.options import Changes, Out, ScenarioName, parse_changes
+from spacerobot.cli.output import console, pairs, progress, warn
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from spacerobot.result import Result
+    from spacerobot.scene import Scene
+
+Engine = Annotated[
+    str | None, typer.Option("--engine", metavar="NAME", help="casadi, cvodes or pinocchio (slow, a check).")
+]
+Backend = Annotated[
+    str, typer.Option("--backend", metavar="NAME", help="auto, compiled or interpreted, for casadi.")
+]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command("run", help=HELP)(command)
+
+
+HELP = """Simulate a scenario and print its headline numbers.
+
+Examples:
+
+    spacerobot run paper --out out/paper
+
+    spacerobot run my.yaml --set simulation.duration=20 --set 'robots.*.tips.*.amnesia=null'
+"""
+
+
+def command(
+    scenario: ScenarioName,
+    out: Out = None,
+    changes: Changes = None,
+    engine: Engine = None,
+    backend: Backend = "auto",
+) -> None:
+    """Simulate a scenario; exit code 3 if the rollout diverges."""
+    from spacerobot.errors import ScenarioError
+    from spacerobot.result.table import headline
+    from spacerobot.scene import load_scene
+
+    if backend not in ("auto", "compiled", "interpreted"):
+        raise ScenarioError(f"found {backend!r}, allowed: auto, compiled, interpreted", where="--backend")
+    pairs_given = parse_changes(changes)
+    if engine is not None:
+        pairs_given.append(("simulation.engine", engine))
+    scene = load_scene(scenario, pairs_given)
+    for warning in scene.warnings:
+        warn(warning)
+    result = run_scene(scene, out, backend)
+    console().print(pairs(f"{result.scenario.name}: {_about(scene)}", headline(result)))
+    if result.folder is not None:
+        console().print(f"\nresult in {result.folder}", markup=False, soft_wrap=True)
+    fail_if_diverged(result)
+
+
+def run_scene(scene: Scene, out: Path | None, backend: str = "auto") -> Result:
+    """Simulate a scene with a spinner and save the result if a folder is given."""
+    from spacerobot.result import check_folder, save
+    from spacerobot.simulate import simulate
+
+    if out is not None:
+        check_folder(out)
+    with progress("building the closed loop") as tell:
+        result = simulate(scene, backend=backend, progress=tell)
+    return save(result, out) if out is not None else result
+
+
+def fail_if_diverged(result: Result) -> None:
+    """Tell of a diverged rollout and leave with exit code 3.
+
+    Raises
+    ------
+    DivergedError
+        If it diverged.
+    """
+    from spacerobot.errors import DivergedError
+
+    if result.completed:
+        return
+    status, step = result.summary["status"], result.summary["engine"]["step_s"]
+    hint = f"; the step of {step:g} s may be too large" if step else ""
+    kept = f"; kept up to there in {result.folder}" if result.folder is not None else ""
+    raise DivergedError(f"the rollout diverged after {status['diverged_at_s']:.6g} s{hint}{kept}")
+
+
+def _about(scene: Scene) -> str:
+    kind = "planar" if scene.planar else "spatial"
+    robots = f"{len(scene.robots)} robot" + ("s" if len(scene.robots) != 1 else "")
+    return f"{kind}, {robots}, {len(scene.tips)} tips, {len(scene.grasps)} grasps"

@@ -1,0 +1,34 @@
+"""``spacerobot scenarios``: what ships."""
+
+from __future__ import annotations
+
+import typer
+
+from spacerobot.cli.output import console, table
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command("scenarios", help=HELP)(command)
+
+
+HELP = """List the shipped scenarios and URDFs.
+
+Example:
+
+    spacerobot scenarios
+"""
+
+
+def command() -> None:
+    """List the shipped scenarios and URDFs."""
+    from spacerobot.description.find import shipped_names, shipped_urdf_folder
+    from spacerobot.scenario.catalogue import shipped
+    from spacerobot.scenario.load import read_document
+
+    rows = [
+        (name, " ".join(str(read_document(path).get("description", "")).split()))
+        for name, path in shipped().items()
+    ]
+    console().print(table("scenarios", ["name", "what it shows"], rows))
+    console().print(f"\nURDFs in {shipped_urdf_folder()}: {', '.join(shipped_names())}", soft_wrap=True)
