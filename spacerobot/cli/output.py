@@ -48,8 +48,8 @@ def table(title: str | None, headings: Sequence[str], rows: Sequence[Sequence[st
     made = Table(
         title=escape(title) if title else None, title_justify="left", header_style="bold", box=SIMPLE_HEAD
     )
-    for heading in headings:
-        made.add_column(escape(heading), overflow="fold")
+    for i, heading in enumerate(headings):
+        made.add_column(escape(heading), overflow="fold", no_wrap=i == 0)
     for row in rows:
         made.add_row(*(escape(cell) for cell in row))
     return made

@@ -1,0 +1,45 @@
+# Everything a fresh machine needs is Python 3.11+, git and make.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+WHEEL_VENV := build/wheel-venv
+export PIP_CONSTRAINT := $(CURDIR)/constraints.txt
+export PIP_DISABLE_PIP_VERSION_CHECK := 1
+
+.PHONY: demo test check bench wheel-check clean
+
+demo: $(VENV)/installed  ## Run the main job: the paper's scenario, from URDF to a result
+	$(BIN)/spacerobot run paper --out out/paper
+	@echo
+	@echo "Look into out/paper: summary.json (numbers), result.nc (everything over time), scenario.yaml."
+
+test: $(VENV)/installed-all  ## Pass the tests
+	$(BIN)/python -m pytest -n auto
+
+check: $(VENV)/installed-all  ## Lint and type-check
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+bench: $(VENV)/installed-all  ## Measure, each row as a ratio to something in the same run
+	$(BIN)/python -m pip install --quiet --editable '.[bench]'
+	$(BIN)/python -m benchmarks
+
+wheel-check: $(VENV)/installed-all  ## The built wheel, alone in a fresh environment, runs the paper's scenario
+	rm -rf build dist
+	$(BIN)/python -m pip wheel --quiet --no-deps --wheel-dir dist .
+	$(PYTHON) -m venv $(WHEEL_VENV)
+	$(WHEEL_VENV)/bin/python -m pip install --quiet dist/*.whl
+	cd build && wheel-venv/bin/spacerobot run paper --out out
+
+$(VENV)/installed: pyproject.toml constraints.txt
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --editable .
+	touch $@
+
+$(VENV)/installed-all: $(VENV)/installed
+	$(BIN)/python -m pip install --quiet --editable '.[test,check]'
+	touch $@
+
+clean:
+	rm -rf $(VENV) build dist out .pytest_cache .mypy_cache .ruff_cache .hypothesis
