@@ -1,0 +1,221 @@
+"""Results against hand-made data, and folders that are whole or not there."""
+
+import dataclasses
+import json
+import os
+
+import numpy as np
+import pinocchio as pin
+import pytest
+import xarray as xr
+
+from spacerobot.errors import ResultError
+from spacerobot.result import check_folder, load, save
+from spacerobot.result.ledger import build_ledger
+from spacerobot.result.metrics import body_motion, greatest_torque, tip_errors
+from spacerobot.result.store import FILES
+from spacerobot.scene import load_scene
+from spacerobot.simulate import simulate
+
+
+@pytest.fixture(scope="module")
+def result():
+    return simulate(load_scene("paper", {"simulation.duration": 1.0, "simulation.output_step": 0.05}))
+
+
+def test_dataset_has_the_promised_variables_labels_and_units(result):
+    data = result.data
+    assert list(data.tip.values) == ["rpr1/tip", "rpr2/tip"]
+    assert list(data.body.values) == ["rpr1", "rpr2", "target"]
+    assert list(data.joint.values)[:2] == ["rpr1/joint_1", "rpr1/joint_2"]
+    assert data.tip_error.dims == ("time", "tip", "axis")
+    assert data.body_orientation.dims == ("time", "body", "quaternion")
+    assert data.sizes["time"] == 21
+    for name in data.data_vars:
+        assert data[name].attrs["units"], name
+        assert data[name].attrs["long_name"], name
+
+
+def test_tip_error_is_reference_minus_position(result):
+    data = result.data
+    difference = data.tip_reference - data.tip_position
+    np.testing.assert_allclose(data.tip_error.values, difference.values, atol=1e-15)
+
+
+def test_rows_of_q_go_straight_into_pinocchio(result):
+    scene, data = result.scene(), result.data
+    pin_data = scene.model.createData()
+    row = data.isel(time=-1)
+    pin.framesForwardKinematics(scene.model, pin_data, row.q.values)
+    for tip in scene.tips:
+        found = pin_data.oMf[tip.frame].translation
+        np.testing.assert_allclose(found, row.tip_position.sel(tip=tip.label).values, atol=1e-12)
+    for body in scene.bodies:
+        placement = pin_data.oMf[body.root_frame]
+        quaternion = pin.Quaternion(row.body_orientation.sel(body=body.name).values)
+        np.testing.assert_allclose(quaternion.matrix(), placement.rotation, atol=1e-12)
+        angle = float(row.body_angle.sel(body=body.name))
+        np.testing.assert_allclose([np.cos(angle), np.sin(angle)], placement.rotation[:2, 0], atol=1e-12)
+
+
+def test_body_angle_is_unwrapped_through_half_a_turn():
+    scene = load_scene("paper", {"robots.rpr2.base.spin_deg.2": 30.0, "simulation.duration": 1.0})
+    angle = simulate(scene).data.body_angle.sel(body="rpr2").values
+    assert np.abs(np.diff(angle)).max() < 0.1
+    assert angle[-1] > np.pi + 0.2
+
+
+def test_momentum_of_the_dataset_is_pinocchios(result):
+    scene, row = result.scene(), result.data.isel(time=10)
+    pin_data = scene.model.createData()
+    pin.computeCentroidalMomentum(scene.model, pin_data, row.q.values, row.v.values)
+    linear = pin_data.hg.linear
+    angular = pin_data.hg.angular + np.cross(pin_data.com[0], linear)
+    np.testing.assert_allclose(row.momentum_linear.values, linear, atol=1e-12)
+    np.testing.assert_allclose(row.momentum_angular.values, angular, atol=1e-12)
+    kinetic = pin.computeKineticEnergy(scene.model, pin_data, row.q.values, row.v.values)
+    assert float(row.energy_kinetic) == pytest.approx(kinetic, rel=1e-12)
+
+
+def hand_made(**changes):
+    time = np.array([0.0, 1.0, 2.0])
+    error = np.zeros((3, 1, 3))
+    error[:, 0, 0] = [0.001, -0.003, 0.002]
+    rotation = np.zeros((3, 2, 3))
+    rotation[1, 1, 2] = np.radians(2.0)
+    position = np.zeros((3, 2, 3))
+    position[2, 0] = [3.0, 4.0, 0.0]
+    partial = np.zeros((3, 2, 3))
+    partial[1, :, 0] = [2.0, -2.0 + 1e-6]
+    data = {
+        "tip_error": (("time", "tip", "axis"), error),
+        "body_rotation": (("time", "body", "axis"), rotation),
+        "body_position": (("time", "body", "axis"), position),
+        "joint_torque": (("time", "joint"), np.array([[0.0, 1.0], [-5.0, 2.0], [0.0, 0.0]])),
+        "body_momentum_linear": (("time", "body", "axis"), partial),
+        "body_momentum_angular": (("time", "body", "axis"), 0 * partial),
+        "momentum_linear": (("time", "axis"), partial.sum(axis=1)),
+        "momentum_angular": (("time", "axis"), 0 * partial.sum(axis=1)),
+        "energy_kinetic": ("time", np.array([0.0, 3.0, 1.0])),
+        "energy_spring": ("time", np.array([0.0, 0.5, 0.0])),
+        "energy_potential": ("time", np.zeros(3)),
+        "work_actuator": ("time", np.array([0.0, 4.0, 2.5])),
+        "work_joint": ("time", np.array([0.0, 0.25, 1.0])),
+        "work_grasp": ("time", np.array([0.0, 0.25, 0.5])),
+        "work_constraint": ("time", np.zeros(3)),
+    }
+    coords = {
+        "time": time,
+        "tip": ["a/tip"],
+        "axis": ["x", "y", "z"],
+        "body": ["a", "target"],
+        "joint": ["j1", "j2"],
+    }
+    return xr.Dataset(data | changes, coords)
+
+
+def test_metrics_of_hand_made_data():
+    data = hand_made()
+    x = tip_errors(data)["a/tip"]["x"]
+    assert (x["min_m"], x["max_m"], x["final_m"]) == (-0.003, 0.002, 0.002)
+    assert x["rms_m"] == pytest.approx(np.sqrt(14e-6 / 3))
+    moved = body_motion(data)
+    assert moved["a"] == {"max_rotation_deg": 0.0, "max_travel_m": 5.0}
+    assert moved["target"]["max_rotation_deg"] == pytest.approx(2.0)
+    assert greatest_torque(data) == {"torque_n_m": 5.0, "joint": "j1", "time_s": 1.0}
+
+
+def test_ledger_of_hand_made_data():
+    scenario = load_scene("paper").scenario
+    ledger = build_ledger(hand_made(), scenario)
+    assert ledger["momentum"]["linear"]["relative_drift"] == pytest.approx(1e-6 / 2.0)
+    assert ledger["energy"]["largest_residual_j"] == pytest.approx(0.0, abs=1e-15)
+    leak = hand_made(work_grasp=("time", np.array([0.0, 0.25, 0.4])))
+    assert build_ledger(leak, scenario)["energy"]["relative_residual"] == pytest.approx(0.1 / 4.0)
+
+
+def test_ledger_says_why_momentum_is_not_conserved():
+    scenario = load_scene("paper", {"gravity": [0, -1, 0]}).scenario
+    assert build_ledger(hand_made(), scenario)["momentum"] == {"conserved": False, "reason": "gravity acts"}
+
+
+def test_folder_reads_back_and_runs_again_to_the_same_result(result, tmp_path):
+    saved = save(result, tmp_path / "a" / "b")
+    again = load(tmp_path / "a" / "b")
+    assert again.scenario == result.scenario
+    xr.testing.assert_identical(again.data, saved.data)
+    rerun = simulate(load_scene(saved.folder / "scenario.yaml"))
+    np.testing.assert_array_equal(rerun.data.q.values, result.data.q.values)
+    np.testing.assert_array_equal(rerun.data.joint_torque.values, result.data.joint_torque.values)
+
+
+def test_saving_leaves_nothing_beside_the_result(result, tmp_path):
+    save(result, tmp_path / "r")
+    save(result, tmp_path / "r")
+    assert sorted(os.listdir(tmp_path)) == ["r"]
+    assert sorted(os.listdir(tmp_path / "r")) == sorted(FILES)
+
+
+def test_a_failing_write_keeps_what_was_there(result, tmp_path, monkeypatch):
+    save(result, tmp_path / "r")
+    before = {name: (tmp_path / "r" / name).read_bytes() for name in FILES}
+
+    def full(*_, **__):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(xr.Dataset, "to_netcdf", full)
+    with pytest.raises(ResultError, match="No space left"):
+        save(result, tmp_path / "r")
+    with pytest.raises(ResultError, match="No space left"):
+        save(result, tmp_path / "new" / "deep")
+    assert {name: (tmp_path / "r" / name).read_bytes() for name in FILES} == before
+    assert sorted(os.listdir(tmp_path)) == ["r"]
+
+
+def test_folders_that_are_no_place_for_a_result(tmp_path):
+    (tmp_path / "file").write_text("x")
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "thesis.tex").write_text("x")
+    for name, found in (("file", "is a file"), ("full", "holds files"), ("file/below", "cannot be written")):
+        with pytest.raises(ResultError, match=found):
+            check_folder(tmp_path / name)
+    check_folder(tmp_path / "fine" / "deep")
+    assert not (tmp_path / "fine").exists()
+
+
+def test_incomplete_foreign_and_broken_results_are_refused(result, tmp_path):
+    saved = save(result, tmp_path / "r").folder
+    summary = json.loads((saved / "summary.json").read_text())
+    (saved / "summary.json").write_text(json.dumps(summary | {"format": 99}))
+    with pytest.raises(ResultError, match="another version: layout 99"):
+        load(saved)
+    (saved / "summary.json").write_text("{")
+    with pytest.raises(ResultError, match="cannot be read"):
+        load(saved)
+    (saved / "summary.json").write_text(json.dumps(summary))
+    (saved / "result.nc").write_bytes(b"not netCDF")
+    with pytest.raises(ResultError, match="cannot be read"):
+        load(saved)
+    (saved / "result.nc").unlink()
+    with pytest.raises(ResultError, match=r"not a complete result: no result\.nc"):
+        load(saved)
+    with pytest.raises(ResultError, match="no such folder"):
+        load(tmp_path / "nowhere")
+
+
+def test_notebook_table_escapes_what_users_write(result):
+    named = dataclasses.replace(
+        result, summary=json.loads(json.dumps(result.summary).replace("rpr1/joint", "<b>/joint"))
+    )
+    assert "<b>" not in named._repr_html_()
+    assert "tip error rpr1/tip" in named._repr_html_()
+
+
+def test_a_rollout_that_diverges_is_kept_up_to_there(tmp_path):
+    scene = load_scene("paper", {"simulation.step": 0.02, "simulation.duration": 2.0})
+    result = save(simulate(scene), tmp_path / "r")
+    status = load(tmp_path / "r").summary["status"]
+    assert status["state"] == "diverged"
+    assert 0 < status["diverged_at_s"] < 2.0
+    assert result.data.time.values[-1] <= status["diverged_at_s"] + 1e-9
+    assert np.isfinite(result.data.q.values).all()
