@@ -6,8 +6,6 @@ two triangles of a symmetric matrix are equal. The helpers here are written so t
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import casadi as ca
 
 ZERO3 = ca.SX(3, 1)
@@ -109,16 +107,22 @@ def _split_turn(rotation: ca.SX) -> tuple[int, ca.SX, ca.SX, ca.SX]:
     return k, rotation[i, first], rotation[j, first], relabel
 
 
-def velocity_gradient(angular: ca.SX, acceleration: ca.SX) -> ca.SX:
+def skew(vector: ca.SX) -> ca.SX:
+    """Matrix of the vector product, ``skew(a) b = a x b``, 3x3, sparse."""
+    x, y, z, zero = vector[0], vector[1], vector[2], ca.SX(1, 1)
+    return ca.vertcat(ca.horzcat(zero, -z, y), ca.horzcat(z, zero, -x), ca.horzcat(-y, x, zero))
+
+
+def velocity_gradient(products: ca.SX, acceleration: ca.SX) -> ca.SX:
     """Acceleration of a rigid body's points relative to its origin, per unit of distance.
 
     A point at ``r`` from the origin accelerates by ``G r`` more than the origin does:
-    ``G = skew(alpha) + skew(omega) skew(omega)``.
+    ``G = skew(alpha) + skew(omega)^2``.
 
     Parameters
     ----------
-    angular
-        Angular velocity omega, rad/s, 3x1.
+    products
+        ``omega omega^T``, rad^2/s^2, 3x3.
     acceleration
         Angular acceleration alpha, rad/s^2, 3x1.
 
@@ -127,18 +131,38 @@ def velocity_gradient(angular: ca.SX, acceleration: ca.SX) -> ca.SX:
     casadi.SX
         ``G``, 1/s^2, 3x3.
     """
-    x, y, z = angular[0], angular[1], angular[2]
-    xx, yy, zz, xy, xz, yz = x * x, y * y, z * z, x * y, x * z, y * z
-    ax, ay, az = acceleration[0], acceleration[1], acceleration[2]
-    return ca.vertcat(
-        ca.horzcat(-(yy + zz), xy - az, xz + ay),
-        ca.horzcat(xy + az, -(xx + zz), yz - ax),
-        ca.horzcat(xz - ay, yz + ax, -(xx + yy)),
-    )
+    square = -ca.trace(products)  # one node, which a planar G then shares
+    return ca.sparsify(products + square * IDENTITY3) + skew(acceleration)
+
+
+def inertia_torque(rotational: ca.SX, products: ca.SX, gradient: ca.SX, acceleration: ca.SX) -> ca.SX:
+    """Euler's torque ``I alpha + omega x I omega``, N m, 3x1, from the products the gradient is made of.
+
+    Parameters
+    ----------
+    rotational
+        I, kg m^2, 3x3 symmetric.
+    products, gradient, acceleration
+        As in :func:`velocity_gradient`.
+    """
+    inertia, rows = rotational, []
+    for x in range(3):
+        y, z = (x + 1) % 3, (x + 2) % 3
+        rows.append(
+            inertia[x, x] * acceleration[x]
+            + (inertia[z, z] - inertia[y, y]) * products[y, z]
+            + inertia[z, x] * gradient[y, x]
+            - inertia[y, x] * gradient[z, x]
+            + inertia[z, y] * (products[y, y] - products[z, z])
+        )
+    return ca.vertcat(*rows)
 
 
 class SymmetricFactors:
     """Unrolled ``L D L^T`` of a symmetric positive definite matrix, structural zeros skipped.
+
+    Everything is kept negated. ``SX`` rewrites ``x * (1 / d)`` as a division, and so would divide once per
+    product; ``x * (-1 / d)`` it leaves alone, one division per pivot.
 
     Parameters
     ----------
@@ -148,18 +172,18 @@ class SymmetricFactors:
 
     def __init__(self, matrix: ca.SX) -> None:
         size = matrix.size1()
-        lower = ca.SX.eye(size)
-        inverse = ca.SX(size, size)
+        lower = ca.SX(size, size)  # -L below the diagonal
+        inverse = ca.SX(size, size)  # -D^-1
         scaled = ca.SX(size, size)  # L D
         for j in range(size):
             pivot = matrix[j, j]
             for k in range(j):
-                pivot = pivot - scaled[j, k] * lower[j, k]
-            inverse[j, j] = 1 / pivot
+                pivot = pivot + scaled[j, k] * lower[j, k]
+            inverse[j, j] = -1 / pivot
             for i in range(j + 1, size):
                 entry = matrix[i, j]
                 for k in range(j):
-                    entry = entry - scaled[i, k] * lower[j, k]
+                    entry = entry + scaled[i, k] * lower[j, k]
                 if entry.nnz():
                     scaled[i, j] = entry
                     lower[i, j] = entry * inverse[j, j]
@@ -168,21 +192,17 @@ class SymmetricFactors:
 
     def solve(self, right: ca.SX) -> ca.SX:
         """``A^-1 B`` for any number of columns, nxm."""
+        return -self.solve_negated(right)
+
+    def solve_negated(self, right: ca.SX) -> ca.SX:
+        """``-A^-1 B`` for any number of columns, nxm."""
         size = self._lower.size1()
         rows = [right[i, :] for i in range(size)]
         for i in range(size):
             for k in range(i):
-                rows[i] = rows[i] - self._lower[i, k] * rows[k]
+                rows[i] = rows[i] + self._lower[i, k] * rows[k]
         rows = [self._inverse[i, i] * row for i, row in enumerate(rows)]
         for i in reversed(range(size)):
             for k in range(i + 1, size):
-                rows[i] = rows[i] - self._lower[k, i] * rows[k]
+                rows[i] = rows[i] + self._lower[k, i] * rows[k]
         return ca.vertcat(*rows)
-
-
-def total(terms: Sequence[ca.SX], rows: int = 3) -> ca.SX:
-    """Sum of column vectors of ``rows`` entries; structurally zero if there are none."""
-    result = ca.SX(rows, 1)
-    for term in terms:
-        result = result + term
-    return result

@@ -20,6 +20,7 @@ from spacerobot.dynamics.algebra import (
     SymmetricFactors,
     cross,
     cross_columns,
+    inertia_torque,
     mirror,
     rotate_square,
     rotate_symmetric,
@@ -69,7 +70,7 @@ class _Elimination:
     factors
         Of ``D = A^T I A``.
     gain
-        ``K = I A D^-1``, 6xk, the rows of :attr:`rows` left out (they are the identity).
+        ``K = -I A D^-1``, 6xk, the rows of :attr:`rows` left out (they are minus the identity).
     """
 
     rows: tuple[int, ...] | None
@@ -178,9 +179,8 @@ class ArticulatedBody:
         gravity = ca.mtimes(motion.axes.T, sparse(self.model.gravity.linear))
         felt = motion.velocity_bias - gravity
         force = mass * felt + ca.mtimes(motion.gradient, moment)
-        gyroscopic = cross(motion.spin, ca.mtimes(rotational, motion.spin))
-        torque = cross(moment, felt) + ca.mtimes(rotational, motion.spin_bias) + gyroscopic
-        return ca.vertcat(force, torque)
+        turning = inertia_torque(rotational, motion.products, motion.gradient, motion.spin_bias)
+        return ca.vertcat(force, cross(moment, felt) + turning)
 
     def _sweep(self, tau: ca.SX | None, loads: list[ca.SX]) -> ca.SX:
         kinematics = self.kinematics
@@ -229,14 +229,14 @@ def _eliminate(motion: LocalMotion, inertia: ca.SX, rotor: ca.SX) -> tuple[_Elim
         gain, rest = ca.SX(6, len(rows)), ca.SX(6, 6)
         if others:
             force = inertia[others, list(rows)]
-            gain[others, :] = factors.solve(force.T).T
-            rest[others, others] = mirror(inertia[others, others] - ca.mtimes(gain[others, :], force.T))
+            gain[others, :] = factors.solve_negated(force.T).T
+            rest[others, others] = mirror(inertia[others, others] + ca.mtimes(gain[others, :], force.T))
         return _Elimination(rows, axes, turn, factors, gain), rest
     force = ca.mtimes(inertia, axes)
     reflected = ca.mtimes(turn, ca.mtimes(ca.diag(rotor), turn.T))
     factors = SymmetricFactors(ca.mtimes(axes.T, force) + reflected)
-    gain = factors.solve(force.T).T
-    return _Elimination(None, axes, turn, factors, gain), mirror(inertia - ca.mtimes(gain, force.T))
+    gain = factors.solve_negated(force.T).T
+    return _Elimination(None, axes, turn, factors, gain), mirror(inertia + ca.mtimes(gain, force.T))
 
 
 def _subspace(motion: LocalMotion) -> tuple[tuple[int, ...] | None, ca.SX, ca.SX]:
@@ -270,7 +270,7 @@ def _shift(inertia: ca.SX, arm: ca.SX) -> ca.SX:
 
 def _transmitted(elimination: _Elimination, load: ca.SX, drive: ca.SX, effort: ca.SX) -> ca.SX:
     """Load that reaches the parent through the joint, 6x1."""
-    passed = load - ca.mtimes(elimination.gain, drive)
+    passed = load + ca.mtimes(elimination.gain, drive)
     if elimination.rows is not None:
         # Along its own motion a joint passes on the reaction to its drive and nothing else.
         passed[list(elimination.rows)] = -effort
@@ -279,7 +279,7 @@ def _transmitted(elimination: _Elimination, load: ca.SX, drive: ca.SX, effort: c
 
 def _accelerate(elimination: _Elimination, carried: ca.SX, drive: ca.SX) -> tuple[ca.SX, ca.SX]:
     """Spatial acceleration behind the joint, 6x1, and the joint's own along A, kx1."""
-    own = elimination.factors.solve(drive) - ca.mtimes(elimination.gain.T, carried)
+    own = ca.mtimes(elimination.gain.T, carried) - elimination.factors.solve_negated(drive)
     if elimination.rows is None:
         return carried + ca.mtimes(elimination.axes, own), own
     rows = list(elimination.rows)

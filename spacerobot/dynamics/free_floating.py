@@ -79,9 +79,9 @@ class FreeFloating:
     def generalized_jacobian(self, frame_id: int) -> ca.SX:
         """J*: velocity of a frame per joint rate at zero momentum, 6xn, linear rows first, world axes."""
         jacobian = frame_jacobian(self.model, self.kinematics, frame_id)
-        reaction = SymmetricFactors(self.base_inertia).solve(self.base_coupling)
+        reaction = SymmetricFactors(self.base_inertia).solve_negated(self.base_coupling)
         base = jacobian[:, list(_range(self.base))]
-        return jacobian[:, list(self.columns)] - ca.mtimes(base, reaction)
+        return jacobian[:, list(self.columns)] + ca.mtimes(base, reaction)
 
     def momentum_map(self, frame_id: int) -> ca.SX:
         """B: velocity of a frame per momentum of the robot, 6x6.
@@ -94,7 +94,7 @@ class FreeFloating:
 
     def base_velocity(self, rates: ca.SX, momentum: ca.SX | None = None) -> ca.SX:
         """Base velocity in Pinocchio's coordinates (k) that joint rates (n) and momentum (6) entail."""
-        reaction = -SymmetricFactors(self.base_inertia).solve(ca.mtimes(self.base_coupling, rates))
+        reaction = SymmetricFactors(self.base_inertia).solve_negated(ca.mtimes(self.base_coupling, rates))
         if momentum is None:
             return reaction
         return reaction + ca.mtimes(self._base_velocity_per_momentum(), momentum)
@@ -124,7 +124,7 @@ class FreeFloating:
         """``H_b^-1 S_b^T X``: X moves angular momentum from the world's origin to the base's, kx6."""
         lever = cross_columns(self.kinematics.origin[self.base.index], IDENTITY3)
         move = ca.vertcat(ca.horzcat(IDENTITY3, ca.SX(3, 3)), ca.horzcat(-lever, IDENTITY3))
-        return SymmetricFactors(self.base_inertia).solve(ca.mtimes(self._base_subspace().T, move))
+        return -SymmetricFactors(self.base_inertia).solve_negated(ca.mtimes(self._base_subspace().T, move))
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from spacerobot.dynamics.algebra import IDENTITY3, ZERO3, ZERO33, cross, velocity_gradient
+from spacerobot.dynamics.algebra import IDENTITY3, ZERO3, ZERO33, cross, mirror, velocity_gradient
 from spacerobot.dynamics.joints import Joint, JointKind, joint_rotation, joint_translation
 
 _TURNING = (JointKind.REVOLUTE, JointKind.UNBOUNDED, JointKind.PLANAR)
@@ -41,6 +41,8 @@ class LocalMotion:
     velocity_bias, spin_bias
         Classical acceleration of the origin (m/s^2) and angular acceleration (rad/s^2) at zero joint
         acceleration, 3x1.
+    products
+        ``spin spin^T``, rad^2/s^2, 3x3.
     gradient
         Further bias per distance from the origin, 1/s^2, 3x3.
     """
@@ -55,6 +57,7 @@ class LocalMotion:
     spin: ca.SX
     velocity_bias: ca.SX
     spin_bias: ca.SX
+    products: ca.SX
     gradient: ca.SX
 
     def inward(self, vector: ca.SX) -> ca.SX:
@@ -77,6 +80,7 @@ UNIVERSE = LocalMotion(
     spin=ZERO3,
     velocity_bias=ZERO3,
     spin_bias=ZERO3,
+    products=ZERO33,
     gradient=ZERO33,
 )
 """The universe: at rest, in world axes."""
@@ -111,6 +115,7 @@ def _step(joint: Joint, parent: LocalMotion, q: ca.SX, v: ca.SX, bends: bool) ->
     carrier = inward(parent.spin)
     spin = carrier + turning
     spin_bias = inward(parent.spin_bias) + cross(carrier, turning)
+    products = mirror(ca.mtimes(spin, spin.T))
     # Coriolis: the columns of `linear` turn with the parent (prismatic) or with the joint itself.
     swing = carrier + (spin if joint.kind in _CARRIED else carrier)
     return LocalMotion(
@@ -124,7 +129,8 @@ def _step(joint: Joint, parent: LocalMotion, q: ca.SX, v: ca.SX, bends: bool) ->
         spin=spin,
         velocity_bias=inward(parent.velocity_bias + ca.mtimes(parent.gradient, arm)) + cross(swing, sliding),
         spin_bias=spin_bias,
-        gradient=velocity_gradient(spin, spin_bias),
+        products=products,
+        gradient=velocity_gradient(products, spin_bias),
     )
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import casadi as ca
 
-from spacerobot.dynamics.algebra import IDENTITY3, cross
+from spacerobot.dynamics.algebra import IDENTITY3, cross, skew
 
 __all__ = [
     "cross",
@@ -27,12 +27,6 @@ _NEAR_ZERO = 1e-3
 _Z = ca.SX.eye(3)[:, 2]
 _Y = ca.SX.eye(3)[:, 1]
 _X = ca.SX.eye(3)[:, 0]
-
-
-def skew(vector: ca.SX) -> ca.SX:
-    """Matrix of the vector product, ``skew(a) b = a x b``, 3x3, sparse."""
-    x, y, z, zero = vector[0], vector[1], vector[2], ca.SX(1, 1)
-    return ca.vertcat(ca.horzcat(zero, -z, y), ca.horzcat(z, zero, -x), ca.horzcat(-y, x, zero))
 
 
 def turn(axis: ca.SX, cosine: ca.SX, sine: ca.SX) -> ca.SX:
