@@ -11,6 +11,7 @@ from typing import Protocol
 
 import numpy as np
 
+from spacerobot.rollout.adjoint import AdjointEngine
 from spacerobot.rollout.engines import Engine, Raw, StopFlag
 from spacerobot.rollout.grid import TimeGrid
 from spacerobot.rollout.kernel import Kernel
@@ -71,7 +72,6 @@ def usable_cores() -> int:
 
 def run_batch(
     engine: Engine,
-    kernel: Kernel,
     grid: TimeGrid,
     p: Array,
     rows: Sequence[int],
@@ -85,18 +85,47 @@ def run_batch(
     Every group of lanes does the same arithmetic wherever it runs, so results depend neither on threads nor
     on N.
     """
-    raw = Raw.empty(kernel, grid, len(p), states, rows)
-    flag = StopFlag()
+    raw, flag = Raw.empty(engine.kernel, grid, len(p), states, rows), StopFlag()
 
     def work(begin: int, end: int) -> int:
         engine.rollouts(p[begin:end], grid, raw.part(slice(begin, end)), rows, flag)
         return end - begin
 
     size = engine.lanes * max(1, TASK_STEPS // grid.steps)
-    count = 1 if engine.backend == "interpreted" else max(1, threads or usable_cores())
+    count = _threads(engine.backend, threads)
     seconds = run_tasks(work, len(p), size, count, flag, progress, stop)
     raw.cost[raw.done < grid.steps] = np.nan
     return Done(raw, count, seconds)
+
+
+def run_gradients(
+    engine: AdjointEngine,
+    kernel: Kernel,
+    grid: TimeGrid,
+    p: Array,
+    seed: Array,
+    size: int,
+    threads: int | None,
+    progress: Progress | None,
+    stop: Stop | None,
+) -> tuple[Raw, Array]:
+    """Costs of every row of p (N, np), and gradients (N, size) of their sum weighted by ``seed`` (N, nj)."""
+    raw, flag = Raw.empty(kernel, grid, len(p), False, ()), StopFlag()
+    gradient = np.full((len(p), size), np.nan)
+
+    def work(begin: int, end: int) -> int:
+        part = slice(begin, end)
+        engine.gradients(p[part], seed[part], grid, raw.part(part), gradient[part], flag)
+        return end - begin
+
+    run_tasks(work, len(p), engine.lanes, _threads(engine.backend, threads), flag, progress, stop)
+    lost = raw.done < grid.steps
+    raw.cost[lost], gradient[lost] = np.nan, np.nan
+    return raw, gradient
+
+
+def _threads(backend: str, wanted: int | None) -> int:
+    return 1 if backend == "interpreted" else max(1, wanted or usable_cores())
 
 
 def run_tasks(

@@ -88,6 +88,10 @@ class Engine(Protocol):
     """Evaluates a kernel."""
 
     @property
+    def kernel(self) -> Kernel:
+        """The kernel."""
+
+    @property
     def backend(self) -> str:
         """``compiled`` or ``interpreted``."""
 
@@ -248,8 +252,15 @@ class InterpretedEngine:
     def reduce(self, c: Array, x: Array, m: Array, grid: TimeGrid) -> Array:
         """Measures r of a completed rollout."""
         e = self.kernel.functions["final"]((grid.steps - INWARD) * grid.step_s, x[-1], c).full().ravel()
-        best = m.max(axis=0) if self.kernel.peaks else np.empty(0)
-        return np.concatenate([x[-1, self.kernel.nx :], best, e])
+        return np.concatenate([x[-1, self.kernel.nx :], self._winners(m), e])
+
+    def _winners(self, m: Array) -> Array:
+        """Largest values of the first rows of m, and what goes along with them."""
+        peaks = self.kernel.peaks
+        if peaks == 0:
+            return np.empty(0)
+        when = m[:, :peaks].argmax(axis=0)
+        return np.concatenate([m[when, b + np.arange(peaks)] for b in range(0, m.shape[1], peaks)])
 
     @functools.cached_property
     def _step(self) -> ca.Function:

@@ -2,31 +2,26 @@
 
 from __future__ import annotations
 
-import functools
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from spacerobot.compiled import Toolchain, find_toolchain
+from spacerobot.compiled import find_toolchain
 from spacerobot.errors import CompileError, SpaceRobotError, near_names
-from spacerobot.rollout.batch import Progress, Stop, run_batch
-from spacerobot.rollout.engines import (
-    CompiledEngine,
-    Engine,
-    InterpretedEngine,
-    Raw,
-    StopFlag,
-    compile_kernel,
-)
+from spacerobot.rollout.assemble import batch_of, gradient_of, split, trajectory_of
+from spacerobot.rollout.batch import Progress, Stop, run_batch, run_gradients
+from spacerobot.rollout.engines import Raw, StopFlag
+from spacerobot.rollout.factory import Engines
 from spacerobot.rollout.grid import TimeGrid, time_grid
 from spacerobot.rollout.kernel import Kernel, build_kernel
 from spacerobot.rollout.measures import Measures
 from spacerobot.rollout.protocol import Array, ClosedLoopFunctions
-from spacerobot.rollout.trajectory import Batch, Status, Trajectory, frozen
+from spacerobot.rollout.sensitivity import DERIVATIVE
+from spacerobot.rollout.trajectory import Batch, Gradient, Jacobian, Trajectory, frozen
 
 Backend = Literal["auto", "compiled", "interpreted"]
 Parameters = Mapping[str, float] | npt.ArrayLike | None
@@ -36,6 +31,9 @@ Parameters = Mapping[str, float] | npt.ArrayLike | None
 class Rollout:
     """A closed loop, its measures and a time grid, built and ready.
 
+    What batches, gradients and Jacobians need is compiled when they are first called, and comes from the
+    cache from then on.
+
     Attributes
     ----------
     loop
@@ -44,10 +42,8 @@ class Rollout:
         The functions that are evaluated.
     grid
         Steps and samples.
-    engine
-        What evaluates a single rollout.
-    toolchain
-        Compiler for what is compiled later (batches, gradients); None if interpreted.
+    engines
+        What evaluates them.
     fallback
         Why it is interpreted although a compiler was found; empty otherwise.
     """
@@ -55,28 +51,21 @@ class Rollout:
     loop: ClosedLoopFunctions
     kernel: Kernel
     grid: TimeGrid
-    engine: Engine
-    toolchain: Toolchain | None
+    engines: Engines
     fallback: str = ""
 
     @property
     def backend(self) -> str:
         """``compiled`` or ``interpreted``."""
-        return self.engine.backend
+        return self.engines.single.backend
 
     @property
     def summary(self) -> str:
         """One line that says what runs."""
-        steps = f"{self.grid.steps} steps of {self.grid.step_s:.6g} s"
-        interpreted = "interpreted by CasADi" + (f" ({self.fallback})" if self.fallback else "")
-        return f"{steps}, {self.toolchain.summary if self.toolchain else interpreted}"
-
-    @functools.cached_property
-    def batch_engine(self) -> Engine:
-        """What evaluates batches: the same source compiled over lanes, at the first use."""
-        if self.toolchain is None:
-            return self.engine
-        return CompiledEngine(self.kernel, compile_kernel(self.kernel, self.toolchain.lanes, self.toolchain))
+        steps, toolchain = f"{self.grid.steps} steps of {self.grid.step_s:.6g} s", self.engines.toolchain
+        if toolchain is not None:
+            return f"{steps}, compiled: {toolchain.summary}"
+        return f"{steps}, interpreted by CasADi" + (f" ({self.fallback})" if self.fallback else "")
 
     def values(self, parameters: Parameters = None) -> Array:
         """All parameter values p, shape (np,).
@@ -144,8 +133,8 @@ class Rollout:
         p = self.values(parameters)
         outputs = range(self.kernel.size("outputs", "y"))
         raw = Raw.empty(self.kernel, self.grid, 1, True, outputs)
-        self.engine.rollouts(p[None, :], self.grid, raw, outputs, StopFlag())
-        return self._trajectory(raw, time.perf_counter() - begin)
+        self.engines.single.rollouts(p[None, :], self.grid, raw, outputs, StopFlag())
+        return trajectory_of(raw, self.kernel, self.grid, self.backend, time.perf_counter() - begin)
 
     def batch(
         self,
@@ -182,54 +171,132 @@ class Rollout:
         SpaceRobotError
             A path or an output does not exist, or a shape is wrong.
         """
+        p, engine = self.rows(paths, values), self.engines.batch
+        rows = self._output_rows(outputs, self.kernel.outputs)
+        done = run_batch(engine, self.grid, p, rows, states, threads, progress, stop)
+        return batch_of(done.raw, engine, self.grid, outputs, done.threads, done.wall_s)
+
+    def value_and_gradient(
+        self, parameters: Parameters = None, *, wrt: Sequence[str], costs: Sequence[str] | None = None
+    ) -> Gradient:
+        """Costs of one rollout and their exact gradients, by the discrete adjoint.
+
+        The time taken hardly depends on the number of parameters. The first call for a set of parameters
+        compiles.
+
+        Parameters
+        ----------
+        parameters
+            As for :meth:`values`.
+        wrt
+            Paths of the k parameters to differentiate with respect to.
+        costs
+            Which costs; all if None.
+
+        Raises
+        ------
+        SpaceRobotError
+            A path or a cost does not exist, or there is no cost.
+        """
+        found = self._gradients(self.values(parameters)[None, :], tuple(wrt), costs, False)
+        return replace(
+            found,
+            costs={name: value[0] for name, value in found.costs.items()},
+            gradients={name: value[0] for name, value in found.gradients.items()},
+            measures={name: value[0] for name, value in found.measures.items()},
+            diverged_at_s=found.diverged_at_s[0],
+        )
+
+    def gradient_batch(
+        self,
+        paths: Sequence[str],
+        values: npt.ArrayLike,
+        *,
+        wrt: Sequence[str] | None = None,
+        costs: Sequence[str] | None = None,
+        threads: int | None = None,
+        progress: Progress | None = None,
+        stop: Stop | None = None,
+    ) -> Gradient:
+        """Costs and gradients of many rollouts, in lanes and threads; for searches with several starts.
+
+        Parameters
+        ----------
+        paths, values, threads, progress, stop
+            As for :meth:`batch`.
+        wrt, costs
+            As for :meth:`value_and_gradient`; ``wrt`` is ``paths`` if None.
+        """
         p = self.rows(paths, values)
-        known = self.kernel.outputs
+        return self._gradients(p, tuple(wrt or paths), costs, True, threads, progress, stop)
+
+    def jacobian(
+        self, parameters: Parameters = None, *, wrt: Sequence[str], outputs: Sequence[str] = ()
+    ) -> Jacobian:
+        """One rollout, and exact derivatives of its measures and sampled outputs by forward sensitivities.
+
+        Parameters
+        ----------
+        parameters, wrt
+            As for :meth:`value_and_gradient`.
+        outputs
+            Names of outputs whose derivatives are sampled.
+
+        Raises
+        ------
+        SpaceRobotError
+            A path or an output does not exist.
+        """
+        begin = time.perf_counter()
+        trajectory, p = self.run(parameters), self.values(parameters)
+        engine = self.engines.sensitivity(tuple(self.indices(wrt)))
+        names = [DERIVATIVE + name for name in outputs]
+        rows = self._output_rows(names, engine.kernel.outputs)
+        directions = np.hstack([np.tile(p, (len(wrt), 1)), np.eye(len(wrt))])
+        raw = run_batch(engine, self.grid, directions, rows, False, None, None, None).raw
+        blocks, named = split(raw, engine.kernel, names), engine.kernel.measures
+        return Jacobian(
+            paths=tuple(wrt),
+            trajectory=trajectory,
+            measures={name: frozen(raw.r[:, named[DERIVATIVE + name]].T) for name in self.kernel.measures},
+            outputs={name: frozen(np.moveaxis(blocks[DERIVATIVE + name], 0, -1)) for name in outputs},
+            wall_s=time.perf_counter() - begin,
+        )
+
+    def _gradients(
+        self,
+        p: Array,
+        wrt: tuple[str, ...],
+        costs: Sequence[str] | None,
+        many: bool,
+        threads: int | None = None,
+        progress: Progress | None = None,
+        stop: Stop | None = None,
+    ) -> Gradient:
+        """One row for each parameter set and cost."""
+        begin = time.perf_counter()
+        wanted = tuple(self.kernel.costs if costs is None else costs)
+        for name in wanted:
+            if name not in self.kernel.costs:
+                raise SpaceRobotError(f"no cost '{name}', {near_names(name, self.kernel.costs)}")
+        if not wanted:
+            raise SpaceRobotError("this rollout was built without a cost to differentiate")
+        engine = self.engines.adjoint(tuple(self.indices(wrt)), many=many)
+        rows = np.repeat(p, len(wanted), axis=0)
+        weights = np.eye(len(self.kernel.costs))[[self.kernel.costs.index(name) for name in wanted]]
+        seed = np.tile(weights, (len(p), 1))
+        raw, gradient = run_gradients(
+            engine, self.kernel, self.grid, rows, seed, len(wrt), threads, progress, stop
+        )
+        found = gradient_of(raw, gradient, self.kernel, self.grid, wrt, wanted)
+        return replace(found, backend=engine.backend, wall_s=time.perf_counter() - begin)
+
+    def _output_rows(self, outputs: Sequence[str], within: Mapping[str, slice]) -> list[int]:
+        """Places in y of named outputs."""
         for name in outputs:
-            if name not in known:
-                raise SpaceRobotError(f"no output '{name}', {near_names(name, known)}")
-        rows = [i for name in outputs for i in range(known[name].start, known[name].stop)]
-        done = run_batch(self.batch_engine, self.kernel, self.grid, p, rows, states, threads, progress, stop)
-        return self._batch(done.raw, outputs, done.threads, done.wall_s)
-
-    def _trajectory(self, raw: Raw, wall_s: float) -> Trajectory:
-        done = int(raw.done[0])
-        status: Status = "completed" if done == self.grid.steps else "diverged"
-        samples = done // self.grid.every + 1
-        state = np.empty((0, 0)) if raw.x is None else raw.x[0, :samples, : self.kernel.nx]
-        y = np.empty((samples, 0)) if raw.y is None else raw.y[0, :samples]
-        return Trajectory(
-            time=frozen(self.grid.time[:samples]),
-            state=frozen(state),
-            outputs={name: frozen(y[:, where]) for name, where in self.kernel.outputs.items()},
-            measures={name: frozen(raw.r[0, where]) for name, where in self.kernel.measures.items()},
-            costs={name: float(value) for name, value in zip(self.kernel.costs, raw.cost[0], strict=True)},
-            status=status,
-            diverged_at_s=None if status == "completed" else done * self.grid.step_s,
-            steps=done,
-            step_s=self.grid.step_s,
-            backend=self.backend,
-            wall_s=wall_s,
-        )
-
-    def _batch(self, raw: Raw, outputs: Sequence[str], threads: int, wall_s: float) -> Batch:
-        ran = raw.done >= 0
-        lost = ran & (raw.done < self.grid.steps)
-        sizes = [self.kernel.outputs[name].stop - self.kernel.outputs[name].start for name in outputs]
-        ends = np.cumsum([0, *sizes])
-        y = np.empty((len(raw.done), 0, 0)) if raw.y is None else raw.y
-        return Batch(
-            costs={name: frozen(raw.cost[:, i]) for i, name in enumerate(self.kernel.costs)},
-            measures={name: frozen(raw.r[:, where]) for name, where in self.kernel.measures.items()},
-            diverged_at_s=frozen(np.where(lost, raw.done * self.grid.step_s, np.nan)),
-            done=ran,
-            time=frozen(self.grid.time),
-            outputs={name: frozen(y[:, :, a:b]) for name, a, b in zip(outputs, ends, ends[1:], strict=False)},
-            state=None if raw.x is None else frozen(raw.x[:, :, : self.kernel.nx]),
-            backend=self.batch_engine.backend,
-            lanes=self.batch_engine.lanes,
-            threads=threads,
-            wall_s=wall_s,
-        )
+            if name not in within:
+                raise SpaceRobotError(f"no output '{name}', {near_names(name, self.kernel.outputs)}")
+        return [i for name in outputs for i in range(within[name].start, within[name].stop)]
 
 
 def build_rollout(
@@ -271,11 +338,14 @@ def build_rollout(
         raise SpaceRobotError(f"backend '{backend}', allowed: auto, compiled, interpreted")
     toolchain, fallback = None if backend == "interpreted" else find_toolchain(), ""
     if backend == "compiled" or toolchain is not None:
+        if toolchain is None:
+            raise CompileError("no C++ compiler was found (g++, clang++, CXX or SPACEROBOT_COMPILER)")
+        engines = Engines(kernel, toolchain)
         try:
-            engine = CompiledEngine(kernel, compile_kernel(kernel, 1, toolchain))
-            return Rollout(loop, kernel, grid, engine, engine.library.toolchain)
+            engines.single  # noqa: B018  (compiles)
+            return Rollout(loop, kernel, grid, engines)
         except CompileError as error:
             if backend == "compiled":
                 raise
             fallback = error.message
-    return Rollout(loop, kernel, grid, InterpretedEngine(kernel), None, fallback)
+    return Rollout(loop, kernel, grid, Engines(kernel, None), fallback)

@@ -106,7 +106,7 @@ class Batch:
 
 @dataclass(frozen=True)
 class Gradient:
-    """Costs of rollouts and their exact derivatives.
+    """Costs of rollouts and their exact derivatives. Every array is read-only.
 
     Attributes
     ----------
@@ -118,6 +118,8 @@ class Gradient:
         Named gradients, each of shape (N, k), or (k,); NaN where a rollout diverged.
     measures
         Named measures, each of shape (N, n), or (n,).
+    diverged_at_s
+        Time of the last good state, shape (N,), or (); NaN where the rollout completed.
     backend
         What ran.
     wall_s
@@ -128,6 +130,7 @@ class Gradient:
     costs: Mapping[str, Array]
     gradients: Mapping[str, Array]
     measures: Mapping[str, Array]
+    diverged_at_s: Array
     backend: str
     wall_s: float
 
@@ -143,9 +146,9 @@ class Jacobian:
     trajectory
         The rollout itself.
     measures
-        Derivative of each measure, shape (n, k).
+        Derivative of each measure, shape (n, k); NaN if the rollout diverged.
     outputs
-        Derivative of each asked-for output, shape (nt, n, k).
+        Derivative of each asked-for output, shape (nt, n, k); NaN after divergence.
     wall_s
         Time it took.
     """

@@ -1,0 +1,85 @@
+"""From the arrays that engines fill to what rollouts return."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from spacerobot.rollout.engines import Engine, Raw
+from spacerobot.rollout.grid import TimeGrid
+from spacerobot.rollout.kernel import Kernel
+from spacerobot.rollout.protocol import Array
+from spacerobot.rollout.trajectory import Batch, Gradient, Status, Trajectory, frozen
+
+
+def trajectory_of(raw: Raw, kernel: Kernel, grid: TimeGrid, backend: str, wall_s: float) -> Trajectory:
+    """The only rollout of ``raw``, which holds every state and output; cut short where it diverged."""
+    done = int(raw.done[0])
+    status: Status = "completed" if done == grid.steps else "diverged"
+    samples = done // grid.every + 1
+    state = np.empty((0, 0)) if raw.x is None else raw.x[0, :samples, : kernel.nx]
+    y = np.empty((samples, 0)) if raw.y is None else raw.y[0, :samples]
+    return Trajectory(
+        time=frozen(grid.time[:samples]),
+        state=frozen(state),
+        outputs={name: frozen(y[:, where]) for name, where in kernel.outputs.items()},
+        measures={name: frozen(raw.r[0, where]) for name, where in kernel.measures.items()},
+        costs={name: float(value) for name, value in zip(kernel.costs, raw.cost[0], strict=True)},
+        status=status,
+        diverged_at_s=None if status == "completed" else done * grid.step_s,
+        steps=done,
+        step_s=grid.step_s,
+        backend=backend,
+        wall_s=wall_s,
+    )
+
+
+def batch_of(
+    raw: Raw, engine: Engine, grid: TimeGrid, outputs: Sequence[str], threads: int, wall_s: float
+) -> Batch:
+    """Every rollout of ``raw``, which holds the named outputs."""
+    kernel = engine.kernel
+    return Batch(
+        costs={name: frozen(raw.cost[:, i]) for i, name in enumerate(kernel.costs)},
+        measures={name: frozen(raw.r[:, where]) for name, where in kernel.measures.items()},
+        diverged_at_s=diverged_at(raw, grid),
+        done=raw.done >= 0,
+        time=frozen(grid.time),
+        outputs={name: frozen(block) for name, block in split(raw, kernel, outputs).items()},
+        state=None if raw.x is None else frozen(raw.x[:, :, : kernel.nx]),
+        backend=engine.backend,
+        lanes=engine.lanes,
+        threads=threads,
+        wall_s=wall_s,
+    )
+
+
+def gradient_of(
+    raw: Raw, gradient: Array, kernel: Kernel, grid: TimeGrid, paths: Sequence[str], costs: Sequence[str]
+) -> Gradient:
+    """Gradients of shape (N, len(costs), k), flattened to (N len(costs), k) as ``raw`` is, by cost."""
+    every = len(costs)
+    return Gradient(
+        paths=tuple(paths),
+        costs={name: frozen(raw.cost[::every, kernel.costs.index(name)]) for name in costs},
+        gradients={name: frozen(gradient[i::every]) for i, name in enumerate(costs)},
+        measures={name: frozen(raw.r[::every, where]) for name, where in kernel.measures.items()},
+        diverged_at_s=diverged_at(raw, grid)[::every],
+        backend="",
+        wall_s=0.0,
+    )
+
+
+def diverged_at(raw: Raw, grid: TimeGrid) -> Array:
+    """Time of the last good state of each rollout that diverged, NaN elsewhere."""
+    lost = (raw.done >= 0) & (raw.done < grid.steps)
+    return frozen(np.where(lost, raw.done * grid.step_s, np.nan))
+
+
+def split(raw: Raw, kernel: Kernel, outputs: Sequence[str]) -> dict[str, Array]:
+    """The named outputs, which ``raw`` holds one after the other, each of shape (N, nt, n)."""
+    sizes = [kernel.outputs[name].stop - kernel.outputs[name].start for name in outputs]
+    ends = np.cumsum([0, *sizes])
+    y = np.empty((len(raw.done), 0, 0)) if raw.y is None else raw.y
+    return {name: y[:, :, a:b] for name, a, b in zip(outputs, ends[:-1], ends[1:], strict=True)}

@@ -1,0 +1,77 @@
+"""Engines of one kernel, each made when it is first asked for."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from typing import TypeVar
+
+from spacerobot.compiled import Toolchain
+from spacerobot.rollout.adjoint import AdjointEngine, CompiledAdjoint, InterpretedAdjoint, adjoint_kernel
+from spacerobot.rollout.engines import CompiledEngine, Engine, InterpretedEngine, compile_kernel
+from spacerobot.rollout.kernel import Kernel
+from spacerobot.rollout.sensitivity import sensitivity_kernel
+
+Made = TypeVar("Made")
+
+
+class Engines:
+    """What evaluates a kernel: compiled with a toolchain, or interpreted without one.
+
+    Parameters
+    ----------
+    kernel
+        The functions.
+    toolchain
+        Compiler, or None.
+    """
+
+    def __init__(self, kernel: Kernel, toolchain: Toolchain | None) -> None:
+        self.kernel = kernel
+        self.toolchain = toolchain
+        self._made: dict[tuple[object, ...], object] = {}
+        self._lock = threading.RLock()
+
+    @property
+    def single(self) -> Engine:
+        """For one rollout at a time."""
+        return self._once(("forward", 1), lambda: self._forward(self.kernel, 1))
+
+    @property
+    def batch(self) -> Engine:
+        """For many: as many lanes as the processor's vectors have."""
+        lanes = self._lanes
+        return self._once(("forward", lanes), lambda: self._forward(self.kernel, lanes))
+
+    def adjoint(self, wrt: tuple[int, ...], *, many: bool) -> AdjointEngine:
+        """For gradients with respect to some places in p, one at a time or many."""
+        lanes = self._lanes if many else 1
+        return self._once(("adjoint", wrt, lanes), lambda: self._adjoint(wrt, lanes))
+
+    def sensitivity(self, wrt: tuple[int, ...]) -> Engine:
+        """For derivatives along directions, one in each lane; ``engine.kernel`` names what it returns."""
+        lanes = self._lanes
+        return self._once(
+            ("sensitivity", wrt, lanes), lambda: self._forward(sensitivity_kernel(self.kernel, wrt), lanes)
+        )
+
+    @property
+    def _lanes(self) -> int:
+        return 1 if self.toolchain is None else self.toolchain.lanes
+
+    def _forward(self, kernel: Kernel, lanes: int) -> Engine:
+        if self.toolchain is None:
+            return InterpretedEngine(kernel)
+        return CompiledEngine(kernel, compile_kernel(kernel, lanes, self.toolchain))
+
+    def _adjoint(self, wrt: tuple[int, ...], lanes: int) -> AdjointEngine:
+        kernel = adjoint_kernel(self.kernel, wrt)
+        if self.toolchain is None:
+            return InterpretedAdjoint(kernel)
+        return CompiledAdjoint(kernel, compile_kernel(kernel, lanes, self.toolchain, adjoint=True))
+
+    def _once(self, key: tuple[object, ...], make: Callable[[], Made]) -> Made:
+        with self._lock:
+            if key not in self._made:
+                self._made[key] = make()
+            return self._made[key]  # type: ignore[return-value]

@@ -1,0 +1,116 @@
+"""Forward sensitivities: the closed loop and its linearisation along one direction, as a kernel of its own.
+
+A Runge-Kutta step of the linearised loop is the derivative of a Runge-Kutta step, so that the ordinary
+rollout of this kernel gives exact derivatives of the discrete trajectory. Each lane carries one direction.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import casadi as ca
+import numpy as np
+
+from spacerobot.rollout.kernel import Kernel, slices, sx_function
+
+DERIVATIVE = "d "  # prefix of the names of derivatives
+
+
+def sensitivity_kernel(kernel: Kernel, wrt: Sequence[int]) -> Kernel:
+    """Kernel whose parameters are (p, direction) and whose every result is followed by its derivative.
+
+    Parameters
+    ----------
+    kernel
+        The forward functions.
+    wrt
+        Places in p of the k parameters that a direction has entries for.
+
+    Returns
+    -------
+    Kernel
+        Its state is (x, x', integrals, integrals'), its outputs (y, y'), its measures (integrals, integrals',
+        peaks, peaks', final values, final values'), a dash being the derivative along the direction. The
+        slices of a derivative carry the name that it belongs to after ``d``. It has no costs.
+    """
+    f, n, count = kernel.functions, kernel.nx, kernel.integrals
+    t, p, w = ca.SX.sym("t"), ca.SX.sym("p", kernel.size("setup", "p")), ca.SX.sym("w", len(wrt))
+    x0, c0 = f["setup"](p)
+    reached = sorted(set(ca.jacobian_sparsity(c0, p[list(wrt)]).row()))
+    state, prepared = ca.SX.sym("x", 2 * (n + count)), ca.SX.sym("c", c0.numel() + len(reached))
+    x = ca.vertcat(state[:n], state[2 * n : 2 * n + count])
+    dx = ca.vertcat(state[n : 2 * n], state[2 * n + count :])
+    c, dc = prepared[: c0.numel()], prepared[c0.numel() :]
+    arguments, along = ca.vertcat(x, c[reached]), ca.vertcat(dx, dc)
+    at = {"t": t, "x": state, "c": prepared}
+
+    def paired(value: ca.SX, slope: ca.SX) -> ca.SX:
+        return ca.vertcat(value[:n], slope[:n], value[n:], slope[n:])
+
+    def both(name: str, output: str, value: ca.SX) -> ca.Function:
+        return sx_function(name, at, {output: ca.vertcat(value, _along(value, arguments, along))})
+
+    start, slope0 = ca.vertcat(x0, c0[reached]), _along(ca.vertcat(x0, c0[reached]), p[list(wrt)], w)
+    xdot, m = f["dynamics"](t, x, c)
+    normal = f["normalise"](x)
+    functions = {
+        "setup": sx_function(
+            "setup",
+            {"p": ca.vertcat(p, w)},
+            {
+                "x0": paired(start[: n + count], slope0[: n + count]),
+                "c": ca.vertcat(c0, slope0[n + count :]),
+            },
+        ),
+        "dynamics": sx_function(
+            "dynamics",
+            at,
+            {
+                "xdot": paired(xdot, _along(xdot, arguments, along)),
+                "m": ca.vertcat(m, _along(m, arguments, along)),
+            },
+        ),
+        "normalise": sx_function("normalise", {"x": state}, {"n": paired(normal, _along(normal, x, dx))}),
+        "outputs": both("outputs", "y", f["outputs"](t, x, c)),
+        "final": both("final", "e", f["final"](t, x, c)),
+        "objective": _no_costs(2 * kernel.size("objective", "r"), p.numel() + w.numel()),
+    }
+    scale = np.concatenate([kernel.scale[:n], np.zeros(n), kernel.scale[n:], np.zeros(count)])
+    return Kernel(
+        functions,
+        2 * n,
+        2 * count,
+        kernel.peaks,
+        scale,
+        _doubled_outputs(kernel),
+        _doubled_measures(kernel),
+        (),
+    )
+
+
+def _along(value: ca.SX, variables: ca.SX, direction: ca.SX) -> ca.SX:
+    if value.numel() == 0 or variables.numel() == 0:
+        return ca.SX.zeros(value.numel())
+    return ca.densify(ca.jtimes(value, variables, direction))
+
+
+def _no_costs(r: int, p: int) -> ca.Function:
+    return sx_function("objective", {"r": ca.SX.sym("r", r), "p": ca.SX.sym("p", p)}, {"J": ca.SX(0, 1)})
+
+
+def _doubled_outputs(kernel: Kernel) -> dict[str, slice]:
+    sizes = {name: where.stop - where.start for name, where in kernel.outputs.items()}
+    return slices(sizes | {DERIVATIVE + name: size for name, size in sizes.items()})
+
+
+def _doubled_measures(kernel: Kernel) -> dict[str, slice]:
+    """Where each measure and its derivative lie: each kind is followed by its derivatives."""
+    found: dict[str, slice] = {}
+    ends = (0, kernel.integrals, kernel.integrals + kernel.peaks, kernel.size("objective", "r"))
+    for begin, end in pairwise(ends):
+        for name, where in kernel.measures.items():
+            if begin <= where.start and where.stop <= end:
+                found[name] = slice(where.start + begin, where.stop + begin)
+                found[DERIVATIVE + name] = slice(where.start + end, where.stop + end)
+    return found
