@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import sys
+from typing import Annotated
 
 import typer
 
@@ -26,13 +27,21 @@ for module in (run, check, paper, scenarios, make_arm, schema):
     module.register(app)
 
 
-@app.callback()
-def _options(version: bool = typer.Option(False, "--version", help="Show the version and stop.")) -> None:
-    if version:
+def _show_version(wanted: bool) -> None:
+    if wanted:
         import spacerobot
 
         typer.echo(spacerobot.__version__)
         raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version.")
+    ] = False,
+) -> None:
+    pass
 
 
 def main() -> None:

@@ -97,5 +97,6 @@ def fail_if_diverged(result: Result) -> None:
 
 def _about(scene: Scene) -> str:
     kind = "planar" if scene.planar else "spatial"
-    robots = f"{len(scene.robots)} robot" + ("s" if len(scene.robots) != 1 else "")
-    return f"{kind}, {robots}, {len(scene.tips)} tips, {len(scene.grasps)} grasps"
+    counts = (("robot", scene.robots), ("tip", scene.tips), ("grasp", scene.grasps))
+    texts = (f"{len(things)} {name}{'' if len(things) == 1 else 's'}" for name, things in counts)
+    return ", ".join((kind, *texts))

@@ -9,6 +9,9 @@ import xarray as xr
 
 from spacerobot.scenario import Scenario
 
+SMALLEST = 1e-9
+"""Where nothing moves, drift and residual are compared with this much [N s, N m s, J] instead of rounding."""
+
 
 def build_ledger(data: xr.Dataset, scenario: Scenario) -> dict[str, Any]:
     """Momentum drift and energy balance of a result.
@@ -35,7 +38,7 @@ def _momentum(data: xr.Dataset, scenario: Scenario) -> dict[str, Any]:
             f"initial_{unit}": [float(x) for x in total[0]],
             f"drift_{unit}": drift,
             f"largest_partial_{unit}": largest,
-            "relative_drift": drift / largest if largest > 0 else drift,
+            "relative_drift": drift / max(largest, SMALLEST),
         }
     return found
 
@@ -55,5 +58,5 @@ def _energy(data: xr.Dataset) -> dict[str, Any]:
         "grasp_loss_j": float(flows["grasp"][-1]),
         "constraint_work_j": float(flows["constraint"][-1]),
         "largest_residual_j": worst,
-        "relative_residual": worst / largest if largest > 0 else worst,
+        "relative_residual": worst / max(largest, SMALLEST),
     }

@@ -12,6 +12,8 @@ from spacerobot.errors import ScenarioError
 from spacerobot.scenario.paths import Document
 from spacerobot.scenario.scenario import Scenario
 
+GRASP_KINDS = ("compliant", "point", "weld")
+REFERENCE_KINDS = ("circle", "line", "spline", "hold")
 MAX_BYTES = 5_000_000
 MAX_NODES = 500_000
 
@@ -129,6 +131,10 @@ def _explain(error: Any, document: Document) -> tuple[str, str]:
     message = str(error["msg"]).removeprefix("Value error, ")
     if error["type"] == "missing":
         message = "missing"
+    elif error["type"].startswith("union_tag"):
+        kinds = ", ".join(REFERENCE_KINDS if path[-1] == "reference" else GRASP_KINDS)
+        found = _short(error["input"].get("kind")) if isinstance(error["input"], dict) else "nothing"
+        path, message = [*path, "kind"], f"found {found}, allowed: {kinds}"
     elif error["type"] != "value_error":
         message = f"{message[:1].lower()}{message[1:]}, found {_short(error['input'])}"
     return ".".join(path), message

@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-import os
 
 import numpy as np
 import pinocchio as pin
@@ -149,11 +148,15 @@ def test_folder_reads_back_and_runs_again_to_the_same_result(result, tmp_path):
     np.testing.assert_array_equal(rerun.data.joint_torque.values, result.data.joint_torque.values)
 
 
+def names(folder):
+    return sorted(path.name for path in folder.iterdir())
+
+
 def test_saving_leaves_nothing_beside_the_result(result, tmp_path):
     save(result, tmp_path / "r")
     save(result, tmp_path / "r")
-    assert sorted(os.listdir(tmp_path)) == ["r"]
-    assert sorted(os.listdir(tmp_path / "r")) == sorted(FILES)
+    assert names(tmp_path) == ["r"]
+    assert names(tmp_path / "r") == sorted(FILES)
 
 
 def test_a_failing_write_keeps_what_was_there(result, tmp_path, monkeypatch):
@@ -169,7 +172,7 @@ def test_a_failing_write_keeps_what_was_there(result, tmp_path, monkeypatch):
     with pytest.raises(ResultError, match="No space left"):
         save(result, tmp_path / "new" / "deep")
     assert {name: (tmp_path / "r" / name).read_bytes() for name in FILES} == before
-    assert sorted(os.listdir(tmp_path)) == ["r"]
+    assert names(tmp_path) == ["r"]
 
 
 def test_folders_that_are_no_place_for_a_result(tmp_path):
