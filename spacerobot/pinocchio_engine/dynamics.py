@@ -1,0 +1,144 @@
+"""Forward dynamics of the closed loop: one dense linear system for everything that is implicit.
+
+    [ M       -J^T   G^T ] [v']   [tau - h ]
+    [ K_d C    1     0   ] [u ] = [command ]
+    [ G        0     0   ] [w ]   [b       ]
+
+M is the joint space inertia, h the bias forces with springs and resistance, u the channels' outputs and w the
+wrenches of the rigid grasps on the target. The acceleration itself is then the articulated-body algorithm's,
+under the torques and wrenches found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from spacerobot.pinocchio_engine.grasps import Constraint, Relative
+from spacerobot.pinocchio_engine.kinematics import Kinematics
+from spacerobot.pinocchio_engine.tip_control import Command
+from spacerobot.scene import SceneGrasp
+from spacerobot.scene.scene import Array
+
+Wrench = tuple[SceneGrasp, Relative, Array, Array]
+"""A grasp, its relative motion, and the force and torque on the target at the tip's point, (3,) each."""
+
+
+@dataclass(frozen=True)
+class Loads:
+    """What acts on the plant and what it must obey.
+
+    Attributes
+    ----------
+    torque
+        Known generalized forces of the actuators (nv,).
+    resistance
+        Of the joints (nv,) [N m s/rad or N s/m].
+    wrenches
+        Of compliant grasps.
+    commands
+        Of the tips' channels.
+    constraints
+        Of rigid grasps.
+    limits
+        Greatest torque of each velocity component (nv,), infinite where there is none.
+    """
+
+    torque: Array
+    resistance: Array
+    wrenches: Sequence[Wrench]
+    commands: Sequence[Command]
+    constraints: Sequence[Constraint]
+    limits: Array
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Acceleration (nv,), actuator torques (nv,), and wrenches of rigid grasps."""
+
+    acceleration: Array
+    torque: Array
+    wrenches: list[Wrench]
+
+
+def solve(kinematics: Kinematics, loads: Loads) -> Solution:
+    """Solve the closed loop at one instant; limits clip the torques it would take without them.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        In a posture in which rigid grasps fix a freedom twice.
+    """
+    outputs, reactions = _implicit(kinematics, loads, loads.torque, loads.commands)
+    torque = loads.torque + sum(
+        (command.jacobian.T @ u for command, u in zip(loads.commands, outputs, strict=True)),
+        np.zeros(kinematics.model.nv),
+    )
+    if np.isfinite(loads.limits).any():
+        torque = np.clip(torque, -loads.limits, loads.limits)
+        _, reactions = _implicit(kinematics, loads, torque, [])
+    wrenches = []
+    for constraint, reaction in zip(loads.constraints, reactions, strict=True):
+        wrench = np.zeros(6)
+        wrench[constraint.rows] = reaction
+        wrenches.append((constraint.grasp, constraint.relative, wrench[:3], wrench[3:]))
+    model = kinematics.model
+    acceleration = pin.aba(
+        model,
+        model.createData(),
+        kinematics.q,
+        kinematics.v,
+        torque - loads.resistance * kinematics.v,
+        _external(kinematics, [*loads.wrenches, *wrenches]),
+    )
+    return Solution(np.array(acceleration), torque, wrenches)
+
+
+def _implicit(
+    kinematics: Kinematics, loads: Loads, torque: Array, commands: Sequence[Command]
+) -> tuple[list[Array], list[Array]]:
+    """Outputs of the channels and wrenches of the rigid grasps."""
+    model, nv = kinematics.model, kinematics.model.nv
+    upper = np.triu(pin.crba(model, model.createData(), kinematics.q))
+    inertia = upper + np.triu(upper, 1).T
+    bias = pin.rnea(
+        model,
+        model.createData(),
+        kinematics.q,
+        kinematics.v,
+        np.zeros(nv),
+        _external(kinematics, loads.wrenches),
+    )
+    jacobian = np.vstack([np.empty((0, nv)), *(c.jacobian for c in commands)])
+    fixed = np.vstack([np.empty((0, nv)), *(c.jacobian for c in loads.constraints)])
+    nu, size = len(jacobian), nv + len(jacobian) + len(fixed)
+    matrix = np.eye(size)
+    matrix[:nv, :nv], matrix[:nv, nv : nv + nu], matrix[:nv, nv + nu :] = inertia, -jacobian.T, fixed.T
+    matrix[nv : nv + nu, :nv] = np.vstack([np.empty((0, nv)), *(c.gain * c.feedback for c in commands)])
+    matrix[nv + nu :, :nv], matrix[nv + nu :, nv + nu :] = fixed, 0.0
+    right = np.concatenate(
+        [
+            torque - loads.resistance * kinematics.v - bias,
+            *(c.command for c in commands),
+            *(constraint.right for constraint in loads.constraints),
+        ]
+    )
+    unknown = np.linalg.solve(matrix, right)[nv:]
+    sizes = [len(c.command) for c in commands] + [len(c.rows) for c in loads.constraints]
+    parts = np.split(unknown, np.cumsum(sizes)[:-1]) if sizes else []
+    return parts[: len(commands)], parts[len(commands) :]
+
+
+def _external(kinematics: Kinematics, wrenches: Sequence[Wrench]) -> pin.StdVec_Force:
+    """Forces on each joint's body in its own axes: on the target as given, opposite on the robot."""
+    total = [pin.Force.Zero() for _ in range(kinematics.model.njoints)]
+    for grasp, relative, force, torque in wrenches:
+        at = relative.point
+        total[grasp.joint] += kinematics.local_wrench(grasp.joint, force, torque, at)
+        total[grasp.tip.joint] += kinematics.local_wrench(grasp.tip.joint, -force, -torque, at)
+    external = pin.StdVec_Force()
+    external.extend(total)
+    return external

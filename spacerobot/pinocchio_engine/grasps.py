@@ -1,0 +1,123 @@
+"""Grasps: one pair of opposite wrenches at the tip's point, given by springs or asked for by a constraint."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from spacerobot.pinocchio_engine.kinematics import Kinematics, rotation_vector
+from spacerobot.scenario import Compliant, Point, Weld
+from spacerobot.scene import Scene, SceneGrasp
+from spacerobot.scene.scene import Array
+
+
+@dataclass(frozen=True)
+class Relative:
+    """Tip relative to the target, world axes.
+
+    Attributes
+    ----------
+    point
+        The tip's origin (3,) [m].
+    gap, twist
+        From mating frame to tip (3,) [m]; rotation vector since the start (3,) [rad].
+    velocity
+        Of the tip relative to the target's material point there, then angular (6,).
+    jacobian
+        Its Jacobian (6, nv).
+    drift
+        Its rate at zero joint acceleration (6,).
+    """
+
+    point: Array
+    gap: Array
+    twist: Array
+    velocity: Array
+    jacobian: Array
+    drift: Array
+
+
+def relative_motion(kinematics: Kinematics, grasp: SceneGrasp, rest: Array) -> Relative:
+    """Relative motion of a grasp; ``rest`` (3, 3) is the tip's initial orientation in the mating frame."""
+    tip, mate = kinematics.frame(grasp.tip.frame), kinematics.frame(grasp.frame)
+    gap = tip.position - mate.position
+    # velocity of the target's material point at the tip: shift the mating frame's by the gap
+    shift, shift_rate = np.eye(6), np.zeros((6, 6))
+    shift[:3, 3:] = -pin.skew(gap)
+    shift_rate[:3, 3:] = -pin.skew(tip.velocity[:3] - mate.velocity[:3])
+    return Relative(
+        point=tip.position,
+        gap=gap,
+        twist=rotation_vector(tip.rotation, mate.rotation @ rest),
+        velocity=tip.velocity - shift @ mate.velocity,
+        jacobian=tip.jacobian - shift @ mate.jacobian,
+        drift=tip.drift - shift @ mate.drift - shift_rate @ mate.velocity,
+    )
+
+
+@dataclass(frozen=True)
+class Coupling:
+    """Wrench of a compliant grasp on the target (3,) each, energy [J] and dissipated power [W]."""
+
+    force: Array
+    torque: Array
+    energy: float
+    dissipation: float
+
+
+def compliant_wrench(scene: Scene, relative: Relative, config: Compliant) -> Coupling:
+    """Springs and dampers of a compliant grasp."""
+    along, about = _mask(scene.translation_axes), _mask(scene.rotation_axes)
+    gap, velocity = along * relative.gap, along * relative.velocity[:3]
+    twist, spin = about * relative.twist, about * relative.velocity[3:]
+    stiffness, damping = config.rotational_stiffness or 0.0, config.rotational_damping or 0.0
+    return Coupling(
+        config.stiffness * gap + config.damping * velocity,
+        stiffness * twist + damping * spin,
+        float(0.5 * (config.stiffness * gap @ gap + stiffness * twist @ twist)),
+        float(config.damping * velocity @ velocity + damping * spin @ spin),
+    )
+
+
+@dataclass(frozen=True)
+class Constraint:
+    """A rigid grasp, ``jacobian v' = right``.
+
+    Attributes
+    ----------
+    rows
+        Which of the six components of the relative motion it fixes.
+    jacobian, right
+        (n, nv) and (n,); drift decays critically damped (Baumgarte).
+    """
+
+    grasp: SceneGrasp
+    relative: Relative
+    rows: list[int]
+    jacobian: Array
+    right: Array
+
+
+def rigid_constraint(scene: Scene, grasp: SceneGrasp, relative: Relative, config: Point | Weld) -> Constraint:
+    """Constraint of a rigid grasp."""
+    rows, rate = list(scene.translation_axes), config.stabilisation
+    if isinstance(config, Weld):
+        rows += [axis + 3 for axis in scene.rotation_axes]
+    offset = np.concatenate([relative.gap, relative.twist])
+    right = -(relative.drift + 2 * rate * relative.velocity + rate**2 * offset)
+    return Constraint(grasp, relative, rows, relative.jacobian[rows], right[rows])
+
+
+def rest_orientation(kinematics: Kinematics, grasp: SceneGrasp) -> Array:
+    """Tip's orientation in the mating frame (3, 3)."""
+    tip, mate = kinematics.frame(grasp.tip.frame), kinematics.frame(grasp.frame)
+    rest: Array = mate.rotation.T @ tip.rotation
+    return rest
+
+
+def _mask(axes: tuple[int, ...]) -> Array:
+    mask = np.zeros(3)
+    mask[list(axes)] = 1.0
+    return mask

@@ -1,0 +1,125 @@
+"""Joint PD towards the inverse kinematics of the references (Eq. 34, Fig. 1).
+
+    tau_i = K_p2 (theta_d,i - theta_i) - K_d2 theta_i'
+
+The robot finds theta_d by resolved rates in a model of itself whose base stands where it began.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from spacerobot.pinocchio_engine.kinematics import Kinematics, rotation_vector
+from spacerobot.pinocchio_engine.references import Motion
+from spacerobot.pinocchio_engine.tip_control import Channel, Command, arm_columns, sensors_of
+from spacerobot.scenario import JointPd, Robot
+from spacerobot.scene import Scene, SceneBody
+from spacerobot.scene.scene import Array
+
+
+@dataclass(frozen=True)
+class JointController:
+    """Joint PD of one robot; its states are the desired joint positions."""
+
+    scene: Scene
+    body: SceneBody
+    config: JointPd
+
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        """Names of its states."""
+        return tuple(f"{self.body.name}/joint_pd.theta_d[{i}]" for i in range(len(self.body.joints)))
+
+    def positions(self, q: Array) -> Array:
+        """Joint positions (n,) [rad or m]; of an unbounded joint between -pi and pi."""
+        return np.array([_position(self.scene.model.joints[j], q) for j in self.body.joints])
+
+    def torque(self, kinematics: Kinematics, desired: Array) -> Array:
+        """Generalized forces (nv,) of Eq. 34."""
+        sensors, columns = sensors_of(self.body), list(arm_columns(self.scene.model, self.body))
+        angle = sensors.joint_position.offset + sensors.joint_position.scale * self.positions(kinematics.q)
+        rate = sensors.joint_rate.offset + sensors.joint_rate.scale * kinematics.v[columns]
+        torque = np.zeros(self.scene.model.nv)
+        torque[columns] = self.config.kp * (desired - angle) - self.config.kd * rate
+        return torque
+
+    def desired_rate(self, desired: Array, motions: Mapping[str, Motion]) -> Array:
+        """Rate of the desired joint positions (n,), by damped least squares."""
+        scene, model = self.scene, self.scene.model
+        kinematics = Kinematics(model, self._imagined(desired), np.zeros(model.nv))
+        rows: list[Array] = [np.empty((0, model.nv))]
+        wanted: list[Array] = [np.empty(0)]
+        for tip in scene.tips:
+            if tip.body is not self.body:
+                continue
+            frame, motion = kinematics.frame(tip.frame), motions[tip.label]
+            axes = list(scene.translation_axes)
+            rows.append(frame.jacobian[axes])
+            gap = motion.position - frame.position
+            wanted.append((motion.velocity + self.config.ik_rate * gap)[axes])
+            if tip.config.orientation_pid is not None:
+                axes = list(scene.rotation_axes)
+                rows.append(frame.jacobian[3:][axes])
+                gap = rotation_vector(motion.rotation, frame.rotation)
+                wanted.append((motion.angular_velocity + self.config.ik_rate * gap)[axes])
+        jacobian = np.vstack(rows)[:, list(arm_columns(model, self.body))]
+        gram = jacobian @ jacobian.T + self.config.ik_damping**2 * np.eye(len(jacobian))
+        rate: Array = jacobian.T @ np.linalg.solve(gram, np.concatenate(wanted))
+        return rate
+
+    def _imagined(self, desired: Array) -> Array:
+        """Configuration with the desired joint positions and everything else where it began."""
+        q = np.array(self.scene.q)
+        for joint, value in zip(self.body.joints, desired, strict=True):
+            _set_position(self.scene.model.joints[joint], value, q)
+        return q
+
+
+def _position(joint: Any, q: Array) -> float:
+    if joint.nq == 2:
+        return float(np.arctan2(q[joint.idx_q + 1], q[joint.idx_q]))
+    return float(q[joint.idx_q])
+
+
+def _set_position(joint: Any, value: float, q: Array) -> None:
+    q[joint.idx_q : joint.idx_q + joint.nq] = [np.cos(value), np.sin(value)] if joint.nq == 2 else value
+
+
+def joint_controllers(scene: Scene) -> list[JointController]:
+    """Joint controllers of the robots that have one."""
+    return [
+        JointController(scene, body, body.config.joint_pd)
+        for body in scene.robots
+        if isinstance(body.config, Robot) and body.config.joint_pd is not None
+    ]
+
+
+def null_space(
+    kinematics: Kinematics, torque: Array, body: SceneBody, channels: Sequence[tuple[Channel, Command]]
+) -> Array:
+    """Torque without the part that accelerates the robot's controlled tips, as their feedback sees it.
+
+    ``tau - J^T F`` with the tip forces F that cancel the acceleration ``C M^-1 tau``.
+    """
+    own = [command for channel, command in channels if channel.tip.body is body]
+    if not own:
+        return torque
+    feedback = np.vstack([command.feedback for command in own])
+    actuation = np.vstack([command.jacobian for command in own]).T
+    inverse = mass_inverse(kinematics)
+    force = np.linalg.solve(feedback @ inverse @ actuation, feedback @ inverse @ torque)
+    projected: Array = torque - actuation @ force
+    return projected
+
+
+def mass_inverse(kinematics: Kinematics) -> Array:
+    """Inverse of the joint space inertia (nv, nv)."""
+    model = kinematics.model
+    upper = np.triu(pin.computeMinverse(model, model.createData(), kinematics.q))
+    inverse: Array = upper + np.triu(upper, 1).T
+    return inverse

@@ -1,0 +1,100 @@
+"""What can be observed, under the names and in the order of :mod:`spacerobot.closedloop.outputs`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+import pinocchio as pin
+
+from spacerobot.pinocchio_engine.engine import WORKS, Engine, Instant
+from spacerobot.pinocchio_engine.kinematics import rotation_vector
+from spacerobot.pinocchio_engine.tip_control import arm_columns
+from spacerobot.scene.scene import Array
+
+
+def outputs_at(engine: Engine, t: float, x: Array, within: float | None = None) -> dict[str, Array]:
+    """Named outputs, each (n,); arguments and errors as for :meth:`Engine.derivative`."""
+    instant = engine.instant(t, x, within)
+    found = _tips(engine, instant) | _bodies(engine, instant)
+    columns = sorted(column for body in engine.scene.bodies for column in arm_columns(engine.model, body))
+    found["joint_torque"] = instant.solution.torque[columns]
+    found |= _grasps(engine, instant) | _energies(engine, instant)
+    works = engine.split(x)[2][-len(WORKS) :]
+    return found | {f"work_{name}": works[i : i + 1] for i, name in enumerate(WORKS)}
+
+
+def _tips(engine: Engine, instant: Instant) -> dict[str, Array]:
+    tips = [(instant.kinematics.frame(t.frame), instant.motions[t.label]) for t in engine.scene.tips]
+    return {
+        "tip_position": _stack(frame.position for frame, _ in tips),
+        "tip_velocity": _stack(frame.velocity[:3] for frame, _ in tips),
+        "tip_reference": _stack(motion.position for _, motion in tips),
+        "tip_error": _stack(motion.position - frame.position for frame, motion in tips),
+        "tip_orientation_error": _stack(
+            rotation_vector(motion.rotation, frame.rotation) for frame, motion in tips
+        ),
+    }
+
+
+def _bodies(engine: Engine, instant: Instant) -> dict[str, Array]:
+    bodies, kinematics = engine.scene.bodies, instant.kinematics
+    frames = [kinematics.frame(body.root_frame) for body in bodies]
+    momenta = []
+    for body in bodies:
+        total = np.zeros(6)
+        for joint in body.subtree:
+            own = engine.model.inertias[joint] * kinematics.data.v[joint]
+            total += kinematics.data.oMi[joint].act(own).vector
+        momenta.append(total)
+    whole = np.array(_total_momentum(kinematics.model, kinematics.q, kinematics.v))
+    return {
+        "body_position": _stack(frame.position for frame in frames),
+        "body_rotation": _stack(
+            rotation_vector(frame.rotation, first)
+            for frame, first in zip(frames, engine.root_rotations, strict=True)
+        ),
+        "body_momentum_linear": _stack(momentum[:3] for momentum in momenta),
+        "body_momentum_angular": _stack(momentum[3:] for momentum in momenta),
+        "momentum_linear": whole[:3],
+        "momentum_angular": whole[3:],
+    }
+
+
+def _total_momentum(model: pin.Model, q: Array, v: Array) -> Array:
+    """Linear momentum, and angular momentum about the world's origin (6,), by Pinocchio's centroidal one."""
+    data = model.createData()
+    momentum = pin.computeCentroidalMomentum(model, data, q, v)
+    linear = np.array(momentum.linear)
+    return np.concatenate([linear, momentum.angular + np.cross(data.com[0], linear)])
+
+
+def _grasps(engine: Engine, instant: Instant) -> dict[str, Array]:
+    rigid = {grasp.name: (force, torque) for grasp, _, force, torque in instant.solution.wrenches}
+    compliant = iter(instant.couplings)
+    wrenches = []
+    for grasp in engine.scene.grasps:
+        if grasp.name in rigid:
+            wrenches.append(rigid[grasp.name])
+        else:
+            coupling = next(compliant)
+            wrenches.append((coupling.force, coupling.torque))
+    return {
+        "grasp_force": _stack(force for force, _ in wrenches),
+        "grasp_torque": _stack(torque for _, torque in wrenches),
+        "grasp_gap": _stack(relative.gap for relative in instant.relatives),
+    }
+
+
+def _energies(engine: Engine, instant: Instant) -> dict[str, Array]:
+    model, kinematics = engine.model, instant.kinematics
+    data = model.createData()
+    return {
+        "energy_kinetic": np.array([pin.computeKineticEnergy(model, data, kinematics.q, kinematics.v)]),
+        "energy_spring": np.array([sum(coupling.energy for coupling in instant.couplings)]),
+        "energy_potential": np.array([pin.computePotentialEnergy(model, data, kinematics.q)]),
+    }
+
+
+def _stack(vectors: Iterable[Array]) -> Array:
+    return np.concatenate([np.empty(0), *vectors])

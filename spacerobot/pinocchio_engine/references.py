@@ -1,0 +1,172 @@
+"""References as functions of time (Eq. 39-44).
+
+A reference consists of pieces (the motion, and the rest behind it) whose accelerations do not meet. So each
+evaluation says by a second time, ``within``, which piece it means: an integrator that works on the interval
+before a joint then never looks across it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+from scipy.interpolate import CubicSpline
+
+from spacerobot.pinocchio_engine.kinematics import cross
+from spacerobot.scenario import Circle, Hold, Line, Reference, Spline
+from spacerobot.scene.scene import Array
+
+Jet = tuple[Array, Array, Array]
+"""A value with its first and second derivative with respect to time."""
+
+_Path = Callable[[float, float], Jet]
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Where a frame shall be and how it shall move: (3,) and (3, 3) arrays, world axes, SI units."""
+
+    position: Array
+    velocity: Array
+    acceleration: Array
+    rotation: Array
+    angular_velocity: Array
+    angular_acceleration: Array
+
+
+@dataclass(frozen=True)
+class TipReference:
+    """Reference of one tip.
+
+    Attributes
+    ----------
+    path
+        ``(t, within)`` to the displacement since the start (3,) [m] with its derivatives.
+    turn
+        ``(t, within)`` to the rotation vector since the start (3,) [rad] with its derivatives; its
+        direction is constant.
+    pivot
+        Where the displaced point begins (3,) [m].
+    lever
+        From the pivot to the tip at the start (3,) [m]; turns with the reference.
+    rotation
+        The tip's orientation at the start (3, 3).
+    """
+
+    path: _Path
+    turn: _Path
+    pivot: Array
+    lever: Array
+    rotation: Array
+
+    def at(self, t: float, within: float) -> Motion:
+        """Motion at time t [s], by the piece that holds at ``within`` [s]."""
+        displacement, velocity, acceleration = self.path(t, within)
+        angle, spin, spin_rate = self.turn(t, within)
+        turned = pin.exp3(angle)
+        lever = turned @ self.lever
+        swing = cross(spin, lever)
+        return Motion(
+            position=self.pivot + displacement + lever,
+            velocity=velocity + swing,
+            acceleration=acceleration + cross(spin_rate, lever) + cross(spin, swing),
+            rotation=turned @ self.rotation,
+            angular_velocity=spin,
+            angular_acceleration=spin_rate,
+        )
+
+
+def tip_reference(reference: Reference, placement: pin.SE3, pivot: Array | None = None) -> TipReference:
+    """Reference of a tip that begins at ``placement``.
+
+    Parameters
+    ----------
+    reference
+        Its description.
+    placement
+        The tip's initial placement.
+    pivot
+        Initial position (3,) [m] of the object that the reference belongs to, if not to the tip itself.
+    """
+    origin = np.array(placement.translation)
+    centre = origin if pivot is None else np.array(pivot)
+    return TipReference(
+        _path(reference), _turn(reference), centre, origin - centre, np.array(placement.rotation)
+    )
+
+
+def joints(reference: Reference) -> tuple[float, ...]:
+    """Times at which two pieces of a reference meet [s]."""
+    if isinstance(reference, Hold):
+        return ()
+    return reference.times[1:] if isinstance(reference, Spline) else (reference.duration,)
+
+
+def cubic_blend(t: float, within: float, duration: float) -> tuple[float, float, float]:
+    """From 0 to 1 at rest at both ends, held afterwards (Eq. 42), with its derivatives."""
+    if within >= duration:
+        return 1.0, 0.0, 0.0
+    value = 3 * (t / duration) ** 2 - 2 * (t / duration) ** 3
+    rate = 6 * t / duration**2 - 6 * t**2 / duration**3
+    return value, rate, 6 / duration**2 - 12 * t / duration**3
+
+
+def _still(t: float, within: float) -> Jet:  # noqa: ARG001 (a path like the others)
+    return np.zeros(3), np.zeros(3), np.zeros(3)
+
+
+def _path(reference: Reference) -> _Path:
+    if isinstance(reference, Circle):
+        return _circle(reference)
+    if isinstance(reference, Line):
+        return _along(np.array(reference.displacement), reference.duration)
+    return _spline(reference) if isinstance(reference, Spline) else _still
+
+
+def _turn(reference: Reference) -> _Path:
+    if isinstance(reference, Circle | Line):
+        return _along(np.radians(reference.rotation_deg), reference.duration)
+    return _still
+
+
+def _along(vector: Array, duration: float) -> _Path:
+    def path(t: float, within: float) -> Jet:
+        value, rate, acceleration = cubic_blend(t, within, duration)
+        return value * vector, rate * vector, acceleration * vector
+
+    return path
+
+
+def _circle(circle: Circle) -> _Path:
+    """Eq. 40, 41, 43 and 44 (its sign corrected) in the circle's plane, minus where it begins."""
+    first, last = np.radians(circle.start_deg), np.radians(circle.end_deg)
+    plane = pin.rpy.rpyToMatrix(np.radians(circle.plane_deg))
+    begin = plane @ np.array([np.cos(first), np.sin(first), 0.0])
+
+    def path(t: float, within: float) -> Jet:
+        value, rate, acceleration = (
+            (last - first) * blended for blended in cubic_blend(t, within, circle.duration)
+        )
+        outwards = plane @ np.array([np.cos(first + value), np.sin(first + value), 0.0])
+        ahead = cross(plane[:, 2], outwards)
+        return (
+            circle.radius * (outwards - begin),
+            circle.radius * rate * ahead,
+            circle.radius * (acceleration * ahead - rate**2 * outwards),
+        )
+
+    return path
+
+
+def _spline(spline: Spline) -> _Path:
+    curve = CubicSpline(spline.times, np.array(spline.displacements), bc_type="clamped")
+    end = spline.times[-1]
+
+    def path(t: float, within: float) -> Jet:
+        if within >= end:
+            return np.array(spline.displacements[-1]), np.zeros(3), np.zeros(3)
+        return curve(t), curve(t, 1), curve(t, 2)
+
+    return path

@@ -1,0 +1,172 @@
+"""Control of a tip: PID on the velocity error, amnesia controller, sensors (Eq. 26-30, 35-38).
+
+X_ta' = -t_a X_ta + (X_ref - X_tip)              Eq. 37, 38
+e_v   = x_ref' + G_e X_ta - v_feedback
+u     = K_p e_v + K_i int(e_v) + K_d d(e_v)/dt   Eq. 35
+tau   = J^T u
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from spacerobot.pinocchio_engine.kinematics import FrameMotion, Kinematics, rotation_vector
+from spacerobot.pinocchio_engine.references import Motion
+from spacerobot.scenario import Amnesia, Calibration, Pid, Robot, Sensors
+from spacerobot.scene import Scene, SceneBody, SceneTip
+from spacerobot.scene.scene import Array
+
+
+@dataclass(frozen=True)
+class Command:
+    """What a channel asks for at one instant: ``u = command - gain (feedback v')``, torques ``J^T u``.
+
+    Attributes
+    ----------
+    jacobian, feedback
+        (n, nv) each.
+    command
+        (n,).
+    gain
+        K_d of an ideal derivative, zero of a filtered one.
+    velocity_error
+        e_v (n,).
+    rates
+        Rates of the channel's states, in their order.
+    """
+
+    jacobian: Array
+    feedback: Array
+    command: Array
+    gain: float
+    velocity_error: Array
+    rates: Array
+
+
+@dataclass(frozen=True)
+class Channel:
+    """The translation or the rotation of one tip, controlled.
+
+    Attributes
+    ----------
+    rows
+        Its rows of a Jacobian: 0 to 2 of a translation, 3 to 5 of a rotation.
+    columns
+        Places of the arm's joints in v.
+    """
+
+    tip: SceneTip
+    pid: Pid
+    amnesia: Amnesia | None
+    sensors: Sensors
+    rows: tuple[int, ...]
+    columns: tuple[int, ...]
+
+    @property
+    def rotation(self) -> bool:
+        """Whether it controls the rotation."""
+        return self.rows[0] >= 3
+
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        """Names of its states."""
+        prefix = "orientation_" if self.rotation else ""
+        label, n = self.tip.label, range(len(self.rows))
+        blocks = [f"{label}/{prefix}amnesia"] if self.amnesia else []
+        blocks.append(f"{label}/{prefix}pid.integral")
+        if self.pid.derivative == "filtered":
+            blocks.append(f"{label}/{prefix}pid.filter")
+        return tuple(f"{block}[{i}]" for block in blocks for i in n)
+
+    def initial(self, kinematics: Kinematics, motion: Motion) -> Array:
+        """States at the start: zero, the filter's input for the filter."""
+        states = np.zeros(len(self.state_names))
+        if self.pid.derivative == "filtered":
+            states[-len(self.rows) :] = self.evaluate(kinematics, motion, states).velocity_error
+        return states
+
+    def evaluate(self, kinematics: Kinematics, motion: Motion, states: Array) -> Command:
+        """Command and rates of the states at one instant."""
+        frame, rows = kinematics.frame(self.tip.frame), list(self.rows)
+        jacobian = np.zeros((len(rows), kinematics.model.nv))
+        jacobian[:, self.columns] = frame.jacobian[rows][:, self.columns]
+        feedback, velocity, drift = self._measured_velocity(kinematics, frame, jacobian)
+        wanted, wanted_rate = self._wanted(motion)
+        parts = iter(states.reshape(-1, len(rows)))
+        rates = []
+        if self.amnesia is not None:
+            memory = next(parts)
+            memory_rate = -self.amnesia.ta * memory + self._position_error(frame, motion)
+            wanted, wanted_rate = (
+                wanted + self.amnesia.ge * memory,
+                wanted_rate + self.amnesia.ge * memory_rate,
+            )
+            rates.append(memory_rate)
+        error = wanted - velocity
+        rates.append(error)
+        command, gain = self.pid.kp * error + self.pid.ki * next(parts), self.pid.kd
+        if self.pid.derivative == "ideal":
+            command = command + gain * (wanted_rate - drift)
+        else:
+            slope = (error - next(parts)) / self.pid.filter_time
+            command, gain = command + gain * slope, 0.0
+            rates.append(slope)
+        return Command(jacobian, feedback, command, gain, error, np.concatenate(rates))
+
+    def _measured_velocity(
+        self, kinematics: Kinematics, frame: FrameMotion, jacobian: Array
+    ) -> tuple[Array, Array, Array]:
+        """(feedback, w, drift): fed-back velocity w and its rate ``w' = feedback v' + drift``."""
+        rows = list(self.rows)
+        if self.pid.feedback == "inertial":
+            name = "tip_angular_velocity" if self.rotation else "tip_velocity"
+            sensor: Calibration = getattr(self.sensors, name)
+            velocity = sensor.offset + sensor.scale * frame.velocity[rows]
+            return sensor.scale * frame.jacobian[rows], velocity, sensor.scale * frame.drift[rows]
+        sensor = self.sensors.joint_rate
+        measured = np.zeros(kinematics.model.nv)
+        columns = list(self.columns)
+        measured[columns] = sensor.offset + sensor.scale * kinematics.v[columns]
+        # the robot multiplies what it measures by J, which turns with the base
+        return sensor.scale * jacobian, jacobian @ measured, frame.jacobian_rate[rows] @ measured
+
+    def _wanted(self, motion: Motion) -> tuple[Array, Array]:
+        axes = [row % 3 for row in self.rows]
+        if self.rotation:
+            return motion.angular_velocity[axes], motion.angular_acceleration[axes]
+        return motion.velocity[axes], motion.acceleration[axes]
+
+    def _position_error(self, frame: FrameMotion, motion: Motion) -> Array:
+        """Reference minus measurement, of the position or as a rotation vector."""
+        axes = [row % 3 for row in self.rows]
+        if not self.rotation:
+            sensor = self.sensors.tip_position
+            return (motion.position - (sensor.offset + sensor.scale * frame.position))[axes]
+        sensor = self.sensors.tip_orientation
+        signal = rotation_vector(frame.rotation, motion.rotation)  # tip relative to reference
+        return -(sensor.offset + sensor.scale * signal)[axes]
+
+
+def sensors_of(body: SceneBody) -> Sensors:
+    """Sensors of a robot, ideal ones if it has none."""
+    return (body.config.sensors if isinstance(body.config, Robot) else None) or Sensors()
+
+
+def arm_columns(model: object, body: SceneBody) -> tuple[int, ...]:
+    """Places in v of a body's joints, its floating base left out."""
+    return tuple(int(model.joints[joint].idx_v) for joint in body.joints)  # type: ignore[attr-defined]
+
+
+def channels_of(scene: Scene, tip: SceneTip) -> list[Channel]:
+    """Channels of one tip: none, its translation, its rotation or both."""
+    sensors, columns, config = sensors_of(tip.body), arm_columns(scene.model, tip.body), tip.config
+    found = []
+    if config.pid is not None:
+        rows = scene.translation_axes
+        found.append(Channel(tip, config.pid, config.amnesia, sensors, rows, columns))
+    if config.orientation_pid is not None:
+        rows = tuple(axis + 3 for axis in scene.rotation_axes)
+        found.append(Channel(tip, config.orientation_pid, config.orientation_amnesia, sensors, rows, columns))
+    return found
