@@ -50,8 +50,8 @@ class Inertias:
         """The same dynamics from fewer numbers: whatever a joint's own motion leaves as it is moves inward.
 
         Mass, and the moment along the axis, of a body on a revolute joint act on its parent as if they were
-        fixed to it; so does an inertia that is the same about all axes across the joint's (Khalil and
-        Dombre 2002, ch. 9.4.2, base parameters). A prismatic joint leaves the rotational inertia to
+        fixed to it; so does an inertia that is the same about all axes across the joint's (the "base
+        inertial parameters" of Khalil and Dombre 2002). A prismatic joint leaves the rotational inertia to
         its parent. Forward dynamics, momentum and kinetic energy of the whole stay the same at up to a
         tenth fewer operations, but a single entry no longer describes one body: take the centre of mass
         and the momenta of parts that do not end at a free base from the original.

@@ -3,8 +3,9 @@
 Each joint has *calculation axes*: its own body axes, or those its parent calculates in. Own axes make the
 joint's motion subspace, the body's inertia and the children's offsets constant, but cost a rotation of
 articulated inertia, load and acceleration at the joint. Keeping the parent's axes costs a rotation of the
-body's inertia alone. So axes are kept along parallel joints (a planar arm is calculated in world axes
-altogether) and at leaves, and adopted where the axis of a child points elsewhere.
+body's inertia alone. So axes are kept along parallel joints and at leaves, and adopted where the axis of a
+child points elsewhere. A planar arm is calculated in world axes altogether: its forward dynamics alone would
+be a tenth cheaper in body axes, but not with the tip's motion, load and Jacobian in world axes beside it.
 """
 
 from __future__ import annotations

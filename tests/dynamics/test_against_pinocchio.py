@@ -27,7 +27,7 @@ from spacerobot.dynamics import (
 from spacerobot.errors import DescriptionError
 from tests.oracles.random_trees import random_states
 
-TREES = settings(deadline=None, max_examples=60, derandomize=True)
+TREES = settings(deadline=None, max_examples=40, derandomize=True)
 WORLD = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 TOLERANCE = 1e-12
 
@@ -199,7 +199,7 @@ def test_parts_add_up(state):
         assert_close(part, total)
 
 
-@settings(TREES, max_examples=40)
+@settings(TREES, max_examples=20)
 @given(random_states())
 def test_lumped_inertias_move_alike(state):
     model = state.model

@@ -5,7 +5,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from spacerobot.dynamics import ArticulatedBody, Inertias, Wrench, forward_kinematics
+from spacerobot.dynamics import ArticulatedBody, Inertias, Wrench, forward_kinematics, point_jacobian
 from spacerobot.dynamics.joints import exact_directions, read_joints
 
 SIZES = (4, 8, 16, 32, 64)
@@ -94,6 +94,7 @@ def test_response_costs_only_the_loaded_paths():
     assert both - one < 0.5 * one  # the factorisation is shared
     assert count(body.response()) <= model.nv  # no load, no motion: constants
     assert body.response().nnz() == 0
+    assert body.response(wrenches=[Wrench(0, force, force, force)]).nnz() == 0  # on the universe
 
 
 def test_rounding_noise_of_quarter_turns_does_not_destroy_sparsity():
@@ -125,3 +126,51 @@ def test_planar_kinematics_is_planar():
         assert kinematics.angular_velocity[index][:2].nnz() == 0
         assert kinematics.origin[index][2].nnz() == 0
         assert kinematics.linear_velocity[index][2].nnz() == 0
+
+
+def own_axes(model):
+    """Joints that calculate in their own body axes."""
+    kinematics = forward_kinematics(model, ca.SX.sym("q", model.nq))
+    return [index for index, motion in enumerate(kinematics.local) if motion.to_parent is not None]
+
+
+def chain(*joints):
+    model, index = pin.Model(), 0
+    for number, joint in enumerate(joints):
+        index = model.addJoint(index, joint, pin.SE3.Identity(), f"joint {number}")
+        model.appendBodyToJoint(index, pin.Inertia.Random(), pin.SE3.Identity())
+    return model
+
+
+def test_axes_are_adopted_where_they_pay():
+    assert own_axes(planar_arm(4)) == []  # parallel axes: all in world axes
+    assert own_axes(spatial_arm(4)) == [1, 2, 3, 4]  # all but the leaf
+    assert own_axes(chain(pin.JointModelPlanar())) == [1]  # a free body: constant inertia
+    parallel = [pin.JointModelRY(), pin.JointModelRY(), pin.JointModelRY(), pin.JointModelRX()]
+    assert own_axes(chain(*parallel)) == [3]  # the last of a parallel group turns for all of them
+    assert own_axes(chain(pin.JointModelRZ(), pin.JointModelPX(), pin.JointModelRZ())) == []
+    assert own_axes(chain(pin.JointModelRZ(), pin.JointModelPX(), pin.JointModelRY())) == [1]
+
+
+def test_planar_arm_with_its_tip_in_world_axes():
+    """A closed loop wants the tip's motion and Jacobian too: there world axes earn their keep."""
+    model = planar_arm(8)
+    q, v, tau = ca.SX.sym("q", model.nq), ca.SX.sym("v", model.nv), ca.SX.sym("tau", model.nv)
+    force, tip = ca.SX.sym("force", 3), model.njoints - 1
+    kinematics, inertias = forward_kinematics(model, q, v), Inertias.from_model(model).lumped(model)
+    wrench = Wrench(tip, force, ca.SX(3, 1), kinematics.origin[tip])
+    outputs = [
+        ArticulatedBody.factorise(model, kinematics, inertias).acceleration(tau, [wrench]),
+        kinematics.origin[tip],
+        kinematics.linear_velocity[tip],
+        point_jacobian(kinematics, tip, kinematics.origin[tip]),
+    ]
+    assert ca.Function("f", [q, v, tau, force], outputs).n_instructions() <= 820
+
+
+def test_free_bodies_cost_next_to_nothing():
+    for joint, bound in ((pin.JointModelPlanar(), 15), (pin.JointModelFreeFlyer(), 40)):
+        model = chain(joint)
+        model.gravity = pin.Motion.Zero()
+        model.inertias[1] = pin.Inertia(20.0, np.zeros(3), np.diag([1.0, 2.0, 2.25]))
+        assert operations(model) <= bound
