@@ -48,12 +48,13 @@ class Engines:
         lanes = self._lanes if many else 1
         return self._once(("adjoint", wrt, lanes), lambda: self._adjoint(wrt, lanes))
 
-    def sensitivity(self, wrt: tuple[int, ...]) -> Engine:
+    def sensitivity(self, wrt: tuple[int, ...], outputs: tuple[str, ...]) -> Engine:
         """For derivatives along directions, one in each lane; ``engine.kernel`` names what it returns."""
-        lanes = self._lanes
-        return self._once(
-            ("sensitivity", wrt, lanes), lambda: self._forward(sensitivity_kernel(self.kernel, wrt), lanes)
-        )
+
+        def make() -> Engine:
+            return self._forward(sensitivity_kernel(self.kernel, wrt, outputs), self._lanes)
+
+        return self._once(("sensitivity", wrt, outputs), make)
 
     @property
     def _lanes(self) -> int:

@@ -172,7 +172,7 @@ class Rollout:
             A path or an output does not exist, or a shape is wrong.
         """
         p, engine = self.rows(paths, values), self.engines.batch
-        rows = self._output_rows(outputs, self.kernel.outputs)
+        rows = self._output_rows(outputs)
         done = run_batch(engine, self.grid, p, rows, states, threads, progress, stop)
         return batch_of(done.raw, engine, self.grid, outputs, done.threads, done.wall_s)
 
@@ -249,17 +249,17 @@ class Rollout:
         """
         begin = time.perf_counter()
         trajectory, p = self.run(parameters), self.values(parameters)
-        engine = self.engines.sensitivity(tuple(self.indices(wrt)))
-        names = [DERIVATIVE + name for name in outputs]
-        rows = self._output_rows(names, engine.kernel.outputs)
+        self._output_rows(outputs)
+        engine = self.engines.sensitivity(tuple(self.indices(wrt)), tuple(outputs))
+        rows = range(engine.kernel.size("outputs", "y"))
         directions = np.hstack([np.tile(p, (len(wrt), 1)), np.eye(len(wrt))])
         raw = run_batch(engine, self.grid, directions, rows, False, None, None, None).raw
-        blocks, named = split(raw, engine.kernel, names), engine.kernel.measures
+        blocks, named = split(raw, engine.kernel, outputs), engine.kernel.measures
         return Jacobian(
             paths=tuple(wrt),
             trajectory=trajectory,
             measures={name: frozen(raw.r[:, named[DERIVATIVE + name]].T) for name in self.kernel.measures},
-            outputs={name: frozen(np.moveaxis(blocks[DERIVATIVE + name], 0, -1)) for name in outputs},
+            outputs={name: frozen(np.moveaxis(blocks[name], 0, -1)) for name in outputs},
             wall_s=time.perf_counter() - begin,
         )
 
@@ -291,12 +291,13 @@ class Rollout:
         found = gradient_of(raw, gradient, self.kernel, self.grid, wrt, wanted)
         return replace(found, backend=engine.backend, wall_s=time.perf_counter() - begin)
 
-    def _output_rows(self, outputs: Sequence[str], within: Mapping[str, slice]) -> list[int]:
+    def _output_rows(self, outputs: Sequence[str]) -> list[int]:
         """Places in y of named outputs."""
+        known = self.kernel.outputs
         for name in outputs:
-            if name not in within:
-                raise SpaceRobotError(f"no output '{name}', {near_names(name, self.kernel.outputs)}")
-        return [i for name in outputs for i in range(within[name].start, within[name].stop)]
+            if name not in known:
+                raise SpaceRobotError(f"no output '{name}', {near_names(name, known)}")
+        return [i for name in outputs for i in range(known[name].start, known[name].stop)]
 
 
 def build_rollout(

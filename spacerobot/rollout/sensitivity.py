@@ -14,10 +14,10 @@ import numpy as np
 
 from spacerobot.rollout.kernel import Kernel, slices, sx_function
 
-DERIVATIVE = "d "  # prefix of the names of derivatives
+DERIVATIVE = "d "  # prefix of the names of measures' derivatives
 
 
-def sensitivity_kernel(kernel: Kernel, wrt: Sequence[int]) -> Kernel:
+def sensitivity_kernel(kernel: Kernel, wrt: Sequence[int], outputs: Sequence[str]) -> Kernel:
     """Kernel whose parameters are (p, direction) and whose every result is followed by its derivative.
 
     Parameters
@@ -27,12 +27,16 @@ def sensitivity_kernel(kernel: Kernel, wrt: Sequence[int]) -> Kernel:
     wrt
         Places in p of the k parameters that a direction has entries for.
 
+    outputs
+        Outputs whose derivatives are wanted.
+
     Returns
     -------
     Kernel
-        Its state is (x, x', integrals, integrals'), its outputs (y, y'), its measures (integrals, integrals',
-        peaks, peaks', final values, final values'), a dash being the derivative along the direction. The
-        slices of a derivative carry the name that it belongs to after ``d``. It has no costs.
+        Its state is (x, x', integrals, integrals'), its outputs are the derivatives of those wanted, its
+        measures (integrals, integrals', peaks, peaks', final values, final values'), a dash being the
+        derivative along the direction. The slices of a measure's derivative carry its name after ``d``. It
+        has no costs.
     """
     f, n, count = kernel.functions, kernel.nx, kernel.integrals
     t, p, w = ca.SX.sym("t"), ca.SX.sym("p", kernel.size("setup", "p")), ca.SX.sym("w", len(wrt))
@@ -48,12 +52,10 @@ def sensitivity_kernel(kernel: Kernel, wrt: Sequence[int]) -> Kernel:
     def paired(value: ca.SX, slope: ca.SX) -> ca.SX:
         return ca.vertcat(value[:n], slope[:n], value[n:], slope[n:])
 
-    def both(name: str, output: str, value: ca.SX) -> ca.Function:
-        return sx_function(name, at, {output: ca.vertcat(value, _along(value, arguments, along))})
-
     start, slope0 = ca.vertcat(x0, c0[reached]), _along(ca.vertcat(x0, c0[reached]), p[list(wrt)], w)
     xdot, m = f["dynamics"](t, x, c)
-    normal = f["normalise"](x)
+    normal, e, y = f["normalise"](x), f["final"](t, x, c), f["outputs"](t, x, c)
+    wanted = ca.vertcat(ca.SX(0, 1), *[y[kernel.outputs[name]] for name in outputs])
     functions = {
         "setup": sx_function(
             "setup",
@@ -72,8 +74,8 @@ def sensitivity_kernel(kernel: Kernel, wrt: Sequence[int]) -> Kernel:
             },
         ),
         "normalise": sx_function("normalise", {"x": state}, {"n": paired(normal, _along(normal, x, dx))}),
-        "outputs": both("outputs", "y", f["outputs"](t, x, c)),
-        "final": both("final", "e", f["final"](t, x, c)),
+        "outputs": sx_function("outputs", at, {"y": _along(wanted, arguments, along)}),
+        "final": sx_function("final", at, {"e": ca.vertcat(e, _along(e, arguments, along))}),
         "objective": _no_costs(2 * kernel.size("objective", "r"), p.numel() + w.numel()),
     }
     scale = np.concatenate([kernel.scale[:n], np.zeros(n), kernel.scale[n:], np.zeros(count)])
@@ -83,7 +85,7 @@ def sensitivity_kernel(kernel: Kernel, wrt: Sequence[int]) -> Kernel:
         2 * count,
         kernel.peaks,
         scale,
-        _doubled_outputs(kernel),
+        slices({name: kernel.outputs[name].stop - kernel.outputs[name].start for name in outputs}),
         _doubled_measures(kernel),
         (),
     )
@@ -97,11 +99,6 @@ def _along(value: ca.SX, variables: ca.SX, direction: ca.SX) -> ca.SX:
 
 def _no_costs(r: int, p: int) -> ca.Function:
     return sx_function("objective", {"r": ca.SX.sym("r", r), "p": ca.SX.sym("p", p)}, {"J": ca.SX(0, 1)})
-
-
-def _doubled_outputs(kernel: Kernel) -> dict[str, slice]:
-    sizes = {name: where.stop - where.start for name, where in kernel.outputs.items()}
-    return slices(sizes | {DERIVATIVE + name: size for name, size in sizes.items()})
 
 
 def _doubled_measures(kernel: Kernel) -> dict[str, slice]:

@@ -46,7 +46,7 @@ def interpreted(loop, measures):
 
 @pytest.fixture(scope="module")
 def differences(compiled):
-    """Central differences of every cost and measure, extrapolated once: the error falls with the fourth power."""
+    """Central differences of every cost and measure, extrapolated once to the fourth order."""
     base = compiled.values(POINT)
     columns = compiled.indices(WRT)
     scale = np.maximum(np.abs(base[columns]), 0.1)
@@ -96,15 +96,14 @@ def test_sampled_outputs_have_their_derivatives(compiled):
 
 
 def test_interpreted_gives_the_same_derivatives(compiled, interpreted):
-    fast, slow = (
-        r.value_and_gradient(POINT, wrt=WRT, costs=("torque", "mixed")) for r in (compiled, interpreted)
-    )
+    pair, costs = (compiled, interpreted), ("torque", "mixed")
+    fast, slow = (rollout.value_and_gradient(POINT, wrt=WRT, costs=costs) for rollout in pair)
     assert slow.backend == "interpreted"
     assert tuple(slow.gradients) == ("torque", "mixed")
     for name in slow.gradients:
         np.testing.assert_allclose(fast.costs[name], slow.costs[name], rtol=1e-12)
         np.testing.assert_allclose(fast.gradients[name], slow.gradients[name], rtol=1e-9, atol=1e-11)
-    fast, slow = (r.jacobian(POINT, wrt=WRT[:2]) for r in (compiled, interpreted))
+    fast, slow = (rollout.jacobian(POINT, wrt=WRT[:2]) for rollout in pair)
     for name in slow.measures:
         np.testing.assert_allclose(fast.measures[name], slow.measures[name], rtol=1e-9, atol=1e-11)
 
