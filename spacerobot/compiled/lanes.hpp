@@ -103,7 +103,8 @@ static inline double erfinv(double y) {
   const double l = std::log1p(-y * y), b = 4.330746750799873 + l / 2;
   double x = std::copysign(std::sqrt(std::sqrt(b * b - l / 0.147) - b), y);
   for (int i = 0; i < 4; ++i) {
-    const double e = (y < 0 ? -1 : 1) * ((y < 0 ? 1 + y : 1 - y) - std::erfc(std::fabs(x)));
+    const double tail = (y < 0 ? -1 : 1) * ((1 - std::fabs(y)) - std::erfc(std::fabs(x)));
+    const double e = std::fabs(y) < 0.5 ? std::erf(x) - y : tail;
     const double u = e * 0.886226925452758 * std::exp(x * x);  // (erf(x) - y) / erf'(x)
     x -= u / (1 + x * u);
   }

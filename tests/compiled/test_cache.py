@@ -1,0 +1,156 @@
+"""The cache of compiled libraries: found again, rebuilt when broken, refused when unsafe, safe for many."""
+
+from __future__ import annotations
+
+import os
+import stat
+import subprocess
+import sys
+from pathlib import Path
+
+import casadi as ca
+import pytest
+
+from spacerobot.compiled import cache as cache_module
+from spacerobot.compiled import compile_functions, find_toolchain
+from spacerobot.errors import CompileError
+
+X = ca.SX.sym("x")
+
+
+def square(plus=0.0):
+    return {"f": ca.Function("f", [X], [X**2 + plus], ["x"], ["y"])}
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.setenv("SPACEROBOT_CACHE_DIR", str(tmp_path / "cache"))
+    return tmp_path / "cache" / "compiled"
+
+
+def entries(folder):
+    return sorted(folder.glob("*.so"))
+
+
+def test_second_time_comes_from_the_cache(folder):
+    first, second = compile_functions(square()), compile_functions(square())
+    assert (first.cached, second.cached) == (False, True)
+    assert first.path == second.path == entries(folder)[0]
+    assert second("f", [3.0])[0][0] == 9.0
+    assert list(folder.iterdir()) == [first.path]  # nothing temporary stays
+    assert stat.S_IMODE(folder.stat().st_mode) == 0o700
+    assert stat.S_IMODE(first.path.stat().st_mode) == 0o600
+
+
+def test_another_source_width_or_compiler_flag_is_another_entry(folder):
+    from dataclasses import replace
+
+    toolchain = find_toolchain()
+    other = replace(toolchain, flags=(*toolchain.flags, "-fno-builtin"))
+    elsewhere = replace(toolchain, processor="another processor")
+    compile_functions(square())
+    compile_functions(square(1.0))
+    compile_functions(square(), lanes=2)
+    compile_functions(square(), toolchain=other)
+    compile_functions(square(), toolchain=elsewhere)
+    assert len(entries(folder)) == 5
+
+
+@pytest.mark.parametrize("damage", [b"", b"not a library", None])
+def test_a_broken_entry_is_rebuilt_never_loaded(folder, damage):
+    # In a process of its own, since a library that is loaded cannot be damaged without harm.
+    path = Path(_compile_elsewhere(folder))
+    path.write_bytes(path.read_bytes()[:-1000] if damage is None else damage)
+    again = compile_functions(square())
+    assert not again.cached
+    assert again("f", [3.0])[0][0] == 9.0
+    assert compile_functions(square()).cached
+
+
+def test_a_folder_that_others_may_write_is_refused(folder):
+    compile_functions(square())
+    folder.chmod(0o777)
+    library = compile_functions(square())
+    assert not library.path.is_relative_to(folder)
+    assert stat.S_IMODE(library.path.parent.stat().st_mode) == 0o700
+    folder.chmod(0o700)
+    folder.parent.chmod(0o770)
+    assert not compile_functions(square()).path.is_relative_to(folder)
+    folder.parent.chmod(0o700)
+    assert compile_functions(square()).path.is_relative_to(folder)
+
+
+def test_a_link_instead_of_the_folder_is_refused(folder, tmp_path):
+    target = tmp_path / "elsewhere"
+    target.mkdir(mode=0o700)
+    folder.parent.mkdir(mode=0o700)
+    folder.symlink_to(target)
+    assert not compile_functions(square()).path.is_relative_to(target)
+
+
+def test_an_entry_that_others_may_write_is_rebuilt(folder):
+    compile_functions(square()).path.chmod(0o666)
+    assert not compile_functions(square()).cached
+
+
+def test_several_processes_at_once(folder):
+    running = [_start_elsewhere(folder) for _ in range(4)]
+    results = [process.communicate(timeout=120) for process in running]
+    assert all(process.returncode == 0 for process in running), results
+    assert compile_functions(square()).cached
+    assert not [path for path in folder.iterdir() if path.suffix != ".so"]
+
+
+def test_the_oldest_entries_go(folder, monkeypatch):
+    monkeypatch.setattr(cache_module, "KEPT", 2)
+    for i in range(3):
+        path = compile_functions(square(i + 0.5)).path
+        os.utime(path, (1000 + i, 1000 + i))
+    compile_functions(square(9.5))
+    assert len(entries(folder)) == 2
+    assert compile_functions(square(2.5)).cached
+    assert not compile_functions(square(0.5)).cached
+
+
+def test_no_compiler_and_a_failing_one_are_told(folder, monkeypatch, tmp_path):
+    monkeypatch.setenv("SPACEROBOT_COMPILER", "none")
+    assert find_toolchain() is None
+    with pytest.raises(CompileError, match="no C\\+\\+ compiler was found"):
+        compile_functions(square())
+    broken = tmp_path / "broken-compiler"
+    broken.write_text(
+        "#!/bin/sh\n[ \"$1\" = --version ] && echo broken 1.0 && exit 0\necho 'error: tired' >&2\nexit 3\n"
+    )
+    broken.chmod(0o755)
+    monkeypatch.setenv("SPACEROBOT_COMPILER", str(broken))
+    with pytest.raises(CompileError, match="broken-compiler failed with 3: error: tired"):
+        compile_functions(square())
+    assert entries(folder) == []
+
+
+_SCRIPT = """
+import casadi as ca
+from spacerobot.compiled import compile_functions
+x = ca.SX.sym("x")
+library = compile_functions({"f": ca.Function("f", [x], [x**2 + 0.0], ["x"], ["y"])})
+assert library("f", [3.0])[0][0] == 9.0
+print(library.path)
+"""
+
+
+def _start_elsewhere(folder):
+    environment = {**os.environ, "SPACEROBOT_CACHE_DIR": str(folder.parent)}
+    environment["PYTHONPATH"] = os.pathsep.join(sys.path)
+    return subprocess.Popen(
+        [sys.executable, "-c", _SCRIPT],
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def _compile_elsewhere(folder):
+    out, errors = _start_elsewhere(folder).communicate(timeout=120)
+    assert out, errors
+    return out.strip()
