@@ -1,0 +1,115 @@
+"""Bodies: rotation and translation of the object (the paper's Fig. 6) and of the bases."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from spacerobot.result import Result
+from viz.figures.style import (
+    COLOURS,
+    DASHES,
+    Drawing,
+    labels_of,
+    legend_above,
+    legend_over,
+    line,
+    panels,
+    shown_axes,
+    styled,
+    until,
+)
+from viz.geometry import Array
+
+_CLOSED_M = 1e-8  # a rigid grasp's gap is rounding
+
+
+def rotation_deg(result: Result, body: str) -> tuple[list[str], Array]:
+    """Names and values (nt, k) of a body's rotation since the start, deg: about z, or a rotation vector."""
+    if "body_angle" in result.data:
+        angle = result.data.body_angle.sel(body=body).values
+        return ["z"], np.degrees(angle - angle[0])[:, None]
+    return ["x", "y", "z"], np.degrees(result.data.body_rotation.sel(body=body).values)
+
+
+def translation_mm(result: Result, body: str) -> tuple[list[str], Array]:
+    """Names and values (nt, k) of a body's displacement since the start, mm."""
+    position = result.data.body_position.sel(body=body, axis=shown_axes(result)).values
+    return shown_axes(result), (position - position[0]) * 1e3
+
+
+@styled
+def object_motion(*results: Result) -> Drawing:
+    """Rotation and translation of the object since the start (Fig. 6); dashes tell results apart."""
+    figure, axes = panels(1, 2, height_in=2.5)
+    _overlay(axes[0], results, "target")
+    axes[0, 0].set_title("(a) object rotation")
+    axes[0, 1].set_title("(b) object translation")
+    for panel in axes.flat:
+        legend_over(panel, columns=1 if len(results) > 1 else 3)
+    return figure
+
+
+@styled
+def base_motion(result: Result) -> Drawing:
+    """Rotation and translation of each base since the start: a row for each robot, one scale for all."""
+    robots = list(result.scenario.robots)
+    figure, axes = panels(len(robots), 2, sharex=True, sharey="col", height_in=1.9)
+    for row, robot in zip(axes, robots, strict=True):
+        _overlay(row, (result,), robot)
+        row[0].set_title(f"base of {robot}, rotation")
+        row[1].set_title(f"base of {robot}, translation")
+        for panel in row:
+            legend_over(panel, columns=3)
+            panel.label_outer()
+            panel.tick_params(labelleft=True)
+    return figure
+
+
+def _overlay(row: Sequence[Axes], results: Sequence[Result], body: str) -> None:
+    several, labels = len(results) > 1, labels_of(results)
+    for panel, values_of, quantity in (
+        (row[0], rotation_deg, "rotation [deg]"),
+        (row[1], translation_mm, "translation [mm]"),
+    ):
+        for index, (result, label) in enumerate(zip(results, labels, strict=True)):
+            names, values = values_of(result, body)
+            for k, name in enumerate(names):
+                axis = f"about {name}" if values_of is rotation_deg else name
+                look = {"color": COLOURS[k], "linestyle": DASHES[index]} if several else line(k)
+                text = f"{label}, {axis}" if several else axis
+                panel.plot(result.data.time.values, values[:, k], **look, label=text)
+            until(panel, result)
+        panel.set_xlabel("time [s]")
+        panel.set_ylabel(quantity)
+
+
+@styled
+def grip_forces(result: Result) -> Drawing:
+    """Force of each grasp on the object, its torque where there is any, and its gap: a row for each grasp."""
+    data, names = result.data, shown_axes(result)
+    quantities = [("grasp_force", "force", "N", 1.0, names)]
+    if float(np.abs(data.grasp_torque.values).max(initial=0.0)) > 0:
+        about = ["z"] if names == ["x", "y"] else names
+        quantities.append(("grasp_torque", "torque", "N m", 1.0, about))
+    if float(np.abs(data.grasp_gap.values).max(initial=0.0)) > _CLOSED_M:
+        quantities.append(("grasp_gap", "gap", "mm", 1e3, names))
+    grasps = [str(grasp) for grasp in data.grasp.values]
+    figure, axes = panels(len(grasps), len(quantities), sharex=True, sharey="col")
+    for row, grasp in zip(axes, grasps, strict=True):
+        for panel, (variable, text, unit, scale, shown) in zip(row, quantities, strict=True):
+            for name in shown:
+                look = line("xyz".index(name))
+                values = data[variable].sel(grasp=grasp, axis=name).values * scale
+                panel.plot(data.time.values, values, **look, label=name)
+            until(panel, result)
+            panel.set_title(f"grasp {grasp}, {text}")
+            panel.set_ylabel(f"{text} [{unit}]")
+            panel.set_xlabel("time [s]")
+            panel.label_outer()
+            panel.tick_params(labelleft=True)
+            panel.set_ylabel(f"{text} [{unit}]")
+    legend_above(figure, axes[0, 0])
+    return figure

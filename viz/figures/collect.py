@@ -1,0 +1,151 @@
+"""All figures of a result, by name, and their files."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from spacerobot.errors import ResultError, near_names
+from spacerobot.files import write_bytes
+from spacerobot.result import Result
+from viz.figures.bodies import base_motion, grip_forces, object_motion
+from viz.figures.docking import docking
+from viz.figures.joints import joints
+from viz.figures.ledger import ledger
+from viz.figures.style import Drawing, to_bytes
+from viz.figures.tips import tip_errors, tip_paths
+
+FORMATS = ("pdf", "svg", "png")
+"""Kinds of files a figure can be written as."""
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of figure.
+
+    Attributes
+    ----------
+    name
+        Of its files.
+    title
+        What it shows, for people.
+    draw
+        Draws it from one result, or from several if it compares.
+    compares
+        Whether it takes several results.
+    applies
+        Whether a result has what it shows.
+    """
+
+    name: str
+    title: str
+    draw: Callable[..., Drawing]
+    compares: bool = False
+    applies: Callable[[Result], bool] = lambda _: True
+
+
+def _has_tips(result: Result) -> bool:
+    return bool(result.data.sizes["tip"])
+
+
+def _has_target(result: Result) -> bool:
+    return result.scenario.target is not None
+
+
+KINDS = (
+    Kind("tip_paths", "Reference and actual tip paths (as the paper's Fig. 5)", tip_paths, True, _has_tips),
+    Kind("object_motion", "Object rotation and translation (Fig. 6)", object_motion, True, _has_target),
+    Kind("tip_errors", "Tip errors (Fig. 7 and 10)", tip_errors, True, _has_tips),
+    Kind("docking", "The docking, frame by frame (Fig. 8)", docking),
+    Kind("base_motion", "Motion of the bases", base_motion),
+    Kind(
+        "joints", "Joint angles and actuator torques", joints, applies=lambda r: bool(r.data.sizes["joint"])
+    ),
+    Kind("grip_forces", "Grip forces", grip_forces, applies=lambda r: bool(r.data.sizes["grasp"])),
+    Kind("ledger", "The ledger: momentum and energy", ledger),
+)
+"""Every kind of figure that a single result can show, in the order a reader wants them."""
+
+
+def draw_all(*results: Result, names: Sequence[str] | None = None) -> Iterator[tuple[str, Kind, Drawing]]:
+    """File name, kind and drawing of every figure.
+
+    Parameters
+    ----------
+    results
+        One, or several to compare. Figures that compare show all of them; the others are drawn of each, from
+        the second on with ``_2`` and so on behind their names.
+    names
+        Names of the kinds wanted; all if not given.
+
+    Raises
+    ------
+    ResultError
+        If there is no figure of a wanted name, or the results have different tips.
+    """
+    check_comparable(results)
+    known = [kind.name for kind in KINDS]
+    for name in names or ():
+        if name not in known:
+            raise ResultError(f"no figure {name!r}; {near_names(name, known)}")
+    for kind in KINDS:
+        if names is not None and kind.name not in names:
+            continue
+        if kind.compares:
+            if all(kind.applies(result) for result in results):
+                yield kind.name, kind, kind.draw(*results)
+            continue
+        for k, result in enumerate(results):
+            if kind.applies(result):
+                yield kind.name if k == 0 else f"{kind.name}_{k + 1}", kind, kind.draw(result)
+
+
+def check_comparable(results: Sequence[Result]) -> None:
+    """Refuse results that cannot be drawn over each other.
+
+    Raises
+    ------
+    ResultError
+        If their tips or axes differ.
+    """
+    first = results[0]
+    for other in results[1:]:
+        same_tips = list(first.data.tip.values) == list(other.data.tip.values)
+        same_kind = ("body_angle" in first.data) == ("body_angle" in other.data)
+        if not (same_tips and same_kind):
+            raise ResultError(
+                f"cannot be compared with {first.folder or first.scenario.name}: other tips or dimensions",
+                source=other.folder,
+            )
+
+
+def save_figures(
+    result: Result,
+    folder: Path,
+    *others: Result,
+    formats: Sequence[str] = ("pdf", "png"),
+    names: Sequence[str] | None = None,
+) -> list[Path]:
+    """Write all figures of a result, or of several compared.
+
+    Returns
+    -------
+    list of paths
+        The files.
+
+    Raises
+    ------
+    ResultError
+        If a format or figure is not known, the results cannot be compared, or a file cannot be written.
+    """
+    for form in formats:
+        if form not in FORMATS:
+            raise ResultError(f"no format {form!r}; {near_names(form, FORMATS)}")
+    written = []
+    for name, _, drawing in draw_all(result, *others, names=names):
+        for form in formats:
+            path = folder / f"{name}.{form}"
+            write_bytes(path, to_bytes(drawing, form))
+            written.append(path)
+    return written

@@ -1,0 +1,82 @@
+"""The docking as a strip of frames (the paper's Fig. 8)."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from spacerobot.result import Result
+from viz.figures.style import COLOURS, Drawing, panels, styled
+from viz.geometry import Array
+from viz.motion import Motion, bounds, pick_rows, sample_motion
+from viz.projection import View, draw_ghosts, draw_nodes, fit, view_of
+
+
+@styled
+def docking(result: Result, *, frames: int = 6) -> Drawing:
+    """The scene at evenly spaced times, with paths; pale and dashed where bodies began.
+
+    Planar scenes are seen from above, spatial ones by parallel projection from outside and above.
+    """
+    scene = result.scene()
+    view = view_of(scene.planar)
+    rows = pick_rows(result.data.time.values, rate_hz=1e6, most=frames)
+    motion = sample_motion(result, scene, rows)
+    low, high = bounds(motion)
+    columns = min(3, len(rows))
+    ratio = _ratio(low, high, view)
+    width = 7.2 / columns
+    lines = -(-len(rows) // columns)
+    figure, axes = panels(lines, columns, height_in=0.88 * width * ratio + 0.15, sharex=True, sharey=True)
+    for k, panel in enumerate(axes.flat):
+        if k >= len(rows):
+            panel.remove()
+            continue
+        draw_frame(panel, result, motion, k, view)
+        fit(panel, low, high, view, margin=0.02)
+        panel.set_title(f"t = {motion.time[k]:.3g} s")
+        _label(panel, view, low, high, last=k + columns >= len(rows), first=k % columns == 0)
+    return figure
+
+
+def draw_frame(panel: Axes, result: Result, motion: Motion, frame: int, view: View) -> None:
+    """One frame: bodies, where the bases began, references, and the paths up to now."""
+    draw_nodes(panel, motion, frame, view)
+    draw_ghosts(panel, motion, view)
+    data, now = result.data, int(motion.rows[frame]) + 1
+    for k, tip in enumerate(data.tip.values):
+        reference = view.flat(data.tip_reference.sel(tip=tip).values)
+        panel.plot(*reference.T, color="black", linewidth=0.5, linestyle=(0, (4, 2)), zorder=5)
+        trace = view.flat(data.tip_position.sel(tip=tip).values[:now])
+        panel.plot(*trace.T, color=COLOURS[k % 2], linewidth=1.2, zorder=6)
+    if "target" in data.body.values:
+        trace = view.flat(data.body_position.sel(body="target").values[:now])
+        panel.plot(*trace.T, color=COLOURS[2], linewidth=1.2, zorder=6)
+
+
+def _ratio(low: Array, high: Array, view: View) -> float:
+    corners = np.array(
+        [[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])]
+    )
+    size = np.ptp(view.flat(corners), axis=0)
+    return float(np.clip(size[1] / size[0], 0.3, 1.6))
+
+
+def _label(panel: Axes, view: View, low: Array, high: Array, *, last: bool, first: bool) -> None:
+    """World axes where the picture's are such, else a scale."""
+    panel.grid(visible=False)
+    if view.labels[0]:
+        panel.set_xlabel(view.labels[0] if last else "")
+        panel.set_ylabel(view.labels[1] if first else "")
+        return
+    panel.set_axis_off()
+    if not first or not last:
+        return
+    scale = 10 ** np.floor(np.log10(float((high - low).max()) / 2))
+    left, bottom = panel.get_xlim()[0], panel.get_ylim()[0]
+    panel.plot(
+        [left, left + scale], [bottom, bottom], color="black", linewidth=2, solid_capstyle="butt", zorder=9
+    )
+    panel.annotate(
+        f"{scale:g} m", (left + scale, bottom), xytext=(4, 0), textcoords="offset points", va="center"
+    )

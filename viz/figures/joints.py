@@ -1,0 +1,53 @@
+"""Joint angles and torques."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from spacerobot.result import Result
+from viz.figures.style import COLOURS, DASHES, Drawing, panels, styled, unit_scale, until
+
+
+@styled
+def joints(result: Result) -> Drawing:
+    """Joint angles and actuator torques: a row for each robot, colours and dashes for its joints."""
+    labels = [str(joint) for joint in result.data.joint.values]
+    robots = [name for name in result.scenario.robots if any(j.startswith(f"{name}/") for j in labels)]
+    figure, axes = panels(len(robots), 2, sharex=True, height_in=2.6)
+    for row, robot in zip(axes, robots, strict=True):
+        mine = [joint for joint in labels if joint.startswith(f"{robot}/")]
+        for panel, variable, text in (
+            (row[0], "joint_position", "joint angles"),
+            (row[1], "joint_torque", "actuator torques"),
+        ):
+            _draw(panel, result, variable, mine)
+            panel.set_title(
+                f"{robot}, {text if _turns(result) else result.data[variable].attrs['long_name']}"
+            )
+            panel.set_xlabel("time [s]")
+        row[1].legend(
+            [joint.removeprefix(f"{robot}/") for joint in mine],
+            loc="center left",
+            bbox_to_anchor=(1.0, 0.5),
+            fontsize=7,
+        )
+    return figure
+
+
+def _turns(result: Result) -> bool:
+    return bool(result.data.joint_position.attrs["units"] == "rad")
+
+
+def _draw(panel: Axes, result: Result, variable: str, joints: list[str]) -> None:
+    values = result.data[variable]
+    scale, unit = unit_scale(values.attrs["units"])
+    for k, joint in enumerate(joints):
+        look = {"color": COLOURS[k % len(COLOURS)], "linestyle": DASHES[(k // 2 + k) % len(DASHES)]}
+        panel.plot(result.data.time.values, values.sel(joint=joint).values * scale, linewidth=1.1, **look)
+    quantity = {"deg": "angle", "N m": "torque"}.get(unit, values.attrs["long_name"])
+    panel.set_ylabel(f"{quantity} [{unit}]")
+    until(panel, result)
+    if not result.completed:
+        calm = np.abs(values.values[: max(2, int(0.8 * len(values)))] * scale).max()
+        panel.set_ylim(-2 * calm - 1e-9, 2 * calm + 1e-9)

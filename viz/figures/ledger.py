@@ -1,0 +1,108 @@
+"""The ledger: momentum and energy, and how well they are kept."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.ticker import FuncFormatter, NullFormatter
+
+from spacerobot.result import Result
+from viz.figures.style import Drawing, legend_over, line, panels, styled, until
+from viz.geometry import Array
+
+FLOWS = (
+    ("work_actuator", "put in by actuators", 1),
+    ("work_joint", "taken by joints", -1),
+    ("work_grasp", "taken by grips", -1),
+    ("work_constraint", "put in by rigid grasps", 1),
+)
+"""Work since the start, what to call it, and whether it adds to what is stored."""
+
+
+@styled
+def ledger(result: Result) -> Drawing:
+    """Momentum of each body and of all, energy, and how much of either goes astray."""
+    figure, axes = panels(2, 2, height_in=2.4, sharex=True)
+    _momentum(axes[0, 0], result, "linear")
+    _momentum(axes[0, 1], result, "angular")
+    _energy(axes[1, 0], result)
+    _astray(axes[1, 1], result)
+    for panel in axes.flat:
+        panel.set_xlabel("time [s]")
+        panel.tick_params(labelbottom=True)
+        until(panel, result)
+    return figure
+
+
+def _momentum(panel: Axes, result: Result, kind: str) -> None:
+    data = result.data
+    bodies, total = data[f"body_momentum_{kind}"], data[f"momentum_{kind}"]
+    axis = _main_axis(bodies.values)
+    for k, body in enumerate(data.body.values):
+        values = bodies.sel(body=body).values[:, axis]
+        panel.plot(data.time.values, values, **line(k), label=str(body))
+    panel.plot(data.time.values, total.values[:, axis], color="black", linewidth=2, label="all together")
+    name = str(data.axis.values[axis])
+    panel.set_title(f"{kind} momentum, {name}")
+    panel.set_ylabel(f"{kind} momentum {name} [{total.attrs['units']}]")
+    legend_over(panel, columns=2)
+
+
+def _main_axis(values: Array) -> int:
+    """The axis in which most happens."""
+    return int(np.abs(values).max(axis=(0, 1)).argmax())
+
+
+def stored_change(result: Result) -> Array:
+    """Kinetic, spring and potential energy since the start, J."""
+    data = result.data
+    stored = data.energy_kinetic + data.energy_spring + data.energy_potential
+    return np.asarray((stored - stored[0]).values, dtype=np.float64)
+
+
+def energy_astray(result: Result) -> Array:
+    """What the energy balance leaves open, J."""
+    flow = sum(sign * result.data[name].values for name, _, sign in FLOWS)
+    return np.asarray(stored_change(result) - flow, dtype=np.float64)
+
+
+def _energy(panel: Axes, result: Result) -> None:
+    data = result.data
+    for k, (name, text, _) in enumerate(FLOWS):
+        if name != "work_constraint" or np.any(np.abs(data[name].values) > 1e-12):
+            panel.plot(data.time.values, data[name].values, **line(k), label=text)
+    panel.plot(data.time.values, stored_change(result), color="black", linewidth=2, label="stored")
+    panel.set_title("energy since the start")
+    panel.set_ylabel("energy [J]")
+    legend_over(panel, columns=2)
+
+
+def _astray(panel: Axes, result: Result) -> None:
+    """Drift of the momenta and open energy, each relative to the largest of its kind."""
+    data = result.data
+    shown = {
+        f"{kind} momentum": _relative_drift(
+            data[f"momentum_{kind}"].values, data[f"body_momentum_{kind}"].values
+        )
+        for kind in ("linear", "angular")
+        if result.summary["ledger"]["momentum"]["conserved"]
+    }
+    stored = data.energy_kinetic + data.energy_spring + data.energy_potential
+    sizes = [np.abs(stored_change(result)), np.abs(stored.values)]
+    sizes += [np.abs(data[name].values) for name, _, _ in FLOWS]
+    largest = max(float(size.max()) for size in sizes)
+    shown["energy"] = np.abs(energy_astray(result)) / (largest or 1.0)
+    for k, (name, values) in enumerate(shown.items()):
+        # rounding apart, nothing is open at the start: zeros do not show on a logarithmic axis
+        panel.plot(data.time.values, np.where(values > 0, values, np.nan), **line(k), label=name)
+    panel.set_yscale("log")
+    panel.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.0e}"))
+    panel.yaxis.set_minor_formatter(NullFormatter())
+    panel.set_title("momentum drift, open energy")
+    panel.set_ylabel("relative to the largest [1]")
+    legend_over(panel, columns=2)
+
+
+def _relative_drift(total: Array, parts: Array) -> Array:
+    largest = float(np.linalg.norm(parts, axis=-1).max()) or 1.0
+    return np.asarray(np.linalg.norm(total - total[0], axis=-1) / largest, dtype=np.float64)

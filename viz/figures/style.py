@@ -1,0 +1,161 @@
+"""One look for all figures: safe for colour-blind readers and readable in grey."""
+
+from __future__ import annotations
+
+import functools
+import io
+from collections.abc import Callable, Sequence
+from typing import Any, ParamSpec, TypeVar
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from spacerobot.result import Result
+
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000", "#7F7F7F")
+"""Okabe and Ito's palette, in an order that alternates dark and light."""
+
+DASHES: tuple[Any, ...] = ("-", (0, (5, 2)), (0, (1.5, 1.5)), (0, (6, 1.5, 1.5, 1.5)))
+"""Line styles: what colour says, they say too."""
+
+PAPER_FILL, PAPER_LINE = "#E8E4D8", "#8C7F5A"
+"""The paper's own values, behind ours."""
+
+WIDTH_IN = 7.2
+"""Width of a figure across a page."""
+
+STYLE: Any = {
+    "font.family": "sans-serif",
+    "font.sans-serif": ["DejaVu Sans"],
+    "font.size": 8.5,
+    "axes.titlesize": 9,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.labelsize": 8.5,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.linewidth": 0.7,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": "#DDDDDD",
+    "grid.linewidth": 0.5,
+    "lines.linewidth": 1.3,
+    "legend.frameon": False,
+    "legend.fontsize": 8,
+    "legend.handlelength": 2.6,
+    "xtick.labelsize": 8,
+    "ytick.labelsize": 8,
+    "axes.formatter.useoffset": False,
+    "axes.formatter.limits": (-4, 5),
+    "figure.dpi": 110,
+    "savefig.dpi": 200,
+    "savefig.facecolor": "white",
+    "svg.fonttype": "path",
+    "svg.hashsalt": "spacerobot",
+    "pdf.fonttype": 42,
+    "text.parse_math": False,
+}
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+
+class Drawing(Figure):
+    """A matplotlib figure that needs no display and shows itself in notebooks."""
+
+    def _repr_svg_(self) -> str:
+        return to_bytes(self, "svg").decode("utf-8")
+
+
+def styled(function: Callable[P, T]) -> Callable[P, T]:
+    """Run a function that draws, under the common style and without touching the caller's."""
+
+    @functools.wraps(function)
+    def inside(*args: P.args, **kwargs: P.kwargs) -> T:
+        with mpl.rc_context(STYLE):
+            return function(*args, **kwargs)
+
+    return inside
+
+
+@styled
+def to_bytes(figure: Figure, form: str) -> bytes:
+    """A figure as a file of the given kind, the same bytes whenever it is written."""
+    buffer = io.BytesIO()
+    undated: dict[str, dict[str, Any]] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
+    figure.savefig(buffer, format=form, metadata=undated.get(form))
+    return buffer.getvalue()
+
+
+def panels(
+    rows: int, columns: int, *, height_in: float = 1.9, width_in: float = WIDTH_IN, **options: Any
+) -> tuple[Drawing, np.ndarray[Any, Any]]:
+    """A figure with a grid of panels; ``height_in`` is of one row, ``options`` go to ``subplots``."""
+    figure = Drawing(figsize=(width_in, height_in * rows + 0.5), layout="constrained")
+    axes = figure.subplots(rows, columns, squeeze=False, **options)
+    return figure, axes
+
+
+def line(index: int) -> dict[str, Any]:
+    """Colour and dashes of the line number ``index``."""
+    return {"color": COLOURS[index % len(COLOURS)], "linestyle": DASHES[index % len(DASHES)]}
+
+
+def legend_above(figure: Figure, axes: Axes, *, columns: int = 4) -> None:
+    """One legend for all panels, of what is drawn in one of them."""
+    handles, labels = axes.get_legend_handles_labels()
+    if handles:
+        figure.legend(handles, labels, loc="outside upper center", ncols=min(columns, len(handles)))
+
+
+def legend_over(axes: Axes, *, columns: int = 2) -> None:
+    """Legend between a panel and its title, where it covers no line."""
+    handles, _ = axes.get_legend_handles_labels()
+    columns = min(columns, max(1, len(handles)))
+    legend: dict[str, Any] = {
+        "loc": "lower left",
+        "bbox_to_anchor": (-0.02, 0.98),
+        "fontsize": 7,
+        "columnspacing": 1.2,
+    }
+    axes.legend(ncols=columns, borderaxespad=0.2, **legend)
+    axes.set_title(axes.get_title("left"), pad=6 + 10.5 * -(-len(handles) // columns))
+
+
+def until(axes: Axes, result: Result) -> None:
+    """Mark where a diverged rollout ended."""
+    if result.completed:
+        return
+    end = float(result.data.time.values[-1])
+    axes.axvline(end, color="#B00020", linewidth=0.9, linestyle=":")
+    axes.annotate(
+        f" diverged after {end:.3g} s",
+        (end, 0.98),
+        xycoords=("data", "axes fraction"),
+        color="#B00020",
+        fontsize=7,
+        va="top",
+        ha="right",
+    )
+
+
+def labels_of(results: Sequence[Result]) -> list[str]:
+    """Short names that tell results apart: their folders' names, else their scenarios', else letters too."""
+    names = [result.folder.resolve().name if result.folder else result.scenario.name for result in results]
+    if len(set(names)) == len(names):
+        return names
+    return [f"{name} ({letter})" for name, letter in zip(names, "ABCDEFGH", strict=False)]
+
+
+def unit_scale(unit: str) -> tuple[float, str]:
+    """Factor and unit in which people of the field read values: mm and degrees."""
+    return {"m": (1e3, "mm"), "rad": (180 / np.pi, "deg"), "rad/s": (180 / np.pi, "deg/s")}.get(
+        unit, (1.0, unit)
+    )
+
+
+def shown_axes(result: Result) -> list[str]:
+    """World axes in which anything can happen."""
+    return ["x", "y"] if "body_angle" in result.data else ["x", "y", "z"]

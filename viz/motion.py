@@ -1,0 +1,178 @@
+"""Where everything that can be seen is, over time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from spacerobot.description import Geometry
+from spacerobot.result import Result
+from spacerobot.scene import Scene
+from viz.geometry import Array, corners
+
+GREY = np.array([0.6, 0.6, 0.6, 1.0])
+"""Colour of shapes to which the URDF gives none."""
+
+
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """A shape fixed to a node.
+
+    Attributes
+    ----------
+    placement
+        Shape frame in the node's frame, homogeneous (4, 4), m.
+    geometry
+        What is there.
+    rgba
+        Colour and opacity (4,), 0 to 1.
+    """
+
+    placement: Array
+    geometry: Geometry
+    rgba: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Node:
+    """Shapes that move as one: those of all links behind one joint.
+
+    Attributes
+    ----------
+    joint
+        Id of the joint in the scene's model; 0 for what stands still.
+    body
+        Robot or ``target`` that it belongs to.
+    is_base
+        Whether it is the body's root.
+    solids
+        Its shapes.
+    """
+
+    joint: int
+    body: str
+    is_base: bool
+    solids: tuple[Solid, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Placements of all nodes at some times.
+
+    Attributes
+    ----------
+    nodes
+        What can be seen.
+    rows
+        Rows of the result's data that were taken (nt,).
+    time
+        s (nt,).
+    position
+        Of the nodes' frames in the world (nt, nodes, 3), m.
+    quaternion
+        From node to world (nt, nodes, 4), x y z w; neighbours in time lie on the same side.
+    mates
+        Mating frames of the grasps in the world (nt, grasps, 3), m.
+    """
+
+    nodes: tuple[Node, ...]
+    rows: np.ndarray[tuple[int], np.dtype[np.int64]]
+    time: Array
+    position: Array
+    quaternion: Array
+    mates: Array
+
+    def placements(self, frame: int) -> list[Array]:
+        """Node to world at a frame, homogeneous (4, 4) each."""
+        found = []
+        for position, quaternion in zip(self.position[frame], self.quaternion[frame], strict=True):
+            placement = np.eye(4)
+            placement[:3, :3] = pin.Quaternion(quaternion).toRotationMatrix()
+            placement[:3, 3] = position
+            found.append(placement)
+        return found
+
+
+def scene_nodes(scene: Scene) -> tuple[Node, ...]:
+    """Everything of a scene that can be seen: the URDFs' visuals, or collision shapes where there are none."""
+    nodes = []
+    for body in scene.bodies:
+        links = body.description.links
+        seen = any(link.visuals for link in links)
+        by_joint: dict[int, list[Solid]] = {}
+        for link in links:
+            frame = scene.model.frames[scene.model.getFrameId(f"{body.name}/{link.name}", pin.FrameType.BODY)]
+            for shape in link.visuals if seen else link.collisions:
+                placement = frame.placement.homogeneous @ shape.placement
+                solid = Solid(placement, shape.geometry, GREY if shape.rgba is None else shape.rgba)
+                by_joint.setdefault(int(frame.parentJoint), []).append(solid)
+        root = int(scene.model.frames[body.root_frame].parentJoint)
+        nodes += [Node(j, body.name, j == root, tuple(solids)) for j, solids in sorted(by_joint.items())]
+    return tuple(nodes)
+
+
+def pick_rows(time: Array, *, rate_hz: float, most: int) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
+    """Rows nearest to an even spacing in time: at most ``rate_hz`` and ``most``, first and last included."""
+    count = min(most, len(time), max(2, round((time[-1] - time[0]) * rate_hz) + 1))
+    wanted = np.linspace(time[0], time[-1], count)
+    after = np.clip(np.searchsorted(time, wanted), 0, len(time) - 1)
+    before = np.maximum(after - 1, 0)
+    nearer = np.where(wanted - time[before] < time[after] - wanted, before, after)
+    return np.unique(nearer)
+
+
+def sample_motion(
+    result: Result, scene: Scene, rows: Sequence[int] | np.ndarray[tuple[int], np.dtype[np.int64]]
+) -> Motion:
+    """Placements at rows of a result's data."""
+    rows = np.asarray(rows, dtype=np.int64)
+    q = result.data.q.values[rows]
+    return _place(scene, q, result.data.time.values[rows], rows)
+
+
+def initial_motion(scene: Scene) -> Motion:
+    """Placements of a scene that has not been simulated yet: one frame at 0 s."""
+    return _place(scene, scene.q[None], np.zeros(1), np.zeros(1, dtype=np.int64))
+
+
+def _place(scene: Scene, q: Array, time: Array, rows: np.ndarray[tuple[int], np.dtype[np.int64]]) -> Motion:
+    nodes, data = scene_nodes(scene), scene.model.createData()
+    position, quaternion = np.zeros((len(q), len(nodes), 3)), np.zeros((len(q), len(nodes), 4))
+    mates = np.zeros((len(q), len(scene.grasps), 3))
+    for i, configuration in enumerate(q):
+        pin.framesForwardKinematics(scene.model, data, configuration)
+        for k, node in enumerate(nodes):
+            placement = data.oMi[node.joint]
+            position[i, k] = placement.translation
+            quaternion[i, k] = pin.Quaternion(placement.rotation).coeffs()
+        for k, grasp in enumerate(scene.grasps):
+            mates[i, k] = data.oMf[grasp.frame].translation
+    turned = np.cumprod(np.where(np.sum(quaternion[1:] * quaternion[:-1], axis=-1) < 0, -1.0, 1.0), axis=0)
+    quaternion[1:] *= turned[..., None]
+    return Motion(nodes, rows, time, position, quaternion, mates)
+
+
+def bounds(motion: Motion, *, farthest: float = 3.0) -> tuple[Array, Array]:
+    """Least and greatest corner (3,) of a box around everything seen at all times, m.
+
+    A diverged rollout may throw bodies far away: the box reaches at most ``farthest`` times the initial one's
+    diagonal beyond it.
+    """
+    boxes = [_node_corners(node) for node in motion.nodes]
+    low, high = np.full((len(motion.time), 3), np.inf), np.full((len(motion.time), 3), -np.inf)
+    for i in range(len(motion.time)):
+        for placement, box in zip(motion.placements(i), boxes, strict=True):
+            points = box @ placement[:3, :3].T + placement[:3, 3]
+            low[i], high[i] = np.minimum(low[i], points.min(axis=0)), np.maximum(high[i], points.max(axis=0))
+    margin = farthest * float(np.linalg.norm(high[0] - low[0]))
+    return np.maximum(low.min(axis=0), low[0] - margin), np.minimum(high.max(axis=0), high[0] + margin)
+
+
+def _node_corners(node: Node) -> Array:
+    found = []
+    for solid in node.solids:
+        found.append(corners(solid.geometry) @ solid.placement[:3, :3].T + solid.placement[:3, 3])
+    return np.concatenate(found)
