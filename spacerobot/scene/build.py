@@ -15,7 +15,14 @@ from spacerobot.scenario.catalogue import find_scenario
 from spacerobot.scenario.load import read_document, to_document, validate
 from spacerobot.scenario.paths import Document, assign
 from spacerobot.scene.assumptions import list_assumptions, list_warnings
-from spacerobot.scene.checks import check_gaps, check_limits, check_rigid, is_planar
+from spacerobot.scene.checks import (
+    check_gaps,
+    check_limits,
+    check_masses,
+    check_motion,
+    check_rigid,
+    is_planar,
+)
 from spacerobot.scene.configure import initial_state
 from spacerobot.scene.model import build_model
 from spacerobot.scene.resolve import body_documents, fill, read_descriptions
@@ -53,7 +60,9 @@ def build_scene(
     ``source`` is the file it came from: relative URDF paths start at its folder, and errors name it.
     """
     resolved, descriptions = resolve(scenario, changes, source=source)
+    check_masses(resolved, descriptions, source=source)
     model, bodies = build_model(resolved, descriptions)
+    check_motion(model, source=source)
     tips = tuple(tip for body in bodies for tip in _tips(model, body, resolved, source))
     grasps = _grasps(model, resolved, tips, source)
     q, v = initial_state(model, bodies, grasps, source=source)

@@ -1,19 +1,68 @@
-"""Checks of a built scene: planarity, gaps, consistent grasps."""
+"""Checks of a scene: mass properties before it is built; planarity, gaps and consistent grasps behind."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import dataclasses
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
-from spacerobot.errors import ScenarioError
-from spacerobot.scenario import Compliant, Robot, Weld
+from spacerobot.description.bodies import check_bodies, check_links, welded_bodies
+from spacerobot.description.parts import Link
+from spacerobot.description.read import Description
+from spacerobot.errors import DescriptionError, ScenarioError
+from spacerobot.scenario import Compliant, Robot, Scenario, Weld
 from spacerobot.scene.scene import Array, Scene, SceneBody, SceneGrasp
 
 AXIS_TOLERANCE = 1e-9
 VELOCITY_TOLERANCE = 1e-9
+
+
+def check_masses(scenario: Scenario, descriptions: Mapping[str, Description], *, source: Path | None) -> None:
+    """Refuse mass properties given by the scenario that no body has, or that would make one singular.
+
+    Raises
+    ------
+    ScenarioError
+        Naming the link.
+    """
+    for path, description in descriptions.items():
+        config = scenario.target if path == "target" else scenario.robots[path.removeprefix("robots.")]
+        given = {} if config is None else config.links
+        links = [_with_masses(link, given.get(link.name)) for link in description.links]
+        try:
+            with np.errstate(over="ignore", invalid="ignore"):
+                check_links(links, description.path)
+                check_bodies(welded_bodies(links, description.joints, description.root), description.path)
+        except DescriptionError as fault:
+            message = f"{fault.where} {fault.message}"
+            raise ScenarioError(message, source=source, where=f"{path}.links") from None
+
+
+def _with_masses(link: Link, given: Any) -> Link:
+    """Link with the mass properties of a resolved scenario."""
+    if given is None:
+        return link
+    ixx, iyy, izz, ixy, ixz, iyz = given.inertia
+    inertia = np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
+    return dataclasses.replace(link, mass=given.mass, com=np.array(given.com), inertia=inertia)
+
+
+def check_motion(model: Any, *, source: Path | None) -> None:
+    """Refuse a scene in which nothing can move.
+
+    Raises
+    ------
+    ScenarioError
+        If there is no joint at all.
+    """
+    if model.nv == 0:
+        raise ScenarioError(
+            "nothing can move: every base is fixed and no URDF has a moving joint", source=source
+        )
 
 
 def is_planar(model: Any, bodies: Sequence[SceneBody], q: Array) -> bool:

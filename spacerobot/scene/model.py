@@ -13,7 +13,7 @@ from spacerobot.scenario import Body, Robot, Scenario, Target
 from spacerobot.scene.scene import SceneBody
 
 ROOT = "root"
-"""Name, behind the body's prefix, of the joint that floats a base."""
+"""Name, behind the body's prefix, of the joint that floats a base; ``root_`` if the URDF has a ``root``."""
 
 
 def build_model(
@@ -52,17 +52,25 @@ def _append(model: Any, name: str, description: Description, config: Body) -> An
         placement.rotation = pin.rpy.rpyToMatrix(np.radians(base.rotation_deg))
         placement.translation = np.array(base.position, dtype=float)
     elif base.joint == "planar":
-        own = pin.buildModelFromXML(xml, pin.JointModelPlanar(), f"{name}/{ROOT}")
+        own = pin.buildModelFromXML(xml, pin.JointModelPlanar(), _root_name(name, description))
         placement.translation = np.array([0.0, 0.0, base.position[2]])
     else:
-        own = pin.buildModelFromXML(xml, pin.JointModelFreeFlyer(), f"{name}/{ROOT}")
+        own = pin.buildModelFromXML(xml, pin.JointModelFreeFlyer(), _root_name(name, description))
     return pin.appendModel(model, own, 0, placement)
+
+
+def _root_name(name: str, description: Description) -> str:
+    """Name of the joint that floats a body's base, unlike those of the body's own joints."""
+    own, root = {joint.name for joint in description.joints}, ROOT
+    while root in own:
+        root += "_"
+    return f"{name}/{root}"
 
 
 def _body(model: Any, path: str, config: Robot | Target, description: Description) -> SceneBody:
     name = path.rpartition(".")[2]
     floating = config.base.joint != "fixed"
-    root_joint = int(model.getJointId(f"{name}/{ROOT}")) if floating else 0
+    root_joint = int(model.getJointId(_root_name(name, description))) if floating else 0
     joints = tuple(
         j for j in range(1, model.njoints) if model.names[j].startswith(f"{name}/") and j != root_joint
     )
