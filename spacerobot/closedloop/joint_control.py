@@ -68,7 +68,7 @@ def build_joint_control(
     torque = ca.SX(plant.v.size1(), 1)
     for i, joint in enumerate(body.joints):
         column = plant.model.joints[joint].idx_v
-        position = _measured(calibrate("joint_position"), joint_position(plant.model, joint, plant.q))
+        position = _measured(calibrate("joint_position"), _nearest(plant.model, joint, plant.q, desired[i]))
         speed = _measured(calibrate("joint_rate"), plant.v[column])
         torque[column] = kp * (desired[i] - position) - kd * speed  # Eq. 34
     initial = ca.vertcat(*(joint_position(plant.model, joint, plant.q) for joint in body.joints))
@@ -82,6 +82,21 @@ def joint_position(model: Any, joint: int, q: ca.SX) -> ca.SX:
     if pin_joint.nq == 2:
         return ca.atan2(q[pin_joint.idx_q + 1], q[pin_joint.idx_q])
     return q[pin_joint.idx_q]
+
+
+def _nearest(model: Any, joint: int, q: ca.SX, desired: ca.SX) -> ca.SX:
+    """Position of a joint; of an unbounded one that which is nearest to the desired position.
+
+    The desired position may pass half a turn, where the angle read from cos and sin jumps by a whole one.
+    """
+    pin_joint = model.joints[joint]
+    if pin_joint.nq == 1:
+        return joint_position(model, joint, q)
+    cos, sin = q[pin_joint.idx_q], q[pin_joint.idx_q + 1]
+    behind = ca.atan2(
+        sin * ca.cos(desired) - cos * ca.sin(desired), cos * ca.cos(desired) + sin * ca.sin(desired)
+    )
+    return desired + behind
 
 
 def _measured(calibration: tuple[ca.SX | None, ca.SX], signal: ca.SX) -> ca.SX:
@@ -98,7 +113,10 @@ def _inverse_kinematics(
     parameters: Parameters,
     constants: Constants,
 ) -> ca.SX:
-    """Rate of the desired joint positions (n x 1)."""
+    """Rate of the desired joint positions (n x 1); a robot without tips keeps its posture."""
+    tips = [tip for tip in plant.scene.tips if tip.body.name == body.name]
+    if not tips:
+        return ca.SX.zeros(desired.size1())
     path = f"{body.path}.joint_pd"
     rate_gain, damping = (
         constants.hoist(f"{path}.{key}", parameters(f"{path}.{key}")) for key in ("ik_rate", "ik_damping")
@@ -111,7 +129,6 @@ def _inverse_kinematics(
         else:
             q[pin_joint.idx_q] = desired[i]
     kinematics = forward_kinematics(plant.model, q)
-    tips = [tip for tip in plant.scene.tips if tip.body.name == body.name]
     rows, wanted = _tasks(plant, tips, kinematics, motions, rate_gain)
     columns = plant.arm_columns(body)
     jacobian = ca.vertcat(*rows)[:, columns]

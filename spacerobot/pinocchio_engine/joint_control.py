@@ -39,10 +39,19 @@ class JointController:
         """Joint positions (n,) [rad or m]; of an unbounded joint between -pi and pi."""
         return np.array([_position(self.scene.model.joints[j], q) for j in self.body.joints])
 
+    def _nearest_positions(self, q: Array, desired: Array) -> Array:
+        """Joint positions (n,), unbounded ones by whole turns as near as may be to the desired ones."""
+        unbounded = np.array([self.scene.model.joints[j].nq == 2 for j in self.body.joints], dtype=bool)
+        found = self.positions(q)
+        turns = np.round((desired - found) / (2 * np.pi))
+        nearest: Array = found + np.where(unbounded, 2 * np.pi * turns, 0.0)
+        return nearest
+
     def torque(self, kinematics: Kinematics, desired: Array) -> Array:
         """Generalized forces (nv,) of Eq. 34."""
         sensors, columns = sensors_of(self.body), list(arm_columns(self.scene.model, self.body))
-        angle = sensors.joint_position.offset + sensors.joint_position.scale * self.positions(kinematics.q)
+        position = self._nearest_positions(kinematics.q, desired)
+        angle = sensors.joint_position.offset + sensors.joint_position.scale * position
         rate = sensors.joint_rate.offset + sensors.joint_rate.scale * kinematics.v[columns]
         torque = np.zeros(self.scene.model.nv)
         torque[columns] = self.config.kp * (desired - angle) - self.config.kd * rate

@@ -99,7 +99,7 @@ def _joint_rate(q: Array, v: Array) -> Array:
     if len(q) == len(v):
         return v
     if len(q) == 2:  # cos, sin
-        return np.array([-q[1], q[0]]) * v[0]
+        return np.array([-q[1] * v[0], q[0] * v[0]])
     if len(q) == 4:  # x, y, cos, sin; velocity in the body's axes
         cos, sin = q[2:] / np.hypot(q[2], q[3])
         return np.array([cos * v[0] - sin * v[1], sin * v[0] + cos * v[1], -q[3] * v[2], q[2] * v[2]])
