@@ -12,6 +12,7 @@ from collections.abc import Mapping
 
 import casadi as ca
 
+from spacerobot.compiled.pieces import split_body
 from spacerobot.errors import CompileError
 
 UNARY = (
@@ -84,8 +85,9 @@ def _member(name: str, function: ca.Function) -> str:
     writes = [f"real* __restrict res{i}" for i in range(function.n_out())]
     sizes = [f"{name}_{function.name_in(i)} = {function.numel_in(i)}" for i in range(function.n_in())]
     sizes += [f"{name}_{function.name_out(i)} = {function.numel_out(i)}" for i in range(function.n_out())]
+    pieces, body = split_body(body, name, reads + writes)
     return (
-        f"enum {{ {', '.join(sizes)} }};\n"
+        f"enum {{ {', '.join(sizes)} }};\n{pieces}"
         f"static __attribute__((noinline)) void {name}({', '.join(reads + writes)}) {{\n{body}}}"
     )
 
