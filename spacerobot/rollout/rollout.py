@@ -21,9 +21,11 @@ from spacerobot.rollout.kernel import Kernel, build_kernel
 from spacerobot.rollout.measures import Measures
 from spacerobot.rollout.protocol import Array, ClosedLoopFunctions
 from spacerobot.rollout.sensitivity import DERIVATIVE
+from spacerobot.rollout.step import StepChoice, search_step
 from spacerobot.rollout.trajectory import Batch, Gradient, Jacobian, Trajectory, frozen
 
 Backend = Literal["auto", "compiled", "interpreted"]
+TOLERANCE = 1e-6
 Parameters = Mapping[str, float] | npt.ArrayLike | None
 
 
@@ -46,6 +48,8 @@ class Rollout:
         What evaluates them.
     fallback
         Why it is interpreted although a compiler was found; empty otherwise.
+    choice
+        How the step was chosen, if it was.
     """
 
     loop: ClosedLoopFunctions
@@ -53,6 +57,7 @@ class Rollout:
     grid: TimeGrid
     engines: Engines
     fallback: str = ""
+    choice: StepChoice | None = None
 
     @property
     def backend(self) -> str:
@@ -66,6 +71,22 @@ class Rollout:
         if toolchain is not None:
             return f"{steps}, compiled: {toolchain.summary}"
         return f"{steps}, interpreted by CasADi" + (f" ({self.fallback})" if self.fallback else "")
+
+    def choose_step(self, tolerance: float = TOLERANCE, parameters: Parameters = None) -> StepChoice:
+        """Largest step whose error keeps to a tolerance at some parameter values; nothing is compiled again.
+
+        Raises
+        ------
+        DivergedError
+            No step does.
+        """
+        p, grid = self.values(parameters), self.grid
+        sample_s = grid.every * grid.step_s
+
+        def pilot(step_s: float) -> Trajectory:
+            return replace(self, grid=time_grid(grid.duration_s, step_s, sample_s)).run(p)
+
+        return search_step(pilot, sample_s, tolerance)
 
     def values(self, parameters: Parameters = None) -> Array:
         """All parameter values p, shape (np,).
@@ -304,8 +325,9 @@ def build_rollout(
     loop: ClosedLoopFunctions,
     *,
     duration_s: float,
-    step_s: float,
+    step_s: float | None = None,
     output_step_s: float | None = None,
+    tolerance: float = TOLERANCE,
     measures: Measures | None = None,
     backend: Backend = "auto",
 ) -> Rollout:
@@ -318,9 +340,13 @@ def build_rollout(
     duration_s
         Duration.
     step_s
-        Longest step; it is taken a little shorter where it does not divide the output step.
+        Longest step; it is taken a little shorter where it does not divide the output step. If None, it is
+        chosen by :func:`choose_step`, and ``rollout.choice`` tells its error.
     output_step_s
-        Longest time between samples; each step is a sample if None.
+        Longest time between samples. If None, each step is a sample, or every hundredth of the duration if
+        the step is to be chosen.
+    tolerance
+        Error that a chosen step shall keep to.
     measures
         What to reduce each rollout to.
     backend
@@ -330,23 +356,67 @@ def build_rollout(
     ------
     CompileError
         ``backend`` is ``compiled`` and cannot be had.
+    DivergedError
+        No step keeps to the tolerance.
     SpaceRobotError
         A duration or a step is not positive.
     """
-    grid = time_grid(duration_s, step_s, output_step_s)
+    sample_s = duration_s / 100 if step_s is None and output_step_s is None else output_step_s
+    grid = time_grid(duration_s, sample_s or duration_s if step_s is None else step_s, sample_s)
     kernel = build_kernel(loop, measures)
+    engines, fallback = _engines(kernel, backend)
+    rollout = Rollout(loop, kernel, grid, engines, fallback)
+    if step_s is not None:
+        return rollout
+    choice = rollout.choose_step(tolerance)
+    grid = time_grid(duration_s, choice.step_s, sample_s)
+    return replace(rollout, grid=grid, choice=choice)
+
+
+def choose_step(
+    loop: ClosedLoopFunctions,
+    *,
+    duration_s: float,
+    output_step_s: float | None = None,
+    tolerance: float = TOLERANCE,
+    parameters: Parameters = None,
+    backend: Backend = "auto",
+) -> StepChoice:
+    """Largest step whose error keeps to a tolerance, found by step doubling on pilot rollouts.
+
+    Parameters
+    ----------
+    loop, duration_s, output_step_s, tolerance, backend
+        As for :func:`build_rollout`.
+    parameters
+        As for :meth:`Rollout.values`.
+
+    Raises
+    ------
+    DivergedError
+        No step keeps to the tolerance.
+    """
+    sample_s = output_step_s or duration_s / 100
+    rollout = build_rollout(
+        loop, duration_s=duration_s, step_s=sample_s, output_step_s=sample_s, backend=backend
+    )
+    return rollout.choose_step(tolerance, parameters)
+
+
+def _engines(kernel: Kernel, backend: Backend) -> tuple[Engines, str]:
+    """Engines, and why they interpret although a compiler was found."""
     if backend not in ("auto", "compiled", "interpreted"):
         raise SpaceRobotError(f"backend '{backend}', allowed: auto, compiled, interpreted")
-    toolchain, fallback = None if backend == "interpreted" else find_toolchain(), ""
-    if backend == "compiled" or toolchain is not None:
-        if toolchain is None:
+    toolchain = None if backend == "interpreted" else find_toolchain()
+    if toolchain is None:
+        if backend == "compiled":
             raise CompileError("no C++ compiler was found (g++, clang++, CXX or SPACEROBOT_COMPILER)")
-        engines = Engines(kernel, toolchain)
-        try:
-            engines.single  # noqa: B018  (compiles)
-            return Rollout(loop, kernel, grid, engines)
-        except CompileError as error:
-            if backend == "compiled":
-                raise
-            fallback = error.message
-    return Rollout(loop, kernel, grid, Engines(kernel, None), fallback)
+        return Engines(kernel, None), ""
+    engines = Engines(kernel, toolchain)
+    try:
+        engines.single  # noqa: B018  (compiles)
+    except CompileError as error:
+        if backend == "compiled":
+            raise
+        return Engines(kernel, None), error.message
+    return engines, ""

@@ -1,0 +1,101 @@
+"""Choose a step from a stated error: step doubling on pilot rollouts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from spacerobot.errors import DivergedError
+from spacerobot.rollout.trajectory import Trajectory
+
+ORDER = 4
+HALVINGS = 16
+SAFETY = 0.9
+
+
+@dataclass(frozen=True)
+class StepChoice:
+    """A step and how well it was found to do.
+
+    Attributes
+    ----------
+    step_s
+        The step.
+    error
+        Largest error of any state at any sample against half the step, by Richardson's estimate, relative to
+        the larger of one unit and that state's largest value.
+    tolerance
+        What was asked for.
+    unstable_s
+        Shortest step at which a pilot rollout diverged; None if none did. The stability limit lies below it.
+    """
+
+    step_s: float
+    error: float
+    tolerance: float
+    unstable_s: float | None
+
+
+def search_step(run: Callable[[float], Trajectory], longest_s: float, tolerance: float) -> StepChoice:
+    """Largest step whose error is within a tolerance, to about a tenth.
+
+    The step is halved until it is stable and accurate, then lengthened as far as the order of the method
+    foretells, and that is checked by one more pilot rollout.
+
+    Parameters
+    ----------
+    run
+        Rollout with about a given step; the samples must not depend on it.
+    longest_s
+        Where to begin.
+    tolerance
+        Largest error, see :class:`StepChoice`.
+
+    Raises
+    ------
+    DivergedError
+        No step was good enough.
+    """
+    coarse, unstable, error = run(longest_s), None, np.inf
+    for _ in range(HALVINGS):
+        fine = run(coarse.step_s / 2)
+        if coarse.status == "diverged":
+            unstable = coarse.step_s
+        elif fine.status == "completed":
+            error = _error(coarse, fine)
+            if error <= tolerance:
+                return _lengthen(run, coarse, fine, error, tolerance, longest_s, unstable)
+        coarse = fine
+    told = f"an error of {error:.3g} was left" if np.isfinite(error) else "every pilot rollout diverged"
+    raise DivergedError(
+        f"no step of at least {coarse.step_s:.3g} s reaches an error of {tolerance:.3g}: {told}"
+    )
+
+
+def _lengthen(
+    run: Callable[[float], Trajectory],
+    good: Trajectory,
+    exact: Trajectory,
+    error: float,
+    tolerance: float,
+    longest_s: float,
+    unstable: float | None,
+) -> StepChoice:
+    ratio = SAFETY * (tolerance / max(error, 1e-300)) ** (1 / ORDER)
+    longer_s = min(good.step_s * min(ratio, 2.0), longest_s)
+    if longer_s > 1.05 * good.step_s:
+        longer = run(longer_s)
+        if longer.status == "completed" and longer.step_s > good.step_s:
+            found = _error(longer, exact)
+            if found <= tolerance:
+                return StepChoice(longer.step_s, found, tolerance, unstable)
+    return StepChoice(good.step_s, error, tolerance, unstable)
+
+
+def _error(coarse: Trajectory, fine: Trajectory) -> float:
+    """Richardson's estimate of the error of the coarser one."""
+    scale = np.maximum(1.0, np.abs(fine.state).max(axis=0))
+    shrink = (coarse.step_s / fine.step_s) ** ORDER
+    return float((np.abs(coarse.state - fine.state) / scale).max() * shrink / (shrink - 1))

@@ -1,0 +1,80 @@
+"""Choosing a step, and the implicit integrator for stiff loops."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from spacerobot.errors import DivergedError
+from spacerobot.rollout import build_rollout, choose_step, integrate_cvodes
+
+GRID = {"duration_s": 2.0, "output_step_s": 0.1}
+STIFF = {"arm.kd": 2000.0}  # an eigenvalue of -2000 / 1.3 1/s
+
+
+def error_of(rollout, exact):
+    scale = np.maximum(1.0, np.abs(exact.state).max(axis=0))
+    return (np.abs(rollout.run().state - exact.state) / scale).max()
+
+
+@pytest.mark.parametrize("tolerance", [1e-5, 1e-8])
+def test_the_chosen_step_keeps_to_the_tolerance_and_wastes_little(loop, tolerance):
+    exact = build_rollout(loop, **GRID, step_s=0.0005).run()
+    rollout = build_rollout(loop, **GRID, tolerance=tolerance)
+    choice = rollout.choice
+    assert choice.error <= tolerance
+    assert error_of(rollout, exact) == pytest.approx(choice.error, rel=0.2, abs=1e-11)
+    assert rollout.grid.step_s == pytest.approx(choice.step_s)
+    if choice.step_s < 0.1:
+        longer = build_rollout(loop, **GRID, step_s=2.1 * choice.step_s)
+        assert error_of(longer, exact) > tolerance
+
+
+def test_the_stability_limit_is_recognised(loop):
+    choice = choose_step(loop, **GRID, tolerance=1e-3, parameters=STIFF)
+    limit = 2.785 / (2000 / 1.3)  # where the real axis leaves the method's region of stability
+    assert choice.step_s < limit
+    assert limit < choice.unstable_s < 4 * limit
+    assert build_rollout(loop, **GRID, step_s=1.3 * limit).run(STIFF).status == "diverged"
+    assert build_rollout(loop, **GRID, step_s=0.9 * limit).run(STIFF).status == "completed"
+
+
+def test_a_hopeless_loop_is_told(loop):
+    with pytest.raises(DivergedError, match="every pilot rollout diverged"):
+        choose_step(loop, **GRID, parameters={"arm.kp": -1e4, "arm.kd": -1e4})
+
+
+def test_cvodes_agrees_and_takes_stiffness(loop):
+    fine = build_rollout(loop, **GRID, step_s=0.001)
+    found = integrate_cvodes(loop, **GRID)
+    assert (found.status, found.backend) == ("completed", "cvodes")
+    np.testing.assert_allclose(found.state, fine.run().state, atol=2e-7)
+    np.testing.assert_allclose(found.outputs["torque"], fine.run().outputs["torque"], atol=2e-6)
+    np.testing.assert_allclose(np.linalg.norm(found.state[:, 2:6], axis=1), 1, atol=1e-15)
+    stiff = integrate_cvodes(loop, **GRID, parameters=fine.values(STIFF))
+    np.testing.assert_allclose(stiff.state, fine.run(STIFF).state, atol=2e-7)
+
+
+def test_cvodes_gives_up_with_a_status(loop):
+    values = build_rollout(loop, **GRID, step_s=0.1).values({"arm.start": np.nan})
+    found = integrate_cvodes(loop, **GRID, parameters=values)
+    assert found.status == "diverged"
+    assert found.diverged_at_s == 0.0
+    assert len(found.time) == len(found.state) == 1
+
+
+def test_without_a_compiler_it_interprets_and_says_so(loop, monkeypatch):
+    monkeypatch.setenv("SPACEROBOT_COMPILER", "none")
+    rollout = build_rollout(loop, **GRID, step_s=0.01)
+    assert rollout.backend == rollout.run().backend == "interpreted"
+    assert "interpreted" in rollout.summary
+
+
+def test_a_compiler_that_fails_is_named_in_the_summary(loop, monkeypatch, tmp_path):
+    broken = tmp_path / "broken"
+    broken.write_text('#!/bin/sh\n[ "$1" = --version ] && echo broken 1.0 && exit 0\nexit 3\n')
+    broken.chmod(0o755)
+    monkeypatch.setenv("SPACEROBOT_COMPILER", str(broken))
+    rollout = build_rollout(loop, **GRID, step_s=0.01)
+    assert rollout.backend == "interpreted"
+    assert "broken failed with 3" in rollout.summary
