@@ -1,0 +1,63 @@
+"""What the documentation shows is run, and what it names is there."""
+
+import re
+from pathlib import Path
+
+import pytest
+import yaml
+
+ROOT = Path(__file__).parents[2]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+
+
+def blocks(page, language):
+    return re.findall(
+        rf"^```{language}\n(.*?)^```", page.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL
+    )
+
+
+@pytest.mark.parametrize("page", [p for p in PAGES if blocks(p, "python")], ids=lambda p: p.name)
+def test_python_of_a_page_runs(page, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    namespace = {}
+    for source in blocks(page, "python"):
+        exec(compile(source, str(page), "exec"), namespace)
+
+
+def test_the_readmes_own_scenario_checks(tmp_path):
+    from spacerobot.description.find import find_urdf
+    from spacerobot.scene import load_scene
+
+    (text,) = blocks(ROOT / "README.md", "yaml")
+    servicer = find_urdf("servicer.urdf").read_text(encoding="utf-8")
+    renamed = {"left_joint_2": "shoulder", "left_joint_4": "elbow", "left_tip": "gripper"}
+    for old, new in renamed.items():
+        servicer = servicer.replace(f'"{old}"', f'"{new}"')
+    (tmp_path / "my_robot.urdf").write_text(servicer, encoding="utf-8")
+    (tmp_path / "mine.yaml").write_text(text, encoding="utf-8")
+    scene = load_scene(tmp_path / "mine.yaml")
+    assert yaml.safe_load(text)["robots"].keys() == {"mine"}
+    assert [grasp.name for grasp in scene.grasps] == ["hold"]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
+def test_files_that_a_page_names_exist(page):
+    text = page.read_text(encoding="utf-8")
+    named = re.findall(r"`((?:spacerobot|optim|viz|urdf|tests|benchmarks|docs)/[\w/.]+\.\w+)`", text)
+    named += [
+        str((page.parent / link).relative_to(ROOT)) for link in re.findall(r"\]\(((?!http)[\w/.]+)\)", text)
+    ]
+    missing = [name for name in named if not (ROOT / name).exists()]
+    assert not missing
+
+
+def test_the_papers_table_is_what_the_code_prints():
+    """The first variant of each page's table against a fresh run."""
+    from spacerobot.paper import VARIANTS, error_bands_mm
+    from spacerobot.simulate import simulate
+
+    variant = next(v for v in VARIANTS if v.name == "base-amnesia-R0.10")
+    bands = error_bands_mm(simulate(variant.scene()).summary)
+    printed = " | ".join(f"{low:.2f} .. {high:.2f}" for low, high in bands)
+    assert printed in (ROOT / "docs" / "paper.md").read_text(encoding="utf-8")
+    assert printed in (ROOT / "README.md").read_text(encoding="utf-8")
