@@ -4,20 +4,25 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Literal
 
 from spacerobot.closedloop import ClosedLoop, build_closed_loop
 from spacerobot.result import Result
 from spacerobot.result.dataset import build_dataset
 from spacerobot.result.summary import build_summary
-from spacerobot.rollout import Trajectory, build_rollout
-from spacerobot.scenario import Scenario, Simulation
+from spacerobot.rollout import Trajectory, build_rollout, integrate_cvodes
 from spacerobot.scene import Scene
 
 Progress = Callable[[str], None]
+LOCAL_TOLERANCE = 1e-3
+"""Local tolerance of CVODES per tolerance of the whole rollout: its errors add up over thousands of steps."""
+
+Backend = Literal["auto", "compiled", "interpreted"]
 
 
-def simulate(scene: Scene, *, backend: str = "auto", progress: Progress | None = None) -> Result:
+def simulate(scene: Scene, *, backend: Backend = "auto", progress: Progress | None = None) -> Result:
     """Simulate a scene by the engine its scenario names.
 
     Parameters
@@ -38,61 +43,75 @@ def simulate(scene: Scene, *, backend: str = "auto", progress: Progress | None =
     ------
     CompileError
         If a compiled backend was asked for and there is none.
+    DivergedError
+        If the step was to be chosen and none keeps to the tolerance.
     """
     tell = progress or (lambda _: None)
     begin = time.perf_counter()
     tell("building the closed loop")
     loop = build_closed_loop(scene)
     built = time.perf_counter()
-    scene, trajectory, ready = _run(scene, loop, backend, tell)
+    run = _run(scene, loop, backend, tell)
     done = time.perf_counter()
-    data = build_dataset(scene, trajectory, loop.state_names)
+    data = build_dataset(run.scene, run.trajectory, loop.state_names)
     timing = {
         "closed_loop": built - begin,
-        "compile_or_load": ready - built,
-        "rollout": trajectory.wall_s,
+        "compile_or_load": run.ready - built,
+        "rollout": run.trajectory.wall_s,
         "total": done - begin,
     }
-    return Result(scene.scenario, data, build_summary(scene, data, trajectory, timing))
+    summary = build_summary(run.scene, data, run.trajectory, timing, run.notes)
+    return Result(run.scene.scenario, data, summary)
 
 
-def _run(scene: Scene, loop: ClosedLoop, backend: str, tell: Progress) -> tuple[Scene, Trajectory, float]:
-    """Scene with the step that was taken, trajectory, and the time at which everything was ready."""
+@dataclass(frozen=True)
+class _Run:
+    """Scene with the step that was taken, time at which everything was ready, trajectory, notes on how."""
+
+    scene: Scene
+    ready: float
+    trajectory: Trajectory
+    notes: Mapping[str, str] = field(default_factory=dict)
+
+
+def _run(scene: Scene, loop: ClosedLoop, backend: Backend, tell: Progress) -> _Run:
     simulation = scene.scenario.simulation
     if simulation.engine == "pinocchio":
         from spacerobot.pinocchio_engine import simulate as check
 
         tell("simulating with Pinocchio's own algorithms")
-        ready = time.perf_counter()
-        return scene, check(scene), ready
+        return _Run(scene, time.perf_counter(), check(scene))
     if simulation.engine == "cvodes":
-        from spacerobot.rollout.cvodes import integrate_cvodes
-
         tell("integrating with CVODES")
         ready = time.perf_counter()
-        grid = {"duration_s": simulation.duration, "output_step_s": simulation.output_step}
-        return scene, integrate_cvodes(loop, **grid, tolerance=simulation.tolerance), ready
-    step = simulation.step
-    if step is None:
-        from spacerobot.rollout.step_choice import choose_step
-
-        tell("choosing the step")
-        step = choose_step(
-            loop, duration_s=simulation.duration, tolerance=simulation.tolerance, backend=backend
-        ).step_s
-        scene = dataclasses.replace(scene, scenario=_with_step(scene.scenario, simulation, step))
+        local = simulation.tolerance * LOCAL_TOLERANCE
+        trajectory = integrate_cvodes(
+            loop,
+            duration_s=simulation.duration,
+            output_step_s=simulation.output_step,
+            relative=local,
+            absolute=local,
+        )
+        return _Run(scene, ready, trajectory)
     tell("compiling the closed loop, or finding it compiled")
     rollout = build_rollout(
         loop,
         duration_s=simulation.duration,
-        step_s=step,
+        step_s=simulation.step,
         output_step_s=simulation.output_step,
-        backend=backend,  # type: ignore[arg-type]
+        tolerance=simulation.tolerance,
+        backend=backend,
     )
+    notes = {"toolchain": rollout.summary}
+    if rollout.choice is not None:
+        scene = _with_step(scene, rollout.choice.step_s)
+        notes["step_chosen"] = f"error {rollout.choice.error:.1e}, tolerance {rollout.choice.tolerance:g}"
     ready = time.perf_counter()
     tell("rolling out")
-    return scene, rollout.run(), ready
+    return _Run(scene, ready, rollout.run(), notes)
 
 
-def _with_step(scenario: Scenario, simulation: Simulation, step: float) -> Scenario:
-    return scenario.model_copy(update={"simulation": simulation.model_copy(update={"step": step})})
+def _with_step(scene: Scene, step: float) -> Scene:
+    """Scene whose scenario says the step that was chosen, so that it runs again to the same result."""
+    simulation = scene.scenario.simulation.model_copy(update={"step": step})
+    return dataclasses.replace(scene, scenario=scene.scenario.model_copy(update={"simulation": simulation}))

@@ -20,9 +20,16 @@ FORMAT = 1
 
 
 def build_summary(
-    scene: Scene, data: xr.Dataset, trajectory: Trajectory, timing: Mapping[str, float]
+    scene: Scene,
+    data: xr.Dataset,
+    trajectory: Trajectory,
+    timing: Mapping[str, float],
+    notes: Mapping[str, str],
 ) -> dict[str, Any]:
-    """Status, headline numbers, ledger, timing, assumptions and versions of a simulation."""
+    """Status, headline numbers, ledger, timing, assumptions and versions of a simulation.
+
+    ``notes`` say more of the engine: what compiled it, and how well a chosen step was found to do.
+    """
     bodies = body_motion(data)
     return {
         "format": FORMAT,
@@ -39,6 +46,7 @@ def build_summary(
             "backend": trajectory.backend,
             "step_s": trajectory.step_s if trajectory.steps else None,
             "steps": trajectory.steps,
+            **notes,
         },
         "timing_s": dict(timing),
         "assumptions": list(scene.assumptions),

@@ -163,7 +163,6 @@ BAD = {
     ),
     "unknown urdf": (["check", "paper", "--set", "target.urdf=rectangel.urdf"], "rectangle.urdf"),
     "bad engine": (["run", "paper", "--engine", "magic"], "simulation.engine"),
-    "bad backend": (["run", "paper", "--backend", "magic"], "allowed: auto"),
     "bad number": (["make-arm", "arm", "x.urdf", "--links", "0"], "links"),
 }
 
