@@ -5,6 +5,7 @@ from spacerobot.scenario.control import Amnesia, Calibration, JointPd, Pid, Sens
 from spacerobot.scenario.grasp import Compliant, Grasp, Point, Weld
 from spacerobot.scenario.reference import Circle, Hold, Line, Reference, Spline
 from spacerobot.scenario.scenario import Scenario, Simulation
+from spacerobot.scenario.tuning import Constraints, Objective, Robustness, Tuning, Variable
 
 __all__ = [
     "Amnesia",
@@ -13,21 +14,26 @@ __all__ = [
     "Calibration",
     "Circle",
     "Compliant",
+    "Constraints",
     "Grasp",
     "Hold",
     "Joint",
     "JointPd",
     "Line",
     "Link",
+    "Objective",
     "Pid",
     "Point",
     "Reference",
     "Robot",
+    "Robustness",
     "Scenario",
     "Sensors",
     "Simulation",
     "Spline",
     "Target",
     "Tip",
+    "Tuning",
+    "Variable",
     "Weld",
 ]

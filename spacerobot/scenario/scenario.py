@@ -10,6 +10,7 @@ from spacerobot.errors import near_names
 from spacerobot.scenario.bodies import Base, Robot, Target
 from spacerobot.scenario.grasp import Grasp
 from spacerobot.scenario.section import Name, Section, Vector, quantity
+from spacerobot.scenario.tuning import Tuning
 
 
 class Simulation(Section):
@@ -48,6 +49,7 @@ class Scenario(Section):
     target: Target | None = Field(default=None, description="the object that is held")
     grasps: dict[Name, Grasp] = Field(default={}, description="grasps by name")
     simulation: Simulation = Simulation()
+    tuning: Tuning | None = Field(default=None, description="the tuning problem")
 
     @model_validator(mode="after")
     def _check(self) -> Scenario:

@@ -1,0 +1,214 @@
+"""Objectives and constraints of a tuning problem, as measures of a rollout."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import casadi as ca
+import numpy as np
+
+from optim.protocol import Array, Form
+from optim.tied import extend
+from spacerobot.errors import ScenarioError
+from spacerobot.rollout import ClosedLoopFunctions, Measure, Measures, Signals, integral, peak
+from spacerobot.scenario import Constraints, Objective
+from spacerobot.scene import Scene
+
+SMALLEST_LENGTH = 1e-9  # m; keeps the distance smooth where the error is zero
+SMALLEST_FORCE = 1e-6  # N; the same for forces
+OBJECTIVE = "objective"
+EQ45 = ("eq45", "eq45_printed")
+
+UserObjective = Callable[[Signals], Measure]
+"""A user's own objective: a scalar measure of an expression over the closed loop's outputs."""
+
+
+@dataclass(frozen=True)
+class Terms:
+    """What is measured of each rollout, and how objective and constraints follow from it.
+
+    Attributes
+    ----------
+    measures
+        All measures, and one cost: the objective.
+    form
+        Of the objective.
+    limits
+        Limit of each component of each constrained measure, by the measure's name.
+    residuals
+        ``squares``: outputs and factors w with objective = sum of w times the integral of the squared output.
+    """
+
+    measures: Measures
+    form: Form
+    limits: Mapping[str, float] = field(default_factory=dict)
+    residuals: Mapping[str, tuple[float, Array]] = field(default_factory=dict)
+
+
+def extended_loop(loop: ClosedLoopFunctions, scene: Scene, objective: Objective) -> ClosedLoopFunctions:
+    """The closed loop with the memories that Eq. 45 integrates, where the objective asks for them.
+
+    Eq. 45 reads e = exp(-t_a t) int exp(+-t_a s) (e_x + e_y) ds: a state e' = -t_a e + k (e_x + e_y), with
+    k = 1 as it must be for a leaky integral, and k = exp(-2 t_a t) as printed.
+
+    Raises
+    ------
+    ScenarioError
+        If a tip has no amnesia controller, and so no t_a.
+    """
+    if objective.kind not in EQ45:
+        return loop
+    for tip in scene.tips:
+        if tip.config.amnesia is None:
+            raise ScenarioError(
+                f"Eq. 45 needs t_a, but {tip.path} has no amnesia controller",
+                source=scene.source,
+                where="tuning.objective.kind",
+            )
+
+    def rates(signals: Signals, memory: ca.SX) -> ca.SX:
+        found, error = [], signals["tip_error"]
+        for i, tip in enumerate(scene.tips):
+            ta = signals.parameters[f"{tip.path}.amnesia.ta"]
+            fade = ca.exp(-2 * ta * signals.t) if objective.kind == "eq45_printed" else 1
+            found.append(-ta * memory[i] + fade * ca.sum1(error[3 * i : 3 * i + 3]))
+        return ca.vertcat(*found)
+
+    return extend(loop, [f"{tip.label}/eq45" for tip in scene.tips], rates)
+
+
+def build_terms(
+    loop: ClosedLoopFunctions,
+    scene: Scene,
+    objective: Objective | UserObjective,
+    constraints: Constraints,
+) -> Terms:
+    """Measures of a tuning problem.
+
+    Parameters
+    ----------
+    loop
+        The closed loop, from :func:`extended_loop`.
+    scene
+        Its scene.
+    objective
+        The scenario's objective, or a function that gives a scalar measure.
+    constraints
+        What must not be exceeded.
+
+    Raises
+    ------
+    ScenarioError
+        If the objective is not a scalar measure, or a term needs what the scene does not have.
+    """
+    signals = Signals.of(loop)
+    named = _watched(signals, scene)
+    limits = {
+        name: limit
+        for name, limit in (
+            ("joint_torque_peak", constraints.max_joint_torque),
+            ("grip_force_peak", constraints.max_grip_force),
+            ("base_rotation_peak_deg", constraints.max_base_rotation_deg),
+        )
+        if limit is not None
+    }
+    if isinstance(objective, Objective):
+        return _standard(signals, scene, objective, named, limits)
+    measure = objective(signals)
+    if not isinstance(measure, Measure) or measure.expression.numel() != 1:
+        raise ScenarioError("an objective is one scalar measure: integral(...), peak(...) or final(...)")
+    measures = Measures(signals, named | {"own": measure}, costs=lambda r, _: {OBJECTIVE: r["own"]})
+    return Terms(measures, "smooth", limits)
+
+
+def _standard(
+    signals: Signals,
+    scene: Scene,
+    objective: Objective,
+    named: dict[str, Measure],
+    limits: dict[str, float],
+) -> Terms:
+    if objective.object_rotation and scene.target is None:
+        raise ScenarioError(
+            "there is no target whose rotation could count",
+            source=scene.source,
+            where="tuning.objective.object_rotation",
+        )
+    weights = _penalties(signals, scene, objective)
+    for name, (weight, factor) in weights.items():
+        if weight:
+            named[f"{name}_squared"] = integral(ca.sumsqr(ca.DM(factor) * signals[name]))
+    track = _track(signals, scene, objective.kind)
+    if track is not None:
+        named["track"] = track
+    counted = {name: weight for name, (weight, _) in weights.items() if weight}
+
+    def costs(r: Mapping[str, ca.SX], _: Mapping[str, ca.SX]) -> dict[str, ca.SX]:
+        tracking = ca.mmax(r["tip_error_peak"]) if track is None else r["track"]
+        total = objective.weight * tracking
+        for name, weight in counted.items():
+            total = total + weight * r[f"{name}_squared"]
+        return {OBJECTIVE: total}
+
+    forms: dict[str, Form] = {"ise": "squares", "minimax": "minimax"}
+    residuals = {name: weights[name] for name in counted}
+    if objective.kind == "ise":
+        residuals["tip_error"] = (objective.weight, np.ones(3 * len(scene.tips)))
+    return Terms(Measures(signals, named, costs), forms.get(objective.kind, "smooth"), limits, residuals)
+
+
+def _track(signals: Signals, scene: Scene, kind: str) -> Measure | None:
+    """The tip errors' measure; None if it is the largest of the peaks that are watched anyway."""
+    error, tips = signals["tip_error"], len(scene.tips)
+    if kind == "ise":
+        return integral(ca.sumsqr(error))
+    if kind == "itae":
+        distances = (ca.sqrt(ca.sumsqr(part) + SMALLEST_LENGTH**2) for part in _threes(error))
+        return integral(ca.SX(signals.t * sum(distances, ca.SX(0))))
+    if kind in EQ45:
+        return integral(ca.sumsqr(signals.x[signals.x.numel() - tips :]))
+    return None
+
+
+def _penalties(signals: Signals, scene: Scene, objective: Objective) -> dict[str, tuple[float, Array]]:
+    """Weight, and a factor for each component, of the outputs whose squares are penalised."""
+    robots = np.array([float(body.path != "target") for body in scene.bodies for _ in range(3)])
+    torques = np.ones(signals["joint_torque"].numel())
+    found = {"joint_torque": (objective.effort, torques)}
+    rotation = objective.base_rotation * robots + objective.object_rotation * (1 - robots)
+    largest = float(rotation.max(initial=0.0))
+    found["body_rotation"] = (largest, np.sqrt(rotation / largest) if largest else robots)
+    return found
+
+
+def _watched(signals: Signals, scene: Scene) -> dict[str, Measure]:
+    """Peaks that every rollout reports, and that constraints are made of."""
+    error = tip_errors(signals, scene)
+    named = {"tip_error_peak": peak(ca.vertcat(error, -error))}
+    if signals["joint_torque"].numel():
+        named["joint_torque_peak"] = peak(ca.fabs(signals["joint_torque"]))
+    forces = [ca.sqrt(ca.sumsqr(f) + SMALLEST_FORCE**2) for f in _threes(signals["grasp_force"])]
+    if forces:
+        named["grip_force_peak"] = peak(ca.vertcat(*forces))
+    rotation = _threes(signals["body_rotation"])
+    turned = [rotation[i] for i, body in enumerate(scene.bodies) if body.path != "target"]
+    smallest = np.radians(1e-9)
+    named["base_rotation_peak_deg"] = peak(
+        ca.vertcat(*(np.degrees(1) * ca.sqrt(ca.sumsqr(r) + smallest**2) for r in turned))
+    )
+    return named
+
+
+def tip_errors(signals: Signals, scene: Scene) -> ca.SX:
+    """Errors of all tips along the axes they can move along, tip by tip [m]."""
+    return signals["tip_error"][error_rows(scene)]
+
+
+def error_rows(scene: Scene) -> list[int]:
+    """Places in ``tip_error`` of the axes that tips can move along, tip by tip."""
+    return [3 * i + axis for i in range(len(scene.tips)) for axis in scene.translation_axes]
+
+
+def _threes(stacked: ca.SX) -> list[ca.SX]:
+    return [stacked[i : i + 3] for i in range(0, stacked.numel(), 3)]

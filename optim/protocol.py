@@ -1,0 +1,120 @@
+"""What every optimiser needs to know of a problem, and nothing more.
+
+A point u lies in the unit cube of the k variables. The problem is
+
+    minimise J(u)   subject to   g(u) <= 0,   0 <= u <= 1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+Form = Literal["smooth", "squares", "minimax"]
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """Values at N points.
+
+    Attributes
+    ----------
+    objective
+        J, shape (N,); NaN where there is none (a diverged rollout).
+    constraints
+        g, shape (N, m); NaN likewise.
+    """
+
+    objective: Array
+    constraints: Array
+
+    @property
+    def violation(self) -> Array:
+        """Largest violation of a constraint, shape (N,); infinite where there is no value."""
+        worst = np.maximum(self.constraints, 0.0).max(axis=1, initial=0.0)
+        return np.where(np.isfinite(self.objective) & np.isfinite(worst), worst, np.inf)
+
+
+@dataclass(frozen=True)
+class Linearisation:
+    """Values and exact first derivatives at one point.
+
+    Attributes
+    ----------
+    objective, gradient
+        J, and its derivative (k,). For a minimax problem the derivative is one of several at a kink.
+    constraints, constraint_jacobian
+        g (m,), and its derivative (m, k).
+    rows, rows_jacobian
+        ``squares``: r (n,) with J = sum(r^2) up to quadrature, for the Gauss-Newton Hessian; ``minimax``: r
+        with J = smooth + max(r); ``smooth``: empty. Derivative (n, k).
+    smooth, smooth_gradient
+        The part of a minimax objective beside max(r), and its derivative (k,).
+    """
+
+    objective: float
+    gradient: Array
+    constraints: Array
+    constraint_jacobian: Array
+    rows: Array
+    rows_jacobian: Array
+    smooth: float
+    smooth_gradient: Array
+
+    def as_evaluation(self) -> Evaluation:
+        """The values alone."""
+        return Evaluation(np.array([self.objective]), self.constraints[None, :])
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What was spent, and what a gradient costs.
+
+    Attributes
+    ----------
+    rollouts
+        Rollouts without derivatives.
+    gradients
+        Rollouts with derivatives.
+    """
+
+    rollouts: int = 0
+    gradients: int = 0
+
+    def equivalent(self, gradient_cost: float) -> float:
+        """All in rollouts, a gradient counted as ``gradient_cost`` of them."""
+        return self.rollouts + gradient_cost * self.gradients
+
+
+class Problem(Protocol):
+    """An optimisation problem over the unit cube."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the k variables."""
+
+    @property
+    def constraint_names(self) -> tuple[str, ...]:
+        """Names of the m constraints."""
+
+    @property
+    def start(self) -> Array:
+        """A first guess, shape (k,)."""
+
+    @property
+    def form(self) -> Form:
+        """How the objective is made up, which decides how an NLP is posed."""
+
+    @property
+    def fingerprint(self) -> str:
+        """Text that differs for any other problem, so that work is never resumed on the wrong one."""
+
+    def evaluate(self, u: Array) -> Evaluation:
+        """Values at points u (N, k)."""
+
+    def linearise(self, u: Array) -> Linearisation:
+        """Values and derivatives at one point u (k,)."""

@@ -1,0 +1,255 @@
+"""One search: its evaluations, its best point so far, what it has spent, and how it ended."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from optim.checkpoint import Journal
+from optim.protocol import Array, Cost, Evaluation, Linearisation, Problem
+
+FEASIBLE = 1e-6  # largest violation of a constraint, relative to its limit, that counts as none
+KEPT_BYTES = 100_000  # larger derivatives are not kept in journals but computed anew
+
+
+@dataclass(frozen=True)
+class Moment:
+    """How far a search was at one time.
+
+    Attributes
+    ----------
+    cost
+        Spent so far.
+    seconds
+        Spent so far, in evaluations and in the method itself.
+    objective
+        Best so far; infinite if nothing feasible was found yet.
+    """
+
+    cost: Cost
+    seconds: float
+    objective: float
+
+
+@dataclass(frozen=True)
+class Run:
+    """Outcome of one search.
+
+    Attributes
+    ----------
+    method, index, seed
+        Which search.
+    u
+        The best point found, in the unit cube (k,).
+    objective
+        There; NaN if every point diverged.
+    violation
+        Largest violation of a constraint there, relative to its limit; infinite if every point diverged.
+    cost, seconds
+        Spent.
+    status, message
+        In a word, and what the method itself said.
+    history
+        Best so far after each generation or iteration.
+    kkt
+        Residual of the first-order conditions where the method ended, in units of the objective (NLP only).
+    log
+        Steps of a method that explains itself.
+    """
+
+    method: str
+    index: int
+    seed: int
+    u: Array
+    objective: float
+    violation: float
+    cost: Cost
+    seconds: float
+    status: str
+    message: str = ""
+    history: tuple[Moment, ...] = ()
+    kkt: float | None = None
+    log: tuple[Mapping[str, object], ...] = field(default=())
+
+    @property
+    def feasible(self) -> bool:
+        """Whether it found a point that violates no constraint."""
+        return self.violation <= FEASIBLE
+
+
+@dataclass(frozen=True)
+class Report:
+    """Progress of one search.
+
+    Attributes
+    ----------
+    method, index
+        Which search.
+    done
+        Fraction of its budget.
+    objective
+        Best so far.
+    seconds, left_s
+        Spent, and likely left.
+    """
+
+    method: str
+    index: int
+    done: float
+    objective: float
+    seconds: float
+    left_s: float
+
+
+Progress = Callable[[Report], object]
+
+
+def better(objective: float, violation: float, than_objective: float, than_violation: float) -> bool:
+    """Whether a point is better: feasible before infeasible, then by objective, else by violation."""
+    if violation <= FEASIBLE or than_violation <= FEASIBLE:
+        if (violation <= FEASIBLE) != (than_violation <= FEASIBLE):
+            return violation <= FEASIBLE
+        return objective < than_objective
+    return violation < than_violation
+
+
+class Search:
+    """Evaluates a problem for one method, through a journal, and keeps the books.
+
+    Parameters
+    ----------
+    problem
+        The problem.
+    method, index, seed
+        Which search.
+    journal
+        Where evaluations are kept.
+    progress
+        Told after each evaluation.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        method: str,
+        index: int = 0,
+        seed: int = 0,
+        journal: Journal | None = None,
+        progress: Progress | None = None,
+    ) -> None:
+        self.problem = problem
+        self.method, self.index, self.seed = method, index, seed
+        self.cost = Cost()
+        self.u = np.array(problem.start, dtype=float)
+        self.objective, self.violation = np.nan, np.inf
+        self.history: list[Moment] = []
+        self.share = 0.0
+        self._journal = journal or Journal(None)
+        self._progress = progress
+        self._seconds, self._since = 0.0, time.perf_counter()
+
+    def evaluate(self, u: Array) -> Evaluation:
+        """Values at points u (N, k), each counted as a rollout."""
+        u = np.ascontiguousarray(np.atleast_2d(u), dtype=float)
+        record = self._journal.replay("values", u)
+        if record is None:
+            found = self.problem.evaluate(u)
+            values = {"objective": found.objective, "constraints": found.constraints}
+            self._journal.append("values", u, values | {"seconds": np.array(self._tick())})
+        else:
+            found = Evaluation(record["objective"], record["constraints"])
+            self._resume(float(record["seconds"]))
+        self.cost = Cost(self.cost.rollouts + len(u), self.cost.gradients)
+        self._note(u, found)
+        return found
+
+    def linearise(self, u: Array) -> Linearisation:
+        """Values and derivatives at one point u (k,), counted as a gradient."""
+        u = np.ascontiguousarray(u, dtype=float)
+        record = self._journal.replay("linear", u)
+        if record is not None and "gradient" in record:
+            found = _linearisation(record)
+        else:
+            found = self.problem.linearise(u)
+        if record is None:
+            kept = _arrays(found) if found.rows_jacobian.nbytes <= KEPT_BYTES else {}
+            self._journal.append("linear", u, kept | {"seconds": np.array(self._tick())})
+        else:
+            self._resume(float(record["seconds"]))
+        self.cost = Cost(self.cost.rollouts, self.cost.gradients + 1)
+        self._note(u[None, :], found.as_evaluation())
+        return found
+
+    def tell(self, share: float) -> None:
+        """Say how much of the budget is spent, and report it.
+
+        Parameters
+        ----------
+        share
+            Between 0 and 1.
+        """
+        self.share = share
+        if self._progress is not None:
+            spent = self.seconds
+            left = spent / share - spent if share > 0 else np.nan
+            self._progress(Report(self.method, self.index, share, self.objective, spent, left))
+
+    @property
+    def seconds(self) -> float:
+        """Time spent, that of an earlier, killed process included."""
+        return self._seconds + time.perf_counter() - self._since
+
+    def finish(self, status: str, message: str = "", **more: object) -> Run:
+        """The run as it ended; ``more`` are further fields of :class:`Run`."""
+        return Run(
+            self.method,
+            self.index,
+            self.seed,
+            self.u,
+            self.objective,
+            self.violation,
+            self.cost,
+            self.seconds,
+            status,
+            message,
+            tuple(self.history),
+            **more,  # type: ignore[arg-type]
+        )
+
+    def _note(self, u: Array, found: Evaluation) -> None:
+        violation = found.violation
+        for i in range(len(u)):
+            value, excess = float(found.objective[i]), float(violation[i])
+            if np.isfinite(excess) and better(value, excess, self.objective, self.violation):
+                self.u, self.objective, self.violation = np.array(u[i]), value, excess
+        shown = self.objective if self.violation <= FEASIBLE else np.inf
+        self.history.append(Moment(self.cost, self.seconds, shown))
+
+    def _tick(self) -> float:
+        """Time spent so far, which a journal keeps."""
+        self._seconds, self._since = self.seconds, time.perf_counter()
+        return self._seconds
+
+    def _resume(self, seconds: float) -> None:
+        """Take over the time that an earlier process had spent here."""
+        self._seconds, self._since = seconds, time.perf_counter()
+
+
+def _arrays(found: Linearisation) -> dict[str, Array]:
+    return {name: np.asarray(getattr(found, name)) for name in found.__dataclass_fields__}
+
+
+def _linearisation(record: Mapping[str, Array]) -> Linearisation:
+    return Linearisation(
+        float(record["objective"]),
+        record["gradient"],
+        record["constraints"],
+        record["constraint_jacobian"],
+        record["rows"],
+        record["rows_jacobian"],
+        float(record["smooth"]),
+        record["smooth_gradient"],
+    )

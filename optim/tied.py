@@ -1,0 +1,121 @@
+"""Closed loops made from closed loops: parameters tied together, states added.
+
+Both return an object that rollouts take for a closed loop, so that exact gradients are with respect to the
+variables themselves, and a variable costs one direction however many numbers it sets.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from optim.protocol import Array
+from spacerobot.rollout import ClosedLoopFunctions, Signals
+
+
+@dataclass(frozen=True)
+class DerivedLoop:
+    """A closed loop by its functions; see ``spacerobot.rollout.ClosedLoopFunctions``."""
+
+    parameter_paths: tuple[str, ...]
+    parameter_values: Array
+    state_names: tuple[str, ...]
+    nq: int
+    nv: int
+    nz: int
+    setup: ca.Function
+    dynamics: ca.Function
+    normalise: ca.Function
+    outputs: ca.Function
+
+
+def tie(
+    loop: ClosedLoopFunctions, tied: Mapping[str, Sequence[str]], nominal: Sequence[float]
+) -> DerivedLoop:
+    """The closed loop with each group of parameters replaced by one that has the group's name.
+
+    Parameters
+    ----------
+    loop
+        The closed loop.
+    tied
+        Paths by the name of the parameter that replaces them.
+    nominal
+        Nominal values of the new parameters, in the order of ``tied``.
+    """
+    owner = {path: name for name, paths in tied.items() for path in paths}
+    kept = [path for path in loop.parameter_paths if path not in owner]
+    names = (*tied, *kept)
+    symbols = {name: ca.SX.sym(name) for name in names}
+    p = ca.vertcat(*(symbols[owner.get(path, path)] for path in loop.parameter_paths))
+    x0, c = loop.setup(p)
+    old = dict(zip(loop.parameter_paths, loop.parameter_values, strict=True))
+    setup = ca.Function("setup", [ca.vertcat(*symbols.values())], [x0, c], ["p"], ["x0", "c"])
+    return DerivedLoop(
+        tuple(names),
+        np.array([*nominal, *(old[path] for path in kept)], dtype=float),
+        loop.state_names,
+        loop.nq,
+        loop.nv,
+        loop.nz,
+        setup,
+        loop.dynamics,
+        loop.normalise,
+        loop.outputs,
+    )
+
+
+def extend(
+    loop: ClosedLoopFunctions, names: Sequence[str], rates: Callable[[Signals, ca.SX], ca.SX]
+) -> DerivedLoop:
+    """The closed loop with states added that begin at zero; the loop itself does not see them.
+
+    Parameters
+    ----------
+    loop
+        The closed loop.
+    names
+        Names of the new states, n of them.
+    rates
+        Function of (signals of the closed loop, new states (n,)) that gives the rates (n,) of the new states.
+    """
+    signals, states = Signals.of(loop), ca.SX.sym("added", len(names))
+    rate = ca.SX(rates(signals, states))
+    used = [path for path, symbol in signals.parameters.items() if ca.depends_on(rate, symbol)]
+    count, nx, nc = len(names), len(loop.state_names), loop.setup.numel_out(1)
+    t, x, c = ca.SX.sym("t"), ca.SX.sym("x", nx + count), ca.SX.sym("c", nc + len(used))
+    at = {"t": t, "x": x, "c": c}
+    y = loop.outputs(t, x[:nx], c[:nc])
+    symbols = [signals.t, signals.x, *signals.outputs.values(), states]
+    values = [t, x[:nx], *y, x[nx:]]
+    for i, path in enumerate(used):
+        symbols.append(signals.parameters[path])
+        values.append(c[nc + i])
+    (added,) = ca.substitute([rate], symbols, values)
+    p = ca.SX.sym("p", len(loop.parameter_paths))
+    x0, c0 = loop.setup(p)
+    place = {path: i for i, path in enumerate(loop.parameter_paths)}
+    begin = {
+        "x0": ca.vertcat(x0, ca.SX.zeros(count)),
+        "c": ca.vertcat(c0, *(p[place[path]] for path in used)),
+    }
+    return DerivedLoop(
+        tuple(loop.parameter_paths),
+        np.array(loop.parameter_values),
+        (*loop.state_names, *names),
+        loop.nq,
+        loop.nv,
+        loop.nz + count,
+        _function("setup", {"p": p}, begin),
+        _function("dynamics", at, {"xdot": ca.vertcat(loop.dynamics(t, x[:nx], c[:nc]), added)}),
+        _function("normalise", {"x": x}, {"n": ca.vertcat(loop.normalise(x[:nx]), x[nx:])}),
+        _function("outputs", at, dict(zip(loop.outputs.name_out(), y, strict=True))),
+    )
+
+
+def _function(name: str, inputs: Mapping[str, ca.SX], outputs: Mapping[str, ca.SX]) -> ca.Function:
+    dense = [ca.densify(value) for value in ca.cse(list(outputs.values()))]
+    return ca.Function(name, list(inputs.values()), dense, list(inputs), list(outputs))

@@ -1,0 +1,137 @@
+"""Free numbers of a scenario, and the unit cube that optimisers see."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from optim.protocol import Array
+from spacerobot.errors import ScenarioError
+from spacerobot.scenario import Tuning
+from spacerobot.scenario.load import to_document
+from spacerobot.scenario.paths import expand, get
+from spacerobot.scene import Scene
+
+
+@dataclass(frozen=True)
+class Variables:
+    """k free numbers with bounds; every array has shape (k,) and is in the scenario's units.
+
+    Attributes
+    ----------
+    names
+        Names of the variables.
+    paths
+        Dotted paths that each one sets, patterns resolved.
+    lower, upper
+        Bounds.
+    log
+        Whether equal ratios count as equal distances.
+    start
+        The scenario's own values, the (geometric) mean where tied paths differ, moved into the bounds.
+    """
+
+    names: tuple[str, ...]
+    paths: tuple[tuple[str, ...], ...]
+    lower: Array
+    upper: Array
+    log: np.typing.NDArray[np.bool_]
+    start: Array
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    @property
+    def all_paths(self) -> tuple[str, ...]:
+        """Paths of all variables, one after the other."""
+        return tuple(path for paths in self.paths for path in paths)
+
+    def values(self, u: Array) -> Array:
+        """Values of points u (..., k) of the unit cube."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ratio = np.where(self.log, self.upper / np.where(self.log, self.lower, 1.0), 1.0)
+            found = np.where(
+                self.log, self.lower * ratio ** np.asarray(u), self.lower + (self.upper - self.lower) * u
+            )
+        return np.asarray(found, dtype=np.float64)
+
+    def unit(self, values: Array) -> Array:
+        """Points of the unit cube with some values (..., k)."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            logs = np.log(values / self.lower) / np.log(self.upper / self.lower)
+        linear = (values - self.lower) / (self.upper - self.lower)
+        return np.asarray(np.where(self.log, logs, linear), dtype=np.float64)
+
+    def slope(self, u: Array) -> Array:
+        """Derivative of each value with respect to its coordinate in the unit cube (k,)."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            logs = self.values(u) * np.log(self.upper / self.lower)
+        return np.asarray(np.where(self.log, logs, self.upper - self.lower), dtype=np.float64)
+
+    def as_changes(self, values: Array) -> dict[str, float]:
+        """Values (k,) by dotted path."""
+        return {path: float(v) for v, paths in zip(values, self.paths, strict=True) for path in paths}
+
+    def as_mapping(self, values: Array) -> dict[str, float]:
+        """Values (k,) by name."""
+        return {name: float(v) for name, v in zip(self.names, values, strict=True)}
+
+
+def resolve_variables(scene: Scene, tuning: Tuning, chosen: Sequence[str] | None = None) -> Variables:
+    """Variables of a scene's tuning problem.
+
+    Parameters
+    ----------
+    scene
+        The scene, the tuning problem's changes made.
+    tuning
+        The tuning problem.
+    chosen
+        Names of the variables to take; all of them if None.
+
+    Raises
+    ------
+    ScenarioError
+        If a path is not in the scenario, is no number, or stands in two variables.
+    """
+    document, owner = to_document(scene.scenario), dict[str, str]()
+    names = tuple(chosen or tuning.variables)
+    paths, start = [], []
+    for name in names:
+        variable, where = tuning.variables[name], f"tuning.variables.{name}.paths"
+        found = [path for pattern in variable.paths for path in _expand(document, pattern, where, scene)]
+        values = [_number(document, path, where, scene) for path in found]
+        for path in found:
+            if owner.setdefault(path, name) != name:
+                raise ScenarioError(
+                    f"{path} is set by {owner[path]} already", source=scene.source, where=where
+                )
+        paths.append(tuple(dict.fromkeys(found)))
+        log = variable.scale == "log" and min(values) > 0
+        mean = float(np.exp(np.mean(np.log(values)))) if log else float(np.mean(values))
+        start.append(min(max(mean, variable.lower), variable.upper))
+    chosen_variables = [tuning.variables[name] for name in names]
+    return Variables(
+        names,
+        tuple(paths),
+        np.array([v.lower for v in chosen_variables]),
+        np.array([v.upper for v in chosen_variables]),
+        np.array([v.scale == "log" for v in chosen_variables]),
+        np.array(start),
+    )
+
+
+def _expand(document: Mapping[str, object], pattern: str, where: str, scene: Scene) -> list[str]:
+    try:
+        return expand(document, pattern)
+    except ScenarioError as fault:
+        raise ScenarioError(f"{pattern}: {fault.message}", source=scene.source, where=where) from None
+
+
+def _number(document: Mapping[str, object], path: str, where: str, scene: Scene) -> float:
+    value = get(document, path)
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise ScenarioError(f"{path} is no number, found {value!r}", source=scene.source, where=where)
+    return float(value)

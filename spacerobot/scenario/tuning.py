@@ -1,0 +1,124 @@
+"""The tuning problem: which numbers of the scenario are free, and what a good choice of them is."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+from pydantic import Field, model_validator
+
+from spacerobot.errors import near_names
+from spacerobot.scenario.section import Name, Section, quantity
+
+Method = Literal["manual", "ga", "de", "pso", "cmaes", "nlp", "nlp_ga"]
+METHODS: tuple[Method, ...] = ("manual", "ga", "de", "pso", "cmaes", "nlp", "nlp_ga")
+
+
+class Variable(Section):
+    """A number that is free, in one place of the scenario or in several at once."""
+
+    paths: tuple[str, ...] = Field(
+        min_length=1,
+        description="dotted paths that take its value, `*` for every name: 'robots.*.tips.tip.pid.kp'",
+    )
+    lower: float = Field(description="least value, in the unit of the paths")
+    upper: float = Field(description="greatest value, in the unit of the paths")
+    scale: Literal["linear", "log"] = Field(
+        default="linear", description="log: equal ratios count as equal distances"
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _one_path(cls, data: Any) -> Any:
+        """Take a single path for a list of one."""
+        if isinstance(data, dict) and isinstance(data.get("paths"), str):
+            return data | {"paths": [data["paths"]]}
+        return data
+
+    @model_validator(mode="after")
+    def _check(self) -> Variable:
+        if not self.lower < self.upper:
+            raise ValueError(f"lower must be below upper, found {self.lower:g} and {self.upper:g}")
+        if self.scale == "log" and self.lower <= 0:
+            raise ValueError(f"a log scale needs a lower bound above 0, found {self.lower:g}")
+        return self
+
+
+class Objective(Section):
+    """What is to become small: a measure of the tip errors, and weighted penalties beside it."""
+
+    kind: Literal["ise", "itae", "minimax", "eq45", "eq45_printed"] = Field(
+        default="ise",
+        description="of all tips together. ise: integral of the squared error [m^2 s]; itae: integral of "
+        "time times distance [m s^2]; minimax: largest absolute error on any axis [m]; eq45: integral of the "
+        "squared memory of Eq. 45, decaying as it was meant to [m^2 s^3]; eq45_printed: as printed",
+    )
+    weight: float = quantity("1", "factor of the tip errors' measure", default=1.0, ge=0)
+    effort: float = quantity(
+        "objective/(N^2 m^2 s)", "weight of the integral of squared joint torques", default=0.0, ge=0
+    )
+    base_rotation: float = quantity(
+        "objective/(rad^2 s)",
+        "weight of the integral of the robots' squared base rotations",
+        default=0.0,
+        ge=0,
+    )
+    object_rotation: float = quantity(
+        "objective/(rad^2 s)", "weight of the integral of the object's squared rotation", default=0.0, ge=0
+    )
+
+
+class Constraints(Section):
+    """What must not be exceeded at any time; no limit where nothing is given."""
+
+    max_joint_torque: float | None = quantity("N m or N", "of any joint", default=None, gt=0)
+    max_grip_force: float | None = quantity("N", "of any grasp", default=None, gt=0)
+    max_base_rotation_deg: float | None = quantity("deg", "of any robot's base", default=None, gt=0)
+
+
+class Robustness(Section):
+    """Plants never tuned for: their numbers are drawn evenly from within a spread of the nominal ones."""
+
+    plants: int = Field(default=64, ge=1, le=100_000, description="how many")
+    seed: int = Field(default=1, ge=0, description="of the draw")
+    object: float = quantity("1", "spread of the object's mass and of its inertia", default=0.2, ge=0, lt=1)
+    links: float = quantity("1", "spread of each link's mass", default=0.1, ge=0, lt=1)
+    grip: float = quantity("1", "spread of each compliant grasp's stiffness", default=0.3, ge=0, lt=1)
+    tip_position_offset: float = quantity("m", "greatest sensor offset", default=2e-4, ge=0)
+    joint_rate_offset: float = quantity("rad/s", "greatest sensor offset", default=1e-5, ge=0)
+
+
+class Tuning(Section):
+    """The tuning problem, and how much may be spent on it."""
+
+    variables: dict[Name, Variable] = Field(min_length=1, description="free numbers by name")
+    sets: dict[Name, tuple[Name, ...]] = Field(
+        default={}, description="choices of variables that are tuned and compared; all of them if not given"
+    )
+    changes: dict[str, Any] = Field(
+        default={}, description="changes to the scenario while it is tuned, by dotted path"
+    )
+    readings: dict[Name, dict[str, Any]] = Field(
+        default={}, description="further changes, by name: each reading is a tuning problem of its own"
+    )
+    objective: Objective = Objective()
+    constraints: Constraints = Constraints()
+    robustness: Robustness = Robustness()
+    methods: tuple[Method, ...] = Field(default=METHODS, min_length=1, description="methods to compare")
+    budget: int = Field(default=7500, ge=1, description="rollouts that one evolutionary run may spend")
+    population: int = Field(default=50, ge=4, description="of the evolutionary methods")
+    runs: int = Field(default=6, ge=1, description="of each evolutionary method, each with a seed of its own")
+    starts: int = Field(default=6, ge=1, description="of the NLP")
+    iterations: int = Field(default=60, ge=1, description="of the NLP from one start, at most")
+    seed: int = Field(default=0, ge=0, description="everything random follows from it")
+    step: float = quantity("s", "step of the rollouts that tune", default=0.004, gt=0)
+
+    @model_validator(mode="after")
+    def _check(self) -> Tuning:
+        for name, chosen in self.sets.items():
+            if not chosen:
+                raise ValueError(f"sets.{name}: no variable; allowed: {', '.join(self.variables)}")
+            for variable in chosen:
+                if variable not in self.variables:
+                    hint = near_names(variable, self.variables)
+                    raise ValueError(f"sets.{name}: no variable {variable!r}; {hint}")
+        return self
