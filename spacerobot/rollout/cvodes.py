@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
-from spacerobot.rollout.grid import time_grid
+from spacerobot.rollout.grid import INWARD, time_grid
 from spacerobot.rollout.protocol import Array, ClosedLoopFunctions
 from spacerobot.rollout.trajectory import Status, Trajectory, frozen
 
@@ -59,7 +59,7 @@ def integrate_cvodes(
     return Trajectory(
         time=frozen(instants),
         state=frozen(state),
-        outputs=_outputs(loop, instants, state, c),
+        outputs=_outputs(loop, instants - INWARD * grid.step_s, state, c),
         measures={},
         costs={},
         status=status,
@@ -77,7 +77,9 @@ def _integrator(
     """Integrator over one sample interval; its parameters are the time at which that begins, and c."""
     nx, nc = loop.setup.numel_out(0), loop.setup.numel_out(1)
     t, x, start, c = ca.SX.sym("t"), ca.SX.sym("x", nx), ca.SX.sym("start"), ca.SX.sym("c", nc)
-    dae = {"t": t, "x": x, "p": ca.vertcat(start, c), "ode": loop.dynamics(start + t, x, c)}
+    # CVODES steps past the end and interpolates; a reference that ends there must not be seen from behind it
+    inside = ca.fmin(ca.fmax(t, INWARD * interval_s), (1 - INWARD) * interval_s)
+    dae = {"t": t, "x": x, "p": ca.vertcat(start, c), "ode": loop.dynamics(start + inside, x, c)}
     options = {"reltol": relative, "abstol": absolute, "max_num_steps": 100_000, "show_eval_warnings": False}
     return ca.integrator("advance", "cvodes", dae, 0.0, interval_s, options)
 

@@ -14,12 +14,9 @@ import numpy as np
 import numpy.typing as npt
 
 from spacerobot.compiled import Library, Toolchain, compile_functions
-from spacerobot.rollout.grid import TimeGrid
+from spacerobot.rollout.grid import INWARD, TimeGrid
 from spacerobot.rollout.kernel import Kernel
 from spacerobot.rollout.protocol import Array
-
-INWARD = 1e-9
-"""How far inside its ends each step is evaluated, in steps: what is said of it in ``rollout.hpp``."""
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,10 @@ from spacerobot.rollout.protocol import Array
 _ROUNDING = 1e-9
 
 
+INWARD = 1e-9
+"""How far inside its ends each step is evaluated, in steps; ``rollout.hpp`` says why."""
+
+
 @dataclass(frozen=True)
 class TimeGrid:
     """A duration cut into equal sample intervals, each cut into equal steps.
