@@ -16,10 +16,12 @@ from spacerobot.rollout.trajectory import Trajectory, frozen
 from spacerobot.scene import Scene
 from spacerobot.scene.scene import Array
 
-MECHANICAL_LIMIT = 1e6
-"""Greatest position [m] or velocity [m/s, rad/s] of a rollout that is not called diverged."""
+POSITION_LIMIT = 1e6
+"""Greatest position [m, rad] of a rollout that is not called diverged."""
+VELOCITY_LIMIT = 1e4
+"""Greatest velocity [m/s, rad/s]; beyond, an adaptive integrator would creep."""
 CONTROLLER_LIMIT = 1e12
-"""The same of controller states and works."""
+"""Greatest controller state or work."""
 
 Progress = Callable[[float], None]
 """Told the part of the time, 0 to 1, that is done."""
@@ -112,9 +114,8 @@ class _Integrator:
     def __init__(self, engine: Engine, rtol: float, atol: float) -> None:
         self._engine, self._rtol, self._atol = engine, rtol, atol
         self.t, self._x = 0.0, engine.x0
-        nq, nv, _ = (len(part) for part in engine.split(engine.x0))
-        self._limits = np.full(len(engine.x0), CONTROLLER_LIMIT)
-        self._limits[: nq + nv] = MECHANICAL_LIMIT
+        sizes = [len(part) for part in engine.split(engine.x0)]
+        self._limits = np.repeat([POSITION_LIMIT, VELOCITY_LIMIT, CONTROLLER_LIMIT], sizes)
         self._step: float | None = None
 
     def advance(self, until: float) -> tuple[Array | None, float]:
@@ -123,7 +124,7 @@ class _Integrator:
         within = until
         for stop in [*stops, until]:
             within = 0.5 * (self.t + stop)
-            with np.errstate(over="ignore", invalid="ignore"):
+            with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
                 good = self._interval(stop, within)
             if not good:
                 return None, within
@@ -131,35 +132,34 @@ class _Integrator:
 
     def _interval(self, until: float, within: float) -> bool:
         """Integrate one interval without breakpoints inside; whether the state stays good."""
-        try:
-            length = until - self.t
-            first = None if self._step is None else min(self._step, length)
-            solver = DOP853(
-                lambda t, x: self._rate(t, x, within),
-                self.t,
-                self._x,
-                until,
-                rtol=self._rtol,
-                atol=self._atol,
-                first_step=first,
-            )
-            while solver.status == "running":
-                solver.step()
-                if solver.status == "failed" or not self._is_good(solver.y):
-                    return False
-                self.t = solver.t
-        except (np.linalg.LinAlgError, FloatingPointError):
+        first = None if self._step is None else min(self._step, until - self.t)
+        solver = DOP853(
+            lambda t, x: self._rate(t, x, within),
+            self.t,
+            self._x,
+            until,
+            rtol=self._rtol,
+            atol=self._atol,
+            first_step=first,
+        )
+        if not np.isfinite(solver.f).all():
             return False
-        # the last step was cut to fit: what the next interval shall try is what the solver would have
+        while solver.status == "running":
+            solver.step()
+            if solver.status == "failed" or not self._is_good(solver.y):
+                return False
+            self.t = solver.t
+        # not the last step, which was cut to fit, but the one that the solver would do next
         self._step = solver.h_abs
         self.t, self._x = until, self._engine.normalise(solver.y)
         return True
 
     def _rate(self, t: float, x: Array, within: float) -> Array:
-        rate = self._engine.derivative(t, x, within)
-        if not np.isfinite(rate).all():
-            raise FloatingPointError("the state's rate is no number")
-        return rate
+        """Rate of the state; NaN where there is none, upon which the solver tries a shorter step."""
+        try:
+            return self._engine.derivative(t, x, within)
+        except np.linalg.LinAlgError:
+            return np.full(len(x), np.nan)
 
     def _is_good(self, x: Array) -> bool:
         return bool((np.abs(x) < self._limits).all())

@@ -60,7 +60,11 @@ CASES = {
     "inertial, filtered": (PLANAR, {f"{ONE}.pid.feedback": "inertial", f"{TWO}.pid.derivative": "filtered"}),
     "filtered inertial, amnesia off": (
         PLANAR,
-        {"robots.*.tips.tip.pid.feedback": "inertial", f"{ONE}.pid.derivative": "filtered", f"{ONE}.amnesia": None},
+        {
+            "robots.*.tips.tip.pid.feedback": "inertial",
+            f"{ONE}.pid.derivative": "filtered",
+            f"{ONE}.amnesia": None,
+        },
     ),
     "orientation": (
         PLANAR,
@@ -111,10 +115,17 @@ CASES = {
     ),
     "torque limits": (
         PLANAR,
-        {"robots.*.torque_limits": True, "robots.*.joints.*.torque_limit": 3, "robots.one.joint_pd": {"kp": 9}},
+        {
+            "robots.*.torque_limits": True,
+            "robots.*.joints.*.torque_limit": 3,
+            "robots.one.joint_pd": {"kp": 9},
+        },
     ),
     "spline and hold": (PLANAR, {f"{ONE}.reference": SPLINE, f"{TWO}.reference": {"kind": "hold"}}),
-    "derived from the target": (PLANAR, {"robots.*.tips.tip.reference": None, "target.reference": TARGET_LINE}),
+    "derived from the target": (
+        PLANAR,
+        {"robots.*.tips.tip.reference": None, "target.reference": TARGET_LINE},
+    ),
     "springs that turn": (PLANAR, TURNED_SPRING | {f"{ONE}.orientation_pid": TURNING}),
     "weld and spring": (
         PLANAR,
@@ -182,6 +193,22 @@ CASES = {
             "grasps.left": grasp("weld", "one/tip", "left", stabilisation=9),
             "grasps.right": grasp("point", "two/tip", "right"),
             f"{ONE}.reference": SPATIAL_SPLINE,
+        },
+    ),
+    "a fixed target held by a weld": (
+        SPATIAL,
+        AT_REST_SPATIAL
+        | {
+            "target.base": {"joint": "fixed", "position": [1, 0, 0.2], "rotation_deg": [0, 20, 0]},
+            "robots.one.base": {"joint": "free_flyer", "close_grasp": "left"},
+            "grasps.left": grasp("weld", "one/tip", "left"),
+        },
+    ),
+    "tips on the base link": (
+        PLANAR,
+        {
+            "robots.two.tips.hub": {"frame": "base", "pid": {"kp": 3, "kd": 1, "feedback": "inertial"}},
+            "robots.two.joint_pd": {"kp": 2, "ik_damping": 0.2},
         },
     ),
     "two tips, mixed bases": (
