@@ -8,7 +8,7 @@ the arguments become plain pointers that do not alias, and the helpers come from
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 import casadi as ca
 
@@ -28,7 +28,9 @@ _TURN = re.compile(r"\b(sin|cos)\(")
 _CONDITIONAL = re.compile(r"\((a\d+)\?(a\d+):0\)")
 
 
-def source_of(functions: Mapping[str, ca.Function], struct: str = "Generated") -> str:
+def source_of(
+    functions: Mapping[str, ca.Function], *, cold: Collection[str] = (), struct: str = "Generated"
+) -> str:
     """Source of a struct with one static function, and the sizes of its arguments, for every function.
 
     A function ``f: (a[3], b) -> (y[2])`` becomes ``static void f(const real* a, const real* b, real* y)``
@@ -39,6 +41,8 @@ def source_of(functions: Mapping[str, ca.Function], struct: str = "Generated") -
     ----------
     functions
         SX functions by name, with dense inputs and outputs and no free variables.
+    cold
+        Names of those that run seldom, and shall rather compile fast.
     struct
         Name of the C++ struct.
 
@@ -47,7 +51,7 @@ def source_of(functions: Mapping[str, ca.Function], struct: str = "Generated") -
     CompileError
         A function is not SX, has sparse arguments or free variables.
     """
-    members = [_member(name, function) for name, function in functions.items()]
+    members = [_member(name, function, name in cold) for name, function in functions.items()]
     exports = [_export(name, function, struct) for name, function in functions.items()]
     return "\n".join([f"struct {struct} {{", *members, "};", *exports, ""])
 
@@ -69,7 +73,7 @@ def maths_of(vector_symbols: Mapping[str, str]) -> str:
     return "\n".join(["#if LANES > 1", *lines, "#endif", ""])
 
 
-def _member(name: str, function: ca.Function) -> str:
+def _member(name: str, function: ca.Function, cold: bool) -> str:
     _check(name, function)
     generator = ca.CodeGenerator("generated.c", {"with_header": False})
     generator.add(function)
@@ -85,7 +89,7 @@ def _member(name: str, function: ca.Function) -> str:
     writes = [f"real* __restrict res{i}" for i in range(function.n_out())]
     sizes = [f"{name}_{function.name_in(i)} = {function.numel_in(i)}" for i in range(function.n_in())]
     sizes += [f"{name}_{function.name_out(i)} = {function.numel_out(i)}" for i in range(function.n_out())]
-    pieces, body = split_body(body, name, reads + writes)
+    pieces, body = split_body(body, name, reads + writes, cold=cold)
     return (
         f"enum {{ {', '.join(sizes)} }};\n{pieces}"
         f"static __attribute__((noinline)) void {name}({', '.join(reads + writes)}) {{\n{body}}}"

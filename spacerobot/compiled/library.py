@@ -8,7 +8,7 @@ import os
 import subprocess
 import tempfile
 import time
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
@@ -97,6 +97,7 @@ def compile_functions(
     functions: Mapping[str, ca.Function],
     *,
     lanes: int = 1,
+    cold: Collection[str] = (),
     tail: str = "",
     toolchain: Toolchain | None = None,
 ) -> Library:
@@ -108,6 +109,8 @@ def compile_functions(
         SX functions with dense inputs and outputs, by name.
     lanes
         1 for plain doubles; ``toolchain.lanes`` to evaluate so many argument sets in one call.
+    cold
+        Names of functions that run seldom, and shall rather compile fast.
     tail
         C++ source that follows the functions, which it finds as static members of ``Generated``.
     toolchain
@@ -125,7 +128,14 @@ def compile_functions(
     vector_symbols = toolchain.vector_symbols if lanes == toolchain.lanes else {}
     header = resources.files("spacerobot.compiled").joinpath("lanes.hpp").read_text(encoding="utf-8")
     source = "\n".join(
-        [f"#define LANES {lanes}", header, maths_of(vector_symbols), source_of(functions), tail, ""]
+        [
+            f"#define LANES {lanes}",
+            header,
+            maths_of(vector_symbols),
+            source_of(functions, cold=cold),
+            tail,
+            "",
+        ]
     )
     folder = cache.cache_folder()
     key = _key(source, toolchain)

@@ -119,6 +119,10 @@ class _Job(ctypes.Structure):
     )
 
 
+HOT = {"dynamics", "normalise", "dynamics_reverse", "normalise_reverse"}
+"""Functions that every step evaluates."""
+
+
 def compile_kernel(
     kernel: Kernel, lanes: int, toolchain: Toolchain | None = None, *, adjoint: bool = False
 ) -> Library:
@@ -140,7 +144,8 @@ def compile_kernel(
     if adjoint:
         defines.append("#define ADJOINT")
     tail = "\n".join([*defines, loops])
-    return compile_functions(kernel.functions, lanes=lanes, tail=tail, toolchain=toolchain)
+    cold = set(kernel.functions) - HOT
+    return compile_functions(kernel.functions, lanes=lanes, cold=cold, tail=tail, toolchain=toolchain)
 
 
 @dataclass(frozen=True)
