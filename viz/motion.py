@@ -161,14 +161,34 @@ def bounds(motion: Motion, *, farthest: float = 3.0) -> tuple[Array, Array]:
     A diverged rollout may throw bodies far away: the box reaches at most ``farthest`` times the initial one's
     diagonal beyond it.
     """
-    boxes = [_node_corners(node) for node in motion.nodes]
-    low, high = np.full((len(motion.time), 3), np.inf), np.full((len(motion.time), 3), -np.inf)
-    for i in range(len(motion.time)):
-        for placement, box in zip(motion.placements(i), boxes, strict=True):
-            points = box @ placement[:3, :3].T + placement[:3, 3]
-            low[i], high[i] = np.minimum(low[i], points.min(axis=0)), np.maximum(high[i], points.max(axis=0))
+    points = _seen_points(motion)
+    low, high = points.min(axis=1), points.max(axis=1)
     margin = farthest * float(np.linalg.norm(high[0] - low[0]))
     return np.maximum(low.min(axis=0), low[0] - margin), np.minimum(high.max(axis=0), high[0] + margin)
+
+
+def extremes(motion: Motion, low: Array, high: Array) -> Array:
+    """Few points (k, 3) that reach as far as anything seen, in 98 directions, kept inside a box, m."""
+    points = np.clip(_seen_points(motion).reshape(-1, 3), low, high)
+    steps = np.arange(-2, 3)
+    grid = np.array(
+        [(x, y, z) for x in steps for y in steps for z in steps if max(abs(x), abs(y), abs(z)) == 2]
+    )
+    farthest = {int((points @ direction).argmax()) for direction in grid}
+    return np.unique(points[sorted(farthest)], axis=0)
+
+
+def _seen_points(motion: Motion) -> Array:
+    """Corners of boxes around all solids at all times (nt, corners, 3), m, world."""
+    boxes = [_node_corners(node) for node in motion.nodes]
+    return np.stack(
+        [
+            np.concatenate(
+                [b @ p[:3, :3].T + p[:3, 3] for p, b in zip(motion.placements(i), boxes, strict=True)]
+            )
+            for i in range(len(motion.time))
+        ]
+    )
 
 
 def _node_corners(node: Node) -> Array:

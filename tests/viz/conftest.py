@@ -1,0 +1,162 @@
+"""Results to show, and a real browser to show them in."""
+
+import asyncio
+import base64
+import io
+import json
+import shutil
+import subprocess
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tornado.httpclient
+import tornado.websocket
+from PIL import Image
+
+from spacerobot.result import save
+from spacerobot.scene import load_scene
+from spacerobot.simulate import simulate
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+FLAGS = (
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--disable-background-networking",
+    "--no-first-run",
+    "--hide-scrollbars",
+    "--remote-debugging-port=0",
+    "about:blank",
+)
+
+
+@pytest.fixture(scope="session")
+def paper(tmp_path_factory):
+    """The paper's scenario, 10 s, saved."""
+    return save(simulate(load_scene("paper")), tmp_path_factory.mktemp("paper") / "amnesia")
+
+
+@pytest.fixture(scope="session")
+def blind(tmp_path_factory):
+    """The same without the amnesia controller."""
+    scene = load_scene("paper", {"robots.*.tips.tip.amnesia": None})
+    return save(simulate(scene), tmp_path_factory.mktemp("blind") / "pid")
+
+
+@pytest.fixture(scope="session")
+def diverged(tmp_path_factory):
+    """The paper's scenario with far too long a step."""
+    return save(
+        simulate(load_scene("paper", {"simulation.step": 0.02})), tmp_path_factory.mktemp("d") / "diverged"
+    )
+
+
+@pytest.fixture(scope="session")
+def spatial():
+    """The servicer for a quarter of a second, interpreted."""
+    scene = load_scene("servicer", {"simulation.duration": 0.24, "simulation.step": 0.02})
+    return simulate(scene, backend="interpreted")
+
+
+class Page:
+    """One page of a browser, driven by its debugging protocol; keeps complaints and requests."""
+
+    def __init__(self, port):
+        self.loop = asyncio.new_event_loop()
+        self.complaints, self.requests, self.count = [], [], 0
+        self.socket = self.loop.run_until_complete(self._connect(port))
+        for domain in ("Page", "Runtime", "Log", "Network"):
+            self.call(f"{domain}.enable")
+
+    async def _connect(self, port):
+        listed = await tornado.httpclient.AsyncHTTPClient().fetch(f"http://127.0.0.1:{port}/json/list")
+        address = next(page for page in json.loads(listed.body) if page["type"] == "page")
+        return await tornado.websocket.websocket_connect(
+            address["webSocketDebuggerUrl"], max_message_size=100_000_000
+        )
+
+    def call(self, method, **params):
+        self.count += 1
+        return self.loop.run_until_complete(
+            asyncio.wait_for(self._call({"id": self.count, "method": method, "params": params}), 30)
+        )
+
+    async def _call(self, message):
+        await self.socket.write_message(json.dumps(message))
+        while True:
+            answer = json.loads(await self.socket.read_message())
+            if answer.get("id") == message["id"]:
+                assert "error" not in answer, answer
+                return answer["result"]
+            self._note(answer.get("method"), answer.get("params", {}))
+
+    def _note(self, method, params):
+        if method == "Log.entryAdded" and params["entry"]["level"] == "error":
+            self.complaints.append(params["entry"]["text"])
+        elif method == "Runtime.exceptionThrown":
+            self.complaints.append(str(params["exceptionDetails"]))
+        elif method == "Runtime.consoleAPICalled" and params["type"] in ("error", "warning"):
+            self.complaints.append(str(params["args"]))
+        elif method in ("Network.requestWillBeSent", "Network.webSocketCreated"):
+            self.requests.append(params.get("url") or params["request"]["url"])
+
+    def open(self, url, width=1000, height=700):
+        self.call(
+            "Emulation.setDeviceMetricsOverride",
+            width=width,
+            height=height,
+            deviceScaleFactor=1,
+            mobile=False,
+        )
+        self.call("Page.navigate", url="about:blank")
+        self.complaints, self.requests = [], []
+        self.call("Page.navigate", url=url)
+        return self
+
+    def evaluate(self, expression):
+        answer = self.call("Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True)
+        assert "exceptionDetails" not in answer, answer
+        return answer["result"].get("value")
+
+    def wait_for(self, expression, timeout_s=20):
+        end = time.monotonic() + timeout_s
+        while not self.evaluate(expression):
+            assert time.monotonic() < end, f"waited in vain for {expression}"
+            time.sleep(0.05)
+
+    def picture(self):
+        """Pixels of the page (height, width, 3) once it has drawn what it was asked for."""
+        self.evaluate(
+            "new Promise((ok) => requestAnimationFrame(() => requestAnimationFrame(() => ok(true))))"
+        )
+        shot = base64.b64decode(self.call("Page.captureScreenshot", format="png")["data"])
+        return np.asarray(Image.open(io.BytesIO(shot)).convert("RGB")).astype(int)
+
+
+@pytest.fixture(scope="session")
+def browser():
+    """A page of a real headless Chromium."""
+    if CHROMIUM is None:
+        pytest.skip("no chromium on this computer: the page was not opened in a real browser")
+    home = Path(tempfile.mkdtemp(prefix="chromium-"))
+    process = subprocess.Popen(
+        [CHROMIUM, f"--user-data-dir={home}", *FLAGS], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
+    try:
+        port_file, end = home / "DevToolsActivePort", time.monotonic() + 30
+        while not (port_file.exists() and port_file.read_text().strip()):
+            assert time.monotonic() < end, "chromium did not start"
+            assert process.poll() is None, "chromium ended at once"
+            time.sleep(0.05)
+        time.sleep(0.2)
+        yield Page(int(port_file.read_text().split()[0]))
+    finally:
+        process.terminate()
+        process.wait(20)
+        shutil.rmtree(home, ignore_errors=True)

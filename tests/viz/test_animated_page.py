@@ -1,0 +1,160 @@
+"""The page in a real browser: it moves, is silent, and asks nothing of anybody."""
+
+import re
+
+import numpy as np
+import pytest
+
+from spacerobot.errors import ResultError
+from spacerobot.result.result import Result
+from viz.animation import animation
+from viz.page import animation_page, json_text, write_animation
+
+READY = "document.body?.dataset.ready === 'true'"
+
+
+def _show(browser, path, text, fragment="", **size):
+    path.write_text(text, encoding="utf-8")
+    browser.open(f"{path.as_uri()}{fragment}", **size)
+    browser.wait_for(READY)
+    return browser
+
+
+@pytest.mark.parametrize("size", [(1400, 900), (800, 600)])
+def test_bodies_move_and_nothing_is_asked_of_the_network(browser, paper, tmp_path, size):
+    page = _show(
+        browser, tmp_path / "page.html", animation_page(paper), "#t=0", width=size[0], height=size[1]
+    )
+    before = page.picture()
+    page.evaluate("location.hash = '#t=5'")
+    page.wait_for("document.body.dataset.time === '5.000'")
+    after = page.picture()
+    box = page.evaluate(
+        "(({x, y, width, height}) => [x, y, width, height])(document.getElementById('pane').getBoundingClientRect())"
+    )
+    x, y, width, height = map(int, box)
+    # the strip left of where robot 1's arm begins holds its base alone: the base drifts
+    changed = np.abs(after - before).sum(axis=2) > 60
+    pane = changed[y : y + height, x : x + width]
+    assert pane.mean() > 0.02
+    assert pane[height // 2 :, : width // 3].sum() > 500
+    assert page.complaints == []
+    assert [url for url in page.requests if not url.startswith(("file:", "data:", "blob:"))] == []
+
+
+def test_the_whole_motion_fills_the_view(browser, paper, tmp_path):
+    for size in ((1400, 900), (700, 900)):
+        page = _show(
+            browser, tmp_path / "p.html", animation_page(paper), "#t=5", width=size[0], height=size[1]
+        )
+        page.evaluate(
+            "for (const id of ['readout', 'layers', 'scale']) document.getElementById(id).style.display = 'none'"
+        )
+        picture = page.picture()
+        top = int(page.evaluate("document.getElementById('pane').getBoundingClientRect().top")) + 2
+        bottom = int(page.evaluate("document.getElementById('pane').getBoundingClientRect().bottom")) - 2
+        gold = (picture[top:bottom, :, 0] - picture[top:bottom, :, 2]) > 70
+        columns, rows = np.nonzero(gold.any(axis=0))[0], np.nonzero(gold.any(axis=1))[0]
+        # gold bases and orange links reach from the lower third to the upper one, and touch no edge
+        assert rows[0] > 2
+        assert rows[-1] < gold.shape[0] - 3
+        assert columns[0] > 0.05 * gold.shape[1]
+        assert np.ptp(rows) > 0.6 * gold.shape[0] or np.ptp(columns) > 0.4 * gold.shape[1]
+
+
+def test_it_says_time_and_the_tip_errors_of_the_result(browser, paper, tmp_path):
+    page = _show(browser, tmp_path / "page.html", animation_page(paper), "#t=3")
+    words = page.evaluate("document.getElementById('readout').innerText")
+    assert "t = 3.00 s" in words
+    row = paper.data.tip_error.sel(time=3.0, method="nearest")
+    for tip in ("rpr1/tip", "rpr2/tip"):
+        said = float(re.search(rf"{tip} error ([\d.]+) mm", words)[1])
+        assert said == pytest.approx(np.linalg.norm(row.sel(tip=tip)) * 1e3, abs=6e-3)
+
+
+def test_it_plays_pauses_and_scrubs(browser, paper, tmp_path):
+    page = _show(browser, tmp_path / "page.html", animation_page(paper), "#t=1&play=1&speed=2")
+    page.wait_for("Number(document.body.dataset.time) > 1.1")
+    page.evaluate("document.getElementById('play').click()")
+    stopped = page.evaluate("document.body.dataset.time")
+    page.picture()
+    assert page.evaluate("document.body.dataset.time") == stopped
+    page.evaluate(
+        "(() => { const s = document.getElementById('scrub'); s.value = 7; s.dispatchEvent(new Event('input')); })()"
+    )
+    assert page.evaluate("document.body.dataset.time") == "7.000"
+    assert page.complaints == []
+
+
+def test_comparison_shows_both_beside_and_over(browser, paper, blind, tmp_path):
+    page = _show(browser, tmp_path / "page.html", animation_page(blind, paper), "#t=5")
+    words = page.evaluate("document.getElementById('readout').innerText")
+    assert words.index("pid") < words.index("amnesia")
+    assert len(re.findall("error", words)) == 4
+    beside = page.picture()
+    page.evaluate("location.hash = '#t=5&arrange=over'")
+    page.wait_for("document.getElementById('arrange').value === 'over'")
+    assert (np.abs(page.picture() - beside).sum(axis=2) > 60).mean() > 0.05
+    assert page.complaints == []
+
+
+def test_spatial_scene_and_scripts_in_names_are_harmless(browser, spatial, tmp_path):
+    text = "</script><script>document.title='owned'</script><img src=x onerror=\"document.title='owned'\">"
+    page = _show(browser, tmp_path / "page.html", animation_page(spatial, title=text), "#t=0.2")
+    assert page.evaluate("document.getElementById('title').textContent") == text
+    assert page.evaluate("document.title") == text
+    assert page.complaints == []
+
+
+def test_size_is_about_a_megabyte_for_ten_seconds(paper, tmp_path):
+    write_animation(tmp_path / "page.html", paper)
+    assert 0.9e6 < (tmp_path / "page.html").stat().st_size < 1.3e6
+
+
+def test_poses_are_the_results(paper):
+    """Frames of the page against Pinocchio's own kinematics of the same rows."""
+    import base64
+
+    import pinocchio as pin
+
+    run = animation(paper)["runs"][0]
+    time = np.frombuffer(base64.b64decode(run["time"]), "<f4")
+    poses = np.frombuffer(base64.b64decode(run["poses"]), "<f4").reshape(len(time), -1, 7)
+    scene = paper.scene()
+    data = scene.model.createData()
+    for frame in (0, len(time) // 2, len(time) - 1):
+        q = paper.data.q.sel(time=float(time[frame]), method="nearest").values
+        pin.forwardKinematics(scene.model, data, q)
+        expected = sorted(tuple(np.round(data.oMi[j].translation, 4)) for j in range(1, scene.model.njoints))
+        found = {tuple(np.round(p.astype(float), 4)) for p in poses[frame, :, :3]}
+        near = [min(np.abs(np.subtract(e, f)).max() for f in found) for e in expected]
+        assert max(near) < 2e-4
+
+
+def test_a_diverged_result_is_shown_up_to_where_it_went(browser, diverged, tmp_path):
+    page = _show(browser, tmp_path / "page.html", animation_page(diverged), "#t=99")
+    assert "diverged after 0.42 s of 10 s" in page.evaluate("document.getElementById('notice').innerText")
+    assert page.evaluate("document.body.dataset.time") == f"{diverged.data.time.values[-1]:.3f}"
+    assert page.complaints == []
+
+
+def test_changed_descriptions_are_told(paper):
+    summary = dict(paper.summary) | {"urdf_sha256": {"rpr1": "0" * 64}}
+    notices = animation(Result(paper.scenario, paper.data, summary))["notices"]
+    assert notices == ["rpr1: planar_arm.urdf has changed since the run; what is drawn may differ"]
+
+
+def test_results_that_differ_too_much_are_refused(paper, spatial):
+    with pytest.raises(ResultError, match="cannot be compared"):
+        animation_page(paper, spatial)
+
+
+def test_a_folder_that_cannot_be_written_is_one_clear_line(paper, tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ResultError, match="cannot be written") as fault:
+        write_animation(tmp_path / "file" / "page.html", paper)
+    assert "\n" not in str(fault.value)
+
+
+def test_json_cannot_end_its_script():
+    assert "</" not in json_text({"a": "</script><!--"})

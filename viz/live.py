@@ -1,0 +1,198 @@
+"""Live viewer: the animated page, served to this computer alone, showing what the program sends it."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+import webbrowser
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import tornado.httpserver
+import tornado.netutil
+import tornado.web
+import tornado.websocket
+
+from spacerobot.errors import SpaceRobotError
+from spacerobot.result import Result
+from spacerobot.scene import Scene
+from viz.animation import animation, still
+from viz.page import json_text, page
+
+ADDRESS = "127.0.0.1"
+"""The only address listened on: this computer's own."""
+
+FIRST_PORT, PORTS = 7000, 200
+
+
+class LiveViewer:
+    """A page in the browser that a program fills.
+
+    Only this computer can reach it: the server is bound to the loopback address, and answers only requests
+    that name that address, so that no foreign web page can read it through the browser either.
+
+    Parameters
+    ----------
+    port
+        First port to try; a busy one is stepped over.
+
+    Raises
+    ------
+    SpaceRobotError
+        If no port is free.
+    """
+
+    def __init__(self, port: int = FIRST_PORT) -> None:
+        self._sockets, self.port = _bind(port)
+        self._latest: list[str] = []
+        self._streams: set[_Stream] = set()
+        self._connected = threading.Event()
+        started = threading.Event()
+        self._loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(target=self._serve, args=(started,), name="live viewer", daemon=True)
+        self._thread.start()
+        started.wait()
+
+    @property
+    def url(self) -> str:
+        """Address of the page."""
+        return f"http://{ADDRESS}:{self.port}/"
+
+    def open(self) -> bool:
+        """Open the page in the user's browser; whether one was found."""
+        return webbrowser.open(self.url, new=2)
+
+    def tell(self, text: str) -> None:
+        """Show a few words in the page's heading; fits ``simulate(..., progress=viewer.tell)``."""
+        self._send({"tell": text}, keep=False)
+
+    def show_scene(self, scene: Scene, about: str = "not simulated yet") -> None:
+        """Show a scene as it begins."""
+        self._send({"show": still(scene, about=about)})
+
+    def show(self, *results: Result) -> None:
+        """Play a result, or compare several; what was shown before goes.
+
+        Raises
+        ------
+        ResultError
+            If the results cannot be compared.
+        """
+        self._send({"show": animation(*results)})
+
+    def wait_for_page(self, timeout_s: float | None = None) -> bool:
+        """Wait until a browser shows the page; whether one does."""
+        return self._connected.wait(timeout_s)
+
+    def wait(self) -> None:
+        """Serve until interrupted."""
+        while self._thread.is_alive():
+            self._thread.join(0.5)
+
+    def close(self) -> None:
+        """Stop serving; pages keep what they have."""
+        if self._thread.is_alive():
+            self._loop.call_soon_threadsafe(self._loop.stop)
+            self._thread.join(5)
+
+    def __enter__(self) -> LiveViewer:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _repr_html_(self) -> str:
+        return f'<iframe src="{self.url}" style="width:100%;height:600px;border:0"></iframe>'
+
+    def _serve(self, started: threading.Event) -> None:
+        asyncio.set_event_loop(self._loop)
+        handlers: list[Any] = [(r"/", _Page, {"viewer": self}), (r"/stream", _Stream, {"viewer": self})]
+        server = tornado.httpserver.HTTPServer(tornado.web.Application(handlers, log_function=_quiet))
+        server.add_sockets(self._sockets)
+        self._loop.call_soon(started.set)
+        self._loop.run_forever()
+        server.stop()
+        for stream in list(self._streams):
+            stream.close()
+        self._loop.run_until_complete(asyncio.sleep(0.05))  # lets the pages hear of it
+        self._loop.close()
+
+    def _send(self, message: dict[str, Any], *, keep: bool = True) -> None:
+        if self._thread.is_alive():
+            self._loop.call_soon_threadsafe(self._broadcast, json_text(message), keep)
+
+    def _broadcast(self, text: str, keep: bool) -> None:
+        if keep:
+            self._latest = [text]
+        for stream in self._streams:
+            stream.write_message(text)
+
+    def allows(self, host: str) -> bool:
+        """Whether a request may name this host."""
+        return host in (f"{ADDRESS}:{self.port}", f"localhost:{self.port}")
+
+
+class _Page(tornado.web.RequestHandler):
+    def initialize(self, viewer: LiveViewer) -> None:
+        self.viewer = viewer
+
+    def get(self) -> None:
+        if not self.viewer.allows(self.request.host):
+            self.send_error(403)
+            return
+        waiting = {"title": "spacerobot", "about": "waiting for a result", "runs": [], "live": True}
+        self.set_header("Cache-Control", "no-store")
+        self.write(page(waiting, connect=f"ws://{self.request.host}"))
+
+
+class _Stream(tornado.websocket.WebSocketHandler):
+    def initialize(self, viewer: LiveViewer) -> None:
+        self.viewer = viewer
+
+    def check_origin(self, origin: str) -> bool:
+        allowed = self.viewer.allows(origin.removeprefix("http://"))
+        return allowed and self.viewer.allows(self.request.host)
+
+    def open(self, *_: str, **__: str) -> None:
+        for text in self.viewer._latest:
+            self.write_message(text)
+        self.viewer._streams.add(self)
+        self.viewer._connected.set()
+
+    def on_message(self, message: str | bytes) -> None:
+        """Pages have nothing to say."""
+
+    def on_close(self) -> None:
+        self.viewer._streams.discard(self)
+
+
+def _bind(first: int) -> tuple[list[Any], int]:
+    for port in range(first, min(first + PORTS, 65536)):
+        try:
+            return tornado.netutil.bind_sockets(port, address=ADDRESS), port
+        except OSError:
+            continue
+    raise SpaceRobotError(f"no free port from {first} to {first + PORTS - 1} for the live viewer")
+
+
+def _quiet(_: tornado.web.RequestHandler) -> None:
+    """Requests are nobody's business."""
+
+
+@contextmanager
+def view_run(scene: Scene, *, open_browser: bool = True) -> Iterator[LiveViewer]:
+    """Viewer that shows a scene while it is simulated.
+
+    Examples
+    --------
+    >>> with view_run(scene) as viewer:  # doctest: +SKIP
+    ...     result = simulate(scene, progress=viewer.tell)
+    ...     viewer.show(result)
+    ...     viewer.wait()
+    """
+    with LiveViewer() as viewer:
+        viewer.show_scene(scene)
+        if open_browser:
+            viewer.open()
+        yield viewer

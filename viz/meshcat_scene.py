@@ -1,0 +1,70 @@
+"""Bodies as the plain data from which the page makes MeshCat objects."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from spacerobot.result import Result
+from spacerobot.scene import Scene
+from viz.geometry import load_mesh
+from viz.motion import Motion, Node, Solid
+
+DIGITS = 7
+"""Significant digits of numbers that are written as text: those of single precision."""
+
+
+def packed(values: ArrayLike) -> str:
+    """Numbers in single precision, row by row, little-endian, in base 64."""
+    return base64.b64encode(np.ascontiguousarray(values, dtype="<f4").tobytes()).decode("ascii")
+
+
+def rounded(values: ArrayLike) -> list[float]:
+    """Numbers with as many digits as single precision holds."""
+    return [float(f"{value:.{DIGITS}g}") for value in np.asarray(values, dtype=np.float64).ravel()]
+
+
+def node_data(nodes: Sequence[Node]) -> list[dict[str, Any]]:
+    """Solids of each node, and whether it is a body's root."""
+    return [{"base": node.is_base, "solids": [_solid_data(solid) for solid in node.solids]} for node in nodes]
+
+
+def _solid_data(solid: Solid) -> dict[str, Any]:
+    """Kind, size, colour and placement (column by column) of a solid; vertices and triangles of a mesh."""
+    geometry = solid.geometry
+    data: dict[str, Any] = {
+        "kind": geometry.kind,
+        "size": rounded(geometry.size),
+        "rgba": rounded(solid.rgba),
+        "matrix": rounded(solid.placement.T),
+    }
+    if geometry.kind == "mesh" and geometry.mesh is not None:
+        vertices, triangles = load_mesh(geometry.mesh, tuple(float(x) for x in geometry.size))
+        data["vertices"] = packed(vertices)
+        data["triangles"] = base64.b64encode(triangles.astype("<u4").tobytes()).decode("ascii")
+    return data
+
+
+def poses(motion: Motion) -> str:
+    """Position and quaternion (x, y, z, w) of each node at each time, packed (nt, nodes, 7)."""
+    return packed(np.concatenate([motion.position, motion.quaternion], axis=-1))
+
+
+def changed_descriptions(result: Result, scene: Scene) -> list[str]:
+    """Bodies whose URDF is no longer the one that was simulated, one line each."""
+    recorded = result.summary.get("urdf_sha256", {})
+    return [
+        f"{body.name}: {body.description.path.name} has changed since the run; what is drawn may differ"
+        for body in scene.bodies
+        if recorded.get(body.name, body.description.sha256) != body.description.sha256
+    ]
+
+
+def script_hash(text: str) -> str:
+    """Source expression by which a Content Security Policy admits exactly this script."""
+    return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode('utf-8')).digest()).decode('ascii')}'"

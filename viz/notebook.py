@@ -1,0 +1,49 @@
+"""Notebooks: a result's animation in a cell."""
+
+from __future__ import annotations
+
+import html
+from dataclasses import dataclass
+
+from spacerobot.result import Result
+from viz.page import animation_page
+
+
+@dataclass(frozen=True)
+class Embedded:
+    """An animated page inside another one.
+
+    Attributes
+    ----------
+    page
+        Its HTML.
+    height_px
+        Height of the frame.
+    """
+
+    page: str
+    height_px: int = 600
+
+    def _repr_html_(self) -> str:
+        return frame(self.page, self.height_px)
+
+
+def embed(*results: Result, height_px: int = 600) -> Embedded:
+    """Animation of a result, or of several compared, that shows itself as the last line of a cell.
+
+    It needs no server and stays in the saved notebook.
+
+    Raises
+    ------
+    ResultError
+        If the results cannot be compared.
+    """
+    return Embedded(animation_page(*results, autoplay=False), height_px)
+
+
+def frame(page: str, height_px: int) -> str:
+    """Frame element that holds a whole page; its scripts can touch nothing outside it."""
+    return (
+        f'<iframe sandbox="allow-scripts" title="animation" style="width:100%;height:{height_px}px;border:0" '
+        f'srcdoc="{html.escape(page)}"></iframe>'
+    )

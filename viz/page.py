@@ -1,0 +1,108 @@
+"""One self-contained page that plays a result: MeshCat and a player of our own, no network."""
+
+from __future__ import annotations
+
+import html
+import json
+from collections.abc import Mapping
+from functools import cache
+from importlib.resources import files
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from spacerobot.errors import SpaceRobotError
+from spacerobot.files import write_text
+from spacerobot.result import Result
+from viz.animation import animation
+from viz.meshcat_scene import script_hash
+
+SCRIPTS = ("shapes.js", "run.js", "plot.js", "camera.js", "player.js", "main.js")
+"""Parts of the player, in order."""
+
+
+def animation_page(*results: Result, title: str | None = None, autoplay: bool = True) -> str:
+    """HTML of a page that plays one result, or compares several; it asks nothing of any network.
+
+    ``#t=3`` behind its address shows it standing still at 3 s.
+
+    Raises
+    ------
+    ResultError
+        If the results cannot be compared.
+    """
+    return page(animation(*results, title=title, autoplay=autoplay))
+
+
+def write_animation(path: Path, *results: Result, title: str | None = None) -> None:
+    """Write the page of :func:`animation_page`.
+
+    Raises
+    ------
+    ResultError
+        If the file cannot be written or the results cannot be compared.
+    """
+    write_text(path, animation_page(*results, title=title))
+
+
+def page(payload: Mapping[str, Any], *, connect: str = "'none'") -> str:
+    """HTML of the player with its data.
+
+    Parameters
+    ----------
+    payload
+        As :func:`viz.animation.animation` makes it.
+    connect
+        What the page may connect to, as a source expression; nothing by default.
+    """
+    parts = {
+        "policy": policy(connect),
+        "title": html.escape(str(payload["title"])),
+        "style": _web("page.css"),
+        "payload": json_text(payload),
+        "meshcat": meshcat_script(),
+        "player": player_script(),
+    }
+    return fill(_web("page.html"), parts)
+
+
+def policy(connect: str = "'none'", *, style: str = "'unsafe-inline'") -> str:
+    """Content Security Policy: only the player's own scripts run, and nothing is fetched."""
+    scripts = f"{script_hash(meshcat_script())} {script_hash(player_script())}"
+    return (
+        f"default-src 'none'; script-src {scripts}; style-src {style}; img-src data: blob:; "
+        f"connect-src {connect}; base-uri 'none'; form-action 'none'"
+    )
+
+
+def fill(template: str, parts: Mapping[str, str]) -> str:
+    """Template with ``@@name@@`` replaced; what is put in is not searched again."""
+    pieces = template.split("@@")
+    return "".join(piece if k % 2 == 0 else parts[piece] for k, piece in enumerate(pieces))
+
+
+def json_text(data: Any) -> str:
+    """JSON that may stand inside a script element, whatever texts it holds."""
+    text = json.dumps(data, allow_nan=False, separators=(",", ":"))
+    return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
+
+
+@cache
+def meshcat_script() -> str:
+    """MeshCat's own viewer, as its package brings it."""
+    spec = find_spec("meshcat")  # found, not imported: its import starts loading a server
+    if spec is None or spec.origin is None:
+        raise SpaceRobotError("the package meshcat is not installed")
+    path = Path(spec.origin).parent / "viewer" / "dist" / "main.min.js"
+    return path.read_text(encoding="utf-8")
+
+
+@cache
+def player_script() -> str:
+    """Our player, in a scope of its own."""
+    return '"use strict";\n(() => {\n' + "\n".join(map(_web, SCRIPTS)) + "\n})();\n"
+
+
+@cache
+def _web(name: str) -> str:
+    return (files("viz") / "web" / name).read_text(encoding="utf-8")

@@ -1,0 +1,123 @@
+// Three.js objects from the page's plain data. MeshCat brings Three.js with it.
+const THREE = MeshCat.THREE;
+const TIP_COLOURS = ["#56b4e9", "#ffb000", "#f29ad0", "#f0e442", "#9be564", "#c9b6ff"];
+const COLOURS = { target: "#35e0a1", force: "#ff5c6c", reference: "#ffffff", mate: "#ffffff", grid: "#8fa3b8" };
+
+function bytes(text) {
+  return Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer;
+}
+
+function floats(text) {
+  return new Float32Array(bytes(text));
+}
+
+function solidGeometry(solid) {
+  const size = solid.size;
+  if (solid.kind === "box") return new THREE.BoxGeometry(size[0], size[1], size[2]);
+  if (solid.kind === "sphere") return new THREE.SphereGeometry(size[0], 24, 16);
+  if (solid.kind === "cylinder") {
+    // a URDF's cylinder lies along z, Three's along y
+    return new THREE.CylinderGeometry(size[0], size[0], size[1], 32).rotateX(Math.PI / 2);
+  }
+  const geometry = new THREE.BufferGeometry();
+  geometry.setAttribute("position", new THREE.BufferAttribute(floats(solid.vertices), 3));
+  geometry.setIndex(new THREE.BufferAttribute(new Uint32Array(bytes(solid.triangles)), 1));
+  const faceted = geometry.toNonIndexed();
+  faceted.computeVertexNormals();
+  return faceted;
+}
+
+function solidMesh(solid) {
+  const [r, g, b, alpha] = solid.rgba;
+  const material = new THREE.MeshPhongMaterial({
+    color: new THREE.Color(r, g, b), opacity: alpha, transparent: alpha < 1, shininess: 24, side: THREE.DoubleSide,
+  });
+  const mesh = new THREE.Mesh(solidGeometry(solid), material);
+  mesh.userData.opacity = alpha;
+  mesh.matrixAutoUpdate = false;
+  mesh.matrix.fromArray(solid.matrix);
+  return mesh;
+}
+
+function ghostOf(node, pose) {
+  const ghost = new THREE.Group();
+  const fill = new THREE.MeshBasicMaterial({ color: "#ffffff", opacity: 0.1, transparent: true, depthWrite: false,
+    polygonOffset: true, polygonOffsetFactor: 4, polygonOffsetUnits: 4 });
+  const edge = new THREE.LineBasicMaterial({ color: "#ffffff", opacity: 0.55, transparent: true });
+  for (const solid of node.solids) {
+    const geometry = solidGeometry(solid);
+    const parts = [new THREE.Mesh(geometry, fill), new THREE.LineSegments(new THREE.EdgesGeometry(geometry, 30), edge)];
+    for (const part of parts) {
+      part.matrixAutoUpdate = false;
+      part.matrix.fromArray(solid.matrix);
+      ghost.add(part);
+    }
+  }
+  ghost.position.fromArray(pose, 0);
+  ghost.quaternion.fromArray(pose, 3);
+  return ghost;
+}
+
+function overlay(colour, opacity) {
+  return new THREE.MeshBasicMaterial({ color: colour, opacity, transparent: true, depthTest: false, depthWrite: false });
+}
+
+// A round line through n points; six triangles pairs a segment, so that a draw range shows a part of it.
+function tube(points, radius, material) {
+  const sides = 6, n = points.length / 3;
+  const positions = new Float32Array(n * sides * 3), index = [];
+  const tangent = new THREE.Vector3(1, 0, 0), normal = new THREE.Vector3(0, 0, 1), other = new THREE.Vector3();
+  const here = new THREE.Vector3(), next = new THREE.Vector3();
+  for (let i = 0; i < n; i++) {
+    here.fromArray(points, 3 * Math.max(0, i - 1));
+    next.fromArray(points, 3 * Math.min(n - 1, i + 1)).sub(here);
+    if (next.length() > 1e-9) tangent.copy(next).normalize();
+    normal.addScaledVector(tangent, -normal.dot(tangent));
+    if (normal.length() < 1e-3) normal.set(tangent.y, tangent.z, -tangent.x).cross(tangent);
+    normal.normalize();
+    other.crossVectors(tangent, normal);
+    for (let k = 0; k < sides; k++) {
+      const c = radius * Math.cos((2 * Math.PI * k) / sides), s = radius * Math.sin((2 * Math.PI * k) / sides);
+      here.fromArray(points, 3 * i).addScaledVector(normal, c).addScaledVector(other, s);
+      here.toArray(positions, 3 * (i * sides + k));
+      if (i < n - 1) {
+        const a = i * sides + k, b = i * sides + ((k + 1) % sides);
+        index.push(a, b, a + sides, b, b + sides, a + sides);
+      }
+    }
+  }
+  const geometry = new THREE.BufferGeometry();
+  geometry.setAttribute("position", new THREE.BufferAttribute(positions, 3));
+  geometry.setIndex(index);
+  const mesh = new THREE.Mesh(geometry, material);
+  mesh.frustumCulled = false;
+  mesh.perSegment = 6 * sides;
+  return mesh;
+}
+
+function arrow(size) {
+  const material = overlay(COLOURS.force, 1);
+  const group = new THREE.Group();
+  const shaft = new THREE.Mesh(new THREE.CylinderGeometry(size, size, 1, 10).translate(0, 0.5, 0), material);
+  const head = new THREE.Mesh(new THREE.ConeGeometry(2.8 * size, 6 * size, 14).translate(0, 3 * size, 0), material);
+  shaft.renderOrder = head.renderOrder = 30;
+  group.add(shaft, head);
+  group.point = (from, vector) => {
+    const length = vector.length();
+    group.visible = length > 0.5 * size;
+    if (!group.visible) return;
+    group.position.copy(from);
+    group.quaternion.setFromUnitVectors(new THREE.Vector3(0, 1, 0), vector.clone().divideScalar(length));
+    const headLength = Math.min(6 * size, 0.6 * length);
+    head.scale.setScalar(headLength / (6 * size));
+    shaft.scale.set(1, Math.max(1e-6, length - headLength), 1);
+    head.position.y = length - headLength;
+  };
+  return group;
+}
+
+function ball(radius, colour, order) {
+  const mesh = new THREE.Mesh(new THREE.SphereGeometry(radius, 16, 12), overlay(colour, 1));
+  mesh.renderOrder = order;
+  return mesh;
+}
