@@ -13,7 +13,7 @@ import numpy as np
 from spacerobot.compiled import Library
 from spacerobot.errors import CompileError
 from spacerobot.rollout.engines import InterpretedEngine, Raw, StopFlag, make_job
-from spacerobot.rollout.grid import TimeGrid
+from spacerobot.rollout.grid import INWARD, TimeGrid
 from spacerobot.rollout.kernel import Kernel, sx_function
 from spacerobot.rollout.protocol import Array
 
@@ -166,13 +166,15 @@ class InterpretedAdjoint:
                 cbar = cbar + part
             if (when == k).any():
                 mbar = np.where(when == k, rbar[first:last], 0.0)
-                more = [v.full().ravel() for v in f["peaks_reverse"](k * grid.step_s, x[k], c, mbar)]
+                instant_s = (k + INWARD if k < grid.steps else k - INWARD) * grid.step_s
+                more = [v.full().ravel() for v in f["peaks_reverse"](instant_s, x[k], c, mbar)]
                 xbar, cbar = xbar + more[0], cbar + more[1]
         return np.asarray(f["setup_reverse"](p, xbar, cbar).full().ravel() + direct, dtype=np.float64)
 
     def _step_back(self, k: int, h: float, c: Array, x: Array, xbar: Array) -> tuple[Array, Array]:
         f = self.kernel.functions
-        times, reach = (k * h, (k + 0.5) * h, (k + 0.5) * h, (k + 1) * h), (h / 2, h / 2, h, 0.0)
+        times = ((k + INWARD) * h, (k + 0.5) * h, (k + 0.5) * h, (k + 1 - INWARD) * h)
+        reach = (h / 2, h / 2, h, 0.0)
         weight = (h / 6, h / 3, h / 3, h / 6)
         stages, total = [x], x
         for s in range(4):

@@ -95,6 +95,31 @@ def test_sampled_outputs_have_their_derivatives(compiled):
         np.testing.assert_allclose(slope[:, :, 0], difference, rtol=1e-5, atol=1e-7)
 
 
+def test_a_peak_at_the_end_is_the_final_value(loop):
+    signals = Signals.of(loop)
+    rising = ca.vertcat(
+        signals.t + 0.1 * signals["error"][0], -signals.t + signals["torque"]
+    )  # second: at the start
+    named = {"late": peak(rising), "end": final(rising)}
+    measures = Measures(
+        signals, named, lambda r, p: {"late": r["late"][0], "end": r["end"][0], "early": r["late"][1]}
+    )
+    for backend in ("compiled", "interpreted"):
+        rollout = build_rollout(loop, **GRID, measures=measures, backend=backend)
+        found = rollout.value_and_gradient(wrt=WRT)
+        assert found.costs["late"] == pytest.approx(found.costs["end"], rel=1e-14)
+        assert found.costs["late"] > 2.9
+        np.testing.assert_allclose(found.gradients["late"], found.gradients["end"], rtol=1e-12)
+        forward = rollout.jacobian(wrt=WRT)
+        np.testing.assert_allclose(
+            forward.measures["late"][0], found.gradients["late"], rtol=1e-10, atol=1e-13
+        )
+        np.testing.assert_allclose(
+            forward.measures["late"][1], found.gradients["early"], rtol=1e-10, atol=1e-13
+        )
+        assert np.abs(found.gradients["early"][:2]).max() > 0
+
+
 def test_interpreted_gives_the_same_derivatives(compiled, interpreted):
     pair, costs = (compiled, interpreted), ("torque", "mixed")
     fast, slow = (rollout.value_and_gradient(POINT, wrt=WRT, costs=costs) for rollout in pair)
