@@ -198,6 +198,11 @@ class Search:
             self._progress(Report(self.method, self.index, share, self.objective, spent, left))
 
     @property
+    def feasible(self) -> bool:
+        """Whether the best point so far violates no constraint."""
+        return bool(self.violation <= FEASIBLE)
+
+    @property
     def seconds(self) -> float:
         """Time spent, that of an earlier, killed process included."""
         return self._seconds + time.perf_counter() - self._since
@@ -225,7 +230,7 @@ class Search:
             value, excess = float(found.objective[i]), float(violation[i])
             if np.isfinite(excess) and better(value, excess, self.objective, self.violation):
                 self.u, self.objective, self.violation = np.array(u[i]), value, excess
-        shown = self.objective if self.violation <= FEASIBLE else np.inf
+        shown = self.objective if self.feasible else np.inf
         self.history.append(Moment(self.cost, self.seconds, shown))
 
     def _tick(self) -> float:

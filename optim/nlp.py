@@ -1,0 +1,198 @@
+"""Nonlinear programming with IPOPT from one start or several, over exact gradients."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+
+import numpy as np
+
+from optim.protocol import Array, Evaluation, Linearisation
+from optim.search import FEASIBLE, Run, Search
+from optim.shooting import Shooting, Solution
+
+ROUND_GAIN = 1e-3  # relative; less in a round ends the search
+
+STATUS = {
+    "Solve_Succeeded": ("converged", "first-order conditions met"),
+    "Solved_To_Acceptable_Level": ("converged", "first-order conditions met, more loosely than asked for"),
+    "User_Requested_Stop": ("settled", "no further improvement"),
+    "Maximum_Iterations_Exceeded": ("iterations spent", "the best point so far is kept"),
+    "Search_Direction_Becomes_Too_Small": ("settled", "steps became too small to change anything"),
+    "Infeasible_Problem_Detected": ("infeasible", "no nearby point meets the constraints"),
+    "Restoration_Failed": ("failed", "no step was found that meets the constraints better; likely at a kink"),
+    "Invalid_Number_Detected": ("failed", "the rollout diverges at the start or at every step from it"),
+    "Error_In_Step_Computation": ("failed", "no step could be computed; the problem is badly scaled here"),
+    "Diverging_Iterates": ("failed", "the iterates left every bound"),
+}
+
+
+@dataclass(frozen=True)
+class NlpSettings:
+    """How an NLP is solved.
+
+    Attributes
+    ----------
+    iterations
+        At most, from one start.
+    tolerance
+        Of the first-order conditions, relative to the objective at the start.
+    patience, improvement
+        Stop after so many iterations without a relative improvement of the best point by so much.
+    rounds
+        IPOPT is started again from where it ended, scaled anew, while that still gains something.
+    screen
+        Points of a Sobol sequence that are tried, in one batch, to choose starts from.
+    """
+
+    iterations: int = 60
+    tolerance: float = 1e-5
+    patience: int = 8
+    improvement: float = 1e-3
+    rounds: int = 4
+    screen: int = 64
+
+    def fingerprint(self, start: Array) -> str:
+        """What a journal of such a run depends on beside the problem."""
+        return hashlib.sha256(repr((self, start.tolist())).encode()).hexdigest()
+
+
+def solve(search: Search, start: Array, settings: NlpSettings) -> Run:
+    """Search with IPOPT from one start.
+
+    Parameters
+    ----------
+    search
+        What evaluates.
+    start
+        Start (k,) in the unit cube.
+    settings
+        How.
+
+    Returns
+    -------
+    Run
+        Never worse than the start; its status and message say how IPOPT ended, its ``kkt`` how well.
+    """
+    guard = _Guard(search, settings)
+    u, found, before = start, None, np.inf
+    try:
+        for attempt in range(settings.rounds):
+            first = search.linearise(u)
+            if not np.isfinite(first.as_evaluation().violation[0]):
+                return search.finish("failed", "the rollout diverges at the start")
+            shooting = Shooting(search.problem.form, guard.linearise, first)
+            found = shooting.solve(u, _options(settings, guard.left, again=attempt > 0), guard.stop)
+            if guard.interrupted:
+                return search.finish("interrupted")
+            gained = before - search.objective > ROUND_GAIN * abs(search.objective)
+            if guard.left <= 0 or not search.feasible or (attempt and not gained):
+                break
+            u, before = search.u, search.objective
+            guard.rest()
+    except KeyboardInterrupt:
+        return search.finish("interrupted")
+    return _finish(search, found, guard)
+
+
+def _finish(search: Search, found: Solution | None, guard: _Guard) -> Run:
+    if found is None:
+        return search.finish("failed", "no iteration was asked for")
+    status, meaning = STATUS.get(found.status, ("failed", "see IPOPT's own documentation"))
+    kkt = found.kkt if np.isfinite(found.kkt) else None
+    message = f"{meaning} ({found.status}, {guard.iterations} iterations)"
+    return search.finish(status, message, kkt=kkt)
+
+
+def _options(settings: NlpSettings, iterations: int, *, again: bool) -> dict[str, object]:
+    more: dict[str, object] = {"mu_init": 1e-3, "bound_push": 1e-4, "bound_frac": 1e-4} if again else {}
+    return more | {
+        "print_level": 0,
+        "sb": "yes",
+        "tol": settings.tolerance,
+        "acceptable_tol": 30 * settings.tolerance,
+        "acceptable_iter": 5,
+        "max_iter": iterations,
+        "mu_strategy": "adaptive",
+        "bound_relax_factor": 0.0,
+        "nlp_scaling_method": "none",
+    }
+
+
+class _Guard:
+    """Stands between IPOPT and the search: no exception may cross it, and stalling ends the search."""
+
+    def __init__(self, search: Search, settings: NlpSettings) -> None:
+        self._search, self._settings = search, settings
+        self.iterations, self._since, self._best = 0, 0, np.inf
+        self.interrupted = False
+
+    @property
+    def left(self) -> int:
+        """Iterations that may still be done."""
+        return self._settings.iterations - self.iterations
+
+    def rest(self) -> None:
+        """Begin to count iterations without improvement anew."""
+        self._since = 0
+
+    def linearise(self, u: Array) -> Linearisation:
+        """The search's own; without a value once it was interrupted."""
+        try:
+            if not self.interrupted:
+                return self._search.linearise(u)
+        except KeyboardInterrupt:
+            self.interrupted = True
+        k, m = len(u), len(self._search.problem.constraint_names)
+        nan = np.full
+        return Linearisation(
+            np.nan,
+            nan(k, np.nan),
+            nan(m, np.nan),
+            nan((m, k), np.nan),
+            np.empty(0),
+            np.empty((0, k)),
+            np.nan,
+            nan(k, np.nan),
+        )
+
+    def stop(self) -> bool:
+        """Whether IPOPT shall end, asked after each iteration."""
+        self.iterations += 1
+        search, settings = self._search, self._settings
+        search.tell(min(1.0, self.iterations / settings.iterations))
+        value = search.objective if search.violation <= FEASIBLE else np.inf
+        if not value >= self._best * (1 - np.sign(self._best) * settings.improvement):
+            self._best, self._since = value, 0
+        else:
+            self._since += 1
+        return self.interrupted or self._since >= settings.patience
+
+
+def choose_starts(search: Search, count: int, settings: NlpSettings) -> list[Array]:
+    """Starts that are good and far apart: the problem's own, then the best of a screened Sobol sequence.
+
+    Parameters
+    ----------
+    search
+        What evaluates; its seed scrambles the sequence.
+    count
+        How many.
+    settings
+        How many points are screened.
+    """
+    from scipy.stats import qmc
+
+    k = len(search.problem.names)
+    power = int(np.ceil(np.log2(max(settings.screen, 2 * count))))
+    points = qmc.Sobol(k, rng=np.random.default_rng(search.seed)).random_base2(power)
+    found: Evaluation = search.evaluate(points)
+    ranked = np.lexsort((found.objective, np.maximum(found.violation, FEASIBLE)))
+    order = [i for i in ranked if np.isfinite(found.violation[i])]
+    starts = [np.array(search.problem.start)]
+    for apart in (0.5, 0.25, 0.0):
+        for i in order:
+            distance = min(float(np.abs(points[i] - start).max()) for start in starts)
+            if len(starts) < count and distance > apart:
+                starts.append(points[i])
+    return starts[:count]
