@@ -156,9 +156,8 @@ class InterpretedAdjoint:
         rbar, direct = (part.full().ravel() for part in f["objective_reverse"](r, p, seed))
         first, last = kernel.integrals, kernel.integrals + kernel.peaks
         when = m.argmax(axis=0) if kernel.peaks else np.empty(0, dtype=int)
-        xbar, cbar = (
-            part.full().ravel() for part in f["final_reverse"](grid.duration_s, x[-1], c, rbar[last:])
-        )
+        end_s = (grid.steps - INWARD) * grid.step_s
+        xbar, cbar = (part.full().ravel() for part in f["final_reverse"](end_s, x[-1], c, rbar[last:]))
         xbar[kernel.nx :] += rbar[:first]
         for k in range(grid.steps, -1, -1):
             if k < grid.steps:

@@ -97,9 +97,7 @@ def test_sampled_outputs_have_their_derivatives(compiled):
 
 def test_a_peak_at_the_end_is_the_final_value(loop):
     signals = Signals.of(loop)
-    rising = ca.vertcat(
-        signals.t + 0.1 * signals["error"][0], -signals.t + signals["torque"]
-    )  # second: at the start
+    rising = ca.vertcat(signals.t + 0.1 * signals["error"][0], -signals.t + signals["torque"])
     named = {"late": peak(rising), "end": final(rising)}
     measures = Measures(
         signals, named, lambda r, p: {"late": r["late"][0], "end": r["end"][0], "early": r["late"][1]}
