@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -42,34 +43,39 @@ def animation(*results: Result, title: str | None = None, autoplay: bool = True)
         If the results cannot be compared.
     """
     check_comparable(results)
-    scenes = [result.scene() for result in results]
-    motions = [
-        sample_motion(
-            result, scene, pick_rows(result.data.time.values, rate_hz=FRAMES_PER_S, most=MOST_FRAMES)
-        )
-        for result, scene in zip(results, scenes, strict=True)
-    ]
-    boxes = [_box(result, motion) for result, motion in zip(results, motions, strict=True)]
+    shown = [_look_at(result, label) for result, label in zip(results, labels_of(results), strict=True)]
+    boxes = [_box(one) for one in shown]
     low, high = np.min([box[0] for box in boxes], axis=0), np.max([box[1] for box in boxes], axis=0)
     scale = float(np.linalg.norm(high - low))
-    force = max(_greatest_force(result, motion) for result, motion in zip(results, motions, strict=True))
-    labels = labels_of(results)
-    runs = [
-        _run_data(*parts, label, _ARROW_SHARE * scale / force if force else 0.0)
-        for *parts, label in zip(results, scenes, motions, labels, strict=True)
-    ]
+    force = max(_greatest_force(one) for one in shown)
     return {
-        "title": title or " and ".join(labels),
-        "about": _about(results[0], scenes[0]),
-        "notices": _notices(results, scenes, labels),
-        "planar": scenes[0].planar,
+        "title": title or " and ".join(one.label for one in shown),
+        "about": _about(shown[0]),
+        "notices": _notices(shown),
+        "planar": shown[0].scene.planar,
         "box": [rounded(low), rounded(high)],
-        "reach": [rounded(point) for motion in motions for point in extremes(motion, low, high)],
+        "reach": [rounded(point) for one in shown for point in extremes(one.motion, low, high)],
         "scale": scale,
         "greatest_force": force,
         "autoplay": autoplay,
-        "runs": runs,
+        "runs": [_run_data(one, _ARROW_SHARE * scale / force if force else 0.0) for one in shown],
     }
+
+
+@dataclass(frozen=True, eq=False)
+class _Shown:
+    """A result, the scene it ran in, how that moved, and what to call it."""
+
+    result: Result
+    scene: Scene
+    motion: Motion
+    label: str
+
+
+def _look_at(result: Result, label: str) -> _Shown:
+    scene = result.scene()
+    rows = pick_rows(result.data.time.values, rate_hz=FRAMES_PER_S, most=MOST_FRAMES)
+    return _Shown(result, scene, sample_motion(result, scene, rows), label)
 
 
 def still(scene: Scene, *, about: str = "not simulated yet") -> dict[str, Any]:
@@ -107,16 +113,15 @@ def still(scene: Scene, *, about: str = "not simulated yet") -> dict[str, Any]:
     }
 
 
-def _run_data(
-    result: Result, scene: Scene, motion: Motion, label: str, metres_per_newton: float
-) -> dict[str, Any]:
-    data, rows = result.data, motion.rows
+def _run_data(shown: _Shown, metres_per_newton: float) -> dict[str, Any]:
+    result, motion, data = shown.result, shown.motion, shown.result.data
+    rows = motion.rows
     tips = [str(tip) for tip in data.tip.values]
     finer = pick_rows(data.time.values, rate_hz=1e9, most=MOST_ERRORS)
     error = np.linalg.norm(data.tip_error.values[finer], axis=-1)
-    target = scene.target
+    target = shown.scene.target
     return {
-        "label": label,
+        "label": shown.label,
         "completed": result.completed,
         "nodes": node_data(motion.nodes),
         "time": packed(motion.time),
@@ -125,7 +130,7 @@ def _run_data(
         "tips": packed(data.tip_position.values[rows]),
         "references": [packed(data.tip_reference.sel(tip=tip).values[rows]) for tip in tips],
         "target": packed(data.body_position.sel(body=target.name).values[rows]) if target else None,
-        "grasp_tips": [tips.index(grasp.tip.label) for grasp in scene.grasps],
+        "grasp_tips": [tips.index(grasp.tip.label) for grasp in shown.scene.grasps],
         "forces": packed(data.grasp_force.values[rows]),
         "mates": packed(motion.mates),
         "metres_per_newton": metres_per_newton,
@@ -134,8 +139,9 @@ def _run_data(
     }
 
 
-def _box(result: Result, motion: Motion) -> tuple[Array, Array]:
+def _box(shown: _Shown) -> tuple[Array, Array]:
     """Box around bodies and references, m."""
+    result, motion = shown.result, shown.motion
     low, high = bounds(motion)
     reference = result.data.tip_reference.values[motion.rows].reshape(-1, 3)
     if len(reference):
@@ -143,29 +149,33 @@ def _box(result: Result, motion: Motion) -> tuple[Array, Array]:
     return low, high
 
 
-def _greatest_force(result: Result, motion: Motion) -> float:
+def _greatest_force(shown: _Shown) -> float:
     """Greatest grip force, N; of a diverged rollout, before its last instants."""
-    force = np.linalg.norm(result.data.grasp_force.values[motion.rows], axis=-1)
-    kept = force if result.completed else force[: max(1, int(0.8 * len(force)))]
+    force = np.linalg.norm(shown.result.data.grasp_force.values[shown.motion.rows], axis=-1)
+    kept = force if shown.result.completed else force[: max(1, int(0.8 * len(force)))]
     return float(kept.max(initial=0.0))
 
 
-def _about(result: Result, scene: Scene) -> str:
-    engine = result.summary["engine"]["name"]
-    kind = "planar" if scene.planar else "spatial"
-    text = f"{kind}, {result.scenario.simulation.duration:g} s by {engine}"
-    return f"{text}. {result.scenario.description}" if result.scenario.description else text
+def _about(shown: _Shown) -> str:
+    scenario = shown.result.scenario
+    kind = "planar" if shown.scene.planar else "spatial"
+    text = f"{kind}, {scenario.simulation.duration:g} s by {shown.result.summary['engine']['name']}"
+    return f"{text}. {scenario.description}" if scenario.description else text
 
 
-def _notices(results: Sequence[Result], scenes: Sequence[Scene], labels: Sequence[str]) -> list[str]:
+def _notices(shown: Sequence[_Shown]) -> list[str]:
     """What a viewer must know before believing the picture."""
     found = []
-    for result, scene, label in zip(results, scenes, labels, strict=True):
-        who = f"{label}: " if len(results) > 1 else ""
-        lines = []
-        if not result.completed:
-            end, wanted = result.data.time.values[-1], result.scenario.simulation.duration
-            lines.append(f"The rollout diverged after {end:.4g} s of {wanted:g} s and is shown up to there.")
-        lines += [*scene.warnings, *changed_descriptions(result, scene)]
-        found += [who + line for line in lines]
+    for one in shown:
+        who = f"{one.label}: " if len(shown) > 1 else ""
+        found += [who + line for line in notices(one.result, one.scene)]
     return list(dict.fromkeys(found))
+
+
+def notices(result: Result, scene: Scene) -> list[str]:
+    """What must be known before believing pictures of a result, one line each."""
+    lines = []
+    if not result.completed:
+        end, wanted = result.data.time.values[-1], result.scenario.simulation.duration
+        lines.append(f"The rollout diverged after {end:.4g} s of {wanted:g} s and is shown up to there.")
+    return [*lines, *scene.warnings, *changed_descriptions(result, scene)]

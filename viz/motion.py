@@ -97,7 +97,7 @@ class Motion:
 
 
 def scene_nodes(scene: Scene) -> tuple[Node, ...]:
-    """Everything of a scene that can be seen: the URDFs' visuals, or collision shapes where there are none."""
+    """Everything of a scene that can be seen: the URDFs' visuals, else their collision shapes."""
     nodes = []
     for body in scene.bodies:
         links = body.description.links
@@ -171,9 +171,8 @@ def extremes(motion: Motion, low: Array, high: Array) -> Array:
     """Few points (k, 3) that reach as far as anything seen, in 98 directions, kept inside a box, m."""
     points = np.clip(_seen_points(motion).reshape(-1, 3), low, high)
     steps = np.arange(-2, 3)
-    grid = np.array(
-        [(x, y, z) for x in steps for y in steps for z in steps if max(abs(x), abs(y), abs(z)) == 2]
-    )
+    grid = np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(-1, 3)
+    grid = grid[np.abs(grid).max(axis=1) == 2]
     farthest = {int((points @ direction).argmax()) for direction in grid}
     return np.unique(points[sorted(farthest)], axis=0)
 
@@ -181,14 +180,11 @@ def extremes(motion: Motion, low: Array, high: Array) -> Array:
 def _seen_points(motion: Motion) -> Array:
     """Corners of boxes around all solids at all times (nt, corners, 3), m, world."""
     boxes = [_node_corners(node) for node in motion.nodes]
-    return np.stack(
-        [
-            np.concatenate(
-                [b @ p[:3, :3].T + p[:3, 3] for p, b in zip(motion.placements(i), boxes, strict=True)]
-            )
-            for i in range(len(motion.time))
-        ]
-    )
+    frames = []
+    for i in range(len(motion.time)):
+        placed = zip(motion.placements(i), boxes, strict=True)
+        frames.append(np.concatenate([box @ node[:3, :3].T + node[:3, 3] for node, box in placed]))
+    return np.stack(frames)
 
 
 def _node_corners(node: Node) -> Array:

@@ -10,29 +10,30 @@ from spacerobot.result.result import Result
 from viz.animation import animation
 from viz.page import animation_page, json_text, write_animation
 
+BOX = (
+    "(({x, y, width, height}) => [x, y, width, height])"
+    "(document.getElementById('pane').getBoundingClientRect())"
+)
+HIDE = "for (const id of ['readout', 'layers', 'scale']) document.getElementById(id).hidden = true"
+SCRUB = "s.value = 7; s.dispatchEvent(new Event('input'))"
 READY = "document.body?.dataset.ready === 'true'"
 
 
-def _show(browser, path, text, fragment="", **size):
+def _show(browser, path, text, fragment="", size=(1000, 700)):
     path.write_text(text, encoding="utf-8")
-    browser.open(f"{path.as_uri()}{fragment}", **size)
+    browser.open(f"{path.as_uri()}{fragment}", *size)
     browser.wait_for(READY)
     return browser
 
 
 @pytest.mark.parametrize("size", [(1400, 900), (800, 600)])
 def test_bodies_move_and_nothing_is_asked_of_the_network(browser, paper, tmp_path, size):
-    page = _show(
-        browser, tmp_path / "page.html", animation_page(paper), "#t=0", width=size[0], height=size[1]
-    )
+    page = _show(browser, tmp_path / "page.html", animation_page(paper), "#t=0", size)
     before = page.picture()
     page.evaluate("location.hash = '#t=5'")
     page.wait_for("document.body.dataset.time === '5.000'")
     after = page.picture()
-    box = page.evaluate(
-        "(({x, y, width, height}) => [x, y, width, height])(document.getElementById('pane').getBoundingClientRect())"
-    )
-    x, y, width, height = map(int, box)
+    x, y, width, height = map(int, page.evaluate(BOX))
     # the strip left of where robot 1's arm begins holds its base alone: the base drifts
     changed = np.abs(after - before).sum(axis=2) > 60
     pane = changed[y : y + height, x : x + width]
@@ -44,16 +45,12 @@ def test_bodies_move_and_nothing_is_asked_of_the_network(browser, paper, tmp_pat
 
 def test_the_whole_motion_fills_the_view(browser, paper, tmp_path):
     for size in ((1400, 900), (700, 900)):
-        page = _show(
-            browser, tmp_path / "p.html", animation_page(paper), "#t=5", width=size[0], height=size[1]
-        )
-        page.evaluate(
-            "for (const id of ['readout', 'layers', 'scale']) document.getElementById(id).style.display = 'none'"
-        )
+        page = _show(browser, tmp_path / "p.html", animation_page(paper), "#t=5", size)
+        page.evaluate(HIDE)
         picture = page.picture()
-        top = int(page.evaluate("document.getElementById('pane').getBoundingClientRect().top")) + 2
-        bottom = int(page.evaluate("document.getElementById('pane').getBoundingClientRect().bottom")) - 2
-        gold = (picture[top:bottom, :, 0] - picture[top:bottom, :, 2]) > 70
+        _, y, _, height = map(int, page.evaluate(BOX))
+        pane = picture[y + 2 : y + height - 2]
+        gold = (pane[:, :, 0] - pane[:, :, 2]) > 70
         columns, rows = np.nonzero(gold.any(axis=0))[0], np.nonzero(gold.any(axis=1))[0]
         # gold bases and orange links reach from the lower third to the upper one, and touch no edge
         assert rows[0] > 2
@@ -79,9 +76,7 @@ def test_it_plays_pauses_and_scrubs(browser, paper, tmp_path):
     stopped = page.evaluate("document.body.dataset.time")
     page.picture()
     assert page.evaluate("document.body.dataset.time") == stopped
-    page.evaluate(
-        "(() => { const s = document.getElementById('scrub'); s.value = 7; s.dispatchEvent(new Event('input')); })()"
-    )
+    page.evaluate(f"(() => {{ const s = document.getElementById('scrub'); {SCRUB}; }})()")
     assert page.evaluate("document.body.dataset.time") == "7.000"
     assert page.complaints == []
 
