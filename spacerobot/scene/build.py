@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -108,10 +109,14 @@ def resolve(
 
 
 def _change(document: Document, pattern: str, value: Any, source: Path | None) -> Document:
+    """Document with one change, the defaults of a section that it opens filled in for the changes to come."""
     try:
-        return assign(document, pattern, value)
+        changed = assign(document, pattern, value)
     except ScenarioError as fault:
         raise ScenarioError(fault.message, source=source, where=f"--set {fault.where}") from None
+    with contextlib.suppress(ScenarioError):  # several changes may be valid together only
+        changed = to_document(validate(changed))
+    return changed
 
 
 def _frame(model: Any, body: SceneBody, link: str, where: str, source: Path | None) -> int:

@@ -88,8 +88,17 @@ def _set_base(model: Any, body: SceneBody, position: Array, q: Array, v: Array) 
         q[joint.idx_q : joint.idx_q + 4] = [position[0], position[1], np.cos(yaw), np.sin(yaw)]
         v[joint.idx_v : joint.idx_v + 3] = [linear[0], linear[1], angular[2]]
     else:
-        q[joint.idx_q : joint.idx_q + 7] = pin.SE3ToXYZQUAT(pin.SE3(rotation, position))
+        q[joint.idx_q : joint.idx_q + 7] = [*position, *_quaternion(np.radians(body.base.rotation_deg))]
         v[joint.idx_v : joint.idx_v + 6] = np.concatenate([linear, angular])
+
+
+def _quaternion(rpy: Array) -> Array:
+    """Quaternion x, y, z, w (4,) of roll, pitch, yaw [rad]; its sign follows the angles without a jump."""
+    roll, pitch, yaw = (
+        pin.Quaternion(pin.AngleAxis(float(angle), axis)) for angle, axis in zip(rpy, np.eye(3), strict=True)
+    )
+    quaternion: Array = (yaw * pitch * roll).coeffs()
+    return quaternion
 
 
 def _set_joints(model: Any, body: SceneBody, q: Array, v: Array) -> None:
