@@ -48,9 +48,7 @@ def initial_state(scene: Scene, parameters: Parameters) -> Start:
     q, v = ca.SX(scene.model.nq, 1), ca.SX(scene.model.nv, 1)
     for body in scene.bodies:
         _set_joints(scene.model, body, parameters, q, v)
-        closes = body.base.close_grasp is not None
-        position = ca.SX(3, 1) if closes else parameters.vector(f"{body.path}.base.position")
-        _set_base(scene.model, body, parameters, position, q, v)
+        _set_base(scene.model, body, parameters, q, v)
     for body, own, other in closing_order(scene.bodies, scene.grasps):
         kinematics = forward_kinematics(scene.model, q)
         gap = (
@@ -63,13 +61,16 @@ def initial_state(scene: Scene, parameters: Parameters) -> Start:
     return Start(scene.model, q, v, forward_kinematics(scene.model, q))
 
 
-def _set_base(
-    model: Any, body: SceneBody, parameters: Parameters, position: ca.SX, q: ca.SX, v: ca.SX
-) -> None:
+def _set_base(model: Any, body: SceneBody, parameters: Parameters, q: ca.SX, v: ca.SX) -> None:
+    """Set a floating base, at the origin if it is placed by closing a grasp; a fixed one is the model's."""
     if not body.root_joint:
         return
     joint = model.joints[body.root_joint]
     path = f"{body.path}.base"
+    position = ca.SX(3, 1)
+    if body.base.close_grasp is None:
+        axes = 2 if body.base.joint == "planar" else 3  # a planar base's height is the model's
+        position[:axes] = parameters.vector(f"{path}.position", axes)
     if body.base.joint == "planar":
         yaw = parameters(f"{path}.rotation_deg.2") * DEGREE
         cos, sin = ca.cos(yaw), ca.sin(yaw)
