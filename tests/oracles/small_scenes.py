@@ -95,7 +95,11 @@ name: deep
 robots:
   one:
     urdf: odd_arm.urdf
-    base: {joint: free_flyer, rotation_deg: [20, -30, 40], velocity: [0.01, 0.02, -0.01], spin_deg: [1, -2, 3]}
+    base:
+      joint: free_flyer
+      rotation_deg: [20, -30, 40]
+      velocity: [0.01, 0.02, -0.01]
+      spin_deg: [1, -2, 3]
     joints:
       slant: {angle_deg: 20, rate_deg: 2}
       round: {angle_deg: -50}
