@@ -115,14 +115,33 @@ def _node_faces(node: Node, placement: Array, view: View) -> list[tuple[float, A
     return found
 
 
-def fit(axes: Axes, low: Array, high: Array, view: View, *, margin: float = 0.04) -> None:
-    """Set equal scales and limits so that a box of the world fills the picture."""
+def fit(
+    axes: Axes, low: Array, high: Array, view: View, *, margin: float = 0.04, shape: float | None = None
+) -> None:
+    """Set equal scales and limits so that a box of the world fits the picture.
+
+    Parameters
+    ----------
+    axes
+        The picture.
+    low, high
+        Corners of the box (3,), m.
+    view
+        How it is seen.
+    margin
+        Room around it, as a share of its longer side.
+    shape
+        Height of the picture over its width, to fill it; as the box needs it if not given.
+    """
     box = np.array(
         [[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])]
     )
     flat = view.flat(box)
     least, greatest = flat.min(axis=0), flat.max(axis=0)
-    pad = margin * float((greatest - least).max())
-    axes.set_xlim(least[0] - pad, greatest[0] + pad)
-    axes.set_ylim(least[1] - pad, greatest[1] + pad)
+    size = (greatest - least) + 2 * margin * float((greatest - least).max())
+    if shape is not None:
+        size = np.array([max(size[0], size[1] / shape), max(size[1], size[0] * shape)])
+    middle = (least + greatest) / 2
+    axes.set_xlim(middle[0] - size[0] / 2, middle[0] + size[0] / 2)
+    axes.set_ylim(middle[1] - size[1] / 2, middle[1] + size[1] / 2)
     axes.set_aspect("equal")

@@ -176,9 +176,10 @@ class Player {
     if (!spans.length || !this.boxes) return;
     const beside = $("arrange").value === "beside";
     this.boxes.forEach(([low, high], k) => {
-      const at = Eye.toThree([(low[0] + high[0]) / 2, high[1], high[2]]).project(this.viewer.camera);
+      const foot = this.payload.planar ? [low[1], 0] : [(low[1] + high[1]) / 2, low[2]];
+      const at = Eye.toThree([(low[0] + high[0]) / 2, ...foot]).project(this.viewer.camera);
       spans[k].style.left = `${((at.x + 1) / 2) * $("pane").clientWidth}px`;
-      spans[k].style.top = `${Math.max(20, ((1 - at.y) / 2) * $("pane").clientHeight + 4)}px`;
+      spans[k].style.top = `${Math.min($("pane").clientHeight - 24, ((1 - at.y) / 2) * $("pane").clientHeight)}px`;
       spans[k].hidden = !beside;
     });
   }

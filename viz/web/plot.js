@@ -28,7 +28,7 @@ class Plot {
         for (let i = 0; i < Math.max(2, kept * values.length); i++) greatest = Math.max(greatest, values[i] || 0);
       }
     }
-    this.greatest = greatest > 0 ? greatest : 1e-3;
+    this.greatest = greatest > 1e-6 ? greatest : 1e-6;
   }
 
   draw(time) {
@@ -92,5 +92,5 @@ function millimetres(metres) {
   const mm = metres * 1e3;
   if (mm >= 1000) return `${(mm / 1e3).toPrecision(3)} m`;
   if (mm >= 1) return `${mm.toPrecision(3)} mm`;
-  return mm >= 1e-3 || mm === 0 ? `${mm.toFixed(3)} mm` : `${mm.toExponential(0)} mm`;
+  return mm >= 5e-4 || mm === 0 ? `${mm.toFixed(3)} mm` : "< 0.001 mm";
 }

@@ -1,0 +1,172 @@
+"""Figures: what they plot is the result's data, and every axis says its unit."""
+
+import re
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+
+from spacerobot.errors import ResultError
+from spacerobot.paper import FIGURE_7_MM, FIGURE_10_MM
+from viz.figures import (
+    KINDS,
+    base_motion,
+    convergence,
+    docking,
+    draw_all,
+    grip_forces,
+    joints,
+    ledger,
+    object_motion,
+    robustness,
+    save_figures,
+    sensitivities,
+    tip_errors,
+    tip_paths,
+)
+
+UNIT = re.compile(r"\[(m|mm|s|deg|N|N m|N s|N m s|J|1|%)\]$")
+
+
+def _lines(figure, title):
+    axes = next(axes for axes in figure.axes if title in (axes.get_title("left"), axes.get_title()))
+    return {line.get_label(): line.get_xydata() for line in axes.get_lines()}
+
+
+def _check_units(figure):
+    for axes in figure.axes:
+        if not axes.axison:
+            continue
+        shared_x = axes.get_subplotspec().is_last_row() or axes.get_xlabel()
+        shared_y = axes.get_subplotspec().is_first_col() or axes.get_ylabel()
+        assert not shared_x or UNIT.search(axes.get_xlabel()), axes.get_xlabel()
+        assert not shared_y or axes.get_yticklabels()[0].get_text() or UNIT.search(axes.get_ylabel())
+
+
+@pytest.mark.parametrize("name", ["paper", "spatial", "diverged"])
+def test_every_axis_has_a_unit_and_every_figure_draws(name, request):
+    result = request.getfixturevalue(name)
+    drawn = list(draw_all(result))
+    assert [file for file, _, _ in drawn] == [kind.name for kind in KINDS]
+    for _, _, figure in drawn:
+        _check_units(figure)
+        figure.canvas.draw()
+
+
+def test_tip_errors_are_the_results_in_millimetres(paper):
+    figure = tip_errors(paper)
+    drawn = _lines(figure, "rpr2/tip, y")["amnesia"]
+    np.testing.assert_allclose(drawn[:, 0], paper.data.time)
+    np.testing.assert_allclose(drawn[:, 1], paper.data.tip_error.sel(tip="rpr2/tip", axis="y") * 1e3)
+    assert {axes.get_ylim() for axes in figure.axes} == {figure.axes[0].get_ylim()}
+
+
+def test_the_papers_bands_lie_behind_the_papers_scenario_alone(paper, spatial):
+    axes = next(a for a in tip_errors(paper).axes if a.get_title("left") == "rpr1/tip, y")
+    low, high = axes.patches[0].get_y(), axes.patches[0].get_y() + axes.patches[0].get_height()
+    assert (low, high) == pytest.approx(FIGURE_7_MM[1])
+    dashed = [line.get_ydata()[0] for line in axes.get_lines() if len(line.get_ydata()) == 2]
+    assert set(FIGURE_10_MM[1]) <= set(dashed)
+    assert not any(axes.patches for axes in tip_errors(spatial).axes)
+
+
+def test_before_and_after_share_one_scale(paper, blind):
+    figure = tip_errors(blind, paper)
+    drawn = _lines(figure, "rpr1/tip, x")
+    assert {"pid", "amnesia"} <= set(drawn)
+    assert np.abs(drawn["pid"][:, 1]).max() > 50 * np.abs(drawn["amnesia"][:, 1]).max()
+
+
+def test_paths_have_four_panels_for_two_results(paper, blind):
+    figure = tip_paths(blind, paper)
+    drawn = _lines(figure, "(d) rpr2/tip, amnesia")
+    np.testing.assert_allclose(drawn["actual"], paper.data.tip_position.sel(tip="rpr2/tip").values[:, :2])
+    np.testing.assert_allclose(drawn["reference"], paper.data.tip_reference.sel(tip="rpr2/tip").values[:, :2])
+
+
+def test_object_and_bases_turn_and_move_as_the_result_says(paper):
+    angle = paper.data.body_angle
+    turned = _lines(object_motion(paper), "(a) object rotation")["about z"][:, 1]
+    expected = angle.sel(body="target")
+    np.testing.assert_allclose(turned, np.degrees(expected - expected[0]))
+    moved = _lines(base_motion(paper), "base of rpr2, translation")["y"][:, 1]
+    position = paper.data.body_position.sel(body="rpr2", axis="y")
+    np.testing.assert_allclose(moved, (position - position[0]) * 1e3)
+
+
+def test_joints_and_grips_are_the_results(paper):
+    figure = joints(paper)
+    angles = next(axes for axes in figure.axes if axes.get_title("left") == "rpr1, joint angles")
+    drawn = np.array([line.get_ydata() for line in angles.get_lines()])
+    np.testing.assert_allclose(drawn, np.degrees(paper.data.joint_position.values[:, :8]).T)
+    torques = next(axes for axes in figure.axes if axes.get_title("left") == "rpr2, actuator torques")
+    drawn = np.array([line.get_ydata() for line in torques.get_lines()])
+    np.testing.assert_allclose(drawn, paper.data.joint_torque.values[:, 8:].T)
+    force = _lines(grip_forces(paper), "grasp left, force")["x"][:, 1]
+    np.testing.assert_allclose(force, paper.data.grasp_force.sel(grasp="left", axis="x"))
+
+
+def test_the_ledgers_drift_is_the_summarys(paper):
+    drawn = _lines(ledger(paper), "momentum drift, open energy")
+    kept = paper.summary["ledger"]
+    for kind in ("linear", "angular"):
+        drift = np.nanmax(drawn[f"{kind} momentum"][:, 1])
+        assert drift == pytest.approx(kept["momentum"][kind]["relative_drift"])
+    assert np.nanmax(drawn["energy"][:, 1]) == pytest.approx(kept["energy"]["relative_residual"])
+
+
+def test_the_strip_shows_the_bases_where_they_are(paper):
+    """Centre of robot 1's gold base in the middle frame against the result's base position."""
+    figure = docking(paper, frames=3)
+    panel = next(axes for axes in figure.axes if axes.get_title("left") == "t = 5 s")
+    drawn = max(panel.collections, key=lambda c: c.get_zorder())
+    squares = [path.vertices[:4] for path in drawn.get_paths() if len(path.vertices) == 5]
+    sides = [np.linalg.norm(square[1] - square[0]) for square in squares]
+    centres = [s.mean(axis=0) for s, side in zip(squares, sides, strict=True) if side == pytest.approx(0.68)]
+    wanted = paper.data.body_position.sel(body="rpr1").sel(time=5.0, method="nearest").values[:2]
+    assert min(np.linalg.norm(centre - wanted) for centre in centres) < 1e-9
+
+
+def test_files_are_written_the_same_each_time(paper, blind, tmp_path):
+    for folder in ("a", "b"):
+        save_figures(blind, tmp_path / folder, paper, formats=("svg", "png"), names=["tip_errors", "ledger"])
+    names = sorted(path.name for path in (tmp_path / "a").iterdir())
+    assert names == sorted(f"{n}.{f}" for n in ("tip_errors", "ledger", "ledger_2") for f in ("svg", "png"))
+    for name in names:
+        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
+
+
+def test_wrong_names_are_told_with_near_ones(paper, tmp_path):
+    with pytest.raises(ResultError, match="did you mean joints"):
+        save_figures(paper, tmp_path, names=["joint"])
+    with pytest.raises(ResultError, match="pdf, png, svg"):
+        save_figures(paper, tmp_path, formats=["tiff"])
+
+
+def test_drawing_leaves_the_callers_style_alone_and_shows_itself(paper):
+    before = dict(mpl.rcParams)
+    text = ledger(paper)._repr_svg_()
+    assert text.lstrip().startswith("<?xml")
+    assert dict(mpl.rcParams) == before
+
+
+def test_convergence_keeps_the_best_and_skips_what_diverged():
+    figure = convergence(
+        {"a": [3.0, np.nan, 5.0, 1.0], "b": [[0, 2.0], [10, 1.0]]}, quantity="error", unit="mm"
+    )
+    best = [line.get_ydata().tolist() for line in figure.axes[0].get_lines()]
+    assert best == [[3.0, 3.0, 3.0, 1.0], [2.0, 1.0]]
+    _check_units(figure)
+
+
+def test_sensitivities_put_the_strongest_first():
+    figure = sensitivities(["weak", "strong"], {"design": [0.1, -2.0]}, quantity="error")
+    assert [label.get_text() for label in figure.axes[0].get_yticklabels()] == ["strong", "weak"]
+    assert [bar.get_width() for bar in figure.axes[0].patches] == [-2.0, 0.1]
+
+
+def test_robustness_counts_diverged_runs_as_worst():
+    figure = robustness({"design": [1.0, np.nan, 2.0, 3.0]}, quantity="error", unit="mm", limit=2.5)
+    drawn = figure.axes[0].get_lines()[0].get_xydata()
+    assert drawn.tolist() == [[1.0, 0.25], [2.0, 0.5], [3.0, 0.75]]
+    _check_units(figure)

@@ -1,0 +1,90 @@
+"""The live viewer: on loopback only, past busy ports, for nobody but this computer's own page."""
+
+import http.client
+import socket
+from pathlib import Path
+
+import pytest
+
+from spacerobot.scene import load_scene
+from viz.live import ADDRESS, LiveViewer
+from viz.notebook import embed
+
+
+@pytest.fixture
+def viewer():
+    with LiveViewer(7400) as made:
+        yield made
+
+
+def _get(viewer, path="/", headers=None, **more):
+    connection = http.client.HTTPConnection(ADDRESS, viewer.port, timeout=5)
+    connection.request("GET", path, headers=headers or {}, **more)
+    return connection.getresponse()
+
+
+def _listeners(port):
+    """Local addresses (hexadecimal, as the kernel writes them) that listen on a port."""
+    found = []
+    for table in ("/proc/net/tcp", "/proc/net/tcp6"):
+        for line in Path(table).read_text().splitlines()[1:]:
+            local, state = line.split()[1], line.split()[3]
+            if state == "0A" and int(local.rpartition(":")[2], 16) == port:
+                found.append(local.rpartition(":")[0])
+    return found
+
+
+def test_it_listens_on_loopback_only(viewer):
+    assert _get(viewer).status == 200
+    assert _listeners(viewer.port) == ["0100007F"]
+    outward = {info[4][0] for info in socket.getaddrinfo(socket.gethostname(), None, socket.AF_INET)}
+    for address in outward - {ADDRESS}:
+        if address.startswith("127."):
+            continue
+        with pytest.raises((ConnectionRefusedError, TimeoutError)):
+            socket.create_connection((address, viewer.port), timeout=1)
+
+
+def test_it_answers_no_foreign_page(viewer):
+    assert _get(viewer, headers={"Host": f"evil.example:{viewer.port}"}).status == 403
+    upgrade = {
+        "Connection": "Upgrade",
+        "Upgrade": "websocket",
+        "Sec-WebSocket-Version": "13",
+        "Sec-WebSocket-Key": "AAAAAAAAAAAAAAAAAAAAAA==",
+    }
+    assert _get(viewer, "/stream", upgrade | {"Origin": "http://evil.example"}).status == 403
+    own = upgrade | {"Origin": f"http://{ADDRESS}:{viewer.port}"}
+    assert _get(viewer, "/stream", own).status == 101
+
+
+def test_a_busy_port_is_stepped_over(viewer):
+    with LiveViewer(viewer.port) as second:
+        assert second.port > viewer.port
+        assert _get(second).status == 200
+
+
+def test_nothing_listens_once_it_is_closed():
+    viewer = LiveViewer(7400)
+    viewer.close()
+    assert _listeners(viewer.port) == []
+
+
+def test_a_page_follows_a_run(browser, viewer, paper):
+    viewer.show_scene(load_scene("paper"))
+    browser.open(viewer.url)
+    browser.wait_for("document.body?.dataset.shown === '1'")
+    viewer.tell("rolling out")
+    browser.wait_for("document.getElementById('about').textContent === 'rolling out'")
+    viewer.show(paper)
+    browser.wait_for("document.body.dataset.shown === '2' && Number(document.body.dataset.time) > 0.2")
+    assert "rpr1/tip error" in browser.evaluate("document.getElementById('readout').innerText")
+    assert viewer.wait_for_page(0)
+    assert browser.complaints == []
+    assert {url.split("/")[2] for url in browser.requests if "://" in url} == {f"{ADDRESS}:{viewer.port}"}
+
+
+def test_notebooks_embed_the_page_whole(paper):
+    text = embed(paper)._repr_html_()
+    assert text.startswith('<iframe sandbox="allow-scripts"')
+    assert text.count("<") == 2  # its own opening and closing tag: all else is escaped

@@ -1,0 +1,122 @@
+"""The report: complete, escaped, self-contained, and true."""
+
+import dataclasses
+import re
+import time
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from spacerobot.cli import animate, figures, report
+from spacerobot.errors import ResultError
+from spacerobot.result.result import Result
+from viz.report import SECTIONS, Section, find_results, write_report
+from viz.report import report as report_page
+from viz.report_sections import differences
+
+
+@pytest.fixture(scope="module")
+def comparison(paper, blind):
+    return report_page(blind, paper)
+
+
+def test_it_holds_every_section_that_applies(comparison, paper):
+    named = re.findall(r'<section id="(\w+)">', comparison)
+    assert named == [section.name for section in SECTIONS if section.name != "warnings"]
+    assert comparison.count("data:image/svg+xml") == 3 + 2 * 5
+    for assumption in paper.summary["assumptions"]:
+        assert assumption.split("'")[0] in comparison
+
+
+def test_its_numbers_are_the_summarys(comparison, paper):
+    error = paper.summary["tip_error"]["rpr1/tip"]
+    assert f"{error['x']['min_m'] * 1e3:+.3f} .. {error['x']['max_m'] * 1e3:+.3f}" in comparison
+    row = next(row for row in comparison.split("<tr>") if "amnesia</th>" in row and "Fig. 7" in row)
+    verdicts = re.findall("[✓✗]", row)
+    assert verdicts == ["✗", "✓", "✓", "✓"]  # robot 1 reaches -1.63 mm in x, the paper -1.18
+
+
+def test_it_opens_without_a_network_and_plays(browser, comparison, tmp_path):
+    path = tmp_path / "report.html"
+    path.write_text(comparison, encoding="utf-8")
+    for size in ((1400, 900), (800, 600)):
+        browser.open(path.as_uri(), *size)
+        browser.wait_for("document.readyState === 'complete'")
+        assert browser.evaluate("document.documentElement.scrollWidth <= window.innerWidth")
+        assert browser.evaluate(
+            "[...document.images].every((image) => image.complete && image.naturalWidth > 0)"
+        )
+        browser.evaluate("document.querySelector('iframe').scrollIntoView()")
+        end = time.monotonic() + 15
+        # the player's blue panels and gold bases, drawn by the scripts of a page within the page
+        while _share_of_gold(browser.picture()) < 0.005:
+            assert time.monotonic() < end, "the animation did not appear"
+    assert browser.complaints == []
+    assert [
+        url for url in browser.requests if not url.startswith(("file:", "data:", "blob:", "about:"))
+    ] == []
+
+
+def _share_of_gold(picture):
+    return ((picture[:, :, 0] - picture[:, :, 2] > 90) & (picture[:, :, 1] > 110)).mean()
+
+
+def test_texts_from_files_are_escaped(paper):
+    evil = "<script>alert(1)</script>"
+    scenario = paper.scenario.model_copy(update={"description": evil})
+    summary = dict(paper.summary) | {"assumptions": [evil]}
+    text = report_page(Result(scenario, paper.data, summary), title=evil)
+    assert evil not in text
+    assert "&lt;script&gt;alert(1)&lt;/script&gt;" in text
+
+
+def test_a_diverged_result_says_so_first(diverged):
+    text = report_page(diverged, sections=SECTIONS[:2])
+    assert "diverged after 0.42 s of 10 s" in text
+    assert text.index('id="warnings"') < text.index('id="numbers"')
+
+
+def test_others_may_add_sections(paper):
+    extra = Section("tuning", "Tuning", lambda subject: f"<p>{subject.labels[0]}</p>")
+    text = report_page(paper, sections=[extra, Section("none", "None", lambda _: None)])
+    assert re.findall(r'<section id="(\w+)">', text) == ["tuning"]
+
+
+def test_differences_are_the_changed_leaves():
+    a, b = {"x": {"y": 1, "z": [1, 2]}}, {"x": {"y": 2, "z": [1, 2]}, "w": None}
+    assert differences([a, b]) == [("x.y", ["1", "2"]), ("w", ["-", "None"])]
+
+
+def test_folders_of_results_are_found(paper, blind, tmp_path):
+    (tmp_path / "all").mkdir()
+    for result in (paper, blind):
+        (tmp_path / "all" / result.folder.name).symlink_to(result.folder)
+    assert [r.folder.name for r in find_results([tmp_path / "all"])] == ["amnesia", "pid"]
+    with pytest.raises(ResultError, match="no such folder"):
+        find_results([tmp_path / "none"])
+
+
+def test_a_folder_that_cannot_be_written_is_one_clear_line(paper, tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ResultError, match=r"file.report\.html: cannot be written"):
+        write_report(tmp_path / "file" / "report.html", dataclasses.replace(paper))
+
+
+def test_the_commands_write_what_they_say(paper, blind, tmp_path):
+    app = typer.Typer()
+    for module in (animate, figures, report):
+        module.register(app)
+    run = CliRunner().invoke
+    first, second = str(blind.folder), str(paper.folder)
+    page = tmp_path / "page.html"
+    assert run(app, ["animate", first, "--compare", second, "--html", str(page)]).exit_code == 0
+    assert page.stat().st_size > 1e6
+    out = tmp_path / "figures"
+    assert (
+        run(app, ["figures", first, "--out", str(out), "--format", "svg", "--only", "joints"]).exit_code == 0
+    )
+    assert [path.name for path in out.iterdir()] == ["joints.svg"]
+    done = run(app, ["report", first, "--out", str(tmp_path / "r.html")])
+    assert "r.html" in done.output.replace("\n", "")
+    assert (tmp_path / "r.html").exists()

@@ -1,0 +1,22 @@
+"""``python -m viz.readme_picture``: simulate the paper's scenario and record it for the README."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from spacerobot.scene import load_scene
+from spacerobot.simulate import simulate
+from viz.record import write_recording
+
+TARGET = Path(__file__).parents[1] / "docs" / "images" / "docking.gif"
+
+
+def main(target: Path = TARGET) -> None:
+    """Write the picture."""
+    result = simulate(load_scene("paper"))
+    write_recording(target, result, frames_per_s=10, speed=2, size_px=(720, 440))
+
+
+if __name__ == "__main__":
+    main(*map(Path, sys.argv[1:2]))

@@ -1,0 +1,119 @@
+"""One self-contained page about one or several results."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+
+from spacerobot.errors import ResultError
+from spacerobot.files import write_text
+from spacerobot.result import Result, load
+from spacerobot.result.store import SUMMARY
+from viz import report_sections as parts
+from viz.figures.collect import check_comparable
+from viz.page import fill, policy
+
+
+@dataclass(frozen=True)
+class Section:
+    """A part of a report.
+
+    Attributes
+    ----------
+    name
+        Of its anchor.
+    title
+        Its heading.
+    body
+        HTML of it, or None where it does not apply. Texts that come from files must be escaped,
+        as :func:`viz.report_sections.escape` does.
+    """
+
+    name: str
+    title: str
+    body: Callable[[parts.Subject], str | None]
+
+
+SECTIONS = (
+    Section("warnings", "Look at this first", parts.warnings),
+    Section("numbers", "Headline numbers", parts.numbers),
+    Section("paper", "Against the paper", parts.against_the_paper),
+    Section("animation", "Animation", parts.moving),
+    Section("run", "What was run", parts.what_was_run),
+    Section("figures", "Figures", parts.figures),
+    Section("ledger", "Ledger", parts.ledger),
+    Section("assumptions", "Assumptions", parts.assumptions),
+    Section("origins", "Versions and scenarios", parts.origins),
+)
+"""What every report holds, in order."""
+
+
+def report(*results: Result, title: str | None = None, sections: Sequence[Section] = SECTIONS) -> str:
+    """HTML of a report; it needs no network and prints well.
+
+    Parameters
+    ----------
+    results
+        What it is about, the first one foremost.
+    title
+        Heading; made of the results' names if not given.
+    sections
+        What it holds; other packages may add theirs.
+
+    Raises
+    ------
+    ResultError
+        If the results cannot be compared.
+    """
+    check_comparable(results)
+    subject = parts.subject_of(results)
+    bodies = [(section, section.body(subject)) for section in sections]
+    shown = [(section, body) for section, body in bodies if body is not None]
+    links = "".join(f'<a href="#{s.name}">{parts.escape(s.title)}</a>' for s, _ in shown)
+    text = "".join(
+        f'<section id="{s.name}"><h2>{parts.escape(s.title)}</h2>{body}</section>' for s, body in shown
+    )
+    heading = title or " · ".join(subject.labels[:4]) + (" · ..." if len(subject.labels) > 4 else "")
+    web = files("viz") / "web"
+    return fill(
+        (web / "report.html").read_text(encoding="utf-8"),
+        {
+            "policy": policy(),
+            "title": parts.escape(heading),
+            "style": (web / "report.css").read_text(encoding="utf-8"),
+            "links": links,
+            "sections": text,
+        },
+    )
+
+
+def write_report(path: Path, *results: Result, title: str | None = None) -> None:
+    """Write the page of :func:`report`.
+
+    Raises
+    ------
+    ResultError
+        If the file cannot be written or the results cannot be compared.
+    """
+    write_text(path, report(*results, title=title))
+
+
+def find_results(folders: Sequence[Path]) -> list[Result]:
+    """Results in folders: each is one, or holds several.
+
+    Raises
+    ------
+    ResultError
+        If a folder holds none, or one cannot be read.
+    """
+    found = []
+    for folder in folders:
+        inside = sorted(path.parent for path in folder.glob(f"*/{SUMMARY}")) if folder.is_dir() else []
+        if (folder / SUMMARY).exists() or not inside:
+            inside = [folder]
+        found += [load(path) for path in inside]
+    if not found:
+        raise ResultError("no results named")
+    return found

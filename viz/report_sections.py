@@ -1,0 +1,254 @@
+"""Sections of a report: small functions from results to HTML, or to nothing where they do not apply."""
+
+from __future__ import annotations
+
+import base64
+import html
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from spacerobot.paper import AXES, FIGURE_7_MM, FIGURE_10_MM, PID_ONLY_MM, error_bands_mm
+from spacerobot.result import Result
+from spacerobot.result.table import headline, status_text
+from spacerobot.scenario.load import to_document, to_yaml
+from viz.animation import notices
+from viz.figures import draw_all, to_bytes
+from viz.figures.style import labels_of
+from viz.notebook import frame
+from viz.page import animation_page
+
+MOST_COMPARED = 4
+"""More results than these are listed in tables, but not drawn over each other."""
+
+
+@dataclass(frozen=True)
+class Subject:
+    """What a report is about.
+
+    Attributes
+    ----------
+    results
+        The results, the first one foremost.
+    labels
+        A short name for each.
+    """
+
+    results: tuple[Result, ...]
+    labels: tuple[str, ...]
+
+    @property
+    def drawn(self) -> tuple[Result, ...]:
+        """Results that are drawn: all, or the first alone where they are too many."""
+        return self.results if len(self.results) <= MOST_COMPARED else self.results[:1]
+
+
+def subject_of(results: Sequence[Result]) -> Subject:
+    """Subject of a report about these results."""
+    return Subject(tuple(results), tuple(labels_of(results)))
+
+
+def warnings(subject: Subject) -> str | None:
+    """What must be known before believing the rest."""
+    items = []
+    for result, label in zip(subject.results, subject.labels, strict=True):
+        items += [f"{label}: {line}" for line in notices(result, result.scene())]
+    return _list(items, "warnings") if items else None
+
+
+def what_was_run(subject: Subject) -> str | None:
+    """The scenarios, and where they differ."""
+    parts = []
+    for name, description in dict.fromkeys(
+        (r.scenario.name, r.scenario.description) for r in subject.results
+    ):
+        parts.append(f"<p><strong>{escape(name)}</strong>: {escape(description or 'no description')}</p>")
+    rows = [
+        [label, status_text(r.summary["status"]), _engine(r.summary)]
+        for r, label in zip(subject.results, subject.labels, strict=True)
+    ]
+    parts.append(table(["result", "status", "engine"], rows))
+    differing = differences([to_document(result.scenario) for result in subject.results])
+    if differing:
+        parts.append("<h3>Where the scenarios differ</h3>")
+        parts.append(table(["path", *subject.labels], [[path, *values] for path, values in differing[:60]]))
+        if len(differing) > 60:
+            parts.append(f"<p>... and in {len(differing) - 60} more places.</p>")
+    return "".join(parts)
+
+
+def numbers(subject: Subject) -> str | None:
+    """Headline numbers, a column for each result."""
+    columns = [dict(headline(result)) for result in subject.results]
+    names = list(dict.fromkeys(name for column in columns for name in column if name not in _ELSEWHERE))
+    return table(
+        ["", *subject.labels], [[name, *(column.get(name, "") for column in columns)] for name in names]
+    )
+
+
+_ELSEWHERE = ("status", "engine")
+
+
+def against_the_paper(subject: Subject) -> str | None:
+    """Tip errors beside those the paper prints, for scenarios called ``paper``."""
+    ours = [
+        (result, label)
+        for result, label in zip(subject.results, subject.labels, strict=True)
+        if result.scenario.name == "paper"
+        and result.completed
+        and {tip for tip, _ in AXES} <= set(result.summary["tip_error"])
+    ]
+    if not ours:
+        return None
+    headings = ["tip error [mm]", *(f"{tip} {axis}" for tip, axis in AXES)]
+    rows = [
+        ["the paper, PID and amnesia (Fig. 7)", *map(_span, FIGURE_7_MM)],
+        ["the paper, GA-tuned (Fig. 10)", *map(_span, FIGURE_10_MM)],
+    ]
+    for result, label in ours:
+        row = [label]
+        for (low, high), (least, greatest) in zip(error_bands_mm(result.summary), FIGURE_7_MM, strict=True):
+            inside = least <= low and high <= greatest
+            row.append(f"{_span((low, high))} {'✓ within Fig. 7' if inside else '✗ wider than Fig. 7'}")
+        rows.append(row)
+    note = (
+        "<p>Errors are reference minus position, least .. greatest over the run. With PID alone the paper "
+        f"speaks of {PID_ONLY_MM:g} mm (section 5), without saying of which tip or axis. Its bands are the "
+        "numbers that its text prints.</p>"
+    )
+    return table(headings, rows) + note
+
+
+def moving(subject: Subject) -> str | None:
+    """The animation; on paper the docking's frames stand for it."""
+    shown = subject.results[:2] if len(subject.results) == 2 else subject.results[:1]
+    text = '<p class="onpaper">The animation plays on a screen; its frames stand among the figures.</p>'
+    return text + frame(animation_page(*shown, autoplay=False), 640)
+
+
+def figures(subject: Subject) -> str | None:
+    """All figures, as vectors."""
+    parts = []
+    if len(subject.drawn) < len(subject.results):
+        parts.append(f"<p>The figures show {escape(subject.labels[0])} alone.</p>")
+    for name, kind, drawing in draw_all(*subject.drawn):
+        single = not kind.compares and len(subject.drawn) > 1
+        which = int(name.removeprefix(f"{kind.name}_")) - 1 if name != kind.name else 0
+        title = f"{kind.title}: {subject.labels[which]}" if single else kind.title
+        svg = base64.b64encode(to_bytes(drawing, "svg")).decode("ascii")
+        parts.append(
+            f'<figure id="{name}"><img alt="{escape(title)}" src="data:image/svg+xml;base64,{svg}">'
+            f"<figcaption>{escape(title)}</figcaption></figure>"
+        )
+    return "".join(parts)
+
+
+def ledger(subject: Subject) -> str | None:
+    """Momentum and energy, in numbers."""
+    rows: list[list[str]] = []
+    for result, label in zip(subject.results, subject.labels, strict=True):
+        momentum, energy = result.summary["ledger"]["momentum"], result.summary["ledger"]["energy"]
+        rows.append([label, *_momentum(momentum), *_energy(energy)])
+    headings = [
+        "result",
+        "linear momentum drift",
+        "angular momentum drift",
+        "actuators put in [J]",
+        "stored [J]",
+        "joints took [J]",
+        "grips took [J]",
+        "rigid grasps put in [J]",
+        "open [J]",
+    ]
+    note = (
+        "<p>Drifts are the greatest change of the total since the start and, in brackets, that relative to "
+        "the largest momentum of a single body. Energy: what actuators and rigid grasps put in is stored, or "
+        "taken by joints and grips; the greatest difference stays open.</p>"
+    )
+    return table(headings, rows) + note
+
+
+def assumptions(subject: Subject) -> str | None:
+    """What was assumed where the scenario is silent, those all share first."""
+    lists = [list(result.summary["assumptions"]) for result in subject.results]
+    shared = [line for line in lists[0] if all(line in other for other in lists)]
+    parts = [_list(shared, "assumptions")]
+    for label, lines in zip(subject.labels, lists, strict=True):
+        own = [line for line in lines if line not in shared]
+        if own:
+            parts.append(f"<h3>{escape(label)} alone</h3>{_list(own, 'assumptions')}")
+    return "".join(parts)
+
+
+def origins(subject: Subject) -> str | None:
+    """Versions, descriptions and the resolved scenarios: what it takes to do it again."""
+    parts = []
+    for result, label in zip(subject.results, subject.labels, strict=True):
+        rows = [[name, version] for name, version in result.summary["versions"].items()]
+        rows += [[f"{body}, sha256 of its URDF", sha] for body, sha in result.summary["urdf_sha256"].items()]
+        parts.append(f"<h3>{escape(label)}</h3>{table(['', ''], rows)}")
+        yaml = escape(to_yaml(result.scenario))
+        parts.append(f"<details><summary>resolved scenario</summary><pre>{yaml}</pre></details>")
+    return "".join(parts)
+
+
+def differences(documents: Sequence[Any]) -> list[tuple[str, list[str]]]:
+    """Dotted paths at which documents differ, with the value of each as text."""
+    flat = [dict(_leaves(document, "")) for document in documents]
+    paths = list(dict.fromkeys(path for leaves in flat for path in leaves))
+    found = [(path, [str(leaves.get(path, "-")) for leaves in flat]) for path in paths]
+    return [(path, values) for path, values in found if len(set(values)) > 1]
+
+
+def _leaves(node: Any, path: str) -> list[tuple[str, Any]]:
+    if isinstance(node, dict):
+        found: list[tuple[str, Any]] = []
+        for key, value in node.items():
+            found += _leaves(value, f"{path}.{key}" if path else str(key))
+        return found
+    return [(path, node)]
+
+
+def table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """HTML table of plain texts, escaped."""
+    head = "".join(f"<th scope='col'>{escape(heading)}</th>" for heading in headings)
+    body = ""
+    for first, *others in rows:
+        cells = "".join(f"<td>{escape(cell)}</td>" for cell in others)
+        body += f"<tr><th scope='row'>{escape(first)}</th>{cells}</tr>"
+    head = f"<thead><tr>{head}</tr></thead>" if any(headings) else ""
+    return f"<div class='wide'><table>{head}<tbody>{body}</tbody></table></div>"
+
+
+def escape(text: str) -> str:
+    """Text that HTML shows literally."""
+    return html.escape(str(text), quote=True)
+
+
+def _list(items: Sequence[str], name: str) -> str:
+    return f"<ul class='{name}'>" + "".join(f"<li>{escape(item)}</li>" for item in items) + "</ul>"
+
+
+def _span(band: tuple[float, float]) -> str:
+    return f"{band[0]:.3g} .. {band[1]:.3g}"
+
+
+def _engine(summary: Any) -> str:
+    engine = summary["engine"]
+    step = f", steps of {engine['step_s'] * 1e3:g} ms" if engine["step_s"] else ""
+    return f"{engine['name']} ({engine['backend']}){step}; {summary['timing_s']['rollout'] * 1e3:.0f} ms"
+
+
+def _momentum(momentum: Any) -> list[str]:
+    if not momentum["conserved"]:
+        return [f"not conserved: {momentum['reason']}"] * 2
+    return [
+        f"{momentum[kind][f'drift_{unit}']:.2g} {text} ({momentum[kind]['relative_drift']:.1g})"
+        for kind, unit, text in (("linear", "n_s", "N s"), ("angular", "n_m_s", "N m s"))
+    ]
+
+
+def _energy(energy: Any) -> list[str]:
+    names = ("actuator_work_j", "stored_change_j", "joint_loss_j", "grasp_loss_j", "constraint_work_j")
+    numbers = [f"{energy[name]:.4g}" for name in names]
+    return [*numbers, f"{energy['largest_residual_j']:.2g} ({energy['relative_residual']:.1g})"]
