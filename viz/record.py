@@ -25,7 +25,7 @@ from viz.projection import fit, view_of
 
 FORMATS = (".gif", ".mp4")
 DPI = 100
-_GIF_COLOURS = 64
+_GIF_COLOURS = 96
 
 
 def write_recording(
@@ -104,6 +104,8 @@ def _gif(pictures: Iterator[Image.Image], frames_per_s: float) -> bytes:
     """One palette for all frames, so that what stands still costs nothing."""
     all_pictures = list(pictures)
     palette = all_pictures[len(all_pictures) // 2].quantize(_GIF_COLOURS, method=Image.Quantize.MEDIANCUT)
+    white = [255 if value >= 248 else value for value in palette.getpalette() or []]
+    palette.putpalette(white)  # the background stays what the page around it is
     flat = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in all_pictures]
     buffer = io.BytesIO()
     each_ms = round(1000 / frames_per_s / 10) * 10  # the format counts hundredths

@@ -1,0 +1,81 @@
+"""``spacerobot animate``: play a result in the browser."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from spacerobot.cli.output import console, progress
+
+if TYPE_CHECKING:
+    from spacerobot.result import Result
+
+ResultFolder = Annotated[Path, typer.Argument(metavar="RESULT", help="Folder of a result.")]
+Compare = Annotated[
+    Path | None, typer.Option("--compare", metavar="OTHER", help="Another result, shown beside or over it.")
+]
+Html = Annotated[
+    Path | None,
+    typer.Option("--html", metavar="FILE", help="Write one self-contained page instead of serving it."),
+]
+Record = Annotated[
+    Path | None, typer.Option("--record", metavar="FILE", help="Write a recording instead: .gif, or .mp4.")
+]
+Port = Annotated[int, typer.Option("--port", help="First port to try; a busy one is stepped over.")]
+NoBrowser = Annotated[bool, typer.Option("--no-browser", help="Only print the address.")]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command("animate", help=HELP)(command)
+
+
+HELP = """Play a result in the browser, or write a page or a recording of it.
+
+Examples:
+
+    spacerobot animate out/paper
+
+    spacerobot animate out/before --compare out/after --html docking.html
+"""
+
+
+def command(
+    result: ResultFolder,
+    compare: Compare = None,
+    html: Html = None,
+    record: Record = None,
+    port: Port = 7000,
+    no_browser: NoBrowser = False,
+) -> None:
+    """Play, write or record."""
+    from spacerobot.result import load
+
+    results = [load(folder) for folder in (result, compare) if folder is not None]
+    if html is not None:
+        from viz.page import write_animation
+
+        with progress("writing the page"):
+            write_animation(html, *results)
+        console().print(f"page in {html}", markup=False, soft_wrap=True)
+    if record is not None:
+        from viz.record import write_recording
+
+        with progress("recording"):
+            write_recording(record, results[0])
+        console().print(f"recording in {record}", markup=False, soft_wrap=True)
+    if html is None and record is None:
+        _serve(results, port, no_browser)
+
+
+def _serve(results: list[Result], port: int, no_browser: bool) -> None:
+    from viz.live import LiveViewer
+
+    with LiveViewer(port) as viewer:
+        viewer.show(*results)
+        console().print(f"playing at {viewer.url}; Ctrl-C ends it", markup=False, soft_wrap=True)
+        if not no_browser:
+            viewer.open()
+        viewer.wait()

@@ -1,0 +1,54 @@
+"""``spacerobot figures``: draw a result."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from spacerobot.cli.animate import Compare, ResultFolder
+from spacerobot.cli.output import console, progress
+
+Folder = Annotated[
+    Path | None,
+    typer.Option("--out", metavar="DIR", help="Folder for the files; else RESULT/figures."),
+]
+Formats = Annotated[str, typer.Option("--format", metavar="LIST", help="Among pdf, svg, png; by commas.")]
+Only = Annotated[
+    list[str] | None, typer.Option("--only", metavar="NAME", help="Draw this figure alone. Repeatable.")
+]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command("figures", help=HELP)(command)
+
+
+HELP = """Draw a result: tip paths and errors, docking, motions, joints, grips, ledger.
+
+Examples:
+
+    spacerobot figures out/paper
+
+    spacerobot figures out/before --compare out/after --out figures --format svg
+"""
+
+
+def command(
+    result: ResultFolder,
+    compare: Compare = None,
+    out: Folder = None,
+    formats: Formats = "pdf,png",
+    only: Only = None,
+) -> None:
+    """Write all figures."""
+    from spacerobot.result import load
+    from viz.figures import save_figures
+
+    results = [load(folder) for folder in (result, compare) if folder is not None]
+    folder = out or result / "figures"
+    wanted = [form.strip() for form in formats.split(",") if form.strip()]
+    with progress("drawing"):
+        written = save_figures(results[0], folder, *results[1:], formats=wanted, names=only)
+    console().print(f"{len(written)} files in {folder}", markup=False, soft_wrap=True)
