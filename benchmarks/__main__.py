@@ -1,0 +1,77 @@
+"""``python -m benchmarks``: measure everything, print the table, write ``out/bench.json``."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import platform
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+from benchmarks import aba, process, rollouts
+from benchmarks.row import Row
+from spacerobot.compiled import find_toolchain
+from spacerobot.files import write_text
+
+
+def passive_plant() -> list[Row]:
+    """MuJoCo, where it is installed."""
+    try:
+        from benchmarks import mujoco_plant
+
+        return [mujoco_plant.row()]
+    except ImportError:
+        return [Row("passive plant", "MuJoCo", "", note="not measured: `pip install mujoco`")]
+
+
+JOBS: dict[str, Callable[[], list[Row]]] = {
+    "single": lambda: [rollouts.single()],
+    "batch": rollouts.batch,
+    "gradient": rollouts.gradient,
+    "aba": aba.rows,
+    "mujoco": passive_plant,
+    "process": process.rows,
+}
+
+
+def main() -> None:
+    """Measure the jobs named on the command line, or all."""
+    wanted = sys.argv[1:] or list(JOBS)
+    unknown = [name for name in wanted if name not in JOBS]
+    if unknown:
+        sys.exit(f"error: no benchmark {', '.join(unknown)}; allowed: {', '.join(JOBS)}")
+    console, rows = Console(width=None if sys.stdout.isatty() else 150, highlight=False), []
+    for name in wanted:
+        with Console(stderr=True).status(f"measuring {name}"):
+            rows += JOBS[name]()
+    console.print(_table(rows))
+    toolchain = find_toolchain()
+    machine = {
+        "processor": platform.processor() or platform.machine(),
+        "cores": os.cpu_count(),
+        "python": platform.python_version(),
+        "toolchain": toolchain.summary if toolchain else "none",
+    }
+    report = {"machine": machine, "rows": [dataclasses.asdict(row) for row in rows]}
+    write_text(Path("out/bench.json"), json.dumps(report, indent=2) + "\n")
+    console.print("medians; each ratio within one run; also in out/bench.json")
+
+
+def _table(rows: list[Row]) -> Table:
+    table = Table(header_style="bold")
+    for heading in ("what", "against", "ours", "theirs", "ratio", "target", "met", "note"):
+        table.add_column(heading, overflow="fold")
+    for row in rows:
+        ratio = f"{row.ratio:.3g}" if row.ratio is not None else ""
+        met = {True: "yes", False: "no", None: ""}[row.met]
+        table.add_row(row.what, row.against, row.ours, row.theirs, ratio, row.target, met, row.note)
+    return table
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,135 @@
+"""The paper's closed loop as one would write it in plain Python over Pinocchio: ``pin.aba`` in an RK4 loop.
+
+Written for this scenario alone (planar, compliant grasps, ideal derivative, feedback seen from the base),
+with as little Python in the loop as a careful user would leave there.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from spacerobot.scene import Scene
+
+WORLD = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+
+
+class PlainLoop:
+    """x = (q, v, memory and integral of each tip); no energy balance."""
+
+    def __init__(self, scene: Scene) -> None:
+        self.model, self.data, self.scene = scene.model, scene.model.createData(), scene
+        pin.framesForwardKinematics(self.model, self.data, scene.q)
+        self.tips = [self._tip(tip) for tip in scene.tips]
+        self.grasps = [(g.tip.frame, g.frame, g.config.stiffness, g.config.damping) for g in scene.grasps]
+        self.x0 = np.concatenate([scene.q, scene.v, np.zeros(4 * len(self.tips))])
+
+    def _tip(self, tip: Any) -> tuple[Any, ...]:
+        columns = [self.model.joints[j].idx_v for j in tip.body.joints]
+        start = self.data.oMf[tip.frame].translation[:2].copy()
+        return (
+            tip.frame,
+            tip.body.root_frame,
+            columns,
+            start,
+            tip.config.pid,
+            tip.config.amnesia,
+            tip.reference,
+        )
+
+    def __call__(self, t: float, x: np.ndarray) -> np.ndarray:
+        """Rate of x."""
+        model, data, nq, nv = self.model, self.data, self.model.nq, self.model.nv
+        q, v, z = x[:nq], x[nq : nq + nv], x[nq + nv :]
+        pin.forwardKinematics(model, data, q, v, np.zeros(nv))
+        pin.computeJointJacobians(model, data, q)
+        pin.updateFramePlacements(model, data)
+        force = -model.damping * v
+        for tip, mate, stiffness, damping in self.grasps:
+            force += self._grasp(v, tip, mate, stiffness, damping)
+        inverse = pin.computeMinverse(model, data, q)
+        controls = [self._control(t, v, z[4 * i : 4 * i + 4], tip) for i, tip in enumerate(self.tips)]
+        free = pin.aba(model, data, q, v, force)
+        acceleration, rates = free.copy(), []
+        for (columns, arm, command, kd), rate in controls:
+            response = inverse[:, columns] @ arm.T
+            output = np.linalg.solve(
+                np.eye(2) + kd * arm @ response[columns], command - kd * (arm @ free[columns])
+            )
+            acceleration += response @ output
+            rates.append(rate)
+        return np.concatenate([self._configuration_rate(q, v), acceleration, *rates])
+
+    def _grasp(self, v: np.ndarray, tip: int, mate: int, stiffness: float, damping: float) -> np.ndarray:
+        data = self.data
+        j_tip = pin.getFrameJacobian(self.model, data, tip, WORLD)[:2]
+        j_mate = pin.getFrameJacobian(self.model, data, mate, WORLD)
+        gap = data.oMf[tip].translation[:2] - data.oMf[mate].translation[:2]
+        there = j_mate[:2] + np.outer([-gap[1], gap[0]], j_mate[5])
+        relative = j_tip - there
+        return -relative.T @ (stiffness * gap + damping * (relative @ v))
+
+    def _control(self, t: float, v: np.ndarray, z: np.ndarray, tip: tuple[Any, ...]) -> Any:
+        frame, base, columns, start, pid, amnesia, circle = tip
+        data = self.data
+        arm = pin.getFrameJacobian(self.model, data, frame, WORLD)[:2][:, columns]
+        position = data.oMf[frame].translation[:2]
+        at_base = pin.getFrameVelocity(self.model, data, base, WORLD)
+        velocity = pin.getFrameVelocity(self.model, data, frame, WORLD).linear[:2]
+        drift = pin.getFrameClassicalAcceleration(self.model, data, frame, WORLD).linear[:2]
+        base_drift = pin.getFrameClassicalAcceleration(self.model, data, base, WORLD).linear[:2]
+        spin, relative = at_base.angular[2], velocity - at_base.linear[:2]
+        seen_drift = drift - base_drift - spin * np.array([-relative[1], relative[0]])
+        reference = _circle(t, start, circle)
+        error = reference[0] - position
+        memory, integral = z[:2], z[2:]
+        memory_rate = error - amnesia.ta * memory
+        e = reference[1] + amnesia.ge * memory - arm @ v[columns]
+        command = (
+            pid.kp * e + pid.ki * integral + pid.kd * (reference[2] + amnesia.ge * memory_rate - seen_drift)
+        )
+        return (columns, arm, command, pid.kd), np.concatenate([memory_rate, e])
+
+    def _configuration_rate(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        rate = np.empty(self.model.nq)
+        for joint in self.model.joints[1:]:
+            i, k = joint.idx_q, joint.idx_v
+            if joint.nq == 1:
+                rate[i] = v[k]
+            else:
+                c, s, w = q[i + 2], q[i + 3], v[k + 2]
+                rate[i : i + 4] = c * v[k] - s * v[k + 1], s * v[k] + c * v[k + 1], -s * w, c * w
+        return rate
+
+    def run(self, duration_s: float, step_s: float) -> np.ndarray:
+        """Final state after classical Runge-Kutta steps."""
+        x, h = self.x0.copy(), step_s
+        for k in range(round(duration_s / h)):
+            t = k * h
+            k1 = self(t + 1e-9 * h, x)
+            k2 = self(t + h / 2, x + h / 2 * k1)
+            k3 = self(t + h / 2, x + h / 2 * k2)
+            k4 = self(t + h - 1e-9 * h, x + h * k3)
+            x = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+            x[: self.model.nq] = pin.normalize(self.model, x[: self.model.nq])
+        return x
+
+
+def _circle(t: float, start: np.ndarray, circle: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    s, turn, tf = (
+        min(t / circle.duration, 1.0),
+        np.radians(circle.end_deg - circle.start_deg),
+        circle.duration,
+    )
+    delta = np.radians(circle.start_deg) + turn * s * s * (3 - 2 * s)
+    rate, acceleration = turn * 6 * s * (1 - s) / tf, turn * (6 - 12 * s) / tf**2 * (t < tf)
+    along, across = np.array([np.cos(delta), np.sin(delta)]), np.array([-np.sin(delta), np.cos(delta)])
+    first = np.radians(circle.start_deg)
+    position = start + circle.radius * (along - np.array([np.cos(first), np.sin(first)]))
+    return (
+        position,
+        circle.radius * rate * across,
+        circle.radius * (acceleration * across - rate**2 * along),
+    )

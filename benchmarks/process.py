@@ -1,0 +1,46 @@
+"""The whole of ``spacerobot run paper`` from process start to files on disk, and where the time goes."""
+
+from __future__ import annotations
+
+import json
+import statistics
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from benchmarks.row import Row
+from benchmarks.timing import time_of
+
+RUNS = 5
+
+
+def rows() -> list[Row]:
+    """Whole process with a warm cache, and bare import."""
+    with tempfile.TemporaryDirectory() as folder:
+        out = Path(folder) / "paper"
+        command = [str(Path(sys.executable).with_name("spacerobot")), "run", "paper", "--out", str(out)]
+        if not Path(command[0]).exists():
+            program = "from spacerobot.cli.app import main; main()"
+            command = [sys.executable, "-c", program, *command[1:]]
+        whole = statistics.median(_run(command) for _ in range(RUNS))
+        timing = json.loads((out / "summary.json").read_text(encoding="utf-8"))["timing_s"]
+    bare = statistics.median(_run([sys.executable, "-c", "import spacerobot"]) for _ in range(RUNS))
+    python = statistics.median(_run([sys.executable, "-c", "pass"]) for _ in range(RUNS))
+    inside = ("closed_loop", "compile_or_load", "rollout")
+    spent = ", ".join(f"{name.replace('_', ' ')} {timing[name]:.2f} s" for name in inside)
+    rest = whole - sum(timing[name] for name in inside)
+    return [
+        Row(
+            "`spacerobot run paper`, process start to files",
+            "",
+            f"{whole:.2f} s",
+            note=f"{spent}, imports and files {rest:.2f} s",
+            numbers={"timing_s": timing},
+        ),
+        Row("`import spacerobot`", "bare Python", f"{bare * 1e3:.0f} ms", f"{python * 1e3:.0f} ms"),
+    ]
+
+
+def _run(command: list[str]) -> float:
+    return time_of(lambda: subprocess.run(command, check=True, capture_output=True))

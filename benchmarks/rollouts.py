@@ -1,0 +1,128 @@
+"""Rollouts: one against a plain Python loop, many and gradients against one, the paper's whole GA."""
+
+from __future__ import annotations
+
+import functools
+
+import casadi as ca
+import numpy as np
+
+from benchmarks.plain_loop import PlainLoop
+from benchmarks.row import Row
+from benchmarks.timing import paired, time_of
+from spacerobot.closedloop import build_closed_loop
+from spacerobot.rollout import Measures, Rollout, Signals, build_rollout, integral
+from spacerobot.scene import load_scene
+
+DURATION, FINE = 10.0, 0.00025
+ACCURATE = DURATION / 3000
+"""Step whose state error is below 1e-6."""
+
+TUNING = 0.002
+"""Step at which batches and gradients are compared with a single rollout."""
+
+GA_ROLLOUTS = 50 * 150
+BATCH_TARGET = {8: 8.0, 4: 4.0}
+GAINS = tuple(
+    f"robots.{robot}.tips.tip.{gain}"
+    for robot in ("rpr1", "rpr2")
+    for gain in ("pid.kp", "pid.ki", "pid.kd", "amnesia.ge", "amnesia.ta")
+)
+
+
+@functools.cache
+def _scene_and_loop() -> tuple[object, object]:
+    scene = load_scene("paper")
+    return scene, build_closed_loop(scene)
+
+
+def _rollout(step: float, measured: bool = False) -> Rollout:
+    _, loop = _scene_and_loop()
+    signals = Signals.of(loop)
+    squared = {"squared": integral(ca.sumsqr(signals["tip_error"]))}
+    measures = Measures(signals, squared, costs=lambda r, _: {"cost": r["squared"]}) if measured else None
+    return build_rollout(
+        loop, duration_s=DURATION, step_s=step, output_step_s=DURATION / 100, measures=measures
+    )
+
+
+def single() -> Row:
+    """One compiled rollout against the same closed loop in a plain Python loop, same step."""
+    scene, loop = _scene_and_loop()
+    rollout, plain = _rollout(ACCURATE), PlainLoop(scene)
+    size = loop.nq + loop.nv
+    exact = _rollout(FINE).run().state[-1][:size]
+    errors = [
+        np.abs(final - exact).max()
+        for final in (rollout.run().state[-1][:size], plain.run(DURATION, ACCURATE)[:size])
+    ]
+    times = paired(rollout.run, lambda: plain.run(DURATION, ACCURATE), turns=3)
+    return Row(
+        "one rollout of the paper's scenario, compiled",
+        "plain Python loop over pin.aba",
+        f"{times.first_s * 1e3:.1f} ms",
+        f"{times.second_s * 1e3:.0f} ms",
+        times.ratio,
+        "150x faster",
+        times.ratio >= 150 and max(errors) <= 1e-6,
+        f"RK4 at {ACCURATE * 1e3:.2f} ms; state errors {errors[0]:.0e} and {errors[1]:.0e}",
+        {"state_errors": errors},
+    )
+
+
+def batch() -> list[Row]:
+    """Rollouts in lanes on one core against one rollout, and the paper's whole GA on all cores."""
+    rollout = _rollout(TUNING, measured=True)
+    count = 64
+    values = np.linspace(280, 320, count)[:, None]
+    times = paired(
+        rollout.run,
+        lambda: rollout.batch(GAINS[:1], values, threads=1),
+        calls=(1, count),
+    )
+    lanes, gain = rollout.engines.batch.lanes, 1 / times.ratio
+    target = BATCH_TARGET.get(lanes, 1.5)
+    everyone = rollout.batch(GAINS[:1], np.linspace(280, 320, 512)[:, None])
+    per_core = 512 / everyone.wall_s / everyone.threads
+    return [
+        Row(
+            f"batch in {lanes} lanes, a rollout and core",
+            "one compiled rollout",
+            f"{times.second_s * 1e3:.2f} ms",
+            f"{times.first_s * 1e3:.1f} ms",
+            gain,
+            f"{target:g}x faster",
+            gain >= target,
+            f"RK4 at {TUNING * 1e3:g} ms, one thread",
+        ),
+        Row(
+            "the paper's GA budget, 50 x 150 rollouts of 10 s",
+            "",
+            f"{GA_ROLLOUTS / (per_core * everyone.threads):.1f} s",
+            note=f"{per_core:.0f} rollouts a second and core, {everyone.threads} threads",
+            numbers={"rollouts_per_second_and_core": per_core},
+        ),
+    ]
+
+
+def gradient() -> list[Row]:
+    """Exact adjoint gradient with respect to all gains against one rollout."""
+    rollout = _rollout(TUNING, measured=True)
+    times = paired(rollout.run, lambda: rollout.value_and_gradient(wrt=GAINS))
+    count = 16
+    values = np.tile([rollout.values()[i] for i in rollout.indices(GAINS)], (count, 1))
+    rollout.gradient_batch(GAINS, values, threads=1)
+    many = time_of(lambda: rollout.gradient_batch(GAINS, values, threads=1)) / count
+    return [
+        Row(
+            f"adjoint gradient, {len(GAINS)} gains",
+            "one compiled rollout",
+            f"{times.second_s * 1e3:.1f} ms",
+            f"{times.first_s * 1e3:.1f} ms",
+            times.ratio,
+            "at most 4 rollouts",
+            times.ratio <= 4,
+            f"several starts in lanes: {many / times.first_s:.2f} rollouts a gradient and core",
+            {"batched_gradient_s": many},
+        )
+    ]

@@ -1,0 +1,44 @@
+"""Times that can be trusted on a shared machine: medians of turns taken, ratios pair by pair."""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Paired:
+    """Median time of two jobs that took turns [s], and the median of their ratios, second over first."""
+
+    first_s: float
+    second_s: float
+    ratio: float
+
+
+def time_of(job: Callable[[], object]) -> float:
+    """Time of one call [s]."""
+    begin = time.perf_counter()
+    job()
+    return time.perf_counter() - begin
+
+
+def paired(
+    first: Callable[[], object],
+    second: Callable[[], object],
+    *,
+    turns: int = 7,
+    calls: tuple[int, int] = (1, 1),
+) -> Paired:
+    """Let two jobs take turns after a warm-up of each.
+
+    ``calls`` is what each job's one call does; times are divided by it.
+    """
+    first(), second()
+    pairs = [(time_of(first) / calls[0], time_of(second) / calls[1]) for _ in range(turns)]
+    return Paired(
+        statistics.median(a for a, _ in pairs),
+        statistics.median(b for _, b in pairs),
+        statistics.median(b / a for a, b in pairs),
+    )
