@@ -53,7 +53,7 @@ def single() -> Row:
     size = loop.nq + loop.nv
     exact = _rollout(FINE).run().state[-1][:size]
     errors = [
-        np.abs(final - exact).max()
+        float(np.abs(final - exact).max())
         for final in (rollout.run().state[-1][:size], plain.run(DURATION, ACCURATE)[:size])
     ]
     times = paired(rollout.run, lambda: plain.run(DURATION, ACCURATE), turns=3)
