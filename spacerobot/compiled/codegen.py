@@ -12,7 +12,8 @@ from collections.abc import Collection, Mapping
 
 import casadi as ca
 
-from spacerobot.compiled.pieces import split_body
+from spacerobot.compiled import pieces
+from spacerobot.compiled.schedule import order_statements
 from spacerobot.errors import CompileError
 
 UNARY = (
@@ -89,9 +90,11 @@ def _member(name: str, function: ca.Function, cold: bool) -> str:
     writes = [f"real* __restrict res{i}" for i in range(function.n_out())]
     sizes = [f"{name}_{function.name_in(i)} = {function.numel_in(i)}" for i in range(function.n_in())]
     sizes += [f"{name}_{function.name_out(i)} = {function.numel_out(i)}" for i in range(function.n_out())]
-    pieces, body = split_body(body, name, reads + writes, cold=cold)
+    if not cold and body.count("\n") <= pieces.LONGEST:  # in pieces, a new order gains nothing
+        body = order_statements(body)
+    parts, body = pieces.split_body(body, name, reads + writes, cold=cold)
     return (
-        f"enum {{ {', '.join(sizes)} }};\n{pieces}"
+        f"enum {{ {', '.join(sizes)} }};\n{parts}"
         f"static __attribute__((noinline)) void {name}({', '.join(reads + writes)}) {{\n{body}}}"
     )
 
