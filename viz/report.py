@@ -38,10 +38,10 @@ class Section:
 
 SECTIONS = (
     Section("warnings", "Look at this first", parts.warnings),
+    Section("run", "What was run", parts.what_was_run),
     Section("numbers", "Headline numbers", parts.numbers),
     Section("paper", "Against the paper", parts.against_the_paper),
     Section("animation", "Animation", parts.moving),
-    Section("run", "What was run", parts.what_was_run),
     Section("figures", "Figures", parts.figures),
     Section("ledger", "Ledger", parts.ledger),
     Section("assumptions", "Assumptions", parts.assumptions),

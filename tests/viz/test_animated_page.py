@@ -1,13 +1,18 @@
 """The page in a real browser: it moves, is silent, and asks nothing of anybody."""
 
+import base64
 import re
 
 import numpy as np
+import pinocchio as pin
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from spacerobot.errors import ResultError
 from spacerobot.result.result import Result
 from viz.animation import animation
+from viz.motion import pick_rows, scene_nodes
 from viz.page import animation_page, json_text, write_animation
 
 BOX = (
@@ -108,22 +113,28 @@ def test_size_is_about_a_megabyte_for_ten_seconds(paper, tmp_path):
 
 def test_poses_are_the_results(paper):
     """Frames of the page against Pinocchio's own kinematics of the same rows."""
-    import base64
-
-    import pinocchio as pin
-
     run = animation(paper)["runs"][0]
     time = np.frombuffer(base64.b64decode(run["time"]), "<f4")
-    poses = np.frombuffer(base64.b64decode(run["poses"]), "<f4").reshape(len(time), -1, 7)
+    poses = np.frombuffer(base64.b64decode(run["poses"]), "<f4").reshape(len(time), -1, 7).astype(float)
     scene = paper.scene()
     data = scene.model.createData()
     for frame in (0, len(time) // 2, len(time) - 1):
         q = paper.data.q.sel(time=float(time[frame]), method="nearest").values
         pin.forwardKinematics(scene.model, data, q)
-        expected = sorted(tuple(np.round(data.oMi[j].translation, 4)) for j in range(1, scene.model.njoints))
-        found = {tuple(np.round(p.astype(float), 4)) for p in poses[frame, :, :3]}
-        near = [min(np.abs(np.subtract(e, f)).max() for f in found) for e in expected]
-        assert max(near) < 2e-4
+        for node, pose in zip(scene_nodes(scene), poses[frame], strict=True):
+            np.testing.assert_allclose(
+                pin.XYZQUATToSE3(pose).homogeneous, data.oMi[node.joint].homogeneous, atol=2e-6
+            )
+
+
+@given(st.lists(st.floats(1e-3, 1.0), min_size=1, max_size=60), st.floats(0.1, 100), st.integers(2, 40))
+@settings(deadline=None, max_examples=60, derandomize=True)
+def test_picked_rows_reach_from_first_to_last_and_are_no_more_than_wanted(steps, rate, most):
+    time = np.concatenate([[0.0], np.cumsum(steps)])
+    rows = pick_rows(time, rate_hz=rate, most=most)
+    assert (rows[0], rows[-1]) == (0, len(time) - 1)
+    assert (np.diff(rows) > 0).all()
+    assert len(rows) <= min(most, len(time))
 
 
 def test_a_diverged_result_is_shown_up_to_where_it_went(browser, diverged, tmp_path):

@@ -74,7 +74,7 @@ def test_texts_from_files_are_escaped(paper):
 def test_a_diverged_result_says_so_first(diverged):
     text = report_page(diverged, sections=SECTIONS[:2])
     assert "diverged after 0.42 s of 10 s" in text
-    assert text.index('id="warnings"') < text.index('id="numbers"')
+    assert text.index('id="warnings"') < text.index('id="run"')
 
 
 def test_others_may_add_sections(paper):
