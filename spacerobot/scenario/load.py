@@ -177,8 +177,5 @@ _Dumper.add_representer(list, _represent_list)
 
 def json_schema() -> dict[str, Any]:
     """JSON schema of scenario files, for editors."""
-    schema = Scenario.model_json_schema()
-    return {
-        "$schema": "https://json-schema.org/draft/2020-12/schema",
-        "title": "spacerobot scenario",
-    } | schema
+    dialect = "https://json-schema.org/draft/2020-12/schema"
+    return {"$schema": dialect, **Scenario.model_json_schema(), "title": "spacerobot scenario"}

@@ -45,10 +45,12 @@ def get(document: Any, path: str) -> Any:
     Raises
     ------
     ScenarioError
-        Where a segment is not in the document.
+        Where a segment is not in the document, or the path stands for several values.
     """
-    (keys,) = _expand(document, path.split("."), path)
-    for key in keys:
+    found = _expand(document, path.split("."), path)
+    if len(found) != 1:
+        raise ScenarioError(f"stands for {len(found)} values, where one is asked for", where=path)
+    for key in found[0]:
         document = document[int(key) if isinstance(document, list | tuple) else key]
     return document
 
