@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from optim.kkt import kkt_residual
 from optim.protocol import Array, Evaluation, Linearisation
 from optim.search import FEASIBLE, Run, Search
 from optim.shooting import Shooting, Solution
@@ -45,7 +46,7 @@ class NlpSettings:
         Points of a Sobol sequence that are tried, in one batch, to choose starts from.
     """
 
-    iterations: int = 60
+    iterations: int = 100
     tolerance: float = 1e-5
     patience: int = 8
     improvement: float = 1e-3
@@ -96,10 +97,14 @@ def solve(search: Search, start: Array, settings: NlpSettings) -> Run:
 
 
 def _finish(search: Search, found: Solution | None, guard: _Guard) -> Run:
+    """The run, its first-order conditions judged at the best point (not where IPOPT happened to stop)."""
     if found is None:
         return search.finish("failed", "no iteration was asked for")
     status, meaning = STATUS.get(found.status, ("failed", "see IPOPT's own documentation"))
-    kkt = found.kkt if np.isfinite(found.kkt) else None
+    kkt = None
+    if np.isfinite(search.objective):
+        at = search.linearise(search.u)
+        kkt = kkt_residual(search.u, at, search.problem.form)
     message = f"{meaning} ({found.status}, {guard.iterations} iterations)"
     return search.finish(status, message, kkt=kkt)
 

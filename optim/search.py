@@ -55,7 +55,7 @@ class Run:
     history
         Best so far after each generation or iteration.
     kkt
-        Residual of the first-order conditions where the method ended, in units of the objective (NLP only).
+        Residual of the first-order conditions at the best point (NLP only); see :mod:`optim.kkt`.
     log
         Steps of a method that explains itself.
     """

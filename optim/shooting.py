@@ -119,14 +119,11 @@ class Solution:
         IPOPT's own word.
     iterations
         How many.
-    kkt
-        Largest entry of the Lagrangian's gradient there, relative to the objective at the start.
     """
 
     u: Array
     status: str
     iterations: int
-    kkt: float
 
 
 class Shooting:
@@ -189,16 +186,7 @@ class Shooting:
         )
         best = np.clip(found["x"].full().ravel()[: self._k], 0, 1)
         stats = solver.stats()
-        kkt = self._residual(best, found["lam_g"].full().ravel(), found["lam_x"].full().ravel())
-        return Solution(best, str(stats["return_status"]), int(stats["iter_count"]), kkt)
-
-    def _residual(self, u: Array, towards_g: Array, towards_x: Array) -> float:
-        """Largest entry of the Lagrangian's gradient."""
-        slopes = self._jacobian(u)
-        gradient = slopes[0] + towards_g @ slopes[1:] + towards_x[: self._k]
-        if self._n:
-            gradient = np.append(gradient, 1 - towards_g[self._m :].sum() + towards_x[self._k])
-        return float(np.abs(gradient).max())
+        return Solution(best, str(stats["return_status"]), int(stats["iter_count"]))
 
     def _at(self, u: Array) -> Linearisation:
         key = u.tobytes()

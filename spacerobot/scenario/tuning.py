@@ -104,11 +104,14 @@ class Tuning(Section):
     constraints: Constraints = Constraints()
     robustness: Robustness = Robustness()
     methods: tuple[Method, ...] = Field(default=METHODS, min_length=1, description="methods to compare")
-    budget: int = Field(default=7500, ge=1, description="rollouts that one evolutionary run may spend")
+    budget: int = Field(default=7500, ge=1, description="rollouts that one run of the GA may spend")
+    rival_budget: int = Field(
+        default=2500, ge=1, description="rollouts that one run of another evolutionary method may spend"
+    )
     population: int = Field(default=50, ge=4, description="of the evolutionary methods")
     runs: int = Field(default=6, ge=1, description="of each evolutionary method, each with a seed of its own")
     starts: int = Field(default=6, ge=1, description="of the NLP")
-    iterations: int = Field(default=60, ge=1, description="of the NLP from one start, at most")
+    iterations: int = Field(default=100, ge=1, description="of the NLP from one start, at most")
     seed: int = Field(default=0, ge=0, description="everything random follows from it")
     step: float = quantity("s", "step of the rollouts that tune", default=0.004, gt=0)
 

@@ -1,0 +1,168 @@
+"""The manual procedure of section 4.3, steps i to iii, done by rule and written down step by step.
+
+i.   K_i = K_d = 0; raise K_p until the error no longer falls or the loop oscillates.
+ii.  If it oscillated, halve K_p; raise K_i until the error no longer falls or the loop oscillates.
+iii. Raise K_d as long as oscillations are reduced, or the error is.
+
+The amnesia controller is off (G_e = 0) during i and ii: with it, and K_d = 0, no K_p and K_i keep the loop
+stable. The oscillations that iii removes are its own. The paper gives no numbers for "rapidly", "little
+overshoot" and "oscillates"; the constants below are ours.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from optim.objectives import OBJECTIVE, error_rows
+from optim.problem import TuningProblem
+from optim.protocol import Array, Cost
+from optim.search import Run, Search
+
+FIRST, FACTOR, TRIALS = 1.0, 2.0, 14
+AMNESIA_GAIN = ".amnesia.ge"
+ENOUGH = 0.02  # an error that falls by less than this fraction "no longer falls"
+SWING = 0.1  # an extreme counts if it differs by this fraction of the largest error
+OSCILLATES_HZ = 2.0
+PATIENCE = 4  # trials in a row that do not help
+NEEDED = ("kp", "ki", "kd")
+
+
+def manual(search: Search, problem: TuningProblem) -> Run:
+    """Tune ``kp``, ``ki`` and ``kd`` by the manual procedure; the other variables stay at the start.
+
+    The procedure is the paper's way to find bounds, so it does not keep to them: the point found may lie
+    outside the unit cube. Where a variable has a log scale, its lower bound stands for zero.
+
+    Returns
+    -------
+    Run
+        Status ``done``, or ``not applicable`` where the three gains are not all free; the log holds each
+        trial.
+    """
+    if any(name not in problem.names for name in NEEDED):
+        return search.finish("not applicable", f"needs the variables {', '.join(NEEDED)}")
+    trials = _Trials(search, problem)
+    gains = {name: trials.zero(name) for name in NEEDED}
+    try:
+        if trials.raise_gain("i", "kp", gains):
+            gains["kp"] /= 2
+        search.tell(1 / 3)
+        trials.raise_gain("ii", "ki", gains)
+        search.tell(2 / 3)
+        trials.calm("iii", "kd", gains)
+        search.tell(1.0)
+    except KeyboardInterrupt:
+        return trials.finish(gains, "interrupted")
+    return trials.finish(gains, "done")
+
+
+class _Trials:
+    """Tries gains one after the other and writes each trial down."""
+
+    def __init__(self, search: Search, problem: TuningProblem) -> None:
+        self._search, self._problem = search, problem
+        self._log: list[dict[str, object]] = []
+        owners = dict(zip(problem.names, problem.variables.paths, strict=True))
+        self._amnesia = [
+            name
+            for name in problem.rollout.loop.parameter_paths
+            if any(path.endswith(AMNESIA_GAIN) for path in owners.get(name, (name,)))
+        ]
+
+    def zero(self, name: str) -> float:
+        """Zero, or what stands for it."""
+        i = self._problem.names.index(name)
+        return float(self._problem.variables.lower[i]) if self._problem.variables.log[i] else 0.0
+
+    def raise_gain(self, step: str, name: str, gains: dict[str, float]) -> bool:
+        """Raise a gain while the error falls; the best stays in ``gains``. Whether the loop oscillated there.
+
+        A loop that diverges before it ever followed its reference has not converged yet: the gain is raised
+        on.
+        """
+        error, _ = self._try(step, gains)
+        followed, oscillated, idle, value = False, False, 0, FIRST
+        for _ in range(TRIALS):
+            found, swings = self._try(step, gains | {name: value})
+            if found < error * (1 - ENOUGH):
+                gains[name], error, followed, idle = value, found, True, 0
+                oscillated = swings > OSCILLATES_HZ
+            elif followed or np.isfinite(found):
+                idle += 1
+            if followed and (oscillated or not np.isfinite(found) or idle >= PATIENCE):
+                break
+            value *= FACTOR
+        return oscillated
+
+    def calm(self, step: str, name: str, gains: dict[str, float]) -> None:
+        """Raise a gain as long as the loop oscillates less for it, or its error falls."""
+        error, swings = self._try(step, gains)
+        value = FIRST
+        for _ in range(TRIALS):
+            found, still = self._try(step, gains | {name: value})
+            if still < swings * (1 - ENOUGH) or found < error * (1 - ENOUGH):
+                gains[name], error, swings = value, found, still
+            elif np.isfinite(error):
+                return
+            value *= FACTOR
+
+    def finish(self, gains: Mapping[str, float], status: str) -> Run:
+        """The run that ends at some gains."""
+        u = self._point(gains)
+        found = self._problem.evaluate(u[None, :])
+        self._search.u, self._search.objective = u, float(found.objective[0])
+        self._search.violation = float(found.violation[0])
+        self._search.cost = Cost(self._search.cost.rollouts + 1, 0)
+        outside = "" if ((u >= 0) & (u <= 1)).all() else "outside the bounds, which it does not know"
+        return self._search.finish(status, outside, log=tuple(self._log))
+
+    def _point(self, gains: Mapping[str, float]) -> Array:
+        values = self._problem.variables.values(self._problem.start)
+        for name, value in gains.items():
+            values[self._problem.names.index(name)] = value
+        return self._problem.variables.unit(values)
+
+    def _try(self, step: str, gains: Mapping[str, float]) -> tuple[float, float]:
+        """Largest error [m] and swings per second of one trial; infinite if it diverged."""
+        rollout, names = self._problem.rollout, self._problem.names
+        point = dict(zip(names, self._problem.variables.values(self._point(gains)), strict=True))
+        if step != "iii":
+            point |= dict.fromkeys(self._amnesia, 0.0)
+        row = list(point.values())
+        batch = rollout.batch(tuple(point), [row], outputs=["tip_error"], threads=1)
+        self._search.cost = Cost(self._search.cost.rollouts + 1, 0)
+        lost = bool(np.isfinite(batch.diverged_at_s[0]))
+        errors = batch.outputs["tip_error"][0][:, error_rows(self._problem.scene)]
+        largest = np.inf if lost else float(np.abs(errors).max())
+        swings = np.inf if lost else _swings(errors) / rollout.grid.duration_s
+        self._log.append(
+            {
+                "step": step,
+                **{name: float(value) for name, value in gains.items()},
+                "largest_error_m": None if lost else largest,
+                "swings_hz": None if lost else swings,
+                "objective": None if lost else float(batch.costs[OBJECTIVE][0]),
+            }
+        )
+        return largest, swings
+
+
+def _swings(errors: Array) -> float:
+    """Full swings (two turning points each) of the liveliest component, small ones left out."""
+    threshold = SWING * float(np.abs(errors).max())
+    return max(_turns(column, threshold) for column in errors.T) / 2
+
+
+def _turns(values: Array, threshold: float) -> int:
+    """Turning points of a signal that are at least a threshold apart."""
+    turns, extreme, rising = 0, values[0], 0
+    for value in values[1:]:
+        if rising >= 0 and value < extreme - threshold:
+            turns, extreme, rising = turns + (rising > 0), value, -1
+        elif rising <= 0 and value > extreme + threshold:
+            turns, extreme, rising = turns + (rising < 0), value, 1
+        elif (rising >= 0 and value > extreme) or (rising <= 0 and value < extreme):
+            extreme = value
+    return turns

@@ -1,0 +1,192 @@
+"""Every method by its name, with what it needs; the one switch that tuning and comparing share."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from optim.checkpoint import Journal
+from optim.evolutionary import METHODS as EVOLUTIONARY
+from optim.evolutionary import Protocol, evolve
+from optim.manual import manual
+from optim.nlp import NlpSettings, choose_starts, solve
+from optim.problem import TuningProblem
+from optim.protocol import Array, Problem
+from optim.search import Progress, Run, Search, better
+from spacerobot.errors import SpaceRobotError, near_names
+from spacerobot.scenario import Tuning
+
+ALL = ("manual", *EVOLUTIONARY, "nlp", "nlp_ga")
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How much each method may do.
+
+    Attributes
+    ----------
+    protocol, runs
+        Of the evolutionary methods.
+    rivals
+        Protocol of those that are not the GA.
+    nlp, starts
+        Of the NLP.
+    seed
+        Everything random follows from it.
+    """
+
+    protocol: Protocol = field(default_factory=Protocol)
+    rivals: Protocol = field(default_factory=Protocol)
+    runs: int = 6
+    nlp: NlpSettings = field(default_factory=NlpSettings)
+    starts: int = 6
+    seed: int = 0
+
+
+def effort_of(tuning: Tuning, **changes: int | None) -> Effort:
+    """Effort that a tuning section asks for.
+
+    Parameters
+    ----------
+    tuning
+        The section.
+    **changes
+        ``budget``, ``rival_budget``, ``runs``, ``starts``, ``seed`` in its place; None leaves it.
+    """
+    asked = {name: value for name, value in changes.items() if value is not None}
+    whole = Protocol(population=tuning.population, budget=asked.get("budget", tuning.budget))
+    rival_budget = min(whole.budget, asked.get("rival_budget", tuning.rival_budget))
+    rivals = dataclasses.replace(whole, budget=rival_budget)
+    return Effort(
+        whole,
+        rivals,
+        asked.get("runs", tuning.runs),
+        NlpSettings(iterations=tuning.iterations),
+        asked.get("starts", tuning.starts),
+        asked.get("seed", tuning.seed),
+    )
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What one method found.
+
+    Attributes
+    ----------
+    method
+        Its name.
+    runs
+        Every run, in order; a run of ``nlp`` named ``screening`` only looked for starts.
+    """
+
+    method: str
+    runs: tuple[Run, ...]
+
+    @property
+    def best(self) -> Run:
+        """The best run."""
+        best = self.runs[0]
+        for run in self.runs[1:]:
+            if not np.isfinite(best.objective) or better(
+                run.objective, run.violation, best.objective, best.violation
+            ):
+                best = run
+        return best
+
+    @property
+    def searches(self) -> tuple[Run, ...]:
+        """Runs that are searches of their own, screening left out."""
+        return tuple(run for run in self.runs if run.status != SCREENED)
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether it was stopped before its end."""
+        return any(run.status == "interrupted" for run in self.runs)
+
+
+SCREENED = "screened"
+
+
+def run_method(
+    problem: Problem,
+    method: str,
+    effort: Effort,
+    *,
+    first: Array | None = None,
+    folder: Path | None = None,
+    progress: Progress | None = None,
+) -> Outcome:
+    """Run a method as often as the effort says.
+
+    Parameters
+    ----------
+    problem
+        The problem; ``manual`` needs a :class:`TuningProblem`.
+    method
+        One of ``ALL``.
+    effort
+        How much it may do.
+    first
+        Start of ``nlp_ga`` in the unit cube (k,): the GA's best.
+    folder
+        Where journals are kept, so that a killed run goes on where it was; nowhere if None.
+    progress
+        Told now and then.
+
+    Raises
+    ------
+    SpaceRobotError
+        If there is no such method, or it lacks what it needs.
+    """
+    if method not in ALL:
+        raise SpaceRobotError(f"no method '{method}', {near_names(method, ALL)}")
+
+    def search(index: int, seed: int, settings: str, name: str = method) -> Search:
+        fingerprint = hashlib.sha256(f"{problem.fingerprint} {name} {index} {seed} {settings}".encode())
+        path = folder / f"{name}-{index}.journal" if folder is not None else None
+        return Search(problem, name, index, seed, Journal(path, fingerprint.hexdigest()), progress)
+
+    if method == "manual":
+        if not isinstance(problem, TuningProblem):
+            raise SpaceRobotError("the manual procedure tunes a scenario's gains, nothing else")
+        return Outcome(method, (manual(search(0, 0, ""), problem),))
+    if method in EVOLUTIONARY:
+        protocol = effort.protocol if method == "ga" else effort.rivals
+        runs: list[Run] = []
+        for i in range(effort.runs):
+            seed = effort.seed + i
+            runs.append(evolve(search(i, seed, protocol.fingerprint(method, seed)), protocol))
+            if runs[-1].status == "interrupted":
+                break
+        return Outcome(method, tuple(runs))
+    if method == "nlp_ga":
+        if first is None:
+            raise SpaceRobotError("nlp_ga starts from the GA's best: run ga too")
+        return _nlp(search, method, [first], effort, ())
+    screen = search(0, effort.seed, repr((effort.nlp.screen, effort.starts)), "screen")
+    try:
+        starts = choose_starts(screen, effort.starts, effort.nlp)
+    except KeyboardInterrupt:
+        return Outcome(method, (screen.finish("interrupted"),))
+    return _nlp(search, method, starts, effort, (screen.finish(SCREENED, "looked for starts"),))
+
+
+def _nlp(
+    search: Callable[[int, int, str], Search],
+    method: str,
+    starts: Sequence[Array],
+    effort: Effort,
+    before: tuple[Run, ...],
+) -> Outcome:
+    runs = list(before)
+    for i, start in enumerate(starts):
+        made = search(i, effort.seed, effort.nlp.fingerprint(start))
+        runs.append(solve(made, start, effort.nlp))
+        if runs[-1].status == "interrupted":
+            break
+    return Outcome(method, tuple(runs))

@@ -1,0 +1,115 @@
+"""Plants that gains were never tuned for, and the rollout that judges every design by the same measures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from optim.objectives import OBJECTIVE, build_terms, extended_loop
+from optim.problem import changed_scene, tuning_of
+from optim.protocol import Array
+from spacerobot.closedloop import build_closed_loop
+from spacerobot.rollout import Rollout, build_rollout
+from spacerobot.scenario import Robustness
+from spacerobot.scene import Scene, build_scene
+
+
+@dataclass(frozen=True)
+class Judge:
+    """Rolls out designs, given by dotted paths, on the nominal plant and on others.
+
+    Attributes
+    ----------
+    scene
+        The scene of one reading, with sensors whose offsets can be varied.
+    rollout
+        Of its closed loop, nothing tied.
+    spread
+        How other plants differ.
+    """
+
+    scene: Scene
+    rollout: Rollout
+    spread: Robustness
+    threads: int | None = None
+
+    def nominal(self, design: Mapping[str, float]) -> dict[str, Array]:
+        """Objective () and measures (n,) of a design; an empty one is the scenario's own."""
+        found = self._roll(design, {path: values[:1] for path, values in self._nothing().items()})
+        return {name: values[0] for name, values in found.items()}
+
+    def varied(self, design: Mapping[str, float]) -> dict[str, Array]:
+        """Objective (N,) and measures (N, n) of a design on the plants."""
+        return self._roll(design, self.plants)
+
+    @cached_property
+    def plants(self) -> dict[str, Array]:
+        """Values (N,) of what differs, by dotted path; a Latin hypercube."""
+        from scipy.stats import qmc
+
+        groups = _groups(self.scene, self.spread)
+        known = dict(zip(self.rollout.loop.parameter_paths, self.rollout.values(), strict=True))
+        draw = qmc.LatinHypercube(len(groups), rng=np.random.default_rng(self.spread.seed))
+        sample = 2 * draw.random(self.spread.plants) - 1
+        found = {}
+        for column, (prefixes, relative, absolute) in zip(sample.T, groups, strict=True):
+            for path, value in known.items():
+                if any(path == prefix or path.startswith(prefix + ".") for prefix in prefixes):
+                    found[path] = value * (1 + relative * column) + absolute * column
+        return found
+
+    def _nothing(self) -> dict[str, Array]:
+        path = self.rollout.loop.parameter_paths[0]
+        return {path: np.array([self.rollout.values()[0]])}
+
+    def _roll(self, design: Mapping[str, float], plants: Mapping[str, Array]) -> dict[str, Array]:
+        count = len(next(iter(plants.values())))
+        columns = [np.full(count, value) for value in design.values()] + list(plants.values())
+        batch = self.rollout.batch((*design, *plants), np.column_stack(columns), threads=self.threads)
+        return {OBJECTIVE: batch.costs[OBJECTIVE], **batch.measures}
+
+
+def build_judge(scene: Scene, *, reading: str | None = None, threads: int | None = None) -> Judge:
+    """Judge of the designs of one reading.
+
+    Parameters
+    ----------
+    scene, reading, threads
+        As for :func:`optim.problem.build_problem`.
+    """
+    scene = changed_scene(scene, reading)
+    robots = scene.scenario.robots
+    missing: dict[str, object] = {
+        f"robots.{name}.sensors": {} for name, robot in robots.items() if robot.sensors is None
+    }
+    scene = build_scene(scene.scenario, missing, source=scene.source) if missing else scene
+    tuning = tuning_of(scene)
+    variable = [path for prefixes, _, _ in _groups(scene, tuning.robustness) for path in prefixes]
+    loop = build_closed_loop(scene)
+    offsets = [path for path in variable if path.endswith("offset") and path in loop.parameter_paths]
+    loop = build_closed_loop(scene, vary=offsets)
+    extended = extended_loop(loop, scene, tuning.objective)
+    terms = build_terms(extended, scene, tuning.objective, tuning.constraints)
+    rollout = build_rollout(
+        extended, duration_s=scene.scenario.simulation.duration, step_s=tuning.step, measures=terms.measures
+    )
+    return Judge(scene, rollout, tuning.robustness, threads)
+
+
+def _groups(scene: Scene, spread: Robustness) -> list[tuple[list[str], float, float]]:
+    """What varies together: paths (or what they begin with), relative and absolute spread."""
+    groups: list[tuple[list[str], float, float]] = []
+    for body in scene.bodies:
+        if body.path == "target":
+            links = list(body.config.links)
+            for what in ("mass", "inertia"):
+                groups.append(([f"target.links.{n}.{what}" for n in links], spread.object, 0.0))
+            continue
+        groups += [([f"{body.path}.links.{n}.mass"], spread.links, 0.0) for n in body.config.links]
+        groups.append(([f"{body.path}.sensors.tip_position.offset"], 0.0, spread.tip_position_offset))
+        groups.append(([f"{body.path}.sensors.joint_rate.offset"], 0.0, spread.joint_rate_offset))
+    groups += [([f"{grasp.path}.stiffness"], spread.grip, 0.0) for grasp in scene.grasps]
+    return groups

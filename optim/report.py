@@ -1,0 +1,329 @@
+"""A comparison as data: rows for tables, ``comparison.json``, and a result folder for each method's best."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from optim.compare import Comparison, Contest, Verdict
+from optim.evolutionary import METHODS as EVOLUTIONARY
+from optim.methods import Outcome
+from optim.objectives import OBJECTIVE
+from optim.protocol import Array, Cost
+from optim.search import Run
+from spacerobot.files import write_text
+from spacerobot.result import Result, save
+from spacerobot.scene import build_scene
+from spacerobot.simulate import simulate
+
+FORMAT = 1
+MOST_MOMENTS = 200  # of each run's history that is kept
+
+
+def spent(outcome: Outcome) -> Cost:
+    """What all runs of a method spent together."""
+    return Cost(sum(r.cost.rollouts for r in outcome.runs), sum(r.cost.gradients for r in outcome.runs))
+
+
+def claim(contest: Contest) -> dict[str, Any] | None:
+    """Whether the NLP is as good as all evolutionary runs at a tenth of their cost, or None."""
+    rivals = [contest.outcomes[name] for name in EVOLUTIONARY if name in contest.outcomes]
+    if "nlp" not in contest.outcomes or not rivals:
+        return None
+    nlp = contest.outcomes["nlp"]
+    best = min((r.best.objective for r in rivals if r.best.feasible), default=np.nan)
+    theirs = sum(spent(r).equivalent(contest.gradient_cost) for r in rivals)
+    ours = spent(nlp).equivalent(contest.gradient_cost)
+    return {
+        "nlp_objective": nlp.best.objective,
+        "evolutionary_objective": best,
+        "objective_ratio": nlp.best.objective / best,
+        "cost_ratio": ours / theirs,
+        "met": bool(nlp.best.feasible and nlp.best.objective <= best * (1 + 1e-3) and ours <= 0.1 * theirs),
+        "tolerance": 1e-3,
+    }
+
+
+def to_json(comparison: Comparison) -> dict[str, Any]:
+    """Everything, as plain values; what is no number is null."""
+    found: dict[str, Any] = plain(
+        {
+            "format": FORMAT,
+            "scenario": comparison.scene.scenario.name,
+            "interrupted": comparison.interrupted,
+            "wall_s": comparison.wall_s,
+            "contests": [_contest(contest) for contest in comparison.contests],
+        }
+    )
+    return found
+
+
+def write(comparison: Comparison, folder: Path, *, results: bool = True) -> dict[str, Result]:
+    """Write ``comparison.json`` and, under ``contest/method``, each best design as an ordinary result.
+
+    Parameters
+    ----------
+    comparison
+        What to write.
+    folder
+        Where; made if it is not there.
+    results
+        Whether to simulate and save the best designs too, at the scenario's own step.
+
+    Returns
+    -------
+    dict
+        The results by ``contest/method``; a design that diverges has a result up to there.
+
+    Raises
+    ------
+    ResultError
+        If something cannot be written.
+    """
+    data, found = to_json(comparison), {}
+    if results:
+        for contest, plain in zip(comparison.contests, data["contests"], strict=True):
+            designs = {"baseline": contest.baseline} | contest.verdicts
+            for method, verdict in designs.items():
+                name = f"{contest.name}/{method}"
+                result = save(result_of(contest, verdict), folder / contest.name / method)
+                found[name] = result
+                entry = plain["baseline"] if method == "baseline" else plain["methods"][method]["best"]
+                entry["result"] = name
+                entry["largest_error_checked_m"] = largest_error(result)
+    write_text(folder / "comparison.json", json.dumps(data, indent=1, allow_nan=False) + "\n")
+    return found
+
+
+def result_of(contest: Contest, verdict: Verdict) -> Result:
+    """A design simulated anew, at the scenario's own step."""
+    scene = contest.problem.scene
+    return simulate(build_scene(scene.scenario, verdict.design, source=scene.source))
+
+
+def largest_error(result: Result) -> float | None:
+    """Largest absolute tip error over tips and axes (m); None if it diverged."""
+    if not result.completed:
+        return None
+    errors = result.summary["tip_error"].values()
+    axes = [axis for tip in errors for name, axis in tip.items() if name != "norm"]
+    return float(max(max(-axis["min_m"], axis["max_m"]) for axis in axes))
+
+
+def _contest(contest: Contest) -> dict[str, Any]:
+    problem, tuning = contest.problem, contest.problem.scene.scenario.tuning
+    variables = problem.variables
+    return {
+        "name": contest.name,
+        "reading": contest.reading,
+        "set": contest.chosen,
+        "objective": tuning.objective.model_dump() if tuning else None,
+        "constraints": tuning.constraints.model_dump() if tuning else None,
+        "variables": {
+            name: {"paths": paths, "lower": a, "upper": b, "log": bool(log)}
+            for name, paths, a, b, log in zip(
+                variables.names,
+                variables.paths,
+                variables.lower,
+                variables.upper,
+                variables.log,
+                strict=True,
+            )
+        },
+        "step_s": problem.rollout.grid.step_s,
+        "engine": problem.rollout.summary,
+        "rollout_core_s": contest.rollout_s,
+        "gradient_cost_rollouts": contest.gradient_cost,
+        "directions": directions(contest),
+        "baseline": _verdict(contest.baseline),
+        "methods": {name: _method(contest, name) for name in contest.outcomes},
+        "nlp_against_evolutionary": claim(contest),
+        "sensitivity": None
+        if contest.sensitivity is None
+        else {"relative": contest.sensitivity.relative, "over_range": contest.sensitivity.over_range},
+    }
+
+
+def directions(contest: Contest) -> list[str]:
+    """Tip and axis of each entry of a contest's errors."""
+    scene = contest.problem.scene
+    return [f"{tip.label} {'xyz'[axis]}" for tip in scene.tips for axis in scene.translation_axes]
+
+
+def _method(contest: Contest, name: str) -> dict[str, Any]:
+    outcome, variables = contest.outcomes[name], contest.problem.variables
+    values = np.array([run.objective for run in outcome.searches or outcome.runs])
+    cost = spent(outcome)
+    return {
+        "objective": statistics(values),
+        "largest_errors_m": {
+            where: statistics(column)
+            for where, column in zip(directions(contest), contest.errors[name].T, strict=True)
+        },
+        "spent": {
+            "rollouts": cost.rollouts,
+            "gradients": cost.gradients,
+            "equivalent_rollouts": cost.equivalent(contest.gradient_cost),
+            "wall_s": sum(run.seconds for run in outcome.runs),
+        },
+        "best": {
+            "objective": outcome.best.objective,
+            "feasible": outcome.best.feasible,
+            "gains": variables.as_mapping(variables.values(outcome.best.u)),
+            "active_bounds": contest.active(name),
+            "kkt": outcome.best.kkt,
+            **_verdict(contest.verdicts[name]),
+        },
+        "runs": [_run(contest, run) for run in outcome.runs],
+    }
+
+
+def _verdict(verdict: Verdict) -> dict[str, Any]:
+    peaks = {name: values for name, values in verdict.nominal.items() if name.endswith(("peak", "peak_deg"))}
+    varied = verdict.varied[OBJECTIVE]
+    finite = varied[np.isfinite(varied)]
+    return {
+        "nominal_objective": float(verdict.nominal[OBJECTIVE]),
+        "peaks": {name: float(np.max(values, initial=0.0)) for name, values in peaks.items()},
+        "other_plants": {
+            "plants": len(varied),
+            "diverged": len(varied) - len(finite),
+            "objective": statistics(varied),
+            "values": varied,
+        },
+    }
+
+
+def _run(contest: Contest, run: Run) -> dict[str, Any]:
+    variables = contest.problem.variables
+    return {
+        "method": run.method,
+        "index": run.index,
+        "seed": run.seed,
+        "objective": run.objective,
+        "violation": run.violation,
+        "gains": variables.as_mapping(variables.values(run.u)),
+        "rollouts": run.cost.rollouts,
+        "gradients": run.cost.gradients,
+        "seconds": run.seconds,
+        "status": run.status,
+        "message": run.message,
+        "kkt": run.kkt,
+        "history": convergence(run, contest.gradient_cost),
+        "log": run.log,
+    }
+
+
+def convergence(run: Run, gradient_cost: float) -> list[tuple[float, float, float]]:
+    """Equivalent rollouts, seconds and best objective, wherever it improved; thinned if there are many."""
+    kept: list[tuple[float, float, float]] = []
+    for moment in run.history:
+        if np.isfinite(moment.objective) and (not kept or moment.objective < kept[-1][2]):
+            kept.append((moment.cost.equivalent(gradient_cost), moment.seconds, moment.objective))
+    if len(kept) > MOST_MOMENTS:
+        kept = [kept[i] for i in np.linspace(0, len(kept) - 1, MOST_MOMENTS).astype(int)]
+    return kept
+
+
+def statistics(values: Array) -> dict[str, float | int | None]:
+    """Best, median, quartiles and worst; a value that is no number counts as worse than any other."""
+    if not len(values):
+        return {"best": None, "median": None, "lower": None, "upper": None, "worst": None}
+    ranked = np.where(np.isfinite(values), values, np.inf)
+    lower, median, upper = np.quantile(ranked, (0.25, 0.5, 0.75), method="nearest")
+    return {
+        "best": float(ranked.min()),
+        "median": float(median),
+        "lower": float(lower),
+        "upper": float(upper),
+        "worst": float(ranked.max()),
+    }
+
+
+def plain(value: Any) -> Any:
+    """Plain lists, mappings and numbers, as JSON takes them; what is no number is None."""
+    if isinstance(value, dict) or hasattr(value, "items"):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray):
+        return [plain(item) for item in value.tolist()]
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return [plain(item) for item in value]
+    if isinstance(value, float | np.floating):
+        return float(value) if np.isfinite(value) else None
+    return value.item() if isinstance(value, np.generic) else value
+
+
+HEADINGS = (
+    "method", "best", "median", "spread", "per tip and axis", "rollouts", "gradients", "cost", "time [s]",
+    "at a bound", "torque [N m]", "grip [N]", "other plants",
+)  # fmt: skip
+"""Columns of :func:`table_rows`."""
+
+
+def unit_of(contest: Contest) -> tuple[float, str]:
+    """Factor and unit in which a contest's objective reads well."""
+    tuning = contest.problem.scene.scenario.tuning
+    if tuning is not None and tuning.objective.kind == "minimax":
+        return 1e3, "mm"
+    return 1.0, "SI"
+
+
+def table_rows(contest: Contest) -> list[list[str]]:
+    """Rows of a contest's table, the baseline first; lengths in mm where the objective is one."""
+    factor, _ = unit_of(contest)
+    data = plain(_contest(contest))
+    own = data["baseline"]
+    number = _number(factor)
+    first = ["untuned", number(own["nominal_objective"]), "", "", _largest(contest.baseline)]
+    rows = [[*first, "", "", "", "", "", *_loads(own), _plants(own, number)]]
+    for name, method in data["methods"].items():
+        objective, used, best = method["objective"], method["spent"], method["best"]
+        spread = f"{number(objective['lower'])} .. {number(objective['upper'])}"
+        errors = " ".join(_milli(e["best"]) for e in method["largest_errors_m"].values())
+        rows.append(
+            [
+                name,
+                number(best["objective"]) + ("" if best["feasible"] else " (infeasible)"),
+                number(objective["median"]),
+                spread,
+                errors,
+                str(used["rollouts"]),
+                str(used["gradients"]),
+                f"{used['equivalent_rollouts']:.0f}",
+                f"{used['wall_s']:.1f}",
+                ", ".join(best["active_bounds"]) or "none",
+                *_loads(best),
+                _plants(best, number),
+            ]
+        )
+    return rows
+
+
+def _largest(verdict: Verdict) -> str:
+    peaks = verdict.nominal["tip_error_peak"]
+    half = len(peaks) // 2
+    return " ".join(_milli(value) for value in np.maximum(peaks[:half], peaks[half:]))
+
+
+def _loads(entry: dict[str, Any]) -> list[str]:
+    peaks = entry["peaks"]
+    keys = ("joint_torque_peak", "grip_force_peak")
+    return ["" if peaks.get(key) is None else f"{peaks[key]:.3g}" for key in keys]
+
+
+def _plants(entry: dict[str, Any], number: Any) -> str:
+    other = entry["other_plants"]
+    lost = f", {other['diverged']} diverged" if other["diverged"] else ""
+    return f"{number(other['objective']['median'])} (worst {number(other['objective']['worst'])}{lost})"
+
+
+def _number(factor: float) -> Any:
+    return lambda value: "diverged" if value is None or not np.isfinite(value) else f"{factor * value:.4g}"
+
+
+def _milli(value: float | None) -> str:
+    return "-" if value is None or not np.isfinite(value) else f"{1e3 * value:.3g}"

@@ -1,0 +1,46 @@
+"""Which variables matter: exact gradients at a point, in terms a person can read."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from optim.problem import TuningProblem
+from optim.protocol import Array
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """Sensitivities of the objective at some points.
+
+    Attributes
+    ----------
+    names
+        Variables (k).
+    relative
+        (p / J) dJ/dp by point, each (k,): the relative change of the objective for a relative change of p.
+    over_range
+        (upper - lower) / J dJ/dp, or the same in logs, by point, each (k,): how far, to first order, the
+        objective would move if the variable crossed all of its range.
+    """
+
+    names: tuple[str, ...]
+    relative: Mapping[str, Array]
+    over_range: Mapping[str, Array]
+
+
+def sensitivity(problem: TuningProblem, points: Mapping[str, Array]) -> Sensitivity:
+    """Sensitivities at points of the unit cube (k,), by name.
+
+    Points where the rollout diverges get NaN.
+    """
+    relative, over_range = {}, {}
+    for name, u in points.items():
+        at = problem.linearise(u)
+        across = at.gradient / at.objective
+        values, slope = problem.variables.values(u), problem.variables.slope(u)
+        relative[name] = np.asarray(across * values / slope)
+        over_range[name] = across
+    return Sensitivity(problem.names, relative, over_range)

@@ -1,0 +1,91 @@
+"""The paper's sensitivity analysis of the GA: probabilities 0.1 to 0.9 and population sizes."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from optim.checkpoint import Journal
+from optim.evolutionary import Protocol, evolve
+from optim.protocol import Array, Problem
+from optim.search import Progress, Run, Search
+
+PROBABILITIES = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
+POPULATIONS = (10, 20, 50, 100, 200)
+
+
+@dataclass(frozen=True)
+class Trial:
+    """Runs of the GA with one setting changed.
+
+    Attributes
+    ----------
+    setting, value
+        ``crossover``, ``mutation`` or ``population``, and what it was set to.
+    runs
+        One for each seed.
+    """
+
+    setting: str
+    value: float
+    runs: tuple[Run, ...]
+
+    @property
+    def objectives(self) -> Array:
+        """Best of each run; infinite if it found nothing feasible."""
+        return np.array([run.objective if run.feasible else np.inf for run in self.runs])
+
+
+def sweep(
+    problem: Problem,
+    *,
+    protocol: Protocol | None = None,
+    runs: int = 3,
+    seed: int = 0,
+    folder: Path | None = None,
+    progress: Progress | None = None,
+) -> Iterator[Trial]:
+    """Run the GA with each setting in turn, the others as in the protocol; every run has the same budget.
+
+    Parameters
+    ----------
+    problem
+        The problem.
+    protocol
+        What does not vary; 1000 rollouts a run and the paper's values if None.
+    runs
+        Seeds for each setting; the same ones everywhere.
+    seed
+        The first.
+    folder
+        Where journals are kept.
+    progress
+        Told now and then.
+    """
+    protocol = protocol or Protocol(budget=1000)
+    for setting, value, changed in _settings(protocol):
+        found = []
+        for i in range(runs):
+            settings = changed.fingerprint("ga", seed + i)
+            key = hashlib.sha256(f"{problem.fingerprint} sweep {settings}".encode()).hexdigest()
+            path = folder / f"{setting}-{value:g}-{i}.journal" if folder is not None else None
+            search = Search(problem, "ga", i, seed + i, Journal(path, key), progress)
+            found.append(evolve(search, changed))
+            if found[-1].status == "interrupted":
+                raise KeyboardInterrupt
+        yield Trial(setting, value, tuple(found))
+
+
+def _settings(protocol: Protocol) -> Iterator[tuple[str, float, Protocol]]:
+    for p in PROBABILITIES:
+        yield "crossover", p, dataclasses.replace(protocol, crossover=(p, p))
+    for p in (0.01, protocol.mutation, *PROBABILITIES):
+        yield "mutation", p, dataclasses.replace(protocol, mutation=p)
+    for n in POPULATIONS:
+        if n <= protocol.budget:
+            yield "population", n, dataclasses.replace(protocol, population=n)

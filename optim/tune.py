@@ -1,0 +1,146 @@
+"""Tuning by one call."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from optim.blackbox import ResultObjective, ResultProblem
+from optim.evolutionary import METHODS as EVOLUTIONARY
+from optim.methods import Effort, Outcome, effort_of, run_method
+from optim.objectives import UserObjective
+from optim.problem import TuningProblem, build_problem, tuning_of
+from optim.protocol import Array
+from optim.search import Progress, Run
+from spacerobot.errors import ScenarioError, near_names
+from spacerobot.scene import Scene, build_scene
+
+NewVariables = Mapping[str, tuple[str, float, float]]
+
+
+@dataclass(frozen=True)
+class Tuned:
+    """What tuning found.
+
+    Attributes
+    ----------
+    gains
+        Best values by variable, in the scenario's units.
+    objective
+        There.
+    status, message
+        Of the best run.
+    scene
+        The scene with these gains, ready for :func:`spacerobot.simulate.simulate`.
+    outcome
+        Every run.
+    """
+
+    gains: Mapping[str, float]
+    objective: float
+    status: str
+    message: str
+    scene: Scene
+    outcome: Outcome
+
+
+def tune(
+    scene: Scene,
+    method: str = "nlp",
+    *,
+    variables: NewVariables | Sequence[str] | None = None,
+    reading: str | None = None,
+    objective: UserObjective | None = None,
+    score: ResultObjective | None = None,
+    effort: Effort | None = None,
+    folder: Path | None = None,
+    threads: int | None = None,
+    progress: Progress | None = None,
+) -> Tuned:
+    """Tune a scene.
+
+    Parameters
+    ----------
+    scene
+        What to tune. Objective, constraints and variables are its tuning section's where not given here.
+    method
+        ``manual``, ``ga``, ``de``, ``pso``, ``cmaes``, ``nlp``, or ``nlp_ga``: the NLP from the GA's best.
+    variables
+        Names of the section's variables; or new ones: (dotted path, lower, upper) by name.
+    reading
+        Which of the section's readings.
+    objective
+        One's own: a function of the closed loop's signals that gives a scalar measure,
+        ``lambda s: integral(ca.sumsqr(s["tip_error"]))``. Its gradients are exact.
+    score
+        One's own, any Python function of a result; for evolutionary methods only.
+    effort
+        How much may be done; the section's if None.
+    folder
+        Where journals are kept: a killed call, made again, goes on where it was and ends the same.
+    threads
+        For batches; the answer does not depend on it.
+    progress
+        Told now and then.
+
+    Raises
+    ------
+    ScenarioError
+        If the problem does not fit the scene.
+    SpaceRobotError
+        If there is no such method, or it cannot solve this problem.
+    """
+    scene, chosen = _with_variables(scene, variables, reading)
+    tuning = tuning_of(scene)
+    effort = effort or effort_of(tuning)
+    problem = build_problem(scene, chosen=chosen, reading=reading, objective=objective, threads=threads)
+    if score is not None:
+        if method not in EVOLUTIONARY:
+            raise ScenarioError(
+                f"a function of a result has no gradients; methods: {', '.join(EVOLUTIONARY)}"
+            )
+        outcome = run_method(ResultProblem(problem, score), method, effort, folder=folder, progress=progress)
+        return _tuned(problem, outcome)
+    first: Array | None = None
+    before: tuple[Run, ...] = ()
+    if method == "nlp_ga":
+        ga = run_method(problem, "ga", effort, folder=folder, progress=progress)
+        if ga.interrupted:
+            return _tuned(problem, ga)
+        first, before = np.array(ga.best.u), ga.runs
+    outcome = run_method(problem, method, effort, first=first, folder=folder, progress=progress)
+    return _tuned(problem, dataclasses.replace(outcome, runs=(*before, *outcome.runs)))
+
+
+def _tuned(problem: TuningProblem, outcome: Outcome) -> Tuned:
+    best, variables = outcome.best, problem.variables
+    values = variables.values(best.u)
+    scene = build_scene(problem.scene.scenario, variables.as_changes(values), source=problem.scene.source)
+    return Tuned(variables.as_mapping(values), best.objective, best.status, best.message, scene, outcome)
+
+
+def _with_variables(
+    scene: Scene, variables: NewVariables | Sequence[str] | None, reading: str | None
+) -> tuple[Scene, Sequence[str] | None]:
+    """The scene with new variables in its tuning section, and the names of those chosen."""
+    section = scene.scenario.tuning
+    if reading is not None:
+        _known(reading, section.readings if section is not None else {}, "reading", scene)
+    if not isinstance(variables, Mapping):
+        for name in variables or ():
+            _known(name, tuning_of(scene).variables, "variable", scene)
+        return scene, variables
+    made = {name: {"paths": [p], "lower": a, "upper": b} for name, (p, a, b) in variables.items()}
+    changes: dict[str, object] = {"tuning.sets": {}, "tuning.variables": made}
+    if section is None:
+        changes = {"tuning": {"variables": made}}
+    return build_scene(scene.scenario, changes, source=scene.source), list(made)
+
+
+def _known(name: str, known: Iterable[str], what: str, scene: Scene) -> None:
+    if name not in known:
+        raise ScenarioError(f"no {what} {name!r}; {near_names(name, known)}", source=scene.source)

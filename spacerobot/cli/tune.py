@@ -1,0 +1,183 @@
+"""``spacerobot tune`` and ``spacerobot sweep``: tune a scenario, and the GA's own settings."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from spacerobot.cli.compare import Budget, Runs, Seed, Starts, Threads, parts, shown
+from spacerobot.cli.options import Changes, Out, ScenarioName, parse_changes
+from spacerobot.cli.output import console, pairs, table, warn
+from spacerobot.cli.run import fail_if_diverged
+
+if TYPE_CHECKING:
+    from optim import Tuned
+
+Method = Annotated[
+    str, typer.Option("--method", metavar="NAME", help="manual, ga, de, pso, cmaes, nlp or nlp_ga.")
+]
+Reading = Annotated[
+    str | None, typer.Option("--reading", metavar="NAME", help="A reading of the tuning section.")
+]
+Variables = Annotated[
+    str | None,
+    typer.Option("--variables", metavar="LIST", help="A set of the tuning section, or variables by commas."),
+]
+
+HELP = """Tune a scenario's gains and simulate it with the best ones.
+
+Killed, it goes on where it was when it is started again with the same --out; Ctrl-C keeps the best so far.
+
+Examples:
+
+    spacerobot tune paper --reading base --variables five --method nlp --out out/tuned
+
+    spacerobot tune my.yaml --method ga --budget 2000 --runs 3
+"""
+
+SWEEP_HELP = """Sensitivity of the GA to its settings: crossover and mutation probability, population size.
+
+Example:
+
+    spacerobot sweep paper --reading base --variables five --budget 1000 --runs 3
+"""
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands."""
+    app.command("tune", help=HELP)(command)
+    app.command("sweep", help=SWEEP_HELP)(sweep_command)
+
+
+def command(
+    scenario: ScenarioName,
+    out: Out = None,
+    changes: Changes = None,
+    method: Method = "nlp",
+    reading: Reading = None,
+    variables: Variables = None,
+    budget: Budget = None,
+    runs: Runs = None,
+    starts: Starts = None,
+    seed: Seed = None,
+    threads: Threads = None,
+) -> None:
+    """Tune, simulate the best design, and save it if a folder is given."""
+    from optim import effort_of, tune
+    from optim.problem import tuning_of
+    from spacerobot.result import save
+    from spacerobot.result.table import headline
+    from spacerobot.scene import load_scene
+    from spacerobot.simulate import simulate
+
+    scene = load_scene(scenario, parse_changes(changes))
+    tuning = tuning_of(scene)
+    effort = effort_of(tuning, budget=budget, rival_budget=budget, runs=runs, starts=starts, seed=seed)
+    with shown() as (tell, report):
+        tell("building and compiling")
+        found = tune(
+            scene,
+            method,
+            variables=_chosen(variables, dict(tuning.sets)),
+            reading=reading,
+            effort=effort,
+            folder=out / "journals" if out is not None else None,
+            threads=threads,
+            progress=report,
+        )
+        tell("simulating the best design")
+        result = simulate(found.scene)
+        if out is not None:
+            result = save(result, out)
+            _write(found, out)
+    rows = [(name, f"{value:.6g}") for name, value in found.gains.items()]
+    console().print(pairs(f"{method}: objective {found.objective:.6g}", rows))
+    for run in found.outcome.runs:
+        ended = f"{run.status}{': ' + run.message if run.message else ''}"
+        spent = f"{run.cost.rollouts} rollouts, {run.cost.gradients} gradients, {run.seconds:.1f} s"
+        kkt = "" if run.kkt is None else f", first-order residual {run.kkt:.1e}"
+        line = f"{run.method} {run.index + 1}: {run.objective:.6g}, {spent}{kkt}; {ended}"
+        console().print(line, markup=False, soft_wrap=True)
+    if method == "manual":
+        log = found.outcome.best.log
+        heads = list(log[0])
+        cells = [["-" if row[h] is None else _short(row[h]) for h in heads] for row in log]
+        console().print(table("section 4.3, step by step", heads, cells))
+    console().print(pairs("the best design", headline(result)))
+    if out is not None:
+        console().print(f"\nresult and tuning.json in {out}", markup=False, soft_wrap=True)
+    if found.outcome.interrupted:
+        warn("interrupted: the best so far is kept")
+        raise typer.Exit(130)
+    fail_if_diverged(result)
+
+
+def sweep_command(
+    scenario: ScenarioName,
+    out: Out = None,
+    changes: Changes = None,
+    reading: Reading = None,
+    variables: Variables = None,
+    budget: Budget = 1000,
+    runs: Runs = 3,
+    seed: Seed = 0,
+    threads: Threads = None,
+) -> None:
+    """Run the GA with one setting changed at a time."""
+    from optim import Protocol, build_problem
+    from optim.problem import tuning_of
+    from optim.report import statistics
+    from optim.sweep import sweep
+    from spacerobot.files import write_text
+    from spacerobot.scene import load_scene
+
+    scene = load_scene(scenario, parse_changes(changes))
+    tuning = tuning_of(scene)
+    chosen = _chosen(variables, dict(tuning.sets))
+    rows, data = [], []
+    with shown() as (tell, report):
+        tell("building and compiling")
+        problem = build_problem(scene, chosen=chosen, reading=reading, threads=threads)
+        protocol = Protocol(population=tuning.population, budget=budget or 1000)
+        folder = out / "journals" if out is not None else None
+        options = {"protocol": protocol, "runs": runs or 3, "seed": seed or 0}
+        for trial in sweep(problem, folder=folder, progress=report, **options):  # type: ignore[arg-type]
+            found = statistics(trial.objectives)
+            data.append({"setting": trial.setting, "value": trial.value, **found})
+            numbers = [f"{found[key]:.6g}" for key in ("best", "median", "worst")]
+            rows.append([trial.setting, f"{trial.value:g}", *numbers])
+    title = f"GA, {budget} rollouts a run, {runs} runs each; the rest as in the paper"
+    console().print(table(title, ("setting", "value", "best", "median", "worst"), rows))
+    if out is not None:
+        write_text(out / "sweep.json", json.dumps(data, indent=1) + "\n")
+
+
+def _chosen(given: str | None, sets: dict[str, tuple[str, ...]]) -> list[str] | None:
+    return list(sets[given]) if given in sets else parts(given)
+
+
+def _short(value: object) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def _write(found: Tuned, out: object) -> None:
+    from pathlib import Path
+
+    from optim.report import plain
+    from spacerobot.files import write_text
+
+    data = {
+        "gains": dict(found.gains),
+        "objective": found.objective,
+        "status": found.status,
+        "message": found.message,
+        "runs": [
+            {"method": r.method, "index": r.index, "seed": r.seed, "objective": r.objective, "kkt": r.kkt}
+            | {"rollouts": r.cost.rollouts, "gradients": r.cost.gradients, "seconds": r.seconds}
+            | {"status": r.status, "message": r.message, "log": r.log}
+            for r in found.outcome.runs
+        ],
+    }
+    write_text(Path(str(out)) / "tuning.json", json.dumps(plain(data), indent=1, allow_nan=False) + "\n")
