@@ -1,11 +1,12 @@
 """Fixed-step rollouts of a closed loop: one, many at once, and their exact derivatives."""
 
 from spacerobot.rollout.batch import Report
+from spacerobot.rollout.build import build_rollout, choose_step
 from spacerobot.rollout.cvodes import integrate_cvodes
 from spacerobot.rollout.grid import TimeGrid, time_grid
 from spacerobot.rollout.measures import Measure, Measures, Signals, final, integral, peak
 from spacerobot.rollout.protocol import ClosedLoopFunctions
-from spacerobot.rollout.rollout import Rollout, build_rollout, choose_step
+from spacerobot.rollout.rollout import Rollout
 from spacerobot.rollout.step import StepChoice
 from spacerobot.rollout.trajectory import Batch, Gradient, Jacobian, Trajectory
 

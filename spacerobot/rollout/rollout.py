@@ -5,26 +5,22 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from spacerobot.compiled import find_toolchain
-from spacerobot.errors import CompileError, SpaceRobotError, near_names
+from spacerobot.errors import SpaceRobotError, near_names
 from spacerobot.rollout.assemble import batch_of, gradient_of, split, trajectory_of
 from spacerobot.rollout.batch import Progress, Stop, run_batch, run_gradients
 from spacerobot.rollout.engines import Raw, StopFlag
 from spacerobot.rollout.factory import Engines
 from spacerobot.rollout.grid import TimeGrid, time_grid
-from spacerobot.rollout.kernel import Kernel, build_kernel
-from spacerobot.rollout.measures import Measures
+from spacerobot.rollout.kernel import Kernel
 from spacerobot.rollout.protocol import Array, ClosedLoopFunctions
 from spacerobot.rollout.sensitivity import DERIVATIVE
 from spacerobot.rollout.step import StepChoice, search_step
 from spacerobot.rollout.trajectory import Batch, Gradient, Jacobian, Trajectory, frozen
 
-Backend = Literal["auto", "compiled", "interpreted"]
 TOLERANCE = 1e-6
 Parameters = Mapping[str, float] | npt.ArrayLike | None
 
@@ -319,104 +315,3 @@ class Rollout:
             if name not in known:
                 raise SpaceRobotError(f"no output '{name}', {near_names(name, known)}")
         return [i for name in outputs for i in range(known[name].start, known[name].stop)]
-
-
-def build_rollout(
-    loop: ClosedLoopFunctions,
-    *,
-    duration_s: float,
-    step_s: float | None = None,
-    output_step_s: float | None = None,
-    tolerance: float = TOLERANCE,
-    measures: Measures | None = None,
-    backend: Backend = "auto",
-) -> Rollout:
-    """Make a closed loop ready to run: slow the first time (it compiles), quick from the cache.
-
-    Parameters
-    ----------
-    loop
-        The closed loop.
-    duration_s
-        Duration.
-    step_s
-        Longest step; it is taken a little shorter where it does not divide the output step. If None, it is
-        chosen by :func:`choose_step`, and ``rollout.choice`` tells its error.
-    output_step_s
-        Longest time between samples. If None, each step is a sample, or every hundredth of the duration if
-        the step is to be chosen.
-    tolerance
-        Error that a chosen step shall keep to.
-    measures
-        What to reduce each rollout to.
-    backend
-        ``auto`` compiles where a compiler is found and works, and interprets elsewhere.
-
-    Raises
-    ------
-    CompileError
-        ``backend`` is ``compiled`` and cannot be had.
-    DivergedError
-        No step keeps to the tolerance.
-    SpaceRobotError
-        A duration or a step is not positive.
-    """
-    sample_s = duration_s / 100 if step_s is None and output_step_s is None else output_step_s
-    grid = time_grid(duration_s, sample_s or duration_s if step_s is None else step_s, sample_s)
-    kernel = build_kernel(loop, measures)
-    engines, fallback = _engines(kernel, backend)
-    rollout = Rollout(loop, kernel, grid, engines, fallback)
-    if step_s is not None:
-        return rollout
-    choice = rollout.choose_step(tolerance)
-    grid = time_grid(duration_s, choice.step_s, sample_s)
-    return replace(rollout, grid=grid, choice=choice)
-
-
-def choose_step(
-    loop: ClosedLoopFunctions,
-    *,
-    duration_s: float,
-    output_step_s: float | None = None,
-    tolerance: float = TOLERANCE,
-    parameters: Parameters = None,
-    backend: Backend = "auto",
-) -> StepChoice:
-    """Largest step whose error keeps to a tolerance, found by step doubling on pilot rollouts.
-
-    Parameters
-    ----------
-    loop, duration_s, output_step_s, tolerance, backend
-        As for :func:`build_rollout`.
-    parameters
-        As for :meth:`Rollout.values`.
-
-    Raises
-    ------
-    DivergedError
-        No step keeps to the tolerance.
-    """
-    sample_s = output_step_s or duration_s / 100
-    rollout = build_rollout(
-        loop, duration_s=duration_s, step_s=sample_s, output_step_s=sample_s, backend=backend
-    )
-    return rollout.choose_step(tolerance, parameters)
-
-
-def _engines(kernel: Kernel, backend: Backend) -> tuple[Engines, str]:
-    """Engines, and why they interpret although a compiler was found."""
-    if backend not in ("auto", "compiled", "interpreted"):
-        raise SpaceRobotError(f"backend '{backend}', allowed: auto, compiled, interpreted")
-    toolchain = None if backend == "interpreted" else find_toolchain()
-    if toolchain is None:
-        if backend == "compiled":
-            raise CompileError("no C++ compiler was found (g++, clang++, CXX or SPACEROBOT_COMPILER)")
-        return Engines(kernel, None), ""
-    engines = Engines(kernel, toolchain)
-    try:
-        engines.single  # noqa: B018  (compiles)
-    except CompileError as error:
-        if backend == "compiled":
-            raise
-        return Engines(kernel, None), error.message
-    return engines, ""
