@@ -12,7 +12,7 @@ from optim.protocol import Array, Evaluation, Linearisation
 from optim.search import FEASIBLE, Run, Search
 from optim.shooting import Shooting, Solution
 
-ROUND_GAIN = 1e-3  # relative; less in a round ends the search
+ROUND_GAIN = 3.0  # IPOPT is started again, scaled anew, after a round that divided the objective by this
 
 STATUS = {
     "Solve_Succeeded": ("converged", "first-order conditions met"),
@@ -41,14 +41,14 @@ class NlpSettings:
     patience, improvement
         Stop after so many iterations without a relative improvement of the best point by so much.
     rounds
-        IPOPT is started again from where it ended, scaled anew, while that still gains something.
+        IPOPT is started again from where it ended, scaled anew, after a round that gained much.
     screen
         Points of a Sobol sequence that are tried, in one batch, to choose starts from.
     """
 
     iterations: int = 100
     tolerance: float = 1e-5
-    patience: int = 8
+    patience: int = 6
     improvement: float = 1e-3
     rounds: int = 4
     screen: int = 64
@@ -76,7 +76,7 @@ def solve(search: Search, start: Array, settings: NlpSettings) -> Run:
         Never worse than the start; its status and message say how IPOPT ended, its ``kkt`` how well.
     """
     guard = _Guard(search, settings)
-    u, found, before = start, None, np.inf
+    u, found = start, None
     try:
         for attempt in range(settings.rounds):
             first = search.linearise(u)
@@ -86,10 +86,9 @@ def solve(search: Search, start: Array, settings: NlpSettings) -> Run:
             found = shooting.solve(u, _options(settings, guard.left, again=attempt > 0), guard.stop)
             if guard.interrupted:
                 return search.finish("interrupted")
-            gained = before - search.objective > ROUND_GAIN * abs(search.objective)
-            if guard.left <= 0 or not search.feasible or (attempt and not gained):
+            if guard.left <= 0 or not 0 < ROUND_GAIN * search.objective < first.objective:
                 break
-            u, before = search.u, search.objective
+            u = search.u
             guard.rest()
     except KeyboardInterrupt:
         return search.finish("interrupted")

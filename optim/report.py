@@ -257,11 +257,8 @@ def plain(value: Any) -> Any:
     return value.item() if isinstance(value, np.generic) else value
 
 
-HEADINGS = (
-    "method", "best", "median", "spread", "per tip and axis", "rollouts", "gradients", "cost", "time [s]",
-    "at a bound", "torque [N m]", "grip [N]", "other plants",
-)  # fmt: skip
-"""Columns of :func:`table_rows`."""
+COST_HEADINGS = ("method", "best", "median", "spread", "rollouts", "gradients", "cost", "time [s]", "ended")
+"""Columns of :func:`cost_rows`."""
 
 
 def unit_of(contest: Contest) -> tuple[float, str]:
@@ -272,41 +269,63 @@ def unit_of(contest: Contest) -> tuple[float, str]:
     return 1.0, "SI"
 
 
-def table_rows(contest: Contest) -> list[list[str]]:
-    """Rows of a contest's table, the baseline first; lengths in mm where the objective is one."""
-    factor, _ = unit_of(contest)
-    data = plain(_contest(contest))
-    own = data["baseline"]
-    number = _number(factor)
-    first = ["untuned", number(own["nominal_objective"]), "", "", _largest(contest.baseline)]
-    rows = [[*first, "", "", "", "", "", *_loads(own), _plants(own, number)]]
-    for name, method in data["methods"].items():
-        objective, used, best = method["objective"], method["spent"], method["best"]
-        spread = f"{number(objective['lower'])} .. {number(objective['upper'])}"
-        errors = " ".join(_milli(e["best"]) for e in method["largest_errors_m"].values())
+def cost_rows(contest: Contest) -> list[list[str]]:
+    """What each method reached and spent, the baseline first; lengths in mm where the objective is one."""
+    number = _number(unit_of(contest)[0])
+    rows = [["untuned", number(float(contest.baseline.nominal[OBJECTIVE])), *[""] * 7]]
+    for name, outcome in contest.outcomes.items():
+        method = plain(_method(contest, name))
+        objective, used, best = method["objective"], method["spent"], outcome.best
         rows.append(
             [
                 name,
-                number(best["objective"]) + ("" if best["feasible"] else " (infeasible)"),
+                number(best.objective) + ("" if best.feasible else " (infeasible)"),
                 number(objective["median"]),
-                spread,
-                errors,
+                f"{number(objective['lower'])} .. {number(objective['upper'])}",
                 str(used["rollouts"]),
                 str(used["gradients"]),
                 f"{used['equivalent_rollouts']:.0f}",
                 f"{used['wall_s']:.1f}",
-                ", ".join(best["active_bounds"]) or "none",
-                *_loads(best),
-                _plants(best, number),
+                best.message or best.status,
             ]
         )
     return rows
 
 
-def _largest(verdict: Verdict) -> str:
+def design_headings(contest: Contest) -> list[str]:
+    """Columns of :func:`design_rows`."""
+    errors = [f"{where.replace('/tip', '')} [mm]" for where in directions(contest)]
+    loads = ["torque [N m]", "grip [N]", "other plants"]
+    return ["best of", *contest.problem.names, "at a bound", *errors, *loads]
+
+
+def design_rows(contest: Contest) -> list[list[str]]:
+    """The best designs: gains, active bounds, largest error by tip and axis, loads, other plants."""
+    variables, number = contest.problem.variables, _number(unit_of(contest)[0])
+    rows = []
+    for name, verdict in ({"untuned": contest.baseline} | contest.verdicts).items():
+        gains, active = [""] * len(variables), ""
+        if name in contest.outcomes:
+            values = variables.values(contest.outcomes[name].best.u)
+            gains = [f"{value:.4g}" for value in values]
+            active = " ".join(contest.active(name)) or "none"
+        entry = plain(_verdict(verdict))
+        rows.append([name, *gains, active, *_errors_mm(verdict), *_loads(entry), _plants(entry, number)])
+    return rows
+
+
+def sensitivity_rows(contest: Contest) -> list[list[str]]:
+    """Relative change of the objective, to first order, if a variable crossed all of its range."""
+    if contest.sensitivity is None:
+        return []
+    found = contest.sensitivity.over_range
+    return [[f"at {where}", *(f"{value:+.1e}" for value in across)] for where, across in found.items()]
+
+
+def _errors_mm(verdict: Verdict) -> list[str]:
     peaks = verdict.nominal["tip_error_peak"]
     half = len(peaks) // 2
-    return " ".join(_milli(value) for value in np.maximum(peaks[:half], peaks[half:]))
+    return [_milli(value) for value in np.maximum(peaks[:half], peaks[half:])]
 
 
 def _loads(entry: dict[str, Any]) -> list[str]:

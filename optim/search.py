@@ -147,7 +147,7 @@ class Search:
         self.objective, self.violation = np.nan, np.inf
         self.history: list[Moment] = []
         self.share = 0.0
-        self._journal = journal or Journal(None)
+        self._journal = Journal(None) if journal is None else journal
         self._progress = progress
         self._seconds, self._since = 0.0, time.perf_counter()
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -56,11 +56,11 @@ Examples:
 """
 
 LEGEND = (
-    "best, median, spread (quartiles): of the objective over runs. Per tip and axis: largest absolute error "
-    "of each, best over runs [mm]. Cost: in rollouts, a gradient counted at its measured {gradient:.0f} (a "
-    "rollout in a batch takes {rollout:.2f} ms of one core); nlp_ga: what it adds to the GA. Torque, grip: the "
-    "largest needed by the best design. Other plants: objective on {plants} plants never tuned for, median "
-    "and worst."
+    "best, median, spread (quartiles): of the objective over runs. Cost: in rollouts, a gradient counted "
+    "at its measured {gradient:.0f} (a rollout in a batch takes {rollout:.2f} ms of one core); nlp_ga: what "
+    "it adds to the GA. Errors: largest absolute one by tip and axis. Torque, grip: the largest needed. "
+    "Other plants: objective on {plants} plants never tuned for, median (worst). Matters: relative change "
+    "of the objective, to first order, if the gain crossed its range."
 )
 
 
@@ -121,37 +121,25 @@ def command(
 
 def show(contest: Contest) -> None:
     """Print a contest: its table, the claim that it tests, the gains, and which of them matter."""
-    from optim.report import HEADINGS, claim, table_rows, unit_of
+    from optim import report
 
-    unit = unit_of(contest)[1]
-    console().print(table(f"{contest.name}: objective in {unit}", HEADINGS, table_rows(contest)))
+    unit = report.unit_of(contest)[1]
+    names = contest.problem.names
+    title = f"{contest.name}: objective in {unit}"
+    console().print(table(title, report.COST_HEADINGS, report.cost_rows(contest)))
+    console().print(table(None, report.design_headings(contest), report.design_rows(contest)))
+    console().print(table(None, ("matters", *names), report.sensitivity_rows(contest)))
     plants = contest.problem.scene.scenario.tuning
     count = plants.robustness.plants if plants is not None else 0
     words = {"gradient": contest.gradient_cost, "rollout": 1e3 * contest.rollout_s, "plants": count}
     console().print(LEGEND.format(**words), markup=False)
-    said = claim(contest)
+    said = report.claim(contest)
     if said is not None:
         console().print(
             f"The NLP's best is {said['objective_ratio']:.4f} of the best of all evolutionary runs, at "
             f"{said['cost_ratio']:.3f} of their cost: {'' if said['met'] else 'NOT '}as good at a tenth.",
             markup=False,
         )
-    console().print(_gains(contest))
-
-
-def _gains(contest: Contest) -> Any:
-    variables, rows = contest.problem.variables, []
-    for method, outcome in contest.outcomes.items():
-        values = variables.values(outcome.best.u)
-        rows.append(
-            [method, *(f"{value:.5g}" for value in values), outcome.best.message or outcome.best.status]
-        )
-    if contest.sensitivity is not None:
-        for where, across in contest.sensitivity.over_range.items():
-            rows.append(
-                [f"matters at {where}", *(f"{value:+.1e}" for value in across), "of J, over its range"]
-            )
-    return table(None, ("gains", *variables.names, "how it ended"), rows)
 
 
 def draw(found: Comparison, folder: Path) -> None:
