@@ -10,8 +10,10 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 demo: $(VENV)/installed  ## Run the main job: the paper's scenario, from URDF to a result
 	$(BIN)/spacerobot run paper --out out/paper
+	$(BIN)/spacerobot animate out/paper --html out/paper/docking.html
+	$(BIN)/spacerobot report out/paper
 	@echo
-	@echo "Look into out/paper: summary.json (numbers), result.nc (everything over time), scenario.yaml."
+	@echo "Open out/paper/docking.html to see it move, out/paper/report.html to read about it."
 
 test: $(VENV)/installed-all  ## Pass the tests
 	$(BIN)/python -m pytest -n auto

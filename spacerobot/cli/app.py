@@ -11,7 +11,19 @@ from typing import Annotated
 
 import typer
 
-from spacerobot.cli import check, make_arm, paper, run, scenarios, schema
+from spacerobot.cli import (
+    animate,
+    check,
+    compare,
+    figures,
+    make_arm,
+    paper,
+    report,
+    run,
+    scenarios,
+    schema,
+    tune,
+)
 from spacerobot.cli.output import complain
 from spacerobot.errors import SpaceRobotError
 
@@ -23,7 +35,8 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode="rich",
 )
-for module in (run, check, paper, scenarios, make_arm, schema):
+MODULES = (run, check, animate, figures, report, paper, tune, compare, scenarios, make_arm, schema)
+for module in MODULES:
     module.register(app)
 
 

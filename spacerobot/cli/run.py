@@ -10,6 +10,7 @@ from spacerobot.cli.options import Changes, Out, ScenarioName, parse_changes
 from spacerobot.cli.output import console, pairs, progress, warn
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
 
     from spacerobot.result import Result
@@ -22,6 +23,9 @@ Engine = Annotated[
 Backend = Annotated[
     Literal["auto", "compiled", "interpreted"],
     typer.Option("--backend", help="How the casadi engine evaluates; auto compiles where it can."),
+]
+View = Annotated[
+    bool, typer.Option("--view", help="Show the scene in the browser while it runs, then play the result.")
 ]
 
 
@@ -46,9 +50,9 @@ def command(
     changes: Changes = None,
     engine: Engine = None,
     backend: Backend = "auto",
+    view: View = False,
 ) -> None:
     """Simulate a scenario; exit code 3 if the rollout diverges."""
-    from spacerobot.result.table import headline
     from spacerobot.scene import load_scene
 
     pairs_given = parse_changes(changes)
@@ -57,21 +61,51 @@ def command(
     scene = load_scene(scenario, pairs_given)
     for warning in scene.warnings:
         warn(warning)
-    result = run_scene(scene, out, backend)
-    console().print(pairs(f"{result.scenario.name}: {_about(scene)}", headline(result)))
-    if result.folder is not None:
-        console().print(f"\nresult in {result.folder}", markup=False, soft_wrap=True)
+    if view:
+        from viz.live import view_run
+
+        with view_run(scene) as viewer:
+            console().print(f"shown at {viewer.url}; Ctrl-C ends it", markup=False, soft_wrap=True)
+            result = run_scene(scene, out, backend, watch=viewer.tell)
+            viewer.show(result)
+            _conclude(scene, result)
+            viewer.wait()
+    else:
+        result = run_scene(scene, out, backend)
+        _conclude(scene, result)
     fail_if_diverged(result)
 
 
-def run_scene(scene: Scene, out: Path | None, backend: BackendName = "auto") -> Result:
-    """Simulate a scene with a spinner and save the result if a folder is given."""
+def _conclude(scene: Scene, result: Result) -> None:
+    from spacerobot.result.table import headline
+
+    console().print(pairs(f"{result.scenario.name}: {_about(scene)}", headline(result)))
+    if result.folder is not None:
+        console().print(f"\nresult in {result.folder}", markup=False, soft_wrap=True)
+
+
+def run_scene(
+    scene: Scene,
+    out: Path | None,
+    backend: BackendName = "auto",
+    watch: Callable[[str], None] | None = None,
+) -> Result:
+    """Simulate a scene with a spinner and save the result if a folder is given.
+
+    ``watch`` is told the same words as the spinner.
+    """
     from spacerobot.result import check_folder, save
     from spacerobot.simulate import simulate
 
     if out is not None:
         check_folder(out)
-    with progress("building the closed loop") as tell:
+    with progress("building the closed loop") as spin:
+
+        def tell(words: str) -> None:
+            spin(words)
+            if watch is not None:
+                watch(words)
+
         result = simulate(scene, backend=backend, progress=tell)
     return save(result, out) if out is not None else result
 
