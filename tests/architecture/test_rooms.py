@@ -1,0 +1,72 @@
+"""Each room knows only the rooms behind it, and nobody knows the command line."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+
+KNOWS = {
+    "spacerobot.errors": set(),
+    "spacerobot.files": {"errors"},
+    "spacerobot.scenario": {"errors"},
+    "spacerobot.description": {"errors"},
+    "spacerobot.scene": {"errors", "scenario", "description"},
+    "spacerobot.dynamics": {"errors"},
+    "spacerobot.closedloop": {"errors", "scenario", "scene", "dynamics"},
+    "spacerobot.compiled": {"errors"},
+    "spacerobot.rollout": {"errors", "compiled"},
+    "spacerobot.pinocchio_engine": {"errors", "scenario", "scene", "rollout"},
+    "spacerobot.result": {"errors", "files", "scenario", "scene", "rollout"},
+    "spacerobot.simulate": {"closedloop", "pinocchio_engine", "result", "rollout", "scene"},
+    "spacerobot.paper": {"result", "scene", "simulate"},
+}
+"""What each room of the library may import, the command line aside."""
+
+
+def imports(path):
+    """Modules that a file imports, at any depth."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+            yield node.module
+
+
+def files(room):
+    place = ROOT / room.replace(".", "/")
+    found = sorted(place.rglob("*.py")) if place.is_dir() else [place.with_suffix(".py")]
+    assert found
+    return found
+
+
+@pytest.mark.parametrize("room", KNOWS)
+def test_a_room_knows_only_the_rooms_behind_it(room):
+    own = room.split(".")[1]
+    for path in files(room):
+        for module in imports(path):
+            top, _, rest = module.partition(".")
+            assert top not in ("optim", "viz", "tests", "benchmarks"), f"{path}: {module}"
+            if top == "spacerobot" and rest:
+                assert rest.split(".")[0] in KNOWS[room] | {own}, f"{path}: {module}"
+
+
+def test_every_room_of_the_library_is_listed():
+    here = {
+        f"spacerobot.{p.stem}"
+        for p in (ROOT / "spacerobot").iterdir()
+        if p.suffix == ".py" or (p / "__init__.py").exists()
+    }
+    assert here - {"spacerobot.__init__", "spacerobot.cli"} == set(KNOWS)
+
+
+@pytest.mark.parametrize("package", ["optim", "viz"])
+def test_nobody_but_the_command_line_prints_or_knows_it(package):
+    rooms = [path for room in KNOWS for path in files(room)] + files(package)
+    for path in rooms:
+        if path.name in ("__main__.py", "readme_picture.py"):
+            continue
+        assert not any(module.startswith("spacerobot.cli") for module in imports(path)), path
+        calls = (n for n in ast.walk(ast.parse(path.read_text(encoding="utf-8"))) if isinstance(n, ast.Call))
+        assert not any(isinstance(c.func, ast.Name) and c.func.id == "print" for c in calls), path
