@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -160,7 +160,7 @@ def _keep() -> tempfile.TemporaryDirectory[str]:
     return tempfile.TemporaryDirectory(prefix="small_scenes_")
 
 
-def small_scene(text: str, changes: Mapping[str, Any] | None = None) -> Scene:
+def small_scene(text: str, changes: Mapping[str, Any] | Sequence[tuple[str, Any]] | None = None) -> Scene:
     """Scene of a YAML text whose URDFs lie in :func:`folder`, with values changed by dotted path."""
     source = folder() / "scenario.yaml"
     return build_scene(validate(parse_yaml(text, source=source), source=source), changes or {}, source=source)

@@ -1,0 +1,201 @@
+"""Validation: every fault is told in one line with its place, what was found and what is allowed."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+import yaml
+
+from spacerobot.errors import ScenarioError
+from spacerobot.scenario import Circle, Compliant, Hold, Scenario, Spline, Weld
+from spacerobot.scenario.load import json_schema, parse_yaml, to_document, to_yaml, validate
+from spacerobot.scenario.paths import leaves
+from tests.oracles.small_scenes import PLANAR, SPATIAL
+
+ONE = "robots.one.tips.tip"
+
+
+def faulty(changes: dict[str, object], text: str = PLANAR) -> str:
+    """Message of the error that a document with values put at dotted paths raises."""
+    document = parse_yaml(text)
+    for path, value in changes.items():
+        node = document
+        *parents, last = path.split(".")
+        for key in parents:
+            node = node.setdefault(key, {}) if isinstance(node, dict) else node[int(key)]
+        node[int(last) if isinstance(node, list) else last] = value
+    with pytest.raises(ScenarioError) as caught:
+        validate(document, source="some.yaml")
+    message = str(caught.value)
+    assert message.startswith("some.yaml: ")
+    assert "\n" not in message
+    return message.removeprefix("some.yaml: ")
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ({"gravty": [0, 0, 0]}, "unknown key 'gravty'; did you mean gravity?"),
+        ({f"{ONE}.pid.kq": 3}, f"{ONE}.pid: unknown key 'kq'; allowed: derivative, feedback, .*kp"),
+        (
+            {"robots.one.base.possition": [0, 0, 0]},
+            "robots.one.base: unknown key 'possition'; did you mean position",
+        ),
+        ({"grasps.left.stifness": 3}, "grasps.left: unknown key 'stifness'; did you mean stiffness"),
+        ({"simulation.steps": 3}, "simulation: unknown key 'steps'; did you mean step"),
+        ({f"{ONE}.reference.raidus": 1}, f"{ONE}.reference: unknown key 'raidus'; did you mean radius"),
+        (
+            {"robots.one.joints.joint_1.angle": 1},
+            "robots.one.joints.joint_1: unknown key 'angle'; did you mean angle_deg",
+        ),
+        # ranges and types
+        ({f"{ONE}.pid.kp": -1}, f"{ONE}.pid.kp: input should be greater than or equal to 0, found -1"),
+        ({f"{ONE}.reference.radius": 0}, f"{ONE}.reference.radius: input should be greater than 0, found 0"),
+        ({f"{ONE}.pid.kp": "much"}, f"{ONE}.pid.kp: input should be a valid number, .*found 'much'"),
+        ({f"{ONE}.pid.kp": True}, f"{ONE}.pid: kp: a truth value, found True"),
+        ({f"{ONE}.pid.kp": float("nan")}, f"{ONE}.pid.kp: input should be a finite number, found nan"),
+        ({f"{ONE}.pid.kp": float("inf")}, f"{ONE}.pid.kp: input should be a finite number, found inf"),
+        ({f"{ONE}.pid.kp": None}, f"{ONE}.pid.kp: input should be a valid number, found None"),
+        (
+            {f"{ONE}.pid.feedback": "both"},
+            f"{ONE}.pid.feedback: input should be 'base' or 'inertial', found 'both'",
+        ),
+        ({f"{ONE}.amnesia.ta": -0.1}, f"{ONE}.amnesia.ta: .*greater than or equal to 0"),
+        ({"robots.one.base.position": [0, 0]}, r"robots.one.base.position.2: missing"),
+        ({"robots.one.base.position": [0, 0, 0, 0]}, r"robots.one.base.position: .*at most 3"),
+        (
+            {"robots.one.base.joint": "ball"},
+            "robots.one.base.joint: input should be 'planar', 'free_flyer' or 'fixed'",
+        ),
+        (
+            {"robots.one.links": {"base": {"mass": 0}}},
+            "robots.one.links.base.mass: .*greater than 0, found 0",
+        ),
+        ({"robots.one.links": {"base": {"inertia": [1, 1, 1]}}}, r"robots.one.links.base.inertia.3: missing"),
+        ({"simulation.step": 0}, "simulation.step: .*greater than 0"),
+        (
+            {"simulation.engine": "drake"},
+            "simulation.engine: input should be 'casadi', 'cvodes' or 'pinocchio'",
+        ),
+        ({"simulation.output_step": 1e-9}, "simulation: more than 10 million samples"),
+        ({"simulation.step": 1e-12}, "simulation: more than a billion steps"),
+        ({"robots": {}}, "robots: .*at least 1"),
+        ({"robots.one.urdf": ""}, "robots.one.urdf: .*at least 1 character"),
+        ({"robots.one": None}, "robots.one: input should be a valid dictionary"),
+        ({"robots.a/b": {"urdf": "arm.urdf"}}, r"robots.a/b: .*pattern"),
+        ({"robots.one.tips.1st": {}}, r"robots.one.tips.1st: .*pattern"),
+        ({"name": "two words"}, "name: .*pattern"),
+        # what belongs together
+        ({f"{ONE}.pid": None}, f"{ONE}: the amnesia controller corrects the PID's reference: give `pid` too"),
+        (
+            {f"{ONE}.orientation_amnesia": {"ge": 1, "ta": 1}},
+            f"{ONE}: `orientation_amnesia` corrects `orientation_pid`: give it too",
+        ),
+        ({"grasps.left.kind": "glue"}, "grasps.left.kind: found 'glue', allowed: compliant, point, weld"),
+        ({"grasps.left.kind": "weld"}, "grasps.left: unknown key 'stiffness'"),
+        (
+            {f"{ONE}.reference.kind": "helix"},
+            f"{ONE}.reference.kind: found 'helix', allowed: circle, line, spline, hold",
+        ),
+        ({"grasps.left.tip": "one"}, "grasps.left.tip: .*pattern"),
+        ({"grasps.left.tip": "one/tap"}, "grasps.left.tip: no tip 'one/tap'; did you mean one/tip"),
+        ({"grasps.left.tip": "two/tip"}, "grasps.right.tip: 'two/tip' already holds grasp 'left'"),
+        ({"target": None}, "grasps.left: there is no target to hold"),
+        ({"robots.target": {"urdf": "arm.urdf"}}, "robots.target: `target` is the held object's name"),
+        ({"target.base.close_grasp": "lift"}, "target.base.close_grasp: no grasp 'lift'; did you mean left"),
+        (
+            {"target.base.position": [1, 0, 0]},
+            "target.base: give either `position` or `close_grasp`, not both",
+        ),
+        (
+            {"robots.two.base.joint": "fixed"},
+            "robots.two.base: a fixed base is not placed by closing a grasp",
+        ),
+        ({"robots.one.base.joint": "fixed"}, "robots.one.base: a fixed base has no velocity"),
+        ({"robots.one.base.rotation_deg": [1, 0, 0]}, "robots.one.base: a planar base turns about z"),
+        ({"robots.one.base.velocity": [0, 0, 1]}, "robots.one.base: a planar base turns about z"),
+    ],
+)
+def test_fault_is_told_with_its_place(changes, expected):
+    assert re.match(expected, faulty(changes)), faulty(changes)
+
+
+def test_several_faults_are_counted():
+    assert faulty({f"{ONE}.pid.kp": -1, f"{ONE}.pid.ki": -1}).endswith("found -1 (and 1 more)")
+
+
+def test_missing_key_is_named():
+    assert faulty({"robots.three": {}}) == "robots.three.urdf: missing"
+    assert faulty({"grasps.left": {"kind": "weld", "tip": "one/tip"}}) == "grasps.left.frame: missing"
+
+
+@pytest.mark.parametrize(
+    ("spline", "expected"),
+    [
+        ({"times": [0, 1], "displacements": [[0, 0, 0]] * 3}, "2 times but 3 displacements"),
+        ({"times": [1, 2], "displacements": [[0, 0, 0]] * 2}, "times must start at 0, found 1"),
+        ({"times": [0, 2, 2], "displacements": [[0, 0, 0]] * 3}, "times must rise strictly"),
+        ({"times": [0, 2], "displacements": [[0, 0.1, 0]] * 2}, "the first displacement must be 0 0 0"),
+        ({"times": [0], "displacements": [[0, 0, 0]]}, ".*at least 2"),
+    ],
+)
+def test_spline_faults(spline, expected):
+    message = faulty({f"{ONE}.reference": {"kind": "spline"} | spline})
+    assert re.match(rf"{ONE}.reference(.times)?: {expected}", message), message
+
+
+def test_kinds_are_read_as_their_own_sections():
+    document = parse_yaml(SPATIAL)
+    document["grasps"]["left"] = {"kind": "weld", "tip": "one/tip", "frame": "left"}
+    document["robots"]["one"]["tips"]["tip"]["reference"] = {"kind": "hold"}
+    document["robots"]["two"]["tips"]["tip"]["reference"] = {
+        "kind": "spline",
+        "times": [0, 1],
+        "displacements": [[0, 0, 0], [1, 0, 0]],
+    }
+    scenario = validate(document)
+    assert isinstance(scenario.grasps["left"], Weld)
+    assert isinstance(scenario.grasps["right"], Compliant)
+    assert isinstance(scenario.robots["one"].tips["tip"].reference, Hold)
+    assert isinstance(scenario.robots["two"].tips["tip"].reference, Spline)
+    assert isinstance(validate(parse_yaml(PLANAR)).robots["one"].tips["tip"].reference, Circle)
+    with pytest.raises(Exception, match="frozen"):
+        scenario.name = "other"
+
+
+@pytest.mark.parametrize("text", [PLANAR, SPATIAL])
+def test_yaml_round_trip(text):
+    scenario = validate(parse_yaml(text))
+    again = validate(parse_yaml(to_yaml(scenario)))
+    assert again == scenario
+    assert to_yaml(again) == to_yaml(scenario)
+    assert validate(to_document(scenario)) == scenario
+
+
+def test_every_number_has_a_unit_and_every_field_a_description():
+    def walk(schema, where):
+        for name, field in schema.get("properties", {}).items():
+            text = str(field)
+            if name in {"kind", "base", "simulation"} or ("$ref" in text and "description" not in text):
+                continue
+            assert "description" in text, f"{where}.{name}"
+            numeric = field.get("type") == "number" or any(
+                option.get("type") == "number" for option in field.get("anyOf", ())
+            )
+            assert not numeric or "unit" in field or where == "Variable", f"{where}.{name} has no unit"
+
+    schema = json_schema()
+    assert schema["title"] == "spacerobot scenario"
+    walk(schema, "Scenario")
+    for name, section in schema["$defs"].items():
+        walk(section, name)
+
+
+def test_plain_form_holds_every_number_of_the_scenario():
+    document = to_document(validate(parse_yaml(PLANAR)))
+    paths = dict(leaves(document))
+    assert paths["robots.one.tips.tip.pid.filter_time"] == 0.02  # defaults included
+    assert paths["robots.one.base.velocity.1"] == -0.02
+    assert yaml.safe_load(yaml.safe_dump(document)) == document
+    assert Scenario.model_validate(document).name == "flat"

@@ -1,0 +1,195 @@
+"""Scenes that cannot be simulated are refused with the place, what was found and what is allowed."""
+
+from __future__ import annotations
+
+import math
+import re
+
+import pytest
+
+from spacerobot.errors import ScenarioError
+from spacerobot.scene import load_scene
+from tests.oracles.small_scenes import ODD_ARM, PLANAR, SPATIAL, folder, small_scene
+
+STILL = {
+    "robots.*.base.velocity": [0, 0, 0],
+    "robots.*.base.spin_deg": [0, 0, 0],
+    "target.base.spin_deg": [0, 0, 0],
+    "robots.one.joints.joint_1.rate_deg": 0,
+}
+
+
+def rigid(kind: str = "weld") -> dict[str, object]:
+    return {
+        "grasps.left": {"kind": kind, "tip": "one/tip", "frame": "mate_1"},
+        "grasps.right": {"kind": kind, "tip": "two/tip", "frame": "mate_2"},
+    }
+
+
+@pytest.mark.parametrize(
+    ("text", "changes", "expected"),
+    [
+        (
+            PLANAR,
+            {"target.base.close_grasp": "right"},
+            "robots.two.base.close_grasp and target.base.close_grasp wait",
+        ),
+        (
+            PLANAR,
+            {"robots.one.base": {"joint": "planar", "close_grasp": "left"}},
+            "robots.one.base.close_grasp and robots.two.base.close_grasp and target.base.close_grasp wait",
+        ),
+        (
+            PLANAR,
+            {"robots.two.base.close_grasp": "left"},
+            "robots.two.base.close_grasp: grasp 'left' holds 'one/tip'",
+        ),
+        (
+            PLANAR,
+            {"grasps.left.frame": "mate_3"},
+            "grasps.left.frame: no link 'mate_3' in the target's URDF; did you",
+        ),
+        (
+            PLANAR,
+            {"robots.one.tips.tap": {}},
+            "robots.one.tips.tap: no link 'tap' in arm.urdf; did you mean tip",
+        ),
+        (PLANAR, {"robots.one.tips.tip.frame": "tipp"}, "robots.one.tips.tip.frame: no link 'tipp'"),
+        (
+            PLANAR,
+            {"robots.one.links.link_9": {"mass": 1}},
+            "robots.one.links: no link 'link_9' in the URDF; did you mean",
+        ),
+        (
+            PLANAR,
+            {"robots.one.joints.joint_9": {"damping": 1}},
+            "robots.one.joints: no moving joint 'joint_9'",
+        ),
+        (
+            PLANAR,
+            {"robots.one.joints.joint_1.offset": 1},
+            "robots.one.joints.joint_1.offset: not for a revolute joint",
+        ),
+        (
+            SPATIAL,
+            {"robots.one.joints.slide.angle_deg": 1},
+            "robots.one.joints.slide.angle_deg: not for a prismatic",
+        ),
+        (PLANAR, {"robots.one.urdf": "arn.urdf"}, "robots.one.urdf: arn.urdf: no such URDF file"),
+        (PLANAR, {"robots.one.tips.nothing.pid.kp": 1}, "--set robots.one.tips.nothing.pid.kp: no 'nothing'"),
+        (PLANAR, {"robots.three.urdf": "arm.urdf"}, "--set robots.three.urdf: no 'three'"),
+        (
+            PLANAR,
+            {"robots.one.links.link_1.inertia.0": -1},
+            "robots.one.links: link 'link_1' inertia is not positive",
+        ),
+        (
+            PLANAR,
+            {"robots.one.links.link_1.inertia": [0, 0, 0, 0, 0, 0]},
+            "robots.one.links: link 'link_1' is a moving link; its inertia is not positive definite",
+        ),
+        (PLANAR, {"target.links.body.mass": 0}, "target.links.body.mass: input should be greater than 0"),
+        (
+            PLANAR,
+            {"robots.one.tips.tip.amnesia.ta": "x"},
+            "robots.one.tips.tip.amnesia.ta: input should be a valid",
+        ),
+        # rigid grasps
+        (PLANAR, rigid(), "grasps.left: rigid, but tip and mating frame begin with relative velocity"),
+        (
+            PLANAR,
+            STILL | rigid() | {"robots.two.joints.joint_3.rate_deg": 1},
+            "grasps.right: rigid, but tip and mating",
+        ),
+        (
+            PLANAR,
+            STILL
+            | rigid()
+            | {
+                "robots.one.base": {"joint": "planar", "position": [0.001, 0, 0]},
+                "target.base": {"joint": "planar", "position": [0.9, 0.2, 0]},
+            },
+            "grasps.left: does not close",
+        ),
+    ],
+)
+def test_refusals(text, changes, expected):
+    with pytest.raises(ScenarioError) as caught:
+        small_scene(text, changes)
+    message = str(caught.value).removeprefix(f"{folder() / 'scenario.yaml'}: ")
+    assert re.match(re.escape(expected), message), message
+    assert "\n" not in message
+
+
+def test_spin_about_the_mating_point_slips_in_a_weld_but_not_in_a_point():
+    reach, turned, spin = 0.2 * math.cos(math.radians(30)), math.radians(20), math.radians(5)
+    # velocity of the target's root that leaves mate_1, at -reach on its x axis, at rest
+    velocity = [-spin * reach * math.sin(turned), spin * reach * math.cos(turned), 0]
+    spinning = STILL | {"target.base.spin_deg": [0, 0, 5], "target.base.velocity": velocity}
+    loose = {"robots.two.base": {"joint": "planar", "position": [5, 0, 0]}}
+
+    def scene(kind):
+        return small_scene(PLANAR, spinning | loose | {"grasps": {"left": rigid(kind)["grasps.left"]}})
+
+    assert scene("point").grasps[0].config.kind == "point"
+    with pytest.raises(ScenarioError, match=r"begin with relative velocity 0\.0873"):
+        scene("weld")
+
+
+def test_grasps_that_fix_a_freedom_twice():
+    both = {
+        "left": rigid("weld")["grasps.left"],
+        "again": {"kind": "weld", "tip": "one/same", "frame": "mate_1"},
+    }
+    changes = STILL | {
+        "robots.two.base": {"joint": "planar"},
+        "robots.one.tips.same": {"frame": "tip"},
+        "grasps": both,
+    }
+    with pytest.raises(ScenarioError) as caught:
+        small_scene(PLANAR, changes)
+    assert "grasps: the rigid grasps left, again fix 6 freedoms of which only 3 are independent" in str(
+        caught.value
+    )
+    softened = changes | {"grasps": both | {"again": both["again"] | {"kind": "compliant"}}}
+    assert len(small_scene(PLANAR, softened).grasps) == 2
+    # a fixed base and a straight arm cannot move its tip along itself
+    straight = STILL | {
+        "robots.one.base": {"joint": "fixed"},
+        "robots.one.joints.*.angle_deg": 0,
+        "target.base": {"joint": "fixed", "position": [1.5 + 0.2 * math.cos(math.radians(30)), 0, 0]},
+        "robots.two.base": {"joint": "planar"},
+        "grasps": {"left": rigid("point")["grasps.left"]},
+    }
+    with pytest.raises(ScenarioError, match="fix 2 freedoms of which only 1 are independent"):
+        small_scene(PLANAR, straight)
+
+
+def test_torque_limits_need_a_number_for_every_joint():
+    urdf = ODD_ARM.replace(
+        '<limit effort="6" velocity="2"/><dynamics damping="0.2"/>', '<dynamics damping="0.2"/>'
+    )
+    (folder() / "unlimited.urdf").write_text(urdf, encoding="utf-8")
+    text = "robots: {a: {urdf: unlimited.urdf, torque_limits: true}}"
+    with pytest.raises(ScenarioError) as caught:
+        small_scene(text)
+    assert str(caught.value).endswith(
+        "robots.a.torque_limits: no effort limit in the URDF, nor joints.*.torque_limit, for round"
+    )
+    scene = small_scene(text, {"robots.a.joints.round.torque_limit": 3})
+    limits = {name: joint.torque_limit for name, joint in scene.scenario.robots["a"].joints.items()}
+    assert limits == {"slant": 8, "round": 3, "slide": 40, "wrist": 5}
+
+
+def test_scene_in_which_nothing_moves():
+    with pytest.raises(ScenarioError, match="nothing can move"):
+        small_scene("robots: {a: {urdf: plate.urdf, base: {joint: fixed}}}")
+
+
+def test_errors_name_the_file(tmp_path):
+    file = tmp_path / "mine.yaml"
+    file.write_text("robots: {a: {urdf: nothing.urdf}}", encoding="utf-8")
+    with pytest.raises(ScenarioError) as caught:
+        load_scene(file)
+    assert str(caught.value).startswith(f"{file}: robots.a.urdf: ")
+    assert caught.value.source == file
