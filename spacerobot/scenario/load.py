@@ -39,6 +39,17 @@ class _Loader(yaml.SafeLoader):
         return super().construct_mapping(node, deep=deep)
 
 
+def _refuse(loader: _Loader, node: yaml.Node) -> Any:  # noqa: ARG001 (YAML calls it so)
+    kind = node.tag.rpartition(":")[2]
+    raise yaml.constructor.ConstructorError(
+        None, None, f"a {kind}, where plain values are allowed; a text may stand in quotes", node.start_mark
+    )
+
+
+for _kind in ("binary", "timestamp", "set", "omap", "pairs"):
+    _Loader.add_constructor(f"tag:yaml.org,2002:{_kind}", _refuse)
+
+
 def read_document(path: Path) -> Document:
     """Plain content of a YAML file, not validated yet.
 
