@@ -15,7 +15,7 @@ def refused(text: str, match: str) -> None:
     begin = time.perf_counter()
     with pytest.raises(ScenarioError, match=match) as caught:
         parse_yaml(text, source="some.yaml")
-    assert time.perf_counter() - begin < 2
+    assert time.perf_counter() - begin < 30  # a bomb would take years
     assert "\n" not in str(caught.value)
     assert str(caught.value).startswith("some.yaml")
 
