@@ -181,10 +181,12 @@ def choose_starts(search: Search, count: int, settings: NlpSettings) -> list[Arr
     search
         What evaluates; its seed scrambles the sequence.
     count
-        How many.
+        How many; a single one is the problem's own, and nothing is screened.
     settings
         How many points are screened.
     """
+    if count == 1:
+        return [np.array(search.problem.start)]
     from scipy.stats import qmc
 
     k = len(search.problem.names)

@@ -1,0 +1,274 @@
+"""Tuning and comparing from Python and from the command line: reports, errors, the documented script."""
+
+from __future__ import annotations
+
+import json
+import re
+import runpy
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from optim import Effort, NlpSettings, Protocol, compare, run_method, tune
+from optim.plants import build_judge
+from optim.problem import build_problem
+from optim.report import claim, cost_rows, design_headings, design_rows, statistics, write
+from optim.sensitivity import sensitivity
+from optim.sweep import sweep
+from spacerobot.cli import compare as compare_command
+from spacerobot.cli import tune as tune_command
+from spacerobot.errors import ScenarioError, SpaceRobotError
+from spacerobot.result import load
+from tests.oracles.known_optima import quadratic
+
+TINY = Protocol(population=8, budget=48)
+EFFORT = Effort(TINY, TINY, runs=2, nlp=NlpSettings(iterations=15, screen=8), starts=2)
+SCRIPT = Path(__file__).parents[2] / "docs" / "examples" / "tune_gains.py"
+
+
+@pytest.fixture(scope="module")
+def found(small, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("compared")
+    made = compare(small(), readings=["base"], sets=["four"], effort=EFFORT, folder=folder / "journals")
+    write(made, folder)
+    return made, folder
+
+
+def test_every_method_runs_on_the_same_problem(found):
+    (contest,) = found[0].contests
+    assert list(contest.outcomes) == ["manual", "ga", "de", "pso", "cmaes", "nlp", "nlp_ga"]
+    for name in ("ga", "de", "pso", "cmaes"):
+        assert len(contest.outcomes[name].runs) == 2
+        assert contest.outcomes[name].best.objective < contest.baseline.nominal["objective"]
+    assert contest.outcomes["nlp_ga"].best.objective <= contest.outcomes["ga"].best.objective
+    everyone = [o.best.objective for n, o in contest.outcomes.items() if n != "manual"]
+    assert contest.outcomes["nlp"].best.objective <= min(everyone) * 1.001
+    assert contest.gradient_cost > 0
+
+
+def test_verdicts_are_ordinary_rollouts_of_the_same_design(found):
+    (contest,) = found[0].contests
+    for name, verdict in contest.verdicts.items():
+        assert verdict.nominal["objective"] == pytest.approx(contest.outcomes[name].best.objective, rel=1e-6)
+        assert verdict.varied["objective"].shape == (8,)
+        assert len(np.unique(verdict.varied["objective"])) == 8
+
+
+def test_the_report_is_complete_and_strict_json(found):
+    data = json.loads((found[1] / "comparison.json").read_text(), parse_constant=pytest.fail)
+    (contest,) = data["contests"]
+    assert contest["directions"] == ["arm/tip x", "arm/tip y"]
+    for name, method in contest["methods"].items():
+        assert {"best", "median", "lower", "upper", "worst"} <= set(method["objective"])
+        assert method["best"]["other_plants"]["plants"] == 8
+        assert set(method["best"]["gains"]) == {"kp", "ki", "kd", "ta"}
+        assert method["best"]["peaks"]["joint_torque_peak"] > 0
+        assert method["best"]["result"] == f"base-four/{name}"
+        for run in method["runs"]:
+            costs = [moment[0] for moment in run["history"]]
+            values = [moment[2] for moment in run["history"]]
+            assert costs == sorted(costs)
+            assert values == sorted(values, reverse=True)
+    assert contest["nlp_against_evolutionary"]["objective_ratio"] <= 1.001
+    assert len(contest["methods"]["manual"]["runs"][0]["log"]) > 5
+
+
+def test_each_best_design_is_saved_as_a_result(found):
+    made, folder = found
+    data = json.loads((folder / "comparison.json").read_text())
+    result = load(folder / "base-four" / "nlp")
+    best = data["contests"][0]["methods"]["nlp"]["best"]
+    tip = result.scenario.robots["arm"].tips["tip"]
+    assert tip.pid.kp == pytest.approx(best["gains"]["kp"])
+    largest = max(made.contests[0].verdicts["nlp"].nominal["tip_error_peak"])
+    assert best["largest_error_checked_m"] == pytest.approx(largest, rel=1e-2)
+
+
+def test_a_comparison_run_again_is_read_from_its_journals(found, small, monkeypatch):
+    first, folder = found
+    monkeypatch.setattr("optim.problem.TuningProblem.evaluate", None)
+    again = run_method(first.contests[0].problem, "ga", EFFORT, folder=folder / "journals" / "base-four")
+    assert again.best.objective == first.contests[0].outcomes["ga"].best.objective
+
+
+def test_tables_have_a_cell_for_each_heading(found):
+    (contest,) = found[0].contests
+    assert {len(row) for row in cost_rows(contest)} == {9}
+    assert {len(row) for row in design_rows(contest)} == {len(design_headings(contest))}
+    assert claim(contest) is not None
+
+
+def test_sensitivities_are_relative_slopes(small):
+    problem = build_problem(small(), chosen=["kp", "ta"])
+    u, step = np.array([0.5, 0.5]), 1e-4
+    found = sensitivity(problem, {"here": u})
+    value = problem.evaluate(u[None]).objective[0]
+    for i in range(2):
+        moved = [u + sign * step * np.eye(2)[i] for sign in (1, -1)]
+        up, down = problem.evaluate(np.array(moved)).objective
+        p_up, p_down = (problem.variables.values(m)[i] for m in moved)
+        slope = (np.log(up) - np.log(down)) / (np.log(p_up) - np.log(p_down))
+        assert found.relative["here"][i] == pytest.approx(slope, rel=1e-3)
+        assert found.over_range["here"][i] == pytest.approx((up - down) / (2 * step) / value, rel=1e-3)
+
+
+def test_plants_stay_within_their_spreads_and_are_seeded(small):
+    judge = build_judge(small(), reading="base")
+    plants = judge.plants
+    assert {path.split(".")[-1] for path in plants} >= {"mass", "stiffness", "offset"}
+    assert any(path.startswith("target.links") and ".inertia." in path for path in plants)
+    stiffness = plants["grasps.left.stiffness"]
+    assert stiffness.min() >= 70
+    assert stiffness.max() <= 130
+    assert stiffness.std() > 10
+    again = build_judge(small(), reading="base").plants
+    assert all(np.array_equal(again[path], values) for path, values in plants.items())
+    other = build_judge(small(tuning__robustness__seed=9), reading="base").plants
+    assert not np.array_equal(other["grasps.left.stiffness"], stiffness)
+
+
+def test_a_python_function_of_a_result_serves_the_ga(small):
+    def score(result):
+        return result.summary["tip_error"]["arm/tip"]["norm"]["rms_m"]
+
+    effort = Effort(Protocol(population=6, budget=18), runs=1)
+    tuned = tune(small(), "ga", variables=["kd"], score=score, effort=effort)
+    assert 20 <= tuned.gains["kd"] <= 100
+    assert tuned.objective == pytest.approx(score(_simulated(tuned.scene)), rel=1e-2)
+    with pytest.raises(ScenarioError, match="no gradients"):
+        tune(small(), "nlp", variables=["kd"], score=score)
+
+
+def _simulated(scene):
+    from spacerobot.simulate import simulate
+
+    return simulate(scene)
+
+
+def test_new_variables_need_no_tuning_section(small):
+    effort = Effort(nlp=NlpSettings(iterations=5, screen=8), starts=1)
+    bare = small(tuning=None)
+    tuned = tune(bare, variables={"kd": ("robots.arm.tips.tip.pid.kd", 20, 100)}, effort=effort)
+    assert tuned.scene.scenario.robots["arm"].tips["tip"].pid.kd == pytest.approx(tuned.gains["kd"])
+
+
+def test_the_sweep_covers_probabilities_and_populations(small):
+    trials = list(sweep(quadratic(), protocol=Protocol(population=10, budget=60), runs=2))
+    settings = {(trial.setting, trial.value) for trial in trials}
+    assert {("crossover", 0.1), ("crossover", 0.9), ("mutation", 0.9), ("population", 20)} <= settings
+    assert all(len(trial.runs) == 2 and np.isfinite(trial.objectives).all() for trial in trials)
+
+
+def test_statistics_count_what_has_no_value_as_worst():
+    found = statistics(np.array([3.0, np.nan, 1.0]))
+    assert (found["best"], found["median"], found["worst"]) == (1.0, 3.0, np.inf)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"tuning__variables__kp__paths": ["robots.arm.tips.tip.pid.kpp"]}, "did you mean kp"),
+        ({"tuning__variables__kp__paths": ["robots.arm.base.joint"]}, "is no number"),
+        ({"tuning__variables__kp__paths": ["robots.arm.tips.tip.pid.kd"]}, "set by kp already"),
+        ({"tuning__objective__kind": "eq45", "robots__arm__tips__tip__amnesia": None}, "tuning.variables.ta"),
+        ({"tuning__variables__kp__paths": ["simulation.duration"]}, "does not depend on it"),
+    ],
+)
+def test_variables_that_lead_nowhere_are_told_with_near_names(small, changes, words):
+    with pytest.raises(ScenarioError, match=re.escape(words)):
+        build_problem(small(**changes))
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"tuning__variables__kp__lower": 400}, "lower must be below upper, found 400 and 400"),
+        ({"tuning__variables__ki__lower": 0}, "a log scale needs a lower bound above 0"),
+        ({"tuning__sets": {"two": ["kp", "tta"]}}, "did you mean ta"),
+        ({"tuning__sets": {"two": []}}, "no variable"),
+        ({"tuning__methods": ["gaa"]}, "tuning.methods"),
+        ({"tuning__objective__kind": "isee"}, "tuning.objective.kind"),
+        ({"tuning__budgett": 3}, "did you mean budget"),
+    ],
+)
+def test_a_section_that_makes_no_sense_is_refused(small, changes, words):
+    with pytest.raises(ScenarioError, match=re.escape(words)):
+        small(**changes)
+
+
+def test_names_of_methods_readings_and_sets_are_checked(small):
+    with pytest.raises(SpaceRobotError, match="did you mean nlp"):
+        tune(small(), "nlpp", effort=EFFORT)
+    with pytest.raises(ScenarioError, match="did you mean base"):
+        compare(small(), readings=["bas"])
+    with pytest.raises(ScenarioError, match="did you mean two"):
+        compare(small(), sets=["twoo"])
+    with pytest.raises(ScenarioError, match="no tuning section"):
+        compare(small(tuning=None))
+    with pytest.raises(ScenarioError, match="no variable 'kq'"):
+        tune(small(), variables=["kq"])
+
+
+def test_ctrl_c_in_a_rollout_keeps_what_was_found(small, monkeypatch):
+    from optim.problem import TuningProblem
+
+    real, calls = TuningProblem.evaluate, threading.local()
+    calls.n = 0
+
+    def evaluate(self, u):
+        calls.n += 1
+        if calls.n > 3:
+            raise KeyboardInterrupt
+        return real(self, u)
+
+    monkeypatch.setattr(TuningProblem, "evaluate", evaluate)
+    made = compare(small(), readings=["base"], sets=["two"], methods=["ga", "nlp"], effort=EFFORT)
+    assert made.interrupted
+    assert list(made.contests[0].outcomes) == ["ga"]
+    assert np.isfinite(made.contests[0].outcomes["ga"].best.objective)
+
+
+@pytest.fixture(scope="module")
+def app():
+    made = typer.Typer()
+    tune_command.register(made)
+    compare_command.register(made)
+    return made
+
+
+def test_the_commands(app, small_file, tmp_path):
+    runner = CliRunner()
+    few = ["--budget", "24", "--runs", "1", "--starts", "1", "--readings", "base", "--sets", "two"]
+    asked = ["compare", str(small_file), "--methods", "ga,nlp", *few, "--out", str(tmp_path / "c")]
+    done = runner.invoke(app, asked, catch_exceptions=False)
+    assert done.exit_code == 0
+    assert "base-two" in done.output
+    assert "of the best of all evolutionary runs" in done.output
+    assert (tmp_path / "c" / "base-two" / "figures" / "convergence_cost.svg").is_file()
+    assert load(tmp_path / "c" / "base-two" / "nlp").completed
+    asked = [
+        "tune",
+        str(small_file),
+        "--method",
+        "manual",
+        "--variables",
+        "four",
+        "--out",
+        str(tmp_path / "t"),
+    ]
+    done = runner.invoke(app, asked, catch_exceptions=False)
+    assert done.exit_code == 0
+    assert "step by step" in done.output
+    assert json.loads((tmp_path / "t" / "tuning.json").read_text())["runs"][0]["log"]
+
+
+def test_the_documented_script_is_short_and_runs(capsys):
+    assert len(SCRIPT.read_text().splitlines()) <= 25
+    runpy.run_path(str(SCRIPT), run_name="__main__")
+    printed = capsys.readouterr().out
+    assert "ge" in printed
+    assert printed.split()[0] in ("converged", "settled")

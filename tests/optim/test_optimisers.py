@@ -1,0 +1,161 @@
+"""Every method against problems whose optima are known by hand, through the adapters that scenes use."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from optim.evolutionary import METHODS, Protocol, evolve
+from optim.kkt import kkt_residual
+from optim.nlp import NlpSettings, choose_starts, solve
+from optim.search import Search, better
+from spacerobot.errors import SpaceRobotError
+from tests.oracles.known_optima import Walled, chebyshev, constrained, quadratic, rosenbrock
+
+SMALL = Protocol(population=20, budget=1200)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_evolutionary_methods_find_a_quadratic_minimum(method):
+    problem = quadratic()
+    run = evolve(Search(problem, method, seed=3), SMALL)
+    assert run.objective < 1e-3
+    assert np.abs(run.u - problem.optimum).max() < 0.03
+    assert run.cost.rollouts == problem.calls <= SMALL.budget
+    assert [m.objective for m in run.history] == sorted((m.objective for m in run.history), reverse=True)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_diverged_rollout_is_infeasible_not_a_number(method):
+    run = evolve(Search(quadratic(Walled), method, seed=1), SMALL)
+    assert run.feasible
+    assert run.u[0] <= 0.6
+    assert run.objective < 2e-3
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_constraints_hold(method):
+    run = evolve(Search(constrained(), method, seed=5), SMALL)
+    assert run.feasible
+    assert run.objective == pytest.approx(0.5, abs=0.01)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_the_same_seed_gives_the_same_answer_and_another_seed_another(method):
+    first, again, other = (evolve(Search(quadratic(), method, seed=s), SMALL) for s in (4, 4, 5))
+    assert np.array_equal(first.u, again.u)
+    assert not np.array_equal(first.u, other.u)
+
+
+def test_the_crossover_probability_falls_as_in_the_paper(monkeypatch):
+    import optim.evolutionary as module
+
+    seen, anneal = [], module._anneal
+
+    def spy(algorithm, protocol, share):
+        anneal(algorithm, protocol, share)
+        seen.append(float(algorithm.mating.crossover.prob.get()))
+
+    monkeypatch.setattr(module, "_anneal", spy)
+    evolve(Search(quadratic(), "ga", seed=0), Protocol(population=10, budget=200))
+    assert seen[0] == 0.5
+    assert seen[-1] == pytest.approx(0.15, abs=0.03)
+    assert seen == sorted(seen, reverse=True)
+
+
+@pytest.mark.parametrize(
+    ("problem", "value"),
+    [
+        (quadratic(), 0.0),
+        (rosenbrock("squares"), 0.0),
+        (rosenbrock("smooth"), 0.0),
+        (chebyshev(), 0.125),
+        (constrained(), 0.5),
+    ],
+    ids=["quadratic", "gauss-newton", "rosenbrock", "minimax", "constrained"],
+)
+def test_the_nlp_finds_known_optima(problem, value):
+    run = solve(Search(problem, "nlp"), problem.start, NlpSettings(patience=20, tolerance=1e-8))
+    assert run.feasible
+    assert run.objective == pytest.approx(value, abs=2e-5)
+    assert np.abs(run.u - problem.optimum).max() < 5e-3
+    assert run.status in ("converged", "settled")
+    assert run.kkt is not None
+
+
+def test_gauss_newton_needs_fewer_iterations_than_l_bfgs():
+    newton, quasi = (
+        solve(Search(p, "nlp"), p.start, NlpSettings(patience=50))
+        for p in (rosenbrock("squares"), rosenbrock("smooth"))
+    )
+    assert newton.cost.gradients < quasi.cost.gradients
+
+
+def test_the_first_order_residual_vanishes_at_optima_and_nowhere_else():
+    for problem in (quadratic(), chebyshev(), constrained()):
+        there = kkt_residual(problem.optimum, problem.parts(problem.optimum), problem.form)
+        away = kkt_residual(problem.start, problem.parts(problem.start), problem.form)
+        assert away > 0.5
+        assert there < 0.02 or problem.parts(problem.optimum).objective < 1e-12
+
+
+def test_an_active_bound_counts_as_optimal():
+    problem = quadratic()
+    problem.optimum = np.array([-0.5, 0.7, 0.2])
+    run = solve(Search(problem, "nlp"), problem.start, NlpSettings(tolerance=1e-8, patience=30))
+    assert run.u[0] == pytest.approx(0, abs=1e-3)
+    assert run.kkt < 0.02
+
+
+def test_the_nlp_backs_away_from_diverged_rollouts():
+    problem = quadratic(Walled)
+    problem.optimum = np.array([0.59, 0.7, 0.2])
+    run = solve(Search(problem, "nlp"), np.array([0.1, 0.1, 0.9]), NlpSettings(patience=30))
+    assert run.objective < 1e-3
+
+
+def test_a_start_that_diverges_says_so():
+    run = solve(Search(quadratic(Walled), "nlp"), np.array([0.9, 0.5, 0.5]), NlpSettings())
+    assert run.status == "failed"
+    assert "diverges" in run.message
+    assert not run.feasible
+
+
+def test_the_nlp_is_never_worse_than_its_start():
+    problem = chebyshev()
+    run = solve(Search(problem, "nlp"), problem.optimum, NlpSettings())
+    assert run.objective <= problem.parts(problem.optimum).objective
+
+
+def test_starts_are_seeded_good_and_apart():
+    def starts(seed):
+        return choose_starts(Search(quadratic(), "nlp", seed=seed), 4, NlpSettings())
+
+    assert np.array_equal(starts(1), starts(1))
+    assert not np.array_equal(starts(1), starts(2))
+    found = starts(1)
+    assert np.array_equal(found[0], quadratic().start)
+    assert min(np.abs(a - b).max() for i, a in enumerate(found) for b in found[:i]) > 0.2
+
+
+def test_interrupting_keeps_the_best_so_far():
+    for method in (*METHODS, "nlp"):
+        problem = quadratic()
+        problem.interrupt_at = 200 if method != "nlp" else 4
+        search = Search(problem, method)
+        run = solve(search, problem.start, NlpSettings()) if method == "nlp" else evolve(search, SMALL)
+        assert run.status == "interrupted"
+        assert run.feasible
+        assert np.isfinite(run.objective)
+
+
+def test_feasible_points_beat_infeasible_ones():
+    assert better(5.0, 0.0, 1.0, 0.1)
+    assert not better(1.0, 0.1, 5.0, 0.0)
+    assert better(9.0, 0.1, 1.0, 0.2)
+    assert better(1.0, 0.0, 2.0, 0.0)
+
+
+def test_an_unknown_method_names_the_near_ones():
+    with pytest.raises(SpaceRobotError, match="did you mean cmaes"):
+        evolve(Search(quadratic(), "cmae"), SMALL)
