@@ -12,8 +12,9 @@ import numpy as np
 from optim.evolutionary import METHODS as EVOLUTIONARY
 from optim.methods import Effort, Outcome, effort_of, run_method
 from optim.plants import Judge, build_judge
-from optim.problem import TuningProblem, build_problem, tuning_of
+from optim.problem import TuningProblem, build_problem
 from optim.protocol import Array
+from optim.scenes import tuning_of
 from optim.search import Progress
 from optim.sensitivity import Sensitivity, sensitivity
 from spacerobot.errors import ScenarioError, near_names

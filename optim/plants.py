@@ -8,9 +8,10 @@ from functools import cached_property
 
 import numpy as np
 
-from optim.objectives import OBJECTIVE, build_terms, extended_loop
-from optim.problem import changed_scene, tuning_of
+from optim.batches import roll_out
+from optim.objectives import build_terms, extended_loop
 from optim.protocol import Array
+from optim.scenes import changed_scene, tuning_of
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.rollout import Rollout, build_rollout
 from spacerobot.scenario import Robustness
@@ -68,8 +69,7 @@ class Judge:
     def _roll(self, design: Mapping[str, float], plants: Mapping[str, Array]) -> dict[str, Array]:
         count = len(next(iter(plants.values())))
         columns = [np.full(count, value) for value in design.values()] + list(plants.values())
-        batch = self.rollout.batch((*design, *plants), np.column_stack(columns), threads=self.threads)
-        return {OBJECTIVE: batch.costs[OBJECTIVE], **batch.measures}
+        return roll_out(self.rollout, (*design, *plants), np.column_stack(columns), self.threads)
 
 
 def build_judge(scene: Scene, *, reading: str | None = None, threads: int | None = None) -> Judge:

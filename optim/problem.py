@@ -10,15 +10,15 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
+from optim.batches import roll_out
 from optim.objectives import OBJECTIVE, Terms, UserObjective, build_terms, error_rows, extended_loop
 from optim.protocol import Array, Evaluation, Form, Linearisation
+from optim.scenes import changed_scene, tuning_of
 from optim.tied import tie
 from optim.variables import Variables, resolve_variables
 from spacerobot.closedloop import ClosedLoop, build_closed_loop
-from spacerobot.errors import ScenarioError
 from spacerobot.rollout import Jacobian, Rollout, build_rollout
-from spacerobot.scenario import Tuning
-from spacerobot.scene import Scene, build_scene
+from spacerobot.scene import Scene
 
 WINDOWS = 250  # rows of a minimax problem: for each error the largest and the least value in so many windows
 
@@ -104,10 +104,7 @@ class TuningProblem:
         """The same at values (N, k) of the variables, in the scenario's units."""
         others = dict(plants or {})
         rows = np.column_stack([np.atleast_2d(values), *others.values()])
-        batch = self.rollout.batch((*self.names, *others), rows, threads=self.threads)
-        if batch.cancelled:
-            raise KeyboardInterrupt
-        return {OBJECTIVE: batch.costs[OBJECTIVE], **batch.measures}
+        return roll_out(self.rollout, (*self.names, *others), rows, self.threads)
 
     def linearise(self, u: Array) -> Linearisation:
         """Objective, constraints and their exact derivatives at one point u (k,).
@@ -218,34 +215,6 @@ def _plain(value: float, gradient: Array) -> Linearisation:
     return Linearisation(
         value, gradient, none, np.empty((0, k)), none, np.empty((0, k)), value, np.array(gradient)
     )
-
-
-def tuning_of(scene: Scene) -> Tuning:
-    """The scene's tuning section.
-
-    Raises
-    ------
-    ScenarioError
-        If it has none.
-    """
-    if scene.scenario.tuning is None:
-        raise ScenarioError("this scenario has no tuning section", source=scene.source, where="tuning")
-    return scene.scenario.tuning
-
-
-def changed_scene(scene: Scene, reading: str | None = None) -> Scene:
-    """The scene with the tuning problem's changes, and those of one reading, made.
-
-    Raises
-    ------
-    ScenarioError
-        If a change leads nowhere.
-    """
-    tuning = tuning_of(scene)
-    changes = dict(tuning.changes)
-    if reading is not None:
-        changes |= tuning.readings[reading]
-    return build_scene(scene.scenario, changes, source=scene.source) if changes else scene
 
 
 def build_problem(

@@ -139,8 +139,8 @@ def _contest(contest: Contest) -> dict[str, Any]:
         "rollout_core_s": contest.rollout_s,
         "gradient_cost_rollouts": contest.gradient_cost,
         "directions": directions(contest),
-        "baseline": _verdict(contest.baseline),
-        "methods": {name: _method(contest, name) for name in contest.outcomes},
+        "baseline": verdict_data(contest.baseline),
+        "methods": {name: method_data(contest, name) for name in contest.outcomes},
         "nlp_against_evolutionary": claim(contest),
         "sensitivity": None
         if contest.sensitivity is None
@@ -154,7 +154,8 @@ def directions(contest: Contest) -> list[str]:
     return [f"{tip.label} {'xyz'[axis]}" for tip in scene.tips for axis in scene.translation_axes]
 
 
-def _method(contest: Contest, name: str) -> dict[str, Any]:
+def method_data(contest: Contest, name: str) -> dict[str, Any]:
+    """What a method found and spent, as it stands in ``comparison.json``."""
     outcome, variables = contest.outcomes[name], contest.problem.variables
     values = np.array([run.objective for run in outcome.searches or outcome.runs])
     cost = spent(outcome)
@@ -176,13 +177,14 @@ def _method(contest: Contest, name: str) -> dict[str, Any]:
             "gains": variables.as_mapping(variables.values(outcome.best.u)),
             "active_bounds": contest.active(name),
             "kkt": outcome.best.kkt,
-            **_verdict(contest.verdicts[name]),
+            **verdict_data(contest.verdicts[name]),
         },
         "runs": [_run(contest, run) for run in outcome.runs],
     }
 
 
-def _verdict(verdict: Verdict) -> dict[str, Any]:
+def verdict_data(verdict: Verdict) -> dict[str, Any]:
+    """How a design does on the nominal plant and on others, as it stands in ``comparison.json``."""
     peaks = {name: values for name, values in verdict.nominal.items() if name.endswith(("peak", "peak_deg"))}
     varied = verdict.varied[OBJECTIVE]
     finite = varied[np.isfinite(varied)]
@@ -255,94 +257,3 @@ def plain(value: Any) -> Any:
     if isinstance(value, float | np.floating):
         return float(value) if np.isfinite(value) else None
     return value.item() if isinstance(value, np.generic) else value
-
-
-COST_HEADINGS = ("method", "best", "median", "spread", "rollouts", "gradients", "cost", "time [s]", "ended")
-"""Columns of :func:`cost_rows`."""
-
-
-def unit_of(contest: Contest) -> tuple[float, str]:
-    """Factor and unit in which a contest's objective reads well."""
-    tuning = contest.problem.scene.scenario.tuning
-    if tuning is not None and tuning.objective.kind == "minimax":
-        return 1e3, "mm"
-    return 1.0, "SI"
-
-
-def cost_rows(contest: Contest) -> list[list[str]]:
-    """What each method reached and spent, the baseline first; lengths in mm where the objective is one."""
-    number = _number(unit_of(contest)[0])
-    rows = [["untuned", number(float(contest.baseline.nominal[OBJECTIVE])), *[""] * 7]]
-    for name, outcome in contest.outcomes.items():
-        method = plain(_method(contest, name))
-        objective, used, best = method["objective"], method["spent"], outcome.best
-        rows.append(
-            [
-                name,
-                number(best.objective) + ("" if best.feasible else " (infeasible)"),
-                number(objective["median"]),
-                f"{number(objective['lower'])} .. {number(objective['upper'])}",
-                str(used["rollouts"]),
-                str(used["gradients"]),
-                f"{used['equivalent_rollouts']:.0f}",
-                f"{used['wall_s']:.1f}",
-                best.message or best.status,
-            ]
-        )
-    return rows
-
-
-def design_headings(contest: Contest) -> list[str]:
-    """Columns of :func:`design_rows`."""
-    errors = [f"{where.replace('/tip', '')} [mm]" for where in directions(contest)]
-    loads = ["torque [N m]", "grip [N]", "other plants"]
-    return ["best of", *contest.problem.names, "at a bound", *errors, *loads]
-
-
-def design_rows(contest: Contest) -> list[list[str]]:
-    """The best designs: gains, active bounds, largest error by tip and axis, loads, other plants."""
-    variables, number = contest.problem.variables, _number(unit_of(contest)[0])
-    rows = []
-    for name, verdict in ({"untuned": contest.baseline} | contest.verdicts).items():
-        gains, active = [""] * len(variables), ""
-        if name in contest.outcomes:
-            values = variables.values(contest.outcomes[name].best.u)
-            gains = [f"{value:.4g}" for value in values]
-            active = " ".join(contest.active(name)) or "none"
-        entry = plain(_verdict(verdict))
-        rows.append([name, *gains, active, *_errors_mm(verdict), *_loads(entry), _plants(entry, number)])
-    return rows
-
-
-def sensitivity_rows(contest: Contest) -> list[list[str]]:
-    """Relative change of the objective, to first order, if a variable crossed all of its range."""
-    if contest.sensitivity is None:
-        return []
-    found = contest.sensitivity.over_range
-    return [[f"at {where}", *(f"{value:+.1e}" for value in across)] for where, across in found.items()]
-
-
-def _errors_mm(verdict: Verdict) -> list[str]:
-    peaks = verdict.nominal["tip_error_peak"]
-    half = len(peaks) // 2
-    return [_milli(value) for value in np.maximum(peaks[:half], peaks[half:])]
-
-
-def _loads(entry: dict[str, Any]) -> list[str]:
-    peaks = entry["peaks"]
-    keys = ("joint_torque_peak", "grip_force_peak")
-    return ["" if peaks.get(key) is None else f"{peaks[key]:.3g}" for key in keys]
-
-
-def _plants(entry: dict[str, Any], number: Any) -> str:
-    other = entry["other_plants"]
-    lost = f", {other['diverged']} diverged" if other["diverged"] else ""
-    return f"{number(other['objective']['median'])} (worst {number(other['objective']['worst'])}{lost})"
-
-
-def _number(factor: float) -> Any:
-    return lambda value: "diverged" if value is None or not np.isfinite(value) else f"{factor * value:.4g}"
-
-
-def _milli(value: float | None) -> str:
-    return "-" if value is None or not np.isfinite(value) else f"{1e3 * value:.3g}"

@@ -13,8 +13,9 @@ from optim.blackbox import ResultObjective, ResultProblem
 from optim.evolutionary import METHODS as EVOLUTIONARY
 from optim.methods import Effort, Outcome, effort_of, run_method
 from optim.objectives import UserObjective
-from optim.problem import TuningProblem, build_problem, tuning_of
+from optim.problem import TuningProblem, build_problem
 from optim.protocol import Array
+from optim.scenes import tuning_of
 from optim.search import Progress, Run
 from spacerobot.errors import ScenarioError, near_names
 from spacerobot.scene import Scene, build_scene

@@ -85,8 +85,8 @@ def command(
 ) -> None:
     """Compare methods; exit code 130 after Ctrl-C, with what was found until then."""
     from optim import compare, effort_of
-    from optim.problem import tuning_of
     from optim.report import write
+    from optim.scenes import tuning_of
     from spacerobot.scene import load_scene
 
     scene = load_scene(scenario, parse_changes(changes))
@@ -121,14 +121,14 @@ def command(
 
 def show(contest: Contest) -> None:
     """Print a contest: its table, the claim that it tests, the gains, and which of them matter."""
-    from optim import report
+    from optim import report, tables
 
-    unit = report.unit_of(contest)[1]
+    unit = tables.unit_of(contest)[1]
     names = contest.problem.names
     title = f"{contest.name}: objective in {unit}"
-    console().print(table(title, report.COST_HEADINGS, report.cost_rows(contest)))
-    console().print(table(None, report.design_headings(contest), report.design_rows(contest)))
-    console().print(table(None, ("matters", *names), report.sensitivity_rows(contest)))
+    console().print(table(title, tables.COST_HEADINGS, tables.cost_rows(contest)))
+    console().print(table(None, tables.design_headings(contest), tables.design_rows(contest)))
+    console().print(table(None, ("matters", *names), tables.sensitivity_rows(contest)))
     plants = contest.problem.scene.scenario.tuning
     count = plants.robustness.plants if plants is not None else 0
     words = {"gradient": contest.gradient_cost, "rollout": 1e3 * contest.rollout_s, "plants": count}
@@ -144,7 +144,8 @@ def show(contest: Contest) -> None:
 
 def draw(found: Comparison, folder: Path) -> None:
     """Write convergence, sensitivities and robustness of each contest as figures."""
-    from optim.report import convergence, unit_of
+    from optim.report import convergence
+    from optim.tables import unit_of
     from spacerobot.files import write_bytes
     from viz.figures import convergence as draw_convergence
     from viz.figures import robustness, sensitivities

@@ -66,7 +66,7 @@ def command(
 ) -> None:
     """Tune, simulate the best design, and save it if a folder is given."""
     from optim import effort_of, tune
-    from optim.problem import tuning_of
+    from optim.scenes import tuning_of
     from spacerobot.result import save
     from spacerobot.result.table import headline
     from spacerobot.scene import load_scene
@@ -127,8 +127,8 @@ def sweep_command(
 ) -> None:
     """Run the GA with one setting changed at a time."""
     from optim import Protocol, build_problem
-    from optim.problem import tuning_of
     from optim.report import statistics
+    from optim.scenes import tuning_of
     from optim.sweep import sweep
     from spacerobot.files import write_text
     from spacerobot.scene import load_scene

@@ -16,9 +16,10 @@ from typer.testing import CliRunner
 from optim import Effort, NlpSettings, Protocol, compare, run_method, tune
 from optim.plants import build_judge
 from optim.problem import build_problem
-from optim.report import claim, cost_rows, design_headings, design_rows, statistics, write
+from optim.report import claim, statistics, write
 from optim.sensitivity import sensitivity
 from optim.sweep import sweep
+from optim.tables import cost_rows, design_headings, design_rows
 from spacerobot.cli import compare as compare_command
 from spacerobot.cli import tune as tune_command
 from spacerobot.errors import ScenarioError, SpaceRobotError
