@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -47,7 +48,9 @@ def load_scene(name: str | Path, changes: Mapping[str, Any] | Sequence[tuple[str
         If anything in the scenario or its URDFs cannot be simulated.
     """
     source = find_scenario(str(name))
-    return build_scene(validate(read_document(source), source=source), changes, source=source)
+    named = re.sub(r"[^\w-]", "_", source.stem, flags=re.ASCII).lstrip("0123456789-")[:64]
+    document = {"name": named or "scenario"} | read_document(source)
+    return build_scene(validate(document, source=source), changes, source=source)
 
 
 def build_scene(

@@ -312,3 +312,15 @@ def test_a_wrong_kind_lists_every_kind_there_is(spacerobot, change, kinds):
     assert ", ".join(kinds) in one_line(err)
     mapping = json.loads(spacerobot("schema")[1])["$defs"]
     assert set(kinds) <= {d.get("properties", {}).get("kind", {}).get("const") for d in mapping.values()}
+
+
+@pytest.mark.parametrize(
+    ("file", "name"), [("mine.yaml", "mine"), ("2 grips.yaml", "_grips"), ("7.yaml", "scenario")]
+)
+def test_a_scenario_without_a_name_takes_its_files(spacerobot, tmp_path, file, name):
+    document = yaml.safe_load(shipped()["paper"].read_text())
+    del document["name"]
+    (tmp_path / file).write_text(yaml.safe_dump(document))
+    code, out, _ = spacerobot("check", tmp_path / file)
+    assert code == 0
+    assert out.startswith(f"{name} planar")
