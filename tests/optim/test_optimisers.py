@@ -10,7 +10,7 @@ from optim.kkt import kkt_residual
 from optim.nlp import NlpSettings, choose_starts, solve
 from optim.search import Search, better
 from spacerobot.errors import SpaceRobotError
-from tests.oracles.known_optima import Walled, chebyshev, constrained, quadratic, rosenbrock
+from tests.oracles.known_optima import Walled, chebyshev, constrained, mixed, quadratic, rosenbrock
 
 SMALL = Protocol(population=20, budget=1200)
 
@@ -70,9 +70,10 @@ def test_the_crossover_probability_falls_as_in_the_paper(monkeypatch):
         (rosenbrock("squares"), 0.0),
         (rosenbrock("smooth"), 0.0),
         (chebyshev(), 0.125),
+        (mixed(), 0.75),
         (constrained(), 0.5),
     ],
-    ids=["quadratic", "gauss-newton", "rosenbrock", "minimax", "constrained"],
+    ids=["quadratic", "gauss-newton", "rosenbrock", "minimax", "minimax beside a smooth part", "constrained"],
 )
 def test_the_nlp_finds_known_optima(problem, value):
     run = solve(Search(problem, "nlp"), problem.start, NlpSettings(patience=20, tolerance=1e-8))

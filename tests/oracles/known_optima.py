@@ -96,6 +96,15 @@ class Chebyshev(Known):
         return self.build(float(rows[worst]), jacobian[worst], rows, jacobian, 0.0, np.zeros(2))
 
 
+class Mixed(Known):
+    """Least (u - 1)^2 + max(u, 0): 1/2, value 3/4."""
+
+    def parts(self, u):
+        rows, jacobian = np.array([u[0], 0.0]), np.array([[1.0], [0.0]])
+        value, slope = float((u[0] - 1) ** 2), 2 * (u - 1)
+        return self.build(value + rows.max(), slope + 1, rows, jacobian, value, slope)
+
+
 class Constrained(Known):
     """Least (u0 - 1)^2 + (u1 - 1)^2 with u0 + u1 <= 1: (1/2, 1/2)."""
 
@@ -123,3 +132,7 @@ def chebyshev():
 
 def constrained():
     return Constrained(start=np.array([0.1, 0.2]), optimum=np.full(2, 0.5), constraint_names=("sum",))
+
+
+def mixed():
+    return Mixed(start=np.array([0.9]), optimum=np.array([0.5]), form="minimax")
