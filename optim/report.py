@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+import time
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +18,10 @@ from optim.protocol import Array, Cost
 from optim.search import Run
 from spacerobot.files import write_text
 from spacerobot.result import Result, save
+from spacerobot.result.dataset import build_dataset
+from spacerobot.result.summary import build_summary
+from spacerobot.rollout import build_rollout
 from spacerobot.scene import build_scene
-from spacerobot.simulate import simulate
 
 FORMAT = 1
 MOST_MOMENTS = 200  # of each run's history that is kept
@@ -87,10 +90,9 @@ def write(comparison: Comparison, folder: Path, *, results: bool = True) -> dict
     data, found = to_json(comparison), {}
     if results:
         for contest, plain in zip(comparison.contests, data["contests"], strict=True):
-            designs = {"baseline": contest.baseline} | contest.verdicts
-            for method, verdict in designs.items():
+            for method, made in results_of(contest):
                 name = f"{contest.name}/{method}"
-                result = save(result_of(contest, verdict), folder / contest.name / method)
+                result = save(made, folder / contest.name / method)
                 found[name] = result
                 entry = plain["baseline"] if method == "baseline" else plain["methods"][method]["best"]
                 entry["result"] = name
@@ -99,10 +101,29 @@ def write(comparison: Comparison, folder: Path, *, results: bool = True) -> dict
     return found
 
 
-def result_of(contest: Contest, verdict: Verdict) -> Result:
-    """A design simulated anew, at the scenario's own step."""
-    scene = contest.problem.scene
-    return simulate(build_scene(scene.scenario, verdict.design, source=scene.source))
+def results_of(contest: Contest) -> Iterator[tuple[str, Result]]:
+    """The untuned design and each method's best, simulated anew at the scenario's own step.
+
+    They share one closed loop, so that they are quick; ``simulate`` on the scenario of one gives the same.
+    """
+    scene, loop = contest.problem.scene, contest.problem.loop
+    simulation = scene.scenario.simulation
+    rollout = build_rollout(
+        loop,
+        duration_s=simulation.duration,
+        step_s=simulation.step,
+        output_step_s=simulation.output_step,
+        tolerance=simulation.tolerance,
+    )
+    for method, verdict in ({"baseline": contest.baseline} | contest.verdicts).items():
+        begin = time.perf_counter()
+        trajectory = rollout.run(verdict.design)
+        own = build_scene(scene.scenario, verdict.design, source=scene.source)
+        data = build_dataset(own, trajectory, loop.state_names)
+        timing = {"closed_loop": 0.0, "compile_or_load": 0.0, "rollout": trajectory.wall_s}
+        timing["total"] = time.perf_counter() - begin
+        summary = build_summary(own, data, trajectory, timing, {"toolchain": rollout.summary})
+        yield method, Result(own.scenario, data, summary)
 
 
 def largest_error(result: Result) -> float | None:

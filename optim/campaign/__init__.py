@@ -1,0 +1,1 @@
+"""Campaigns: how gains do over the whole range of what is not known."""
