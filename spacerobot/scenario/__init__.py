@@ -1,6 +1,7 @@
 """Scenarios: the validated description of what is simulated."""
 
 from spacerobot.scenario.bodies import Base, Body, Joint, Link, Robot, Target, Tip
+from spacerobot.scenario.campaign import Campaign, Limits, Uncertain
 from spacerobot.scenario.control import Amnesia, Calibration, JointPd, Pid, Sensors
 from spacerobot.scenario.grasp import Compliant, Grasp, Point, Weld
 from spacerobot.scenario.reference import Circle, Hold, Line, Reference, Spline
@@ -12,6 +13,7 @@ __all__ = [
     "Base",
     "Body",
     "Calibration",
+    "Campaign",
     "Circle",
     "Compliant",
     "Constraints",
@@ -19,6 +21,7 @@ __all__ = [
     "Hold",
     "Joint",
     "JointPd",
+    "Limits",
     "Line",
     "Link",
     "Objective",
@@ -34,6 +37,7 @@ __all__ = [
     "Target",
     "Tip",
     "Tuning",
+    "Uncertain",
     "Variable",
     "Weld",
 ]

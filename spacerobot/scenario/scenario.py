@@ -8,6 +8,7 @@ from pydantic import Field, model_validator
 
 from spacerobot.errors import near_names
 from spacerobot.scenario.bodies import Base, Robot, Target
+from spacerobot.scenario.campaign import Campaign
 from spacerobot.scenario.grasp import Grasp
 from spacerobot.scenario.section import Name, Section, Vector, quantity
 from spacerobot.scenario.tuning import Tuning
@@ -42,7 +43,7 @@ class Simulation(Section):
 class Scenario(Section):
     """Robots, the target, the grasps that join them, and the simulation."""
 
-    name: Name = Field(default="scenario", description="name of the scenario")
+    name: Name = Field(default="scenario", description="name of the scenario; that of its file if not given")
     description: str = Field(default="", description="what it shows, for people")
     gravity: Vector = quantity("m/s^2", "gravity; none in orbit", default=(0.0, 0.0, 0.0))
     robots: dict[Name, Robot] = Field(min_length=1, description="robots by name")
@@ -50,6 +51,7 @@ class Scenario(Section):
     grasps: dict[Name, Grasp] = Field(default={}, description="grasps by name")
     simulation: Simulation = Simulation()
     tuning: Tuning | None = Field(default=None, description="the tuning problem")
+    campaign: Campaign | None = Field(default=None, description="uncertain numbers, and rollouts over them")
 
     @model_validator(mode="after")
     def _check(self) -> Scenario:

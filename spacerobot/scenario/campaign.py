@@ -1,0 +1,198 @@
+"""The campaign: which numbers of the scenario are uncertain, and how they are drawn."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import Any, Literal, get_args
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from spacerobot.errors import near_names
+from spacerobot.scenario.section import Name, Section, quantity
+
+Distribution = Literal["uniform", "normal", "lognormal", "truncated_normal"]
+Design = Literal["monte_carlo", "latin_hypercube", "sobol", "grid", "saltelli"]
+Metric = Literal[
+    "tip_error_peak",
+    "tip_error_rms",
+    "target_rotation_peak",
+    "base_rotation_peak",
+    "joint_torque_peak",
+    "grip_force_peak",
+]
+METRICS: tuple[Metric, ...] = get_args(Metric)
+
+NEEDS: dict[str, tuple[str, ...]] = {
+    "uniform": ("lower", "upper"),
+    "normal": ("mean", "std"),
+    "lognormal": ("median", "sigma"),
+    "truncated_normal": ("mean", "std", "lower", "upper"),
+}
+"""Numbers that each distribution is described by."""
+
+MOST_SAMPLES = 1_000_000
+EIGENVALUE = 1e-10  # least eigenvalue of a correlation matrix
+
+
+class Uncertain(Section):
+    """A number that is not known, in one place of the scenario or in several at once."""
+
+    paths: tuple[str, ...] = Field(
+        min_length=1, description="dotted paths that take its value, `*` for every name: 'grasps.*.stiffness'"
+    )
+    kind: Distribution = Field(
+        default="uniform",
+        description="uniform: lower, upper; normal: mean, std; lognormal: median, sigma (of the natural "
+        "logarithm); truncated_normal: mean, std of the normal distribution that is cut at lower, upper",
+    )
+    apply: Literal["value", "factor", "offset"] = Field(
+        default="value",
+        description="what is drawn: the number itself, a factor of the scenario's number, or what is added "
+        "to it; each in the paths' unit",
+    )
+    lower: float | None = quantity("unit of the paths", "least value", default=None)
+    upper: float | None = quantity("unit of the paths", "greatest value", default=None)
+    mean: float | None = quantity("unit of the paths", "mean", default=None)
+    std: float | None = quantity("unit of the paths", "standard deviation", default=None, gt=0)
+    median: float | None = quantity("unit of the paths", "median", default=None, gt=0)
+    sigma: float | None = quantity("1", "standard deviation of the logarithm", default=None, gt=0, le=5)
+    levels: int | None = Field(default=None, ge=1, le=10_000, description="values of a grid")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _one_path(cls, data: Any) -> Any:
+        """Take a single path for a list of one."""
+        if isinstance(data, dict) and isinstance(data.get("paths"), str):
+            data = data | {"paths": [data["paths"]]}
+        if isinstance(data, dict):
+            _check_word(data.get("kind", "uniform"), "kind", NEEDS)
+        return data
+
+    @model_validator(mode="after")
+    def _check(self) -> Uncertain:
+        needed = NEEDS[self.kind]
+        for name in ("lower", "upper", "mean", "std", "median", "sigma"):
+            given = getattr(self, name) is not None
+            if given != (name in needed):
+                found = f"{name} is {'given' if given else 'missing'}"
+                raise ValueError(f"a {self.kind} distribution takes {', '.join(needed)}; {found}")
+        if self.lower is not None and self.upper is not None and not self.lower < self.upper:
+            raise ValueError(f"lower must be below upper, found {self.lower:g} and {self.upper:g}")
+        if self.kind == "truncated_normal":
+            self._check_reach()
+        return self
+
+    def _check_reach(self) -> None:
+        """Refuse a truncated normal of which hardly anything is left."""
+        a, b = ((limit - self.mean) / self.std for limit in (self.lower, self.upper))  # type: ignore[operator]
+        kept = 0.5 * (math.erf(b / math.sqrt(2)) - math.erf(a / math.sqrt(2)))
+        if kept < 1e-6:
+            raise ValueError("lower and upper cut away all but a millionth of the normal distribution")
+
+
+class Limits(Section):
+    """What counts as a failure beside divergence; no limit where nothing is given."""
+
+    joint_torque: float | None = quantity("N m or N", "of any joint", default=None, gt=0)
+    grip_force: float | None = quantity("N", "of any grasp", default=None, gt=0)
+    tip_error: float | None = quantity("m", "of any tip along any axis", default=None, gt=0)
+    target_rotation_deg: float | None = quantity("deg", "of the target", default=None, gt=0)
+    base_rotation_deg: float | None = quantity(
+        "deg", "of any robot's base since the start", default=None, gt=0
+    )
+
+
+class Campaign(Section):
+    """Many rollouts over what is not known, and what is asked of them."""
+
+    parameters: dict[Name, Uncertain] = Field(min_length=1, description="uncertain numbers by name")
+    correlation: tuple[tuple[float, ...], ...] | None = Field(
+        default=None,
+        description="correlation matrix of the parameters' normal scores, in the order of `parameters` "
+        "(Gaussian copula); independent if not given",
+    )
+    design: Design = Field(
+        default="sobol",
+        description="monte_carlo, latin_hypercube, sobol (scrambled), grid (every combination of levels), or "
+        "saltelli (for Sobol' indices; needs SALib)",
+    )
+    samples: int = Field(
+        default=1024,
+        ge=1,
+        le=MOST_SAMPLES,
+        description="how many; of `saltelli`: of the base sample, each worth parameters + 2 rollouts; a "
+        "grid's number follows from its levels",
+    )
+    levels: int = Field(default=5, ge=1, le=10_000, description="values of each parameter of a grid")
+    seed: int = Field(default=0, ge=0, description="of the draw")
+    gains: dict[Name, dict[str, Any]] = Field(
+        default={},
+        description="sets of gains to compare on the same samples: changes to the scenario by dotted path; "
+        "the scenario's own gains alone if not given",
+    )
+    metrics: tuple[Metric, ...] = Field(default=METRICS, min_length=1, description="what is kept")
+    limits: Limits = Limits()
+    percentiles: tuple[float, ...] = Field(
+        default=(5.0, 50.0, 95.0, 99.0), min_length=1, description="which percentiles are told"
+    )
+    confidence: float = quantity("1", "of every interval", default=0.95, gt=0, lt=1)
+    step: float = quantity("s", "step of the rollouts", default=0.002, gt=0)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _known_words(cls, data: Any) -> Any:
+        """Refuse unknown designs and metrics with the near names."""
+        if isinstance(data, dict):
+            _check_word(data.get("design", "sobol"), "design", get_args(Design))
+            metrics = data.get("metrics", ())
+            for word in metrics if isinstance(metrics, list | tuple) else ():
+                _check_word(word, "metrics", METRICS)
+        return data
+
+    @model_validator(mode="after")
+    def _check(self) -> Campaign:
+        if not all(0 < value < 100 for value in self.percentiles):
+            raise ValueError("percentiles: each lies between 0 and 100, the ends left out")
+        if self.correlation is not None:
+            if self.design in ("grid", "saltelli"):
+                raise ValueError(f"correlation: the design {self.design} takes parameters as independent")
+            _check_correlation(self.correlation, list(self.parameters))
+        if self.design == "saltelli" and self.samples & (self.samples - 1):
+            raise ValueError(f"samples: a power of two for the design saltelli, found {self.samples}")
+        if self.count > MOST_SAMPLES:
+            raise ValueError(f"{self.count} samples, allowed: at most {MOST_SAMPLES}")
+        return self
+
+    @property
+    def count(self) -> int:
+        """Samples in all."""
+        if self.design == "grid":
+            return math.prod(p.levels or self.levels for p in self.parameters.values())
+        if self.design == "saltelli":
+            return self.samples * (len(self.parameters) + 2)
+        return self.samples
+
+
+def _check_correlation(rows: tuple[tuple[float, ...], ...], names: list[str]) -> None:
+    size = len(names)
+    if len(rows) != size or any(len(row) != size for row in rows):
+        raise ValueError(f"correlation: {size} rows of {size} numbers, one for each of {', '.join(names)}")
+    matrix = np.array(rows)
+    for i in range(size):
+        if matrix[i, i] != 1:
+            raise ValueError(f"correlation: {names[i]} with itself is 1, found {matrix[i, i]:g}")
+        for j in range(i):
+            if matrix[i, j] != matrix[j, i] or abs(matrix[i, j]) >= 1:
+                found = f"{matrix[i, j]:g} and {matrix[j, i]:g}"
+                raise ValueError(
+                    f"correlation: {names[i]} with {names[j]} is one number between -1 and 1, found {found}"
+                )
+    if np.linalg.eigvalsh(matrix)[0] < EIGENVALUE:
+        raise ValueError("correlation: not positive definite, so no joint distribution has it")
+
+
+def _check_word(word: Any, key: str, allowed: Iterable[str]) -> None:
+    if isinstance(word, str) and word not in allowed:
+        raise ValueError(f"{key}: no {word!r}; {near_names(word, allowed)}")
