@@ -8,8 +8,8 @@ import pytest
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.rollout import build_rollout
 from spacerobot.scene import load_scene
-from tests.oracles.small_scenes import PLANAR, SPATIAL, small_scene
-from tests.oracles.two_engines import ENGINES
+from tests.oracles.small_scenes import PLANAR, SPATIAL, random_x, small_scene
+from tests.oracles.two_engines import ENGINES, part
 
 STILL = {
     "robots.*.base.velocity": [0, 0, 0],
@@ -78,6 +78,27 @@ def test_momentum_and_energy_balance(engine, case):
     assert (np.diff(y["work_joint"][:, 0]) > 0).all()
     assert (np.diff(y["work_grasp"][:, 0]) >= 0).all()
     assert (y["work_grasp"][-1] > 0) == any(g.config.kind == "compliant" for g in scene.grasps)
+
+
+@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("engine", ENGINES)
+def test_power_balance_at_any_state(engine, case):
+    """Also where rigid grasps are far from closed and their stabilisation does work."""
+    scene = small_scene(*CASES[case])
+    loop = ENGINES[engine](scene)
+    x = random_x(scene, np.random.default_rng(6), len(loop.x0), spread=0.2)
+    rate, dt = loop.rate(0.7, x), 1e-5
+
+    def stored(x):
+        outputs = loop.outputs(0.7, x)
+        return sum(outputs[f"energy_{kind}"][0] for kind in ("kinetic", "spring", "potential"))
+
+    actuator, joint, grasp, constraint = (
+        part(loop, rate, f"work.{name}")[0] for name in ("actuator", "joint", "grasp", "constraint")
+    )
+    change = (stored(x + dt * rate) - stored(x - dt * rate)) / (2 * dt)
+    assert change == pytest.approx(actuator + constraint - joint - grasp, rel=1e-6, abs=1e-6)
+    assert (abs(constraint) > 1e-3) == any(g.config.kind != "compliant" for g in scene.grasps)
 
 
 def test_fixed_base_takes_momentum():

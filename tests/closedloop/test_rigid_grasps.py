@@ -160,3 +160,43 @@ def assert_momentum_follows_wrenches(scene, loop, x):
     for i, body in enumerate(scene.bodies):
         np.testing.assert_allclose(change["linear"][i], force[body.name], atol=1e-6 * scale)
         np.testing.assert_allclose(change["angular"][i], moment[body.name], atol=1e-6 * scale)
+
+
+@pytest.mark.parametrize("case", SCENES)
+@pytest.mark.parametrize("engine", ENGINES)
+def test_drift_of_a_rigid_grasp_decays_as_stabilised(engine, case):
+    """Of w, the tip's velocity relative to the target's point there: w' = -2 k w - k^2 gap, at any state."""
+    scene = small_scene(SCENES[case][0], SCENES[case][1] | {"grasps.*.stabilisation": 3})
+    loop = ENGINES[engine](scene)
+    x = random_x(scene, np.random.default_rng(4), len(loop.x0))
+    rate, dt = loop.rate(0.7, x), 1e-5
+    (ahead, _), (behind, _), (here, gaps) = (relative(scene, x + s * dt * rate) for s in (1, -1, 0))
+    for i, grasp in enumerate(scene.grasps):
+        rows = list(scene.translation_axes)
+        if grasp.config.kind == "weld":
+            rows += [axis + 3 for axis in scene.rotation_axes]
+        change = (ahead[i] - behind[i]) / (2 * dt)
+        expected = -2 * 3 * here[i] - 9 * gaps[i]
+        scale = np.abs(rate).max()
+        np.testing.assert_allclose(change[rows], expected[rows], atol=1e-7 * scale)
+        assert np.abs(expected[rows]).max() > 1e-3
+
+
+def relative(scene, x):
+    """Relative velocities (6 each) and gaps (position, rotation vector) of the grasps, by Pinocchio."""
+    model, data = scene.model, scene.model.createData()
+    world = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+    pin.framesForwardKinematics(model, data, np.array(scene.q))
+    rests = [data.oMf[g.frame].rotation.T @ data.oMf[g.tip.frame].rotation for g in scene.grasps]
+    q = pin.normalize(model, x[: model.nq])
+    pin.forwardKinematics(model, data, q, x[model.nq : model.nq + model.nv])
+    pin.updateFramePlacements(model, data)
+    velocities, gaps = [], []
+    for grasp, rest in zip(scene.grasps, rests, strict=True):
+        tip, mate = data.oMf[grasp.tip.frame], data.oMf[grasp.frame]
+        v_tip, v_mate = (pin.getFrameVelocity(model, data, f, world) for f in (grasp.tip.frame, grasp.frame))
+        gap = tip.translation - mate.translation
+        linear = v_tip.linear - v_mate.linear - np.cross(v_mate.angular, gap)
+        velocities.append(np.concatenate([linear, v_tip.angular - v_mate.angular]))
+        gaps.append(np.concatenate([gap, pin.log3(tip.rotation @ (mate.rotation @ rest).T)]))
+    return velocities, gaps

@@ -69,6 +69,13 @@ def test_samples_lie_on_the_same_times_and_show_what_led_up_to_them():
     assert np.abs(jump).max() > 0.01
 
 
+def test_references_may_end_between_samples():
+    changes = {"robots.one.tips.tip.reference.duration": 0.3, "robots.two.tips.tip.reference.duration": 0.7}
+    scene = small_scene(PLANAR, changes)
+    found = simulate(scene, duration_s=0.8, output_step_s=0.8)
+    assert np.abs(found.state - fixed_step(scene, 1e-3, 0.8, 0.8).state).max() < 1e-7
+
+
 def test_defaults_come_from_the_scenario_and_progress_is_told():
     scene, told = small_scene(PLANAR, {"simulation.duration": 0.2, "simulation.output_step": 0.05}), []
     found = simulate(scene, rtol=1e-6, atol=1e-6, progress=told.append)
