@@ -1,0 +1,234 @@
+"""Rollouts of a campaign: draws in, a table of numbers for each set of gains out."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from optim.campaign.metrics import Column, Kept, build_kept
+from optim.campaign.sampling import draw
+from optim.campaign.space import Space, campaign_of, check_range, gain_set, resolve_space
+from optim.protocol import Array
+from spacerobot.closedloop import build_closed_loop
+from spacerobot.errors import ScenarioError
+from spacerobot.rollout import Rollout, build_rollout
+from spacerobot.scenario import Campaign
+from spacerobot.scenario.load import to_document, validate
+from spacerobot.scene import Scene, build_scene
+
+Gains = Mapping[str, Mapping[str, Any]]
+NOMINAL = "scenario"
+"""Name of the scenario's own gains where no set is given."""
+
+ASKED_AFTERWARDS = ("limits", "percentiles", "confidence", "gains")
+"""Fields of the section that change no rollout (``gains`` are kept beside it)."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """Numbers of n samples under G sets of gains.
+
+    Attributes
+    ----------
+    draws
+        Values of the uncertain parameters (n, k).
+    metrics
+        Values of the columns (n, G, M); NaN where a rollout diverged.
+    diverged_at_s
+        Time of the last good state (n, G); NaN where a rollout completed.
+    """
+
+    draws: Array
+    metrics: Array
+    diverged_at_s: Array
+
+    def __len__(self) -> int:
+        return len(self.draws)
+
+
+@dataclass(frozen=True)
+class Member:
+    """One set of gains: its scene, where draws go in it, what is kept, and its rollout."""
+
+    scene: Scene
+    space: Space
+    kept: Kept
+    rollout: Rollout
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """All it takes to build an evaluator anywhere: plain data that can be sent to another machine.
+
+    Attributes
+    ----------
+    document
+        The scenario, resolved, its campaign section in it.
+    gains
+        Changes by name of the set.
+    source
+        File that the scenario came from, for its errors and the URDFs beside it.
+    """
+
+    document: Mapping[str, Any]
+    gains: Gains
+    source: str | None
+
+    @property
+    def key(self) -> str:
+        """Hash of it."""
+        text = json.dumps([self.document, self.gains, self.source], sort_keys=True, default=str)
+        return hashlib.sha256(text.encode()).hexdigest()
+
+    def build(self) -> Evaluator:
+        """The evaluator."""
+        source = None if self.source is None else Path(self.source)
+        scene = build_scene(validate(dict(self.document), source=source), source=source)
+        return build_evaluator(scene, self.gains)
+
+
+@dataclass(frozen=True)
+class Evaluator:
+    """A campaign ready to run.
+
+    Attributes
+    ----------
+    scene
+        The scenario's own scene.
+    campaign
+        Its section.
+    gains
+        Changes by name of the set.
+    members
+        One for each set of gains.
+    """
+
+    scene: Scene
+    campaign: Campaign
+    gains: Gains
+    members: tuple[Member, ...]
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """What is kept, M of them."""
+        return self.members[0].kept.columns
+
+    @property
+    def recipe(self) -> Recipe:
+        """What builds the same one elsewhere."""
+        source = self.scene.source
+        return Recipe(to_document(self.scene.scenario), self.gains, None if source is None else str(source))
+
+    def identity(self, draws: Array) -> dict[str, Any]:
+        """What decides the numbers: plain data, leaves of which can be compared, and a hash of everything.
+
+        Parameters
+        ----------
+        draws
+            All draws (N, k).
+        """
+        document = to_document(self.scene.scenario)
+        document.pop("tuning", None)
+        for name in ASKED_AFTERWARDS:
+            document["campaign"].pop(name)
+        plain: dict[str, Any] = {
+            "scenario": document,
+            "gains": {name: dict(changes) for name, changes in self.gains.items()},
+            "urdf": {body.name: body.description.sha256 for body in self.scene.bodies},
+        }
+        plain = json.loads(json.dumps(plain))
+        digest = hashlib.sha256(json.dumps(plain, sort_keys=True).encode())
+        digest.update(np.ascontiguousarray(draws).tobytes())
+        for member in self.members:
+            for name in ("setup", "dynamics", "normalise", "final"):
+                function = member.rollout.kernel.functions.get(name)
+                digest.update(b"-" if function is None else function.serialize().encode())
+            digest.update(np.ascontiguousarray(member.rollout.values()).tobytes())
+        return plain | {"fingerprint": digest.hexdigest()}
+
+    def evaluate(self, draws: Array, threads: int | None = None) -> Table:
+        """Rollouts of some draws (n, k) under every set of gains.
+
+        The numbers of a draw depend neither on the others nor on the threads, not even by a bit.
+
+        Raises
+        ------
+        KeyboardInterrupt
+            If it was interrupted.
+        """
+        draws = np.ascontiguousarray(np.atleast_2d(draws), dtype=float)
+        tables, times = [], []
+        for member in self.members:
+            values = member.space.values(draws)
+            batch = member.rollout.batch(member.space.paths, values, threads=threads)
+            if batch.cancelled:
+                raise KeyboardInterrupt
+            tables.append(member.kept.table(batch.measures))
+            times.append(batch.diverged_at_s)
+        return Table(draws, np.stack(tables, axis=1), np.stack(times, axis=1))
+
+
+def build_evaluator(scene: Scene, gains: Gains | None = None) -> Evaluator:
+    """Campaign of a scene, built and compiled.
+
+    Parameters
+    ----------
+    scene
+        A scene whose scenario has a ``campaign`` section.
+    gains
+        Sets of gains: changes by dotted path, by name; the section's if None.
+
+    Raises
+    ------
+    ScenarioError
+        If the section does not fit the scene: a path leads nowhere, the closed loop does not depend on it, or
+        draws hold what no scenario may.
+    """
+    campaign = campaign_of(scene)
+    chosen: Gains = dict(campaign.gains if gains is None else gains) or {NOMINAL: {}}
+    made: list[Member] = []
+    for name, changes in chosen.items():
+        try:
+            made.append(_member(gain_set(scene, changes), campaign))
+        except ScenarioError as fault:
+            where = f"gains {name}: {fault.where or ''}".rstrip(": ")
+            raise ScenarioError(fault.message, source=fault.source or scene.source, where=where) from None
+    if any(member.kept.columns != made[0].kept.columns for member in made):
+        raise ScenarioError("sets of gains differ in robots, tips or grasps", source=scene.source)
+    campaign = campaign.model_copy(update={"gains": {n: dict(c) for n, c in chosen.items()}})
+    scenario = scene.scenario.model_copy(update={"campaign": campaign})
+    return Evaluator(dataclasses.replace(scene, scenario=scenario), campaign, chosen, tuple(made))
+
+
+def all_draws(evaluator: Evaluator) -> Array:
+    """Every draw (N, k) of a campaign, judged.
+
+    Raises
+    ------
+    ScenarioError
+        If a draw holds what no scenario may.
+    """
+    draws = draw(evaluator.campaign)
+    for member in evaluator.members:
+        check_range(member.scene, member.space, draws)
+    return draws
+
+
+def _member(scene: Scene, campaign: Campaign) -> Member:
+    space = resolve_space(scene, campaign)
+    loop = build_closed_loop(scene, vary=space.paths)
+    kept = build_kept(loop, scene, campaign.metrics)
+    if not kept.columns:
+        raise ScenarioError("none of the metrics fits this scene", where="campaign.metrics")
+    simulation = scene.scenario.simulation
+    rollout = build_rollout(
+        loop, duration_s=simulation.duration, step_s=campaign.step, measures=kept.measures
+    )
+    return Member(scene, space, kept, rollout)

@@ -1,0 +1,188 @@
+"""Run a campaign: chunks sized to seconds, kept as they come, taken up again where it was left."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from optim.campaign.evaluator import Evaluator, Gains, Table, all_draws, build_evaluator
+from optim.campaign.store import Interval, open_store
+from optim.protocol import Array
+from spacerobot.scene import Scene
+
+CHUNK_S = 4.0  # long enough to hide what a chunk costs, short enough to lose
+FIRST = 128  # rollouts of the first chunk, from which the rate is learnt
+GRAIN = 64  # samples by which chunks grow: whole groups of lanes for every thread
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a campaign is.
+
+    Attributes
+    ----------
+    done, total
+        Samples, each rolled out once for every set of gains.
+    rate
+        Rollouts per second since this process began.
+    left_s
+        Time likely left.
+    """
+
+    done: int
+    total: int
+    rate: float
+    left_s: float
+
+
+class Chunks:
+    """Samples still to do, handed out in pieces of any size, in order."""
+
+    def __init__(self, missing: Sequence[Interval]) -> None:
+        self._left = list(reversed(missing))
+
+    def take(self, size: int) -> Interval | None:
+        """Next piece, at most so many samples; None if nothing is left."""
+        if not self._left:
+            return None
+        begin, end = self._left.pop()
+        cut = min(end, begin + max(1, size))
+        if cut < end:
+            self._left.append((cut, end))
+        return begin, cut
+
+
+class Executor(Protocol):
+    """What works through chunks: this process, or many machines."""
+
+    def work(self, evaluator: Evaluator, draws: Array, chunks: Chunks) -> Iterator[tuple[int, Table]]:
+        """Every chunk's table with its first sample, in any order."""
+
+
+@dataclass(frozen=True)
+class Here:
+    """The process itself.
+
+    Attributes
+    ----------
+    threads
+        One for each usable core if None.
+    chunk_s
+        How long a chunk shall take.
+    size
+        Samples of a chunk, if it shall not be sized to seconds.
+    """
+
+    threads: int | None = None
+    chunk_s: float = CHUNK_S
+    size: int | None = None
+
+    def work(self, evaluator: Evaluator, draws: Array, chunks: Chunks) -> Iterator[tuple[int, Table]]:
+        """Every chunk in order; see :class:`Executor`."""
+        size = self.size or first_size(evaluator)
+        while (piece := chunks.take(size)) is not None:
+            since = time.perf_counter()
+            table = evaluator.evaluate(draws[piece[0] : piece[1]], self.threads)
+            yield piece[0], table
+            size = self.size or sized(len(table), time.perf_counter() - since, self.chunk_s)
+
+
+def first_size(evaluator: Evaluator) -> int:
+    """Samples of a first chunk, whose time is not known yet."""
+    return max(1, FIRST // len(evaluator.members))
+
+
+def sized(samples: int, seconds: float, chunk_s: float) -> int:
+    """Samples that shall take some seconds, learnt from a chunk; in whole grains where they are many."""
+    wish = samples * chunk_s / max(seconds, 1e-6)
+    wish = min(wish, 8 * samples)
+    return max(1, int(wish)) if wish < GRAIN else GRAIN * int(wish // GRAIN)
+
+
+@dataclass(frozen=True)
+class Campaigned:
+    """What a campaign has come to.
+
+    Attributes
+    ----------
+    folder
+        Its store; read it with :func:`optim.campaign.load_campaign`.
+    evaluator
+        What ran.
+    done, total
+        Samples.
+    interrupted
+        Whether it was stopped; made again with the same folder, it goes on.
+    """
+
+    folder: Path
+    evaluator: Evaluator
+    done: int
+    total: int
+    interrupted: bool
+
+
+def run_campaign(
+    scene: Scene,
+    folder: Path,
+    *,
+    gains: Gains | None = None,
+    executor: Executor | None = None,
+    progress: Callable[[Progress], object] | None = None,
+    tell: Callable[[str], object] | None = None,
+) -> Campaigned:
+    """Roll out every sample of a campaign that is not in its folder yet.
+
+    Killed at any time, it goes on where it was when it is called again; the numbers do not depend on how
+    often that happened, nor on chunks, threads or workers.
+
+    Parameters
+    ----------
+    scene
+        A scene whose scenario has a ``campaign`` section.
+    folder
+        Its store; made if it is not there.
+    gains
+        Sets of gains: changes by dotted path, by name; the section's if None.
+    executor
+        What works; this process if None.
+    progress
+        Told after every chunk.
+    tell
+        Told in words what is being done.
+
+    Raises
+    ------
+    ScenarioError
+        If the campaign does not fit the scene.
+    ResultError
+        If the folder holds another campaign, is in use, or cannot be written.
+    """
+    say = tell or str
+    say("building and compiling")
+    evaluator = build_evaluator(scene, gains)
+    draws = all_draws(evaluator)
+    with open_store(folder, evaluator.identity(draws), len(draws)) as store:
+        before, since, interrupted = store.done, time.perf_counter(), False
+        say("rolling out")
+        try:
+            for begin, table in (executor or Here()).work(evaluator, draws, Chunks(store.missing)):
+                store.add(begin, table)
+                if progress is not None:
+                    progress(_progress(store.done, before, len(draws), since, len(evaluator.members)))
+        except KeyboardInterrupt:
+            interrupted = True
+        say("merging")
+        columns, names = evaluator.columns, list(evaluator.gains)
+        about = "; ".join(dict.fromkeys(member.rollout.summary for member in evaluator.members))
+        store.merge(list(evaluator.campaign.parameters), names, columns, about)
+        return Campaigned(folder, evaluator, store.done, len(draws), interrupted)
+
+
+def _progress(done: int, before: int, total: int, since: float, sets: int) -> Progress:
+    seconds = max(time.perf_counter() - since, 1e-9)
+    per_second = (done - before) / seconds
+    return Progress(done, total, sets * per_second, (total - done) / per_second)
