@@ -44,7 +44,7 @@ class Effort:
     rivals: Protocol = field(default_factory=Protocol)
     runs: int = 6
     nlp: NlpSettings = field(default_factory=NlpSettings)
-    starts: int = 6
+    starts: int = 4
     seed: int = 0
 
 
@@ -186,7 +186,7 @@ def _nlp(
     runs = list(before)
     for i, start in enumerate(starts):
         made = search(i, effort.seed, effort.nlp.fingerprint(start))
-        runs.append(solve(made, start, effort.nlp))
+        runs.append(solve(made, start, effort.nlp, warm=method == "nlp_ga"))
         if runs[-1].status == "interrupted":
             break
     return Outcome(method, tuple(runs))

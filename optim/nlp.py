@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
@@ -48,7 +53,7 @@ class NlpSettings:
 
     iterations: int = 100
     tolerance: float = 1e-5
-    patience: int = 6
+    patience: int = 10
     improvement: float = 1e-3
     rounds: int = 4
     screen: int = 64
@@ -58,7 +63,7 @@ class NlpSettings:
         return hashlib.sha256(repr((self, start.tolist())).encode()).hexdigest()
 
 
-def solve(search: Search, start: Array, settings: NlpSettings) -> Run:
+def solve(search: Search, start: Array, settings: NlpSettings, *, warm: bool = False) -> Run:
     """Search with IPOPT from one start.
 
     Parameters
@@ -69,21 +74,29 @@ def solve(search: Search, start: Array, settings: NlpSettings) -> Run:
         Start (k,) in the unit cube.
     settings
         How.
+    warm
+        Whether the start is nearly optimal: IPOPT then keeps close to it, also to bounds, and is given twice
+        the patience.
 
     Returns
     -------
     Run
         Never worse than the start; its status and message say how IPOPT ended, its ``kkt`` how well.
     """
-    guard = _Guard(search, settings)
-    u, found = start, None
+    u, found, guard = start, None, None
+    if warm:
+        settings = dataclasses.replace(settings, patience=2 * settings.patience)
     try:
         for attempt in range(settings.rounds):
             first = search.linearise(u)
+            guard = guard or _Guard(search, settings, first)
             if not np.isfinite(first.as_evaluation().violation[0]):
                 return search.finish("failed", "the rollout diverges at the start")
             shooting = Shooting(search.problem.form, guard.linearise, first)
-            found = shooting.solve(u, _options(settings, guard.left, again=attempt > 0), guard.stop)
+            with guard.deferring():
+                found = shooting.solve(
+                    u, _options(settings, guard.left, warm=warm or attempt > 0), guard.stop
+                )
             if guard.interrupted:
                 return search.finish("interrupted")
             if guard.left <= 0 or not 0 < ROUND_GAIN * search.objective < first.objective:
@@ -95,9 +108,9 @@ def solve(search: Search, start: Array, settings: NlpSettings) -> Run:
     return _finish(search, found, guard)
 
 
-def _finish(search: Search, found: Solution | None, guard: _Guard) -> Run:
+def _finish(search: Search, found: Solution | None, guard: _Guard | None) -> Run:
     """The run, its first-order conditions judged at the best point (not where IPOPT happened to stop)."""
-    if found is None:
+    if found is None or guard is None:
         return search.finish("failed", "no iteration was asked for")
     status, meaning = STATUS.get(found.status, ("failed", "see IPOPT's own documentation"))
     kkt = None
@@ -108,8 +121,8 @@ def _finish(search: Search, found: Solution | None, guard: _Guard) -> Run:
     return search.finish(status, message, kkt=kkt)
 
 
-def _options(settings: NlpSettings, iterations: int, *, again: bool) -> dict[str, object]:
-    more: dict[str, object] = {"mu_init": 1e-3, "bound_push": 1e-4, "bound_frac": 1e-4} if again else {}
+def _options(settings: NlpSettings, iterations: int, *, warm: bool) -> dict[str, object]:
+    more: dict[str, object] = {"mu_init": 1e-3, "bound_push": 1e-4, "bound_frac": 1e-4} if warm else {}
     return more | {
         "print_level": 0,
         "sb": "yes",
@@ -123,12 +136,16 @@ def _options(settings: NlpSettings, iterations: int, *, again: bool) -> dict[str
     }
 
 
+_ARRAYS = ("gradient", "constraints", "constraint_jacobian", "rows", "rows_jacobian", "smooth_gradient")
+
+
 class _Guard:
     """Stands between IPOPT and the search: no exception may cross it, and stalling ends the search."""
 
-    def __init__(self, search: Search, settings: NlpSettings) -> None:
-        self._search, self._settings = search, settings
+    def __init__(self, search: Search, settings: NlpSettings, first: Linearisation) -> None:
+        self._search, self._settings, self._last = search, settings, first
         self.iterations, self._since, self._best = 0, 0, np.inf
+        self._reached = np.inf  # by IPOPT itself, which leaves a start near a bound for the inside
         self.interrupted = False
 
     @property
@@ -144,28 +161,38 @@ class _Guard:
         """The search's own; without a value once it was interrupted."""
         try:
             if not self.interrupted:
-                return self._search.linearise(u)
+                self._last = self._search.linearise(u)
+                violation = float(self._last.as_evaluation().violation[0])
+                if violation <= FEASIBLE:
+                    self._reached = min(self._reached, self._last.objective)
+                return self._last
         except KeyboardInterrupt:
             self.interrupted = True
-        k, m = len(u), len(self._search.problem.constraint_names)
-        nan = np.full
-        return Linearisation(
-            np.nan,
-            nan(k, np.nan),
-            nan(m, np.nan),
-            nan((m, k), np.nan),
-            np.empty(0),
-            np.empty((0, k)),
-            np.nan,
-            nan(k, np.nan),
-        )
+        nothing = {name: np.full_like(getattr(self._last, name), np.nan) for name in _ARRAYS}
+        return dataclasses.replace(self._last, objective=np.nan, smooth=np.nan, **nothing)
+
+    @contextmanager
+    def deferring(self) -> Iterator[None]:
+        """While IPOPT runs, Ctrl-C asks it to stop: an exception would be lost on its way through C++."""
+        if threading.current_thread() is not threading.main_thread():
+            yield
+            return
+
+        def interrupt(_signal: int, _frame: object) -> None:
+            self.interrupted = True
+
+        before = signal.signal(signal.SIGINT, interrupt)
+        try:
+            yield
+        finally:
+            signal.signal(signal.SIGINT, before if before is not None else signal.default_int_handler)
 
     def stop(self) -> bool:
         """Whether IPOPT shall end, asked after each iteration."""
         self.iterations += 1
         search, settings = self._search, self._settings
         search.tell(min(1.0, self.iterations / settings.iterations))
-        value = search.objective if search.violation <= FEASIBLE else np.inf
+        value = self._reached
         if not value >= self._best * (1 - np.sign(self._best) * settings.improvement):
             self._best, self._since = value, 0
         else:

@@ -45,25 +45,28 @@ def cost_rows(contest: Contest) -> list[list[str]]:
     return rows
 
 
+def gain_rows(contest: Contest) -> list[list[str]]:
+    """Gains of each method's best, and which of them are at a bound."""
+    variables, rows = contest.problem.variables, []
+    for name, outcome in contest.outcomes.items():
+        values = variables.values(outcome.best.u)
+        active = " ".join(contest.active(name)) or "none"
+        rows.append([name, *(f"{value:.5g}" for value in values), active])
+    return rows
+
+
 def design_headings(contest: Contest) -> list[str]:
     """Columns of :func:`design_rows`."""
-    errors = [f"{where.replace('/tip', '')} [mm]" for where in directions(contest)]
-    loads = ["torque [N m]", "grip [N]", "other plants"]
-    return ["best of", *contest.problem.names, "at a bound", *errors, *loads]
+    errors = [where.replace("/tip", "") for where in directions(contest)]
+    return ["errors [mm]", *errors, "torque [N m]", "grip [N]", "other plants"]
 
 
 def design_rows(contest: Contest) -> list[list[str]]:
-    """The best designs: gains, active bounds, largest error by tip and axis, loads, other plants."""
-    variables, number = contest.problem.variables, _number(unit_of(contest)[0])
-    rows = []
+    """The best designs: largest error by tip and axis, loads, other plants."""
+    number, rows = _number(unit_of(contest)[0]), []
     for name, verdict in ({"untuned": contest.baseline} | contest.verdicts).items():
-        gains, active = [""] * len(variables), ""
-        if name in contest.outcomes:
-            values = variables.values(contest.outcomes[name].best.u)
-            gains = [f"{value:.4g}" for value in values]
-            active = " ".join(contest.active(name)) or "none"
         entry = plain(verdict_data(verdict))
-        rows.append([name, *gains, active, *_errors_mm(verdict), *_loads(entry), _plants(entry, number)])
+        rows.append([name, *_errors_mm(verdict), *_loads(entry), _plants(entry, number)])
     return rows
 
 

@@ -127,6 +127,7 @@ def show(contest: Contest) -> None:
     names = contest.problem.names
     title = f"{contest.name}: objective in {unit}"
     console().print(table(title, tables.COST_HEADINGS, tables.cost_rows(contest)))
+    console().print(table(None, ("gains", *names, "at a bound"), tables.gain_rows(contest)))
     console().print(table(None, tables.design_headings(contest), tables.design_rows(contest)))
     console().print(table(None, ("matters", *names), tables.sensitivity_rows(contest)))
     plants = contest.problem.scene.scenario.tuning

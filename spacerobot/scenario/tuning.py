@@ -110,7 +110,7 @@ class Tuning(Section):
     )
     population: int = Field(default=50, ge=4, description="of the evolutionary methods")
     runs: int = Field(default=6, ge=1, description="of each evolutionary method, each with a seed of its own")
-    starts: int = Field(default=6, ge=1, description="of the NLP")
+    starts: int = Field(default=4, ge=1, description="of the NLP")
     iterations: int = Field(default=100, ge=1, description="of the NLP from one start, at most")
     seed: int = Field(default=0, ge=0, description="everything random follows from it")
     step: float = quantity("s", "step of the rollouts that tune", default=0.004, gt=0)
