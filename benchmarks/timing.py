@@ -1,4 +1,4 @@
-"""Times that can be trusted on a shared machine: medians of turns taken, ratios pair by pair."""
+"""Times to trust on a shared machine: processor time, medians of turns taken, ratios pair by pair."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Paired:
-    """Median time of two jobs that took turns [s], and the median of their ratios, second over first."""
+    """Median processor times of two jobs that took turns [s], and of their ratios, second over first."""
 
     first_s: float
     second_s: float
@@ -18,10 +18,17 @@ class Paired:
 
 
 def time_of(job: Callable[[], object]) -> float:
-    """Time of one call [s]."""
+    """Time of one call on the clock [s]."""
     begin = time.perf_counter()
     job()
     return time.perf_counter() - begin
+
+
+def cpu_time_of(job: Callable[[], object]) -> float:
+    """Processor time that one call takes in this process, all its threads together [s]."""
+    begin = time.process_time()
+    job()
+    return time.process_time() - begin
 
 
 def paired(
@@ -36,7 +43,7 @@ def paired(
     ``calls`` is what each job's one call does; times are divided by it.
     """
     first(), second()
-    pairs = [(time_of(first) / calls[0], time_of(second) / calls[1]) for _ in range(turns)]
+    pairs = [(cpu_time_of(first) / calls[0], cpu_time_of(second) / calls[1]) for _ in range(turns)]
     return Paired(
         statistics.median(a for a, _ in pairs),
         statistics.median(b for _, b in pairs),

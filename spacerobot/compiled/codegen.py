@@ -13,7 +13,7 @@ from collections.abc import Collection, Mapping
 import casadi as ca
 
 from spacerobot.compiled import pieces
-from spacerobot.compiled.schedule import order_statements
+from spacerobot.compiled.schedule import LANES_WINDOW, WINDOW, order_statements
 from spacerobot.errors import CompileError
 
 UNARY = (
@@ -30,7 +30,11 @@ _CONDITIONAL = re.compile(r"\((a\d+)\?(a\d+):0\)")
 
 
 def source_of(
-    functions: Mapping[str, ca.Function], *, cold: Collection[str] = (), struct: str = "Generated"
+    functions: Mapping[str, ca.Function],
+    *,
+    cold: Collection[str] = (),
+    lanes: int = 1,
+    struct: str = "Generated",
 ) -> str:
     """Source of a struct with one static function, and the sizes of its arguments, for every function.
 
@@ -44,6 +48,8 @@ def source_of(
         SX functions by name, with dense inputs and outputs and no free variables.
     cold
         Names of those that run seldom, and shall rather compile fast.
+    lanes
+        How many evaluations one call will carry, which decides the order of operations.
     struct
         Name of the C++ struct.
 
@@ -52,7 +58,7 @@ def source_of(
     CompileError
         A function is not SX, has sparse arguments or free variables.
     """
-    members = [_member(name, function, name in cold) for name, function in functions.items()]
+    members = [_member(name, function, name in cold, lanes) for name, function in functions.items()]
     exports = [_export(name, function, struct) for name, function in functions.items()]
     return "\n".join([f"struct {struct} {{", *members, "};", *exports, ""])
 
@@ -74,7 +80,7 @@ def maths_of(vector_symbols: Mapping[str, str]) -> str:
     return "\n".join(["#if LANES > 1", *lines, "#endif", ""])
 
 
-def _member(name: str, function: ca.Function, cold: bool) -> str:
+def _member(name: str, function: ca.Function, cold: bool, lanes: int) -> str:
     _check(name, function)
     generator = ca.CodeGenerator("generated.c", {"with_header": False})
     generator.add(function)
@@ -91,7 +97,7 @@ def _member(name: str, function: ca.Function, cold: bool) -> str:
     sizes = [f"{name}_{function.name_in(i)} = {function.numel_in(i)}" for i in range(function.n_in())]
     sizes += [f"{name}_{function.name_out(i)} = {function.numel_out(i)}" for i in range(function.n_out())]
     if not cold and body.count("\n") <= pieces.LONGEST:  # in pieces, a new order gains nothing
-        body = order_statements(body)
+        body = order_statements(body, WINDOW if lanes == 1 else LANES_WINDOW)
     parts, body = pieces.split_body(body, name, reads + writes, cold=cold)
     return (
         f"enum {{ {', '.join(sizes)} }};\n{parts}"

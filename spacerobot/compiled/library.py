@@ -132,7 +132,7 @@ def compile_functions(
             f"#define LANES {lanes}",
             header,
             maths_of(vector_symbols),
-            source_of(functions, cold=cold),
+            source_of(functions, cold=cold, lanes=lanes),
             tail,
             "",
         ]

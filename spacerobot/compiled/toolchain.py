@@ -15,7 +15,7 @@ from types import MappingProxyType
 
 FLAGS = (
     "-std=c++17",
-    "-O2",
+    "-O3",
     "-march=native",
     "-mtune=generic",  # tuning for the newest processors spills to general registers: 15 % slower here
     "-ffp-contract=fast",

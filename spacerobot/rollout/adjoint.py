@@ -17,7 +17,12 @@ from spacerobot.rollout.grid import INWARD, TimeGrid
 from spacerobot.rollout.kernel import Kernel, sx_function
 from spacerobot.rollout.protocol import Array
 
-TAPE_BYTES = 128 * 2**20  # for each thread; longer rollouts are integrated once more between checkpoints
+WHOLE_BYTES = 128 * 2**20
+"""Longest tape that holds a whole rollout, for each thread and over the number of lanes: a group of lanes
+integrates a piece once more in about the time of a single rollout, but its tape is so many times longer."""
+
+SEGMENT_BYTES = 2**20
+"""Tape of longer rollouts, which are integrated once more between checkpoints: it stays in a core's cache."""
 
 
 def adjoint_kernel(kernel: Kernel, wrt: Sequence[int]) -> Kernel:
@@ -105,7 +110,8 @@ class CompiledAdjoint:
 
     kernel: Kernel
     library: Library
-    tape_bytes: int = TAPE_BYTES
+    whole_bytes: int = WHOLE_BYTES
+    segment_bytes: int = SEGMENT_BYTES
     backend: str = field(default="compiled", init=False)
 
     @property
@@ -119,7 +125,8 @@ class CompiledAdjoint:
         """Costs and gradients of every row; see :class:`AdjointEngine`."""
         job, _keep = make_job(self.kernel, p, grid, raw, (), stop)
         per_step = 5 * self.kernel.scale.size * 8 * self.lanes
-        segment = min(grid.steps, max(1, self.tape_bytes // per_step))
+        whole = grid.steps * per_step <= self.whole_bytes // self.lanes
+        segment = grid.steps if whole else min(grid.steps, max(1, self.segment_bytes // per_step))
         seeds = np.ascontiguousarray(seed)
         adjoint = _AdjointJob(seeds.ctypes.data, gradient.ctypes.data, segment)
         entry = self.library.entry("gradients")

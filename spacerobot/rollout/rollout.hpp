@@ -121,6 +121,7 @@ static bool integrate(const Job& job, int64_t first, const real* p, Course& at, 
   real shared[NX], sum[NX], m[NM + 1], next[NX];
   G::setup(p, at.x, at.c);
   at.alive = 1., at.done = 0.;
+  const int64_t last = tape ? (job.steps - 1) / segment * segment : job.steps;  // where the last segment begins
   real* best = at.r + INTEGRALS;
   for (int i = 0; i < NM; ++i) best[i] = -INFINITY;
   for (int i = 0; i < PEAKS; ++i) at.when[i] = 0.;
@@ -130,9 +131,9 @@ static bool integrate(const Job& job, int64_t first, const real* p, Course& at, 
       if (job.x || job.y) sample(job, first, k, at);
     }
     if (tape && k % segment == 0) std::memcpy(checkpoint + k / segment * NX, at.x, sizeof at.x);
-    real* place = tape ? tape + k % segment * (5 * NX) : nullptr;
-    if (tape) std::memcpy(place, at.x, sizeof at.x);
-    step(k, job.h, at.c, at.x, tape ? on_tape(place) : Stages{shared, shared, shared, sum}, m, next);
+    real* place = k >= last ? tape + (k - last) * (5 * NX) : nullptr;
+    if (place) std::memcpy(place, at.x, sizeof at.x);
+    step(k, job.h, at.c, at.x, place ? on_tape(place) : Stages{shared, shared, shared, sum}, m, next);
     if (PEAKS) compete(m, at.alive, k, best, at.when);
     at.alive = at.alive && is_sound(next, job.scale);
     if (!any(at.alive)) break;

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import re
 
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from spacerobot.compiled import schedule
 from spacerobot.compiled.schedule import order_statements
 
 
@@ -36,9 +34,7 @@ def test_any_order_gives_the_same_results(choices, window):
         if k % 4 == 0:
             lines.append(f"  res0[{k}]=a{target};")
     before = "\n".join(lines)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(schedule, "WINDOW", window)
-        after = order_statements(before)
+    after = order_statements(before, window)
     try:
         expected, written = values(before)
     except ZeroDivisionError:

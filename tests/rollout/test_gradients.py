@@ -152,11 +152,25 @@ def test_checkpoints_change_nothing_but_memory(compiled):
     whole = compiled.value_and_gradient(POINT, wrt=WRT)
     per_step = 5 * engine.kernel.scale.size * 8
     for steps in (1, 7, 149):  # of 150
-        compiled.engines._made["adjoint", indices, 1] = replace(engine, tape_bytes=steps * per_step)
+        short = replace(engine, whole_bytes=0, segment_bytes=steps * per_step)
+        compiled.engines._made["adjoint", indices, 1] = short
         again = compiled.value_and_gradient(POINT, wrt=WRT)
         for name, gradient in whole.gradients.items():
             np.testing.assert_array_equal(again.gradients[name], gradient)
     compiled.engines._made["adjoint", indices, 1] = engine
+
+
+def test_checkpoints_change_nothing_in_lanes_either(compiled):
+    indices = tuple(compiled.indices(WRT))
+    engine = compiled.engines.adjoint(indices, many=True)
+    rows = np.linspace(0.5, 4.0, 5)[:, None]
+    whole = compiled.gradient_batch(("arm.kp",), rows, wrt=WRT)
+    short = replace(engine, whole_bytes=0, segment_bytes=7 * 5 * engine.kernel.scale.size * 8 * engine.lanes)
+    compiled.engines._made["adjoint", indices, engine.lanes] = short
+    again = compiled.gradient_batch(("arm.kp",), rows, wrt=WRT)
+    compiled.engines._made["adjoint", indices, engine.lanes] = engine
+    for name, gradient in whole.gradients.items():
+        np.testing.assert_array_equal(again.gradients[name], gradient)
 
 
 def test_wrong_names_are_told(loop, compiled):
