@@ -93,7 +93,8 @@ def command(
             result = save(result, out)
             _write(found, out)
     rows = [(name, f"{value:.6g}") for name, value in found.gains.items()]
-    console().print(pairs(f"{method}: objective {found.objective:.6g}", rows))
+    console().print(f"{method}: objective {found.objective:.6g}", markup=False)
+    console().print(pairs("gains", rows))
     for run in found.outcome.runs:
         ended = f"{run.status}{': ' + run.message if run.message else ''}"
         spent = f"{run.cost.rollouts} rollouts, {run.cost.gradients} gradients, {run.seconds:.1f} s"
