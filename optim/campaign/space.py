@@ -26,6 +26,8 @@ class Space:
         Names of the parameters.
     paths
         Dotted paths of the numbers, m of them.
+    patterns
+        What each number was named by in the section (m,).
     owner
         Which parameter each number follows (m,).
     factor, offset
@@ -34,6 +36,7 @@ class Space:
 
     names: tuple[str, ...]
     paths: tuple[str, ...]
+    patterns: tuple[str, ...]
     owner: tuple[int, ...]
     factor: Array
     offset: Array
@@ -83,7 +86,7 @@ def resolve_space(scene: Scene, campaign: Campaign) -> Space:
     """
     document = to_document(scene.scenario)
     taken: dict[str, str] = {}
-    owner, factor, offset = [], [], []
+    patterns, owner, factor, offset = [], [], [], []
     for index, (name, parameter) in enumerate(campaign.parameters.items()):
         where = f"campaign.parameters.{name}.paths"
         for pattern in parameter.paths:
@@ -93,10 +96,18 @@ def resolve_space(scene: Scene, campaign: Campaign) -> Space:
                     found = f"{path} is set by {taken[path]} already"
                     raise ScenarioError(found, source=scene.source, where=where)
                 taken[path] = name
+                patterns.append(pattern)
                 owner.append(index)
                 factor.append(nominal if parameter.apply == "factor" else 1.0)
                 offset.append(nominal if parameter.apply == "offset" else 0.0)
-    return Space(tuple(campaign.parameters), tuple(taken), tuple(owner), np.array(factor), np.array(offset))
+    return Space(
+        tuple(campaign.parameters),
+        tuple(taken),
+        tuple(patterns),
+        tuple(owner),
+        np.array(factor),
+        np.array(offset),
+    )
 
 
 def check_range(scene: Scene, space: Space, draws: Array) -> None:

@@ -32,6 +32,15 @@ NEEDS: dict[str, tuple[str, ...]] = {
 }
 """Numbers that each distribution is described by."""
 
+LIMITED: dict[str, Metric] = {
+    "joint_torque": "joint_torque_peak",
+    "grip_force": "grip_force_peak",
+    "tip_error": "tip_error_peak",
+    "target_rotation_deg": "target_rotation_peak",
+    "base_rotation_deg": "base_rotation_peak",
+}
+"""Metric that each limit is held against."""
+
 MOST_SAMPLES = 1_000_000
 EIGENVALUE = 1e-10  # least eigenvalue of a correlation matrix
 
@@ -155,6 +164,9 @@ class Campaign(Section):
     def _check(self) -> Campaign:
         if not all(0 < value < 100 for value in self.percentiles):
             raise ValueError("percentiles: each lies between 0 and 100, the ends left out")
+        for limit, metric in LIMITED.items():
+            if getattr(self.limits, limit) is not None and metric not in self.metrics:
+                raise ValueError(f"limits.{limit}: {metric} must be among the metrics")
         if self.correlation is not None:
             if self.design in ("grid", "saltelli"):
                 raise ValueError(f"correlation: the design {self.design} takes parameters as independent")

@@ -16,7 +16,7 @@ CAMPAIGN = {
     },
     "gains": {"soft": {"robots.*.tips.tip.pid.kp": 50}, "stiff": {"robots.*.tips.tip.pid.kp": 300}},
     "samples": 100,
-    "limits": {"grip_force": 3.0},
+    "limits": {"grip_force": 7.0},
     "step": 0.01,
 }
 

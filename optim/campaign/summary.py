@@ -1,0 +1,265 @@
+"""What a campaign says: plain data for ``summary.json``, made of its store."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from optim.campaign.evaluator import Evaluator
+from optim.campaign.statistics import (
+    Estimate,
+    percentile,
+    rank_correlations,
+    rank_noise,
+    share,
+    sobol_indices,
+)
+from optim.campaign.store import load_campaign
+from optim.protocol import Array
+from spacerobot.errors import ResultError
+from spacerobot.files import write_text
+from spacerobot.scenario import Campaign
+from spacerobot.scenario.campaign import LIMITED
+
+SUMMARY = "summary.json"
+WORST = 5  # samples that are told of each set of gains
+INDEPENDENT = ("monte_carlo", "latin_hypercube", "sobol")
+"""Designs whose samples count as independent draws, so that intervals mean something."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Numbers of one set of gains.
+
+    Attributes
+    ----------
+    metrics
+        By name, (n, places); infinite where the rollout diverged.
+    places, units
+        What each column of a metric is of, and a metric's unit.
+    failed
+        By cause, whether each sample failed (n,).
+    """
+
+    metrics: Mapping[str, Array]
+    places: Mapping[str, tuple[str, ...]]
+    units: Mapping[str, str]
+    failed: Mapping[str, np.typing.NDArray[np.bool_]]
+
+    def largest(self, metric: str) -> Array:
+        """Greatest value over the columns of a metric (n,)."""
+        return np.asarray(self.metrics[metric].max(axis=1))
+
+    @property
+    def any_failure(self) -> np.typing.NDArray[np.bool_]:
+        """Whether each sample failed for any cause (n,)."""
+        return np.asarray(np.logical_or.reduce(list(self.failed.values())), dtype=np.bool_)
+
+
+def outcomes(data: xr.Dataset, campaign: Campaign) -> dict[str, Outcome]:
+    """Numbers of a store by set of gains."""
+    found = {}
+    for name in map(str, data.gains.values):
+        chosen = data.sel(gains=name)
+        diverged = np.isfinite(chosen.diverged_at.values)
+        kept = [str(metric) for metric in campaign.metrics if metric in chosen]
+        metrics = {m: np.where(diverged[:, None], np.inf, chosen[m].values) for m in kept}
+        failed = {"diverged": diverged}
+        for limit, metric in LIMITED.items():
+            most = getattr(campaign.limits, limit)
+            if most is not None and metric in metrics:
+                failed[limit] = (metrics[metric].max(axis=1) > most) & ~diverged
+        places = {m: tuple(map(str, chosen[f"{m}_of"].values)) for m in kept}
+        units = {m: str(chosen[m].attrs["units"]) for m in kept}
+        found[name] = Outcome(metrics, places, units, failed)
+    return found
+
+
+Changes = Sequence[tuple[str, Any]]
+
+
+def summarise(folder: Path, evaluator: Evaluator, scenario: str, changes: Changes = ()) -> dict[str, Any]:
+    """Percentiles, probabilities of failure, worst samples and what matters, written to ``summary.json``.
+
+    Parameters
+    ----------
+    folder
+        A campaign's store.
+    evaluator
+        What made it.
+    scenario
+        How the command line names the scenario, for the commands that run samples again.
+    changes
+        What was changed in it, by dotted path.
+
+    Raises
+    ------
+    ResultError
+        If the store holds no sample, or cannot be read or written.
+    """
+    data, campaign = load_campaign(folder), evaluator.campaign
+    if len(data.sample) == 0:
+        raise ResultError("holds no sample yet", source=folder)
+    found = outcomes(data, campaign)
+    draws = data.draw.values
+    summary = {
+        "name": evaluator.scene.scenario.name,
+        "samples": len(data.sample),
+        "of": campaign.count,
+        "design": campaign.design,
+        "seed": campaign.seed,
+        "confidence": campaign.confidence,
+        "intervals": campaign.design in INDEPENDENT,
+        "limits": campaign.limits.model_dump(exclude_none=True),
+        "parameters": list(campaign.parameters),
+        "gains": {
+            name: {
+                "failure": _failures(outcome, campaign),
+                "metrics": _percentiles(outcome, campaign),
+                "matters": _matters(outcome, draws, campaign, complete=len(data.sample) == campaign.count),
+                "worst": _worst(outcome, data, evaluator, index, (scenario, changes)),
+            }
+            for index, (name, outcome) in enumerate(found.items())
+        },
+        "rank_noise": rank_noise(len(data.sample), campaign.confidence),
+        "against": _against(found, campaign),
+    }
+    write_text(folder / SUMMARY, json.dumps(summary, indent=1, allow_nan=False) + "\n")
+    return summary
+
+
+def command_of(evaluator: Evaluator, draw: Array, gains: str, scenario: str, given: Changes = ()) -> str:
+    """Command that runs one sample again.
+
+    Parameters
+    ----------
+    evaluator
+        Of the campaign.
+    draw
+        Values of the uncertain parameters (k,).
+    gains
+        Which set of gains.
+    scenario
+        How the command line names the scenario.
+    given
+        What was changed in it, by dotted path; changes to the campaign section itself are left out.
+    """
+    member = evaluator.members[list(evaluator.gains).index(gains)]
+    space, values = member.space, member.space.values(draw)[0]
+    changes: dict[str, Any] = {p: v for p, v in given if p.partition(".")[0] != "campaign"}
+    changes |= dict(evaluator.gains[gains])
+    for pattern in dict.fromkeys(space.patterns):
+        own = [i for i, other in enumerate(space.patterns) if other == pattern]
+        if len({float(values[i]) for i in own}) == 1:
+            changes[pattern] = float(values[own[0]])
+        else:
+            changes |= {space.paths[i]: float(values[i]) for i in own}
+    changes["simulation.step"] = evaluator.campaign.step
+    parts = [f"--set {shlex.quote(f'{path}={json.dumps(value)}')}" for path, value in changes.items()]
+    return " ".join(["spacerobot run", shlex.quote(scenario), *parts])
+
+
+def _failures(outcome: Outcome, campaign: Campaign) -> dict[str, Any]:
+    causes = {"any": outcome.any_failure, **outcome.failed}
+    return {
+        cause: {"count": int(hits.sum())}
+        | _interval(share(int(hits.sum()), len(hits), campaign.confidence), campaign)
+        for cause, hits in causes.items()
+    }
+
+
+def _percentiles(outcome: Outcome, campaign: Campaign) -> list[dict[str, Any]]:
+    rows = []
+    for metric, values in outcome.metrics.items():
+        for place, column in zip(outcome.places[metric], values.T, strict=True):
+            told = [
+                {"percent": q} | _interval(percentile(column, q, campaign.confidence), campaign)
+                for q in campaign.percentiles
+            ]
+            row = {"metric": metric, "of": place, "unit": outcome.units[metric]}
+            rows.append(row | {"percentiles": told, "largest": _plain(column.max())})
+    return rows
+
+
+def _interval(estimate: Estimate, campaign: Campaign) -> dict[str, Any]:
+    """Plain form: null is infinite or open; designs whose samples are not independent have no interval."""
+    ends = (estimate.low, estimate.high) if campaign.design in INDEPENDENT else (None, None)
+    return {"value": _plain(estimate.value), "low": _plain(ends[0]), "high": _plain(ends[1])}
+
+
+def _matters(outcome: Outcome, draws: Array, campaign: Campaign, *, complete: bool) -> dict[str, Any]:
+    """For each metric at its largest place: Sobol' indices if the design allows, else rank correlations."""
+    names, found = list(campaign.parameters), {}
+    for metric in outcome.metrics:
+        values = outcome.largest(metric)
+        entry: dict[str, Any] = {"kind": "rank_correlation"}
+        entry |= {"value": dict(zip(names, map(_plain, rank_correlations(draws, values)), strict=True))}
+        if campaign.design == "saltelli":
+            entry = entry | _indices(values, names, campaign, complete=complete)
+        found[metric] = entry
+    return found
+
+
+def _indices(values: Array, names: list[str], campaign: Campaign, *, complete: bool) -> dict[str, Any]:
+    lost = int((~np.isfinite(values)).sum())
+    if lost or not complete:
+        why = f"{lost} rollouts diverged" if lost else "not every sample is there yet"
+        return {"no_indices": f"{why}: Sobol' indices need them all"}
+    indices = sobol_indices(values, names, campaign.confidence)
+    if indices is None:
+        return {"no_indices": "it does not vary"}
+    lists = {
+        key: map(_plain, getattr(indices, key)) for key in ("first", "first_width", "total", "total_width")
+    }
+    return {"kind": "sobol"} | {key: dict(zip(names, row, strict=True)) for key, row in lists.items()}
+
+
+def _worst(
+    outcome: Outcome, data: xr.Dataset, evaluator: Evaluator, index: int, named: tuple[str, Changes]
+) -> list[dict[str, Any]]:
+    """Worst samples: those that diverged, the earliest first, then by the first metric kept."""
+    name, metric = str(data.gains.values[index]), next(iter(outcome.metrics))
+    times, values = data.diverged_at.values[:, index], outcome.largest(metric)
+    order = np.lexsort((np.where(np.isnan(times), np.inf, times), -values))[:WORST]
+    rows = []
+    for i in order:
+        draw = data.draw.values[i]
+        rows.append(
+            {
+                "sample": int(data.sample.values[i]),
+                "metric": metric,
+                "value": _plain(values[i]),
+                "diverged_at_s": _plain(times[i]),
+                "failed": [cause for cause, hits in outcome.failed.items() if hits[i]],
+                "draw": dict(zip(evaluator.campaign.parameters, map(float, draw), strict=True)),
+                "command": command_of(evaluator, draw, name, *named),
+            }
+        )
+    return rows
+
+
+def _against(found: Mapping[str, Outcome], campaign: Campaign) -> list[dict[str, Any]]:
+    """Every two sets of gains on the same samples: how often one is better, and which fails where."""
+    rows = []
+    for (a, first), (b, second) in combinations(found.items(), 2):
+        for metric in first.metrics:
+            one, other = first.largest(metric), second.largest(metric)
+            better, differ = int((one < other).sum()), int((one != other).sum())
+            told = _interval(share(better, differ, campaign.confidence), campaign) if differ else None
+            rows.append({"first": a, "second": b, "metric": metric, "first_is_better": told})
+        fails = {a: first.any_failure, b: second.any_failure}
+        only = {name: int((fails[name] & ~fails[rest]).sum()) for name, rest in ((a, b), (b, a))}
+        rows.append({"first": a, "second": b, "fails_alone": only})
+    return rows
+
+
+def _plain(value: float | None) -> float | None:
+    return None if value is None or not np.isfinite(value) else float(value)

@@ -1,0 +1,67 @@
+"""The command itself."""
+
+import json
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from optim.campaign.gains import controllers, gain_sets
+from spacerobot.cli import campaign
+from spacerobot.errors import ScenarioError
+
+
+@pytest.fixture
+def invoke():
+    app = typer.Typer(pretty_exceptions_enable=False)
+    campaign.register(app)
+    app.command("other")(lambda: None)
+    return lambda *words: CliRunner().invoke(app, ["campaign", *map(str, words)])
+
+
+def test_a_campaign_from_the_command_line(invoke, small_file, tmp_path):
+    from spacerobot.cli.app import app
+
+    words = [small_file, "--set", "robots.arm.tips.tip.pid.kp=77", "--out", tmp_path / "result"]
+    assert CliRunner().invoke(app, ["run", *map(str, words)]).exit_code == 0
+    out = tmp_path / "store"
+    words = [small_file, "--out", out, "--samples", 30, "--threads", 1]
+    words += ["--gains", "scenario", "--gains", "soft", "--gains", f"ran={tmp_path / 'result'}"]
+    done = invoke(*words)
+    assert done.exit_code == 0, done.output
+    for text in ("probability of failure", "percentiles", "worst sample", "again: spacerobot run", "ran"):
+        assert text in done.output
+    summary = json.loads((out / "summary.json").read_text())
+    assert list(summary["gains"]) == ["scenario", "soft", "ran"]
+    assert summary["samples"] == 30
+    assert "30 of 30 samples" in invoke(*words).output
+    assert isinstance(invoke(small_file, "--out", out, "--samples", 31).exception, Exception)
+
+
+def test_gains_of_a_result_and_unknown_ones(small, small_file, tmp_path):
+    from spacerobot.result import save
+    from spacerobot.simulate import simulate
+
+    save(simulate(small(**{"robots.arm.tips.tip.pid.kp": 61})), tmp_path / "one")
+    found = controllers(small(), tmp_path / "one")
+    assert found["robots.arm.tips.tip.pid"]["kp"] == 61
+    assert gain_sets(small(), []) is None
+    assert gain_sets(small(), ["stiff"]) == {"stiff": {"robots.*.tips.tip.pid.kp": 300}}
+    faults = {"stif": "did you mean stiff", "a=nowhere": "no such file", "soft soft": "twice"}
+    for asked, words in faults.items():
+        with pytest.raises(ScenarioError, match=words):
+            gain_sets(small(), asked.split())
+
+
+def test_ctrl_c_keeps_what_is_there(invoke, small_file, tmp_path, monkeypatch):
+    from optim.campaign import Here
+
+    def work(self, evaluator, draws, chunks):
+        yield 0, evaluator.evaluate(draws[:11])
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Here, "work", work)
+    done = invoke(small_file, "--out", tmp_path / "store")
+    assert done.exit_code == 130
+    assert "11 of 100 samples" in done.output
+    assert "11 samples" in done.output
