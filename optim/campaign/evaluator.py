@@ -231,4 +231,5 @@ def _member(scene: Scene, campaign: Campaign) -> Member:
     rollout = build_rollout(
         loop, duration_s=simulation.duration, step_s=campaign.step, measures=kept.measures
     )
+    rollout.engines.batch  # noqa: B018  (compiles)
     return Member(scene, space, kept, rollout)

@@ -32,6 +32,14 @@ Threads = Annotated[
     int | None,
     typer.Option("--threads", min=1, metavar="N", help="Threads; they change no number."),
 ]
+Machines = Annotated[
+    str | None,
+    typer.Option(
+        "--dask",
+        metavar="WHERE",
+        help="Work on Dask: local:N, tcp://HOST:PORT, or a scheduler file. The numbers stay the same.",
+    ),
+]
 HELP = """Roll out a scenario over its uncertain numbers: percentiles, probability of failure, what matters.
 
 Killed, it goes on where it was when it is started again with the same --out; Ctrl-C keeps what is there.
@@ -39,6 +47,8 @@ Killed, it goes on where it was when it is started again with the same --out; Ct
 Examples:
 
     spacerobot campaign paper --out out/campaign --samples 10000
+
+    spacerobot campaign paper --out out/campaign --samples 100000 --dask tcp://10.0.0.1:8786
 
     spacerobot campaign paper --out out/both --gains scenario --gains tuned=out/tuned
 """
@@ -56,6 +66,7 @@ def command(
     gains: Gains = None,
     samples: Samples = None,
     threads: Threads = None,
+    dask: Machines = None,
 ) -> None:
     """Run a campaign; exit code 130 after Ctrl-C, with what was found until then."""
     from optim.campaign import run_campaign, summarise
@@ -72,7 +83,7 @@ def command(
             scene,
             out,
             gains=chosen,
-            executor=_executor(threads),
+            executor=_executor(threads, dask),
             progress=lambda now: tell(_words(now)),
             tell=tell,
         )
@@ -172,9 +183,12 @@ def _unit(row: Mapping[str, Any]) -> str:
     return "mm" if row["unit"] == "m" else str(row["unit"])
 
 
-def _executor(threads: int | None) -> Executor:
+def _executor(threads: int | None, dask: str | None) -> Executor:
     from optim.campaign import Here
+    from optim.campaign.cluster import Dask
 
+    if dask is not None:
+        return Dask(dask)
     return Here(threads)
 
 
