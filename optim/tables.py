@@ -102,3 +102,54 @@ def _number(factor: float) -> Any:
 
 def _milli(value: float | None) -> str:
     return "-" if value is None or not np.isfinite(value) else f"{1e3 * value:.3g}"
+
+
+def markdown(data: dict[str, Any]) -> str:
+    """A comparison, as it stands in ``comparison.json``, as tables for a document.
+
+    Parameters
+    ----------
+    data
+        Content of ``comparison.json``.
+    """
+    parts = []
+    for contest in data["contests"]:
+        factor, unit = (1e3, "mm") if contest["objective"]["kind"] == "minimax" else (1.0, "SI")
+        number = _number(factor)
+        axes = ", ".join(where.replace("/tip", "") for where in contest["directions"])
+        heads = ["method", f"best [{unit}]", "median", "quartiles", "rollouts", "gradients", "cost"]
+        heads += ["time [s]", "gains", "at a bound", f"errors [mm]: {axes}", "torque [N m]", "grip [N]"]
+        heads.append(f"other plants [{unit}]")
+        names = ", ".join(contest["variables"])
+        rows = [heads, ["---"] * len(heads), ["untuned", number(contest["baseline"]["nominal_objective"])]]
+        rows[-1] += [""] * 9 + [*_loads(contest["baseline"]), _plants(contest["baseline"], number)]
+        rows += [_markdown_row(name, method, number) for name, method in contest["methods"].items()]
+        parts.append(f"**{contest['name']}** (gains: {names})\n")
+        parts.append("\n".join("| " + " | ".join(row) + " |" for row in rows) + "\n")
+        said = contest["nlp_against_evolutionary"]
+        if said is not None:
+            parts.append(
+                f"NLP over the best of all evolutionary runs: {said['objective_ratio']:.4f}, at "
+                f"{said['cost_ratio']:.3f} of their cost.\n"
+            )
+    return "\n".join(parts)
+
+
+def _markdown_row(name: str, method: dict[str, Any], number: Any) -> list[str]:
+    objective, used, best = method["objective"], method["spent"], method["best"]
+    errors = [_milli(found["best"]) for found in method["largest_errors_m"].values()]
+    return [
+        name,
+        number(best["objective"]) + ("" if best["feasible"] else " (infeasible)"),
+        number(objective["median"]),
+        f"{number(objective['lower'])} .. {number(objective['upper'])}",
+        str(used["rollouts"]),
+        str(used["gradients"]),
+        f"{used['equivalent_rollouts']:.0f}",
+        f"{used['wall_s']:.0f}",
+        ", ".join(f"{value:.4g}" for value in best["gains"].values()),
+        ", ".join(best["active_bounds"]) or "none",
+        ", ".join(errors),
+        *_loads(best),
+        _plants(best, number),
+    ]

@@ -85,8 +85,10 @@ def command(
 ) -> None:
     """Compare methods; exit code 130 after Ctrl-C, with what was found until then."""
     from optim import compare, effort_of
-    from optim.report import write
+    from optim.report import to_json, write
     from optim.scenes import tuning_of
+    from optim.tables import markdown
+    from spacerobot.files import write_text
     from spacerobot.scene import load_scene
 
     scene = load_scene(scenario, parse_changes(changes))
@@ -108,6 +110,7 @@ def command(
         if out is not None:
             tell("simulating and saving the best designs")
             write(found, out)
+            write_text(out / "comparison.md", markdown(to_json(found)))
             draw(found, out)
     for contest in found.contests:
         show(contest)

@@ -249,6 +249,9 @@ def test_the_commands(app, small_file, tmp_path):
     assert done.exit_code == 0
     assert "base-two" in done.output
     assert "of the best of all evolutionary runs" in done.output
+    rows = [line for line in (tmp_path / "c" / "comparison.md").read_text().splitlines() if line[:1] == "|"]
+    assert len(rows) == 5
+    assert len({row.count("|") for row in rows}) == 1
     assert (tmp_path / "c" / "base-two" / "figures" / "convergence_cost.svg").is_file()
     assert load(tmp_path / "c" / "base-two" / "nlp").completed
     asked = [
