@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import signal
+import threading
+import time
+
 import numpy as np
 import pytest
 
@@ -148,6 +153,27 @@ def test_interrupting_keeps_the_best_so_far():
         assert run.status == "interrupted"
         assert run.feasible
         assert np.isfinite(run.objective)
+
+
+@pytest.mark.parametrize("delay_s", [0.05, 0.11, 0.17])
+def test_ctrl_c_is_not_lost_inside_ipopt(delay_s, capfd):
+    problem = rosenbrock("smooth")
+    linearise, handler = problem.linearise, signal.getsignal(signal.SIGINT)
+
+    def slow(u):
+        time.sleep(0.02)
+        return linearise(u)
+
+    problem.linearise = slow
+    timer = threading.Timer(delay_s, os.kill, (os.getpid(), signal.SIGINT))
+    timer.start()
+    run = solve(Search(problem, "nlp"), problem.start, NlpSettings(patience=1000, tolerance=1e-14))
+    timer.join()
+    assert run.status == "interrupted"
+    assert run.seconds < delay_s + 0.5
+    assert np.isfinite(run.objective)
+    assert signal.getsignal(signal.SIGINT) is handler
+    assert capfd.readouterr() == ("", "")
 
 
 def test_feasible_points_beat_infeasible_ones():
