@@ -13,6 +13,7 @@ import typer
 
 from spacerobot.cli import (
     animate,
+    campaign,
     check,
     compare,
     figures,
@@ -35,7 +36,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode="rich",
 )
-MODULES = (run, check, animate, figures, report, paper, tune, compare, scenarios, make_arm, schema)
+MODULES = (run, check, animate, figures, report, paper, tune, compare, campaign, scenarios, make_arm, schema)
 for module in MODULES:
     module.register(app)
 

@@ -48,7 +48,7 @@ Examples:
 
     spacerobot campaign paper --out out/campaign --samples 10000
 
-    spacerobot campaign paper --out out/campaign --samples 100000 --dask tcp://10.0.0.1:8786
+    spacerobot campaign paper --out out/campaign --samples 100000 --dask tcp://scheduler:8786
 
     spacerobot campaign paper --out out/both --gains scenario --gains tuned=out/tuned
 """
