@@ -16,7 +16,7 @@ def invoke():
     app = typer.Typer(pretty_exceptions_enable=False)
     campaign.register(app)
     app.command("other")(lambda: None)
-    return lambda *words: CliRunner().invoke(app, ["campaign", *map(str, words)])
+    return lambda *words, name="campaign": CliRunner().invoke(app, [name, *map(str, words)])
 
 
 def test_a_campaign_from_the_command_line(invoke, small_file, tmp_path):
@@ -65,3 +65,17 @@ def test_ctrl_c_keeps_what_is_there(invoke, small_file, tmp_path, monkeypatch):
     assert done.exit_code == 130
     assert "11 of 100 samples" in done.output
     assert "11 samples" in done.output
+
+
+def test_robust_tuning_from_the_command_line(invoke, small_file, tmp_path):
+    kp = {"paths": "robots.*.tips.tip.pid.kp", "lower": 20, "upper": 400}
+    tuning = json.dumps({"variables": {"kp": kp}, "step": 0.01, "starts": 1, "iterations": 8})
+    words = [small_file, "--set", f"tuning={tuning}", "--samples", 9, "--fresh", 20, "--out", tmp_path / "r"]
+    done = invoke(*words, "--measure", "mean", name="robust")
+    assert done.exit_code == 0, done.output
+    for text in ("objective on 20 fresh samples", "start", "nominal", "robust"):
+        assert text in done.output
+    told = json.loads((tmp_path / "r" / "robust.json").read_text())
+    assert told["fresh"]["robust"]["mean"] < told["fresh"]["start"]["mean"]
+    done = invoke(small_file, "--out", tmp_path / "s", "--samples", 5, "--gains", f"robust={tmp_path / 'r'}")
+    assert done.exit_code == 0, done.output
