@@ -125,6 +125,7 @@ def summarise(folder: Path, evaluator: Evaluator, scenario: str, changes: Change
                 "failure": _failures(outcome, campaign),
                 "metrics": _percentiles(outcome, campaign),
                 "matters": _matters(outcome, draws, campaign, complete=len(data.sample) == campaign.count),
+                "map": _map(outcome, draws, campaign),
                 "worst": _worst(outcome, data, evaluator, index, (scenario, changes)),
             }
             for index, (name, outcome) in enumerate(found.items())
@@ -220,6 +221,22 @@ def _indices(values: Array, names: list[str], campaign: Campaign, *, complete: b
         key: map(_plain, getattr(indices, key)) for key in ("first", "first_width", "total", "total_width")
     }
     return {"kind": "sobol"} | {key: dict(zip(names, row, strict=True)) for key, row in lists.items()}
+
+
+def _map(outcome: Outcome, draws: Array, campaign: Campaign) -> dict[str, Any] | None:
+    """Where a grid over two parameters fails and why: causes by level of the first and of the second."""
+    if campaign.design != "grid" or draws.shape[1] != 2 or len(draws) != campaign.count:
+        return None
+    levels = [np.unique(column) for column in draws.T]
+    causes = np.full(len(draws), "", dtype=object)
+    for cause, hits in reversed(list(outcome.failed.items())):
+        causes[hits] = cause
+    cells: list[list[str]] = [[""] * len(levels[1]) for _ in levels[0]]
+    for draw, cause in zip(draws, causes, strict=True):
+        i, j = (int(np.searchsorted(level, value)) for level, value in zip(levels, draw, strict=True))
+        cells[i][j] = cause
+    first, second = (list(map(float, level)) for level in levels)
+    return {"first": first, "second": second, "failed": cells}
 
 
 def _worst(

@@ -41,6 +41,16 @@ Machines = Annotated[
         help="Work on Dask: local:N, tcp://HOST:PORT, or a scheduler file. The numbers stay the same.",
     ),
 ]
+MARK = {
+    "": "+",
+    "diverged": "D",
+    "joint_torque": "T",
+    "grip_force": "G",
+    "tip_error": "E",
+    "target_rotation_deg": "R",
+    "base_rotation_deg": "B",
+}
+MARKS = "+ it does; D diverged; limits: T torque, G grip, E tip error, R target's, B base's rotation"
 HELP = """Roll out a scenario over its uncertain numbers: percentiles, probability of failure, what matters.
 
 Killed, it goes on where it was when it is started again with the same --out; Ctrl-C keeps what is there.
@@ -184,10 +194,14 @@ def show(summary: Mapping[str, Any]) -> None:
     """Print what a campaign says."""
     levels = f"{100 * summary['confidence']:g} % intervals in brackets"
     head = f"{summary['name']}: {summary['samples']} samples, {summary['design']}"
-    console().print(table(f"{head}; probability of failure, {levels}", *_failures(summary)))
+    asked = f"probability of failure, {levels}" if summary["intervals"] else "share that fails"
+    console().print(table(f"{head}; {asked}", *_failures(summary)))
     for name, told in summary["gains"].items():
         console().print(table(f"{name}: percentiles, {levels}", *_percentiles(told)))
         console().print(table(f"{name}: what matters", *_matters(told, summary)))
+        if told["map"] is not None:
+            title = f"{name}: where it holds ({MARKS})"
+            console().print(table(title, *_map(told["map"], summary["parameters"])))
         worst = told["worst"][0]
         drawn = ", ".join(f"{key} {value:.6g}" for key, value in worst["draw"].items())
         line = f"{name}: worst sample, {worst['sample']}: {drawn}"
@@ -231,6 +245,15 @@ def _matters(told: Mapping[str, Any], summary: Mapping[str, Any]) -> Rows:
         kind = "Sobol', total" if entry["kind"] == "sobol" else "rank correlation"
         rows.append([metric, kind, text + (f" ({entry['no_indices']})" if "no_indices" in entry else "")])
     return ["metric", "measure", "by size, noise left out"], rows
+
+
+def _map(told: Mapping[str, Any], parameters: list[str]) -> Rows:
+    head = [f"{parameters[0]} \\ {parameters[1]}", *(f"{value:.4g}" for value in told["second"])]
+    rows = [
+        [f"{value:.4g}", *(MARK.get(cause, "?") for cause in causes)]
+        for value, causes in zip(told["first"], told["failed"], strict=True)
+    ]
+    return head, rows
 
 
 def _against(summary: Mapping[str, Any]) -> Rows:

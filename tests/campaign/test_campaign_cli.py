@@ -6,6 +6,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
+from optim.campaign import load_campaign
 from optim.campaign.gains import controllers, gain_sets
 from spacerobot.cli import campaign
 from spacerobot.errors import ScenarioError
@@ -79,3 +80,21 @@ def test_robust_tuning_from_the_command_line(invoke, small_file, tmp_path):
     assert told["fresh"]["robust"]["mean"] < told["fresh"]["start"]["mean"]
     done = invoke(small_file, "--out", tmp_path / "s", "--samples", 5, "--gains", f"robust={tmp_path / 'r'}")
     assert done.exit_code == 0, done.output
+
+
+def test_a_grid_over_two_parameters_is_a_map(invoke, small_file, tmp_path):
+    mass = {"paths": "target.links.body.mass", "lower": 10, "upper": 50, "levels": 3}
+    spin = {"paths": "target.base.spin_deg.2", "lower": -40, "upper": 40, "levels": 5}
+    section = {"parameters": {"mass": mass, "spin": spin}, "design": "grid", "step": 0.01}
+    words = ["--set", "campaign=" + json.dumps(section | {"limits": {"grip_force": 7.0}})]
+    done = invoke(small_file, *words, "--out", tmp_path / "store")
+    assert done.exit_code == 0, done.output
+    assert "where it holds" in done.output
+    summary = json.loads((tmp_path / "store" / "summary.json").read_text())
+    told = summary["gains"]["scenario"]["map"]
+    assert told["first"] == [10, 30, 50]
+    assert told["second"] == [-40, -20, 0, 20, 40]
+    data = load_campaign(tmp_path / "store")
+    grip = data.grip_force_peak.values.reshape(3, 5)
+    assert told["failed"] == [["grip_force" if force > 7 else "" for force in row] for row in grip]
+    assert 0 < (grip > 7).sum() < 15
