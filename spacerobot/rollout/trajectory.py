@@ -37,7 +37,7 @@ class Trajectory:
     steps, step_s
         Steps done and their length; zero and NaN for an adaptive integrator.
     backend
-        What ran: ``compiled``, ``interpreted`` or ``cvodes``.
+        What ran: ``compiled``, ``interpreted``, ``cvodes`` or ``pinocchio``.
     wall_s
         Time it took.
     """
