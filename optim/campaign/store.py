@@ -28,6 +28,7 @@ from spacerobot.scenario.paths import leaves
 
 FORMAT = 1
 HEAD, DATA, CHUNKS, LOCK = "campaign.json", "campaign.nc", "chunks", ".lock"
+ROWS = 1024  # samples that the file keeps, and packs, together
 Interval = tuple[int, int]
 
 
@@ -261,13 +262,16 @@ def _define(file: Any, parameters: Sequence[str], gains: Sequence[str], columns:
     for axis, names in axes.items():
         file.createDimension(axis, len(names))
         file.createVariable(axis, str, (axis,))[:] = np.array(names, dtype=object)
-    file.createVariable("sample", "i8", ("sample",))
-    file.createVariable("draw", "f8", ("sample", "parameter"), zlib=True, complevel=1)
-    time = file.createVariable("diverged_at", "f8", ("sample", "gains"), zlib=True, complevel=1)
-    time.units = "s"
+    file.createVariable("sample", "i8", ("sample",), chunksizes=(ROWS,))
+
+    def table(name: str, *others: str) -> Any:
+        sizes = (ROWS, *(len(file.dimensions[axis]) for axis in others))
+        return file.createVariable(name, "f8", ("sample", *others), zlib=True, complevel=1, chunksizes=sizes)
+
+    table("draw", "parameter")
+    table("diverged_at", "gains").units = "s"
     for metric, unit in {column.metric: column.unit for column in columns}.items():
-        shape = ("sample", "gains", f"{metric}_of")
-        file.createVariable(metric, "f8", shape, zlib=True, complevel=1).units = unit
+        table(metric, "gains", f"{metric}_of").units = unit
 
 
 def _append(file: Any, begin: int, table: Table, columns: Sequence[Column]) -> None:
