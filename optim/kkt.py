@@ -7,7 +7,7 @@ import numpy as np
 from optim.protocol import Array, Form, Linearisation
 
 NEAR_BOUND = 1e-3  # of the unit cube
-NEAR_PEAK = 1e-2  # of the largest row
+NEAR_PEAK = 2e-3  # of the largest row: what is nearer counts as active, so a point is judged to this accuracy
 NEAR_LIMIT = 1e-3  # of a constraint's limit
 HEAVY = 1e3  # weight that makes multipliers of a minimax problem sum to one
 

@@ -78,7 +78,8 @@ class TuningProblem:
         kernel, grid, v = self.rollout.kernel, self.rollout.grid, self.variables
         numbers = [*self.rollout.values(None), *v.lower, *v.upper, *v.log, grid.duration_s, grid.step_s]
         limits = sorted(self.terms.limits.items())
-        digest = hashlib.sha256(repr(([float(x) for x in numbers], v.names, limits)).encode())
+        engine = self.rollout.summary  # another compiler may round otherwise
+        digest = hashlib.sha256(repr(([float(x) for x in numbers], v.names, limits, engine)).encode())
         for name in ("setup", "dynamics", "objective"):
             digest.update(kernel.functions[name].serialize().encode())
         return digest.hexdigest()
