@@ -3,7 +3,7 @@
 from optim.campaign.evaluator import Evaluator, Table, all_draws, build_evaluator
 from optim.campaign.run import Campaigned, Executor, Here, Progress, run_campaign
 from optim.campaign.store import load_campaign
-from optim.campaign.summary import command_of, summarise
+from optim.campaign.summary import command_of, simulate_sample, summarise
 
 __all__ = [
     "Campaigned",
@@ -17,5 +17,6 @@ __all__ = [
     "command_of",
     "load_campaign",
     "run_campaign",
+    "simulate_sample",
     "summarise",
 ]

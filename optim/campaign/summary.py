@@ -26,8 +26,11 @@ from optim.campaign.store import load_campaign
 from optim.protocol import Array
 from spacerobot.errors import ResultError
 from spacerobot.files import write_text
+from spacerobot.result import Result
 from spacerobot.scenario import Campaign
 from spacerobot.scenario.campaign import LIMITED
+from spacerobot.scene import build_scene
+from spacerobot.simulate import simulate
 
 SUMMARY = "summary.json"
 WORST = 5  # samples that are told of each set of gains
@@ -166,6 +169,25 @@ def command_of(evaluator: Evaluator, draw: Array, gains: str, scenario: str, giv
     changes["simulation.step"] = evaluator.campaign.step
     parts = [f"--set {shlex.quote(f'{path}={json.dumps(value)}')}" for path, value in changes.items()]
     return " ".join(["spacerobot run", shlex.quote(scenario), *parts])
+
+
+def simulate_sample(evaluator: Evaluator, draw: Sequence[float], gains: str) -> Result:
+    """Result of one sample, as its command gives it.
+
+    Parameters
+    ----------
+    evaluator
+        Of the campaign.
+    draw
+        Values of the uncertain parameters (k,).
+    gains
+        Which set of gains.
+    """
+    member = evaluator.members[list(evaluator.gains).index(gains)]
+    values = member.space.values(np.asarray(draw, dtype=float))[0]
+    changes: dict[str, Any] = dict(zip(member.space.paths, map(float, values), strict=True))
+    changes["simulation.step"] = evaluator.campaign.step
+    return simulate(build_scene(member.scene.scenario, changes, source=member.scene.source))
 
 
 def _failures(outcome: Outcome, campaign: Campaign) -> dict[str, Any]:

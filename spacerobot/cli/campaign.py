@@ -14,6 +14,7 @@ from spacerobot.cli.output import console, pairs, progress, table, warn
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from optim.campaign import Evaluator
     from optim.campaign.run import Executor, Progress
 
 Folder = Annotated[
@@ -40,6 +41,9 @@ Machines = Annotated[
         metavar="WHERE",
         help="Work on Dask: local:N, tcp://HOST:PORT, or a scheduler file. The numbers stay the same.",
     ),
+]
+Page = Annotated[
+    bool, typer.Option("--report", help="Write DIR/report.html too, with the worst sample animated.")
 ]
 MARK = {
     "": "+",
@@ -69,9 +73,7 @@ Measure = Annotated[
     Literal["mean", "percentile", "worst"],
     typer.Option("--measure", help="What of the samples' objectives is made small."),
 ]
-Percent = Annotated[
-    float, typer.Option("--percent", min=1, max=99, metavar="P", help="Which percentile.")
-]
+Percent = Annotated[float, typer.Option("--percent", min=1, max=99, metavar="P", help="Which percentile.")]
 Common = Annotated[int, typer.Option("--samples", min=2, metavar="N", help="Samples that are tuned for.")]
 Fresh = Annotated[int, typer.Option("--fresh", min=2, metavar="N", help="Samples that judge afterwards.")]
 Method = Annotated[str, typer.Option("--method", metavar="NAME", help="ga, de, pso, cmaes or nlp.")]
@@ -82,7 +84,7 @@ Variables = Annotated[
     str | None,
     typer.Option("--variables", metavar="LIST", help="A set of the tuning section, or variables by commas."),
 ]
-ROBUST_HELP = """Tune gains for the uncertain numbers of the campaign section, and judge them on fresh samples.
+ROBUST_HELP = """Tune gains for the uncertain numbers of the campaign section; judge them on fresh samples.
 
 Example:
 
@@ -104,6 +106,7 @@ def command(
     samples: Samples = None,
     threads: Threads = None,
     dask: Machines = None,
+    page: Page = False,
 ) -> None:
     """Run a campaign; exit code 130 after Ctrl-C, with what was found until then."""
     from optim.campaign import run_campaign, summarise
@@ -128,6 +131,9 @@ def command(
         if found.done:
             tell("working out what it says")
             summary = summarise(out, found.evaluator, scenario, given)
+        if summary is not None and page:
+            tell("simulating the worst sample and writing the report")
+            _write_page(out, found.evaluator, summary)
     if summary is not None:
         show(summary)
     console().print(f"\n{found.done} of {found.total} samples in {out}", markup=False, soft_wrap=True)
@@ -175,9 +181,7 @@ def robust_command(
             threads=threads,
         )
         folder = None if out is None else out / "journals"
-        found = tune_robust(
-            problem, method, effort=effort, fresh=fresh, folder=folder, progress=report
-        )
+        found = tune_robust(problem, method, effort=effort, fresh=fresh, folder=folder, progress=report)
         if out is not None:
             tell("simulating and saving the robust design")
             save_robust(problem, found, out)
@@ -285,6 +289,17 @@ def _factor(unit: str) -> float:
 
 def _unit(row: Mapping[str, Any]) -> str:
     return "mm" if row["unit"] == "m" else str(row["unit"])
+
+
+def _write_page(folder: Path, evaluator: Evaluator, summary: Mapping[str, Any]) -> None:
+    """Report of a campaign; the worst sample shown is that of the first set of gains."""
+    from optim.campaign import simulate_sample
+    from spacerobot.files import write_text
+    from viz.campaign_section import campaign_report
+
+    name, told = next(iter(summary["gains"].items()))
+    worst = simulate_sample(evaluator, list(told["worst"][0]["draw"].values()), name)
+    write_text(folder / "report.html", campaign_report(folder, worst))
 
 
 def _executor(threads: int | None, dask: str | None) -> Executor:

@@ -87,8 +87,9 @@ def test_a_grid_over_two_parameters_is_a_map(invoke, small_file, tmp_path):
     spin = {"paths": "target.base.spin_deg.2", "lower": -40, "upper": 40, "levels": 5}
     section = {"parameters": {"mass": mass, "spin": spin}, "design": "grid", "step": 0.01}
     words = ["--set", "campaign=" + json.dumps(section | {"limits": {"grip_force": 7.0}})]
-    done = invoke(small_file, *words, "--out", tmp_path / "store")
+    done = invoke(small_file, *words, "--out", tmp_path / "store", "--report")
     assert done.exit_code == 0, done.output
+    assert '<section id="campaign">' in (tmp_path / "store" / "report.html").read_text()
     assert "where it holds" in done.output
     summary = json.loads((tmp_path / "store" / "summary.json").read_text())
     told = summary["gains"]["scenario"]["map"]
