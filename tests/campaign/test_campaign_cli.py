@@ -36,7 +36,7 @@ def test_a_campaign_from_the_command_line(invoke, small_file, tmp_path):
     assert list(summary["gains"]) == ["scenario", "soft", "ran"]
     assert summary["samples"] == 30
     assert "30 of 30 samples" in invoke(*words).output
-    assert isinstance(invoke(small_file, "--out", out, "--samples", 31).exception, Exception)
+    assert "holds another campaign" in str(invoke(small_file, "--out", out, "--samples", 31).exception)
 
 
 def test_gains_of_a_result_and_unknown_ones(small, small_file, tmp_path):

@@ -36,7 +36,7 @@ def test_a_store_holds_every_sample_once_with_its_draw(whole):
     assert not (whole.folder / "chunks").exists()
 
 
-@pytest.mark.parametrize(("size", "threads"), [(1, 1), (7, 2), (64, 3)])
+@pytest.mark.parametrize(("size", "threads"), [(1, 1), (7, 3)])
 def test_neither_chunks_nor_threads_change_a_bit(small, whole, tmp_path, size, threads):
     run_campaign(small(), tmp_path / "store", executor=Here(size=size, threads=threads))
     xr.testing.assert_identical(load_campaign(tmp_path / "store"), load_campaign(whole.folder))
@@ -144,10 +144,8 @@ def test_a_spoilt_chunk_is_done_again(small, whole, tmp_path):
     ("changes", "words"),
     [
         ({"campaign.samples": 101}, "campaign.samples was 100, is 101"),
-        ({"campaign.seed": 1}, "campaign.seed was 0, is 1"),
         ({"target.links.body.mass": 21}, "target.links.body.mass was 20.0, is 21.0"),
         ({"campaign.gains.soft": {"robots.*.tips.tip.pid.kp": 51}}, "was 50, is 51"),
-        ({"simulation.duration": 0.9}, "simulation.duration was 1.0, is 0.9"),
     ],
 )
 def test_a_changed_campaign_is_not_resumed(small_file, whole, changes, words):

@@ -54,7 +54,7 @@ def test_shares_are_those_of_clopper_and_pearson():
 
 
 def test_a_share_is_held_as_often_as_promised():
-    hits = np.random.default_rng(1).binomial(150, 0.03, 1000)
+    hits = np.random.default_rng(1).binomial(150, 0.03, 400)
     held = np.mean([(e := share(int(h), 150, 0.9)).low <= 0.03 <= e.high for h in hits])
     assert held >= 0.9
 
