@@ -24,20 +24,28 @@ def register(app: typer.Typer) -> None:
 
 HELP = """Write one self-contained page: what was run, headline numbers, animation, figures, ledger, warnings.
 
+A folder that `spacerobot compare` wrote gives a page about the tuning methods.
+
 Examples:
 
     spacerobot report out/paper
 
     spacerobot report out/before out/after --out report.html
+
+    spacerobot report out/compare
 """
 
 
 def command(results: Folders, out: Out = None) -> None:
     """Write the page."""
+    from spacerobot.files import write_text
+    from viz.comparison_section import COMPARISON, comparison_report
     from viz.report import find_results, write_report
 
-    found = find_results(results)
     path = out or results[0] / "report.html"
     with progress("writing the report"):
-        write_report(path, *found)
+        if len(results) == 1 and (results[0] / COMPARISON).is_file():
+            write_text(path, comparison_report(results[0]))
+        else:
+            write_report(path, *find_results(results))
     console().print(f"report in {path}", markup=False, soft_wrap=True)
