@@ -20,6 +20,7 @@ from spacerobot.cli import (
     make_arm,
     paper,
     report,
+    robust,
     run,
     scenarios,
     schema,
@@ -36,7 +37,21 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode="rich",
 )
-MODULES = (run, check, animate, figures, report, paper, tune, compare, campaign, scenarios, make_arm, schema)
+MODULES = (
+    run,
+    check,
+    animate,
+    figures,
+    report,
+    paper,
+    tune,
+    compare,
+    campaign,
+    robust,
+    scenarios,
+    make_arm,
+    schema,
+)
 for module in MODULES:
     module.register(app)
 

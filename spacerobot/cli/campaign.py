@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from spacerobot.cli.compare import Budget, Runs, Seed, Starts, parts, shown
-from spacerobot.cli.options import Changes, Out, ScenarioName, parse_changes
-from spacerobot.cli.output import console, pairs, progress, table, warn
+from spacerobot.cli.options import Changes, Machines, ScenarioName, Threads, parse_changes
+from spacerobot.cli.output import console, progress, table, warn
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -30,18 +29,6 @@ Gains = Annotated[
     ),
 ]
 Samples = Annotated[int | None, typer.Option("--samples", min=1, metavar="N", help="Number of samples.")]
-Threads = Annotated[
-    int | None,
-    typer.Option("--threads", min=1, metavar="N", help="Threads; they change no number."),
-]
-Machines = Annotated[
-    str | None,
-    typer.Option(
-        "--dask",
-        metavar="WHERE",
-        help="Work on Dask: local:N, tcp://HOST:PORT, or a scheduler file. The numbers stay the same.",
-    ),
-]
 Page = Annotated[
     bool, typer.Option("--report", help="Write DIR/report.html too, with the worst sample animated.")
 ]
@@ -69,33 +56,9 @@ Examples:
 """
 
 
-Measure = Annotated[
-    Literal["mean", "percentile", "worst"],
-    typer.Option("--measure", help="What of the samples' objectives is made small."),
-]
-Percent = Annotated[float, typer.Option("--percent", min=1, max=99, metavar="P", help="Which percentile.")]
-Common = Annotated[int, typer.Option("--samples", min=2, metavar="N", help="Samples that are tuned for.")]
-Fresh = Annotated[int, typer.Option("--fresh", min=2, metavar="N", help="Samples that judge afterwards.")]
-Method = Annotated[str, typer.Option("--method", metavar="NAME", help="ga, de, pso, cmaes or nlp.")]
-Reading = Annotated[
-    str | None, typer.Option("--reading", metavar="NAME", help="A reading of the tuning section.")
-]
-Variables = Annotated[
-    str | None,
-    typer.Option("--variables", metavar="LIST", help="A set of the tuning section, or variables by commas."),
-]
-ROBUST_HELP = """Tune gains for the uncertain numbers of the campaign section; judge them on fresh samples.
-
-Example:
-
-    spacerobot robust paper --reading base --variables seven --measure worst --out out/robust
-"""
-
-
 def register(app: typer.Typer) -> None:
-    """Add the commands."""
+    """Add the command."""
     app.command("campaign", help=HELP)(command)
-    app.command("robust", help=ROBUST_HELP)(robust_command)
 
 
 def command(
@@ -140,58 +103,6 @@ def command(
     if found.interrupted:
         warn("interrupted: the same command goes on where it was")
         raise typer.Exit(130)
-
-
-def robust_command(
-    scenario: ScenarioName,
-    out: Out = None,
-    changes: Changes = None,
-    measure: Measure = "worst",
-    percent: Percent = 95.0,
-    samples: Common = 64,
-    fresh: Fresh = 512,
-    method: Method = "nlp",
-    reading: Reading = None,
-    variables: Variables = None,
-    budget: Budget = None,
-    runs: Runs = None,
-    starts: Starts = None,
-    seed: Seed = None,
-    threads: Threads = None,
-) -> None:
-    """Tune robustly and nominally, and print both on fresh samples."""
-    from optim import effort_of
-    from optim.campaign.robust import build_robust, save_robust, tune_robust
-    from optim.scenes import tuning_of
-    from spacerobot.scene import load_scene
-
-    scene = load_scene(scenario, parse_changes(changes))
-    tuning = tuning_of(scene)
-    chosen = list(tuning.sets[variables]) if variables in tuning.sets else parts(variables)
-    effort = effort_of(tuning, budget=budget, rival_budget=budget, runs=runs, starts=starts, seed=seed)
-    with shown() as (tell, report):
-        tell("building and compiling")
-        problem = build_robust(
-            scene,
-            measure,
-            percent=percent,
-            samples=samples,
-            chosen=chosen,
-            reading=reading,
-            threads=threads,
-        )
-        folder = None if out is None else out / "journals"
-        found = tune_robust(problem, method, effort=effort, fresh=fresh, folder=folder, progress=report)
-        if out is not None:
-            tell("simulating and saving the robust design")
-            save_robust(problem, found, out)
-    gains = [(name, f"{value:.6g}") for name, value in found.gains.items()]
-    console().print(pairs(f"{method}, {measure}: {found.objective:.6g}", gains))
-    rows = [[name, *(f"{value:.6g}" for value in told.values())] for name, told in found.told.items()]
-    title = f"objective on {fresh} fresh samples"
-    console().print(table(title, ("tuned", *next(iter(found.told.values()))), rows))
-    if out is not None:
-        console().print(f"result and robust.json in {out}", markup=False, soft_wrap=True)
 
 
 def show(summary: Mapping[str, Any]) -> None:

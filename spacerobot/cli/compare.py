@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from spacerobot.cli.options import Changes, Out, ScenarioName, parse_changes
-from spacerobot.cli.output import console, progress, table, warn
+from spacerobot.cli.options import Changes, Out, ScenarioName, Threads, parse_changes
+from spacerobot.cli.output import console, table, warn
+from spacerobot.cli.tuning_options import Budget, Runs, Seed, Starts, parts, shown
 
 if TYPE_CHECKING:
-    from optim import Comparison, Contest, Report
-    from optim.search import Progress
+    from optim import Comparison, Contest
 
 Methods = Annotated[
     str | None,
@@ -27,18 +25,6 @@ Readings = Annotated[
 ]
 Sets = Annotated[
     str | None, typer.Option("--sets", metavar="LIST", help="Sets of variables; by commas. All if not given.")
-]
-Budget = Annotated[
-    int | None, typer.Option("--budget", min=1, metavar="N", help="Rollouts of one run of the GA, at most.")
-]
-Runs = Annotated[
-    int | None, typer.Option("--runs", min=1, metavar="N", help="Runs of each evolutionary method.")
-]
-Starts = Annotated[int | None, typer.Option("--starts", min=1, metavar="N", help="Starts of the NLP.")]
-Seed = Annotated[int | None, typer.Option("--seed", min=0, metavar="N", help="Seed of everything random.")]
-Threads = Annotated[
-    int | None,
-    typer.Option("--threads", min=1, metavar="N", help="Threads; the answers do not depend on them."),
 ]
 Full = Annotated[
     bool, typer.Option("--full", help="Give every evolutionary method the GA's whole budget: twice as long.")
@@ -176,26 +162,3 @@ def draw(found: Comparison, folder: Path) -> None:
         figures["robustness"] = robustness(samples, quantity="objective", unit=unit)
         for name, figure in figures.items():
             write_bytes(folder / contest.name / "figures" / f"{name}.svg", to_bytes(figure, "svg"))
-
-
-def parts(text: str | None) -> list[str] | None:
-    """Names between commas."""
-    return None if text is None else [part.strip() for part in text.split(",") if part.strip()]
-
-
-@contextmanager
-def shown() -> Iterator[tuple[Callable[[str], None], Progress]]:
-    """A spinner that says what is being done, how good the best is, and how long it may take yet."""
-    with progress("reading") as tell:
-        begun = [""]
-
-        def say(words: str) -> None:
-            begun[0] = words
-            tell(words)
-
-        def report(now: Report) -> None:
-            left = f", about {now.left_s:.0f} s left" if now.left_s == now.left_s else ""
-            done = f"{100 * now.done:.0f} %, best so far {now.objective:.4g}{left}"
-            tell(f"{begun[0].split(':')[0]}: {now.method} {now.index + 1}, {done}")
-
-        yield say, report

@@ -22,6 +22,18 @@ Changes = Annotated[
 Out = Annotated[
     Path | None, typer.Option("--out", metavar="DIR", help="Folder for the result; made if it is not there.")
 ]
+Threads = Annotated[
+    int | None,
+    typer.Option("--threads", min=1, metavar="N", help="Threads; they change no number."),
+]
+Machines = Annotated[
+    str | None,
+    typer.Option(
+        "--dask",
+        metavar="WHERE",
+        help="Work on Dask: local:N, tcp://HOST:PORT, or a scheduler file. The numbers stay the same.",
+    ),
+]
 
 
 def parse_changes(given: list[str] | None) -> list[tuple[str, Any]]:

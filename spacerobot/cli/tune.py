@@ -7,10 +7,19 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from spacerobot.cli.compare import Budget, Runs, Seed, Starts, Threads, parts, shown
-from spacerobot.cli.options import Changes, Out, ScenarioName, parse_changes
+from spacerobot.cli.options import Changes, Out, ScenarioName, Threads, parse_changes
 from spacerobot.cli.output import console, pairs, table, warn
 from spacerobot.cli.run import fail_if_diverged
+from spacerobot.cli.tuning_options import (
+    Budget,
+    Reading,
+    Runs,
+    Seed,
+    Starts,
+    Variables,
+    chosen_variables,
+    shown,
+)
 
 if TYPE_CHECKING:
     from optim import Tuned
@@ -18,14 +27,6 @@ if TYPE_CHECKING:
 Method = Annotated[
     str, typer.Option("--method", metavar="NAME", help="manual, ga, de, pso, cmaes, nlp or nlp_ga.")
 ]
-Reading = Annotated[
-    str | None, typer.Option("--reading", metavar="NAME", help="A reading of the tuning section.")
-]
-Variables = Annotated[
-    str | None,
-    typer.Option("--variables", metavar="LIST", help="A set of the tuning section, or variables by commas."),
-]
-
 HELP = """Tune a scenario's gains and simulate it with the best ones.
 
 Killed, it goes on where it was when it is started again with the same --out; Ctrl-C keeps the best so far.
@@ -80,7 +81,7 @@ def command(
         found = tune(
             scene,
             method,
-            variables=_chosen(variables, dict(tuning.sets)),
+            variables=chosen_variables(variables, tuning),
             reading=reading,
             effort=effort,
             folder=out / "journals" if out is not None else None,
@@ -136,7 +137,7 @@ def sweep_command(
 
     scene = load_scene(scenario, parse_changes(changes))
     tuning = tuning_of(scene)
-    chosen = _chosen(variables, dict(tuning.sets))
+    chosen = chosen_variables(variables, tuning)
     rows, data = [], []
     with shown() as (tell, report):
         tell("building and compiling")
@@ -153,10 +154,6 @@ def sweep_command(
     console().print(table(title, ("setting", "value", "best", "median", "worst"), rows))
     if out is not None:
         write_text(out / "sweep.json", json.dumps(data, indent=1) + "\n")
-
-
-def _chosen(given: str | None, sets: dict[str, tuple[str, ...]]) -> list[str] | None:
-    return list(sets[given]) if given in sets else parts(given)
 
 
 def _short(value: object) -> str:

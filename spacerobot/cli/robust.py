@@ -1,0 +1,91 @@
+"""``spacerobot robust``: tune gains for what is not known."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+import typer
+
+from spacerobot.cli.options import Changes, Out, ScenarioName, Threads, parse_changes
+from spacerobot.cli.output import console, pairs, table
+from spacerobot.cli.tuning_options import (
+    Budget,
+    Reading,
+    Runs,
+    Seed,
+    Starts,
+    Variables,
+    chosen_variables,
+    shown,
+)
+
+Measure = Annotated[
+    Literal["mean", "percentile", "worst"],
+    typer.Option("--measure", help="What of the samples' objectives is made small."),
+]
+Percent = Annotated[float, typer.Option("--percent", min=1, max=99, metavar="P", help="Which percentile.")]
+Common = Annotated[int, typer.Option("--samples", min=2, metavar="N", help="Samples that are tuned for.")]
+Fresh = Annotated[int, typer.Option("--fresh", min=2, metavar="N", help="Samples that judge afterwards.")]
+Method = Annotated[str, typer.Option("--method", metavar="NAME", help="ga, de, pso, cmaes or nlp.")]
+HELP = """Tune gains for the uncertain numbers of the campaign section; judge them on fresh samples.
+
+Example:
+
+    spacerobot robust paper --reading base --variables seven --measure worst --out out/robust
+"""
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command("robust", help=HELP)(command)
+
+
+def command(
+    scenario: ScenarioName,
+    out: Out = None,
+    changes: Changes = None,
+    measure: Measure = "worst",
+    percent: Percent = 95.0,
+    samples: Common = 64,
+    fresh: Fresh = 512,
+    method: Method = "nlp",
+    reading: Reading = None,
+    variables: Variables = None,
+    budget: Budget = None,
+    runs: Runs = None,
+    starts: Starts = None,
+    seed: Seed = None,
+    threads: Threads = None,
+) -> None:
+    """Tune robustly and nominally, and print both on fresh samples."""
+    from optim import effort_of
+    from optim.campaign.robust import build_robust, save_robust, tune_robust
+    from optim.scenes import tuning_of
+    from spacerobot.scene import load_scene
+
+    scene = load_scene(scenario, parse_changes(changes))
+    tuning = tuning_of(scene)
+    effort = effort_of(tuning, budget=budget, rival_budget=budget, runs=runs, starts=starts, seed=seed)
+    with shown() as (tell, report):
+        tell("building and compiling")
+        problem = build_robust(
+            scene,
+            measure,
+            percent=percent,
+            samples=samples,
+            chosen=chosen_variables(variables, tuning),
+            reading=reading,
+            threads=threads,
+        )
+        folder = None if out is None else out / "journals"
+        found = tune_robust(problem, method, effort=effort, fresh=fresh, folder=folder, progress=report)
+        if out is not None:
+            tell("simulating and saving the robust design")
+            save_robust(problem, found, out)
+    gains = [(name, f"{value:.6g}") for name, value in found.gains.items()]
+    console().print(pairs(f"{method}, {measure}: {found.objective:.6g}", gains))
+    rows = [[name, *(f"{value:.6g}" for value in told.values())] for name, told in found.told.items()]
+    title = f"objective on {fresh} fresh samples"
+    console().print(table(title, ("tuned", *next(iter(found.told.values()))), rows))
+    if out is not None:
+        console().print(f"result and robust.json in {out}", markup=False, soft_wrap=True)

@@ -1,0 +1,60 @@
+"""What the commands that tune share: their options, and how they say what is being done."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from spacerobot.cli.output import progress
+
+if TYPE_CHECKING:
+    from optim import Report
+    from optim.search import Progress
+    from spacerobot.scenario import Tuning
+
+Reading = Annotated[
+    str | None, typer.Option("--reading", metavar="NAME", help="A reading of the tuning section.")
+]
+Variables = Annotated[
+    str | None,
+    typer.Option("--variables", metavar="LIST", help="A set of the tuning section, or variables by commas."),
+]
+Budget = Annotated[
+    int | None, typer.Option("--budget", min=1, metavar="N", help="Rollouts of one run of the GA, at most.")
+]
+Runs = Annotated[
+    int | None, typer.Option("--runs", min=1, metavar="N", help="Runs of each evolutionary method.")
+]
+Starts = Annotated[int | None, typer.Option("--starts", min=1, metavar="N", help="Starts of the NLP.")]
+Seed = Annotated[int | None, typer.Option("--seed", min=0, metavar="N", help="Seed of everything random.")]
+
+
+def chosen_variables(given: str | None, tuning: Tuning) -> list[str] | None:
+    """Names of a set of the tuning section, or those between commas; None for all."""
+    return list(tuning.sets[given]) if given in tuning.sets else parts(given)
+
+
+def parts(text: str | None) -> list[str] | None:
+    """Names between commas."""
+    return None if text is None else [part.strip() for part in text.split(",") if part.strip()]
+
+
+@contextmanager
+def shown() -> Iterator[tuple[Callable[[str], None], Progress]]:
+    """A spinner that says what is being done, how good the best is, and how long it may take yet."""
+    with progress("reading") as tell:
+        begun = [""]
+
+        def say(words: str) -> None:
+            begun[0] = words
+            tell(words)
+
+        def report(now: Report) -> None:
+            left = f", about {now.left_s:.0f} s left" if now.left_s == now.left_s else ""
+            done = f"{100 * now.done:.0f} %, best so far {now.objective:.4g}{left}"
+            tell(f"{begun[0].split(':')[0]}: {now.method} {now.index + 1}, {done}")
+
+        yield say, report
