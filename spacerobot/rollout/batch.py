@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass
 from typing import Protocol
@@ -17,9 +17,8 @@ from spacerobot.rollout.grid import TimeGrid
 from spacerobot.rollout.kernel import Kernel
 from spacerobot.rollout.protocol import Array
 
-TASK_STEPS = (
-    20_000  # steps of a group in one task: long enough to hide Python, short enough to report and cancel
-)
+TASK_STEPS = 20_000
+"""Most steps of a task, over its groups of lanes: long enough to hide Python, short enough to report and cancel."""
 
 
 @dataclass(frozen=True)
@@ -87,13 +86,13 @@ def run_batch(
     """
     raw, flag = Raw.empty(engine.kernel, grid, len(p), states, rows), StopFlag()
 
-    def work(begin: int, end: int) -> int:
-        engine.rollouts(p[begin:end], grid, raw.part(slice(begin, end)), rows, flag)
-        return end - begin
+    def work(piece: slice) -> int:
+        engine.rollouts(p[piece], grid, raw.part(piece), rows, flag)
+        return raw.count(piece)
 
-    size = engine.lanes * max(1, TASK_STEPS // grid.steps)
     count = _threads(engine.backend, threads)
-    seconds = run_tasks(work, len(p), size, count, flag, progress, stop)
+    pieces = fair_pieces(len(p), engine.lanes, max(1, TASK_STEPS // grid.steps), count)
+    seconds = run_tasks(work, pieces, len(p), count, flag, progress, stop)
     raw.cost[raw.done < grid.steps] = np.nan
     return Done(raw, count, seconds)
 
@@ -113,12 +112,12 @@ def run_gradients(
     raw, flag = Raw.empty(kernel, grid, len(p), False, ()), StopFlag()
     gradient = np.full((len(p), size), np.nan)
 
-    def work(begin: int, end: int) -> int:
-        part = slice(begin, end)
-        engine.gradients(p[part], seed[part], grid, raw.part(part), gradient[part], flag)
-        return end - begin
+    def work(piece: slice) -> int:
+        engine.gradients(p[piece], seed[piece], grid, raw.part(piece), gradient[piece], flag)
+        return raw.count(piece)
 
-    run_tasks(work, len(p), engine.lanes, _threads(engine.backend, threads), flag, progress, stop)
+    count = _threads(engine.backend, threads)
+    run_tasks(work, fair_pieces(len(p), engine.lanes, 1, count), len(p), count, flag, progress, stop)
     lost = raw.done < grid.steps
     raw.cost[lost], gradient[lost] = np.nan, np.nan
     return raw, gradient
@@ -128,23 +127,46 @@ def _threads(backend: str, wanted: int | None) -> int:
     return 1 if backend == "interpreted" else max(1, wanted or usable_cores())
 
 
+def fair_pieces(total: int, lanes: int, longest: int, threads: int) -> Iterator[slice]:
+    """Cut ``range(total)`` into pieces of whole groups of lanes, the last group as short as it must be.
+
+    A piece is at most a thread's share of what is left then, so that in the end no thread waits for more
+    than one group of another.
+
+    Parameters
+    ----------
+    total, lanes
+        Rows, and rows of a group.
+    longest
+        Most groups of a piece.
+    threads
+        How many take pieces.
+    """
+    begin = 0
+    while begin < total:
+        left = -(-(total - begin) // lanes)
+        end = min(total, begin + lanes * min(longest, -(-left // threads)))
+        yield slice(begin, end)
+        begin = end
+
+
 def run_tasks(
-    work: Callable[[int, int], int],
+    work: Callable[[slice], int],
+    pieces: Iterator[slice],
     total: int,
-    size: int,
     threads: int,
     flag: StopFlag,
     progress: Progress | None,
     stop: Stop | None,
 ) -> float:
-    """Call ``work(begin, end)`` on pieces of ``range(total)`` from threads; the time taken in s.
+    """Call ``work`` on pieces of ``range(total)`` from threads; the time taken in s.
 
     Parameters
     ----------
     work
-        Does one piece, and returns its length.
-    total, size
-        Length of the whole and of a piece.
+        Does one piece, and returns how many rows of it it did.
+    pieces, total
+        The pieces in order, and rows in all.
     threads
         How many.
     flag
@@ -156,11 +178,10 @@ def run_tasks(
     done = 0
     with ThreadPoolExecutor(threads) as pool:
         pending: set[Future[int]] = set()
-        pieces = iter([(i, min(i + size, total)) for i in range(0, total, size)])
         try:
             while True:
                 while len(pending) < 2 * threads and not flag.is_set and (piece := next(pieces, None)):
-                    pending.add(pool.submit(work, *piece))
+                    pending.add(pool.submit(work, piece))
                 if not pending:
                     break
                 finished, pending = wait(pending, timeout=0.1, return_when=FIRST_COMPLETED)

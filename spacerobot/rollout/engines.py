@@ -59,6 +59,10 @@ class Raw:
         y = None if self.y is None else self.y[rows]
         return Raw(x, y, self.r[rows], self.cost[rows], self.done[rows])
 
+    def count(self, rows: slice) -> int:
+        """How many of some rollouts ran."""
+        return int((self.done[rows] >= 0).sum())
+
 
 class StopFlag:
     """A number that running engines look at now and then; other than zero, they leave."""

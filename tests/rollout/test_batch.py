@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import heapq
 import threading
+from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from spacerobot.errors import SpaceRobotError
 from spacerobot.rollout import Measures, Signals, build_rollout, final, integral, peak
+from spacerobot.rollout.batch import fair_pieces, run_batch, run_gradients
 
 PATHS = ("arm.kp", "arm.kd", "rotor.spin")
 GRID = {"duration_s": 2.0, "step_s": 0.01, "output_step_s": 0.2}
@@ -116,6 +121,89 @@ def test_progress_is_told_and_can_cancel(rollout, values):
     assert 0 < batch.done.sum() < 3000
     assert np.isfinite(batch.costs["sum"][batch.done]).all()
     assert np.isnan(batch.costs["sum"][~batch.done]).all()
+
+
+@settings(deadline=None, max_examples=200, derandomize=True)
+@given(
+    total=st.integers(0, 700),
+    lanes=st.sampled_from([1, 4, 8]),
+    longest=st.integers(1, 90),
+    threads=st.integers(1, 9),
+)
+def test_pieces_are_whole_groups_and_no_thread_waits_for_more_than_one(total, lanes, longest, threads):
+    pieces = list(fair_pieces(total, lanes, longest, threads))
+    assert [i for piece in pieces for i in range(piece.start, piece.stop)] == list(range(total))
+    assert all((piece.stop - piece.start) % lanes == 0 for piece in pieces[:-1])
+    groups, busy = -(-total // lanes), [0] * threads
+    for piece in pieces:  # whichever thread is free first takes the next one
+        mine = -(-(piece.stop - piece.start) // lanes)
+        assert mine <= min(longest, -(-groups // threads))
+        heapq.heapreplace(busy, busy[0] + mine)
+    assert max(busy) == -(-groups // threads)
+    assert max(busy) - min(busy) <= 1
+
+
+@dataclass(frozen=True)
+class Meeting:
+    """An engine whose first calls wait until every thread has one."""
+
+    engine: object
+    met: threading.Barrier
+    kernel: object
+    lanes: int
+    sizes: list
+    backend: str = "compiled"
+
+    def rollouts(self, p, *arguments):
+        self.sizes.append(len(p))
+        if len(self.sizes) <= self.met.parties:
+            self.met.wait()
+        self.engine.rollouts(p, *arguments)
+
+    def gradients(self, p, *arguments):
+        self.sizes.append(len(p))
+        if len(self.sizes) <= self.met.parties:
+            self.met.wait()
+        self.engine.gradients(p, *arguments)
+
+
+@pytest.mark.parametrize(("rows", "threads"), [(48, 2), (50, 2), (48, 6), (17, 3)])
+def test_a_population_keeps_every_thread_busy(rollout, values, rows, threads):
+    if rollout.engines.batch.lanes * threads > 48:
+        pytest.skip("wider vectors than this population is for")
+    engine, p = rollout.engines.batch, rollout.rows(PATHS, np.resize(values, (rows, 3)))
+    meeting = Meeting(engine, threading.Barrier(threads, timeout=30), engine.kernel, engine.lanes, [])
+    done = run_batch(meeting, rollout.grid, p, (), False, threads, None, None)
+    assert sum(meeting.sizes) == rows
+    assert max(meeting.sizes) <= engine.lanes * -(-rows // (engine.lanes * threads))
+    again = rollout.batch(PATHS, np.resize(values, (rows, 3)), threads=1)
+    np.testing.assert_array_equal(done.raw.cost[:, 0], again.costs["sum"])
+
+
+@pytest.mark.parametrize("rows", [1, 16, 17, 23])
+def test_gradients_keep_every_thread_busy_and_no_bit_depends_on_it(rollout, values, rows):
+    engine, p = rollout.engines.adjoint((0, 1), many=True), rollout.rows(PATHS, np.resize(values, (rows, 3)))
+    threads = min(2, -(-rows // engine.lanes))
+    meeting = Meeting(engine, threading.Barrier(threads, timeout=30), engine.kernel, engine.lanes, [])
+    seed = np.ones((rows, 1))
+    _, found = run_gradients(meeting, rollout.kernel, rollout.grid, p, seed, 2, threads, None, None)
+    assert sum(meeting.sizes) == rows
+    one = rollout.gradient_batch(PATHS, np.resize(values, (rows, 3)), wrt=PATHS[:2], threads=1)
+    np.testing.assert_array_equal(found, one.gradients["sum"])
+
+
+def test_an_error_in_a_thread_is_raised_and_the_rest_left_out(rollout, values):
+    class Broken(Meeting):
+        def rollouts(self, p, *arguments):
+            self.sizes.append(len(p))
+            raise OSError("no memory")
+
+    engine = rollout.engines.batch
+    broken = Broken(engine, threading.Barrier(1), engine.kernel, engine.lanes, [])
+    p = rollout.rows(PATHS, np.tile(values[:1], (20_000, 1)))
+    with pytest.raises(OSError, match="no memory"):
+        run_batch(broken, rollout.grid, p, (), False, 2, None, None)
+    assert len(broken.sizes) < 20
 
 
 def test_an_event_cancels(rollout, values):
