@@ -18,7 +18,7 @@ from spacerobot.rollout.kernel import Kernel
 from spacerobot.rollout.protocol import Array
 
 TASK_STEPS = 20_000
-"""Most steps of a task, over its groups of lanes: long enough to hide Python, short enough to report and cancel."""
+"""Most steps of a task, over its groups: long enough to hide Python, short enough to report and cancel."""
 
 
 @dataclass(frozen=True)
