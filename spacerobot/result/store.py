@@ -2,6 +2,7 @@
 
 A folder holds ``scenario.yaml`` (resolved), ``summary.json`` and ``result.nc``. The files are written
 beside it first and then moved into place, so that a full disk or an interruption leaves nothing half-done.
+A lock on the folder keeps several processes from mixing their results, and a reader from seeing a mixture.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from typing import Any
 import xarray as xr
 
 from spacerobot.errors import ResultError, ScenarioError
+from spacerobot.files import locked, uninterrupted
 from spacerobot.result.result import Result
 from spacerobot.result.summary import FORMAT
 from spacerobot.scenario.load import read_document, to_yaml, validate
@@ -25,6 +27,8 @@ from spacerobot.scenario.load import read_document, to_yaml, validate
 SCENARIO, SUMMARY, DATA = "scenario.yaml", "summary.json", "result.nc"
 FILES = (SCENARIO, DATA, SUMMARY)
 """In the order they are moved into place: the summary last, so that a folder with one is complete."""
+STAGE = ".spacerobot-"
+"""Beginning of the names of folders in which results are prepared, perhaps by another process just now."""
 
 
 def check_folder(folder: Path) -> None:
@@ -37,7 +41,8 @@ def check_folder(folder: Path) -> None:
     """
     if folder.exists() and not folder.is_dir():
         raise ResultError("is a file, not a folder", source=folder)
-    if folder.is_dir() and any(folder.iterdir()) and not any((folder / name).exists() for name in FILES):
+    found = [] if not folder.is_dir() else [p.name for p in folder.iterdir() if not p.name.startswith(STAGE)]
+    if found and not set(found) & set(FILES):
         raise ResultError("holds files that are no result; name an empty or a new folder", source=folder)
     with _writing(folder), _stage(folder):
         pass
@@ -55,17 +60,20 @@ def save(result: Result, folder: Path) -> Result:
     ------
     ResultError
         If the folder cannot be written; what was there before is then still there.
+    KeyboardInterrupt
+        If Ctrl-C came meanwhile; the result is then written all the same.
     """
-    with _writing(folder), _stage(folder) as stage:
+    with uninterrupted(), _writing(folder), _stage(folder) as stage:
         (stage / SCENARIO).write_text(to_yaml(result.scenario), encoding="utf-8")
         encoding = {str(name): {"zlib": True, "complevel": 1} for name in result.data.data_vars}
         result.data.to_netcdf(stage / DATA, engine="netcdf4", encoding=encoding)
         text = json.dumps(result.summary, indent=2, allow_nan=False)
         (stage / SUMMARY).write_text(text + "\n", encoding="utf-8")
         folder.mkdir(parents=True, exist_ok=True)
-        (folder / SUMMARY).unlink(missing_ok=True)
-        for name in FILES:
-            (stage / name).replace(folder / name)
+        with locked(folder):
+            (folder / SUMMARY).unlink(missing_ok=True)
+            for name in FILES:
+                (stage / name).replace(folder / name)
     return dataclasses.replace(result, folder=folder)
 
 
@@ -80,6 +88,11 @@ def load(folder: Path | str) -> Result:
     folder = Path(folder)
     if not folder.is_dir():
         raise ResultError("no such folder", source=folder)
+    with locked(folder, shared=True):
+        return _load(folder)
+
+
+def _load(folder: Path) -> Result:
     missing = [name for name in FILES if not (folder / name).is_file()]
     if missing:
         raise ResultError(f"not a complete result: no {', '.join(missing)}", source=folder)
@@ -112,8 +125,10 @@ def _writing(folder: Path) -> Any:
         yield
     except OSError as fault:
         raise ResultError(f"cannot be written: {fault.strerror or fault}", source=folder) from None
-    except RuntimeError as fault:  # the netCDF library's own
-        raise ResultError(f"cannot be written: {fault}", source=folder) from None
+    except RuntimeError as fault:  # the netCDF library's own, which does not say why
+        raise ResultError(
+            f"cannot be written, perhaps for want of space on the disk: {fault}", source=folder
+        ) from None
 
 
 @contextlib.contextmanager
@@ -123,7 +138,7 @@ def _stage(folder: Path) -> Any:
     made = [path for path in (home, *home.parents) if not path.exists()]
     home.mkdir(parents=True, exist_ok=True)
     try:
-        stage = Path(tempfile.mkdtemp(prefix=".spacerobot-", dir=home))
+        stage = Path(tempfile.mkdtemp(prefix=STAGE, dir=home))
         try:
             yield stage
         finally:

@@ -2,6 +2,8 @@
 
 import dataclasses
 import json
+import os
+import signal
 
 import numpy as np
 import pinocchio as pin
@@ -175,6 +177,40 @@ def test_a_failing_write_keeps_what_was_there(result, tmp_path, monkeypatch):
     assert names(tmp_path) == ["r"]
 
 
+def test_ctrl_c_while_saving_leaves_a_whole_result(result, tmp_path, monkeypatch):
+    written = xr.Dataset.to_netcdf
+
+    def interrupted(*arguments, **options):
+        signal.raise_signal(signal.SIGINT)
+        return written(*arguments, **options)
+
+    monkeypatch.setattr(xr.Dataset, "to_netcdf", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        save(result, tmp_path / "r")
+    assert names(tmp_path) == ["r"]
+    assert load(tmp_path / "r").completed
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+def test_results_of_two_writers_do_not_mix(result, tmp_path):
+    """One writes a result of 1 s again and again, the other one of 0.5 s; a reader sees either."""
+    short = simulate(load_scene("paper", {"simulation.duration": 0.5, "simulation.output_step": 0.05}))
+    save(result, tmp_path / "r")
+    writers = []
+    for own in (result, short):
+        writers.append(os.fork())
+        if writers[-1] == 0:  # the netCDF library stands no threads, so writers are processes
+            for _ in range(8):
+                save(own, tmp_path / "r")
+            os._exit(0)
+    left = list(writers)
+    while left:
+        left = [pid for pid in left if os.waitpid(pid, os.WNOHANG) == (0, 0)]
+        seen = load(tmp_path / "r")
+        lasts = (seen.scenario.simulation.duration, seen.summary["status"]["reached_s"], seen.data.time[-1])
+        assert len({round(float(last), 9) for last in lasts}) == 1
+
+
 def test_folders_that_are_no_place_for_a_result(tmp_path):
     (tmp_path / "file").write_text("x")
     (tmp_path / "full").mkdir()
@@ -184,6 +220,8 @@ def test_folders_that_are_no_place_for_a_result(tmp_path):
             check_folder(tmp_path / name)
     check_folder(tmp_path / "fine" / "deep")
     assert not (tmp_path / "fine").exists()
+    (tmp_path / "soon" / ".spacerobot-abc").mkdir(parents=True)  # another process prepares its result there
+    check_folder(tmp_path / "soon")
 
 
 def test_incomplete_foreign_and_broken_results_are_refused(result, tmp_path):
