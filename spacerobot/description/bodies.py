@@ -96,38 +96,47 @@ def _composite(name: str, group: Sequence[tuple[Link, Array]]) -> Body:
     return Body(name, mass, inertia)
 
 
-def check_bodies(bodies: Sequence[Body], source: Path) -> list[str]:
-    """Check that each body can be accelerated about and along every axis.
-
-    Returns
-    -------
-    list[str]
-        Warnings about a base that is very light.
+def check_moving_bodies(bodies: Sequence[Body], source: Path) -> None:
+    """Check that each body but the base can be accelerated about and along every axis.
 
     Raises
     ------
     DescriptionError
         If a body has no mass, or a principal inertia that vanishes or is not finite.
     """
-    for body in bodies:
-        where = f"link {body.name!r}"
-        what = "the base" if body is bodies[0] else "a moving link"
-        if body.mass == 0:
-            raise DescriptionError(
-                f"is {what} and has no mass, nor has anything fixed to it", source=source, where=where
-            )
-        principal = _principal(body.inertia)
-        if not principal[0] > _SINGULAR * principal[2]:
-            raise DescriptionError(
-                f"is {what}; its inertia is not positive definite: {_listed(principal)} kg m^2",
-                source=source,
-                where=where,
-            )
-    return _light_base(bodies)
+    for body in bodies[1:]:
+        _check_body(body, "a moving link", "", source)
 
 
-def _light_base(bodies: Sequence[Body]) -> list[str]:
-    """Warnings about a base that the rest of the robot throws about."""
+def check_floating_base(bodies: Sequence[Body], source: Path) -> None:
+    """Check the same of the base, which only has to have mass where it floats.
+
+    Raises
+    ------
+    DescriptionError
+        As for :func:`check_moving_bodies`.
+    """
+    _check_body(bodies[0], "the base", "; give it some, or connect it by `base: {joint: fixed}`", source)
+
+
+def _check_body(body: Body, what: str, remedy: str, source: Path) -> None:
+    where = f"link {body.name!r}"
+    if body.mass == 0:
+        raise DescriptionError(
+            f"is {what} and has no mass, nor has anything fixed to it{remedy}", source=source, where=where
+        )
+    principal = _principal(body.inertia)
+    if not principal[0] > _SINGULAR * principal[2]:
+        raise DescriptionError(
+            f"is {what}; its inertia is not positive definite: {_listed(principal)} kg m^2, allowed are "
+            "principal values above 0, in a planar robot too",
+            source=source,
+            where=where,
+        )
+
+
+def light_base(bodies: Sequence[Body]) -> list[str]:
+    """Warnings about a floating base that the rest of the robot throws about."""
     base, rest = bodies[0], bodies[1:]
     warnings = []
     if any(base.mass < _TINY_BASE * body.mass for body in rest):

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from spacerobot.description.bodies import check_bodies, check_links, welded_bodies
+from spacerobot.description.bodies import check_links, check_moving_bodies, welded_bodies
 from spacerobot.description.parts import Joint, Link
 from spacerobot.description.syntax import check_syntax, parse_xml
 from spacerobot.description.topology import root_link
@@ -71,8 +71,9 @@ def read_description(path: Path | str) -> Description:
     ------
     DescriptionError
         If the file cannot be read or holds something that cannot be simulated: mimic, planar or floating
-        joints, a closed loop, several roots, a base or moving link without mass, an inertia that is not
-        positive definite, a zero axis, a number that is not finite. Names the file and the element.
+        joints, a closed loop, several roots, a moving link without mass, an inertia that is not positive
+        definite, a zero axis, a number that is not finite. Names the file and the element. What a base
+        needs is judged with the scene, for a fixed one needs no mass.
     """
     from spacerobot.description.convert import convert_joint, convert_links, parse_urdf  # imports yourdfpy
 
@@ -85,7 +86,7 @@ def read_description(path: Path | str) -> Description:
     links, mesh_warnings = convert_links(robot, source)
     root = root_link(links, joints, source)
     warnings += mesh_warnings + check_links(links, source)
-    warnings += check_bodies(welded_bodies(links, joints, root), source)
+    check_moving_bodies(welded_bodies(links, joints, root), source)
     warnings += _joint_warnings(joints, {joint.name for joint in robot.joints if joint.dynamics is None})
     return Description(
         name=robot.name,

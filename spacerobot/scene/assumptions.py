@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 import pinocchio as pin
 
-from spacerobot.scenario import Compliant, Robot
+from spacerobot.description.bodies import light_base
+from spacerobot.scenario import Calibration, Compliant, Pid, Robot
+from spacerobot.scene.checks import resolved_bodies
+from spacerobot.scene.reach import out_of_reach
 from spacerobot.scene.scene import Scene, SceneBody, SceneTip
 
 
@@ -32,21 +37,60 @@ def list_assumptions(scene: Scene) -> tuple[str, ...]:
 
 
 def list_warnings(scene: Scene) -> tuple[str, ...]:
-    """What a user should look at: from the URDFs, and postures outside joint limits."""
-    found = []
+    """What a user should look at: the URDFs' oddities, postures, sensors and references without a purpose."""
+    found: list[str] = []
     for body in scene.bodies:
         found += [f"{body.path}: {warning}" for warning in body.description.warnings]
+        if body.root_joint:
+            bodies = resolved_bodies(body.config, body.description)
+            found += [f"{body.path}: {warning}" for warning in light_base(bodies)]
         for joint in body.description.joints:
             state = body.config.joints.get(joint.name)
             if state is None or joint.kind == "continuous":
                 continue
-            value = np.radians(state.angle_deg or 0.0) + (state.offset or 0.0)
+            turns = joint.kind == "revolute"
+            value = np.radians(state.angle_deg or 0.0) if turns else state.offset or 0.0
             if not joint.lower <= value <= joint.upper:
-                found.append(
-                    f"{body.path}.joints.{joint.name}: begins at {value:.4g}, outside the URDF's limits "
-                    f"{joint.lower:.4g} to {joint.upper:.4g}; limits are not enforced"
+                begin, lower, upper = (
+                    f"{np.degrees(x) if turns else x:.4g}" for x in (value, joint.lower, joint.upper)
                 )
-    return tuple(found)
+                unit = "deg" if turns else "m"
+                found.append(
+                    f"{body.path}.joints.{joint.name}: begins at {begin} {unit}, outside the URDF's limits "
+                    f"{lower} to {upper} {unit}; limits are not enforced"
+                )
+        found += _unread_sensors(scene, body)
+    return (*found, *out_of_reach(scene))
+
+
+def _unread_sensors(scene: Scene, body: SceneBody) -> list[str]:
+    """Warnings about sensor errors of a signal that no controller of the robot feeds back."""
+    config = body.config
+    if not isinstance(config, Robot) or config.sensors is None:
+        return []
+    tips = [tip.config for tip in scene.tips if tip.body is body]
+    pids = [pid for tip in tips for pid in (tip.pid, tip.orientation_pid) if pid]
+    from_base = any(pid.feedback == "base" for pid in pids)
+    readers = {
+        "joint_position": (config.joint_pd is not None, "`joint_pd`"),
+        "joint_rate": (config.joint_pd is not None or from_base, "`joint_pd` or a PID with `feedback: base`"),
+        "tip_position": (any(tip.amnesia for tip in tips), "`amnesia`"),
+        "tip_velocity": (_inertial(tip.pid for tip in tips), "a `pid` with `feedback: inertial`"),
+        "tip_orientation": (any(tip.orientation_amnesia for tip in tips), "`orientation_amnesia`"),
+        "tip_angular_velocity": (
+            _inertial(tip.orientation_pid for tip in tips),
+            "an `orientation_pid` with `feedback: inertial`",
+        ),
+    }
+    return [
+        f"{body.path}.sensors.{signal}: without effect, for only {reader} would read it"
+        for signal, (is_read, reader) in readers.items()
+        if not is_read and getattr(config.sensors, signal) != Calibration()
+    ]
+
+
+def _inertial(pids: Iterable[Pid | None]) -> bool:
+    return any(pid is not None and pid.feedback == "inertial" for pid in pids)
 
 
 def _of_body(scene: Scene, body: SceneBody) -> list[str]:

@@ -27,6 +27,7 @@ from spacerobot.scene.checks import (
 )
 from spacerobot.scene.configure import initial_state
 from spacerobot.scene.model import build_model
+from spacerobot.scene.reach import check_in_plane
 from spacerobot.scene.resolve import body_documents, fill, read_descriptions
 from spacerobot.scene.scene import Scene, SceneBody, SceneGrasp, SceneTip
 
@@ -75,6 +76,7 @@ def build_scene(
     check_gaps(scene)
     check_rigid(scene)
     check_limits(scene)
+    check_in_plane(scene)
     for array in (q, v):
         array.setflags(write=False)
     return dataclasses.replace(scene, assumptions=list_assumptions(scene), warnings=list_warnings(scene))
@@ -93,7 +95,7 @@ def resolve(
     pairs = list(changes.items()) if isinstance(changes, Mapping) else list(changes)
     document = to_document(scenario)
     for pattern, value in pairs:
-        if pattern.endswith("urdf"):
+        if pattern.rpartition(".")[2] == "urdf":
             document = _change(document, pattern, value, source)
     validate(document, source=source)
     descriptions = read_descriptions(document, source=source)
@@ -104,7 +106,7 @@ def resolve(
         body["urdf"] = body["urdf"] if shipped else str(descriptions[path].path)
     document = fill(document, descriptions, source=source)
     for pattern, value in pairs:
-        if not pattern.endswith("urdf"):
+        if pattern.rpartition(".")[2] != "urdf":
             document = _change(document, pattern, value, source)
     resolved = validate(document, source=source)
     fill(to_document(resolved), descriptions, source=source)  # judges names that a change brought in
@@ -163,7 +165,11 @@ def _grasps(
     grasps = []
     for name, config in scenario.grasps.items():
         path = f"grasps.{name}"
-        links = [f.name.removeprefix("target/") for f in model.frames if f.name.startswith("target/")]
+        links = [
+            f.name.removeprefix("target/")
+            for f in model.frames
+            if f.type == pin.FrameType.BODY and f.name.startswith("target/")
+        ]
         frame = model.getFrameId(f"target/{config.frame}", pin.FrameType.BODY)
         if frame >= model.nframes:
             raise ScenarioError(

@@ -10,11 +10,17 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from spacerobot.description.bodies import check_bodies, check_links, welded_bodies
+from spacerobot.description.bodies import (
+    Body,
+    check_floating_base,
+    check_links,
+    check_moving_bodies,
+    welded_bodies,
+)
 from spacerobot.description.parts import Link
 from spacerobot.description.read import Description
 from spacerobot.errors import DescriptionError, ScenarioError
-from spacerobot.scenario import Compliant, Robot, Scenario, Weld
+from spacerobot.scenario import Compliant, Robot, Scenario, Target, Weld
 from spacerobot.scene.scene import Array, Scene, SceneBody, SceneGrasp
 
 AXIS_TOLERANCE = 1e-9
@@ -31,15 +37,27 @@ def check_masses(scenario: Scenario, descriptions: Mapping[str, Description], *,
     """
     for path, description in descriptions.items():
         config = scenario.target if path == "target" else scenario.robots[path.removeprefix("robots.")]
-        given = {} if config is None else config.links
-        links = [_with_masses(link, given.get(link.name)) for link in description.links]
+        if config is None:
+            continue
         try:
             with np.errstate(over="ignore", invalid="ignore"):
-                check_links(links, description.path)
-                check_bodies(welded_bodies(links, description.joints, description.root), description.path)
+                check_links(_resolved_links(config, description), description.path)
+                bodies = resolved_bodies(config, description)
+                check_moving_bodies(bodies, description.path)
+                if config.base.joint != "fixed":
+                    check_floating_base(bodies, description.path)
         except DescriptionError as fault:
             message = f"{fault.where} {fault.message}"
             raise ScenarioError(message, source=source, where=f"{path}.links") from None
+
+
+def resolved_bodies(config: Robot | Target, description: Description) -> list[Body]:
+    """Bodies that move as one, the base first, with the mass properties of a resolved scenario."""
+    return welded_bodies(_resolved_links(config, description), description.joints, description.root)
+
+
+def _resolved_links(config: Robot | Target, description: Description) -> list[Link]:
+    return [_with_masses(link, config.links.get(link.name)) for link in description.links]
 
 
 def _with_masses(link: Link, given: Any) -> Link:

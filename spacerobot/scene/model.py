@@ -56,7 +56,17 @@ def _append(model: Any, name: str, description: Description, config: Body) -> An
         placement.translation = np.array([0.0, 0.0, base.position[2]])
     else:
         own = pin.buildModelFromXML(xml, pin.JointModelFreeFlyer(), _root_name(name, description))
+    _tell_joint_frames_apart(own)
     return pin.appendModel(model, own, 0, placement)
+
+
+def _tell_joint_frames_apart(model: Any) -> None:
+    """Rename the frames of joints that are called like a link: a URDF may do so, ``appendModel`` fails."""
+    links = {frame.name for frame in model.frames if frame.type == pin.FrameType.BODY}
+    for frame in model.frames:
+        if frame.type != pin.FrameType.BODY:
+            while frame.name in links:
+                frame.name += "_joint"
 
 
 def _root_name(name: str, description: Description) -> str:

@@ -181,6 +181,42 @@ def test_torque_limits_need_a_number_for_every_joint():
     assert limits == {"slant": 8, "round": 3, "slide": 40, "wrist": 5}
 
 
+MASSLESS_ROOT = ODD_ARM.replace(
+    '<robot name="odd_arm">', '<robot name="on_a_stand"><link name="stand"/>'
+).replace(
+    "</robot>",
+    '<joint name="turn" type="continuous"><parent link="stand"/><child link="base"/></joint></robot>',
+)
+
+
+def test_a_base_needs_mass_only_where_it_floats():
+    (folder() / "stand.urdf").write_text(MASSLESS_ROOT, encoding="utf-8")
+    text = "robots: {a: {urdf: stand.urdf, base: {joint: %s}}}"
+    with pytest.raises(ScenarioError) as caught:
+        small_scene(text % "free_flyer")
+    assert str(caught.value).endswith(
+        "robots.a.links: link 'stand' is the base and has no mass, nor has anything fixed to it; give it "
+        "some, or connect it by `base: {joint: fixed}`"
+    )
+    scene = small_scene(text % "fixed")
+    assert scene.model.nv == 5
+    assert not any("stand" in warning for warning in scene.warnings)
+
+
+def test_a_light_floating_base_is_warned_of_after_all_changes():
+    def light(changes):
+        return [w for w in small_scene(PLANAR, changes).warnings if "has only" in w]
+
+    speck = {"robots.one.links.base.mass": 1e-3, "robots.one.links.base.inertia": [1e-6] * 3 + [0] * 3}
+    assert not light({})
+    assert light(speck) == [
+        "robots.one: link 'base': the base has only 0.001 kg, other links far more",
+        "robots.one: link 'base': the base has only 1e-06 kg m^2, other links far more",
+    ]
+    loose = {"grasps": {}, "robots.two.base": {"joint": "planar"}, "target.base": {"joint": "planar"}}
+    assert not light(speck | loose | {"robots.one.base": {"joint": "fixed"}})
+
+
 def test_scene_in_which_nothing_moves():
     with pytest.raises(ScenarioError, match="nothing can move"):
         small_scene("robots: {a: {urdf: plate.urdf, base: {joint: fixed}}}")

@@ -11,7 +11,7 @@ import pytest
 
 from spacerobot.errors import ScenarioError
 from spacerobot.scene import load_scene
-from tests.oracles.small_scenes import PLANAR, SPATIAL, folder, small_scene
+from tests.oracles.small_scenes import ODD_ARM, PLANAR, SPATIAL, folder, small_scene
 
 WORLD = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
@@ -216,7 +216,9 @@ def test_assumptions_and_warnings_are_told():
     ):
         assert part in told
     (warning,) = [w for w in scene.warnings if "outside" in w]
-    assert warning.startswith("robots.one.joints.joint_1: begins at 6.981, outside the URDF's limits")
+    assert warning.startswith(
+        "robots.one.joints.joint_1: begins at 400 deg, outside the URDF's limits -360 to 360 deg"
+    )
 
 
 def test_reference_derived_from_the_target_needs_a_grasp():
@@ -237,3 +239,125 @@ def test_reference_derived_from_the_target_needs_a_grasp():
         },
     )
     assert (loose.tips[0].from_target, loose.tips[0].reference.kind) == (False, "hold")
+
+
+def test_links_and_joints_of_the_same_name_are_told_apart():
+    """A URDF may call a joint like a link, and either like the joint that this project adds."""
+    plain = ODD_ARM.replace('"base"', '"root"')
+    same = plain
+    for joint, link in (("slant", "a"), ("round", "b"), ("tip_mount", "tip"), ("wrist", "root")):
+        same = same.replace(f'joint name="{joint}"', f'joint name="{link}"')
+    for name, text in (("plain", plain), ("same", same)):
+        (folder() / f"{name}.urdf").write_text(text, encoding="utf-8")
+    one, two = (
+        small_scene(f"robots: {{r: {{urdf: {name}.urdf, tips: {{tip: {{}}}}}}}}")
+        for name in ("plain", "same")
+    )
+    assert list(two.model.names) == ["universe", "r/root_", "r/a", "r/b", "r/slide", "r/root"]
+    np.testing.assert_array_equal(one.q, two.q)
+    for link in ("root", "a", "d", "tip", "elbow"):
+        np.testing.assert_array_equal(
+            frame(one, f"r/{link}")[0].homogeneous, frame(two, f"r/{link}")[0].homogeneous
+        )
+    bodies = {f.name for f in two.model.frames if f.type == pin.FrameType.BODY}
+    assert not bodies & {f.name for f in two.model.frames if f.type != pin.FrameType.BODY}
+
+
+@pytest.mark.parametrize(
+    ("given", "used_by"),
+    [
+        ("joint_position", {"robots.one.joint_pd": {"kp": 1}}),
+        ("joint_rate", {"robots.one.tips.tip.pid.feedback": "base"}),
+        ("tip_position", {"robots.one.tips.tip.amnesia": {"ge": 1, "ta": 1}}),
+        ("tip_velocity", {"robots.one.tips.tip.pid.feedback": "inertial"}),
+        (
+            "tip_orientation",
+            {
+                "robots.one.tips.tip": {
+                    "orientation_pid": {"kp": 1},
+                    "orientation_amnesia": {"ge": 1, "ta": 1},
+                }
+            },
+        ),
+        (
+            "tip_angular_velocity",
+            {"robots.one.tips.tip": {"orientation_pid": {"kp": 1, "feedback": "inertial"}}},
+        ),
+    ],
+)
+def test_a_sensor_error_that_nothing_reads_is_warned_of(given, used_by):
+    def told(changes):
+        return [w for w in small_scene(PLANAR, changes).warnings if "without effect" in w]
+
+    bare = {"robots.one.tips.tip": {}, f"robots.one.sensors.{given}.offset": 0.1}
+    (warning,) = told(bare)
+    assert warning.startswith(f"robots.one.sensors.{given}: without effect")
+    (reader,) = set(used_by)
+    assert reader.rpartition(".")[2] in warning or "PID" in warning or "orientation" in warning
+    base = {"robots.one.tips.tip": {"pid": {"kp": 1}}, f"robots.one.sensors.{given}.offset": 0.1}
+    assert told(base | used_by) == []
+    assert told({"robots.one.tips.tip": {}, f"robots.one.sensors.{given}.offset": 0}) == []
+
+
+@pytest.mark.parametrize(
+    ("reference", "key"),
+    [
+        ({"kind": "line", "displacement": [0, 0, 0.1]}, "displacement"),
+        ({"kind": "line", "displacement": [0.1, 0, 0], "rotation_deg": [0, 1, 0]}, "rotation_deg"),
+        ({"kind": "circle", "plane_deg": [30, 0, 0]}, "plane_deg"),
+        ({"kind": "circle", "rotation_deg": [1, 0, 0]}, "rotation_deg"),
+        ({"kind": "spline", "times": [0, 1], "displacements": [[0, 0, 0], [0, 0, 1]]}, "displacements.1"),
+    ],
+)
+def test_a_reference_that_leaves_the_plane_is_refused(reference, key):
+    with pytest.raises(
+        ScenarioError, match=rf"robots\.one\.tips\.tip\.reference\.{key}: leads out of the x-y"
+    ):
+        small_scene(PLANAR, {"robots.one.tips.tip.reference": reference})
+    changes = {"robots.one.tips.tip.reference": None, "target.reference": reference}
+    with pytest.raises(ScenarioError, match=rf"target\.reference\.{key}: leads out of the x-y"):
+        small_scene(PLANAR, changes)
+    assert not small_scene(SPATIAL, {"robots.one.tips.tip.reference": reference}).planar
+
+
+def test_a_circle_seen_from_below_stays_in_the_plane():
+    circle = {"kind": "circle", "plane_deg": [180, 0, 40], "radius": 0.1}
+    assert small_scene(PLANAR, {"robots.one.tips.tip.reference": circle}).planar
+
+
+def out_of_reach(text, changes):
+    return [w for w in small_scene(text, changes).warnings if "reaches" in w]
+
+
+def test_a_reference_beyond_the_arm_is_warned_of():
+    """The small arm's base, links and tip laid in one line: 0.3 + 3 x 0.4 m."""
+    straight = {"robots.two.joints.*.angle_deg": 0, "robots.two.base": {"joint": "planar"}, "grasps": {}}
+    straight |= {"target.base": {"joint": "planar", "position": [9, 9, 0]}}
+    for joint in ("planar", "fixed"):
+        base = {"robots.two.base": {"joint": joint, "position": [5, 6, 0], "rotation_deg": [0, 0, 90]}}
+        line = {"kind": "line", "displacement": [0, 0, 0]}
+        assert not out_of_reach(PLANAR, straight | base | {"robots.two.tips.tip.reference": line})
+        beyond = line | {"displacement": [0, 0.01, 0]}
+        (warning,) = out_of_reach(PLANAR, straight | base | {"robots.two.tips.tip.reference": beyond})
+        assert warning == (
+            "robots.two.tips.tip.reference: leads two/tip 1.51 m from where its base begins, "
+            "the arm reaches 1.5 m"
+        )
+
+
+def test_reach_of_prismatic_joints_and_of_the_targets_reference():
+    assert not out_of_reach(SPATIAL, {})
+    far = {"kind": "line", "displacement": [0, 0, 0], "rotation_deg": [0, 0, 180]}
+    derived = {"robots.*.tips.tip.reference": None, "target.reference": far}
+    assert not out_of_reach(SPATIAL, derived)
+    spun = {"kind": "spline", "times": [0, 1, 2], "displacements": [[0, 0, 0], [30, 0, 0], [0, 0, 0]]}
+    told = out_of_reach(SPATIAL, derived | {"target.reference": spun})
+    assert len(told) == 2
+    assert all(warning.startswith("target.reference: leads ") for warning in told)
+
+
+def test_a_value_behind_a_name_that_ends_in_urdf_is_no_file():
+    text = ODD_ARM.replace('joint name="slide"', 'joint name="my_urdf"')
+    (folder() / "named.urdf").write_text(text, encoding="utf-8")
+    scene = small_scene("robots: {r: {urdf: named.urdf}}", {"robots.r.joints.my_urdf": {"offset": 0.1}})
+    assert scene.scenario.robots["r"].joints["my_urdf"].offset == 0.1
