@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from optim.evolutionary import METHODS as EVOLUTIONARY
+from optim.linearise import linearise
 from optim.methods import Effort, Outcome, effort_of, run_method
 from optim.plants import Judge, build_judge
 from optim.problem import TuningProblem, build_problem
@@ -17,6 +18,7 @@ from optim.protocol import Array
 from optim.scenes import tuning_of
 from optim.search import Progress
 from optim.sensitivity import Sensitivity, sensitivity
+from optim.workers import Threads, Workers
 from spacerobot.errors import ScenarioError, near_names
 from spacerobot.scene import Scene
 
@@ -119,7 +121,7 @@ def compare(
     sets: Sequence[str] | None = None,
     effort: Effort | None = None,
     folder: Path | None = None,
-    threads: int | None = None,
+    workers: Workers | None = None,
     progress: Progress | None = None,
     tell: Tell | None = None,
 ) -> Comparison:
@@ -135,8 +137,8 @@ def compare(
         What the methods may do; the section's if None.
     folder
         Where journals are kept, so that a killed comparison goes on where it was.
-    threads
-        For batches; the results do not depend on it.
+    workers
+        Who rolls out; threads of this process if None. The results do not depend on it, save times.
     progress, tell
         Told how a search is getting on, and what begins.
 
@@ -151,16 +153,16 @@ def compare(
         If there is no tuning section, or it does not have what was asked for.
     """
     tuning, begin = tuning_of(scene), time.perf_counter()
-    effort = effort or effort_of(tuning)
+    effort, workers = effort or effort_of(tuning), workers or Threads()
     contests: list[Contest] = []
     say = tell or (lambda _: None)
     for reading in _chosen(readings, list(tuning.readings), scene, "readings"):
         say(f"{reading or 'tuning'}: building and compiling the rollout that judges")
-        judge = build_judge(scene, reading=reading, threads=threads)
+        judge = build_judge(scene, reading=reading, threads=workers.threads)
         for chosen in _chosen(sets, list(tuning.sets), scene, "sets"):
             say(f"{reading or 'tuning'}, {chosen or 'all variables'}: building and compiling")
             variables = tuning.sets[chosen] if chosen is not None else None
-            problem = build_problem(scene, chosen=variables, reading=reading, threads=threads)
+            problem = build_problem(scene, chosen=variables, reading=reading, workers=workers)
             home = folder / "-".join(x for x in (reading or "", chosen or "") if x) if folder else None
             contest = _contest(
                 problem, judge, reading, chosen, methods or tuning.methods, effort, home, progress
@@ -187,7 +189,9 @@ def _contest(
     for method in methods:
         if method == "nlp_ga":
             first = _best_evolutionary(outcomes)
-        outcomes[method] = run_method(problem, method, effort, first=first, folder=folder, progress=progress)
+        outcomes[method] = run_method(
+            problem, method, effort, workers=problem.workers, first=first, folder=folder, progress=progress
+        )
         if outcomes[method].interrupted:
             break
     errors = {name: _errors(problem, outcome) for name, outcome in outcomes.items()}
@@ -223,13 +227,13 @@ def measure_costs(problem: TuningProblem, rollouts: int = 32) -> tuple[float, fl
     u = np.tile(problem.start, (rollouts, 1))
     values = problem.variables.values(u)
     problem.rollout.batch(problem.names, values[:1], threads=1)
-    problem.linearise(problem.start)
+    linearise(problem, problem.start)
 
     def batch() -> None:
         problem.rollout.batch(problem.names, values, threads=1)
 
     def gradient() -> None:
-        problem.linearise(problem.start)
+        linearise(problem, problem.start)
 
     each = _median_seconds(batch) / rollouts
     return each, _median_seconds(gradient) / each

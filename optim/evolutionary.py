@@ -71,7 +71,8 @@ def evolve(search: Search, protocol: Protocol) -> Run:
         )
     shape = _shape(search.problem, penalised=search.method == "cmaes")
     algorithm = METHODS[search.method](protocol)
-    algorithm.setup(shape, termination=NoTermination(), seed=search.seed, verbose=False)
+    seed = search.seed + (search.method == "cmaes")  # which takes the time for a seed where it is given 0
+    algorithm.setup(shape, termination=NoTermination(), seed=seed, verbose=False)
     fitness = _Fitness(penalised=search.method == "cmaes")
     status = "budget spent"
     try:

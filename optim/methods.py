@@ -6,6 +6,7 @@ import dataclasses
 import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ from optim.nlp import NlpSettings, choose_starts, solve
 from optim.problem import TuningProblem
 from optim.protocol import Array, Problem
 from optim.search import Progress, Run, Search, better
+from optim.workers import Threads, Workers
 from spacerobot.errors import SpaceRobotError, near_names
 from spacerobot.scenario import Tuning
 
@@ -117,6 +119,7 @@ def run_method(
     method: str,
     effort: Effort,
     *,
+    workers: Workers | None = None,
     first: Array | None = None,
     folder: Path | None = None,
     progress: Progress | None = None,
@@ -131,6 +134,8 @@ def run_method(
         One of ``ALL``.
     effort
         How much it may do.
+    workers
+        Who does its searches; this process, one after the other, if None.
     first
         Start of ``nlp_ga`` in the unit cube (k,): the GA's best.
     folder
@@ -145,48 +150,57 @@ def run_method(
     """
     if method not in ALL:
         raise SpaceRobotError(f"no method '{method}', {near_names(method, ALL)}")
-
-    def search(index: int, seed: int, settings: str, name: str = method) -> Search:
-        fingerprint = hashlib.sha256(f"{problem.fingerprint} {name} {index} {seed} {settings}".encode())
-        path = folder / f"{name}-{index}.journal" if folder is not None else None
-        return Search(problem, name, index, seed, Journal(path, fingerprint.hexdigest()), progress)
-
+    staff = workers or Threads()
+    begin = Begin(problem, folder, progress)
     if method == "manual":
         if not isinstance(problem, TuningProblem):
             raise SpaceRobotError("the manual procedure tunes a scenario's gains, nothing else")
-        return Outcome(method, (manual(search(0, 0, ""), problem),))
+        return Outcome(method, (manual(begin(method, 0, 0, ""), problem),))
     if method in EVOLUTIONARY:
-        protocol = effort.protocol if method == "ga" else effort.rivals
-        runs: list[Run] = []
-        for i in range(effort.runs):
-            seed = effort.seed + i
-            runs.append(evolve(search(i, seed, protocol.fingerprint(method, seed)), protocol))
-            if runs[-1].status == "interrupted":
-                break
-        return Outcome(method, tuple(runs))
+        return Outcome(method, tuple(staff.together(_evolutions(begin, method, effort))))
     if method == "nlp_ga":
         if first is None:
             raise SpaceRobotError("nlp_ga starts from the GA's best: run ga too")
-        return _nlp(search, method, [first], effort, ())
-    screen = search(0, effort.seed, repr((effort.nlp.screen, effort.starts)), "screen")
+        return Outcome(method, tuple(staff.together(_solutions(begin, method, [first], effort))))
+    screen = begin("screen", 0, effort.seed, repr((effort.nlp.screen, effort.starts)))
     try:
         starts = choose_starts(screen, effort.starts, effort.nlp)
     except KeyboardInterrupt:
         return Outcome(method, (screen.finish("interrupted"),))
-    return _nlp(search, method, starts, effort, (screen.finish(SCREENED, "looked for starts"),))
+    screened = screen.finish(SCREENED, "looked for starts")
+    return Outcome(method, (screened, *staff.together(_solutions(begin, method, starts, effort))))
 
 
-def _nlp(
-    search: Callable[[int, int, str], Search],
-    method: str,
-    starts: Sequence[Array],
-    effort: Effort,
-    before: tuple[Run, ...],
-) -> Outcome:
-    runs = list(before)
-    for i, start in enumerate(starts):
-        made = search(i, effort.seed, effort.nlp.fingerprint(start))
-        runs.append(solve(made, start, effort.nlp, warm=method == "nlp_ga"))
-        if runs[-1].status == "interrupted":
-            break
-    return Outcome(method, tuple(runs))
+@dataclass(frozen=True)
+class Begin:
+    """Begins searches of one problem, each with a journal of its own."""
+
+    problem: Problem
+    folder: Path | None
+    progress: Progress | None
+
+    def __call__(self, name: str, index: int, seed: int, settings: str) -> Search:
+        """A search by its name, number, seed and whatever else its values depend on."""
+        text = f"{self.problem.fingerprint} {name} {index} {seed} {settings}"
+        path = None if self.folder is None else self.folder / f"{name}-{index}.journal"
+        journal = Journal(path, hashlib.sha256(text.encode()).hexdigest())
+        return Search(self.problem, name, index, seed, journal, self.progress)
+
+
+def _evolutions(begin: Begin, method: str, effort: Effort) -> list[Callable[[], Run]]:
+    protocol = effort.protocol if method == "ga" else effort.rivals
+
+    def run(index: int) -> Run:
+        seed = effort.seed + index
+        return evolve(begin(method, index, seed, protocol.fingerprint(method, seed)), protocol)
+
+    return [partial(run, i) for i in range(effort.runs)]
+
+
+def _solutions(begin: Begin, method: str, starts: Sequence[Array], effort: Effort) -> list[Callable[[], Run]]:
+    def run(index: int) -> Run:
+        start = starts[index]
+        search = begin(method, index, effort.seed, effort.nlp.fingerprint(start))
+        return solve(search, start, effort.nlp, warm=method == "nlp_ga")
+
+    return [partial(run, i) for i in range(len(starts))]

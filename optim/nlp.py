@@ -158,14 +158,16 @@ class _Guard:
         self._since = 0
 
     def linearise(self, u: Array) -> Linearisation:
-        """The search's own; without a value once it was interrupted."""
+        """The search's own; without values where the rollout diverged, and once it was interrupted."""
         try:
             if not self.interrupted:
-                self._last = self._search.linearise(u)
-                violation = float(self._last.as_evaluation().violation[0])
+                found = self._search.linearise(u)
+                violation = float(found.as_evaluation().violation[0])
                 if violation <= FEASIBLE:
-                    self._reached = min(self._reached, self._last.objective)
-                return self._last
+                    self._reached = min(self._reached, found.objective)
+                if np.isfinite(violation):
+                    self._last = found
+                    return found
         except KeyboardInterrupt:
             self.interrupted = True
         nothing = {name: np.full_like(getattr(self._last, name), np.nan) for name in _ARRAYS}

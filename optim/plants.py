@@ -8,8 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from optim.batches import roll_out
-from optim.objectives import build_terms, extended_loop
+from optim.objectives import OBJECTIVE, build_terms, extended_loop
 from optim.protocol import Array
 from optim.scenes import changed_scene, tuning_of
 from spacerobot.closedloop import build_closed_loop
@@ -69,7 +68,9 @@ class Judge:
     def _roll(self, design: Mapping[str, float], plants: Mapping[str, Array]) -> dict[str, Array]:
         count = len(next(iter(plants.values())))
         columns = [np.full(count, value) for value in design.values()] + list(plants.values())
-        return roll_out(self.rollout, (*design, *plants), np.column_stack(columns), self.threads)
+        paths, rows = (*design, *plants), np.column_stack(columns)
+        batch = self.rollout.batch(paths, rows, threads=self.threads)
+        return {OBJECTIVE: batch.costs[OBJECTIVE], **batch.measures}
 
 
 def build_judge(scene: Scene, *, reading: str | None = None, threads: int | None = None) -> Judge:
@@ -77,8 +78,10 @@ def build_judge(scene: Scene, *, reading: str | None = None, threads: int | None
 
     Parameters
     ----------
-    scene, reading, threads
+    scene, reading
         As for :func:`optim.problem.build_problem`.
+    threads
+        For its rollouts, which this process does; each usable core if None.
     """
     scene = changed_scene(scene, reading)
     robots = scene.scenario.robots

@@ -3,24 +3,64 @@
 from __future__ import annotations
 
 import hashlib
+import json
+import uuid
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import asdict, dataclass, field
+from functools import cached_property, partial
 
 import casadi as ca
 import numpy as np
 
-from optim.batches import roll_out
-from optim.objectives import OBJECTIVE, Terms, UserObjective, build_terms, error_rows, extended_loop
+from optim import operations
+from optim.objectives import OBJECTIVE, Terms, UserObjective, build_terms, extended_loop
 from optim.protocol import Array, Evaluation, Form, Linearisation
-from optim.scenes import changed_scene, tuning_of
+from optim.scenes import SceneRecipe, changed_scene, tuning_of
 from optim.tied import tie
 from optim.variables import Variables, resolve_variables
+from optim.workers import Arrays, Threads, Workers
 from spacerobot.closedloop import ClosedLoop, build_closed_loop
-from spacerobot.rollout import Jacobian, Rollout, build_rollout
+from spacerobot.rollout import Rollout, build_rollout
 from spacerobot.scene import Scene
 
-WINDOWS = 250  # rows of a minimax problem: for each error the largest and the least value in so many windows
+
+@dataclass(frozen=True)
+class ProblemRecipe:
+    """All it takes to build a tuning problem elsewhere; see :func:`build_problem`.
+
+    Attributes
+    ----------
+    scene
+        As given.
+    chosen, reading, also_vary
+        As given.
+    objective
+        The user's own, which must be picklable to go elsewhere.
+    """
+
+    scene: SceneRecipe
+    chosen: tuple[str, ...] | None
+    reading: str | None
+    also_vary: tuple[str, ...]
+    objective: UserObjective | None
+
+    @cached_property
+    def key(self) -> str:
+        """Hash of it; a function is another one whenever it is given."""
+        own = None if self.objective is None else uuid.uuid4().hex
+        plain = [asdict(self.scene), self.chosen, self.reading, self.also_vary, own]
+        return hashlib.sha256(json.dumps(plain, sort_keys=True, default=str).encode()).hexdigest()
+
+    def build(self) -> TuningProblem:
+        """The problem, which rolls out by one thread."""
+        return build_problem(
+            self.scene.build(),
+            chosen=self.chosen,
+            reading=self.reading,
+            objective=self.objective,
+            workers=Threads(1),
+            also_vary=self.also_vary,
+        )
 
 
 @dataclass(frozen=True)
@@ -39,8 +79,10 @@ class TuningProblem:
         Objective and constraints.
     rollout
         Parameters are the variables by name, then everything else by dotted path.
-    threads
-        For batches; each usable core if None. Results do not depend on it.
+    recipe
+        What builds it in another process.
+    workers
+        Who rolls out. Results do not depend on it.
     """
 
     scene: Scene
@@ -48,8 +90,8 @@ class TuningProblem:
     variables: Variables
     terms: Terms
     rollout: Rollout
-    threads: int | None = None
-    label: str = ""
+    recipe: ProblemRecipe
+    workers: Workers = field(default_factory=Threads)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -89,7 +131,7 @@ class TuningProblem:
         found = self.measure(u)
         return Evaluation(np.array(found[OBJECTIVE]), self._constraints(found, len(u)))
 
-    def measure(self, u: Array, plants: Mapping[str, Array] | None = None) -> dict[str, Array]:
+    def measure(self, u: Array, plants: Mapping[str, Array] | None = None) -> Arrays:
         """Objective and all measures at points u (N, k), each of shape (N,) or (N, n).
 
         Parameters
@@ -101,62 +143,19 @@ class TuningProblem:
         """
         return self.measure_values(self.variables.values(np.atleast_2d(u)), plants)
 
-    def measure_values(self, values: Array, plants: Mapping[str, Array] | None = None) -> dict[str, Array]:
+    def measure_values(self, values: Array, plants: Mapping[str, Array] | None = None) -> Arrays:
         """The same at values (N, k) of the variables, in the scenario's units."""
         others = dict(plants or {})
         rows = np.column_stack([np.atleast_2d(values), *others.values()])
-        return roll_out(self.rollout, (*self.names, *others), rows, self.threads)
+        return self.workers.map(self, partial(operations.measures, paths=(*self.names, *others)), rows)
 
     def linearise(self, u: Array) -> Linearisation:
-        """Objective, constraints and their exact derivatives at one point u (k,).
-
-        By the adjoint where only the objective's gradient is needed, else by forward sensitivities.
-        """
-        values = dict(zip(self.names, self.variables.values(u), strict=True))
-        slope = self.variables.slope(u)
-        if self.form == "smooth" and not self.terms.limits:
-            found = self.rollout.value_and_gradient(values, wrt=self.names, costs=[OBJECTIVE])
-            value, gradient = float(found.costs[OBJECTIVE]), found.gradients[OBJECTIVE] * slope
-            return _plain(value, gradient)
-        outputs = [*self.terms.residuals] + (["tip_error"] if self.form == "minimax" else [])
-        jacobian = self.rollout.jacobian(values, wrt=self.names, outputs=tuple(dict.fromkeys(outputs)))
-        return self._assemble(jacobian, slope)
-
-    def _assemble(self, jacobian: Jacobian, slope: Array) -> Linearisation:
-        measures, k = jacobian.trajectory.measures, len(self.variables)
-        m = len(self.constraint_names)
-        if jacobian.trajectory.status != "completed":
-            nothing = np.full(k, np.nan)
-            return replace(
-                _plain(np.nan, nothing),
-                constraints=np.full(m, np.nan),
-                constraint_jacobian=np.full((m, k), np.nan),
-            )
-        value = float(jacobian.trajectory.costs[OBJECTIVE])
-        gradient = self._gradient(jacobian) * slope
-        limits = self.terms.limits
-        g = np.concatenate([np.empty(0), *(measures[n] / limit - 1 for n, limit in limits.items())])
-        dg = np.concatenate(
-            [np.empty((0, k)), *(jacobian.measures[n] / limit for n, limit in limits.items())]
-        )
-        rows, rows_jacobian = self._rows(jacobian)
-        smooth, smooth_gradient = value, gradient
-        if self.form == "minimax":
-            smooth, smooth_gradient = self._beside_peak(jacobian, value, gradient, slope)
-        return Linearisation(
-            value, gradient, g, dg * slope, rows, rows_jacobian * slope, smooth, smooth_gradient
-        )
-
-    def _gradient(self, jacobian: Jacobian) -> Array:
-        """Derivative of the objective with respect to the variables' values (k,), by the chain rule."""
-        measures = [jacobian.trajectory.measures[name] for name in self.rollout.kernel.measures]
-        slopes = [jacobian.measures[name] for name in self.rollout.kernel.measures]
-        p = self.rollout.values(None)
-        towards = self._objective_slope(np.concatenate(measures), p).full().ravel()
-        return np.asarray(towards @ np.concatenate(slopes), dtype=np.float64)
+        """Values and their exact derivatives at one point u (k,); see :mod:`optim.linearise`."""
+        found = self.workers.map(self, operations.linearisations, u[None], grain=1)
+        return Linearisation.of_arrays({name: values[0] for name, values in found.items()})
 
     @cached_property
-    def _objective_slope(self) -> ca.Function:
+    def objective_slope(self) -> ca.Function:
         """(r, p) -> derivative of the objective with respect to the measures r."""
         objective = self.rollout.kernel.functions["objective"]
         r = ca.SX.sym("r", objective.numel_in(0))
@@ -164,58 +163,9 @@ class TuningProblem:
         row = self.rollout.kernel.costs.index(OBJECTIVE)
         return ca.Function("slope", [r, p], [ca.densify(ca.jacobian(objective(r, p)[row], r))])
 
-    @cached_property
-    def _peak_weight(self) -> float:
-        """Factor of the largest error in a minimax objective."""
-        tuning = self.scene.scenario.tuning
-        return 1.0 if tuning is None else tuning.objective.weight
-
-    def _beside_peak(
-        self, jacobian: Jacobian, value: float, gradient: Array, slope: Array
-    ) -> tuple[float, Array]:
-        """What a minimax objective holds beside the largest error."""
-        peaks = jacobian.trajectory.measures["tip_error_peak"]
-        worst = int(np.argmax(peaks))
-        own = self._peak_weight * jacobian.measures["tip_error_peak"][worst] * slope
-        return value - self._peak_weight * float(peaks[worst]), gradient - own
-
-    def _rows(self, jacobian: Jacobian) -> tuple[Array, Array]:
-        if self.form == "smooth":
-            return np.empty(0), np.empty((0, len(self.variables)))
-        if self.form == "minimax":
-            return self._window_peaks(jacobian)
-        step = self.rollout.grid.duration_s / self.rollout.grid.intervals
-        rows, slopes = [], []
-        for name, (weight, factor) in self.terms.residuals.items():
-            scale = np.sqrt(weight * step) * factor
-            rows.append((jacobian.trajectory.outputs[name] * scale).ravel())
-            slopes.append((jacobian.outputs[name] * scale[:, None]).reshape(-1, len(self.variables)))
-        return np.concatenate(rows), np.concatenate(slopes)
-
-    def _window_peaks(self, jacobian: Jacobian) -> tuple[Array, Array]:
-        """Largest and least value of each error in each window of time, and its derivative there."""
-        columns = error_rows(self.scene)
-        error = self._peak_weight * jacobian.trajectory.outputs["tip_error"][:, columns]
-        slope = self._peak_weight * jacobian.outputs["tip_error"][:, columns]
-        rows, slopes = [], []
-        for part in np.array_split(np.arange(len(error)), min(WINDOWS, len(error))):
-            for sign in (1, -1):
-                when = part[(sign * error[part]).argmax(axis=0)]
-                each = np.arange(error.shape[1])
-                rows.append(sign * error[when, each])
-                slopes.append(sign * slope[when, each])
-        return np.concatenate(rows), np.concatenate(slopes)
-
     def _constraints(self, found: Mapping[str, Array], count: int) -> Array:
         limits = self.terms.limits
         return np.column_stack([np.empty((count, 0)), *(found[n] / limit - 1 for n, limit in limits.items())])
-
-
-def _plain(value: float, gradient: Array) -> Linearisation:
-    none, k = np.empty(0), len(gradient)
-    return Linearisation(
-        value, gradient, none, np.empty((0, k)), none, np.empty((0, k)), value, np.array(gradient)
-    )
 
 
 def build_problem(
@@ -224,9 +174,8 @@ def build_problem(
     chosen: Sequence[str] | None = None,
     reading: str | None = None,
     objective: UserObjective | None = None,
-    threads: int | None = None,
+    workers: Workers | None = None,
     also_vary: Sequence[str] = (),
-    label: str = "",
 ) -> TuningProblem:
     """Tuning problem of a scene.
 
@@ -240,18 +189,18 @@ def build_problem(
         Which of the tuning section's readings; none if None.
     objective
         The user's own: function of the closed loop's signals that gives a scalar measure.
-    threads
-        For batches; each usable core if None.
+    workers
+        Who rolls out; threads of this process if None.
     also_vary
         Further parameters that shall be kept although they are exactly zero.
-    label
-        Name for reports.
 
     Raises
     ------
     ScenarioError
         If a variable leads nowhere, or the closed loop does not depend on it.
     """
+    names = None if chosen is None else tuple(chosen)
+    recipe = ProblemRecipe(SceneRecipe.of(scene), names, reading, tuple(also_vary), objective)
     scene = changed_scene(scene, reading)
     tuning = tuning_of(scene)
     variables = resolve_variables(scene, tuning, chosen)
@@ -264,4 +213,4 @@ def build_problem(
     rollout = build_rollout(
         tied, duration_s=scene.scenario.simulation.duration, step_s=tuning.step, measures=terms.measures
     )
-    return TuningProblem(scene, loop, variables, terms, rollout, threads, label)
+    return TuningProblem(scene, loop, variables, terms, rollout, recipe, workers or Threads())

@@ -7,7 +7,8 @@ A point u lies in the unit cube of the k variables. The problem is
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
 from typing import Literal, Protocol
 
 import numpy as np
@@ -68,6 +69,17 @@ class Linearisation:
     def as_evaluation(self) -> Evaluation:
         """The values alone."""
         return Evaluation(np.array([self.objective]), self.constraints[None, :])
+
+    def as_arrays(self) -> dict[str, Array]:
+        """The fields by name, for files and other processes."""
+        return {field.name: np.asarray(getattr(self, field.name)) for field in fields(self)}
+
+    @classmethod
+    def of_arrays(cls, found: Mapping[str, Array]) -> Linearisation:
+        """The inverse of :meth:`as_arrays`; further entries are ignored."""
+        named = {field.name: found[field.name] for field in fields(cls)}
+        numbers = {name: float(named[name]) for name in ("objective", "smooth")}
+        return cls(**named | numbers)  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True)

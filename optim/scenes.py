@@ -1,10 +1,42 @@
-"""The scene that a tuning problem is about."""
+"""The scene that a tuning problem is about, and how it travels."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
 from spacerobot.errors import ScenarioError
 from spacerobot.scenario import Tuning
+from spacerobot.scenario.load import to_document, validate
 from spacerobot.scene import Scene, build_scene
+
+
+@dataclass(frozen=True)
+class SceneRecipe:
+    """A scene as plain data that can be sent to another process.
+
+    Attributes
+    ----------
+    document
+        The scenario, resolved.
+    source
+        File that it came from, for its errors and the URDFs beside it.
+    """
+
+    document: Mapping[str, Any]
+    source: str | None
+
+    @classmethod
+    def of(cls, scene: Scene) -> SceneRecipe:
+        """What builds a scene again."""
+        return cls(to_document(scene.scenario), None if scene.source is None else str(scene.source))
+
+    def build(self) -> Scene:
+        """The scene."""
+        source = None if self.source is None else Path(self.source)
+        return build_scene(validate(dict(self.document), source=source), source=source)
 
 
 def tuning_of(scene: Scene) -> Tuning:

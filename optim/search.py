@@ -171,11 +171,11 @@ class Search:
         u = np.ascontiguousarray(u, dtype=float)
         record = self._journal.replay("linear", u)
         if record is not None and "gradient" in record:
-            found = _linearisation(record)
+            found = Linearisation.of_arrays(record)
         else:
             found = self.problem.linearise(u)
         if record is None:
-            kept = _arrays(found) if found.rows_jacobian.nbytes <= KEPT_BYTES else {}
+            kept = found.as_arrays() if found.rows_jacobian.nbytes <= KEPT_BYTES else {}
             self._journal.append("linear", u, kept | {"seconds": np.array(self._tick())})
         else:
             self._resume(float(record["seconds"]))
@@ -241,20 +241,3 @@ class Search:
     def _resume(self, seconds: float) -> None:
         """Take over the time that an earlier process had spent here."""
         self._seconds, self._since = seconds, time.perf_counter()
-
-
-def _arrays(found: Linearisation) -> dict[str, Array]:
-    return {name: np.asarray(getattr(found, name)) for name in found.__dataclass_fields__}
-
-
-def _linearisation(record: Mapping[str, Array]) -> Linearisation:
-    return Linearisation(
-        float(record["objective"]),
-        record["gradient"],
-        record["constraints"],
-        record["constraint_jacobian"],
-        record["rows"],
-        record["rows_jacobian"],
-        float(record["smooth"]),
-        record["smooth_gradient"],
-    )

@@ -6,6 +6,7 @@ import dataclasses
 import hashlib
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from optim.checkpoint import Journal
 from optim.evolutionary import Protocol, evolve
 from optim.protocol import Array, Problem
 from optim.search import Progress, Run, Search
+from optim.workers import Threads, Workers
 
 PROBABILITIES = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
 POPULATIONS = (10, 20, 50, 100, 200)
@@ -47,6 +49,7 @@ def sweep(
     protocol: Protocol | None = None,
     runs: int = 3,
     seed: int = 0,
+    workers: Workers | None = None,
     folder: Path | None = None,
     progress: Progress | None = None,
 ) -> Iterator[Trial]:
@@ -62,6 +65,8 @@ def sweep(
         Seeds for each setting; the same ones everywhere.
     seed
         The first.
+    workers
+        Who does the runs; this process, one after the other, if None.
     folder
         Where journals are kept.
     progress
@@ -69,15 +74,16 @@ def sweep(
     """
     protocol = protocol or Protocol(budget=1000)
     for setting, value, changed in _settings(protocol):
-        found = []
-        for i in range(runs):
+
+        def run(i: int, setting: str = setting, value: float = value, changed: Protocol = changed) -> Run:
             settings = changed.fingerprint("ga", seed + i)
             key = hashlib.sha256(f"{problem.fingerprint} sweep {settings}".encode()).hexdigest()
             path = folder / f"{setting}-{value:g}-{i}.journal" if folder is not None else None
-            search = Search(problem, "ga", i, seed + i, Journal(path, key), progress)
-            found.append(evolve(search, changed))
-            if found[-1].status == "interrupted":
-                raise KeyboardInterrupt
+            return evolve(Search(problem, "ga", i, seed + i, Journal(path, key), progress), changed)
+
+        found = (workers or Threads()).together([partial(run, i) for i in range(runs)])
+        if any(ended.status == "interrupted" for ended in found):
+            raise KeyboardInterrupt
         yield Trial(setting, value, tuple(found))
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -14,9 +15,9 @@ from optim.evolutionary import METHODS as EVOLUTIONARY
 from optim.methods import Effort, Outcome, effort_of, run_method
 from optim.objectives import UserObjective
 from optim.problem import TuningProblem, build_problem
-from optim.protocol import Array
 from optim.scenes import tuning_of
-from optim.search import Progress, Run
+from optim.search import Progress
+from optim.workers import Workers
 from spacerobot.errors import ScenarioError, near_names
 from spacerobot.scene import Scene, build_scene
 
@@ -59,7 +60,7 @@ def tune(
     score: ResultObjective | None = None,
     effort: Effort | None = None,
     folder: Path | None = None,
-    threads: int | None = None,
+    workers: Workers | None = None,
     progress: Progress | None = None,
 ) -> Tuned:
     """Tune a scene.
@@ -83,8 +84,9 @@ def tune(
         How much may be done; the section's if None.
     folder
         Where journals are kept: a killed call, made again, goes on where it was and ends the same.
-    threads
-        For batches; the answer does not depend on it.
+    workers
+        Who rolls out: threads of this process if None, or from :func:`optim.workers.dask.open_workers`. The
+        answer does not depend on it. A ``score`` is computed by this process.
     progress
         Told now and then.
 
@@ -98,23 +100,21 @@ def tune(
     scene, chosen = _with_variables(scene, variables, reading)
     tuning = tuning_of(scene)
     effort = effort or effort_of(tuning)
-    problem = build_problem(scene, chosen=chosen, reading=reading, objective=objective, threads=threads)
+    problem = build_problem(scene, chosen=chosen, reading=reading, objective=objective, workers=workers)
+    run = partial(run_method, effort=effort, workers=problem.workers, folder=folder, progress=progress)
     if score is not None:
         if method not in EVOLUTIONARY:
             raise ScenarioError(
                 f"a function of a result has no gradients; methods: {', '.join(EVOLUTIONARY)}"
             )
-        outcome = run_method(ResultProblem(problem, score), method, effort, folder=folder, progress=progress)
-        return _tuned(problem, outcome)
-    first: Array | None = None
-    before: tuple[Run, ...] = ()
-    if method == "nlp_ga":
-        ga = run_method(problem, "ga", effort, folder=folder, progress=progress)
-        if ga.interrupted:
-            return _tuned(problem, ga)
-        first, before = np.array(ga.best.u), ga.runs
-    outcome = run_method(problem, method, effort, first=first, folder=folder, progress=progress)
-    return _tuned(problem, dataclasses.replace(outcome, runs=(*before, *outcome.runs)))
+        return _tuned(problem, run(ResultProblem(problem, score), method))
+    if method != "nlp_ga":
+        return _tuned(problem, run(problem, method))
+    ga = run(problem, "ga")
+    if ga.interrupted:
+        return _tuned(problem, ga)
+    outcome = run(problem, method, first=np.array(ga.best.u))
+    return _tuned(problem, dataclasses.replace(outcome, runs=(*ga.runs, *outcome.runs)))
 
 
 def _tuned(problem: TuningProblem, outcome: Outcome) -> Tuned:

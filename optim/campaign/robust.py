@@ -10,12 +10,13 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
+from optim import operations
 from optim.campaign.sampling import draw
 from optim.campaign.space import Space, campaign_of, check_range, gain_set, resolve_space
 from optim.campaign.statistics import percentile
@@ -26,6 +27,7 @@ from optim.protocol import Array, Evaluation, Form, Linearisation
 from optim.report import plain
 from optim.scenes import changed_scene, tuning_of
 from optim.search import Progress
+from optim.workers import Workers
 from spacerobot.errors import ScenarioError, SpaceRobotError
 from spacerobot.files import write_text
 from spacerobot.result import save
@@ -121,14 +123,9 @@ class RobustProblem:
         variables = self.nominal.variables
         values = self.space.values(self.draws)
         rows = np.column_stack([np.tile(variables.values(u), (len(values), 1)), values])
-        found = self.nominal.rollout.gradient_batch(
-            (*self.names, *self.space.paths),
-            rows,
-            wrt=self.names,
-            costs=[OBJECTIVE],
-            threads=self.nominal.threads,
-        )
-        each, slopes = found.costs[OBJECTIVE], found.gradients[OBJECTIVE] * variables.slope(u)
+        ask = partial(operations.gradients, paths=(*self.names, *self.space.paths))
+        found = self.nominal.workers.map(self.nominal, ask, rows)
+        each, slopes = found[OBJECTIVE], found["gradient"] * variables.slope(u)
         order = np.argsort(np.where(np.isnan(each), np.inf, each), kind="stable")
         weights = self._weights(each[order])
         used = order[weights > 0]
@@ -174,7 +171,7 @@ def build_robust(
     samples: int = SAMPLES,
     chosen: list[str] | None = None,
     reading: str | None = None,
-    threads: int | None = None,
+    workers: Workers | None = None,
 ) -> RobustProblem:
     """Robust tuning problem of a scene with a ``tuning`` and a ``campaign`` section.
 
@@ -186,7 +183,7 @@ def build_robust(
         What of the samples' objectives is made small.
     samples
         Of the common set, drawn by the campaign's distributions and seed.
-    chosen, reading, threads
+    chosen, reading, workers
         As for :func:`optim.problem.build_problem`.
 
     Raises
@@ -198,7 +195,7 @@ def build_robust(
     changed = gain_set(changed_scene(scene, reading), {})
     space = resolve_space(changed, campaign_of(changed))
     problem = build_problem(
-        gain_set(scene, {}), chosen=chosen, reading=reading, threads=threads, also_vary=space.paths
+        gain_set(scene, {}), chosen=chosen, reading=reading, workers=workers, also_vary=space.paths
     )
     both = sorted(set(space.paths) & set(problem.variables.all_paths))
     if both:
@@ -285,8 +282,11 @@ def tune_robust(
     scene = problem.nominal.scene
     effort = effort or effort_of(tuning_of(scene))
     places = {name: None if folder is None else folder / name for name in ("robust", "nominal")}
-    outcome = run_method(problem, method, effort, folder=places["robust"], progress=progress)
-    other = run_method(problem.nominal, method, effort, folder=places["nominal"], progress=progress)
+    run = partial(
+        run_method, method=method, effort=effort, workers=problem.nominal.workers, progress=progress
+    )
+    outcome = run(problem, folder=places["robust"])
+    other = run(problem.nominal, folder=places["nominal"])
     designs = {"start": problem.start, "nominal": other.best.u, "robust": outcome.best.u}
     draws = _draws(scene, fresh, 1)
     values = problem.nominal.variables.values(outcome.best.u)

@@ -24,6 +24,7 @@ from spacerobot.cli import (
     run,
     scenarios,
     schema,
+    sweep,
     tune,
 )
 from spacerobot.cli.output import complain
@@ -45,9 +46,10 @@ MODULES = (
     report,
     paper,
     tune,
-    compare,
-    campaign,
     robust,
+    compare,
+    sweep,
+    campaign,
     scenarios,
     make_arm,
     schema,

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from spacerobot.cli.options import Changes, Out, ScenarioName, Threads, parse_changes
+from spacerobot.cli.options import Changes, Machines, Out, ScenarioName, Threads, parse_changes
 from spacerobot.cli.output import console, table, warn
 from spacerobot.cli.tuning_options import Budget, Runs, Seed, Starts, parts, shown
 
@@ -67,6 +67,7 @@ def command(
     starts: Starts = None,
     seed: Seed = None,
     threads: Threads = None,
+    dask: Machines = None,
     full: Full = False,
 ) -> None:
     """Compare methods; exit code 130 after Ctrl-C, with what was found until then."""
@@ -74,6 +75,7 @@ def command(
     from optim.report import to_json, write
     from optim.scenes import tuning_of
     from optim.tables import markdown
+    from optim.workers.dask import open_workers
     from spacerobot.files import write_text
     from spacerobot.scene import load_scene
 
@@ -81,7 +83,7 @@ def command(
     tuning = tuning_of(scene)
     rivals = budget or (tuning.budget if full else None)
     effort = effort_of(tuning, budget=budget, rival_budget=rivals, runs=runs, starts=starts, seed=seed)
-    with shown() as (tell, report):
+    with shown() as (tell, report), open_workers(threads, dask) as workers:
         found = compare(
             scene,
             methods=parts(methods),
@@ -89,7 +91,7 @@ def command(
             sets=parts(sets),
             effort=effort,
             folder=out / "journals" if out is not None else None,
-            threads=threads,
+            workers=workers,
             progress=report,
             tell=tell,
         )

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from spacerobot.cli.options import Changes, Out, ScenarioName, Threads, parse_changes
+from spacerobot.cli.options import Changes, Machines, Out, ScenarioName, Threads, parse_changes
 from spacerobot.cli.output import console, pairs, table
 from spacerobot.cli.tuning_options import (
     Budget,
@@ -56,17 +56,19 @@ def command(
     starts: Starts = None,
     seed: Seed = None,
     threads: Threads = None,
+    dask: Machines = None,
 ) -> None:
     """Tune robustly and nominally, and print both on fresh samples."""
     from optim import effort_of
     from optim.campaign.robust import build_robust, save_robust, tune_robust
     from optim.scenes import tuning_of
+    from optim.workers.dask import open_workers
     from spacerobot.scene import load_scene
 
     scene = load_scene(scenario, parse_changes(changes))
     tuning = tuning_of(scene)
     effort = effort_of(tuning, budget=budget, rival_budget=budget, runs=runs, starts=starts, seed=seed)
-    with shown() as (tell, report):
+    with shown() as (tell, report), open_workers(threads, dask) as workers:
         tell("building and compiling")
         problem = build_robust(
             scene,
@@ -75,7 +77,7 @@ def command(
             samples=samples,
             chosen=chosen_variables(variables, tuning),
             reading=reading,
-            threads=threads,
+            workers=workers,
         )
         folder = None if out is None else out / "journals"
         found = tune_robust(problem, method, effort=effort, fresh=fresh, folder=folder, progress=report)

@@ -1,4 +1,4 @@
-"""``spacerobot tune`` and ``spacerobot sweep``: tune a scenario, and the GA's own settings."""
+"""``spacerobot tune``: tune a scenario."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from spacerobot.cli.options import Changes, Out, ScenarioName, Threads, parse_changes
+from spacerobot.cli.options import Changes, Machines, Out, ScenarioName, Threads, parse_changes
 from spacerobot.cli.output import console, pairs, table, warn
 from spacerobot.cli.run import fail_if_diverged
 from spacerobot.cli.tuning_options import (
@@ -38,18 +38,10 @@ Examples:
     spacerobot tune my.yaml --method ga --budget 2000 --runs 3
 """
 
-SWEEP_HELP = """Sensitivity of the GA to its settings: crossover and mutation probability, population size.
-
-Example:
-
-    spacerobot sweep paper --reading base --variables five --budget 1000 --runs 3
-"""
-
 
 def register(app: typer.Typer) -> None:
-    """Add the commands."""
+    """Add the command."""
     app.command("tune", help=HELP)(command)
-    app.command("sweep", help=SWEEP_HELP)(sweep_command)
 
 
 def command(
@@ -64,10 +56,12 @@ def command(
     starts: Starts = None,
     seed: Seed = None,
     threads: Threads = None,
+    dask: Machines = None,
 ) -> None:
     """Tune, simulate the best design, and save it if a folder is given."""
     from optim import effort_of, tune
     from optim.scenes import tuning_of
+    from optim.workers.dask import open_workers
     from spacerobot.result import save
     from spacerobot.result.table import headline
     from spacerobot.scene import load_scene
@@ -76,7 +70,7 @@ def command(
     scene = load_scene(scenario, parse_changes(changes))
     tuning = tuning_of(scene)
     effort = effort_of(tuning, budget=budget, rival_budget=budget, runs=runs, starts=starts, seed=seed)
-    with shown() as (tell, report):
+    with shown() as (tell, report), open_workers(threads, dask) as workers:
         tell("building and compiling")
         found = tune(
             scene,
@@ -85,7 +79,7 @@ def command(
             reading=reading,
             effort=effort,
             folder=out / "journals" if out is not None else None,
-            threads=threads,
+            workers=workers,
             progress=report,
         )
         tell("simulating the best design")
@@ -114,46 +108,6 @@ def command(
         warn("interrupted: the best so far is kept")
         raise typer.Exit(130)
     fail_if_diverged(result)
-
-
-def sweep_command(
-    scenario: ScenarioName,
-    out: Out = None,
-    changes: Changes = None,
-    reading: Reading = None,
-    variables: Variables = None,
-    budget: Budget = 1000,
-    runs: Runs = 3,
-    seed: Seed = 0,
-    threads: Threads = None,
-) -> None:
-    """Run the GA with one setting changed at a time."""
-    from optim import Protocol, build_problem
-    from optim.report import statistics
-    from optim.scenes import tuning_of
-    from optim.sweep import sweep
-    from spacerobot.files import write_text
-    from spacerobot.scene import load_scene
-
-    scene = load_scene(scenario, parse_changes(changes))
-    tuning = tuning_of(scene)
-    chosen = chosen_variables(variables, tuning)
-    rows, data = [], []
-    with shown() as (tell, report):
-        tell("building and compiling")
-        problem = build_problem(scene, chosen=chosen, reading=reading, threads=threads)
-        protocol = Protocol(population=tuning.population, budget=budget or 1000)
-        folder = out / "journals" if out is not None else None
-        options = {"protocol": protocol, "runs": runs or 3, "seed": seed or 0}
-        for trial in sweep(problem, folder=folder, progress=report, **options):  # type: ignore[arg-type]
-            found = statistics(trial.objectives)
-            data.append({"setting": trial.setting, "value": trial.value, **found})
-            numbers = [f"{found[key]:.6g}" for key in ("best", "median", "worst")]
-            rows.append([trial.setting, f"{trial.value:g}", *numbers])
-    title = f"GA, {budget} rollouts a run, {runs} runs each; the rest as in the paper"
-    console().print(table(title, ("setting", "value", "best", "median", "worst"), rows))
-    if out is not None:
-        write_text(out / "sweep.json", json.dumps(data, indent=1) + "\n")
 
 
 def _short(value: object) -> str:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from optim.campaign.robust import build_robust, tune_robust
-from optim.methods import effort_of
+from optim.methods import effort_of, run_method
 from optim.objectives import OBJECTIVE
 from spacerobot.errors import ScenarioError, SpaceRobotError
 
@@ -77,6 +77,20 @@ def test_the_worst_case_gets_better_on_the_samples_tuned_for(problems, method):
     assert set(found.changes) == {"robots.arm.tips.tip.pid.kp", "robots.arm.tips.tip.amnesia.ta"}
     u = problem.nominal.variables.unit(np.array([*found.gains.values()]))
     assert problem.reduce(problem.objectives(u)) == pytest.approx(found.objective, rel=1e-6)
+
+
+def test_dask_changes_no_bit(small, problems):
+    pytest.importorskip("distributed")
+    from optim.workers.dask import open_workers
+
+    effort = effort_of(small(tuning=TUNING).scenario.tuning, runs=2, starts=2)
+    with open_workers(dask="local:2") as workers:
+        for kind, method in (("mean", "nlp"), ("worst", "ga"), ("worst", "nlp")):
+            there = build_robust(small(tuning=TUNING), kind, samples=21, workers=workers)
+            one = run_method(problems[kind], method, effort).best
+            other = run_method(there, method, effort, workers=workers).best
+            assert np.array_equal(one.u, other.u)
+            assert one.objective == other.objective
 
 
 def test_what_cannot_be_is_told(small, problems):

@@ -47,7 +47,7 @@ def test_constraints_hold(method):
 
 @pytest.mark.parametrize("method", METHODS)
 def test_the_same_seed_gives_the_same_answer_and_another_seed_another(method):
-    first, again, other = (evolve(Search(quadratic(), method, seed=s), SMALL) for s in (4, 4, 5))
+    first, again, other = (evolve(Search(quadratic(), method, seed=s), SMALL) for s in (0, 0, 1))
     assert np.array_equal(first.u, again.u)
     assert not np.array_equal(first.u, other.u)
 

@@ -8,6 +8,7 @@ import pytest
 
 from optim import build_problem, integral
 from optim.objectives import OBJECTIVE
+from optim.workers import Threads
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.rollout import build_rollout
 
@@ -148,7 +149,7 @@ def test_answers_do_not_depend_on_threads_or_batches(small):
 
     problem = build_problem(small(), chosen=["kp", "ta"])
     u = np.random.default_rng(0).random((37, 2))
-    one, two = (dataclasses.replace(problem, threads=n).evaluate(u) for n in (1, 2))
+    one, two = (dataclasses.replace(problem, workers=Threads(n)).evaluate(u) for n in (1, 2))
     assert np.array_equal(one.objective, two.objective)
     assert np.array_equal(problem.evaluate(u[5:6]).objective, one.objective[5:6])
     assert problem.measure(u)[OBJECTIVE].shape == (37,)

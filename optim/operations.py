@@ -1,0 +1,34 @@
+"""What workers are asked of a tuning problem: rows in, arrays out, each row for itself, on one thread."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from optim.linearise import linearise
+from optim.objectives import OBJECTIVE
+from optim.protocol import Array
+from optim.workers import Arrays
+
+if TYPE_CHECKING:
+    from optim.problem import TuningProblem
+
+
+def measures(problem: TuningProblem, rows: Array, *, paths: Sequence[str]) -> Arrays:
+    """Objective (N,) and measures (N, n) of rows (N, k) of parameters."""
+    batch = problem.rollout.batch(paths, rows, threads=1)
+    return {OBJECTIVE: batch.costs[OBJECTIVE], **batch.measures}
+
+
+def gradients(problem: TuningProblem, rows: Array, *, paths: Sequence[str]) -> Arrays:
+    """Objective (N,) and its gradient (N, k) with respect to the variables' values, by the adjoint."""
+    found = problem.rollout.gradient_batch(paths, rows, wrt=problem.names, costs=[OBJECTIVE], threads=1)
+    return {OBJECTIVE: found.costs[OBJECTIVE], "gradient": found.gradients[OBJECTIVE]}
+
+
+def linearisations(problem: TuningProblem, rows: Array) -> Arrays:
+    """Fields of the linearisation at points (N, k) of the unit cube."""
+    found = [linearise(problem, u).as_arrays() for u in rows]
+    return {name: np.stack([fields[name] for fields in found]) for name in found[0]}

@@ -1,0 +1,191 @@
+"""Dask: how a cluster is reached, and what its workers keep.
+
+Dask is optional and imported only here, when it is used. What a worker does is a recipe (plain data) and the
+rows to do it with; a worker builds the recipe once and keeps it, its machine compiles it once and keeps that.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import json
+import logging
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import spacerobot
+from optim.workers.protocol import Recipe
+from spacerobot.compiled.cache import cache_folder
+from spacerobot.errors import SpaceRobotError
+
+ATTEMPTS = 3  # workers that a piece of work may cost before it is given up
+KEPT = 8  # problems that a worker keeps
+CONNECT_S = 20  # that a scheduler may take to answer
+ANSWER_S = 60  # until its first worker must be there
+
+_built: dict[str, Any] = {}
+_lock = threading.Lock()
+
+
+@contextlib.contextmanager
+def connect(address: str) -> Iterator[Any]:
+    """Client of a cluster; one of this machine ends with it.
+
+    Parameters
+    ----------
+    address
+        ``local:N`` (so many processes of this machine), ``tcp://host:port`` (or another address that Dask
+        knows), or a scheduler file.
+
+    Raises
+    ------
+    SpaceRobotError
+        If Dask is not installed, the address is none, or nobody answers there.
+    """
+    distributed = distributed_module()
+    with _quiet():
+        if address.startswith("local:"):
+            with _own_cluster(address) as cluster, distributed.Client(cluster) as client:
+                yield client
+            return
+        place = {"address": address} if "://" in address else {"scheduler_file": _scheduler_file(address)}
+        try:
+            client = distributed.Client(**place, timeout=CONNECT_S)
+        except (OSError, TimeoutError, ValueError) as fault:
+            raise SpaceRobotError(f"no scheduler answers at {address}: {fault}", where="--dask") from None
+        with client:
+            yield client
+
+
+@contextlib.contextmanager
+def _own_cluster(address: str) -> Iterator[Any]:
+    """Processes of this machine, which listen to it alone and end with the context."""
+    count = address.removeprefix("local:")
+    if not count.isdecimal() or int(count) < 1:
+        raise SpaceRobotError(f"found {address!r}, allowed: local:N with N of 1 and more", where="--dask")
+    options: dict[str, Any] = {"n_workers": int(count), "threads_per_worker": 1}
+    places = {"host": "127.0.0.1", "dashboard_address": "127.0.0.1:0"}
+    with distributed_module().LocalCluster(**options, **places, silence_logs=logging.CRITICAL) as cluster:
+        yield cluster
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep what Dask logs of lost workers off the screen: what matters is raised, in one line."""
+    names = [name for name in logging.root.manager.loggerDict if name.partition(".")[0] == "distributed"]
+    before = {name: logging.getLogger(name).level for name in names}
+    for name in names:
+        logging.getLogger(name).setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        for name, level in before.items():
+            logging.getLogger(name).setLevel(level)
+
+
+def threads_of(client: Any) -> int:
+    """Threads of all workers together, at least one; waits for the first worker.
+
+    Raises
+    ------
+    SpaceRobotError
+        If none comes.
+    """
+    try:
+        with faults_of("the work"):
+            client.wait_for_workers(1, timeout=ANSWER_S)
+            return max(1, int(sum(client.nthreads().values())))
+    except TimeoutError:
+        message = f"the scheduler has no worker after {ANSWER_S} s: start some with `dask worker`"
+        raise SpaceRobotError(message, where="--dask") from None
+
+
+def submit(client: Any, work: Any, recipe: Recipe, *arguments: Any) -> Any:
+    """Future of ``work(what the recipe builds, *arguments)``, done again elsewhere if its worker dies."""
+    return client.submit(
+        _work, spacerobot.__version__, work, recipe, *arguments, pure=False, retries=ATTEMPTS
+    )
+
+
+@contextlib.contextmanager
+def faults_of(what: str) -> Iterator[None]:
+    """Say in one line that a cluster has lost some work.
+
+    Raises
+    ------
+    SpaceRobotError
+        If the work ended one worker after the other, or the scheduler is gone.
+    """
+    distributed = distributed_module()
+    try:
+        yield
+    except distributed.KilledWorker:
+        message = f"{what} ended {ATTEMPTS + 1} workers; what is there is kept"
+        raise SpaceRobotError(message, where="--dask") from None
+    except TimeoutError:
+        raise
+    except (distributed.CancelledError, OSError) as fault:
+        message = f"{what}: lost the cluster ({fault or type(fault).__name__}); what is there is kept"
+        raise SpaceRobotError(message, where="--dask") from None
+
+
+def _work(version: str, work: Any, recipe: Recipe, *arguments: Any) -> Any:
+    """What a worker runs."""
+    if version != spacerobot.__version__:
+        message = (
+            f"a worker has spacerobot {spacerobot.__version__}, this process {version}: install the same"
+        )
+        raise SpaceRobotError(message, where="--dask")
+    return work(_make(recipe), *arguments)
+
+
+def _make(recipe: Recipe) -> Any:
+    """What a recipe builds, built once in this process."""
+    key = recipe.key
+    with _lock:
+        if key not in _built:
+            while len(_built) >= KEPT:
+                _built.pop(next(iter(_built)))
+            with alone_on_this_machine():
+                _built[key] = recipe.build()
+        return _built[key]
+
+
+@contextlib.contextmanager
+def alone_on_this_machine() -> Iterator[None]:
+    """Let one worker of a machine compile while the others wait, to find it compiled."""
+    try:
+        import fcntl
+    except ImportError:
+        yield
+        return
+    with (cache_folder() / "workers.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
+
+
+def distributed_module() -> Any:
+    """The module ``distributed``.
+
+    Raises
+    ------
+    SpaceRobotError
+        If it is not installed.
+    """
+    try:
+        return importlib.import_module("distributed")
+    except ImportError:
+        message = "needs Dask: pip install 'dask[distributed]'"
+        raise SpaceRobotError(message, where="--dask") from None
+
+
+def _scheduler_file(name: str) -> str:
+    path = Path(name)
+    try:
+        json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        message = f"found {name!r}, allowed: local:N, tcp://HOST:PORT, or a scheduler file"
+        raise SpaceRobotError(message, where="--dask") from None
+    return str(path)

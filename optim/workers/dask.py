@@ -1,0 +1,138 @@
+"""Dask's workers for searches: values and derivatives elsewhere, the searches and their journals here.
+
+The process that asked keeps every search and is the only one that writes. So a worker that dies loses the
+rows it was given, which another one then does, and nothing else.
+"""
+
+from __future__ import annotations
+
+import functools
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from typing import Any
+
+import numpy as np
+
+from optim.protocol import Array
+from optim.workers.cluster import (
+    alone_on_this_machine,
+    connect,
+    distributed_module,
+    faults_of,
+    submit,
+    threads_of,
+)
+from optim.workers.protocol import LANES, Arrays, Ended, Operation, Portable, Workers
+from optim.workers.threads import Threads, joined
+from optim.workers.turns import Turns
+
+SHORTEST_S = 0.25  # that a piece shall take at least, to hide what sending it costs
+LONGEST_S = 4.0  # that it shall take at most, to lose little with a worker
+TICK_S = 0.2  # how often a search that waits looks whether it shall stop
+
+_warm: set[tuple[str, str]] = set()
+
+
+class DaskWorkers:
+    """Workers of a cluster; see :class:`optim.workers.Workers`.
+
+    Parameters
+    ----------
+    client
+        From :func:`optim.workers.cluster.connect`.
+    threads
+        Threads that this process itself may use; each usable core if None.
+    """
+
+    def __init__(self, client: Any, threads: int | None = None) -> None:
+        self.threads = threads
+        self._client, self._turns = client, Turns()
+        self._row_s: dict[tuple[str, str], float] = {}
+
+    def map(self, problem: Portable, operation: Operation, rows: Array, *, grain: int = LANES) -> Arrays:
+        """Pieces sized to seconds, learnt from earlier ones; see :class:`optim.workers.Workers`.
+
+        Raises
+        ------
+        SpaceRobotError
+            If a piece ended one worker after the other.
+        """
+        recipe = problem.recipe
+        learnt = (recipe.key, _name(operation))
+        count = self._pieces(len(rows), grain, self._row_s.get(learnt))
+        futures = [
+            submit(self._client, run_piece, recipe, operation, part) for part in np.array_split(rows, count)
+        ]
+        with self._turns.away():
+            found = self._gather(futures)
+        self._row_s[learnt] = sum(seconds for _, seconds in found) / len(rows)
+        return joined([arrays for arrays, _ in found])
+
+    def together(self, searches: Sequence[Callable[[], Ended]]) -> list[Ended]:
+        """Side by side: one computes here while the others wait for workers."""
+        return self._turns.together(searches)
+
+    def _pieces(self, count: int, grain: int, row_s: float | None) -> int:
+        """How many pieces: one for each thread, fewer if they were too short, more if they were too long."""
+        threads, most = threads_of(self._client), max(1, count // grain)
+        if row_s is None:
+            return min(threads, most)
+        longest = int(np.ceil(count * row_s / LONGEST_S))
+        return min(max(1, min(threads, int(count * row_s / SHORTEST_S)), longest), most)
+
+    def _gather(self, futures: Sequence[Any]) -> list[tuple[Arrays, float]]:
+        """Results of futures, in order; what nobody waits for any more is called off."""
+        try:
+            while not self._turns.stopped:
+                with suppress(TimeoutError), faults_of("an evaluation"):
+                    distributed_module().wait(futures, timeout=TICK_S)
+                    return [future.result() for future in futures]
+            raise KeyboardInterrupt
+        except BaseException:
+            with suppress(Exception):
+                self._client.cancel(futures)
+            raise
+
+
+def run_piece(problem: Any, operation: Operation, rows: Array) -> tuple[Arrays, float]:
+    """Work of one piece, on a worker: what the operation says, and how long it took in s.
+
+    The first time in this process a single row goes before, alone on this machine: it compiles.
+    """
+    known = (problem.recipe.key, _name(operation))
+    if known not in _warm:
+        with alone_on_this_machine():
+            operation(problem, rows[:1])
+        _warm.add(known)
+    since = time.perf_counter()
+    found = operation(problem, rows)
+    return found, time.perf_counter() - since
+
+
+@contextmanager
+def open_workers(threads: int | None = None, dask: str | None = None) -> Iterator[Workers]:
+    """Threads of this process, or the workers of a cluster while the context lasts.
+
+    Parameters
+    ----------
+    threads
+        Threads that this process itself may use; each usable core if None.
+    dask
+        Address of a cluster as for :func:`optim.workers.cluster.connect`; none if None.
+
+    Raises
+    ------
+    SpaceRobotError
+        If the cluster cannot be reached.
+    """
+    if dask is None:
+        yield Threads(threads)
+        return
+    with connect(dask) as client:
+        yield DaskWorkers(client, threads)
+
+
+def _name(operation: Operation) -> str:
+    inner = operation.func if isinstance(operation, functools.partial) else operation
+    return str(getattr(inner, "__qualname__", inner))

@@ -1,0 +1,80 @@
+"""What a search asks of those who roll out for it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Protocol, TypeVar
+
+from optim.protocol import Array
+
+LANES = 8  # rollouts that the widest vectors do at once: fewer rows are not worth a piece of their own
+
+Arrays = Mapping[str, Array]
+Operation = Callable[[Any, Array], Arrays]
+"""Function of (problem, rows (N, n)) that gives arrays whose first axis is N, each row for itself.
+
+It works on one thread. Others may get it, and the rows, by another process: a function of a module, or a
+``functools.partial`` of one.
+"""
+Ended = TypeVar("Ended", bound="Search")
+
+
+class Search(Protocol):
+    """How a search ended, as far as workers must know."""
+
+    @property
+    def status(self) -> str:
+        """``interrupted`` if it was stopped."""
+
+
+class Recipe(Protocol):
+    """All it takes to build something in another process, as plain data."""
+
+    @property
+    def key(self) -> str:
+        """Hash of it."""
+
+    def build(self) -> Any:
+        """What it describes."""
+
+
+class Portable(Protocol):
+    """What can be built again in another process."""
+
+    @property
+    def recipe(self) -> Recipe:
+        """What builds it."""
+
+
+class Workers(Protocol):
+    """Threads of this process, or processes of this and other machines."""
+
+    @property
+    def threads(self) -> int | None:
+        """Threads that this process itself may use; each usable core if None."""
+
+    def map(self, problem: Portable, operation: Operation, rows: Array, *, grain: int = LANES) -> Arrays:
+        """What an operation says of some rows, shared between workers in pieces.
+
+        Parameters
+        ----------
+        problem
+            What is rolled out.
+        operation
+            What is asked.
+        rows
+            Of what, (N, n).
+        grain
+            Rows that are done together, so that no piece is shorter.
+
+        Raises
+        ------
+        KeyboardInterrupt
+            If it was interrupted.
+        """
+
+    def together(self, searches: Sequence[Callable[[], Ended]]) -> list[Ended]:
+        """Do searches, each a function without arguments, and give how they ended, in order.
+
+        After Ctrl-C those that had begun end as interrupted, and the others are left out.
+        """

@@ -1,0 +1,49 @@
+"""Threads of this process."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+
+from optim.protocol import Array
+from optim.workers.protocol import LANES, Arrays, Ended, Operation, Portable
+from spacerobot.rollout.batch import usable_cores
+
+
+@dataclass(frozen=True)
+class Threads:
+    """Threads of this process.
+
+    Attributes
+    ----------
+    threads
+        How many; one for each usable core if None.
+    """
+
+    threads: int | None = None
+
+    def map(self, problem: Portable, operation: Operation, rows: Array, *, grain: int = LANES) -> Arrays:
+        """Even shares of the rows, one for each thread; see :class:`optim.workers.Workers`."""
+        count = max(1, min(self.threads or usable_cores(), len(rows) // grain))
+        if count == 1:
+            return operation(problem, rows)
+        with ThreadPoolExecutor(count) as pool:
+            found = list(pool.map(lambda share: operation(problem, share), np.array_split(rows, count)))
+        return joined(found)
+
+    def together(self, searches: Sequence[Callable[[], Ended]]) -> list[Ended]:
+        """One after the other, since each of them uses all threads."""
+        ended: list[Ended] = []
+        for search in searches:
+            ended.append(search())
+            if ended[-1].status == "interrupted":
+                break
+        return ended
+
+
+def joined(parts: Sequence[Arrays]) -> Arrays:
+    """Arrays of pieces, one after the other."""
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}

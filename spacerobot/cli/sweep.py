@@ -1,0 +1,73 @@
+"""``spacerobot sweep``: how much the GA's own settings matter."""
+
+from __future__ import annotations
+
+import json
+
+import typer
+
+from spacerobot.cli.options import Changes, Machines, Out, ScenarioName, Threads, parse_changes
+from spacerobot.cli.output import console, table
+from spacerobot.cli.tuning_options import Budget, Reading, Runs, Seed, Variables, chosen_variables, shown
+
+HELP = """Sensitivity of the GA to its settings: crossover and mutation probability, population size.
+
+Example:
+
+    spacerobot sweep paper --reading base --variables five --budget 1000 --runs 3
+"""
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command("sweep", help=HELP)(command)
+
+
+def command(
+    scenario: ScenarioName,
+    out: Out = None,
+    changes: Changes = None,
+    reading: Reading = None,
+    variables: Variables = None,
+    budget: Budget = 1000,
+    runs: Runs = 3,
+    seed: Seed = 0,
+    threads: Threads = None,
+    dask: Machines = None,
+) -> None:
+    """Run the GA with one setting changed at a time."""
+    from optim import Protocol, build_problem
+    from optim.report import statistics
+    from optim.scenes import tuning_of
+    from optim.sweep import sweep
+    from optim.workers.dask import open_workers
+    from spacerobot.files import write_text
+    from spacerobot.scene import load_scene
+
+    scene = load_scene(scenario, parse_changes(changes))
+    tuning = tuning_of(scene)
+    chosen = chosen_variables(variables, tuning)
+    rows, data = [], []
+    with shown() as (tell, report), open_workers(threads, dask) as workers:
+        tell("building and compiling")
+        problem = build_problem(scene, chosen=chosen, reading=reading, workers=workers)
+        protocol = Protocol(population=tuning.population, budget=budget or 1000)
+        folder = out / "journals" if out is not None else None
+        trials = sweep(
+            problem,
+            protocol=protocol,
+            runs=runs or 3,
+            seed=seed or 0,
+            workers=workers,
+            folder=folder,
+            progress=report,
+        )
+        for trial in trials:
+            found = statistics(trial.objectives)
+            data.append({"setting": trial.setting, "value": trial.value, **found})
+            numbers = [f"{found[key]:.6g}" for key in ("best", "median", "worst")]
+            rows.append([trial.setting, f"{trial.value:g}", *numbers])
+    title = f"GA, {budget} rollouts a run, {runs} runs each; the rest as in the paper"
+    console().print(table(title, ("setting", "value", "best", "median", "worst"), rows))
+    if out is not None:
+        write_text(out / "sweep.json", json.dumps(data, indent=1) + "\n")

@@ -1,0 +1,243 @@
+"""Searches on threads, taking turns, and on Dask: the same bits whoever works and whoever dies."""
+
+import os
+import signal
+import threading
+import time
+from functools import partial
+
+import numpy as np
+import pytest
+
+from optim.evolutionary import Protocol, evolve
+from optim.nlp import NlpSettings, solve
+from optim.problem import build_problem
+from optim.search import Search
+from optim.tune import tune
+from optim.workers import Threads
+from optim.workers.turns import Turns
+from spacerobot.errors import SpaceRobotError
+from tests.oracles.known_optima import constrained, quadratic, rosenbrock
+
+distributed = pytest.importorskip("distributed")
+
+
+class Waiting:
+    """A problem that waits for its values as if others worked them out."""
+
+    def __init__(self, problem, turns, seconds=0.0):
+        self._problem, self._turns, self._seconds = problem, turns, seconds
+
+    def __getattr__(self, name):
+        return getattr(self._problem, name)
+
+    def evaluate(self, u):
+        with self._turns.away():
+            time.sleep(self._seconds)
+        return self._problem.evaluate(u)
+
+    def linearise(self, u):
+        with self._turns.away():
+            time.sleep(self._seconds)
+        return self._problem.linearise(u)
+
+
+def searches(make):
+    """CMA-ES draws from NumPy's global state; IPOPT runs nested in its own callbacks."""
+    found = [
+        partial(evolve, Search(make(quadratic()), "cmaes", seed=s), Protocol(budget=400)) for s in (1, 2)
+    ]
+    found.append(partial(evolve, Search(make(constrained()), "ga", seed=3), Protocol(20, 400)))
+    for start in ([0.2, 0.75], [0.9, 0.1]):
+        search = Search(make(rosenbrock("squares")), "nlp")
+        found.append(partial(solve, search, np.array(start), NlpSettings()))
+    return found
+
+
+def test_searches_that_take_turns_end_as_they_do_alone():
+    turns = Turns()
+    alone = [search() for search in searches(lambda problem: problem)]
+    together = turns.together(searches(lambda problem: Waiting(problem, turns)))
+    for one, other in zip(alone, together, strict=True):
+        assert np.array_equal(one.u, other.u)
+        assert one.objective == other.objective
+        assert one.cost == other.cost
+        assert (one.status, one.message) == (other.status, other.message)
+
+
+def test_only_one_search_computes_at_a_time_while_all_wait_side_by_side():
+    turns, inside, most, begun = Turns(), [0], [0], threading.Barrier(4)
+
+    class Ended:
+        status = "done"
+
+    def search():
+        for _ in range(20):
+            inside[0] += 1
+            most[0] = max(most[0], inside[0])
+            time.sleep(0.0005)
+            inside[0] -= 1
+            with turns.away():
+                begun.wait(timeout=10)
+        return Ended()
+
+    assert len(turns.together([search] * 4)) == 4
+    assert most[0] == 1
+
+
+def test_a_fault_of_one_search_stops_the_others_and_is_raised():
+    turns = Turns()
+
+    def fault():
+        with turns.away():
+            time.sleep(0.05)
+        raise SpaceRobotError("no")
+
+    slow = Waiting(quadratic(), turns, 0.01)
+    endless = partial(evolve, Search(slow, "ga"), Protocol(20, 10**9))
+    since = time.perf_counter()
+    with pytest.raises(SpaceRobotError, match="no"):
+        turns.together([endless, fault])
+    assert time.perf_counter() - since < 30
+
+
+def test_ctrl_c_ends_every_search_with_what_it_has():
+    turns = Turns()
+    problem = Waiting(quadratic(), turns, 0.001)
+
+    def tell(_report):
+        if min(search.cost.rollouts for search in both) > 100:
+            signal.raise_signal(signal.SIGINT)
+
+    both = [Search(problem, "ga", seed=s, progress=tell) for s in (0, 1)]
+    ended = turns.together([partial(evolve, search, Protocol(20, 10**9)) for search in both])
+    assert [run.status for run in ended] == ["interrupted"] * 2
+    assert all(np.isfinite(run.objective) for run in ended)
+
+
+def test_ctrl_c_before_anything_has_ended_is_an_interruption():
+    def interrupted():
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        Turns().together([interrupted])
+
+
+LOCAL = {"threads_per_worker": 1, "dashboard_address": "127.0.0.1:0", "host": "127.0.0.1"}
+
+
+@pytest.fixture(scope="module")
+def cluster():
+    with distributed.LocalCluster(n_workers=2, **LOCAL) as made:
+        yield made
+
+
+@pytest.fixture
+def dask(cluster):
+    from optim.workers.dask import open_workers
+
+    with open_workers(dask=cluster.scheduler_address) as workers:
+        yield workers
+
+
+@pytest.fixture
+def killed(cluster):
+    """Kill -9 one of the workers, once, when asked to; and say who it was."""
+    victims = []
+
+    def kill(_report):
+        if not victims:
+            with distributed.Client(cluster) as client:
+                victims.append(next(iter(client.run(os.getpid).values())))
+            os.kill(victims[0], signal.SIGKILL)
+
+    kill.victims = victims
+    return kill
+
+
+def same(one, other):
+    assert one.gains == other.gains
+    assert one.objective == other.objective
+    for a, b in zip(one.outcome.runs, other.outcome.runs, strict=True):
+        assert np.array_equal(a.u, b.u)
+        assert (a.method, a.index, a.cost, a.status, a.message) == (
+            b.method,
+            b.index,
+            b.cost,
+            b.status,
+            b.message,
+        )
+        assert [m.objective for m in a.history] == [m.objective for m in b.history]
+
+
+@pytest.mark.parametrize("method", ["ga", "cmaes", "nlp", "nlp_ga"])
+def test_tuning_on_dask_changes_no_bit(small, dask, method):
+    same(
+        tune(small(), method, variables=["kp", "ta"], workers=dask),
+        tune(small(), method, variables=["kp", "ta"]),
+    )
+
+
+@pytest.mark.parametrize("method", ["ga", "nlp"])
+def test_a_killed_worker_changes_no_bit_and_the_journals_are_whole(small, dask, killed, tmp_path, method):
+    found = tune(small(), method, folder=tmp_path, workers=dask, progress=killed)
+    assert killed.victims
+    same(found, tune(small(), method))
+    same(found, tune(small(), method, folder=tmp_path, workers=Nobody()))
+
+
+class Nobody(Threads):
+    """Rolls out nothing: everything must be in the journals."""
+
+    def map(self, problem, operation, rows, *, grain=8):
+        raise AssertionError("asked for a rollout")
+
+
+def test_constraints_and_peaks_travel(small, dask):
+    changes = {"tuning.objective": {"kind": "minimax"}, "tuning.constraints": {"max_grip_force": 6.0}}
+    scene = small(**changes)
+    here, there = (build_problem(scene, workers=workers) for workers in (Threads(1), dask))
+    u = np.random.default_rng(0).random((11, len(here.names)))
+    one, other = here.evaluate(u), there.evaluate(u)
+    assert np.array_equal(one.objective, other.objective)
+    assert np.array_equal(one.constraints, other.constraints)
+    a, b = here.linearise(u[0]).as_arrays(), there.linearise(u[0]).as_arrays()
+    assert all(np.array_equal(a[name], b[name]) for name in a)
+
+
+def test_a_users_own_objective_goes_along(small, dask):
+    import casadi as ca
+
+    from optim import integral
+
+    def own(signals):
+        return integral(ca.sumsqr(signals["tip_error"]) + 1e-6 * ca.sumsqr(signals["joint_torque"]))
+
+    one, other = (
+        tune(small(), "nlp", variables=["kp"], objective=own, workers=workers) for workers in (None, dask)
+    )
+    same(one, other)
+
+
+def test_a_lost_scheduler_is_one_line(small, monkeypatch):
+    from optim.workers import cluster
+    from optim.workers.dask import open_workers
+
+    monkeypatch.setattr(cluster, "CONNECT_S", 2)
+    with (
+        distributed.LocalCluster(n_workers=1, **LOCAL) as made,
+        open_workers(dask=made.scheduler_address) as workers,
+    ):
+        problem = build_problem(small(), workers=workers)
+        problem.evaluate(problem.start[None])
+        made.close()
+        with pytest.raises(SpaceRobotError, match="lost the cluster"):
+            problem.evaluate(problem.start[None])
+
+
+def test_a_worker_of_another_version_is_told_apart(small, monkeypatch):
+    from optim.workers import cluster
+
+    problem = build_problem(small())
+    with pytest.raises(SpaceRobotError, match="a worker has spacerobot"):
+        cluster._work("0.0.0", len, problem.recipe)
