@@ -1,15 +1,18 @@
 """Accelerations of the closed loop: ideal derivatives and rigid grasps solved exactly, together.
 
 The unknowns are the channel outputs u that depend on the acceleration (ideal derivative) and the wrenches
-w of the rigid grasps. The acceleration is linear in both,
+w of the rigid grasps on their tips. The acceleration is linear in both,
 
-    v' = a_0 + A_u u + A_w w,
+    v' = a_0 + M^-1 (J_u^T u + G^T w),
 
-every column of A being the response to a unit load on one articulated-body factorisation. With
-``u = command - K_d (C v' + ...)`` and ``G v' + drift = 0`` a small system remains,
+J_u being the manipulator Jacobians and G v' + drift = 0 the constraints. With ``u = command - K_d (C v' +
+...)`` a small system remains,
 
-    [1 + K_d C A_u      K_d C A_w] [u]   [command - K_d C a_0]
-    [G A_u              G A_w    ] [w] = [-drift - G a_0     ].
+    [1 + K_d C M^-1 J_u^T      K_d C M^-1 G^T] [u]   [command - K_d C a_0]
+    [G M^-1 J_u^T                  G M^-1 G^T] [w] = [-drift - G a_0     ].
+
+All loads are reduced first (:mod:`spacerobot.dynamics.articulated`), which makes each entry a product of
+few numbers, those of the joints that both loads pass through.
 
 Where torques are limited, u is the controller's command as if they were not; the clipped torques then act,
 and the wrenches are solved for once more.
@@ -28,7 +31,6 @@ from spacerobot.closedloop.joint_control import JointControl
 from spacerobot.closedloop.parameters import Constants, Parameters
 from spacerobot.closedloop.plant import Plant
 from spacerobot.closedloop.tip_control import Channel
-from spacerobot.dynamics import Wrench
 from spacerobot.scenario import Robot
 
 
@@ -64,57 +66,28 @@ def solve_accelerations(
     """Accelerations, actuator torques and constraint wrenches."""
     wrenches = [w for c in couplings for w in opposite(c.relative, c.force, c.torque)]
     ideal = [channel for channel in channels if channel.derivative_gain is not None]
-    columns = {channel.name: _unit_responses(plant, channel) for channel in _needed(channels, joint_controls)}
-    known = ca.SX(plant.v.size1(), 1)
+    torque = ca.SX(plant.v.size1(), 1)
     for channel in channels:
         if channel.derivative_gain is None:
-            known = known + ca.mtimes(channel.actuation, channel.command)
+            torque = torque + ca.mtimes(channel.actuation, channel.command)
     for control in joint_controls:
-        known = known + _projected(plant, control, channels, columns)
-    loads = _constraint_responses(plant, constraints)
-    free = plant.acceleration(known, wrenches)
-    outputs, reactions = _solve(free, ideal, constraints, [columns[c.name] for c in ideal], loads)
-
-    torque, acceleration = known, free
+        torque = torque + _projected(plant, control, channels)
+    driven = plant.reduced_moving(torque, wrenches)
+    outputs, reactions = _solve(plant, driven, ideal, constraints)
     for channel, output in zip(ideal, outputs, strict=True):
         torque = torque + ca.mtimes(channel.actuation, output)
-        acceleration = acceleration + ca.mtimes(columns[channel.name], output)
+        driven = driven + ca.mtimes(channel.drive, output)
     clipped = _clip(plant, torque, parameters, constants)
     if clipped is not None:
-        torque, acceleration = clipped, plant.acceleration(clipped, wrenches)
-        _, reactions = _solve(acceleration, [], constraints, [], loads)
-    for load, reaction in zip(loads, reactions, strict=True):
-        acceleration = acceleration + ca.mtimes(load, reaction)
-    return Solution(acceleration, torque, _as_wrenches(constraints, reactions))
+        torque, driven = clipped, plant.reduced_moving(clipped, wrenches)
+        _, reactions = _solve(plant, driven, [], constraints)
+    for constraint, reaction in zip(constraints, reactions, strict=True):
+        driven = driven + ca.mtimes(constraint.sense, reaction)
+    acceleration = plant.articulated.motion(driven)
+    return Solution(acceleration, torque, _on_targets(constraints, reactions))
 
 
-def _needed(channels: Sequence[Channel], joint_controls: Sequence[JointControl]) -> list[Channel]:
-    """Channels whose unit responses are used: ideal derivatives, and those a null space is taken of."""
-    projected = {control.body.name for control in joint_controls if control.null_space}
-    return [c for c in channels if c.derivative_gain is not None or c.tip.body.name in projected]
-
-
-def _unit_responses(plant: Plant, channel: Channel) -> ca.SX:
-    """Acceleration for each unit output of a channel (nv x n)."""
-    units = [plant.response(channel.actuation[:, k]) for k in range(channel.size)]
-    return ca.horzcat(*units)
-
-
-def _constraint_responses(plant: Plant, constraints: Sequence[Constraint]) -> list[ca.SX]:
-    """Acceleration for each unit constraint wrench (nv x n)."""
-    responses = []
-    for constraint in constraints:
-        columns = []
-        for force, torque in constraint.directions:
-            pair: Sequence[Wrench] = opposite(constraint.relative, force, torque)
-            columns.append(plant.response(wrenches=pair))
-        responses.append(ca.horzcat(*columns))
-    return responses
-
-
-def _projected(
-    plant: Plant, control: JointControl, channels: Sequence[Channel], columns: dict[str, ca.SX]
-) -> ca.SX:
+def _projected(plant: Plant, control: JointControl, channels: Sequence[Channel]) -> ca.SX:
     """Torque of a joint PD; in the null space, without the part that accelerates the robot's tips.
 
     Subtracted is ``J^T F`` with the tip force F that cancels the acceleration the tips' feedback would see.
@@ -122,37 +95,36 @@ def _projected(
     own = [channel for channel in channels if channel.tip.body.name == control.body.name]
     if not control.null_space or not own:
         return control.torque
-    feedback = ca.vertcat(*(channel.feedback for channel in own))
+    sense = ca.horzcat(*(channel.sense for channel in own))
     actuation = ca.horzcat(*(channel.actuation for channel in own))
-    responses = ca.horzcat(*(columns[channel.name] for channel in own))
-    seen = ca.mtimes(feedback, plant.response(control.torque))
-    force = eliminate(ca.mtimes(feedback, responses), seen)
+    drive = ca.horzcat(*(channel.drive for channel in own))
+    mobility = plant.articulated.negated_mobility
+    force = eliminate(mobility(sense, drive), mobility(sense, plant.reduced(control.torque)))
     return control.torque - ca.mtimes(actuation, force)
 
 
 def _solve(
-    free: ca.SX,
-    ideal: Sequence[Channel],
-    constraints: Sequence[Constraint],
-    columns: Sequence[ca.SX],
-    loads: Sequence[ca.SX],
+    plant: Plant, driven: ca.SX, ideal: Sequence[Channel], constraints: Sequence[Constraint]
 ) -> tuple[list[ca.SX], list[ca.SX]]:
-    """Outputs of ideal channels and constraint wrenches, one vector each."""
-    rows, right = [], []
-    responses = [*columns, *loads]
-    if not responses:
+    """Outputs of ideal channels and constraint wrenches on the tips, one vector each.
+
+    ``driven`` are all other loads, reduced (nv x 1).
+    """
+    if not ideal and not constraints:
         return [], []
-    for i, channel in enumerate(ideal):
+    unknown = ca.horzcat(*(channel.drive for channel in ideal), *(c.sense for c in constraints))
+    rows, right, mobility = [], [], plant.articulated.negated_mobility
+    for channel in ideal:
         gain = ca.SX(channel.size, 1) if channel.derivative_gain is None else channel.derivative_gain
-        weighted = ca.mtimes(ca.diag(gain), channel.feedback)
-        blocks = [ca.mtimes(weighted, response) for response in responses]
-        blocks[i] = blocks[i] + ca.SX.eye(channel.size)
-        rows.append(ca.horzcat(*blocks))
-        right.append(channel.command - ca.mtimes(weighted, free))
+        rows.append(-ca.mtimes(ca.diag(gain), mobility(channel.sense, unknown)))
+        right.append(channel.command + gain * mobility(channel.sense, driven))
     for constraint in constraints:
-        rows.append(ca.horzcat(*(ca.mtimes(constraint.jacobian, response) for response in responses)))
-        right.append(-constraint.drift - ca.mtimes(constraint.jacobian, free))
-    solution = eliminate(ca.vertcat(*rows), ca.vertcat(*right))
+        rows.append(mobility(constraint.sense, unknown))
+        right.append(constraint.drift - mobility(constraint.sense, driven))
+    matrix = ca.vertcat(*rows)
+    own = sum(channel.size for channel in ideal)
+    matrix[:own, :own] += ca.SX.eye(own)
+    solution = eliminate(matrix, ca.vertcat(*right))
     sizes = [channel.size for channel in ideal] + [constraint.size for constraint in constraints]
     starts = [sum(sizes[:i]) for i in range(len(sizes) + 1)]
     parts = [solution[a:b] for a, b in itertools.pairwise(starts)]
@@ -201,13 +173,14 @@ def _clip(plant: Plant, torque: ca.SX, parameters: Parameters, constants: Consta
     return clipped
 
 
-def _as_wrenches(
+def _on_targets(
     constraints: Sequence[Constraint], reactions: Sequence[ca.SX]
 ) -> tuple[tuple[ca.SX, ca.SX], ...]:
+    """Force and torque on the target, opposite to the wrench on the tip, of each constraint."""
     wrenches = []
     for constraint, reaction in zip(constraints, reactions, strict=True):
         force, torque = ca.SX(3, 1), ca.SX(3, 1)
         for k, (along, about) in enumerate(constraint.directions):
-            force, torque = force + along * reaction[k], torque + about * reaction[k]
+            force, torque = force - along * reaction[k], torque - about * reaction[k]
         wrenches.append((force, torque))
     return tuple(wrenches)

@@ -15,8 +15,8 @@ import casadi as ca
 from spacerobot.closedloop.parameters import Constants, Parameters
 from spacerobot.closedloop.plant import Plant
 from spacerobot.closedloop.start import Start
-from spacerobot.closedloop.tip_control import orientation_error
-from spacerobot.dynamics import Wrench, point_jacobian
+from spacerobot.closedloop.tip_control import orientation_error, unit_load
+from spacerobot.dynamics import Wrench
 from spacerobot.dynamics.algebra import cross
 from spacerobot.scenario import Compliant, Weld
 from spacerobot.scene import SceneGrasp
@@ -69,20 +69,21 @@ class Coupling:
 
 @dataclass(frozen=True)
 class Constraint:
-    """A rigid grasp: ``jacobian v' + drift = 0`` and the wrench directions that enforce it.
+    """A rigid grasp: the tip's acceleration relative to the target, and the wrenches that make it vanish.
 
     Attributes
     ----------
-    jacobian
-        Rows of exact rank: two or three, and one or three more for a weld (n x nv).
+    directions
+        Unit force and torque on the tip, opposite on the target at the same point (pairs of 3x1), of exact
+        rank: two or three, and one or three more for a weld.
+    sense
+        The same loads, reduced, along which v' is the relative acceleration, drift left out (nv x n).
     drift
         Remaining acceleration and stabilisation (n x 1).
-    directions
-        Unit force and torque on the target for each row (pairs of 3x1).
     """
 
     relative: Relative
-    jacobian: ca.SX
+    sense: ca.SX
     drift: ca.SX
     directions: tuple[tuple[ca.SX, ca.SX], ...]
 
@@ -154,8 +155,6 @@ def build_constraint(
     grasp = relative.grasp
     path = f"{grasp.path}.stabilisation"
     rate = constants.hoist(path, parameters(path))
-    # the target's material point at the tip, so that the wrenches are exactly opposite
-    jacobian = plant.jacobian(grasp.tip.frame) - point_jacobian(plant.kinematics, grasp.joint, relative.point)
     tip_drift, mate_drift = plant.drift(grasp.tip.frame), plant.drift(grasp.frame)
     tip_velocity, mate = plant.velocity(grasp.tip.frame)[0], plant.velocity(grasp.frame)
     linear = (
@@ -166,15 +165,14 @@ def build_constraint(
     )
     linear = linear + 2 * rate * relative.velocity + rate**2 * relative.gap
     along = list(plant.scene.translation_axes)
-    rows, drift = [jacobian[along, :]], [linear[along]]
-    directions = [(_unit(axis), ca.SX(3, 1)) for axis in along]
+    drift, directions = [linear[along]], [unit_load(axis, rotation=False) for axis in along]
     if isinstance(grasp.config, Weld):
         about = list(plant.scene.rotation_axes)
         angular = tip_drift[1] - mate_drift[1] + 2 * rate * relative.spin + rate**2 * relative.twist
-        rows.append(jacobian[[axis + 3 for axis in about], :])
         drift.append(angular[about])
-        directions += [(ca.SX(3, 1), _unit(axis)) for axis in about]
-    return Constraint(relative, ca.vertcat(*rows), ca.vertcat(*drift), tuple(directions))
+        directions += [unit_load(axis, rotation=True) for axis in about]
+    loads = [plant.reduced(wrenches=opposite(relative, -force, -torque)) for force, torque in directions]
+    return Constraint(relative, ca.horzcat(*loads), ca.vertcat(*drift), tuple(directions))
 
 
 def _only(vector: ca.SX, axes: list[int]) -> ca.SX:
@@ -183,9 +181,3 @@ def _only(vector: ca.SX, axes: list[int]) -> ca.SX:
     for axis in axes:
         kept[axis] = vector[axis]
     return kept
-
-
-def _unit(axis: int) -> ca.SX:
-    unit = ca.SX(3, 1)
-    unit[axis] = 1
-    return unit

@@ -69,13 +69,13 @@ class Plant:
         """Linear and angular acceleration of a frame at zero joint acceleration (3x1 each)."""
         return frame_drift(self.model, self.kinematics, frame)
 
-    def acceleration(self, torque: ca.SX, wrenches: Sequence[Wrench] = ()) -> ca.SX:
-        """Forward dynamics (nv x 1) under generalized forces, wrenches and joint resistance."""
-        return self.articulated.acceleration(torque - self.damping * self.v, wrenches=wrenches)
+    def reduced(self, torque: ca.SX | None = None, wrenches: Sequence[Wrench] = ()) -> ca.SX:
+        """Generalized forces and wrenches, reduced (nv x 1); see :mod:`spacerobot.dynamics.articulated`."""
+        return self.articulated.reduced(torque, wrenches)
 
-    def response(self, torque: ca.SX | None = None, wrenches: Sequence[Wrench] = ()) -> ca.SX:
-        """Change of acceleration (nv x 1) that generalized forces and wrenches make."""
-        return self.articulated.response(torque, wrenches=wrenches)
+    def reduced_moving(self, torque: ca.SX, wrenches: Sequence[Wrench] = ()) -> ca.SX:
+        """The same together with joint resistance, gravity and inertia forces (nv x 1)."""
+        return self.articulated.reduced(torque - self.damping * self.v, wrenches, moving=True)
 
     def arm_columns(self, body: SceneBody) -> list[int]:
         """Places in v of a body's joints, its floating base left out."""

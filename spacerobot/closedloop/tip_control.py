@@ -22,7 +22,7 @@ from spacerobot.closedloop.parameters import Constants, Parameters
 from spacerobot.closedloop.plant import Plant
 from spacerobot.closedloop.references import Motion
 from spacerobot.closedloop.states import State
-from spacerobot.dynamics import configuration_derivative
+from spacerobot.dynamics import Wrench, configuration_derivative
 from spacerobot.dynamics.algebra import cross
 from spacerobot.dynamics.rotations import rotation_log
 from spacerobot.scenario import Amnesia, Pid, Robot
@@ -39,8 +39,10 @@ class Channel:
         What it controls; the name is unique in the scene.
     actuation
         Transposed rows of the manipulator Jacobian: u to generalized forces (nv x n).
-    feedback
-        Rows that turn v' into the rate of the fed-back velocity, drift left out (n x nv).
+    drive
+        ``actuation``, reduced (nv x n).
+    sense
+        Loads along which v' is the rate of the fed-back velocity, drift left out, reduced (nv x n).
     command
         u without the part that depends on v' (n x 1).
     derivative_gain
@@ -52,7 +54,8 @@ class Channel:
     tip: SceneTip
     name: str
     actuation: ca.SX
-    feedback: ca.SX
+    drive: ca.SX
+    sense: ca.SX
     command: ca.SX
     derivative_gain: ca.SX | None
     states: tuple[State, ...] = field(default=())
@@ -68,7 +71,8 @@ class _Signals:
     """What a channel's law works with, each reduced to the controlled axes."""
 
     jacobian: ca.SX  # manipulator Jacobian, n x nv
-    feedback: ca.SX  # n x nv
+    drive: ca.SX  # reduced, nv x n
+    sense: ca.SX  # reduced, nv x n
     velocity: ca.SX
     drift: ca.SX
     error: ca.SX
@@ -133,7 +137,8 @@ def _build_channel(
         # begins at the error itself, so that the derivative does not kick; see build.py
         states.append(State(f"{label}.filter", filtered, error, (error - filtered) / lag))
         command, gain = command + kd * (error - filtered) / lag, None
-    return Channel(tip, label, signals.jacobian.T, signals.feedback, command, gain, tuple(states))
+    actuation = signals.jacobian.T
+    return Channel(tip, label, actuation, signals.drive, signals.sense, command, gain, tuple(states))
 
 
 def _amnesia(
@@ -163,15 +168,15 @@ def _signals(
 ) -> _Signals:
     """Fed-back signals of a channel, sensors included (S = a + b s)."""
     rows = [axis + 3 for axis in axes] if rotation else axes
-    full = plant.jacobian(tip.frame)[rows, :]
-    arm = _arm_part(plant, tip, full)
+    arm = _arm_part(plant, tip, plant.jacobian(tip.frame)[rows, :])
+    drive, felt = _reduced_loads(plant, tip, axes, rotation=rotation)
     calibrate = Calibrations(tip.body, parameters, constants)
     if pid.feedback == "base":
         rates = plant.arm_columns(tip.body)
         offset, scale = calibrate("joint_rate")
         velocity = ca.mtimes(arm, plant.v)
         drift = _relative_drift(plant, tip, rotation=rotation)[axes]
-        feedback = scale * arm
+        sense = scale * drive
         velocity, drift = scale * velocity, scale * drift
         if offset is not None:
             ones = ca.SX(plant.v.size1(), 1)
@@ -182,7 +187,7 @@ def _signals(
     else:
         offset, scale = calibrate("tip_angular_velocity" if rotation else "tip_velocity")
         velocity = scale * plant.velocity(tip.frame)[rotation][axes]
-        drift, feedback = scale * plant.drift(tip.frame)[rotation][axes], scale * full
+        drift, sense = scale * plant.drift(tip.frame)[rotation][axes], scale * felt
         if offset is not None:
             velocity = velocity + offset
     wanted = (
@@ -191,7 +196,7 @@ def _signals(
         else (motion.velocity, motion.acceleration)
     )
     error = _measured_error(plant, tip, motion, calibrate, axes, rotation=rotation)
-    return _Signals(arm, feedback, velocity, drift, error, wanted[0][axes], wanted[1][axes])
+    return _Signals(arm, drive, sense, velocity, drift, error, wanted[0][axes], wanted[1][axes])
 
 
 def _measured_error(
@@ -227,6 +232,28 @@ def _arm_part(plant: Plant, tip: SceneTip, jacobian: ca.SX) -> ca.SX:
     part = ca.SX(*jacobian.shape)
     part[:, columns] = jacobian[:, columns]
     return part
+
+
+def _reduced_loads(plant: Plant, tip: SceneTip, axes: list[int], *, rotation: bool) -> tuple[ca.SX, ca.SX]:
+    """Unit loads on a tip, reduced, as the arm's joints bring them about and as wrenches (nv x n each).
+
+    An arm that presses at its tip presses back on its own base: ``J^T u`` with the manipulator Jacobian is
+    the wrench u on the tip and -u, at the same point, on the base.
+    """
+    point, by_arm, by_wrench = plant.placement(tip.frame)[1], [], []
+    for axis in axes:
+        force, torque = unit_load(axis, rotation=rotation)
+        on_tip = Wrench(tip.joint, force, torque, point)
+        by_arm.append(plant.reduced(wrenches=[on_tip, Wrench(tip.body.root_joint, -force, -torque, point)]))
+        by_wrench.append(plant.reduced(wrenches=[on_tip]))
+    return ca.horzcat(*by_arm), ca.horzcat(*by_wrench)
+
+
+def unit_load(axis: int, *, rotation: bool) -> tuple[ca.SX, ca.SX]:
+    """Unit force along a world axis and no couple, or no force and a unit couple about it (3x1 each)."""
+    unit, none = ca.SX(3, 1), ca.SX(3, 1)
+    unit[axis] = 1
+    return (none, unit) if rotation else (unit, none)
 
 
 def _relative_drift(plant: Plant, tip: SceneTip, *, rotation: bool) -> ca.SX:

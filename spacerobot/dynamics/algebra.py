@@ -190,19 +190,31 @@ class SymmetricFactors:
         self._lower = lower
         self._inverse = inverse
 
+    @property
+    def negated_pivots(self) -> ca.SX:
+        """``-1 / D_ii``, nx1."""
+        return ca.diag(self._inverse)
+
     def solve(self, right: ca.SX) -> ca.SX:
         """``A^-1 B`` for any number of columns, nxm."""
         return -self.solve_negated(right)
 
     def solve_negated(self, right: ca.SX) -> ca.SX:
         """``-A^-1 B`` for any number of columns, nxm."""
-        size = self._lower.size1()
-        rows = [right[i, :] for i in range(size)]
-        for i in range(size):
+        return self.restored(ca.mtimes(self._inverse, self.reduced(right)))
+
+    def reduced(self, right: ca.SX) -> ca.SX:
+        """``L^-1 B``, nxm."""
+        rows = [right[i, :] for i in range(self._lower.size1())]
+        for i in range(len(rows)):
             for k in range(i):
                 rows[i] = rows[i] + self._lower[i, k] * rows[k]
-        rows = [self._inverse[i, i] * row for i, row in enumerate(rows)]
-        for i in reversed(range(size)):
-            for k in range(i + 1, size):
+        return ca.vertcat(*rows)
+
+    def restored(self, right: ca.SX) -> ca.SX:
+        """``L^-T B``, nxm."""
+        rows = [right[i, :] for i in range(self._lower.size1())]
+        for i in reversed(range(len(rows))):
+            for k in range(i + 1, len(rows)):
                 rows[i] = rows[i] + self._lower[k, i] * rows[k]
         return ca.vertcat(*rows)

@@ -1,8 +1,14 @@
 """Forward dynamics with articulated bodies (Featherstone 2008, Table 7.1).
 
 The work is split where a closed loop needs it split: :meth:`ArticulatedBody.factorise` depends on the
-posture alone, :meth:`ArticulatedBody.response` is one backward and one forward sweep on it, for any load.
-Velocity terms enter as loads: the inertia forces at zero joint acceleration, which kinematics knows.
+posture alone, and amounts to factors of the inverse inertia matrix (Rodriguez, Jain and Kreutz-Delgado 1991),
+
+    M^-1 = N^T D^-1 N,   D diagonal.
+
+A load is *reduced* to N tau by a backward sweep (:meth:`ArticulatedBody.reduced`). What one load does along
+another is then a product of nv numbers (:meth:`ArticulatedBody.negated_mobility`); only for the acceleration
+of everything a forward sweep follows (:meth:`ArticulatedBody.motion`). Velocity terms enter as loads: the
+inertia forces at zero joint acceleration, which kinematics knows.
 
 A spatial inertia maps (linear acceleration of the joint origin, angular acceleration) to (force, torque
 about the origin) as a symmetric 6x6 matrix ``[[M, G], [G^T, J]]``.
@@ -132,10 +138,10 @@ class ArticulatedBody:
                 spatial[joint.parent] = mirror(spatial[joint.parent] + shifted)
         return cls(model, kinematics, tuple(bodies), tuple(reversed(eliminations)))
 
-    def response(self, tau: ca.SX | None = None, wrenches: Iterable[Wrench] = ()) -> ca.SX:
-        """Acceleration that loads alone cause: ``M^-1 (tau + sum J^T f)``, nv.
-
-        Only joints that carry load cost anything in the backward sweep; velocity and gravity play no part.
+    def reduced(
+        self, tau: ca.SX | None = None, wrenches: Iterable[Wrench] = (), *, moving: bool = False
+    ) -> ca.SX:
+        """Loads reduced by a backward sweep: ``N (tau + sum J^T f)``, nv, structurally zero off their paths.
 
         Parameters
         ----------
@@ -143,23 +149,61 @@ class ArticulatedBody:
             Generalised force in velocity coordinates, nv; may be sparse.
         wrenches
             Applied forces and couples.
+        moving
+            Whether the model's gravity and the inertia forces at its velocity count among the loads.
         """
-        return self._sweep(tau, self._loads(wrenches))
+        loads = self._loads(wrenches)
+        if moving:
+            for joint in self.kinematics.joints:
+                loads[joint.index] = loads[joint.index] - self._inertia_force(joint.index)
+        return self._backward(ca.SX(self.model.nv, 1) if tau is None else tau, loads)
+
+    def motion(self, reduced: ca.SX) -> ca.SX:
+        """Acceleration that reduced loads cause: ``N^T D^-1 reduced``, v-dot in velocity coordinates, nv."""
+        accelerations = [ca.SX(6, 1)] * self.model.njoints
+        result: list[ca.SX] = []
+        for joint in self.kinematics.joints:
+            elimination = self.eliminations[joint.index - 1]
+            motion = self.kinematics.local[joint.index]
+            linear, angular = accelerations[joint.parent][:3], accelerations[joint.parent][3:]
+            linear = motion.inward(linear + cross(angular, motion.arm))
+            carried = ca.vertcat(linear, motion.inward(angular))
+            accelerations[joint.index], rate = _accelerate(elimination, carried, joint.rates(reduced))
+            result.append(ca.mtimes(elimination.turn.T, rate))
+        return ca.vertcat(*result)
+
+    def negated_mobility(self, rows: ca.SX, columns: ca.SX) -> ca.SX:
+        """``-B^T M^-1 A``, the motion along loads B (m of them) that loads A (n) cause, negated, mxn.
+
+        Parameters
+        ----------
+        rows, columns
+            B and A, :meth:`reduced`, nvxm and nvxn.
+        """
+        pivots = ca.vertcat(*(elimination.factors.negated_pivots for elimination in self.eliminations))
+        return ca.mtimes(rows.T, ca.mtimes(ca.diag(pivots), columns))
+
+    def response(self, tau: ca.SX | None = None, wrenches: Iterable[Wrench] = ()) -> ca.SX:
+        """Acceleration that loads alone cause: ``M^-1 (tau + sum J^T f)``, nv.
+
+        Only joints that carry load cost anything in the backward sweep; velocity and gravity play no part.
+
+        Parameters
+        ----------
+        tau, wrenches
+            As for :meth:`reduced`.
+        """
+        return self.motion(self.reduced(tau, wrenches))
 
     def acceleration(self, tau: ca.SX | None = None, wrenches: Iterable[Wrench] = ()) -> ca.SX:
         """Forward dynamics: v-dot in Pinocchio's velocity coordinates, nv.
 
         Parameters
         ----------
-        tau
-            Generalised force in velocity coordinates, nv; may be sparse.
-        wrenches
-            Applied forces and couples, beside the model's gravity.
+        tau, wrenches
+            As for :meth:`reduced`, beside the model's gravity.
         """
-        loads = self._loads(wrenches)
-        for joint in self.kinematics.joints:
-            loads[joint.index] = loads[joint.index] - self._inertia_force(joint.index)
-        return self._sweep(tau, loads)
+        return self.motion(self.reduced(tau, wrenches, moving=True))
 
     def _loads(self, wrenches: Iterable[Wrench]) -> list[ca.SX]:
         """Applied (force, torque about the joint origin) by joint, 6x1 each."""
@@ -182,31 +226,21 @@ class ArticulatedBody:
         turning = inertia_torque(rotational, motion.products, motion.gradient, motion.spin_bias)
         return ca.vertcat(force, cross(moment, felt) + turning)
 
-    def _sweep(self, tau: ca.SX | None, loads: list[ca.SX]) -> ca.SX:
-        kinematics = self.kinematics
-        efforts = ca.SX(self.model.nv, 1) if tau is None else tau
-        drive = [ca.SX(0, 1)] * self.model.njoints
-        for joint in reversed(kinematics.joints):
+    def _backward(self, efforts: ca.SX, loads: list[ca.SX]) -> ca.SX:
+        """Carry loads from the leaves to the roots; what drives each joint, reduced, nv."""
+        reduced: list[ca.SX] = []
+        for joint in reversed(self.kinematics.joints):
             index, elimination = joint.index, self.eliminations[joint.index - 1]
             effort = ca.mtimes(elimination.turn, joint.rates(efforts))
-            drive[index] = effort + ca.mtimes(elimination.axes.T, loads[index])
+            drive = effort + ca.mtimes(elimination.axes.T, loads[index])
+            reduced.append(elimination.factors.reduced(drive))
             if joint.parent:
-                passed = _transmitted(elimination, loads[index], drive[index], effort)
-                motion = kinematics.local[index]
+                passed = _transmitted(elimination, loads[index], drive, effort)
+                motion = self.kinematics.local[index]
                 force = motion.outward(passed[:3])
                 torque = motion.outward(passed[3:]) + cross(motion.arm, force)
                 loads[joint.parent] = loads[joint.parent] + ca.vertcat(force, torque)
-        accelerations = [ca.SX(6, 1)] * self.model.njoints
-        result: list[ca.SX] = []
-        for joint in kinematics.joints:
-            elimination = self.eliminations[joint.index - 1]
-            motion = kinematics.local[joint.index]
-            linear, angular = accelerations[joint.parent][:3], accelerations[joint.parent][3:]
-            linear = motion.inward(linear + cross(angular, motion.arm))
-            carried = ca.vertcat(linear, motion.inward(angular))
-            accelerations[joint.index], rate = _accelerate(elimination, carried, drive[joint.index])
-            result.append(ca.mtimes(elimination.turn.T, rate))
-        return ca.vertcat(*result)
+        return ca.vertcat(*reversed(reduced))
 
 
 def _rigid(mass: ca.SX, moment: ca.SX, rotational: ca.SX) -> ca.SX:
@@ -277,9 +311,11 @@ def _transmitted(elimination: _Elimination, load: ca.SX, drive: ca.SX, effort: c
     return passed
 
 
-def _accelerate(elimination: _Elimination, carried: ca.SX, drive: ca.SX) -> tuple[ca.SX, ca.SX]:
+def _accelerate(elimination: _Elimination, carried: ca.SX, reduced: ca.SX) -> tuple[ca.SX, ca.SX]:
     """Spatial acceleration behind the joint, 6x1, and the joint's own along A, kx1."""
-    own = ca.mtimes(elimination.gain.T, carried) - elimination.factors.solve_negated(drive)
+    factors = elimination.factors
+    driven = factors.restored(ca.mtimes(ca.diag(factors.negated_pivots), reduced))
+    own = ca.mtimes(elimination.gain.T, carried) - driven
     if elimination.rows is None:
         return carried + ca.mtimes(elimination.axes, own), own
     rows = list(elimination.rows)

@@ -86,9 +86,11 @@ def check_forward_dynamics(state):
     body = ArticulatedBody.factorise(model, kinematics, Inertias.from_model(model))
     point = frame_placement(model, kinematics, frame)[1]
     wrench = Wrench(int(model.frames[frame].parentJoint), load[:3], load[3:], point)
+    both = ca.horzcat(body.reduced(tau), body.reduced(wrenches=[wrench]))
     outputs = [body.acceleration(tau, [wrench]), body.response(tau), body.response(wrenches=[wrench])]
+    outputs.append(body.negated_mobility(both, both))
     values = (state.q, state.v, state.tau, state.wrench)
-    acceleration, unit, pushed = evaluate((q, v, tau, load), outputs, values)
+    acceleration, unit, pushed, mobility = evaluate((q, v, tau, load), outputs, values)
     data = model.createData()
     effort = jacobian(model, data, state.q, frame).T @ state.wrench
     assert_close(acceleration, pin.aba(model, data, state.q, state.v, state.tau + effort))
@@ -96,6 +98,8 @@ def check_forward_dynamics(state):
     # residuals in effort: they do not grow with the condition of the inertia matrix
     assert_close(inertia @ unit, state.tau[:, None])
     assert_close(inertia @ pushed, effort[:, None])
+    loads = np.column_stack([state.tau, effort])
+    assert_close(-mobility, loads.T @ np.hstack([unit, pushed]))
 
 
 def check_momentum(state):

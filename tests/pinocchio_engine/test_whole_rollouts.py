@@ -89,7 +89,7 @@ def test_defaults_come_from_the_scenario_and_progress_is_told():
 
 
 UNSTABLE = {
-    "robots.one.joint_pd": {"kd": 200},
+    "robots.one.joint_pd": {"kd": 800},
     "robots.one.tips.tip.pid.kd": 0,
     "robots.one.sensors": {"joint_rate": {"scale": -1}},  # damping that drives
 }
