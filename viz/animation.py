@@ -10,19 +10,21 @@ import numpy as np
 
 from spacerobot.result import Result
 from spacerobot.scene import Scene
+from viz.curves import curves, no_curves
 from viz.figures.collect import check_comparable
 from viz.figures.style import labels_of
 from viz.geometry import Array
 from viz.meshcat_scene import changed_descriptions, node_data, packed, poses, rounded
-from viz.motion import Motion, bounds, extremes, initial_motion, pick_rows, sample_motion
+from viz.motion import Motion, bounds, extremes, initial_motion, only, pick_rows, sample_motion
 
 FRAMES_PER_S = 25.0
 """Of simulated time; the page interpolates between them."""
 
 MOST_FRAMES = 1500
-MOST_ERRORS = 4000
+MOST_FINE = 4000
+"""Samples of what is plotted over time, which may change faster than bodies move."""
 
-_ARROW_SHARE = 0.1  # the longest arrow, as a share of the scene's size
+_ARROW_SHARE = 0.07  # the longest arrow, as a share of the scene's size
 
 
 def animation(*results: Result, title: str | None = None, autoplay: bool = True) -> dict[str, Any]:
@@ -50,11 +52,12 @@ def animation(*results: Result, title: str | None = None, autoplay: bool = True)
     force = max(_greatest_force(one) for one in shown)
     return {
         "title": title or " and ".join(one.label for one in shown),
-        "about": _about(shown[0]),
+        "about": _about(shown),
         "notices": _notices(shown),
         "planar": shown[0].scene.planar,
         "box": [rounded(low), rounded(high)],
         "reach": [rounded(point) for one in shown for point in extremes(one.motion, low, high)],
+        "near": [rounded(point) for one in shown for point in _near(one, low, high)],
         "scale": scale,
         "greatest_force": force,
         "autoplay": autoplay,
@@ -78,8 +81,8 @@ def _look_at(result: Result, label: str) -> _Shown:
     return _Shown(result, scene, sample_motion(result, scene, rows), label)
 
 
-def still(scene: Scene, *, about: str = "not simulated yet") -> dict[str, Any]:
-    """Data of a page that shows a scene as it begins."""
+def still(scene: Scene, *, about: str | None = None) -> dict[str, Any]:
+    """Data of a page that shows a scene as it begins; ``about`` is said of it, its description by default."""
     motion = initial_motion(scene)
     low, high = bounds(motion)
     run = {
@@ -96,16 +99,18 @@ def still(scene: Scene, *, about: str = "not simulated yet") -> dict[str, Any]:
         "forces": "",
         "mates": "",
         "metres_per_newton": 0.0,
-        "error_time": packed(motion.time),
+        "fine_time": packed(motion.time),
         "errors": [],
+        "plots": no_curves(),
     }
     return {
         "title": scene.scenario.name,
-        "about": about,
+        "about": about if about is not None else scene.scenario.description or "",
         "notices": list(scene.warnings),
         "planar": scene.planar,
         "box": [rounded(low), rounded(high)],
         "reach": [rounded(point) for point in extremes(motion, low, high)],
+        "near": [],
         "scale": float(np.linalg.norm(high - low)),
         "greatest_force": 0.0,
         "autoplay": False,
@@ -117,8 +122,8 @@ def _run_data(shown: _Shown, metres_per_newton: float) -> dict[str, Any]:
     result, motion, data = shown.result, shown.motion, shown.result.data
     rows = motion.rows
     tips = [str(tip) for tip in data.tip.values]
-    finer = pick_rows(data.time.values, rate_hz=1e9, most=MOST_ERRORS)
-    error = np.linalg.norm(data.tip_error.values[finer], axis=-1)
+    finer = pick_rows(data.time.values, rate_hz=1e9, most=MOST_FINE)
+    error = data.tip_error.values[finer]
     target = shown.scene.target
     return {
         "label": shown.label,
@@ -134,8 +139,9 @@ def _run_data(shown: _Shown, metres_per_newton: float) -> dict[str, Any]:
         "forces": packed(data.grasp_force.values[rows]),
         "mates": packed(motion.mates),
         "metres_per_newton": metres_per_newton,
-        "error_time": packed(data.time.values[finer]),
+        "fine_time": packed(data.time.values[finer]),
         "errors": [packed(error[:, k]) for k in range(len(tips))],
+        "plots": curves(result, finer),
     }
 
 
@@ -149,6 +155,20 @@ def _box(shown: _Shown) -> tuple[Array, Array]:
     return low, high
 
 
+def _near(shown: _Shown, low: Array, high: Array) -> Array:
+    """Points (k, 3) around what the tips do: the object, tips and references; none without tips."""
+    data, motion = shown.result.data, shown.motion
+    points = [data[name].values[motion.rows].reshape(-1, 3) for name in ("tip_reference", "tip_position")]
+    if not len(points[0]):
+        return np.zeros((0, 3))
+    if shown.scene.target is not None:
+        points.append(extremes(only(motion, shown.scene.target.name), low, high))
+    together = np.clip(np.concatenate(points), low, high)
+    return (
+        np.stack(np.meshgrid(*zip(together.min(axis=0), together.max(axis=0), strict=True))).reshape(3, -1).T
+    )
+
+
 def _greatest_force(shown: _Shown) -> float:
     """Greatest grip force, N; of a diverged rollout, before its last instants."""
     force = np.linalg.norm(shown.result.data.grasp_force.values[shown.motion.rows], axis=-1)
@@ -156,11 +176,14 @@ def _greatest_force(shown: _Shown) -> float:
     return float(kept.max(initial=0.0))
 
 
-def _about(shown: _Shown) -> str:
-    scenario = shown.result.scenario
-    kind = "planar" if shown.scene.planar else "spatial"
-    text = f"{kind}, {scenario.simulation.duration:g} s by {shown.result.summary['engine']['name']}"
-    return f"{text}. {scenario.description}" if scenario.description else text
+def _about(shown: Sequence[_Shown]) -> str:
+    """What is seen, for a person who knows nothing of it."""
+    first, engine = shown[0], shown[0].result.summary["engine"]["name"]
+    scenario, kind = first.result.scenario, "planar" if first.scene.planar else "spatial"
+    names = {one.result.scenario.name for one in shown}
+    about = scenario.description if len(names) == 1 and scenario.description else ""
+    text = f"{kind}, {scenario.simulation.duration:g} s, simulated by {engine}"
+    return f"{about} ({text})" if about else text
 
 
 def _notices(shown: Sequence[_Shown]) -> list[str]:

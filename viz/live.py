@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import threading
 import webbrowser
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
 
 import tornado.httpserver
@@ -45,7 +46,7 @@ class LiveViewer:
 
     def __init__(self, port: int = FIRST_PORT) -> None:
         self._sockets, self.port = _bind(port)
-        self._latest: list[str] = []
+        self._shown = self._told = ""
         self._streams: set[_Stream] = set()
         self._connected = threading.Event()
         started = threading.Event()
@@ -60,15 +61,27 @@ class LiveViewer:
         return f"http://{ADDRESS}:{self.port}/"
 
     def open(self) -> bool:
-        """Open the page in the user's browser; whether one was found."""
-        return webbrowser.open(self.url, new=2)
+        """Open the page in the user's browser; whether one was found.
+
+        One that would take over the terminal is not opened, unless the user chose it by ``BROWSER``.
+        """
+        try:
+            browser = webbrowser.get()
+        except webbrowser.Error:
+            return False
+        if type(browser) is webbrowser.GenericBrowser and "BROWSER" not in os.environ:
+            return False
+        return browser.open(self.url, new=2)
 
     def tell(self, text: str) -> None:
-        """Show a few words in the page's heading; fits ``simulate(..., progress=viewer.tell)``."""
-        self._send({"tell": text}, keep=False)
+        """Say what is being done, until something is shown; fits ``simulate(..., progress=viewer.tell)``.
 
-    def show_scene(self, scene: Scene, about: str = "not simulated yet") -> None:
-        """Show a scene as it begins."""
+        Words with a percentage, such as ``40 %``, show as a bar as well.
+        """
+        self._send({"tell": text})
+
+    def show_scene(self, scene: Scene, about: str | None = None) -> None:
+        """Show a scene as it begins; ``about`` is said of it, its description by default."""
         self._send({"show": still(scene, about=about)})
 
     def show(self, *results: Result) -> None:
@@ -116,17 +129,28 @@ class LiveViewer:
         for stream in list(self._streams):
             stream.close()
         self._loop.run_until_complete(asyncio.sleep(0.05))  # lets the pages hear of it
+        # a browser would keep what is left open for the next viewer at this port, and wait there in vain
+        self._loop.run_until_complete(server.close_all_connections())
         self._loop.close()
 
-    def _send(self, message: dict[str, Any], *, keep: bool = True) -> None:
+    def _send(self, message: dict[str, Any]) -> None:
         if self._thread.is_alive():
-            self._loop.call_soon_threadsafe(self._broadcast, json_text(message), keep)
+            self._loop.call_soon_threadsafe(self._broadcast, json_text(message), "show" in message)
 
-    def _broadcast(self, text: str, keep: bool) -> None:
-        if keep:
-            self._latest = [text]
-        for stream in self._streams:
-            stream.write_message(text)
+    def _broadcast(self, text: str, shows: bool) -> None:
+        """Send to every page, and keep for pages that open later what they would have missed."""
+        if shows:
+            self._shown, self._told = text, ""
+        else:
+            self._told = text
+        for stream in list(self._streams):
+            stream.send(text)
+
+    def _admit(self, stream: _Stream) -> None:
+        for text in filter(None, (self._shown, self._told)):
+            stream.send(text)
+        self._streams.add(stream)
+        self._connected.set()
 
     def allows(self, host: str) -> bool:
         """Whether a request may name this host."""
@@ -155,10 +179,12 @@ class _Stream(tornado.websocket.WebSocketHandler):
         return allowed and self.viewer.allows(self.request.host)
 
     def open(self, *_: str, **__: str) -> None:
-        for text in self.viewer._latest:
+        self.viewer._admit(self)
+
+    def send(self, text: str) -> None:
+        """Send, unless the page has gone."""
+        with suppress(tornado.websocket.WebSocketClosedError):
             self.write_message(text)
-        self.viewer._streams.add(self)
-        self.viewer._connected.set()
 
     def on_message(self, message: str | bytes) -> None:
         """Pages have nothing to say."""
@@ -170,7 +196,8 @@ class _Stream(tornado.websocket.WebSocketHandler):
 def _bind(first: int) -> tuple[list[Any], int]:
     for port in range(first, min(first + PORTS, 65536)):
         try:
-            return tornado.netutil.bind_sockets(port, address=ADDRESS), port
+            sockets = tornado.netutil.bind_sockets(port, address=ADDRESS)
+            return sockets, int(sockets[0].getsockname()[1])
         except OSError:
             continue
     raise SpaceRobotError(f"no free port from {first} to {first + PORTS - 1} for the live viewer")

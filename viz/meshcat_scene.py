@@ -30,8 +30,11 @@ def rounded(values: ArrayLike) -> list[float]:
 
 
 def node_data(nodes: Sequence[Node]) -> list[dict[str, Any]]:
-    """Solids of each node, and whether it is a body's root."""
-    return [{"base": node.is_base, "solids": [_solid_data(solid) for solid in node.solids]} for node in nodes]
+    """Solids of each node, the body it belongs to, and whether it is that body's root."""
+    return [
+        {"body": node.body, "base": node.is_base, "solids": [_solid_data(solid) for solid in node.solids]}
+        for node in nodes
+    ]
 
 
 def _solid_data(solid: Solid) -> dict[str, Any]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
@@ -112,6 +112,15 @@ def scene_nodes(scene: Scene) -> tuple[Node, ...]:
         root = int(scene.model.frames[body.root_frame].parentJoint)
         nodes += [Node(j, body.name, j == root, tuple(solids)) for j, solids in sorted(by_joint.items())]
     return tuple(nodes)
+
+
+def only(motion: Motion, body: str) -> Motion:
+    """A motion of one body alone, by name."""
+    kept = [k for k, node in enumerate(motion.nodes) if node.body == body]
+    nodes = tuple(motion.nodes[k] for k in kept)
+    return replace(
+        motion, nodes=nodes, position=motion.position[:, kept], quaternion=motion.quaternion[:, kept]
+    )
 
 
 def pick_rows(time: Array, *, rate_hz: float, most: int) -> np.ndarray[tuple[int], np.dtype[np.int64]]:

@@ -17,7 +17,7 @@ from spacerobot.result import Result
 from viz.animation import animation
 from viz.meshcat_scene import script_hash
 
-SCRIPTS = ("shapes.js", "run.js", "plot.js", "camera.js", "player.js", "main.js")
+SCRIPTS = ("shapes.js", "words.js", "run.js", "plot.js", "camera.js", "magnifier.js", "player.js", "main.js")
 """Parts of the player, in order."""
 
 

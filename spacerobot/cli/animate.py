@@ -23,7 +23,9 @@ Html = Annotated[
 Record = Annotated[
     Path | None, typer.Option("--record", metavar="FILE", help="Write a recording instead: .gif, or .mp4.")
 ]
-Port = Annotated[int, typer.Option("--port", help="First port to try; a busy one is stepped over.")]
+Port = Annotated[
+    int, typer.Option("--port", min=0, max=65535, help="First port to try; a busy one is stepped over.")
+]
 NoBrowser = Annotated[bool, typer.Option("--no-browser", help="Only print the address.")]
 
 

@@ -19,7 +19,7 @@ BOX = (
     "(({x, y, width, height}) => [x, y, width, height])"
     "(document.getElementById('pane').getBoundingClientRect())"
 )
-HIDE = "for (const id of ['readout', 'layers', 'scale']) document.getElementById(id).hidden = true"
+HIDE = "for (const id of ['side', 'labels', 'scale']) document.getElementById(id).hidden = true"
 SCRUB = "s.value = 7; s.dispatchEvent(new Event('input'))"
 READY = "document.body?.dataset.ready === 'true'"
 

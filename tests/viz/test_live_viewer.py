@@ -2,6 +2,7 @@
 
 import http.client
 import socket
+import webbrowser
 from pathlib import Path
 
 import pytest
@@ -74,14 +75,40 @@ def test_a_page_follows_a_run(browser, viewer, paper):
     viewer.show_scene(load_scene("paper"))
     browser.open(viewer.url)
     browser.wait_for("document.body?.dataset.shown === '1'")
-    viewer.tell("rolling out")
-    browser.wait_for("document.getElementById('about').textContent === 'rolling out'")
+    assert browser.evaluate("document.getElementById('play').disabled")
+    viewer.tell("rolling out: 40 %")
+    browser.wait_for("document.getElementById('busy').innerText.startsWith('rolling out: 40 %')")
+    assert browser.evaluate("document.querySelector('#busy progress').value") == 40
     viewer.show(paper)
     browser.wait_for("document.body.dataset.shown === '2' && Number(document.body.dataset.time) > 0.2")
     assert "rpr1/tip error" in browser.evaluate("document.getElementById('readout').innerText")
+    assert browser.evaluate("document.getElementById('busy').hidden")
     assert viewer.wait_for_page(0)
     assert browser.complaints == []
     assert {url.split("/")[2] for url in browser.requests if "://" in url} == {f"{ADDRESS}:{viewer.port}"}
+
+
+def test_a_page_that_opens_late_misses_nothing(browser, viewer):
+    viewer.show_scene(load_scene("paper"))
+    viewer.tell("compiling")
+    browser.open(viewer.url)
+    browser.wait_for("document.body?.dataset.shown === '1'")
+    browser.wait_for("document.getElementById('busy').innerText.startsWith('compiling')")
+    names = browser.evaluate("[...document.querySelectorAll('#labels .name')].map((e) => e.textContent)")
+    assert names == ["rpr1", "rpr2", "object"]
+
+
+def test_any_port_is_the_one_it_says():
+    with LiveViewer(0) as viewer:
+        assert viewer.port > 0
+        assert _get(viewer).status == 200
+
+
+def test_a_browser_in_the_terminal_is_not_opened(viewer, monkeypatch):
+    monkeypatch.delenv("BROWSER", raising=False)
+    monkeypatch.setattr(webbrowser, "get", lambda: webbrowser.GenericBrowser("w3m"))
+    monkeypatch.setattr(webbrowser.GenericBrowser, "open", lambda *_, **__: pytest.fail("was opened"))
+    assert not viewer.open()
 
 
 def test_notebooks_embed_the_page_whole(paper):

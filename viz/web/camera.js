@@ -1,3 +1,5 @@
+const NARROW = 900; // px: from this width on, the words at the left stand beside the scene, not over it
+
 // The view: everything that ever moves fills the pane, from above where the scene is planar.
 class Eye {
   constructor(viewer, pane, onResize) {
@@ -12,6 +14,12 @@ class Eye {
       onResize();
       viewer.set_dirty();
     };
+  }
+
+  // Width at the left that the scene leaves to words, px.
+  get margin() {
+    const side = $("side");
+    return this.pane.clientWidth > NARROW ? side.offsetLeft + side.offsetWidth + 4 : 0;
   }
 
   // MeshCat's world has z up, Three's camera y.
@@ -39,7 +47,9 @@ class Eye {
     frame.across = frame.up.clone().cross(frame.back).normalize();
     camera.fov = planar ? 14 : 26;
     const tall = Math.tan((camera.fov * Math.PI) / 360) * 0.94;
-    const wide = (tall * this.pane.clientWidth) / Math.max(1, this.pane.clientHeight);
+    const width = this.pane.clientWidth, height = Math.max(1, this.pane.clientHeight), margin = this.margin;
+    const wide = (tall * (width - margin)) / height;
+    camera.setViewOffset(width, height, -margin / 2, 0, width, height);
     const all = shifts.flatMap((shift) => points.map((p) => Eye.toThree(p.map((v, c) => v + shift[c]))));
     const box = new THREE.Box3().setFromPoints(all), centre = box.getCenter(new THREE.Vector3());
     const radius = Math.max(1e-6, box.getSize(new THREE.Vector3()).length() / 2);

@@ -16,6 +16,7 @@ function start() {
     player.payload = null;
     $("title").textContent = payload.title;
     $("about").textContent = payload.about;
+    player.enable(false);
   }
   if (payload.live) follow(player);
   document.body.dataset.ready = "true";
@@ -23,17 +24,17 @@ function start() {
 
 // Live: the page shows what its server sends, and says so when the server has gone.
 function follow(player) {
-  const stream = new WebSocket(`ws://${location.host}/stream`);
-  const say = (text) => { $("about").textContent = text; };
+  const stream = new WebSocket(`ws://${location.host}/stream`), busy = new Busy();
   stream.onmessage = (message) => {
     const sent = JSON.parse(message.data);
-    if (sent.tell !== undefined) say(sent.tell);
+    if (sent.tell !== undefined) busy.say(sent.tell);
     if (sent.show === undefined) return;
+    busy.end();
     player.load(sent.show);
     if (sent.show.autoplay) player.play();
     document.body.dataset.shown = String(Number(document.body.dataset.shown || 0) + 1);
   };
-  stream.onclose = () => say("the viewer's program has ended; this page keeps what it has");
+  stream.onclose = () => busy.end("the viewer's program has ended; this page keeps what it has");
 }
 
 start();

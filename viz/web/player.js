@@ -1,18 +1,5 @@
 // Play, pause, scrub, compare.
-const LAYERS = [
-  ["traces", "paths of tips and object", COLOURS.target], ["reference", "reference of tips", COLOURS.reference],
-  ["forces", "grip forces", COLOURS.force], ["mates", "tips and mating points", COLOURS.mate],
-  ["ghosts", "where bodies began", "#b9c3ce"],
-];
 const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 5, 10, 20, 50, 100, 1000, 10000, 100000];
-const $ = (id) => document.getElementById(id);
-
-function element(tag, text, name) {
-  const made = document.createElement(tag);
-  if (text !== undefined) made.textContent = text;
-  if (name) made.className = name;
-  return made;
-}
 
 class Player {
   constructor() {
@@ -21,10 +8,15 @@ class Player {
     this.viewer.hide_background();
     this.eye = new Eye(this.viewer, $("pane"), () => this.refill());
     this.plot = new Plot($("plot"), (time) => { this.pause(); this.seek(time); });
+    this.magnifier = new Magnifier($("magnifier"), this.eye);
+    this.readout = new Readout();
+    this.curves = new Curves();
+    this.labels = new Labels();
     this.runs = [];
-    this.shown = Object.fromEntries(LAYERS.map(([name]) => [name, true]));
+    this.shown = Object.fromEntries(LAYERS.map(([name]) => [name, !HIDDEN_AT_FIRST.includes(name)]));
     this.time = 0;
     this.playing = false;
+    $("legend").open = window.innerWidth > 700;
     this.light();
     this.listen();
     this.last = performance.now();
@@ -45,15 +37,15 @@ class Player {
   }
 
   load(payload) {
-    for (const [k] of this.runs.entries()) this.viewer.delete_path([`run${k}`]);
     this.payload = payload;
-    this.runs = payload.runs.map((data, k) => {
-      const run = new Run(data, payload.scale);
-      this.viewer.set_object([`run${k}`], run.root);
-      return run;
-    });
+    this.near = false;
+    this.build();
     this.duration = Math.max(...this.runs.map((run) => run.end), 1e-9);
     this.plot.load(this.runs, this.duration);
+    this.magnifier.load(this.runs);
+    this.enable(this.runs.some((run) => run.time.length > 1));
+    this.pause();
+    $("look").value = "all";
     this.words();
     this.grid();
     this.arrange();
@@ -61,14 +53,43 @@ class Player {
     this.seek(0);
   }
 
+  // Objects of all runs; paths, arrows and marks are thin where the camera is close.
+  build() {
+    for (const [k] of this.runs.entries()) this.viewer.delete_path([`run${k}`]);
+    this.runs = this.payload.runs.map((data, k) => {
+      const run = new Run(data, this.payload.scale, this.near ? this.closeness() : 1);
+      this.viewer.set_object([`run${k}`], run.root);
+      return run;
+    });
+  }
+
+  // How much smaller the close view is than the whole.
+  closeness() {
+    const spans = [0, 1, 2].map((c) => {
+      const values = this.payload.near.map((p) => p[c]);
+      return Math.max(...values) - Math.min(...values);
+    });
+    return Math.min(1, (1.6 * Math.hypot(...spans)) / this.payload.scale);
+  }
+
+  look(near) {
+    this.near = near && this.payload.near.length > 0;
+    $("look").value = this.near ? "near" : "all";
+    this.build();
+    this.speak();
+    this.arrange();
+    for (const [name] of LAYERS) this.toggle(name, this.shown[name]);
+  }
+
   words() {
     const { title, about, notices } = this.payload;
     document.title = $("title").textContent = title;
-    $("about").textContent = about;
+    $("about").textContent = $("about").title = about;
     $("notice").hidden = notices.length === 0;
     $("notice").replaceChildren(...notices.map((text) => element("div", text)));
     $("scrub").max = this.duration;
     $("placing").hidden = this.runs.length < 2;
+    $("looking").hidden = this.payload.near.length === 0;
     const fastest = Math.max(1, this.duration / 20);
     const speeds = SPEEDS.filter((speed) => speed <= 5 * fastest);
     $("speed").replaceChildren(...speeds.map((speed) => {
@@ -78,45 +99,53 @@ class Player {
     }));
     this.speed = this.duration <= 60 ? 1 : speeds.find((speed) => this.duration / speed <= 30) || 1;
     $("speed").value = this.speed;
-    this.layerBoxes();
-    this.readoutRows();
+    const present = { names: true, magnifier: this.magnifier.useful };
+    layerBoxes(
+      (name) => present[name] ?? this.runs.some((run) => run.layers[name].length > 0), this.shown,
+      (name, visible) => this.toggle(name, visible),
+    );
+    this.speak();
+    this.quantities();
   }
 
-  layerBoxes() {
-    const present = (name) => this.runs.some((run) => run.layers[name].length > 0);
-    $("layers").replaceChildren(...LAYERS.filter(([name]) => present(name)).map(([name, text, colour]) => {
-      const label = element("label"), box = element("input"), mark = element("i");
-      box.type = "checkbox";
-      box.checked = this.shown[name];
-      box.addEventListener("change", () => this.toggle(name, box.checked));
-      mark.style.background = colour;
-      label.append(box, mark, text);
-      return label;
+  // Words that follow the runs' objects.
+  speak() {
+    this.readout.load(this.runs);
+    this.labels.load(this.runs);
+    this.plot.runs = this.curves.runs = this.runs;
+    if (this.curves.which !== undefined) this.curves.load(this.runs, this.curves.which);
+    this.magnifier.load(this.runs);
+  }
+
+  // What can be plotted.
+  quantities() {
+    const plots = this.runs[0].data.plots, drawn = plots.flatMap(({ curves }, k) => (curves.length ? [k] : []));
+    const which = drawn.includes(this.plot.which) ? this.plot.which : drawn[0];
+    $("plotted").hidden = $("plot").hidden = which === undefined;
+    $("quantity").replaceChildren(...drawn.map((k) => {
+      const option = element("option", `${plots[k].title} [${plots[k].unit}]`);
+      option.value = k;
+      return option;
     }));
+    if (which !== undefined) this.choose(which);
   }
 
-  readoutRows() {
-    this.clock = element("div", "", "time");
-    this.values = [];
-    const rows = [this.clock];
-    this.runs.forEach((run, r) => {
-      if (this.runs.length > 1) rows.push(element("div", `${run.data.label}${r ? " (dashed)" : ""}`, "run"));
-      run.data.tip_names.forEach((name, k) => {
-        const row = element("div", undefined, "tip"), mark = element("i"), value = element("b");
-        mark.style.background = TIP_COLOURS[k % TIP_COLOURS.length];
-        row.append(mark, `${name} error `, value);
-        rows.push(row);
-        this.values.push([value, run, k]);
-      });
-    });
-    $("readout").replaceChildren(...rows);
-    $("labels").replaceChildren(...(this.runs.length > 1 ? this.runs.map((run) => element("span", run.data.label)) : []));
+  choose(which) {
+    $("quantity").value = which;
+    this.plot.choose(which);
+    this.curves.load(this.runs, which);
+  }
+
+  // A scene that has not been simulated yet cannot be played.
+  enable(able) {
+    for (const id of ["play", "scrub", "speed"]) $(id).disabled = !able;
+    $("clock").hidden = !able;
   }
 
   // Lines a round distance apart, below everything: they give the scale.
   grid() {
     const [low, high] = this.payload.box, wide = Math.max(high[0] - low[0], high[1] - low[1]);
-    const step = niceStep(wide / 12), half = Math.ceil((4 * wide) / step) * step;
+    const step = niceStep((wide || this.payload.scale || 1) / 12), half = Math.ceil((4 * wide) / step || 1) * step;
     const grid = new THREE.GridHelper(2 * half, Math.round((2 * half) / step), COLOURS.grid, COLOURS.grid);
     grid.rotateX(Math.PI / 2);
     grid.position.set(Math.round((low[0] + high[0]) / 2 / step) * step, Math.round((low[1] + high[1]) / 2 / step) * step, low[2]);
@@ -126,7 +155,7 @@ class Player {
     this.viewer.set_object(["Scale"], grid);
     this.spacing = `grid ${Number(step.toPrecision(3))} m`;
     const force = this.payload.greatest_force;
-    $("scale").textContent = force > 0 ? `${this.spacing}; longest grip force ${force.toPrecision(3)} N` : this.spacing;
+    $("scale").textContent = force > 0 ? `${this.spacing}; longest arrow ${force.toPrecision(3)} N` : this.spacing;
   }
 
   // Several runs beside each other where most room is, or over each other.
@@ -137,7 +166,8 @@ class Player {
     if (!over) shifts[0] = [size[0] * 1.05, 0, 0];
     if (!over) shifts.push([0, -size[1] * 1.12, 0]);
     const moved = (shift) => this.runs.map((_, k) => shift.map((v) => k * v));
-    const fit = (shift) => this.eye.fit(this.payload.reach, moved(shift), this.payload.planar);
+    const points = this.near ? this.payload.near : this.payload.reach;
+    const fit = (shift) => this.eye.fit(points, moved(shift), this.payload.planar);
     const best = shifts.map((shift) => [fit(shift), shift]).sort((a, b) => a[0] - b[0])[0][1];
     this.boxes = moved(best).map((shift) => [low, high].map((p) => p.map((v, c) => v + shift[c])));
     this.runs.forEach((run, k) => {
@@ -149,7 +179,8 @@ class Player {
 
   toggle(name, visible) {
     this.shown[name] = visible;
-    for (const run of this.runs) run.show(name, visible);
+    for (const run of this.runs) if (run.layers[name]) run.show(name, visible);
+    if (name === "magnifier") this.magnifier.show(visible);
     this.seek(this.time);
   }
 
@@ -161,27 +192,19 @@ class Player {
     }
     $("scrub").value = this.time;
     $("clock").textContent = `${this.time.toFixed(2)} / ${Number(this.duration.toPrecision(5))} s`;
-    this.clock.textContent = `t = ${this.time.toFixed(2)} s`;
-    for (const [value, run, k] of this.values) {
-      const past = this.time > run.end + 1e-9;
-      value.textContent = past ? `diverged after ${run.end.toPrecision(3)} s` : millimetres(run.error(k, this.time));
-    }
+    this.readout.seek(this.time);
+    this.curves.seek(this.time);
     document.body.dataset.time = this.time.toFixed(3);
     this.plot.draw(this.time);
+    this.magnifier.draw(this.time);
     this.viewer.set_dirty();
   }
 
   placeLabels() {
-    const spans = $("labels").children;
-    if (!spans.length || !this.boxes) return;
-    const beside = $("arrange").value === "beside";
-    this.boxes.forEach(([low, high], k) => {
-      const foot = this.payload.planar ? [low[1], 0] : [(low[1] + high[1]) / 2, low[2]];
-      const at = Eye.toThree([(low[0] + high[0]) / 2, ...foot]).project(this.viewer.camera);
-      spans[k].style.left = `${((at.x + 1) / 2) * $("pane").clientWidth}px`;
-      spans[k].style.top = `${Math.min($("pane").clientHeight - 24, ((1 - at.y) / 2) * $("pane").clientHeight)}px`;
-      spans[k].hidden = !beside;
-    });
+    if (!this.boxes) return;
+    const beside = this.runs.length > 1 && $("arrange").value === "beside";
+    const shown = { names: this.shown.names, beside };
+    this.labels.place(this.viewer.camera, $("pane"), this.boxes, this.payload.planar, shown);
   }
 
   // A pane of another size is filled anew.
@@ -214,6 +237,7 @@ class Player {
   }
 
   play() {
+    if ($("play").disabled) return;
     this.playing = true;
     if (this.time >= this.duration) this.seek(0);
     this.playButton();
@@ -234,7 +258,11 @@ class Player {
     $("scrub").addEventListener("input", () => { this.pause(); this.seek(Number($("scrub").value)); });
     $("speed").addEventListener("change", () => { this.speed = Number($("speed").value); });
     $("arrange").addEventListener("change", () => { this.arrange(); this.seek(this.time); });
-    $("reset").addEventListener("click", () => this.arrange());
+    $("look").addEventListener("change", () => this.look($("look").value === "near"));
+    $("quantity").addEventListener("change", () => { this.choose(Number($("quantity").value)); this.seek(this.time); });
+    $("about").addEventListener("click", () => $("about").classList.toggle("whole"));
+    $("reset").addEventListener("click", () => { this.arrange(); this.seek(this.time); });
+    this.viewer.controls.addEventListener("change", () => this.magnifier.draw(this.time));
     window.addEventListener("hashchange", () => this.hash());
     window.addEventListener("keydown", (event) => this.key(event));
   }
@@ -252,11 +280,12 @@ class Player {
     if (act) { event.preventDefault(); act(); }
   }
 
-  // #t=3 stands still at 3 s; #t=3&play=1&speed=2&arrange=over also does what it says
+  // #t=3 stands still at 3 s; #t=3&play=1&speed=2&arrange=over&look=near also does what it says
   hash() {
     const wanted = new URLSearchParams(location.hash.slice(1));
     if (wanted.has("speed")) $("speed").value = this.speed = Number(wanted.get("speed")) || 1;
     if (["beside", "over"].includes(wanted.get("arrange"))) { $("arrange").value = wanted.get("arrange"); this.arrange(); }
+    if (wanted.has("look")) this.look(wanted.get("look") === "near");
     if (!wanted.has("t")) return wanted.get("play") === "0" ? this.pause() : undefined;
     this.seek(Number(wanted.get("t")) || 0);
     return wanted.get("play") === "1" ? this.play() : this.pause();

@@ -1,17 +1,19 @@
 // One run in the scene: bodies, ghosts, paths, forces, at any time.
 class Run {
-  constructor(data, scale) {
+  constructor(data, scale, closeness) {
     this.data = data;
     this.time = floats(data.time);
     this.poses = floats(data.poses);
     this.tips = floats(data.tips);
     this.forces = floats(data.forces);
     this.mates = floats(data.mates);
-    this.errorTime = floats(data.error_time);
+    this.fineTime = floats(data.fine_time);
+    this.plots = data.plots.map((plot) => plot.curves.map((curve) => floats(curve.values)));
     this.errors = data.errors.map(floats);
-    this.scale = scale;
+    this.scale = scale * closeness;
+    this.metresPerNewton = data.metres_per_newton * closeness;
     this.root = new THREE.Group();
-    this.layers = { ghosts: [], reference: [], traces: [], forces: [], mates: [] };
+    this.layers = { ghosts: [], reference: [], traces: [], forces: [], mates: [], frames: [] };
     this.vector = new THREE.Vector3();
     this.from = new THREE.Vector3();
     this.turn = new THREE.Quaternion();
@@ -32,7 +34,12 @@ class Run {
       const group = new THREE.Group();
       for (const solid of node.solids) group.add(solidMesh(solid));
       this.root.add(group);
-      if (node.base) this.put("ghosts", ghostOf(node, this.poses.slice(7 * k, 7 * k + 7)));
+      if (node.base) {
+        this.put("ghosts", ghostOf(node, this.poses.slice(7 * k, 7 * k + 7)));
+        const axes = triad(0.06 * this.scale);
+        this.layers.frames.push(axes);
+        group.add(axes);
+      }
       return group;
     });
   }
@@ -98,7 +105,7 @@ class Run {
     this.mateBalls.forEach((dot, k) => this.between(this.mates, grips, k, i, share, dot.position));
     this.arrows.forEach((shown, k) => {
       this.between(this.tips, tips, this.data.grasp_tips[k], i, share, this.from);
-      this.between(this.forces, grips, k, i, share, this.vector).multiplyScalar(this.data.metres_per_newton);
+      this.between(this.forces, grips, k, i, share, this.vector).multiplyScalar(this.metresPerNewton);
       // what a diverged run does in its last instants would leave the picture
       shown.point(this.from, this.vector.clampLength(0, 0.4 * this.scale));
     });
@@ -111,8 +118,9 @@ class Run {
     if (share > 0) node.quaternion.slerp(this.turn.fromArray(p, b + 3), share);
   }
 
-  error(k, time) {
-    const [i, share] = this.locate(this.errorTime, time), values = this.errors[k];
+  // Value of a curve at a time.
+  value(plot, k, time) {
+    const [i, share] = this.locate(this.fineTime, time), values = this.plots[plot][k];
     return share > 0 ? values[i] + share * (values[i + 1] - values[i]) : values[i];
   }
 
@@ -123,7 +131,7 @@ class Run {
 
   fade(faint) {
     for (const node of this.nodes) {
-      for (const mesh of node.children) {
+      for (const mesh of node.children.filter((child) => child.userData.opacity !== undefined)) {
         const own = mesh.userData.opacity;
         mesh.material.opacity = faint ? 0.4 * own : own;
         mesh.material.transparent = faint || own < 1;

@@ -1,6 +1,7 @@
 // Three.js objects from the page's plain data. MeshCat brings Three.js with it.
 const THREE = MeshCat.THREE;
 const TIP_COLOURS = ["#56b4e9", "#ffb000", "#f29ad0", "#f0e442", "#9be564", "#c9b6ff"];
+const AXIS_COLOURS = ["#ff5c5c", "#5ee05e", "#6fa8ff"];
 const COLOURS = { target: "#35e0a1", force: "#ff5c6c", reference: "#ffffff", mate: "#ffffff", grid: "#8fa3b8" };
 
 function bytes(text) {
@@ -120,4 +121,21 @@ function ball(radius, colour, order) {
   const mesh = new THREE.Mesh(new THREE.SphereGeometry(radius, 16, 12), overlay(colour, 1));
   mesh.renderOrder = order;
   return mesh;
+}
+
+// A body's own axes: x red, y green, z blue.
+function triad(length) {
+  const group = new THREE.Group();
+  [[1, 0, 0], [0, 1, 0], [0, 0, 1]].forEach((axis, k) => {
+    const points = new Float32Array([0, 0, 0, ...axis.map((v) => v * length)]);
+    const line = tube(points, 0.03 * length, overlay(AXIS_COLOURS[k], 1));
+    line.renderOrder = 25;
+    group.add(line);
+  });
+  return group;
+}
+
+// Colour of a curve: that of its tip, of its body, or of all together.
+function curveColour([kind, k]) {
+  return kind === "all" ? "#ffffff" : TIP_COLOURS[k % TIP_COLOURS.length];
 }
