@@ -28,6 +28,16 @@ def gradients(problem: TuningProblem, rows: Array, *, paths: Sequence[str]) -> A
     return {OBJECTIVE: found.costs[OBJECTIVE], "gradient": found.gradients[OBJECTIVE]}
 
 
+def limited(problem: TuningProblem, rows: Array, *, paths: Sequence[str]) -> Arrays:
+    """Constraints (N, m) and their derivatives (N, m, k) with respect to the variables' values."""
+    found = problem.rollout.slope_batch(paths, rows, wrt=problem.names, threads=1)
+    limits = problem.terms.limits
+    return {
+        "constraints": np.concatenate([found.measures[n] / limit - 1 for n, limit in limits.items()], axis=1),
+        "jacobian": np.concatenate([found.slopes[n] / limit for n, limit in limits.items()], axis=1),
+    }
+
+
 def linearisations(problem: TuningProblem, rows: Array) -> Arrays:
     """Fields of the linearisation at points (N, k) of the unit cube."""
     found = [linearise(problem, u).as_arrays() for u in rows]

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Literal
@@ -27,7 +27,7 @@ from optim.protocol import Array, Evaluation, Form, Linearisation
 from optim.report import plain
 from optim.scenes import changed_scene, tuning_of
 from optim.search import Progress
-from optim.workers import Workers
+from optim.workers import Arrays, Workers
 from spacerobot.errors import ScenarioError, SpaceRobotError
 from spacerobot.files import write_text
 from spacerobot.result import save
@@ -111,30 +111,41 @@ class RobustProblem:
         return found if np.isfinite(found) else float("nan")
 
     def linearise(self, u: Array) -> Linearisation:
-        """Values and exact derivatives at one point u (k,), by the adjoint of every sample.
+        """Values and exact derivatives at one point u (k,): of the objective by the adjoint of every sample.
 
-        Raises
-        ------
-        SpaceRobotError
-            If there are constraints, whose derivatives at every sample are not computed.
+        Each sample brings its own constraints, m S of them: their largest, which :meth:`evaluate` tells, has
+        a kink wherever another sample takes the lead.
         """
-        if self.constraint_names:
-            raise SpaceRobotError("robust tuning under constraints has no gradients; take ga, de, pso, cmaes")
-        variables = self.nominal.variables
-        values = self.space.values(self.draws)
-        rows = np.column_stack([np.tile(variables.values(u), (len(values), 1)), values])
-        ask = partial(operations.gradients, paths=(*self.names, *self.space.paths))
-        found = self.nominal.workers.map(self.nominal, ask, rows)
-        each, slopes = found[OBJECTIVE], found["gradient"] * variables.slope(u)
+        ask, slope = self._rows_at(u), self.nominal.variables.slope(u)
+        found = ask(operations.gradients)
+        each, slopes = found[OBJECTIVE], found["gradient"] * slope
         order = np.argsort(np.where(np.isnan(each), np.inf, each), kind="stable")
         weights = self._weights(each[order])
         used = order[weights > 0]
-        objective, gradient = self.reduce(each), weights[weights > 0] @ slopes[used]
-        empty, k = np.empty(0), len(variables)
-        none, nothing = np.empty((0, k)), np.zeros(k)
+        objective, gradient = self.reduce(each), np.array(weights[weights > 0] @ slopes[used])
+        none, k = np.empty(0), len(u)
+        plain = Linearisation(
+            objective, gradient, none, np.empty((0, k)), none, np.empty((0, k)), objective, gradient
+        )
         if self.kind == "worst":
-            return Linearisation(objective, gradient, empty, none, np.array(each), slopes, 0.0, nothing)
-        return Linearisation(objective, gradient, empty, none, empty, none, objective, np.array(gradient))
+            plain = replace(
+                plain, rows=np.array(each), rows_jacobian=slopes, smooth=0.0, smooth_gradient=np.zeros(k)
+            )
+        if not self.constraint_names:
+            return plain
+        limited = ask(operations.limited)
+        return replace(
+            plain,
+            constraints=limited["constraints"].ravel(),
+            constraint_jacobian=limited["jacobian"].reshape(-1, k) * slope,
+        )
+
+    def _rows_at(self, u: Array) -> Callable[..., Arrays]:
+        """What workers are asked of every sample at one point."""
+        values = self.space.values(self.draws)
+        rows = np.column_stack([np.tile(self.nominal.variables.values(u), (len(values), 1)), values])
+        paths = (*self.names, *self.space.paths)
+        return lambda operation: self.nominal.workers.map(self.nominal, partial(operation, paths=paths), rows)
 
     def _weights(self, ordered: Array) -> Array:
         """Weight of each sample (S,), in the order of their objectives."""

@@ -8,13 +8,14 @@ from spacerobot.rollout.measures import Measure, Measures, Signals, final, integ
 from spacerobot.rollout.protocol import ClosedLoopFunctions
 from spacerobot.rollout.rollout import Rollout
 from spacerobot.rollout.step import StepChoice
-from spacerobot.rollout.trajectory import Batch, Gradient, Jacobian, Trajectory
+from spacerobot.rollout.trajectory import Batch, Gradient, Jacobian, Slopes, Trajectory
 
 __all__ = [
     "Batch",
     "ClosedLoopFunctions",
     "Gradient",
     "Jacobian",
+    "Slopes",
     "Measure",
     "Measures",
     "Report",

@@ -19,7 +19,7 @@ from spacerobot.rollout.kernel import Kernel
 from spacerobot.rollout.protocol import Array, ClosedLoopFunctions
 from spacerobot.rollout.sensitivity import DERIVATIVE
 from spacerobot.rollout.step import StepChoice, search_step
-from spacerobot.rollout.trajectory import Batch, Gradient, Jacobian, Trajectory, frozen
+from spacerobot.rollout.trajectory import Batch, Gradient, Jacobian, Slopes, Trajectory, frozen
 
 TOLERANCE = 1e-6
 Parameters = Mapping[str, float] | npt.ArrayLike | None
@@ -277,6 +277,47 @@ class Rollout:
             trajectory=trajectory,
             measures={name: frozen(raw.r[:, named[DERIVATIVE + name]].T) for name in self.kernel.measures},
             outputs={name: frozen(np.moveaxis(blocks[name], 0, -1)) for name in outputs},
+            wall_s=time.perf_counter() - begin,
+        )
+
+    def slope_batch(
+        self,
+        paths: Sequence[str],
+        values: npt.ArrayLike,
+        *,
+        wrt: Sequence[str] | None = None,
+        threads: int | None = None,
+        progress: Progress | None = None,
+        stop: Stop | None = None,
+    ) -> Slopes:
+        """Measures of many rollouts and their exact derivatives, by forward sensitivities, lanes kept full.
+
+        Parameters
+        ----------
+        paths, values, threads, progress, stop
+            As for :meth:`batch`.
+        wrt
+            Paths of the k parameters to differentiate with respect to; ``paths`` if None.
+
+        Raises
+        ------
+        SpaceRobotError
+            A path does not exist, or a shape is wrong.
+        """
+        begin, p, wrt = time.perf_counter(), self.rows(paths, values), tuple(wrt or paths)
+        engine = self.engines.sensitivity(tuple(self.indices(wrt)), ())
+        k = len(wrt)
+        directions = np.hstack([np.repeat(p, k, axis=0), np.tile(np.eye(k), (len(p), 1))])
+        done = run_batch(engine, self.grid, directions, (), False, threads, progress, stop)
+        r = done.raw.r.reshape(len(p), k, -1)
+        named = engine.kernel.measures
+        return Slopes(
+            paths=wrt,
+            measures={name: frozen(r[:, 0, named[name]].copy()) for name in self.kernel.measures},
+            slopes={
+                name: frozen(np.moveaxis(r[:, :, named[DERIVATIVE + name]], 1, 2).copy())
+                for name in self.kernel.measures
+            },
             wall_s=time.perf_counter() - begin,
         )
 

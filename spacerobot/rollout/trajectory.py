@@ -160,6 +160,28 @@ class Jacobian:
     wall_s: float
 
 
+@dataclass(frozen=True)
+class Slopes:
+    """Measures of N rollouts and their derivatives with respect to k parameters.
+
+    Attributes
+    ----------
+    paths
+        The parameters.
+    measures
+        Value of each measure (N, n); NaN where a rollout diverged.
+    slopes
+        Derivative of each measure (N, n, k); NaN likewise.
+    wall_s
+        Time it took.
+    """
+
+    paths: tuple[str, ...]
+    measures: Mapping[str, Array]
+    slopes: Mapping[str, Array]
+    wall_s: float
+
+
 def frozen(array: npt.NDArray[np.float64]) -> Array:
     """The array, made read-only."""
     array.setflags(write=False)

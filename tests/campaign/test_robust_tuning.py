@@ -101,8 +101,44 @@ def test_what_cannot_be_is_told(small, problems):
     twice = {"gain": {"paths": "robots.arm.tips.tip.pid.kp", "lower": 1, "upper": 2}}
     with pytest.raises(ScenarioError, match="tuned and uncertain at once"):
         build_robust(small(**{"tuning": TUNING, "campaign.parameters": twice}))
-    limited = small(**{"tuning": TUNING | {"constraints": {"max_grip_force": 6.0}}})
-    problem = build_robust(limited, "worst", samples=5)
-    assert problem.evaluate(problem.start[None]).constraints.shape == (1, 1)
-    with pytest.raises(SpaceRobotError, match="no gradients; take ga"):
-        problem.linearise(problem.start)
+
+
+LIMIT = {"max_grip_force": 8.5}
+
+
+@pytest.fixture(scope="module")
+def limited(small):
+    return build_robust(small(tuning=TUNING | {"constraints": LIMIT}), "mean", samples=9)
+
+
+def test_every_sample_brings_its_constraints_and_their_exact_derivatives(limited):
+    u, h = np.array([0.3, 0.6]), 1e-5
+    found = limited.linearise(u)
+    assert found.constraints.shape == (9,)
+    assert found.constraint_jacobian.shape == (9, 2)
+    assert found.constraints.max() == pytest.approx(limited.evaluate(u[None]).constraints[0, 0], rel=1e-9)
+    values = limited.space.values(limited.draws)
+    plants = dict(zip(limited.space.paths, values.T, strict=True))
+
+    def each(point):
+        return limited.nominal.measure(np.tile(point, (9, 1)), plants)["grip_force_peak"][:, 0] / 8.5 - 1
+
+    for i, step in enumerate(h * np.eye(2)):
+        differences = (each(u + step) - each(u - step)) / (2 * h)
+        assert found.constraint_jacobian[:, i] == pytest.approx(differences, rel=1e-4, abs=1e-8)
+
+
+@pytest.mark.parametrize("kind", ["mean", "worst"])
+def test_constraints_hold_at_every_sample(small, limited, kind):
+    """The limit binds: without it every method passes it."""
+    problem = replace(limited, kind=kind)
+    free = build_robust(small(tuning=TUNING), kind, samples=9)
+    effort = effort_of(problem.nominal.scene.scenario.tuning)
+    loose = run_method(free, "nlp", effort).best
+    assert problem.evaluate(loose.u[None]).violation[0] > 0.01
+    found = run_method(problem, "nlp", effort).best
+    assert found.feasible
+    assert problem.evaluate(found.u[None]).violation[0] <= 1e-6
+    assert problem.reduce(problem.objectives(found.u)) > free.reduce(free.objectives(loose.u))
+    searched = run_method(problem, "ga", effort_of(small(tuning=TUNING).scenario.tuning, budget=200)).best
+    assert found.objective <= searched.objective * 1.001

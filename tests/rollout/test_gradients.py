@@ -71,6 +71,17 @@ def test_adjoint_equals_central_differences(compiled, differences):
         np.testing.assert_allclose(gradient, differences[f"cost {name}"][0], rtol=1e-6, atol=1e-8)
 
 
+def test_many_forward_slopes_are_those_of_each_row(compiled):
+    kp, kd = [5.0, 2.0, 9.0], [1.5, 2.5, 0.7]
+    found = compiled.slope_batch(("arm.kp", "arm.kd"), np.column_stack([kp, kd]), wrt=WRT)
+    assert compiled.slope_batch(("arm.kp",), [[5.0]]).paths == ("arm.kp",)
+    for i in range(3):
+        alone = compiled.jacobian({"arm.kp": kp[i], "arm.kd": kd[i]}, wrt=WRT)
+        for name in alone.measures:
+            assert np.array_equal(found.slopes[name][i], alone.measures[name])
+            np.testing.assert_allclose(found.measures[name][i], alone.trajectory.measures[name], rtol=1e-12)
+
+
 def test_forward_equals_central_differences(compiled, differences):
     found = compiled.jacobian(POINT, wrt=WRT)
     for name, jacobian in found.measures.items():
