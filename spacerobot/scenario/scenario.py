@@ -19,7 +19,11 @@ class Simulation(Section):
 
     duration: float = quantity("s", "simulated time", default=10.0, gt=0, le=1e6)
     step: float | None = quantity(
-        "s", "step of the fixed-step engine; chosen from `tolerance` if not given", default=None, gt=0
+        "s",
+        "longest step of the fixed-step engine, shortened so that steps end on samples; chosen from "
+        "`tolerance` if not given",
+        default=None,
+        gt=0,
     )
     output_step: float = quantity("s", "time between samples of the result", default=0.02, gt=0)
     tolerance: float = quantity(
@@ -37,6 +41,8 @@ class Simulation(Section):
             raise ValueError("more than 10 million samples: raise `output_step` or lower `duration`")
         if self.step is not None and self.duration / self.step > 1e9:
             raise ValueError("more than a billion steps: raise `step` or lower `duration`")
+        if self.step is not None and self.step > self.duration:
+            raise ValueError(f"step: found {self.step:g}, allowed: at most the duration, {self.duration:g} s")
         return self
 
 

@@ -38,7 +38,7 @@ class Section(BaseModel):
                 any(isinstance(item, bool) for item in values)
                 and cls.model_fields[key].annotation is not bool
             ):
-                raise ValueError(f"{key}: a truth value, found {value!r}")
+                raise ValueError(f"{key}: found {value!r}, a truth value, which is not allowed here")
         return data
 
 

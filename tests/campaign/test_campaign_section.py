@@ -30,7 +30,7 @@ def section(small_file, **changes):
         ({"correlation": [[1, 0.5]]}, "1 rows of 1"),
         ({"correlation": [[2]]}, "mass with itself is 1"),
         ({"percentiles": [0]}, "between 0 and 100"),
-        ({"samples": 0}, "greater than or equal to 1"),
+        ({"samples": 0}, "found 0, allowed: at least 1"),
         ({"design": "saltelli", "samples": 3}, "power of two"),
         ({"design": "grid", "levels": 10_000, "parameters": {"a": MASS, "b": MASS, "c": MASS}}, "at most"),
     ],
@@ -98,7 +98,7 @@ def test_draws_that_no_scenario_may_hold_are_refused(small):
     scene = small(campaign={"parameters": {"mass": wide}})
     space = resolve_space(scene, campaign_of(scene))
     check_range(scene, space, [[1.0], [2.0]])
-    with pytest.raises(ScenarioError, match=r"target.links.body.mass: .* greater than 0, found -1.0; cut"):
+    with pytest.raises(ScenarioError, match=r"target.links.body.mass: .* found -1.0, allowed: above 0; cut"):
         check_range(scene, space, [[1.0], [-1.0]])
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from spacerobot.errors import ScenarioError
 from spacerobot.scenario.catalogue import find_scenario, shipped
-from spacerobot.scenario.load import MAX_BYTES, parse_yaml, read_document, validate
+from spacerobot.scenario.load import MAX_BYTES, parse_yaml, read_document, to_yaml, validate
 
 
 def refused(text: str, match: str) -> None:
@@ -44,11 +44,11 @@ def test_tags_that_make_objects_are_refused(text):
 
 
 @pytest.mark.parametrize(
-    "value", ["!!binary gIGB", "2001-01-01", "!!set {a, b}", "!!omap [a: 1]", "!!pairs [a: 1]"]
+    "value", ["!!binary gIGB", "!!timestamp 2001-01-01", "!!set {a, b}", "!!omap [a: 1]", "!!pairs [a: 1]"]
 )
 def test_values_are_plain(value):
     refused(f"a: {value}", "line 1, column 4: a [a-z]+, where plain values are allowed")
-    assert parse_yaml("a: '2001-01-01'") == {"a": "2001-01-01"}
+    assert parse_yaml("a: 2001-01-01") == {"a": "2001-01-01"}
 
 
 @pytest.mark.parametrize("text", ["a: [1, 2", "a: b: c", "\t- x", "{", "a: *nothing", "'open", "a: \x00"])
@@ -70,8 +70,8 @@ def test_values_that_hold_themselves_are_refused():
 
 
 def test_deep_nesting_is_refused():
-    refused("[" * 5000 + "]" * 5000, "not YAML")
-    refused("a: " + "{a: " * 3000 + "1" + "}" * 3000, "not YAML")
+    refused("[" * 5000 + "]" * 5000, "nested too deeply")
+    refused("a: " + "{a: " * 3000 + "1" + "}" * 3000, "nested too deeply")
 
 
 def test_numbers_beyond_reason_are_refused():
@@ -87,9 +87,61 @@ def test_aliases_and_merges_are_fine():
     ("text", "value"), [("1e-3", 1e-3), ("1E5", 1e5), ("-2.5e+3", -2500.0), ("3e0", 3.0)]
 )
 def test_exponents_need_no_point(text, value):
-    """YAML 1.1 alone would read 1e-3 as a text; the schema takes it for the number that it looks like."""
+    """YAML 1.1 would read 1e-3 as a text."""
     document = parse_yaml(f"gravity: [{text}, 0, 0]\nrobots: {{a: {{urdf: x.urdf}}}}")
     assert validate(document).gravity[0] == value
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("010", 10),
+        ("-007", -7),
+        ("0.5", 0.5),
+        (".5", 0.5),
+        ("5.", 5.0),
+        ("1:30", "1:30"),
+        ("0x10", "0x10"),
+        ("1_000", "1_000"),
+        ("no", "no"),
+        ("on", "on"),
+        ("y", "y"),
+        ("true", True),
+        ("False", False),
+        ("~", None),
+        ("", None),
+        ("null", None),
+        ("-.inf", float("-inf")),
+        ("1e400", float("inf")),
+    ],
+)
+def test_plain_values_are_those_of_yaml_1_2(text, value):
+    """YAML 1.1 takes 010 for 8, 1:30 for 90 and a joint called ``no`` for false."""
+    found = parse_yaml(f"a: {text}")["a"]
+    assert (found, type(found)) == (value, type(value))
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["1e-3", "010", "08", "1:30", "no", "yes", "true", "~", "null", "", ".inf", "2001-01-01", "<<", "0x1"],
+)
+def test_texts_that_look_like_something_else_are_written_in_quotes(text):
+    document = parse_yaml("robots: {a: {urdf: x.urdf}}") | {"description": text}
+    written = to_yaml(validate(document))
+    assert parse_yaml(written)["description"] == text
+    assert validate(parse_yaml(written)).description == text
+
+
+def test_faults_of_the_yaml_say_where_they_begin():
+    refused("a: 1\nb: 'open\nc: 3\n", r"unexpected end of stream \(.*quoted scalar that begins in line 2\)")
+    refused("a:\n\tb: 1", "line 2, column 1: .*indent with spaces, not tabs")
+
+
+def test_control_characters_of_a_file_do_not_reach_the_terminal():
+    with pytest.raises(ScenarioError) as caught:
+        validate(parse_yaml('robots: {"a\\e[31m": {urdf: "x"}}'))
+    assert "\x1b" not in str(caught.value)
+    assert str(caught.value).isprintable()
 
 
 def test_files_that_cannot_be_read(tmp_path):

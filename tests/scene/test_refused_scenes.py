@@ -88,11 +88,11 @@ def rigid(kind: str = "weld") -> dict[str, object]:
             {"robots.one.links.link_1.inertia": [0, 0, 0, 0, 0, 0]},
             "robots.one.links: link 'link_1' is a moving link; its inertia is not positive definite",
         ),
-        (PLANAR, {"target.links.body.mass": 0}, "target.links.body.mass: input should be greater than 0"),
+        (PLANAR, {"target.links.body.mass": 0}, "target.links.body.mass: found 0, allowed: above 0"),
         (
             PLANAR,
             {"robots.one.tips.tip.amnesia.ta": "x"},
-            "robots.one.tips.tip.amnesia.ta: input should be a valid",
+            "robots.one.tips.tip.amnesia.ta: found 'x', allowed: a number",
         ),
         # rigid grasps
         (PLANAR, rigid(), "grasps.left: rigid, but tip and mating frame begin with relative velocity"),

@@ -1,0 +1,109 @@
+"""pydantic's errors in one line: dotted path, what was found, what is allowed."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import Any
+
+from spacerobot.scenario.paths import Document
+
+GRASP_KINDS = ("compliant", "point", "weld")
+REFERENCE_KINDS = ("circle", "line", "spline", "hold")
+
+_SECTION = "a section of keys and values"
+_ALLOWED = {
+    "float_type": "a number",
+    "float_parsing": "a number",
+    "finite_number": "a finite number",
+    "int_type": "a whole number",
+    "int_parsing": "a whole number",
+    "int_from_float": "a whole number",
+    "bool_type": "true or false",
+    "bool_parsing": "true or false",
+    "string_type": "a text, in quotes if it looks like something else",
+    "string_too_short": "at least {min_length} character",
+    "string_too_long": "at most {max_length} characters",
+    "tuple_type": "a list, as [0, 0, 1]",
+    "too_short": "at least {min_length}",
+    "too_long": "at most {max_length}",
+    "dict_type": _SECTION,
+    "model_type": _SECTION,
+    "model_attributes_type": _SECTION,
+    "literal_error": "{expected}",
+    "greater_than": "above {gt:g}",
+    "greater_than_equal": "at least {ge:g}",
+    "less_than": "below {lt:g}",
+    "less_than_equal": "at most {le:g}",
+}
+"""What is allowed, by the type of pydantic's error; its own sentence stands for types that are not here."""
+
+_PATTERNS = {
+    r"^[A-Za-z_][A-Za-z0-9_-]*$": "letters, digits, _ and -, with a letter or _ in front",
+    r"^[^/]+/[^/]+$": "robot/tip",
+}
+"""What a pattern of the schema means."""
+
+
+def explain(error: Mapping[str, Any], document: Document) -> tuple[str, str]:
+    """Dotted path and one line for one of pydantic's errors."""
+    path = _path(error["loc"], document)
+    kind, given = str(error["type"]), error["input"]
+    message = str(error["msg"]).removeprefix("Value error, ")
+    if kind == "missing" and path and path[-1].isdecimal():
+        return ".".join(path[:-1]), f"found {_short(given)}, allowed: a longer list"
+    if kind == "missing":
+        return ".".join(path), "missing"
+    if kind.startswith("union_tag"):
+        return _explain_kind(path, given)
+    if kind == "value_error":
+        inside = re.match(r"([\w*.-]+): (.*)", message, re.DOTALL)  # a check that names a key of its section
+        if inside:
+            path, message = [*path, inside[1]], inside[2]
+        return ".".join(path), message
+    allowed = _allowed(kind, error.get("ctx", {}))
+    if allowed is None:
+        return ".".join(path), f"{message[:1].lower()}{message[1:]}, found {_short(given)}"
+    return ".".join(path), f"found {_short(given)}, allowed: {allowed}"
+
+
+def _allowed(kind: str, context: Mapping[str, Any]) -> str | None:
+    if kind == "string_pattern_mismatch":
+        return _PATTERNS.get(str(context["pattern"]))
+    return _ALLOWED[kind].format(**context) if kind in _ALLOWED else None
+
+
+def _explain_kind(path: list[str], given: Any) -> tuple[str, str]:
+    """A reference or grasp whose ``kind`` is missing or unknown, or that is no section at all."""
+    if not isinstance(given, dict):
+        return ".".join(path), f"found {_short(given)}, allowed: {_SECTION}"
+    kinds = ", ".join(REFERENCE_KINDS if path[-1] == "reference" else GRASP_KINDS)
+    found = f"found {_short(given['kind'])}" if "kind" in given else "missing"
+    return ".".join([*path, "kind"]), f"{found}, allowed: {kinds}"
+
+
+def _path(location: tuple[str | int, ...], document: Document) -> list[str]:
+    """Dotted path of a place in the document, from pydantic's."""
+    path: list[str] = []
+    node: Any = document
+    for key in location:
+        # pydantic puts a union's tag into the location; the document does not hold it
+        if isinstance(node, dict) and key not in node and key == node.get("kind", "circle"):
+            continue
+        if key == "[key]":
+            continue
+        path.append(str(key))
+        node = node.get(key) if isinstance(node, dict) else _element(node, key)
+    return path
+
+
+def _element(node: Any, key: Any) -> Any:
+    inside = isinstance(node, list | tuple) and isinstance(key, int) and key < len(node)
+    return node[key] if inside else None
+
+
+def _short(value: Any) -> str:
+    if value is None:
+        return "null"
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."
