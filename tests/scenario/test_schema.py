@@ -134,7 +134,9 @@ def test_fault_is_told_with_its_place(changes, expected):
 
 
 def test_several_faults_are_counted():
-    assert faulty({f"{ONE}.pid.kp": -1, f"{ONE}.pid.ki": -1}).endswith("found -1, allowed: at least 0 (and 1 more)")
+    assert faulty({f"{ONE}.pid.kp": -1, f"{ONE}.pid.ki": -1}).endswith(
+        "found -1, allowed: at least 0 (and 1 more)"
+    )
 
 
 def test_missing_key_is_named():
