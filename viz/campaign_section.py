@@ -1,71 +1,108 @@
-"""A campaign in a report: how the metrics spread, how often it fails, what matters, the worst sample."""
+"""A campaign in a report: how often it fails, how numbers spread, what matters, the worst samples."""
 
 from __future__ import annotations
 
 import base64
-import json
-from collections.abc import Mapping
-from pathlib import Path
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from spacerobot.errors import ResultError
 from spacerobot.result import Result
-from viz.figures import robustness, sensitivities, to_bytes
-from viz.figures.style import unit_scale
+from viz.campaign_words import depends, failing, mixed, place_of, quantity_of, unfinished, with_gains
+from viz.figures import Course, Spread, courses, distributions, moving_components, sensitivities, to_bytes
+from viz.figures.style import Drawing, unit_scale
+from viz.notebook import frame
+from viz.page import animation_page
 from viz.report import SECTIONS, Section, report
-from viz.report_sections import escape, table
+from viz.report_sections import Subject, escape, table
 
-DRAWN = ("tip_error_peak", "joint_torque_peak", "grip_force_peak", "target_rotation_peak")
 LIMITS = {
     "tip_error_peak": "tip_error",
     "joint_torque_peak": "joint_torque",
     "grip_force_peak": "grip_force",
     "target_rotation_peak": "target_rotation_deg",
+    "base_rotation_peak": "base_rotation_deg",
 }
+"""Metrics that are drawn, and the limit of each."""
+
+KEPT = ("warnings", "numbers", "figures", "ledger", "assumptions", "origins")
+"""Sections that a campaign's report takes over for its worst samples."""
+
+MOST_ANIMATED = 4
 
 
-def campaign_section(folder: Path) -> Section:
-    """Section of a report about the campaign in a folder.
+@dataclass(frozen=True)
+class Shown:
+    """What a report about a campaign shows.
 
-    Parameters
+    Attributes
     ----------
-    folder
-        What ``spacerobot campaign`` wrote.
-
-    Raises
-    ------
-    ResultError
-        If it holds no campaign with a summary.
+    summary
+        As in ``summary.json``.
+    data
+        Draws and metrics of every sample.
+    worst
+        By set of gains: its worst sample, simulated.
+    courses
+        By kept signal: how it spreads over time, for each set of gains by name.
     """
-    try:
-        summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
-        data = xr.load_dataset(folder / "campaign.nc", engine="netcdf4")
-        text = "".join([_head(summary), _failures(summary), _drawings(summary, data), _worst(summary)])
-    except (OSError, ValueError, KeyError) as fault:
-        raise ResultError(f"holds no campaign that can be shown: {fault}", source=folder) from None
-    return Section("campaign", "Campaign", lambda _: text)
+
+    summary: Mapping[str, Any]
+    data: xr.Dataset
+    worst: Mapping[str, Result]
+    courses: Mapping[str, Mapping[str, Course]]
 
 
-def campaign_report(folder: Path, worst: Result) -> str:
-    """HTML of a report about a campaign, with its worst sample as the result that is shown and animated.
+def campaign_sections(shown: Shown) -> tuple[Section, ...]:
+    """Sections of a report about a campaign itself."""
 
-    Raises
-    ------
-    ResultError
-        If the folder holds no campaign with a summary.
-    """
-    title = f"Campaign of {worst.scenario.name}; shown: its worst sample"
-    return report(worst, title=title, sections=(campaign_section(folder), *SECTIONS))
+    def section(name: str, title: str, text: str) -> Section:
+        return Section(name, title, lambda _: text or None)
 
-
-def _head(summary: Mapping[str, Any]) -> str:
     return (
-        f"<p>{summary['samples']} of {summary['of']} samples of {escape(', '.join(summary['parameters']))}; "
-        f"design {escape(summary['design'])}, seed {summary['seed']}.</p>"
+        section("campaign", "Campaign", _in_short(shown.summary)),
+        section("spread", "How the numbers spread", _spread(shown)),
+        section("matters", "What matters", _matters(shown.summary)),
+        section("series", "Signals over time", _series(shown)),
+        section("worst", "Worst samples", _worst(shown.summary)),
     )
+
+
+def campaign_report(shown: Shown) -> str:
+    """HTML of a report about a campaign; the worst sample of each set of gains is shown and animated."""
+    summary = shown.summary
+    results = [replace(result, folder=None) for result in shown.worst.values()]
+    labelled = partial(_animations, shown)
+    animation = Section("animation", "Worst samples, animated", labelled)
+    rest = [
+        replace(section, title=f"{section.title}: worst samples") if section.name != "origins" else section
+        for section in SECTIONS
+        if section.name in KEPT
+    ]
+    title = f"Campaign of {summary['name']}: {summary['samples']} samples"
+    return report(*results, title=title, sections=[*campaign_sections(shown), animation, *rest])
+
+
+def _in_short(summary: Mapping[str, Any]) -> str:
+    sentences = [failing(name, told, summary) for name, told in summary["gains"].items()]
+    text = "".join(f"<p>{escape(sentence)}</p>" for sentence in sentences)
+    missing = unfinished(summary)
+    if missing:
+        text = f"<ul class='warnings'><li>{escape(missing)}</li></ul>{text}"
+    sets = ", ".join(summary["gains"])
+    about = (
+        f"{summary['samples']} of {summary['of']} samples (design {summary['design']}, seed "
+        f"{summary['seed']}) of {', '.join(summary['parameters'])}; each was rolled out with the gains: "
+        f"{sets}."
+    )
+    limits = ", ".join(f"{name} {value:g}" for name, value in summary["limits"].items())
+    passes = f", or passes a limit ({limits}; SI units or deg)" if limits else ""
+    fails = f"A sample fails if it diverges{passes}."
+    return f"{text}<p>{escape(about)} {escape(fails)}</p>{_failures(summary)}{_against(summary)}"
 
 
 def _failures(summary: Mapping[str, Any]) -> str:
@@ -75,8 +112,8 @@ def _failures(summary: Mapping[str, Any]) -> str:
         for name, told in summary["gains"].items()
     ]
     level = f"{100 * summary['confidence']:g} %"
-    note = f"<p>Share of samples that fail, with its {level} interval where samples are random.</p>"
-    return note + table(["gains", *causes], rows)
+    note = f", with the {level} interval of its probability" if summary["intervals"] else ""
+    return f"<h3>Share of samples that fail{note}</h3>" + table(["gains", *causes], rows)
 
 
 def _share(told: Mapping[str, Any]) -> str:
@@ -86,60 +123,148 @@ def _share(told: Mapping[str, Any]) -> str:
     return f"{text} ({100 * told['low']:.3g} to {100 * told['high']:.3g})"
 
 
-def _drawings(summary: Mapping[str, Any], data: xr.Dataset) -> str:
-    parts = []
-    for metric in (name for name in DRAWN if name in data):
-        factor, unit = unit_scale(str(data[metric].attrs["units"]))
-        largest = factor * data[metric].max(f"{metric}_of", skipna=False)
-        samples = {str(name): largest.sel(gains=name).values for name in data.gains.values}
-        limit = summary["limits"].get(LIMITS[metric])
-        quantity = metric.replace("_peak", "").replace("_", " ")
-        figure = robustness(
-            samples,
-            quantity=f"largest {quantity}",
-            unit=unit,
-            limit=None if limit is None else factor * limit,
-        )
-        parts.append(_figure(figure, f"How the largest {quantity} spreads"))
+def _against(summary: Mapping[str, Any]) -> str:
+    rows = []
+    for row in summary["against"]:
+        first, second = row["first"], row["second"]
+        if "fails_alone" in row:
+            alone = row["fails_alone"]
+            rows.append(
+                [f"fails where the other holds: {first} {alone[first]}, {second} {alone[second]} samples", ""]
+            )
+        elif row["first_is_better"] is not None:
+            told = f"{first} has the smaller {quantity_of(row['metric'])} than {second}"
+            rows.append([told, _share(row["first_is_better"])])
+    return "<h3>Two sets on the same samples</h3>" + table(["", "share"], rows) if rows else ""
+
+
+def _spread(shown: Shown) -> str:
+    spreads = []
+    for metric, limit in LIMITS.items():
+        if metric not in shown.data:
+            continue
+        factor, unit = unit_scale(str(shown.data[metric].attrs["units"]))
+        largest = factor * shown.data[metric].max(f"{metric}_of", skipna=False)
+        samples = {str(name): largest.sel(gains=name).values for name in shown.data.gains.values}
+        most = shown.summary["limits"].get(limit)
+        spreads.append(Spread(samples, quantity_of(metric), unit, None if most is None else factor * most))
+    text = _percentiles(shown.summary)
+    if not spreads:
+        return text
+    note = "The share of samples (upwards) that stay below a value (to the right); the marks are 50 and 95 %."
+    return _figure(distributions(spreads), note) + text
+
+
+def _percentiles(summary: Mapping[str, Any]) -> str:
+    """Percentiles of every number that is kept, folded away."""
+    text = ""
     for name, told in summary["gains"].items():
-        parts.append(_matters(name, told["matters"], summary["parameters"]))
-    return "".join(parts)
-
-
-def _matters(gains: str, matters: Mapping[str, Any], parameters: list[str]) -> str:
-    """Strength of each parameter on each metric, as bars where there is one, else nothing."""
-    rows, kinds = [], set()
-    for metric, entry in matters.items():
-        found = entry["total"] if entry["kind"] == "sobol" else entry["value"]
-        kinds.add("Sobol' indices, total" if entry["kind"] == "sobol" else "rank correlations")
-        values = [found[name] for name in parameters]
-        rows.append([metric, *("-" if v is None else f"{v:+.2f}" for v in values)])
-    heading = f"<h3>What matters with the gains {escape(gains)}</h3><p>{escape('; '.join(sorted(kinds)))}</p>"
-    first = next(iter(matters.values()))
-    values = first["total"] if first["kind"] == "sobol" else first["value"]
-    bars = np.array([values[name] or 0.0 for name in parameters])
-    text = heading + table(["metric", *parameters], rows)
-    if bars.any() and len(parameters) > 1:
-        metric = next(iter(matters)).replace("_", " ")
-        figure = sensitivities(parameters, {gains: bars}, quantity=metric)
-        figure.axes[0].set_xlabel(f"{'; '.join(sorted(kinds))} with {metric} [1]")
-        text += _figure(figure, f"What {metric} depends on, gains {gains}")
+        rows = []
+        for row in told["metrics"]:
+            factor, unit = unit_scale(row["unit"])
+            values = [q["value"] for q in row["percentiles"]] + [row["largest"]]
+            numbers = ["diverged" if v is None else f"{factor * v:.4g}" for v in values]
+            rows.append([place_of(row["metric"], row["of"]), unit, *numbers])
+        percents = [f"{q['percent']:g} %" for q in told["metrics"][0]["percentiles"]]
+        inside = table(["", "unit", *percents, "largest"], rows)
+        text += f"<details><summary>percentiles with the gains {escape(name)}</summary>{inside}</details>"
     return text
 
 
-def _worst(summary: Mapping[str, Any]) -> str:
+def _matters(summary: Mapping[str, Any]) -> str:
+    """What each metric depends on: in sentences, and as bars for the first one."""
     parts = []
     for name, told in summary["gains"].items():
-        worst = told["worst"][0]
-        rows = [[key, f"{value:.6g}"] for key, value in worst["draw"].items()]
-        parts.append(f"<h3>Worst sample with the gains {escape(name)}: {worst['sample']}</h3>")
-        parts.append(table(["", ""], rows))
-        command = escape(worst["command"])
-        parts.append(f"<details><summary>run it again</summary><pre>{command}</pre></details>")
+        sentences = [depends(metric, entry) for metric, entry in told["matters"].items()]
+        items = "".join(f"<li>{escape(sentence)}</li>" for sentence in sentences)
+        heading = f"<h3>{escape(with_gains(name))}</h3>" if len(summary["gains"]) > 1 else ""
+        parts.append(f"{heading}<ul>{items}</ul>{_bars(name, told['matters'], summary['parameters'])}")
+    entries = [entry for told in summary["gains"].values() for entry in told["matters"].values()]
+    note = mixed(summary)
+    return _measures_told(entries) + (f"<p>{escape(note)}</p>" if note else "") + "".join(parts)
+
+
+def _measures_told(entries: Sequence[Mapping[str, Any]]) -> str:
+    kinds = {entry["kind"] for entry in entries}
+    texts = []
+    if "rank_correlation" in kinds:
+        texts.append(
+            "Numbers in brackets are rank correlations: +1, it grows whenever the parameter does; 0, no "
+            "relation; -1, it falls. What could be chance is left out."
+        )
+    if "sobol" in kinds:
+        texts.append("Shares of the variance are total Sobol' indices; they add up to more than 100 %.")
+    return "".join(f"<p>{escape(text)}</p>" for text in texts)
+
+
+def _bars(gains: str, matters: Mapping[str, Any], parameters: list[str]) -> str:
+    metric, entry = next(iter(matters.items()))
+    values = entry["total"] if entry["kind"] == "sobol" else entry["value"]
+    bars = {"as it grows" if entry["kind"] != "sobol" else "share": _numbers(values, parameters)}
+    if entry["kind"] != "sobol":
+        bars["away from its middle"] = _numbers(entry["away"], parameters)
+    if len(parameters) < 2 or not any(row.any() for row in bars.values()):
+        return ""
+    figure = sensitivities(parameters, bars, quantity=metric)
+    kind = "total Sobol' index" if entry["kind"] == "sobol" else "rank correlation"
+    figure.axes[0].set_xlabel(f"{kind} with the {quantity_of(metric)} [1]")
+    return _figure(figure, f"What the {quantity_of(metric)} depends on, gains {gains}")
+
+
+def _numbers(values: Mapping[str, float | None], parameters: list[str]) -> np.typing.NDArray[np.float64]:
+    return np.array([values[name] or 0.0 for name in parameters])
+
+
+def _series(shown: Shown) -> str:
+    parts = []
+    for signal, by_gains in shown.courses.items():
+        parts.append(f"<h3>{escape(signal.replace('_', ' '))}</h3>")
+        for name, course in by_gains.items():
+            if not moving_components(course):
+                parts.append(f"<p>{escape(with_gains(name))}: always the same, in every sample.</p>")
+                continue
+            own = f"{signal.replace('_', ' ')} with the gains {name}"
+            scale = "; each figure has its own scale" if len(by_gains) > 1 else ""
+            lost = len(shown.data.sample) - int(course.left[-1])
+            gone = f"; {lost} samples diverged and count until then" if lost else ""
+            parts.append(_figure(courses(course), f"{own}, over all samples{gone}{scale}"))
     return "".join(parts)
 
 
-def _figure(drawing: Any, title: str) -> str:
+def _worst(summary: Mapping[str, Any]) -> str:
+    """Draw of each set's worst sample, a column for each, and the commands."""
+    worst = {name: told["worst"][0] for name, told in summary["gains"].items()}
+    rows = [["sample", *(str(row["sample"]) for row in worst.values())]]
+    rows.append(["worst in", *(_reason(row, summary) for row in worst.values())])
+    rows += [[key, *(f"{row['draw'][key]:.6g}" for row in worst.values())] for key in summary["parameters"]]
+    text = table(["gains", *worst], rows)
+    for name, row in worst.items():
+        told = f"run it again, gains {name}"
+        text += f"<details><summary>{escape(told)}</summary><pre>{escape(row['command'])}</pre></details>"
+    return text
+
+
+def _reason(row: Mapping[str, Any], summary: Mapping[str, Any]) -> str:
+    if row["diverged_at_s"] is not None:
+        return f"diverged after {row['diverged_at_s']:.3g} s"
+    metric = row["metric"]
+    rows = next(iter(summary["gains"].values()))["metrics"]
+    factor, unit = unit_scale(next(one["unit"] for one in rows if one["metric"] == metric))
+    failed = ", past its limit" if LIMITS.get(metric) in row["failed"] else ""
+    return f"{quantity_of(metric)}, {factor * row['value']:.4g} {unit}{failed}"
+
+
+def _animations(shown: Shown, _: Subject) -> str:
+    text = '<p class="onpaper">The animation plays on a screen; its frames stand among the figures.</p>'
+    for name, result in list(shown.worst.items())[:MOST_ANIMATED]:
+        sample = shown.summary["gains"][name]["worst"][0]["sample"]
+        text += f"<h3>Gains {escape(name)}, sample {sample}</h3>"
+        text += frame(animation_page(result, autoplay=False), 640)
+    left = list(shown.worst)[MOST_ANIMATED:]
+    return text + (f"<p>Not animated: the worst samples of {escape(', '.join(left))}.</p>" if left else "")
+
+
+def _figure(drawing: Drawing, title: str) -> str:
     svg = base64.b64encode(to_bytes(drawing, "svg")).decode("ascii")
     image = f'<img alt="{escape(title)}" src="data:image/svg+xml;base64,{svg}">'
     return f"<figure>{image}<figcaption>{escape(title)}</figcaption></figure>"

@@ -5,8 +5,8 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +14,12 @@ import numpy as np
 
 from optim.campaign.metrics import Column, Kept, build_kept
 from optim.campaign.sampling import draw
+from optim.campaign.series import Recording, build_recording, check_size, series_step
 from optim.campaign.space import Space, campaign_of, check_range, gain_set, resolve_space
 from optim.protocol import Array
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.errors import ScenarioError
-from spacerobot.rollout import Rollout, build_rollout
+from spacerobot.rollout import Rollout, build_rollout, time_grid
 from spacerobot.scenario import Campaign
 from spacerobot.scenario.load import to_document, validate
 from spacerobot.scene import Scene, build_scene
@@ -43,23 +44,44 @@ class Table:
         Values of the columns (n, G, M); NaN where a rollout diverged.
     diverged_at_s
         Time of the last good state (n, G); NaN where a rollout completed.
+    series
+        Signals over time by name, each (n, G, nt, c); NaN after divergence.
     """
 
     draws: Array
     metrics: Array
     diverged_at_s: Array
+    series: Mapping[str, Array] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.draws)
 
+    def part(self, rows: slice) -> Table:
+        """Some of the samples."""
+        series = {name: values[rows] for name, values in self.series.items()}
+        return Table(self.draws[rows], self.metrics[rows], self.diverged_at_s[rows], series)
+
+    @classmethod
+    def joined(cls, tables: Sequence[Table]) -> Table:
+        """The samples of several tables, one after the other."""
+        if len(tables) == 1:
+            return tables[0]
+        return cls(
+            np.concatenate([table.draws for table in tables]),
+            np.concatenate([table.metrics for table in tables]),
+            np.concatenate([table.diverged_at_s for table in tables]),
+            {name: np.concatenate([table.series[name] for table in tables]) for name in tables[0].series},
+        )
+
 
 @dataclass(frozen=True)
 class Member:
-    """One set of gains: its scene, where draws go in it, what is kept, and its rollout."""
+    """One set of gains: its scene, where draws go in it, what is kept of it and over time, its rollout."""
 
     scene: Scene
     space: Space
     kept: Kept
+    recording: Recording
     rollout: Rollout
 
 
@@ -121,6 +143,20 @@ class Evaluator:
         return self.members[0].kept.columns
 
     @property
+    def recording(self) -> Recording:
+        """What is kept over time."""
+        return self.members[0].recording
+
+    @property
+    def bytes_per_sample(self) -> int:
+        """What a sample's series take in memory, all sets of gains together."""
+        return len(self.members) * self.recording.bytes_per_rollout
+
+    def member(self, gains: str) -> Member:
+        """That of one set of gains."""
+        return self.members[list(self.gains).index(gains)]
+
+    @property
     def recipe(self) -> Recipe:
         """What builds the same one elsewhere."""
         source = self.scene.source
@@ -165,17 +201,23 @@ class Evaluator:
         """
         draws = np.ascontiguousarray(np.atleast_2d(draws), dtype=float)
         tables, times = [], []
-        for member in self.members:
-            values = member.space.values(draws)
-            batch = member.rollout.batch(member.space.paths, values, threads=threads)
+        series = {
+            one.name: np.empty((len(draws), len(self.members), len(self.recording.time), len(one.components)))
+            for one in self.recording.series
+        }
+        for i, member in enumerate(self.members):
+            values, names = member.space.values(draws), member.recording.names
+            batch = member.rollout.batch(member.space.paths, values, outputs=names, threads=threads)
             if batch.cancelled:
                 raise KeyboardInterrupt
             tables.append(member.kept.table(batch.measures))
             times.append(batch.diverged_at_s)
-        return Table(draws, np.stack(tables, axis=1), np.stack(times, axis=1))
+            for name in names:
+                series[name][:, i] = batch.outputs[name]
+        return Table(draws, np.stack(tables, axis=1), np.stack(times, axis=1), series)
 
 
-def build_evaluator(scene: Scene, gains: Gains | None = None) -> Evaluator:
+def build_evaluator(scene: Scene, gains: Gains | None = None, *, compiled: bool = True) -> Evaluator:
     """Campaign of a scene, built and compiled.
 
     Parameters
@@ -184,23 +226,28 @@ def build_evaluator(scene: Scene, gains: Gains | None = None) -> Evaluator:
         A scene whose scenario has a ``campaign`` section.
     gains
         Sets of gains: changes by dotted path, by name; the section's if None.
+    compiled
+        Whether it shall roll out many samples, or only say what a store is of.
 
     Raises
     ------
     ScenarioError
-        If the section does not fit the scene: a path leads nowhere, the closed loop does not depend on it, or
-        draws hold what no scenario may.
+        If the section does not fit the scene: a path leads nowhere, the closed loop does not depend on it,
+        there is no such signal, or its series would not end.
     """
     campaign = campaign_of(scene)
     chosen: Gains = dict(campaign.gains if gains is None else gains) or {NOMINAL: {}}
     made: list[Member] = []
     for name, changes in chosen.items():
         try:
-            made.append(_member(gain_set(scene, changes), campaign))
+            made.append(_member(gain_set(scene, changes), campaign, len(chosen), compiled))
         except ScenarioError as fault:
             where = f"gains {name}: {fault.where or ''}".rstrip(": ")
             raise ScenarioError(fault.message, source=fault.source or scene.source, where=where) from None
-    if any(member.kept.columns != made[0].kept.columns for member in made):
+    if any(
+        member.kept.columns != made[0].kept.columns or member.recording.series != made[0].recording.series
+        for member in made
+    ):
         raise ScenarioError("sets of gains differ in robots, tips or grasps", source=scene.source)
     campaign = campaign.model_copy(update={"gains": {n: dict(c) for n, c in chosen.items()}})
     scenario = scene.scenario.model_copy(update={"campaign": campaign})
@@ -221,15 +268,25 @@ def all_draws(evaluator: Evaluator) -> Array:
     return draws
 
 
-def _member(scene: Scene, campaign: Campaign) -> Member:
+def _member(scene: Scene, campaign: Campaign, sets: int, compiled: bool) -> Member:
     space = resolve_space(scene, campaign)
     loop = build_closed_loop(scene, vary=space.paths)
     kept = build_kept(loop, scene, campaign.metrics)
     if not kept.columns:
         raise ScenarioError("none of the metrics fits this scene", where="campaign.metrics")
-    simulation = scene.scenario.simulation
+    duration = scene.scenario.simulation.duration
+    sample_s = series_step(campaign, duration)
+    time = time_grid(duration, campaign.step, sample_s).time if sample_s else np.empty(0)
+    recording = build_recording(loop, scene, campaign.series, time)
+    check_size(recording, campaign.count, sets)
     rollout = build_rollout(
-        loop, duration_s=simulation.duration, step_s=campaign.step, measures=kept.measures
+        loop,
+        duration_s=duration,
+        step_s=campaign.step,
+        output_step_s=sample_s,
+        measures=kept.measures,
+        backend="auto" if compiled else "interpreted",
     )
-    rollout.engines.batch  # noqa: B018  (compiles)
-    return Member(scene, space, kept, rollout)
+    if compiled:
+        rollout.engines.batch  # noqa: B018  (compiles)
+    return Member(scene, space, kept, recording, rollout)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+from optim.campaign.series import torque_unit
 from optim.protocol import Array
 from spacerobot.rollout import ClosedLoopFunctions, Measure, Measures, Signals, integral, peak
 from spacerobot.scene import Scene
@@ -128,8 +129,7 @@ def _torques(signals: Signals, scene: Scene) -> Made:
     if size.numel() != len(joints):
         raise ValueError("every joint has one torque")
     rows = {name: [i for i, (_, owner) in enumerate(joints) if owner == name] for name in places}
-    unit = "N m or N"
-    return places, unit, peak(ca.vertcat(*(ca.mmax(size[rows[name]]) for name in places)))
+    return places, torque_unit(scene), peak(ca.vertcat(*(ca.mmax(size[rows[name]]) for name in places)))
 
 
 def _grips(signals: Signals, scene: Scene) -> Made:

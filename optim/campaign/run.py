@@ -9,12 +9,16 @@ from pathlib import Path
 from typing import Protocol
 
 from optim.campaign.evaluator import Evaluator, Gains, Table, all_draws, build_evaluator
-from optim.campaign.store import Interval, open_store
+from optim.campaign.intervals import Interval
+from optim.campaign.netcdf import Layout
+from optim.campaign.notes import Named, notes_of
+from optim.campaign.store import open_store
 from optim.protocol import Array
 from spacerobot.scene import Scene
 
 CHUNK_S = 4.0  # long enough to hide what a chunk costs, short enough to lose
 FIRST = 128  # rollouts of the first chunk, from which the rate is learnt
+CHUNK_BYTES = 32_000_000  # of series in a chunk, of which several copies exist for a moment
 GRAIN = 64  # samples by which chunks grow: whole groups of lanes for every thread
 
 
@@ -39,17 +43,18 @@ class Progress:
 
 
 class Chunks:
-    """Samples still to do, handed out in pieces of any size, in order."""
+    """Samples still to do, handed out in pieces of any size up to ``most``, in order."""
 
-    def __init__(self, missing: Sequence[Interval]) -> None:
+    def __init__(self, missing: Sequence[Interval], most: int | None = None) -> None:
         self._left = list(reversed(missing))
+        self._most = most
 
     def take(self, size: int) -> Interval | None:
-        """Next piece, at most so many samples; None if nothing is left."""
+        """Next piece, at most so many samples, nor more than fit into memory; None if nothing is left."""
         if not self._left:
             return None
         begin, end = self._left.pop()
-        cut = min(end, begin + max(1, size))
+        cut = min(end, begin + max(1, size if self._most is None else min(size, self._most)))
         if cut < end:
             self._left.append((cut, end))
         return begin, cut
@@ -95,6 +100,12 @@ def first_size(evaluator: Evaluator) -> int:
     return max(1, FIRST // len(evaluator.members))
 
 
+def most_samples(evaluator: Evaluator) -> int | None:
+    """Samples whose series fit into a chunk; None where no series is kept."""
+    each = evaluator.bytes_per_sample
+    return max(1, CHUNK_BYTES // each) if each else None
+
+
 def sized(samples: int, seconds: float, chunk_s: float) -> int:
     """Samples that shall take some seconds, learnt from a chunk; in whole grains where they are many."""
     wish = samples * chunk_s / max(seconds, 1e-6)
@@ -133,6 +144,7 @@ def run_campaign(
     executor: Executor | None = None,
     progress: Callable[[Progress], object] | None = None,
     tell: Callable[[str], object] | None = None,
+    named: Named | None = None,
 ) -> Campaigned:
     """Roll out every sample of a campaign that is not in its folder yet.
 
@@ -153,6 +165,8 @@ def run_campaign(
         Told after every chunk.
     tell
         Told in words what is being done.
+    named
+        How the command line names the scenario, for the commands that run samples again; its file if None.
 
     Raises
     ------
@@ -165,20 +179,20 @@ def run_campaign(
     say("building and compiling")
     evaluator = build_evaluator(scene, gains)
     draws = all_draws(evaluator)
-    with open_store(folder, evaluator.identity(draws), len(draws)) as store:
+    notes = notes_of(evaluator, named)
+    with open_store(folder, evaluator.identity(draws), len(draws), notes) as store:
         before, since, interrupted = store.done, time.perf_counter(), False
+        chunks = Chunks(store.missing, most_samples(evaluator))
         say("rolling out")
         try:
-            for begin, table in (executor or Here()).work(evaluator, draws, Chunks(store.missing)):
+            for begin, table in (executor or Here()).work(evaluator, draws, chunks):
                 store.add(begin, table)
                 if progress is not None:
                     progress(_progress(store.done, before, len(draws), since, len(evaluator.members)))
         except KeyboardInterrupt:
             interrupted = True
         say("merging")
-        columns, names = evaluator.columns, list(evaluator.gains)
-        about = "; ".join(dict.fromkeys(member.rollout.summary for member in evaluator.members))
-        store.merge(list(evaluator.campaign.parameters), names, columns, about)
+        store.merge(Layout.of(evaluator, notes["about"]))
         return Campaigned(folder, evaluator, store.done, len(draws), interrupted)
 
 

@@ -135,7 +135,7 @@ def sobol_indices(values: Array, names: Sequence[str], confidence: float, seed: 
 
 def _between(ordered: Array, share: float) -> float:
     """Linear interpolation of order statistics that may be infinite."""
-    at = share * (len(ordered) - 1)
+    at = round(share * (len(ordered) - 1), 9)  # 0.07 * 100 is a little more than 7
     below = int(np.floor(at))
     if at == below:
         return float(ordered[below])

@@ -10,26 +10,26 @@ from __future__ import annotations
 import contextlib
 import io
 import json
+import os
 import shutil
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-import netCDF4
 import numpy as np
-import xarray as xr
 
 from optim.campaign.evaluator import Table
-from optim.campaign.metrics import Column
+from optim.campaign.intervals import Interval, Intervals
+from optim.campaign.netcdf import DATA, FORMAT, Layout, is_complete, load_campaign, write_tables
 from spacerobot.errors import ResultError
 from spacerobot.files import write_bytes, write_text
 from spacerobot.scenario.paths import leaves
 
-FORMAT = 1
-HEAD, DATA, CHUNKS, LOCK = "campaign.json", "campaign.nc", "chunks", ".lock"
-ROWS = 1024  # samples that the file keeps, and packs, together
-Interval = tuple[int, int]
+__all__ = ["HEAD", "Store", "difference", "load_campaign", "load_head", "open_store"]
+
+HEAD, CHUNKS, LOCK = "campaign.json", "chunks", ".lock"
+SERIES = "series."  # before the names of series in a chunk
 
 
 class Store:
@@ -37,22 +37,19 @@ class Store:
 
     def __init__(self, folder: Path, count: int) -> None:
         self.folder, self.count = folder, count
-        self._present: list[Interval] = self._found()
+        self._there = Intervals()
+        self._chunks: list[Interval] = []
+        self._find()
 
     @property
     def done(self) -> int:
         """Samples that are there."""
-        return sum(end - begin for begin, end in self._present)
+        return len(self._there)
 
     @property
     def missing(self) -> list[Interval]:
         """Samples that are not, as intervals in order."""
-        found, at = [], 0
-        for begin, end in [*sorted(self._present), (self.count, self.count)]:
-            if begin > at:
-                found.append((at, begin))
-            at = max(at, end)
-        return found
+        return self._there.gaps(self.count)
 
     def add(self, begin: int, table: Table) -> None:
         """Write a chunk.
@@ -63,7 +60,7 @@ class Store:
             If it cannot be written, or holds a sample that is there already.
         """
         end = begin + len(table)
-        if any(a < end and begin < b for a, b in self._present):
+        if not self._there.add(begin, end):
             raise ResultError(f"samples {begin} to {end - 1} are there already", source=self.folder)
         buffer = io.BytesIO()
         np.savez(
@@ -72,32 +69,27 @@ class Store:
             draws=table.draws,
             metrics=table.metrics,
             diverged_at_s=table.diverged_at_s,
+            **{SERIES + name: values for name, values in table.series.items()},
         )
         write_bytes(self._chunk((begin, end)), buffer.getvalue())
-        self._present.append((begin, end))
+        self._chunks.append((begin, end))
 
-    def merge(
-        self, parameters: Sequence[str], gains: Sequence[str], columns: Sequence[Column], about: str
-    ) -> Path:
+    def merge(self, layout: Layout) -> None:
         """Make ``campaign.nc`` of what is there, chunk by chunk, and drop the chunks if nothing is missing.
 
-        Parameters
-        ----------
-        parameters, gains, columns
-            Names along the axes.
-        about
-            What ran, for people.
+        Raises
+        ------
+        ResultError
+            If it cannot be written, or a chunk cannot be read.
         """
         path, complete = self.folder / DATA, not self.missing
-        if complete and not any(self._chunk(interval).exists() for interval in self._present):
-            return path
+        if complete and not self._chunks:
+            return
         stage = Path(tempfile.mkdtemp(prefix=".merge-", dir=self.folder))
+        tables = ((begin, _read(self._chunk((begin, end)))) for begin, end in sorted(self._chunks))
         try:
-            with netCDF4.Dataset(stage / DATA, "w") as file:
-                _define(file, parameters, gains, columns)
-                file.setncatts({"format": FORMAT, "complete": int(complete), "about": about})
-                for interval in sorted(self._present):
-                    _append(file, interval[0], _read(self._chunk(interval)), columns)
+            write_tables(stage / DATA, layout, tables, complete)
+            _to_disk(stage / DATA)
             (stage / DATA).replace(path)
         except (OSError, RuntimeError) as fault:
             raise ResultError(f"cannot be written: {fault}", source=path) from None
@@ -105,31 +97,31 @@ class Store:
             shutil.rmtree(stage, ignore_errors=True)
         if complete:
             shutil.rmtree(self.folder / CHUNKS, ignore_errors=True)
-        return path
 
     def _chunk(self, interval: Interval) -> Path:
         return self.folder / CHUNKS / f"{interval[0]:09d}-{interval[1]:09d}.npz"
 
-    def _found(self) -> list[Interval]:
-        """What is there; a chunk that a full disk or a power cut has spoilt is dropped."""
-        if _is_complete(self.folder / DATA, self.count):
-            return [(0, self.count)]
-        found: list[Interval] = []
+    def _find(self) -> None:
+        """Note what is there; a chunk that a full disk or a power cut has spoilt is dropped."""
+        if is_complete(self.folder / DATA, self.count):
+            self._there.add(0, self.count)
+            return
         for path in sorted((self.folder / CHUNKS).glob("?????????-?????????.npz")):
             begin, end = (int(part) for part in path.stem.split("-"))
             try:
-                whole = len(_read(path)) == end - begin
+                whole = len(_read(path)) == end - begin > 0
             except ResultError:
                 whole = False
-            if whole:
-                found.append((begin, end))
+            if whole and self._there.add(begin, end):
+                self._chunks.append((begin, end))
             else:
                 path.unlink()
-        return found
 
 
 @contextlib.contextmanager
-def open_store(folder: Path, identity: Mapping[str, Any], count: int) -> Iterator[Store]:
+def open_store(
+    folder: Path, identity: Mapping[str, Any], count: int, notes: Mapping[str, Any] | None = None
+) -> Iterator[Store]:
     """The store of a campaign, made if it is not there, held until left.
 
     Parameters
@@ -140,6 +132,9 @@ def open_store(folder: Path, identity: Mapping[str, Any], count: int) -> Iterato
         What decides the numbers; see ``Evaluator.identity``.
     count
         Samples in all.
+    notes
+        What is asked of the numbers and how the campaign was called: what may change from call to call, and
+        is written anew; left as it is if None.
 
     Raises
     ------
@@ -148,28 +143,15 @@ def open_store(folder: Path, identity: Mapping[str, Any], count: int) -> Iterato
     """
     with _held(folder):
         head = folder / HEAD
+        found: dict[str, Any] = {}
         if head.exists():
-            _check_same(head, identity)
-        else:
-            write_text(head, json.dumps({"format": FORMAT, **identity}, indent=1) + "\n")
+            found = load_head(folder)
+            _check_same(folder, found, identity)
+        wanted = {"format": FORMAT, **identity, "notes": found.get("notes", {}) if notes is None else notes}
+        text = json.dumps(wanted, indent=1) + "\n"
+        if found != json.loads(text):
+            write_text(head, text)
         yield Store(folder, count)
-
-
-def load_campaign(folder: Path) -> xr.Dataset:
-    """Numbers of a campaign: its parameters and metrics by sample and set of gains.
-
-    Raises
-    ------
-    ResultError
-        If there is no campaign, or it cannot be read.
-    """
-    path = folder / DATA
-    if not path.is_file():
-        raise ResultError(f"holds no campaign: no {DATA}", source=folder)
-    try:
-        return xr.load_dataset(path, engine="netcdf4")
-    except (OSError, ValueError, RuntimeError) as fault:
-        raise ResultError(f"cannot be read: {fault}", source=path) from None
 
 
 def load_head(folder: Path) -> dict[str, Any]:
@@ -185,27 +167,45 @@ def load_head(folder: Path) -> dict[str, Any]:
         found = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as fault:
         raise ResultError(f"cannot be read: {fault}", source=path) from None
-    if not isinstance(found, dict) or found.get("format") != FORMAT:
-        raise ResultError("written by another version; name another folder", source=path)
-    return found
+    layout = found.get("format") if isinstance(found, dict) else None
+    if layout != FORMAT:
+        raise ResultError(
+            f"written by another version: layout {layout}, this one reads {FORMAT}; run the campaign again "
+            "in another folder",
+            source=path,
+        )
+    return dict(found)
 
 
-def _check_same(head: Path, identity: Mapping[str, Any]) -> None:
-    """Refuse a folder that holds another campaign, with the first thing that differs."""
-    found = load_head(head.parent)
+def difference(found: Mapping[str, Any], identity: Mapping[str, Any]) -> str | None:
+    """In what a folder's campaign differs from another one; empty if it cannot be told, None if it does not.
+
+    Parameters
+    ----------
+    found
+        What :func:`load_head` gave.
+    identity
+        What decides the other one's numbers.
+    """
     if found.get("fingerprint") == identity["fingerprint"]:
-        return
+        return None
     parts = ("scenario", "gains", "urdf")
     old, new = (dict(leaves({part: given.get(part) for part in parts})) for given in (found, identity))
     differs = [path for path in dict.fromkeys([*old, *new]) if old.get(path) != new.get(path)]
-    what = "made by another version of the library"
-    if differs:
-        path = differs[0]
-        more = f" (and {len(differs) - 1} more)" if len(differs) > 1 else ""
-        short = path.removeprefix("scenario.")
-        what = f"{short} was {old.get(path)!r}, is {new.get(path)!r}{more}"
-    message = f"holds another campaign: {what}; name another folder, or remove this one"
-    raise ResultError(message, source=head.parent)
+    if not differs:
+        return ""
+    path = differs[0]
+    more = f" (and {len(differs) - 1} more)" if len(differs) > 1 else ""
+    return f"{path.removeprefix('scenario.')} was {old.get(path)!r}, is {new.get(path)!r}{more}"
+
+
+def _check_same(folder: Path, found: Mapping[str, Any], identity: Mapping[str, Any]) -> None:
+    """Refuse a folder that holds another campaign, with the first thing that differs."""
+    differs = difference(found, identity)
+    if differs is not None:
+        what = differs or "made by another version of the library"
+        message = f"holds another campaign: {what}; name another folder, or remove this one"
+        raise ResultError(message, source=folder)
 
 
 @contextlib.contextmanager
@@ -238,48 +238,15 @@ def _held(folder: Path) -> Iterator[None]:
 def _read(path: Path) -> Table:
     try:
         with np.load(path, allow_pickle=False) as stored:
-            return Table(stored["draws"], stored["metrics"], stored["diverged_at_s"])
+            series = {
+                name.removeprefix(SERIES): stored[name] for name in stored.files if name.startswith(SERIES)
+            }
+            return Table(stored["draws"], stored["metrics"], stored["diverged_at_s"], series)
     except Exception as fault:  # whatever a spoilt archive makes zipfile, zlib or numpy say
         raise ResultError(f"cannot be read: {fault}", source=path) from None
 
 
-def _is_complete(path: Path, count: int) -> bool:
-    if not path.is_file():
-        return False
-    try:
-        with netCDF4.Dataset(path) as file:
-            return bool(file.getncattr("complete")) and len(file.dimensions["sample"]) == count
-    except (OSError, RuntimeError, AttributeError, KeyError):
-        return False
-
-
-def _define(file: Any, parameters: Sequence[str], gains: Sequence[str], columns: Sequence[Column]) -> None:
-    """Dimensions and variables; ``sample`` has no limit."""
-    file.createDimension("sample", None)
-    axes = {"parameter": list(parameters), "gains": list(gains)}
-    for column in columns:
-        axes.setdefault(f"{column.metric}_of", []).append(column.where)
-    for axis, names in axes.items():
-        file.createDimension(axis, len(names))
-        file.createVariable(axis, str, (axis,))[:] = np.array(names, dtype=object)
-    file.createVariable("sample", "i8", ("sample",), chunksizes=(ROWS,))
-
-    def table(name: str, *others: str) -> Any:
-        sizes = (ROWS, *(len(file.dimensions[axis]) for axis in others))
-        return file.createVariable(name, "f8", ("sample", *others), zlib=True, complevel=1, chunksizes=sizes)
-
-    table("draw", "parameter")
-    table("diverged_at", "gains").units = "s"
-    for metric, unit in {column.metric: column.unit for column in columns}.items():
-        table(metric, "gains", f"{metric}_of").units = unit
-
-
-def _append(file: Any, begin: int, table: Table, columns: Sequence[Column]) -> None:
-    at = len(file.dimensions["sample"])
-    rows = slice(at, at + len(table))
-    file["sample"][rows] = np.arange(begin, begin + len(table))
-    file["draw"][rows] = table.draws
-    file["diverged_at"][rows] = table.diverged_at_s
-    for metric in dict.fromkeys(column.metric for column in columns):
-        places = [i for i, column in enumerate(columns) if column.metric == metric]
-        file[metric][rows] = table.metrics[:, :, places]
+def _to_disk(path: Path) -> None:
+    """Wait until a file is on the disk: the chunks that it replaces are about to go."""
+    with path.open("rb+") as file:
+        os.fsync(file.fileno())

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import json
-import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
@@ -14,23 +13,16 @@ import numpy as np
 import xarray as xr
 
 from optim.campaign.evaluator import Evaluator
-from optim.campaign.statistics import (
-    Estimate,
-    percentile,
-    rank_correlations,
-    rank_noise,
-    share,
-    sobol_indices,
-)
-from optim.campaign.store import load_campaign
+from optim.campaign.matters import correlated, noise_of, what_matters
+from optim.campaign.notes import Named, named_in
+from optim.campaign.samples import command_of
+from optim.campaign.statistics import Estimate, percentile, share
+from optim.campaign.store import load_campaign, load_head
 from optim.protocol import Array
 from spacerobot.errors import ResultError
 from spacerobot.files import write_text
-from spacerobot.result import Result
 from spacerobot.scenario import Campaign
 from spacerobot.scenario.campaign import LIMITED
-from spacerobot.scene import build_scene
-from spacerobot.simulate import simulate
 
 SUMMARY = "summary.json"
 WORST = 5  # samples that are told of each set of gains
@@ -61,6 +53,15 @@ class Outcome:
         """Greatest value over the columns of a metric (n,)."""
         return np.asarray(self.metrics[metric].max(axis=1))
 
+    def badness(self, campaign: Campaign) -> tuple[list[str], Array]:
+        """Metric that each sample is worst in, and how bad it is (n,), as a share of its limit."""
+        limits = {str(metric): getattr(campaign.limits, limit) for limit, metric in LIMITED.items()}
+        limited = {m: most for m, most in limits.items() if most is not None and m in self.metrics}
+        limited = limited or {next(iter(self.metrics)): 1.0}
+        ratios = np.array([self.largest(metric) / most for metric, most in limited.items()])
+        names = list(limited)
+        return [names[i] for i in ratios.argmax(axis=0)], np.asarray(ratios.max(axis=0))
+
     @property
     def any_failure(self) -> np.typing.NDArray[np.bool_]:
         """Whether each sample failed for any cause (n,)."""
@@ -86,10 +87,7 @@ def outcomes(data: xr.Dataset, campaign: Campaign) -> dict[str, Outcome]:
     return found
 
 
-Changes = Sequence[tuple[str, Any]]
-
-
-def summarise(folder: Path, evaluator: Evaluator, scenario: str, changes: Changes = ()) -> dict[str, Any]:
+def summarise(folder: Path, evaluator: Evaluator, named: Named | None = None) -> dict[str, Any]:
     """Percentiles, probabilities of failure, worst samples and what matters, written to ``summary.json``.
 
     Parameters
@@ -97,23 +95,30 @@ def summarise(folder: Path, evaluator: Evaluator, scenario: str, changes: Change
     folder
         A campaign's store.
     evaluator
-        What made it.
-    scenario
-        How the command line names the scenario, for the commands that run samples again.
-    changes
-        What was changed in it, by dotted path.
+        What made it; see :func:`optim.campaign.reopen`.
+    named
+        How the command line names the scenario, for the commands that run samples again; as the store notes
+        it if None.
 
     Raises
     ------
     ResultError
         If the store holds no sample, or cannot be read or written.
     """
+    summary = told_of(folder, evaluator, named)
+    write_text(folder / SUMMARY, json.dumps(summary, indent=1, allow_nan=False) + "\n")
+    return summary
+
+
+def told_of(folder: Path, evaluator: Evaluator, named: Named | None = None) -> dict[str, Any]:
+    """What :func:`summarise` writes, not written."""
     data, campaign = load_campaign(folder), evaluator.campaign
+    named = named or named_in(load_head(folder)["notes"])
     if len(data.sample) == 0:
         raise ResultError("holds no sample yet", source=folder)
     found = outcomes(data, campaign)
     draws = data.draw.values
-    summary = {
+    return {
         "name": evaluator.scene.scenario.name,
         "samples": len(data.sample),
         "of": campaign.count,
@@ -123,71 +128,25 @@ def summarise(folder: Path, evaluator: Evaluator, scenario: str, changes: Change
         "intervals": campaign.design in INDEPENDENT,
         "limits": campaign.limits.model_dump(exclude_none=True),
         "parameters": list(campaign.parameters),
+        "correlated": correlated(campaign),
         "gains": {
             name: {
                 "failure": _failures(outcome, campaign),
                 "metrics": _percentiles(outcome, campaign),
-                "matters": _matters(outcome, draws, campaign, complete=len(data.sample) == campaign.count),
+                "matters": {
+                    metric: what_matters(
+                        draws, outcome.largest(metric), campaign, complete=len(data.sample) == campaign.count
+                    )
+                    for metric in outcome.metrics
+                },
                 "map": _map(outcome, draws, campaign),
-                "worst": _worst(outcome, data, evaluator, index, (scenario, changes)),
+                "worst": _worst(outcome, data, evaluator, index, named),
             }
             for index, (name, outcome) in enumerate(found.items())
         },
-        "rank_noise": rank_noise(len(data.sample), campaign.confidence),
+        "rank_noise": noise_of(len(data.sample), campaign),
         "against": _against(found, campaign),
     }
-    write_text(folder / SUMMARY, json.dumps(summary, indent=1, allow_nan=False) + "\n")
-    return summary
-
-
-def command_of(evaluator: Evaluator, draw: Array, gains: str, scenario: str, given: Changes = ()) -> str:
-    """Command that runs one sample again.
-
-    Parameters
-    ----------
-    evaluator
-        Of the campaign.
-    draw
-        Values of the uncertain parameters (k,).
-    gains
-        Which set of gains.
-    scenario
-        How the command line names the scenario.
-    given
-        What was changed in it, by dotted path; changes to the campaign section itself are left out.
-    """
-    member = evaluator.members[list(evaluator.gains).index(gains)]
-    space, values = member.space, member.space.values(draw)[0]
-    changes: dict[str, Any] = {p: v for p, v in given if p.partition(".")[0] != "campaign"}
-    changes |= dict(evaluator.gains[gains])
-    for pattern in dict.fromkeys(space.patterns):
-        own = [i for i, other in enumerate(space.patterns) if other == pattern]
-        if len({float(values[i]) for i in own}) == 1:
-            changes[pattern] = float(values[own[0]])
-        else:
-            changes |= {space.paths[i]: float(values[i]) for i in own}
-    changes["simulation.step"] = evaluator.campaign.step
-    parts = [f"--set {shlex.quote(f'{path}={json.dumps(value)}')}" for path, value in changes.items()]
-    return " ".join(["spacerobot run", shlex.quote(scenario), *parts])
-
-
-def simulate_sample(evaluator: Evaluator, draw: Sequence[float], gains: str) -> Result:
-    """Result of one sample, as its command gives it.
-
-    Parameters
-    ----------
-    evaluator
-        Of the campaign.
-    draw
-        Values of the uncertain parameters (k,).
-    gains
-        Which set of gains.
-    """
-    member = evaluator.members[list(evaluator.gains).index(gains)]
-    values = member.space.values(np.asarray(draw, dtype=float))[0]
-    changes: dict[str, Any] = dict(zip(member.space.paths, map(float, values), strict=True))
-    changes["simulation.step"] = evaluator.campaign.step
-    return simulate(build_scene(member.scene.scenario, changes, source=member.scene.source))
 
 
 def _failures(outcome: Outcome, campaign: Campaign) -> dict[str, Any]:
@@ -218,33 +177,6 @@ def _interval(estimate: Estimate, campaign: Campaign) -> dict[str, Any]:
     return {"value": _plain(estimate.value), "low": _plain(ends[0]), "high": _plain(ends[1])}
 
 
-def _matters(outcome: Outcome, draws: Array, campaign: Campaign, *, complete: bool) -> dict[str, Any]:
-    """For each metric at its largest place: Sobol' indices if the design allows, else rank correlations."""
-    names, found = list(campaign.parameters), {}
-    for metric in outcome.metrics:
-        values = outcome.largest(metric)
-        entry: dict[str, Any] = {"kind": "rank_correlation"}
-        entry |= {"value": dict(zip(names, map(_plain, rank_correlations(draws, values)), strict=True))}
-        if campaign.design == "saltelli":
-            entry = entry | _indices(values, names, campaign, complete=complete)
-        found[metric] = entry
-    return found
-
-
-def _indices(values: Array, names: list[str], campaign: Campaign, *, complete: bool) -> dict[str, Any]:
-    lost = int((~np.isfinite(values)).sum())
-    if lost or not complete:
-        why = f"{lost} rollouts diverged" if lost else "not every sample is there yet"
-        return {"no_indices": f"{why}: Sobol' indices need them all"}
-    indices = sobol_indices(values, names, campaign.confidence)
-    if indices is None:
-        return {"no_indices": "it does not vary"}
-    lists = {
-        key: map(_plain, getattr(indices, key)) for key in ("first", "first_width", "total", "total_width")
-    }
-    return {"kind": "sobol"} | {key: dict(zip(names, row, strict=True)) for key, row in lists.items()}
-
-
 def _map(outcome: Outcome, draws: Array, campaign: Campaign) -> dict[str, Any] | None:
     """Where a grid over two parameters fails and why: causes by level of the first and of the second."""
     if campaign.design != "grid" or draws.shape[1] != 2 or len(draws) != campaign.count:
@@ -262,24 +194,26 @@ def _map(outcome: Outcome, draws: Array, campaign: Campaign) -> dict[str, Any] |
 
 
 def _worst(
-    outcome: Outcome, data: xr.Dataset, evaluator: Evaluator, index: int, named: tuple[str, Changes]
+    outcome: Outcome, data: xr.Dataset, evaluator: Evaluator, index: int, named: Named
 ) -> list[dict[str, Any]]:
-    """Worst samples: those that diverged, the earliest first, then by the first metric kept."""
-    name, metric = str(data.gains.values[index]), next(iter(outcome.metrics))
-    times, values = data.diverged_at.values[:, index], outcome.largest(metric)
-    order = np.lexsort((np.where(np.isnan(times), np.inf, times), -values))[:WORST]
+    """Worst samples: those that diverged, the earliest first, then by what comes nearest to its limit or
+    passes it furthest; by the first metric kept where there is no limit.
+    """
+    name, times = str(data.gains.values[index]), data.diverged_at.values[:, index]
+    metrics, badness = outcome.badness(evaluator.campaign)
+    order = np.lexsort((np.where(np.isnan(times), np.inf, times), -badness))[:WORST]
     rows = []
     for i in order:
-        draw = data.draw.values[i]
+        draw, metric = data.draw.values[i], metrics[i]
         rows.append(
             {
                 "sample": int(data.sample.values[i]),
                 "metric": metric,
-                "value": _plain(values[i]),
+                "value": _plain(outcome.largest(metric)[i]),
                 "diverged_at_s": _plain(times[i]),
                 "failed": [cause for cause, hits in outcome.failed.items() if hits[i]],
                 "draw": dict(zip(evaluator.campaign.parameters, map(float, draw), strict=True)),
-                "command": command_of(evaluator, draw, name, *named),
+                "command": command_of(evaluator, draw, name, named.scenario, named.changes),
             }
         )
     return rows

@@ -1,16 +1,22 @@
-"""``spacerobot report``: one page about one or several results."""
+"""``spacerobot report``: one page about results, a comparison of tuning methods, or a campaign."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from spacerobot.cli.campaign_page import campaign_page
 from spacerobot.cli.output import console, progress
+from spacerobot.errors import ResultError
 
 Folders = Annotated[
-    list[Path], typer.Argument(metavar="RESULT...", help="Folders of results, or one that holds several.")
+    list[Path],
+    typer.Argument(
+        metavar="DIR...", help="Folders of results, or one that holds several; or one comparison or campaign."
+    ),
 ]
 Out = Annotated[
     Path | None, typer.Option("--out", metavar="FILE", help="The page; FIRST/report.html if not given.")
@@ -24,7 +30,8 @@ def register(app: typer.Typer) -> None:
 
 HELP = """Write one self-contained page: what was run, headline numbers, animation, figures, ledger, warnings.
 
-A folder that `spacerobot compare` wrote gives a page about the tuning methods.
+A folder that `spacerobot compare` wrote gives a page about the tuning methods, one that `spacerobot campaign`
+wrote a page about the campaign, with the worst samples animated, finished or not.
 
 Examples:
 
@@ -33,19 +40,61 @@ Examples:
     spacerobot report out/before out/after --out report.html
 
     spacerobot report out/compare
+
+    spacerobot report out/campaign
 """
 
 
-def command(results: Folders, out: Out = None) -> None:
+def command(folders: Folders, out: Out = None) -> None:
     """Write the page."""
     from spacerobot.files import write_text
-    from viz.comparison_section import COMPARISON, comparison_report
-    from viz.report import find_results, write_report
 
-    path = out or results[0] / "report.html"
-    with progress("writing the report"):
-        if len(results) == 1 and (results[0] / COMPARISON).is_file():
-            write_text(path, comparison_report(results[0]))
-        else:
-            write_report(path, *find_results(results))
+    with progress("writing the report") as tell:
+        page = _page_of(folders, tell)
+        path = out or folders[0] / "report.html"
+        write_text(path, page)
     console().print(f"report in {path}", markup=False, soft_wrap=True)
+
+
+Maker = Callable[[Path, Callable[[str], object]], str]
+
+
+def _page_of(folders: list[Path], tell: Callable[[str], object]) -> str:
+    """Page about folders: one comparison, one campaign, or any number of results.
+
+    Raises
+    ------
+    ResultError
+        If a comparison or a campaign is named with others, or a folder holds none of them.
+    """
+    from viz.report import find_results, report
+
+    found = [(folder, _special(folder)) for folder in folders]
+    for folder, special in found:
+        if special is not None and len(folders) > 1:
+            raise ResultError(f"a {special[0]} has a page of its own; name it alone", source=folder)
+        if special is not None:
+            return special[1](folder, tell)
+        for inside in sorted(folder.glob("*/")):
+            if (kind := _special(inside)) is not None and not _is_result(folder):
+                message = f"holds a {kind[0]}, {inside.name}, among results; name the results, or it alone"
+                raise ResultError(message, source=folder)
+    return report(*find_results(folders))
+
+
+def _special(folder: Path) -> tuple[str, Maker] | None:
+    """Whether a folder holds no result but a comparison or a campaign, and what makes its page."""
+    from optim.campaign.store import HEAD
+    from viz.comparison_section import COMPARISON, comparison_report
+
+    if (folder / COMPARISON).is_file():
+        return "comparison", lambda folder, _: comparison_report(folder)
+    if (folder / HEAD).is_file():
+        return "campaign", campaign_page
+    return None
+
+
+def _is_result(folder: Path) -> bool:
+    from spacerobot.result.store import DATA
+
+    return (folder / DATA).is_file()

@@ -141,7 +141,20 @@ class Campaign(Section):
         description="sets of gains to compare on the same samples: changes to the scenario by dotted path; "
         "the scenario's own gains alone if not given",
     )
-    metrics: tuple[Metric, ...] = Field(default=METRICS, min_length=1, description="what is kept")
+    metrics: tuple[Metric, ...] = Field(
+        default=METRICS, min_length=1, description="which numbers are kept of each rollout"
+    )
+    series: tuple[Name, ...] = Field(
+        default=(),
+        description="signals that are kept over time, by the names of the closed loop's outputs: tip_error, "
+        "joint_torque, grasp_force, body_rotation, momentum_linear, ...; none if not given",
+    )
+    series_step: float | None = quantity(
+        "s",
+        "longest time between two values of a series; a hundredth of the duration if not given",
+        default=None,
+        gt=0,
+    )
     limits: Limits = Limits()
     percentiles: tuple[float, ...] = Field(
         default=(5.0, 50.0, 95.0, 99.0), min_length=1, description="which percentiles are told"
@@ -164,6 +177,11 @@ class Campaign(Section):
     def _check(self) -> Campaign:
         if not all(0 < value < 100 for value in self.percentiles):
             raise ValueError("percentiles: each lies between 0 and 100, the ends left out")
+        twice = [name for i, name in enumerate(self.series) if name in self.series[:i]]
+        if twice:
+            raise ValueError(f"series: {twice[0]} stands twice")
+        if self.series_step is not None and not self.series:
+            raise ValueError("series_step: there is no series; name signals in `series`")
         for limit, metric in LIMITED.items():
             if getattr(self.limits, limit) is not None and metric not in self.metrics:
                 raise ValueError(f"limits.{limit}: {metric} must be among the metrics")

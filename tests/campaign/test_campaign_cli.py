@@ -8,15 +8,15 @@ from typer.testing import CliRunner
 
 from optim.campaign import load_campaign
 from optim.campaign.gains import controllers, gain_sets
-from spacerobot.cli import campaign
+from spacerobot.cli import campaign, report, robust
 from spacerobot.errors import ScenarioError
 
 
 @pytest.fixture
 def invoke():
     app = typer.Typer(pretty_exceptions_enable=False)
-    campaign.register(app)
-    app.command("other")(lambda: None)
+    for module in (campaign, robust, report):
+        module.register(app)
     return lambda *words, name="campaign": CliRunner().invoke(app, [name, *map(str, words)])
 
 

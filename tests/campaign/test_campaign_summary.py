@@ -7,16 +7,18 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from optim.campaign.notes import Named
 from optim.campaign.run import run_campaign
+from optim.campaign.samples import command_of
 from optim.campaign.store import load_campaign
-from optim.campaign.summary import command_of, outcomes, summarise
+from optim.campaign.summary import outcomes, summarise
 
 
 @pytest.fixture(scope="module")
 def told(small, small_file, tmp_path_factory):
     folder = tmp_path_factory.mktemp("told") / "store"
     ran = run_campaign(small(), folder)
-    return ran, summarise(folder, ran.evaluator, str(small_file)), load_campaign(folder)
+    return ran, summarise(folder, ran.evaluator, Named(str(small_file))), load_campaign(folder)
 
 
 def test_failures_are_counted(told):
@@ -40,7 +42,9 @@ def test_percentiles_and_worst_samples_are_the_stores(told):
     assert (row["metric"], row["of"], row["unit"]) == ("tip_error_peak", "arm/tip x", "m")
     assert [q["value"] for q in row["percentiles"]] == pytest.approx(np.percentile(x[:, 0], [5, 50, 95, 99]))
     worst = soft["worst"]
-    assert [w["sample"] for w in worst] == np.argsort(-x.max(axis=1), kind="stable")[:5].tolist()
+    grip = data.grip_force_peak.sel(gains="soft").values[:, 0]  # what a limit is set for
+    assert [w["sample"] for w in worst] == np.argsort(-grip, kind="stable")[:5].tolist()
+    assert (worst[0]["metric"], worst[0]["value"]) == ("grip_force_peak", grip.max())
     assert worst[0]["draw"] == dict(
         zip(data.parameter.values, data.draw.values[worst[0]["sample"]], strict=True)
     )
@@ -116,7 +120,7 @@ def test_sobol_indices_of_a_scene(small, tmp_path):
     )
     with_pd = {"robots.arm.joint_pd": {"kp": 5, "kd": 1}}
     ran = run_campaign(scene, tmp_path / "store", gains={"pd": with_pd})
-    summary = summarise(ran.folder, ran.evaluator, "x")
+    summary = summarise(ran.folder, ran.evaluator)
     entry = summary["gains"]["pd"]["matters"]["grip_force_peak"]
     assert entry["kind"] == "sobol"
     assert entry["total"]["mass"] == pytest.approx(1, abs=0.05)  # the other hardly varies

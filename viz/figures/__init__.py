@@ -1,24 +1,30 @@
 """Figures: functions that return matplotlib figures, in one style, without a display."""
 
 from viz.figures.bodies import base_motion, grip_forces, object_motion
+from viz.figures.campaign import Course, Spread, courses, distributions, moving_components, robustness
 from viz.figures.collect import KINDS, draw_all, save_figures
 from viz.figures.docking import docking
 from viz.figures.joints import joints
 from viz.figures.ledger import ledger
 from viz.figures.style import Drawing, to_bytes
 from viz.figures.tips import tip_errors, tip_paths
-from viz.figures.tuning import convergence, robustness, sensitivities
+from viz.figures.tuning import convergence, sensitivities
 
 __all__ = [
     "KINDS",
+    "Course",
     "Drawing",
+    "Spread",
     "base_motion",
     "convergence",
+    "courses",
+    "distributions",
     "docking",
     "draw_all",
     "grip_forces",
     "joints",
     "ledger",
+    "moving_components",
     "object_motion",
     "robustness",
     "save_figures",

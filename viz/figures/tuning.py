@@ -1,11 +1,10 @@
-"""Tuning: convergence, sensitivities of gains, robustness. They take plain data, whatever made it."""
+"""Tuning: convergence, and sensitivities of gains. They take plain data, whatever made it."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from matplotlib.ticker import PercentFormatter
 from numpy.typing import ArrayLike
 
 from viz.figures.style import COLOURS, Drawing, legend_above, line, panels, styled
@@ -78,43 +77,4 @@ def sensitivities(
     panel.grid(visible=False, axis="y")
     panel.set_xlabel(f"change of {quantity} for a change of the gain, both relative [1]")
     legend_above(figure, panel)
-    return figure
-
-
-@styled
-def robustness(
-    samples: Mapping[str, ArrayLike], *, quantity: str, unit: str, limit: float | None = None
-) -> Drawing:
-    """Share of perturbed runs that stay below a value, for each design; medians and 95 % marked.
-
-    Parameters
-    ----------
-    samples
-        By name of the design: values of the perturbed runs (n,); NaN where one diverged, which counts as
-        worse than any value.
-    quantity, unit
-        What the values are.
-    limit
-        A value to stay below, if there is one.
-    """
-    figure, axes = panels(1, 1, height_in=2.8)
-    panel = axes[0, 0]
-    for k, (name, given) in enumerate(samples.items()):
-        values = np.asarray(given, dtype=np.float64)
-        finite = np.sort(values[np.isfinite(values)])
-        share = np.arange(1, len(finite) + 1) / len(values)
-        lost = len(values) - len(finite)
-        label = f"{name} ({len(values)} runs, {lost} diverged)" if lost else f"{name} ({len(values)} runs)"
-        panel.plot(finite, share, drawstyle="steps-post", **line(k), label=label)
-        for level in (0.5, 0.95):
-            place = int(np.searchsorted(share, level))
-            if place < len(finite):
-                panel.plot(finite[place], level, "o", color=COLOURS[k % len(COLOURS)], markersize=4)
-    if limit is not None:
-        panel.axvline(limit, color="0.3", linewidth=0.9, linestyle=":", label=f"limit {limit:g} {unit}")
-    panel.set_ylim(0, 1.02)
-    panel.yaxis.set_major_formatter(PercentFormatter(1.0))
-    panel.set_xlabel(f"{quantity} [{unit}]")
-    panel.set_ylabel("runs that stay below [%]")
-    legend_above(figure, panel, columns=2)
     return figure

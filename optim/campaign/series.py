@@ -1,0 +1,163 @@
+"""Signals that a campaign keeps over time: which, on what grid, how large."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from optim.protocol import Array
+from spacerobot.errors import ScenarioError, near_names
+from spacerobot.result.dataset import ENERGIES, TOTALS, VECTORS
+from spacerobot.rollout import ClosedLoopFunctions
+from spacerobot.scenario import Campaign
+from spacerobot.scene import Scene
+
+AXES = "xyz"
+MOST_BYTES = 20_000_000_000  # of all series of a campaign, before they are packed
+BYTES_EACH = 8  # double precision, so that bits compare
+
+
+@dataclass(frozen=True)
+class Series:
+    """A signal that is kept over time.
+
+    Attributes
+    ----------
+    name
+        As the closed loop's outputs name it.
+    components
+        What each of its c numbers is of: a tip and an axis, a joint, ...; empty names for a single number.
+    unit
+        Of each of them.
+    """
+
+    name: str
+    components: tuple[str, ...]
+    unit: str
+
+
+@dataclass(frozen=True)
+class Recording:
+    """All that a campaign keeps over time.
+
+    Attributes
+    ----------
+    series
+        The signals.
+    time
+        When they are kept (nt,) [s].
+    """
+
+    series: tuple[Series, ...]
+    time: Array
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the signals."""
+        return tuple(one.name for one in self.series)
+
+    @property
+    def width(self) -> int:
+        """Numbers at each time, all signals together."""
+        return sum(len(one.components) for one in self.series)
+
+    @property
+    def bytes_per_rollout(self) -> int:
+        """What one rollout under one set of gains takes in memory."""
+        return BYTES_EACH * len(self.time) * self.width
+
+
+def series_step(campaign: Campaign, duration_s: float) -> float | None:
+    """Longest time between two values [s]; None where nothing is kept."""
+    if not campaign.series:
+        return None
+    return campaign.series_step or duration_s / 100
+
+
+def build_recording(
+    loop: ClosedLoopFunctions, scene: Scene, wanted: Sequence[str], time_s: Array
+) -> Recording:
+    """What is kept over time of rollouts of a closed loop.
+
+    Parameters
+    ----------
+    loop
+        The closed loop.
+    scene
+        Its scene.
+    wanted
+        Names of its outputs.
+    time_s
+        When they are kept (nt,).
+
+    Raises
+    ------
+    ScenarioError
+        If there is no such output, or this scene has nothing that it is of.
+    """
+    sizes = {name: loop.outputs.numel_out(name) for name in loop.outputs.name_out()}
+    found = []
+    for name in wanted:
+        if name not in sizes:
+            raise ScenarioError(f"no signal {name!r}; {near_names(name, sizes)}", where="campaign.series")
+        if not sizes[name]:
+            raise ScenarioError(f"{name}: this scene has nothing that it is of", where="campaign.series")
+        components, unit = _described(name, scene)
+        if len(components) != sizes[name]:
+            raise ValueError(f"{name} has {sizes[name]} components, {len(components)} are named")
+        found.append(Series(name, tuple(components), unit))
+    return Recording(tuple(found), time_s)
+
+
+def check_size(recording: Recording, samples: int, sets: int) -> None:
+    """Refuse a store that would not end.
+
+    Raises
+    ------
+    ScenarioError
+        With the numbers that make it large.
+    """
+    whole = samples * sets * recording.bytes_per_rollout
+    if whole > MOST_BYTES:
+        factors = (
+            f"{samples} samples x {sets} sets of gains x {len(recording.time)} times x {recording.width}"
+        )
+        raise ScenarioError(
+            f"would take {whole / 1e9:.3g} GB ({factors} numbers x {BYTES_EACH} bytes), allowed: "
+            f"{MOST_BYTES / 1e9:g} GB; keep fewer signals or raise series_step",
+            where="campaign.series",
+        )
+
+
+def _described(name: str, scene: Scene) -> tuple[list[str], str]:
+    """Names of the components of an output, and their unit."""
+    if name in VECTORS:
+        dimension, unit, _ = VECTORS[name]
+        labels: Mapping[str, list[str]] = {
+            "tip": [tip.label for tip in scene.tips],
+            "body": [body.name for body in scene.bodies],
+            "grasp": [grasp.name for grasp in scene.grasps],
+        }
+        return [f"{label} {axis}" for label in labels[dimension] for axis in AXES], unit
+    if name in TOTALS:
+        return list(AXES), TOTALS[name][0]
+    if name in ENERGIES:
+        return [""], "J"
+    if name == "joint_torque":
+        return _joints(scene), torque_unit(scene)
+    raise ValueError(f"the output {name} has no unit")
+
+
+def torque_unit(scene: Scene) -> str:
+    """Unit of what the scene's actuators give."""
+    kinds = {
+        scene.model.joints[joint].shortname().startswith("JointModelP")
+        for body in scene.bodies
+        for joint in body.joints
+    }
+    return {(False,): "N m", (True,): "N"}.get(tuple(kinds), "N m or N")
+
+
+def _joints(scene: Scene) -> list[str]:
+    joints = sorted(joint for body in scene.bodies for joint in body.joints)
+    return [str(scene.model.names[joint]) for joint in joints]

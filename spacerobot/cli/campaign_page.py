@@ -1,0 +1,49 @@
+"""The page about a campaign, made from its folder alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from optim.campaign import Evaluator
+
+
+def campaign_page(folder: Path, tell: Callable[[str], object], evaluator: Evaluator | None = None) -> str:
+    """HTML of the report about a campaign.
+
+    Parameters
+    ----------
+    folder
+        Its store.
+    tell
+        Told in words what is being done.
+    evaluator
+        What made it; made again from the folder if None.
+
+    Raises
+    ------
+    ResultError
+        If the folder holds no campaign that can be told of; see :func:`optim.campaign.reopen`.
+    """
+    from optim.campaign import load_campaign, read_bands, reopen, simulate_sample, told_of
+    from viz.campaign_section import Shown, campaign_report
+
+    if evaluator is None:
+        tell("opening the campaign")
+        evaluator = reopen(folder)
+    tell("working out what it says")
+    summary = told_of(folder, evaluator)
+    worst = {name: told["worst"][0] for name, told in summary["gains"].items()}
+    tell("reading the kept signals")
+    courses = {
+        signal: {name: read_bands(folder, signal, name, row["sample"]) for name, row in worst.items()}
+        for signal in evaluator.recording.names
+    }
+    tell("simulating the worst samples")
+    results = {
+        name: simulate_sample(evaluator, list(row["draw"].values()), name) for name, row in worst.items()
+    }
+    tell("writing the page")
+    return campaign_report(Shown(summary, load_campaign(folder), results, courses))

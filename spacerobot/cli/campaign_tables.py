@@ -1,0 +1,132 @@
+"""What ``spacerobot campaign`` prints."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from spacerobot.cli.output import console, table, warn
+
+MARK = {
+    "": "+",
+    "diverged": "D",
+    "joint_torque": "T",
+    "grip_force": "G",
+    "tip_error": "E",
+    "target_rotation_deg": "R",
+    "base_rotation_deg": "B",
+}
+MARKS = "+ it does; D diverged; limits: T torque, G grip, E tip error, R target's, B base's rotation"
+
+
+def show(summary: Mapping[str, Any]) -> None:
+    """Print what a campaign says: how often it fails, percentiles, what matters, the worst samples."""
+    from viz.campaign_words import depends, mixed, unfinished
+
+    level = f"{100 * summary['confidence']:g} %"
+    missing = unfinished(summary)
+    if missing:
+        warn(missing)
+    head = f"{summary['name']}: {summary['samples']} samples, {summary['design']}"
+    asked = f"probability of failure and its {level} interval" if summary["intervals"] else "share that fails"
+    console().print(table(f"{head}; {asked}", *_failures(summary)))
+    for name, told in summary["gains"].items():
+        sure = f", {level} intervals in brackets (open where the samples do not bound it)"
+        title = f"{name}: percentiles{sure if summary['intervals'] else ''}"
+        console().print(table(title, *_percentiles(told)))
+        _print(f"{name}: what matters, and its rank correlation or share of the variance")
+        for metric, entry in told["matters"].items():
+            _print(f"  {depends(metric, entry)}")
+        if told["map"] is not None:
+            title = f"{name}: where it holds ({MARKS})"
+            console().print(table(title, *_map(told["map"], summary["parameters"])))
+        worst = told["worst"][0]
+        drawn = ", ".join(f"{key} {value:.6g}" for key, value in worst["draw"].items())
+        _print(f"\n{name}: worst sample, {worst['sample']}, {_why(worst)}: {drawn}")
+        _print(f"again: {worst['command']}\n")
+    note = mixed(summary)
+    if note:
+        _print(f"{note}\n")
+    if summary["against"]:
+        console().print(table(f"on the same samples, {level} intervals in brackets", *_against(summary)))
+
+
+def _print(text: str) -> None:
+    console().print(text, markup=False, soft_wrap=True)
+
+
+def _why(worst: Mapping[str, Any]) -> str:
+    """What makes a sample the worst."""
+    from viz.campaign_words import quantity_of
+
+    if worst["diverged_at_s"] is not None:
+        return f"diverged after {worst['diverged_at_s']:.3g} s"
+    return f"by its {quantity_of(worst['metric'])}"
+
+
+Rows = tuple[list[str], list[list[str]]]
+
+
+def _failures(summary: Mapping[str, Any]) -> Rows:
+    causes = list(next(iter(summary["gains"].values()))["failure"])
+    rows = [
+        [name, *(_estimate(told["failure"][cause], "%", 100) for cause in causes)]
+        for name, told in summary["gains"].items()
+    ]
+    return ["gains", *(f"{cause} [%]" for cause in causes)], rows
+
+
+def _percentiles(told: Mapping[str, Any]) -> Rows:
+    from viz.campaign_words import place_of
+
+    metrics = told["metrics"]
+    head = ["", "unit", *(f"{q['percent']:g} %" for q in metrics[0]["percentiles"]), "largest"]
+    rows = []
+    for row in metrics:
+        told_of = [_estimate(q, row["unit"]) for q in row["percentiles"]]
+        largest = _number(row["largest"], _factor(row["unit"]))
+        rows.append([place_of(row["metric"], row["of"]), _unit(row), *told_of, largest])
+    return head, rows
+
+
+def _map(told: Mapping[str, Any], parameters: list[str]) -> Rows:
+    head = [f"{parameters[0]} \\ {parameters[1]}", *(f"{value:.4g}" for value in told["second"])]
+    rows = [
+        [f"{value:.4g}", *(MARK.get(cause, "?") for cause in causes)]
+        for value, causes in zip(told["first"], told["failed"], strict=True)
+    ]
+    return head, rows
+
+
+def _against(summary: Mapping[str, Any]) -> Rows:
+    from viz.campaign_words import quantity_of
+
+    rows = []
+    for row in summary["against"]:
+        two = [row["first"], row["second"]]
+        if "fails_alone" in row:
+            rows.append([*two, "fails alone", " / ".join(str(row["fails_alone"][name]) for name in two)])
+        elif row["first_is_better"] is not None:
+            rows.append([*two, quantity_of(row["metric"]), _estimate(row["first_is_better"], "%", 100)])
+    return ["first", "second", "", "first is smaller [%], or samples that fail alone"], rows
+
+
+def _estimate(told: Mapping[str, Any], unit: str, factor: float | None = None) -> str:
+    scale = _factor(unit) if factor is None else factor
+    text = _number(told["value"], scale)
+    if told["low"] is None and told["high"] is None:
+        return text
+    low, high = (_number(told[end], scale, "") for end in ("low", "high"))
+    return f"{text} ({low}..{high})"
+
+
+def _number(value: float | None, factor: float, nothing: str = "diverged") -> str:
+    return nothing if value is None else f"{factor * value:.3g}"
+
+
+def _factor(unit: str) -> float:
+    return 1e3 if unit == "m" else 1.0
+
+
+def _unit(row: Mapping[str, Any]) -> str:
+    return "mm" if row["unit"] == "m" else str(row["unit"])

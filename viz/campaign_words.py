@@ -1,0 +1,97 @@
+"""What a campaign's summary says, in sentences."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+QUANTITIES = {
+    "tip_error_peak": "largest tip error",
+    "tip_error_rms": "rms tip error",
+    "target_rotation_peak": "largest rotation of the target",
+    "base_rotation_peak": "largest rotation of a base",
+    "joint_torque_peak": "largest joint torque",
+    "grip_force_peak": "largest grip force",
+}
+"""Metrics in people's words."""
+
+HOW = {
+    "rises": "grows with {}",
+    "falls": "falls as {} grows",
+    "away": "grows as {} leaves its middle on either side",
+    "middle": "falls as {} leaves its middle on either side",
+    "share": "varies with {}",
+}
+SAID = 4  # parameters that a sentence names
+
+
+def quantity_of(metric: str) -> str:
+    """A metric in people's words."""
+    return QUANTITIES.get(metric, metric.replace("_", " "))
+
+
+def place_of(metric: str, of: str) -> str:
+    """A metric and what it is of, in people's words."""
+    return quantity_of(metric) if of == "target" else f"{quantity_of(metric)}, {of}"
+
+
+def with_gains(name: str) -> str:
+    """Beginning of a sentence about a set of gains."""
+    return "With the scenario's own gains" if name == "scenario" else f"With the gains {name}"
+
+
+def failing(name: str, told: Mapping[str, Any], summary: Mapping[str, Any]) -> str:
+    """How often a set of gains fails, and of what."""
+    any_, causes = told["failure"]["any"], told["failure"]
+    head = f"{with_gains(name)}, {any_['count']} of {summary['samples']} samples fail"
+    if any_["low"] is not None:
+        low, high = (f"{100 * any_[end]:.3g}" for end in ("low", "high"))
+        sure = f"{100 * summary['confidence']:g} %"
+        head += f": the probability of failure lies between {low} and {high} %, with {sure} confidence"
+    parts = [f"{c['count']} {_cause(k)}" for k, c in causes.items() if k != "any" and c["count"]]
+    return f"{head}. Of them: {', '.join(parts)}." if parts else f"{head}."
+
+
+def _cause(cause: str) -> str:
+    words = {"diverged": "diverged", "target_rotation_deg": "by the target's rotation"}
+    words |= {"base_rotation_deg": "by a base's rotation"}
+    return words.get(cause, f"by {cause.replace('_', ' ')}")
+
+
+def depends(metric: str, entry: Mapping[str, Any]) -> str:
+    """What a metric depends on, strongest first."""
+    subject = f"The {quantity_of(metric)}"
+    strongest: Sequence[Mapping[str, Any]] = entry["strongest"]
+    note = f" ({entry['note']})" if "note" in entry and strongest else ""
+    if not strongest:
+        reason = entry.get("note")
+        return f"{subject}: {reason}." if reason else f"{subject} depends on none of them clearly."
+    text, before = "", ""
+    for row in strongest[:SAID]:
+        how, named = row["how"], f"{row['parameter']} ({_size(row)})"
+        text += f" and {named}" if how == before == "rises" else f", {HOW[how].format(named)}"
+        before = how
+    rest = f"; it depends on {len(strongest) - SAID} more, less clearly" if len(strongest) > SAID else ""
+    return f"{subject} {text.removeprefix(', ')}{rest}.{note}"
+
+
+def _size(row: Mapping[str, Any]) -> str:
+    return f"{100 * row['value']:.0f} % of the variance" if row["how"] == "share" else f"{row['value']:+.2f}"
+
+
+def mixed(summary: Mapping[str, Any]) -> str | None:
+    """Which parameters were drawn together, so that their effects cannot be told apart."""
+    pairs = [f"{p['first']} and {p['second']} ({p['value']:+g})" for p in summary["correlated"]]
+    if not pairs:
+        return None
+    return f"Drawn with a correlation, so that their effects mix: {', '.join(pairs)}."
+
+
+def unfinished(summary: Mapping[str, Any]) -> str | None:
+    """That samples are missing, if they are."""
+    if summary["samples"] == summary["of"]:
+        return None
+    return (
+        f"Not finished: {summary['samples']} of {summary['of']} samples are there. The first samples of a "
+        "design need not cover it evenly; start the campaign again to go on."
+    )

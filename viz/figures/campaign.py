@@ -1,0 +1,277 @@
+"""Campaigns: how numbers spread over the samples, and how signals spread over time. Plain data in."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.ticker import PercentFormatter
+from numpy.typing import ArrayLike, NDArray
+
+from viz.figures.style import COLOURS, Drawing, legend_above, line, panels, styled, unit_scale
+
+Array = NDArray[np.float64]
+DECADES = 1.5  # of values, from which on they stand on a logarithmic axis
+FAR = 2.5  # how many times the values' own reach a limit may lie outside it and still be drawn
+BAD, BEYOND = "#B00020", "#FBE9EA"
+
+
+@dataclass(frozen=True)
+class Spread:
+    """A number of many samples.
+
+    Attributes
+    ----------
+    samples
+        By name of the design: values (n,); NaN or infinite where a rollout diverged, which counts as worse
+        than any value.
+    quantity, unit
+        What the values are.
+    limit
+        A value to stay below, if there is one.
+    """
+
+    samples: Mapping[str, ArrayLike]
+    quantity: str
+    unit: str
+    limit: float | None = None
+
+
+@styled
+def robustness(
+    samples: Mapping[str, ArrayLike], *, quantity: str, unit: str, limit: float | None = None
+) -> Drawing:
+    """Share of perturbed runs that stay below a value, for each design; medians and 95 % marked.
+
+    Parameters
+    ----------
+    samples, quantity, unit, limit
+        As those of :class:`Spread`.
+    """
+    figure, axes = panels(1, 1, height_in=2.6)
+    _draw(axes[0, 0], Spread(samples, quantity, unit, limit), numbers=True)
+    legend_above(figure, axes[0, 0], columns=1)
+    return figure
+
+
+@styled
+def distributions(spreads: Sequence[Spread]) -> Drawing:
+    """The same for several quantities, each in its panel.
+
+    Parameters
+    ----------
+    spreads
+        One for each panel, all of the same designs.
+    """
+    columns = min(2, len(spreads))
+    rows = -(-len(spreads) // columns)
+    figure, axes = panels(rows, columns, height_in=2.1)
+    for panel, spread in zip(axes.flat, spreads, strict=False):
+        _draw(panel, spread, numbers=False)
+        panel.set_title(spread.quantity)
+    for panel in axes.flat[len(spreads) :]:
+        panel.set_axis_off()
+    if len(spreads[0].samples) > 1:
+        legend_above(figure, axes[0, 0], columns=4)
+    return figure
+
+
+def _draw(panel: Axes, spread: Spread, *, numbers: bool) -> None:
+    """Curves of one quantity; with their numbers in the legend, or at their marks."""
+    drawn = [np.asarray(values, dtype=np.float64) for values in spread.samples.values()]
+    alone = len(drawn) == 1
+    for k, (name, values) in enumerate(zip(spread.samples, drawn, strict=True)):
+        finite = np.sort(values[np.isfinite(values)])
+        share = np.arange(1, len(finite) + 1) / max(len(values), 1)
+        marks = _marks(finite, len(values))
+        label = f"{name}: {_told(marks, len(values), len(finite), spread.unit)}" if numbers else name
+        panel.plot(finite, share, drawstyle="steps-post", **line(k), label=label)
+        for level, value in marks.items():
+            panel.plot(value, level, "o", color=COLOURS[k % len(COLOURS)], markersize=4)
+            if alone and not numbers:
+                told = f"  {100 * level:g} % below {value:.3g}"
+                panel.annotate(told, (value, level), fontsize=7, va="top", color="0.25")
+        if len(finite) < len(values) and not numbers:
+            _lost(panel, len(finite) / len(values), len(values) - len(finite), k, alone)
+    every = np.concatenate(drawn) if drawn else np.empty(0)
+    _scale(panel, every[np.isfinite(every)], spread)
+    panel.set_ylim(0, 1.04)
+    panel.yaxis.set_major_formatter(PercentFormatter(1.0))
+    panel.set_xlabel(f"{spread.quantity} [{spread.unit}]" if numbers else f"[{spread.unit}]")
+    panel.set_ylabel("runs that stay below [%]" if numbers else "samples that stay below [%]")
+
+
+def _marks(finite: Array, count: int) -> dict[float, float]:
+    """Percentiles of all runs, where enough have not diverged."""
+    places = {level: level * (count - 1) for level in (0.5, 0.95)}
+    inside = {level: at for level, at in places.items() if at <= len(finite) - 1}
+    return {level: float(np.interp(at, np.arange(len(finite)), finite)) for level, at in inside.items()}
+
+
+def _told(marks: Mapping[float, float], count: int, finite: int, unit: str) -> str:
+    parts = [f"{100 * level:g} % below {value:.3g} {unit}" for level, value in marks.items()]
+    lost = [f"{count - finite} diverged"] if finite < count else []
+    return ", ".join([f"{count} runs", *parts, *lost])
+
+
+def _lost(panel: Axes, share: float, lost: int, k: int, alone: bool) -> None:
+    """Say at the right edge where a curve ends short of all runs because some diverged."""
+    colour = BAD if alone else COLOURS[k % len(COLOURS)]
+    panel.axhline(share, color=colour, linewidth=0.8, linestyle=":")
+    panel.annotate(
+        f"{lost} diverged",
+        (1, share),
+        xycoords=("axes fraction", "data"),
+        fontsize=7,
+        color=colour,
+        ha="right",
+        va="top" if share > 0.5 else "bottom",
+    )
+
+
+def _scale(panel: Axes, finite: Array, spread: Spread) -> None:
+    """Choose the axis, and draw the limit if it is within reach of the values."""
+    limit = spread.limit
+    reach = [float(finite.min()), float(finite.max())] if len(finite) else []
+    wide = len(reach) == 2 and reach[0] > 0 and np.log10(reach[1] / reach[0]) > DECADES
+    if wide:
+        panel.set_xscale("log")
+        panel.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    elif len(reach) == 2 and reach[1] - reach[0] < 1e-9 * abs(reach[1]):
+        room = 0.05 * abs(reach[1]) or 1.0
+        panel.set_xlim(reach[0] - room, reach[1] + room)
+    if limit is None:
+        return
+    told = f"limit {limit:g} {spread.unit}"
+    if not reach or (reach[0] / (10 if wide else FAR) <= limit <= reach[1] * (10 if wide else FAR)):
+        panel.axvline(limit, color=BAD, linewidth=0.9, linestyle="--")
+        right = max(panel.get_xlim()[1], limit * 1.05)
+        panel.axvspan(limit, right, color=BEYOND, zorder=0, linewidth=0)
+        panel.set_xlim(right=right)
+        place: dict[str, Any] = {"xy": (limit, 0.03), "xycoords": ("data", "axes fraction"), "ha": "right"}
+        panel.annotate(f"{told} ", **place, fontsize=7, color=BAD, rotation=90, va="bottom")
+    else:
+        far = limit > reach[1]
+        told = f"{told}, far to the right →" if far else f"← {told}, far to the left"
+        place = {"xy": (0.99 if far else 0.01, 0.03), "xycoords": "axes fraction"}
+        panel.annotate(told, **place, fontsize=7, color=BAD, ha="right" if far else "left", va="bottom")
+
+
+class Course(Protocol):
+    """How a signal of c components spreads over time (nt,); see ``optim.campaign.Bands``."""
+
+    @property
+    def name(self) -> str:
+        """Of the signal."""
+
+    @property
+    def unit(self) -> str:
+        """Of each component."""
+
+    @property
+    def components(self) -> tuple[str, ...]:
+        """What each component is of."""
+
+    @property
+    def time(self) -> Array:
+        """Times (nt,) [s]."""
+
+    @property
+    def least(self) -> Array:
+        """Least over the samples (nt, c)."""
+
+    @property
+    def low(self) -> Array:
+        """5 % (nt, c)."""
+
+    @property
+    def median(self) -> Array:
+        """50 % (nt, c)."""
+
+    @property
+    def high(self) -> Array:
+        """95 % (nt, c)."""
+
+    @property
+    def greatest(self) -> Array:
+        """Greatest over the samples (nt, c)."""
+
+    @property
+    def left(self) -> NDArray[np.int64]:
+        """Samples that have not diverged yet (nt,)."""
+
+    @property
+    def sample(self) -> int:
+        """Number of the sample that is shown by itself."""
+
+    @property
+    def shown(self) -> Array:
+        """Its course (nt, c)."""
+
+
+MOST_PANELS = 24
+ROOM = 4  # widths of the 5 to 95 % band that extremes may reach beyond it before they are cut
+
+
+@styled
+def courses(course: Course) -> Drawing:
+    """Percentile bands over time of every component that moves, each in its panel.
+
+    Parameters
+    ----------
+    course
+        A signal of many samples.
+    """
+    moving = moving_components(course)[:MOST_PANELS]
+    factor, unit = unit_scale(course.unit)
+    columns = 1 if len(moving) <= 1 else 2 if len(moving) in (2, 4) else 3
+    rows = max(1, -(-len(moving) // columns))
+    figure, axes = panels(rows, columns, height_in=1.6 if columns > 1 else 2.4, sharex=True)
+    for panel, i in zip(axes.flat, moving, strict=False):
+        _course(panel, course, i, factor)
+        panel.set_title(course.components[i])
+    for panel in axes.flat[len(moving) :]:
+        panel.set_axis_off()
+    for panel in axes[:, 0]:
+        panel.set_ylabel(f"[{unit}]")
+    for column in range(columns):
+        last = max(row for row in range(rows) if row * columns + column < max(len(moving), 1))
+        axes[last, column].set_xlabel("time [s]")
+        axes[last, column].tick_params(labelbottom=True)
+    legend_above(figure, axes[0, 0], columns=4)
+    return figure
+
+
+def moving_components(course: Course) -> list[int]:
+    """Places of the components that are not the same all the time in every sample."""
+    span = np.nan_to_num(course.greatest).max(axis=0) - np.nan_to_num(course.least).min(axis=0)
+    return [int(i) for i in np.flatnonzero(span > 1e-12 * max(float(span.max(initial=0.0)), 1e-300))]
+
+
+def _course(panel: Axes, course: Course, i: int, factor: float) -> None:
+    t, colour = course.time, COLOURS[0]
+    least, low, median, high, greatest, shown = (
+        factor * part[:, i]
+        for part in (course.least, course.low, course.median, course.high, course.greatest, course.shown)
+    )
+    panel.fill_between(t, least, greatest, color=colour, alpha=0.14, linewidth=0, label="all samples")
+    panel.fill_between(t, low, high, color=colour, alpha=0.38, linewidth=0, label="5 to 95 % of them")
+    panel.plot(t, median, color=colour, linewidth=1.3, label="median")
+    worst = f"worst sample, {course.sample}"
+    panel.plot(t, shown, color=COLOURS[1], linewidth=1.0, linestyle=(0, (4, 1.5)), label=worst)
+    if not np.isfinite(median).any():
+        return
+    bottom, top = float(np.nanmin(low)), float(np.nanmax(high))
+    room = ROOM * (top - bottom) or 1.0
+    lowest, highest = float(np.nanmin(least)), float(np.nanmax(greatest))
+    ends = ((lowest, lowest < bottom - room), (highest, highest > top + room))
+    cut = [f"{value:.3g}" for value, outside in ends if outside]
+    if cut:
+        panel.set_ylim(max(bottom - room, lowest) - 0.05 * room, min(top + room, highest) + 0.05 * room)
+        told = f"cut; reaches {' and '.join(cut)}"
+        panel.annotate(
+            told, (0.98, 0.96), xycoords="axes fraction", fontsize=7, color=BAD, ha="right", va="top"
+        )
