@@ -42,7 +42,7 @@ def rows() -> list[Row]:
 def _measure(name: str, model: pin.Model) -> tuple[float, Row]:
     q, v, tau = (ca.SX.sym(n, size) for n, size in (("q", model.nq), ("v", model.nv), ("tau", model.nv)))
     kinematics = forward_kinematics(model, q, v)
-    body = ArticulatedBody.factorise(model, kinematics, Inertias.from_model(model).lumped(model))
+    body = ArticulatedBody.factorise(model, kinematics, Inertias.from_model(model))
     function = ca.Function("aba", [q, v, tau], [ca.densify(body.acceleration(tau))], ["q", "v", "tau"], ["a"])
     library = compile_functions({"aba": function}, tail=REPEAT)
     rng, data = np.random.default_rng(0), model.createData()

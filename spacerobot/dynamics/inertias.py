@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio
 
 from spacerobot.dynamics.algebra import IDENTITY3, ZERO3, ZERO33, mirror, rotate_symmetric
-from spacerobot.dynamics.joints import JointKind, exact_directions, read_joints, sparse
+from spacerobot.dynamics.joints import sparse
 from spacerobot.dynamics.kinematics import Kinematics
 
 
@@ -46,42 +46,6 @@ class Inertias:
             rotational.append(mirror(sparse(spatial[3:, 3:])))
         return cls(tuple(mass), tuple(moment), tuple(rotational))
 
-    def lumped(self, model: pinocchio.Model) -> Inertias:
-        """The same dynamics from fewer numbers: whatever a joint's own motion leaves as it is moves inward.
-
-        Mass, and the moment along the axis, of a body on a revolute joint act on its parent as if they were
-        fixed to it; so does an inertia that is the same about all axes across the joint's (the "base
-        inertial parameters" of Khalil and Dombre 2002). A prismatic joint leaves the rotational inertia to
-        its parent. Forward dynamics, momentum and kinetic energy of the whole stay the same at up to a
-        tenth fewer operations, but a single entry no longer describes one body: take the centre of mass
-        and the momenta of parts that do not end at a free base from the original.
-
-        Symbolic inertias are lumped symbolically, so do it where it is done once per rollout.
-        """
-        mass, moment, rotational = list(self.mass), list(self.moment), list(self.rotational)
-        for joint in reversed(read_joints(model)):
-            i, parent = joint.index, joint.parent
-            if joint.kind is JointKind.PRISMATIC:
-                moved = (ca.SX(1, 1), ZERO3, rotational[i])
-            elif joint.kind in (JointKind.REVOLUTE, JointKind.UNBOUNDED):
-                moved = _invariant(joint.angular, mass[i], moment[i], rotational[i])
-            else:
-                continue
-            mass[i] = ca.sparsify(mass[i] - moved[0])
-            moment[i] = ca.sparsify(moment[i] - moved[1])
-            rotational[i] = ca.sparsify(rotational[i] - moved[2])
-            if parent:
-                outer = (
-                    moved[0],
-                    ca.mtimes(joint.rotation, moved[1]),
-                    rotate_symmetric(joint.rotation, moved[2]),
-                )
-                added = shifted_inertia(*outer, joint.offset)
-                mass[parent] = mass[parent] + added[0]
-                moment[parent] = moment[parent] + added[1]
-                rotational[parent] = mirror(rotational[parent] + added[2])
-        return Inertias(tuple(mass), tuple(moment), tuple(rotational))
-
     def in_world(self, kinematics: Kinematics, joint_id: int) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Mass (1x1), first moment (3x1) and rotational inertia (3x3) about the joint origin, world axes."""
         return self.rotated(kinematics.rotation[joint_id], joint_id)
@@ -116,18 +80,3 @@ def shifted_inertia(mass: ca.SX, moment: ca.SX, rotational: ca.SX, arm: ca.SX) -
     product = ca.mtimes(half, arm.T)
     spread = 2 * ca.trace(product) * IDENTITY3 - product - product.T
     return mass, moment + mass * arm, mirror(rotational + spread)
-
-
-def _invariant(axis: ca.SX, mass: ca.SX, moment: ca.SX, rotational: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """Part of a body's inertia that turning about ``axis`` through the origin does not change."""
-    along = axis * ca.dot(axis, moment)
-    across = _perpendicular(axis)
-    level = ca.mtimes(across.T, ca.mtimes(rotational, across))
-    return mass, along, mirror(level * ca.sparsify(IDENTITY3 - ca.mtimes(axis, axis.T)))
-
-
-def _perpendicular(axis: ca.SX) -> ca.SX:
-    """A constant unit vector across a constant unit axis; a coordinate direction if possible."""
-    values = np.asarray(ca.DM(axis)).ravel()
-    direction = np.cross(values, np.eye(3)[int(np.argmin(np.abs(values)))])
-    return exact_directions(direction / np.linalg.norm(direction))

@@ -203,44 +203,6 @@ def test_parts_add_up(state):
         assert_close(part, total)
 
 
-@settings(TREES, max_examples=20)
-@given(random_states())
-def test_lumped_inertias_move_alike(state):
-    model = state.model
-    q, v, tau = symbols(model)
-    kinematics, inertias = forward_kinematics(model, q, v), Inertias.from_model(model)
-    lumped = inertias.lumped(model)
-    outputs = []
-    for chosen in (inertias, lumped):
-        body = ArticulatedBody.factorise(model, kinematics, chosen)
-        outputs += [
-            body.acceleration(tau),
-            kinetic_energy(model, kinematics, chosen),
-            ca.vertcat(*momentum(model, kinematics, chosen)),
-            mass_matrix(model, kinematics, chosen),
-        ]
-    found = evaluate((q, v, tau), outputs, (state.q, state.v, state.tau))
-    for original, other in zip(found[:4], found[4:], strict=True):
-        scale = np.max(np.abs(original), initial=1e-3)
-        np.testing.assert_allclose(other, original, rtol=0, atol=1e-11 * scale)
-
-
-def test_lumped_inertias_hold_fewer_numbers():
-    model = pin.buildSampleModelHumanoidRandom()
-    model = pin.buildReducedModel(model, [], pin.neutral(model))
-    inertias = Inertias.from_model(model)
-    lumped = inertias.lumped(model)
-    turning = [joint for joint in read_joints(model) if joint.kind.value.endswith("revolute")]
-    leaves = [joint.index for joint in turning if not len(model.children[joint.index])]
-    assert leaves
-    for index in leaves:
-        before = [part[index].nnz() for part in (inertias.mass, inertias.moment)]
-        after = [part[index].nnz() for part in (lumped.mass, lumped.moment)]
-        assert before == [1, 3]
-        assert after == [0, 2]
-        assert lumped.rotational[index].nnz() == 8
-
-
 def test_rest_is_structural():
     model = pin.buildSampleModelManipulator()
     kinematics = forward_kinematics(model, ca.SX.sym("q", model.nq))
