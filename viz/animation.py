@@ -15,7 +15,16 @@ from viz.figures.collect import check_comparable
 from viz.figures.style import labels_of
 from viz.geometry import Array
 from viz.meshcat_scene import changed_descriptions, node_data, packed, poses, rounded
-from viz.motion import Motion, bounds, extremes, initial_motion, only, pick_rows, sample_motion
+from viz.motion import (
+    Motion,
+    bounds,
+    extremes,
+    greatest_force,
+    initial_motion,
+    only,
+    pick_rows,
+    sample_motion,
+)
 
 FRAMES_PER_S = 25.0
 """Of simulated time; the page interpolates between them."""
@@ -49,7 +58,7 @@ def animation(*results: Result, title: str | None = None, autoplay: bool = True)
     boxes = [_box(one) for one in shown]
     low, high = np.min([box[0] for box in boxes], axis=0), np.max([box[1] for box in boxes], axis=0)
     scale = float(np.linalg.norm(high - low))
-    force = max(_greatest_force(one) for one in shown)
+    force = max(greatest_force(one.result, one.motion) for one in shown)
     return {
         "title": title or " and ".join(one.label for one in shown),
         "about": _about(shown),
@@ -167,13 +176,6 @@ def _near(shown: _Shown, low: Array, high: Array) -> Array:
     return (
         np.stack(np.meshgrid(*zip(together.min(axis=0), together.max(axis=0), strict=True))).reshape(3, -1).T
     )
-
-
-def _greatest_force(shown: _Shown) -> float:
-    """Greatest grip force, N; of a diverged rollout, before its last instants."""
-    force = np.linalg.norm(shown.result.data.grasp_force.values[shown.motion.rows], axis=-1)
-    kept = force if shown.result.completed else force[: max(1, int(0.8 * len(force)))]
-    return float(kept.max(initial=0.0))
 
 
 def _about(shown: Sequence[_Shown]) -> str:

@@ -97,7 +97,10 @@ class Motion:
 
 
 def scene_nodes(scene: Scene) -> tuple[Node, ...]:
-    """Everything of a scene that can be seen: the URDFs' visuals, else their collision shapes."""
+    """Everything of a scene that can be seen: the URDFs' visuals, else their collision shapes.
+
+    A body's root is a node even without shapes; of a body without any, all joints are.
+    """
     nodes = []
     for body in scene.bodies:
         links = body.description.links
@@ -110,6 +113,8 @@ def scene_nodes(scene: Scene) -> tuple[Node, ...]:
                 solid = Solid(placement, shape.geometry, GREY if shape.rgba is None else shape.rgba)
                 by_joint.setdefault(int(frame.parentJoint), []).append(solid)
         root = int(scene.model.frames[body.root_frame].parentJoint)
+        for joint in {root} if by_joint else {root, *body.joints}:
+            by_joint.setdefault(int(joint), [])
         nodes += [Node(j, body.name, j == root, tuple(solids)) for j, solids in sorted(by_joint.items())]
     return tuple(nodes)
 
@@ -176,6 +181,13 @@ def bounds(motion: Motion, *, farthest: float = 3.0) -> tuple[Array, Array]:
     return np.maximum(low.min(axis=0), low[0] - margin), np.minimum(high.max(axis=0), high[0] + margin)
 
 
+def greatest_force(result: Result, motion: Motion) -> float:
+    """Greatest grip force, N; of a diverged rollout, before its last instants."""
+    force = np.linalg.norm(result.data.grasp_force.values[motion.rows], axis=-1)
+    kept = force if result.completed else force[: max(1, int(0.8 * len(force)))]
+    return float(kept.max(initial=0.0))
+
+
 def extremes(motion: Motion, low: Array, high: Array) -> Array:
     """Few points (k, 3) that reach as far as anything seen, in 98 directions, kept inside a box, m."""
     points = np.clip(_seen_points(motion).reshape(-1, 3), low, high)
@@ -197,7 +209,7 @@ def _seen_points(motion: Motion) -> Array:
 
 
 def _node_corners(node: Node) -> Array:
-    found = []
+    found = [np.zeros((1, 3))] if not node.solids else []
     for solid in node.solids:
         found.append(corners(solid.geometry) @ solid.placement[:3, :3].T + solid.placement[:3, 3])
     return np.concatenate(found)

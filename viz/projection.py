@@ -115,28 +115,23 @@ def _node_faces(node: Node, placement: Array, view: View) -> list[tuple[float, A
     return found
 
 
-def fit(
-    axes: Axes, low: Array, high: Array, view: View, *, margin: float = 0.04, shape: float | None = None
-) -> None:
-    """Set equal scales and limits so that a box of the world fits the picture.
+def fit(axes: Axes, points: Array, view: View, *, margin: float = 0.04, shape: float | None = None) -> None:
+    """Set equal scales and limits so that points of the world fit the picture.
 
     Parameters
     ----------
     axes
         The picture.
-    low, high
-        Corners of the box (3,), m.
+    points
+        What must be seen (k, 3), m.
     view
         How it is seen.
     margin
         Room around it, as a share of its longer side.
     shape
-        Height of the picture over its width, to fill it; as the box needs it if not given.
+        Height of the picture over its width, to fill it; as the points need it if not given.
     """
-    box = np.array(
-        [[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])]
-    )
-    flat = view.flat(box)
+    flat = view.flat(points)
     least, greatest = flat.min(axis=0), flat.max(axis=0)
     size = (greatest - least) + 2 * margin * float((greatest - least).max())
     if shape is not None:

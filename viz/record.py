@@ -6,7 +6,11 @@ import io
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -18,23 +22,32 @@ from PIL import Image
 from spacerobot.errors import ResultError, near_names
 from spacerobot.files import write_bytes
 from spacerobot.result import Result
-from viz.figures.docking import draw_frame
+from viz.figures.docking import draw_forces, draw_frame, draw_names, seen_points
 from viz.figures.style import COLOURS, Drawing, styled
-from viz.motion import Motion, bounds, pick_rows, sample_motion
-from viz.projection import fit, view_of
+from viz.geometry import Array
+from viz.motion import Motion, greatest_force, pick_rows, sample_motion
+from viz.projection import View, fit, view_of
 
-FORMATS = (".gif", ".mp4")
-DPI = 100
+USUAL: dict[str, tuple[float, tuple[int, int]]] = {".gif": (12.5, (640, 400)), ".mp4": (25.0, (1280, 800))}
+"""Frames per second, and width and height in pixels, of each format where nothing else is said."""
+
+WIDTH_IN = 6.4
+"""Width of a picture to which the sizes of its texts and lines relate."""
+
+Progress = Callable[[str], None]
 _GIF_COLOURS = 96
+_MP4_FILTERS = "pad=ceil(iw/2)*2:ceil(ih/2)*2,tpad=stop_mode=clone:stop_duration=1"
+_LONGEST_ARROW = 0.06  # as a share of the scene's size
 
 
 def write_recording(
     path: Path,
     result: Result,
     *,
-    frames_per_s: float = 12.5,
+    frames_per_s: float | None = None,
     speed: float | None = None,
-    size_px: tuple[int, int] = (640, 400),
+    size_px: tuple[int, int] | None = None,
+    progress: Progress | None = None,
 ) -> None:
     """Write a recording of a result.
 
@@ -44,60 +57,115 @@ def write_recording(
         ``.gif``, or ``.mp4``, which needs ffmpeg.
     result
         What to record; an unfinished one up to where it went.
-    frames_per_s
-        Of the recording.
+    frames_per_s, size_px
+        Of the recording; those of :data:`USUAL` if not given.
     speed
         Simulated seconds per second; so that it lasts at most 10 s if not given.
-    size_px
-        Width and height.
+    progress
+        Told in a few words how far it is.
 
     Raises
     ------
     ResultError
-        If the format is not known, ffmpeg is missing, or the file cannot be written.
+        If the format is not known, ffmpeg is missing or fails, or the file cannot be written.
     """
-    if path.suffix not in FORMATS:
-        raise ResultError(f"no recording {path.suffix!r}; {near_names(path.suffix, FORMATS)}", source=path)
-    duration = float(result.data.time.values[-1])
-    rate = frames_per_s / (speed or max(1.0, duration / 10))
-    pictures = frames(result, rate_hz=rate, size_px=size_px)
-    content = _gif(pictures, frames_per_s) if path.suffix == ".gif" else _mp4(pictures, frames_per_s, path)
+    kind = path.suffix.lower()
+    if kind not in USUAL:
+        raise ResultError(f"no recording {path.suffix!r}; {near_names(kind, USUAL)}", source=path)
+    program = _ffmpeg(path) if kind == ".mp4" else ""
+    per_s, size = frames_per_s or USUAL[kind][0], size_px or USUAL[kind][1]
+    pace = speed or max(1.0, float(result.data.time.values[-1]) / 10)
+    drawn = frames(result, rate_hz=per_s / pace, size_px=size, speed=pace)
+    pictures = _counted(drawn, progress)
+    content = _mp4(program, pictures, per_s, path) if kind == ".mp4" else _gif(pictures, per_s)
     write_bytes(path, content)
 
 
-@styled
-def frames(result: Result, *, rate_hz: float, size_px: tuple[int, int] = (640, 400)) -> Iterator[Image.Image]:
-    """Pictures of a result at evenly spaced times."""
-    scene = result.scene()
-    view = view_of(scene.planar)
-    motion = sample_motion(result, scene, pick_rows(result.data.time.values, rate_hz=rate_hz, most=2000))
-    figure, (low, high) = Drawing(figsize=(size_px[0] / DPI, size_px[1] / DPI), dpi=DPI), bounds(motion)
-    canvas: Any = FigureCanvasAgg(figure)
-    panel = figure.add_axes((0, 0, 1, 1))
+def _counted(drawn: Frames, progress: Progress | None) -> Iterator[Image.Image]:
+    """Pictures as they are drawn, with a word on how far it is now and then."""
+    for k, picture in enumerate(drawn):
+        if progress is not None and k % 10 == 0:
+            progress(f"recording: {100 * k // len(drawn)} %")
+        yield picture
 
-    def picture(index: int) -> Image.Image:
-        panel.clear()
-        draw_frame(panel, result, motion, index, view)
-        fit(panel, low, high, view, shape=size_px[1] / size_px[0])
+
+def frames(
+    result: Result, *, rate_hz: float, size_px: tuple[int, int] = (640, 400), speed: float = 1.0
+) -> Frames:
+    """Pictures of a result at evenly spaced times; ``speed`` is told in them where it is not 1."""
+    scene = result.scene()
+    motion = sample_motion(result, scene, pick_rows(result.data.time.values, rate_hz=rate_hz, most=2000))
+    return Frames(result, motion, view_of(scene.planar), seen_points(result, motion), size_px, speed)
+
+
+@dataclass(frozen=True, eq=False)
+class Frames:
+    """Pictures, each drawn when it is asked for.
+
+    Attributes
+    ----------
+    result, motion, view
+        What is shown, where it is, and how it is looked at.
+    points
+        What all pictures must hold (k, 3), m.
+    size_px
+        Width and height.
+    speed
+        Simulated seconds per second.
+    """
+
+    result: Result
+    motion: Motion
+    view: View
+    points: Array
+    size_px: tuple[int, int]
+    speed: float
+
+    def __len__(self) -> int:
+        return len(self.motion.time)
+
+    def __iter__(self) -> Iterator[Image.Image]:
+        return map(self.picture, range(len(self)))
+
+    @styled
+    def picture(self, index: int) -> Image.Image:
+        """The picture of a frame."""
+        width, height = self.size_px
+        figure = Drawing(figsize=(WIDTH_IN, WIDTH_IN * height / width), dpi=width / WIDTH_IN)
+        canvas: Any = FigureCanvasAgg(figure)
+        panel = figure.add_axes((0, 0, 1, 1))
+        draw_frame(panel, self.result, self.motion, index, self.view)
+        if self.newtons > 0:
+            scale = _LONGEST_ARROW * float(np.linalg.norm(np.ptp(self.points, axis=0))) / self.newtons
+            draw_forces(panel, self.result, self.motion, index, self.view, scale)
+        draw_names(panel, self.motion, index, self.view)
+        fit(panel, self.points, self.view, shape=height / width)
         panel.set_axis_off()
-        _say(panel, result, motion, index)
+        self._say(panel, index)
         canvas.draw()
         return Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
 
-    return (picture(index) for index in range(len(motion.time)))
+    @cached_property
+    def newtons(self) -> float:
+        """Force of the longest arrow, N."""
+        return greatest_force(self.result, self.motion)
 
-
-def _say(panel: Axes, result: Result, motion: Motion, index: int) -> None:
-    """Time, tip errors, and whether it ended here."""
-    at: dict[str, Any] = {"transform": panel.transAxes, "va": "top"}
-    panel.text(0.015, 0.97, f"t = {motion.time[index]:.1f} s", fontsize=12, **at)
-    row = int(motion.rows[index])
-    for k, tip in enumerate(result.data.tip.values):
-        error = np.linalg.norm(result.data.tip_error.sel(tip=tip).values[row]) * 1e3
-        text = f"{tip} error {error:.2f} mm"
-        panel.text(0.015, 0.89 - 0.055 * k, text, fontsize=9, color=COLOURS[k % 2], **at)
-    if not result.completed and index == len(motion.time) - 1:
-        panel.text(0.5, 0.5, "diverged", transform=panel.transAxes, ha="center", color="#B00020", fontsize=20)
+    def _say(self, panel: Axes, index: int) -> None:
+        """Time, tip errors, what is drawn, and whether it ended here."""
+        at: dict[str, Any] = {"transform": panel.transAxes, "va": "top"}
+        pace = "" if self.speed == 1 else f"   {self.speed:g} × real time"
+        panel.text(0.015, 0.97, f"t = {self.motion.time[index]:.1f} s{pace}", fontsize=12, **at)
+        row, data = int(self.motion.rows[index]), self.result.data
+        for k, tip in enumerate(data.tip.values):
+            error = np.linalg.norm(data.tip_error.sel(tip=tip).values[row]) * 1e3
+            text = f"{tip} error {error:.2f} mm"
+            panel.text(0.015, 0.89 - 0.055 * k, text, fontsize=9, color=COLOURS[k % 2], **at)
+        drawn = "dashed: where bodies began" + (" and references of tips" if data.sizes["tip"] else "")
+        arrows = f"; arrows: grip forces, at most {self.newtons:.3g} N" if self.newtons > 0 else ""
+        panel.text(0.015, 0.045, drawn + arrows, fontsize=7.5, color="0.35", **at)
+        if not self.result.completed and index == len(self) - 1:
+            end: dict[str, Any] = {"ha": "center", "color": "#B00020", "fontsize": 20}
+            panel.text(0.5, 0.5, "diverged", transform=panel.transAxes, **end)
 
 
 def _gif(pictures: Iterator[Image.Image], frames_per_s: float) -> bytes:
@@ -116,25 +184,42 @@ def _gif(pictures: Iterator[Image.Image], frames_per_s: float) -> bytes:
     return buffer.getvalue()
 
 
-def _mp4(pictures: Iterator[Image.Image], frames_per_s: float, path: Path) -> bytes:
+def _ffmpeg(path: Path) -> str:
     program = shutil.which("ffmpeg")
     if program is None:
         raise ResultError("MP4 needs ffmpeg, which is not installed; record a .gif", source=path)
+    return program
+
+
+def _mp4(program: str, pictures: Iterator[Image.Image], frames_per_s: float, path: Path) -> bytes:
+    """H.264 that browsers play, the last picture held for a second; pictures go straight to ffmpeg."""
+    first = next(pictures)
     with tempfile.TemporaryDirectory() as folder:
-        for k, picture in enumerate(pictures):
-            picture.save(Path(folder) / f"{k:05d}.png")
-        made = Path(folder) / "made.mp4"
-        command = [
-            program,
-            "-loglevel",
-            "error",
-            "-framerate",
-            f"{frames_per_s:g}",
-            "-i",
-            f"{folder}/%05d.png",
-        ]
-        command += ["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2", "-pix_fmt", "yuv420p", str(made)]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-        if done.returncode:
-            raise ResultError(f"ffmpeg failed: {done.stderr.strip()[-300:]}", source=path)
+        made, complaints = Path(folder) / "made.mp4", Path(folder) / "complaints"
+        command = [program, "-loglevel", "error", "-f", "rawvideo", "-pixel_format", "rgb24"]
+        command += ["-video_size", f"{first.width}x{first.height}", "-framerate", f"{frames_per_s:g}"]
+        command += ["-i", "pipe:0", "-vf", _MP4_FILTERS]
+        command += ["-crf", "20", "-pix_fmt", "yuv420p", "-movflags", "+faststart", str(made)]
+        with complaints.open("wb") as stderr:
+            process = subprocess.Popen(
+                command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=stderr
+            )
+            _feed(process, chain([first], pictures))
+        if process.returncode:
+            said = complaints.read_text(encoding="utf-8", errors="replace").strip()
+            raise ResultError(f"ffmpeg failed: {said[-300:]}", source=path)
         return made.read_bytes()
+
+
+def _feed(process: subprocess.Popen[bytes], pictures: Iterable[Image.Image]) -> None:
+    """Write pictures to a process until it wants no more, and wait for its end."""
+    try:
+        if process.stdin is not None:
+            with suppress(BrokenPipeError), process.stdin as sink:
+                for picture in pictures:
+                    sink.write(picture.tobytes())
+        process.wait()
+    finally:
+        if process.poll() is None:
+            process.kill()
+            process.wait()

@@ -23,6 +23,10 @@ Html = Annotated[
 Record = Annotated[
     Path | None, typer.Option("--record", metavar="FILE", help="Write a recording instead: .gif, or .mp4.")
 ]
+Speed = Annotated[
+    float | None,
+    typer.Option("--speed", min=1e-6, help="Of a recording, times real time; else it lasts at most 10 s."),
+]
 Port = Annotated[
     int, typer.Option("--port", min=0, max=65535, help="First port to try; a busy one is stepped over.")
 ]
@@ -40,6 +44,8 @@ Examples:
 
     spacerobot animate out/paper
 
+    spacerobot animate out/paper --record docking.mp4 --speed 2
+
     spacerobot animate out/before --compare out/after --html docking.html
 """
 
@@ -49,6 +55,7 @@ def command(
     compare: Compare = None,
     html: Html = None,
     record: Record = None,
+    speed: Speed = None,
     port: Port = 7000,
     no_browser: NoBrowser = False,
 ) -> None:
@@ -65,8 +72,8 @@ def command(
     if record is not None:
         from viz.record import write_recording
 
-        with progress("recording"):
-            write_recording(record, results[0])
+        with progress("recording") as tell:
+            write_recording(record, results[0], speed=speed, progress=tell)
         console().print(f"recording in {record}", markup=False, soft_wrap=True)
     if html is None and record is None:
         _serve(results, port, no_browser)

@@ -1,5 +1,10 @@
 """Recordings: they move, and need no display."""
 
+import json
+import shutil
+import stat
+import subprocess
+
 import numpy as np
 import pytest
 from PIL import Image
@@ -19,6 +24,39 @@ def test_a_gif_moves_at_the_wanted_pace(paper, tmp_path):
         first = np.asarray(gif.convert("RGB")).astype(int)
         gif.seek(5)
         assert (np.abs(np.asarray(gif.convert("RGB")) - first).sum(axis=2) > 60).mean() > 0.02
+
+
+@pytest.mark.skipif(
+    not (shutil.which("ffmpeg") and shutil.which("ffprobe")),
+    reason="no ffmpeg on this computer: no MP4 was recorded",
+)
+def test_an_mp4_is_what_browsers_play_and_moves(paper, tmp_path):
+    path, heard = tmp_path / "docking.MP4", []
+    write_recording(path, paper, frames_per_s=2, speed=2, size_px=(321, 201), progress=heard.append)
+    wanted = ["-show_entries", "stream=codec_name,pix_fmt,width,height,nb_frames", "-of", "json"]
+    found = subprocess.run(["ffprobe", "-v", "error", *wanted, path], capture_output=True, check=True)
+    video = json.loads(found.stdout)["streams"][0]
+    assert (video["codec_name"], video["pix_fmt"]) == ("h264", "yuv420p")
+    assert (video["width"], video["height"]) == (322, 202)  # even, as the codec wants
+    assert int(video["nb_frames"]) == 11 + 2  # the last one held for a second
+    assert heard == ["recording: 0 %", "recording: 90 %"]
+    decode = ["ffmpeg", "-v", "error", "-i", path, "-f", "rawvideo", "-pix_fmt", "rgb24", "-"]
+    raw = subprocess.run(decode, capture_output=True, check=True).stdout
+    shown = np.frombuffer(raw, dtype=np.uint8).reshape(-1, 202, 322, 3).astype(int)
+    drawn = np.asarray(frames(paper, rate_hz=1, size_px=(321, 201), speed=2).picture(5)).astype(int)
+    # colours are quartered in number and compressed: bodies stay where they were drawn
+    assert (np.abs(shown[5, :201, :321] - drawn).sum(axis=2) > 120).mean() < 0.01
+    assert (np.abs(shown[5] - shown[0]).sum(axis=2) > 120).mean() > 0.02
+
+
+def test_what_ffmpeg_complains_of_is_told(paper, tmp_path, monkeypatch):
+    program = tmp_path / "ffmpeg"
+    program.write_text("#!/bin/sh\necho 'no such codec' >&2\nexit 1\n")
+    program.chmod(program.stat().st_mode | stat.S_IXUSR)
+    monkeypatch.setattr(record.shutil, "which", lambda _: str(program))
+    with pytest.raises(ResultError, match="ffmpeg failed: no such codec"):
+        write_recording(tmp_path / "a.mp4", paper, frames_per_s=1, speed=10, size_px=(320, 200))
+    assert not (tmp_path / "a.mp4").exists()
 
 
 def test_the_end_of_a_diverged_run_says_so(diverged):

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from spacerobot.result import Result
 from viz.figures.style import COLOURS, Drawing, panels, styled
 from viz.geometry import Array
-from viz.motion import Motion, bounds, pick_rows, sample_motion
+from viz.motion import Motion, bounds, extremes, pick_rows, sample_motion
 from viz.projection import View, draw_ghosts, draw_nodes, fit, view_of
 
 
@@ -22,9 +22,10 @@ def docking(result: Result, *, frames: int = 6) -> Drawing:
     view = view_of(scene.planar)
     rows = pick_rows(result.data.time.values, rate_hz=1e6, most=frames)
     motion = sample_motion(result, scene, rows)
-    low, high = bounds(motion)
+    points = seen_points(result, motion)
     columns = min(3, len(rows))
-    ratio = _ratio(low, high, view)
+    size = np.ptp(view.flat(points), axis=0)
+    ratio = float(np.clip(size[1] / (size[0] or 1.0), 0.3, 1.6))
     width = 7.2 / columns
     lines = -(-len(rows) // columns)
     figure, axes = panels(lines, columns, height_in=0.88 * width * ratio + 0.15, sharex=True, sharey=True)
@@ -33,9 +34,11 @@ def docking(result: Result, *, frames: int = 6) -> Drawing:
             panel.remove()
             continue
         draw_frame(panel, result, motion, k, view)
-        fit(panel, low, high, view, margin=0.02)
+        fit(panel, points, view, margin=0.02)
         panel.set_title(f"t = {motion.time[k]:.3g} s")
-        _label(panel, view, low, high, last=k + columns >= len(rows), first=k % columns == 0)
+        if k == 0:
+            draw_names(panel, motion, k, view)
+        _label(panel, view, float(size.max()), last=k + columns >= len(rows), first=k % columns == 0)
     return figure
 
 
@@ -54,15 +57,42 @@ def draw_frame(panel: Axes, result: Result, motion: Motion, frame: int, view: Vi
         panel.plot(*trace.T, color=COLOURS[2], linewidth=1.2, zorder=6)
 
 
-def _ratio(low: Array, high: Array, view: View) -> float:
-    corners = np.array(
-        [[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])]
-    )
-    size = np.ptp(view.flat(corners), axis=0)
-    return float(np.clip(size[1] / size[0], 0.3, 1.6))
+def draw_names(panel: Axes, motion: Motion, frame: int, view: View) -> None:
+    """Names of robots on their bases, and of the object beside it."""
+    for k, node in enumerate(motion.nodes):
+        if not node.is_base:
+            continue
+        held = node.body == "target"
+        panel.annotate(
+            "object" if held else node.body,
+            tuple(view.flat(motion.position[frame, k])),
+            xytext=(0, 13) if held else (0, 0),
+            textcoords="offset points",
+            ha="center",
+            va="center",
+            fontsize=7,
+            bbox={"facecolor": "white", "alpha": 0.75, "edgecolor": "none", "boxstyle": "round,pad=0.15"},
+            zorder=9,
+        )
 
 
-def _label(panel: Axes, view: View, low: Array, high: Array, *, last: bool, first: bool) -> None:
+def draw_forces(panel: Axes, result: Result, motion: Motion, frame: int, view: View, scale: float) -> None:
+    """Forces of the grasps on the object, arrows at their mating points; ``scale`` is in m/N."""
+    forces = view.flat(result.data.grasp_force.values[int(motion.rows[frame])]) * scale
+    for start, force in zip(view.flat(motion.mates[frame]), forces, strict=True):
+        arrow = {"arrowstyle": "-|>", "color": "#C2185B", "linewidth": 1.6, "shrinkA": 0, "shrinkB": 0}
+        if np.linalg.norm(force) > 0:
+            panel.annotate("", tuple(start + force), tuple(start), arrowprops=arrow, zorder=8)
+
+
+def seen_points(result: Result, motion: Motion) -> Array:
+    """Points (k, 3) that a picture of the whole motion must hold, m."""
+    low, high = bounds(motion)
+    references = np.clip(result.data.tip_reference.values[motion.rows].reshape(-1, 3), low, high)
+    return np.concatenate([extremes(motion, low, high), references])
+
+
+def _label(panel: Axes, view: View, width: float, *, last: bool, first: bool) -> None:
     """World axes where the picture's are such, else a scale."""
     panel.grid(visible=False)
     if view.labels[0]:
@@ -72,7 +102,7 @@ def _label(panel: Axes, view: View, low: Array, high: Array, *, last: bool, firs
     panel.set_axis_off()
     if not first or not last:
         return
-    scale = 10 ** np.floor(np.log10(float((high - low).max()) / 2))
+    scale = 10 ** np.floor(np.log10((width or 1.0) / 2))
     left, bottom = panel.get_xlim()[0], panel.get_ylim()[0]
     panel.plot(
         [left, left + scale], [bottom, bottom], color="black", linewidth=2, solid_capstyle="butt", zorder=9
