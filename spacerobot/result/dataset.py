@@ -1,8 +1,9 @@
 """Labelled data of a trajectory.
 
 Every variable carries ``units`` and ``long_name``. Dimensions: ``time`` [s], ``tip`` (``rpr1/tip``),
-``body`` (robots, then ``target``), ``joint`` (``rpr1/joint_1``), ``grasp``, ``axis`` (x, y, z of the
-world), ``quaternion`` (x, y, z, w), and the components of the state.
+``body`` (robots, then ``target``), ``joint`` (``rpr1/joint_1``, its ``joint_kind`` beside it: units of a
+prismatic one are m, m/s and N), ``grasp``, ``axis`` (x, y, z of the world), ``quaternion`` (x, y, z, w), and
+the components of the state.
 """
 
 from __future__ import annotations
@@ -67,7 +68,12 @@ def build_dataset(scene: Scene, trajectory: Trajectory, state_names: Sequence[st
     q, v, z = np.split(trajectory.state, [nq, nq + nv], axis=1)
     variables: dict[str, xr.DataArray] = {
         "q": _array(q, ("time", "configuration"), "m, rad or 1", "configuration in Pinocchio's coordinates"),
-        "v": _array(v, ("time", "velocity"), "m/s or rad/s", "velocity in Pinocchio's coordinates"),
+        "v": _array(
+            v,
+            ("time", "velocity"),
+            "m/s or rad/s",
+            "velocity in Pinocchio's coordinates, of a base in its own axes",
+        ),
         "z": _array(z, ("time", "controller"), "SI", "states of controllers and energy balance"),
     }
     outputs = trajectory.outputs
@@ -84,6 +90,7 @@ def build_dataset(scene: Scene, trajectory: Trajectory, state_names: Sequence[st
         "tip": [tip.label for tip in scene.tips],
         "body": [body.name for body in scene.bodies],
         "joint": _joint_labels(scene),
+        "joint_kind": ("joint", _joint_kinds(scene)),
         "grasp": [grasp.name for grasp in scene.grasps],
         "axis": list(AXES),
         "quaternion": ["x", "y", "z", "w"],
@@ -104,6 +111,16 @@ def _arm_joints(scene: Scene) -> list[int]:
 
 def _joint_labels(scene: Scene) -> list[str]:
     return [str(scene.model.names[joint]) for joint in _arm_joints(scene)]
+
+
+def _joint_kinds(scene: Scene) -> list[str]:
+    """Revolute, continuous or prismatic, in the order of the labels."""
+    kinds = {
+        f"{body.name}/{joint.name}": str(joint.kind)
+        for body in scene.bodies
+        for joint in body.description.joints
+    }
+    return [kinds[label] for label in _joint_labels(scene)]
 
 
 def _orientations(scene: Scene, q: Array) -> dict[str, xr.DataArray]:
@@ -138,7 +155,7 @@ def _joints(scene: Scene, q: Array, v: Array, torque: Array) -> dict[str, xr.Dat
             position[:, i] = np.unwrap(np.arctan2(q[:, joint.idx_q + 1], q[:, joint.idx_q]))
         else:
             position[:, i] = q[:, joint.idx_q]
-    slides = any(joint.shortname().startswith("JointModelP") for joint in joints)
+    slides = "prismatic" in _joint_kinds(scene)
     units = ("rad or m", "rad/s or m/s", "N m or N") if slides else ("rad", "rad/s", "N m")
     dims, rates = ("time", "joint"), v[:, [joint.idx_v for joint in joints]]
     return {

@@ -32,10 +32,16 @@ def _statistics(values: np.ndarray[Any, Any]) -> dict[str, float]:
 
 
 def body_motion(data: xr.Dataset) -> dict[str, dict[str, float]]:
-    """Greatest rotation [deg] and travel [m] of each body since the start."""
+    """Greatest rotation [deg] and travel [m] of each body since the start.
+
+    In a planar scene whole turns count; in space a rotation is the shortest one, at most 180 deg.
+    """
     moved = data.body_position - data.body_position.isel(time=0)
     travel = np.sqrt((moved**2).sum("axis")).max("time")
-    rotation = np.degrees(np.sqrt((data.body_rotation**2).sum("axis")).max("time"))
+    turned = np.sqrt((data.body_rotation**2).sum("axis"))
+    if "body_angle" in data:
+        turned = np.abs(data.body_angle - data.body_angle.isel(time=0))
+    rotation = np.degrees(turned.max("time"))
     return {
         str(body): {
             "max_rotation_deg": float(rotation.sel(body=body)),
@@ -46,8 +52,10 @@ def body_motion(data: xr.Dataset) -> dict[str, dict[str, float]]:
 
 
 def greatest_torque(data: xr.Dataset) -> dict[str, Any]:
-    """Greatest actuator torque, where and when."""
-    return _greatest(data.joint_torque, "joint", "torque_n_m")
+    """Greatest actuator torque [N m], or force [N] of a prismatic joint, its unit, where and when."""
+    found = _greatest(data.joint_torque, "joint", "torque_n_m")
+    slides = found["joint"] is not None and data.joint_kind.sel(joint=found["joint"]) == "prismatic"
+    return found | {"unit": "N" if slides else "N m"}
 
 
 def greatest_grip(data: xr.Dataset) -> dict[str, Any]:

@@ -27,7 +27,7 @@ def headline(result: Result) -> list[Row]:
         moved = f"{motion['max_rotation_deg']:.4g} deg, {motion['max_travel_m'] * 1e3:.4g} mm"
         rows.append((f"base {base} moved by at most", moved))
     torque, grip = summary["greatest_torque"], summary["greatest_grip"]
-    rows.append(("greatest joint torque", _peak(torque, "torque_n_m", "N m", "joint")))
+    rows.append(("greatest joint torque", _peak(torque, "torque_n_m", torque.get("unit", "N m"), "joint")))
     rows.append(("greatest grip force", _peak(grip, "force_n", "N", "grasp")))
     return rows + ledger_rows(summary["ledger"]) + [("engine", _engine(summary))]
 

@@ -17,8 +17,8 @@ _CORE = (
 )
 """What a plain scalar is read as: tag, pattern, first characters.
 
-YAML 1.1, which PyYAML reads by itself, takes ``010`` for 8, ``1:30`` for 90, ``no`` for false and ``1e-3`` for
-a text.
+YAML 1.1, which PyYAML reads by itself, takes ``010`` for 8, ``1:30`` for 90, ``no`` for false and ``1e-3``
+for a text.
 """
 
 
