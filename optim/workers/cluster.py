@@ -10,6 +10,7 @@ import contextlib
 import importlib
 import json
 import logging
+import signal
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -67,8 +68,23 @@ def _own_cluster(address: str) -> Iterator[Any]:
         raise SpaceRobotError(f"found {address!r}, allowed: local:N with N of 1 and more", where="--dask")
     options: dict[str, Any] = {"n_workers": int(count), "threads_per_worker": 1}
     places = {"host": "127.0.0.1", "dashboard_address": "127.0.0.1:0"}
-    with distributed_module().LocalCluster(**options, **places, silence_logs=logging.CRITICAL) as cluster:
+    with _spared():
+        cluster = distributed_module().LocalCluster(**options, **places, silence_logs=logging.CRITICAL)
+    with cluster:
         yield cluster
+
+
+@contextlib.contextmanager
+def _spared() -> Iterator[None]:
+    """Processes begun here ignore Ctrl-C, which a terminal sends to all: this one ends them."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before if before is not None else signal.default_int_handler)
 
 
 @contextlib.contextmanager

@@ -143,6 +143,29 @@ def dask(cluster):
         yield workers
 
 
+def test_a_scheduler_file_leads_to_the_cluster(small, cluster, tmp_path):
+    from optim.workers.dask import open_workers
+
+    with distributed.Client(cluster) as client:
+        client.write_scheduler_file(str(tmp_path / "scheduler.json"))
+    problem = build_problem(small())
+    with open_workers(dask=str(tmp_path / "scheduler.json")) as workers:
+        there = build_problem(small(), workers=workers)
+        assert np.array_equal(
+            there.evaluate(problem.start[None]).objective, problem.evaluate(problem.start[None]).objective
+        )
+
+
+def test_a_terminals_ctrl_c_does_not_reach_the_workers():
+    from optim.workers.cluster import connect
+
+    def ignored():
+        return signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+
+    with connect("local:1") as client:
+        assert all(client.run(ignored).values())
+
+
 @pytest.fixture
 def killed(cluster):
     """Kill -9 one of the workers, once, when asked to; and say who it was."""
