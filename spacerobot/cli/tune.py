@@ -35,7 +35,7 @@ Examples:
 
     spacerobot tune paper --reading base --variables five --method nlp --out out/tuned
 
-    spacerobot tune my.yaml --method ga --budget 2000 --runs 3
+    spacerobot tune my.yaml --method ga --budget 2000 --runs 3 --dask local:4
 """
 
 
