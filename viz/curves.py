@@ -9,6 +9,7 @@ import numpy as np
 
 from spacerobot.result import Result
 from viz.figures.bodies import rotation_deg
+from viz.figures.style import called
 from viz.geometry import Array
 from viz.meshcat_scene import packed
 
@@ -70,7 +71,7 @@ def _rotations(result: Result, rows: Rows) -> list[Curve]:
     for k, body in enumerate(map(str, result.data.body.values)):
         names, values = rotation_deg(result, body)
         turned = values[rows, 0] if len(names) == 1 else np.linalg.norm(values[rows], axis=-1)
-        found.append((_called(body), ("body", k), turned))
+        found.append((called(body), ("body", k), turned))
     return found
 
 
@@ -78,10 +79,6 @@ def _momenta(result: Result, rows: Rows) -> list[Curve]:
     data = result.data
     size = np.linalg.norm(data.body_momentum_linear.values[rows], axis=-1)
     found: list[Curve] = [
-        (_called(str(body)), ("body", k), size[:, k]) for k, body in enumerate(data.body.values)
+        (called(str(body)), ("body", k), size[:, k]) for k, body in enumerate(data.body.values)
     ]
     return [*found, ("all together", ("all", 0), np.linalg.norm(data.momentum_linear.values[rows], axis=-1))]
-
-
-def _called(body: str) -> str:
-    return "object" if body == "target" else body

@@ -5,9 +5,12 @@ import re
 import matplotlib as mpl
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from spacerobot.errors import ResultError
 from spacerobot.paper import FIGURE_7_MM, FIGURE_10_MM
+from spacerobot.result.result import Result
 from viz.figures import (
     KINDS,
     base_motion,
@@ -24,6 +27,8 @@ from viz.figures import (
     tip_errors,
     tip_paths,
 )
+from viz.figures.style import labels_of
+from viz.figures.tips import enlargement
 
 UNIT = re.compile(r"\[(m|mm|s|deg|N|N m|N s|N m s|J|1|%)\]$")
 
@@ -75,6 +80,45 @@ def test_before_and_after_share_one_scale(paper, blind):
     drawn = _lines(figure, "rpr1/tip, x")
     assert {"pid", "amnesia"} <= set(drawn)
     assert np.abs(drawn["pid"][:, 1]).max() > 50 * np.abs(drawn["amnesia"][:, 1]).max()
+
+
+def test_sizes_of_errors_show_the_smaller_ones_as_well(paper, blind):
+    figure = tip_errors(blind, paper)
+    panel = next(axes for axes in figure.axes if axes.get_title("left") == "rpr1/tip, size")
+    sizes = [np.linalg.norm(r.data.tip_error.sel(tip="rpr1/tip").values, axis=-1) for r in (blind, paper)]
+    for drawn, size in zip(panel.get_lines(), sizes, strict=True):
+        np.testing.assert_allclose(drawn.get_ydata()[1:], size[1:] * 1e3)
+    assert panel.get_yscale() == "log"
+    assert len(tip_errors(paper).axes) == 4
+
+
+@given(st.floats(1e-9, 1.0), st.floats(1e-3, 10.0))
+@settings(deadline=None, max_examples=60, derandomize=True)
+def test_enlarged_errors_are_seen_and_do_not_fill_the_picture(error, reach):
+    times = enlargement(error, reach)
+    assert times >= 1
+    if error < 0.04 * reach:
+        assert 0.04 * reach < times * error < 0.121 * reach
+    else:
+        assert times == 1
+
+
+def test_enlarged_paths_are_the_references_with_larger_errors(paper):
+    drawn = _lines(tip_paths(paper), "(b) rpr2/tip")
+    error = paper.data.tip_error.sel(tip="rpr2/tip").values[:, :2]
+    larger = drawn["reference"] - drawn["actual, error enlarged"]
+    np.testing.assert_allclose(larger, 100 * error, atol=1e-12)
+
+
+def test_joints_of_one_robot_can_be_told_apart(spatial):
+    drawn = joints(spatial).axes[0].get_lines()
+    looks = {(line.get_color(), str(line._dash_pattern)) for line in drawn}
+    assert len(looks) == len(drawn) == 14
+
+
+def test_any_number_of_results_has_names_that_differ(paper):
+    again = Result(paper.scenario, paper.data, paper.summary)
+    assert len(set(labels_of([again] * 12))) == 12
 
 
 def test_paths_have_four_panels_for_two_results(paper, blind):

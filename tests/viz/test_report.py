@@ -35,6 +35,10 @@ def test_its_numbers_are_the_summarys(comparison, paper):
     row = next(row for row in comparison.split("<tr>") if "amnesia</th>" in row and "Fig. 7" in row)
     verdicts = re.findall("[✓✗]", row)
     assert verdicts == ["✗", "✓", "✓", "✓"]  # robot 1 reaches -1.63 mm in x, the paper -1.18
+    rows = comparison[comparison.index('id="paper"') :]
+    alone = next(row for row in rows.split("<tr>") if "pid</th>" in row)
+    assert "-144 .. 0" in alone
+    assert not re.findall("[✓✗]", alone)  # Fig. 7 is of the amnesia controller
 
 
 def test_it_opens_without_a_network_and_plays(browser, comparison, tmp_path):
@@ -85,7 +89,7 @@ def test_others_may_add_sections(paper):
 
 def test_differences_are_the_changed_leaves():
     a, b = {"x": {"y": 1, "z": [1, 2]}}, {"x": {"y": 2, "z": [1, 2]}, "w": None}
-    assert differences([a, b]) == [("x.y", ["1", "2"]), ("w", ["-", "None"])]
+    assert differences([a, b]) == [("x.y", ["1", "2"]), ("w", ["-", "none"])]
 
 
 def test_folders_of_results_are_found(paper, blind, tmp_path):

@@ -48,7 +48,8 @@ def object_motion(*results: Result) -> Drawing:
     axes[0, 0].set_title("(a) object rotation")
     axes[0, 1].set_title("(b) object translation")
     for panel in axes.flat:
-        legend_over(panel, columns=1 if len(results) > 1 else 3)
+        # what stands in one column is one result's
+        legend_over(panel, columns=3 if len(results) == 1 else min(len(results), 2))
     return figure
 
 
@@ -78,7 +79,7 @@ def _overlay(row: Sequence[Axes], results: Sequence[Result], body: str) -> None:
             names, values = values_of(result, body)
             for k, name in enumerate(names):
                 axis = f"about {name}" if values_of is rotation_deg else name
-                look = {"color": COLOURS[k], "linestyle": DASHES[index]} if several else line(k)
+                look = {"color": COLOURS[k], "linestyle": DASHES[index % len(DASHES)]} if several else line(k)
                 text = f"{label}, {axis}" if several else axis
                 panel.plot(result.data.time.values, values[:, k], **look, label=text)
             until(panel, result)

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from spacerobot.result import Result
-from viz.figures.style import COLOURS, Drawing, panels, styled
+from viz.figures.style import COLOURS, Drawing, called, panels, styled
 from viz.geometry import Array
 from viz.motion import Motion, bounds, extremes, pick_rows, sample_motion
 from viz.projection import View, draw_ghosts, draw_nodes, fit, view_of
@@ -64,7 +64,7 @@ def draw_names(panel: Axes, motion: Motion, frame: int, view: View) -> None:
             continue
         held = node.body == "target"
         panel.annotate(
-            "object" if held else node.body,
+            called(node.body),
             tuple(view.flat(motion.position[frame, k])),
             xytext=(0, 13) if held else (0, 0),
             textcoords="offset points",

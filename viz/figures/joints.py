@@ -43,7 +43,11 @@ def _draw(panel: Axes, result: Result, variable: str, joints: list[str]) -> None
     values = result.data[variable]
     scale, unit = unit_scale(values.attrs["units"])
     for k, joint in enumerate(joints):
-        look = {"color": COLOURS[k % len(COLOURS)], "linestyle": DASHES[(k // 2 + k) % len(DASHES)]}
+        # the colours come round again with other dashes
+        look = {
+            "color": COLOURS[k % len(COLOURS)],
+            "linestyle": DASHES[(k + k // len(COLOURS)) % len(DASHES)],
+        }
         panel.plot(result.data.time.values, values.sel(joint=joint).values * scale, linewidth=1.1, **look)
     quantity = {"deg": "angle", "N m": "torque"}.get(unit, values.attrs["long_name"])
     panel.set_ylabel(f"{quantity} [{unit}]")

@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from spacerobot.result import Result
-from viz.figures.style import Drawing, legend_over, line, panels, styled, until
+from viz.figures.style import Drawing, called, legend_over, line, panels, styled, until
 from viz.geometry import Array
 
 FLOWS = (
@@ -17,6 +17,10 @@ FLOWS = (
     ("work_constraint", "put in by rigid grasps", 1),
 )
 """Work since the start, what to call it, and whether it adds to what is stored."""
+
+
+_ALWAYS = ("work_actuator", "work_joint")
+_NONE_J = 1e-12  # below, a work is rounding: grips without dampers, or rigid ones
 
 
 @styled
@@ -40,7 +44,7 @@ def _momentum(panel: Axes, result: Result, kind: str) -> None:
     axis = _main_axis(bodies.values)
     for k, body in enumerate(data.body.values):
         values = bodies.sel(body=body).values[:, axis]
-        panel.plot(data.time.values, values, **line(k), label=str(body))
+        panel.plot(data.time.values, values, **line(k), label=called(str(body)))
     panel.plot(data.time.values, total.values[:, axis], color="black", linewidth=2, label="all together")
     name = str(data.axis.values[axis])
     panel.set_title(f"{kind} momentum, {name}")
@@ -69,7 +73,7 @@ def energy_astray(result: Result) -> Array:
 def _energy(panel: Axes, result: Result) -> None:
     data = result.data
     for k, (name, text, _) in enumerate(FLOWS):
-        if name != "work_constraint" or np.any(np.abs(data[name].values) > 1e-12):
+        if name in _ALWAYS or np.any(np.abs(data[name].values) > _NONE_J):
             panel.plot(data.time.values, data[name].values, **line(k), label=text)
     panel.plot(data.time.values, stored_change(result), color="black", linewidth=2, label="stored")
     panel.set_title("energy since the start")

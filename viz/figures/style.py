@@ -103,11 +103,15 @@ def line(index: int) -> dict[str, Any]:
     return {"color": COLOURS[index % len(COLOURS)], "linestyle": DASHES[index % len(DASHES)]}
 
 
-def legend_above(figure: Figure, axes: Axes, *, columns: int = 4) -> None:
-    """One legend for all panels, of what is drawn in one of them."""
-    handles, labels = axes.get_legend_handles_labels()
-    if handles:
-        figure.legend(handles, labels, loc="outside upper center", ncols=min(columns, len(handles)))
+def legend_above(figure: Figure, *axes: Axes, columns: int = 4) -> None:
+    """One legend for all panels, of what is drawn in these; each name stands in it once."""
+    named: dict[str, Any] = {}
+    for panel in axes:
+        for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):
+            named.setdefault(label, handle)
+    if named:
+        columns = min(columns, len(named))
+        figure.legend(list(named.values()), list(named), loc="outside upper center", ncols=columns)
 
 
 def legend_over(axes: Axes, *, columns: int = 2) -> None:
@@ -142,11 +146,16 @@ def until(axes: Axes, result: Result) -> None:
 
 
 def labels_of(results: Sequence[Result]) -> list[str]:
-    """Short names that tell results apart: their folders' names, else their scenarios', else letters too."""
+    """Short names that tell results apart: their folders' names, else their scenarios', else numbers too."""
     names = [result.folder.resolve().name if result.folder else result.scenario.name for result in results]
     if len(set(names)) == len(names):
         return names
-    return [f"{name} ({letter})" for name, letter in zip(names, "ABCDEFGH", strict=False)]
+    return [f"{name} ({k})" for k, name in enumerate(names, start=1)]
+
+
+def called(body: str) -> str:
+    """What people call a body: a robot by its name, the target ``object``."""
+    return "object" if body == "target" else body
 
 
 def unit_scale(unit: str) -> tuple[float, str]:
