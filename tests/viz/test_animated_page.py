@@ -9,11 +9,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from spacerobot.description import shipped_urdf_folder
 from spacerobot.errors import ResultError
 from spacerobot.result.result import Result
+from spacerobot.scene import load_scene
+from spacerobot.simulate import simulate
 from viz.animation import animation
+from viz.figures import KINDS, draw_all
 from viz.motion import pick_rows, scene_nodes
 from viz.page import animation_page, json_text, write_animation
+from viz.record import write_recording
 
 BOX = (
     "(({x, y, width, height}) => [x, y, width, height])"
@@ -21,6 +26,18 @@ BOX = (
 )
 HIDE = "for (const id of ['side', 'labels', 'scale']) document.getElementById(id).hidden = true"
 SCRUB = "s.value = 7; s.dispatchEvent(new Event('input'))"
+CHOOSE = (
+    "(() => { const q = document.getElementById('quantity'); q.value = 'WHICH';"
+    " q.dispatchEvent(new Event('change')); })()"
+)
+NAMES_ALL = (
+    "[...document.querySelectorAll('#labels .name')].map((e) => [e.textContent, parseFloat(e.style.left)])"
+)
+NAMES = NAMES_ALL.replace("]", "].filter((e) => !e.hidden)", 1)
+EDGES = (
+    "(({left, top, right, bottom}) => [left, top, right, bottom])"
+    "(document.getElementById('ID').getBoundingClientRect())"
+)
 READY = "document.body?.dataset.ready === 'true'"
 
 
@@ -72,6 +89,67 @@ def test_it_says_time_and_the_tip_errors_of_the_result(browser, paper, tmp_path)
     for tip in ("rpr1/tip", "rpr2/tip"):
         said = float(re.search(rf"{tip} error ([\d.]+) mm", words)[1])
         assert said == pytest.approx(np.linalg.norm(row.sel(tip=tip)) * 1e3, abs=6e-3)
+
+
+def test_forces_turns_and_momenta_are_plotted_by_name_and_in_numbers(browser, paper, tmp_path):
+    page = _show(browser, tmp_path / "page.html", animation_page(paper), "#t=3")
+    row = paper.data.sel(time=3.0, method="nearest")
+    force = float(np.linalg.norm(row.grasp_force.sel(grasp="left")))
+    start = paper.data.body_angle.sel(body="rpr1")[0]
+    turned = float(np.degrees(row.body_angle.sel(body="rpr1") - start))
+    for which, name, wanted in ((1, "left", force), (2, "rpr1", turned)):
+        page.evaluate(CHOOSE.replace("WHICH", str(which)))
+        words = page.evaluate("document.getElementById('curves').innerText")
+        assert float(re.search(rf"{name} (-?[\d.]+) ", words)[1]) == pytest.approx(wanted, rel=6e-3)
+    page.evaluate(CHOOSE.replace("WHICH", "3"))
+    words = page.evaluate("document.getElementById('curves').innerText")
+    assert float(re.search(r"all together ([\d.e-]+) N s", words)[1]) < 1e-8
+    assert page.complaints == []
+
+
+def test_names_stand_on_the_robots_and_errors_are_enlarged(browser, paper, tmp_path):
+    page = _show(browser, tmp_path / "page.html", animation_page(paper), "#t=5", (1400, 850))
+    page.picture()
+    found = dict(page.evaluate(NAMES))
+    assert set(found) == {"rpr1", "rpr2", "object"}
+    assert found["rpr1"] < found["object"] < found["rpr2"]
+    caption = page.evaluate("document.querySelector('#magnifier figcaption').innerText")
+    assert re.fullmatch(r"tips around their references, \d+ times enlarged; rings every 1 mm", caption)
+    whole = int(re.search(r"(\d+) times", caption)[1])
+    page.evaluate("location.hash = '#t=5&look=near'")
+    page.wait_for("document.getElementById('look').value === 'near'")
+    caption = page.evaluate("document.querySelector('#magnifier figcaption').innerText")
+    assert int(re.search(r"(\d+) times", caption)[1]) < 0.3 * whole
+    page.evaluate("document.querySelector('#layers input').click()")
+    page.picture()
+    assert page.evaluate(NAMES) == []
+    assert page.complaints == []
+
+
+def test_everything_can_be_reached_on_a_phone(browser, blind, paper, tmp_path):
+    page = _show(browser, tmp_path / "page.html", animation_page(blind, paper), "#t=5", (360, 740))
+    assert page.evaluate("document.documentElement.scrollWidth <= window.innerWidth")
+    ids = ("play", "scrub", "speed", "arrange", "look", "reset", "quantity", "legend")
+    for name in ids:
+        left, top, right, bottom = page.evaluate(EDGES.replace("ID", name))
+        assert 0 <= left < right <= 360, name
+        assert 0 <= top < bottom <= 740, name
+    assert not page.evaluate("document.getElementById('legend').open")
+
+
+def test_a_result_of_a_single_instant_and_a_body_without_shapes_are_shown(browser, paper, tmp_path):
+    text = (shipped_urdf_folder() / "rectangle.urdf").read_text()
+    (tmp_path / "bare.urdf").write_text(re.sub(r"(?s)<(visual|collision)\b.*?</\1>", "", text))
+    scene = load_scene("paper", {"target.urdf": str(tmp_path / "bare.urdf"), "simulation.duration": 0.02})
+    page = _show(browser, tmp_path / "bare.html", animation_page(simulate(scene)))
+    assert "object" in dict(page.evaluate(NAMES_ALL))
+    assert page.complaints == []
+    instant = Result(paper.scenario, paper.data.isel(time=[0]), paper.summary)
+    page = _show(browser, tmp_path / "instant.html", animation_page(instant))
+    assert page.evaluate("document.getElementById('play').disabled")
+    assert page.complaints == []
+    assert len(list(draw_all(instant))) == len(KINDS)
+    write_recording(tmp_path / "instant.gif", instant, size_px=(160, 100))
 
 
 def test_it_plays_pauses_and_scrubs(browser, paper, tmp_path):
