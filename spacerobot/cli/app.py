@@ -27,8 +27,12 @@ from spacerobot.cli import (
     sweep,
     tune,
 )
+from spacerobot.cli.interrupts import remembered
 from spacerobot.cli.output import complain
 from spacerobot.errors import SpaceRobotError
+
+INTERRUPTED = 130
+"""Exit code after Ctrl-C, as shells have it."""
 
 app = typer.Typer(
     name="spacerobot",
@@ -78,13 +82,19 @@ def _options(
 def main() -> None:
     """Run the command line: one clear line for each fault a user can mend, and its exit code."""
     try:
-        app()
+        with remembered():
+            app()
+    except SystemExit as left:
+        # typer turns a Ctrl-C that no command has dealt with into an exit, without a word
+        if isinstance(getattr(left.__context__, "__cause__", None), KeyboardInterrupt):
+            complain("interrupted")
+        raise
     except SpaceRobotError as fault:
         complain(str(fault))
         sys.exit(fault.exit_code)
     except KeyboardInterrupt:
         complain("interrupted")
-        sys.exit(130)
+        sys.exit(INTERRUPTED)
     except BrokenPipeError:
         # the reader (head, less) has left: nothing to tell it
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -15,9 +15,16 @@ from rich.text import Text
 PLAIN_WIDTH = 140
 
 
+class _Console(Console):
+    """Console that leaves a reader's leaving (``| head``) to the command line, instead of exiting with 1."""
+
+    def on_broken_pipe(self) -> None:
+        raise BrokenPipeError
+
+
 def console() -> Console:
     """Console for results; where it is no terminal, lines are long enough not to break tables."""
-    return Console(highlight=False, width=None if sys.stdout.isatty() else PLAIN_WIDTH)
+    return _Console(highlight=False, width=None if sys.stdout.isatty() else PLAIN_WIDTH)
 
 
 def complain(message: str) -> None:

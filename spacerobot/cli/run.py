@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from spacerobot.cli.interrupts import heed
 from spacerobot.cli.options import Changes, Out, ScenarioName, parse_changes
 from spacerobot.cli.output import console, pairs, progress, warn
 
@@ -102,11 +103,14 @@ def run_scene(
     with progress("building the closed loop") as spin:
 
         def tell(words: str) -> None:
+            """Show what begins; also the place to heed a Ctrl-C that was lost before."""
+            heed()
             spin(words)
             if watch is not None:
                 watch(words)
 
         result = simulate(scene, backend=backend, progress=tell)
+        heed()
     return save(result, out) if out is not None else result
 
 

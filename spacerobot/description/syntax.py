@@ -45,7 +45,8 @@ def parse_xml(data: bytes, source: Path) -> etree._Element:
     try:
         root = etree.fromstring(data, parser)
     except (etree.XMLSyntaxError, LookupError, ValueError) as error:
-        raise DescriptionError(f"no well-formed XML: {error}", source=source) from error
+        reason = error.msg if isinstance(error, etree.XMLSyntaxError) else str(error)
+        raise DescriptionError(f"no well-formed XML: {reason}", source=source) from error
     if root.getroottree().docinfo.doctype:
         raise DescriptionError("declares a document type, which a URDF may not", source=source)
     return root
@@ -76,11 +77,12 @@ class _Checker:
         self._source = source
 
     def robot(self, root: etree._Element) -> None:
+        """Check the whole file; see :func:`check_syntax`."""
         if root.tag != "robot":
             raise self._error(root, "is the outermost element; it has to be <robot>")
         for element in root.iter():
             if "xacro" in str(element.tag):
-                raise self._error(element, "is a xacro macro; run xacro on the file first")
+                raise self._error(element, "belongs to xacro; run xacro on the file first")
         self._text(root, "name")
         for kind, check in (("link", self._link), ("joint", self._joint), ("material", self._material)):
             seen: set[str] = set()
@@ -135,7 +137,9 @@ class _Checker:
         for axis in self._at_most_one(joint, "axis"):
             self._numbers(axis, "xyz", 3)
         for _ in joint.findall("mimic"):
-            raise self._error(joint, "mimics another joint, which cannot be simulated")
+            raise self._error(
+                joint, "mimics another joint, which cannot be simulated; leave <mimic> out, or make it fixed"
+            )
         bounded = kind in ("revolute", "prismatic")
         for limit in self._at_most_one(joint, "limit", needed=bounded):
             for attribute in ("effort", "velocity"):
@@ -204,7 +208,10 @@ def _path(element: etree._Element) -> Iterator[str]:
     for ancestor in reversed(ancestors):
         name = ancestor.get("name")
         if ancestor is element or (name and ancestor.tag in ("link", "joint")):
-            yield f"{ancestor.tag} {_shorten(name)!r}" if name else f"<{ancestor.tag}>"
+            tag = str(ancestor.tag)
+            if ancestor.prefix and "}" in tag:
+                tag = f"{ancestor.prefix}:{tag.partition('}')[2]}"
+            yield f"{tag} {_shorten(name)!r}" if name else f"<{tag}>"
     yield f"(line {element.sourceline})"
 
 

@@ -132,11 +132,14 @@ def _turn(reference: Reference) -> _Path:
 
 
 def _along(vector: Array, duration: float) -> _Path:
-    def path(t: float, within: float) -> Jet:
+    """A constant direction, by the cubic blend."""
+
+    def jet(t: float, within: float) -> Jet:
+        """Displacement at ``t``, by the piece that holds at ``within``."""
         value, rate, acceleration = cubic_blend(t, within, duration)
         return value * vector, rate * vector, acceleration * vector
 
-    return path
+    return jet
 
 
 def _circle(circle: Circle) -> _Path:
@@ -145,7 +148,8 @@ def _circle(circle: Circle) -> _Path:
     plane = pin.rpy.rpyToMatrix(np.radians(circle.plane_deg))
     begin = plane @ np.array([np.cos(first), np.sin(first), 0.0])
 
-    def path(t: float, within: float) -> Jet:
+    def jet(t: float, within: float) -> Jet:
+        """Displacement at ``t``, by the piece that holds at ``within``."""
         value, rate, acceleration = (
             (last - first) * blended for blended in cubic_blend(t, within, circle.duration)
         )
@@ -157,16 +161,18 @@ def _circle(circle: Circle) -> _Path:
             circle.radius * (acceleration * ahead - rate**2 * outwards),
         )
 
-    return path
+    return jet
 
 
 def _spline(spline: Spline) -> _Path:
+    """A clamped cubic spline, held at its end."""
     curve = CubicSpline(spline.times, np.array(spline.displacements), bc_type="clamped")
     end = spline.times[-1]
 
-    def path(t: float, within: float) -> Jet:
+    def jet(t: float, within: float) -> Jet:
+        """Displacement at ``t``, by the piece that holds at ``within``."""
         if within >= end:
             return np.array(spline.displacements[-1]), np.zeros(3), np.zeros(3)
         return curve(t), curve(t, 1), curve(t, 2)
 
-    return path
+    return jet

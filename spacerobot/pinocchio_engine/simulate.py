@@ -74,19 +74,9 @@ def simulate(
     samples = time_grid(duration_s, output_step_s, output_step_s).time
     engine = Engine(scene)
     integrator = _Integrator(engine, rtol, atol)
-    states, outputs, bad = [engine.x0], [outputs_at(engine, 0.0, engine.x0)], None
-    for until in samples[1:]:
-        x, within = integrator.advance(until)
-        found = None if x is None else _outputs(engine, until, x, within)
-        if x is None or found is None:
-            bad = min(integrator.t, until)
-            break
-        states.append(x)
-        outputs.append(found)
-        if progress is not None:
-            progress(until / duration_s)
+    states, outputs, bad = _roll_out(engine, integrator, samples, progress or (lambda _: None))
     return Trajectory(
-        time=frozen(np.array(samples[: len(states)])),
+        time=frozen(samples[: len(states)]),
         state=frozen(np.array(states)),
         outputs={name: frozen(np.array([y[name] for y in outputs])) for name in outputs[0]},
         measures={},
@@ -98,6 +88,22 @@ def simulate(
         backend="pinocchio",
         wall_s=time.perf_counter() - begin,
     )
+
+
+def _roll_out(
+    engine: Engine, integrator: _Integrator, samples: Array, progress: Progress
+) -> tuple[list[Array], list[dict[str, Array]], float | None]:
+    """States and outputs at the samples, and the time [s] at which they end early, if they do."""
+    states, outputs = [engine.x0], [outputs_at(engine, 0.0, engine.x0)]
+    for until in samples[1:]:
+        x, within = integrator.advance(until)
+        found = None if x is None else _outputs(engine, until, x, within)
+        if x is None or found is None:
+            return states, outputs, min(integrator.t, until)
+        states.append(x)
+        outputs.append(found)
+        progress(until / samples[-1])
+    return states, outputs, None
 
 
 def _outputs(engine: Engine, t: float, x: Array, within: float) -> dict[str, Array] | None:
