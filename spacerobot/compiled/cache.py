@@ -15,9 +15,11 @@ import os
 import shutil
 import stat
 import tempfile
+import time
 from pathlib import Path
 
 KEPT = 400  # libraries; the least recently used go first
+ABANDONED_S = 86_400.0  # no compilation takes a day
 
 
 def cache_folder() -> Path:
@@ -53,7 +55,11 @@ def find(folder: Path, key: str) -> Path | None:
         Hexadecimal name of the entry.
     """
     for path in sorted(folder.glob(f"{key}-*.so")):
-        if _is_private(path) and _digest(path) == path.stem.rpartition("-")[2]:
+        try:
+            whole = _is_private(path) and _digest(path) == path.stem.rpartition("-")[2]
+        except OSError:  # gone, or cannot be read just now: neither good nor broken
+            continue
+        if whole:
             with contextlib.suppress(OSError):
                 os.utime(path)
             return path
@@ -80,10 +86,7 @@ def store(folder: Path, key: str, built: Path) -> Path:
 
 
 def _digest(path: Path) -> str:
-    try:
-        return hashlib.sha256(path.read_bytes()).hexdigest()[:32]
-    except OSError:
-        return ""
+    return hashlib.sha256(path.read_bytes()).hexdigest()[:32]
 
 
 def _is_private(path: Path) -> bool:
@@ -106,6 +109,11 @@ def _private_folder() -> Path:
 
 
 def _prune(folder: Path) -> None:
+    """Remove the least recently used libraries, and what processes left behind that were killed."""
+    for path in folder.glob("buil[dt]-*"):
+        with contextlib.suppress(OSError):
+            if time.time() - path.stat().st_mtime > ABANDONED_S:
+                shutil.rmtree(path) if path.is_dir() else path.unlink()
     entries = []
     for path in folder.glob("*.so"):
         with contextlib.suppress(OSError):

@@ -55,8 +55,11 @@ class Library:
     _handle: ctypes.CDLL
 
     def entry(self, name: str) -> Any:
-        """C function exported under a name, as a ctypes function that returns nothing."""
-        function = getattr(self._handle, name)
+        """C function exported under a name, as a new ctypes function that returns nothing.
+
+        An attribute of the handle would be one and the same object for all threads, its result type too.
+        """
+        function = self._handle[name]
         function.restype = None
         return function
 
@@ -141,12 +144,12 @@ def compile_functions(
     key = _key(source, toolchain)
     path = cache.find(folder, key)
     cached = path is not None
-    if path is None:
-        path = cache.store(folder, key, _compile(source, toolchain, folder))
     try:
+        if path is None:
+            path = cache.store(folder, key, _compile(source, toolchain, folder))
         handle = ctypes.CDLL(str(path))
     except OSError as error:
-        raise CompileError(f"the compiled library cannot be loaded: {error}") from error
+        raise CompileError(f"the compiled library cannot be made or loaded: {error}") from error
     return Library(dict(functions), lanes, toolchain, path, cached, time.perf_counter() - begin, handle)
 
 
@@ -164,7 +167,7 @@ def _compile(source: str, toolchain: Toolchain, folder: Path) -> Path:
         options = [flag for flag in toolchain.flags if not flag.startswith("-l")]
         libraries = [flag for flag in toolchain.flags if flag.startswith("-l")]
         command = [toolchain.compiler, *options, "-o", str(built), str(source_file), *libraries]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        done = subprocess.run(command, capture_output=True, text=True, errors="replace", check=False)
         if done.returncode != 0 or not built.exists():
             told = next(
                 (line for line in done.stderr.splitlines() if "error" in line), done.stderr.strip()[:300]

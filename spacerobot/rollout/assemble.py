@@ -25,7 +25,10 @@ def trajectory_of(raw: Raw, kernel: Kernel, grid: TimeGrid, backend: str, wall_s
         state=frozen(state),
         outputs={name: frozen(y[:, where]) for name, where in kernel.outputs.items()},
         measures={name: frozen(raw.r[0, where]) for name, where in kernel.measures.items()},
-        costs={name: float(value) for name, value in zip(kernel.costs, raw.cost[0], strict=True)},
+        costs={
+            name: float(value) if status == "completed" else float("nan")
+            for name, value in zip(kernel.costs, raw.cost[0], strict=True)
+        },
         status=status,
         diverged_at_s=None if status == "completed" else done * grid.step_s,
         steps=done,
@@ -46,7 +49,7 @@ def batch_of(
         diverged_at_s=diverged_at(raw, grid),
         done=raw.done >= 0,
         time=frozen(grid.time),
-        outputs={name: frozen(block) for name, block in split(raw, kernel, outputs).items()},
+        outputs={name: frozen(block) for name, block in split(raw, kernel, grid, outputs).items()},
         state=None if raw.x is None else frozen(raw.x[:, :, : kernel.nx]),
         backend=engine.backend,
         lanes=engine.lanes,
@@ -77,9 +80,9 @@ def diverged_at(raw: Raw, grid: TimeGrid) -> Array:
     return frozen(np.where(lost, raw.done * grid.step_s, np.nan))
 
 
-def split(raw: Raw, kernel: Kernel, outputs: Sequence[str]) -> dict[str, Array]:
+def split(raw: Raw, kernel: Kernel, grid: TimeGrid, outputs: Sequence[str]) -> dict[str, Array]:
     """The named outputs, which ``raw`` holds one after the other, each of shape (N, nt, n)."""
     sizes = [kernel.outputs[name].stop - kernel.outputs[name].start for name in outputs]
     ends = np.cumsum([0, *sizes])
-    y = np.empty((len(raw.done), 0, 0)) if raw.y is None else raw.y
+    y = np.empty((len(raw.done), grid.intervals + 1, 0)) if raw.y is None else raw.y
     return {name: y[:, :, a:b] for name, a, b in zip(outputs, ends[:-1], ends[1:], strict=True)}

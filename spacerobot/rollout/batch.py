@@ -72,27 +72,28 @@ def usable_cores() -> int:
 def run_batch(
     engine: Engine,
     grid: TimeGrid,
-    p: Array,
+    p: Callable[[slice], Array],
+    total: int,
     rows: Sequence[int],
     states: bool,
     threads: int | None,
     progress: Progress | None,
     stop: Stop | None,
 ) -> Done:
-    """Roll out every row of p (N, np), recording outputs ``rows``, on some threads.
+    """Roll out ``total`` rows of parameters, recording outputs ``rows``, on some threads.
 
     Every group of lanes does the same arithmetic wherever it runs, so results depend neither on threads nor
-    on N.
+    on N. ``p`` gives the full rows (n, np) of a piece when its turn comes: all at once may be too many.
     """
-    raw, flag = Raw.empty(engine.kernel, grid, len(p), states, rows), StopFlag()
+    raw, flag = Raw.empty(engine.kernel, grid, total, states, rows), StopFlag()
 
     def work(piece: slice) -> int:
-        engine.rollouts(p[piece], grid, raw.part(piece), rows, flag)
+        engine.rollouts(p(piece), grid, raw.part(piece), rows, flag)
         return raw.count(piece)
 
     count = _threads(engine.backend, threads)
-    pieces = fair_pieces(len(p), engine.lanes, max(1, TASK_STEPS // grid.steps), count)
-    seconds = run_tasks(work, pieces, len(p), count, flag, progress, stop)
+    pieces = fair_pieces(total, engine.lanes, max(1, TASK_STEPS // grid.steps), count)
+    seconds = run_tasks(work, pieces, total, count, flag, progress, stop)
     raw.cost[raw.done < grid.steps] = np.nan
     return Done(raw, count, seconds)
 

@@ -86,10 +86,10 @@ INLINE real is_sound(const real* x, const double* scale) {
   return (sum[0] + sum[1]) + (sum[2] + sum[3]) < 1.;  // false for a NaN as well
 }
 
-// Largest values so far, and the step at which each was met.
+// Largest values so far, and the step at which each was met. What was no number once stays none.
 INLINE void compete(const real* m, real alive, int64_t k, real* best, real* when) {
   for (int i = 0; i < PEAKS; ++i) {
-    const real wins = alive && (m[i] > best[i]);
+    const real wins = alive && !(m[i] <= best[i]) && (best[i] == best[i]);
     for (int j = i; j < NM; j += PEAKS) best[j] = select(wins, m[j], best[j]);
     when[i] = select(wins, double(k), when[i]);
   }
@@ -238,7 +238,7 @@ extern "C" int64_t gradients(const Job* given, const AdjointJob* adjoint) {
     G::final_reverse(t, at.x, at.c, rbar + INTEGRALS + PEAKS, xbar, cbar);
     for (int i = 0; i < INTEGRALS; ++i) xbar[NX - INTEGRALS + i] = rbar[i];
     peaks_reverse(job.steps, job.steps, job.h, at, at.x, rbar, xbar, cbar);
-    for (int64_t s = segments - 1; s >= 0; --s) {
+    for (int64_t s = any(at.alive) ? segments - 1 : -1; s >= 0; --s) {  // what is lost has no tape
       const int64_t begin = s * segment, stop = begin + segment < job.steps ? begin + segment : job.steps;
       if (s < segments - 1) {  // the tape holds a later segment: integrate this one again
         std::memcpy(tape.get(), checkpoint.get() + s * NX, sizeof end);

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -116,21 +117,32 @@ class Rollout:
         Raises
         ------
         SpaceRobotError
-            A path does not exist.
+            A path does not exist, or is named twice.
         """
         place = {path: i for i, path in enumerate(self.loop.parameter_paths)}
         for path in paths:
             if path not in place:
                 raise SpaceRobotError(f"no parameter '{path}', {near_names(path, place)}")
+        for path, count in Counter(paths).items():
+            if count > 1:
+                raise SpaceRobotError(f"parameter '{path}' is named {count} times, allowed: once")
         return [place[path] for path in paths]
 
     def rows(self, paths: Sequence[str], values: npt.ArrayLike) -> Array:
         """Full parameter rows (N, np) from values (N, k) of k parameters; the others stay nominal."""
+        return self._filled(self.indices(paths), self._changes(paths, values))
+
+    def _changes(self, paths: Sequence[str], values: npt.ArrayLike) -> Array:
+        """Values (N, k) of k parameters, their shape checked."""
         given = np.atleast_2d(np.asarray(values, dtype=float))
         if given.ndim != 2 or given.shape[1] != len(paths):
             raise SpaceRobotError(f"values of shape {given.shape}, allowed: (N, {len(paths)})")
+        return given
+
+    def _filled(self, places: Sequence[int], given: Array) -> Array:
+        """Full rows (N, np) of parameters with values (N, k) in some places, nominal elsewhere."""
         p = np.tile(self.values(), (len(given), 1))
-        p[:, self.indices(paths)] = given
+        p[:, places] = given
         return p
 
     def run(self, parameters: Parameters = None) -> Trajectory:
@@ -188,9 +200,13 @@ class Rollout:
         SpaceRobotError
             A path or an output does not exist, or a shape is wrong.
         """
-        p, engine = self.rows(paths, values), self.engines.batch
-        rows = self._output_rows(outputs)
-        done = run_batch(engine, self.grid, p, rows, states, threads, progress, stop)
+        given, places = self._changes(paths, values), self.indices(paths)
+        engine, rows = self.engines.batch, self._output_rows(outputs)
+
+        def p(piece: slice) -> Array:
+            return self._filled(places, given[piece])
+
+        done = run_batch(engine, self.grid, p, len(given), rows, states, threads, progress, stop)
         return batch_of(done.raw, engine, self.grid, outputs, done.threads, done.wall_s)
 
     def value_and_gradient(
@@ -270,8 +286,9 @@ class Rollout:
         engine = self.engines.sensitivity(tuple(self.indices(wrt)), tuple(outputs))
         rows = range(engine.kernel.size("outputs", "y"))
         directions = np.hstack([np.tile(p, (len(wrt), 1)), np.eye(len(wrt))])
-        raw = run_batch(engine, self.grid, directions, rows, False, None, None, None).raw
-        blocks, named = split(raw, engine.kernel, outputs), engine.kernel.measures
+        count = len(directions)
+        raw = run_batch(engine, self.grid, directions.__getitem__, count, rows, False, None, None, None).raw
+        blocks, named = split(raw, engine.kernel, self.grid, outputs), engine.kernel.measures
         return Jacobian(
             paths=tuple(wrt),
             trajectory=trajectory,
@@ -307,8 +324,12 @@ class Rollout:
         begin, p, wrt = time.perf_counter(), self.rows(paths, values), tuple(wrt or paths)
         engine = self.engines.sensitivity(tuple(self.indices(wrt)), ())
         k = len(wrt)
-        directions = np.hstack([np.repeat(p, k, axis=0), np.tile(np.eye(k), (len(p), 1))])
-        done = run_batch(engine, self.grid, directions, (), False, threads, progress, stop)
+
+        def directions(piece: slice) -> Array:
+            row, direction = np.divmod(np.arange(piece.start, piece.stop), k)
+            return np.hstack([p[row], np.eye(k)[direction]])
+
+        done = run_batch(engine, self.grid, directions, k * len(p), (), False, threads, progress, stop)
         r = done.raw.r.reshape(len(p), k, -1)
         named = engine.kernel.measures
         return Slopes(

@@ -26,7 +26,6 @@ def sensitivity_kernel(kernel: Kernel, wrt: Sequence[int], outputs: Sequence[str
         The forward functions.
     wrt
         Places in p of the k parameters that a direction has entries for.
-
     outputs
         Outputs whose derivatives are wanted.
 
@@ -38,57 +37,62 @@ def sensitivity_kernel(kernel: Kernel, wrt: Sequence[int], outputs: Sequence[str
         derivative along the direction. The slices of a measure's derivative carry its name after ``d``. It
         has no costs.
     """
-    f, n, count = kernel.functions, kernel.nx, kernel.integrals
-    t, p, w = ca.SX.sym("t"), ca.SX.sym("p", kernel.size("setup", "p")), ca.SX.sym("w", len(wrt))
-    x0, c0 = f["setup"](p)
-    reached = sorted(set(ca.jacobian_sparsity(c0, p[list(wrt)]).row()))
-    state, prepared = ca.SX.sym("x", 2 * (n + count)), ca.SX.sym("c", c0.numel() + len(reached))
-    x = ca.vertcat(state[:n], state[2 * n : 2 * n + count])
-    dx = ca.vertcat(state[n : 2 * n], state[2 * n + count :])
-    c, dc = prepared[: c0.numel()], prepared[c0.numel() :]
-    arguments, along = ca.vertcat(x, c[reached]), ca.vertcat(dx, dc)
-    at = {"t": t, "x": state, "c": prepared}
-
-    def paired(value: ca.SX, slope: ca.SX) -> ca.SX:
-        return ca.vertcat(value[:n], slope[:n], value[n:], slope[n:])
-
-    start, slope0 = ca.vertcat(x0, c0[reached]), _along(ca.vertcat(x0, c0[reached]), p[list(wrt)], w)
-    xdot, m = f["dynamics"](t, x, c)
-    normal, e, y = f["normalise"](x), f["final"](t, x, c), f["outputs"](t, x, c)
-    wanted = ca.vertcat(ca.SX(0, 1), *[y[kernel.outputs[name]] for name in outputs])
-    functions = {
-        "setup": sx_function(
-            "setup",
-            {"p": ca.vertcat(p, w)},
-            {
-                "x0": paired(start[: n + count], slope0[: n + count]),
-                "c": ca.vertcat(c0, slope0[n + count :]),
-            },
-        ),
-        "dynamics": sx_function(
-            "dynamics",
-            at,
-            {
-                "xdot": paired(xdot, _along(xdot, arguments, along)),
-                "m": ca.vertcat(m, _along(m, arguments, along)),
-            },
-        ),
-        "normalise": sx_function("normalise", {"x": state}, {"n": paired(normal, _along(normal, x, dx))}),
-        "outputs": sx_function("outputs", at, {"y": _along(wanted, arguments, along)}),
-        "final": sx_function("final", at, {"e": ca.vertcat(e, _along(e, arguments, along))}),
-        "objective": _no_costs(2 * kernel.size("objective", "r"), p.numel() + w.numel()),
-    }
-    scale = np.concatenate([kernel.scale[:n], np.zeros(n), kernel.scale[n:], np.zeros(count)])
+    n, count = kernel.nx, kernel.integrals
     return Kernel(
-        functions,
+        _functions(kernel, wrt, outputs),
         2 * n,
         2 * count,
         kernel.peaks,
-        scale,
+        np.concatenate([kernel.scale[:n], np.zeros(n), kernel.scale[n:], np.zeros(count)]),
         slices({name: kernel.outputs[name].stop - kernel.outputs[name].start for name in outputs}),
         _doubled_measures(kernel),
         (),
     )
+
+
+def _functions(kernel: Kernel, wrt: Sequence[int], outputs: Sequence[str]) -> dict[str, ca.Function]:
+    """Every function of the kernel, followed by its derivative along the direction."""
+    f, n, count = kernel.functions, kernel.nx, kernel.integrals
+    setup, reached = _setup(kernel, wrt)
+    nc = kernel.size("setup", "c")
+    t, state = ca.SX.sym("t"), ca.SX.sym("x", 2 * (n + count))
+    prepared = ca.SX.sym("c", nc + len(reached))
+    x = ca.vertcat(state[:n], state[2 * n : 2 * n + count])
+    dx = ca.vertcat(state[n : 2 * n], state[2 * n + count :])
+    c, dc = prepared[:nc], prepared[nc:]
+    at = {"t": t, "x": state, "c": prepared}
+
+    def along(value: ca.SX) -> ca.SX:
+        return _along(value, ca.vertcat(x, c[reached]), ca.vertcat(dx, dc))
+
+    xdot, m = f["dynamics"](t, x, c)
+    normal, e, y = f["normalise"](x), f["final"](t, x, c), f["outputs"](t, x, c)
+    wanted = ca.vertcat(ca.SX(0, 1), *[y[kernel.outputs[name]] for name in outputs])
+    moved = {"xdot": _paired(xdot, along(xdot), n), "m": ca.vertcat(m, along(m))}
+    return {
+        "setup": setup,
+        "dynamics": sx_function("dynamics", at, moved),
+        "normalise": sx_function("normalise", {"x": state}, {"n": _paired(normal, along(normal), n)}),
+        "outputs": sx_function("outputs", at, {"y": along(wanted)}),
+        "final": sx_function("final", at, {"e": ca.vertcat(e, along(e))}),
+        "objective": _no_costs(2 * kernel.size("objective", "r"), setup.numel_in("p")),
+    }
+
+
+def _setup(kernel: Kernel, wrt: Sequence[int]) -> tuple[ca.Function, list[int]]:
+    """``setup``, and the places of the prepared constants that a direction reaches: only they have slopes."""
+    p, w = ca.SX.sym("p", kernel.size("setup", "p")), ca.SX.sym("w", len(wrt))
+    wanted, n = p[list(wrt)], kernel.nx
+    x0, c0 = kernel.functions["setup"](p)
+    reached = sorted(set(ca.jacobian_sparsity(c0, wanted).row()))
+    slope, c_slope = _along(x0, wanted, w), _along(c0[reached], wanted, w)
+    prepared = {"x0": _paired(x0, slope, n), "c": ca.vertcat(c0, c_slope)}
+    return sx_function("setup", {"p": ca.vertcat(p, w)}, prepared), reached
+
+
+def _paired(value: ca.SX, slope: ca.SX, n: int) -> ca.SX:
+    """State, its derivative, integrals, their derivatives; n entries are the state's."""
+    return ca.vertcat(value[:n], slope[:n], value[n:], slope[n:])
 
 
 def _along(value: ca.SX, variables: ca.SX, direction: ca.SX) -> ca.SX:

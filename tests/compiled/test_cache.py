@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import stat
 import subprocess
@@ -126,6 +127,40 @@ def test_no_compiler_and_a_failing_one_are_told(folder, monkeypatch, tmp_path):
     with pytest.raises(CompileError, match="broken-compiler failed with 3: error: tired"):
         compile_functions(square())
     assert entries(folder) == []
+
+
+def test_what_killed_processes_left_behind_goes_in_time(folder):
+    compile_functions(square())
+    old, young = folder / "build-old", folder / "build-young"
+    for work in (old, young):
+        work.mkdir()
+        (work / "generated.cpp").touch()
+    (folder / "built-old.tmp").touch()
+    for path in (old, folder / "built-old.tmp"):
+        os.utime(path, (1000, 1000))
+    compile_functions(square(1.0))
+    assert {path.name for path in folder.iterdir() if path.suffix != ".so"} == {"build-young"}
+
+
+def test_an_entry_that_cannot_be_read_just_now_is_left_alone(folder, monkeypatch):
+    path = compile_functions(square()).path
+
+    def busy(path):
+        raise OSError("too many open files")
+
+    monkeypatch.setattr(cache_module, "_digest", busy)
+    assert cache_module.find(folder, path.stem.partition("-")[0]) is None
+    assert path.exists()
+    with pytest.raises(CompileError, match="too many open files"):
+        compile_functions(square(1.0))  # what a full disk would do, too
+
+
+def test_threads_do_not_share_an_entry_point(folder):
+    library = compile_functions(square())
+    mine = library.entry("call_f")
+    mine.restype = ctypes.c_int64
+    assert library.entry("call_f").restype is None
+    assert mine.restype is ctypes.c_int64
 
 
 _SCRIPT = """

@@ -173,7 +173,7 @@ def test_a_population_keeps_every_thread_busy(rollout, values, rows, threads):
         pytest.skip("wider vectors than this population is for")
     engine, p = rollout.engines.batch, rollout.rows(PATHS, np.resize(values, (rows, 3)))
     meeting = Meeting(engine, threading.Barrier(threads, timeout=30), engine.kernel, engine.lanes, [])
-    done = run_batch(meeting, rollout.grid, p, (), False, threads, None, None)
+    done = run_batch(meeting, rollout.grid, p.__getitem__, rows, (), False, threads, None, None)
     assert sum(meeting.sizes) == rows
     assert max(meeting.sizes) <= engine.lanes * -(-rows // (engine.lanes * threads))
     again = rollout.batch(PATHS, np.resize(values, (rows, 3)), threads=1)
@@ -202,7 +202,7 @@ def test_an_error_in_a_thread_is_raised_and_the_rest_left_out(rollout, values):
     broken = Broken(engine, threading.Barrier(1), engine.kernel, engine.lanes, [])
     p = rollout.rows(PATHS, np.tile(values[:1], (20_000, 1)))
     with pytest.raises(OSError, match="no memory"):
-        run_batch(broken, rollout.grid, p, (), False, 2, None, None)
+        run_batch(broken, rollout.grid, p.__getitem__, len(p), (), False, 2, None, None)
     assert len(broken.sizes) < 20
 
 
