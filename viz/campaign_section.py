@@ -124,18 +124,23 @@ def _share(told: Mapping[str, Any]) -> str:
 
 
 def _against(summary: Mapping[str, Any]) -> str:
-    rows = []
+    """How often the first of two sets of gains has the smaller number, a column for each two."""
+    columns: dict[str, dict[str, str]] = {}
     for row in summary["against"]:
         first, second = row["first"], row["second"]
+        column = columns.setdefault(f"{first} below {second}", {})
         if "fails_alone" in row:
             alone = row["fails_alone"]
-            rows.append(
-                [f"fails where the other holds: {first} {alone[first]}, {second} {alone[second]} samples", ""]
-            )
-        elif row["first_is_better"] is not None:
-            told = f"{first} has the smaller {quantity_of(row['metric'])} than {second}"
-            rows.append([told, _share(row["first_is_better"])])
-    return "<h3>Two sets on the same samples</h3>" + table(["", "share"], rows) if rows else ""
+            column["samples that only the first fails, only the second"] = f"{alone[first]}, {alone[second]}"
+        else:
+            better = row["first_is_better"]
+            column[quantity_of(row["metric"])] = "always the same" if better is None else _share(better)
+    if not columns:
+        return ""
+    names = next(iter(columns.values()))
+    rows = [[name, *(column[name] for column in columns.values())] for name in names]
+    heading = "<h3>Two sets on the same samples: how often the first has the smaller number</h3>"
+    return heading + table(["", *columns], rows)
 
 
 def _spread(shown: Shown) -> str:
@@ -178,7 +183,10 @@ def _matters(summary: Mapping[str, Any]) -> str:
         sentences = [depends(metric, entry) for metric, entry in told["matters"].items()]
         items = "".join(f"<li>{escape(sentence)}</li>" for sentence in sentences)
         heading = f"<h3>{escape(with_gains(name))}</h3>" if len(summary["gains"]) > 1 else ""
-        parts.append(f"{heading}<ul>{items}</ul>{_bars(name, told['matters'], summary['parameters'])}")
+        bars = _bars(name, told["matters"], summary["parameters"])
+        if bars and len(summary["gains"]) > 1:
+            bars = f"<details><summary>every parameter, gains {escape(name)}</summary>{bars}</details>"
+        parts.append(f"{heading}<ul>{items}</ul>{bars}")
     entries = [entry for told in summary["gains"].values() for entry in told["matters"].values()]
     note = mixed(summary)
     return _measures_told(entries) + (f"<p>{escape(note)}</p>" if note else "") + "".join(parts)
@@ -226,7 +234,7 @@ def _series(shown: Shown) -> str:
             own = f"{signal.replace('_', ' ')} with the gains {name}"
             scale = "; each figure has its own scale" if len(by_gains) > 1 else ""
             lost = len(shown.data.sample) - int(course.left[-1])
-            gone = f"; {lost} samples diverged and count until then" if lost else ""
+            gone = f"; diverged, and counted until then: {lost}" if lost else ""
             parts.append(_figure(courses(course), f"{own}, over all samples{gone}{scale}"))
     return "".join(parts)
 

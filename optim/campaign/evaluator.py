@@ -21,6 +21,7 @@ from spacerobot.closedloop import build_closed_loop
 from spacerobot.errors import ScenarioError
 from spacerobot.rollout import Rollout, build_rollout, time_grid
 from spacerobot.scenario import Campaign
+from spacerobot.scenario.campaign import LIMITED
 from spacerobot.scenario.load import to_document, validate
 from spacerobot.scene import Scene, build_scene
 
@@ -274,6 +275,10 @@ def _member(scene: Scene, campaign: Campaign, sets: int, compiled: bool) -> Memb
     kept = build_kept(loop, scene, campaign.metrics)
     if not kept.columns:
         raise ScenarioError("none of the metrics fits this scene", where="campaign.metrics")
+    kinds = {column.metric for column in kept.columns}
+    for limit, metric in LIMITED.items():
+        if getattr(campaign.limits, limit) is not None and metric not in kinds:
+            raise ScenarioError("this scene has nothing that it limits", where=f"campaign.limits.{limit}")
     duration = scene.scenario.simulation.duration
     sample_s = series_step(campaign, duration)
     time = time_grid(duration, campaign.step, sample_s).time if sample_s else np.empty(0)

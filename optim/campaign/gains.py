@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from spacerobot.scenario import Scenario
 from spacerobot.scenario.load import read_document, to_document, validate
 from spacerobot.scene import Scene
 
+NAMED = re.compile(r"[A-Za-z_][A-Za-z0-9_-]{0,63}")  # as the campaign section has them
 CONTROL = ("pid", "amnesia", "orientation_pid", "orientation_amnesia")
 
 
@@ -36,6 +38,11 @@ def gain_sets(scene: Scene, asked: Sequence[str]) -> Gains | None:
     found: dict[str, dict[str, Any]] = {}
     for text in asked:
         name, equals, folder = text.partition("=")
+        if equals and not (NAMED.fullmatch(name) and folder):
+            allowed = "NAME=DIR, the name of letters, digits, _ and -, at most 64"
+            raise ScenarioError(f"found {text!r}, allowed: {allowed}", where="--gains")
+        if equals and name in known:
+            raise ScenarioError(f"{name!r} names a set of the scenario's already", where="--gains")
         if name in found:
             raise ScenarioError(f"{name!r} stands twice", where="--gains")
         if equals:

@@ -12,7 +12,7 @@ from optim.campaign.evaluator import Evaluator, Gains, Table, all_draws, build_e
 from optim.campaign.intervals import Interval
 from optim.campaign.netcdf import Layout
 from optim.campaign.notes import Named, notes_of
-from optim.campaign.store import open_store
+from optim.campaign.store import check_place, open_store
 from optim.protocol import Array
 from spacerobot.scene import Scene
 
@@ -176,6 +176,7 @@ def run_campaign(
         If the folder holds another campaign, is in use, or cannot be written.
     """
     say = tell or str
+    check_place(folder)
     say("building and compiling")
     evaluator = build_evaluator(scene, gains)
     draws = all_draws(evaluator)

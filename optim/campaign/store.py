@@ -92,7 +92,8 @@ class Store:
             _to_disk(stage / DATA)
             (stage / DATA).replace(path)
         except (OSError, RuntimeError) as fault:
-            raise ResultError(f"cannot be written: {fault}", source=path) from None
+            kept = f"what was rolled out stays in {CHUNKS}; make room and start again"
+            raise ResultError(f"cannot be written: {fault}; {kept}", source=path) from None
         finally:
             shutil.rmtree(stage, ignore_errors=True)
         if complete:
@@ -208,13 +209,32 @@ def _check_same(folder: Path, found: Mapping[str, Any], identity: Mapping[str, A
         raise ResultError(message, source=folder)
 
 
+def check_place(folder: Path) -> None:
+    """Refuse, before any work is done, a folder that is none or holds something else.
+
+    Raises
+    ------
+    ResultError
+        With the reason.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise ResultError("is a file, not a folder", source=folder)
+    try:
+        foreign = (
+            folder.is_dir() and any(folder.iterdir()) and not any((folder / n).exists() for n in (HEAD, LOCK))
+        )
+    except OSError as fault:
+        raise ResultError(f"cannot be read: {fault.strerror or fault}", source=folder) from None
+    if foreign:
+        raise ResultError("holds files that are no campaign; name an empty or a new folder", source=folder)
+    if (folder / HEAD).exists():
+        load_head(folder)
+
+
 @contextlib.contextmanager
 def _held(folder: Path) -> Iterator[None]:
     """Keep other processes out; the lock ends with this process however it ends."""
-    if folder.exists() and not folder.is_dir():
-        raise ResultError("is a file, not a folder", source=folder)
-    if folder.is_dir() and any(folder.iterdir()) and not any((folder / n).exists() for n in (HEAD, LOCK)):
-        raise ResultError("holds files that are no campaign; name an empty or a new folder", source=folder)
+    check_place(folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         lock = (folder / LOCK).open("w")

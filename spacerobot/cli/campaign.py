@@ -79,10 +79,7 @@ def command(
     from spacerobot.scene import load_scene
 
     given = parse_changes(changes)
-    if samples is not None:
-        given.append(("campaign.samples", samples))
-    scene = load_scene(scenario, given)
-    _refuse_idle(samples, scene)
+    scene = _with_samples(load_scene(scenario, given), samples)
     chosen = gain_sets(scene, gains or [])
     with progress("reading") as tell:
         found = run_campaign(
@@ -113,14 +110,19 @@ def command(
         raise typer.Exit(130)
 
 
-def _refuse_idle(samples: int | None, scene: Scene) -> None:
-    """Refuse a number of samples where the design decides it."""
+def _with_samples(scene: Scene, samples: int | None) -> Scene:
+    """Scene with another number of samples, refused where the design decides it."""
+    from optim.campaign.space import campaign_of
     from spacerobot.errors import ScenarioError
+    from spacerobot.scene import build_scene
 
-    campaign = scene.scenario.campaign
-    if samples is not None and campaign is not None and campaign.design == "grid":
+    campaign = campaign_of(scene)
+    if samples is None:
+        return scene
+    if campaign.design == "grid":
         message = f"a grid's samples follow from its levels: here {campaign.count}; set campaign.levels"
         raise ScenarioError(message, source=scene.source, where="--samples")
+    return build_scene(scene.scenario, {"campaign.samples": samples}, source=scene.source)
 
 
 def _executor(threads: int | None, dask: str | None) -> Executor:

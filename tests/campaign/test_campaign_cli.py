@@ -1,6 +1,8 @@
 """The command itself."""
 
 import json
+import subprocess
+import sys
 
 import pytest
 import typer
@@ -10,6 +12,9 @@ from optim.campaign import load_campaign
 from optim.campaign.gains import controllers, gain_sets
 from spacerobot.cli import campaign, report, robust
 from spacerobot.errors import ScenarioError
+
+KP = json.dumps({"parameters": {"kp": {"paths": "robots.arm.tips.tip.pid.kp", "lower": 50, "upper": 90}}})
+KP = KP[:-1] + ', "limits": {"grip_force": 7}}'
 
 
 @pytest.fixture
@@ -48,10 +53,70 @@ def test_gains_of_a_result_and_unknown_ones(small, small_file, tmp_path):
     assert found["robots.arm.tips.tip.pid"]["kp"] == 61
     assert gain_sets(small(), []) is None
     assert gain_sets(small(), ["stiff"]) == {"stiff": {"robots.*.tips.tip.pid.kp": 300}}
-    faults = {"stif": "did you mean stiff", "a=nowhere": "no such file", "soft soft": "twice"}
+    faults = {
+        "stif": "did you mean stiff",
+        "a=nowhere": "no such file",
+        "soft soft": "twice",
+        "a=": "found 'a=', allowed: NAME=DIR",
+        "=out": "found '=out', allowed: NAME=DIR",
+        "a/b=out": "the name of letters",
+        "scenario=out": "names a set of the scenario's already",
+        "stiff=out": "names a set of the scenario's already",
+    }
     for asked, words in faults.items():
         with pytest.raises(ScenarioError, match=words):
             gain_sets(small(), asked.split())
+
+
+@pytest.mark.parametrize(
+    ("words", "fault"),
+    [
+        (
+            ["--set", "campaign.design=grid", "--samples", 9],
+            "--samples: a grid's samples follow from its levels",
+        ),
+        (["--set", "campaign=null", "--samples", 9], "no campaign section"),
+        (["--set", "campaign.series=[tip_eror]"], "no signal 'tip_eror'; did you mean tip_error"),
+        (["--set", "grasps={}", "--set", "target=null", "--set", f"campaign={KP}"], "nothing that it limits"),
+    ],
+)
+def test_faults_are_told_before_anything_runs(invoke, small_file, tmp_path, words, fault):
+    done = invoke(small_file, *words, "--out", tmp_path / "store")
+    assert isinstance(done.exception, ScenarioError)
+    assert fault in str(done.exception)
+    assert not (tmp_path / "store").exists()
+
+
+def test_a_folder_of_something_else_is_refused_before_anything_is_built(
+    invoke, small_file, tmp_path, monkeypatch
+):
+    monkeypatch.setattr("optim.campaign.run.build_evaluator", lambda *_: pytest.fail("built"))
+    (tmp_path / "letter.txt").write_text("dear")
+    assert "no campaign" in str(invoke(small_file, "--out", tmp_path).exception)
+
+
+FULL = """
+import resource, signal, sys
+resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[1]),) * 2)  # as a full disk
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+del sys.argv[1]
+from spacerobot.cli.app import main
+main()
+"""
+
+
+def test_a_full_disk_takes_nothing_with_it(invoke, small_file, tmp_path):
+    section = ["--set", "campaign.series=[joint_torque, tip_error]", "--set", "campaign.series_step=0.01"]
+    words = ["campaign", str(small_file), "--out", str(tmp_path / "store"), *section, "--threads", "1"]
+    child = subprocess.run(
+        [sys.executable, "-c", FULL, "850000", *words], capture_output=True, text=True, check=False
+    )
+    assert child.returncode == 2
+    assert child.stderr.count("\n") == 1
+    assert "campaign.nc: cannot be written" in child.stderr
+    assert not list((tmp_path / "store").glob(".merge-*"))
+    assert invoke(*words[1:]).exit_code == 0
+    assert load_campaign(tmp_path / "store").sizes["sample"] == 100
 
 
 def test_ctrl_c_keeps_what_is_there(invoke, small_file, tmp_path, monkeypatch):

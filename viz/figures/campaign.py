@@ -89,15 +89,21 @@ def _draw(panel: Axes, spread: Spread, *, numbers: bool) -> None:
         marks = _marks(finite, len(values))
         label = f"{name}: {_told(marks, len(values), len(finite), spread.unit)}" if numbers else name
         panel.plot(finite, share, drawstyle="steps-post", **line(k), label=label)
-        for level, value in marks.items():
+        for level, text in _apart(marks).items():
+            value = marks[level]
             panel.plot(value, level, "o", color=COLOURS[k % len(COLOURS)], markersize=4)
             if alone and not numbers:
-                told = f"  {100 * level:g} % below {value:.3g}"
+                told = f"  {100 * level:g} % below {text}"
                 panel.annotate(told, (value, level), fontsize=7, va="top", color="0.25")
-        if len(finite) < len(values) and not numbers:
+        if 0 < len(finite) < len(values) and not numbers:
             _lost(panel, len(finite) / len(values), len(values) - len(finite), k, alone)
     every = np.concatenate(drawn) if drawn else np.empty(0)
-    _scale(panel, every[np.isfinite(every)], spread)
+    if np.isfinite(every).any():
+        _scale(panel, every[np.isfinite(every)], spread)
+    elif len(every):
+        panel.set_xticks([])
+        centre: dict[str, Any] = {"xycoords": "axes fraction", "ha": "center", "va": "center"}
+        panel.annotate(f"all of {len(every)} diverged", (0.5, 0.5), **centre, color=BAD)
     panel.set_ylim(0, 1.04)
     panel.yaxis.set_major_formatter(PercentFormatter(1.0))
     panel.set_xlabel(f"{spread.quantity} [{spread.unit}]" if numbers else f"[{spread.unit}]")
@@ -111,8 +117,18 @@ def _marks(finite: Array, count: int) -> dict[float, float]:
     return {level: float(np.interp(at, np.arange(len(finite)), finite)) for level, at in inside.items()}
 
 
+def _apart(marks: Mapping[float, float]) -> dict[float, str]:
+    """Values as texts, with as many digits as it takes to tell them apart."""
+    texts: dict[float, str] = {}
+    for digits in range(3, 16):
+        texts = {level: f"{value:.{digits}g}" for level, value in marks.items()}
+        if len(set(texts.values())) == len(set(marks.values())):
+            break
+    return texts
+
+
 def _told(marks: Mapping[float, float], count: int, finite: int, unit: str) -> str:
-    parts = [f"{100 * level:g} % below {value:.3g} {unit}" for level, value in marks.items()]
+    parts = [f"{100 * level:g} % below {text} {unit}" for level, text in _apart(marks).items()]
     lost = [f"{count - finite} diverged"] if finite < count else []
     return ", ".join([f"{count} runs", *parts, *lost])
 
@@ -128,36 +144,37 @@ def _lost(panel: Axes, share: float, lost: int, k: int, alone: bool) -> None:
         fontsize=7,
         color=colour,
         ha="right",
-        va="top" if share > 0.5 else "bottom",
+        va="bottom",
     )
 
 
 def _scale(panel: Axes, finite: Array, spread: Spread) -> None:
     """Choose the axis, and draw the limit if it is within reach of the values."""
     limit = spread.limit
-    reach = [float(finite.min()), float(finite.max())] if len(finite) else []
-    wide = len(reach) == 2 and reach[0] > 0 and np.log10(reach[1] / reach[0]) > DECADES
+    reach = float(finite.min()), float(finite.max())
+    wide = reach[0] > 0 and np.log10(reach[1] / reach[0]) > DECADES
     if wide:
         panel.set_xscale("log")
         panel.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
-    elif len(reach) == 2 and reach[1] - reach[0] < 1e-9 * abs(reach[1]):
+    elif reach[1] - reach[0] < 1e-9 * abs(reach[1]):
         room = 0.05 * abs(reach[1]) or 1.0
         panel.set_xlim(reach[0] - room, reach[1] + room)
     if limit is None:
         return
     told = f"limit {limit:g} {spread.unit}"
-    if not reach or (reach[0] / (10 if wide else FAR) <= limit <= reach[1] * (10 if wide else FAR)):
+    far = 10 if wide else FAR
+    if reach[0] / far <= limit <= reach[1] * far:
         panel.axvline(limit, color=BAD, linewidth=0.9, linestyle="--")
-        right = max(panel.get_xlim()[1], limit * 1.05)
-        panel.axvspan(limit, right, color=BEYOND, zorder=0, linewidth=0)
-        panel.set_xlim(right=right)
+        end = max(panel.get_xlim()[1], limit * 1.05)
+        panel.axvspan(limit, end, color=BEYOND, zorder=0, linewidth=0)
+        panel.set_xlim(right=end)
         place: dict[str, Any] = {"xy": (limit, 0.03), "xycoords": ("data", "axes fraction"), "ha": "right"}
         panel.annotate(f"{told} ", **place, fontsize=7, color=BAD, rotation=90, va="bottom")
     else:
-        far = limit > reach[1]
-        told = f"{told}, far to the right →" if far else f"← {told}, far to the left"
-        place = {"xy": (0.99 if far else 0.01, 0.03), "xycoords": "axes fraction"}
-        panel.annotate(told, **place, fontsize=7, color=BAD, ha="right" if far else "left", va="bottom")
+        right = limit > reach[1]
+        told = f"{told}, far to the right →" if right else f"← {told}, far to the left"
+        place = {"xy": (0.99 if right else 0.01, 0.03), "xycoords": "axes fraction"}
+        panel.annotate(told, **place, fontsize=7, color=BAD, ha="right" if right else "left", va="bottom")
 
 
 class Course(Protocol):
