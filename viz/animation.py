@@ -34,6 +34,7 @@ MOST_FINE = 4000
 """Samples of what is plotted over time, which may change faster than bodies move."""
 
 _ARROW_SHARE = 0.07  # the longest arrow, as a share of the scene's size
+_NEAREST_SHARE = 0.06  # half of what the close view shows at the least, likewise
 
 
 def animation(*results: Result, title: str | None = None, autoplay: bool = True) -> dict[str, Any]:
@@ -173,9 +174,11 @@ def _near(shown: _Shown, low: Array, high: Array) -> Array:
     if shown.scene.target is not None:
         points.append(extremes(only(motion, shown.scene.target.name), low, high))
     together = np.clip(np.concatenate(points), low, high)
-    return (
-        np.stack(np.meshgrid(*zip(together.min(axis=0), together.max(axis=0), strict=True))).reshape(3, -1).T
-    )
+    middle, half = (together.min(axis=0) + together.max(axis=0)) / 2, np.ptp(together, axis=0) / 2
+    # a tip that holds still would alone fill the view
+    half = np.maximum(half, np.minimum(_NEAREST_SHARE * np.linalg.norm(high - low), (high - low) / 2))
+    corners = np.meshgrid(*np.stack([middle - half, middle + half]).T)
+    return np.stack(corners).reshape(3, -1).T
 
 
 def _about(shown: Sequence[_Shown]) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import json
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import Any
 from spacerobot.errors import ResultError
 from spacerobot.result import load
 from viz.report import SECTIONS, Section, report
-from viz.report_sections import escape, table
+from viz.report_sections import escape, picture, table
 
 COMPARISON = "comparison.json"
 DRAWINGS = {
@@ -107,7 +106,5 @@ def _drawings(figures: Path) -> str:
     for name, title in DRAWINGS.items():
         file = figures / f"{name}.svg"
         if file.is_file():
-            svg = base64.b64encode(file.read_bytes()).decode("ascii")
-            image = f'<img alt="{escape(title)}" src="data:image/svg+xml;base64,{svg}">'
-            text += f"<figure>{image}<figcaption>{escape(title)}</figcaption></figure>"
+            text += picture(f"{figures.parent.name}-{name}", title, file.read_bytes())
     return text

@@ -144,11 +144,7 @@ def figures(subject: Subject) -> str | None:
         single = not kind.compares and len(subject.drawn) > 1
         which = int(name.removeprefix(f"{kind.name}_")) - 1 if name != kind.name else 0
         title = f"{kind.title}: {subject.labels[which]}" if single else kind.title
-        svg = base64.b64encode(to_bytes(drawing, "svg")).decode("ascii")
-        parts.append(
-            f'<figure id="{name}"><img alt="{escape(title)}" src="data:image/svg+xml;base64,{svg}">'
-            f"<figcaption>{escape(title)}</figcaption></figure>"
-        )
+        parts.append(picture(name, title, to_bytes(drawing, "svg")))
     return "".join(parts)
 
 
@@ -234,6 +230,13 @@ def table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
         body += f"<tr><th scope='row'>{escape(first)}</th>{cells}</tr>"
     head = f"<thead><tr>{head}</tr></thead>" if any(headings) else ""
     return f"<div class='wide'><table>{head}<tbody>{body}</tbody></table></div>"
+
+
+def picture(name: str, title: str, svg: bytes) -> str:
+    """HTML of a drawing with its title; ``name`` is that of its anchor."""
+    source = f"data:image/svg+xml;base64,{base64.b64encode(svg).decode('ascii')}"
+    image = f'<img alt="{escape(title)}" src="{source}">'
+    return f'<figure id="{escape(name)}">{image}<figcaption>{escape(title)}</figcaption></figure>'
 
 
 def escape(text: str) -> str:

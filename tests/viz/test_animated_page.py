@@ -152,6 +152,18 @@ def test_a_result_of_a_single_instant_and_a_body_without_shapes_are_shown(browse
     write_recording(tmp_path / "instant.gif", instant, size_px=(160, 100))
 
 
+def test_the_close_view_holds_the_object_and_more_than_a_tip_that_stands_still(paper):
+    data = animation(paper)
+    near, low, high = np.array(data["near"]), *np.array(data["box"])
+    reference = paper.data.tip_reference.values.reshape(-1, 3)
+    assert (near.min(axis=0)[:2] <= reference.min(axis=0)[:2]).all()
+    assert (near.max(axis=0)[:2] >= reference.max(axis=0)[:2]).all()
+    assert np.ptp(near[:, 0]) < 0.25 * (high - low)[0]
+    changes = {"robots.*.tips.tip.reference": {"kind": "hold"}, "simulation.duration": 0.02}
+    still = np.array(animation(simulate(load_scene("paper", changes)))["near"])
+    assert np.ptp(still[:, 0]) > 0.1 * np.linalg.norm(high - low)
+
+
 def test_it_plays_pauses_and_scrubs(browser, paper, tmp_path):
     page = _show(browser, tmp_path / "page.html", animation_page(paper), "#t=1&play=1&speed=2")
     page.wait_for("Number(document.body.dataset.time) > 1.1")

@@ -99,6 +99,8 @@ def _astray(panel: Axes, result: Result) -> None:
     for k, (name, values) in enumerate(shown.items()):
         # rounding apart, nothing is open at the start: zeros do not show on a logarithmic axis
         panel.plot(data.time.values, np.where(values > 0, values, np.nan), **line(k), label=name)
+    if not any(np.any(values > 0) for values in shown.values()):
+        panel.text(0.5, 0.5, "nothing: exactly zero", transform=panel.transAxes, ha="center")
     panel.set_yscale("log")
     panel.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.0e}"))
     panel.yaxis.set_minor_formatter(NullFormatter())

@@ -16,7 +16,7 @@ class Player {
     this.shown = Object.fromEntries(LAYERS.map(([name]) => [name, !HIDDEN_AT_FIRST.includes(name)]));
     this.time = 0;
     this.playing = false;
-    $("legend").open = window.innerWidth > 700;
+    $("legend").open = window.innerWidth > NARROW && window.innerHeight > 480;
     this.light();
     this.listen();
     this.last = performance.now();
