@@ -51,7 +51,7 @@ def robustness(
     samples, quantity, unit, limit
         As those of :class:`Spread`.
     """
-    figure, axes = panels(1, 1, height_in=2.6)
+    figure, axes = panels(1, 1, height_in=2.2 + 0.17 * len(samples))  # the legend has a line for each
     _draw(axes[0, 0], Spread(samples, quantity, unit, limit), numbers=True)
     legend_above(figure, axes[0, 0], columns=1)
     return figure
