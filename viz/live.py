@@ -99,9 +99,10 @@ class LiveViewer:
         return self._connected.wait(timeout_s)
 
     def wait(self) -> None:
-        """Serve until interrupted."""
-        while self._thread.is_alive():
-            self._thread.join(0.5)
+        """Serve until interrupted, by Ctrl-C for example, which is then done with."""
+        with suppress(KeyboardInterrupt):
+            while self._thread.is_alive():
+                self._thread.join(0.5)
 
     def close(self) -> None:
         """Stop serving; pages keep what they have."""

@@ -1,7 +1,9 @@
 """The live viewer: on loopback only, past busy ports, for nobody but this computer's own page."""
 
 import http.client
+import signal
 import socket
+import threading
 import webbrowser
 from pathlib import Path
 
@@ -96,6 +98,12 @@ def test_a_page_that_opens_late_misses_nothing(browser, viewer):
     browser.wait_for("document.getElementById('busy').innerText.startsWith('compiling')")
     names = browser.evaluate("[...document.querySelectorAll('#labels .name')].map((e) => e.textContent)")
     assert names == ["rpr1", "rpr2", "object"]
+
+
+def test_waiting_ends_with_an_interrupt_and_without_a_fault(viewer):
+    threading.Timer(0.2, signal.raise_signal, [signal.SIGINT]).start()
+    viewer.wait()
+    assert _get(viewer).status == 200
 
 
 def test_any_port_is_the_one_it_says():
