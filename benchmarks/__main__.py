@@ -13,7 +13,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks import aba, process, rollouts
+from benchmarks import aba, campaign, process, rollouts
 from benchmarks.row import Row
 from spacerobot.compiled import find_toolchain
 from spacerobot.files import write_text
@@ -33,6 +33,7 @@ JOBS: dict[str, Callable[[], list[Row]]] = {
     "single": lambda: [rollouts.single()],
     "batch": rollouts.batch,
     "gradient": rollouts.gradient,
+    "campaign": lambda: [campaign.row()],
     "aba": aba.rows,
     "mujoco": passive_plant,
     "process": process.rows,
