@@ -68,9 +68,6 @@ def simulate(
     simulation = scene.scenario.simulation
     output_step_s = simulation.output_step if output_step_s is None else output_step_s
     duration_s = simulation.duration if duration_s is None else duration_s
-    for name, value in (("rtol", rtol), ("atol", atol)):
-        if not 0 < value < np.inf:
-            raise SpaceRobotError(f"{name} of the integrator is {value}, allowed: above zero and finite")
     samples = time_grid(duration_s, output_step_s, output_step_s).time
     engine = Engine(scene)
     integrator = _Integrator(engine, rtol, atol)
@@ -118,6 +115,9 @@ class _Integrator:
     """Carries the state from sample to sample; ``t`` is the time of its last good state."""
 
     def __init__(self, engine: Engine, rtol: float, atol: float) -> None:
+        for name, value in (("rtol", rtol), ("atol", atol)):
+            if not 0 < value < np.inf:
+                raise SpaceRobotError(f"{name} of the integrator is {value}, allowed: above zero and finite")
         self._engine, self._rtol, self._atol = engine, rtol, atol
         self.t, self._x = 0.0, engine.x0
         sizes = [len(part) for part in engine.split(engine.x0)]
