@@ -77,7 +77,7 @@ class Body(Section):
         max_length=4096,
         description="URDF file: a path (relative to the scenario), or a shipped file's name",
     )
-    base: Base = Base()
+    base: Base = Field(default=Base(), description="how the root link is connected to the world")
     links: dict[str, Link] = Field(
         default={}, description="mass properties that differ from the URDF, by link name"
     )

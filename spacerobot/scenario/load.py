@@ -109,4 +109,10 @@ def to_yaml(scenario: Scenario) -> str:
 def json_schema() -> dict[str, Any]:
     """JSON schema of scenario files, for editors."""
     dialect = "https://json-schema.org/draft/2020-12/schema"
-    return {"$schema": dialect, **Scenario.model_json_schema(), "title": "spacerobot scenario"}
+    schema = {"$schema": dialect, **Scenario.model_json_schema(), "title": "spacerobot scenario"}
+    for section in schema["$defs"].values():
+        paths = section["properties"].get("paths")
+        if paths is not None:  # one path may stand without a list around it
+            several = {key: paths.pop(key) for key in ("type", "items", "minItems") if key in paths}
+            paths["anyOf"] = [{"type": "string"}, several]
+    return schema

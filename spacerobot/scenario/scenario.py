@@ -55,7 +55,7 @@ class Scenario(Section):
     robots: dict[Name, Robot] = Field(min_length=1, description="robots by name")
     target: Target | None = Field(default=None, description="the object that is held")
     grasps: dict[Name, Grasp] = Field(default={}, description="grasps by name")
-    simulation: Simulation = Simulation()
+    simulation: Simulation = Field(default=Simulation(), description="how long, how finely, by which engine")
     tuning: Tuning | None = Field(default=None, description="the tuning problem")
     campaign: Campaign | None = Field(default=None, description="uncertain numbers, and rollouts over them")
 

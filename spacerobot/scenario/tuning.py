@@ -100,9 +100,9 @@ class Tuning(Section):
     readings: dict[Name, dict[str, Any]] = Field(
         default={}, description="further changes, by name: each reading is a tuning problem of its own"
     )
-    objective: Objective = Objective()
-    constraints: Constraints = Constraints()
-    robustness: Robustness = Robustness()
+    objective: Objective = Field(default=Objective(), description="what is to become small")
+    constraints: Constraints = Field(default=Constraints(), description="what must not be exceeded")
+    robustness: Robustness = Field(default=Robustness(), description="plants on which the outcome is tried")
     methods: tuple[Method, ...] = Field(default=METHODS, min_length=1, description="methods to compare")
     budget: int = Field(default=7500, ge=1, description="rollouts that one run of the GA may spend")
     rival_budget: int = Field(

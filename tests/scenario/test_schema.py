@@ -9,7 +9,8 @@ import yaml
 
 from spacerobot.errors import ScenarioError
 from spacerobot.scenario import Circle, Compliant, Hold, Scenario, Spline, Weld
-from spacerobot.scenario.load import json_schema, parse_yaml, to_document, to_yaml, validate
+from spacerobot.scenario.catalogue import shipped
+from spacerobot.scenario.load import json_schema, parse_yaml, read_document, to_document, to_yaml, validate
 from spacerobot.scenario.paths import leaves
 from tests.oracles.small_scenes import PLANAR, SPATIAL
 
@@ -213,3 +214,25 @@ def test_plain_form_holds_every_number_of_the_scenario():
     assert paths["robots.one.base.velocity.1"] == -0.02
     assert yaml.safe_load(yaml.safe_dump(document)) == document
     assert Scenario.model_validate(document).name == "flat"
+
+
+@pytest.mark.parametrize("name", sorted(shipped()))
+def test_editors_find_no_fault_with_what_ships(name):
+    """An editor judges by the exported schema alone."""
+    jsonschema = pytest.importorskip("jsonschema")
+    judge = jsonschema.Draft202012Validator(json_schema())
+    document = read_document(shipped()[name])
+    assert [fault.message for fault in judge.iter_errors(document)] == []
+    assert list(judge.iter_errors(document | {"gravity": 3}))
+
+
+def test_every_field_of_the_schema_says_what_it_is():
+    schema = json_schema()
+    sections = {"Scenario": schema, **schema["$defs"]}
+    silent = [
+        f"{section}.{key}"
+        for section, definition in sections.items()
+        for key, field in definition["properties"].items()
+        if "description" not in field and "const" not in field
+    ]
+    assert set(silent) <= {"Campaign.limits"}
