@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from optim.numbers import find_numbers
 from optim.protocol import Array
-from spacerobot.errors import ScenarioError
 from spacerobot.scenario import Tuning
-from spacerobot.scenario.load import to_document
-from spacerobot.scenario.paths import expand, get
 from spacerobot.scene import Scene
 
 
@@ -96,21 +94,15 @@ def resolve_variables(scene: Scene, tuning: Tuning, chosen: Sequence[str] | None
     ScenarioError
         If a path is not in the scenario, is no number, or stands in two variables.
     """
-    document, owner = to_document(scene.scenario), dict[str, str]()
     names = tuple(chosen or tuning.variables)
+    named = {name: tuning.variables[name].paths for name in names}
+    found = find_numbers(scene, named, "tuning.variables")
     paths, start = [], []
     for name in names:
-        variable, where = tuning.variables[name], f"tuning.variables.{name}.paths"
-        found = [path for pattern in variable.paths for path in _expand(document, pattern, where, scene)]
-        values = [_number(document, path, where, scene) for path in found]
-        for path in found:
-            if owner.setdefault(path, name) != name:
-                raise ScenarioError(
-                    f"{path} is set by {owner[path]} already", source=scene.source, where=where
-                )
-        paths.append(tuple(dict.fromkeys(found)))
+        variable, values = tuning.variables[name], [number.value for number in found[name]]
         log = variable.scale == "log" and min(values) > 0
         mean = float(np.exp(np.mean(np.log(values)))) if log else float(np.mean(values))
+        paths.append(tuple(number.path for number in found[name]))
         start.append(min(max(mean, variable.lower), variable.upper))
     chosen_variables = [tuning.variables[name] for name in names]
     return Variables(
@@ -121,17 +113,3 @@ def resolve_variables(scene: Scene, tuning: Tuning, chosen: Sequence[str] | None
         np.array([v.scale == "log" for v in chosen_variables]),
         np.array(start),
     )
-
-
-def _expand(document: Mapping[str, object], pattern: str, where: str, scene: Scene) -> list[str]:
-    try:
-        return expand(document, pattern)
-    except ScenarioError as fault:
-        raise ScenarioError(f"{pattern}: {fault.message}", source=scene.source, where=where) from None
-
-
-def _number(document: Mapping[str, object], path: str, where: str, scene: Scene) -> float:
-    value = get(document, path)
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ScenarioError(f"{path} is no number, found {value!r}", source=scene.source, where=where)
-    return float(value)

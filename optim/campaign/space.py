@@ -8,11 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from optim.numbers import find_numbers
 from optim.protocol import Array
 from spacerobot.errors import ScenarioError
 from spacerobot.scenario import Campaign
 from spacerobot.scenario.load import to_document, validate
-from spacerobot.scenario.paths import assign, expand, get
+from spacerobot.scenario.paths import assign
 from spacerobot.scene import Scene, build_scene
 
 
@@ -84,29 +85,19 @@ def resolve_space(scene: Scene, campaign: Campaign) -> Space:
     ScenarioError
         If a path is not in the scenario, is no number, or stands in two parameters.
     """
-    document = to_document(scene.scenario)
-    taken: dict[str, str] = {}
-    patterns, owner, factor, offset = [], [], [], []
-    for index, (name, parameter) in enumerate(campaign.parameters.items()):
-        where = f"campaign.parameters.{name}.paths"
-        for pattern in parameter.paths:
-            for path in _expand(document, pattern, where, scene):
-                nominal = _number(document, path, where, scene)
-                if path in taken:
-                    found = f"{path} is set by {taken[path]} already"
-                    raise ScenarioError(found, source=scene.source, where=where)
-                taken[path] = name
-                patterns.append(pattern)
-                owner.append(index)
-                factor.append(nominal if parameter.apply == "factor" else 1.0)
-                offset.append(nominal if parameter.apply == "offset" else 0.0)
+    named = {name: parameter.paths for name, parameter in campaign.parameters.items()}
+    found = find_numbers(scene, named, "campaign.parameters")
+    owners = [index for index, name in enumerate(named) for _ in found[name]]
+    numbers = [number for name in named for number in found[name]]
+    applied = [list(campaign.parameters.values())[index].apply for index in owners]
+    pairs = list(zip(numbers, applied, strict=True))
     return Space(
-        tuple(campaign.parameters),
-        tuple(taken),
-        tuple(patterns),
-        tuple(owner),
-        np.array(factor),
-        np.array(offset),
+        tuple(named),
+        tuple(number.path for number in numbers),
+        tuple(number.pattern for number in numbers),
+        tuple(owners),
+        np.array([number.value if apply == "factor" else 1.0 for number, apply in pairs]),
+        np.array([number.value if apply == "offset" else 0.0 for number, apply in pairs]),
     )
 
 
@@ -137,17 +128,3 @@ def check_range(scene: Scene, space: Space, draws: Array) -> None:
             hint = "cut the distribution (truncated_normal, uniform) or take another (lognormal)"
             message = f"the campaign draws a value that is not allowed: {fault.message}; {hint}"
             raise ScenarioError(message, source=scene.source, where=fault.where) from None
-
-
-def _expand(document: Mapping[str, Any], pattern: str, where: str, scene: Scene) -> list[str]:
-    try:
-        return expand(document, pattern)
-    except ScenarioError as fault:
-        raise ScenarioError(f"{pattern}: {fault.message}", source=scene.source, where=where) from None
-
-
-def _number(document: Mapping[str, Any], path: str, where: str, scene: Scene) -> float:
-    value = get(document, path)
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ScenarioError(f"{path} is no number, found {value!r}", source=scene.source, where=where)
-    return float(value)

@@ -1,0 +1,77 @@
+"""Numbers of a scenario that dotted paths name: what can be tuned, and what can be uncertain."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from spacerobot.errors import ScenarioError
+from spacerobot.scenario.load import to_document
+from spacerobot.scenario.paths import expand, get
+from spacerobot.scene import Scene
+
+
+@dataclass(frozen=True)
+class Number:
+    """One number of a scenario.
+
+    Attributes
+    ----------
+    path
+        Its dotted path.
+    pattern
+        What named it.
+    value
+        The scenario's own.
+    """
+
+    path: str
+    pattern: str
+    value: float
+
+
+def find_numbers(scene: Scene, named: Mapping[str, Sequence[str]], section: str) -> dict[str, list[Number]]:
+    """Numbers that patterns name, by who sets them; each once.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    named
+        Patterns by the name of what sets their numbers.
+    section
+        Where the names stand in the scenario, for errors.
+
+    Raises
+    ------
+    ScenarioError
+        If a path is not in the scenario, is no number, or is set by two names.
+    """
+    document, owner = to_document(scene.scenario), dict[str, str]()
+    found: dict[str, list[Number]] = {}
+    for name, patterns in named.items():
+        where = f"{section}.{name}.paths"
+        found[name] = []
+        for pattern in patterns:
+            for path in _expand(document, pattern, where, scene):
+                if path not in owner:
+                    owner[path] = name
+                    found[name].append(Number(path, pattern, _value(document, path, where, scene)))
+                elif owner[path] != name:
+                    fault = f"{path} is set by {owner[path]} already"
+                    raise ScenarioError(fault, source=scene.source, where=where)
+    return found
+
+
+def _expand(document: Mapping[str, object], pattern: str, where: str, scene: Scene) -> list[str]:
+    try:
+        return expand(document, pattern)
+    except ScenarioError as fault:
+        raise ScenarioError(f"{pattern}: {fault.message}", source=scene.source, where=where) from None
+
+
+def _value(document: Mapping[str, object], path: str, where: str, scene: Scene) -> float:
+    value = get(document, path)
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise ScenarioError(f"{path} is no number, found {value!r}", source=scene.source, where=where)
+    return float(value)
