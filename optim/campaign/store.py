@@ -249,7 +249,8 @@ def _held(folder: Path) -> Iterator[None]:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
-            raise ResultError("is being written by another process", source=folder) from None
+            hint = "wait for it, or stop it: Ctrl-C keeps what is there"
+            raise ResultError(f"is being written by another process; {hint}", source=folder) from None
         for left in folder.glob(".merge-*"):
             shutil.rmtree(left, ignore_errors=True)
         yield

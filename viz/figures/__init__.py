@@ -1,8 +1,9 @@
 """Figures: functions that return matplotlib figures, in one style, without a display."""
 
 from viz.figures.bodies import base_motion, grip_forces, object_motion
-from viz.figures.campaign import Course, Spread, courses, distributions, moving_components, robustness
+from viz.figures.campaign import Spread, distributions, robustness
 from viz.figures.collect import KINDS, draw_all, save_figures
+from viz.figures.courses import Course, courses, moving_components
 from viz.figures.docking import docking
 from viz.figures.joints import joints
 from viz.figures.ledger import ledger

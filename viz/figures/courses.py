@@ -1,0 +1,129 @@
+"""Campaigns: how signals spread over time. Plain data in, whatever made it."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from matplotlib.axes import Axes
+from numpy.typing import NDArray
+
+from viz.figures.campaign import BAD, Array
+from viz.figures.style import COLOURS, Drawing, legend_above, panels, styled, unit_scale
+
+
+class Course(Protocol):
+    """How a signal of c components spreads over time (nt,); see ``optim.campaign.Bands``."""
+
+    @property
+    def name(self) -> str:
+        """Of the signal."""
+
+    @property
+    def unit(self) -> str:
+        """Of each component."""
+
+    @property
+    def components(self) -> tuple[str, ...]:
+        """What each component is of."""
+
+    @property
+    def time(self) -> Array:
+        """Times (nt,) [s]."""
+
+    @property
+    def least(self) -> Array:
+        """Least over the samples (nt, c)."""
+
+    @property
+    def low(self) -> Array:
+        """5 % (nt, c)."""
+
+    @property
+    def median(self) -> Array:
+        """50 % (nt, c)."""
+
+    @property
+    def high(self) -> Array:
+        """95 % (nt, c)."""
+
+    @property
+    def greatest(self) -> Array:
+        """Greatest over the samples (nt, c)."""
+
+    @property
+    def left(self) -> NDArray[np.int64]:
+        """Samples that have not diverged yet (nt,)."""
+
+    @property
+    def sample(self) -> int:
+        """Number of the sample that is shown by itself."""
+
+    @property
+    def shown(self) -> Array:
+        """Its course (nt, c)."""
+
+
+MOST_PANELS = 24
+ROOM = 4  # widths of the 5 to 95 % band that extremes may reach beyond it before they are cut
+
+
+@styled
+def courses(course: Course) -> Drawing:
+    """Percentile bands over time of every component that moves, each in its panel.
+
+    Parameters
+    ----------
+    course
+        A signal of many samples.
+    """
+    moving = moving_components(course)[:MOST_PANELS]
+    factor, unit = unit_scale(course.unit)
+    columns = 1 if len(moving) <= 1 else 2 if len(moving) in (2, 4) else 3
+    rows = max(1, -(-len(moving) // columns))
+    figure, axes = panels(rows, columns, height_in=1.6 if columns > 1 else 2.4, sharex=True)
+    for panel, i in zip(axes.flat, moving, strict=False):
+        _course(panel, course, i, factor)
+        panel.set_title(course.components[i])
+    for panel in axes.flat[len(moving) :]:
+        panel.set_axis_off()
+    for panel in axes[:, 0]:
+        panel.set_ylabel(f"[{unit}]")
+    for column in range(columns):
+        last = max(row for row in range(rows) if row * columns + column < max(len(moving), 1))
+        axes[last, column].set_xlabel("time [s]")
+        axes[last, column].tick_params(labelbottom=True)
+    legend_above(figure, axes[0, 0], columns=4)
+    return figure
+
+
+def moving_components(course: Course) -> list[int]:
+    """Places of the components that are not the same all the time in every sample."""
+    span = np.nan_to_num(course.greatest).max(axis=0) - np.nan_to_num(course.least).min(axis=0)
+    return [int(i) for i in np.flatnonzero(span > 1e-12 * max(float(span.max(initial=0.0)), 1e-300))]
+
+
+def _course(panel: Axes, course: Course, i: int, factor: float) -> None:
+    t, colour = course.time, COLOURS[0]
+    least, low, median, high, greatest, shown = (
+        factor * part[:, i]
+        for part in (course.least, course.low, course.median, course.high, course.greatest, course.shown)
+    )
+    panel.fill_between(t, least, greatest, color=colour, alpha=0.14, linewidth=0, label="all samples")
+    panel.fill_between(t, low, high, color=colour, alpha=0.38, linewidth=0, label="5 to 95 % of them")
+    panel.plot(t, median, color=colour, linewidth=1.3, label="median")
+    worst = f"worst sample, {course.sample}"
+    panel.plot(t, shown, color=COLOURS[1], linewidth=1.0, linestyle=(0, (4, 1.5)), label=worst)
+    if not np.isfinite(median).any():
+        return
+    bottom, top = float(np.nanmin(low)), float(np.nanmax(high))
+    room = ROOM * (top - bottom) or 1.0
+    lowest, highest = float(np.nanmin(least)), float(np.nanmax(greatest))
+    ends = ((lowest, lowest < bottom - room), (highest, highest > top + room))
+    cut = [f"{value:.3g}" for value, outside in ends if outside]
+    if cut:
+        panel.set_ylim(max(bottom - room, lowest) - 0.05 * room, min(top + room, highest) + 0.05 * room)
+        told = f"cut; reaches {' and '.join(cut)}"
+        panel.annotate(
+            told, (0.98, 0.96), xycoords="axes fraction", fontsize=7, color=BAD, ha="right", va="top"
+        )
