@@ -93,7 +93,7 @@ class Tip(Section):
     pid: Pid | None = Field(default=None, description="velocity PID of the tip's position")
     amnesia: Amnesia | None = Field(default=None, description="amnesia controller of the tip's position")
     orientation_pid: Pid | None = Field(
-        default=None, description="angular velocity PID of the tip [N m s, N m, kg m^2]"
+        default=None, description="angular velocity PID of the tip [N m s/rad, N m/rad, N m s^2/rad]"
     )
     orientation_amnesia: Amnesia | None = Field(
         default=None, description="amnesia controller of the tip's orientation"
@@ -120,7 +120,9 @@ class Robot(Body):
         default=None, description="joint PD towards the inverse kinematics of the references"
     )
     sensors: Sensors | None = Field(default=None, description="sensor errors; ideal sensors if not given")
-    torque_limits: bool = Field(default=False, description="clip joint torques at the URDF's effort limits")
+    torque_limits: bool = Field(
+        default=False, description="clip joint torques at `torque_limit`, the URDF's effort limits"
+    )
 
 
 class Target(Body):

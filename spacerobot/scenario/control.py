@@ -12,7 +12,7 @@ from spacerobot.scenario.section import Section, quantity
 class Pid(Section):
     """PID on the tip's velocity error, mapped to joint torques by the Jacobian's transpose (Eq. 35).
 
-    For an orientation PID the units are those of torque per angular velocity: N m s/rad, N m/rad, kg m^2/rad.
+    For an orientation PID units are those of torque per angular velocity: N m s/rad, N m/rad, N m s^2/rad.
     """
 
     kp: float = quantity("N s/m", "proportional gain K_p", default=0.0, ge=0)
@@ -41,8 +41,8 @@ class Amnesia(Section):
 class JointPd(Section):
     """Joint PD towards the inverse kinematics of the reference (Eq. 34)."""
 
-    kp: float = quantity("N m/rad", "proportional gain K_p2", default=0.0, ge=0)
-    kd: float = quantity("N m s/rad", "derivative gain K_d2", default=0.0, ge=0)
+    kp: float = quantity("N m/rad or N/m", "proportional gain K_p2", default=0.0, ge=0)
+    kd: float = quantity("N m s/rad or N s/m", "derivative gain K_d2", default=0.0, ge=0)
     null_space: bool = Field(
         default=False, description="only the part of the torque that does not accelerate the robot's tips"
     )

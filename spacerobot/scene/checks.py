@@ -123,7 +123,8 @@ def check_gaps(scene: Scene) -> None:
         if distance > grasp.config.max_gap:
             raise ScenarioError(
                 f"does not close: {grasp.tip.label} is {distance:.4g} m from {grasp.config.frame}, allowed "
-                f"max_gap {grasp.config.max_gap:g} m; place a base by `close_grasp: {grasp.name}`",
+                f"max_gap {grasp.config.max_gap:g} m; place a base by `close_grasp: {grasp.name}` or change "
+                "the posture",
                 source=scene.source,
                 where=grasp.path,
             )
