@@ -7,7 +7,6 @@ import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,13 +16,14 @@ from optim.campaign.sampling import draw
 from optim.campaign.series import Recording, build_recording, check_size, series_step
 from optim.campaign.space import Space, campaign_of, check_range, gain_set, resolve_space
 from optim.protocol import Array
+from optim.scenes import SceneRecipe
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.errors import ScenarioError
 from spacerobot.rollout import Rollout, build_rollout, time_grid
 from spacerobot.scenario import Campaign
 from spacerobot.scenario.campaign import LIMITED
-from spacerobot.scenario.load import to_document, validate
-from spacerobot.scene import Scene, build_scene
+from spacerobot.scenario.load import to_document
+from spacerobot.scene import Scene
 
 Gains = Mapping[str, Mapping[str, Any]]
 NOMINAL = "scenario"
@@ -92,29 +92,24 @@ class Recipe:
 
     Attributes
     ----------
-    document
-        The scenario, resolved, its campaign section in it.
+    scene
+        The scene, its campaign section in it.
     gains
         Changes by name of the set.
-    source
-        File that the scenario came from, for its errors and the URDFs beside it.
     """
 
-    document: Mapping[str, Any]
+    scene: SceneRecipe
     gains: Gains
-    source: str | None
 
     @property
     def key(self) -> str:
         """Hash of it."""
-        text = json.dumps([self.document, self.gains, self.source], sort_keys=True, default=str)
+        text = json.dumps([dataclasses.asdict(self.scene), self.gains], sort_keys=True, default=str)
         return hashlib.sha256(text.encode()).hexdigest()
 
     def build(self) -> Evaluator:
         """The evaluator."""
-        source = None if self.source is None else Path(self.source)
-        scene = build_scene(validate(dict(self.document), source=source), source=source)
-        return build_evaluator(scene, self.gains)
+        return build_evaluator(self.scene.build(), self.gains)
 
 
 @dataclass(frozen=True)
@@ -160,8 +155,7 @@ class Evaluator:
     @property
     def recipe(self) -> Recipe:
         """What builds the same one elsewhere."""
-        source = self.scene.source
-        return Recipe(to_document(self.scene.scenario), self.gains, None if source is None else str(source))
+        return Recipe(SceneRecipe.of(self.scene), self.gains)
 
     def identity(self, draws: Array) -> dict[str, Any]:
         """What decides the numbers: plain data, leaves of which can be compared, and a hash of everything.
