@@ -30,8 +30,8 @@ def test_a_worker_changes_no_bit(small, plain, tmp_path):
 
 def test_four_workers_and_a_killed_one_change_no_bit(small, plain, tmp_path):
     """Kill -9 of a worker in the middle, seen through a cluster reached by its address."""
-    options = {"n_workers": 4, "threads_per_worker": 1, "dashboard_address": "127.0.0.1:0", "host": "127.0.0.1"}
-    with distributed.LocalCluster(**options) as cluster, distributed.Client(cluster) as client:
+    options = {"threads_per_worker": 1, "dashboard_address": "127.0.0.1:0", "host": "127.0.0.1"}
+    with distributed.LocalCluster(n_workers=4, **options) as cluster, distributed.Client(cluster) as client:
         victims = list(client.run(os.getpid).values())
         killed = []
 
