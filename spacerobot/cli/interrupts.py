@@ -10,7 +10,6 @@ import contextlib
 import signal
 from collections.abc import Iterator
 from types import FrameType
-from typing import Any
 
 
 class Remembering:
@@ -27,12 +26,19 @@ class Remembering:
 
 @contextlib.contextmanager
 def remembered() -> Iterator[None]:
-    """Remember Ctrl-C while the block runs, for :func:`heed`; only the main thread may ask for it."""
-    before: Any = signal.signal(signal.SIGINT, Remembering())
+    """Remember Ctrl-C while the block runs, for :func:`heed`; only the main thread may ask for it.
+
+    Where something else than Python's own handler is set (a shell has a job in the background ignore Ctrl-C),
+    that stays.
+    """
+    if signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+        yield
+        return
+    signal.signal(signal.SIGINT, Remembering())
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, signal.default_int_handler if before is None else before)
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def heed() -> None:

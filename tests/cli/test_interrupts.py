@@ -28,6 +28,16 @@ def test_an_interrupt_that_was_swallowed_is_heeded_later():
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
+def test_a_job_that_ignores_interrupts_goes_on_doing_so():
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        with remembered():
+            signal.raise_signal(signal.SIGINT)
+            heed()
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
 def run(monkeypatch, *arguments):
     monkeypatch.setattr(sys, "argv", ["spacerobot", *map(str, arguments)])
     with pytest.raises(SystemExit) as left:
