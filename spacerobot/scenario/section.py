@@ -32,7 +32,8 @@ class Section(BaseModel):
             return data
         for key, value in data.items():
             if key not in cls.model_fields:
-                raise ValueError(f"unknown key {key!r}; {near_names(str(key), cls.model_fields)}")
+                kind = f" (kind: {data['kind']})" if "kind" in cls.model_fields and "kind" in data else ""
+                raise ValueError(f"unknown key {key!r}; {near_names(str(key), cls.model_fields)}{kind}")
             values = value if isinstance(value, list | tuple) else [value]
             if (
                 any(isinstance(item, bool) for item in values)

@@ -106,7 +106,7 @@ def faulty(changes: dict[str, object], text: str = PLANAR) -> str:
             f"{ONE}: `orientation_amnesia` corrects `orientation_pid`: give it too",
         ),
         ({"grasps.left.kind": "glue"}, "grasps.left.kind: found 'glue', allowed: compliant, point, weld"),
-        ({"grasps.left.kind": "weld"}, "grasps.left: unknown key 'stiffness'"),
+        ({"grasps.left.kind": "weld"}, r"grasps.left: unknown key 'stiffness'; allowed: .* \(kind: weld\)$"),
         (
             {f"{ONE}.reference.kind": "helix"},
             f"{ONE}.reference.kind: found 'helix', allowed: circle, line, spline, hold",
