@@ -14,6 +14,8 @@ from optim.campaign.evaluator import Evaluator
 from optim.campaign.notes import Changes
 from optim.protocol import Array
 from spacerobot.result import Result
+from spacerobot.scenario.load import to_document
+from spacerobot.scenario.paths import expand
 from spacerobot.scene import build_scene
 from spacerobot.simulate import simulate
 
@@ -36,17 +38,20 @@ def command_of(evaluator: Evaluator, draw: Array, gains: str, scenario: str, giv
     """
     space = evaluator.member(gains).space
     values = space.values(draw)[0]
-    changes: dict[str, Any] = {p: v for p, v in given if p.partition(".")[0] != "campaign"}
-    changes |= dict(evaluator.gains[gains])
+    changes = [(p, v) for p, v in given if p.partition(".")[0] != "campaign"]
+    changes += evaluator.gains[gains].items()
+    document, left = to_document(evaluator.member(gains).scene.scenario), dict[str, float]()
     for pattern in dict.fromkeys(space.patterns):
-        own = {
-            p: float(v) for p, v, q in zip(space.paths, values, space.patterns, strict=True) if q == pattern
-        }
-        most = Counter(own.values()).most_common(1)[0][0]
-        changes[pattern] = most
-        changes |= {path: value for path, value in own.items() if value != most}
-    changes["simulation.step"] = evaluator.campaign.step
-    parts = [f"--set {shlex.quote(f'{path}={json.dumps(value)}')}" for path, value in changes.items()]
+        own = [float(value) for value, of in zip(values, space.patterns, strict=True) if of == pattern]
+        most = Counter(own).most_common(1)[0][0]
+        changes.append((pattern, most))
+        left |= dict.fromkeys(expand(document, pattern), most)
+    wanted = {path: float(value) for path, value in zip(space.paths, values, strict=True)}
+    changes += [(path, value) for path, value in wanted.items() if left[path] != value]
+    changes.append(("simulation.step", evaluator.campaign.step))
+    last = {path: i for i, (path, _) in enumerate(changes)}
+    changes = [change for i, change in enumerate(changes) if last[change[0]] == i]
+    parts = [f"--set {shlex.quote(f'{path}={json.dumps(value)}')}" for path, value in changes]
     return " ".join(["spacerobot run", shlex.quote(scenario), *parts])
 
 

@@ -7,11 +7,15 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from optim.campaign.evaluator import build_evaluator
 from optim.campaign.notes import Named
 from optim.campaign.run import run_campaign
 from optim.campaign.samples import command_of
 from optim.campaign.store import load_campaign
 from optim.campaign.summary import outcomes, summarise
+from spacerobot.scenario.load import to_document
+from spacerobot.scenario.paths import get
+from spacerobot.scene import build_scene
 
 
 @pytest.fixture(scope="module")
@@ -91,6 +95,20 @@ def test_a_command_names_equal_numbers_once(told, small):
     assert words[2] == "my file.yaml"
     assert "robots.*.tips.tip.pid.kp=50" in words
     assert sum(word.startswith("grasps.*.stiffness=") for word in words) == 1
+
+
+def test_a_command_sets_what_a_later_pattern_meets_again(small):
+    """Patterns that overlap: the command's changes, made in order, give the sample's own numbers."""
+    paths = ["robots.arm.links.link_2.mass", "robots.arm.links.*.mass"]
+    parameters = {"m": {"paths": paths, "apply": "factor", "lower": 0.5, "upper": 2}}
+    scene = small(**{"campaign.parameters": parameters, "robots.arm.links.link_2.mass": 9.0})
+    evaluator = build_evaluator(scene, {}, compiled=False)
+    words = shlex.split(command_of(evaluator, np.array([1.5]), "scenario", "x"))
+    changes = [word.split("=") for word in words if ".mass=" in word]
+    made = build_scene(scene.scenario, [(path, float(value)) for path, value in changes], source=scene.source)
+    space = evaluator.members[0].space
+    found = [get(to_document(made.scenario), path) for path in space.paths]
+    assert found == space.values(np.array([1.5]))[0].tolist()
 
 
 def test_divergence_counts_as_the_worst(told):
