@@ -118,6 +118,8 @@ def _finish(search: Search, found: Solution | None, guard: _Guard | None) -> Run
         at = search.linearise(search.u)
         kkt = kkt_residual(search.u, at, search.problem.form)
     message = f"{meaning} ({found.status}, {guard.iterations} iterations)"
+    if np.isfinite(search.violation) and not search.feasible:
+        message = f"a constraint is passed by {100 * search.violation:.3g} %; {message}"
     return search.finish(status, message, kkt=kkt)
 
 
@@ -146,6 +148,7 @@ class _Guard:
         self._search, self._settings, self._last = search, settings, first
         self.iterations, self._since, self._best = 0, 0, np.inf
         self._reached = np.inf  # by IPOPT itself, which leaves a start near a bound for the inside
+        self._violation, self._least = np.inf, np.inf  # while no point has met the constraints yet
         self.interrupted = False
 
     @property
@@ -163,6 +166,7 @@ class _Guard:
             if not self.interrupted:
                 found = self._search.linearise(u)
                 violation = float(found.as_evaluation().violation[0])
+                self._violation = min(self._violation, violation)
                 if violation <= FEASIBLE:
                     self._reached = min(self._reached, found.objective)
                 if np.isfinite(violation):
@@ -194,12 +198,19 @@ class _Guard:
         self.iterations += 1
         search, settings = self._search, self._settings
         search.tell(min(1.0, self.iterations / settings.iterations))
-        value = self._reached
-        if not value >= self._best * (1 - np.sign(self._best) * settings.improvement):
-            self._best, self._since = value, 0
-        else:
-            self._since += 1
+        self._since = 0 if self._improved() else self._since + 1
         return self.interrupted or self._since >= settings.patience
+
+    def _improved(self) -> bool:
+        """Whether the best point became better by enough; the least infeasible one until one is feasible."""
+        gain = self._settings.improvement
+        if not np.isfinite(self._reached):
+            better = self._violation < self._least * (1 - gain)
+            self._least = self._violation if better else self._least
+            return better
+        better = not self._reached >= self._best * (1 - np.sign(self._best) * gain)
+        self._best = self._reached if better else self._best
+        return better
 
 
 def choose_starts(search: Search, count: int, settings: NlpSettings) -> list[Array]:

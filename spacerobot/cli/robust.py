@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 import typer
 
 from spacerobot.cli.options import Changes, Machines, Out, ScenarioName, Threads, parse_changes
-from spacerobot.cli.output import console, pairs, table
+from spacerobot.cli.output import console, pairs, table, warn
 from spacerobot.cli.tuning_options import (
     Budget,
     Reading,
@@ -16,6 +16,7 @@ from spacerobot.cli.tuning_options import (
     Starts,
     Variables,
     chosen_variables,
+    show_runs,
     shown,
 )
 
@@ -86,8 +87,12 @@ def command(
             save_robust(problem, found, out)
     gains = [(name, f"{value:.6g}") for name, value in found.gains.items()]
     console().print(pairs(f"{method}, {measure}: {found.objective:.6g}", gains))
+    show_runs(found.outcome.runs)
     rows = [[name, *(f"{value:.6g}" for value in told.values())] for name, told in found.told.items()]
     title = f"objective on {fresh} fresh samples"
     console().print(table(title, ("tuned", *next(iter(found.told.values()))), rows))
     if out is not None:
         console().print(f"result and robust.json in {out}", markup=False, soft_wrap=True)
+    if found.outcome.interrupted:
+        warn("interrupted: the best so far is kept")
+        raise typer.Exit(130)

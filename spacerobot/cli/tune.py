@@ -18,6 +18,7 @@ from spacerobot.cli.tuning_options import (
     Starts,
     Variables,
     chosen_variables,
+    show_runs,
     shown,
 )
 
@@ -90,17 +91,9 @@ def command(
     rows = [(name, f"{value:.6g}") for name, value in found.gains.items()]
     console().print(f"{method}: objective {found.objective:.6g}", markup=False)
     console().print(pairs("gains", rows))
-    for run in found.outcome.runs:
-        ended = f"{run.status}{': ' + run.message if run.message else ''}"
-        spent = f"{run.cost.rollouts} rollouts, {run.cost.gradients} gradients, {run.seconds:.1f} s"
-        kkt = "" if run.kkt is None else f", first-order residual {run.kkt:.1e}"
-        line = f"{run.method} {run.index + 1}: {run.objective:.6g}, {spent}{kkt}; {ended}"
-        console().print(line, markup=False, soft_wrap=True)
+    show_runs(found.outcome.runs)
     if method == "manual":
-        log = found.outcome.best.log
-        heads = list(log[0])
-        cells = [["-" if row[h] is None else _short(row[h]) for h in heads] for row in log]
-        console().print(table("section 4.3, step by step", heads, cells))
+        _show_trials(found)
     console().print(pairs("the best design", headline(result)))
     if out is not None:
         console().print(f"\nresult and tuning.json in {out}", markup=False, soft_wrap=True)
@@ -108,6 +101,14 @@ def command(
         warn("interrupted: the best so far is kept")
         raise typer.Exit(130)
     fail_if_diverged(result)
+
+
+def _show_trials(found: Tuned) -> None:
+    """Print the trials of the manual procedure."""
+    log = found.outcome.best.log
+    heads = list(log[0])
+    cells = [["-" if row[h] is None else _short(row[h]) for h in heads] for row in log]
+    console().print(table("section 4.3, step by step", heads, cells))
 
 
 def _short(value: object) -> str:

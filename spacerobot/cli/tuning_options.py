@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from spacerobot.cli.output import progress
+from spacerobot.cli.interrupts import heed
+from spacerobot.cli.output import console, progress
 
 if TYPE_CHECKING:
-    from optim import Report
+    from optim import Report, Run
     from optim.search import Progress
     from spacerobot.scenario import Tuning
 
@@ -37,6 +38,16 @@ def chosen_variables(given: str | None, tuning: Tuning) -> list[str] | None:
     return list(tuning.sets[given]) if given in tuning.sets else parts(given)
 
 
+def show_runs(runs: Sequence[Run]) -> None:
+    """Print what each run found, what it spent and how it ended."""
+    for run in runs:
+        ended = f"{run.status}{': ' + run.message if run.message else ''}"
+        spent = f"{run.cost.rollouts} rollouts, {run.cost.gradients} gradients, {run.seconds:.1f} s"
+        kkt = "" if run.kkt is None else f", first-order residual {run.kkt:.1e}"
+        line = f"{run.method} {run.index + 1}: {run.objective:.6g}, {spent}{kkt}; {ended}"
+        console().print(line, markup=False, soft_wrap=True)
+
+
 def parts(text: str | None) -> list[str] | None:
     """Names between commas."""
     return None if text is None else [part.strip() for part in text.split(",") if part.strip()]
@@ -49,6 +60,7 @@ def shown() -> Iterator[tuple[Callable[[str], None], Progress]]:
         begun = [""]
 
         def say(words: str) -> None:
+            heed()
             begun[0] = words
             tell(words)
 
