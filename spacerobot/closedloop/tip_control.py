@@ -25,7 +25,7 @@ from spacerobot.closedloop.states import State
 from spacerobot.dynamics import Wrench, configuration_derivative
 from spacerobot.dynamics.algebra import cross
 from spacerobot.dynamics.rotations import rotation_log
-from spacerobot.scenario import Amnesia, Pid, Robot
+from spacerobot.scenario import Pid, Robot
 from spacerobot.scene import Scene, SceneBody, SceneTip
 
 
@@ -75,7 +75,7 @@ class _Signals:
     sense: ca.SX  # reduced, nv x n
     velocity: ca.SX
     drift: ca.SX
-    error: ca.SX
+    error: ca.SX | None  # of position or orientation, none where no amnesia controller reads it
     reference_velocity: ca.SX
     reference_acceleration: ca.SX
 
@@ -89,18 +89,12 @@ def build_channels(
     if config.pid is not None:
         axes = list(scene.translation_axes)
         signals = _signals(plant, tip, motion, config.pid, parameters, constants, axes, rotation=False)
-        channels.append(
-            _build_channel(tip, "pid", config.pid, config.amnesia, signals, parameters, constants)
-        )
+        channels.append(_build_channel(tip, "pid", config.pid, signals, parameters, constants))
     if config.orientation_pid is not None:
         axes = list(scene.rotation_axes)
         pid = config.orientation_pid
         signals = _signals(plant, tip, motion, pid, parameters, constants, axes, rotation=True)
-        channels.append(
-            _build_channel(
-                tip, "orientation_pid", pid, config.orientation_amnesia, signals, parameters, constants
-            )
-        )
+        channels.append(_build_channel(tip, "orientation_pid", pid, signals, parameters, constants))
     return channels
 
 
@@ -108,7 +102,6 @@ def _build_channel(
     tip: SceneTip,
     name: str,
     pid: Pid,
-    amnesia: Amnesia | None,
     signals: _Signals,
     parameters: Parameters,
     constants: Constants,
@@ -117,10 +110,10 @@ def _build_channel(
     kp, ki, kd = (
         constants.hoist(f"{path}.{gain}", parameters(f"{path}.{gain}")) for gain in ("kp", "ki", "kd")
     )
-    size = signals.error.size1()
+    size = signals.velocity.size1()
     wanted, wanted_rate = signals.reference_velocity, signals.reference_acceleration
     states = []
-    if amnesia is not None:
+    if signals.error is not None:
         state, correction, correction_rate = _amnesia(tip, name, signals.error, parameters, constants)
         states.append(state)
         wanted, wanted_rate = wanted + correction, wanted_rate + correction_rate
@@ -195,7 +188,10 @@ def _signals(
         if rotation
         else (motion.velocity, motion.acceleration)
     )
-    error = _measured_error(plant, tip, motion, calibrate, axes, rotation=rotation)
+    amnesia = tip.config.orientation_amnesia if rotation else tip.config.amnesia
+    error = None
+    if amnesia is not None:
+        error = _measured_error(plant, tip, motion, calibrate, axes, rotation=rotation)
     return _Signals(arm, drive, sense, velocity, drift, error, wanted[0][axes], wanted[1][axes])
 
 

@@ -78,8 +78,8 @@ def test_every_parameter_is_what_the_scenario_calls_by_its_path(kind):
             assert np.abs(found - expected).max() < 1e-10 * scale, path
         if all(np.abs(a - b).max() < 1e-9 for (a, _), b in zip(pairs, plain, strict=True)):
             unmoved.append(path)
-    # limits that are not reached, a sensor of a robot without amnesia, inertias that turning in a plane hides
-    allowed = ["torque_limit", "two.sensors.tip_position"]
+    # limits that are not reached, inertias that turning in a plane hides
+    allowed = ["torque_limit"]
     allowed += [] if kind == "spatial" else [".inertia.0", ".inertia.1"]
     assert [path for path in unmoved if not any(part in path for part in allowed)] == []
 
@@ -137,3 +137,16 @@ def test_zeros_are_left_out_unless_they_shall_vary():
         loop.index("robots.one.tips.tip.pid.kq")
     with pytest.raises(ScenarioError, match="does not depend on it"):
         build_closed_loop(scene, ["simulation.duration"])
+
+
+@pytest.mark.parametrize("kind", TEXTS)
+def test_sensors_are_parameters_where_a_controller_reads_them(kind):
+    """Of these two robots, only the first has an amnesia controller."""
+    paths = build_closed_loop(scene_with(kind, {})).parameter_paths
+    assert "robots.one.sensors.tip_position.offset" in paths
+    unread = "robots.two.sensors.tip_position.offset"
+    assert unread not in paths
+    with pytest.raises(ScenarioError, match=f"{unread}: .*does not depend on it"):
+        build_closed_loop(scene_with(kind, {}), [unread])
+    amnesia = {"robots.two.tips.tip.amnesia": {"ge": 5, "ta": 2}}
+    assert unread in build_closed_loop(scene_with(kind, amnesia)).parameter_paths
