@@ -9,15 +9,23 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from spacerobot.closedloop import ClosedLoop, build_closed_loop
+from spacerobot.errors import DivergedError
 from spacerobot.result import Result
 from spacerobot.result.dataset import build_dataset
 from spacerobot.result.summary import build_summary
-from spacerobot.rollout import Trajectory, build_rollout, integrate_cvodes
+from spacerobot.rollout import Rollout, Trajectory, build_rollout, integrate_cvodes
+from spacerobot.scenario import Simulation
 from spacerobot.scene import Scene
 
 Progress = Callable[[str], None]
 LOCAL_TOLERANCE = 1e-3
 """Local tolerance of CVODES per tolerance of the whole rollout: its errors add up over thousands of steps."""
+
+REMEDY = (
+    "for a stiff loop take `--engine cvodes`, or softer gains and dampers; else give `simulation.step`, "
+    "or a larger `simulation.tolerance`"
+)
+"""What helps where no step can be chosen."""
 
 Backend = Literal["auto", "compiled", "interpreted"]
 
@@ -77,10 +85,7 @@ class _Run:
 def _run(scene: Scene, loop: ClosedLoop, backend: Backend, tell: Progress) -> _Run:
     simulation = scene.scenario.simulation
     if simulation.engine == "pinocchio":
-        from spacerobot.pinocchio_engine import simulate as check
-
-        tell("simulating with Pinocchio's own algorithms")
-        return _Run(scene, time.perf_counter(), check(scene))
+        return _check(scene, tell)
     if simulation.engine == "cvodes":
         tell("integrating with CVODES")
         ready = time.perf_counter()
@@ -93,15 +98,7 @@ def _run(scene: Scene, loop: ClosedLoop, backend: Backend, tell: Progress) -> _R
             absolute=local,
         )
         return _Run(scene, ready, trajectory)
-    tell("compiling the closed loop, or finding it compiled")
-    rollout = build_rollout(
-        loop,
-        duration_s=simulation.duration,
-        step_s=simulation.step,
-        output_step_s=simulation.output_step,
-        tolerance=simulation.tolerance,
-        backend=backend,
-    )
+    rollout = _ready(simulation, loop, backend, tell)
     notes = {"toolchain": rollout.summary}
     if rollout.choice is not None:
         scene = _with_step(scene, rollout.choice.step_s)
@@ -109,6 +106,33 @@ def _run(scene: Scene, loop: ClosedLoop, backend: Backend, tell: Progress) -> _R
     ready = time.perf_counter()
     tell("rolling out")
     return _Run(scene, ready, rollout.run(), notes)
+
+
+def _check(scene: Scene, tell: Progress) -> _Run:
+    """The independent engine, which takes long enough to say how far it is."""
+    from spacerobot.pinocchio_engine import simulate as check
+
+    words = "simulating with Pinocchio's own algorithms"
+    tell(words)
+    ready = time.perf_counter()
+    return _Run(scene, ready, check(scene, progress=lambda part: tell(f"{words}: {part:.0%}")))
+
+
+def _ready(simulation: Simulation, loop: ClosedLoop, backend: Backend, tell: Progress) -> Rollout:
+    """Compiled or interpreted rollout, its step chosen if the scenario gives none."""
+    tell("compiling the closed loop, or finding it compiled")
+    try:
+        return build_rollout(
+            loop,
+            duration_s=simulation.duration,
+            step_s=simulation.step,
+            output_step_s=simulation.output_step,
+            tolerance=simulation.tolerance,
+            backend=backend,
+            progress=tell,
+        )
+    except DivergedError as fault:
+        raise DivergedError(f"{fault.message}; {REMEDY}") from None
 
 
 def _with_step(scene: Scene, step: float) -> Scene:

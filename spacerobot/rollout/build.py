@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Literal
 
@@ -27,6 +28,7 @@ def build_rollout(
     tolerance: float = TOLERANCE,
     measures: Measures | None = None,
     backend: Backend = "auto",
+    progress: Callable[[str], None] | None = None,
 ) -> Rollout:
     """Make a closed loop ready to run: slow the first time (it compiles), quick from the cache.
 
@@ -48,6 +50,8 @@ def build_rollout(
         What to reduce each rollout to.
     backend
         ``auto`` compiles where a compiler is found and works, and interprets elsewhere.
+    progress
+        Called with a few words before each pilot rollout, if the step is to be chosen.
 
     Raises
     ------
@@ -65,7 +69,7 @@ def build_rollout(
     rollout = Rollout(loop, kernel, grid, engines, fallback)
     if step_s is not None:
         return rollout
-    choice = rollout.choose_step(tolerance)
+    choice = rollout.choose_step(tolerance, progress=progress)
     grid = time_grid(duration_s, choice.step_s, sample_s)
     return replace(rollout, grid=grid, choice=choice)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -69,8 +69,20 @@ class Rollout:
             return f"{steps}, compiled: {toolchain.summary}"
         return f"{steps}, interpreted by CasADi" + (f" ({self.fallback})" if self.fallback else "")
 
-    def choose_step(self, tolerance: float = TOLERANCE, parameters: Parameters = None) -> StepChoice:
+    def choose_step(
+        self,
+        tolerance: float = TOLERANCE,
+        parameters: Parameters = None,
+        progress: Callable[[str], None] | None = None,
+    ) -> StepChoice:
         """Largest step whose error keeps to a tolerance at some parameter values; nothing is compiled again.
+
+        Parameters
+        ----------
+        tolerance, parameters
+            As for :func:`choose_step`.
+        progress
+            Called with a few words before each pilot rollout.
 
         Raises
         ------
@@ -83,7 +95,7 @@ class Rollout:
         def pilot(step_s: float) -> Trajectory:
             return replace(self, grid=time_grid(grid.duration_s, step_s, sample_s)).run(p)
 
-        return search_step(pilot, sample_s, tolerance)
+        return search_step(pilot, grid.duration_s, sample_s, tolerance, progress)
 
     def values(self, parameters: Parameters = None) -> Array:
         """All parameter values p, shape (np,).

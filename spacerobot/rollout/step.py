@@ -11,8 +11,15 @@ from spacerobot.errors import DivergedError
 from spacerobot.rollout.trajectory import Trajectory
 
 ORDER = 4
-HALVINGS = 16
 SAFETY = 0.9
+HALVINGS = 16
+"""Most halvings of the first step."""
+MOST_STEPS = 2_000_000
+"""Most steps of all pilot rollouts together: seconds for a small scene, half a minute for a large one."""
+FEWEST_HALVINGS = 5
+"""Halvings that are tried however long a rollout lasts."""
+
+Progress = Callable[[str], None]
 
 
 @dataclass(frozen=True)
@@ -38,7 +45,13 @@ class StepChoice:
     unstable_s: float | None
 
 
-def search_step(run: Callable[[float], Trajectory], longest_s: float, tolerance: float) -> StepChoice:
+def search_step(
+    run: Callable[[float], Trajectory],
+    duration_s: float,
+    longest_s: float,
+    tolerance: float,
+    progress: Progress | None = None,
+) -> StepChoice:
     """Largest step whose error is within a tolerance, to about a tenth.
 
     The step is halved until it is stable and accurate, then lengthened as far as the order of the method
@@ -48,30 +61,51 @@ def search_step(run: Callable[[float], Trajectory], longest_s: float, tolerance:
     ----------
     run
         Rollout with about a given step; the samples must not depend on it.
+    duration_s
+        Of a whole rollout.
     longest_s
         Where to begin.
     tolerance
         Largest error, see :class:`StepChoice`.
+    progress
+        Called with a few words before each pilot rollout.
 
     Raises
     ------
     DivergedError
-        No step was good enough.
+        No step was good enough, of those that :data:`HALVINGS` and :data:`MOST_STEPS` leave to be tried.
     """
-    coarse, unstable, error = run(longest_s), None, np.inf
+    tell = progress or (lambda _: None)
+
+    def pilot(step_s: float) -> Trajectory:
+        tell(f"choosing a step: trying {step_s:.3g} s")
+        return run(step_s)
+
+    coarse, unstable, error = pilot(longest_s), None, np.inf
+    taken, most = coarse.steps, max(MOST_STEPS, 2 ** (FEWEST_HALVINGS + 1) * duration_s / longest_s)
     for _ in range(HALVINGS):
-        fine = run(coarse.step_s / 2)
+        if taken + 2 * duration_s / coarse.step_s > most:
+            break
+        fine = pilot(coarse.step_s / 2)
+        taken += fine.steps
         if coarse.status == "diverged":
             unstable = coarse.step_s
         elif fine.status == "completed":
             error = _error(coarse, fine)
             if error <= tolerance:
-                return _lengthen(run, coarse, fine, error, tolerance, longest_s, unstable)
+                return _lengthen(pilot, coarse, fine, error, tolerance, longest_s, unstable)
         coarse = fine
-    told = f"an error of {error:.3g} was left" if np.isfinite(error) else "every pilot rollout diverged"
-    raise DivergedError(
-        f"no step of at least {coarse.step_s:.3g} s reaches an error of {tolerance:.3g}: {told}"
-    )
+    told = _reached(coarse, error)
+    raise DivergedError(f"no step down to {coarse.step_s:.3g} s reaches an error of {tolerance:.3g}: {told}")
+
+
+def _reached(finest: Trajectory, error: float) -> str:
+    """How far the pilot rollouts came, in words."""
+    if finest.status == "diverged":
+        return f"even with that one the rollout diverged, after {finest.diverged_at_s or 0:.3g} s"
+    if np.isfinite(error):
+        return f"an error of {error:.3g} was left"
+    return "no two rollouts were completed to tell an error from"
 
 
 def _lengthen(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from spacerobot.errors import DivergedError
-from spacerobot.rollout import build_rollout, choose_step, integrate_cvodes
+from spacerobot.rollout import build_rollout, choose_step, integrate_cvodes, step
 
 GRID = {"duration_s": 2.0, "output_step_s": 0.1}
 STIFF = {"arm.kd": 2000.0}  # an eigenvalue of -2000 / 1.3 1/s
@@ -40,8 +40,25 @@ def test_the_stability_limit_is_recognised(loop):
 
 
 def test_a_hopeless_loop_is_told(loop):
-    with pytest.raises(DivergedError, match="every pilot rollout diverged"):
+    with pytest.raises(DivergedError, match="even with that one the rollout diverged, after"):
         choose_step(loop, **GRID, parameters={"arm.kp": -1e4, "arm.kd": -1e4})
+
+
+@pytest.mark.parametrize(("most", "halvings"), [(1000, 5), (6000, 7)])
+def test_what_is_tried_is_bounded_and_told(loop, monkeypatch, most, halvings):
+    """Twenty intervals of two seconds: 20, 40, 80, ... steps, until their sum would be above the bound."""
+    monkeypatch.setattr(step, "MOST_STEPS", most)
+    rollout, told = build_rollout(loop, **GRID, step_s=0.1), []
+    finest = 0.1 / 2**halvings
+    with pytest.raises(DivergedError, match=rf"no step down to {finest:.3g} s reaches .* of 1e-30: an error"):
+        rollout.choose_step(1e-30, progress=told.append)
+    assert told == [f"choosing a step: trying {0.1 / 2**n:.3g} s" for n in range(halvings + 1)]
+    assert 20 * (2 ** (halvings + 1) - 1) <= max(most, 20 * 2**6)
+
+
+def test_a_long_rollout_gets_its_first_halvings_all_the_same(loop, monkeypatch):
+    monkeypatch.setattr(step, "MOST_STEPS", 1)
+    assert choose_step(loop, **GRID, tolerance=1e-5).error < 1e-5
 
 
 def test_cvodes_agrees_and_takes_stiffness(loop):

@@ -1,0 +1,35 @@
+"""The main job: what it tells on the way, and what helps when it cannot be done."""
+
+import re
+
+import pytest
+
+from spacerobot.errors import DivergedError
+from spacerobot.scene import load_scene
+from spacerobot.simulate import simulate
+
+SHORT = {"simulation.duration": 0.1, "simulation.output_step": 0.02}
+
+
+def test_the_checking_engine_says_how_far_it_is():
+    told = []
+    simulate(load_scene("paper", SHORT | {"simulation.engine": "pinocchio"}), progress=told.append)
+    parts = [int(found.group(1)) for words in told if (found := re.search(r"Pinocchio.*: (\d+)%$", words))]
+    assert parts == [20, 40, 60, 80, 100]
+
+
+def test_a_step_that_is_chosen_is_told():
+    told = []
+    result = simulate(load_scene("paper", SHORT | {"simulation.step": None}), progress=told.append)
+    tried = [words for words in told if words.startswith("choosing a step: trying ")]
+    assert tried[:2] == ["choosing a step: trying 0.02 s", "choosing a step: trying 0.01 s"]
+    assert "step_chosen" in result.summary["engine"]
+
+
+def test_a_loop_too_stiff_for_any_step_names_the_last_one_and_what_helps():
+    stiff = {"simulation.step": None, "robots.*.joint_pd": {"kp": 50, "kd": 2e9}}
+    with pytest.raises(DivergedError) as raised:
+        simulate(load_scene("paper", SHORT | stiff))
+    text = str(raised.value)
+    assert re.match(r"no step down to \d\.\d+e-0[67] s reaches an error of 1e-07: ", text)
+    assert all(part in text for part in ("--engine cvodes", "`simulation.step`", "`simulation.tolerance`"))
