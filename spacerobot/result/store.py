@@ -27,6 +27,8 @@ from spacerobot.scenario.load import read_document, to_yaml, validate
 SCENARIO, SUMMARY, DATA = "scenario.yaml", "summary.json", "result.nc"
 FILES = (SCENARIO, DATA, SUMMARY)
 """In the order they are moved into place: the summary last, so that a folder with one is complete."""
+OTHERS = {"campaign.json": "campaign", "comparison.json": "comparison", "sweep.json": "sweep"}
+"""Files by which the folders of other jobs are known."""
 STAGE = ".spacerobot-"
 """Beginning of the names of folders in which results are prepared, perhaps by another process just now."""
 
@@ -41,9 +43,12 @@ def check_folder(folder: Path) -> None:
     """
     if folder.exists() and not folder.is_dir():
         raise ResultError("is a file, not a folder", source=folder)
-    found = [] if not folder.is_dir() else [p.name for p in folder.iterdir() if not p.name.startswith(STAGE)]
-    if found and not set(found) & set(FILES):
-        raise ResultError("holds files that are no result; name an empty or a new folder", source=folder)
+    names = [] if not folder.is_dir() else [p.name for p in folder.iterdir() if not p.name.startswith(STAGE)]
+    found = set(names)
+    # other jobs' folders have a summary or a scenario as well: only the data tell a result
+    if DATA not in found and not found <= set(FILES):
+        other = next((f"a {kind}" for name, kind in OTHERS.items() if name in found), "files")
+        raise ResultError(f"holds {other}, no result; name an empty or a new folder", source=folder)
     with _writing(folder), _stage(folder):
         pass
 

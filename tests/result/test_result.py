@@ -235,13 +235,35 @@ def test_folders_that_are_no_place_for_a_result(tmp_path):
     (tmp_path / "file").write_text("x")
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "thesis.tex").write_text("x")
-    for name, found in (("file", "is a file"), ("full", "holds files"), ("file/below", "cannot be written")):
+    for name, found in (
+        ("file", "is a file"),
+        ("full", "holds files, no"),
+        ("file/below", "cannot be written"),
+    ):
         with pytest.raises(ResultError, match=found):
             check_folder(tmp_path / name)
     check_folder(tmp_path / "fine" / "deep")
     assert not (tmp_path / "fine").exists()
     (tmp_path / "soon" / ".spacerobot-abc").mkdir(parents=True)  # another process prepares its result there
     check_folder(tmp_path / "soon")
+
+
+@pytest.mark.parametrize("kind", ["campaign", "comparison", "sweep"])
+def test_another_jobs_folder_is_no_place_for_a_result(result, tmp_path, kind):
+    """Even though files of the same names are in it."""
+    for name in ("scenario.yaml", "summary.json", f"{kind}.json"):
+        (tmp_path / name).write_text("{}")
+    with pytest.raises(ResultError, match=f"holds a {kind}, no result; name an empty or a new folder"):
+        check_folder(tmp_path)
+
+
+def test_a_result_with_files_beside_it_and_a_half_written_one_are_replaced(result, tmp_path):
+    folder = save(result, tmp_path / "whole").folder
+    (folder / "report.html").write_text("x")
+    check_folder(folder)
+    (tmp_path / "half").mkdir()
+    (tmp_path / "half" / "scenario.yaml").write_text("{}")
+    check_folder(tmp_path / "half")
 
 
 def test_incomplete_foreign_and_broken_results_are_refused(result, tmp_path):
