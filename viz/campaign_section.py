@@ -90,9 +90,10 @@ def campaign_report(shown: Shown) -> str:
 def _in_short(summary: Mapping[str, Any]) -> str:
     sentences = [failing(name, told, summary) for name, told in summary["gains"].items()]
     text = "".join(f"<p>{escape(sentence)}</p>" for sentence in sentences)
-    missing = unfinished(summary)
-    if missing:
-        text = f"<ul class='warnings'><li>{escape(missing)}</li></ul>{text}"
+    warnings = [unfinished(summary), *summary["doubts"]]
+    items = "".join(f"<li>{escape(warning)}</li>" for warning in warnings if warning)
+    if items:
+        text = f"<ul class='warnings'>{items}</ul>{text}"
     sets = ", ".join(summary["gains"])
     about = (
         f"{summary['samples']} of {summary['of']} samples (design {summary['design']}, seed "

@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 
 from optim.campaign.series import torque_unit
+from optim.campaign.trust import DRIFT, KINDS, conserves_momentum, drift_measure, drift_of
 from optim.protocol import Array
 from spacerobot.rollout import ClosedLoopFunctions, Measure, Measures, Signals, integral, peak
 from spacerobot.scene import Scene
@@ -63,12 +64,16 @@ class Kept:
         parts = []
         for name in dict.fromkeys(column.metric for column in self.columns):
             values = np.asarray(measured[name])
-            parts.append(np.sqrt(values / self.duration_s) if name == "tip_error_rms" else values)
+            if name == "tip_error_rms":
+                values = np.sqrt(values / self.duration_s)
+            parts.append(drift_of(values) if name == DRIFT else values)
         return np.column_stack(parts)
 
 
 def build_kept(loop: ClosedLoopFunctions, scene: Scene, wanted: Sequence[str]) -> Kept:
     """What is kept of rollouts of a closed loop; a metric that a scene has nothing for is left out.
+
+    The drift of the momenta is kept besides where they are constant: it says which rollouts to trust.
 
     Parameters
     ----------
@@ -96,6 +101,9 @@ def build_kept(loop: ClosedLoopFunctions, scene: Scene, wanted: Sequence[str]) -
         if name in wanted and places:
             named[name] = measure
             columns += [Column(name, place, unit) for place in places]
+    if columns and conserves_momentum(scene):
+        named[DRIFT] = drift_measure(loop, signals)
+        columns += [Column(DRIFT, kind, "1") for kind in KINDS]
     return Kept(Measures(signals, named, costs=lambda _r, _p: {}), tuple(columns), duration)
 
 

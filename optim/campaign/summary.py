@@ -18,6 +18,7 @@ from optim.campaign.notes import Named, named_in
 from optim.campaign.samples import command_of
 from optim.campaign.statistics import Estimate, percentile, share
 from optim.campaign.store import load_campaign, load_head
+from optim.campaign.trust import doubts, untrusted
 from optim.protocol import Array
 from spacerobot.errors import ResultError
 from spacerobot.files import write_text
@@ -118,6 +119,7 @@ def told_of(folder: Path, evaluator: Evaluator, named: Named | None = None) -> d
         raise ResultError("holds no sample yet", source=folder)
     found = outcomes(data, campaign)
     draws = data.draw.values
+    trust = untrusted(data, {name: outcome.any_failure for name, outcome in found.items()})
     return {
         "name": evaluator.scene.scenario.name,
         "samples": len(data.sample),
@@ -146,6 +148,8 @@ def told_of(folder: Path, evaluator: Evaluator, named: Named | None = None) -> d
         },
         "rank_noise": noise_of(len(data.sample), campaign),
         "against": _against(found, campaign),
+        "untrusted": trust,
+        "doubts": doubts(trust, campaign),
     }
 
 

@@ -24,9 +24,9 @@ def show(summary: Mapping[str, Any]) -> None:
     from viz.campaign_words import depends, mixed, unfinished
 
     level = f"{100 * summary['confidence']:g} %"
-    missing = unfinished(summary)
-    if missing:
-        warn(missing)
+    for warning in (unfinished(summary), *summary["doubts"]):
+        if warning:
+            warn(warning)
     head = f"{summary['name']}: {summary['samples']} samples, {summary['design']}"
     asked = f"probability of failure and its {level} interval" if summary["intervals"] else "share that fails"
     console().print(table(f"{head}; {asked}", *_failures(summary)))
