@@ -90,7 +90,7 @@ def is_planar(model: Any, bodies: Sequence[SceneBody], q: Array) -> bool:
     if any(body.base.joint == "free_flyer" for body in bodies):
         return False
     data = model.createData()
-    jacobian = pin.computeJointJacobians(model, data, q)
+    jacobian = pin.computeJointJacobians(model, data, q).reshape(6, -1)  # of one column, a vector comes
     for body in bodies:
         for j in body.joints:
             column = jacobian[:, model.joints[j].idx_v]

@@ -361,3 +361,19 @@ def test_a_value_behind_a_name_that_ends_in_urdf_is_no_file():
     (folder() / "named.urdf").write_text(text, encoding="utf-8")
     scene = small_scene("robots: {r: {urdf: named.urdf}}", {"robots.r.joints.my_urdf": {"offset": 0.1}})
     assert scene.scenario.robots["r"].joints["my_urdf"].offset == 0.1
+
+
+@pytest.mark.parametrize(("axis", "planar"), [("0 0 1", True), ("0 1 0", False)])
+def test_a_scene_of_one_joint_alone(tmp_path, axis, planar):
+    inertial = (
+        '<inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
+    )
+    joint = f'<parent link="base"/><child link="rod"/><axis xyz="{axis}"/>'
+    (tmp_path / "one.urdf").write_text(
+        f'<robot name="one"><link name="base"/><link name="rod">{inertial}</link>'
+        f'<joint name="hinge" type="continuous">{joint}</joint></robot>'
+    )
+    (tmp_path / "one.yaml").write_text("robots: {one: {urdf: one.urdf, base: {joint: fixed}}}")
+    scene = load_scene(tmp_path / "one.yaml")
+    assert scene.model.nv == 1
+    assert scene.planar is planar
