@@ -13,6 +13,7 @@ from viz.motion import Motion, Node
 
 _LIGHT = np.array([-0.35, -0.45, 0.82])
 _ROUND_SHADE = 0.85
+_POINT_M = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +117,7 @@ def _node_faces(node: Node, placement: Array, view: View) -> list[tuple[float, A
 
 
 def fit(axes: Axes, points: Array, view: View, *, margin: float = 0.04, shape: float | None = None) -> None:
-    """Set equal scales and limits so that points of the world fit the picture.
+    """Set equal scales and limits so that points of the world fit the picture, a metre where they are one.
 
     Parameters
     ----------
@@ -133,7 +134,10 @@ def fit(axes: Axes, points: Array, view: View, *, margin: float = 0.04, shape: f
     """
     flat = view.flat(points)
     least, greatest = flat.min(axis=0), flat.max(axis=0)
-    size = (greatest - least) + 2 * margin * float((greatest - least).max())
+    side = float((greatest - least).max())
+    if side < _POINT_M:  # nothing but a point, such as the one joint of a robot without shapes
+        margin, side = 0.5, 1.0
+    size = (greatest - least) + 2 * margin * side
     if shape is not None:
         size = np.array([max(size[0], size[1] / shape), max(size[1], size[0] * shape)])
     middle = (least + greatest) / 2

@@ -1,16 +1,21 @@
 """Figures: what they plot is the result's data, and every axis says its unit."""
 
 import re
+import warnings
 
 import matplotlib as mpl
 import numpy as np
 import pytest
+import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from spacerobot.errors import ResultError
 from spacerobot.paper import FIGURE_7_MM, FIGURE_10_MM
 from spacerobot.result.result import Result
+from spacerobot.scene import load_scene
+from spacerobot.simulate import simulate
+from tests.oracles import one_arm
 from viz.figures import (
     KINDS,
     base_motion,
@@ -157,6 +162,41 @@ def test_the_ledgers_drift_is_the_summarys(paper):
         drift = np.nanmax(drawn[f"{kind} momentum"][:, 1])
         assert drift == pytest.approx(kept["momentum"][kind]["relative_drift"])
     assert np.nanmax(drawn["energy"][:, 1]) == pytest.approx(kept["energy"]["relative_residual"])
+
+
+def test_the_ledgers_drift_is_the_summarys_where_a_robot_holds_nothing(tmp_path):
+    """All momentum is rounding there, and is measured by what moves inside the robot."""
+    result = simulate(load_scene(one_arm.write(tmp_path, target=None, grasps={})), backend="interpreted")
+    for kind, unit in (("linear", "n_s"), ("angular", "n_m_s")):
+        kept = result.summary["ledger"]["momentum"][kind]
+        of_the_arm = np.linalg.norm(result.data[f"body_momentum_{kind}"].values, axis=-1).max()
+        assert of_the_arm < 1e-3 * kept[f"largest_partial_{unit}"]
+        drawn = _lines(ledger(result), "momentum drift, open energy")[f"{kind} momentum"][:, 1]
+        assert np.nanmax(drawn) == pytest.approx(kept["relative_drift"])
+
+
+POINT = """
+<robot name="point">
+  <link name="base"/>
+  <link name="rod"><inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>
+  </inertial></link>
+  <joint name="hinge" type="continuous"><parent link="base"/><child link="rod"/><axis xyz="0 0 1"/></joint>
+</robot>
+"""
+
+
+def test_a_robot_without_shapes_is_drawn_without_a_warning(tmp_path):
+    (tmp_path / "point.urdf").write_text(POINT)
+    robot = {"urdf": "point.urdf", "base": {"joint": "fixed"}, "joints": {"hinge": {"rate_deg": 10}}}
+    simulation = {"duration": 0.2, "step": 0.1, "output_step": 0.1}
+    document = {"name": "point", "robots": {"point": robot}, "simulation": simulation}
+    (tmp_path / "point.yaml").write_text(yaml.safe_dump(document))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", UserWarning)
+        figure = docking(simulate(load_scene(tmp_path / "point.yaml"), backend="interpreted"))
+        figure.canvas.draw()
+    panel = figure.axes[0]
+    assert np.ptp(panel.get_xlim()) == pytest.approx(1.0)
 
 
 def test_the_strip_shows_the_bases_where_they_are(paper):

@@ -7,6 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from spacerobot.result import Result
+from spacerobot.result.ledger import SMALLEST
 from viz.figures.style import Drawing, called, legend_over, line, panels, styled, until
 from viz.geometry import Array
 
@@ -85,9 +86,7 @@ def _astray(panel: Axes, result: Result) -> None:
     """Drift of the momenta and open energy, each relative to the largest of its kind."""
     data = result.data
     shown = {
-        f"{kind} momentum": _relative_drift(
-            data[f"momentum_{kind}"].values, data[f"body_momentum_{kind}"].values
-        )
+        f"{kind} momentum": relative_drift(result, kind)
         for kind in ("linear", "angular")
         if result.summary["ledger"]["momentum"]["conserved"]
     }
@@ -109,6 +108,9 @@ def _astray(panel: Axes, result: Result) -> None:
     legend_over(panel, columns=2)
 
 
-def _relative_drift(total: Array, parts: Array) -> Array:
-    largest = float(np.linalg.norm(parts, axis=-1).max()) or 1.0
-    return np.asarray(np.linalg.norm(total - total[0], axis=-1) / largest, dtype=np.float64)
+def relative_drift(result: Result, kind: str) -> Array:
+    """Drift of the ``linear`` or ``angular`` momentum, over what the summary's ledger divides it by."""
+    total, told = result.data[f"momentum_{kind}"].values, result.summary["ledger"]["momentum"][kind]
+    (largest,) = (value for key, value in told.items() if key.startswith("largest_partial_"))
+    drift = np.linalg.norm(total - total[0], axis=-1)
+    return np.asarray(drift / max(largest, SMALLEST), dtype=np.float64)
