@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -98,23 +98,23 @@ def tune(
         If there is no such method, or it cannot solve this problem.
     """
     scene, chosen = _with_variables(scene, variables, reading)
-    tuning = tuning_of(scene)
-    effort = effort or effort_of(tuning)
+    effort = effort or effort_of(tuning_of(scene))
     problem = build_problem(scene, chosen=chosen, reading=reading, objective=objective, workers=workers)
     run = partial(run_method, effort=effort, workers=problem.workers, folder=folder, progress=progress)
-    if score is not None:
-        if method not in EVOLUTIONARY:
-            raise ScenarioError(
-                f"a function of a result has no gradients; methods: {', '.join(EVOLUTIONARY)}"
-            )
-        return _tuned(problem, run(ResultProblem(problem, score), method))
-    if method != "nlp_ga":
-        return _tuned(problem, run(problem, method))
+    if score is None:
+        return _tuned(problem, _from_the_ga(problem, run) if method == "nlp_ga" else run(problem, method))
+    if method not in EVOLUTIONARY:
+        raise ScenarioError(f"a function of a result has no gradients; methods: {', '.join(EVOLUTIONARY)}")
+    return _tuned(problem, run(ResultProblem(problem, score), method))
+
+
+def _from_the_ga(problem: TuningProblem, run: Callable[..., Outcome]) -> Outcome:
+    """The GA, and the NLP from its best."""
     ga = run(problem, "ga")
     if ga.interrupted:
-        return _tuned(problem, ga)
-    outcome = run(problem, method, first=np.array(ga.best.u))
-    return _tuned(problem, dataclasses.replace(outcome, runs=(*ga.runs, *outcome.runs)))
+        return ga
+    outcome = run(problem, "nlp_ga", first=np.array(ga.best.u))
+    return dataclasses.replace(outcome, runs=(*ga.runs, *outcome.runs))
 
 
 def _tuned(problem: TuningProblem, outcome: Outcome) -> Tuned:

@@ -9,6 +9,7 @@ import typer
 
 from spacerobot.cli.campaign_page import campaign_page
 from spacerobot.cli.campaign_tables import show
+from spacerobot.cli.interrupts import heed
 from spacerobot.cli.options import Changes, Machines, ScenarioName, Threads, parse_changes
 from spacerobot.cli.output import console, progress, warn
 
@@ -82,18 +83,24 @@ def command(
     scene = _with_samples(load_scene(scenario, given), samples)
     chosen = gain_sets(scene, gains or [])
     with progress("reading") as tell:
+
+        def begin(words: str) -> None:
+            """Say what begins; also the place to heed a Ctrl-C that was lost before."""
+            heed()
+            tell(words)
+
         found = run_campaign(
             scene,
             out,
             gains=chosen,
             executor=_executor(threads, dask),
             progress=lambda now: tell(_words(now)),
-            tell=tell,
+            tell=begin,
             named=Named(scenario, given),
         )
         summary = None
         if found.done:
-            tell("working out what it says")
+            begin("working out what it says")
             summary = summarise(out, found.evaluator)
             if page:
                 write_text(out / "report.html", campaign_page(out, tell, found.evaluator))
