@@ -14,7 +14,6 @@ from spacerobot.result import Result
 from spacerobot.result.dataset import build_dataset
 from spacerobot.result.summary import build_summary
 from spacerobot.rollout import Rollout, Trajectory, build_rollout, integrate_cvodes
-from spacerobot.scenario import Simulation
 from spacerobot.scene import Scene
 
 Progress = Callable[[str], None]
@@ -98,7 +97,7 @@ def _run(scene: Scene, loop: ClosedLoop, backend: Backend, tell: Progress) -> _R
             absolute=local,
         )
         return _Run(scene, ready, trajectory)
-    rollout = _ready(simulation, loop, backend, tell)
+    rollout = _ready(scene, loop, backend, tell)
     notes = {"toolchain": rollout.summary}
     if rollout.choice is not None:
         scene = _with_step(scene, rollout.choice.step_s)
@@ -118,8 +117,9 @@ def _check(scene: Scene, tell: Progress) -> _Run:
     return _Run(scene, ready, check(scene, progress=lambda part: tell(f"{words}: {part:.0%}")))
 
 
-def _ready(simulation: Simulation, loop: ClosedLoop, backend: Backend, tell: Progress) -> Rollout:
+def _ready(scene: Scene, loop: ClosedLoop, backend: Backend, tell: Progress) -> Rollout:
     """Compiled or interpreted rollout, its step chosen if the scenario gives none."""
+    simulation = scene.scenario.simulation
     tell("compiling the closed loop, or finding it compiled")
     try:
         return build_rollout(
