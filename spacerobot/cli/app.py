@@ -29,10 +29,8 @@ from spacerobot.cli import (
 )
 from spacerobot.cli.interrupts import remembered
 from spacerobot.cli.output import complain
+from spacerobot.cli.start import INTERRUPTED
 from spacerobot.errors import SpaceRobotError
-
-INTERRUPTED = 130
-"""Exit code after Ctrl-C, as shells have it."""
 
 app = typer.Typer(
     name="spacerobot",

@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -77,6 +78,38 @@ def test_a_process_that_is_interrupted_says_so_and_leaves_nothing(tmp_path):
     assert process.communicate(timeout=60)[1] == "error: interrupted\n"
     assert process.returncode == 130
     assert list(tmp_path.iterdir()) == []
+
+
+WHILE_LOADING = """
+import signal, sys
+
+class Interrupting:
+    def find_spec(self, name, path=None, target=None):
+        if name == "typer":
+            signal.raise_signal(signal.SIGINT)
+
+sys.meta_path.insert(0, Interrupting())
+from spacerobot.cli.start import main
+main()
+"""
+
+
+def test_an_interrupt_while_libraries_load_is_told_in_one_line():
+    command = [sys.executable, "-c", WHILE_LOADING]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "error: interrupted\n")
+
+
+def test_the_command_begins_where_interrupts_are_minded():
+    """Before it there is nothing to load but the package's own empty rooms."""
+    scripts = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["scripts"]
+    assert scripts == {"spacerobot": "spacerobot.cli.start:main"}
+    code = (
+        "import sys; before = set(sys.modules); import spacerobot.cli.start; print(set(sys.modules) - before)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    loaded = {name.partition(".")[0] for name in eval(done.stdout)}
+    assert loaded <= {"spacerobot", "__future__"}
 
 
 @pytest.mark.skipif(os.name == "nt", reason="no pipes of that kind there")
