@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
-from spacerobot.closedloop import ClosedLoop, build_closed_loop
+from spacerobot.closedloop import ClosedLoop, build_closed_loop, find_fastest_rate
 from spacerobot.errors import DivergedError
 from spacerobot.result import Result
 from spacerobot.result.dataset import build_dataset
@@ -132,7 +132,16 @@ def _ready(scene: Scene, loop: ClosedLoop, backend: Backend, tell: Progress) -> 
             progress=tell,
         )
     except DivergedError as fault:
-        raise DivergedError(f"{fault.message}; {REMEDY}") from None
+        raise DivergedError(f"{fault.message}; {_cause(loop)}{REMEDY}") from None
+
+
+def _cause(loop: ClosedLoop) -> str:
+    """How stiff the loop is where it begins, and by which gains, in words."""
+    found = find_fastest_rate(loop)
+    if found is None:
+        return ""
+    by = f", set by {' and '.join(found.gains)}" if found.gains else ""
+    return f"the loop's fastest rate at the start is {found.per_s:.3g} 1/s{by}; "
 
 
 def _with_step(scene: Scene, step: float) -> Scene:

@@ -2,5 +2,6 @@
 
 from spacerobot.closedloop.build import build_closed_loop
 from spacerobot.closedloop.closed_loop import ClosedLoop
+from spacerobot.closedloop.stiffness import FastestRate, find_fastest_rate
 
-__all__ = ["ClosedLoop", "build_closed_loop"]
+__all__ = ["ClosedLoop", "FastestRate", "build_closed_loop", "find_fastest_rate"]

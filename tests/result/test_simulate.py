@@ -32,4 +32,5 @@ def test_a_loop_too_stiff_for_any_step_names_the_last_one_and_what_helps():
         simulate(load_scene("paper", SHORT | stiff))
     text = str(raised.value)
     assert re.match(r"no step down to \d\.\d+e-0[67] s reaches an error of 1e-07: ", text)
+    assert re.search(r"fastest rate at the start is \S+ 1/s, set by robots\.rpr1\.joint_pd\.kd", text)
     assert all(part in text for part in ("--engine cvodes", "`simulation.step`", "`simulation.tolerance`"))
