@@ -77,9 +77,9 @@ class Turns:
                     self._stop.set()
 
         threads = [threading.Thread(target=work, args=(i,), daemon=True) for i in range(len(searches))]
-        for thread in threads:
-            thread.start()
         try:
+            for thread in threads:
+                thread.start()
             _join(threads)
         except KeyboardInterrupt:
             self._stop.set()
