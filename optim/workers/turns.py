@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager, suppress
 
 import numpy as np
@@ -62,37 +63,37 @@ class Turns:
             The first that a search raised; the others are stopped then.
         """
         self._stop.clear()
-        ended: dict[int, Ended] = {}
-        faults: dict[int, BaseException] = {}
-
-        def work(index: int) -> None:
-            with self._baton:
-                self._mine.turn = True
-                if self.stopped:
-                    return
-                try:
-                    ended[index] = searches[index]()
-                except BaseException as fault:
-                    faults[index] = fault
-                    self._stop.set()
-
-        threads = [threading.Thread(target=work, args=(i,), daemon=True) for i in range(len(searches))]
-        try:
-            for thread in threads:
-                thread.start()
-            _join(threads)
-        except KeyboardInterrupt:
-            self._stop.set()
-            _join(threads)
-        for index in sorted(faults):
+        with ThreadPoolExecutor(max(1, len(searches))) as pool:
+            futures: list[Future[Ended | None]] = []
+            try:
+                futures.extend(pool.submit(self._take_turns, search) for search in searches)
+                _wait(futures)
+            except KeyboardInterrupt:
+                self._stop.set()
+                _wait(futures)
+        ended: list[Ended] = []
+        for future in futures:
             with suppress(KeyboardInterrupt):
-                raise faults[index]
+                found = future.result()
+                ended += [] if found is None else [found]
         if self.stopped and not ended:
             raise KeyboardInterrupt
-        return [ended[index] for index in sorted(ended)]
+        return ended
+
+    def _take_turns(self, search: Callable[[], Ended]) -> Ended | None:
+        """One search, from when the baton first comes to it; none if everything stopped before."""
+        with self._baton:
+            self._mine.turn = True
+            try:
+                return None if self.stopped else search()
+            except BaseException:
+                self._stop.set()
+                raise
+            finally:
+                self._mine.turn = False
 
 
-def _join(threads: Sequence[threading.Thread]) -> None:
-    for thread in threads:
-        while thread.is_alive():
-            thread.join(TICK_S)
+def _wait(futures: Sequence[Future[Ended | None]]) -> None:
+    """Wait for all in ticks, between which Ctrl-C comes through; ``Thread.join`` takes it for the end."""
+    while wait(futures, timeout=TICK_S).not_done:
+        pass
