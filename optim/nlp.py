@@ -17,6 +17,9 @@ from optim.protocol import Array, Evaluation, Linearisation
 from optim.search import FEASIBLE, Run, Search
 from optim.shooting import Shooting, Solution
 
+OPTIMAL = 1e-4  # first-order residual from which a point that no longer improves counts as an optimum
+FAR = 1e-2  # residual from which it does not: a nearly optimal start then gets as many iterations again
+CALM = 3  # iterations without improvement after which the residual is looked at
 ROUND_GAIN = 3.0  # IPOPT is started again, scaled anew, after a round that divided the objective by this
 
 STATUS = {
@@ -89,7 +92,7 @@ def solve(search: Search, start: Array, settings: NlpSettings, *, warm: bool = F
     try:
         for attempt in range(settings.rounds):
             first = search.linearise(u)
-            guard = guard or _Guard(search, settings, first)
+            guard = guard or _Guard(search, settings, first, warm=warm)
             if not np.isfinite(first.as_evaluation().violation[0]):
                 return search.finish("failed", "the rollout diverges at the start")
             shooting = Shooting(search.problem.form, guard.linearise, first)
@@ -113,6 +116,8 @@ def _finish(search: Search, found: Solution | None, guard: _Guard | None) -> Run
     if found is None or guard is None:
         return search.finish("failed", "no iteration was asked for")
     status, meaning = STATUS.get(found.status, ("failed", "see IPOPT's own documentation"))
+    if guard.optimal:
+        status, meaning = "converged", "first-order conditions met"
     kkt = None
     if np.isfinite(search.objective):
         at = search.linearise(search.u)
@@ -144,8 +149,10 @@ _ARRAYS = ("gradient", "constraints", "constraint_jacobian", "rows", "rows_jacob
 class _Guard:
     """Stands between IPOPT and the search: no exception may cross it, and stalling ends the search."""
 
-    def __init__(self, search: Search, settings: NlpSettings, first: Linearisation) -> None:
+    def __init__(self, search: Search, settings: NlpSettings, first: Linearisation, *, warm: bool) -> None:
         self._search, self._settings, self._last = search, settings, first
+        self._at_best, self._warm, self._extended = first, warm, False
+        self.optimal = False
         self.iterations, self._since, self._best = 0, 0, np.inf
         self._reached = np.inf  # by IPOPT itself, which leaves a start near a bound for the inside
         self._violation, self._least = np.inf, np.inf  # while no point has met the constraints yet
@@ -165,6 +172,8 @@ class _Guard:
         try:
             if not self.interrupted:
                 found = self._search.linearise(u)
+                if np.array_equal(self._search.u, u):
+                    self._at_best = found
                 violation = float(found.as_evaluation().violation[0])
                 self._violation = min(self._violation, violation)
                 if violation <= FEASIBLE:
@@ -199,7 +208,12 @@ class _Guard:
         search, settings = self._search, self._settings
         search.tell(min(1.0, self.iterations / settings.iterations))
         self._since = 0 if self._improved() else self._since + 1
-        return self.interrupted or self._since >= settings.patience
+        if search.feasible and self._since >= (settings.patience if self._warm else CALM):
+            residual = kkt_residual(search.u, self._at_best, search.problem.form)
+            self.optimal = residual <= OPTIMAL
+            if self._warm and not self._extended and residual > FAR:
+                self._since, self._extended = 0, True
+        return self.interrupted or self.optimal or self._since >= settings.patience
 
     def _improved(self) -> bool:
         """Whether the best point became better by enough; the least infeasible one until one is feasible."""

@@ -12,7 +12,7 @@ import pytest
 
 from optim.evolutionary import METHODS, Protocol, evolve
 from optim.kkt import kkt_residual
-from optim.nlp import NlpSettings, choose_starts, solve
+from optim.nlp import NlpSettings, _Guard, choose_starts, solve
 from optim.search import Search, better
 from spacerobot.errors import SpaceRobotError
 from tests.oracles.known_optima import Walled, chebyshev, constrained, mixed, quadratic, rosenbrock
@@ -186,3 +186,31 @@ def test_feasible_points_beat_infeasible_ones():
 def test_an_unknown_method_names_the_near_ones():
     with pytest.raises(SpaceRobotError, match="did you mean cmaes"):
         evolve(Search(quadratic(), "cmae"), SMALL)
+
+
+@pytest.mark.parametrize(
+    ("gradient", "warm", "iterations"),
+    [(0.0, False, 3), (1.0, False, 4), (1.0, True, 8), (0.0, True, 4), (1e-3, True, 4)],
+)
+def test_patience_depends_on_the_residual(gradient, warm, iterations):
+    """An optimum is left alone at once; a nearly optimal start that is none gets as many iterations again."""
+    problem = quadratic()
+    search = Search(problem, "nlp")
+    search.evaluate(problem.start[None])
+    flat = problem.build(1.0, np.array([gradient, 0.0, 0.0]))
+    guard = _Guard(search, NlpSettings(patience=4), flat, warm=warm)
+    assert [guard.stop() for _ in range(iterations)] == [False] * (iterations - 1) + [True]
+    assert guard.optimal == (gradient == 0)
+
+
+def test_an_infeasible_start_is_given_up_only_when_it_gets_no_better():
+    problem = constrained()
+    search = Search(problem, "nlp")
+    guard = _Guard(search, NlpSettings(patience=3), problem.parts(np.array([1.0, 1.0])), warm=False)
+    stops = []
+    for i in range(12):
+        guard.linearise(
+            np.array([1.0, max(0.9 - 0.1 * i, 0.3)])
+        )  # nearer to the limit, then stuck
+        stops.append(guard.stop())
+    assert stops.index(True) == 6 + 3
