@@ -209,8 +209,6 @@ def test_an_infeasible_start_is_given_up_only_when_it_gets_no_better():
     guard = _Guard(search, NlpSettings(patience=3), problem.parts(np.array([1.0, 1.0])), warm=False)
     stops = []
     for i in range(12):
-        guard.linearise(
-            np.array([1.0, max(0.9 - 0.1 * i, 0.3)])
-        )  # nearer to the limit, then stuck
+        guard.linearise(np.array([1.0, max(0.9 - 0.1 * i, 0.3)]))  # nearer to the limit, then stuck
         stops.append(guard.stop())
     assert stops.index(True) == 6 + 3
