@@ -167,8 +167,8 @@ def run_method(
         starts = choose_starts(screen, effort.starts, effort.nlp)
     except KeyboardInterrupt:
         return Outcome(method, (screen.finish("interrupted"),))
-    screened = screen.finish(SCREENED, "looked for starts")
-    return Outcome(method, (screened, *staff.together(_solutions(begin, method, starts, effort))))
+    screened = (screen.finish(SCREENED, "looked for starts"),) if screen.cost.rollouts else ()
+    return Outcome(method, (*screened, *staff.together(_solutions(begin, method, starts, effort))))
 
 
 @dataclass(frozen=True)
