@@ -23,7 +23,7 @@ from optim.campaign.evaluator import Table
 from optim.campaign.intervals import Interval, Intervals
 from optim.campaign.netcdf import DATA, FORMAT, Layout, is_complete, load_campaign, write_tables
 from spacerobot.errors import ResultError
-from spacerobot.files import write_bytes, write_text
+from spacerobot.files import uninterrupted, write_bytes, write_text
 from spacerobot.scenario.paths import leaves
 
 __all__ = ["HEAD", "Store", "difference", "load_campaign", "load_head", "open_store"]
@@ -59,10 +59,7 @@ class Store:
         ResultError
             If it cannot be written, or holds a sample that is there already.
         """
-        end = begin + len(table)
-        if not self._there.add(begin, end):
-            raise ResultError(f"samples {begin} to {end - 1} are there already", source=self.folder)
-        buffer = io.BytesIO()
+        end, buffer = begin + len(table), io.BytesIO()
         np.savez(
             buffer,
             allow_pickle=False,
@@ -71,8 +68,11 @@ class Store:
             diverged_at_s=table.diverged_at_s,
             **{SERIES + name: values for name, values in table.series.items()},
         )
-        write_bytes(self._chunk((begin, end)), buffer.getvalue())
-        self._chunks.append((begin, end))
+        with uninterrupted():  # else what is noted and what is on the disk might differ
+            if not self._there.add(begin, end):
+                raise ResultError(f"samples {begin} to {end - 1} are there already", source=self.folder)
+            write_bytes(self._chunk((begin, end)), buffer.getvalue())
+            self._chunks.append((begin, end))
 
     def merge(self, layout: Layout) -> None:
         """Make ``campaign.nc`` of what is there, chunk by chunk, and drop the chunks if nothing is missing.
@@ -88,9 +88,10 @@ class Store:
         stage = Path(tempfile.mkdtemp(prefix=".merge-", dir=self.folder))
         tables = ((begin, _read(self._chunk((begin, end)))) for begin, end in sorted(self._chunks))
         try:
-            write_tables(stage / DATA, layout, tables, complete)
-            _to_disk(stage / DATA)
-            (stage / DATA).replace(path)
+            with uninterrupted():  # Ctrl-C would leave the file's library locked
+                write_tables(stage / DATA, layout, tables, complete)
+                _to_disk(stage / DATA)
+                (stage / DATA).replace(path)
         except (OSError, RuntimeError) as fault:
             kept = f"what was rolled out stays in {CHUNKS}; make room and start again"
             raise ResultError(f"cannot be written: {fault}; {kept}", source=path) from None

@@ -195,3 +195,22 @@ def test_chunks_are_sized_to_seconds():
     assert sized(100, 100.0, 4.0) == 4
     assert sized(100, 1e9, 4.0) == 1
     assert sized(64, 1e-9, 4.0) == 512
+
+
+def test_ctrl_c_while_the_last_chunk_is_written_loses_nothing(small, whole, tmp_path, monkeypatch):
+    import signal
+
+    from optim.campaign import store
+
+    write = store.write_bytes
+
+    def interrupted(path, content):
+        if path.stem.endswith("100"):
+            signal.raise_signal(signal.SIGINT)
+        write(path, content)
+
+    monkeypatch.setattr(store, "write_bytes", interrupted)
+    ran = run_campaign(small(), tmp_path / "store", executor=Here(size=30))
+    assert ran.interrupted
+    assert ran.done == 100
+    xr.testing.assert_identical(load_campaign(ran.folder), load_campaign(whole.folder))
