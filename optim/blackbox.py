@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from optim.problem import TuningProblem
-from optim.protocol import Array, Evaluation, Form, Linearisation
+from optim.protocol import Array, Cost, Evaluation, Form, Linearisation
 from spacerobot.errors import SpaceRobotError
 from spacerobot.result import Result
 from spacerobot.result.dataset import build_dataset
@@ -46,6 +46,11 @@ class ResultProblem:
     def form(self) -> Form:
         """Smooth, for want of a better word: no gradient is ever asked for."""
         return "smooth"
+
+    @property
+    def linear_cost(self) -> Cost:
+        """Nothing, since there is no gradient."""
+        return Cost()
 
     @property
     def fingerprint(self) -> str:

@@ -114,7 +114,7 @@ class _Trials:
         found = self._problem.evaluate(u[None, :])
         self._search.u, self._search.objective = u, float(found.objective[0])
         self._search.violation = float(found.violation[0])
-        self._search.cost = Cost(self._search.cost.rollouts + 1, 0)
+        self._search.cost += Cost(rollouts=1)
         outside = "" if ((u >= 0) & (u <= 1)).all() else "outside the bounds, which it does not know"
         return self._search.finish(status, outside, log=tuple(self._log))
 
@@ -132,7 +132,7 @@ class _Trials:
             point |= dict.fromkeys(self._amnesia, 0.0)
         row = list(point.values())
         batch = rollout.batch(tuple(point), [row], outputs=["tip_error"], threads=1)
-        self._search.cost = Cost(self._search.cost.rollouts + 1, 0)
+        self._search.cost += Cost(rollouts=1)
         lost = bool(np.isfinite(batch.diverged_at_s[0]))
         errors = batch.outputs["tip_error"][0][:, error_rows(self._problem.scene)]
         largest = np.inf if lost else float(np.abs(errors).max())

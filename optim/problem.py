@@ -14,7 +14,7 @@ import numpy as np
 
 from optim import operations
 from optim.objectives import OBJECTIVE, Terms, UserObjective, build_terms, extended_loop
-from optim.protocol import Array, Evaluation, Form, Linearisation
+from optim.protocol import Array, Cost, Evaluation, Form, Linearisation
 from optim.scenes import SceneRecipe, changed_scene, tuning_of
 from optim.tied import tie
 from optim.variables import Variables, resolve_variables
@@ -107,6 +107,13 @@ class TuningProblem:
     def form(self) -> Form:
         """How the objective is made up."""
         return self.terms.form
+
+    @property
+    def linear_cost(self) -> Cost:
+        """A gradient where the adjoint tells all, else a rollout and as many slopes as variables."""
+        if self.form == "smooth" and not self.terms.limits:
+            return Cost(gradients=1)
+        return Cost(rollouts=1, slopes=len(self.names))
 
     @cached_property
     def constraint_names(self) -> tuple[str, ...]:

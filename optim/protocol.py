@@ -84,22 +84,38 @@ class Linearisation:
 
 @dataclass(frozen=True)
 class Cost:
-    """What was spent, and what a gradient costs.
+    """What was spent, by kind; a problem over several plants counts all of them as one.
 
     Attributes
     ----------
     rollouts
         Rollouts without derivatives.
     gradients
-        Rollouts with derivatives.
+        Rollouts with one gradient by the adjoint, whatever the number of variables.
+    slopes
+        Rollouts with the derivative along one direction by forward sensitivities; k of them make a Jacobian.
     """
 
     rollouts: int = 0
     gradients: int = 0
+    slopes: int = 0
 
-    def equivalent(self, gradient_cost: float) -> float:
-        """All in rollouts, a gradient counted as ``gradient_cost`` of them."""
-        return self.rollouts + gradient_cost * self.gradients
+    def __add__(self, other: Cost) -> Cost:
+        return Cost(
+            self.rollouts + other.rollouts, self.gradients + other.gradients, self.slopes + other.slopes
+        )
+
+    def times(self, count: int) -> Cost:
+        """The same so many times."""
+        return Cost(count * self.rollouts, count * self.gradients, count * self.slopes)
+
+    def __str__(self) -> str:
+        kinds = {"rollouts": self.rollouts, "gradients": self.gradients, "slopes": self.slopes}
+        return ", ".join(f"{count} {kind}" for kind, count in kinds.items() if count) or "no rollouts"
+
+    def equivalent(self, gradient: float, slope: float = 2.0) -> float:
+        """All in rollouts, for what a gradient and a slope cost in rollouts."""
+        return self.rollouts + gradient * self.gradients + slope * self.slopes
 
 
 class Problem(Protocol):
@@ -120,6 +136,10 @@ class Problem(Protocol):
     @property
     def form(self) -> Form:
         """How the objective is made up, which decides how an NLP is posed."""
+
+    @property
+    def linear_cost(self) -> Cost:
+        """What values and derivatives at one point cost; values alone cost one rollout."""
 
     @property
     def fingerprint(self) -> str:

@@ -29,7 +29,7 @@ MOST_MOMENTS = 200  # of each run's history that is kept
 
 def spent(outcome: Outcome) -> Cost:
     """What all runs of a method spent together."""
-    return Cost(sum(r.cost.rollouts for r in outcome.runs), sum(r.cost.gradients for r in outcome.runs))
+    return sum((run.cost for run in outcome.runs), Cost())
 
 
 def claim(contest: Contest) -> dict[str, Any] | None:
@@ -232,6 +232,7 @@ def _run(contest: Contest, run: Run) -> dict[str, Any]:
         "gains": variables.as_mapping(variables.values(run.u)),
         "rollouts": run.cost.rollouts,
         "gradients": run.cost.gradients,
+        "slopes": run.cost.slopes,
         "seconds": run.seconds,
         "status": run.status,
         "message": run.message,

@@ -53,7 +53,7 @@ class Run:
     status, message
         In a word, and what the method itself said.
     history
-        Best so far after each generation or iteration.
+        Best so far after each point that improved it, and after each generation or iteration.
     kkt
         Residual of the first-order conditions at the best point (NLP only); see :mod:`optim.kkt`.
     log
@@ -162,12 +162,11 @@ class Search:
         else:
             found = Evaluation(record["objective"], record["constraints"])
             self._resume(float(record["seconds"]))
-        self.cost = Cost(self.cost.rollouts + len(u), self.cost.gradients)
-        self._note(u, found)
+        self._note(u, found, Cost(rollouts=1))
         return found
 
     def linearise(self, u: Array) -> Linearisation:
-        """Values and derivatives at one point u (k,), counted as a gradient."""
+        """Values and derivatives at one point u (k,), counted as the problem says."""
         u = np.ascontiguousarray(u, dtype=float)
         record = self._journal.replay("linear", u)
         if record is not None and "gradient" in record:
@@ -179,8 +178,7 @@ class Search:
             self._journal.append("linear", u, kept | {"seconds": np.array(self._tick())})
         else:
             self._resume(float(record["seconds"]))
-        self.cost = Cost(self.cost.rollouts, self.cost.gradients + 1)
-        self._note(u[None, :], found.as_evaluation())
+        self._note(u[None, :], found.as_evaluation(), self.problem.linear_cost)
         return found
 
     def tell(self, share: float) -> None:
@@ -224,14 +222,18 @@ class Search:
             **more,  # type: ignore[arg-type]
         )
 
-    def _note(self, u: Array, found: Evaluation) -> None:
-        violation = found.violation
+    def _note(self, u: Array, found: Evaluation, each: Cost) -> None:
+        """Book points u (N, k), one after the other: the history tells at which of them it improved."""
+        violation, before = found.violation, self.cost
         for i in range(len(u)):
             value, excess = float(found.objective[i]), float(violation[i])
-            if np.isfinite(excess) and better(value, excess, self.objective, self.violation):
+            self.cost = before + each.times(i + 1)
+            improved = np.isfinite(excess) and better(value, excess, self.objective, self.violation)
+            if improved:
                 self.u, self.objective, self.violation = np.array(u[i]), value, excess
-        shown = self.objective if self.feasible else np.inf
-        self.history.append(Moment(self.cost, self.seconds, shown))
+            if improved or i == len(u) - 1:
+                shown = self.objective if self.feasible else np.inf
+                self.history.append(Moment(self.cost, self.seconds, shown))
 
     def _tick(self) -> float:
         """Time spent so far, which a journal keeps."""

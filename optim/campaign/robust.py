@@ -23,7 +23,7 @@ from optim.campaign.statistics import percentile
 from optim.methods import Effort, Outcome, effort_of, run_method
 from optim.objectives import OBJECTIVE
 from optim.problem import TuningProblem, build_problem
-from optim.protocol import Array, Evaluation, Form, Linearisation
+from optim.protocol import Array, Cost, Evaluation, Form, Linearisation
 from optim.report import plain
 from optim.scenes import changed_scene, tuning_of
 from optim.search import Progress
@@ -80,6 +80,11 @@ class RobustProblem:
     def form(self) -> Form:
         """``minimax`` over the samples for the worst case, else smooth."""
         return "minimax" if self.kind == "worst" else "smooth"
+
+    @property
+    def linear_cost(self) -> Cost:
+        """A gradient, and as many slopes as variables if there are constraints; all samples count as one."""
+        return Cost(gradients=1, slopes=len(self.names) if self.constraint_names else 0)
 
     @cached_property
     def fingerprint(self) -> str:

@@ -128,7 +128,8 @@ def _write(found: Tuned, out: object) -> None:
         "message": found.message,
         "runs": [
             {"method": r.method, "index": r.index, "seed": r.seed, "objective": r.objective, "kkt": r.kkt}
-            | {"rollouts": r.cost.rollouts, "gradients": r.cost.gradients, "seconds": r.seconds}
+            | {"rollouts": r.cost.rollouts, "gradients": r.cost.gradients, "slopes": r.cost.slopes}
+            | {"seconds": r.seconds}
             | {"status": r.status, "message": r.message, "log": r.log}
             for r in found.outcome.runs
         ],

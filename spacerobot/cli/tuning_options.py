@@ -42,7 +42,7 @@ def show_runs(runs: Sequence[Run]) -> None:
     """Print what each run found, what it spent and how it ended."""
     for run in runs:
         ended = f"{run.status}{': ' + run.message if run.message else ''}"
-        spent = f"{run.cost.rollouts} rollouts, {run.cost.gradients} gradients, {run.seconds:.1f} s"
+        spent = f"{run.cost}, {run.seconds:.1f} s"
         kkt = "" if run.kkt is None else f", first-order residual {run.kkt:.1e}"
         line = f"{run.method} {run.index + 1}: {run.objective:.6g}, {spent}{kkt}; {ended}"
         console().print(line, markup=False, soft_wrap=True)

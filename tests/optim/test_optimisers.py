@@ -13,6 +13,7 @@ import pytest
 from optim.evolutionary import METHODS, Protocol, evolve
 from optim.kkt import kkt_residual
 from optim.nlp import NlpSettings, _Guard, choose_starts, solve
+from optim.protocol import Cost
 from optim.search import Search, better
 from spacerobot.errors import SpaceRobotError
 from tests.oracles.known_optima import Walled, chebyshev, constrained, mixed, quadratic, rosenbrock
@@ -174,6 +175,17 @@ def test_ctrl_c_is_not_lost_inside_ipopt(delay_s, capfd):
     assert np.isfinite(run.objective)
     assert signal.getsignal(signal.SIGINT) is handler
     assert capfd.readouterr() == ("", "")
+
+
+def test_the_books_tell_each_kind_and_the_point_that_improved():
+    problem = quadratic()
+    search = Search(problem, "ga")
+    search.evaluate(np.array([[0.5, 0.5, 0.5], [0.9, 0.9, 0.9], [0.3, 0.7, 0.3], [0.0, 0.0, 0.0]]))
+    search.linearise(problem.optimum)
+    assert [m.cost.rollouts for m in search.history] == [1, 3, 4, 4]
+    assert [m.cost.gradients for m in search.history] == [0, 0, 0, 1]
+    assert Cost(3, 2, 5).equivalent(4.0, 3.0) == 3 + 8 + 15
+    assert str(Cost(3, 0, 5)) == "3 rollouts, 5 slopes"
 
 
 def test_feasible_points_beat_infeasible_ones():

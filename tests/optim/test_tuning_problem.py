@@ -8,6 +8,7 @@ import pytest
 
 from optim import build_problem, integral
 from optim.objectives import OBJECTIVE
+from optim.protocol import Cost
 from optim.workers import Threads
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.rollout import build_rollout
@@ -166,3 +167,16 @@ def test_fingerprints_differ_where_answers_may(small):
     }
     assert len(prints) == 6
     assert build_problem(small(), chosen=["kp"]).fingerprint in prints
+
+
+@pytest.mark.parametrize(
+    ("kind", "limits", "cost"),
+    [
+        ("itae", {}, Cost(gradients=1)),
+        ("itae", {"tuning__constraints__max_joint_torque": 50}, Cost(rollouts=1, slopes=2)),
+        ("minimax", {}, Cost(rollouts=1, slopes=2)),
+    ],
+)
+def test_derivatives_are_booked_as_they_are_computed(small, kind, limits, cost):
+    problem = build_problem(small(tuning__objective__kind=kind, **limits), chosen=["kp", "ta"])
+    assert problem.linear_cost == cost

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from optim.protocol import Evaluation, Linearisation
+from optim.protocol import Cost, Evaluation, Linearisation
 
 
 @dataclass
@@ -25,6 +25,10 @@ class Known:
     @property
     def names(self) -> tuple[str, ...]:
         return tuple(f"u{i}" for i in range(len(self.start)))
+
+    @property
+    def linear_cost(self):
+        return Cost(gradients=1)
 
     def evaluate(self, u):
         self._count(len(u))
