@@ -122,7 +122,10 @@ class LiveViewer:
     def _serve(self, started: threading.Event) -> None:
         asyncio.set_event_loop(self._loop)
         handlers: list[Any] = [(r"/", _Page, {"viewer": self}), (r"/stream", _Stream, {"viewer": self})]
-        server = tornado.httpserver.HTTPServer(tornado.web.Application(handlers, log_function=_quiet))
+        elsewhere: dict[str, Any] = {"default_handler_class": _Nowhere, "default_handler_args": {"viewer": self}}
+        server = tornado.httpserver.HTTPServer(
+            tornado.web.Application(handlers, log_function=_quiet, **elsewhere)
+        )
         server.add_sockets(self._sockets)
         self._loop.call_soon(started.set)
         self._loop.run_forever()
@@ -158,26 +161,37 @@ class LiveViewer:
         return host in (f"{ADDRESS}:{self.port}", f"localhost:{self.port}")
 
 
-class _Page(tornado.web.RequestHandler):
+class _Guarded(tornado.web.RequestHandler):
+    """Answers requests that name this computer only.
+
+    A foreign web page whose own name has been made to lead here (DNS rebinding) is one origin with this
+    server in the browser's eyes; the name it was asked for by is what gives it away.
+    """
+
     def initialize(self, viewer: LiveViewer) -> None:
         self.viewer = viewer
 
-    def get(self) -> None:
+    def prepare(self) -> None:
         if not self.viewer.allows(self.request.host):
-            self.send_error(403)
-            return
+            raise tornado.web.HTTPError(403)
+
+
+class _Nowhere(_Guarded):
+    def prepare(self) -> None:
+        super().prepare()
+        raise tornado.web.HTTPError(404)
+
+
+class _Page(_Guarded):
+    def get(self) -> None:
         waiting = {"title": "spacerobot", "about": "waiting for a result", "runs": [], "live": True}
         self.set_header("Cache-Control", "no-store")
         self.write(page(waiting, connect=f"ws://{self.request.host}"))
 
 
-class _Stream(tornado.websocket.WebSocketHandler):
-    def initialize(self, viewer: LiveViewer) -> None:
-        self.viewer = viewer
-
+class _Stream(_Guarded, tornado.websocket.WebSocketHandler):
     def check_origin(self, origin: str) -> bool:
-        allowed = self.viewer.allows(origin.removeprefix("http://"))
-        return allowed and self.viewer.allows(self.request.host)
+        return self.viewer.allows(origin.removeprefix("http://"))
 
     def open(self, *_: str, **__: str) -> None:
         self.viewer._admit(self)
@@ -205,12 +219,12 @@ def _bind(first: int) -> tuple[list[Any], int]:
 
 
 def _quiet(_: tornado.web.RequestHandler) -> None:
-    """Requests are nobody's business."""
+    """Log nothing: the command's output is the user's."""
 
 
 @contextmanager
-def view_run(scene: Scene, *, open_browser: bool = True) -> Iterator[LiveViewer]:
-    """Viewer that shows a scene while it is simulated.
+def view_run(scene: Scene, *, port: int = FIRST_PORT, open_browser: bool = True) -> Iterator[LiveViewer]:
+    """Viewer that shows a scene while it is simulated; ``port`` is as :class:`LiveViewer` takes it.
 
     Examples
     --------
@@ -219,7 +233,7 @@ def view_run(scene: Scene, *, open_browser: bool = True) -> Iterator[LiveViewer]
     ...     viewer.show(result)
     ...     viewer.wait()
     """
-    with LiveViewer() as viewer:
+    with LiveViewer(port) as viewer:
         viewer.show_scene(scene)
         if open_browser:
             viewer.open()

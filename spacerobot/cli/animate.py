@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from spacerobot.cli.options import Port
 from spacerobot.cli.output import console, progress
 
 if TYPE_CHECKING:
@@ -26,9 +27,6 @@ Record = Annotated[
 Speed = Annotated[
     float | None,
     typer.Option("--speed", min=1e-6, help="Of a recording, times real time; else it lasts at most 10 s."),
-]
-Port = Annotated[
-    int, typer.Option("--port", min=0, max=65535, help="First port to try; a busy one is stepped over.")
 ]
 NoBrowser = Annotated[bool, typer.Option("--no-browser", help="Only print the address.")]
 
@@ -84,7 +82,7 @@ def _serve(results: list[Result], port: int, no_browser: bool) -> None:
 
     with LiveViewer(port) as viewer:
         viewer.show(*results)
-        console().print(f"playing at {viewer.url}; Ctrl-C ends it", markup=False, soft_wrap=True)
+        console().print(f"playing at {viewer.url} (Ctrl-C ends it)", markup=False, soft_wrap=True)
         if not no_browser:
             viewer.open()
         viewer.wait()

@@ -34,6 +34,12 @@ Machines = Annotated[
         help="Work on Dask: local:N, tcp://HOST:PORT, or a scheduler file. The numbers stay the same.",
     ),
 ]
+Port = Annotated[
+    int,
+    typer.Option(
+        "--port", min=0, max=65535, help="First port that the page tries; a busy one is stepped over."
+    ),
+]
 
 
 def parse_changes(given: list[str] | None) -> list[tuple[str, Any]]:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from spacerobot.cli.interrupts import heed
-from spacerobot.cli.options import Changes, Out, ScenarioName, parse_changes
+from spacerobot.cli.options import Changes, Out, Port, ScenarioName, parse_changes
 from spacerobot.cli.output import console, pairs, progress, warn
 
 if TYPE_CHECKING:
@@ -52,6 +52,7 @@ def command(
     engine: Engine = None,
     backend: Backend = "auto",
     view: View = False,
+    port: Port = 7000,
 ) -> None:
     """Simulate a scenario; exit code 3 if the rollout diverges."""
     from spacerobot.scene import load_scene
@@ -65,8 +66,8 @@ def command(
     if view:
         from viz.live import view_run
 
-        with view_run(scene) as viewer:
-            console().print(f"shown at {viewer.url}; Ctrl-C ends it", markup=False, soft_wrap=True)
+        with view_run(scene, port=port) as viewer:
+            console().print(f"shown at {viewer.url} (Ctrl-C ends it)", markup=False, soft_wrap=True)
             result = run_scene(scene, out, backend, watch=viewer.tell)
             viewer.show(result)
             _conclude(scene, result)

@@ -285,7 +285,7 @@ def test_help_is_quick_to_load_nothing_heavy():
 def test_every_command_has_an_example(spacerobot):
     commands = "run check animate figures report paper tune sweep compare campaign scenarios make-arm schema"
     for command in commands.split():
-        code, out, _ = spacerobot(command, "--help")
+        code, out, _ = spacerobot(command, "-h")
         assert code == 0
         assert "Example" in out
         assert f"spacerobot {command}" in out

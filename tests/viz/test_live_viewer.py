@@ -1,6 +1,7 @@
 """The live viewer: on loopback only, past busy ports, for nobody but this computer's own page."""
 
 import http.client
+import re
 import signal
 import socket
 import threading
@@ -8,7 +9,10 @@ import webbrowser
 from pathlib import Path
 
 import pytest
+import typer
+from typer.testing import CliRunner
 
+from spacerobot.cli import animate, run
 from spacerobot.scene import load_scene
 from viz.live import ADDRESS, LiveViewer
 from viz.notebook import embed
@@ -48,17 +52,31 @@ def test_it_listens_on_loopback_only(viewer):
             socket.create_connection((address, viewer.port), timeout=1)
 
 
+UPGRADE = {
+    "Connection": "Upgrade",
+    "Upgrade": "websocket",
+    "Sec-WebSocket-Version": "13",
+    "Sec-WebSocket-Key": "AAAAAAAAAAAAAAAAAAAAAA==",
+}
+
+
 def test_it_answers_no_foreign_page(viewer):
-    assert _get(viewer, headers={"Host": f"evil.example:{viewer.port}"}).status == 403
-    upgrade = {
-        "Connection": "Upgrade",
-        "Upgrade": "websocket",
-        "Sec-WebSocket-Version": "13",
-        "Sec-WebSocket-Key": "AAAAAAAAAAAAAAAAAAAAAA==",
-    }
-    assert _get(viewer, "/stream", upgrade | {"Origin": "http://evil.example"}).status == 403
-    own = upgrade | {"Origin": f"http://{ADDRESS}:{viewer.port}"}
+    assert _get(viewer, "/stream", UPGRADE | {"Origin": "http://evil.example"}).status == 403
+    own = UPGRADE | {"Origin": f"http://{ADDRESS}:{viewer.port}"}
     assert _get(viewer, "/stream", own).status == 101
+
+
+@pytest.mark.parametrize(
+    "host", ["evil.example:{}", "evil.example", "127.0.0.1", "127.0.0.1:{}.evil.example"]
+)
+def test_it_answers_under_its_own_name_alone(viewer, host):
+    """A foreign name that leads here makes its page one origin with this server: Origin equals Host."""
+    named = {"Host": host.format(viewer.port)}
+    for path in ("/", "/favicon.ico", "/stream"):
+        assert _get(viewer, path, named).status == 403, path
+        assert _get(viewer, path, named | UPGRADE).status == 403, path
+    assert _get(viewer, "/stream", named | UPGRADE | {"Origin": f"http://{named['Host']}"}).status == 403
+    assert _get(viewer, "/favicon.ico").status == 404
 
 
 def test_a_busy_port_is_stepped_over(viewer):
@@ -117,6 +135,20 @@ def test_a_browser_in_the_terminal_is_not_opened(viewer, monkeypatch):
     monkeypatch.setattr(webbrowser, "get", lambda: webbrowser.GenericBrowser("w3m"))
     monkeypatch.setattr(webbrowser.GenericBrowser, "open", lambda *_, **__: pytest.fail("was opened"))
     assert not viewer.open()
+
+
+def test_commands_serve_at_the_port_given_and_print_the_address_alone(paper, monkeypatch):
+    """A terminal takes what follows an address at once for a part of it."""
+    monkeypatch.setattr(LiveViewer, "open", lambda _: False)
+    monkeypatch.setattr(LiveViewer, "wait", lambda _: None)
+    app = typer.Typer()
+    for module in (animate, run):
+        module.register(app)
+    short = ["--set", "simulation.duration=0.02", "--backend", "interpreted"]
+    for words in (["animate", str(paper.folder), "--no-browser"], ["run", "paper", "--view", *short]):
+        done = CliRunner().invoke(app, [*words, "--port", "7430"])
+        assert done.exit_code == 0
+        assert re.search(r"http://127\.0\.0\.1:74[3-9]\d/(\s|$)", done.output), done.output
 
 
 def test_notebooks_embed_the_page_whole(paper):
