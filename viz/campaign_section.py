@@ -12,7 +12,17 @@ import numpy as np
 import xarray as xr
 
 from spacerobot.result import Result
-from viz.campaign_words import depends, failing, mixed, place_of, quantity_of, unfinished, with_gains
+from viz.campaign_words import (
+    depends,
+    drawn,
+    failing,
+    mixed,
+    place_of,
+    quantity_of,
+    stepping,
+    unfinished,
+    with_gains,
+)
 from viz.figures import Course, Spread, courses, distributions, moving_components, sensitivities, to_bytes
 from viz.figures.style import Drawing, unit_scale
 from viz.notebook import frame
@@ -103,6 +113,8 @@ def _in_short(summary: Mapping[str, Any]) -> str:
     limits = ", ".join(f"{name} {value:g}" for name, value in summary["limits"].items())
     passes = f", or passes a limit ({limits}; SI units or deg)" if limits else ""
     fails = f"A sample fails if it diverges{passes}."
+    step = stepping(summary)
+    fails = f"{fails} {step}" if step else fails
     return f"{text}<p>{escape(about)} {escape(fails)}</p>{_failures(summary)}{_against(summary)}"
 
 
@@ -245,7 +257,8 @@ def _worst(summary: Mapping[str, Any]) -> str:
     worst = {name: told["worst"][0] for name, told in summary["gains"].items()}
     rows = [["sample", *(str(row["sample"]) for row in worst.values())]]
     rows.append(["worst in", *(_reason(row, summary) for row in worst.values())])
-    rows += [[key, *(f"{row['draw'][key]:.6g}" for row in worst.values())] for key in summary["parameters"]]
+    for key in summary["parameters"]:
+        rows.append([key, *(drawn(summary, key, row["draw"][key]) for row in worst.values())])
     text = table(["gains", *worst], rows)
     for name, row in worst.items():
         told = f"run it again, gains {name}"

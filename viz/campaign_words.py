@@ -87,6 +87,23 @@ def mixed(summary: Mapping[str, Any]) -> str | None:
     return f"Drawn with a correlation, so that their effects mix: {', '.join(pairs)}."
 
 
+def stepping(summary: Mapping[str, Any]) -> str | None:
+    """What a sensor's offset does, where one is drawn."""
+    names = ", ".join(summary["sensor_offsets"])
+    if not names:
+        return None
+    return (
+        f"A sensor's offset ({names}) is there from t = 0 on, while the initial state knows nothing of it: "
+        "the controllers meet it as a step."
+    )
+
+
+def drawn(summary: Mapping[str, Any], name: str, value: float) -> str:
+    """A parameter's draw with its unit."""
+    unit = summary["units"][name]
+    return f"{value:.6g}" if unit == "1" else f"{value:.6g} {unit}"
+
+
 def unfinished(summary: Mapping[str, Any]) -> str | None:
     """That samples are missing, if they are."""
     if summary["samples"] == summary["of"]:

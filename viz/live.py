@@ -122,7 +122,10 @@ class LiveViewer:
     def _serve(self, started: threading.Event) -> None:
         asyncio.set_event_loop(self._loop)
         handlers: list[Any] = [(r"/", _Page, {"viewer": self}), (r"/stream", _Stream, {"viewer": self})]
-        elsewhere: dict[str, Any] = {"default_handler_class": _Nowhere, "default_handler_args": {"viewer": self}}
+        elsewhere: dict[str, Any] = {
+            "default_handler_class": _Nowhere,
+            "default_handler_args": {"viewer": self},
+        }
         server = tornado.httpserver.HTTPServer(
             tornado.web.Application(handlers, log_function=_quiet, **elsewhere)
         )

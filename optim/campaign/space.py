@@ -14,6 +14,7 @@ from spacerobot.errors import ScenarioError
 from spacerobot.scenario import Campaign
 from spacerobot.scenario.load import to_document, validate
 from spacerobot.scenario.paths import assign
+from spacerobot.scenario.units import unit_at
 from spacerobot.scene import Scene, build_scene
 
 
@@ -99,6 +100,25 @@ def resolve_space(scene: Scene, campaign: Campaign) -> Space:
         np.array([number.value if apply == "factor" else 1.0 for number, apply in pairs]),
         np.array([number.value if apply == "offset" else 0.0 for number, apply in pairs]),
     )
+
+
+def units_of(scene: Scene, campaign: Campaign, space: Space) -> dict[str, str]:
+    """Unit of each parameter's draw, and what is done with it where it is not the number itself."""
+    units = {}
+    for index, (name, parameter) in enumerate(campaign.parameters.items()):
+        unit = unit_at(scene.scenario, space.paths[space.owner.index(index)])
+        added = f"{unit}, added to the scenario's"
+        units[name] = {"value": unit, "factor": "times the scenario's", "offset": added}[parameter.apply]
+    return units
+
+
+def sensor_offsets(campaign: Campaign) -> list[str]:
+    """Parameters that are a sensor's offset."""
+    return [
+        name
+        for name, parameter in campaign.parameters.items()
+        if any(".sensors." in path and path.endswith(".offset") for path in parameter.paths)
+    ]
 
 
 def check_range(scene: Scene, space: Space, draws: Array) -> None:

@@ -16,6 +16,7 @@ from optim.campaign.evaluator import Evaluator
 from optim.campaign.matters import correlated, noise_of, what_matters
 from optim.campaign.notes import Named, named_in
 from optim.campaign.samples import command_of
+from optim.campaign.space import sensor_offsets, units_of
 from optim.campaign.statistics import Estimate, percentile, share
 from optim.campaign.store import load_campaign, load_head
 from optim.campaign.trust import doubts, untrusted
@@ -130,6 +131,8 @@ def told_of(folder: Path, evaluator: Evaluator, named: Named | None = None) -> d
         "intervals": campaign.design in INDEPENDENT,
         "limits": campaign.limits.model_dump(exclude_none=True),
         "parameters": list(campaign.parameters),
+        "units": units_of(evaluator.members[0].scene, campaign, evaluator.members[0].space),
+        "sensor_offsets": sensor_offsets(campaign),
         "correlated": correlated(campaign),
         "gains": {
             name: {

@@ -21,7 +21,7 @@ MARKS = "+ it does; D diverged; limits: T torque, G grip, E tip error, R target'
 
 def show(summary: Mapping[str, Any]) -> None:
     """Print what a campaign says: how often it fails, percentiles, what matters, the worst samples."""
-    from viz.campaign_words import depends, mixed, unfinished
+    from viz.campaign_words import depends, drawn, mixed, stepping, unfinished
 
     level = f"{100 * summary['confidence']:g} %"
     for warning in (unfinished(summary), *summary["doubts"]):
@@ -41,11 +41,10 @@ def show(summary: Mapping[str, Any]) -> None:
             title = f"{name}: where it holds ({MARKS})"
             console().print(table(title, *_map(told["map"], summary["parameters"])))
         worst = told["worst"][0]
-        drawn = ", ".join(f"{key} {value:.6g}" for key, value in worst["draw"].items())
-        _print(f"\n{name}: worst sample, {worst['sample']}, {_why(worst)}: {drawn}")
+        draws = ", ".join(f"{key} {drawn(summary, key, value)}" for key, value in worst["draw"].items())
+        _print(f"\n{name}: worst sample, {worst['sample']}, {_why(worst)}: {draws}")
         _print(f"again: {worst['command']}\n")
-    note = mixed(summary)
-    if note:
+    for note in filter(None, (mixed(summary), stepping(summary))):
         _print(f"{note}\n")
     if summary["against"]:
         console().print(table(f"on the same samples, {level} intervals in brackets", *_against(summary)))

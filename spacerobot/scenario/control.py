@@ -52,33 +52,37 @@ class JointPd(Section):
     ik_damping: float = quantity("m", "damping of the inverse kinematics' pseudo-inverse", default=1e-3, ge=0)
 
 
+SIGNALS_UNIT = "signal's unit"
+"""Unit of a number that is in the unit of the section it stands in."""
+
+
 class Calibration(Section):
     """Linear sensor S = a + b s, the same for every component of the signal (section 1.6)."""
 
-    offset: float = quantity("signal's unit", "a", default=0.0)
+    offset: float = quantity(SIGNALS_UNIT, "a", default=0.0)
     scale: float = quantity("1", "b", default=1.0)
 
 
 class Sensors(Section):
     """Sensors of one robot, one calibration for each signal that a controller feeds back."""
 
-    joint_position: Calibration = Field(
-        default=Calibration(), description="joint positions [rad, m], used by the joint PD"
+    joint_position: Calibration = quantity(
+        "rad, m", "joint positions, used by the joint PD", default=Calibration()
     )
-    joint_rate: Calibration = Field(
+    joint_rate: Calibration = quantity(
+        "rad/s, m/s", "joint rates, used by `feedback: base` and the joint PD", default=Calibration()
+    )
+    tip_position: Calibration = quantity(
+        "m", "tip positions, used by the amnesia controller", default=Calibration()
+    )
+    tip_velocity: Calibration = quantity(
+        "m/s", "tip velocities, used by `feedback: inertial`", default=Calibration()
+    )
+    tip_orientation: Calibration = quantity(
+        "rad",
+        "rotation vector of tips relative to their references, for the amnesia controller",
         default=Calibration(),
-        description="joint rates [rad/s, m/s], used by `feedback: base` and the joint PD",
     )
-    tip_position: Calibration = Field(
-        default=Calibration(), description="tip positions [m], used by the amnesia controller"
-    )
-    tip_velocity: Calibration = Field(
-        default=Calibration(), description="tip velocities [m/s], used by `feedback: inertial`"
-    )
-    tip_orientation: Calibration = Field(
-        default=Calibration(),
-        description="rotation vector of tips relative to their references [rad], for the amnesia controller",
-    )
-    tip_angular_velocity: Calibration = Field(
-        default=Calibration(), description="angular velocities of tips [rad/s], used by `feedback: inertial`"
+    tip_angular_velocity: Calibration = quantity(
+        "rad/s", "angular velocities of tips, used by `feedback: inertial`", default=Calibration()
     )

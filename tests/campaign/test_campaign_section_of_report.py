@@ -10,9 +10,12 @@ from typer.testing import CliRunner
 
 from optim.campaign import Here, load_campaign, reopen, run_campaign, simulate_sample, summarise
 from optim.campaign.notes import Named
+from optim.campaign.space import sensor_offsets
 from spacerobot.cli.campaign_page import campaign_page
 from spacerobot.errors import ResultError
+from spacerobot.scenario import Uncertain
 from spacerobot.scene import load_scene
+from viz.campaign_words import stepping
 
 
 def quiet(_):
@@ -45,6 +48,20 @@ def test_the_page_says_what_the_summary_says(told, page):
     text = page[page.index('id="series"') : page.index('id="worst"')]
     assert text.count("data:image/svg+xml") == 2  # of the tip error, for each set of gains
     assert text.count("always the same") == 2  # a compliant grasp of a point has no torque
+
+
+def test_draws_have_units_and_a_sensors_offset_is_told_to_be_a_step(told, page):
+    _, evaluator, summary = told
+    draw = summary["gains"]["soft"]["worst"][0]["draw"]
+    worst = page[page.index('id="worst"') :]
+    assert f"<td>{draw['mass']:.6g} kg</td>" in worst
+    assert f"<td>{draw['grip']:.6g} times the scenario&#x27;s</td>" in worst
+    assert summary["units"]["spin"] == "deg/s"
+    assert stepping(summary) is None
+    assert "A sensor" not in page
+    parameter = {"offset": Uncertain(paths="robots.*.sensors.tip_position.offset", lower=0, upper=1e-3)}
+    named = sensor_offsets(evaluator.campaign.model_copy(update={"parameters": parameter}))
+    assert "from t = 0 on" in stepping({"sensor_offsets": named})
 
 
 def test_the_worst_sample_of_each_set_is_simulated_and_animated(told, page):

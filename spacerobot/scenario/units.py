@@ -1,0 +1,48 @@
+"""Units of a scenario's numbers, by dotted path."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from spacerobot.scenario.control import SIGNALS_UNIT
+from spacerobot.scenario.scenario import Scenario
+from spacerobot.scenario.section import Section
+
+OF_ROTATION = ("orientation_pid", "orientation_amnesia")
+"""Controllers of a tip whose fields name the units of translation."""
+
+
+def unit_at(scenario: Scenario, path: str) -> str:
+    """Unit of the number at a dotted path without ``*``: ``kg``, ``1``; ``SI`` where it has no one name.
+
+    Parameters
+    ----------
+    scenario
+        A resolved scenario that holds the path.
+    path
+        As :func:`spacerobot.scenario.paths.expand` gives them.
+    """
+    node: Any = scenario
+    unit = "SI"
+    while path:
+        key = _first(node, path)
+        path = path[len(key) + 1 :]
+        if key in OF_ROTATION:
+            return "SI"
+        if isinstance(node, Section):
+            found = type(node).model_fields[key].json_schema_extra
+            # a sensor's calibration is in the unit of what it measures
+            if isinstance(found, dict) and found.get("unit") != SIGNALS_UNIT:
+                unit = str(found["unit"])
+            node = getattr(node, key)
+        else:
+            node = node[key] if isinstance(node, dict) else node[int(key)]
+    return unit
+
+
+def _first(node: Any, path: str) -> str:
+    """First segment of a path; a key that itself holds dots is one segment."""
+    keys = (
+        [key for key in node if path == key or path.startswith(f"{key}.")] if isinstance(node, dict) else []
+    )
+    return max(keys, key=len, default=path.partition(".")[0])

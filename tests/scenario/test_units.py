@@ -1,0 +1,36 @@
+"""Units by dotted path."""
+
+import pytest
+
+from spacerobot.scenario.load import to_document
+from spacerobot.scenario.paths import leaves
+from spacerobot.scenario.units import unit_at
+from spacerobot.scene import load_scene
+
+
+@pytest.fixture(scope="module")
+def scenario():
+    return load_scene("paper", {"robots.*.sensors": {}}).scenario
+
+
+@pytest.mark.parametrize(
+    ("path", "unit"),
+    [
+        ("target.links.body.mass", "kg"),
+        ("target.links.body.inertia.2", "kg m^2"),
+        ("robots.rpr1.base.spin_deg.2", "deg/s"),
+        ("robots.rpr1.sensors.tip_position.offset", "m"),
+        ("robots.rpr1.sensors.joint_rate.offset", "rad/s, m/s"),
+        ("robots.rpr1.sensors.tip_position.scale", "1"),
+        ("robots.rpr1.tips.tip.orientation_pid.kp", "SI"),
+        ("grasps.left.stiffness", "N/m"),
+    ],
+)
+def test_a_number_has_the_unit_of_its_field(scenario, path, unit):
+    assert unit_at(scenario, path) == unit
+
+
+def test_every_number_of_a_scenario_has_a_unit(scenario):
+    for path, value in leaves(to_document(scenario)):
+        if isinstance(value, float) and not path.startswith("tuning."):
+            assert unit_at(scenario, path), path
