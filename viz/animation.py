@@ -14,7 +14,7 @@ from viz.curves import curves, no_curves
 from viz.figures.collect import check_comparable
 from viz.figures.style import labels_of
 from viz.geometry import Array
-from viz.meshcat_scene import changed_descriptions, node_data, packed, poses, rounded
+from viz.meshcat_scene import Meshes, changed_descriptions, packed, poses, rounded
 from viz.motion import (
     Motion,
     bounds,
@@ -60,6 +60,8 @@ def animation(*results: Result, title: str | None = None, autoplay: bool = True)
     low, high = np.min([box[0] for box in boxes], axis=0), np.max([box[1] for box in boxes], axis=0)
     scale = float(np.linalg.norm(high - low))
     force = max(greatest_force(one.result, one.motion) for one in shown)
+    metres_per_newton = _ARROW_SHARE * scale / force if force else 0.0
+    meshes = Meshes(node for one in shown for node in one.motion.nodes)
     return {
         "title": title or " and ".join(one.label for one in shown),
         "about": _about(shown),
@@ -71,7 +73,8 @@ def animation(*results: Result, title: str | None = None, autoplay: bool = True)
         "scale": scale,
         "greatest_force": force,
         "autoplay": autoplay,
-        "runs": [_run_data(one, _ARROW_SHARE * scale / force if force else 0.0) for one in shown],
+        "meshes": meshes.data(),
+        "runs": [_run_data(one, meshes, metres_per_newton) for one in shown],
     }
 
 
@@ -95,10 +98,11 @@ def still(scene: Scene, *, about: str | None = None) -> dict[str, Any]:
     """Data of a page that shows a scene as it begins; ``about`` is said of it, its description by default."""
     motion = initial_motion(scene)
     low, high = bounds(motion)
+    meshes = Meshes(motion.nodes)
     run = {
         "label": scene.scenario.name,
         "completed": True,
-        "nodes": node_data(motion.nodes),
+        "nodes": meshes.node_data(motion.nodes),
         "time": packed(motion.time),
         "poses": poses(motion),
         "tip_names": [],
@@ -124,11 +128,12 @@ def still(scene: Scene, *, about: str | None = None) -> dict[str, Any]:
         "scale": float(np.linalg.norm(high - low)),
         "greatest_force": 0.0,
         "autoplay": False,
+        "meshes": meshes.data(),
         "runs": [run],
     }
 
 
-def _run_data(shown: _Shown, metres_per_newton: float) -> dict[str, Any]:
+def _run_data(shown: _Shown, meshes: Meshes, metres_per_newton: float) -> dict[str, Any]:
     result, motion, data = shown.result, shown.motion, shown.result.data
     rows = motion.rows
     tips = [str(tip) for tip in data.tip.values]
@@ -138,7 +143,7 @@ def _run_data(shown: _Shown, metres_per_newton: float) -> dict[str, Any]:
     return {
         "label": shown.label,
         "completed": result.completed,
-        "nodes": node_data(motion.nodes),
+        "nodes": meshes.node_data(motion.nodes),
         "time": packed(motion.time),
         "poses": poses(motion),
         "tip_names": tips,

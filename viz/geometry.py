@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-from pathlib import Path
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
 from spacerobot.description import Geometry
-
-Array = NDArray[np.float64]
+from viz.meshes import Array as Array
+from viz.meshes import Surface, load_mesh, mesh_file
 
 _SIDES = 24  # of a cylinder's outline
 _CORNERS = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
@@ -20,9 +15,9 @@ _BOX_FACES = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 
 
 
 def faces(geometry: Geometry) -> list[Array]:
-    """Flat faces of a shape, corners counter-clockwise seen from outside.
+    """Flat faces of a box or a cylinder, corners counter-clockwise seen from outside.
 
-    Of a cylinder these are its two ends; a sphere has none.
+    Of a cylinder these are its two ends; other shapes have none.
 
     Returns
     -------
@@ -35,10 +30,33 @@ def faces(geometry: Geometry) -> list[Array]:
     if geometry.kind == "cylinder":
         half = geometry.size[1] / 2
         return [_ring(geometry, -half)[::-1], _ring(geometry, half)]
-    if geometry.kind == "sphere":
-        return []
-    vertices, triangles = load_mesh(_path(geometry), tuple(float(x) for x in geometry.size))
-    return list(vertices[triangles])
+    return []
+
+
+def surface(geometry: Geometry) -> Surface:
+    """Triangles of a box, a cylinder or a sphere, in the shape's frame."""
+    if geometry.kind == "box":
+        quads = np.array(_BOX_FACES)
+        return Surface(_CORNERS * geometry.size, np.concatenate([quads[:, :3], quads[:, [0, 2, 3]]]))
+    if geometry.kind == "cylinder":
+        radius, half = geometry.size[0], geometry.size[1] / 2
+        profile = [(0.0, -half), (radius, -half), (radius, half), (0.0, half)]
+    else:
+        polar = np.linspace(np.pi, 0, _SIDES // 2 + 1)
+        profile = list(zip(geometry.size[0] * np.sin(polar), geometry.size[0] * np.cos(polar), strict=True))
+    return _turned(np.array(profile))
+
+
+def _turned(profile: Array) -> Surface:
+    """Surface of a profile (k, 2) of radii and heights, from below to above, that is turned about z."""
+    angle = np.linspace(0, 2 * np.pi, _SIDES, endpoint=False)
+    rings = [np.outer(profile[:, 0], np.cos(angle)), np.outer(profile[:, 0], np.sin(angle))]
+    vertices = np.stack([*rings, np.repeat(profile[:, 1:], _SIDES, axis=1)], axis=-1).reshape(-1, 3)
+    below = (_SIDES * np.arange(len(profile) - 1)[:, None] + np.arange(_SIDES)).ravel()
+    beside = below - below % _SIDES + (below + 1) % _SIDES
+    above, across = below + _SIDES, beside + _SIDES
+    triangles = np.concatenate([np.stack([below, beside, across], 1), np.stack([below, across, above], 1)])
+    return Surface(vertices, triangles)
 
 
 def is_round(geometry: Geometry) -> bool:
@@ -80,26 +98,7 @@ def corners(geometry: Geometry) -> Array:
     elif geometry.kind == "sphere":
         edges = np.full(3, 2 * geometry.size[0])
     else:
-        vertices, _ = load_mesh(_path(geometry), tuple(float(x) for x in geometry.size))
+        vertices = load_mesh(mesh_file(geometry)).vertices
         low, high = vertices.min(axis=0), vertices.max(axis=0)
         return np.asarray((low + high) / 2 + _CORNERS * (high - low))
     return np.asarray(_CORNERS * edges)
-
-
-@lru_cache(maxsize=256)
-def load_mesh(path: Path, scale: tuple[float, ...]) -> tuple[Array, NDArray[np.int64]]:
-    """Vertices (n, 3) in m and triangles (m, 3) of a mesh file, by the library that Pinocchio uses."""
-    import coal  # only scenes with meshes pay for its import
-
-    model: Any = coal.MeshLoader().load(str(path), np.array(scale))
-    vertices = np.array(model.vertices(), dtype=np.float64).reshape(-1, 3)
-    triangles = [
-        [triangle[k] for k in range(3)] for triangle in map(model.tri_indices, range(model.num_tris))
-    ]
-    return vertices, np.array(triangles, dtype=np.int64).reshape(-1, 3)
-
-
-def _path(geometry: Geometry) -> Path:
-    if geometry.mesh is None:
-        raise ValueError("a mesh without a file")
-    return geometry.mesh

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from spacerobot.result import Result
 from spacerobot.scene import Scene
-from viz.geometry import load_mesh
+from viz.meshes import mesh_file, shown_meshes
 from viz.motion import Motion, Node, Solid
 
 DIGITS = 7
@@ -29,28 +29,49 @@ def rounded(values: ArrayLike) -> list[float]:
     return [float(f"{value:.{DIGITS}g}") for value in np.asarray(values, dtype=np.float64).ravel()]
 
 
-def node_data(nodes: Sequence[Node]) -> list[dict[str, Any]]:
-    """Solids of each node, the body it belongs to, and whether it is that body's root."""
-    return [
-        {"body": node.body, "base": node.is_base, "solids": [_solid_data(solid) for solid in node.solids]}
-        for node in nodes
-    ]
+class Meshes:
+    """Meshes of a page, each kept once, however many solids show it.
 
+    Parameters
+    ----------
+    nodes
+        Everything that the page shows.
+    """
 
-def _solid_data(solid: Solid) -> dict[str, Any]:
-    """Kind, size, colour and placement (column by column) of a solid; vertices and triangles of a mesh."""
-    geometry = solid.geometry
-    data: dict[str, Any] = {
-        "kind": geometry.kind,
-        "size": rounded(geometry.size),
-        "rgba": rounded(solid.rgba),
-        "matrix": rounded(solid.placement.T),
-    }
-    if geometry.kind == "mesh" and geometry.mesh is not None:
-        vertices, triangles = load_mesh(geometry.mesh, tuple(float(x) for x in geometry.size))
-        data["vertices"] = packed(vertices)
-        data["triangles"] = base64.b64encode(triangles.astype("<u4").tobytes()).decode("ascii")
-    return data
+    def __init__(self, nodes: Iterable[Node]) -> None:
+        solids = (solid.geometry for node in nodes for solid in node.solids)
+        self._surfaces = shown_meshes(mesh_file(shape) for shape in solids if shape.kind == "mesh")
+        self._places = {file: k for k, file in enumerate(self._surfaces)}
+
+    def data(self) -> list[dict[str, str]]:
+        """Vertices and triangles of each."""
+        return [
+            {
+                "vertices": packed(surface.vertices),
+                "triangles": base64.b64encode(surface.triangles.astype("<u4").tobytes()).decode("ascii"),
+            }
+            for surface in self._surfaces.values()
+        ]
+
+    def node_data(self, nodes: Sequence[Node]) -> list[dict[str, Any]]:
+        """Solids of each node, the body it belongs to, and whether it is that body's root."""
+        return [
+            {"body": node.body, "base": node.is_base, "solids": [self._solid(s) for s in node.solids]}
+            for node in nodes
+        ]
+
+    def _solid(self, solid: Solid) -> dict[str, Any]:
+        """Kind, size, colour and placement (column by column) of a solid, and its mesh's place."""
+        geometry = solid.geometry
+        data: dict[str, Any] = {
+            "kind": geometry.kind,
+            "size": rounded(geometry.size),
+            "rgba": rounded(solid.rgba),
+            "matrix": rounded(solid.placement.T),
+        }
+        if geometry.kind == "mesh":
+            data["mesh"] = self._places[mesh_file(geometry)]
+        return data
 
 
 def poses(motion: Motion) -> str:

@@ -1,18 +1,26 @@
-"""Scenes as flat polygons: parallel projection, far faces first."""
+"""Scenes in parallel projection: flat polygons, far faces first, or pixels where there are meshes."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import lru_cache
+from itertools import count
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
+from matplotlib.image import AxesImage
 
-from viz.geometry import Array, faces, is_round, silhouette
+from viz.geometry import Array, faces, is_round, silhouette, surface
+from viz.meshes import Indices, mesh_file, shown_meshes
 from viz.motion import Motion, Node
+from viz.raster import Faces, Picture, cover, draw_faces
 
 _LIGHT = np.array([-0.35, -0.45, 0.82])
 _ROUND_SHADE = 0.85
+_GHOST = (0.93, 0.93, 0.93)
 _POINT_M = 1e-9
 
 
@@ -59,8 +67,18 @@ def view_of(planar: bool) -> View:
     return TOP if planar else oblique()
 
 
-def draw_nodes(axes: Axes, motion: Motion, frame: int, view: View, *, opacity: float = 1.0) -> PolyCollection:
-    """Draw all nodes as they stand at a frame."""
+def draw_nodes(axes: Axes, motion: Motion, frame: int, view: View, *, dpi: float = 300) -> None:
+    """Draw all nodes as they stand at a frame, in axes whose limits are set.
+
+    Scenes with meshes are drawn as one image of ``dpi`` pixels an inch, all others as polygons.
+    """
+    if has_meshes(motion):
+        grid = _grid(axes, dpi)
+        seen = _faces(motion, frame, view, range(len(motion.nodes)), grid)
+        image = draw_faces(seen, grid.width, grid.height)
+        image[..., :3] /= np.maximum(image[..., 3:], 1e-9)  # colours come premultiplied by their opacity
+        _add_image(axes, np.clip(image, 0, 1), grid, zorder=3)
+        return
     depths: list[float] = []
     polygons: list[Array] = []
     colours: list[Array] = []
@@ -71,28 +89,126 @@ def draw_nodes(axes: Axes, motion: Motion, frame: int, view: View, *, opacity: f
             colours.append(colour)
     order = np.argsort(depths)
     fill = np.array([colours[i] for i in order]).reshape(-1, 4)
-    fill[:, 3] *= opacity
     edge = fill * [0.55, 0.55, 0.55, 1.0]
-    drawn = PolyCollection(
-        [polygons[i] for i in order], facecolors=fill, edgecolors=edge, linewidths=0.3, zorder=3
+    axes.add_collection(
+        PolyCollection(
+            [polygons[i] for i in order], facecolors=fill, edgecolors=edge, linewidths=0.3, zorder=3
+        )
     )
-    axes.add_collection(drawn)
-    return drawn
 
 
-def draw_ghosts(axes: Axes, motion: Motion, view: View) -> PolyCollection:
-    """Bases and object where each of them began, pale, behind what is drawn."""
+def draw_ghosts(axes: Axes, motion: Motion, view: View, *, dpi: float = 300) -> None:
+    """Bases and object where each of them began, pale, behind what is drawn; see :func:`draw_nodes`."""
+    look: dict[str, Any] = {"linewidths": 0.5, "linestyles": "--", "zorder": 2}
+    if has_meshes(motion):
+        grid = _grid(axes, dpi)
+        covered = _ghosts(motion, view, grid)
+        image = np.concatenate([np.broadcast_to(_GHOST, (*covered.shape, 3)), covered[..., None]], axis=-1)
+        _add_image(axes, image, grid, zorder=1.9)
+        if np.ptp(covered) > 0:
+            axes.contour(covered, [0.5], extent=grid.extent, origin="upper", colors="0.55", **look)
+        return
     polygons = [
         polygon
         for placement, node in zip(motion.placements(0), motion.nodes, strict=True)
         if node.is_base
         for _, polygon, _ in _node_faces(node, placement, view)
     ]
-    ghosts = PolyCollection(
-        polygons, facecolors="0.93", edgecolors="0.55", linewidths=0.5, linestyles="--", zorder=2
-    )
-    axes.add_collection(ghosts)
-    return ghosts
+    axes.add_collection(PolyCollection(polygons, facecolors=_GHOST, edgecolors="0.55", **look))
+
+
+def has_meshes(motion: Motion) -> bool:
+    """Whether any shape that can be seen is a mesh."""
+    return any(solid.geometry.kind == "mesh" for node in motion.nodes for solid in node.solids)
+
+
+class _Grid(NamedTuple):
+    """Pixels that fill axes: where their sides lie (left, right, bottom, top), and how many."""
+
+    extent: tuple[float, float, float, float]
+    width: int
+    height: int
+
+
+def _grid(axes: Axes, dpi: float) -> _Grid:
+    """Pixels for axes as their limits are now."""
+    (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
+    figure = axes.get_figure(root=True)
+    inches = axes.get_position().width * (figure.get_figwidth() if figure else 1.0)
+    width = max(1, round(inches * dpi))
+    return _Grid((left, right, bottom, top), width, max(1, round(width * (top - bottom) / (right - left))))
+
+
+def _add_image(axes: Axes, image: Array, grid: _Grid, zorder: float) -> None:
+    drawn = AxesImage(axes, extent=grid.extent, origin="upper", zorder=zorder)
+    drawn.set_data(image)
+    axes.add_image(drawn)
+
+
+@lru_cache(maxsize=2)
+def _ghosts(motion: Motion, view: View, grid: _Grid) -> Picture:
+    """Share (h, w) of each pixel that bases cover at the first frame, kept because all pictures have them."""
+    bases = [k for k, node in enumerate(motion.nodes) if node.is_base]
+    return cover(_faces(motion, 0, view, bases, grid).corners, grid.width, grid.height)
+
+
+def _faces(motion: Motion, frame: int, view: View, chosen: Iterable[int], grid: _Grid) -> Faces:
+    """Faces of chosen nodes in pixels, lit on the side that looks at the eye."""
+    turned = np.stack([view.across, view.up, view.towards])
+    left, right, bottom, top = grid.extent
+    scale = [grid.width / (right - left), -grid.height / (top - bottom), 1.0]
+    surfaces, placements, found = _node_surfaces(motion.nodes), motion.placements(frame), []
+    for k in chosen:
+        vertices, triangles, rgba, part = surfaces[k]
+        to_world = placements[k]
+        corners = ((vertices @ to_world[:3, :3].T + to_world[:3, 3]) @ turned.T)[triangles]
+        normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        # files do not agree on which way round the corners go
+        length = np.linalg.norm(normal, axis=1) * np.where(normal[:, 2] < 0, -1.0, 1.0)
+        shade = _shade(normal @ (turned @ _LIGHT) / np.where(length == 0, 1.0, length))
+        lit = rgba * np.stack([shade, shade, shade, np.ones(len(shade))], axis=1)
+        found.append(((corners - [left, top, 0.0]) * scale, lit, part))
+    return Faces(*map(np.concatenate, zip(*found, strict=True)))
+
+
+class _NodeSurface(NamedTuple):
+    """Vertices (n, 3) of a node in its frame, triangles (m, 3), their colours (m, 4) and solids (m,)."""
+
+    vertices: Array
+    triangles: Indices
+    rgba: Array
+    part: Indices
+
+
+@lru_cache(maxsize=16)
+def _node_surfaces(nodes: tuple[Node, ...]) -> list[_NodeSurface]:
+    """What each node is drawn as; solids are numbered through."""
+    solids = [solid for node in nodes for solid in node.solids]
+    meshes = shown_meshes(mesh_file(s.geometry) for s in solids if s.geometry.kind == "mesh")
+    numbers, found = count(), []
+    for node in nodes:
+        vertices, triangles = [np.zeros((0, 3))], [np.zeros((0, 3), dtype=np.int64)]
+        rgba, part = [np.zeros((0, 4))], [np.zeros(0, dtype=np.int64)]
+        for solid in node.solids:
+            geometry = solid.geometry
+            shape = meshes[mesh_file(geometry)] if geometry.kind == "mesh" else surface(geometry)
+            triangles.append(shape.triangles + sum(map(len, vertices)))
+            vertices.append(shape.vertices @ solid.placement[:3, :3].T + solid.placement[:3, 3])
+            rgba.append(np.tile(solid.rgba, (len(shape.triangles), 1)))
+            part.append(np.full(len(shape.triangles), next(numbers)))
+        found.append(
+            _NodeSurface(
+                np.concatenate(vertices),
+                np.concatenate(triangles),
+                np.concatenate(rgba),
+                np.concatenate(part),
+            )
+        )
+    return found
+
+
+def _shade(towards_light: Array) -> Array:
+    return np.asarray(0.62 + 0.38 * np.maximum(0.0, towards_light))
 
 
 def _node_faces(node: Node, placement: Array, view: View) -> list[tuple[float, Array, Array]]:
@@ -110,7 +226,7 @@ def _node_faces(node: Node, placement: Array, view: View) -> list[tuple[float, A
             length = np.linalg.norm(normal)
             if length == 0 or normal @ view.towards <= 1e-9 * length:
                 continue
-            shade = 0.62 + 0.38 * max(0.0, float(normal @ _LIGHT) / float(length))
+            shade = float(_shade(normal @ _LIGHT / length))
             colour = solid.rgba * [shade, shade, shade, 1.0]
             found.append((float((points @ view.towards).mean()), view.flat(points), colour))
     return found

@@ -134,12 +134,12 @@ class Frames:
         figure = Drawing(figsize=(WIDTH_IN, WIDTH_IN * height / width), dpi=width / WIDTH_IN)
         canvas: Any = FigureCanvasAgg(figure)
         panel = figure.add_axes((0, 0, 1, 1))
-        draw_frame(panel, self.result, self.motion, index, self.view)
+        fit(panel, self.points, self.view, shape=height / width)
+        draw_frame(panel, self.result, self.motion, index, self.view, width / WIDTH_IN)
         if self.newtons > 0:
             scale = _LONGEST_ARROW * float(np.linalg.norm(np.ptp(self.points, axis=0))) / self.newtons
             draw_forces(panel, self.result, self.motion, index, self.view, scale)
         draw_names(panel, self.motion, index, self.view)
-        fit(panel, self.points, self.view, shape=height / width)
         panel.set_axis_off()
         self._say(panel, index)
         canvas.draw()

@@ -33,8 +33,8 @@ def docking(result: Result, *, frames: int = 6) -> Drawing:
         if k >= len(rows):
             panel.remove()
             continue
-        draw_frame(panel, result, motion, k, view)
         fit(panel, points, view, margin=0.02)
+        draw_frame(panel, result, motion, k, view)
         panel.set_title(f"t = {motion.time[k]:.3g} s")
         if k == 0:
             draw_names(panel, motion, k, view)
@@ -42,10 +42,13 @@ def docking(result: Result, *, frames: int = 6) -> Drawing:
     return figure
 
 
-def draw_frame(panel: Axes, result: Result, motion: Motion, frame: int, view: View) -> None:
-    """One frame: bodies, where the bases began, references, and the paths up to now."""
-    draw_nodes(panel, motion, frame, view)
-    draw_ghosts(panel, motion, view)
+def draw_frame(panel: Axes, result: Result, motion: Motion, frame: int, view: View, dpi: float = 300) -> None:
+    """One frame in axes whose limits are set: bodies, where bases began, references, paths up to now.
+
+    ``dpi`` is the pixels an inch of what is drawn as pixels.
+    """
+    draw_nodes(panel, motion, frame, view, dpi=dpi)
+    draw_ghosts(panel, motion, view, dpi=dpi)
     data, now = result.data, int(motion.rows[frame]) + 1
     for k, tip in enumerate(data.tip.values):
         reference = view.flat(data.tip_reference.sel(tip=tip).values)

@@ -38,6 +38,7 @@ class Player {
 
   load(payload) {
     this.payload = payload;
+    keepMeshes(payload.meshes);
     this.near = false;
     this.build();
     this.duration = Math.max(...this.runs.map((run) => run.end), 1e-9);

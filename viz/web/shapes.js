@@ -12,20 +12,41 @@ function floats(text) {
   return new Float32Array(bytes(text));
 }
 
+// Geometries of the page's meshes, each made once for all solids that show it.
+let meshes = [];
+
+function keepMeshes(data) {
+  meshes.forEach((geometry) => geometry.dispose());
+  meshes = data.map(({ vertices, triangles }) => {
+    const geometry = new THREE.BufferGeometry();
+    geometry.setAttribute("position", new THREE.BufferAttribute(floats(vertices), 3));
+    geometry.setIndex(new THREE.BufferAttribute(new Uint32Array(bytes(triangles)), 1));
+    return creased(geometry.toNonIndexed(), Array.from(new Uint32Array(bytes(triangles))));
+  });
+}
+
+// Smooth but for edges sharper than 40 degrees: a corner's normal is the mean over its faces that lie much the same way.
+function creased(geometry, index) {
+  geometry.computeVertexNormals();
+  const flat = geometry.attributes.normal.array.slice(), smooth = geometry.attributes.normal, around = new Map();
+  index.forEach((vertex, corner) => (around.get(vertex) || around.set(vertex, []).get(vertex)).push(corner));
+  const own = new THREE.Vector3(), other = new THREE.Vector3(), sum = new THREE.Vector3();
+  index.forEach((vertex, corner) => {
+    own.fromArray(flat, 3 * corner);
+    sum.set(0, 0, 0);
+    for (const k of around.get(vertex)) if (own.dot(other.fromArray(flat, 3 * k)) > 0.766) sum.add(other);
+    sum.normalize().toArray(smooth.array, 3 * corner);
+  });
+  return geometry;
+}
+
 function solidGeometry(solid) {
   const size = solid.size;
+  if (solid.kind === "mesh") return meshes[solid.mesh];
   if (solid.kind === "box") return new THREE.BoxGeometry(size[0], size[1], size[2]);
   if (solid.kind === "sphere") return new THREE.SphereGeometry(size[0], 24, 16);
-  if (solid.kind === "cylinder") {
-    // a URDF's cylinder lies along z, Three's along y
-    return new THREE.CylinderGeometry(size[0], size[0], size[1], 32).rotateX(Math.PI / 2);
-  }
-  const geometry = new THREE.BufferGeometry();
-  geometry.setAttribute("position", new THREE.BufferAttribute(floats(solid.vertices), 3));
-  geometry.setIndex(new THREE.BufferAttribute(new Uint32Array(bytes(solid.triangles)), 1));
-  const faceted = geometry.toNonIndexed();
-  faceted.computeVertexNormals();
-  return faceted;
+  // a URDF's cylinder lies along z, Three's along y
+  return new THREE.CylinderGeometry(size[0], size[0], size[1], 32).rotateX(Math.PI / 2);
 }
 
 function solidMesh(solid) {

@@ -1,0 +1,136 @@
+"""Mesh files as surfaces of no more triangles than a picture can show."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spacerobot.description import Geometry
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+MOST_TRIANGLES = 60_000
+"""Of all the different meshes of a scene together."""
+
+_FINEST = 1 / 300  # of the longest mesh: the first edge of cells that is tried
+_FEWEST_CELLS = 10  # across any mesh, however small it is beside others
+_PULL = 1e-3  # towards the mean of a cell's vertices, in directions in which its faces say nothing
+
+
+class Surface(NamedTuple):
+    """Vertices (n, 3) in m and triangles (m, 3), counter-clockwise seen from outside."""
+
+    vertices: Array
+    triangles: Indices
+
+
+class MeshFile(NamedTuple):
+    """A mesh file as a shape names it: its path and its scale (3,)."""
+
+    path: Path
+    scale: tuple[float, ...]
+
+
+def mesh_file(geometry: Geometry) -> MeshFile:
+    """What a shape of the kind ``mesh`` names."""
+    if geometry.mesh is None:
+        raise ValueError("a mesh without a file")
+    return MeshFile(geometry.mesh, tuple(float(x) for x in geometry.size))
+
+
+@lru_cache(maxsize=256)
+def load_mesh(file: MeshFile) -> Surface:
+    """All of a mesh file, by the library that Pinocchio uses."""
+    import coal  # only scenes with meshes pay for its import
+
+    model: Any = coal.MeshLoader().load(str(file.path), np.array(file.scale))
+    vertices = np.array(model.vertices(), dtype=np.float64).reshape(-1, 3)
+    triangles = [
+        [triangle[k] for k in range(3)] for triangle in map(model.tri_indices, range(model.num_tris))
+    ]
+    return Surface(vertices, np.array(triangles, dtype=np.int64).reshape(-1, 3))
+
+
+def shown_meshes(files: Iterable[MeshFile]) -> dict[MeshFile, Surface]:
+    """Surfaces of mesh files, simplified alike until all have :data:`MOST_TRIANGLES` together."""
+    return _shown_meshes(tuple(dict.fromkeys(files)))
+
+
+@lru_cache(maxsize=16)
+def _shown_meshes(files: tuple[MeshFile, ...]) -> dict[MeshFile, Surface]:
+    whole = {file: load_mesh(file) for file in files}
+    extents = {file: float(np.ptp(s.vertices, axis=0).max(initial=0.0)) for file, s in whole.items()}
+    shown, cell, before = whole, _FINEST * max(extents.values(), default=0.0), 0
+    while MOST_TRIANGLES < (count := sum(len(s.triangles) for s in shown.values())) != before:
+        cell *= max(1.1, count / MOST_TRIANGLES) if before else 1.0
+        shown = {f: simplified(s, min(cell, extents[f] / _FEWEST_CELLS)) for f, s in whole.items()}
+        before = count
+    return shown
+
+
+def simplified(surface: Surface, cell: float) -> Surface:
+    """A surface whose vertices in each cell of a grid have become one.
+
+    It lies where the planes of the cell's faces meet as nearly as can be (least squares), so that edges and
+    corners stay, and within the cell: nothing moves by more than the cell's diagonal.
+
+    Parameters
+    ----------
+    surface
+        What to simplify.
+    cell
+        Edge of the grid's cells, m.
+    """
+    vertices, triangles = surface
+    place = np.floor((vertices - vertices.min(axis=0)) / cell).astype(np.int64)
+    owner = _numbered(place)
+    size = int(owner.max()) + 1
+    mean = _sums(owner, vertices, size) / np.bincount(owner, minlength=size)[:, None]
+    merged = owner[triangles]
+    kept = (merged != np.roll(merged, 1, axis=1)).all(axis=1)
+    _, first = np.unique(_numbered(np.sort(merged[kept], axis=1)), return_index=True)
+    best = mean + np.clip(_meeting_points(surface, owner, mean), -cell / 2, cell / 2)
+    return _compact(best, merged[kept][np.sort(first)])
+
+
+def _meeting_points(surface: Surface, owner: Indices, mean: Array) -> Array:
+    """Point (size, 3) nearest to the planes of the faces at each cell's vertices, from the vertices' mean."""
+    corners = surface.vertices[surface.triangles]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    length = np.linalg.norm(normal, axis=1, keepdims=True)
+    normal /= np.where(length > 0, length, 1.0)
+    matrix, vector = np.zeros((len(mean), 3, 3)), np.zeros((len(mean), 3))
+    for k in range(3):
+        cells = owner[surface.triangles[:, k]]
+        height = np.sum(normal * (corners[:, k] - mean[cells]), axis=1)
+        weighted = length * normal
+        outer = (weighted[:, :, None] * normal[:, None, :]).reshape(-1, 9)
+        matrix += _sums(cells, outer, len(mean)).reshape(-1, 3, 3)
+        vector += _sums(cells, weighted * height[:, None], len(mean))
+    pull = _PULL * np.trace(matrix, axis1=1, axis2=2) + np.finfo(float).tiny
+    return np.asarray(np.linalg.solve(matrix + pull[:, None, None] * np.eye(3), vector[..., None])[..., 0])
+
+
+def _numbered(rows: Indices) -> Indices:
+    """A number (n,) from 0 for each different row (n, c) of numbers from 0."""
+    found = np.zeros(len(rows), dtype=np.int64)
+    for column in rows.T:
+        _, found = np.unique(found * (column.max(initial=0) + 1) + column, return_inverse=True)
+    return found
+
+
+def _sums(owner: Indices, values: Array, size: int) -> Array:
+    """Sums (size, c) of the rows (n, c) that each owner has."""
+    return np.stack([np.bincount(owner, column, minlength=size) for column in values.T], axis=1)
+
+
+def _compact(vertices: Array, triangles: Indices) -> Surface:
+    """The same without vertices that no triangle has."""
+    used, renamed = np.unique(triangles, return_inverse=True)
+    return Surface(vertices[used], renamed.reshape(-1, 3))
