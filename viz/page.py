@@ -13,7 +13,7 @@ from typing import Any
 
 from spacerobot.errors import SpaceRobotError
 from spacerobot.files import write_text
-from spacerobot.result import Result
+from spacerobot.result import Result, note_derived
 from viz.animation import animation
 from viz.meshcat_scene import script_hash
 
@@ -43,6 +43,7 @@ def write_animation(path: Path, *results: Result, title: str | None = None) -> N
         If the file cannot be written or the results cannot be compared.
     """
     write_text(path, animation_page(*results, title=title))
+    note_derived(results, [path])
 
 
 def page(payload: Mapping[str, Any], *, connect: str = "'none'") -> str:

@@ -21,7 +21,7 @@ from PIL import Image
 
 from spacerobot.errors import ResultError, near_names
 from spacerobot.files import write_bytes
-from spacerobot.result import Result
+from spacerobot.result import Result, note_derived
 from viz.figures.docking import draw_forces, draw_frame, draw_names, seen_points
 from viz.figures.style import COLOURS, Drawing, styled
 from viz.geometry import Array
@@ -79,6 +79,7 @@ def write_recording(
     pictures = _counted(drawn, progress)
     content = _mp4(program, pictures, per_s, path) if kind == ".mp4" else _gif(pictures, per_s)
     write_bytes(path, content)
+    note_derived([result], [path])
 
 
 def _counted(drawn: Frames, progress: Progress | None) -> Iterator[Image.Image]:

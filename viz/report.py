@@ -9,7 +9,7 @@ from pathlib import Path
 
 from spacerobot.errors import ResultError
 from spacerobot.files import write_text
-from spacerobot.result import Result, load
+from spacerobot.result import Result, load, note_derived
 from spacerobot.result.store import SUMMARY
 from viz import report_sections as parts
 from viz.figures.collect import check_comparable
@@ -98,6 +98,7 @@ def write_report(path: Path, *results: Result, title: str | None = None) -> None
         If the file cannot be written or the results cannot be compared.
     """
     write_text(path, report(*results, title=title))
+    note_derived(results, [path])
 
 
 def find_results(folders: Sequence[Path]) -> list[Result]:

@@ -48,27 +48,29 @@ Examples:
 def command(folders: Folders, out: Out = None) -> None:
     """Write the page."""
     from spacerobot.files import write_text
+    from viz.report import find_results, write_report
 
+    path = out or folders[0] / "report.html"
     with progress("writing the report") as tell:
-        page = _page_of(folders, tell)
-        path = out or folders[0] / "report.html"
-        write_text(path, page)
+        page = _special_page(folders, tell)
+        if page is not None:
+            write_text(path, page)
+        else:
+            write_report(path, *find_results(folders))
     console().print(f"report in {path}", markup=False, soft_wrap=True)
 
 
 Maker = Callable[[Path, Callable[[str], object]], str]
 
 
-def _page_of(folders: list[Path], tell: Callable[[str], object]) -> str:
-    """Page about folders: one comparison, one campaign, or any number of results.
+def _special_page(folders: list[Path], tell: Callable[[str], object]) -> str | None:
+    """Page about one comparison or one campaign; None for results.
 
     Raises
     ------
     ResultError
-        If a comparison or a campaign is named with others, or a folder holds none of them.
+        If a comparison or a campaign is named with others.
     """
-    from viz.report import find_results, report
-
     found = [(folder, _special(folder)) for folder in folders]
     for folder, special in found:
         if special is not None and len(folders) > 1:
@@ -79,7 +81,7 @@ def _page_of(folders: list[Path], tell: Callable[[str], object]) -> str:
             if (kind := _special(inside)) is not None and not _is_result(folder):
                 message = f"holds a {kind[0]}, {inside.name}, among results; name the results, or it alone"
                 raise ResultError(message, source=folder)
-    return report(*find_results(folders))
+    return None
 
 
 def _special(folder: Path) -> tuple[str, Maker] | None:

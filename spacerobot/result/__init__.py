@@ -1,6 +1,7 @@
 """Results: labelled data, metrics, ledger, and their folders on disk."""
 
+from spacerobot.result.derived import note_derived
 from spacerobot.result.result import Result
 from spacerobot.result.store import check_folder, load, save
 
-__all__ = ["Result", "check_folder", "load", "save"]
+__all__ = ["Result", "check_folder", "load", "note_derived", "save"]

@@ -20,6 +20,7 @@ import xarray as xr
 
 from spacerobot.errors import ResultError, ScenarioError
 from spacerobot.files import locked, uninterrupted
+from spacerobot.result.derived import DERIVED, remove_derived
 from spacerobot.result.result import Result
 from spacerobot.result.summary import FORMAT
 from spacerobot.scenario.load import read_document, to_yaml, validate
@@ -46,7 +47,7 @@ def check_folder(folder: Path) -> None:
     names = [] if not folder.is_dir() else [p.name for p in folder.iterdir() if not p.name.startswith(STAGE)]
     found = set(names)
     # other jobs' folders have a summary or a scenario as well: only the data tell a result
-    if DATA not in found and not found <= set(FILES):
+    if DATA not in found and not found <= {*FILES, DERIVED}:
         other = next((f"a {kind}" for name, kind in OTHERS.items() if name in found), "files")
         raise ResultError(f"holds {other}, no result; name an empty or a new folder", source=folder)
     with _writing(folder), _stage(folder):
@@ -54,7 +55,7 @@ def check_folder(folder: Path) -> None:
 
 
 def save(result: Result, folder: Path) -> Result:
-    """Write a result; one that is there already is replaced.
+    """Write a result; one that is there already is replaced, with the pages and figures made from it.
 
     Returns
     -------
@@ -77,6 +78,7 @@ def save(result: Result, folder: Path) -> Result:
         folder.mkdir(parents=True, exist_ok=True)
         with locked(folder):
             (folder / SUMMARY).unlink(missing_ok=True)
+            remove_derived(folder)
             for name in FILES:
                 (stage / name).replace(folder / name)
     return dataclasses.replace(result, folder=folder)

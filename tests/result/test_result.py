@@ -1,6 +1,7 @@
 """Results against hand-made data, and folders that are whole or not there."""
 
 import dataclasses
+import hashlib
 import json
 import os
 import signal
@@ -11,7 +12,7 @@ import pytest
 import xarray as xr
 
 from spacerobot.errors import ResultError
-from spacerobot.result import check_folder, load, save
+from spacerobot.result import check_folder, load, note_derived, save
 from spacerobot.result.ledger import build_ledger
 from spacerobot.result.metrics import body_motion, greatest_torque, tip_errors
 from spacerobot.result.store import FILES
@@ -264,6 +265,52 @@ def test_a_result_with_files_beside_it_and_a_half_written_one_are_replaced(resul
     (tmp_path / "half").mkdir()
     (tmp_path / "half" / "scenario.yaml").write_text("{}")
     check_folder(tmp_path / "half")
+
+
+def test_what_was_made_from_a_result_goes_with_it_and_what_is_the_users_stays(result, tmp_path):
+    saved = save(result, tmp_path / "r")
+    folder = saved.folder
+    (folder / "figures").mkdir()
+    made = [folder / name for name in ("report.html", "figures/joints.png", "edited.html")]
+    outside, mine = tmp_path / "page.html", folder / "figures" / "mine.png"
+    for path in (*made, outside, mine):
+        path.write_text(path.name)
+    note_derived([saved], [*made[:2], outside])
+    note_derived([saved, result], made[2:])
+    made[2].write_text("edited")
+    save(result, folder)
+    kept = {path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*") if path.is_file()}
+    own = {"r/scenario.yaml", "r/summary.json", "r/result.nc"}
+    assert kept == own | {"r/edited.html", "r/figures/mine.png", "page.html"}
+    mine.unlink()
+    made[1].write_text("made once more")
+    note_derived([saved], made[1:2])
+    save(result, folder)
+    assert not (folder / "figures").exists()
+
+
+@pytest.mark.parametrize("kind", ["text", "list", "number", "above", "absolute", "link", "folder"])
+def test_a_list_of_made_files_that_is_damaged_or_leads_elsewhere_removes_nothing(result, tmp_path, kind):
+    folder = save(result, tmp_path / "r").folder
+    victim = tmp_path / "victim"
+    victim.write_text("mine")
+    sha256 = hashlib.sha256(b"mine").hexdigest()
+    (folder / "link").symlink_to(tmp_path)
+    (folder / "folder").mkdir()
+    texts = {
+        "text": "{",
+        "list": "[1]",
+        "number": json.dumps({"../victim": 1}),
+        "above": json.dumps({"../victim": sha256}),
+        "absolute": json.dumps({str(victim): sha256}),
+        "link": json.dumps({"link/victim": sha256}),
+        "folder": json.dumps({"folder": sha256, "\0": sha256, "": sha256}),
+    }
+    (folder / "derived.json").write_text(texts[kind])
+    save(result, folder)
+    assert victim.read_text() == "mine"
+    assert (folder / "folder").is_dir()
+    assert not (folder / "derived.json").exists()
 
 
 def test_incomplete_foreign_and_broken_results_are_refused(result, tmp_path):

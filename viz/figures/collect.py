@@ -8,7 +8,7 @@ from pathlib import Path
 
 from spacerobot.errors import ResultError, near_names
 from spacerobot.files import write_bytes
-from spacerobot.result import Result
+from spacerobot.result import Result, note_derived
 from viz.figures.bodies import base_motion, grip_forces, object_motion
 from viz.figures.docking import docking
 from viz.figures.joints import joints
@@ -148,4 +148,5 @@ def save_figures(
             path = folder / f"{name}.{form}"
             write_bytes(path, to_bytes(drawing, form))
             written.append(path)
+    note_derived([result, *others], written)
     return written

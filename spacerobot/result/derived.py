@@ -1,0 +1,72 @@
+"""Pages, figures and recordings in a result's folder: they go when another result takes its place."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+from collections.abc import Iterable
+from pathlib import Path
+
+from spacerobot.files import locked, write_text
+from spacerobot.result.result import Result
+
+DERIVED = "derived.json"
+"""File that lists what was made from a result and lies in its folder, by path, with the sha256 of each."""
+
+
+def note_derived(results: Iterable[Result], paths: Iterable[Path]) -> None:
+    """Remember which files were made from results; those outside of a result's folder are not its.
+
+    Raises
+    ------
+    ResultError
+        If the list cannot be written.
+    """
+    resolved = [path.resolve() for path in paths]
+    for result in results:
+        if result.folder is None:
+            continue
+        folder = result.folder.resolve()
+        inside = [path for path in resolved if path.is_relative_to(folder)]
+        if inside:
+            with locked(folder):
+                known = _read(folder)
+                known |= {path.relative_to(folder).as_posix(): _sha256(path) for path in inside}
+                write_text(folder / DERIVED, json.dumps(known, indent=2, sort_keys=True) + "\n")
+
+
+def remove_derived(folder: Path) -> None:
+    """Remove what was made from a folder's result; files changed since are somebody's own and stay.
+
+    Raises
+    ------
+    OSError
+        If a file cannot be removed.
+    """
+    home = folder.resolve()
+    for name, sha256 in _read(folder).items():
+        path = (folder / name).resolve()
+        if path != home / name or not path.is_relative_to(home):  # the list is no reason to reach elsewhere
+            continue
+        if not path.is_file() or _sha256(path) != sha256:
+            continue
+        path.unlink()
+        if path.parent != home:
+            with contextlib.suppress(OSError):
+                path.parent.rmdir()  # only where nothing else is left in it
+    (folder / DERIVED).unlink(missing_ok=True)
+
+
+def _read(folder: Path) -> dict[str, str]:
+    """What is listed; nothing where the list is missing or damaged."""
+    try:
+        found = json.loads((folder / DERIVED).read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return {}
+    pairs = found.items() if isinstance(found, dict) else ()
+    return {name: sha256 for name, sha256 in pairs if isinstance(sha256, str) and "\0" not in name}
+
+
+def _sha256(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
