@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Literal
 
-from spacerobot.compiled import find_toolchain
+from spacerobot.compiled import NO_COMPILER, find_toolchain
 from spacerobot.errors import CompileError, SpaceRobotError
 from spacerobot.rollout.factory import Engines
 from spacerobot.rollout.grid import time_grid
@@ -111,7 +111,7 @@ def _engines(kernel: Kernel, backend: Backend) -> tuple[Engines, str]:
     toolchain = None if backend == "interpreted" else find_toolchain()
     if toolchain is None:
         if backend == "compiled":
-            raise CompileError("no C++ compiler was found (g++, clang++, CXX or SPACEROBOT_COMPILER)")
+            raise CompileError(NO_COMPILER)
         return Engines(kernel, None), ""
     engines = Engines(kernel, toolchain)
     try:
