@@ -51,7 +51,7 @@ class ResultError(SpaceRobotError):
 
 
 class SpaceRobotWarning(UserWarning):
-    """Surroundings that slow a job down but do not change its result; the command line prints its one line."""
+    """Surroundings that slow a job down but change no result; the command line prints its one line."""
 
 
 class CompileError(SpaceRobotError):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import subprocess
@@ -84,9 +85,9 @@ def build(
         _run_all([link], Path(work), environment, lambda _done, _total: None)
         if not built.exists():
             raise CompileError(f"{toolchain.name} made no library")
-        handle, target = tempfile.mkstemp(prefix="built-", suffix=".tmp", dir=folder)
+        handle, place = tempfile.mkstemp(prefix="built-", suffix=".tmp", dir=folder)
         os.close(handle)
-        return built.replace(target)
+        return built.replace(place)
 
 
 def usable_cores() -> int:
@@ -119,15 +120,14 @@ class _Job:
 
     def __init__(self, command: Sequence[str], log: Path, environment: dict[str, str]) -> None:
         self.begin, self.log, self.name = time.monotonic(), log, Path(command[0]).name
-        own_group = {"process_group": 0} if os.name == "posix" else {}
         with log.open("wb") as output:
-            self.process = subprocess.Popen(  # type: ignore[call-overload]
+            self.process = subprocess.Popen(
                 command,
                 stdin=subprocess.DEVNULL,
                 stdout=output,
                 stderr=output,
                 env=environment,
-                **own_group,
+                process_group=0 if os.name == "posix" else None,
             )
 
     def is_done(self, limit_s: float) -> bool:
@@ -152,10 +152,8 @@ class _Job:
     def end(self) -> None:
         """End it and what it started."""
         if os.name == "posix":
-            try:
+            with contextlib.suppress(ProcessLookupError, PermissionError):  # it may have ended by itself
                 os.killpg(self.process.pid, signal.SIGKILL)
-            except (ProcessLookupError, PermissionError):
-                pass  # it has ended by itself
         else:
             self.process.kill()
         self.process.wait()

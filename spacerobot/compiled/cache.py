@@ -1,9 +1,9 @@
 """A folder of compiled libraries that belongs to this user alone.
 
 An entry is one file ``<key>-<digest>.so`` (``.dylib``, ``.dll``): the key names what it was built from, the
-digest what it must hold. So a file that was cut short or changed is recognised before it is loaded, no library
-is ever loaded under a name that once meant something else, and two processes that build the same entry at once
-do no harm.
+digest what it must hold. So a file that was cut short or changed is recognised before it is loaded, no
+library is ever loaded under a name that once meant something else, and two processes that build the same
+entry at once do no harm.
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from spacerobot.compiled import pieces
-from spacerobot.compiled.pieces import Piece
+from spacerobot.compiled.pieces import Piece, Section
 from spacerobot.compiled.schedule import LANES_WINDOW, WINDOW, order_statements
 from spacerobot.errors import CompileError
 
@@ -144,7 +144,8 @@ def _together(chain: Mapping[str, ca.Function]) -> tuple[list[str], list[Piece]]
     values = [value for function in chain.values() for value in function.call(given)]
     statements = _statements("together", ca.Function("together", given, values, {"cse": True}))
     writes = [int(match.group(1)) if (match := _RESULT.match(line)) else -1 for line in statements]
-    sections, begin, begun = [], 0, 0
+    sections: list[Section] = []
+    begin, begun = 0, 0
     for name, function in chain.items():
         reads, _ = _parameters(function)
         own = range(begun, begun + function.n_out())
@@ -154,7 +155,7 @@ def _together(chain: Mapping[str, ca.Function]) -> tuple[list[str], list[Piece]]
             return None
         hot = not sections
         size = pieces.PIECE if hot else pieces.COLD_PIECE
-        sections.append(pieces.Section(name, parameters, tuple(statements[begin:end]), size, not hot))
+        sections.append(Section(name, parameters, tuple(statements[begin:end]), size, not hot))
         begin, begun = end, own.stop
     cut, slots = pieces.cut(sections)
     members, calls, scratch = [], [], [f"  real between[{slots + 1}];"]
@@ -179,7 +180,7 @@ def _alone(name: str, function: ca.Function, cold: bool, lanes: int) -> tuple[st
         if not cold:  # in pieces, a new order gains nothing
             statements = order_statements(statements, WINDOW if lanes == 1 else LANES_WINDOW)
         size = max(1, len(statements))
-    (parts,), slots = pieces.cut([pieces.Section(name, parameters, tuple(statements), size, cold)])
+    (parts,), slots = pieces.cut([Section(name, parameters, tuple(statements), size, cold)])
     if len(parts) == 1 and len(statements) <= SHORT:
         return _member(name, function, parameters, parts[0].lines), []
     arguments = ", ".join(["between", *(parameter.split()[-1] for parameter in parameters)])

@@ -162,7 +162,10 @@ def _units(source: Source, lanes: int, tail: str, toolchain: Toolchain) -> list[
         else:
             bins.append([piece])
     units = [
-        Unit("\n".join(["#define PIECES", head, *(f"{HIDDEN} {piece.text}" for piece in held), ""]), held[0].cold)
+        Unit(
+            "\n".join(["#define PIECES", head, *(f"{HIDDEN} {piece.text}" for piece in held), ""]),
+            held[0].cold,
+        )
         for held in bins
     ]
     return [*units, Unit("\n".join([head, source.struct, tail, ""]))]

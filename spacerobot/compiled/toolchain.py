@@ -129,7 +129,9 @@ def _toolchain(variable: str, wish: str) -> Toolchain | None:
                 f"mend it, or unset {variable} to have one looked for"
             )
         return _described((shutil.which(named[0]) or named[0], *named[1:]), version)
-    candidates = [(path,) for name in ("g++", "clang++", "c++") if (path := shutil.which(name))]
+    candidates: list[tuple[str, ...]] = [
+        (path,) for name in ("g++", "clang++", "c++") if (path := shutil.which(name))
+    ]
     if importlib.util.find_spec("ziglang") is not None:
         candidates.append(ZIG)
     for command in candidates:

@@ -229,14 +229,18 @@ def test_a_compiler_may_be_named_with_arguments(folder, monkeypatch):
 
 
 def test_a_compiler_that_hangs_is_ended_with_what_it_started(folder, monkeypatch, tmp_path):
-    monkeypatch.setenv("SPACEROBOT_COMPILER", str(compiler(tmp_path, f"sleep 600 & echo $! > {tmp_path}/pid; wait")))
+    monkeypatch.setenv(
+        "SPACEROBOT_COMPILER", str(compiler(tmp_path, f"sleep 600 & echo $! > {tmp_path}/pid; wait"))
+    )
     monkeypatch.setenv("SPACEROBOT_COMPILE_TIMEOUT", "1")
     with pytest.raises(CompileError, match="some-compiler was ended after 1 s; SPACEROBOT_COMPILE_TIMEOUT"):
         compile_functions(square())
     assert not is_running(int((tmp_path / "pid").read_text()))
     assert list(folder.iterdir()) == []
     monkeypatch.setenv("SPACEROBOT_COMPILE_TIMEOUT", "soon")
-    with pytest.raises(CompileError, match="SPACEROBOT_COMPILE_TIMEOUT is 'soon', allowed: a positive number"):
+    with pytest.raises(
+        CompileError, match="SPACEROBOT_COMPILE_TIMEOUT is 'soon', allowed: a positive number"
+    ):
         compile_functions(square())
 
 
