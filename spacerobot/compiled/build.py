@@ -79,10 +79,10 @@ def build(
         if toolchain.is_zig:
             environment |= {"ZIG_LOCAL_CACHE_DIR": work, "ZIG_GLOBAL_CACHE_DIR": str(folder / "zig")}
         told = progress or (lambda _done, _total: None)
-        _run_all(commands, Path(work), environment, told)
+        _run_all(toolchain.name, commands, environment, told)
         built = Path(work) / f"generated{SUFFIX}"
         link = [*toolchain.command, "-shared", "-o", str(built), *objects, *toolchain.libraries]
-        _run_all([link], Path(work), environment, lambda _done, _total: None)
+        _run_all(toolchain.name, [link], environment, lambda _done, _total: None)
         if not built.exists():
             raise CompileError(f"{toolchain.name} made no library")
         handle, place = tempfile.mkstemp(prefix="built-", suffix=".tmp", dir=folder)
@@ -118,8 +118,8 @@ def timeout_s() -> float:
 class _Job:
     """A running compiler."""
 
-    def __init__(self, command: Sequence[str], log: Path, environment: dict[str, str]) -> None:
-        self.begin, self.log, self.name = time.monotonic(), log, Path(command[0]).name
+    def __init__(self, name: str, command: Sequence[str], log: Path, environment: dict[str, str]) -> None:
+        self.begin, self.log, self.name = time.monotonic(), log, name
         with log.open("wb") as output:
             self.process = subprocess.Popen(
                 command,
@@ -160,9 +160,10 @@ class _Job:
 
 
 def _run_all(
-    commands: Sequence[Sequence[str]], work: Path, environment: dict[str, str], told: Progress
+    name: str, commands: Sequence[Sequence[str]], environment: dict[str, str], told: Progress
 ) -> None:
     """Run commands, at most one for each core at a time; none goes on when this returns."""
+    work = Path(environment["TMPDIR"])
     limit_s, waiting, running, done = timeout_s(), list(enumerate(commands)), list[_Job](), 0
     cores = usable_cores()
     told(done, len(commands))
@@ -170,7 +171,7 @@ def _run_all(
         while waiting or running:
             while waiting and len(running) < cores:
                 k, command = waiting.pop(0)
-                running.append(_Job(command, work / f"log_{k}.txt", environment))
+                running.append(_Job(name, command, work / f"log_{k}.txt", environment))
             ended = [job for job in running if job.is_done(limit_s)]
             for job in ended:
                 running.remove(job)

@@ -82,7 +82,7 @@ class Toolchain:
     @property
     def is_zig(self) -> bool:
         """Whether it is the compiler of the ``ziglang`` package."""
-        return self.command[1:] == ZIG[1:]
+        return self.command == ZIG
 
     @property
     def cold_flags(self) -> tuple[str, ...]:
@@ -145,14 +145,16 @@ def _described(command: tuple[str, ...], version: str) -> Toolchain:
     processor = _processor()
     lanes = _lanes(processor)
     symbols, libraries = _vector_maths(lanes)
-    x86 = platform.machine().lower() in ("x86_64", "amd64", "i386", "i686")
-    # tuning for the newest processors spills to general registers: 15 % slower here
-    native = ("-march=native", "-mtune=generic") if x86 else ("-mcpu=native",)
-    position = () if sys.platform == "win32" else ("-fPIC",)
-    own = ZIG_FLAGS if command[1:] == ZIG[1:] else () if "clang" in version else GCC_FLAGS
-    mathematics = () if sys.platform == "win32" else ("-lm",)
-    flags = (*FLAGS, *native, *position, *own)
-    return Toolchain(command, version, flags, (*libraries, *mathematics), processor, lanes, symbols)
+    if platform.machine().lower() not in ("x86_64", "amd64"):
+        own: tuple[str, ...] = ("-mcpu=native",)
+    elif command == ZIG:
+        own = ("-march=native",)
+    else:  # tuning for the newest processors spills to general registers: 15 % slower here
+        own = ("-march=native", "-mtune=generic")
+    if sys.platform != "win32":
+        own, libraries = (*own, "-fPIC"), (*libraries, "-lm")
+    own += ZIG_FLAGS if command == ZIG else () if "clang" in version else GCC_FLAGS
+    return Toolchain(command, version, (*FLAGS, *own), libraries, processor, lanes, symbols)
 
 
 def _version(command: tuple[str, ...]) -> str | None:
