@@ -1,6 +1,6 @@
 """Tuning: variables, objectives, evolutionary methods, NLP, and an honest comparison between them."""
 
-from optim.compare import Comparison, Contest, compare
+from optim.comparison import Comparison, Contest, Session, compare
 from optim.evolutionary import Protocol, evolve
 from optim.methods import Effort, Outcome, effort_of, run_method
 from optim.nlp import NlpSettings, solve
@@ -22,6 +22,7 @@ __all__ = [
     "Run",
     "Search",
     "Sensitivity",
+    "Session",
     "Signals",
     "Tuned",
     "TuningProblem",

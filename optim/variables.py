@@ -12,6 +12,8 @@ from optim.protocol import Array
 from spacerobot.scenario import Tuning
 from spacerobot.scene import Scene
 
+NEAR_BOUND = 1e-3  # of the unit cube: nearer counts as being there
+
 
 @dataclass(frozen=True)
 class Variables:
@@ -113,3 +115,11 @@ def resolve_variables(scene: Scene, tuning: Tuning, chosen: Sequence[str] | None
         np.array([v.scale == "log" for v in chosen_variables]),
         np.array(start),
     )
+
+
+def at_bound(names: Sequence[str], u: Array) -> dict[str, str]:
+    """Variables that are at (or beyond) a bound at a point u (k,): ``lower`` or ``upper``, by name."""
+    ends = {name: "lower" if x <= NEAR_BOUND else "upper" for name, x in zip(names, u, strict=True)}
+    return {
+        n: end for (n, end), x in zip(ends.items(), u, strict=True) if not NEAR_BOUND < x < 1 - NEAR_BOUND
+    }

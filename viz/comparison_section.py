@@ -1,4 +1,4 @@
-"""A comparison of tuning methods in a report: what each found, what it cost, how it holds up."""
+"""A comparison of tuning methods in a report: the verdict, then what each method found and at which cost."""
 
 from __future__ import annotations
 
@@ -7,19 +7,27 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from optim.comparison import tables
 from spacerobot.errors import ResultError
-from spacerobot.result import load
-from viz.report import SECTIONS, Section, report
+from spacerobot.result import Result, load
+from spacerobot.result.store import DATA
+from viz.comparison_figures import PROFILES
+from viz.report import SECTIONS, Section, page, report
 from viz.report_sections import escape, picture, table
 
 COMPARISON = "comparison.json"
 DRAWINGS = {
-    "convergence_cost": "Best objective so far over cost",
-    "convergence_time": "Best objective so far over time",
+    "running_times": "Expected running time to each target, with its 90 % interval",
+    "convergence": "All runs of each method, from best to worst (band), and their median (line); "
+    "the other methods' medians in grey; the targets dotted",
     "sensitivities": "How far the objective moves if a gain crosses its range",
     "robustness": "Objective on plants never tuned for",
 }
-HEADINGS = ("method", "best", "median", "on other plants (worst)", "cost [rollouts]", "torque [N m]", "gains")
+NAME, TITLE = "comparison", "Tuning methods, compared"
+PROFILE_TITLE = (
+    "Data profiles: share of all contests, targets and runs that each method solved within a budget, "
+    "with 90 % intervals over contests and runs"
+)
 
 
 def comparison_section(folder: Path) -> Section:
@@ -35,76 +43,67 @@ def comparison_section(folder: Path) -> Section:
     ResultError
         If it holds no comparison that can be shown.
     """
+    text = _text(folder)
+    return Section(NAME, TITLE, lambda _: text)
+
+
+def _text(folder: Path) -> str:
     try:
-        contests = _read(folder)["contests"]
-        text = "".join(_contest(contest, folder / contest["name"] / "figures") for contest in contests)
-    except (OSError, ValueError, KeyError, TypeError) as fault:
+        data = _read(folder)
+        text = f"<p><strong>{escape(data['verdict'])}</strong></p>{_table(tables.summary_table(data))}"
+        text += _drawing(folder / "figures" / f"{PROFILES}.svg", PROFILES, PROFILE_TITLE)
+        return text + "".join(_contest(c, data["precisions"], folder) for c in data["contests"])
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, IndexError) as fault:
         raise ResultError(f"holds no comparison that can be shown: {fault}", source=folder) from None
-    return Section("comparison", "Tuning methods, compared", lambda _: text)
 
 
 def comparison_report(folder: Path) -> str:
-    """HTML of a report about a comparison; shown are the first problem's untuned and best designs.
+    """HTML of a report about a comparison; the first problem's untuned and best designs follow, if judged.
 
     Raises
     ------
     ResultError
         If the folder holds no comparison that can be shown.
     """
-    section = comparison_section(folder)
-    contest = _read(folder)["contests"][0]
-    best = min(contest["methods"], key=lambda name: contest["methods"][name]["objective"]["best"])
-    shown = [load(folder / contest["name"] / name) for name in ("baseline", best)]
-    title = f"Tuning methods compared; shown: {contest['name']}, untuned and {best}"
-    return report(*shown, title=title, sections=[section, *SECTIONS])
+    section, data = comparison_section(folder), _read(folder)
+    contest = data["contests"][0]
+    ranked = {name: method for name, method in contest["methods"].items() if method["ranked"]}
+    best = min(ranked or contest["methods"], key=lambda name: _objective(contest["methods"][name]))
+    shown = [folder / contest["name"] / name for name in ("baseline", best)]
+    title = f"Tuning methods compared: {data['name']}"
+    if not all((place / DATA).is_file() for place in shown):
+        return page(title, [(section, _text(folder))])
+    results: list[Result] = [load(place) for place in shown]
+    title += f"; shown: {contest['name']}, untuned and {best}"
+    return report(*results, title=title, sections=[section, *SECTIONS])
+
+
+def _objective(method: Mapping[str, Any]) -> float:
+    best = method["objective"]["best"]
+    return float("inf") if best is None else float(best)
 
 
 def _read(folder: Path) -> Any:
     return json.loads((folder / COMPARISON).read_text(encoding="utf-8"))
 
 
-def _contest(contest: Mapping[str, Any], figures: Path) -> str:
-    baseline = contest["baseline"]
-    rows = [
-        ["untuned", _number(baseline["nominal_objective"]), "", _plants(baseline), "", _torque(baseline), ""]
+def _contest(contest: Mapping[str, Any], precisions: list[float], folder: Path) -> str:
+    name = contest["name"]
+    made = tables.tables_of(contest, precisions)
+    made.insert(1, tables.success_table(contest, precisions))
+    drawings = [
+        _drawing(folder / name / "figures" / f"{kind}.svg", f"{name}-{kind}", title)
+        for kind, title in DRAWINGS.items()
     ]
-    for name, method in contest["methods"].items():
-        best, objective = method["best"], method["objective"]
-        gains = ", ".join(
-            f"{gain} {value:.4g}{'*' if gain in best['active_bounds'] else ''}"
-            for gain, value in best["gains"].items()
-        )
-        cost = f"{method['spent']['equivalent_rollouts']:.0f}"
-        found = _number(objective["best"]), _number(objective["median"])
-        rows.append([name, *found, _plants(best), cost, _torque(best), gains])
-    kind, gradient = contest["objective"]["kind"], contest["gradient_cost_rollouts"]
-    note = f"Objective: {kind}, in SI units. * at a bound. A gradient counts {gradient:.0f}"
     return (
-        f"<h3>{escape(contest['name'])}</h3>{table(HEADINGS, rows)}"
-        f"<p>{escape(note)} rollouts, its measured cost.</p>{_drawings(figures)}"
+        f"<h3>{escape(tables.heading(contest))}</h3><p>{escape(tables.prices(contest))}</p>"
+        f"{_table(made[0])}{''.join(drawings[:2])}{''.join(map(_table, made[1:]))}{''.join(drawings[2:])}"
     )
 
 
-def _number(value: float | None) -> str:
-    return "diverged" if value is None else f"{value:.4g}"
+def _table(made: tables.Table) -> str:
+    return f"<p>{escape(made.title)}</p>{table(made.headings, made.rows)}"
 
 
-def _plants(design: Mapping[str, Any]) -> str:
-    others = design.get("other_plants")
-    if not others or others["objective"] is None:
-        return ""
-    return f"{_number(others['objective']['median'])} ({_number(others['objective']['worst'])})"
-
-
-def _torque(design: Mapping[str, Any]) -> str:
-    peaks = design.get("peaks") or {}
-    return _number(peaks["joint_torque_peak"]) if "joint_torque_peak" in peaks else ""
-
-
-def _drawings(figures: Path) -> str:
-    text = ""
-    for name, title in DRAWINGS.items():
-        file = figures / f"{name}.svg"
-        if file.is_file():
-            text += picture(f"{figures.parent.name}-{name}", title, file.read_bytes())
-    return text
+def _drawing(file: Path, name: str, title: str) -> str:
+    return picture(name, title, file.read_bytes()) if file.is_file() else ""

@@ -70,12 +70,24 @@ def report(*results: Result, title: str | None = None, sections: Sequence[Sectio
     check_comparable(results)
     subject = parts.subject_of(results)
     bodies = [(section, section.body(subject)) for section in sections]
-    shown = [(section, body) for section, body in bodies if body is not None]
-    links = "".join(f'<a href="#{s.name}">{parts.escape(s.title)}</a>' for s, _ in shown)
-    text = "".join(
-        f'<section id="{s.name}"><h2>{parts.escape(s.title)}</h2>{body}</section>' for s, body in shown
-    )
     heading = title or " · ".join(subject.labels[:4]) + (" · ..." if len(subject.labels) > 4 else "")
+    return page(heading, [(section, body) for section, body in bodies if body is not None])
+
+
+def page(heading: str, sections: Sequence[tuple[Section, str]]) -> str:
+    """HTML of a page of sections with a heading; it needs no network and prints well.
+
+    Parameters
+    ----------
+    heading
+        Plain text.
+    sections
+        Each with its HTML.
+    """
+    links = "".join(f'<a href="#{s.name}">{parts.escape(s.title)}</a>' for s, _ in sections)
+    text = "".join(
+        f'<section id="{s.name}"><h2>{parts.escape(s.title)}</h2>{body}</section>' for s, body in sections
+    )
     web = files("viz") / "web"
     return fill(
         (web / "report.html").read_text(encoding="utf-8"),

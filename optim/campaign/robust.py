@@ -22,9 +22,9 @@ from optim.campaign.space import Space, campaign_of, check_range, gain_set, reso
 from optim.campaign.statistics import percentile
 from optim.methods import Effort, Outcome, effort_of, run_method
 from optim.objectives import OBJECTIVE
+from optim.plain import plain
 from optim.problem import TuningProblem, build_problem
 from optim.protocol import Array, Cost, Evaluation, Form, Linearisation
-from optim.report import plain
 from optim.scenes import changed_scene, tuning_of
 from optim.search import Progress
 from optim.workers import Arrays, Workers

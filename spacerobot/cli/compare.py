@@ -2,23 +2,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from rich.markup import escape
 
-from spacerobot.cli.options import Changes, Machines, Out, ScenarioName, Threads, parse_changes
+from spacerobot.cli.options import Changes, Machines, Out, Threads, parse_changes
 from spacerobot.cli.output import console, table, warn
 from spacerobot.cli.tuning_options import Budget, Runs, Seed, Starts, parts, shown
 
 if TYPE_CHECKING:
-    from optim import Comparison, Contest
+    from optim.comparison import Session
+    from optim.comparison.compare import Comparison
+    from optim.comparison.tables import Table
 
+Name = Annotated[
+    str,
+    typer.Argument(
+        metavar="SCENARIO", help="A scenario, as for `run`; or `suite`: contests of many kinds that ship."
+    ),
+]
 Methods = Annotated[
     str | None,
-    typer.Option(
-        "--methods", metavar="LIST", help="Among manual, ga, de, pso, cmaes, nlp, nlp_ga; by commas."
-    ),
+    typer.Option("--methods", metavar="LIST", help="Names of methods by commas; the section's if not given."),
 ]
 Readings = Annotated[
     str | None, typer.Option("--readings", metavar="LIST", help="Readings of the tuning section; by commas.")
@@ -26,27 +34,36 @@ Readings = Annotated[
 Sets = Annotated[
     str | None, typer.Option("--sets", metavar="LIST", help="Sets of variables; by commas. All if not given.")
 ]
+Contests = Annotated[
+    str | None, typer.Option("--contests", metavar="LIST", help="Contests of the suite; by commas.")
+]
 Full = Annotated[
     bool, typer.Option("--full", help="Give every evolutionary method the GA's whole budget: twice as long.")
 ]
+Page = Annotated[
+    bool, typer.Option("--report", help="Write DIR/report.html too, as `spacerobot report DIR` does.")
+]
 
-HELP = """Tune a scenario by every method and compare what they find, what it costs and how it holds up.
+HELP = """Tune by every method and compare: what each finds, at which cost, how often, and how it holds up.
 
-A comparison that was killed goes on where it was when it is started again with the same --out.
+The verdict comes first. Costs are operations of the generated code, in plain rollouts; `docs/tuning.md` says
+how they are counted. A comparison that was killed goes on where it was when it is started again with the same
+--out.
 
 Examples:
 
-    spacerobot compare paper --out out/compare
+    spacerobot compare paper --out out/compare --report
+
+    spacerobot compare suite --out out/suite --report
 
     spacerobot compare my.yaml --methods ga,nlp --runs 3 --budget 2000
 """
 
 LEGEND = (
-    "best, median, spread (quartiles): of the objective over runs. Cost: in rollouts, a gradient counted "
-    "at its measured {gradient:.0f} (a rollout in a batch takes {rollout:.2f} ms of one core); nlp_ga: what "
-    "it adds to the GA. Errors: largest absolute one by tip and axis. Torque, grip: the largest needed. "
-    "Other plants: objective on {plants} plants never tuned for, median (worst). Matters: relative change "
-    "of the objective, to first order, if the gain crossed its range."
+    "To so much above the best known value, over all methods and runs of the contest: expected running time, "
+    "all that the runs spent until they met the target, or ended, over the number of runs that met it. Costs "
+    "in rollouts, of all runs together where it says spent. nlp_ga is charged all runs of the GA that it "
+    "starts from. manual knows no bounds and is not ranked. Times are of this machine, under its load."
 )
 
 
@@ -56,12 +73,13 @@ def register(app: typer.Typer) -> None:
 
 
 def command(
-    scenario: ScenarioName,
+    scenario: Name,
     out: Out = None,
     changes: Changes = None,
     methods: Methods = None,
     readings: Readings = None,
     sets: Sets = None,
+    contests: Contests = None,
     budget: Budget = None,
     runs: Runs = None,
     starts: Starts = None,
@@ -69,98 +87,106 @@ def command(
     threads: Threads = None,
     dask: Machines = None,
     full: Full = False,
+    page: Page = False,
 ) -> None:
     """Compare methods; exit code 130 after Ctrl-C, with what was found until then."""
-    from optim import compare, effort_of
-    from optim.report import to_json, write
-    from optim.scenes import tuning_of
-    from optim.tables import markdown
+    from optim.comparison import Session
+    from optim.comparison.report import to_data
     from optim.workers.dask import open_workers
-    from spacerobot.files import write_text
-    from spacerobot.scene import load_scene
 
-    scene = load_scene(scenario, parse_changes(changes))
-    tuning = tuning_of(scene)
-    rivals = budget or (tuning.budget if full else None)
-    effort = effort_of(tuning, budget=budget, rival_budget=rivals, runs=runs, starts=starts, seed=seed)
+    if page and out is None:
+        raise typer.BadParameter("needs --out DIR, where the page is written", param_hint="--report")
+    asked = {"budget": budget, "runs": runs, "starts": starts, "seed": seed}
     with shown() as (tell, report), open_workers(threads, dask) as workers:
-        found = compare(
-            scene,
-            methods=parts(methods),
-            readings=parts(readings),
-            sets=parts(sets),
-            effort=effort,
-            folder=out / "journals" if out is not None else None,
-            workers=workers,
-            progress=report,
-            tell=tell,
-        )
-        if out is not None:
-            tell("simulating and saving the best designs")
-            write(found, out)
-            write_text(out / "comparison.md", markdown(to_json(found)))
-            draw(found, out)
-    for contest in found.contests:
-        show(contest)
+        session = Session(out / "journals" if out is not None else None, workers, report, tell)
+        if scenario == SUITE:
+            _refuse(
+                "suite", {"--readings": readings, "--sets": sets, "--set": changes, "--full": full or None}
+            )
+            found = _of_suite(parts(contests), parts(methods), asked, session)
+        else:
+            _refuse("scenario", {"--contests": contests})
+            picked = {"methods": parts(methods), "readings": parts(readings), "sets": parts(sets)}
+            found = _of_scenario(scenario, parse_changes(changes), picked, asked | {"full": full}, session)
+        data = to_data(found) if out is None else _written(found, out, tell, page=page)
+    show(data)
     console().print(f"\n{found.wall_s:.0f} s in all", markup=False)
     if out is not None:
-        console().print(f"comparison.json, figures and results in {out}", markup=False, soft_wrap=True)
+        what = "report.html, comparison.json and figures" if page else "comparison.json and figures"
+        console().print(f"{what} in {out}", markup=False, soft_wrap=True)
     if found.interrupted:
         warn("interrupted: what was found until then is kept")
         raise typer.Exit(130)
 
 
-def show(contest: Contest) -> None:
-    """Print a contest: its table, the claim that it tests, the gains, and which of them matter."""
-    from optim import report, tables
-
-    unit = tables.unit_of(contest)[1]
-    names = contest.problem.names
-    title = f"{contest.name}: objective in {unit}"
-    console().print(table(title, tables.COST_HEADINGS, tables.cost_rows(contest)))
-    console().print(table(None, ("gains", *names, "at a bound"), tables.gain_rows(contest)))
-    console().print(table(None, tables.design_headings(contest), tables.design_rows(contest)))
-    console().print(table(None, ("matters", *names), tables.sensitivity_rows(contest)))
-    plants = contest.problem.scene.scenario.tuning
-    count = plants.robustness.plants if plants is not None else 0
-    words = {"gradient": contest.gradient_cost, "rollout": 1e3 * contest.rollout_s, "plants": count}
-    console().print(LEGEND.format(**words), markup=False)
-    said = report.claim(contest)
-    if said is not None:
-        console().print(
-            f"The NLP's best is {said['objective_ratio']:.4f} of the best of all evolutionary runs, at "
-            f"{said['cost_ratio']:.3f} of their cost: {'' if said['met'] else 'NOT '}as good at a tenth.",
-            markup=False,
-        )
+SUITE = "suite"
 
 
-def draw(found: Comparison, folder: Path) -> None:
-    """Write convergence, sensitivities and robustness of each contest as figures."""
-    from optim.report import convergence
-    from optim.tables import unit_of
-    from spacerobot.files import write_bytes
-    from viz.figures import convergence as draw_convergence
-    from viz.figures import robustness, sensitivities
-    from viz.figures.style import to_bytes
+def _refuse(what: str, given: Mapping[str, object]) -> None:
+    """Refuse options that do not fit what is compared."""
+    for name, value in given.items():
+        if value:
+            raise typer.BadParameter(f"does not go with a {what}", param_hint=name)
 
-    for contest in found.contests:
-        factor, unit = unit_of(contest)
-        best = {name: outcome.best for name, outcome in contest.outcomes.items() if outcome.best.history}
-        figures = {}
-        for kind, column, step in (("cost", 0, "cost in rollouts"), ("time", 1, "time [s]")):
-            lines = {
-                name: [(row[column], factor * row[2]) for row in convergence(run, contest.gradient_cost)]
-                for name, run in best.items()
-            }
-            lines = {name: line for name, line in lines.items() if line}
-            if lines:
-                made = draw_convergence(lines, quantity="objective", unit=unit, step=step)
-                figures[f"convergence_{kind}"] = made
-        if contest.sensitivity is not None:
-            shares = contest.sensitivity.over_range
-            figures["sensitivities"] = sensitivities(contest.problem.names, shares, quantity="the objective")
-        designs = {"untuned": contest.baseline, **contest.verdicts}
-        samples = {name: factor * design.varied["objective"] for name, design in designs.items()}
-        figures["robustness"] = robustness(samples, quantity="objective", unit=unit)
-        for name, figure in figures.items():
-            write_bytes(folder / contest.name / "figures" / f"{name}.svg", to_bytes(figure, "svg"))
+
+def _of_scenario(
+    name: str,
+    changes: Sequence[tuple[str, Any]],
+    picked: Mapping[str, Any],
+    asked: Mapping[str, Any],
+    session: Session,
+) -> Comparison:
+    from optim import compare, effort_of
+    from optim.scenes import tuning_of
+    from spacerobot.scene import load_scene
+
+    scene = load_scene(name, changes)
+    tuning = tuning_of(scene)
+    numbers = {key: value for key, value in asked.items() if key != "full"}
+    rivals = asked["budget"] or (tuning.budget if asked["full"] else None)
+    return compare(scene, **picked, effort=effort_of(tuning, **numbers, rival_budget=rivals), session=session)
+
+
+def _of_suite(
+    contests: list[str] | None, methods: list[str] | None, asked: Mapping[str, Any], session: Session
+) -> Comparison:
+    from optim.comparison.suite import compare_suite
+
+    return compare_suite(contests, methods=methods, effort=asked, session=session)
+
+
+def _written(found: Comparison, out: Path, tell: Any, *, page: bool) -> dict[str, Any]:
+    """Write data, tables, figures, designs and, if asked for, the page."""
+    from optim.comparison.results import write
+    from optim.comparison.tables import markdown
+    from spacerobot.files import write_text
+    from viz.comparison_figures import write_figures
+    from viz.comparison_section import comparison_report
+
+    tell("simulating and saving the best designs")
+    data = write(found, out)
+    write_text(out / "comparison.md", markdown(data))
+    tell("drawing")
+    write_figures(data, out)
+    if page:
+        tell("writing the report")
+        write_text(out / "report.html", comparison_report(out))
+    return data
+
+
+def show(data: Mapping[str, Any]) -> None:
+    """Print a comparison: the verdict, all contests in one table, then each contest's tables."""
+    from optim.comparison import tables
+
+    console().print(f"\n{data['verdict']}\n", markup=False, style="bold")
+    _print(tables.summary_table(data))
+    for contest in data["contests"]:
+        console().rule(escape(tables.heading(contest)), align="left", style="dim")
+        console().print(tables.prices(contest), markup=False)
+        for made in tables.tables_of(contest, data["precisions"]):
+            _print(made)
+    console().print(LEGEND, markup=False)
+
+
+def _print(made: Table) -> None:
+    console().print(table(made.title, made.headings, made.rows))

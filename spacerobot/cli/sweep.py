@@ -36,10 +36,10 @@ def command(
     dask: Machines = None,
 ) -> None:
     """Run the GA with one setting changed at a time."""
-    from optim import Protocol, build_problem
-    from optim.report import statistics
+    from optim import Protocol, Session, build_problem
+    from optim.comparison.statistics import statistics
+    from optim.comparison.sweep import sweep
     from optim.scenes import tuning_of
-    from optim.sweep import sweep
     from optim.workers.dask import open_workers
     from spacerobot.files import write_text
     from spacerobot.scene import load_scene
@@ -52,16 +52,8 @@ def command(
         tell("building and compiling")
         problem = build_problem(scene, chosen=chosen, reading=reading, workers=workers)
         protocol = Protocol(population=tuning.population, budget=budget or 1000)
-        folder = out / "journals" if out is not None else None
-        trials = sweep(
-            problem,
-            protocol=protocol,
-            runs=runs or 3,
-            seed=seed or 0,
-            workers=workers,
-            folder=folder,
-            progress=report,
-        )
+        session = Session(out / "journals" if out is not None else None, workers, report)
+        trials = sweep(problem, protocol=protocol, runs=runs or 3, seed=seed or 0, session=session)
         for trial in trials:
             found = statistics(trial.objectives)
             data.append({"setting": trial.setting, "value": trial.value, **found})

@@ -62,6 +62,7 @@ def command(
     """Tune, simulate the best design, and save it if a folder is given."""
     from optim import effort_of, tune
     from optim.scenes import tuning_of
+    from optim.variables import at_bound
     from optim.workers.dask import open_workers
     from spacerobot.result import save
     from spacerobot.result.table import headline
@@ -88,7 +89,9 @@ def command(
         if out is not None:
             result = save(result, out)
             _write(found, out)
-    rows = [(name, f"{value:.6g}") for name, value in found.gains.items()]
+    ends = at_bound(list(found.gains), found.outcome.best.u)
+    told = {name: f", at its {end} bound" for name, end in ends.items()}
+    rows = [(name, f"{value:.6g}{told.get(name, '')}") for name, value in found.gains.items()]
     console().print(f"{method}: objective {found.objective:.6g}", markup=False)
     console().print(pairs("gains", rows))
     show_runs(found.outcome.runs)
@@ -118,11 +121,13 @@ def _short(value: object) -> str:
 def _write(found: Tuned, out: object) -> None:
     from pathlib import Path
 
-    from optim.report import plain
+    from optim.plain import plain
+    from optim.variables import at_bound
     from spacerobot.files import write_text
 
     data = {
         "gains": dict(found.gains),
+        "active_bounds": at_bound(list(found.gains), found.outcome.best.u),
         "objective": found.objective,
         "status": found.status,
         "message": found.message,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 from spacerobot.description.find import shipped_urdf_folder
 from spacerobot.description.planar import planar_arm_urdf, rectangle_urdf
@@ -10,6 +11,16 @@ from spacerobot.description.spatial import satellite_box_urdf, servicer_urdf
 
 SHIPPED: dict[str, Callable[[], str]] = {
     "planar_arm.urdf": planar_arm_urdf,
+    "short_arm.urdf": partial(
+        planar_arm_urdf,
+        links=3,
+        link_length_m=0.5,
+        link_mass_kg=8.0,
+        link_inertia_kg_m2=(0.17, 0.12),
+        base_mass_kg=120.0,
+        base_inertia_kg_m2=15.0,
+        name="short_arm",
+    ),
     "rectangle.urdf": rectangle_urdf,
     "servicer.urdf": servicer_urdf,
     "satellite_box.urdf": satellite_box_urdf,

@@ -20,6 +20,7 @@ from viz.figures import (
     KINDS,
     base_motion,
     convergence,
+    data_profiles,
     docking,
     draw_all,
     grip_forces,
@@ -27,6 +28,7 @@ from viz.figures import (
     ledger,
     object_motion,
     robustness,
+    running_times,
     save_figures,
     sensitivities,
     tip_errors,
@@ -35,7 +37,7 @@ from viz.figures import (
 from viz.figures.style import labels_of
 from viz.figures.tips import enlargement
 
-UNIT = re.compile(r"\[(m|mm|s|deg|N|N m|N s|N m s|J|1|%)\]$")
+UNIT = re.compile(r"\[(m|mm|s|deg|N|N m|N s|N m s|J|1|%|rollouts)\]$")
 
 
 def _lines(figure, title):
@@ -234,12 +236,40 @@ def test_drawing_leaves_the_callers_style_alone_and_shows_itself(paper):
     assert dict(mpl.rcParams) == before
 
 
-def test_convergence_keeps_the_best_and_skips_what_diverged():
-    figure = convergence(
-        {"a": [3.0, np.nan, 5.0, 1.0], "b": [[0, 2.0], [10, 1.0]]}, quantity="error", unit="mm"
+def test_convergence_draws_the_median_and_the_band_of_all_runs():
+    runs = {"a": [[(10, 0.5), (100, 0.01)], [(20, 0.1)], [(30, 0.2)]], "b": [[(5, 1.0), (400, 0.0)]]}
+    figure = convergence(runs, targets=[0.01], ends={"a": [200, 200, 200], "b": [400]})
+    first, second = figure.axes[:2]
+    assert (first.get_xlim(), first.get_ylim()) == (second.get_xlim(), second.get_ylim())
+    assert [panel.get_title("left") for panel in (first, second)] == ["a (3 runs)", "b (1 run)"]
+    costs, median = first.get_lines()[2].get_data()
+    assert median[-1] == 0.1
+    assert np.isnan(median[costs < 20]).all()
+    (band,) = first.collections
+    heights = band.get_paths()[0].vertices[:, 1]
+    assert (heights.min(), sorted(set(heights))[-1] > 1) == (0.01, True)
+    figure.draw_without_rendering()
+    ticks = [tick.get_text() for tick in first.get_yticklabels() if tick.get_text()]
+    assert len(set(ticks)) == len(ticks) >= 3
+    assert {"1 %", "0.01 %"} & set(ticks)
+
+
+def test_running_times_that_were_never_met_say_so():
+    never = (np.inf, np.inf, np.inf)
+    figure = running_times(
+        {"a": [(10, 5, 20), never], "b": [(30, 10, np.inf), never]}, targets=["1 %", "0.1 %"]
     )
-    best = [line.get_ydata().tolist() for line in figure.axes[0].get_lines()]
-    assert best == [[3.0, 3.0, 3.0, 1.0], [2.0, 1.0]]
+    left, right = figure.axes
+    assert [line.get_xdata().tolist() for line in left.get_lines()][1::2] == [[10], [30]]
+    assert [text.get_text() for text in right.texts] == ["never met", "never met"]
+
+
+def test_data_profiles_draw_shares_and_intervals():
+    one = {"share": [0.0, 0.5], "low": [0.0, 0.3], "high": [0.1, 0.8]}
+    figure = data_profiles([1.0, 100.0], {"a": one})
+    (line,) = figure.axes[0].get_lines()
+    assert line.get_xydata().tolist() == [[1.0, 0.0], [100.0, 0.5]]
+    assert len(figure.axes[0].collections) == 1
     _check_units(figure)
 
 

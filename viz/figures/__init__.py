@@ -9,7 +9,7 @@ from viz.figures.joints import joints
 from viz.figures.ledger import ledger
 from viz.figures.style import Drawing, to_bytes
 from viz.figures.tips import tip_errors, tip_paths
-from viz.figures.tuning import convergence, sensitivities
+from viz.figures.tuning import convergence, data_profiles, running_times, sensitivities
 
 __all__ = [
     "KINDS",
@@ -19,6 +19,7 @@ __all__ = [
     "base_motion",
     "convergence",
     "courses",
+    "data_profiles",
     "distributions",
     "docking",
     "draw_all",
@@ -28,6 +29,7 @@ __all__ = [
     "moving_components",
     "object_motion",
     "robustness",
+    "running_times",
     "save_figures",
     "sensitivities",
     "tip_errors",

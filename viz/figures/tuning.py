@@ -1,47 +1,166 @@
-"""Tuning: convergence, and sensitivities of gains. They take plain data, whatever made it."""
+"""Tuning: convergence, running times, data profiles, and sensitivities of gains.
+
+They take plain data, whatever made it.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from matplotlib.axes import Axes
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, PercentFormatter
+from numpy.typing import ArrayLike, NDArray
 
 from viz.figures.style import COLOURS, Drawing, legend_above, line, panels, styled
+
+Array = NDArray[np.float64]
+FLOOR = 1e-5  # gap at which a run counts as having met the best known value
+POINTS = 240  # of a band
+COST = "cost [rollouts]"
 
 
 @styled
 def convergence(
-    runs: Mapping[str, ArrayLike], *, quantity: str, unit: str, step: str = "generation", log: bool = True
+    runs: Mapping[str, Sequence[ArrayLike]], *, targets: Sequence[float] = (), ends: Mapping[str, Any]
 ) -> Drawing:
-    """Best value so far over the steps of each run.
+    """How far above the best known value the runs of each method are, over their cost.
+
+    A panel for each method, all on the same axes: its runs from the best to the worst as a band, their median
+    as a line, and the other methods' medians behind.
 
     Parameters
     ----------
     runs
-        By name of the run: values at steps (n,), or steps and values (n, 2). Values that are not finite, of
-        candidates that diverged, are left out.
-    quantity, unit
-        What was made small, and its unit.
-    step
-        What the steps are: generation, evaluation, iteration, or a time with its unit in brackets.
-    log
-        Whether the values stand on a logarithmic axis.
+        By method: for each run its cost in rollouts and its gap, relative to the best known value,
+        wherever it improved, (n, 2).
+    targets
+        Gaps that are marked.
+    ends
+        By method: cost at which each run ended (runs,).
     """
-    figure, axes = panels(1, 1, height_in=2.8)
-    panel = axes[0, 0]
-    for k, (name, given) in enumerate(runs.items()):
-        values = np.asarray(given, dtype=np.float64)
-        steps, values = (values[:, 0], values[:, 1]) if values.ndim == 2 else (np.arange(len(values)), values)
-        best = np.fmin.accumulate(np.where(np.isfinite(values), values, np.nan))
-        panel.plot(steps, best, drawstyle="steps-post", **line(k), label=name)
-    panel.set_xlabel(step if "[" in step else f"{step} [1]")
-    panel.set_ylabel(f"best {quantity} so far [{unit}]")
-    if log:
-        panel.set_yscale("log")
-        panel.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
-        panel.yaxis.set_minor_formatter(lambda value, _: f"{value:.2g}")
-    legend_above(figure, panel)
+    names = list(runs)
+    columns = min(4, len(names))
+    rows = -(-len(names) // columns)
+    figure, axes = panels(rows, columns, height_in=1.55, sharex=True, sharey=True)
+    most = max((float(np.max(ends[name], initial=1.0)) for name in names), default=1.0)
+    costs = np.geomspace(1.0, max(most, 2.0), POINTS)
+    gaps = {name: np.array([_held(run, costs) for run in runs[name]]) for name in names}
+    for k, (panel, name) in enumerate(zip(axes.flat, names, strict=False)):
+        for other in names:
+            panel.plot(costs, _median(gaps[other]), color="0.75", linewidth=0.7, zorder=1)
+        reached = costs <= np.max(ends[name], initial=1.0)
+        look = {"color": COLOURS[k % len(COLOURS)]}
+        low, high = np.min(gaps[name], axis=0), np.max(gaps[name], axis=0)
+        top = np.where(np.isfinite(high), high, 1e12)  # runs that have found nothing yet
+        panel.fill_between(costs, low, top, where=reached & np.isfinite(low), alpha=0.25, linewidth=0, **look)
+        panel.plot(costs[reached], _median(gaps[name])[reached], linewidth=1.5, **look)
+        panel.set_title(f"{name} ({len(gaps[name])} {'run' if len(gaps[name]) == 1 else 'runs'})")
+        for target in targets:
+            panel.axhline(target, color="0.35", linewidth=0.6, linestyle=":")
+    for panel in axes.flat[len(names) :]:
+        panel.set_axis_off()
+    _gap_axis(axes[0, 0], gaps)
+    _cost_axis(axes[0, 0], costs[-1])
+    figure.supxlabel(COST, fontsize=8.5)
+    figure.supylabel("above the best known value", fontsize=8.5)
+    return figure
+
+
+def _held(run: ArrayLike, costs: Array) -> Array:
+    """Gap so far at each cost; infinite before the first."""
+    steps = np.asarray(run, dtype=np.float64).reshape(-1, 2)
+    gaps = np.concatenate([[np.inf], np.maximum(steps[:, 1], FLOOR)])
+    return np.asarray(gaps[np.searchsorted(steps[:, 0], costs, side="right")])
+
+
+def _median(gaps: Array) -> Array:
+    """Median of runs (runs, n); NaN where half of them have found nothing yet."""
+    middle = np.quantile(gaps, 0.5, axis=0, method="inverted_cdf")
+    return np.where(np.isfinite(middle), middle, np.nan)
+
+
+def _gap_axis(panel: Axes, gaps: Mapping[str, Array]) -> None:
+    every = np.concatenate([values.ravel() for values in gaps.values()] or [np.ones(1)])
+    finite = every[np.isfinite(every)]
+    panel.set_yscale("log")
+    panel.set_ylim(FLOOR / 1.6, 2 * float(finite.max(initial=0.1)))
+    panel.yaxis.set_major_locator(LogLocator(numticks=7))
+    panel.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{100 * value:g} %"))
+    panel.yaxis.set_minor_formatter(NullFormatter())
+
+
+def _cost_axis(panel: Axes, most: float) -> None:
+    panel.set_xscale("log")
+    panel.set_xlim(1, 1.15 * most)
+    panel.xaxis.set_major_locator(LogLocator(numticks=6))
+    panel.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    panel.xaxis.set_minor_formatter(NullFormatter())
+
+
+@styled
+def running_times(times: Mapping[str, Sequence[Sequence[float]]], *, targets: Sequence[str]) -> Drawing:
+    """Expected running time of each method to each target, with intervals.
+
+    Parameters
+    ----------
+    times
+        By method: for each target the expected running time, and its interval's ends, (targets, 3) in
+        rollouts. What is infinite is not drawn, or drawn to the panel's edge.
+    targets
+        What each target is called.
+    """
+    names = list(times)
+    figure, axes = panels(1, len(targets), height_in=0.7 + 0.21 * len(names), sharey=True, sharex=True)
+    every = np.array([values for name in names for values in times[name]], dtype=np.float64)
+    finite = every[np.isfinite(every)]
+    least, most = (finite.min() / 1.6, finite.max() * 1.6) if len(finite) else (1.0, 10.0)
+    for column, (panel, target) in enumerate(zip(axes[0], targets, strict=True)):
+        for place, name in enumerate(names):
+            expected, low, high = times[name][column]
+            if not np.isfinite(expected):
+                panel.annotate("never met", (least * 1.1, place), fontsize=7, color="0.45", va="center")
+                continue
+            look = {"color": COLOURS[place % len(COLOURS)]}
+            panel.plot([low, min(high, most)], [place, place], linewidth=1.6, solid_capstyle="butt", **look)
+            panel.plot(expected, place, "o", markersize=4.5, **look)
+        panel.set_title(f"to {target}")
+        panel.set_xscale("log")
+        panel.set_xlim(least, most)
+        panel.xaxis.set_major_locator(LogLocator(numticks=5))
+        panel.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        panel.xaxis.set_minor_formatter(NullFormatter())
+        panel.set_xlabel("expected [rollouts]")
+    axes[0, 0].set_yticks(range(len(names)), names)
+    axes[0, 0].set_ylim(len(names) - 0.5, -0.5)
+    return figure
+
+
+@styled
+def data_profiles(budgets: ArrayLike, shares: Mapping[str, Mapping[str, ArrayLike]]) -> Drawing:
+    """Share of all contests, targets and runs that each method solved within a budget.
+
+    Parameters
+    ----------
+    budgets
+        In rollouts (n,).
+    shares
+        By method: ``share`` and its interval's ends ``low`` and ``high``, each (n,).
+    """
+    figure, axes = panels(1, 1, height_in=2.9)
+    panel, cost = axes[0, 0], np.asarray(budgets, dtype=np.float64)
+    for k, (name, found) in enumerate(shares.items()):
+        low, share, high = (np.asarray(found[key], dtype=np.float64) for key in ("low", "share", "high"))
+        panel.fill_between(cost, low, high, color=COLOURS[k % len(COLOURS)], alpha=0.1, linewidth=0)
+        panel.plot(cost, share, **line(k), label=name)
+    _cost_axis(panel, float(cost[-1]))
+    panel.set_xlim(float(cost[0]), float(cost[-1]))
+    panel.set_ylim(-0.02, 1.02)
+    panel.yaxis.set_major_formatter(PercentFormatter(1.0))
+    panel.set_xlabel("budget [rollouts]")
+    panel.set_ylabel("contests x targets x runs solved [%]")
+    legend_above(figure, panel, columns=5)
     return figure
 
 
@@ -75,6 +194,6 @@ def sensitivities(
     panel.set_yticks(np.arange(len(order)), [paths[i] for i in order])
     panel.set_ylim(len(order) - 0.5, -0.5)
     panel.grid(visible=False, axis="y")
-    panel.set_xlabel(f"change of {quantity} for a change of the gain, both relative [1]")
+    panel.set_xlabel(f"change of {quantity} for a change of the gain, both relative")
     legend_above(figure, panel)
     return figure

@@ -7,15 +7,14 @@ import hashlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 
 from optim.checkpoint import Journal
+from optim.comparison.contest import Session
 from optim.evolutionary import Protocol, evolve
 from optim.protocol import Array, Problem
-from optim.search import Progress, Run, Search
-from optim.workers import Threads, Workers
+from optim.search import Run, Search
 
 PROBABILITIES = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
 POPULATIONS = (10, 20, 50, 100, 200)
@@ -49,9 +48,7 @@ def sweep(
     protocol: Protocol | None = None,
     runs: int = 3,
     seed: int = 0,
-    workers: Workers | None = None,
-    folder: Path | None = None,
-    progress: Progress | None = None,
+    session: Session | None = None,
 ) -> Iterator[Trial]:
     """Run the GA with each setting in turn, the others as in the protocol; every run has the same budget.
 
@@ -65,13 +62,11 @@ def sweep(
         Seeds for each setting; the same ones everywhere.
     seed
         The first.
-    workers
-        Who does the runs; this process, one after the other, if None.
-    folder
-        Where journals are kept.
-    progress
-        Told now and then.
+    session
+        Who does the runs, and where journals are kept; this process, and nowhere, if None.
     """
+    session = session or Session()
+    folder, progress = session.folder, session.progress
     protocol = protocol or Protocol(budget=1000)
     for setting, value, changed in _settings(protocol):
 
@@ -81,7 +76,7 @@ def sweep(
             path = folder / f"{setting}-{value:g}-{i}.journal" if folder is not None else None
             return evolve(Search(problem, "ga", i, seed + i, Journal(path, key), progress), changed)
 
-        found = (workers or Threads()).together([partial(run, i) for i in range(runs)])
+        found = session.workers.together([partial(run, i) for i in range(runs)])
         if any(ended.status == "interrupted" for ended in found):
             raise KeyboardInterrupt
         yield Trial(setting, value, tuple(found))

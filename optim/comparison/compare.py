@@ -1,0 +1,128 @@
+"""Tuning methods compared on the problems of a scenario."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from optim.comparison.contest import Contest, Entry, Session, run_contest
+from optim.methods import Effort, effort_of
+from optim.plants import build_judge
+from optim.problem import build_problem
+from optim.scenes import tuning_of
+from spacerobot.errors import ScenarioError, near_names
+from spacerobot.scene import Scene
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Contests on several problems.
+
+    Attributes
+    ----------
+    name
+        Of the scenario, or of the suite.
+    contests
+        One for each problem.
+    wall_s
+        Time it all took.
+    interrupted
+        Whether it was stopped before its end.
+    """
+
+    name: str
+    contests: tuple[Contest, ...]
+    wall_s: float
+    interrupted: bool = False
+
+
+def compare(
+    scene: Scene,
+    *,
+    methods: Sequence[str] | None = None,
+    readings: Sequence[str] | None = None,
+    sets: Sequence[str] | None = None,
+    effort: Effort | None = None,
+    session: Session | None = None,
+) -> Comparison:
+    """Run methods on the problems of a scene's tuning section.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    methods, readings, sets
+        Which; all that the section names if None.
+    effort
+        What the methods may do; the section's if None.
+    session
+        Who does it, and where journals are kept; threads of this process, and nowhere, if None.
+
+    Returns
+    -------
+    Comparison
+        One contest for each reading and set of variables. After Ctrl-C, what was found until then.
+
+    Raises
+    ------
+    ScenarioError
+        If there is no tuning section, or it does not have what was asked for.
+    """
+    tuning, session = tuning_of(scene), session or Session()
+    effort = effort or effort_of(tuning)
+    chosen = [
+        (reading, name)
+        for reading in _chosen(readings, list(tuning.readings), scene, "readings")
+        for name in _chosen(sets, list(tuning.sets), scene, "sets")
+    ]
+    asked = methods or tuning.methods
+    return compete(
+        scene.scenario.name, ((e, asked, effort) for e in _entries(scene, chosen, session)), session
+    )
+
+
+def compete(
+    name: str, contests: Iterable[tuple[Entry, Sequence[str], Effort]], session: Session
+) -> Comparison:
+    """Run contests one after the other.
+
+    Parameters
+    ----------
+    name
+        Of the comparison.
+    contests
+        Problem, methods and effort of each; built when their turn comes.
+    session
+        Who does it.
+    """
+    begin, done = time.perf_counter(), list[Contest]()
+    for entry, methods, effort in contests:
+        done.append(run_contest(entry, methods, effort, session))
+        if done[-1].interrupted:
+            return Comparison(name, tuple(done), time.perf_counter() - begin, True)
+    return Comparison(name, tuple(done), time.perf_counter() - begin)
+
+
+def _entries(
+    scene: Scene, chosen: Sequence[tuple[str | None, str | None]], session: Session
+) -> Iterable[Entry]:
+    tuning, judge, judged = tuning_of(scene), None, object()
+    for reading, name in chosen:
+        if judge is None or judged != reading:
+            session.tell(f"{reading or 'tuning'}: building and compiling the rollout that judges")
+            judge, judged = build_judge(scene, reading=reading, threads=session.workers.threads), reading
+        session.tell(f"{reading or 'tuning'}, {name or 'all variables'}: building and compiling")
+        variables = tuning.sets[name] if name is not None else None
+        problem = build_problem(scene, chosen=variables, reading=reading, workers=session.workers)
+        title = "-".join(part for part in (reading, name) if part) or "tuning"
+        yield Entry(title, problem, problem, judge)
+
+
+def _chosen(wanted: Sequence[str] | None, known: Sequence[str], scene: Scene, what: str) -> list[str | None]:
+    for name in wanted or ():
+        if name not in known:
+            raise ScenarioError(
+                f"no {name!r}; {near_names(name, known)}", source=scene.source, where=f"tuning.{what}"
+            )
+    return [*(wanted or known)] or [None]

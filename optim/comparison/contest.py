@@ -1,0 +1,267 @@
+"""All methods on one problem, with the same rollouts, judged by the same measures."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from optim.comparison.currency import Currency, currency_of
+from optim.comparison.running_time import Trial, trial_of
+from optim.evolutionary import METHODS as EVOLUTIONARY
+from optim.methods import Effort, Outcome, run_method
+from optim.plants import Judge
+from optim.problem import TuningProblem
+from optim.protocol import Array, Cost, Problem
+from optim.search import Progress
+from optim.sensitivity import Sensitivity, sensitivity
+from optim.variables import at_bound
+from optim.workers import Threads, Workers
+from spacerobot.errors import SpaceRobotError
+
+UNRANKED = ("manual",)  # knows no bounds, so that its values are not those of the same problem
+WITH_GRADIENTS = ("nlp", "nlp_ga")
+Tell = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Session:
+    """Who does the searches of a comparison, where they are kept and who hears of them.
+
+    Attributes
+    ----------
+    folder
+        Where journals are kept, so that a killed comparison goes on where it was; nowhere if None.
+    workers
+        Who rolls out. The results do not depend on it, save times.
+    progress, tell
+        Told how a search is getting on, and what begins.
+    """
+
+    folder: Path | None = None
+    workers: Workers = field(default_factory=Threads)
+    progress: Progress | None = None
+    tell: Tell = field(default=lambda _: None)
+
+
+@dataclass(frozen=True)
+class Assessment:
+    """One design on the nominal plant and on plants it was not tuned for.
+
+    Attributes
+    ----------
+    design
+        Values by dotted path; empty for the scenario's own.
+    nominal
+        Objective () and measures (n,).
+    varied
+        Objective (N,) and measures (N, n) on the other plants.
+    """
+
+    design: dict[str, float]
+    nominal: dict[str, Array]
+    varied: dict[str, Array]
+
+
+@dataclass(frozen=True)
+class Readiness:
+    """Time to compile what rollouts and their derivatives need, or to load it from the cache.
+
+    Attributes
+    ----------
+    rollout_s, gradient_s
+        Until the first rollout, and from then until the first derivatives.
+    """
+
+    rollout_s: float
+    gradient_s: float
+
+
+@dataclass(frozen=True)
+class Contest:
+    """All methods on one problem.
+
+    Attributes
+    ----------
+    name
+        Of the problem.
+    problem
+        What is searched.
+    nominal
+        The same, or the problem of its nominal plant where it has several.
+    outcomes
+        What each method found, by name.
+    errors
+        Largest error of each run's best in each direction, (runs, n), by method.
+    start
+        The objective at the scenario's own values.
+    baseline, assessments
+        The untuned design, and each method's best, by method; nothing if nobody judged them.
+    sensitivity
+        How much each variable matters at the start and at the best point found.
+    currency, readiness
+        What evaluations cost, and what making them ready took.
+    """
+
+    name: str
+    problem: Problem
+    nominal: TuningProblem
+    outcomes: dict[str, Outcome]
+    errors: dict[str, Array]
+    start: float
+    baseline: Assessment | None
+    assessments: dict[str, Assessment]
+    sensitivity: Sensitivity | None
+    currency: Currency
+    readiness: Readiness
+    interrupted: bool = False
+
+    @property
+    def ranked(self) -> list[str]:
+        """Methods that solve the same problem and are ranked."""
+        return [name for name in self.outcomes if name not in UNRANKED]
+
+    @property
+    def best_known(self) -> float:
+        """Best feasible objective over all ranked methods and runs; NaN if there is none."""
+        runs = [run for name in self.ranked for run in self.outcomes[name].runs if run.feasible]
+        return min((run.objective for run in runs), default=float("nan"))
+
+    def trials(self, method: str) -> list[Trial]:
+        """Independent runs of a method. What came before a run, its screening or the GA, is charged to it."""
+        outcome = self.outcomes[method]
+        before = sum((run.cost for run in outcome.runs if run.status == "screened"), Cost())
+        if method == "nlp_ga":
+            before = sum((run.cost for run in _evolved(self.outcomes).runs), before)
+        return [trial_of(run, self.currency, before) for run in outcome.runs if run.status != "screened"]
+
+    def active(self, method: str) -> list[str]:
+        """Variables of a method's best that are at (or beyond) a bound."""
+        return list(at_bound(self.nominal.names, self.outcomes[method].best.u))
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A problem to compare methods on.
+
+    Attributes
+    ----------
+    name
+        Of the contest.
+    problem
+        What is searched.
+    nominal
+        As :class:`Contest` has it.
+    judge
+        Rolls out designs on other plants; nobody does if None.
+    """
+
+    name: str
+    problem: Problem
+    nominal: TuningProblem
+    judge: Judge | None = None
+
+
+def run_contest(entry: Entry, methods: Sequence[str], effort: Effort, session: Session) -> Contest:
+    """Run methods on one problem.
+
+    Parameters
+    ----------
+    entry
+        The problem.
+    methods
+        Which, in order.
+    effort
+        What they may do.
+    session
+        Where and by whom.
+
+    Returns
+    -------
+    Contest
+        After Ctrl-C, what was found until then.
+    """
+    problem, nominal = entry.problem, entry.nominal
+    start, readiness = _made_ready(problem, gradients=any(name in WITH_GRADIENTS for name in methods))
+    currency = currency_of(nominal)
+    outcomes: dict[str, Outcome] = {}
+    for method in methods:
+        outcomes[method] = run_method(
+            problem,
+            method,
+            effort,
+            workers=nominal.workers,
+            first=np.array(_evolved(outcomes).best.u) if method == "nlp_ga" else None,
+            folder=None if session.folder is None else session.folder / entry.name,
+            progress=session.progress,
+        )
+        if outcomes[method].interrupted:
+            break
+    interrupted = any(outcome.interrupted for outcome in outcomes.values())
+    leader = min(outcomes.values(), key=_rank)
+    points = {"start": problem.start, leader.method: np.clip(leader.best.u, 0, 1)}
+    judge = entry.judge
+    return Contest(
+        entry.name,
+        problem,
+        nominal,
+        outcomes,
+        {name: _errors(nominal, outcome) for name, outcome in outcomes.items()},
+        start,
+        None if judge is None else assess(judge, {}),
+        {} if judge is None else {n: assess(judge, _design(nominal, o.best.u)) for n, o in outcomes.items()},
+        None if interrupted or judge is None else sensitivity(nominal, points),
+        currency,
+        readiness,
+        interrupted,
+    )
+
+
+def assess(judge: Judge, design: dict[str, float]) -> Assessment:
+    """Judge a design, given by dotted paths."""
+    return Assessment(design, judge.nominal(design), judge.varied(design))
+
+
+def _made_ready(problem: Problem, *, gradients: bool) -> tuple[float, Readiness]:
+    """Objective at the start, and how long it took to get there."""
+    begin = time.perf_counter()
+    found = problem.evaluate(problem.start[None])
+    rolled_out = time.perf_counter()
+    if gradients:
+        problem.linearise(problem.start)
+    readiness = Readiness(rolled_out - begin, time.perf_counter() - rolled_out)
+    return float(found.objective[0]), readiness
+
+
+def _evolved(outcomes: dict[str, Outcome]) -> Outcome:
+    """The GA's outcome; that of another evolutionary method if the GA did not run.
+
+    Raises
+    ------
+    SpaceRobotError
+        If there is none.
+    """
+    found = [outcomes[name] for name in EVOLUTIONARY if name in outcomes]
+    if not found:
+        raise SpaceRobotError("nlp_ga starts from the GA's best: run ga too")
+    return found[0]
+
+
+def _design(problem: TuningProblem, u: Array) -> dict[str, float]:
+    return problem.variables.as_changes(problem.variables.values(u))
+
+
+def _rank(outcome: Outcome) -> tuple[bool, float]:
+    value = outcome.best.objective
+    return not outcome.best.feasible, value if np.isfinite(value) else np.inf
+
+
+def _errors(problem: TuningProblem, outcome: Outcome) -> Array:
+    """Largest absolute error on each tip and axis of each run's best, (runs, n) in m."""
+    points = np.array([run.u for run in outcome.runs])
+    peaks = problem.measure(points)["tip_error_peak"]
+    half = peaks.shape[1] // 2
+    return np.maximum(peaks[:, :half], peaks[:, half:])

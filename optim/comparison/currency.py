@@ -1,0 +1,115 @@
+"""The currency of a comparison: operations of the generated code, in units of one plain rollout.
+
+An operation is one instruction of a CasADi function: an addition, a product, a sine. What is counted does not
+depend on the load of the machine, its compiler or its number of lanes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+
+import casadi as ca
+
+from optim.problem import TuningProblem
+from optim.protocol import Cost
+from spacerobot.rollout.adjoint import SEGMENT_BYTES, WHOLE_BYTES, adjoint_kernel
+from spacerobot.rollout.grid import TimeGrid
+from spacerobot.rollout.kernel import Kernel
+from spacerobot.rollout.sensitivity import sensitivity_kernel
+
+STAGES = 4  # evaluations of the dynamics in one step
+LANES = 8  # of the adjoint whose tape is priced: the same everywhere, whatever the machine has
+MOVES = {ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST}  # instructions that compute nothing
+
+
+@dataclass(frozen=True)
+class Currency:
+    """What evaluations cost.
+
+    Attributes
+    ----------
+    operations
+        Of one plain rollout.
+    gradient
+        Rollouts that a rollout with one gradient by the adjoint costs, whatever the number of variables.
+    slope
+        Rollouts that a rollout with its derivative along one direction costs.
+    sample
+        Rollouts that a rollout which samples its outputs costs.
+    """
+
+    operations: int
+    gradient: float
+    slope: float
+    sample: float
+
+    def rollouts(self, cost: Cost) -> float:
+        """A cost, in plain rollouts."""
+        prices = {"rollouts": 1.0, "gradients": self.gradient, "slopes": self.slope, "samples": self.sample}
+        return float(sum(prices[kind] * count for kind, count in asdict(cost).items()))
+
+
+def currency_of(problem: TuningProblem) -> Currency:
+    """Prices of a problem's evaluations, from the operations of the functions that its rollouts evaluate.
+
+    A plain rollout evaluates the dynamics four times a step. The adjoint does so too, then their reverse four
+    times a step; where its tape is longer than what is kept whole, it integrates all but the last segment
+    once more. A slope is a rollout of the dynamics together with their derivative; it samples what the
+    linearisation of a minimax objective, or of a sum of squares, asks for. Empty lanes are not charged.
+
+    Parameters
+    ----------
+    problem
+        The problem; with several plants, its nominal one: prices are the same for each plant.
+    """
+    rollout = problem.rollout
+    kernel, grid, wrt = rollout.kernel, rollout.grid, rollout.indices(problem.names)
+    plain = _rollout(kernel, grid)
+    adjoint = adjoint_kernel(kernel, wrt)
+    sensitivity = sensitivity_kernel(kernel, wrt, _sampled(problem))
+    slope, sample = (_rollout(k, grid) + _samples(k, grid) for k in (sensitivity, kernel))
+    return Currency(plain, 1 + _sweep_back(adjoint, grid) / plain, slope / plain, sample / plain)
+
+
+def operations(function: ca.Function) -> int:
+    """Operations of one evaluation of an SX function; reading, writing and constants are none."""
+    return sum(function.instruction_id(i) not in MOVES for i in range(function.n_instructions()))
+
+
+def _step(kernel: Kernel) -> int:
+    f = kernel.functions
+    return STAGES * operations(f["dynamics"]) + operations(f["normalise"])
+
+
+def _rollout(kernel: Kernel, grid: TimeGrid) -> int:
+    f = kernel.functions
+    ends = sum(operations(f[name]) for name in ("setup", "final", "objective"))
+    return ends + grid.steps * _step(kernel) + bool(kernel.peaks) * operations(f["dynamics"])
+
+
+def _samples(kernel: Kernel, grid: TimeGrid) -> int:
+    return (grid.intervals + 1) * operations(kernel.functions["outputs"])
+
+
+def _sweep_back(kernel: Kernel, grid: TimeGrid) -> int:
+    """Operations of the adjoint beyond those of its rollout."""
+    f = kernel.functions
+    ends = sum(operations(f[f"{name}_reverse"]) for name in ("setup", "final", "objective"))
+    peaks = kernel.peaks * operations(f["peaks_reverse"])  # at most one step for each
+    step = STAGES * operations(f["dynamics_reverse"]) + operations(f["normalise_reverse"])
+    return ends + peaks + grid.steps * step + _integrated_again(kernel, grid) * _step(kernel)
+
+
+def _integrated_again(kernel: Kernel, grid: TimeGrid) -> int:
+    """Steps that the adjoint integrates a second time, its tape being too short for all of them."""
+    per_step = (STAGES + 1) * kernel.scale.size * 8 * LANES
+    if grid.steps * per_step <= WHOLE_BYTES // LANES:
+        return 0
+    segment = min(grid.steps, max(1, SEGMENT_BYTES // per_step))
+    return (grid.steps - 1) // segment * segment
+
+
+def _sampled(problem: TuningProblem) -> Sequence[str]:
+    """Outputs whose derivatives a linearisation samples."""
+    return tuple(dict.fromkeys([*problem.terms.residuals, *["tip_error"] * (problem.form == "minimax")]))

@@ -1,0 +1,69 @@
+"""Data profiles: which share of all problems, targets and runs a method solved within a budget.
+
+J. J. More, S. M. Wild, "Benchmarking derivative-free optimization algorithms", SIAM J. Optim. 20(1), 2009.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from optim.comparison.running_time import LEVEL, RESAMPLES, SEED
+from optim.protocol import Array
+
+BUDGETS = 60  # for which a profile is computed, evenly over the decades
+
+
+@dataclass(frozen=True)
+class Profile:
+    """Share solved over budget.
+
+    Attributes
+    ----------
+    budgets
+        In rollouts (n,).
+    share, low, high
+        Solved within each budget, and the bootstrap interval of it, over contests and runs, each (n,).
+    """
+
+    budgets: Array
+    share: Array
+    low: Array
+    high: Array
+
+
+def budgets_of(hits: Mapping[str, Sequence[Array]]) -> Array:
+    """Budgets from the least to the largest cost at which anything was solved; shape (n,)."""
+    every = np.concatenate([np.ravel(table) for tables in hits.values() for table in tables] or [np.ones(1)])
+    solved = every[np.isfinite(every)]
+    if not len(solved):
+        solved = np.ones(1)
+    return np.geomspace(max(1.0, solved.min()), max(2.0, solved.max()), BUDGETS)
+
+
+def profile(hits: Sequence[Array], budgets: Array) -> Profile:
+    """Data profile of one method.
+
+    Each contest counts the same, and in it each target and run. The bootstrap draws contests, and runs in
+    each contest drawn.
+
+    Parameters
+    ----------
+    hits
+        For each contest, the cost at which each run met each target, (runs, targets); infinite where it did
+        not.
+    budgets
+        In rollouts (n,).
+    """
+    # share of the targets that run i of contest c solved within budget b
+    solved = [(table[:, :, None] <= budgets).mean(axis=1) for table in hits]
+    share = np.mean([table.mean(axis=0) for table in solved], axis=0)
+    rng = np.random.default_rng(SEED)
+    again = np.empty((RESAMPLES, len(budgets)))
+    for i in range(RESAMPLES):
+        drawn = [solved[c] for c in rng.integers(len(solved), size=len(solved))]
+        again[i] = np.mean([t[rng.integers(len(t), size=len(t))].mean(axis=0) for t in drawn], axis=0)
+    low, high = np.quantile(again, ((1 - LEVEL) / 2, (1 + LEVEL) / 2), axis=0)
+    return Profile(budgets, share, low, high)

@@ -1,0 +1,205 @@
+"""A comparison as plain data: what stands in ``comparison.json``, and what tables and figures are made of."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from optim.comparison.compare import Comparison
+from optim.comparison.contest import UNRANKED, WITH_GRADIENTS, Assessment, Contest
+from optim.comparison.profiles import budgets_of, profile
+from optim.comparison.running_time import LEVEL, PRECISIONS, Trial, running_time, target_of
+from optim.comparison.statistics import statistics
+from optim.comparison.verdict import verdict
+from optim.methods import Outcome
+from optim.objectives import OBJECTIVE
+from optim.plain import plain
+from optim.protocol import Array, Cost
+from optim.search import Run
+
+FORMAT = 2
+MOST_MOMENTS = 200  # of each trial's history that are kept
+UNITS = {
+    "minimax": (1e3, "mm"),
+    "ise": (1.0, "m^2 s"),
+    "itae": (1.0, "m s^2"),
+    "eq45": (1.0, "m^2 s^3"),
+    "eq45_printed": (1.0, "m^2 s^3"),
+}
+"""Factor and unit in which an objective reads well, by kind."""
+
+
+def to_data(comparison: Comparison) -> dict[str, Any]:
+    """Everything, as plain values; what is no number is null."""
+    data = {
+        "format": FORMAT,
+        "name": comparison.name,
+        "interrupted": comparison.interrupted,
+        "wall_s": comparison.wall_s,
+        "precisions": PRECISIONS,
+        "interval": LEVEL,
+        "contests": [_contest(contest) for contest in comparison.contests],
+        "profiles": _profiles(comparison),
+    }
+    found: dict[str, Any] = plain(data)
+    return {"verdict": verdict(found), **found}
+
+
+def spent(outcome: Outcome) -> Cost:
+    """What all runs of a method spent together."""
+    return sum((run.cost for run in outcome.runs), Cost())
+
+
+def directions(contest: Contest) -> list[str]:
+    """Tip and axis of each entry of a contest's errors."""
+    scene = contest.nominal.scene
+    return [f"{tip.label} {'xyz'[axis]}" for tip in scene.tips for axis in scene.translation_axes]
+
+
+def _profiles(comparison: Comparison) -> dict[str, Any]:
+    """Data profiles of the ranked methods over the contests that they took part in."""
+    hits: dict[str, list[Array]] = {}
+    for contest in comparison.contests:
+        targets = _targets(contest)
+        for name in contest.ranked:
+            table = [[trial.hit(target) for target in targets] for trial in contest.trials(name)]
+            if table:
+                hits.setdefault(name, []).append(np.array(table))
+    budgets = budgets_of(hits)
+    made = {name: asdict(profile(tables, budgets)) for name, tables in hits.items()}
+    return {"budgets": budgets, "methods": {name: _without(one, "budgets") for name, one in made.items()}}
+
+
+def _without(mapping: dict[str, Any], name: str) -> dict[str, Any]:
+    return {key: value for key, value in mapping.items() if key != name}
+
+
+def _targets(contest: Contest) -> list[float]:
+    return [target_of(contest.best_known, precision) for precision in PRECISIONS]
+
+
+def _contest(contest: Contest) -> dict[str, Any]:
+    nominal, variables = contest.nominal, contest.nominal.variables
+    tuning = nominal.scene.scenario.tuning
+    factor, unit = UNITS[tuning.objective.kind] if tuning is not None else (1.0, "SI")
+    return {
+        "name": contest.name,
+        "objective": tuning.objective.model_dump() if tuning else None,
+        "unit": {"factor": factor, "name": unit},
+        "constraints": tuning.constraints.model_dump() if tuning else None,
+        "variables": {
+            name: {"paths": paths, "lower": a, "upper": b, "log": bool(log)}
+            for name, paths, a, b, log in zip(
+                variables.names,
+                variables.paths,
+                variables.lower,
+                variables.upper,
+                variables.log,
+                strict=True,
+            )
+        },
+        "step_s": nominal.rollout.grid.step_s,
+        "engine": nominal.rollout.summary,
+        "currency": asdict(contest.currency),
+        "compile_or_load": asdict(contest.readiness),
+        "directions": directions(contest),
+        "start_objective": contest.start,
+        "best_known": contest.best_known,
+        "targets": _targets(contest),
+        "baseline": None if contest.baseline is None else _assessment(contest.baseline),
+        "methods": {name: _method(contest, name) for name in contest.outcomes},
+        "sensitivity": None
+        if contest.sensitivity is None
+        else {"relative": contest.sensitivity.relative, "over_range": contest.sensitivity.over_range},
+    }
+
+
+def _method(contest: Contest, name: str) -> dict[str, Any]:
+    """What a method found and spent."""
+    outcome, variables = contest.outcomes[name], contest.nominal.variables
+    values = np.array([run.objective for run in outcome.runs])
+    best, assessed = outcome.best, contest.assessments.get(name)
+    return {
+        "ranked": name not in UNRANKED,
+        "running_times": [] if name in UNRANKED else _running_times(contest, name),
+        "objective": statistics(values),
+        "largest_errors_m": {
+            where: statistics(column)
+            for where, column in zip(directions(contest), contest.errors[name].T, strict=True)
+        },
+        "spent": _spent(contest, outcome),
+        "best": {
+            "objective": best.objective,
+            "feasible": best.feasible,
+            "gains": variables.as_mapping(variables.values(best.u)),
+            "active_bounds": contest.active(name),
+            "kkt": best.kkt,
+            "status": best.status,
+            "message": best.message,
+            **({} if assessed is None else _assessment(assessed)),
+        },
+        "trials": [] if name in UNRANKED else [_trial(trial) for trial in contest.trials(name)],
+        "runs": [_run(contest, run) for run in outcome.runs],
+    }
+
+
+def _running_times(contest: Contest, name: str) -> list[dict[str, Any]]:
+    trials = contest.trials(name)
+    return [asdict(running_time(trials, target)) for target in _targets(contest)] if trials else []
+
+
+def _spent(contest: Contest, outcome: Outcome) -> dict[str, Any]:
+    cost, wall_s = spent(outcome), sum(run.seconds for run in outcome.runs)
+    ready = contest.readiness
+    readied_s = ready.rollout_s + (ready.gradient_s if outcome.method in WITH_GRADIENTS else 0.0)
+    return {
+        "equivalent_rollouts": contest.currency.rollouts(cost),
+        **asdict(cost),
+        "wall_s": wall_s,
+        "wall_with_compilation_s": wall_s + readied_s,
+    }
+
+
+def _assessment(found: Assessment) -> dict[str, Any]:
+    """How a design does on the nominal plant and on others."""
+    peaks = {name: values for name, values in found.nominal.items() if name.endswith(("peak", "peak_deg"))}
+    varied = found.varied[OBJECTIVE]
+    finite = varied[np.isfinite(varied)]
+    return {
+        "nominal_objective": float(found.nominal[OBJECTIVE]),
+        "peaks": {name: float(np.max(values, initial=0.0)) for name, values in peaks.items()},
+        "other_plants": {
+            "plants": len(varied),
+            "diverged": len(varied) - len(finite),
+            "objective": statistics(varied),
+            "values": varied,
+        },
+    }
+
+
+def _run(contest: Contest, run: Run) -> dict[str, Any]:
+    variables = contest.nominal.variables
+    return {
+        "method": run.method,
+        "index": run.index,
+        "seed": run.seed,
+        "objective": run.objective,
+        "violation": run.violation,
+        "gains": variables.as_mapping(variables.values(run.u)),
+        "equivalent_rollouts": contest.currency.rollouts(run.cost),
+        **asdict(run.cost),
+        "seconds": run.seconds,
+        "status": run.status,
+        "message": run.message,
+        "kkt": run.kkt,
+        "log": run.log,
+    }
+
+
+def _trial(trial: Trial) -> dict[str, Any]:
+    """A trial as it is drawn: cost and best objective wherever it improved, thinned if there are many."""
+    history = np.column_stack([trial.costs, trial.objectives])
+    kept = np.unique(np.linspace(0, max(len(history) - 1, 0), MOST_MOMENTS).astype(int))
+    return {"spent": trial.spent, "history": history[kept[: len(history)]]}

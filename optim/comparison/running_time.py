@@ -1,0 +1,139 @@
+"""Expected running time and success rate of a method, from independent runs; each run counts for itself.
+
+N. Hansen, A. Auger, R. Ros, O. Mersmann, T. Tusar, D. Brockhoff, "COCO: a platform for comparing continuous
+optimizers in a black-box setting", 2021: the expected running time (ERT) to a target is what all runs spent
+until they met it, or until they ended, over the number of runs that met it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from optim.comparison.currency import Currency
+from optim.protocol import Array, Cost
+from optim.search import Run
+
+PRECISIONS = (0.1, 0.01, 0.001)  # targets: so much above the best known value
+RESAMPLES = 1000
+LEVEL = 0.9  # of every interval
+SEED = 0  # of every bootstrap
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One independent run of a method, as a comparison sees it.
+
+    Attributes
+    ----------
+    costs, objectives
+        Where it improved: cost so far in rollouts and best feasible objective so far, each (n,).
+    spent
+        What it spent in all, in rollouts.
+    """
+
+    costs: Array
+    objectives: Array
+    spent: float
+
+    def hit(self, target: float) -> float:
+        """Cost until the target was met; infinite if it was not."""
+        met = np.flatnonzero(self.objectives <= target)
+        return float(self.costs[met[0]]) if len(met) else float("inf")
+
+
+@dataclass(frozen=True)
+class RunningTime:
+    """What a target costs a method.
+
+    Attributes
+    ----------
+    expected, low, high
+        Expected running time in rollouts and its bootstrap interval; infinite where no run met the target.
+    met, runs
+        Runs that met it, of how many.
+    rate_low, rate_high
+        Wilson's interval of the success rate.
+    until_met, until_end
+        Mean cost of the runs that met it, until then, and of the others, until their end; NaN if there are
+        none.
+    """
+
+    expected: float
+    low: float
+    high: float
+    met: int
+    runs: int
+    rate_low: float
+    rate_high: float
+    until_met: float
+    until_end: float
+
+
+def trial_of(run: Run, currency: Currency, before: Cost | None = None) -> Trial:
+    """A run as a trial.
+
+    Parameters
+    ----------
+    run
+        The run.
+    currency
+        What its evaluations cost.
+    before
+        What had to be spent before it could begin.
+    """
+    before = before or Cost()
+    costs, objectives = list[float](), list[float]()
+    for moment in run.history:
+        if np.isfinite(moment.objective) and (not objectives or moment.objective < objectives[-1]):
+            costs.append(currency.rollouts(before + moment.cost))
+            objectives.append(moment.objective)
+    return Trial(np.array(costs), np.array(objectives), currency.rollouts(before + run.cost))
+
+
+def target_of(best: float, precision: float) -> float:
+    """The objective that is so much above the best known one, relative to its size."""
+    return best + precision * abs(best)
+
+
+def running_time(trials: Sequence[Trial], target: float) -> RunningTime:
+    """Expected running time to a target and success rate, with intervals.
+
+    Parameters
+    ----------
+    trials
+        Independent runs of one method, at least one.
+    target
+        Objective to reach.
+    """
+    from scipy.stats import binomtest
+
+    hits = np.array([trial.hit(target) for trial in trials])
+    met = np.isfinite(hits)
+    costs = np.where(met, hits, [trial.spent for trial in trials])
+    drawn = np.random.default_rng(SEED).integers(len(trials), size=(RESAMPLES, len(trials)))
+    again = _ratio(costs[drawn].sum(axis=1), met[drawn].sum(axis=1))
+    low, high = np.quantile(again, ((1 - LEVEL) / 2, (1 + LEVEL) / 2), method="inverted_cdf")
+    rate = binomtest(int(met.sum()), len(trials)).proportion_ci(LEVEL, method="wilson")
+    return RunningTime(
+        float(_ratio(costs.sum(), met.sum())),
+        float(low),
+        float(high),
+        int(met.sum()),
+        len(trials),
+        float(rate.low),
+        float(rate.high),
+        float(costs[met].mean()) if met.any() else float("nan"),
+        float(costs[~met].mean()) if not met.all() else float("nan"),
+    )
+
+
+def _ratio(cost: npt.ArrayLike, met: npt.ArrayLike) -> Array:
+    """Cost over successes; infinite without one."""
+    cost, met = np.asarray(cost, dtype=float), np.asarray(met, dtype=float)
+    found = np.full(cost.shape, np.inf)
+    np.divide(cost, met, out=found, where=met > 0)
+    return found

@@ -1,0 +1,104 @@
+"""A suite of tuning problems of many kinds, which stand in ``suite.yaml``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from importlib import resources
+from typing import Any
+
+from optim.campaign.robust import build_robust
+from optim.comparison.compare import Comparison, compete
+from optim.comparison.contest import Entry, Session
+from optim.methods import Effort, effort_of
+from optim.problem import build_problem
+from optim.scenes import tuning_of
+from spacerobot.errors import SpaceRobotError, near_names
+from spacerobot.scenario.load import parse_yaml, validate
+from spacerobot.scene import Scene, build_scene, load_scene
+
+NAME = "suite"
+Plain = Mapping[str, Any]
+
+
+def read_suite() -> dict[str, Any]:
+    """The suite as plain data: effort, methods, scenes, variables and contests."""
+    text = resources.files("optim.comparison").joinpath("suite.yaml").read_text(encoding="utf-8")
+    found: dict[str, Any] = parse_yaml(text, source="suite.yaml")
+    return found
+
+
+def compare_suite(
+    contests: Sequence[str] | None = None,
+    *,
+    methods: Sequence[str] | None = None,
+    effort: Mapping[str, int | None] | None = None,
+    session: Session | None = None,
+) -> Comparison:
+    """Run methods on the contests of the suite.
+
+    Parameters
+    ----------
+    contests
+        Which; all if None.
+    methods
+        Which; the suite's if None.
+    effort
+        ``budget``, ``runs``, ``starts`` and ``seed`` in place of the suite's; None leaves one.
+    session
+        Who does it, and where journals are kept.
+
+    Raises
+    ------
+    SpaceRobotError
+        If there is no such contest.
+    """
+    suite, session = read_suite(), session or Session()
+    chosen = list(contests or suite["contests"])
+    for name in chosen:
+        if name not in suite["contests"]:
+            raise SpaceRobotError(f"no contest '{name}' in the suite, {near_names(name, suite['contests'])}")
+    asked = dict(effort or {})
+    made = _made(
+        suite, chosen, methods or suite["methods"], asked | {"rival_budget": asked.get("budget")}, session
+    )
+    return compete(NAME, made, session)
+
+
+def scene_of(suite: Plain, name: str) -> Scene:
+    """The scene of a contest, with its tuning section.
+
+    Parameters
+    ----------
+    suite
+        As :func:`read_suite` gives it.
+    name
+        Of the contest.
+    """
+    contest = suite["contests"][name]
+    own = suite["scenes"].get(contest["scene"])
+    variables = {variable: suite["variables"][variable] for variable in contest["tune"]}
+    tuning = {"variables": variables, **suite["effort"], **contest["tuning"]}
+    changes = {**contest.get("changes", {}), "tuning": tuning}
+    if own is None:
+        return load_scene(contest["scene"], changes)
+    return build_scene(validate(dict(own), source="suite.yaml"), changes, source=None)
+
+
+def _made(
+    suite: Plain,
+    chosen: Sequence[str],
+    methods: Sequence[str],
+    effort: Mapping[str, int | None],
+    session: Session,
+) -> Iterator[tuple[Entry, Sequence[str], Effort]]:
+    """Each contest, built when its turn comes."""
+    for name in chosen:
+        session.tell(f"{name}: building and compiling")
+        scene, robust = scene_of(suite, name), suite["contests"][name].get("robust")
+        if robust is None:
+            problem = build_problem(scene, workers=session.workers)
+            entry = Entry(name, problem, problem)
+        else:
+            several = build_robust(scene, robust["kind"], samples=robust["samples"], workers=session.workers)
+            entry = Entry(name, several, several.nominal)
+        yield entry, methods, effort_of(tuning_of(scene), **effort)

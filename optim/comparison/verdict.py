@@ -1,0 +1,98 @@
+"""One sentence on which method meets the targets at the lowest expected cost, from a comparison's data."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+JUDGED = (0.01, 0.001)  # precisions that the sentence speaks of
+Data = Mapping[str, Any]
+
+
+def verdict(data: Data) -> str:
+    """Which method has the lowest expected running time on how many contests; where not, which has, and why.
+
+    Parameters
+    ----------
+    data
+        A comparison, as :func:`optim.comparison.report.to_data` makes it.
+
+    Returns
+    -------
+    str
+        One sentence; it says so if fewer than two methods can be ranked.
+    """
+    judged = [p for p in JUDGED if p in data["precisions"]]
+    lowest = {
+        (c["name"], p): lowest_of(c, data["precisions"].index(p)) for c in data["contests"] for p in judged
+    }
+    wins = Counter(method for method in lowest.values() if method is not None)
+    named = {name for c in data["contests"] for name, m in c["methods"].items() if m["running_times"]}
+    if len(named) < 2 or not wins:
+        return "Fewer than two methods were run that can be ranked against each other."
+    # the most wins; among equals the one that was run first
+    order = [name for c in data["contests"] for name in c["methods"]]
+    first = max(wins, key=lambda name: (wins[name], -order.index(name)))
+    counts = [
+        f"to {percent(p)} on {sum(lowest[c['name'], p] == first for c in data['contests'])}" for p in judged
+    ]
+    total = len(data["contests"])
+    text = (
+        f"{first} has the lowest expected running time {' and '.join(counts)} of {total} "
+        f"{'contest' if total == 1 else 'contests'} (targets: so much above the best known value)"
+    )
+    others = [
+        _elsewhere(contest, p, data["precisions"].index(p), first, lowest[contest["name"], p])
+        for contest in data["contests"]
+        for p in judged
+        if lowest[contest["name"], p] != first
+    ]
+    return f"{text}; elsewhere: {'; '.join(others)}." if others else f"{text}."
+
+
+def lowest_of(contest: Data, target: int) -> str | None:
+    """The method with the lowest expected running time to a target, by its number; None if none met it."""
+    times = {
+        name: method["running_times"][target]["expected"]
+        for name, method in contest["methods"].items()
+        if method["running_times"] and method["running_times"][target]["expected"] is not None
+    }
+    return min(times, key=times.__getitem__) if times else None
+
+
+def percent(fraction: float) -> str:
+    """A fraction in words: ``1 %``."""
+    return f"{100 * fraction:g} %"
+
+
+def _elsewhere(contest: Data, precision: float, target: int, first: str, winner: str | None) -> str:
+    """Who is ahead in one contest, and why the first one is not."""
+    where = f"{contest['name']} to {percent(precision)}"
+    if winner is None:
+        return f"{where}, no method"
+    ahead = contest["methods"][winner]["running_times"][target]
+    if first not in contest["methods"] or not contest["methods"][first]["running_times"]:
+        return f"{where}, {winner} ({first} was not run)"
+    behind = contest["methods"][first]["running_times"][target]
+    return f"{where}, {winner} ({_reason(first, behind, winner, ahead)})"
+
+
+def _reason(first: str, behind: Data, winner: str, ahead: Data) -> str:
+    """What costs more: the runs that meet the target, or those that do not."""
+    if not behind["met"]:
+        return f"{first} meets it in none of {behind['runs']} runs"
+    text = f"{ahead['expected']:.0f} rollouts against {behind['expected']:.0f}: "
+    wasted = [time["expected"] - time["until_met"] for time in (ahead, behind)]
+    if wasted[1] - wasted[0] > behind["until_met"] - ahead["until_met"]:
+        text += f"{first} meets it in {behind['met']} of {behind['runs']} runs, {winner} in {ahead['met']}"
+        text += f" of {ahead['runs']}"
+    else:
+        text += f"{first} needs more until it meets it"
+    overlap = ahead["high"] is None or behind["low"] is None or behind["low"] <= ahead["high"]
+    return text + (", intervals overlap" if overlap else "")
+
+
+def methods_of(contests: Sequence[Data]) -> list[str]:
+    """Ranked methods of all contests, in order."""
+    return list(dict.fromkeys(n for c in contests for n, m in c["methods"].items() if m["running_times"]))
