@@ -12,7 +12,7 @@ from pathlib import Path
 from benchmarks.row import Row
 from optim.campaign import Evaluator, all_draws, build_evaluator, run_campaign
 from optim.protocol import Array
-from spacerobot.rollout.batch import usable_cores
+from spacerobot.compiled import usable_cores
 from spacerobot.scene import Scene, load_scene
 
 SAMPLES = 2048

@@ -50,6 +50,10 @@ class ResultError(SpaceRobotError):
     """A result folder that cannot be read or written."""
 
 
+class SpaceRobotWarning(UserWarning):
+    """Surroundings that slow a job down but change no result; the command line prints its one line."""
+
+
 class CompileError(SpaceRobotError):
     """Generated code that could not be compiled or loaded."""
 

@@ -99,6 +99,8 @@ def _run(scene: Scene, loop: ClosedLoop, backend: Backend, tell: Progress) -> _R
         return _Run(scene, ready, trajectory)
     rollout = _ready(scene, loop, backend, tell)
     notes = {"toolchain": rollout.summary}
+    if rollout.fallback:
+        notes["interpreted_because"] = rollout.fallback
     if rollout.choice is not None:
         scene = _with_step(scene, rollout.choice.step_s)
         notes["step_chosen"] = f"error {rollout.choice.error:.1e}, tolerance {rollout.choice.tolerance:g}"

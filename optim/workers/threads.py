@@ -10,7 +10,7 @@ import numpy as np
 
 from optim.protocol import Array
 from optim.workers.protocol import LANES, Arrays, Ended, Operation, Portable
-from spacerobot.rollout.batch import usable_cores
+from spacerobot.compiled import usable_cores
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import os
 import sys
-from typing import Annotated
+import warnings
+from typing import Annotated, TextIO
 
 import typer
 
@@ -28,9 +29,9 @@ from spacerobot.cli import (
     tune,
 )
 from spacerobot.cli.interrupts import remembered
-from spacerobot.cli.output import complain
+from spacerobot.cli.output import complain, warn
 from spacerobot.cli.start import INTERRUPTED
-from spacerobot.errors import SpaceRobotError
+from spacerobot.errors import SpaceRobotError, SpaceRobotWarning
 
 app = typer.Typer(
     name="spacerobot",
@@ -78,8 +79,27 @@ def _options(
     pass
 
 
+_show_any = warnings.showwarning
+
+
+def _show_warning(
+    message: Warning | str,
+    category: type[Warning],
+    filename: str,
+    lineno: int,
+    file: TextIO | None = None,
+    line: str | None = None,
+) -> None:
+    """One line for a warning of ours, Python's own form for others."""
+    if issubclass(category, SpaceRobotWarning):
+        warn(str(message))
+    else:
+        _show_any(message, category, filename, lineno, file, line)
+
+
 def main() -> None:
     """Run the command line: one clear line for each fault a user can mend, and its exit code."""
+    warnings.showwarning = _show_warning
     try:
         with remembered():
             app()

@@ -3,7 +3,8 @@
 This room knows nothing of robots, only :class:`casadi.Function`.
 """
 
+from spacerobot.compiled.build import usable_cores
 from spacerobot.compiled.library import Library, compile_functions
-from spacerobot.compiled.toolchain import Toolchain, find_toolchain
+from spacerobot.compiled.toolchain import NO_COMPILER, Toolchain, find_toolchain
 
-__all__ = ["Library", "Toolchain", "compile_functions", "find_toolchain"]
+__all__ = ["NO_COMPILER", "Library", "Toolchain", "compile_functions", "find_toolchain", "usable_cores"]

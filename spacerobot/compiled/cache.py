@@ -1,8 +1,9 @@
 """A folder of compiled libraries that belongs to this user alone.
 
-An entry is one file ``<key>-<digest>.so``: the key names what it was built from, the digest what it must
-hold. So a file that was cut short or changed is recognised before it is loaded, no library is ever loaded
-under a name that once meant something else, and two processes that build the same entry at once do no harm.
+An entry is one file ``<key>-<digest>.so`` (``.dylib``, ``.dll``): the key names what it was built from, the
+digest what it must hold. So a file that was cut short or changed is recognised before it is loaded, no
+library is ever loaded under a name that once meant something else, and two processes that build the same
+entry at once do no harm.
 """
 
 from __future__ import annotations
@@ -16,7 +17,11 @@ import shutil
 import stat
 import tempfile
 import time
+import warnings
 from pathlib import Path
+
+from spacerobot.compiled.toolchain import SUFFIX
+from spacerobot.errors import SpaceRobotWarning
 
 KEPT = 400  # libraries; the least recently used go first
 ABANDONED_S = 86_400.0  # no compilation takes a day
@@ -27,6 +32,7 @@ def cache_folder() -> Path:
 
     It is made with mode 0700. A folder that belongs to someone else, or that others may write, is refused,
     and a private temporary folder, gone when the process ends, takes its place: a compiled library is code.
+    A :class:`SpaceRobotWarning` then names the folder and the reason.
     """
     wish = os.environ.get("SPACEROBOT_CACHE_DIR")
     if wish:
@@ -35,13 +41,17 @@ def cache_folder() -> Path:
         import platformdirs
 
         folder = Path(platformdirs.user_cache_dir("spacerobot", appauthor=False))
-    folder = folder / "compiled"
+    folder = folder.absolute() / "compiled"
     try:
         folder.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
         folder.mkdir(mode=0o700, exist_ok=True)
-    except OSError:
-        return _private_folder()
-    return folder if _is_private(folder) and _is_private(folder.parent) else _private_folder()
+    except OSError as error:
+        return _instead_of(folder, f"cannot be made: {error.strerror}")
+    for path in (folder.parent, folder):
+        fault = _fault(path)
+        if fault:
+            return _instead_of(path, fault)
+    return folder
 
 
 def find(folder: Path, key: str) -> Path | None:
@@ -54,9 +64,9 @@ def find(folder: Path, key: str) -> Path | None:
     key
         Hexadecimal name of the entry.
     """
-    for path in sorted(folder.glob(f"{key}-*.so")):
+    for path in sorted(folder.glob(f"{key}-*{SUFFIX}")):
         try:
-            whole = _is_private(path) and _digest(path) == path.stem.rpartition("-")[2]
+            whole = not _fault(path) and _digest(path) == path.stem.rpartition("-")[2]
         except OSError:  # gone, or cannot be read just now: neither good nor broken
             continue
         if whole:
@@ -79,7 +89,7 @@ def store(folder: Path, key: str, built: Path) -> Path:
         The library.
     """
     built.chmod(0o600)
-    path = folder / f"{key}-{_digest(built)}.so"
+    path = folder / f"{key}-{_digest(built)}{SUFFIX}"
     built.replace(path)
     _prune(folder)
     return path
@@ -89,16 +99,31 @@ def _digest(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()[:32]
 
 
-def _is_private(path: Path) -> bool:
-    """Whether the path is no link, belongs to this user and cannot be written by others."""
+def _fault(path: Path) -> str:
+    """Why a path is not this user's alone, empty where it is: a link, someone else's, or open to others."""
     if not hasattr(os, "getuid"):
-        return True
+        return ""
     try:
         status = path.lstat()
-    except OSError:
-        return False
-    writable = status.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
-    return not stat.S_ISLNK(status.st_mode) and status.st_uid == os.getuid() and not writable
+    except OSError as error:
+        return f"cannot be read: {error.strerror}"
+    if stat.S_ISLNK(status.st_mode):
+        return "is a link"
+    if status.st_uid != os.getuid():
+        return f"belongs to another user ({status.st_uid})"
+    return "can be written by others" if status.st_mode & (stat.S_IWGRP | stat.S_IWOTH) else ""
+
+
+@functools.cache
+def _instead_of(path: Path, fault: str) -> Path:
+    """A private folder that ends with the process, and one warning."""
+    warnings.warn(
+        f"cache folder {path} {fault}; what is compiled now is lost when this process ends. "
+        "Mend it, or name another in SPACEROBOT_CACHE_DIR",
+        SpaceRobotWarning,
+        stacklevel=4,
+    )
+    return _private_folder()
 
 
 @functools.cache
@@ -115,7 +140,7 @@ def _prune(folder: Path) -> None:
             if time.time() - path.stat().st_mtime > ABANDONED_S:
                 shutil.rmtree(path) if path.is_dir() else path.unlink()
     entries = []
-    for path in folder.glob("*.so"):
+    for path in folder.glob(f"*{SUFFIX}"):
         with contextlib.suppress(OSError):
             entries.append((path.stat().st_mtime, path))
     for _, path in sorted(entries)[: max(0, len(entries) - KEPT)]:

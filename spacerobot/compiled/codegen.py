@@ -8,11 +8,13 @@ the arguments become plain pointers that do not alias, and the helpers come from
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
 
 import casadi as ca
 
 from spacerobot.compiled import pieces
+from spacerobot.compiled.pieces import Piece, Section
 from spacerobot.compiled.schedule import LANES_WINDOW, WINDOW, order_statements
 from spacerobot.errors import CompileError
 
@@ -20,13 +22,35 @@ UNARY = (
     *("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "asinh", "acosh", "atanh"),
     *("exp", "log", "expm1", "log1p", "erf", "erfinv", "floor", "ceil"),
 )
+SHORT = 1000
+"""Statements of a function that stays where it is called, since nothing is gained by compiling it apart."""
+
+HIDDEN = '__attribute__((visibility("hidden")))'
 BINARY = ("pow", "atan2", "hypot", "fmod", "remainder")
 
 _BODY = re.compile(r"^static int casadi_f0\(.*?\) \{\n(.*?)^  return 0;\n\}", re.MULTILINE | re.DOTALL)
+_RESULT = re.compile(r"res(\d+)\[")
 _READ = re.compile(r"arg\[(\d+)\]\? arg\[\d+\]\[(\d+)\] : 0;")
 _WRITE = re.compile(r"if \(res\[(\d+)\]!=0\) res\[\d+\]\[(\d+)\]=")
 _TURN = re.compile(r"\b(sin|cos)\(")
 _CONDITIONAL = re.compile(r"\((a\d+)\?(a\d+):0\)")
+
+
+@dataclass(frozen=True)
+class Source:
+    """Functions as C++.
+
+    Attributes
+    ----------
+    struct
+        Declarations of the pieces, and a struct with one static function, and the sizes of its arguments,
+        for every function.
+    pieces
+        Definitions of what the struct calls.
+    """
+
+    struct: str
+    pieces: tuple[Piece, ...]
 
 
 def source_of(
@@ -35,12 +59,13 @@ def source_of(
     cold: Collection[str] = (),
     lanes: int = 1,
     struct: str = "Generated",
-) -> str:
-    """Source of a struct with one static function, and the sizes of its arguments, for every function.
+) -> Source:
+    """C++ of some functions.
 
     A function ``f: (a[3], b) -> (y[2])`` becomes ``static void f(const real* a, const real* b, real* y)``
     beside the constants ``f_a = 3``, ``f_b = 1``, ``f_y = 2``. It is also exported with C linkage as
-    ``call_f(arg, res)``.
+    ``call_f(arg, res)``. A long function that runs seldom and has the inputs of a long one that does not,
+    begins with the pieces of that one.
 
     Parameters
     ----------
@@ -58,9 +83,21 @@ def source_of(
     CompileError
         A function is not SX, has sparse arguments or free variables.
     """
-    members = [_member(name, function, name in cold, lanes) for name, function in functions.items()]
+    for name, function in functions.items():
+        _check(name, function)
+    members, parts = [], []
+    for names in _chains(functions, cold):
+        chain = {name: functions[name] for name in names}
+        found = _together(chain) if len(names) > 1 else None
+        if found is None:
+            one = [_alone(name, function, name in cold, lanes) for name, function in chain.items()]
+            found = [member for member, _ in one], [piece for _, pieces in one for piece in pieces]
+        members += found[0]
+        parts += found[1]
+    declared = [f"{HIDDEN} {piece.head};" for piece in parts]
     exports = [_export(name, function, struct) for name, function in functions.items()]
-    return "\n".join([f"struct {struct} {{", *members, "};", *exports, ""])
+    text = "\n".join([*declared, f"struct {struct} {{", *members, "};", *exports, ""])
+    return Source(text, tuple(parts))
 
 
 def maths_of(vector_symbols: Mapping[str, str]) -> str:
@@ -80,29 +117,102 @@ def maths_of(vector_symbols: Mapping[str, str]) -> str:
     return "\n".join(["#if LANES > 1", *lines, "#endif", ""])
 
 
-def _member(name: str, function: ca.Function, cold: bool, lanes: int) -> str:
-    _check(name, function)
+def _chains(functions: Mapping[str, ca.Function], cold: Collection[str]) -> list[list[str]]:
+    """Names, those together that have the same inputs and probably much work in common."""
+    chains: dict[str, list[str]] = {}
+    head: dict[object, str] = {}  # long function that runs often, by its inputs
+    for name in sorted(functions, key=lambda name: name in cold):  # what runs often comes first
+        function = functions[name]
+        inputs = tuple((function.name_in(i), function.numel_in(i)) for i in range(function.n_in()))
+        long = function.n_instructions() > pieces.LONGEST
+        if long and name in cold and inputs in head:
+            chains[head[inputs]].append(name)
+            continue
+        chains[name] = [name]
+        if long and name not in cold:
+            head.setdefault(inputs, name)
+    return list(chains.values())
+
+
+def _together(chain: Mapping[str, ca.Function]) -> tuple[list[str], list[Piece]] | None:
+    """Members and pieces of functions of the same inputs, each of which goes on where the one before ended.
+
+    None where they cannot be told apart in the common code.
+    """
+    first = next(iter(chain.values()))
+    given = [ca.SX.sym(first.name_in(i), first.size1_in(i), first.size2_in(i)) for i in range(first.n_in())]
+    values = [value for function in chain.values() for value in function.call(given)]
+    statements = _statements("together", ca.Function("together", given, values, {"cse": True}))
+    writes = [int(match.group(1)) if (match := _RESULT.match(line)) else -1 for line in statements]
+    sections: list[Section] = []
+    begin, begun = 0, 0
+    for name, function in chain.items():
+        reads, _ = _parameters(function)
+        own = range(begun, begun + function.n_out())
+        parameters = (*reads, *(f"real* __restrict res{i}" for i in own))
+        end = max((k + 1 for k, i in enumerate(writes) if i in own), default=begin)
+        if any(i not in own for i in writes[begin:end] if i >= 0):
+            return None
+        hot = not sections
+        size = pieces.PIECE if hot else pieces.COLD_PIECE
+        sections.append(Section(name, parameters, tuple(statements[begin:end]), size, not hot))
+        begin, begun = end, own.stop
+    cut, slots = pieces.cut(sections)
+    members, calls, scratch = [], [], [f"  real between[{slots + 1}];"]
+    for (name, function), section, parts in zip(chain.items(), sections, cut, strict=True):
+        arguments = ", ".join(["between", *(p.split()[-1] for p in section.parameters)])
+        calls += [f"  {part.name}({arguments});" for part in parts]
+        members.append(_member(name, function, section.parameters, [*scratch, *calls]))
+        results = section.parameters[function.n_in() :]
+        scratch += [
+            f"  real {result.split()[-1]}[{function.numel_out(i) + 1}];" for i, result in enumerate(results)
+        ]
+    return members, [part for parts in cut for part in parts]
+
+
+def _alone(name: str, function: ca.Function, cold: bool, lanes: int) -> tuple[str, list[Piece]]:
+    """Member and pieces of one function."""
+    statements = _statements(name, function)
+    reads, writes = _parameters(function)
+    parameters = (*reads, *writes)
+    longest, size = (pieces.COLD_PIECE, pieces.COLD_PIECE) if cold else (pieces.LONGEST, pieces.PIECE)
+    if len(statements) <= longest:
+        if not cold:  # in pieces, a new order gains nothing
+            statements = order_statements(statements, WINDOW if lanes == 1 else LANES_WINDOW)
+        size = max(1, len(statements))
+    (parts,), slots = pieces.cut([Section(name, parameters, tuple(statements), size, cold)])
+    if len(parts) == 1 and len(statements) <= SHORT:
+        return _member(name, function, parameters, parts[0].lines), []
+    arguments = ", ".join(["between", *(parameter.split()[-1] for parameter in parameters)])
+    calls = [f"  {part.name}({arguments});" for part in parts]
+    return _member(name, function, parameters, [f"  real between[{slots + 1}];", *calls]), parts
+
+
+def _statements(name: str, function: ca.Function) -> list[str]:
+    """Body of the code that CasADi generates, adapted, one assignment a line."""
     generator = ca.CodeGenerator("generated.c", {"with_header": False})
     generator.add(function)
     match = _BODY.search(generator.dump())
     if match is None:
         raise CompileError(f"the code that this CasADi generates for '{name}' has an unknown form")
-    body = match.group(1).replace("casadi_real", "real")
-    body = _READ.sub(r"arg\1[\2];", body)
+    body = _READ.sub(r"arg\1[\2];", match.group(1))
     body = _WRITE.sub(r"res\1[\2]=", body)
     body = _TURN.sub(r"casadi_\1(", body)
     body = _CONDITIONAL.sub(r"casadi_if_else_zero(\1,\2)", body)
+    lines = [line.strip() for line in body.splitlines()]
+    return [line for line in lines if line and not line.startswith("casadi_real ")]
+
+
+def _parameters(function: ca.Function) -> tuple[list[str], list[str]]:
     reads = [f"const real* __restrict arg{i}" for i in range(function.n_in())]
-    writes = [f"real* __restrict res{i}" for i in range(function.n_out())]
+    return reads, [f"real* __restrict res{i}" for i in range(function.n_out())]
+
+
+def _member(name: str, function: ca.Function, parameters: Sequence[str], lines: Sequence[str]) -> str:
     sizes = [f"{name}_{function.name_in(i)} = {function.numel_in(i)}" for i in range(function.n_in())]
     sizes += [f"{name}_{function.name_out(i)} = {function.numel_out(i)}" for i in range(function.n_out())]
-    if not cold and body.count("\n") <= pieces.LONGEST:  # in pieces, a new order gains nothing
-        body = order_statements(body, WINDOW if lanes == 1 else LANES_WINDOW)
-    parts, body = pieces.split_body(body, name, reads + writes, cold=cold)
-    return (
-        f"enum {{ {', '.join(sizes)} }};\n{parts}"
-        f"static __attribute__((noinline)) void {name}({', '.join(reads + writes)}) {{\n{body}}}"
-    )
+    head = f"static __attribute__((noinline)) void {name}({', '.join(parameters)})"
+    return "\n".join([f"enum {{ {', '.join(sizes)} }};", f"{head} {{", *lines, "}"])
 
 
 def _export(name: str, function: ca.Function, struct: str) -> str:

@@ -4,11 +4,29 @@
 // `double`. With more, it is a vector of doubles on which every operation acts lane by lane, so that the very same
 // source integrates LANES parameter sets at once. No operation looks across lanes: what a lane holds never depends
 // on its neighbours, nor on its place.
+//
+// A source that holds PIECES (a macro) of functions alone needs little of the standard library, whose headers would
+// take longer to compile than some pieces.
+#ifdef PIECES
+typedef __INT64_TYPE__ int64_t;
+#define INT64_MAX __INT64_MAX__
+#define INT64_MIN (-__INT64_MAX__ - 1)
+#define INFINITY __builtin_inf()
+#define NAN __builtin_nan("")
+extern "C" {
+double sin(double), cos(double), tan(double), asin(double), acos(double), atan(double), sinh(double), cosh(double),
+    tanh(double), asinh(double), acosh(double), atanh(double), exp(double), log(double), expm1(double), log1p(double),
+    erf(double), erfc(double), floor(double), ceil(double), fabs(double), sqrt(double), pow(double, double),
+    atan2(double, double), hypot(double, double), fmod(double, double), remainder(double, double),
+    fmin(double, double), fmax(double, double), copysign(double, double);
+}
+#else
 #include <cmath>
 #include <cstdint>
 #include <cstring>
 #include <memory>
 #include <new>
+#endif
 
 #define INLINE static inline __attribute__((always_inline))
 
@@ -16,8 +34,8 @@
 
 typedef double real;
 typedef int64_t bits;
-INLINE bits to_bits(real a) { bits b; std::memcpy(&b, &a, sizeof b); return b; }
-INLINE real from_bits(bits b) { real a; std::memcpy(&a, &b, sizeof a); return a; }
+INLINE bits to_bits(real a) { bits b; __builtin_memcpy(&b, &a, sizeof b); return b; }
+INLINE real from_bits(bits b) { real a; __builtin_memcpy(&a, &b, sizeof a); return a; }
 INLINE real select(real condition, real a, real b) { return condition != 0 ? a : b; }
 INLINE double& lane(real& a, int) { return a; }
 INLINE double lane(const real& a, int) { return a; }
@@ -99,13 +117,13 @@ const double casadi_inf = INFINITY, casadi_nan = NAN;
 
 // Inverse error function: Winitzki's estimate, then Halley's iteration to rounding.
 static inline double erfinv(double y) {
-  if (!(std::fabs(y) < 1)) return y == 1 ? INFINITY : y == -1 ? -INFINITY : NAN;
-  const double l = std::log1p(-y * y), b = 4.330746750799873 + l / 2;
-  double x = std::copysign(std::sqrt(std::sqrt(b * b - l / 0.147) - b), y);
+  if (!(__builtin_fabs(y) < 1)) return y == 1 ? INFINITY : y == -1 ? -INFINITY : NAN;
+  const double l = __builtin_log1p(-y * y), b = 4.330746750799873 + l / 2;
+  double x = __builtin_copysign(__builtin_sqrt(__builtin_sqrt(b * b - l / 0.147) - b), y);
   for (int i = 0; i < 4; ++i) {
-    const double tail = (y < 0 ? -1 : 1) * ((1 - std::fabs(y)) - std::erfc(std::fabs(x)));
-    const double e = std::fabs(y) < 0.5 ? std::erf(x) - y : tail;
-    const double u = e * 0.886226925452758 * std::exp(x * x);  // (erf(x) - y) / erf'(x)
+    const double tail = (y < 0 ? -1 : 1) * ((1 - __builtin_fabs(y)) - __builtin_erfc(__builtin_fabs(x)));
+    const double e = __builtin_fabs(y) < 0.5 ? __builtin_erf(x) - y : tail;
+    const double u = e * 0.886226925452758 * __builtin_exp(x * x);  // (erf(x) - y) / erf'(x)
     x -= u / (1 + x * u);
   }
   return x;

@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import ctypes
 import hashlib
-import os
-import subprocess
-import tempfile
 import time
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
@@ -19,8 +16,10 @@ import numpy as np
 import numpy.typing as npt
 
 from spacerobot.compiled import cache
-from spacerobot.compiled.codegen import maths_of, source_of
-from spacerobot.compiled.toolchain import Toolchain, find_toolchain
+from spacerobot.compiled.build import Progress, Unit, build
+from spacerobot.compiled.codegen import HIDDEN, Source, maths_of, source_of
+from spacerobot.compiled.pieces import Piece
+from spacerobot.compiled.toolchain import NO_COMPILER, Toolchain, find_toolchain
 from spacerobot.errors import CompileError, near_names
 
 Array = npt.NDArray[np.float64]
@@ -103,6 +102,7 @@ def compile_functions(
     cold: Collection[str] = (),
     tail: str = "",
     toolchain: Toolchain | None = None,
+    progress: Progress | None = None,
 ) -> Library:
     """Compile CasADi functions to one library, or take it from the cache.
 
@@ -118,64 +118,63 @@ def compile_functions(
         C++ source that follows the functions, which it finds as static members of ``Generated``.
     toolchain
         What to compile with; found if None.
+    progress
+        Called with the pieces that are compiled and how many there are, if anything is compiled.
 
     Raises
     ------
     CompileError
-        There is no compiler, or it does not accept the source, or the library cannot be loaded.
+        There is no compiler, or it does not accept the source, or takes too long, or the library cannot be
+        loaded.
     """
     begin = time.perf_counter()
     toolchain = toolchain or find_toolchain()
     if toolchain is None:
-        raise CompileError("no C++ compiler was found (g++, clang++, CXX or SPACEROBOT_COMPILER)")
-    vector_symbols = toolchain.vector_symbols if lanes == toolchain.lanes else {}
-    header = resources.files("spacerobot.compiled").joinpath("lanes.hpp").read_text(encoding="utf-8")
-    source = "\n".join(
-        [
-            f"#define LANES {lanes}",
-            header,
-            maths_of(vector_symbols),
-            source_of(functions, cold=cold, lanes=lanes),
-            tail,
-            "",
-        ]
-    )
+        raise CompileError(NO_COMPILER)
+    units = _units(source_of(functions, cold=cold, lanes=lanes), lanes, tail, toolchain)
     folder = cache.cache_folder()
-    key = _key(source, toolchain)
+    key = _key(units, toolchain)
     path = cache.find(folder, key)
     cached = path is not None
     try:
         if path is None:
-            path = cache.store(folder, key, _compile(source, toolchain, folder))
+            path = cache.store(folder, key, build(units, toolchain, folder, progress))
         handle = ctypes.CDLL(str(path))
     except OSError as error:
         raise CompileError(f"the compiled library cannot be made or loaded: {error}") from error
     return Library(dict(functions), lanes, toolchain, path, cached, time.perf_counter() - begin, handle)
 
 
-def _key(source: str, toolchain: Toolchain) -> str:
-    parts = [source, toolchain.compiler, toolchain.version, " ".join(toolchain.flags), toolchain.processor]
+UNIT = 3000
+"""Statements from which on a source holds no further piece."""
+
+
+def _units(source: Source, lanes: int, tail: str, toolchain: Toolchain) -> list[Unit]:
+    """Sources of about the same length, the longest first; the last holds everything but the pieces."""
+    vector_symbols = toolchain.vector_symbols if lanes == toolchain.lanes else {}
+    header = resources.files("spacerobot.compiled").joinpath("lanes.hpp").read_text(encoding="utf-8")
+    head = "\n".join([f"#define LANES {lanes}", header, maths_of(vector_symbols)])
+    bins: list[list[Piece]] = []
+    for piece in sorted(source.pieces, key=lambda piece: (piece.cold, -len(piece.lines))):
+        room = UNIT - sum(len(other.lines) for other in bins[-1]) if bins else 0
+        if bins and len(piece.lines) <= room and bins[-1][0].cold == piece.cold:
+            bins[-1].append(piece)
+        else:
+            bins.append([piece])
+    units = [
+        Unit(
+            "\n".join(["#define PIECES", head, *(f"{HIDDEN} {piece.text}" for piece in held), ""]),
+            held[0].cold,
+        )
+        for held in bins
+    ]
+    return [*units, Unit("\n".join([head, source.struct, tail, ""]))]
+
+
+def _key(units: Sequence[Unit], toolchain: Toolchain) -> str:
+    told = " ".join([*toolchain.command, *toolchain.flags, *toolchain.libraries])
+    parts = [*(unit.text for unit in units), toolchain.version, told, toolchain.processor]
     return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:32]
-
-
-def _compile(source: str, toolchain: Toolchain, folder: Path) -> Path:
-    """Compile in a private folder inside the cache, so that the result can be moved atomically."""
-    with tempfile.TemporaryDirectory(prefix="build-", dir=folder) as work:
-        source_file = Path(work) / "generated.cpp"
-        source_file.write_text(source, encoding="utf-8")
-        built = Path(work) / "generated.so"
-        options = [flag for flag in toolchain.flags if not flag.startswith("-l")]
-        libraries = [flag for flag in toolchain.flags if flag.startswith("-l")]
-        command = [toolchain.compiler, *options, "-o", str(built), str(source_file), *libraries]
-        done = subprocess.run(command, capture_output=True, text=True, errors="replace", check=False)
-        if done.returncode != 0 or not built.exists():
-            told = next(
-                (line for line in done.stderr.splitlines() if "error" in line), done.stderr.strip()[:300]
-            )
-            raise CompileError(f"{Path(toolchain.compiler).name} failed with {done.returncode}: {told}")
-        handle, target = tempfile.mkstemp(prefix="built-", suffix=".tmp", dir=folder)
-        os.close(handle)
-        return built.replace(target)
 
 
 def _aligned(size: int, lanes: int) -> Array:

@@ -1,19 +1,22 @@
 """Cut a long straight-line function into pieces, since a compiler's time grows faster than its length.
 
 The generated body is a list of assignments to registers. A piece keeps its registers as local variables;
-only those that a later piece reads pass through memory between them.
+only those that a later piece reads pass through memory between them. Pieces are functions of their own, so
+that they can be compiled side by side.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 LONGEST = 12_000
 """Statements of the longest function left whole. The paper's adjoint (9000) would be a quarter slower cut."""
 
-PIECE = 1500
-"""Statements in each piece: compiling 43 000 of them then takes 7 s instead of 55 s, and they run as fast."""
+PIECE = 350
+"""Statements in each piece: the servicer's 25 000 compile in two thirds of the time that pieces of 1500 take,
+and run a sixth faster."""
 
 COLD_PIECE = 500
 """Statements in each piece of a function that runs seldom."""
@@ -21,52 +24,93 @@ COLD_PIECE = 500
 _REGISTER = re.compile(r"\ba\d+\b")
 
 
-def split_body(body: str, name: str, parameters: Sequence[str], *, cold: bool = False) -> tuple[str, str]:
-    """Pieces of a function's body, as functions, and the body that calls them.
+@dataclass(frozen=True)
+class Section:
+    """Consecutive statements of a body that are cut together.
+
+    Attributes
+    ----------
+    name
+        Name from which those of the pieces are made.
+    parameters
+        Declarations of what the statements read and write, ``const real* __restrict arg0``.
+    statements
+        Assignments ``a0=...;`` in their order.
+    size
+        Statements in each piece.
+    cold
+        Whether they run seldom.
+    """
+
+    name: str
+    parameters: tuple[str, ...]
+    statements: tuple[str, ...]
+    size: int
+    cold: bool = False
+
+
+@dataclass(frozen=True)
+class Piece:
+    """A function that does a part of the work.
+
+    Attributes
+    ----------
+    name
+        Its name.
+    head
+        Its declaration, without a semicolon.
+    lines
+        What its body holds.
+    cold
+        Whether it runs seldom.
+    """
+
+    name: str
+    head: str
+    lines: tuple[str, ...]
+    cold: bool
+
+    @property
+    def text(self) -> str:
+        """Its definition."""
+        return "\n".join([f"{self.head} {{", *self.lines, "}"])
+
+
+def cut(sections: Sequence[Section]) -> tuple[list[list[Piece]], int]:
+    """Pieces of each section, which run one after the other, and how many registers pass between them.
+
+    The first parameter of every piece is ``real* __restrict between``, the place of these registers.
 
     Parameters
     ----------
-    body
-        Declarations ``real a0, a1;`` and statements ``a0=...;``, one a line.
-    name
-        Name of the function, from which those of the pieces are made.
-    parameters
-        Declarations of the function's parameters, ``const real* __restrict arg0``.
-    cold
-        Whether the function runs seldom, so that it is cut to what compiles fastest.
-
-    Returns
-    -------
-    tuple of str
-        Empty and the body itself where it is short enough.
+    sections
+        Parts of one body: a later one may read the registers of an earlier one.
     """
-    lines = [line.strip() for line in body.splitlines()]
-    statements = [line for line in lines if line and not line.startswith("real ")]
-    longest, size = (COLD_PIECE, COLD_PIECE) if cold else (LONGEST, PIECE)
-    if len(statements) <= longest:
-        return "", body
-    pieces = [statements[k : k + size] for k in range(0, len(statements), size)]
-    uses = [_uses(piece) for piece in pieces]
+    parts = [
+        (section, k, section.statements[k : k + section.size])
+        for section in sections
+        for k in range(0, len(section.statements), section.size)
+    ]
+    uses = [_uses(statements) for _, _, statements in parts]
     passed = _passed_on(uses)
     slots = {register: i for i, register in enumerate(sorted(set().union(*passed)))}
-    declared = ", ".join(["real* __restrict between", *parameters])
-    functions, calls = [], [f"  real between[{len(slots) + 1}];"]
-    arguments = ", ".join(parameter.split()[-1] for parameter in parameters)
-    for k, (piece, (read, written)) in enumerate(zip(pieces, uses, strict=True)):
+    pieces: dict[str, list[Piece]] = {section.name: [] for section in sections}
+    for (section, k, statements), (read, written), kept in zip(parts, uses, passed, strict=True):
         loads = [f"{register}=between[{slots[register]}];" for register in sorted(read)]
-        stores = [f"between[{slots[register]}]={register};" for register in sorted(passed[k])]
-        registers = f"  real {', '.join(sorted(read | written))};" if read | written else ""
-        head = f"static __attribute__((noinline)) void {name}_{k}({declared}) {{"
-        functions.append("\n".join([head, registers, *loads, *piece, *stores, "}"]))
-        calls.append(f"  {name}_{k}(between, {arguments});")
-    return "\n".join(functions) + "\n", "\n".join(calls) + "\n"
+        stores = [f"between[{slots[register]}]={register};" for register in sorted(kept)]
+        registers = [f"real {', '.join(sorted(read | written))};"] if read | written else []
+        name = f"{section.name}_{k // section.size}"
+        head = f"void {name}({', '.join(['real* __restrict between', *section.parameters])})"
+        lines = (*registers, *loads, *statements, *stores)
+        pieces[section.name].append(Piece(name, head, lines, section.cold))
+    return [pieces[section.name] for section in sections], len(slots)
 
 
-def _uses(piece: Sequence[str]) -> tuple[set[str], set[str]]:
+def _uses(statements: Sequence[str]) -> tuple[set[str], set[str]]:
     """Registers that a piece reads before it writes them, and those it writes."""
     read: set[str] = set()
     written: set[str] = set()
-    for statement in piece:
+    for statement in statements:
         target, _, value = statement.partition("=")
         read |= set(_REGISTER.findall(value)) - written
         if _REGISTER.fullmatch(target.strip()):

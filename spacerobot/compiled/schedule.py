@@ -35,29 +35,25 @@ class _Statement:
     latency: int
 
 
-def order_statements(body: str, window: int = WINDOW) -> str:
+def order_statements(lines: Sequence[str], window: int = WINDOW) -> list[str]:
     """The same statements in an order that keeps a processor busy, each register written once.
 
     Parameters
     ----------
-    body
-        Declarations ``real a0, a1;`` and statements ``a0=...;``, one a line.
+    lines
+        Statements ``a0=...;``.
     window
         How far to look ahead, in statements.
     """
-    statements = _single_assignment(body)
-    registers = [s.text.partition("=")[0] for s in statements if s.text.startswith("a")]
-    declared = [f"  real {', '.join(registers)};"] if registers else []
-    return "\n".join([*declared, *(f"  {statements[i].text}" for i in _schedule(statements, window)), ""])
+    statements = _single_assignment(lines)
+    return [statements[i].text for i in _schedule(statements, window)]
 
 
-def _single_assignment(body: str) -> list[_Statement]:
+def _single_assignment(lines: Sequence[str]) -> list[_Statement]:
     """Statements whose register names are their own places, with the places of what each needs."""
     place: dict[str, int] = {}
     statements: list[_Statement] = []
-    for line in (line.strip() for line in body.splitlines()):
-        if not line or line.startswith("real "):
-            continue
+    for line in lines:
         target, _, value = line.partition("=")
         needs = tuple({place[register] for register in _REGISTER.findall(value)})
         renamed = _REGISTER.sub(lambda match: f"a{place[match.group()]}", value)

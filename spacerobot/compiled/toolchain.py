@@ -3,35 +3,45 @@
 from __future__ import annotations
 
 import functools
+import importlib.util
 import os
 import platform
 import re
+import shlex
 import shutil
 import subprocess
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 
+from spacerobot.errors import CompileError
+
 FLAGS = (
     "-std=c++17",
     "-O3",
-    "-march=native",
-    "-mtune=generic",  # tuning for the newest processors spills to general registers: 15 % slower here
     "-ffp-contract=fast",
     "-fno-math-errno",
     "-fno-trapping-math",
     "-freciprocal-math",  # the articulated-body algorithm divides by each joint's inertia several times
-    "-fPIC",
-    "-shared",
     "-w",
 )
-
 
 GCC_FLAGS = (
     "-fschedule-insns",
     "-fsched-pressure",
 )  # order 3000 operations in a row for few spilled registers
+
+ZIG_FLAGS = ("-fno-sanitize=all",)  # it adds run-time checks unless told otherwise
+
+SUFFIX = {"darwin": ".dylib", "win32": ".dll"}.get(sys.platform, ".so")
+"""How the name of a shared library ends here."""
+
+NO_COMPILER = (
+    "no C++ compiler was found (g++, clang++, CXX or SPACEROBOT_COMPILER); "
+    "`pip install 'spacerobot[compiler]'` brings one"
+)
 
 
 @dataclass(frozen=True)
@@ -40,12 +50,14 @@ class Toolchain:
 
     Attributes
     ----------
-    compiler
-        Path of the C++ compiler.
+    command
+        The C++ compiler: its path, and arguments that belong to its name.
     version
         First line of its version report.
     flags
-        Its arguments, libraries last.
+        Its arguments for a source.
+    libraries
+        Its last arguments when linking.
     processor
         Model and instruction sets of the processor, since the code is built for this one.
     lanes
@@ -54,12 +66,28 @@ class Toolchain:
         Routines of the vector maths library for so many lanes, by function name; empty where it is missing.
     """
 
-    compiler: str
+    command: tuple[str, ...]
     version: str
     flags: tuple[str, ...]
+    libraries: tuple[str, ...]
     processor: str
     lanes: int
     vector_symbols: Mapping[str, str]
+
+    @property
+    def name(self) -> str:
+        """The compiler's name for a message."""
+        return "ziglang" if self.is_zig else Path(self.command[0]).name
+
+    @property
+    def is_zig(self) -> bool:
+        """Whether it is the compiler of the ``ziglang`` package."""
+        return self.command == ZIG
+
+    @property
+    def cold_flags(self) -> tuple[str, ...]:
+        """Arguments for a source that runs seldom."""
+        return tuple("-O1" if flag == "-O3" else flag for flag in self.flags)
 
     @property
     def summary(self) -> str:
@@ -68,35 +96,70 @@ class Toolchain:
         return f"{self.version}, {self.lanes} lanes, {maths}"
 
 
-def find_toolchain() -> Toolchain | None:
-    """The compiler named by ``SPACEROBOT_COMPILER`` or ``CXX``, else g++, clang++ or c++; None without one.
+ZIG = (sys.executable, "-m", "ziglang", "c++")
+"""The compiler that the package ``ziglang`` brings."""
 
-    ``SPACEROBOT_COMPILER=none`` says that nothing shall be compiled.
+
+def find_toolchain() -> Toolchain | None:
+    """The compiler named by ``SPACEROBOT_COMPILER`` or ``CXX``, else one that is installed; None without one.
+
+    Looked for are g++, clang++, c++ and the package ``ziglang``, in this order. ``SPACEROBOT_COMPILER=none``
+    says that nothing shall be compiled.
+
+    Raises
+    ------
+    CompileError
+        A compiler named by the environment cannot be run.
     """
     wish = os.environ.get("SPACEROBOT_COMPILER", "").strip()
     if wish.lower() == "none":
         return None
-    return _toolchain(wish or None, os.environ.get("CXX") or None)
+    name = "SPACEROBOT_COMPILER" if wish else "CXX"
+    return _toolchain(name, wish or os.environ.get("CXX", "").strip())
 
 
 @functools.cache
-def _toolchain(wish: str | None, cxx: str | None) -> Toolchain | None:
-    candidates = (wish,) if wish else (cxx, "g++", "clang++", "c++")
-    for candidate in candidates:
-        path = shutil.which(candidate) if candidate else None
-        version = _version(path) if path else None
-        if path and version:
-            processor = _processor()
-            lanes = _lanes(processor)
-            symbols, libraries = _vector_maths(lanes)
-            flags = FLAGS if "clang" in version else (*FLAGS, *GCC_FLAGS)
-            return Toolchain(path, version, (*flags, *libraries, "-lm"), processor, lanes, symbols)
+def _toolchain(variable: str, wish: str) -> Toolchain | None:
+    if wish:
+        named = [wish] if shutil.which(wish) else shlex.split(wish, posix=os.name == "posix")
+        version = _version(tuple(named))
+        if version is None:
+            raise CompileError(
+                f"{variable} names the compiler '{wish}', which cannot be run; "
+                f"mend it, or unset {variable} to have one looked for"
+            )
+        return _described((shutil.which(named[0]) or named[0], *named[1:]), version)
+    candidates: list[tuple[str, ...]] = [
+        (path,) for name in ("g++", "clang++", "c++") if (path := shutil.which(name))
+    ]
+    if importlib.util.find_spec("ziglang") is not None:
+        candidates.append(ZIG)
+    for command in candidates:
+        version = _version(command)
+        if version:
+            return _described(command, version)
     return None
 
 
-def _version(compiler: str) -> str | None:
+def _described(command: tuple[str, ...], version: str) -> Toolchain:
+    processor = _processor()
+    lanes = _lanes(processor)
+    symbols, libraries = _vector_maths(lanes)
+    if platform.machine().lower() not in ("x86_64", "amd64"):
+        own: tuple[str, ...] = ("-mcpu=native",)
+    elif command == ZIG:
+        own = ("-march=native",)
+    else:  # tuning for the newest processors spills to general registers: 15 % slower here
+        own = ("-march=native", "-mtune=generic")
+    if sys.platform != "win32":
+        own, libraries = (*own, "-fPIC"), (*libraries, "-lm")
+    own += ZIG_FLAGS if command == ZIG else () if "clang" in version else GCC_FLAGS
+    return Toolchain(command, version, (*FLAGS, *own), libraries, processor, lanes, symbols)
+
+
+def _version(command: tuple[str, ...]) -> str | None:
     try:
-        done = subprocess.run([compiler, "--version"], capture_output=True, text=True, timeout=30, check=True)
+        done = subprocess.run([*command, "--version"], capture_output=True, text=True, timeout=30, check=True)
     except (OSError, subprocess.SubprocessError):
         return None
     return done.stdout.splitlines()[0].strip() if done.stdout.strip() else None
@@ -111,6 +174,10 @@ def _processor() -> str:
     wanted = re.compile(r"^(model name|flags|CPU implementer|CPU part|Features)\s*:\s*(.*)$", re.MULTILINE)
     first = text.split("\n\n", 1)[0]
     found = [value for _, value in wanted.findall(first)]
+    if not found and sys.platform == "darwin":
+        asked = ["sysctl", "-n", "machdep.cpu.brand_string", "machdep.cpu.features"]
+        done = subprocess.run(asked, capture_output=True, text=True, check=False)
+        found = done.stdout.lower().splitlines()
     return " | ".join([platform.machine(), *found] if found else [platform.machine(), platform.processor()])
 
 

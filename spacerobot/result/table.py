@@ -60,7 +60,10 @@ def _peak(peak: Mapping[str, Any], key: str, unit: str, place: str) -> str:
 def _engine(summary: Mapping[str, Any]) -> str:
     engine, timing = summary["engine"], summary["timing_s"]
     step = f", steps of {engine['step_s'] * 1e3:g} ms" if engine["step_s"] else ""
-    return f"{engine['name']} ({engine['backend']}){step}, {timing['rollout'] * 1e3:.0f} ms for the rollout"
+    why = f"; {engine['interpreted_because']}" if engine.get("interpreted_because") else ""
+    return (
+        f"{engine['name']} ({engine['backend']}){step}, {timing['rollout'] * 1e3:.0f} ms for the rollout{why}"
+    )
 
 
 def summary_html(result: Result) -> str:

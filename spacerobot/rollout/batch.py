@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
@@ -11,6 +10,7 @@ from typing import Protocol
 
 import numpy as np
 
+from spacerobot.compiled import usable_cores
 from spacerobot.rollout.adjoint import AdjointEngine
 from spacerobot.rollout.engines import Engine, Raw, StopFlag
 from spacerobot.rollout.grid import TimeGrid
@@ -60,13 +60,6 @@ class Done:
     raw: Raw
     threads: int
     wall_s: float
-
-
-def usable_cores() -> int:
-    """Cores that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 def run_batch(

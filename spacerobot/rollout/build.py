@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Literal
 
-from spacerobot.compiled import find_toolchain
+from spacerobot.compiled import NO_COMPILER, find_toolchain
 from spacerobot.errors import CompileError, SpaceRobotError
 from spacerobot.rollout.factory import Engines
 from spacerobot.rollout.grid import time_grid
@@ -51,7 +51,8 @@ def build_rollout(
     backend
         ``auto`` compiles where a compiler is found and works, and interprets elsewhere.
     progress
-        Called with a few words before each pilot rollout, if the step is to be chosen.
+        Called with a few words while something is compiled, also later, and before each pilot rollout if the
+        step is to be chosen.
 
     Raises
     ------
@@ -65,7 +66,7 @@ def build_rollout(
     sample_s = duration_s / 100 if step_s is None and output_step_s is None else output_step_s
     grid = time_grid(duration_s, sample_s or duration_s if step_s is None else step_s, sample_s)
     kernel = build_kernel(loop, measures)
-    engines, fallback = _engines(kernel, backend)
+    engines, fallback = _engines(kernel, backend, progress)
     rollout = Rollout(loop, kernel, grid, engines, fallback)
     if step_s is not None:
         return rollout
@@ -104,16 +105,16 @@ def choose_step(
     return rollout.choose_step(tolerance, parameters)
 
 
-def _engines(kernel: Kernel, backend: Backend) -> tuple[Engines, str]:
-    """Engines, and why they interpret although a compiler was found."""
+def _engines(kernel: Kernel, backend: Backend, progress: Callable[[str], None] | None) -> tuple[Engines, str]:
+    """Engines, and why they interpret although nobody asked for it."""
     if backend not in ("auto", "compiled", "interpreted"):
         raise SpaceRobotError(f"backend '{backend}', allowed: auto, compiled, interpreted")
     toolchain = None if backend == "interpreted" else find_toolchain()
     if toolchain is None:
         if backend == "compiled":
-            raise CompileError("no C++ compiler was found (g++, clang++, CXX or SPACEROBOT_COMPILER)")
-        return Engines(kernel, None), ""
-    engines = Engines(kernel, toolchain)
+            raise CompileError(NO_COMPILER)
+        return Engines(kernel, None), NO_COMPILER if backend == "auto" else ""
+    engines = Engines(kernel, toolchain, progress)
     try:
         engines.single  # noqa: B018  (compiles)
     except CompileError as error:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import functools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from importlib import resources
 from typing import Any, Protocol
@@ -128,7 +128,12 @@ HOT = {"dynamics", "normalise", "dynamics_reverse", "normalise_reverse"}
 
 
 def compile_kernel(
-    kernel: Kernel, lanes: int, toolchain: Toolchain | None = None, *, adjoint: bool = False
+    kernel: Kernel,
+    lanes: int,
+    toolchain: Toolchain | None = None,
+    *,
+    adjoint: bool = False,
+    progress: Callable[[int, int], None] | None = None,
 ) -> Library:
     """Compile a kernel together with the rollout loops.
 
@@ -142,6 +147,8 @@ def compile_kernel(
         What to compile with; found if None.
     adjoint
         Whether to build the adjoint as well.
+    progress
+        As for :func:`compile_functions`.
     """
     loops = resources.files("spacerobot.rollout").joinpath("rollout.hpp").read_text(encoding="utf-8")
     defines = [f"#define INTEGRALS {kernel.integrals}", f"#define PEAKS {kernel.peaks}"]
@@ -149,7 +156,9 @@ def compile_kernel(
         defines.append("#define ADJOINT")
     tail = "\n".join([*defines, loops])
     cold = set(kernel.functions) - HOT
-    return compile_functions(kernel.functions, lanes=lanes, cold=cold, tail=tail, toolchain=toolchain)
+    return compile_functions(
+        kernel.functions, lanes=lanes, cold=cold, tail=tail, toolchain=toolchain, progress=progress
+    )
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ import threading
 from collections.abc import Callable
 from typing import TypeVar
 
-from spacerobot.compiled import Toolchain
+from spacerobot.compiled import Library, Toolchain
 from spacerobot.rollout.adjoint import AdjointEngine, CompiledAdjoint, InterpretedAdjoint, adjoint_kernel
 from spacerobot.rollout.engines import CompiledEngine, Engine, InterpretedEngine, compile_kernel
 from spacerobot.rollout.kernel import Kernel
@@ -24,11 +24,16 @@ class Engines:
         The functions.
     toolchain
         Compiler, or None.
+    progress
+        Called with a few words while something is compiled.
     """
 
-    def __init__(self, kernel: Kernel, toolchain: Toolchain | None) -> None:
+    def __init__(
+        self, kernel: Kernel, toolchain: Toolchain | None, progress: Callable[[str], None] | None = None
+    ) -> None:
         self.kernel = kernel
         self.toolchain = toolchain
+        self._progress = progress
         self._made: dict[tuple[object, ...], object] = {}
         self._lock = threading.RLock()
 
@@ -63,13 +68,21 @@ class Engines:
     def _forward(self, kernel: Kernel, lanes: int) -> Engine:
         if self.toolchain is None:
             return InterpretedEngine(kernel)
-        return CompiledEngine(kernel, compile_kernel(kernel, lanes, self.toolchain))
+        return CompiledEngine(kernel, self._compiled(kernel, lanes, adjoint=False))
 
     def _adjoint(self, wrt: tuple[int, ...], lanes: int) -> AdjointEngine:
         kernel = adjoint_kernel(self.kernel, wrt)
         if self.toolchain is None:
             return InterpretedAdjoint(kernel)
-        return CompiledAdjoint(kernel, compile_kernel(kernel, lanes, self.toolchain, adjoint=True))
+        return CompiledAdjoint(kernel, self._compiled(kernel, lanes, adjoint=True))
+
+    def _compiled(self, kernel: Kernel, lanes: int, *, adjoint: bool) -> Library:
+        def told(done: int, total: int) -> None:
+            if self._progress is not None:
+                what = "the closed loop's adjoint" if adjoint else "the closed loop"
+                self._progress(f"compiling {what}: {done} of {total} pieces done")
+
+        return compile_kernel(kernel, lanes, self.toolchain, adjoint=adjoint, progress=told)
 
     def _once(self, key: tuple[object, ...], make: Callable[[], Made]) -> Made:
         with self._lock:

@@ -44,7 +44,7 @@ class Rollout:
     engines
         What evaluates them.
     fallback
-        Why it is interpreted although a compiler was found; empty otherwise.
+        Why it is interpreted although nobody asked for it; empty otherwise.
     choice
         How the step was chosen, if it was.
     """

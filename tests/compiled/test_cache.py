@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import ctypes
 import os
+import signal
 import stat
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import casadi as ca
@@ -14,7 +16,8 @@ import pytest
 
 from spacerobot.compiled import cache as cache_module
 from spacerobot.compiled import compile_functions, find_toolchain
-from spacerobot.errors import CompileError
+from spacerobot.compiled.toolchain import SUFFIX
+from spacerobot.errors import CompileError, SpaceRobotWarning
 
 X = ca.SX.sym("x")
 
@@ -30,7 +33,7 @@ def folder(tmp_path, monkeypatch):
 
 
 def entries(folder):
-    return sorted(folder.glob("*.so"))
+    return sorted(folder.glob(f"*{SUFFIX}"))
 
 
 def test_second_time_comes_from_the_cache(folder):
@@ -71,12 +74,14 @@ def test_a_broken_entry_is_rebuilt_never_loaded(folder, damage):
 def test_a_folder_that_others_may_write_is_refused(folder):
     compile_functions(square())
     folder.chmod(0o777)
-    library = compile_functions(square())
+    with pytest.warns(SpaceRobotWarning, match=f"{folder} can be written by others; .*SPACEROBOT_CACHE_DIR"):
+        library = compile_functions(square())
     assert not library.path.is_relative_to(folder)
     assert stat.S_IMODE(library.path.parent.stat().st_mode) == 0o700
     folder.chmod(0o700)
     folder.parent.chmod(0o770)
-    assert not compile_functions(square()).path.is_relative_to(folder)
+    with pytest.warns(SpaceRobotWarning, match=f"{folder.parent} can be written by others"):
+        assert not compile_functions(square()).path.is_relative_to(folder)
     folder.parent.chmod(0o700)
     assert compile_functions(square()).path.is_relative_to(folder)
 
@@ -86,7 +91,8 @@ def test_a_link_instead_of_the_folder_is_refused(folder, tmp_path):
     target.mkdir(mode=0o700)
     folder.parent.mkdir(mode=0o700)
     folder.symlink_to(target)
-    assert not compile_functions(square()).path.is_relative_to(target)
+    with pytest.warns(SpaceRobotWarning, match="is a link"):
+        assert not compile_functions(square()).path.is_relative_to(target)
 
 
 def test_an_entry_that_others_may_write_is_rebuilt(folder):
@@ -99,7 +105,7 @@ def test_several_processes_at_once(folder):
     results = [process.communicate(timeout=120) for process in running]
     assert all(process.returncode == 0 for process in running), results
     assert compile_functions(square()).cached
-    assert not [path for path in folder.iterdir() if path.suffix != ".so"]
+    assert not [path for path in folder.iterdir() if path.suffix != SUFFIX]
 
 
 def test_the_oldest_entries_go(folder, monkeypatch):
@@ -139,7 +145,7 @@ def test_what_killed_processes_left_behind_goes_in_time(folder):
     for path in (old, folder / "built-old.tmp"):
         os.utime(path, (1000, 1000))
     compile_functions(square(1.0))
-    assert {path.name for path in folder.iterdir() if path.suffix != ".so"} == {"build-young"}
+    assert {path.name for path in folder.iterdir() if path.suffix != SUFFIX} == {"build-young"}
 
 
 def test_an_entry_that_cannot_be_read_just_now_is_left_alone(folder, monkeypatch):
@@ -173,8 +179,8 @@ print(library.path)
 """
 
 
-def _start_elsewhere(folder):
-    environment = {**os.environ, "SPACEROBOT_CACHE_DIR": str(folder.parent)}
+def _start_elsewhere(folder, given=None):
+    environment = {**(given or os.environ), "SPACEROBOT_CACHE_DIR": str(folder.parent)}
     environment["PYTHONPATH"] = os.pathsep.join(sys.path)
     return subprocess.Popen(
         [sys.executable, "-c", _SCRIPT],
@@ -189,3 +195,73 @@ def _compile_elsewhere(folder):
     out, errors = _start_elsewhere(folder).communicate(timeout=120)
     assert out, errors
     return out.strip()
+
+
+def compiler(tmp_path, script):
+    """A compiler that tells its version and then does what a shell script says."""
+    path = tmp_path / "some-compiler"
+    path.write_text(f'#!/bin/sh\n[ "$1" = --version ] && echo some 1.0 && exit 0\n{script}\n')
+    path.chmod(0o755)
+    return path
+
+
+def is_running(pid):
+    try:
+        state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+    except OSError:
+        return False
+    return state != "Z"
+
+
+@pytest.mark.parametrize("variable", ["SPACEROBOT_COMPILER", "CXX"])
+def test_a_compiler_that_the_environment_names_in_vain_is_told(folder, monkeypatch, variable):
+    monkeypatch.delenv("SPACEROBOT_COMPILER", raising=False)
+    monkeypatch.setenv(variable, "/nowhere/g++-99")
+    with pytest.raises(CompileError, match=f"{variable} names the compiler '/nowhere/g\\+\\+-99'"):
+        find_toolchain()
+
+
+def test_a_compiler_may_be_named_with_arguments(folder, monkeypatch):
+    found = find_toolchain()
+    monkeypatch.setenv("SPACEROBOT_COMPILER", f"env {' '.join(found.command)}")
+    assert find_toolchain().command[1:] == found.command
+    assert compile_functions(square())("f", [3.0])[0][0] == 9.0
+
+
+def test_a_compiler_that_hangs_is_ended_with_what_it_started(folder, monkeypatch, tmp_path):
+    monkeypatch.setenv(
+        "SPACEROBOT_COMPILER", str(compiler(tmp_path, f"sleep 600 & echo $! > {tmp_path}/pid; wait"))
+    )
+    monkeypatch.setenv("SPACEROBOT_COMPILE_TIMEOUT", "1")
+    with pytest.raises(CompileError, match="some-compiler was ended after 1 s; SPACEROBOT_COMPILE_TIMEOUT"):
+        compile_functions(square())
+    assert not is_running(int((tmp_path / "pid").read_text()))
+    assert list(folder.iterdir()) == []
+    monkeypatch.setenv("SPACEROBOT_COMPILE_TIMEOUT", "soon")
+    with pytest.raises(
+        CompileError, match="SPACEROBOT_COMPILE_TIMEOUT is 'soon', allowed: a positive number"
+    ):
+        compile_functions(square())
+
+
+def test_ctrl_c_ends_the_compilers_and_leaves_nothing(folder, tmp_path):
+    script = f"sleep 600 & echo $! > {tmp_path}/part; mv {tmp_path}/part {tmp_path}/pid; wait"
+    environment = {**os.environ, "SPACEROBOT_COMPILER": str(compiler(tmp_path, script))}
+    process = _start_elsewhere(folder, environment)
+    for _ in range(6000):
+        if (tmp_path / "pid").exists() or process.poll() is not None:
+            break
+        time.sleep(0.01)
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=60)
+    assert "KeyboardInterrupt" in errors
+    assert not is_running(int((tmp_path / "pid").read_text()))
+    assert list(folder.iterdir()) == []
+
+
+def test_progress_is_told(folder):
+    told = []
+    compile_functions(square(), progress=lambda done, total: told.append((done, total)))
+    assert told == [(0, 1), (1, 1)]
+    compile_functions(square(), progress=lambda done, total: told.append((done, total)))
+    assert len(told) == 2  # nothing is compiled

@@ -1,0 +1,184 @@
+"""Several C++ sources to one library, compiled side by side."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import subprocess
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from spacerobot.compiled.toolchain import SUFFIX, Toolchain
+from spacerobot.errors import CompileError
+
+TIMEOUT_S = 900.0
+"""Time after which a compiler is held to hang, unless ``SPACEROBOT_COMPILE_TIMEOUT`` says another, in s."""
+
+LOOK_S = 0.005
+"""Time between two looks at running compilers."""
+
+Progress = Callable[[int, int], None]
+"""Called with the sources that are done, and how many there are."""
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A source.
+
+    Attributes
+    ----------
+    text
+        C++.
+    cold
+        Whether it shall rather compile fast than run fast.
+    """
+
+    text: str
+    cold: bool = False
+
+
+def build(
+    units: Sequence[Unit], toolchain: Toolchain, folder: Path, progress: Progress | None = None
+) -> Path:
+    """Compile and link, in a private folder inside another, so that the result can be moved atomically.
+
+    As many compilers run at a time as there are usable cores; each in a process group of its own, which is
+    ended when it takes too long, when another fails, and at Ctrl-C.
+
+    Parameters
+    ----------
+    units
+        Sources, those that take longest first.
+    toolchain
+        What to compile with.
+    folder
+        Where the library shall be.
+    progress
+        Told whenever a source is done.
+
+    Raises
+    ------
+    CompileError
+        The compiler does not accept a source, or takes too long.
+    OSError
+        No compiler could be started, or nothing can be written.
+    """
+    with tempfile.TemporaryDirectory(prefix="build-", dir=folder) as work:
+        objects, commands = [], []
+        for k, unit in enumerate(units):
+            source, target = Path(work) / f"unit_{k}.cpp", Path(work) / f"unit_{k}.o"
+            source.write_text(unit.text, encoding="utf-8")
+            flags = toolchain.cold_flags if unit.cold else toolchain.flags
+            commands.append([*toolchain.command, *flags, "-c", "-o", str(target), str(source)])
+            objects.append(str(target))
+        environment = {**os.environ, "TMPDIR": work, "TEMP": work, "TMP": work}
+        if toolchain.is_zig:
+            environment |= {"ZIG_LOCAL_CACHE_DIR": work, "ZIG_GLOBAL_CACHE_DIR": str(folder / "zig")}
+        told = progress or (lambda _done, _total: None)
+        _run_all(toolchain.name, commands, environment, told)
+        built = Path(work) / f"generated{SUFFIX}"
+        link = [*toolchain.command, "-shared", "-o", str(built), *objects, *toolchain.libraries]
+        _run_all(toolchain.name, [link], environment, lambda _done, _total: None)
+        if not built.exists():
+            raise CompileError(f"{toolchain.name} made no library")
+        handle, place = tempfile.mkstemp(prefix="built-", suffix=".tmp", dir=folder)
+        os.close(handle)
+        return built.replace(place)
+
+
+def usable_cores() -> int:
+    """Cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def timeout_s() -> float:
+    """Longest time that one compiler may take (s).
+
+    Raises
+    ------
+    CompileError
+        ``SPACEROBOT_COMPILE_TIMEOUT`` is no positive number.
+    """
+    wish = os.environ.get("SPACEROBOT_COMPILE_TIMEOUT", "").strip()
+    try:
+        limit = float(wish or TIMEOUT_S)
+    except ValueError:
+        limit = 0.0
+    if not limit > 0:
+        raise CompileError(f"SPACEROBOT_COMPILE_TIMEOUT is '{wish}', allowed: a positive number of seconds")
+    return limit
+
+
+class _Job:
+    """A running compiler."""
+
+    def __init__(self, name: str, command: Sequence[str], log: Path, environment: dict[str, str]) -> None:
+        self.begin, self.log, self.name = time.monotonic(), log, name
+        with log.open("wb") as output:
+            self.process = subprocess.Popen(
+                command,
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=output,
+                env=environment,
+                process_group=0 if os.name == "posix" else None,
+            )
+
+    def is_done(self, limit_s: float) -> bool:
+        """Whether it ended well.
+
+        Raises
+        ------
+        CompileError
+            It ended badly, or runs for too long.
+        """
+        code = self.process.poll()
+        if code is None and time.monotonic() - self.begin > limit_s:
+            raise CompileError(
+                f"{self.name} was ended after {limit_s:g} s; SPACEROBOT_COMPILE_TIMEOUT allows more"
+            )
+        if code:
+            lines = self.log.read_text(encoding="utf-8", errors="replace").splitlines()
+            told = next((line for line in lines if "error" in line), " ".join(lines)[:300])
+            raise CompileError(f"{self.name} failed with {code}: {told}")
+        return code == 0
+
+    def end(self) -> None:
+        """End it and what it started."""
+        if os.name == "posix":
+            with contextlib.suppress(ProcessLookupError, PermissionError):  # it may have ended by itself
+                os.killpg(self.process.pid, signal.SIGKILL)
+        else:
+            self.process.kill()
+        self.process.wait()
+
+
+def _run_all(
+    name: str, commands: Sequence[Sequence[str]], environment: dict[str, str], told: Progress
+) -> None:
+    """Run commands, at most one for each core at a time; none goes on when this returns."""
+    work = Path(environment["TMPDIR"])
+    limit_s, waiting, running, done = timeout_s(), list(enumerate(commands)), list[_Job](), 0
+    cores = usable_cores()
+    told(done, len(commands))
+    try:
+        while waiting or running:
+            while waiting and len(running) < cores:
+                k, command = waiting.pop(0)
+                running.append(_Job(name, command, work / f"log_{k}.txt", environment))
+            ended = [job for job in running if job.is_done(limit_s)]
+            for job in ended:
+                running.remove(job)
+                done += 1
+                told(done, len(commands))
+            if not ended:
+                time.sleep(LOOK_S)
+    finally:
+        for job in running:
+            job.end()
