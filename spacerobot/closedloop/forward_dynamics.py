@@ -5,7 +5,8 @@ w of the rigid grasps on their tips. The acceleration is linear in both,
 
     v' = a_0 + M^-1 (J_u^T u + G^T w),
 
-J_u being the manipulator Jacobians and G v' + drift = 0 the constraints. With ``u = command - K_d (C v' +
+J_u being the manipulator Jacobians and G v' + drift = 0 the constraints: rigid grasps, and joints that mimic
+others, of which w is then a torque. With ``u = command - K_d (C v' +
 ...)`` a small system remains,
 
     [1 + K_d C M^-1 J_u^T      K_d C M^-1 G^T] [u]   [command - K_d C a_0]
@@ -73,18 +74,21 @@ def solve_accelerations(
     for control in joint_controls:
         torque = torque + _projected(plant, control, channels)
     driven = plant.reduced_moving(torque, wrenches)
-    outputs, reactions = _solve(plant, driven, ideal, constraints)
+    held = [(constraint.sense, constraint.drift) for constraint in constraints]
+    if plant.scene.ties:
+        held.append((plant.ties, ca.SX(plant.ties.size2(), 1)))
+    outputs, reactions = _solve(plant, driven, ideal, held)
     for channel, output in zip(ideal, outputs, strict=True):
         torque = torque + ca.mtimes(channel.actuation, output)
         driven = driven + ca.mtimes(channel.drive, output)
     clipped = _clip(plant, torque, parameters, constants)
     if clipped is not None:
         torque, driven = clipped, plant.reduced_moving(clipped, wrenches)
-        _, reactions = _solve(plant, driven, [], constraints)
-    for constraint, reaction in zip(constraints, reactions, strict=True):
-        driven = driven + ca.mtimes(constraint.sense, reaction)
+        _, reactions = _solve(plant, driven, [], held)
+    for (sense, _), reaction in zip(held, reactions, strict=True):
+        driven = driven + ca.mtimes(sense, reaction)
     acceleration = plant.articulated.motion(driven)
-    return Solution(acceleration, torque, _on_targets(constraints, reactions))
+    return Solution(acceleration, torque, _on_targets(constraints, reactions[: len(constraints)]))
 
 
 def _projected(plant: Plant, control: JointControl, channels: Sequence[Channel]) -> ca.SX:
@@ -95,37 +99,38 @@ def _projected(plant: Plant, control: JointControl, channels: Sequence[Channel])
     own = [channel for channel in channels if channel.tip.body.name == control.body.name]
     if not control.null_space or not own:
         return control.torque
-    sense = ca.horzcat(*(channel.sense for channel in own))
+    sense = ca.horzcat(*(channel.sense for channel in own), plant.ties)
     actuation = ca.horzcat(*(channel.actuation for channel in own))
-    drive = ca.horzcat(*(channel.drive for channel in own))
+    drive = ca.horzcat(*(channel.drive for channel in own), plant.ties)
     mobility = plant.articulated.negated_mobility
     force = eliminate(mobility(sense, drive), mobility(sense, plant.reduced(control.torque)))
-    return control.torque - ca.mtimes(actuation, force)
+    return control.torque - ca.mtimes(actuation, force[: actuation.size2()])
 
 
 def _solve(
-    plant: Plant, driven: ca.SX, ideal: Sequence[Channel], constraints: Sequence[Constraint]
+    plant: Plant, driven: ca.SX, ideal: Sequence[Channel], held: Sequence[tuple[ca.SX, ca.SX]]
 ) -> tuple[list[ca.SX], list[ca.SX]]:
-    """Outputs of ideal channels and constraint wrenches on the tips, one vector each.
+    """Outputs of ideal channels and reactions of what is held, one vector each.
 
-    ``driven`` are all other loads, reduced (nv x 1).
+    ``driven`` are all other loads, reduced (nv x 1); ``held`` sense (nv x n) and drift (n x 1) of each
+    constraint.
     """
-    if not ideal and not constraints:
+    if not ideal and not held:
         return [], []
-    unknown = ca.horzcat(*(channel.drive for channel in ideal), *(c.sense for c in constraints))
+    unknown = ca.horzcat(*(channel.drive for channel in ideal), *(sense for sense, _ in held))
     rows, right, mobility = [], [], plant.articulated.negated_mobility
     for channel in ideal:
         gain = ca.SX(channel.size, 1) if channel.derivative_gain is None else channel.derivative_gain
         rows.append(-ca.mtimes(ca.diag(gain), mobility(channel.sense, unknown)))
         right.append(channel.command + gain * mobility(channel.sense, driven))
-    for constraint in constraints:
-        rows.append(mobility(constraint.sense, unknown))
-        right.append(constraint.drift - mobility(constraint.sense, driven))
+    for sense, drift in held:
+        rows.append(mobility(sense, unknown))
+        right.append(drift - mobility(sense, driven))
     matrix = ca.vertcat(*rows)
     own = sum(channel.size for channel in ideal)
     matrix[:own, :own] += ca.SX.eye(own)
     solution = eliminate(matrix, ca.vertcat(*right))
-    sizes = [channel.size for channel in ideal] + [constraint.size for constraint in constraints]
+    sizes = [channel.size for channel in ideal] + [drift.size1() for _, drift in held]
     starts = [sum(sizes[:i]) for i in range(len(sizes) + 1)]
     parts = [solution[a:b] for a, b in itertools.pairwise(starts)]
     return parts[: len(ideal)], parts[len(ideal) :]
@@ -165,8 +170,8 @@ def _clip(plant: Plant, torque: ca.SX, parameters: Parameters, constants: Consta
         return None
     clipped = ca.SX(torque)
     for body in limited:
-        for name in body.config.joints:
-            column = plant.model.joints[plant.model.getJointId(f"{body.name}/{name}")].idx_v
+        for joint in body.free_joints:
+            column, name = plant.model.idx_vs[joint], plant.model.names[joint].removeprefix(f"{body.name}/")
             path = f"{body.path}.joints.{name}.torque_limit"
             limit = constants.hoist(path, parameters(path))
             clipped[column] = ca.fmin(ca.fmax(torque[column], -limit), limit)

@@ -39,7 +39,7 @@ class JointControl:
     null_space
         Whether only the part that does not accelerate the tips shall act.
     state
-        Desired joint positions.
+        Desired positions of its free joints.
     """
 
     body: SceneBody
@@ -62,16 +62,16 @@ def build_joint_control(
         return None
     path = f"{body.path}.joint_pd"
     kp, kd = (constants.hoist(f"{path}.{key}", parameters(f"{path}.{key}")) for key in ("kp", "kd"))
-    desired = ca.SX.sym(f"{body.name}/theta_d", len(body.joints))
+    desired = ca.SX.sym(f"{body.name}/theta_d", len(body.free_joints))
     rate = _inverse_kinematics(plant, body, desired, motions, start, parameters, constants)
     calibrate = Calibrations(body, parameters, constants)
     torque = ca.SX(plant.v.size1(), 1)
-    for i, joint in enumerate(body.joints):
+    for i, joint in enumerate(body.free_joints):
         column = plant.model.joints[joint].idx_v
         position = _measured(calibrate("joint_position"), _nearest(plant.model, joint, plant.q, desired[i]))
         speed = _measured(calibrate("joint_rate"), plant.v[column])
         torque[column] = kp * (desired[i] - position) - kd * speed  # Eq. 34
-    initial = ca.vertcat(*(joint_position(plant.model, joint, plant.q) for joint in body.joints))
+    initial = ca.vertcat(*(joint_position(plant.model, joint, plant.q) for joint in body.free_joints))
     state = State(f"{body.name}/joint_pd.theta_d", desired, initial, rate)
     return JointControl(body, torque, config.null_space, state)
 
@@ -122,16 +122,18 @@ def _inverse_kinematics(
         constants.hoist(f"{path}.{key}", parameters(f"{path}.{key}")) for key in ("ik_rate", "ik_damping")
     )
     q = constants.hoist(f"{path}.start", start.q)
-    for i, joint in enumerate(body.joints):
+    positions = dict(zip(body.free_joints, ca.vertsplit(desired), strict=True))
+    positions |= {tie.joint: tie.multiplier * positions[tie.leader] + tie.offset for tie in body.ties}
+    for joint, position in positions.items():
         pin_joint = plant.model.joints[joint]
         if pin_joint.nq == 2:
-            q[pin_joint.idx_q : pin_joint.idx_q + 2] = ca.vertcat(ca.cos(desired[i]), ca.sin(desired[i]))
+            q[pin_joint.idx_q : pin_joint.idx_q + 2] = ca.vertcat(ca.cos(position), ca.sin(position))
         else:
-            q[pin_joint.idx_q] = desired[i]
+            q[pin_joint.idx_q] = position
     kinematics = forward_kinematics(plant.model, q)
     rows, wanted = _tasks(plant, tips, kinematics, motions, rate_gain)
-    columns = plant.arm_columns(body)
-    jacobian = ca.vertcat(*rows)[:, columns]
+    columns = [int(plant.model.idx_vs[joint]) for joint in body.free_joints]
+    jacobian = plant.gathered(ca.vertcat(*rows).T).T[:, columns]
     gram = ca.mtimes(jacobian, jacobian.T) + damping**2 * ca.SX.eye(jacobian.size1())
     return ca.mtimes(jacobian.T, SymmetricFactors(gram).solve(ca.vertcat(*wanted)))
 

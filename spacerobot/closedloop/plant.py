@@ -38,6 +38,9 @@ class Plant:
         Symbols of configuration (nq x 1) and velocity (nv x 1).
     damping
         Viscous resistance R_j of each velocity component (nv x 1), structurally zero where there is none.
+    ties
+        Loads, reduced, along which v' is the acceleration of a joint that mimics another one, relative to
+        what it mimics (nv x n); they keep it at zero.
     """
 
     scene: Scene
@@ -47,6 +50,7 @@ class Plant:
     inertias: Inertias
     articulated: ArticulatedBody
     damping: ca.SX
+    ties: ca.SX
 
     @property
     def model(self) -> Any:
@@ -81,6 +85,10 @@ class Plant:
         """Places in v of a body's joints, its floating base left out."""
         return [int(self.model.joints[j].idx_v) for j in body.joints]
 
+    def gathered(self, effort: ca.SX) -> ca.SX:
+        """Generalized forces (nv x n), those on joints that mimic moved to the joints that they follow."""
+        return ca.mtimes(sparse(self.scene.spread.T), effort) if self.scene.ties else effort
+
 
 def build_plant(scene: Scene, parameters: Parameters, constants: Constants) -> Plant:
     """Plant of a scene with the mass properties and resistances of its parameters."""
@@ -96,7 +104,10 @@ def build_plant(scene: Scene, parameters: Parameters, constants: Constants) -> P
             resistance = constants.hoist(path, parameters.sparse(path))
             if resistance.nnz():
                 damping[column] = resistance
-    return Plant(scene, q, v, kinematics, inertias, articulated, damping)
+    relative = sparse(np.eye(scene.model.nv) - scene.spread)
+    tied = [relative[scene.model.idx_vs[tie.joint], :].T for tie in scene.ties]
+    ties = ca.horzcat(ca.SX(v.size1(), 0), *(articulated.reduced(torque) for torque in tied))
+    return Plant(scene, q, v, kinematics, inertias, articulated, damping, ties)
 
 
 def _inertias(scene: Scene, parameters: Parameters, constants: Constants) -> Inertias:

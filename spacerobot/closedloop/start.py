@@ -99,14 +99,21 @@ def quaternion_from_rpy(rpy: ca.SX) -> ca.SX:
 
 
 def _set_joints(model: Any, body: SceneBody, parameters: Parameters, q: ca.SX, v: ca.SX) -> None:
-    for name, config in body.config.joints.items():
+    begins = {}
+    for index in body.free_joints:
+        name = str(model.names[index]).removeprefix(f"{body.name}/")
         path = f"{body.path}.joints.{name}"
-        joint = model.joints[model.getJointId(f"{body.name}/{name}")]
-        if config.offset is not None:
+        if body.config.joints[name].offset is not None:
             position, rate = parameters(f"{path}.offset"), parameters(f"{path}.speed")
         else:
             position = parameters(f"{path}.angle_deg") * DEGREE
             rate = parameters(f"{path}.rate_deg") * DEGREE
+        begins[index] = (position, rate)
+    for tie in body.ties:
+        position, rate = begins[tie.leader]
+        begins[tie.joint] = (tie.multiplier * position + tie.offset, tie.multiplier * rate)
+    for index, (position, rate) in begins.items():
+        joint = model.joints[index]
         v[joint.idx_v] = rate
         if joint.nq == 2:
             q[joint.idx_q : joint.idx_q + 2] = ca.vertcat(ca.cos(position), ca.sin(position))

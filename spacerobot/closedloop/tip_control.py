@@ -223,11 +223,11 @@ def orientation_error(scene: Scene, wanted: ca.SX, found: ca.SX) -> ca.SX:
 
 
 def _arm_part(plant: Plant, tip: SceneTip, jacobian: ca.SX) -> ca.SX:
-    """Manipulator Jacobian: the columns of the arm's joints alone, the base's left out (Eq. 13)."""
+    """Manipulator Jacobian: the columns of the arm's free joints alone, the base's left out (Eq. 13)."""
     columns = plant.arm_columns(tip.body)
     part = ca.SX(*jacobian.shape)
     part[:, columns] = jacobian[:, columns]
-    return part
+    return plant.gathered(part.T).T
 
 
 def _reduced_loads(plant: Plant, tip: SceneTip, axes: list[int], *, rotation: bool) -> tuple[ca.SX, ca.SX]:

@@ -12,52 +12,32 @@ from spacerobot.description.parts import Array, Joint, Link
 from spacerobot.errors import DescriptionError
 
 _ROUNDING = 1e-9  # relative; files print inertias with few digits
-_SINGULAR = 1e-12  # smallest ratio of principal inertias that a mass matrix survives
 _TINY_BASE = 1e-3  # of another link's mass or inertia
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Body:
-    """Links welded together, named after the uppermost; kg, and kg m^2 about the common centre of mass."""
+    """Links welded together, named after the uppermost; kg, and kg m^2 about the common centre of mass.
+
+    Attributes
+    ----------
+    name, mass, inertia
+        Its name, mass and inertia.
+    extent
+        Sum of its links' masses by the square of their distances from its origin [kg m^2]: beside this, their
+        inertias are rounded.
+    joint
+        Name of the joint that moves it, or that this one mimics; None for the base.
+    carries
+        Whether anything with mass moves behind it.
+    """
 
     name: str
     mass: float
     inertia: Array
-
-
-def check_links(links: Sequence[Link], source: Path) -> list[str]:
-    """Check each link by itself.
-
-    Returns
-    -------
-    list[str]
-        Warnings about inertias that no distribution of mass has.
-
-    Raises
-    ------
-    DescriptionError
-        If an inertia has a negative principal value, or belongs to no mass.
-    """
-    warnings = []
-    for link in links:
-        where = f"link {link.name!r}"
-        if link.mass == 0:
-            if np.any(link.inertia):
-                raise DescriptionError("has an inertia but no mass", source=source, where=where)
-            continue
-        principal = _principal(link.inertia)
-        if principal[0] < -_ROUNDING * principal[2]:
-            raise DescriptionError(
-                f"inertia is not positive definite, principal values {_listed(principal)} kg m^2",
-                source=source,
-                where=where,
-            )
-        if principal[0] + principal[1] < (1 - _ROUNDING) * principal[2]:
-            warnings.append(
-                f"{where}: no body has principal inertias {_listed(principal)} kg m^2: "
-                "the largest exceeds the sum of the others"
-            )
-    return warnings
+    extent: float
+    joint: str | None = None
+    carries: bool = False
 
 
 def welded_bodies(links: Sequence[Link], joints: Sequence[Joint], root: str) -> list[Body]:
@@ -66,77 +46,103 @@ def welded_bodies(links: Sequence[Link], joints: Sequence[Joint], root: str) -> 
     below: dict[str, list[Joint]] = {link.name: [] for link in links}
     for joint in joints:
         below[joint.parent].append(joint)
-    bodies, tops = [], [root]
+    bodies: list[Body] = []
+    above: list[int | None] = []
+    tops: list[tuple[str, str | None, int | None]] = [(root, None, None)]
     while tops:
-        top = tops.pop()
+        top, own, parent = tops.pop()
         group = [(by_name[top], np.eye(4))]
         for link, placement in group:  # grows while it is walked
             for joint in below[link.name]:
                 if joint.kind == "fixed":
                     group.append((by_name[joint.child], placement @ joint.origin))
                 else:
-                    tops.append(joint.child)
-        bodies.append(_composite(top, group))
+                    moved_by = joint.mimic.joint if joint.mimic else joint.name
+                    tops.append((joint.child, moved_by, len(bodies)))
+        bodies.append(_composite(top, own, group))
+        above.append(parent)
+    for body, parent in reversed(list(zip(bodies, above, strict=True))):
+        if parent is not None and (body.mass > 0 or body.carries):
+            bodies[parent].carries = True
     return bodies
 
 
-def _composite(name: str, group: Sequence[tuple[Link, Array]]) -> Body:
+def _composite(name: str, joint: str | None, group: Sequence[tuple[Link, Array]]) -> Body:
     """Sum of rigid bodies by the parallel-axis theorem."""
     mass = sum(link.mass for link, _ in group)
-    if mass == 0:
-        return Body(name, 0.0, np.zeros((3, 3)))
     centres = [placement[:3, :3] @ link.com + placement[:3, 3] for link, placement in group]
-    com = sum(
-        (link.mass / mass * centre for (link, _), centre in zip(group, centres, strict=True)), np.zeros(3)
-    )
+    moment = sum((link.mass * c for (link, _), c in zip(group, centres, strict=True)), np.zeros(3))
+    com = moment / mass if mass > 0 else moment
     inertia = np.zeros((3, 3))
     for (link, placement), centre in zip(group, centres, strict=True):
         turn, arm = placement[:3, :3], centre - com
         inertia += turn @ link.inertia @ turn.T + link.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
-    return Body(name, mass, inertia)
+    extent = sum(link.mass * float(c @ c) for (link, _), c in zip(group, centres, strict=True))
+    return Body(name, mass, inertia, extent, joint)
 
 
-def check_moving_bodies(bodies: Sequence[Body], source: Path) -> None:
-    """Check that each body but the base can be accelerated about and along every axis.
+def check_bodies(bodies: Sequence[Body], source: Path, *, floating: bool) -> None:
+    """Check what moves for mass, and for inertias that are not negative.
 
-    Raises
-    ------
-    DescriptionError
-        If a body has no mass, or a principal inertia that vanishes or is not finite.
-    """
-    for body in bodies[1:]:
-        _check_body(body, "a moving link", "", source)
-
-
-def check_floating_base(bodies: Sequence[Body], source: Path) -> None:
-    """Check the same of the base, which only has to have mass where it floats.
+    Links that are welded together are judged by their sum. A body without any mass may stand between the
+    joints of a chain. A base that does not float is not judged. Whether something with inertia resists every
+    joint depends on the posture, and is judged with the scene.
 
     Raises
     ------
     DescriptionError
-        As for :func:`check_moving_bodies`.
+        If a body has no mass and carries none, or an inertia without a mass, or a principal inertia that is
+        negative or not finite. Names every such body, and the joints to lock instead.
     """
-    _check_body(bodies[0], "the base", "; give it some, or connect it by `base: {joint: fixed}`", source)
+    if floating:
+        fault = _fault(bodies[0], is_base=True)
+        if fault:
+            remedy = "; give it some, or connect it by `base: {joint: fixed}`" if bodies[0].mass == 0 else ""
+            where = f"link {bodies[0].name!r}"
+            raise DescriptionError(f"is the base; it {fault}{remedy}", source=source, where=where)
+    faulty = [(body, fault) for body in bodies[1:] if (fault := _fault(body))]
+    if not faulty:
+        return
+    first, fault = faulty[0]
+    others = [body.name for body, _ in faulty[1:]]
+    too = f"; faults as well: {', '.join(others)}" if others else ""
+    joints = dict.fromkeys(str(body.joint) for body, _ in faulty)
+    raise DescriptionError(
+        f"is a moving link; it {fault}{too}. Give mass properties by `links:`, or lock joint"
+        f"{'s' if len(joints) > 1 else ''} {', '.join(joints)} by `joints: {{NAME: {{locked: true}}}}`",
+        source=source,
+        where=f"link {first.name!r}",
+    )
 
 
-def _check_body(body: Body, what: str, remedy: str, source: Path) -> None:
-    where = f"link {body.name!r}"
+def _fault(body: Body, *, is_base: bool = False) -> str:
+    """What keeps a body from being accelerated; empty if nothing does."""
+    if body.mass == 0 and np.any(body.inertia):
+        return "has an inertia but no mass"
     if body.mass == 0:
-        raise DescriptionError(
-            f"is {what} and has no mass, nor has anything fixed to it{remedy}", source=source, where=where
-        )
+        if body.carries and not is_base:
+            return ""
+        return "has no mass, nor has anything fixed to it" + ("" if is_base else " or moved by it")
     principal = _principal(body.inertia)
-    if not principal[0] > _SINGULAR * principal[2]:
-        raise DescriptionError(
-            f"is {what}; its inertia is not positive definite: {_listed(principal)} kg m^2, allowed are "
-            "principal values above 0, in a planar robot too",
-            source=source,
-            where=where,
-        )
+    if principal[0] >= -_ROUNDING * max(principal[2], body.extent):
+        return ""
+    return f"has principal inertias {_listed(principal)} kg m^2, allowed: none below 0"
 
 
-def light_base(bodies: Sequence[Body]) -> list[str]:
-    """Warnings about a floating base that the rest of the robot throws about."""
+def odd_bodies(bodies: Sequence[Body], *, floating: bool) -> list[str]:
+    """Warnings about inertias that no distribution of mass has, and about a base that is thrown about."""
+    warnings = []
+    for body in bodies if floating else bodies[1:]:
+        principal = _principal(body.inertia)
+        if principal[0] + principal[1] < (1 - _ROUNDING) * principal[2]:
+            warnings.append(
+                f"link {body.name!r}: no body has principal inertias {_listed(principal)} kg m^2: "
+                "the largest exceeds the sum of the others"
+            )
+    return warnings + (_light_base(bodies) if floating else [])
+
+
+def _light_base(bodies: Sequence[Body]) -> list[str]:
     base, rest = bodies[0], bodies[1:]
     warnings = []
     if any(base.mass < _TINY_BASE * body.mass for body in rest):

@@ -9,8 +9,8 @@ import numpy as np
 import yourdfpy as yp
 from lxml import etree
 
-from spacerobot.description.meshes import is_readable, resolve_mesh, stand_in
-from spacerobot.description.parts import Array, Geometry, Joint, Link, Shape, frozen
+from spacerobot.description.meshes import is_readable, missing_meshes, resolve_mesh, stand_in
+from spacerobot.description.parts import Array, Geometry, Joint, Link, Mimic, Shape, frozen
 from spacerobot.errors import DescriptionError
 
 _SHORTEST_AXIS = 1e-9
@@ -24,6 +24,7 @@ def parse_urdf(root: etree._Element, source: Path) -> yp.Robot:
     DescriptionError
         If yourdfpy finds fault with it.
     """
+    _complete_limits(root)
     try:
         text = etree.tostring(root, encoding="utf-8")  # the default, ASCII, breaks names beyond it
         urdf = yp.URDF.load(io.BytesIO(text), build_scene_graph=False, load_meshes=False)
@@ -33,6 +34,16 @@ def parse_urdf(root: etree._Element, source: Path) -> yp.Robot:
     if urdf.errors:
         raise DescriptionError(f"yourdfpy finds it not valid: {urdf.errors[0].msg}", source=source)
     return urdf.robot
+
+
+def _complete_limits(root: etree._Element) -> None:
+    """Write out ranges that are left open: 0 for one end, as URDF says, no limit where both are missing."""
+    for limit in root.iterfind("joint/limit"):
+        if limit.get("lower") is None and limit.get("upper") is None:
+            limit.set("lower", "-inf")
+            limit.set("upper", "inf")
+        for attribute in ("lower", "upper"):
+            limit.set(attribute, limit.get(attribute, "0"))
 
 
 def convert_joint(joint: yp.Joint, source: Path) -> Joint:
@@ -68,18 +79,30 @@ def convert_joint(joint: yp.Joint, source: Path) -> Joint:
         velocity=np.inf if limit.velocity is None else limit.velocity,
         lower=lower,
         upper=upper,
+        mimic=None if joint.mimic is None else Mimic(**vars(joint.mimic)),
     )
 
 
 def convert_links(robot: yp.Robot, source: Path) -> tuple[tuple[Link, ...], list[str]]:
-    """All links, and warnings about meshes that are missing."""
+    """All links, and a warning about meshes that are missing.
+
+    A box stands in for a mesh that would be drawn. Collision meshes are drawn only where there are no
+    visuals at all; elsewhere one that is missing is left out.
+    """
     colours = _colours(robot)
-    warnings: list[str] = []
-    links = tuple(_link(link, colours, source, warnings) for link in robot.links)
-    return links, warnings
+    drawn = "visual" if any(link.visuals for link in robot.links) else "collision"
+    missing: dict[tuple[str, str], list[str]] = {}
+    links = tuple(_link(link, colours, source, drawn, missing) for link in robot.links)
+    return links, missing_meshes(missing)
 
 
-def _link(link: yp.Link, colours: dict[str, Array], source: Path, warnings: list[str]) -> Link:
+def _link(
+    link: yp.Link,
+    colours: dict[str, Array],
+    source: Path,
+    drawn: str,
+    missing: dict[tuple[str, str], list[str]],
+) -> Link:
     mass, com, inertia = 0.0, np.zeros(3), np.zeros((3, 3))
     if link.inertial is not None:
         origin = _placement(link.inertial.origin)
@@ -90,10 +113,13 @@ def _link(link: yp.Link, colours: dict[str, Array], source: Path, warnings: list
     shapes: dict[str, list[Shape]] = {"visual": [], "collision": []}
     for kind, found in (("visual", link.visuals), ("collision", link.collisions)):
         for shape in found:
-            geometry, fault = _geometry(shape.geometry, source)
-            if geometry is None:
-                warnings.append(f"link {link.name!r}: {kind} mesh {fault}; a box stands in for it")
+            geometry = _geometry(shape.geometry, source)
+            if kind == drawn and (geometry is None or not is_readable(geometry)):
+                fault = "not found" if geometry is None else "cannot be read"
+                missing.setdefault((shape.geometry.mesh.filename, fault), []).append(link.name)
                 shapes[kind].append(stand_in(mass, com, inertia))
+                continue
+            if geometry is None:
                 continue
             material = getattr(shape, "material", None)
             rgba = _rgba(material, colours)
@@ -108,22 +134,18 @@ def _link(link: yp.Link, colours: dict[str, Array], source: Path, warnings: list
     )
 
 
-def _geometry(geometry: yp.Geometry, source: Path) -> tuple[Geometry | None, str]:
-    """A shape's geometry, or None and what is wrong with its mesh."""
+def _geometry(geometry: yp.Geometry, source: Path) -> Geometry | None:
+    """A shape's geometry, or None if its mesh is not found."""
     if geometry.box is not None:
-        return Geometry("box", frozen(geometry.box.size)), ""
+        return Geometry("box", frozen(geometry.box.size))
     if geometry.cylinder is not None:
-        return Geometry("cylinder", frozen((geometry.cylinder.radius, geometry.cylinder.length))), ""
+        return Geometry("cylinder", frozen((geometry.cylinder.radius, geometry.cylinder.length)))
     if geometry.sphere is not None:
-        return Geometry("sphere", frozen((geometry.sphere.radius,))), ""
+        return Geometry("sphere", frozen((geometry.sphere.radius,)))
     mesh = geometry.mesh
     scale = frozen(np.broadcast_to(1.0 if mesh.scale is None else mesh.scale, 3))
     path = resolve_mesh(mesh.filename, source)
-    if path is None:
-        return None, f"{mesh.filename!r} not found"
-    if not is_readable(path, scale):
-        return None, f"{mesh.filename!r} cannot be read"
-    return Geometry("mesh", scale, path), ""
+    return None if path is None else Geometry("mesh", scale, path)
 
 
 def _colours(robot: yp.Robot) -> dict[str, Array]:

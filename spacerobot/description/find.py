@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
+import glob
+import os
+from collections.abc import Iterator
 from pathlib import Path
 
 from spacerobot.errors import DescriptionError, near_names
+
+PACKAGE = "package://"
+"""Begin of names in a ROS package."""
+_WORKSPACE_DEPTH = 3  # of packages below an entry of ROS_PACKAGE_PATH
 
 
 def shipped_urdf_folder() -> Path:
@@ -30,8 +37,8 @@ def shipped_names() -> tuple[str, ...]:
 def find_urdf(name: str | Path, relative_to: Path | None = None) -> Path:
     """Absolute path of the URDF that ``name`` stands for.
 
-    Tried in this order: an absolute path; a path relative to the scenario's folder; the name of a shipped
-    file, with or without ``.urdf``.
+    Tried in this order: an absolute path or one in a package; a path relative to the scenario's folder; the
+    name of a shipped file, with or without ``.urdf``.
 
     Parameters
     ----------
@@ -45,6 +52,14 @@ def find_urdf(name: str | Path, relative_to: Path | None = None) -> Path:
     DescriptionError
         If no such file exists; lists near shipped names.
     """
+    if str(name).startswith(PACKAGE):
+        found = find_in_package(str(name), relative_to)
+        if found is None:
+            raise DescriptionError(
+                "no such URDF file above the scenario, in ROS_PACKAGE_PATH or in AMENT_PREFIX_PATH",
+                source=str(name),
+            )
+        return found.resolve()
     wanted = Path(name)
     candidates = [wanted] if wanted.is_absolute() else []
     if not wanted.is_absolute():
@@ -61,6 +76,44 @@ def find_urdf(name: str | Path, relative_to: Path | None = None) -> Path:
     raise DescriptionError(
         f"no such URDF file{place}; {near_names(wanted.name, shipped_names())}", source=str(name) or "''"
     )
+
+
+def find_in_package(uri: str, near: Path | None) -> Path | None:
+    """Path of the file that ``package://name/...`` stands for, or None if there is none.
+
+    Looked for in folders called ``name``: the parents of ``near`` and what lies directly in them, the
+    nearest first; then what is in ``ROS_PACKAGE_PATH``, and ``share`` in each prefix of
+    ``AMENT_PREFIX_PATH``. A name never leads out of that folder.
+    """
+    package, _, inside = uri.removeprefix(PACKAGE).partition("/")
+    if package in ("", ".", ".."):
+        return None
+    for folder in _package_folders(package, near):
+        candidate = Path(os.path.normpath(folder / inside))
+        if candidate.is_relative_to(folder) and is_file(candidate):
+            return candidate
+    return None
+
+
+def _package_folders(package: str, near: Path | None) -> Iterator[Path]:
+    """Folders called ``package``, in the order in which they are tried."""
+    for parent in near.parents if near is not None else ():
+        if parent.name == package:
+            yield parent
+        yield parent / package
+    for entry in _entries("ROS_PACKAGE_PATH"):
+        if entry.name == package:
+            yield entry
+        for depth in range(_WORKSPACE_DEPTH):
+            yield from sorted(entry.glob("*/" * depth + glob.escape(package)))
+    for entry in _entries("AMENT_PREFIX_PATH"):
+        yield entry / "share" / package
+
+
+def _entries(variable: str) -> list[Path]:
+    """Absolute folders that an environment variable lists."""
+    folders = os.environ.get(variable, "").split(os.pathsep)
+    return [Path(folder).absolute() for folder in folders if folder]
 
 
 def is_file(path: Path) -> bool:

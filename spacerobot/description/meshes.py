@@ -2,33 +2,28 @@
 
 from __future__ import annotations
 
-import os
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from urllib.parse import unquote
 
 import numpy as np
 
-from spacerobot.description.find import is_file
+from spacerobot.description.find import PACKAGE, find_in_package, is_file
 from spacerobot.description.parts import Array, Geometry, Shape, frozen
 
 _FRAME_BOX_M = 0.05  # of a link without mass
 _SHORTEST_EDGE_M, _LONGEST_EDGE_M = 5e-4, 1e3
+_NAMED = 3  # missing meshes in a warning
 
 
 def resolve_mesh(filename: str, urdf: Path) -> Path | None:
     """Absolute path of the mesh that a URDF names, or None if there is none.
 
-    ``package://name/...`` is looked for in folders called ``name``: the URDF's own parents and what lies
-    directly in them, the nearest first; a name never leads out of that folder. Other names are paths relative
-    to the URDF's folder.
+    ``package://name/...`` is looked for as :func:`spacerobot.description.find.find_in_package` says. Other
+    names are paths relative to the URDF's folder.
     """
-    if filename.startswith("package://"):
-        package, _, inside = filename.removeprefix("package://").partition("/")
-        for folder in _package_folders(package, urdf):
-            candidate = Path(os.path.normpath(folder / inside))
-            if candidate.is_relative_to(folder) and is_file(candidate):
-                return candidate
-        return None
+    if filename.startswith(PACKAGE):
+        return find_in_package(filename, urdf)
     if filename.startswith("file://"):
         filename = unquote(filename.removeprefix("file://"))
     if "://" in filename:
@@ -37,23 +32,35 @@ def resolve_mesh(filename: str, urdf: Path) -> Path | None:
     return candidate.resolve() if is_file(candidate) else None
 
 
-def _package_folders(package: str, urdf: Path) -> list[Path]:
-    """Folders called ``package`` above ``urdf`` or beside its parents, the nearest first."""
-    if package in ("", ".", ".."):
+def missing_meshes(missing: Mapping[tuple[str, str], Sequence[str]]) -> list[str]:
+    """One warning about all meshes that boxes stand in for, none if there are none.
+
+    Parameters
+    ----------
+    missing
+        Links by file name and fault, ``not found`` or ``cannot be read``.
+    """
+    if not missing:
         return []
-    folders = []
-    for parent in urdf.parents:
-        folders += [parent] if parent.name == package else []
-        folders.append(parent / package)
-    return folders
+    named = [
+        f"{filename!r} {fault} (link{'s' if len(links) > 1 else ''} {', '.join(links)})"
+        for (filename, fault), links in list(missing.items())[:_NAMED]
+    ]
+    more = f" and {len(missing) - _NAMED} more" if len(missing) > _NAMED else ""
+    remedy = ""
+    if any(name.startswith(PACKAGE) and fault == "not found" for name, fault in missing):
+        remedy = "; packages are looked for above the URDF, in ROS_PACKAGE_PATH and in AMENT_PREFIX_PATH"
+    return [f"a box stands in for mesh {', '.join(named)}{more}{remedy}"]
 
 
-def is_readable(path: Path, scale: Array) -> bool:
-    """Whether the geometry library that Pinocchio uses can read this mesh."""
+def is_readable(geometry: Geometry) -> bool:
+    """Whether the geometry library that Pinocchio uses can read a mesh; a primitive needs no reading."""
+    if geometry.mesh is None:
+        return True
     import coal  # only descriptions with meshes pay for its import
 
     try:
-        coal.MeshLoader().load(str(path), np.array(scale))
+        coal.MeshLoader().load(str(geometry.mesh), np.array(geometry.size))
     except (RuntimeError, ValueError, MemoryError):
         return False
     return True

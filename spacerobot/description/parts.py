@@ -75,7 +75,7 @@ class Link:
     com
         Centre of mass in the link frame (3,), m.
     inertia
-        About the centre of mass, in the axes of the link frame (3, 3), kg m^2.
+        About the centre of mass, in the axes of the link frame (3, 3), kg m^2; zero where the file has none.
     visuals, collisions
         What is drawn, and what would collide.
     """
@@ -86,6 +86,23 @@ class Link:
     inertia: Array
     visuals: tuple[Shape, ...] = ()
     collisions: tuple[Shape, ...] = ()
+
+
+@dataclass(frozen=True)
+class Mimic:
+    """A joint's position as ``multiplier`` times that of another one plus ``offset``.
+
+    Attributes
+    ----------
+    joint
+        Name of the joint that is followed.
+    multiplier, offset
+        In rad or m of the follower (per rad or m of the followed).
+    """
+
+    joint: str
+    multiplier: float = 1.0
+    offset: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,6 +125,8 @@ class Joint:
         Largest magnitudes, N m or N, rad/s or m/s; infinite where there is no limit.
     lower, upper
         Range, rad or m; infinite where there is no limit.
+    mimic
+        What it follows, if it has no coordinate of its own.
     """
 
     name: str
@@ -122,3 +141,4 @@ class Joint:
     velocity: float = np.inf
     lower: float = -np.inf
     upper: float = np.inf
+    mimic: Mimic | None = None

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from spacerobot.description.bodies import check_links, check_moving_bodies, welded_bodies
+from spacerobot.description.mimic import settle
 from spacerobot.description.parts import Joint, Link
 from spacerobot.description.syntax import check_syntax, parse_xml
 from spacerobot.description.topology import root_link
@@ -19,7 +19,7 @@ MOST_BYTES = 20_000_000
 
 @dataclass(frozen=True, eq=False)
 class Description:
-    """A URDF that can be simulated.
+    """What a URDF holds, its mass properties and mimicry not judged yet.
 
     Attributes
     ----------
@@ -58,6 +58,16 @@ class Description:
 
         return urdf_xml(self.name, self.links, self.joints, prefix)
 
+    def settled(self, positions: Mapping[str, float], locked: Collection[str]) -> Description:
+        """The same with some joints locked; see :func:`spacerobot.description.mimic.settle`.
+
+        Raises
+        ------
+        DescriptionError
+            If joints that are not locked mimic what cannot be mimicked.
+        """
+        return replace(self, joints=settle(self.joints, positions, locked, self.path))
+
 
 def read_description(path: Path | str) -> Description:
     """Read and check a URDF.
@@ -70,10 +80,10 @@ def read_description(path: Path | str) -> Description:
     Raises
     ------
     DescriptionError
-        If the file cannot be read or holds something that cannot be simulated: mimic, planar or floating
-        joints, a closed loop, several roots, a moving link without mass, an inertia that is not positive
-        definite, a zero axis, a number that is not finite. Names the file and the element. What a base
-        needs is judged with the scene, for a fixed one needs no mass.
+        If the file cannot be read or holds something that cannot be simulated: planar or floating joints, a
+        closed loop, several roots, a zero axis, a number that is not finite. Names the file and the element.
+        Mass properties and mimicry are judged with the scene, which may change masses, lock joints and fix
+        the base.
     """
     from spacerobot.description.convert import convert_joint, convert_links, parse_urdf  # imports yourdfpy
 
@@ -85,9 +95,8 @@ def read_description(path: Path | str) -> Description:
     joints = tuple(convert_joint(joint, source) for joint in robot.joints)
     links, mesh_warnings = convert_links(robot, source)
     root = root_link(links, joints, source)
-    warnings += mesh_warnings + check_links(links, source)
-    check_moving_bodies(welded_bodies(links, joints, root), source)
-    warnings += _joint_warnings(joints, {joint.name for joint in robot.joints if joint.dynamics is None})
+    without_dynamics = {joint.name for joint in robot.joints if joint.dynamics is None}
+    warnings += mesh_warnings + _joint_warnings(joints, without_dynamics)
     return Description(
         name=robot.name,
         path=source,

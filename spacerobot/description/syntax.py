@@ -98,8 +98,7 @@ class _Checker:
             self._origin(inertial)
             mass = self._one(inertial, "mass")
             self._numbers(mass, "value", 1, low=0)
-            massive = float(mass.get("value", "0")) > 0
-            for inertia in self._at_most_one(inertial, "inertia", needed=massive):
+            for inertia in self._at_most_one(inertial, "inertia"):
                 for attribute in ("ixx", "iyy", "izz"):
                     self._numbers(inertia, attribute, 1)
                 for attribute in ("ixy", "ixz", "iyz"):
@@ -136,16 +135,16 @@ class _Checker:
         self._origin(joint)
         for axis in self._at_most_one(joint, "axis"):
             self._numbers(axis, "xyz", 3)
-        for _ in joint.findall("mimic"):
-            raise self._error(
-                joint, "mimics another joint, which cannot be simulated; leave <mimic> out, or make it fixed"
-            )
+        for mimic in self._at_most_one(joint, "mimic"):
+            self._text(mimic, "joint")
+            for attribute in ("multiplier", "offset"):
+                self._numbers(mimic, attribute, 1, needed=False)
         bounded = kind in ("revolute", "prismatic")
         for limit in self._at_most_one(joint, "limit", needed=bounded):
             for attribute in ("effort", "velocity"):
                 self._numbers(limit, attribute, 1, low=0, high=_LARGEST_LIMIT)
             for attribute in ("lower", "upper"):
-                self._numbers(limit, attribute, 1, needed=bounded, low=-_LARGEST_LIMIT, high=_LARGEST_LIMIT)
+                self._numbers(limit, attribute, 1, needed=False, low=-_LARGEST_LIMIT, high=_LARGEST_LIMIT)
         for dynamics in self._at_most_one(joint, "dynamics"):
             for attribute in ("damping", "friction"):
                 self._numbers(dynamics, attribute, 1, needed=False, low=0)

@@ -5,8 +5,8 @@
     [ G        0     0   ] [w ]   [b       ]
 
 M is the joint space inertia, h the bias forces with springs and resistance, u the channels' outputs and w the
-wrenches of the rigid grasps on the target. The acceleration itself is then the articulated-body algorithm's,
-under the torques and wrenches found.
+wrenches of the rigid grasps on the target and, last, the torques that hold joints to those they mimic. The
+acceleration itself is then the articulated-body algorithm's, under the torques and wrenches found.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import numpy as np
 import pinocchio as pin
 
 from spacerobot.pinocchio_engine.grasps import Constraint, Relative
-from spacerobot.pinocchio_engine.kinematics import Kinematics
+from spacerobot.pinocchio_engine.kinematics import Kinematics, joint_space_inertia
 from spacerobot.pinocchio_engine.tip_control import Command
 from spacerobot.scene import SceneGrasp
 from spacerobot.scene.scene import Array
@@ -45,6 +45,8 @@ class Loads:
         Of rigid grasps.
     limits
         Greatest torque of each velocity component (nv,), infinite where there is none.
+    spread
+        Velocities of all joints from those of the free ones (nv, nv).
     """
 
     torque: Array
@@ -53,6 +55,13 @@ class Loads:
     commands: Sequence[Command]
     constraints: Sequence[Constraint]
     limits: Array
+    spread: Array
+
+    @property
+    def ties(self) -> Array:
+        """Velocity of each joint that mimics another one, relative to what it mimics (n, nv)."""
+        ties: Array = (np.eye(len(self.spread)) - self.spread)[np.diag(self.spread) == 0]
+        return ties
 
 
 @dataclass(frozen=True)
@@ -81,6 +90,7 @@ def solve(kinematics: Kinematics, loads: Loads) -> Solution:
         torque = np.clip(torque, -loads.limits, loads.limits)
         _, reactions = _implicit(kinematics, loads, torque, [])
     wrenches = []
+    *reactions, ties = reactions
     for constraint, reaction in zip(loads.constraints, reactions, strict=True):
         wrench = np.zeros(6)
         wrench[constraint.rows] = reaction
@@ -91,7 +101,7 @@ def solve(kinematics: Kinematics, loads: Loads) -> Solution:
         model.createData(),
         kinematics.q,
         kinematics.v,
-        torque - loads.resistance * kinematics.v,
+        torque - loads.resistance * kinematics.v - loads.ties.T @ ties,
         _external(kinematics, [*loads.wrenches, *wrenches]),
     )
     return Solution(np.array(acceleration), torque, wrenches)
@@ -100,10 +110,8 @@ def solve(kinematics: Kinematics, loads: Loads) -> Solution:
 def _implicit(
     kinematics: Kinematics, loads: Loads, torque: Array, commands: Sequence[Command]
 ) -> tuple[list[Array], list[Array]]:
-    """Outputs of the channels and wrenches of the rigid grasps."""
+    """Outputs of the channels; wrenches of the rigid grasps and, last, torques of joints that mimic."""
     model, nv = kinematics.model, kinematics.model.nv
-    upper = np.triu(pin.crba(model, model.createData(), kinematics.q))
-    inertia = upper + np.triu(upper, 1).T
     bias = pin.rnea(
         model,
         model.createData(),
@@ -113,10 +121,10 @@ def _implicit(
         _external(kinematics, loads.wrenches),
     )
     jacobian = np.vstack([np.empty((0, nv)), *(c.jacobian for c in commands)])
-    fixed = np.vstack([np.empty((0, nv)), *(c.jacobian for c in loads.constraints)])
+    fixed = np.vstack([np.empty((0, nv)), *(c.jacobian for c in loads.constraints), loads.ties])
     nu, size = len(jacobian), nv + len(jacobian) + len(fixed)
     matrix = np.eye(size)
-    matrix[:nv, :nv], matrix[:nv, nv : nv + nu], matrix[:nv, nv + nu :] = inertia, -jacobian.T, fixed.T
+    matrix[:nv] = np.hstack([joint_space_inertia(kinematics), -jacobian.T, fixed.T])
     matrix[nv : nv + nu, :nv] = np.vstack([np.empty((0, nv)), *(c.gain * c.feedback for c in commands)])
     matrix[nv + nu :, :nv], matrix[nv + nu :, nv + nu :] = fixed, 0.0
     right = np.concatenate(
@@ -124,11 +132,12 @@ def _implicit(
             torque - loads.resistance * kinematics.v - bias,
             *(c.command for c in commands),
             *(constraint.right for constraint in loads.constraints),
+            np.zeros(len(loads.ties)),
         ]
     )
     unknown = np.linalg.solve(matrix, right)[nv:]
     sizes = [len(c.command) for c in commands] + [len(c.rows) for c in loads.constraints]
-    parts = np.split(unknown, np.cumsum(sizes)[:-1]) if sizes else []
+    parts = np.split(unknown, np.cumsum(sizes))
     return parts[: len(commands)], parts[len(commands) :]
 
 

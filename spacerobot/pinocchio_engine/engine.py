@@ -161,7 +161,7 @@ class Engine:
         for controller, own in zip(self.controllers, desired, strict=True):
             part = controller.torque(kinematics, own)
             if controller.config.null_space:
-                part = null_space(kinematics, part, controller.body, commands)
+                part = null_space(kinematics, part, controller.body, commands, self.scene.spread)
             torque = torque + part
         pairs = zip(self.controllers, desired, strict=True)
         return torque, [controller.desired_rate(own, motions) for controller, own in pairs]
@@ -180,7 +180,8 @@ class Engine:
                 wrenches.append((grasp, relative, coupling.force, coupling.torque))
             else:
                 constraints.append(rigid_constraint(self.scene, grasp, relative, grasp.config))
-        return couplings, Loads(torque, self.resistance, wrenches, asked, constraints, self.limits)
+        limits, spread = self.limits, self.scene.spread
+        return couplings, Loads(torque, self.resistance, wrenches, asked, constraints, limits, spread)
 
     def _motions(self, t: float, within: float) -> dict[str, Motion]:
         return {label: reference.at(t, within) for label, reference in self.references.items()}

@@ -12,11 +12,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
-from spacerobot.pinocchio_engine.kinematics import Kinematics, rotation_vector
+from spacerobot.pinocchio_engine.kinematics import Kinematics, joint_space_inertia, rotation_vector
 from spacerobot.pinocchio_engine.references import Motion
-from spacerobot.pinocchio_engine.tip_control import Channel, Command, arm_columns, sensors_of
+from spacerobot.pinocchio_engine.tip_control import Channel, Command, sensors_of
 from spacerobot.scenario import JointPd, Robot
 from spacerobot.scene import Scene, SceneBody
 from spacerobot.scene.scene import Array
@@ -33,15 +32,20 @@ class JointController:
     @property
     def state_names(self) -> tuple[str, ...]:
         """Names of its states."""
-        return tuple(f"{self.body.name}/joint_pd.theta_d[{i}]" for i in range(len(self.body.joints)))
+        return tuple(f"{self.body.name}/joint_pd.theta_d[{i}]" for i in range(len(self.body.free_joints)))
+
+    @property
+    def _columns(self) -> list[int]:
+        """Places of its free joints in v."""
+        return [int(self.scene.model.idx_vs[joint]) for joint in self.body.free_joints]
 
     def positions(self, q: Array) -> Array:
         """Joint positions (n,) [rad or m]; of an unbounded joint between -pi and pi."""
-        return np.array([_position(self.scene.model.joints[j], q) for j in self.body.joints])
+        return np.array([_position(self.scene.model.joints[j], q) for j in self.body.free_joints])
 
     def _nearest_positions(self, q: Array, desired: Array) -> Array:
         """Joint positions (n,), unbounded ones by whole turns as near as may be to the desired ones."""
-        unbounded = np.array([self.scene.model.joints[j].nq == 2 for j in self.body.joints], dtype=bool)
+        unbounded = np.array([self.scene.model.joints[j].nq == 2 for j in self.body.free_joints], dtype=bool)
         found = self.positions(q)
         turns = np.round((desired - found) / (2 * np.pi))
         nearest: Array = found + np.where(unbounded, 2 * np.pi * turns, 0.0)
@@ -49,7 +53,7 @@ class JointController:
 
     def torque(self, kinematics: Kinematics, desired: Array) -> Array:
         """Generalized forces (nv,) of Eq. 34."""
-        sensors, columns = sensors_of(self.body), list(arm_columns(self.scene.model, self.body))
+        sensors, columns = sensors_of(self.body), self._columns
         position = self._nearest_positions(kinematics.q, desired)
         angle = sensors.joint_position.offset + sensors.joint_position.scale * position
         rate = sensors.joint_rate.offset + sensors.joint_rate.scale * kinematics.v[columns]
@@ -76,7 +80,7 @@ class JointController:
                 rows.append(frame.jacobian[3:][axes])
                 gap = rotation_vector(motion.rotation, frame.rotation)
                 wanted.append((motion.angular_velocity + self.config.ik_rate * gap)[axes])
-        jacobian = np.vstack(rows)[:, list(arm_columns(model, self.body))]
+        jacobian = (np.vstack(rows) @ scene.spread)[:, self._columns]
         gram = jacobian @ jacobian.T + self.config.ik_damping**2 * np.eye(len(jacobian))
         rate: Array = jacobian.T @ np.linalg.solve(gram, np.concatenate(wanted))
         return rate
@@ -84,7 +88,10 @@ class JointController:
     def _imagined(self, desired: Array) -> Array:
         """Configuration with the desired joint positions and everything else where it began."""
         q = np.array(self.scene.q)
-        for joint, value in zip(self.body.joints, desired, strict=True):
+        positions = dict(zip(self.body.free_joints, desired, strict=True))
+        for tie in self.body.ties:
+            positions[tie.joint] = tie.multiplier * positions[tie.leader] + tie.offset
+        for joint, value in positions.items():
             _set_position(self.scene.model.joints[joint], value, q)
         return q
 
@@ -109,26 +116,24 @@ def joint_controllers(scene: Scene) -> list[JointController]:
 
 
 def null_space(
-    kinematics: Kinematics, torque: Array, body: SceneBody, channels: Sequence[tuple[Channel, Command]]
+    kinematics: Kinematics,
+    torque: Array,
+    body: SceneBody,
+    channels: Sequence[tuple[Channel, Command]],
+    spread: Array,
 ) -> Array:
     """Torque without the part that accelerates the robot's controlled tips, as their feedback sees it.
 
-    ``tau - J^T F`` with the tip forces F that cancel the acceleration ``C M^-1 tau``.
+    ``tau - J^T F`` with the tip forces F that cancel the acceleration ``C M^-1 tau``, M being that of the
+    free joints.
     """
     own = [command for channel, command in channels if channel.tip.body is body]
     if not own:
         return torque
     feedback = np.vstack([command.feedback for command in own])
     actuation = np.vstack([command.jacobian for command in own]).T
-    inverse = mass_inverse(kinematics)
+    free = spread[:, np.diag(spread) > 0]
+    inverse = free @ np.linalg.solve(free.T @ joint_space_inertia(kinematics) @ free, free.T)
     force = np.linalg.solve(feedback @ inverse @ actuation, feedback @ inverse @ torque)
     projected: Array = torque - actuation @ force
     return projected
-
-
-def mass_inverse(kinematics: Kinematics) -> Array:
-    """Inverse of the joint space inertia (nv, nv)."""
-    model = kinematics.model
-    upper = np.triu(pin.computeMinverse(model, model.createData(), kinematics.q))
-    inverse: Array = upper + np.triu(upper, 1).T
-    return inverse

@@ -69,6 +69,14 @@ class Kinematics:
         return self.data.oMi[joint].actInv(at_origin)
 
 
+def joint_space_inertia(kinematics: Kinematics) -> Array:
+    """Joint space inertia (nv, nv), by the composite-rigid-body algorithm."""
+    model = kinematics.model
+    upper = np.triu(pin.crba(model, model.createData(), kinematics.q))
+    inertia: Array = upper + np.triu(upper, 1).T
+    return inertia
+
+
 def cross(a: Array, b: Array) -> Array:
     """Vector product (3,); several times faster than numpy's for single vectors."""
     product: Array = pin.skew(a) @ b

@@ -55,6 +55,8 @@ class Channel:
         Its rows of a Jacobian: 0 to 2 of a translation, 3 to 5 of a rotation.
     columns
         Places of the arm's joints in v.
+    spread
+        Velocities of all joints from those of the free ones (nv, nv).
     """
 
     tip: SceneTip
@@ -63,6 +65,7 @@ class Channel:
     sensors: Sensors
     rows: tuple[int, ...]
     columns: tuple[int, ...]
+    spread: Array
 
     @property
     def rotation(self) -> bool:
@@ -92,6 +95,7 @@ class Channel:
         frame, rows = kinematics.frame(self.tip.frame), list(self.rows)
         jacobian = np.zeros((len(rows), kinematics.model.nv))
         jacobian[:, self.columns] = frame.jacobian[rows][:, self.columns]
+        jacobian = jacobian @ self.spread
         feedback, velocity, drift = self._measured_velocity(kinematics, frame, jacobian)
         wanted, wanted_rate = self._wanted(motion)
         parts = iter(states.reshape(-1, len(rows)))
@@ -129,6 +133,7 @@ class Channel:
         measured = np.zeros(kinematics.model.nv)
         columns = list(self.columns)
         measured[columns] = sensor.offset + sensor.scale * kinematics.v[columns]
+        measured = self.spread @ measured  # joints that mimic are not measured, but told by those they follow
         # the robot multiplies what it measures by J, which turns with the base
         return sensor.scale * jacobian, jacobian @ measured, frame.jacobian_rate[rows] @ measured
 
@@ -165,8 +170,9 @@ def channels_of(scene: Scene, tip: SceneTip) -> list[Channel]:
     found = []
     if config.pid is not None:
         rows = scene.translation_axes
-        found.append(Channel(tip, config.pid, config.amnesia, sensors, rows, columns))
+        found.append(Channel(tip, config.pid, config.amnesia, sensors, rows, columns, scene.spread))
     if config.orientation_pid is not None:
         rows = tuple(axis + 3 for axis in scene.rotation_axes)
-        found.append(Channel(tip, config.orientation_pid, config.orientation_amnesia, sensors, rows, columns))
+        pid, amnesia = config.orientation_pid, config.orientation_amnesia
+        found.append(Channel(tip, pid, amnesia, sensors, rows, columns, scene.spread))
     return found

@@ -49,7 +49,7 @@ class Base(Section):
 class Link(Section):
     """Mass properties of one link; what is not given comes from the URDF."""
 
-    mass: float | None = quantity("kg", "mass", default=None, gt=0)
+    mass: float | None = quantity("kg", "mass", default=None, ge=0)
     com: Vector | None = quantity("m", "centre of mass, link axes", default=None)
     inertia: tuple[float, float, float, float, float, float] | None = quantity(
         "kg m^2", "ixx, iyy, izz, ixy, ixz, iyz about the centre of mass, link axes", default=None
@@ -67,6 +67,15 @@ class Joint(Section):
     torque_limit: float | None = quantity(
         "N m or N", "greatest torque or force of the actuator", default=None, gt=0
     )
+    locked: bool | None = Field(
+        default=None, description="hold the joint where it begins, as if it were fixed"
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> Joint:
+        if self.locked and (self.rate_deg or self.speed):
+            raise ValueError("a locked joint has no rate")
+        return self
 
 
 class Body(Section):
@@ -79,9 +88,14 @@ class Body(Section):
     )
     base: Base = Field(default=Base(), description="how the root link is connected to the world")
     links: dict[str, Link] = Field(
-        default={}, description="mass properties that differ from the URDF, by link name"
+        default={},
+        description="mass properties that differ from the URDF, by link name; `*` in a name "
+        "stands for any letters",
     )
-    joints: dict[str, Joint] = Field(default={}, description="initial state and resistance, by joint name")
+    joints: dict[str, Joint] = Field(
+        default={},
+        description="initial state and resistance, by joint name; `*` in a name stands for any letters",
+    )
 
 
 class Tip(Section):

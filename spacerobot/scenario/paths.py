@@ -1,13 +1,15 @@
 """Dotted paths into a scenario's document: ``robots.*.tips.tip.pid.kp``.
 
 A document is the plain form of a scenario: nested dictionaries and lists. Segments are keys or list
-indices; ``*`` stands for every key. A key that itself holds dots (a URDF link may) is matched whole.
+indices; ``*`` stands for every key, in a longer segment for any letters. A key that itself holds dots (a URDF
+link may) is matched whole.
 """
 
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterator
+import re
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 from spacerobot.errors import ScenarioError, near_names
@@ -26,6 +28,12 @@ def leaves(document: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
         return
     for key, value in items:
         yield from leaves(value, f"{prefix}.{key}" if prefix else str(key))
+
+
+def matching(names: Iterable[str], pattern: str) -> list[str]:
+    """Names that a pattern stands for, in their order; ``*`` stands for any letters."""
+    expression = ".*".join(re.escape(part) for part in pattern.split("*"))
+    return [name for name in names if re.fullmatch(expression, name)]
 
 
 def expand(document: Any, pattern: str) -> list[str]:
@@ -79,7 +87,10 @@ def assign(document: Document, pattern: str, value: Any) -> Document:
 
 def _assign_leaf(node: Any, key: str, value: Any, pattern: str) -> None:
     if isinstance(node, dict):
-        for name in list(node) if key == "*" else [key]:
+        names = matching(node, key) if "*" in key else [key]
+        if not names and key != "*":
+            raise ScenarioError(f"`{key}` finds nothing here; {near_names(key, node)}", where=pattern)
+        for name in names:
             node[name] = copy.deepcopy(value)
     elif isinstance(node, list):
         for index in range(len(node)) if key == "*" else [_index(node, key, pattern)]:
@@ -123,10 +134,12 @@ def _expand(
 
 def _matching_keys(node: dict[str, Any], segments: list[str], pattern: str) -> list[tuple[str, int]]:
     """Keys that the first segments stand for, each with how many segments it takes."""
-    if segments[0] == "*":
-        if not node:
-            raise ScenarioError("`*` finds nothing here", where=pattern)
-        return [(str(key), 1) for key in node]
+    if "*" in segments[0]:
+        found = matching(map(str, node), segments[0])
+        if not found:
+            hint = f"; {near_names(segments[0], map(str, node))}" if node else ""
+            raise ScenarioError(f"`{segments[0]}` finds nothing here{hint}", where=pattern)
+        return [(key, 1) for key in found]
     for used in range(len(segments), 0, -1):
         key = ".".join(segments[:used])
         if key in node:

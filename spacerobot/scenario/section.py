@@ -35,9 +35,9 @@ class Section(BaseModel):
                 kind = f" (kind: {data['kind']})" if "kind" in cls.model_fields and "kind" in data else ""
                 raise ValueError(f"unknown key {key!r}; {near_names(str(key), cls.model_fields)}{kind}")
             values = value if isinstance(value, list | tuple) else [value]
-            if (
-                any(isinstance(item, bool) for item in values)
-                and cls.model_fields[key].annotation is not bool
+            if any(isinstance(item, bool) for item in values) and cls.model_fields[key].annotation not in (
+                bool,
+                bool | None,
             ):
                 raise ValueError(f"{key}: found {value!r}, a truth value, which is not allowed here")
         return data

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 import pinocchio as pin
 
-from spacerobot.description.bodies import light_base
+from spacerobot.description.bodies import odd_bodies
 from spacerobot.scenario import Calibration, Compliant, Pid, Robot
 from spacerobot.scene.checks import resolved_bodies
 from spacerobot.scene.reach import out_of_reach
@@ -41,9 +41,8 @@ def list_warnings(scene: Scene) -> tuple[str, ...]:
     found: list[str] = []
     for body in scene.bodies:
         found += [f"{body.path}: {warning}" for warning in body.description.warnings]
-        if body.root_joint:
-            bodies = resolved_bodies(body.config, body.description)
-            found += [f"{body.path}: {warning}" for warning in light_base(bodies)]
+        bodies = resolved_bodies(body.config, body.description)
+        found += [f"{body.path}: {w}" for w in odd_bodies(bodies, floating=bool(body.root_joint))]
         for joint in body.description.joints:
             state = body.config.joints.get(joint.name)
             if state is None or joint.kind == "continuous":

@@ -19,6 +19,7 @@ from spacerobot.scenario.paths import Document, assign
 from spacerobot.scene.assumptions import list_assumptions, list_warnings
 from spacerobot.scene.checks import (
     check_gaps,
+    check_inertia,
     check_limits,
     check_masses,
     check_motion,
@@ -28,7 +29,7 @@ from spacerobot.scene.checks import (
 from spacerobot.scene.configure import initial_state
 from spacerobot.scene.model import build_model
 from spacerobot.scene.reach import check_in_plane
-from spacerobot.scene.resolve import body_documents, fill, read_descriptions
+from spacerobot.scene.resolve import body_documents, fill, read_descriptions, settle
 from spacerobot.scene.scene import Scene, SceneBody, SceneGrasp, SceneTip
 
 
@@ -73,6 +74,7 @@ def build_scene(
     q, v = initial_state(model, bodies, grasps, source=source)
     planar = is_planar(model, bodies, q)
     scene = Scene(resolved, source, model, bodies, tips, grasps, planar, q, v, (), ())
+    check_inertia(scene)
     check_gaps(scene)
     check_rigid(scene)
     check_limits(scene)
@@ -85,7 +87,7 @@ def build_scene(
 def resolve(
     scenario: Scenario, changes: Mapping[str, Any] | Sequence[tuple[str, Any]], *, source: Path | None
 ) -> tuple[Scenario, Mapping[str, Any]]:
-    """Scenario with URDF values filled in and changes made, and the URDFs by body path.
+    """Scenario with URDF values filled in and changes made, and the URDFs, joints locked, by body path.
 
     Raises
     ------
@@ -108,9 +110,10 @@ def resolve(
     for pattern, value in pairs:
         if pattern.rpartition(".")[2] != "urdf":
             document = _change(document, pattern, value, source)
-    resolved = validate(document, source=source)
-    fill(to_document(resolved), descriptions, source=source)  # judges names that a change brought in
-    return resolved, descriptions
+    changed = to_document(validate(document, source=source))
+    # once more, for sections that a change replaced, and names that it brought in
+    resolved = validate(fill(changed, descriptions, source=source), source=source)
+    return resolved, settle(resolved, descriptions, source=source)
 
 
 def _change(document: Document, pattern: str, value: Any, source: Path | None) -> Document:

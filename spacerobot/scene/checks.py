@@ -10,13 +10,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from spacerobot.description.bodies import (
-    Body,
-    check_floating_base,
-    check_links,
-    check_moving_bodies,
-    welded_bodies,
-)
+from spacerobot.description.bodies import Body, check_bodies, welded_bodies
 from spacerobot.description.parts import Link
 from spacerobot.description.read import Description
 from spacerobot.errors import DescriptionError, ScenarioError
@@ -24,11 +18,13 @@ from spacerobot.scenario import Compliant, Robot, Scenario, Target, Weld
 from spacerobot.scene.scene import Array, Scene, SceneBody, SceneGrasp
 
 AXIS_TOLERANCE = 1e-9
+PIVOT_TOLERANCE = 1e-10  # of a joint's inertia, left when everything behind it gives way
+PIVOT_TOLERANCE = 1e-10
 VELOCITY_TOLERANCE = 1e-9
 
 
 def check_masses(scenario: Scenario, descriptions: Mapping[str, Description], *, source: Path | None) -> None:
-    """Refuse mass properties given by the scenario that no body has, or that would make one singular.
+    """Refuse mass properties that would make a body singular.
 
     Raises
     ------
@@ -41,11 +37,8 @@ def check_masses(scenario: Scenario, descriptions: Mapping[str, Description], *,
             continue
         try:
             with np.errstate(over="ignore", invalid="ignore"):
-                check_links(_resolved_links(config, description), description.path)
                 bodies = resolved_bodies(config, description)
-                check_moving_bodies(bodies, description.path)
-                if config.base.joint != "fixed":
-                    check_floating_base(bodies, description.path)
+                check_bodies(bodies, description.path, floating=config.base.joint != "fixed")
         except DescriptionError as fault:
             message = f"{fault.where} {fault.message}"
             raise ScenarioError(message, source=source, where=f"{path}.links") from None
@@ -80,6 +73,38 @@ def check_motion(model: Any, *, source: Path | None) -> None:
     if model.nv == 0:
         raise ScenarioError(
             "nothing can move: every base is fixed and no URDF has a moving joint", source=source
+        )
+
+
+def check_inertia(scene: Scene) -> None:
+    """Refuse a scene in which a joint moves nothing that has inertia, in the posture in which it begins.
+
+    Links without mass may stand between the joints of a chain, but not between any: two joints about the same
+    line leave what is between them free.
+
+    Raises
+    ------
+    ScenarioError
+        Naming the joints.
+    """
+    model, spread = scene.model, scene.spread
+    upper = np.triu(pin.crba(model, model.createData(), scene.q))
+    inertia = spread.T @ (upper + np.triu(upper, 1).T) @ spread
+    carried = np.diag(inertia).copy()
+    loose = []
+    for joint in range(model.njoints - 1, 0, -1):  # from the leaves, as the articulated-body algorithm goes
+        for k in reversed(range(model.idx_vs[joint], model.idx_vs[joint] + model.nvs[joint])):
+            if spread[k, k] == 0:
+                continue
+            if inertia[k, k] <= PIVOT_TOLERANCE * carried[k]:
+                loose.append(str(model.names[joint]))
+                break
+            inertia[:k, :k] -= np.outer(inertia[:k, k], inertia[k, :k]) / inertia[k, k]
+    if loose:
+        raise ScenarioError(
+            f"nothing with inertia resists the motion of {', '.join(reversed(loose))} in the initial "
+            "posture; give links mass and inertia, lock joints by `locked: true`, or begin elsewhere",
+            source=scene.source,
         )
 
 
@@ -153,7 +178,7 @@ def check_rigid(scene: Scene) -> None:
         rows.append(jacobian)
     if not rows:
         return
-    stacked = np.vstack(rows)
+    stacked = np.vstack(rows) @ scene.spread
     rank = int(np.linalg.matrix_rank(stacked, tol=1e-8 * np.linalg.norm(stacked)))
     if rank < len(stacked):
         names = ", ".join(grasp.name for grasp in scene.grasps if not isinstance(grasp.config, Compliant))
@@ -194,7 +219,9 @@ def check_limits(scene: Scene) -> None:
     """
     for body in scene.robots:
         if isinstance(body.config, Robot) and body.config.torque_limits:
-            without = [name for name, joint in body.config.joints.items() if joint.torque_limit is None]
+            free = {scene.model.names[joint].removeprefix(f"{body.name}/") for joint in body.free_joints}
+            without = [name for name in body.config.joints if name in free]
+            without = [name for name in without if body.config.joints[name].torque_limit is None]
             if without:
                 raise ScenarioError(
                     f"no effort limit in the URDF, nor joints.*.torque_limit, for {', '.join(without)}",

@@ -102,10 +102,17 @@ def _quaternion(rpy: Array) -> Array:
 
 
 def _set_joints(model: Any, body: SceneBody, q: Array, v: Array) -> None:
+    begins = {}
     for name, joint in body.config.joints.items():
-        pin_joint = model.joints[model.getJointId(f"{body.name}/{name}")]
-        angle = np.radians(joint.angle_deg or 0.0) + (joint.offset or 0.0)
-        v[pin_joint.idx_v] = np.radians(joint.rate_deg or 0.0) + (joint.speed or 0.0)
+        position = np.radians(joint.angle_deg or 0.0) + (joint.offset or 0.0)
+        rate = np.radians(joint.rate_deg or 0.0) + (joint.speed or 0.0)
+        begins[model.getJointId(f"{body.name}/{name}")] = (position, rate)
+    for tie in body.ties:
+        position, rate = begins[tie.leader]
+        begins[tie.joint] = (tie.multiplier * position + tie.offset, tie.multiplier * rate)
+    for index, (angle, rate) in begins.items():
+        pin_joint = model.joints[index]
+        v[pin_joint.idx_v] = rate
         if pin_joint.nq == 2:
             q[pin_joint.idx_q : pin_joint.idx_q + 2] = [np.cos(angle), np.sin(angle)]
         else:

@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from spacerobot.description.read import Description
 from spacerobot.scenario import Body, Robot, Scenario, Target
-from spacerobot.scene.scene import SceneBody
+from spacerobot.scene.scene import SceneBody, Tie
 
 ROOT = "root"
 """Name, behind the body's prefix, of the joint that floats a base; ``root_`` if the URDF has a ``root``."""
@@ -79,13 +79,21 @@ def _root_name(name: str, description: Description) -> str:
 
 def _body(model: Any, path: str, config: Robot | Target, description: Description) -> SceneBody:
     name = path.rpartition(".")[2]
+    moving = {joint.name: config.joints[joint.name] for joint in description.joints if joint.kind != "fixed"}
+    config = config.model_copy(update={"joints": moving})
     floating = config.base.joint != "fixed"
     root_joint = int(model.getJointId(_root_name(name, description))) if floating else 0
     joints = tuple(
         j for j in range(1, model.njoints) if model.names[j].startswith(f"{name}/") and j != root_joint
     )
+    ids = {str(model.names[j]).removeprefix(f"{name}/"): j for j in joints}
     root_frame = int(model.getFrameId(f"{name}/{description.root}", pin.FrameType.BODY))
-    return SceneBody(name, path, config, description, root_frame, root_joint, joints)
+    ties = tuple(
+        Tie(ids[joint.name], ids[joint.mimic.joint], joint.mimic.multiplier, joint.mimic.offset)
+        for joint in description.joints
+        if joint.mimic is not None and joint.kind != "fixed"
+    )
+    return SceneBody(name, path, config, description, root_frame, root_joint, joints, ties)
 
 
 def _set_inertias(model: Any, body: SceneBody) -> None:
@@ -103,8 +111,10 @@ def _set_inertias(model: Any, body: SceneBody) -> None:
 def link_inertia(link: Any) -> Any:
     """``pinocchio.Inertia`` of a resolved link, in link axes."""
     ixx, iyy, izz, ixy, ixz, iyz = link.inertia or (0.0,) * 6
-    matrix = np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
-    return pin.Inertia(link.mass or 0.0, np.array(link.com or (0.0, 0.0, 0.0)), matrix)
+    inertia = pin.Inertia(link.mass or 0.0, np.array(link.com or (0.0, 0.0, 0.0)), np.zeros((3, 3)))
+    # not by the constructor, which judges links that are welded together one by one
+    inertia.inertia = np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
+    return inertia
 
 
 def _set_damping(model: Any, body: SceneBody) -> None:

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+
+import numpy as np
 
 from spacerobot.description.find import find_urdf
+from spacerobot.description.parts import Joint as UrdfJoint
 from spacerobot.description.read import Description, read_description
 from spacerobot.errors import DescriptionError, ScenarioError, near_names
-from spacerobot.scenario.paths import Document
+from spacerobot.scenario import Joint, Scenario
+from spacerobot.scenario.paths import Document, matching
 
+_STATES = ("angle_deg", "rate_deg", "offset", "speed")
 NO_LIMIT = 1e300
 """Effort limits above this stand for none (URDF readers use the greatest float)."""
 
@@ -54,7 +58,7 @@ def fill(document: Document, descriptions: Mapping[str, Description], *, source:
     ------
     ScenarioError
         If the document names a link or joint that the URDF does not have, or gives an angle to a
-        prismatic joint (or an offset to a revolute one).
+        prismatic joint (or an offset to a revolute one), or either to a joint that mimics another.
     """
     filled = dict(document)
     filled["robots"] = dict(document["robots"])
@@ -71,11 +75,11 @@ def fill(document: Document, descriptions: Mapping[str, Description], *, source:
 
 def _links(given: Document, description: Description, *, path: str, source: Path | None) -> Document:
     names = [link.name for link in description.links]
-    _refuse_unknown(given, names, f"{path}.links", "link", source)
+    given = _by_name(given, names, f"{path}.links", "link", source)
     filled = {}
     for link in description.links:
-        own = {key: value for key, value in (given.get(link.name) or {}).items() if value is not None}
-        if link.mass == 0 and not own:
+        own = given.get(link.name, {})
+        if link.mass == 0 and not link.inertia.any() and not own:
             continue
         inertia = link.inertia
         from_urdf: Document = {
@@ -89,32 +93,72 @@ def _links(given: Document, description: Description, *, path: str, source: Path
 
 def _joints(given: Document, description: Description, *, path: str, source: Path | None) -> Document:
     moving = [joint for joint in description.joints if joint.kind != "fixed"]
-    _refuse_unknown(given, [joint.name for joint in moving], f"{path}.joints", "moving joint", source)
+    names = [joint.name for joint in moving]
+    given = _by_name(given, names, f"{path}.joints", "moving joint", source)
     filled = {}
     for joint in moving:
-        own = {key: value for key, value in (given.get(joint.name) or {}).items() if value is not None}
-        prismatic = joint.kind == "prismatic"
-        for key in ("angle_deg", "rate_deg") if prismatic else ("offset", "speed"):
-            if key in own:
-                right = "offset and speed" if prismatic else "angle_deg and rate_deg"
-                raise ScenarioError(
-                    f"not for a {joint.kind} joint; use {right}",
-                    source=source,
-                    where=f"{path}.joints.{joint.name}.{key}",
-                )
-        from_urdf: Document = (
-            {"offset": 0.0, "speed": 0.0} if prismatic else {"angle_deg": 0.0, "rate_deg": 0.0}
-        )
+        own = given.get(joint.name, {})
+        state = ("offset", "speed") if joint.kind == "prismatic" else ("angle_deg", "rate_deg")
+        follows = joint.mimic is not None and not own.get("locked")
+        for key in [key for key in (*_STATES, "torque_limit") if key in own]:
+            if follows or (key in _STATES and key not in state):
+                where = f"{path}.joints.{joint.name}.{key}"
+                raise ScenarioError(_not_for(joint, state, follows=follows), source=source, where=where)
+        from_urdf: Document = {} if joint.mimic is not None else dict.fromkeys(state, 0.0)
         from_urdf["damping"] = float(joint.damping)
-        if 0 < joint.effort < NO_LIMIT:
+        if 0 < joint.effort < NO_LIMIT and joint.mimic is None:
             from_urdf["torque_limit"] = float(joint.effort)
         filled[joint.name] = from_urdf | own
     return filled
 
 
-def _refuse_unknown(given: Any, names: list[str], where: str, what: str, source: Path | None) -> None:
-    for name in given:
-        if name not in names:
-            raise ScenarioError(
-                f"no {what} {name!r} in the URDF; {near_names(name, names)}", source=source, where=where
-            )
+def _not_for(joint: UrdfJoint, state: Sequence[str], *, follows: bool) -> str:
+    """Why a joint may not be given this key of its state."""
+    if follows and joint.mimic is not None:
+        return f"this joint mimics {joint.mimic.joint!r}; give that one's, or `locked: true`"
+    return f"not for a {joint.kind} joint; use {' and '.join(state)}"
+
+
+def _by_name(
+    given: Document, names: Sequence[str], where: str, what: str, source: Path | None
+) -> dict[str, Document]:
+    """Sections by name, patterns expanded: of several for a name the later wins, a full name always."""
+    found: dict[str, Document] = {}
+    for pattern in sorted(given, key=lambda name: "*" not in name):  # stable: full names last
+        matched = matching(names, pattern) if "*" in pattern else [name for name in names if name == pattern]
+        if not matched:
+            hint = near_names(pattern, names)
+            raise ScenarioError(f"no {what} {pattern!r} in the URDF; {hint}", source=source, where=where)
+        own = {key: value for key, value in (given[pattern] or {}).items() if value is not None}
+        for name in matched:
+            found[name] = found.get(name, {}) | own
+    return found
+
+
+def settle(
+    scenario: Scenario, descriptions: Mapping[str, Description], *, source: Path | None
+) -> dict[str, Description]:
+    """URDF of each body with the scenario's joints locked, and what its other joints mimic found.
+
+    Raises
+    ------
+    ScenarioError
+        If a joint that is not locked mimics what cannot be mimicked.
+    """
+    settled = {}
+    for path, description in descriptions.items():
+        body = scenario.target if path == "target" else scenario.robots[path.removeprefix("robots.")]
+        joints = {} if body is None else body.joints
+        begins = {name: begin for name, joint in joints.items() if (begin := position(joint)) is not None}
+        try:
+            settled[path] = description.settled(begins, [name for name in joints if joints[name].locked])
+        except DescriptionError as fault:
+            raise ScenarioError(str(fault), source=source, where=f"{path}.joints") from None
+    return settled
+
+
+def position(joint: Joint) -> float | None:
+    """Where a joint begins [rad or m]; None if the scenario does not say."""
+    if joint.angle_deg is not None:
+        return float(np.radians(joint.angle_deg))
+    return joint.offset

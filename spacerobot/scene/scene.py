@@ -18,6 +18,19 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
+class Tie:
+    """A joint that mimics another one: ``q = multiplier q_leader + offset`` [rad or m].
+
+    ``joint`` and ``leader`` are ids in the scene's model.
+    """
+
+    joint: int
+    leader: int
+    multiplier: float
+    offset: float
+
+
+@dataclass(frozen=True)
 class SceneBody:
     """A robot or the target: a subtree of the scene's model.
 
@@ -28,15 +41,17 @@ class SceneBody:
     path
         Its place in the scenario, ``robots.rpr1`` or ``target``.
     config
-        Its part of the scenario, mass properties and joints filled in from the URDF.
+        Its part of the scenario, mass properties and joints filled in from the URDF, locked joints left out.
     description
-        The URDF as read.
+        The URDF, locked joints fixed.
     root_frame
         Frame of the root link.
     root_joint
         Joint that floats the base; 0 (the universe) for a fixed base.
     joints
         Ids of its other joints, parents first.
+    ties
+        Those of them that mimic another one.
     """
 
     name: str
@@ -46,6 +61,13 @@ class SceneBody:
     root_frame: int
     root_joint: int
     joints: tuple[int, ...]
+    ties: tuple[Tie, ...] = ()
+
+    @property
+    def free_joints(self) -> tuple[int, ...]:
+        """Ids of its joints that mimic no other one: those with a coordinate and an actuator of their own."""
+        tied = {tie.joint for tie in self.ties}
+        return tuple(joint for joint in self.joints if joint not in tied)
 
     @property
     def base(self) -> Base:
@@ -130,6 +152,24 @@ class Scene:
     def target(self) -> SceneBody | None:
         """The held object."""
         return next((body for body in self.bodies if isinstance(body.config, Target)), None)
+
+    @property
+    def ties(self) -> tuple[Tie, ...]:
+        """Joints that mimic another one."""
+        return tuple(tie for body in self.bodies for tie in body.ties)
+
+    @property
+    def spread(self) -> Array:
+        """Velocities of all joints from those of the free ones (nv, nv).
+
+        The identity but for joints that mimic: their columns are zero, and the multiplier stands in their
+        row below the joint they follow. Transposed, it moves their torques to that joint.
+        """
+        spread = np.eye(self.model.nv)
+        for tie in self.ties:
+            row, column = self.model.idx_vs[tie.joint], self.model.idx_vs[tie.leader]
+            spread[row, row], spread[row, column] = 0.0, tie.multiplier
+        return spread
 
     @property
     def translation_axes(self) -> tuple[int, ...]:

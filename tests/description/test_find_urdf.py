@@ -151,7 +151,7 @@ def test_a_box_of_the_same_inertia_stands_in(tmp_path: Path, content: str | None
         '<inertia ixx="1" iyy="1.2" izz="1.5" ixy="0.1"/></inertial>'
     )
     description = read_description(mesh_robot(tmp_path, "m.stl", inertial))
-    assert description.warnings == (f"link 'a': visual mesh 'm.stl' {fault}; a box stands in for it",)
+    assert description.warnings == (f"a box stands in for mesh 'm.stl' {fault} (link a)",)
     link = description.links[0]
     box = link.visuals[0]
     turn = box.placement[:3, :3]

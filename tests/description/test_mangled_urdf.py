@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from lxml import etree
 
 from spacerobot.description import Description, read_description
+from spacerobot.description.bodies import check_bodies, welded_bodies
 from spacerobot.errors import DescriptionError
 
 GOOD = b"""<?xml version="1.0"?>
@@ -73,10 +74,18 @@ def settings_of(examples: int) -> settings:
     )
 
 
+def judged(path: Path) -> Description:
+    """Description that can be simulated on a floating base, no joint locked."""
+    description = read_description(path).settled({}, ())
+    bodies = welded_bodies(description.links, description.joints, description.root)
+    check_bodies(bodies, path, floating=True)
+    return description
+
+
 def read_or_refuse(path: Path) -> Description | str:
     """The description or the refusal's one line; any other error goes through."""
     try:
-        return read_description(path)
+        return judged(path)
     except DescriptionError as error:
         return str(error)
 
@@ -99,7 +108,7 @@ def check(path: Path, data: bytes) -> None:
     assert shapes.ngeoms == sum(len(link.visuals) for link in description.links)
     mass_matrix = pin.crba(model, model.createData(), pin.neutral(model))
     assert np.all(np.isfinite(mass_matrix))
-    assert np.all(np.diag(mass_matrix) > 0)
+    assert np.all(np.diag(mass_matrix) >= 0)  # what nothing resists is found with the scene
 
 
 @pytest.fixture

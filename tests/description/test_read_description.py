@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from spacerobot.description import Description, find_urdf, read_description, shipped_names
 from spacerobot.description import read as read_module
-from spacerobot.description.bodies import welded_bodies
+from spacerobot.description.bodies import check_bodies, odd_bodies, welded_bodies
 from spacerobot.errors import DescriptionError
 
 NUMBERS = st.floats(-2, 2).map(lambda value: round(value, 3))
@@ -210,10 +210,8 @@ def test_colours_by_name_in_passing_and_missing(urdf) -> None:
 
 
 REFUSED = {
-    "mimic": ('<mimic joint="k"/>', {}, "joint 'j'.*mimics"),
     "no limit": ("", {}, "joint 'j'.*<limit>"),
     "effort": ('<limit lower="0" upper="1" velocity="1"/>', {}, "joint 'j' <limit>.*no 'effort'"),
-    "upper": ('<limit lower="0" effort="1" velocity="1"/>', {}, "joint 'j' <limit>.*no 'upper'"),
     "range": ('<limit lower="1" upper="0" effort="1" velocity="1"/>', {}, "joint 'j'.*above upper"),
     "negative damping": ("LIMIT<dynamics damping='-1'/>", {}, "joint 'j' <dynamics>.*damping='-1' found"),
     "zero axis": ("LIMIT<axis xyz='0 0 0'/>", {}, "joint 'j'.*axis is zero"),
@@ -226,36 +224,10 @@ REFUSED = {
     "planar": ("LIMIT", {"kind": "planar"}, "joint 'j'.*'planar', allowed: revolute"),
     "floating": ("", {"kind": "floating"}, "joint 'j'.*'floating', allowed: revolute"),
     "unknown": ("", {"kind": "screw"}, "joint 'j'.*'screw', allowed: revolute"),
-    "massless": ("LIMIT", {"b": ""}, "link 'b'.*moving link and has no mass"),
-    "mass 0": (
-        "LIMIT",
-        {"b": '<inertial><mass value="0"/></inertial>'},
-        "link 'b'.*moving link and has no mass",
-    ),
-    "no inertia": (
-        "LIMIT",
-        {"b": '<inertial><mass value="1"/></inertial>'},
-        "link 'b' <inertial>.*0 <inertia>",
-    ),
     "negative mass": (
         "LIMIT",
         {"b": '<inertial><mass value="-1"/><inertia ixx="1" iyy="1" izz="1"/></inertial>'},
         "link 'b' <mass>.*'-1' found, allowed: 0 to",
-    ),
-    "indefinite": (
-        "LIMIT",
-        {"b": '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="2"/></inertial>'},
-        "link 'b'.*not positive definite, principal values -1, 1, 3",
-    ),
-    "singular": (
-        "LIMIT",
-        {"b": '<inertial><mass value="1"/><inertia ixx="0" iyy="1" izz="1"/></inertial>'},
-        "link 'b'.*not positive definite",
-    ),
-    "inertia, no mass": (
-        "LIMIT",
-        {"b": '<inertial><mass value="0"/><inertia ixx="1" iyy="1" izz="1"/></inertial>'},
-        "link 'b'.*inertia but no mass",
     ),
     "infinite inertia": (
         "LIMIT",
@@ -284,6 +256,77 @@ def test_what_cannot_be_simulated_is_refused(urdf, case: str) -> None:
         read_description(path)
     assert str(caught.value).startswith(f"{path}: ")
     assert "\n" not in str(caught.value)
+
+
+POINT = '<inertial><mass value="1"/></inertial>'
+MASSES = {
+    "massless": ({"b": ""}, "link 'b'.*moving link; it has no mass.*lock joint j by"),
+    "mass 0": ({"b": '<inertial><mass value="0"/></inertial>'}, "link 'b'.*moving link; it has no mass"),
+    "indefinite": (
+        {"b": '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="2"/></inertial>'},
+        "link 'b'.*has principal inertias -1, 1, 3",
+    ),
+    "inertia, no mass": (
+        {"b": '<inertial><mass value="0"/><inertia ixx="1" iyy="1" izz="1"/></inertial>'},
+        "link 'b'.*inertia but no mass",
+    ),
+}
+
+
+def judge(description: Description) -> None:
+    bodies = welded_bodies(description.links, description.joints, description.root)
+    check_bodies(bodies, description.path, floating=True)
+
+
+@pytest.mark.parametrize("case", MASSES)
+def test_masses_that_cannot_move_are_refused_unless_locked(urdf, case: str) -> None:
+    others, message = MASSES[case]
+    description = read_description(urdf.two_links(**others)).settled({}, ())
+    with pytest.raises(DescriptionError, match=message):
+        judge(description)
+    if "mass" in case:
+        judge(description.settled({"j": 0.3}, ("j",)))
+
+
+def test_links_welded_together_are_judged_by_their_sum(urdf) -> None:
+    """A point mass, an inertia without mass and one below zero, welded to a body that outweighs them."""
+    odd = [
+        POINT,
+        '<inertial><mass value="0"/><inertia ixx="0.1" iyy="0.1" izz="0.1"/></inertial>',
+        '<inertial><mass value="1"/><inertia ixx="-0.01" iyy="0.1" izz="0.1"/></inertial>',
+    ]
+    welded = [urdf.link(f"o{i}", text) for i, text in enumerate(odd)]
+    welded += [urdf.joint(f"w{i}", "b", f"o{i}", "fixed", "") for i in range(len(odd))]
+    good = urdf.write(urdf.link("a"), urdf.link("b"), urdf.joint("j", "a", "b"), *welded)
+    judge(read_description(good))
+    alone = urdf.write(urdf.link("a"), urdf.link("b", odd[2]), urdf.joint("j", "a", "b"))
+    with pytest.raises(DescriptionError, match=r"has principal inertias -0\.01, 0\.1, 0\.1"):
+        judge(read_description(alone))
+
+
+def test_all_ends_without_mass_are_named_at_once_and_those_within_a_chain_are_not(urdf) -> None:
+    ends = [urdf.link(f"end_{i}", "") for i in (1, 2)]
+    joints = [urdf.joint(f"j_{i}", "a", f"end_{i}") for i in (1, 2)]
+    chain = [urdf.link("cross", ""), urdf.link("b")]
+    chain += [urdf.joint("up", "a", "cross"), urdf.joint("on", "cross", "b")]
+    judge(read_description(urdf.write(urdf.link("a"), *chain)))
+    with pytest.raises(DescriptionError) as caught:
+        judge(read_description(urdf.write(urdf.link("a"), *chain, *ends, *joints)))
+    assert "lock joints j_2, j_1 by `joints: {NAME: {locked: true}}`" in str(caught.value)
+    assert "faults as well: end_1." in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("limit", "lower", "upper"),
+    [
+        ("", -np.inf, np.inf),
+        ('upper="2"', 0, 2),
+        ('lower="-2"', -2, 0),
+    ],
+)
+def test_one_end_of_a_range_left_out_is_zero_and_both_are_none(urdf, limit, lower, upper) -> None:
+    joint = read_description(urdf.two_links(f'<limit {limit} effort="1" velocity="1"/>')).joints[0]
+    assert (joint.lower, joint.upper) == (lower, upper)
 
 
 def test_trees_that_are_none_are_refused(urdf) -> None:
@@ -331,14 +374,20 @@ def test_warnings_say_what_was_ignored_or_assumed(urdf) -> None:
         urdf.joint("ab", "a", "b", inside='<limit lower="0" upper="0" effort="0" velocity="1"/>'),
         urdf.joint("bc", "b", "c", inside=urdf.LIMIT + '<dynamics friction="1"/>'),
     )
-    assert read_description(path).warnings == (
+    description = read_description(path)
+    assert description.warnings == (
         "unknown element <bumper> ignored",
-        "link 'b': no body has principal inertias 1, 1, 3 kg m^2: the largest exceeds the sum of the others",
         "no <dynamics>, damping taken as 0: joint ab",
         "dry friction ignored: joint bc",
         "the effort limit is 0: joint ab",
         "the range is empty: joint ab",
     )
+    bodies = welded_bodies(description.links, description.joints, description.root)
+    assert odd_bodies(bodies, floating=False) == [
+        "link 'b': no body has principal inertias 1, 1, 3 kg m^2: the largest exceeds the sum of the others"
+    ]
+    warned = [warning.split(":")[0] for warning in odd_bodies(bodies, floating=True)]
+    assert warned == ["link 'b'", "link 'a'", "link 'a'"]
 
 
 def test_text_that_reaches_outside_is_refused(urdf) -> None:

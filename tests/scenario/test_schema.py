@@ -73,8 +73,8 @@ def faulty(changes: dict[str, object], text: str = PLANAR) -> str:
             "robots.one.base.joint: found 'ball', allowed: 'planar', 'free_flyer' or 'fixed'",
         ),
         (
-            {"robots.one.links": {"base": {"mass": 0}}},
-            "robots.one.links.base.mass: found 0, allowed: above 0",
+            {"robots.one.links": {"base": {"mass": -1}}},
+            "robots.one.links.base.mass: found -1, allowed: at least 0",
         ),
         (
             {"robots.one.links": {"base": {"inertia": [1, 1, 1]}}},

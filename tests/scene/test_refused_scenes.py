@@ -81,14 +81,19 @@ def rigid(kind: str = "weld") -> dict[str, object]:
         (
             PLANAR,
             {"robots.one.links.link_1.inertia.0": -1},
-            "robots.one.links: link 'link_1' inertia is not positive",
+            "robots.one.links: link 'link_1' is a moving link; it has principal inertias -1, 0.06, 0.06 kg",
         ),
         (
             PLANAR,
-            {"robots.one.links.link_1.inertia": [0, 0, 0, 0, 0, 0]},
-            "robots.one.links: link 'link_1' is a moving link; its inertia is not positive definite",
+            {"robots.one.links.link_3": {"com": [0, 0, 0], "inertia": [0, 0, 0, 0, 0, 0]}},
+            "nothing with inertia resists the motion of one/joint_3 in the initial posture",
         ),
-        (PLANAR, {"target.links.body.mass": 0}, "target.links.body.mass: found 0, allowed: above 0"),
+        (PLANAR, {"target.links.body.mass": -1}, "target.links.body.mass: found -1, allowed: at least 0"),
+        (
+            PLANAR,
+            {"target.links.body.mass": 0},
+            "target.links: link 'body' is the base; it has an inertia but",
+        ),
         (
             PLANAR,
             {"robots.one.tips.tip.amnesia.ta": "x"},
@@ -195,7 +200,7 @@ def test_a_base_needs_mass_only_where_it_floats():
     with pytest.raises(ScenarioError) as caught:
         small_scene(text % "free_flyer")
     assert str(caught.value).endswith(
-        "robots.a.links: link 'stand' is the base and has no mass, nor has anything fixed to it; give it "
+        "robots.a.links: link 'stand' is the base; it has no mass, nor has anything fixed to it; give it "
         "some, or connect it by `base: {joint: fixed}`"
     )
     scene = small_scene(text % "fixed")

@@ -50,6 +50,7 @@ def test_what_the_urdf_says_is_filled_in_and_what_the_scenario_says_wins():
         "speed": -0.02,
         "damping": 2.0,
         "torque_limit": 40.0,
+        "locked": None,
     }
     assert get(document, "robots.one.links.base.inertia") == [3, 4, 5, 0.2, -0.1, 0.3]
     assert "tip" not in get(document, "robots.one.links")  # a frame without mass
