@@ -10,10 +10,10 @@ import numpy as np
 
 from spacerobot.result import Result
 from spacerobot.scene import Scene
-from viz.curves import curves, no_curves
 from viz.figures.collect import check_comparable
 from viz.figures.style import labels_of
 from viz.geometry import Array
+from viz.masses import mass_data, no_masses
 from viz.meshcat_scene import Meshes, changed_descriptions, packed, poses, rounded
 from viz.motion import (
     Motion,
@@ -25,13 +25,12 @@ from viz.motion import (
     pick_rows,
     sample_motion,
 )
+from viz.signals import chart_rows, quantities, signal_data
 
 FRAMES_PER_S = 25.0
 """Of simulated time; the page interpolates between them."""
 
 MOST_FRAMES = 1500
-MOST_FINE = 4000
-"""Samples of what is plotted over time, which may change faster than bodies move."""
 
 _ARROW_SHARE = 0.07  # the longest arrow, as a share of the scene's size
 _NEAREST_SHARE = 0.06  # half of what the close view shows at the least, likewise
@@ -60,7 +59,6 @@ def animation(*results: Result, title: str | None = None, autoplay: bool = True)
     low, high = np.min([box[0] for box in boxes], axis=0), np.max([box[1] for box in boxes], axis=0)
     scale = float(np.linalg.norm(high - low))
     force = max(greatest_force(one.result, one.motion) for one in shown)
-    metres_per_newton = _ARROW_SHARE * scale / force if force else 0.0
     meshes = Meshes(node for one in shown for node in one.motion.nodes)
     return {
         "title": title or " and ".join(one.label for one in shown),
@@ -71,10 +69,11 @@ def animation(*results: Result, title: str | None = None, autoplay: bool = True)
         "reach": [rounded(point) for one in shown for point in extremes(one.motion, low, high)],
         "near": [rounded(point) for one in shown for point in _near(one, low, high)],
         "scale": scale,
+        "longest_arrow": _ARROW_SHARE,
         "greatest_force": force,
         "autoplay": autoplay,
         "meshes": meshes.data(),
-        "runs": [_run_data(one, meshes, metres_per_newton) for one in shown],
+        "runs": [_run_data(one, meshes) for one in shown],
     }
 
 
@@ -112,10 +111,10 @@ def still(scene: Scene, *, about: str | None = None) -> dict[str, Any]:
         "grasp_tips": [],
         "forces": "",
         "mates": "",
-        "metres_per_newton": 0.0,
+        "masses": no_masses(),
         "fine_time": packed(motion.time),
         "errors": [],
-        "plots": no_curves(),
+        "quantities": [],
     }
     return {
         "title": scene.scenario.name,
@@ -126,6 +125,7 @@ def still(scene: Scene, *, about: str | None = None) -> dict[str, Any]:
         "reach": [rounded(point) for point in extremes(motion, low, high)],
         "near": [],
         "scale": float(np.linalg.norm(high - low)),
+        "longest_arrow": _ARROW_SHARE,
         "greatest_force": 0.0,
         "autoplay": False,
         "meshes": meshes.data(),
@@ -133,11 +133,12 @@ def still(scene: Scene, *, about: str | None = None) -> dict[str, Any]:
     }
 
 
-def _run_data(shown: _Shown, meshes: Meshes, metres_per_newton: float) -> dict[str, Any]:
+def _run_data(shown: _Shown, meshes: Meshes) -> dict[str, Any]:
     result, motion, data = shown.result, shown.motion, shown.result.data
     rows = motion.rows
     tips = [str(tip) for tip in data.tip.values]
-    finer = pick_rows(data.time.values, rate_hz=1e9, most=MOST_FINE)
+    shown_over_time = quantities(result)
+    finer = chart_rows(result, shown_over_time)
     error = data.tip_error.values[finer]
     target = shown.scene.target
     return {
@@ -153,10 +154,10 @@ def _run_data(shown: _Shown, meshes: Meshes, metres_per_newton: float) -> dict[s
         "grasp_tips": [tips.index(grasp.tip.label) for grasp in shown.scene.grasps],
         "forces": packed(data.grasp_force.values[rows]),
         "mates": packed(motion.mates),
-        "metres_per_newton": metres_per_newton,
+        "masses": mass_data(result, shown.scene, rows),
         "fine_time": packed(data.time.values[finer]),
         "errors": [packed(error[:, k]) for k in range(len(tips))],
-        "plots": curves(result, finer),
+        "quantities": signal_data(shown_over_time, finer),
     }
 
 

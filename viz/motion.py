@@ -13,6 +13,9 @@ from spacerobot.result import Result
 from spacerobot.scene import Scene
 from viz.geometry import Array, corners
 
+Rows = np.ndarray[tuple[int], np.dtype[np.int64]]
+"""Rows of a result's data."""
+
 GREY = np.array([0.6, 0.6, 0.6, 1.0])
 """Colour of shapes to which the URDF gives none."""
 
@@ -79,7 +82,7 @@ class Motion:
     """
 
     nodes: tuple[Node, ...]
-    rows: np.ndarray[tuple[int], np.dtype[np.int64]]
+    rows: Rows
     time: Array
     position: Array
     quaternion: Array
@@ -128,7 +131,7 @@ def only(motion: Motion, body: str) -> Motion:
     )
 
 
-def pick_rows(time: Array, *, rate_hz: float, most: int) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
+def pick_rows(time: Array, *, rate_hz: float, most: int) -> Rows:
     """Rows nearest to an even spacing in time: at most ``rate_hz`` and ``most``, first and last included."""
     count = min(most, len(time), max(2, round((time[-1] - time[0]) * rate_hz) + 1))
     wanted = np.linspace(time[0], time[-1], count)
@@ -138,9 +141,7 @@ def pick_rows(time: Array, *, rate_hz: float, most: int) -> np.ndarray[tuple[int
     return np.unique(nearer)
 
 
-def sample_motion(
-    result: Result, scene: Scene, rows: Sequence[int] | np.ndarray[tuple[int], np.dtype[np.int64]]
-) -> Motion:
+def sample_motion(result: Result, scene: Scene, rows: Sequence[int] | Rows) -> Motion:
     """Placements at rows of a result's data."""
     rows = np.asarray(rows, dtype=np.int64)
     q = result.data.q.values[rows]
@@ -152,7 +153,7 @@ def initial_motion(scene: Scene) -> Motion:
     return _place(scene, scene.q[None], np.zeros(1), np.zeros(1, dtype=np.int64))
 
 
-def _place(scene: Scene, q: Array, time: Array, rows: np.ndarray[tuple[int], np.dtype[np.int64]]) -> Motion:
+def _place(scene: Scene, q: Array, time: Array, rows: Rows) -> Motion:
     nodes, data = scene_nodes(scene), scene.model.createData()
     position, quaternion = np.zeros((len(q), len(nodes), 3)), np.zeros((len(q), len(nodes), 4))
     mates = np.zeros((len(q), len(scene.grasps), 3))

@@ -17,14 +17,34 @@ from spacerobot.result import Result, note_derived
 from viz.animation import animation
 from viz.meshcat_scene import script_hash
 
-SCRIPTS = ("shapes.js", "words.js", "run.js", "plot.js", "camera.js", "magnifier.js", "player.js", "main.js")
+SCRIPTS = (
+    "format.js",
+    "shapes.js",
+    "run.js",
+    "camera.js",
+    "legend.js",
+    "scene.js",
+    "timeline.js",
+    "signals.js",
+    "picker.js",
+    "chart.js",
+    "magnifier.js",
+    "readout.js",
+    "labels.js",
+    "busy.js",
+    "gif.js",
+    "picture.js",
+    "link.js",
+    "player.js",
+    "main.js",
+)
 """Parts of the player, in order."""
 
 
 def animation_page(*results: Result, title: str | None = None, autoplay: bool = True) -> str:
     """HTML of a page that plays one result, or compares several; it asks nothing of any network.
 
-    ``#t=3`` behind its address shows it standing still at 3 s.
+    ``#t=3`` behind its address shows it standing still at 3 s; the page notes there what it shows.
 
     Raises
     ------

@@ -1,10 +1,11 @@
-const NARROW = 900; // px: from this width on, the words at the left stand beside the scene, not over it
+const TO_NAMES = 24, TO_SCALE = 24; // px that the scene leaves to names above it and to the scale below
 
-// The view: everything that ever moves fills the pane, from above where the scene is planar.
+// The view: everything that ever moves fills what the words leave of the pane, from above where the scene is planar.
 class Eye {
-  constructor(viewer, pane, onResize) {
-    this.viewer = viewer;
-    this.pane = pane;
+  constructor(viewer, pane, side, onResize) {
+    [this.viewer, this.pane, this.side] = [viewer, pane, side];
+    this.moved = false;
+    this.anchor = null;
     // the viewer measures the window; the pane is only a part of it
     viewer.set_3d_pane_size = () => {
       const width = Math.max(1, pane.clientWidth), height = Math.max(1, pane.clientHeight);
@@ -14,12 +15,20 @@ class Eye {
       onResize();
       viewer.set_dirty();
     };
+    const { controls } = viewer;
+    controls.addEventListener("start", () => { this.touched = true; });
+    controls.addEventListener("change", () => { this.moved ||= this.touched; });
+    // a wheel's turn ends before the camera has moved
+    controls.addEventListener("end", () => setTimeout(() => { this.touched = false; }, 100));
   }
 
-  // Width at the left that the scene leaves to words, px.
-  get margin() {
-    const side = $("side");
-    return this.pane.clientWidth > NARROW ? side.offsetLeft + side.offsetWidth + 4 : 0;
+  // Room that the scene leaves to words, px; these stand in a column at the left, or in a row above.
+  get room() {
+    const parts = [...this.side.children].filter((part) => part.offsetWidth > 0);
+    const beside = getComputedStyle(this.side).getPropertyValue("--stands").trim() === "beside";
+    const right = Math.max(0, ...parts.map((part) => this.side.offsetLeft + part.offsetLeft + part.offsetWidth));
+    const below = Math.max(0, ...parts.map((part) => this.side.offsetTop + part.offsetTop + part.offsetHeight));
+    return beside ? { left: right + 4, top: TO_NAMES } : { left: 0, top: below + TO_NAMES };
   }
 
   // MeshCat's world has z up, Three's camera y.
@@ -41,15 +50,22 @@ class Eye {
     return spans.map(([least, most]) => ({ half: (most - least) / 2, middle: (most + least) / 2 }));
   }
 
+  // The camera looks at the middle of what is free; tangents of half of that, across and up.
+  aim() {
+    const camera = this.viewer.camera, { left, top } = this.room;
+    const width = Math.max(1, this.pane.clientWidth), height = Math.max(1, this.pane.clientHeight);
+    const [free, tall] = [Math.max(40, width - left), Math.max(40, height - top - TO_SCALE)];
+    camera.setViewOffset(width, height, -left / 2, (TO_SCALE - top) / 2, width, height);
+    const half = (Math.tan((camera.fov * Math.PI) / 360) * 0.94) / height;
+    return [half * free, half * tall];
+  }
+
   // Points that must be seen, in copies of the scene moved by ``shifts``; the distance of the eye that results.
   fit(points, shifts, planar) {
     const camera = this.viewer.camera, frame = this.axes(planar);
     frame.across = frame.up.clone().cross(frame.back).normalize();
     camera.fov = planar ? 14 : 26;
-    const tall = Math.tan((camera.fov * Math.PI) / 360) * 0.94;
-    const width = this.pane.clientWidth, height = Math.max(1, this.pane.clientHeight), margin = this.margin;
-    const wide = (tall * (width - margin)) / height;
-    camera.setViewOffset(width, height, -margin / 2, 0, width, height);
+    const [wide, tall] = this.aim();
     const all = shifts.flatMap((shift) => points.map((p) => Eye.toThree(p.map((v, c) => v + shift[c]))));
     const box = new THREE.Box3().setFromPoints(all), centre = box.getCenter(new THREE.Vector3());
     const radius = Math.max(1e-6, box.getSize(new THREE.Vector3()).length() / 2);
@@ -61,10 +77,63 @@ class Eye {
     }
     camera.near = distance / 200;
     camera.far = distance * 20;
-    camera.position.copy(centre).addScaledVector(frame.back, distance);
-    this.viewer.controls.target.copy(centre);
+    this.moved = false;
+    this.stand(centre.clone().addScaledVector(frame.back, distance), centre);
+    return distance;
+  }
+
+  stand(position, target) {
+    this.viewer.camera.position.copy(position);
+    this.viewer.controls.target.copy(target);
     this.viewer.controls.update();
     this.viewer.set_dirty();
-    return distance;
+  }
+
+  // Follow a point of the world (null: none): the camera moves as it does from now on.
+  hold(point) {
+    this.anchor = point ? Eye.toThree(point.toArray()) : null;
+  }
+
+  follow(point) {
+    if (!point || !this.anchor) return;
+    const now = Eye.toThree(point.toArray()), moved = now.clone().sub(this.anchor);
+    this.anchor = now;
+    this.viewer.camera.position.add(moved);
+    this.viewer.controls.target.add(moved);
+    this.viewer.controls.update();
+  }
+
+  // Where a user has put it: position and target beside what it follows, six numbers; null if nobody has.
+  get pose() {
+    if (!this.moved) return null;
+    const from = this.anchor || new THREE.Vector3();
+    return [this.viewer.camera.position, this.viewer.controls.target].flatMap((p) => p.clone().sub(from).toArray());
+  }
+
+  set pose(numbers) {
+    const from = this.anchor || new THREE.Vector3();
+    this.stand(new THREE.Vector3(...numbers.slice(0, 3)).add(from), new THREE.Vector3(...numbers.slice(3)).add(from));
+    this.moved = true;
+  }
+
+  // Go round what is looked at (rad), or nearer to it.
+  turn(across, up, nearer = 1) {
+    const { camera, controls } = this.viewer, arm = camera.position.clone().sub(controls.target);
+    const round = new THREE.Spherical().setFromVector3(arm);
+    round.theta += across;
+    round.phi = Math.min(Math.PI - 0.01, Math.max(1e-4, round.phi + up));
+    round.radius /= nearer;
+    this.moved = true;
+    this.stand(arm.setFromSpherical(round).add(controls.target), controls.target.clone());
+  }
+
+  // Whether a key meant something.
+  key(name) {
+    const step = 0.1, act = {
+      ArrowLeft: [-step, 0], ArrowRight: [step, 0], ArrowUp: [0, -step], ArrowDown: [0, step],
+      "+": [0, 0, 1.15], "-": [0, 0, 1 / 1.15],
+    }[name];
+    if (act) this.turn(...act);
+    return Boolean(act);
   }
 }

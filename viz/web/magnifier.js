@@ -9,7 +9,7 @@ class Magnifier {
   }
 
   load(runs) {
-    this.runs = runs.map((run) => ({ run, errors: run.data.errors.map(floats) }));
+    this.runs = runs.map((run) => ({ run, errors: run.errors }));
     let greatest = 0;
     for (const { run, errors } of this.runs) {
       const kept = run.data.completed ? 1 : 0.8;
@@ -37,8 +37,10 @@ class Magnifier {
   }
 
   draw(time) {
-    if (this.figure.hidden) return;
-    const size = this.canvas.clientWidth, ratio = window.devicePixelRatio || 1, radius = size / 2 - 8;
+    const size = this.canvas.clientWidth;
+    // small windows leave no room for it
+    if (this.figure.hidden || size < 40) return;
+    const ratio = window.devicePixelRatio || 1, radius = size / 2 - 8;
     this.canvas.width = this.canvas.height = Math.round(size * ratio);
     const pen = this.canvas.getContext("2d"), metre = radius / this.greatest;
     pen.scale(ratio, ratio);
@@ -48,14 +50,14 @@ class Magnifier {
     this.eye.viewer.camera.matrixWorld.extractBasis(across, up, new THREE.Vector3());
     const error = new THREE.Vector3();
     this.runs.forEach(({ run, errors }, r) => {
-      const [last] = run.locate(run.fineTime, time);
+      const [last] = locate(run.fineTime, time);
       errors.forEach((values, k) => {
         // an error is reference minus position: the tip lies on the other side
         const at = (i) => {
           error.set(-values[3 * i], -values[3 * i + 2], values[3 * i + 1]);
           return [error.dot(across) * metre, -error.dot(up) * metre];
         };
-        this.trail(pen, at, last, TIP_COLOURS[k % TIP_COLOURS.length], r > 0);
+        this.trail(pen, at, last, tipColour(k), r > 0);
       });
     });
     const times = this.times(radius);

@@ -10,13 +10,12 @@ function start() {
   }
   if (payload.runs.length) {
     player.load(payload);
-    if (payload.autoplay && !window.matchMedia("(prefers-reduced-motion: reduce)").matches) player.play();
-    player.hash();
+    if (payload.autoplay && !window.matchMedia("(prefers-reduced-motion: reduce)").matches) player.timeline.play();
+    player.link.follow();
   } else {
-    player.payload = null;
     $("title").textContent = payload.title;
     $("about").textContent = payload.about;
-    player.enable(false);
+    player.timeline.enable(false);
   }
   if (payload.live) follow(player);
   document.body.dataset.ready = "true";
@@ -24,17 +23,25 @@ function start() {
 
 // Live: the page shows what its server sends, and says so when the server has gone.
 function follow(player) {
-  const stream = new WebSocket(`ws://${location.host}/stream`), busy = new Busy();
+  const stream = new WebSocket(`ws://${location.host}/stream`);
+  let linked = false; // what the address says is meant for the first result, not for those that follow
   stream.onmessage = (message) => {
     const sent = JSON.parse(message.data);
-    if (sent.tell !== undefined) busy.say(sent.tell);
+    if (sent.tell !== undefined) player.busy.say(sent.tell);
     if (sent.show === undefined) return;
-    busy.end();
+    player.busy.end();
     player.load(sent.show);
-    if (sent.show.autoplay) player.play();
+    if (sent.show.autoplay) player.timeline.play();
+    if (sent.show.autoplay && !linked) {
+      linked = true;
+      player.link.follow();
+    }
     document.body.dataset.shown = String(Number(document.body.dataset.shown || 0) + 1);
   };
-  stream.onclose = () => busy.end("the viewer's program has ended; this page keeps what it has");
+  stream.onclose = () => {
+    player.busy.end();
+    $("about").textContent = "the viewer's program has ended; this page keeps what it has";
+  };
 }
 
 start();

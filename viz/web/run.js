@@ -1,6 +1,7 @@
 // One run in the scene: bodies, ghosts, paths, forces, at any time.
 class Run {
-  constructor(data, scale, closeness) {
+  // ``sizes``: of the scene, of arrows a newton and a newton second, all in metres; ``closeness`` shrinks what marks.
+  constructor(data, sizes, closeness) {
     this.data = data;
     this.time = floats(data.time);
     this.poses = floats(data.poses);
@@ -8,18 +9,23 @@ class Run {
     this.forces = floats(data.forces);
     this.mates = floats(data.mates);
     this.fineTime = floats(data.fine_time);
-    this.plots = data.plots.map((plot) => plot.curves.map((curve) => floats(curve.values)));
     this.errors = data.errors.map(floats);
-    this.scale = scale * closeness;
-    this.metresPerNewton = data.metres_per_newton * closeness;
+    this.centres = floats(data.masses.centres);
+    this.momenta = floats(data.masses.momenta);
+    this.scale = sizes.scene * closeness;
+    this.metresPerNewton = sizes.newton * closeness;
+    this.metresPerNewtonSecond = sizes.newtonSecond * closeness;
     this.root = new THREE.Group();
-    this.layers = { ghosts: [], reference: [], traces: [], forces: [], mates: [], frames: [] };
+    this.layers = {
+      ghosts: [], reference: [], traces: [], forces: [], mates: [], frames: [], centres: [], momenta: [],
+    };
     this.vector = new THREE.Vector3();
     this.from = new THREE.Vector3();
     this.turn = new THREE.Quaternion();
     this.addBodies();
     this.addPaths();
     this.addGrips();
+    this.addMasses();
   }
 
   put(layer, object, order) {
@@ -52,19 +58,35 @@ class Run {
     });
     const count = this.data.tip_names.length;
     this.tipBalls = this.data.tip_names.map((_, k) => {
-      const points = this.column(this.tips, count, k), colour = TIP_COLOURS[k % TIP_COLOURS.length];
-      this.growing.push(this.put("traces", tube(points, thick, overlay(colour, 1)), 12));
+      const points = this.column(this.tips, count, k), colour = tipColour(k);
+      this.grow(points, thick, colour, 12);
       return this.put("mates", ball(0.0052 * this.scale, colour, 21));
     });
     if (this.data.target) {
-      this.growing.push(this.put("traces", tube(floats(this.data.target), thick, overlay(COLOURS.target, 1)), 11));
+      this.grow(floats(this.data.target), thick, COLOURS.target, 11);
     }
+  }
+
+  // A path that grows with time.
+  grow(points, radius, colour, order) {
+    const path = this.put("traces", tube(points, radius, overlay(colour, 1)), order);
+    path.userData.colour = colour;
+    this.growing.push(path);
   }
 
   addGrips() {
     const grips = this.data.grasp_tips;
-    this.arrows = grips.map(() => this.put("forces", arrow(0.0028 * this.scale)));
+    this.arrows = grips.map(() => this.put("forces", arrow(0.0028 * this.scale, COLOURS.force)));
     this.mateBalls = grips.map(() => this.put("mates", ball(0.0072 * this.scale, COLOURS.mate, 20)));
+  }
+
+  // Centres of mass of bodies and, last, of all together; momenta at them.
+  addMasses() {
+    const { count } = this.data.masses;
+    this.centreBalls = Array.from({ length: count }, (_, k) => (
+      this.put("centres", ball(0.006 * this.scale, k === count - 1 ? "#ffffff" : COLOURS.centre, 22))
+    ));
+    this.momentumArrows = this.centreBalls.map(() => this.put("momenta", arrow(0.0028 * this.scale, COLOURS.momentum)));
   }
 
   column(values, count, k) {
@@ -77,15 +99,16 @@ class Run {
     return this.time[this.time.length - 1];
   }
 
-  // Sample before a time and the share of the way to the next one.
-  locate(times, time) {
-    let low = 0, high = times.length - 1;
-    if (time >= times[high]) return [high, 0];
-    while (high - low > 1) {
-      const middle = (low + high) >> 1;
-      if (times[middle] <= time) low = middle; else high = middle;
-    }
-    return [low, Math.max(0, (time - times[low]) / (times[high] - times[low]))];
+  // Size of a tip's error at a time, m.
+  error(k, time) {
+    const values = this.errors[k], [i, share] = locate(this.fineTime, time);
+    return Math.hypot(...this.between(values, 1, 0, i, share, this.vector).toArray());
+  }
+
+  // Where a body's root is at a time, in the scene.
+  rootOf(body) {
+    const k = this.data.nodes.findIndex((node) => node.base && node.body === body);
+    return k < 0 ? null : this.nodes[k].position.clone().add(this.root.position);
   }
 
   between(values, count, k, i, share, into) {
@@ -94,21 +117,31 @@ class Run {
   }
 
   seek(time) {
-    const [i, share] = this.locate(this.time, time), count = this.nodes.length;
+    const [i, share] = locate(this.time, time), count = this.nodes.length;
     this.nodes.forEach((node, k) => {
       const a = 7 * (i * count + k), b = share > 0 ? a + 7 * count : a;
       this.place(node, a, b, share);
     });
     for (const trace of this.growing) trace.geometry.setDrawRange(0, i * trace.perSegment);
-    const tips = this.tipBalls.length, grips = this.arrows.length;
+    const tips = this.tipBalls.length, grips = this.arrows.length, masses = this.centreBalls.length;
     this.tipBalls.forEach((dot, k) => this.between(this.tips, tips, k, i, share, dot.position));
     this.mateBalls.forEach((dot, k) => this.between(this.mates, grips, k, i, share, dot.position));
     this.arrows.forEach((shown, k) => {
       this.between(this.tips, tips, this.data.grasp_tips[k], i, share, this.from);
       this.between(this.forces, grips, k, i, share, this.vector).multiplyScalar(this.metresPerNewton);
-      // what a diverged run does in its last instants would leave the picture
-      shown.point(this.from, this.vector.clampLength(0, 0.4 * this.scale));
+      this.point(shown);
     });
+    this.centreBalls.forEach((dot, k) => {
+      this.between(this.centres, masses, k, i, share, dot.position);
+      this.from.copy(dot.position);
+      this.between(this.momenta, masses, k, i, share, this.vector).multiplyScalar(this.metresPerNewtonSecond);
+      this.point(this.momentumArrows[k]);
+    });
+  }
+
+  // What a diverged run does in its last instants would leave the picture.
+  point(arrow) {
+    arrow.point(this.from, this.vector.clampLength(0, 0.4 * this.scale));
   }
 
   place(node, a, b, share) {
@@ -118,24 +151,22 @@ class Run {
     if (share > 0) node.quaternion.slerp(this.turn.fromArray(p, b + 3), share);
   }
 
-  // Value of a curve at a time.
-  value(plot, k, time) {
-    const [i, share] = this.locate(this.fineTime, time), values = this.plots[plot][k];
-    return share > 0 ? values[i] + share * (values[i + 1] - values[i]) : values[i];
-  }
-
   show(layer, visible) {
-    // a force too small to draw hides itself at the next seek
+    // an arrow too short to draw hides itself at the next seek
     for (const object of this.layers[layer]) object.visible = visible;
   }
 
-  fade(faint) {
+  // Over another run: in a colour of its own, and where ``faint`` half transparent; as it is without a colour.
+  tint(colour, faint) {
     for (const node of this.nodes) {
       for (const mesh of node.children.filter((child) => child.userData.opacity !== undefined)) {
-        const own = mesh.userData.opacity;
-        mesh.material.opacity = faint ? 0.4 * own : own;
-        mesh.material.transparent = faint || own < 1;
+        const { opacity, colour: own } = mesh.userData;
+        mesh.material.color.copy(own);
+        if (colour) mesh.material.color.lerp(new THREE.Color(colour), 0.7);
+        mesh.material.opacity = faint ? 0.55 * opacity : opacity;
+        mesh.material.transparent = faint || opacity < 1;
       }
     }
+    for (const trace of this.growing) trace.material.color.set(colour || trace.userData.colour);
   }
 }

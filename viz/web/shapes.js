@@ -2,15 +2,11 @@
 const THREE = MeshCat.THREE;
 const TIP_COLOURS = ["#56b4e9", "#ffb000", "#f29ad0", "#f0e442", "#9be564", "#c9b6ff"];
 const AXIS_COLOURS = ["#ff5c5c", "#5ee05e", "#6fa8ff"];
-const COLOURS = { target: "#35e0a1", force: "#ff5c6c", reference: "#ffffff", mate: "#ffffff", grid: "#8fa3b8" };
-
-function bytes(text) {
-  return Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer;
-}
-
-function floats(text) {
-  return new Float32Array(bytes(text));
-}
+const COLOURS = {
+  target: "#35e0a1", force: "#ff5c6c", reference: "#ffffff", mate: "#ffffff", grid: "#8fa3b8",
+  centre: "#ffd23f", momentum: "#7df9ff",
+};
+const RUN_COLOURS = ["#56b4e9", "#ff8c42", "#9be564", "#f29ad0", "#f0e442", "#c9b6ff"];
 
 // Geometries of the page's meshes, each made once for all solids that show it.
 let meshes = [];
@@ -56,6 +52,7 @@ function solidMesh(solid) {
   });
   const mesh = new THREE.Mesh(solidGeometry(solid), material);
   mesh.userData.opacity = alpha;
+  mesh.userData.colour = material.color.clone();
   mesh.matrixAutoUpdate = false;
   mesh.matrix.fromArray(solid.matrix);
   return mesh;
@@ -117,8 +114,8 @@ function tube(points, radius, material) {
   return mesh;
 }
 
-function arrow(size) {
-  const material = overlay(COLOURS.force, 1);
+function arrow(size, colour) {
+  const material = overlay(colour, 1);
   const group = new THREE.Group();
   const shaft = new THREE.Mesh(new THREE.CylinderGeometry(size, size, 1, 10).translate(0, 0.5, 0), material);
   const head = new THREE.Mesh(new THREE.ConeGeometry(2.8 * size, 6 * size, 14).translate(0, 3 * size, 0), material);
@@ -156,7 +153,11 @@ function triad(length) {
   return group;
 }
 
-// Colour of a curve: that of its tip, of its body, or of all together.
-function curveColour([kind, k]) {
-  return kind === "all" ? "#ffffff" : TIP_COLOURS[k % TIP_COLOURS.length];
+function tipColour(k) {
+  return TIP_COLOURS[k % TIP_COLOURS.length];
+}
+
+// Colour of a signal: that of its tip, of its body, of all together, or one of its own.
+function signalColour([kind, k]) {
+  return kind === "all" ? "#ffffff" : tipColour(k);
 }

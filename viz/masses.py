@@ -1,0 +1,75 @@
+"""Centres of mass, and the momenta drawn at them, over time."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from spacerobot.result import Result
+from spacerobot.scene import Scene
+from viz.geometry import Array
+from viz.meshcat_scene import packed
+from viz.motion import Rows
+
+
+def centres_of_mass(scene: Scene, q: Array) -> tuple[Array, Array]:
+    """Centres of mass of what moves.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    q
+        Configurations in Pinocchio's coordinates (nt, nq).
+
+    Returns
+    -------
+    centres
+        Of each body's moving links, world (nt, bodies, 3), m; not a number for a body of which nothing moves.
+    masses
+        Of them (bodies,), kg.
+    """
+    model, data = scene.model, scene.model.createData()
+    tops = [[joint for joint in body.subtree if model.parents[joint] == 0] for body in scene.bodies]
+    centres = np.full((len(q), len(tops), 3), np.nan)
+    masses = np.zeros(len(tops))
+    for i, configuration in enumerate(q):
+        pin.centerOfMass(model, data, configuration, True)
+        for k, joints in enumerate(tops):
+            masses[k] = sum(data.mass[joint] for joint in joints)
+            if masses[k] > 0:
+                centres[i, k] = sum(data.mass[joint] * data.com[joint] for joint in joints) / masses[k]
+    return centres, masses
+
+
+def mass_data(result: Result, scene: Scene, rows: Rows) -> dict[str, Any]:
+    """Centres of mass and linear momenta of moving bodies, then of all together, at rows of a result.
+
+    Returns
+    -------
+    dict
+        ``centres`` [m] and ``momenta`` [N s], packed (nt, k + 1, 3); ``count``, which is k + 1; and
+        ``greatest`` [N s], of the momenta (of a diverged result before its last instants).
+    """
+    centres, masses = centres_of_mass(scene, result.data.q.values[rows])
+    moving = masses > 0
+    if not moving.any():
+        return no_masses()
+    centres, masses = centres[:, moving], masses[moving]
+    centre = np.einsum("tkc,k->tc", centres, masses) / masses.sum()
+    own = result.data.body_momentum_linear.values[rows][:, moving]
+    momenta = np.concatenate([own, result.data.momentum_linear.values[rows][:, None]], axis=1)
+    kept = len(rows) if result.completed else max(1, int(0.8 * len(rows)))
+    return {
+        "centres": packed(np.concatenate([centres, centre[:, None]], axis=1)),
+        "momenta": packed(momenta),
+        "count": int(moving.sum()) + 1,
+        "greatest": float(np.linalg.norm(momenta[:kept], axis=-1).max(initial=0.0)),
+    }
+
+
+def no_masses() -> dict[str, Any]:
+    """The same for a scene that has not been simulated yet."""
+    return {"centres": "", "momenta": "", "count": 0, "greatest": 0.0}

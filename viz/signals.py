@@ -1,0 +1,202 @@
+"""Everything of a result that the animated page can plot over time, as plain data."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from spacerobot.result import Result
+from viz.figures.bodies import rotation_deg, translation_mm
+from viz.figures.style import called, shown_axes
+from viz.geometry import Array
+from viz.meshcat_scene import packed
+from viz.motion import Rows, pick_rows
+
+MOST_SAMPLES = 1200
+"""Samples over time, beside the extremes of each signal; a chart has about as many pixels."""
+
+ENERGIES = {"energy_kinetic": "kinetic", "energy_spring": "springs of grips", "energy_potential": "potential"}
+WORKS = {
+    "work_actuator": "put in by actuators",
+    "work_joint": "taken by joints",
+    "work_grasp": "taken by grips",
+    "work_constraint": "put in by rigid grasps",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Signal:
+    """One number over time: name, values (nt,), and the colour of the tip or body it belongs to."""
+
+    name: str
+    values: Array
+    colour: tuple[str, int] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Quantity:
+    """Signals of one kind, drawn on one axis."""
+
+    title: str
+    unit: str
+    signals: Sequence[Signal]
+
+
+def quantities(result: Result) -> list[Quantity]:
+    """All signals of a result at all its times, by quantity; the tip error comes first."""
+    found = [*_tips(result), *_grasps(result), *_joints(result), *_bodies(result), *_energies(result)]
+    return [quantity for quantity in found if quantity.signals]
+
+
+def chart_rows(result: Result, shown: Iterable[Quantity]) -> Rows:
+    """Rows that a chart needs: an even spacing, and where each signal is least and greatest."""
+    time = result.data.time.values
+    rows = [pick_rows(time, rate_hz=1e9, most=MOST_SAMPLES)]
+    for signal in (signal for quantity in shown for signal in quantity.signals):
+        finite = np.isfinite(signal.values)
+        if finite.any():
+            least, greatest = (
+                np.where(finite, signal.values, np.inf),
+                np.where(finite, signal.values, -np.inf),
+            )
+            rows.append(np.array([least.argmin(), greatest.argmax()], dtype=np.int64))
+    return np.unique(np.concatenate(rows))
+
+
+def signal_data(shown: Iterable[Quantity], rows: Rows) -> list[dict[str, Any]]:
+    """Plain data of signals at some rows.
+
+    Returns
+    -------
+    list of dict
+        ``title``, ``unit`` and ``signals``, each with its ``name``, ``colour`` and packed ``values``: one
+        value where it never changes. A colour is ``[kind, k]``: that of the tip number k, of the body number
+        k, or of all together; null for one of its own.
+    """
+    return [
+        {
+            "title": quantity.title,
+            "unit": quantity.unit,
+            "signals": [
+                {"name": signal.name, "colour": signal.colour, "values": _packed(signal.values[rows])}
+                for signal in quantity.signals
+            ],
+        }
+        for quantity in shown
+    ]
+
+
+def _packed(values: Array) -> str:
+    return packed(values[:1] if (values == values[0]).all() else values)
+
+
+def _size(vectors: Array, names: Sequence[str], colours: Sequence[tuple[str, int]]) -> list[Signal]:
+    """Sizes of vectors (nt, k, 3)."""
+    size = np.linalg.norm(vectors, axis=-1)
+    return [Signal(name, size[:, k], colours[k]) for k, name in enumerate(names)]
+
+
+def _along(vectors: Array, names: Sequence[str], axes: Sequence[str]) -> list[Signal]:
+    """Components of vectors (nt, k, 3) along some axes."""
+    return [
+        Signal(f"{name} {axis}", vectors[:, k, "xyz".index(axis)])
+        for k, name in enumerate(names)
+        for axis in axes
+    ]
+
+
+def _about(result: Result) -> list[str]:
+    """World axes about which anything can turn."""
+    return ["z"] if "body_angle" in result.data else ["x", "y", "z"]
+
+
+def _tips(result: Result) -> list[Quantity]:
+    data, axes = result.data, shown_axes(result)
+    names = [str(tip) for tip in data.tip.values]
+    colours = [("tip", k) for k in range(len(names))]
+    error, turned = data.tip_error.values * 1e3, np.degrees(data.tip_orientation_error.values)
+    return [
+        Quantity("tip error", "mm", _size(error, names, colours)),
+        Quantity("tip error by axis", "mm", _along(error, names, axes)),
+        Quantity("tip orientation error", "deg", _size(turned, names, colours)),
+        Quantity("tip position", "m", _along(data.tip_position.values, names, axes)),
+        Quantity("tip reference", "m", _along(data.tip_reference.values, names, axes)),
+        Quantity("tip velocity", "mm/s", _along(data.tip_velocity.values * 1e3, names, axes)),
+    ]
+
+
+def _grasps(result: Result) -> list[Quantity]:
+    data, axes = result.data, shown_axes(result)
+    names, tips = [str(grasp) for grasp in data.grasp.values], [str(tip) for tip in data.tip.values]
+    colours = [("tip", tips.index(result.scenario.grasps[name].tip)) for name in names]
+    force = data.grasp_force.values
+    return [
+        Quantity("grip force", "N", _size(force, names, colours)),
+        Quantity("grip force by axis", "N", _along(force, names, axes)),
+        Quantity("grip torque by axis", "N m", _along(data.grasp_torque.values, names, _about(result))),
+        Quantity("gap of grips", "mm", _size(data.grasp_gap.values * 1e3, names, colours)),
+    ]
+
+
+def _joints(result: Result) -> list[Quantity]:
+    data, turns = result.data, result.data.joint_kind.values != "prismatic"
+    names = np.array([str(joint) for joint in data.joint.values])
+    kinds = (
+        ("joint angle", "deg", "joint_position", turns, np.degrees(1.0)),
+        ("joint rate", "deg/s", "joint_velocity", turns, np.degrees(1.0)),
+        ("joint torque", "N m", "joint_torque", turns, 1.0),
+        ("joint travel", "mm", "joint_position", ~turns, 1e3),
+        ("joint speed", "mm/s", "joint_velocity", ~turns, 1e3),
+        ("joint force", "N", "joint_torque", ~turns, 1.0),
+    )
+    found = []
+    for title, unit, variable, chosen, factor in kinds:
+        values = data[variable].values[:, chosen] * factor
+        found.append(Quantity(title, unit, [Signal(n, values[:, k]) for k, n in enumerate(names[chosen])]))
+    return found
+
+
+def _bodies(result: Result) -> list[Quantity]:
+    data, axes, about = result.data, shown_axes(result), _about(result)
+    names = [str(body) for body in data.body.values]
+    said, colours = [called(name) for name in names], [("body", k) for k in range(len(names))]
+    turned = [rotation_deg(result, name)[1] for name in names]
+    moved = [translation_mm(result, name)[1] for name in names]
+    rotations = [v[:, 0] if len(about) == 1 else np.linalg.norm(v, axis=-1) for v in turned]
+    momenta = {}
+    for kind in ("linear", "angular"):
+        own, total = data[f"body_momentum_{kind}"].values, data[f"momentum_{kind}"].values
+        momenta[kind] = np.concatenate([own, total[:, None]], axis=1)
+    everyone, together = [*said, "all together"], [*colours, ("all", 0)]
+    return [
+        Quantity(
+            "rotation since the start",
+            "deg",
+            [Signal(n, v, c) for n, v, c in zip(said, rotations, colours, strict=True)],
+        ),
+        Quantity(
+            "translation since the start",
+            "mm",
+            [
+                Signal(f"{n} {axis}", values[:, k])
+                for n, values in zip(said, moved, strict=True)
+                for k, axis in enumerate(axes)
+            ],
+        ),
+        Quantity("linear momentum", "N s", _size(momenta["linear"], everyone, together)),
+        Quantity("linear momentum by axis", "N s", _along(momenta["linear"], everyone, axes)),
+        Quantity("angular momentum by axis", "N m s", _along(momenta["angular"], everyone, about)),
+    ]
+
+
+def _energies(result: Result) -> list[Quantity]:
+    data = result.data
+    return [
+        Quantity("energy", "J", [Signal(text, data[name].values) for name, text in ENERGIES.items()]),
+        Quantity(
+            "work since the start", "J", [Signal(text, data[name].values) for name, text in WORKS.items()]
+        ),
+    ]

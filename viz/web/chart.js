@@ -1,0 +1,181 @@
+// Chosen signals over time, a panel for each quantity: values under the pointer, a cursor, a click goes there.
+class Chart {
+  constructor(root, { onSeek, onRemove }) {
+    this.root = root;
+    this.panels = root.querySelector(".panels");
+    this.axis = root.querySelector(".axis");
+    this.cursor = root.querySelector(".cursor");
+    this.pointer = root.querySelector(".pointer");
+    [this.onSeek, this.onRemove] = [onSeek, onRemove];
+    this.drawn = [];
+    this.duration = 1;
+    for (const part of [this.panels, this.axis]) this.listen(part);
+  }
+
+  listen(part) {
+    const drag = (event) => {
+      if (event.buttons === 1 && this.over(event)) this.onSeek(this.timeAt(event.clientX));
+    };
+    part.addEventListener("pointerdown", (event) => {
+      if (!this.over(event)) return;
+      part.setPointerCapture(event.pointerId);
+      drag(event);
+    });
+    part.addEventListener("pointermove", (event) => {
+      drag(event);
+      this.hover(this.over(event) && event.pointerType !== "touch" ? this.timeAt(event.clientX) : undefined);
+    });
+    part.addEventListener("pointerleave", () => this.hover(undefined));
+  }
+
+  over(event) {
+    return event.target.tagName === "CANVAS" || event.target.hasPointerCapture?.(event.pointerId);
+  }
+
+  load(signals, duration) {
+    [this.signals, this.duration] = [signals, duration];
+    this.choose();
+  }
+
+  // The choice of signals has changed.
+  choose() {
+    const several = this.signals.runs.length > 1;
+    this.drawn = this.signals.shown.map((quantity) => {
+      const panel = element("div", undefined, "panel"), names = element("div", undefined, "curves");
+      const values = [], canvas = element("canvas");
+      const close = button("×", `Remove ${quantity.title}`, () => this.onRemove(quantity.title));
+      names.append(close, element("span", `${quantity.title} [${quantity.unit}]`, "title"));
+      this.signals.runs.forEach(({ label }, r) => {
+        if (several) names.append(element("span", `${label}${r ? " (dashed)" : ""}:`, "run"));
+        for (const signal of quantity.signals) {
+          const one = element("span"), value = element("b");
+          one.append(mark(signal.colour), `${signal.name} `, value);
+          values.push([value, signal, r]);
+          names.append(one);
+        }
+      });
+      panel.append(names, canvas);
+      return { ...quantity, panel, canvas, values, range: this.signals.range(quantity.signals) };
+    });
+    this.panels.replaceChildren(this.cursor, this.pointer, ...this.drawn.map(({ panel }) => panel));
+    this.root.hidden = this.drawn.length === 0;
+    this.resize();
+  }
+
+  // Left and right end of the time axis in the window, px.
+  get span() {
+    const first = this.drawn[0]?.canvas, style = getComputedStyle(this.root);
+    const box = (first || this.root).getBoundingClientRect();
+    const left = parseFloat(style.getPropertyValue("--axis")), right = parseFloat(style.getPropertyValue("--edge"));
+    return [box.left + left, Math.max(box.left + left + 1, box.right - right)];
+  }
+
+  timeAt(x) {
+    const [left, right] = this.span;
+    return Math.min(1, Math.max(0, (x - left) / (right - left))) * this.duration;
+  }
+
+  xAt(time) {
+    const [left, right] = this.span;
+    return left + (time / this.duration) * (right - left);
+  }
+
+  // The cursor and the values in the names.
+  seek(time) {
+    this.time = time;
+    if (!this.drawn.length) return;
+    this.place(this.cursor, time);
+    this.say();
+  }
+
+  hover(time) {
+    this.pointed = time;
+    this.pointer.hidden = time === undefined;
+    if (time !== undefined) {
+      this.place(this.pointer, time);
+      this.pointer.dataset.time = `${time.toPrecision(4)} s`;
+    }
+    this.say();
+  }
+
+  say() {
+    const time = this.pointed ?? this.time;
+    this.root.classList.toggle("pointed", this.pointed !== undefined);
+    for (const { unit, values } of this.drawn) {
+      for (const [value, signal, r] of values) value.textContent = amount(this.signals.value(signal, r, time), unit);
+    }
+  }
+
+  place(line, time) {
+    line.style.left = `${this.xAt(time) - this.panels.getBoundingClientRect().left}px`;
+    line.style.height = `${this.panels.scrollHeight}px`;
+  }
+
+  resize() {
+    for (const line of [this.cursor, this.pointer]) line.style.height = "0";
+    for (const one of this.drawn) this.curves(one);
+    this.times();
+    if (this.time !== undefined) this.seek(this.time);
+  }
+
+  pen(canvas) {
+    const box = canvas.getBoundingClientRect(), ratio = window.devicePixelRatio || 1;
+    canvas.width = Math.round(box.width * ratio);
+    canvas.height = Math.round(box.height * ratio);
+    const pen = canvas.getContext("2d");
+    pen.scale(ratio, ratio);
+    pen.translate(-box.left, 0);
+    pen.font = "11px system-ui, 'DejaVu Sans', sans-serif";
+    pen.fillStyle = "#9aa8b8";
+    return pen;
+  }
+
+  curves({ canvas, signals, range: [least, greatest], unit }) {
+    const height = canvas.clientHeight, top = 7, bottom = height - 7, [left, right] = this.span;
+    if (right - left < 20 || !height) return;
+    const pen = this.pen(canvas);
+    const y = (value) => {
+      const share = (value - least) / (greatest - least);
+      return bottom - Math.min(1.1, Math.max(-0.1, share)) * (bottom - top);
+    };
+    this.levels(pen, [least, greatest], unit, y);
+    signals.forEach((signal) => signal.values.forEach((values, r) => {
+      if (!values) return;
+      const { time } = this.signals.runs[r];
+      pen.strokeStyle = signal.colour;
+      pen.lineWidth = 1.5;
+      pen.setLineDash(r === 0 ? [] : [5, 3]);
+      pen.beginPath();
+      for (let i = 0; i < time.length; i++) pen.lineTo(this.xOf(time[i], left, right), y(values[Math.min(i, values.length - 1)]));
+      pen.stroke();
+    }));
+  }
+
+  xOf(time, left, right) { return left + (time / this.duration) * (right - left); }
+
+  levels(pen, [least, greatest], unit, y) {
+    const [left, right] = this.span, small = 0.25 * (greatest - least);
+    pen.strokeStyle = "#2c3947";
+    pen.textAlign = "right";
+    pen.textBaseline = "middle";
+    const marks = [least, 0, greatest].filter((value) => value === 0 || Math.abs(value) > small);
+    for (const value of new Set(marks)) {
+      pen.beginPath();
+      pen.moveTo(left, y(value));
+      pen.lineTo(right, y(value));
+      pen.stroke();
+      pen.fillText(value ? amount(value, unit) : "0", left - 5, y(value));
+    }
+  }
+
+  times() {
+    if (!this.drawn.length) return;
+    const pen = this.pen(this.axis), [left, right] = this.span;
+    const step = niceStep(this.duration / Math.min(10, Math.max(2, (right - left) / 60)));
+    pen.textBaseline = "top";
+    for (let t = 0; t <= this.duration * 1.0001; t += step) {
+      pen.textAlign = t === 0 ? "left" : t > this.duration * 0.97 ? "right" : "center";
+      pen.fillText(`${Number(t.toPrecision(6))} s`, this.xAt(t), 2);
+    }
+  }
+}

@@ -1,0 +1,71 @@
+// Small helpers that every part uses: elements, numbers, packed data.
+const $ = (id) => document.getElementById(id);
+
+function element(tag, text, name) {
+  const made = document.createElement(tag);
+  if (text !== undefined) made.textContent = text;
+  if (name) made.className = name;
+  return made;
+}
+
+function button(text, label, onClick) {
+  const made = element("button", text);
+  made.type = "button";
+  made.title = label;
+  made.setAttribute("aria-label", label);
+  made.addEventListener("click", onClick);
+  return made;
+}
+
+function mark(colour, shape = "line") {
+  const made = element("i", shape === "text" ? "a" : undefined, shape);
+  made.style.color = colour;
+  return made;
+}
+
+function options(select, pairs) {
+  select.replaceChildren(...pairs.map(([value, text]) => {
+    const option = element("option", text);
+    option.value = value;
+    return option;
+  }));
+}
+
+function bytes(text) {
+  return Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer;
+}
+
+function floats(text) {
+  return new Float32Array(bytes(text));
+}
+
+// Sample before a time and the share of the way to the next one.
+function locate(times, time) {
+  let low = 0, high = times.length - 1;
+  if (time >= times[high]) return [high, 0];
+  while (high - low > 1) {
+    const middle = (low + high) >> 1;
+    if (times[middle] <= time) low = middle; else high = middle;
+  }
+  return [low, Math.max(0, (time - times[low]) / (times[high] - times[low]))];
+}
+
+function niceStep(least) {
+  const power = 10 ** Math.floor(Math.log10(least));
+  return [1, 2, 5, 10].map((k) => k * power).find((step) => step >= least * 0.999);
+}
+
+// A value with its unit, in three digits.
+function amount(value, unit) {
+  const size = Math.abs(value);
+  if (unit === "mm" && size >= 1e3) return amount(value / 1e3, "m");
+  if (!Number.isFinite(value)) return "–";
+  return `${size >= 1e-3 && size < 1e4 ? Number(value.toPrecision(3)) : size ? value.toExponential(1) : 0} ${unit}`;
+}
+
+// The size of an error given in mm: nobody reads less than a micrometre.
+function errorSize(mm) {
+  if (mm >= 1000) return `${(mm / 1e3).toPrecision(3)} m`;
+  if (mm >= 1) return `${mm.toPrecision(3)} mm`;
+  return mm >= 5e-4 || mm === 0 ? `${mm.toFixed(3)} mm` : "< 0.001 mm";
+}

@@ -1,0 +1,63 @@
+// Names of bodies in the scene, and of runs below them.
+function called(body) {
+  return body === "target" ? "object" : body;
+}
+
+class Labels {
+  constructor(root) {
+    this.root = root;
+    this.bodies = this.feet = [];
+  }
+
+  load(runs) {
+    this.bodies = runs.flatMap((run) => run.data.nodes.flatMap((node, k) => (
+      node.base ? [{ object: run.nodes[k], span: element("span", called(node.body), "name"), above: this.radius(node) }] : []
+    )));
+    this.feet = runs.length > 1 ? runs.map((run) => element("span", run.data.label)) : [];
+    this.root.replaceChildren(...this.bodies.map(({ span }) => span), ...this.feet);
+  }
+
+  // An object's name stands above it and hides nothing; a robot's stands on its base.
+  radius(node) {
+    if (node.body !== "target" || !node.solids.length) return 0;
+    return Math.max(...node.solids.map(({ kind, size }) => (
+      kind === "box" ? Math.hypot(...size) / 2 : kind === "mesh" ? 0 : Math.max(...size)
+    )));
+  }
+
+  // Names as the page shows them, onto a picture of the pane.
+  draw(pen) {
+    pen.font = "12px system-ui, 'DejaVu Sans', sans-serif";
+    [pen.textAlign, pen.textBaseline] = ["center", "middle"];
+    for (const span of [...this.bodies.map((body) => body.span), ...this.feet]) {
+      if (span.hidden) continue;
+      const x = parseFloat(span.style.left), y = parseFloat(span.style.top) + 9, half = pen.measureText(span.textContent).width / 2 + 8;
+      pen.fillStyle = "#0009";
+      pen.fillRect(x - half, y - 9, 2 * half, 18);
+      pen.fillStyle = "#e8edf3";
+      pen.fillText(span.textContent, x, y);
+    }
+    [pen.textAlign, pen.textBaseline] = ["left", "alphabetic"];
+  }
+
+  place(camera, pane, boxes, planar, { names, beside }) {
+    const wide = pane.clientWidth, tall = pane.clientHeight, at = new THREE.Vector3();
+    const put = (span, x, y, visible) => {
+      span.hidden = !visible || x < 0 || x > wide;
+      span.style.left = `${x}px`;
+      span.style.top = `${Math.max(4, Math.min(tall - 24, y))}px`;
+    };
+    for (const { object, span, above } of this.bodies) {
+      object.getWorldPosition(at);
+      const perMetre = tall / (2 * at.distanceTo(camera.position) * Math.tan((camera.fov * Math.PI) / 360));
+      at.project(camera);
+      const lift = above ? above * perMetre + 20 : 10;
+      put(span, ((at.x + 1) / 2) * wide, ((1 - at.y) / 2) * tall - lift, names && at.z < 1 && Math.abs(at.y) < 1);
+    }
+    this.feet.forEach((span, k) => {
+      const [low, high] = boxes[k], foot = planar ? [low[1], 0] : [(low[1] + high[1]) / 2, low[2]];
+      const foot3 = Eye.toThree([(low[0] + high[0]) / 2, ...foot]).project(camera);
+      put(span, ((foot3.x + 1) / 2) * wide, Math.min(tall - 24, ((1 - foot3.y) / 2) * tall), beside);
+    });
+  }
+}

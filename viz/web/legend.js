@@ -1,0 +1,50 @@
+// What is shown in the scene: a box for each layer.
+const LAYERS = [
+  ["names", "names", "#ffffff", "text"], ["traces", "paths of tips and object", COLOURS.target, "line"],
+  ["reference", "reference paths of tips", COLOURS.reference, "thin"],
+  ["forces", "grip forces on the object", COLOURS.force, "arrow"],
+  ["mates", "tips in their mating points", COLOURS.mate, "ring"],
+  ["ghosts", "where bodies began", "#b9c3ce", "box"], ["magnifier", "tip errors, enlarged", "#8fa3b8", "ring"],
+  ["centres", "centres of mass; white: of all", COLOURS.centre, "ring"],
+  ["momenta", "linear momenta", COLOURS.momentum, "arrow"],
+  ["frames", "axes x, y, z: red, green, blue", AXIS_COLOURS[0], "line"],
+];
+const HIDDEN_AT_FIRST = ["centres", "momenta", "frames"];
+
+class Legend {
+  constructor(root, form, onToggle) {
+    [this.root, this.form, this.onToggle] = [root, form, onToggle];
+    this.reset();
+  }
+
+  reset() {
+    this.shown = Object.fromEntries(LAYERS.map(([name]) => [name, !HIDDEN_AT_FIRST.includes(name)]));
+  }
+
+  // Boxes for the layers that are there.
+  load(present) {
+    const boxes = LAYERS.filter(([name]) => present(name)).map(([name, text, colour, shape]) => {
+      const label = element("label"), box = element("input");
+      box.type = "checkbox";
+      box.checked = this.shown[name];
+      box.addEventListener("change", () => {
+        this.shown[name] = box.checked;
+        this.onToggle(name);
+      });
+      label.append(box, mark(colour, shape), text);
+      return label;
+    });
+    this.form.replaceChildren(...boxes);
+    this.root.hidden = boxes.length === 0;
+  }
+
+  // Names of the layers that differ from the beginning, and back.
+  get text() {
+    return LAYERS.map(([name]) => name).filter((name) => this.shown[name] === HIDDEN_AT_FIRST.includes(name)).join(" ");
+  }
+
+  set text(text) {
+    this.reset();
+    for (const name of text.split(" ")) if (name in this.shown) this.shown[name] = !this.shown[name];
+  }
+}

@@ -1,0 +1,28 @@
+// What the page shows, in its address: behind "#", so that a link shows the same and nothing is sent to anybody.
+class Link {
+  // ``read`` gives what is shown as pairs of name and text; ``apply`` shows such pairs again.
+  constructor({ read, apply }) {
+    [this.read, this.apply] = [read, apply];
+    window.addEventListener("hashchange", () => this.follow());
+  }
+
+  follow() {
+    this.apply(new URLSearchParams(location.hash.slice(1)));
+  }
+
+  // Soon, and once for many changes: browsers refuse to note too many.
+  note() {
+    clearTimeout(this.timer);
+    this.timer = setTimeout(() => this.write(), 250);
+  }
+
+  write() {
+    const text = new URLSearchParams(this.read().filter(([, value]) => value !== "" && value !== null)).toString();
+    try {
+      // '/', ':' and ';' may stand in a fragment as they are
+      history.replaceState(null, "", `#${text.replace(/%2F/g, "/").replace(/%3A/g, ":").replace(/%3B/g, ";")}`);
+    } catch {
+      // a page within a page, as in a report, has no address of its own
+    }
+  }
+}

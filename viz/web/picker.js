@@ -1,0 +1,75 @@
+// The list from which signals are chosen: quantities, and the signals of each.
+class SignalPicker {
+  constructor(panel, opener, onChange) {
+    [this.panel, this.opener, this.onChange] = [panel, opener, onChange];
+    this.search = panel.querySelector("input[type=search]");
+    this.list = panel.querySelector(".list");
+    this.search.addEventListener("input", () => this.filter());
+    panel.querySelector(".close").addEventListener("click", () => this.open(false));
+    panel.addEventListener("keydown", (event) => { if (event.key === "Escape") this.open(false); });
+    opener.addEventListener("click", () => this.open(panel.hidden));
+  }
+
+  open(wanted) {
+    this.panel.hidden = !wanted;
+    this.opener.setAttribute("aria-expanded", String(wanted));
+    (wanted ? this.search : this.opener).focus();
+  }
+
+  load(signals) {
+    this.signals = signals;
+    this.opener.disabled = signals.quantities.length === 0;
+    this.groups = signals.quantities.map((quantity) => this.group(quantity));
+    this.list.replaceChildren(...this.groups.map(({ whole }) => whole));
+    this.filter();
+    this.update();
+  }
+
+  group({ title, unit, signals }) {
+    const whole = element("details"), summary = element("summary");
+    const all = this.box(`all of ${title}`, (wanted) => this.signals.choose(title, undefined, wanted));
+    summary.append(all, `${title} [${unit}]`);
+    const boxes = signals.map(({ name, colour }) => {
+      const label = element("label"), box = this.box(name, (wanted) => this.signals.choose(title, name, wanted));
+      label.append(box, mark(colour), name);
+      return { name, box, label };
+    });
+    whole.append(summary, ...boxes.map(({ label }) => label));
+    return { title, whole, all, boxes };
+  }
+
+  box(name, choose) {
+    const box = element("input");
+    box.type = "checkbox";
+    box.setAttribute("aria-label", name);
+    box.addEventListener("click", (event) => event.stopPropagation());
+    box.addEventListener("change", () => {
+      choose(box.checked);
+      this.update();
+      this.onChange();
+    });
+    return box;
+  }
+
+  // What is chosen, in the boxes.
+  update() {
+    for (const { title, all, boxes } of this.groups) {
+      for (const { name, box } of boxes) box.checked = this.signals.isChosen(title, name);
+      const count = boxes.filter(({ box }) => box.checked).length;
+      all.checked = count === boxes.length;
+      all.indeterminate = count > 0 && !all.checked;
+    }
+  }
+
+  filter() {
+    const words = this.search.value.toLowerCase().split(/\s+/).filter(Boolean);
+    for (const { title, whole, boxes } of this.groups || []) {
+      for (const { name, label } of boxes) {
+        const text = `${title} ${name}`.toLowerCase();
+        label.hidden = !words.every((word) => text.includes(word));
+      }
+      whole.hidden = boxes.every(({ label }) => label.hidden);
+      if (words.length) whole.open = !whole.hidden;
+    }
+  }
+}

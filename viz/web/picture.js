@@ -1,0 +1,74 @@
+// The view as files: one picture (PNG), or the motion (GIF). Encoded here; nothing is asked of any network.
+const FILM = { width: 640, perSecond: 12.5, longest: 10, samples: 8 }; // px, 1/s, s, pictures that the colours are chosen by
+
+class Camera {
+  // ``write``: says what is seen, in words, onto a picture; ``seek``: goes to a time.
+  constructor(scene, labels, { seek, words }) {
+    Object.assign(this, { scene, labels, seek, words });
+  }
+
+  // What the pane shows now, as a canvas ``width`` wide.
+  take(width) {
+    const drawn = this.scene.render(), { clientWidth, clientHeight } = this.scene.pane;
+    const canvas = element("canvas"), ratio = width / clientWidth;
+    canvas.width = Math.round(width);
+    canvas.height = Math.round(clientHeight * ratio);
+    const pen = canvas.getContext("2d", { willReadFrequently: true });
+    pen.scale(ratio, ratio);
+    this.sky(pen, clientWidth, clientHeight);
+    pen.drawImage(drawn, 0, 0, clientWidth, clientHeight);
+    this.labels.draw(pen);
+    pen.font = "13px system-ui, 'DejaVu Sans', sans-serif";
+    pen.fillStyle = "#e8edf3";
+    pen.textBaseline = "bottom";
+    pen.fillText(this.words(), 12, clientHeight - 8);
+    return canvas;
+  }
+
+  // The page's background; in step with #stage in page.css.
+  sky(pen, width, height) {
+    const [x, y] = [0.5 * width, 0.4 * height], tall = (0.6 * height) * Math.SQRT2;
+    pen.save();
+    pen.translate(x, y);
+    pen.scale((0.5 * width * Math.SQRT2) / tall, 1);
+    const shade = pen.createRadialGradient(0, 0, 0, 0, 0, tall);
+    [[0, "#4a5d70"], [0.55, "#2a3846"], [1, "#18212b"]].forEach(([at, colour]) => shade.addColorStop(at, colour));
+    pen.fillStyle = shade;
+    pen.fillRect(-4 * width, -4 * height, 8 * width, 8 * height);
+    pen.restore();
+  }
+
+  savePicture(name) {
+    const canvas = this.take(this.scene.pane.clientWidth * (window.devicePixelRatio || 1));
+    save(canvas.toDataURL("image/png"), `${name}.png`);
+  }
+
+  // The whole motion at a speed, at most ten seconds; ``tell`` hears how far it is, ``going`` says whether to go on.
+  async saveFilm(name, { duration, speed, tell, going }) {
+    const lasts = Math.min(FILM.longest, duration / speed), count = Math.max(2, Math.round(lasts * FILM.perSecond) + 1);
+    const width = Math.min(FILM.width, this.scene.pane.clientWidth);
+    const frame = (share) => {
+      this.seek(share * duration);
+      const canvas = this.take(width);
+      return [canvas, canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data];
+    };
+    const samples = Array.from({ length: FILM.samples }, (_, k) => frame(k / (FILM.samples - 1)));
+    const [first] = samples[0];
+    const gif = new Gif(first.width, first.height, new Palette(samples.map(([, pixels]) => pixels)), 100 / FILM.perSecond);
+    for (let k = 0; k < count; k++) {
+      gif.add(frame(k / (count - 1))[1]);
+      tell(`writing the GIF: ${Math.round((100 * (k + 1)) / count)} %`);
+      await new Promise((resume) => setTimeout(resume, 0));
+      if (!going()) return;
+    }
+    const address = URL.createObjectURL(gif.finish());
+    save(address, `${name}.gif`);
+    setTimeout(() => URL.revokeObjectURL(address), 60000);
+  }
+}
+
+function save(address, name) {
+  const link = element("a");
+  [link.href, link.download] = [address, name];
+  link.click();
+}

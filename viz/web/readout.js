@@ -1,0 +1,39 @@
+// Time, and the size of each tip's error.
+class Readout {
+  constructor(root) {
+    this.root = root;
+    this.values = [];
+  }
+
+  // ``colours``: of the runs, where they lie over each other.
+  load(runs, colours) {
+    this.clock = element("div", "", "time");
+    this.values = [];
+    const rows = [this.clock];
+    runs.forEach((run, r) => {
+      if (runs.length > 1) rows.push(this.heading(run.data.label, colours && colours[r]));
+      run.data.tip_names.forEach((name, k) => {
+        const row = element("div", undefined, "tip"), value = element("b");
+        row.append(mark(tipColour(k)), `${name} error `, value);
+        rows.push(row);
+        this.values.push([value, run, k]);
+      });
+    });
+    this.root.replaceChildren(...rows);
+  }
+
+  heading(label, colour) {
+    const row = element("div", undefined, "run");
+    if (colour) row.append(mark(colour, "box solid"));
+    row.append(label);
+    return row;
+  }
+
+  seek(time) {
+    this.clock.textContent = `t = ${time.toFixed(2)} s`;
+    for (const [value, run, k] of this.values) {
+      const past = time > run.end + 1e-9;
+      value.textContent = past ? `diverged after ${run.end.toPrecision(3)} s` : errorSize(1e3 * run.error(k, time));
+    }
+  }
+}

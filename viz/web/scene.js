@@ -1,0 +1,174 @@
+// The scene: runs beside or over each other, layers, camera.
+class Scene {
+  constructor(pane, side, onResize) {
+    this.pane = pane;
+    this.viewer = new MeshCat.Viewer(pane);
+    this.viewer.gui.domElement.style.display = "none";
+    this.viewer.hide_background();
+    this.eye = new Eye(this.viewer, pane, side, () => { this.refit(); onResize(); });
+    this.runs = [];
+    this.over = this.near = false;
+    this.followed = "";
+    this.time = 0;
+    this.light();
+  }
+
+  light() {
+    for (const name of ["PointLightNegativeX", "PointLightPositiveX", "FillLight", "SpotLight"]) {
+      this.viewer.set_property(["Lights", name], "visible", false);
+    }
+    this.viewer.set_property(["Lights", "AmbientLight", "<object>"], "intensity", 0.55);
+    for (const name of ["Grid", "Axes"]) this.viewer.set_property([name], "visible", false);
+    const key = new THREE.DirectionalLight(0xffffff, 0.42), rim = new THREE.DirectionalLight(0xbfd8ff, 0.2);
+    key.position.set(-3, -4, 9);
+    rim.position.set(6, 3, 2);
+    this.viewer.set_object(["Lights", "Key"], key);
+    this.viewer.set_object(["Lights", "Rim"], rim);
+  }
+
+  // ``shown``: whether each layer is, by name; kept, not copied.
+  load(payload, shown) {
+    [this.payload, this.shown] = [payload, shown];
+    this.near = false;
+    this.followed = "";
+    this.time = 0;
+    keepMeshes(payload.meshes);
+    this.build();
+    this.grid();
+    this.arrange();
+  }
+
+  // Objects of all runs; paths, arrows and marks are thin where the camera is close.
+  build() {
+    for (const [k] of this.runs.entries()) this.viewer.delete_path([`run${k}`]);
+    const { scale, longest_arrow: longest, greatest_force: force, runs } = this.payload;
+    const momentum = Math.max(...runs.map(({ masses }) => masses.greatest));
+    const each = (greatest) => (greatest > 0 ? (longest * scale) / greatest : 0);
+    const sizes = { scene: scale, newton: each(force), newtonSecond: each(momentum) };
+    this.runs = runs.map((data, k) => {
+      const run = new Run(data, sizes, this.near ? this.closeness() : 1);
+      this.viewer.set_object([`run${k}`], run.root);
+      return run;
+    });
+    for (const [name] of LAYERS) this.show(name);
+  }
+
+  // How much smaller the close view is than the whole.
+  closeness() {
+    const spans = [0, 1, 2].map((c) => {
+      const values = this.payload.near.map((p) => p[c]);
+      return Math.max(...values) - Math.min(...values);
+    });
+    return Math.min(1, (1.6 * Math.hypot(...spans)) / this.payload.scale);
+  }
+
+  get end() { return Math.max(...this.runs.map((run) => run.end), 1e-9); }
+
+  has(layer) { return this.runs.some((run) => run.layers[layer]?.length > 0); }
+
+  // Bodies that a camera can follow.
+  get bodies() {
+    return this.runs.length ? this.runs[0].data.nodes.filter(({ base }) => base).map(({ body }) => body) : [];
+  }
+
+  // Colours of runs that lie over each other.
+  get colours() {
+    return this.over && this.runs.length > 1 ? this.runs.map((_, k) => RUN_COLOURS[k % RUN_COLOURS.length]) : null;
+  }
+
+  // Close up, or everything.
+  look(near) {
+    this.near = near && this.payload.near.length > 0;
+    this.build();
+    this.arrange();
+  }
+
+  lay(over) {
+    this.over = over;
+    this.arrange();
+  }
+
+  // Lines a round distance apart, below everything: they give the scale.
+  grid() {
+    const [low, high] = this.payload.box, wide = Math.max(high[0] - low[0], high[1] - low[1]);
+    const step = niceStep((wide || this.payload.scale || 1) / 12), half = Math.ceil((4 * wide) / step || 1) * step;
+    const grid = new THREE.GridHelper(2 * half, Math.round((2 * half) / step), COLOURS.grid, COLOURS.grid);
+    grid.rotateX(Math.PI / 2);
+    grid.position.set(Math.round((low[0] + high[0]) / 2 / step) * step, Math.round((low[1] + high[1]) / 2 / step) * step, low[2]);
+    grid.material.transparent = true;
+    grid.material.opacity = 0.16;
+    grid.material.depthWrite = false;
+    this.viewer.set_object(["Scale"], grid);
+    this.spacing = Number(step.toPrecision(3));
+  }
+
+  // What lengths mean, in words.
+  get scale() {
+    const { greatest_force: force, runs } = this.payload;
+    const momentum = Math.max(...runs.map(({ masses }) => masses.greatest));
+    const parts = [`grid ${this.spacing} m`];
+    if (force > 0 && this.shown.forces) parts.push(`longest force ${force.toPrecision(3)} N`);
+    if (momentum > 0 && this.shown.momenta) parts.push(`longest momentum ${momentum.toPrecision(3)} N s`);
+    return parts.join("; ");
+  }
+
+  // Several runs beside each other where most room is, or over each other; the camera sees all of it.
+  arrange() {
+    const [low, high] = this.payload.box, size = [0, 1, 2].map((c) => high[c] - low[c]);
+    const over = this.runs.length < 2 || this.over;
+    const shifts = [[0, 0, 0]];
+    if (!over) shifts[0] = [size[0] * 1.05, 0, 0];
+    if (!over) shifts.push([0, -size[1] * 1.12, 0]);
+    const moved = (shift) => this.runs.map((_, k) => shift.map((v) => k * v));
+    const points = this.near ? this.payload.near : this.payload.reach;
+    const fit = (shift) => this.eye.fit(points, moved(shift), this.payload.planar);
+    const best = shifts.map((shift) => [fit(shift), shift]).sort((a, b) => a[0] - b[0])[0][1];
+    this.boxes = moved(best).map((shift) => [low, high].map((p) => p.map((v, c) => v + shift[c])));
+    this.runs.forEach((run, k) => {
+      run.root.position.set(...best.map((v) => k * v));
+      run.tint(this.colours && this.colours[k], over && k > 0);
+    });
+    fit(best);
+    // fitted to the whole motion: what is followed is followed from its beginning on
+    for (const run of this.runs) run.seek(0);
+    this.eye.hold(this.followedPoint);
+    this.seek(this.time);
+  }
+
+  // What is free has changed; a camera that a user has put somewhere stays there.
+  refit() {
+    if (!this.runs.length) return;
+    if (this.eye.moved) this.eye.aim();
+    else this.arrange();
+    this.viewer.set_dirty();
+  }
+
+  get followedPoint() { return this.followed ? this.runs[0].rootOf(this.followed) : null; }
+
+  // The camera goes with a body of the first run; with nothing if the name is empty.
+  follow(body) {
+    this.followed = this.bodies.includes(body) ? body : "";
+    if (this.eye.moved) this.eye.hold(this.followedPoint); else this.arrange();
+  }
+
+  show(layer) {
+    for (const run of this.runs) if (run.layers[layer]) run.show(layer, this.shown[layer]);
+    this.viewer.set_dirty();
+  }
+
+  seek(time) {
+    this.time = time;
+    for (const run of this.runs) {
+      run.seek(time);
+      for (const layer of ["forces", "momenta"]) if (!this.shown[layer]) run.show(layer, false);
+    }
+    this.eye.follow(this.followedPoint);
+    this.viewer.set_dirty();
+  }
+
+  // Draw now what is to be seen, and give the canvas it is on.
+  render() {
+    this.viewer.render();
+    return this.viewer.renderer.domElement;
+  }
+}
