@@ -36,11 +36,11 @@ def centres_of_mass(scene: Scene, q: Array) -> tuple[Array, Array]:
     centres = np.full((len(q), len(tops), 3), np.nan)
     masses = np.zeros(len(tops))
     for i, configuration in enumerate(q):
-        pin.centerOfMass(model, data, configuration, True)
+        pin.centerOfMass(model, data, configuration, True)  # of each joint's subtree, in the joint's axes
         for k, joints in enumerate(tops):
             masses[k] = sum(data.mass[joint] for joint in joints)
             if masses[k] > 0:
-                centres[i, k] = sum(data.mass[joint] * data.com[joint] for joint in joints) / masses[k]
+                centres[i, k] = sum(data.mass[j] * data.oMi[j].act(data.com[j]) for j in joints) / masses[k]
     return centres, masses
 
 

@@ -103,28 +103,36 @@ class Eye {
     this.viewer.controls.update();
   }
 
-  // Where a user has put it: position and target beside what it follows, six numbers; null if nobody has.
-  get pose() {
-    if (!this.moved) return null;
-    const from = this.anchor || new THREE.Vector3();
-    return [this.viewer.camera.position, this.viewer.controls.target].flatMap((p) => p.clone().sub(from).toArray());
+  // From what is looked at to the eye: distance, and angles from above and around (rad).
+  get arm() {
+    return new THREE.Spherical().setFromVector3(this.viewer.camera.position.clone().sub(this.viewer.controls.target));
   }
 
-  set pose(numbers) {
-    const from = this.anchor || new THREE.Vector3();
-    this.stand(new THREE.Vector3(...numbers.slice(0, 3)).add(from), new THREE.Vector3(...numbers.slice(3)).add(from));
+  set arm(arm) {
+    const target = this.viewer.controls.target.clone();
     this.moved = true;
+    this.stand(new THREE.Vector3().setFromSpherical(arm).add(target), target);
+  }
+
+  // Where a user has put it: what is looked at, beside what is followed, and the arm; null if nobody has.
+  get pose() {
+    if (!this.moved) return null;
+    const { radius, phi, theta } = this.arm, from = this.anchor || new THREE.Vector3();
+    return [...this.viewer.controls.target.clone().sub(from).toArray(), radius, phi, theta];
+  }
+
+  set pose([x, y, z, ...arm]) {
+    this.viewer.controls.target.set(x, y, z).add(this.anchor || new THREE.Vector3());
+    this.arm = new THREE.Spherical(...arm);
   }
 
   // Go round what is looked at (rad), or nearer to it.
   turn(across, up, nearer = 1) {
-    const { camera, controls } = this.viewer, arm = camera.position.clone().sub(controls.target);
-    const round = new THREE.Spherical().setFromVector3(arm);
-    round.theta += across;
-    round.phi = Math.min(Math.PI - 0.01, Math.max(1e-4, round.phi + up));
-    round.radius /= nearer;
-    this.moved = true;
-    this.stand(arm.setFromSpherical(round).add(controls.target), controls.target.clone());
+    const arm = this.arm;
+    arm.theta += across;
+    arm.phi = Math.min(Math.PI - 0.01, Math.max(1e-4, arm.phi + up));
+    arm.radius /= nearer;
+    this.arm = arm;
   }
 
   // Whether a key meant something.

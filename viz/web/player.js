@@ -84,6 +84,7 @@ class Player {
   view(change) {
     change();
     this.speak();
+    this.scene.refit(); // what the words say has another width
     this.timeline.seek(this.timeline.time);
     this.note();
   }
@@ -212,7 +213,7 @@ class Player {
       ["speed", timeline.speed === 1 ? "" : String(timeline.speed)],
       ["arrange", scene.over ? "over" : ""], ["look", scene.near ? "near" : ""], ["follow", scene.followed],
       ["signals", this.signals.text], ["layers", this.legend.text],
-      ["eye", pose && pose.map((value) => Number(value.toPrecision(5))).join(" ")],
+      ["eye", pose && pose.map((value) => Number(value.toPrecision(6))).join(" ")],
     ];
   }
 
@@ -236,6 +237,7 @@ class Player {
     const pose = (wanted.get("eye") || "").split(" ").map(Number);
     if (pose.length === 6 && pose.every(Number.isFinite)) scene.eye.pose = pose;
     this.speak();
+    scene.refit();
     timeline.seek(timeline.time);
     if (wanted.get("play") === "1") timeline.play();
     else if (wanted.has("t") || wanted.get("play") === "0") timeline.pause();

@@ -165,6 +165,8 @@ class Run {
         if (colour) mesh.material.color.lerp(new THREE.Color(colour), 0.7);
         mesh.material.opacity = faint ? 0.55 * opacity : opacity;
         mesh.material.transparent = faint || opacity < 1;
+        // two runs of one planar scene lie in the same planes: the faint one is drawn over the other
+        Object.assign(mesh.material, { polygonOffset: faint, polygonOffsetFactor: -1, polygonOffsetUnits: -8 });
       }
     }
     for (const trace of this.growing) trace.material.color.set(colour || trace.userData.colour);
