@@ -74,10 +74,13 @@ def _add_body(root: Tree, scene: Scene, body: SceneBody) -> None:
     chain = branch.add(f"{len(body.joints)} joints") if body.joints else branch
     by_name = {joint.name: joint for joint in body.description.joints}
     for name, joint in body.config.joints.items():
+        mimic = by_name[name].mimic
         state = f"{joint.offset:g} m" if joint.offset is not None else f"{joint.angle_deg or 0:g} deg"
         child = body.config.links.get(by_name[name].child)
         carries = f", carries {by_name[name].child}" + (f" {child.mass:g} kg" if child else "")
         limit = f", at most {joint.torque_limit:g}" if joint.torque_limit else ""
+        if mimic is not None:
+            state = f"mimics {mimic.joint} ({mimic.multiplier:g} q + {mimic.offset:g})"
         text = f"{name}: {by_name[name].kind}, {state}, resistance {joint.damping or 0:g}{limit}{carries}"
         chain.add(escape(text))
     for tip in scene.tips:

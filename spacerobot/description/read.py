@@ -11,6 +11,7 @@ from spacerobot.description.mimic import settle
 from spacerobot.description.parts import Joint, Link
 from spacerobot.description.syntax import check_syntax, parse_xml
 from spacerobot.description.topology import root_link
+from spacerobot.description.xacro import expand_xacro, needs_xacro
 from spacerobot.errors import DescriptionError
 
 MOST_BYTES = 20_000_000
@@ -26,7 +27,7 @@ class Description:
     name
         Name of the robot.
     path, sha256
-        The file, absolute, and the hash of its bytes in hexadecimal.
+        The file, absolute, and the hash of its bytes in hexadecimal; of a xacro file, of what it expands to.
     root
         Name of the base: the link without a parent.
     links, joints
@@ -90,6 +91,9 @@ def read_description(path: Path | str) -> Description:
     source = Path(path).absolute()
     data = _read_bytes(source)
     tree = parse_xml(data, source)
+    if needs_xacro(tree, source):
+        data = expand_xacro(source)
+        tree = parse_xml(data, source)
     warnings = check_syntax(tree, source)
     robot = parse_urdf(tree, source)
     joints = tuple(convert_joint(joint, source) for joint in robot.joints)

@@ -80,9 +80,6 @@ class _Checker:
         """Check the whole file; see :func:`check_syntax`."""
         if root.tag != "robot":
             raise self._error(root, "is the outermost element; it has to be <robot>")
-        for element in root.iter():
-            if "xacro" in str(element.tag):
-                raise self._error(element, "belongs to xacro; run xacro on the file first")
         self._text(root, "name")
         for kind, check in (("link", self._link), ("joint", self._joint), ("material", self._material)):
             seen: set[str] = set()

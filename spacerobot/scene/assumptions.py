@@ -102,6 +102,10 @@ def _of_body(scene: Scene, body: SceneBody) -> list[str]:
             f"{body.path}.base: placed at ({x:.4f}, {y:.4f}, {z:.4f}) m so that grasp "
             f"{body.base.close_grasp!r} closes"
         )
+    config = scene.scenario.target if body.name == "target" else scene.scenario.robots[body.name]
+    locked = [name for name, joint in (config.joints if config else {}).items() if joint.locked]
+    if locked:
+        found.append(f"{body.path}: locked where they begin: {', '.join(locked)}")
     if not isinstance(body.config, Robot):
         return found
     controlled = any(tip.config.pid or tip.config.orientation_pid for tip in scene.tips if tip.body is body)

@@ -17,6 +17,8 @@ from spacerobot.errors import DescriptionError, ScenarioError
 from spacerobot.scenario import Compliant, Robot, Scenario, Target, Weld
 from spacerobot.scene.scene import Array, Scene, SceneBody, SceneGrasp
 
+MOST_VELOCITIES = 300
+"""Pinocchio's ``Data`` holds 32 bytes for the cube of their number, 0.9 GB for this one."""
 AXIS_TOLERANCE = 1e-9
 PIVOT_TOLERANCE = 1e-10  # of a joint's inertia, left when everything behind it gives way
 PIVOT_TOLERANCE = 1e-10
@@ -63,16 +65,22 @@ def _with_masses(link: Link, given: Any) -> Link:
 
 
 def check_motion(model: Any, *, source: Path | None) -> None:
-    """Refuse a scene in which nothing can move.
+    """Refuse a scene in which nothing can move, or too much.
 
     Raises
     ------
     ScenarioError
-        If there is no joint at all.
+        If there is no joint at all, or more than Pinocchio has memory for.
     """
     if model.nv == 0:
         raise ScenarioError(
             "nothing can move: every base is fixed and no URDF has a moving joint", source=source
+        )
+    if model.nv > MOST_VELOCITIES:
+        raise ScenarioError(
+            f"has {model.nv} velocities, allowed are {MOST_VELOCITIES}: Pinocchio's memory grows with their "
+            "cube, 1 GB there; lock joints by `joints: {NAME: {locked: true}}`",
+            source=source,
         )
 
 

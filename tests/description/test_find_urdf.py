@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 from pathlib import Path
 
@@ -110,6 +111,55 @@ def workspace(tmp_path: Path) -> Path:
 def test_meshes_are_found_or_not(workspace: Path, filename: str, found: str | None) -> None:
     mesh = resolve_mesh(filename, workspace / "arm" / "urdf" / "arm.urdf")
     assert mesh == (workspace / found if found else None)
+
+
+def test_packages_of_the_environment(workspace: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Below an entry of ROS_PACKAGE_PATH, the entry itself, ``share`` of a prefix; near ones go first."""
+    far = workspace.parent.parent / "far" / "robot.urdf"
+    uri, mesh = "package://parts/bolt.obj", workspace / "parts" / "bolt.obj"
+    monkeypatch.delenv("ROS_PACKAGE_PATH", raising=False)
+    monkeypatch.delenv("AMENT_PREFIX_PATH", raising=False)
+    assert resolve_mesh(uri, far) is None
+    for entry in (workspace.parent, workspace, workspace / "parts"):
+        monkeypatch.setenv("ROS_PACKAGE_PATH", f"/none{os.pathsep}{entry}")
+        assert resolve_mesh(uri, far) == mesh
+        assert resolve_mesh("package://parts/../outside.obj", far) is None
+        assert resolve_mesh("package://pa*/bolt.obj", far) is None
+        assert find_urdf(uri, far) == mesh  # of any kind of file
+    shared = workspace.parent / "install" / "share" / "parts"
+    shutil.copytree(workspace / "parts", shared)
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(workspace.parent / "install"))
+    assert resolve_mesh(uri, far) == mesh
+    monkeypatch.delenv("ROS_PACKAGE_PATH")
+    assert resolve_mesh(uri, far) == shared / "bolt.obj"
+    assert resolve_mesh(uri, workspace / "arm" / "a.urdf") == mesh
+    with pytest.raises(DescriptionError, match=r"^package://parts/none\.urdf: no such URDF"):
+        find_urdf("package://parts/none.urdf", far)
+
+
+def test_missing_meshes_are_one_warning_and_unused_collision_meshes_none(tmp_path: Path, urdf) -> None:
+    def shape(kind: str, name: str) -> str:
+        return f'<{kind}><geometry><mesh filename="package://lost/{name}.stl"/></geometry></{kind}>'
+
+    def description(*kinds: str):
+        links = [
+            urdf.link(f"l{i}", urdf.INERTIAL + "".join(shape(kind, f"{kind}{i}") for kind in kinds))
+            for i in range(5)
+        ]
+        return read_description(
+            urdf.write(*links, *(urdf.joint(f"j{i}", "l0", f"l{i}") for i in range(1, 5)))
+        )
+
+    warned = description("visual", "collision")
+    assert warned.warnings == (
+        "a box stands in for mesh 'package://lost/visual0.stl' not found (link l0), "
+        "'package://lost/visual1.stl' not found (link l1), 'package://lost/visual2.stl' not found (link l2) "
+        "and 2 more; packages are looked for above the URDF, in ROS_PACKAGE_PATH and in AMENT_PREFIX_PATH",
+    )
+    assert [(len(link.visuals), len(link.collisions)) for link in warned.links] == [(1, 0)] * 5
+    drawn = description("collision")  # as nothing else is there to draw
+    assert "collision0.stl' not found" in drawn.warnings[0]
+    assert all(link.collisions[0].geometry.kind == "box" for link in drawn.links)
 
 
 def test_meshes_by_absolute_path_and_file_uri(workspace: Path) -> None:

@@ -8,7 +8,7 @@ import re
 import pytest
 
 from spacerobot.errors import ScenarioError
-from spacerobot.scene import load_scene
+from spacerobot.scene import checks, load_scene
 from tests.oracles.small_scenes import ODD_ARM, PLANAR, SPATIAL, folder, small_scene
 
 STILL = {
@@ -220,6 +220,13 @@ def test_a_light_floating_base_is_warned_of_after_all_changes():
     ]
     loose = {"grasps": {}, "robots.two.base": {"joint": "planar"}, "target.base": {"joint": "planar"}}
     assert not light(speck | loose | {"robots.one.base": {"joint": "fixed"}})
+
+
+def test_more_velocities_than_pinocchio_has_memory_for(monkeypatch):
+    monkeypatch.setattr(checks, "MOST_VELOCITIES", 17)
+    with pytest.raises(ScenarioError, match=r"has 18 velocities, allowed are 17: .*locked: true"):
+        small_scene(PLANAR, {"target.base": {"joint": "free_flyer", "close_grasp": "left"}})
+    assert small_scene(PLANAR).model.nv == 15
 
 
 def test_scene_in_which_nothing_moves():
