@@ -228,7 +228,7 @@ def _bars(gains: str, matters: Mapping[str, Any], parameters: list[str]) -> str:
         return ""
     figure = sensitivities(parameters, bars, quantity=metric)
     kind = "total Sobol' index" if entry["kind"] == "sobol" else "rank correlation"
-    figure.axes[0].set_xlabel(f"{kind} with the {quantity_of(metric)} [1]")
+    figure.axes[0].set_xlabel(f"{kind} with the {quantity_of(metric)}")
     return _figure(figure, f"What the {quantity_of(metric)} depends on, gains {gains}")
 
 

@@ -106,7 +106,7 @@ def against_the_paper(subject: Subject) -> str | None:
         ["the paper, GA-tuned (Fig. 10)", *map(_span, FIGURE_10_MM)],
     ]
     for result, label in ours:
-        row = [label]
+        row = [f"simulated: {label}"]
         for (low, high), (least, greatest) in zip(error_bands_mm(result.summary), FIGURE_7_MM, strict=True):
             inside = least <= low and high <= greatest
             verdict = "✓ within Fig. 7" if inside else "✗ wider than Fig. 7"

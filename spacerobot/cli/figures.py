@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -19,6 +19,11 @@ Only = Annotated[
     list[str] | None, typer.Option("--only", metavar="NAME", help="Draw this figure alone. Repeatable.")
 ]
 
+Width = Annotated[
+    Literal["single", "double"],
+    typer.Option("--width", help="For one column of a journal (89 mm) or for two (183 mm)."),
+]
+
 
 def register(app: typer.Typer) -> None:
     """Add the command."""
@@ -31,6 +36,8 @@ Examples:
 
     spacerobot figures out/paper
 
+    spacerobot figures out/paper --width single --only tip_errors
+
     spacerobot figures out/before --compare out/after --out figures --format svg
 """
 
@@ -41,6 +48,7 @@ def command(
     out: Folder = None,
     formats: Formats = "pdf,png",
     only: Only = None,
+    width: Width = "double",
 ) -> None:
     """Write all figures."""
     from spacerobot.result import load
@@ -50,5 +58,5 @@ def command(
     folder = out or result / "figures"
     wanted = [form.strip() for form in formats.split(",") if form.strip()]
     with progress("drawing"):
-        written = save_figures(results[0], folder, *results[1:], formats=wanted, names=only)
+        written = save_figures(results[0], folder, *results[1:], formats=wanted, names=only, width=width)
     console().print(f"{len(written)} files in {folder}", markup=False, soft_wrap=True)

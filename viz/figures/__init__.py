@@ -8,7 +8,7 @@ from viz.figures.docking import docking
 from viz.figures.joints import joints
 from viz.figures.ledger import ledger
 from viz.figures.style import Drawing, to_bytes
-from viz.figures.tips import tip_errors, tip_paths
+from viz.figures.tips import orientation_errors, tip_errors, tip_paths
 from viz.figures.tuning import convergence, data_profiles, running_times, sensitivities
 
 __all__ = [
@@ -28,6 +28,7 @@ __all__ = [
     "ledger",
     "moving_components",
     "object_motion",
+    "orientation_errors",
     "robustness",
     "running_times",
     "save_figures",

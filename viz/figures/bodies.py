@@ -12,6 +12,7 @@ from viz.figures.style import (
     COLOURS,
     DASHES,
     Drawing,
+    below_last,
     labels_of,
     legend_above,
     legend_over,
@@ -64,8 +65,7 @@ def base_motion(result: Result) -> Drawing:
         row[1].set_title(f"base of {robot}, translation")
         for panel in row:
             legend_over(panel, columns=3)
-            panel.label_outer()
-            panel.tick_params(labelleft=True)
+    below_last(axes)
     return figure
 
 
@@ -109,8 +109,6 @@ def grip_forces(result: Result) -> Drawing:
             panel.set_title(f"grasp {grasp}, {text}")
             panel.set_ylabel(f"{text} [{unit}]")
             panel.set_xlabel("time [s]")
-            panel.label_outer()
-            panel.tick_params(labelleft=True)
-            panel.set_ylabel(f"{text} [{unit}]")
+    below_last(axes)
     legend_above(figure, axes[0, 0])
     return figure

@@ -13,8 +13,8 @@ from viz.figures.bodies import base_motion, grip_forces, object_motion
 from viz.figures.docking import docking
 from viz.figures.joints import joints
 from viz.figures.ledger import ledger
-from viz.figures.style import Drawing, to_bytes
-from viz.figures.tips import tip_errors, tip_paths
+from viz.figures.style import Drawing, drawn_for, to_bytes
+from viz.figures.tips import orientation_errors, tip_errors, tip_paths
 
 FORMATS = ("pdf", "svg", "png")
 """Kinds of files a figure can be written as."""
@@ -49,6 +49,11 @@ def _has_tips(result: Result) -> bool:
     return bool(result.data.sizes["tip"])
 
 
+def _controls_orientation(result: Result) -> bool:
+    tips = (tip for robot in result.scenario.robots.values() for tip in robot.tips.values())
+    return any(tip.orientation_pid is not None for tip in tips)
+
+
 def _has_target(result: Result) -> bool:
     return result.scenario.target is not None
 
@@ -57,6 +62,7 @@ KINDS = (
     Kind("tip_paths", "Reference and actual tip paths (as the paper's Fig. 5)", tip_paths, True, _has_tips),
     Kind("object_motion", "Object rotation and translation (Fig. 6)", object_motion, True, _has_target),
     Kind("tip_errors", "Tip errors (Fig. 7 and 10)", tip_errors, True, _has_tips),
+    Kind("orientation_errors", "Orientation errors of tips", orientation_errors, True, _controls_orientation),
     Kind("docking", "The docking, frame by frame (Fig. 8)", docking),
     Kind("base_motion", "Motion of the bases", base_motion),
     Kind(
@@ -126,8 +132,9 @@ def save_figures(
     *others: Result,
     formats: Sequence[str] = ("pdf", "png"),
     names: Sequence[str] | None = None,
+    width: str = "double",
 ) -> list[Path]:
-    """Write all figures of a result, or of several compared.
+    """Write all figures of a result, or of several compared, as wide as one column of a journal or two.
 
     Returns
     -------
@@ -137,16 +144,18 @@ def save_figures(
     Raises
     ------
     ResultError
-        If a format or figure is not known, the results cannot be compared, or a file cannot be written.
+        If a format, figure or width is not known, the results cannot be compared, or a file cannot be
+        written.
     """
     for form in formats:
         if form not in FORMATS:
             raise ResultError(f"no format {form!r}; {near_names(form, FORMATS)}")
     written = []
-    for name, _, drawing in draw_all(result, *others, names=names):
-        for form in formats:
-            path = folder / f"{name}.{form}"
-            write_bytes(path, to_bytes(drawing, form))
-            written.append(path)
+    with drawn_for(width):
+        for name, _, drawing in draw_all(result, *others, names=names):
+            for form in formats:
+                path = folder / f"{name}.{form}"
+                write_bytes(path, to_bytes(drawing, form))
+                written.append(path)
     note_derived([result, *others], written)
     return written

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from spacerobot.result import Result
-from viz.figures.style import COLOURS, Drawing, called, panels, styled
+from viz.figures.style import COLOURS, Drawing, called, is_narrow, styled, width_in
 from viz.geometry import Array
 from viz.motion import Motion, bounds, extremes, pick_rows, sample_motion
 from viz.projection import View, draw_ghosts, draw_nodes, fit, view_of
@@ -23,12 +23,13 @@ def docking(result: Result, *, frames: int = 6) -> Drawing:
     rows = pick_rows(result.data.time.values, rate_hz=1e6, most=frames)
     motion = sample_motion(result, scene, rows)
     points = seen_points(result, motion)
-    columns = min(3, len(rows))
+    columns = min(2 if is_narrow() else 3, len(rows))
     size = np.ptp(view.flat(points), axis=0)
     ratio = float(np.clip(size[1] / (size[0] or 1.0), 0.3, 1.6))
-    width = 7.2 / columns
     lines = -(-len(rows) // columns)
-    figure, axes = panels(lines, columns, height_in=0.88 * width * ratio + 0.15, sharex=True, sharey=True)
+    height = lines * (0.88 * width_in() / columns * ratio + 0.15) + 0.5
+    figure = Drawing(figsize=(width_in(), height), layout="constrained")
+    axes = figure.subplots(lines, columns, squeeze=False, sharex=True, sharey=True)
     for k, panel in enumerate(axes.flat):
         if k >= len(rows):
             panel.remove()

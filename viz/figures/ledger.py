@@ -104,7 +104,7 @@ def _astray(panel: Axes, result: Result) -> None:
     panel.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.0e}"))
     panel.yaxis.set_minor_formatter(NullFormatter())
     panel.set_title("momentum drift, open energy")
-    panel.set_ylabel("relative to the largest [1]")
+    panel.set_ylabel("relative to the largest")
     legend_over(panel, columns=2)
 
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import functools
 import io
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from typing import Any, ParamSpec, TypeVar
 
 import matplotlib as mpl
@@ -12,6 +14,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from spacerobot.errors import ResultError, near_names
 from spacerobot.result import Result
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000", "#7F7F7F")
@@ -23,8 +26,11 @@ DASHES: tuple[Any, ...] = ("-", (0, (5, 2)), (0, (1.5, 1.5)), (0, (6, 1.5, 1.5, 
 PAPER_FILL, PAPER_LINE = "#E8E4D8", "#8C7F5A"
 """The paper's own values, behind ours."""
 
-WIDTH_IN = 7.2
-"""Width of a figure across a page."""
+WIDTHS_MM = {"single": 89.0, "double": 183.0}
+"""Widths of figures in one column, and in two, of a journal's page."""
+
+_LOWER = 0.75  # the share of a panel's height that is left where what stood side by side stands below
+_width = ContextVar("width", default="double")
 
 STYLE: Any = {
     "font.family": "sans-serif",
@@ -89,13 +95,66 @@ def to_bytes(figure: Figure, form: str) -> bytes:
     return buffer.getvalue()
 
 
+@contextmanager
+def drawn_for(width: str) -> Iterator[None]:
+    """Draw figures as wide as one of :data:`WIDTHS_MM`; texts keep their size, panels stand below each other.
+
+    Raises
+    ------
+    ResultError
+        If there is no such width.
+    """
+    if width not in WIDTHS_MM:
+        raise ResultError(f"no width {width!r}; {near_names(width, WIDTHS_MM)}")
+    token = _width.set(width)
+    try:
+        yield
+    finally:
+        _width.reset(token)
+
+
+def width_in() -> float:
+    """Width of figures now, in."""
+    return WIDTHS_MM[_width.get()] / 25.4
+
+
+def is_narrow() -> bool:
+    """Whether figures are drawn for a single column."""
+    return _width.get() == "single"
+
+
 def panels(
-    rows: int, columns: int, *, height_in: float = 1.9, width_in: float = WIDTH_IN, **options: Any
+    rows: int, columns: int, *, height_in: float = 1.9, sharex: bool = False, sharey: bool | str = False
 ) -> tuple[Drawing, np.ndarray[Any, Any]]:
-    """A figure with a grid of panels; ``height_in`` is of one row, ``options`` go to ``subplots``."""
-    figure = Drawing(figsize=(width_in, height_in * rows + 0.5), layout="constrained")
-    axes = figure.subplots(rows, columns, squeeze=False, **options)
+    """A figure with panels (rows, columns); where it is narrow all stand below each other.
+
+    Parameters
+    ----------
+    rows, columns
+        How many.
+    height_in
+        Of one row, in.
+    sharex, sharey
+        Whether axes are the same in all panels, or ``"col"``: in those of a column.
+    """
+    lines, across = (rows * columns, 1) if is_narrow() else (rows, columns)
+    height = height_in * (_LOWER if is_narrow() and columns > 1 else 1.0)
+    figure = Drawing(figsize=(width_in(), height * lines + 0.5), layout="constrained")
+    shared: dict[str, Any] = {"sharex": sharex, "sharey": sharey is True}
+    axes = figure.subplots(lines, across, squeeze=False, **shared).reshape(rows, columns)
+    for column in axes.T if sharey == "col" else ():
+        for panel in column[1:]:
+            panel.sharey(column[0])
     return figure, axes
+
+
+def below_last(axes: np.ndarray[Any, Any]) -> None:
+    """Keep what stands below horizontal axes only under the last panel of each column."""
+    for panel in axes.flat:
+        place = panel.get_subplotspec()
+        if place is not None and not place.is_last_row():
+            panel.set_xlabel("")
+            panel.tick_params(labelbottom=False)
 
 
 def line(index: int) -> dict[str, Any]:
@@ -110,7 +169,7 @@ def legend_above(figure: Figure, *axes: Axes, columns: int = 4) -> None:
         for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):
             named.setdefault(label, handle)
     if named:
-        columns = min(columns, len(named))
+        columns = min(1 if is_narrow() else columns, len(named))
         figure.legend(list(named.values()), list(named), loc="outside upper center", ncols=columns)
 
 
@@ -122,7 +181,8 @@ def legend_over(axes: Axes, *, columns: int = 2) -> None:
         "loc": "lower left",
         "bbox_to_anchor": (-0.02, 0.98),
         "fontsize": 7,
-        "columnspacing": 1.2,
+        "columnspacing": 0.8 if is_narrow() else 1.2,
+        "handlelength": 2.0 if is_narrow() else 2.6,
     }
     axes.legend(ncols=columns, borderaxespad=0.2, **legend)
     axes.set_title(axes.get_title("left"), pad=6 + 10.5 * -(-len(handles) // columns))

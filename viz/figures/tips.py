@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import product
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -15,6 +17,7 @@ from viz.figures.style import (
     PAPER_FILL,
     PAPER_LINE,
     Drawing,
+    below_last,
     labels_of,
     legend_above,
     line,
@@ -23,39 +26,64 @@ from viz.figures.style import (
     styled,
     until,
 )
+from viz.geometry import Array
 
+_FLAT = 1e-3  # of the longest reach: what references leave a plane by without being seen
 _FIGURE_5_PANELS = "abcdefghijklmnopqrstuvwxyz"
 
 
 @styled
 def tip_paths(*results: Result) -> Drawing:
-    """Reference and actual tip paths (Fig. 5): a row for each result, a column for each tip.
+    """Reference and actual tip paths (Fig. 5): a row for each result and plane, a column for each tip.
 
-    In a spatial scene the panels show the two world axes along which the reference reaches farthest. Errors
-    too small to be seen are drawn once more, enlarged.
+    All panels of a row show the same plane of the world, and all panels have one scale. A spatial scene is
+    seen in the plane in which the references reach farthest and, if they leave that, in one with the third
+    axis. Errors too small to be seen are drawn once more, enlarged.
     """
     tips = [str(tip) for tip in results[0].data.tip.values]
-    figure, axes = panels(len(results), len(tips), height_in=3.0)
+    shown = list(product(zip(results, labels_of(results), strict=True), planes(results)))
+    figure, axes = panels(len(shown), len(tips), height_in=3.0)
     letters = iter(_FIGURE_5_PANELS * 4)
-    for row, result, label in zip(axes, results, labels_of(results), strict=True):
+    for row, ((result, label), plane) in zip(axes, shown, strict=True):
         for panel, tip in zip(row, tips, strict=True):
-            _path(panel, result, tip)
+            _path(panel, result, tip, plane)
             title = f"({next(letters)}) {tip}"
             panel.set_title(title if len(results) == 1 else f"{title}, {label}", pad=16)
+    _one_scale(list(axes.flat))
     legend_above(figure, *axes.flat)
     return figure
 
 
-def _path(panel: Axes, result: Result, tip: str) -> None:
+def planes(results: Sequence[Result]) -> list[tuple[int, int]]:
+    """Pairs of world axes in which references are seen: the largest, and a second if needed."""
+    every = [result.data.tip_reference.values for result in results]
+    reach = np.max([np.ptp(paths, axis=0).max(axis=0) for paths in every], axis=0)
+    first, second, third = (int(k) for k in np.argsort(-reach, kind="stable"))
+    found = [(first, second)]
+    if reach[third] > _FLAT * reach[first]:
+        found.append((first, third))
+    return [(min(pair), max(pair)) for pair in found]
+
+
+def _one_scale(axes: Sequence[Axes]) -> None:
+    """Let a metre be as long in all panels, each around its own middle."""
+    wide, high = np.max([panel.dataLim.size for panel in axes], axis=0)
+    for panel in axes:
+        (left, bottom), (right, top) = panel.dataLim.min, panel.dataLim.max
+        across, up = (left + right) / 2, (bottom + top) / 2
+        panel.update_datalim([(across + k * wide / 2, up + k * high / 2) for k in (-1, 1)])
+        panel.autoscale_view()
+
+
+def _path(panel: Axes, result: Result, tip: str, plane: tuple[int, int]) -> None:
     reference = result.data.tip_reference.sel(tip=tip).values
     actual = result.data.tip_position.sel(tip=tip).values
-    reach = np.ptp(reference, axis=0)
-    across, up = (int(k) for k in sorted(np.argsort(-reach, kind="stable")[:2]))
-    names = [str(result.data.axis.values[k]) for k in (across, up)]
+    across, up = plane
+    names = [str(result.data.axis.values[k]) for k in plane]
     panel.plot(reference[:, across], reference[:, up], **line(1), label="reference", linewidth=1.0, zorder=4)
     panel.plot(actual[:, across], actual[:, up], **line(0), label="actual", linewidth=2.2, alpha=0.75)
     greatest = float(np.linalg.norm(result.data.tip_error.sel(tip=tip).values, axis=-1).max())
-    times = enlargement(greatest, float(reach.max()))
+    times = enlargement(greatest, float(np.ptp(reference, axis=0).max()))
     if times > 1:
         shown = reference + times * (actual - reference)
         look = {"linestyle": DASHES[2], "linewidth": 1.0, "color": "#444444"}
@@ -88,41 +116,72 @@ def tip_errors(*results: Result) -> Drawing:
     results, before and after tuning for example, are drawn over each other; a last column then shows the size
     of their errors on a logarithmic scale, on which the smaller ones are seen as well.
     """
-    tips, names = [str(tip) for tip in results[0].data.tip.values], shown_axes(results[0])
-    several = len(results) > 1
+    return _draw(results, _POSITION, shown_axes(results[0]))
+
+
+@styled
+def orientation_errors(*results: Result) -> Drawing:
+    """Orientation errors, rotation vectors from tips to their references, laid out as :func:`tip_errors`."""
+    return _draw(results, _ORIENTATION, ["z"] if "body_angle" in results[0].data else ["x", "y", "z"])
+
+
+class _Error(NamedTuple):
+    """A variable of tips, how many of ``unit`` one of its own makes, and what to call it."""
+
+    variable: str
+    factor: float
+    text: str
+    unit: str
+    about: str
+
+    def of(self, result: Result, tip: str) -> Array:
+        """Errors (nt, 3) of a tip."""
+        return np.asarray(result.data[self.variable].sel(tip=tip).values * self.factor)
+
+
+_POSITION = _Error("tip_error", 1e3, "tip error", "mm", "")
+_ORIENTATION = _Error("tip_orientation_error", 180 / np.pi, "orientation error", "deg", "about ")
+
+
+def _draw(results: Sequence[Result], error: _Error, names: Sequence[str]) -> Drawing:
+    """Errors along (or about) axes: a row for each tip."""
+    tips, several = [str(tip) for tip in results[0].data.tip.values], len(results) > 1
     figure, axes = panels(len(tips), len(names) + several, sharex=True)
     signed = axes[:, : len(names)]
     for panel in signed.flat[1:]:
         panel.sharey(signed[0, 0])
     for row, tip in zip(axes, tips, strict=True):
         for panel, name in zip(row, names, strict=False):
-            _errors(panel, results, tip, name)
+            _errors(panel, results, error, tip, name)
             panel.label_outer()
         if several:
-            _sizes(row[-1], results, tip, last=tip == tips[-1])
-    _limit(signed, results)
+            _sizes(row[-1], results, error, tip)
+    below_last(axes)
+    _limit(signed, results, error)
     legend_above(figure, axes[0, 0], columns=3)
     return figure
 
 
-def _errors(panel: Axes, results: Sequence[Result], tip: str, name: str) -> None:
+def _errors(panel: Axes, results: Sequence[Result], error: _Error, tip: str, name: str) -> None:
     """Errors of a tip along an axis, over the paper's bands."""
-    if results[0].scenario.name == "paper":
+    published = results[0].scenario.name == "paper" and error is _POSITION
+    if published:
         _bands(panel, tip, name)
     for index, (result, label) in enumerate(zip(results, labels_of(results), strict=True)):
-        error = result.data.tip_error.sel(tip=tip, axis=name)
-        panel.plot(result.data.time.values, error.values * 1e3, **line(index), label=label)
+        values = error.of(result, tip)[:, "xyz".index(name)]
+        text = f"simulated: {label}" if published else label
+        panel.plot(result.data.time.values, values, **line(index), label=text)
         until(panel, result)
     panel.axhline(0, color="0.5", linewidth=0.6, zorder=1)
-    panel.set_title(f"{tip}, {name}")
-    panel.set_ylabel("tip error [mm]")
+    panel.set_title(f"{tip}, {error.about}{name}")
+    panel.set_ylabel(f"{error.text} [{error.unit}]")
     panel.set_xlabel("time [s]")
 
 
-def _sizes(panel: Axes, results: Sequence[Result], tip: str, *, last: bool) -> None:
+def _sizes(panel: Axes, results: Sequence[Result], error: _Error, tip: str) -> None:
     """Sizes of a tip's errors, whatever their direction."""
     for index, result in enumerate(results):
-        size = np.linalg.norm(result.data.tip_error.sel(tip=tip).values, axis=-1) * 1e3
+        size = np.linalg.norm(error.of(result, tip), axis=-1)
         # a tip begins on its reference: zeros do not show on a logarithmic axis
         panel.plot(result.data.time.values, np.where(size > 0, size, np.nan), **line(index))
         until(panel, result)
@@ -133,8 +192,8 @@ def _sizes(panel: Axes, results: Sequence[Result], tip: str, *, last: bool) -> N
     panel.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
     panel.yaxis.set_minor_formatter(NullFormatter())
     panel.set_title(f"{tip}, size")
-    panel.set_ylabel("size of tip error [mm]")
-    panel.set_xlabel("time [s]" if last else "")
+    panel.set_ylabel(f"size of {error.text} [{error.unit}]")
+    panel.set_xlabel("time [s]")
 
 
 def _bands(panel: Axes, tip: str, name: str) -> None:
@@ -142,17 +201,20 @@ def _bands(panel: Axes, tip: str, name: str) -> None:
     if (tip, name) not in AXES:
         return
     seventh, tenth = FIGURE_7_MM[AXES.index((tip, name))], FIGURE_10_MM[AXES.index((tip, name))]
-    panel.axhspan(*seventh, color=PAPER_FILL, linewidth=0, label="paper, Fig. 7 (PID + amnesia)", zorder=0)
-    for k, value in enumerate(tenth):
-        label = "paper, Fig. 10 (GA-tuned)" if k == 0 else None
-        panel.axhline(value, color=PAPER_LINE, linewidth=0.8, linestyle=(0, (3, 2)), label=label, zorder=1)
+    fill: dict[str, Any] = {"color": PAPER_FILL, "linewidth": 0, "zorder": 0}
+    panel.axhspan(*seventh, **fill, label="published, Fig. 7 (PID + amnesia)")
+    look: dict[str, Any] = {"color": PAPER_LINE, "linewidth": 0.8, "linestyle": (0, (3, 2)), "zorder": 1}
+    for value, label in zip(tenth, ("published, Fig. 10 (GA-tuned)", None), strict=True):
+        panel.axhline(value, **look, label=label)
 
 
-def _limit(axes: np.ndarray[tuple[int, int], np.dtype[np.object_]], results: Sequence[Result]) -> None:
+def _limit(
+    axes: np.ndarray[tuple[int, int], np.dtype[np.object_]], results: Sequence[Result], error: _Error
+) -> None:
     """Keep what happened before a divergence readable: its last instants leave the panel."""
     if all(result.completed for result in results):
         return
-    values = [result.data.tip_error.values * 1e3 for result in results]
+    values = [result.data[error.variable].values * error.factor for result in results]
     calm = max(
         float(np.abs(v if r.completed else v[: max(2, int(0.8 * len(v)))]).max())
         for v, r in zip(values, results, strict=True)
