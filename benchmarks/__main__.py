@@ -13,7 +13,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks import aba, campaign, process, rollouts
+from benchmarks import aba, campaign, compilation, process, rollouts
 from benchmarks.row import Row
 from spacerobot.compiled import find_toolchain
 from spacerobot.files import write_text
@@ -35,6 +35,7 @@ JOBS: dict[str, Callable[[], list[Row]]] = {
     "gradient": rollouts.gradient,
     "campaign": lambda: [campaign.row()],
     "aba": aba.rows,
+    "compilation": compilation.rows,
     "mujoco": passive_plant,
     "process": process.rows,
 }

@@ -16,6 +16,7 @@ from spacerobot.dynamics.kinematics import (
     point_jacobian,
 )
 from spacerobot.dynamics.momentum import centre_of_mass, kinetic_energy, momentum, subtree, total_mass
+from spacerobot.dynamics.recursive import inverse_dynamics
 from spacerobot.dynamics.rotations import (
     quaternion_from_rotation,
     rotation_exp,
@@ -41,6 +42,7 @@ __all__ = [
     "frame_jacobian",
     "frame_placement",
     "frame_velocity",
+    "inverse_dynamics",
     "kinetic_energy",
     "mass_matrix",
     "momentum",

@@ -152,10 +152,11 @@ class ArticulatedBody:
         moving
             Whether the model's gravity and the inertia forces at its velocity count among the loads.
         """
-        loads = self._loads(wrenches)
+        loads = applied_loads(self.model, self.kinematics, wrenches)
         if moving:
             for joint in self.kinematics.joints:
-                loads[joint.index] = loads[joint.index] - self._inertia_force(joint.index)
+                motion, body = self.kinematics.local[joint.index], self.bodies[joint.index]
+                loads[joint.index] = loads[joint.index] - inertia_force(self.model, motion, body)
         return self._backward(ca.SX(self.model.nv, 1) if tau is None else tau, loads)
 
     def motion(self, reduced: ca.SX) -> ca.SX:
@@ -205,27 +206,6 @@ class ArticulatedBody:
         """
         return self.motion(self.reduced(tau, wrenches, moving=True))
 
-    def _loads(self, wrenches: Iterable[Wrench]) -> list[ca.SX]:
-        """Applied (force, torque about the joint origin) by joint, 6x1 each."""
-        loads = [ca.SX(6, 1)] * self.model.njoints
-        for wrench in wrenches:
-            axes = self.kinematics.local[wrench.joint_id].axes
-            lever = wrench.point - self.kinematics.origin[wrench.joint_id]
-            torque = wrench.torque + cross(lever, wrench.force)
-            load = ca.vertcat(ca.mtimes(axes.T, wrench.force), ca.mtimes(axes.T, torque))
-            loads[wrench.joint_id] = loads[wrench.joint_id] + load
-        return loads
-
-    def _inertia_force(self, index: int) -> ca.SX:
-        """Wrench that the body's motion at zero joint acceleration takes, gravity's share removed, 6x1."""
-        motion = self.kinematics.local[index]
-        mass, moment, rotational = self.bodies[index]
-        gravity = ca.mtimes(motion.axes.T, sparse(self.model.gravity.linear))
-        felt = motion.velocity_bias - gravity
-        force = mass * felt + ca.mtimes(motion.gradient, moment)
-        turning = inertia_torque(rotational, motion.products, motion.gradient, motion.spin_bias)
-        return ca.vertcat(force, cross(moment, felt) + turning)
-
     def _backward(self, efforts: ca.SX, loads: list[ca.SX]) -> ca.SX:
         """Carry loads from the leaves to the roots; what drives each joint, reduced, nv."""
         reduced: list[ca.SX] = []
@@ -241,6 +221,28 @@ class ArticulatedBody:
                 torque = motion.outward(passed[3:]) + cross(motion.arm, force)
                 loads[joint.parent] = loads[joint.parent] + ca.vertcat(force, torque)
         return ca.vertcat(*reversed(reduced))
+
+
+def applied_loads(model: pinocchio.Model, kinematics: Kinematics, wrenches: Iterable[Wrench]) -> list[ca.SX]:
+    """Applied (force, torque about the joint origin) by joint, calculation axes, 6x1 each."""
+    loads = [ca.SX(6, 1)] * model.njoints
+    for wrench in wrenches:
+        axes = kinematics.local[wrench.joint_id].axes
+        lever = wrench.point - kinematics.origin[wrench.joint_id]
+        torque = wrench.torque + cross(lever, wrench.force)
+        load = ca.vertcat(ca.mtimes(axes.T, wrench.force), ca.mtimes(axes.T, torque))
+        loads[wrench.joint_id] = loads[wrench.joint_id] + load
+    return loads
+
+
+def inertia_force(model: pinocchio.Model, motion: LocalMotion, body: tuple[ca.SX, ca.SX, ca.SX]) -> ca.SX:
+    """Wrench that a body's motion at zero joint acceleration takes, gravity's share removed, 6x1."""
+    mass, moment, rotational = body
+    gravity = ca.mtimes(motion.axes.T, sparse(model.gravity.linear))
+    felt = motion.velocity_bias - gravity
+    force = mass * felt + ca.mtimes(motion.gradient, moment)
+    turning = inertia_torque(rotational, motion.products, motion.gradient, motion.spin_bias)
+    return ca.vertcat(force, cross(moment, felt) + turning)
 
 
 def _rigid(mass: ca.SX, moment: ca.SX, rotational: ca.SX) -> ca.SX:

@@ -17,6 +17,7 @@ from spacerobot.dynamics import (
     frame_jacobian,
     frame_placement,
     frame_velocity,
+    inverse_dynamics,
     kinetic_energy,
     mass_matrix,
     momentum,
@@ -102,6 +103,25 @@ def check_forward_dynamics(state):
     assert_close(-mobility, loads.T @ np.hstack([unit, pushed]))
 
 
+def check_inverse_dynamics(state):
+    model, frame = state.model, state.model.nframes - 1
+    q, v, wanted = symbols(model)
+    load = ca.SX.sym("load", 6)
+    kinematics, inertias = forward_kinematics(model, q, v), Inertias.from_model(model)
+    point = frame_placement(model, kinematics, frame)[1]
+    wrench = Wrench(int(model.frames[frame].parentJoint), load[:3], load[3:], point)
+    outputs = [
+        inverse_dynamics(model, kinematics, inertias, wanted),
+        inverse_dynamics(model, kinematics, inertias, wanted, [wrench]),
+    ]
+    free, loaded = evaluate((q, v, wanted, load), outputs, (state.q, state.v, state.tau, state.wrench))
+    data = model.createData()
+    effort = jacobian(model, data, state.q, frame).T @ state.wrench
+    expected = pin.rnea(model, data, state.q, state.v, state.tau)
+    assert_close(free, expected)
+    assert_close(loaded, expected - effort)
+
+
 def check_momentum(state):
     model = state.model
     q, v, _ = symbols(model)
@@ -139,12 +159,14 @@ def test_kinematics_of_random_trees(state):
 @given(random_states())
 def test_forward_dynamics_of_random_trees(state):
     check_forward_dynamics(state)
+    check_inverse_dynamics(state)
 
 
 @settings(TREES, max_examples=20)
 @given(random_states(armature=True))
 def test_rotor_inertia_of_random_trees(state):
     check_forward_dynamics(state)
+    check_inverse_dynamics(state)
     check_momentum(state)
 
 
@@ -157,6 +179,7 @@ def test_momentum_and_energy_of_random_trees(state):
 def test_shipped_robots(shipped_state):
     check_kinematics(shipped_state)
     check_forward_dynamics(shipped_state)
+    check_inverse_dynamics(shipped_state)
     check_momentum(shipped_state)
 
 

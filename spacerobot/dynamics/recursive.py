@@ -1,0 +1,66 @@
+"""Inverse dynamics by the recursive Newton-Euler algorithm (Featherstone 2008, Table 5.1)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import casadi as ca
+import pinocchio
+
+from spacerobot.dynamics.algebra import cross
+from spacerobot.dynamics.articulated import Wrench, applied_loads, inertia_force
+from spacerobot.dynamics.inertias import Inertias, sparse_rotor_inertia
+from spacerobot.dynamics.kinematics import Kinematics
+
+
+def inverse_dynamics(
+    model: pinocchio.Model,
+    kinematics: Kinematics,
+    inertias: Inertias,
+    acceleration: ca.SX,
+    wrenches: Iterable[Wrench] = (),
+    rotor_inertia: ca.SX | None = None,
+) -> ca.SX:
+    """Generalised force that an acceleration takes: ``M a + h - sum J^T f``, with the model's gravity.
+
+    Parameters
+    ----------
+    model, kinematics, inertias
+        The system and its motion.
+    acceleration
+        v-dot in Pinocchio's velocity coordinates, nv; may be sparse.
+    wrenches
+        Applied forces and couples.
+    rotor_inertia
+        Inertia of the rotors reflected to the velocity coordinates, nv; ``None`` takes the model's
+        ``armature``.
+
+    Returns
+    -------
+    casadi.SX
+        Generalised force in velocity coordinates (N, N m), nv.
+    """
+    rotor = sparse_rotor_inertia(model, rotor_inertia)
+    forces = [-load for load in applied_loads(model, kinematics, wrenches)]
+    carried = [ca.SX(6, 1)] * model.njoints  # acceleration beyond that at zero joint acceleration
+    for joint in kinematics.joints:
+        motion = kinematics.local[joint.index]
+        linear, angular = carried[joint.parent][:3], carried[joint.parent][3:]
+        own = ca.mtimes(ca.vertcat(motion.linear, motion.angular), joint.rates(acceleration))
+        passed = ca.vertcat(motion.inward(linear + cross(angular, motion.arm)), motion.inward(angular))
+        carried[joint.index] = passed + own
+        linear, angular = carried[joint.index][:3], carried[joint.index][3:]
+        mass, moment, rotational = inertias.rotated(motion.body, joint.index)
+        force = mass * linear + cross(angular, moment)
+        torque = cross(moment, linear) + ca.mtimes(rotational, angular)
+        bias = inertia_force(model, motion, (mass, moment, rotational))
+        forces[joint.index] = forces[joint.index] + bias + ca.vertcat(force, torque)
+    efforts: list[ca.SX] = []
+    for joint in reversed(kinematics.joints):
+        motion, load = kinematics.local[joint.index], forces[joint.index]
+        reflected = joint.rates(rotor) * joint.rates(acceleration)
+        efforts.append(ca.mtimes(ca.vertcat(motion.linear, motion.angular).T, load) + reflected)
+        force = motion.outward(load[:3])
+        torque = motion.outward(load[3:]) + cross(motion.arm, force)
+        forces[joint.parent] = forces[joint.parent] + ca.vertcat(force, torque)
+    return ca.vertcat(*reversed(efforts))
