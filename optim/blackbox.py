@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -53,6 +53,11 @@ class ResultProblem:
         return Cost()
 
     @property
+    def sample_cost(self) -> Cost:
+        """A rollout."""
+        return Cost(rollouts=1)
+
+    @property
     def fingerprint(self) -> str:
         """The tuning problem's, and the function's name: a changed function needs a new journal folder."""
         name = getattr(self.score, "__qualname__", type(self.score).__qualname__)
@@ -63,6 +68,10 @@ class ResultProblem:
         constraints = self.problem.evaluate(u).constraints if self.constraint_names else np.empty((len(u), 0))
         return Evaluation(np.array([self._score(point) for point in u]), constraints)
 
+    def sample(self, u: Array) -> Evaluation:
+        """Values alone."""
+        return replace(self.evaluate(u), rows=np.empty((len(u), 0)))
+
     def linearise(self, u: Array) -> Linearisation:
         """There is no gradient.
 
@@ -72,6 +81,10 @@ class ResultProblem:
             Always.
         """
         raise SpaceRobotError(f"a function of a result has no gradient (at {u.tolist()})")
+
+    def linearise_all(self, u: Array) -> list[Linearisation]:
+        """As :meth:`linearise`."""
+        return [self.linearise(point) for point in u]
 
     @cached_property
     def _rollout(self) -> Rollout:

@@ -1,7 +1,13 @@
-"""Evolutionary methods through pymoo: GA, differential evolution, PSO and CMA-ES, by one switch."""
+"""Evolutionary methods through pymoo (GA, differential evolution, PSO, CMA-ES), random and Sobol search.
+
+A population that has converged, or no longer improves, is begun anew from another seed until the budget is
+spent. CMA-ES restarts by itself: with a population doubled each time, beside small ones (BIPOP), each ended
+by its own tolerances.
+"""
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,10 +16,15 @@ from typing import Any
 import numpy as np
 
 from optim.protocol import Array, Evaluation, Problem
-from optim.search import Run, Search
+from optim.search import FEASIBLE, Run, Search, better
 from spacerobot.errors import SpaceRobotError, near_names
 
 CMAES_POPULATION = 16  # two groups of eight lanes
+STAGNANT = 30  # generations within which the best must improve
+STAGNANT_FALL = 1e-4  # by so much, relative to it
+SPREAD = 1e-6  # of the unit cube: a population within it has converged
+AT_ONCE = 64  # points that a random or Sobol search tries together
+CMAES_TOLERANCES = {"tolfun": 1e-8, "tolx": 1e-6}  # of the first objectives, and of the unit cube
 DIVERGED = 1e3  # violation that a diverged rollout stands for: behind every other infeasible point
 
 
@@ -42,7 +53,7 @@ class Protocol:
 
 
 def evolve(search: Search, protocol: Protocol) -> Run:
-    """Search with an evolutionary method, named by ``search.method``.
+    """Search with the method that ``search.method`` names, until the budget is spent.
 
     Parameters
     ----------
@@ -54,43 +65,97 @@ def evolve(search: Search, protocol: Protocol) -> Run:
     Returns
     -------
     Run
-        Status ``budget spent``, ``converged`` (CMA-ES alone stops by itself) or ``interrupted``.
+        Status ``budget spent`` or ``interrupted``; the message says how often the population was begun anew.
 
     Raises
     ------
     SpaceRobotError
         If there is no such method.
     """
-    from pymoo.core.evaluator import Evaluator
-    from pymoo.core.termination import NoTermination
-    from pymoo.problems.static import StaticProblem
-
     if search.method not in METHODS:
         raise SpaceRobotError(
             f"no evolutionary method '{search.method}', {near_names(search.method, METHODS)}"
         )
-    shape = _shape(search.problem, penalised=search.method == "cmaes")
-    algorithm = METHODS[search.method](protocol)
-    seed = search.seed + (search.method == "cmaes")  # which takes the time for a seed where it is given 0
-    algorithm.setup(shape, termination=NoTermination(), seed=seed, verbose=False)
-    fitness = _Fitness(penalised=search.method == "cmaes")
-    status = "budget spent"
+    begun = 0
     try:
-        while algorithm.has_next():
-            _anneal(algorithm, protocol, search.cost.rollouts / protocol.budget)
-            asked = algorithm.ask()
-            points = asked.get("X")
-            if search.cost.rollouts + len(points) > protocol.budget:
-                break
-            objective, constraints = fitness(search.evaluate(points))
-            Evaluator().eval(StaticProblem(shape, F=objective, G=constraints), asked)
-            algorithm.tell(infills=asked)
-            search.tell(search.cost.rollouts / protocol.budget)
-        else:
-            status = "converged"
+        if search.method not in POPULATIONS:
+            _try_points(search, protocol)
+            return search.finish("budget spent")
+        while search.cost.rollouts < protocol.budget and _generations(search, protocol, begun):
+            begun += 1
     except KeyboardInterrupt:
-        status = "interrupted"
-    return search.finish(status)
+        return search.finish("interrupted")
+    times = f"begun {begun + 1} times" if begun else ""
+    return search.finish("budget spent", times)
+
+
+def _try_points(search: Search, protocol: Protocol) -> None:
+    """Points of a random or of a scrambled Sobol sequence, one after the other."""
+    from scipy.stats import qmc
+
+    k, rng = len(search.problem.names), np.random.default_rng(search.seed)
+    sobol = qmc.Sobol(k, rng=rng)
+    while search.cost.rollouts < protocol.budget:
+        points = sobol.random(AT_ONCE) if search.method == "sobol" else rng.random((AT_ONCE, k))
+        search.evaluate(points[: protocol.budget - search.cost.rollouts])
+        search.tell(search.cost.rollouts / protocol.budget)
+
+
+def _generations(search: Search, protocol: Protocol, begun: int) -> bool:
+    """One population from its beginning; whether another may follow it."""
+    from pymoo.core.evaluator import Evaluator
+    from pymoo.core.termination import NoTermination
+    from pymoo.problems.static import StaticProblem
+
+    penalised = search.method == "cmaes"
+    shape = _shape(search.problem, penalised=penalised)
+    left = protocol.budget - search.cost.rollouts
+    algorithm = POPULATIONS[search.method](dataclasses.replace(protocol, budget=left))
+    algorithm.setup(shape, termination=NoTermination(), seed=_seed(search, begun), verbose=False)
+    fitness, stagnation = _Fitness(penalised=penalised), _Stagnation()
+    while algorithm.has_next():
+        _anneal(algorithm, protocol, search.cost.rollouts / protocol.budget)
+        asked = algorithm.ask()
+        points = asked.get("X")
+        if search.cost.rollouts + len(points) > protocol.budget:
+            return False
+        found = search.evaluate(points)
+        objective, constraints = fitness(found)
+        Evaluator().eval(StaticProblem(shape, F=objective, G=constraints), asked)
+        algorithm.tell(infills=asked)
+        search.tell(search.cost.rollouts / protocol.budget)
+        if not penalised and stagnation(algorithm.pop.get("X"), found):
+            break
+    return True
+
+
+def _seed(search: Search, begun: int) -> int:
+    """Seed of a population; never 0, for which CMA-ES takes the time."""
+    if begun == 0:
+        return search.seed + (search.method == "cmaes")
+    return int(np.random.default_rng([search.seed, begun]).integers(1, 2**31))
+
+
+class _Stagnation:
+    """Says when a population has converged or no longer improves."""
+
+    def __init__(self) -> None:
+        self._objective, self._violation, self._idle = np.inf, np.inf, 0
+
+    def __call__(self, population: Array, found: Evaluation) -> bool:
+        violation = found.violation
+        i = int(np.lexsort((found.objective, np.maximum(violation, FEASIBLE)))[0])
+        value, excess = float(found.objective[i]), float(violation[i])
+        wanted = self._objective if np.isinf(self._objective) else self._objective - self._least_fall
+        self._idle += 1
+        if np.isfinite(excess) and better(value, excess, wanted, (1 - STAGNANT_FALL) * self._violation):
+            self._objective, self._violation, self._idle = value, excess, 0
+        spread = float((population.max(axis=0) - population.min(axis=0)).max())
+        return self._idle >= STAGNANT or spread < SPREAD
+
+    @property
+    def _least_fall(self) -> float:
+        return STAGNANT_FALL * abs(self._objective)
 
 
 class _Fitness:
@@ -98,15 +163,17 @@ class _Fitness:
 
     def __init__(self, *, penalised: bool) -> None:
         self._penalised = penalised
-        self._worst = 1.0
+        self._worst, self._scale = 1.0, 0.0
 
     def __call__(self, found: Evaluation) -> tuple[Array, Array]:
         lost = ~np.isfinite(found.violation)
         finite = found.objective[~lost]
         self._worst = max(self._worst, float(np.abs(finite).max(initial=0.0)))
+        self._scale = self._scale or float(np.abs(finite).max(initial=0.0))
         if self._penalised:
             violation = np.where(lost, DIVERGED, found.violation)
             value = np.where(violation > 0, self._worst * (2 + violation), found.objective)
+            value = value / (self._scale or 1.0)
             return value[:, None], np.empty((len(value), 0))
         value = np.where(lost, self._worst * DIVERGED, found.objective)
         constraints = np.where(lost[:, None], DIVERGED, found.constraints)
@@ -161,8 +228,16 @@ def _pso(protocol: Protocol) -> Any:
 def _cmaes(protocol: Protocol) -> Any:
     from pymoo.algorithms.soo.nonconvex.cmaes import CMAES
 
-    return CMAES(sigma=0.3, restarts=9, pop_size=CMAES_POPULATION, maxfevals=protocol.budget)
+    return CMAES(
+        sigma=0.3,
+        restarts=9,
+        bipop=True,
+        pop_size=CMAES_POPULATION,
+        maxfevals=protocol.budget,
+        **CMAES_TOLERANCES,
+    )
 
 
-METHODS: dict[str, Callable[[Protocol], Any]] = {"ga": _ga, "de": _de, "pso": _pso, "cmaes": _cmaes}
+POPULATIONS: dict[str, Callable[[Protocol], Any]] = {"ga": _ga, "de": _de, "pso": _pso, "cmaes": _cmaes}
 """Makers of pymoo's algorithms, by name."""
+METHODS = (*POPULATIONS, "sobol", "random")

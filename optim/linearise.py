@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -14,25 +15,32 @@ from spacerobot.rollout import Jacobian
 if TYPE_CHECKING:
     from optim.problem import TuningProblem
 
-WINDOWS = 250  # rows of a minimax problem: for each error the largest and the least value in so many windows
+
+def linearise_all(problem: TuningProblem, u: Array) -> list[Linearisation]:
+    """Objective, constraints and their exact derivatives at points u (N, k) of the unit cube.
+
+    By the adjoint, in lanes, where only the objective's gradient is needed, else by forward sensitivities.
+    Values are NaN where the rollout diverged.
+    """
+    if problem.form != "smooth" or problem.terms.limits:
+        return [linearise(problem, point) for point in u]
+    found = problem.rollout.gradient_batch(
+        problem.names, problem.variables.values(u), costs=[OBJECTIVE], threads=1
+    )
+    slopes = np.array([problem.variables.slope(point) for point in u])
+    gradients = found.gradients[OBJECTIVE] * slopes
+    return [_plain(float(found.costs[OBJECTIVE][i]), gradients[i]) for i in range(len(u))]
 
 
 def linearise(problem: TuningProblem, u: Array) -> Linearisation:
-    """Objective, constraints and their exact derivatives at one point u (k,) of the unit cube.
-
-    By the adjoint where only the objective's gradient is needed, else by forward sensitivities. Values are
-    NaN where the rollout diverged.
-    """
-    values = dict(zip(problem.names, problem.variables.values(u), strict=True))
-    slope = problem.variables.slope(u)
+    """The same at one point u (k,)."""
     if problem.form == "smooth" and not problem.terms.limits:
-        found = problem.rollout.value_and_gradient(values, wrt=problem.names, costs=[OBJECTIVE])
-        return _plain(float(found.costs[OBJECTIVE]), found.gradients[OBJECTIVE] * slope)
-    outputs = [*problem.terms.residuals] + (["tip_error"] if problem.form == "minimax" else [])
-    jacobian = problem.rollout.jacobian(values, wrt=problem.names, outputs=tuple(dict.fromkeys(outputs)))
+        return linearise_all(problem, u[None])[0]
+    values = dict(zip(problem.names, problem.variables.values(u), strict=True))
+    jacobian = problem.rollout.jacobian(values, wrt=problem.names, outputs=sampled_outputs(problem))
     if jacobian.trajectory.status != "completed":
         return _nothing(len(problem.constraint_names), len(u))
-    return _assembled(problem, jacobian, slope)
+    return _assembled(problem, jacobian, problem.variables.slope(u))
 
 
 def _assembled(problem: TuningProblem, jacobian: Jacobian, slope: Array) -> Linearisation:
@@ -42,11 +50,14 @@ def _assembled(problem: TuningProblem, jacobian: Jacobian, slope: Array) -> Line
     limits = problem.terms.limits
     g = np.concatenate([np.empty(0), *(measures[n] / limit - 1 for n, limit in limits.items())])
     dg = np.concatenate([np.empty((0, k)), *(jacobian.measures[n] / limit for n, limit in limits.items())])
-    rows, rows_jacobian = _rows(problem, jacobian)
+    rows = rows_of(problem, jacobian.trajectory.outputs)
+    moved = {name: np.moveaxis(values, -1, 0) for name, values in jacobian.outputs.items()}
+    rows_jacobian = rows_of(problem, moved).T * slope if len(rows) else np.empty((0, k))
     smooth, smooth_gradient = value, gradient
     if problem.form == "minimax":
-        smooth, smooth_gradient = _beside_peak(problem, jacobian, value, gradient, slope)
-    return Linearisation(value, gradient, g, dg * slope, rows, rows_jacobian * slope, smooth, smooth_gradient)
+        worst = int(rows.argmax())
+        smooth, smooth_gradient = value - float(rows[worst]), gradient - rows_jacobian[worst]
+    return Linearisation(value, gradient, g, dg * slope, rows, rows_jacobian, smooth, smooth_gradient)
 
 
 def _gradient(problem: TuningProblem, jacobian: Jacobian) -> Array:
@@ -58,50 +69,31 @@ def _gradient(problem: TuningProblem, jacobian: Jacobian) -> Array:
     return np.asarray(towards @ slopes, dtype=np.float64)
 
 
-def _peak_weight(problem: TuningProblem) -> float:
-    """Factor of the largest error in a minimax objective."""
-    tuning = problem.scene.scenario.tuning
-    return 1.0 if tuning is None else tuning.objective.weight
+def sampled_outputs(problem: TuningProblem) -> tuple[str, ...]:
+    """Outputs whose samples the objective is made of."""
+    outputs = [*problem.terms.residuals] + (["tip_error"] if problem.form == "minimax" else [])
+    return tuple(dict.fromkeys(outputs))
 
 
-def _beside_peak(
-    problem: TuningProblem, jacobian: Jacobian, value: float, gradient: Array, slope: Array
-) -> tuple[float, Array]:
-    """What a minimax objective holds beside the largest error."""
-    weight, peaks = _peak_weight(problem), jacobian.trajectory.measures["tip_error_peak"]
-    worst = int(np.argmax(peaks))
-    own = weight * jacobian.measures["tip_error_peak"][worst] * slope
-    return value - weight * float(peaks[worst]), gradient - own
+def rows_of(problem: TuningProblem, outputs: Mapping[str, Array]) -> Array:
+    """Rows (..., n) of sampled outputs (..., nt, c), or of their derivatives; see :class:`Linearisation`.
 
-
-def _rows(problem: TuningProblem, jacobian: Jacobian) -> tuple[Array, Array]:
-    k = len(problem.names)
+    A minimax problem has each error twice, with either sign, one after the other over time.
+    """
     if problem.form == "smooth":
-        return np.empty(0), np.empty((0, k))
+        return np.empty(0)
     if problem.form == "minimax":
-        return _window_peaks(problem, jacobian)
+        tuning = problem.scene.scenario.tuning
+        weight = 1.0 if tuning is None else tuning.objective.weight
+        error = weight * np.swapaxes(outputs["tip_error"][..., error_rows(problem.scene)], -1, -2)
+        flat = error.reshape(*error.shape[:-2], -1)
+        return np.concatenate([flat, -flat], axis=-1)
     step = problem.rollout.grid.duration_s / problem.rollout.grid.intervals
-    rows, slopes = [], []
+    rows = []
     for name, (weight, factor) in problem.terms.residuals.items():
-        scale = np.sqrt(weight * step) * factor
-        rows.append((jacobian.trajectory.outputs[name] * scale).ravel())
-        slopes.append((jacobian.outputs[name] * scale[:, None]).reshape(-1, k))
-    return np.concatenate(rows), np.concatenate(slopes)
-
-
-def _window_peaks(problem: TuningProblem, jacobian: Jacobian) -> tuple[Array, Array]:
-    """Largest and least value of each error in each window of time, and its derivative there."""
-    columns, weight = error_rows(problem.scene), _peak_weight(problem)
-    error = weight * jacobian.trajectory.outputs["tip_error"][:, columns]
-    slope = weight * jacobian.outputs["tip_error"][:, columns]
-    rows, slopes = [], []
-    for part in np.array_split(np.arange(len(error)), min(WINDOWS, len(error))):
-        for sign in (1, -1):
-            when = part[(sign * error[part]).argmax(axis=0)]
-            each = np.arange(error.shape[1])
-            rows.append(sign * error[when, each])
-            slopes.append(sign * slope[when, each])
-    return np.concatenate(rows), np.concatenate(slopes)
+        scaled = outputs[name] * (np.sqrt(weight * step) * factor)
+        rows.append(scaled.reshape(*scaled.shape[:-2], -1))
+    return np.concatenate(rows, axis=-1)
 
 
 def _plain(value: float, gradient: Array) -> Linearisation:

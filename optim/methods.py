@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -15,7 +15,7 @@ from optim.checkpoint import Journal
 from optim.evolutionary import METHODS as EVOLUTIONARY
 from optim.evolutionary import Protocol, evolve
 from optim.manual import manual
-from optim.nlp import NlpSettings, choose_starts, solve
+from optim.nlp import NlpSettings, solve, solve_from_many
 from optim.problem import TuningProblem
 from optim.protocol import Array, Problem
 from optim.search import Progress, Run, Search, better
@@ -36,8 +36,8 @@ class Effort:
         Of the evolutionary methods.
     rivals
         Protocol of those that are not the GA.
-    nlp, starts
-        Of the NLP.
+    nlp, starts, repeats
+        Of the NLP: how it works, from how many starts, and how often all over with another seed.
     seed
         Everything random follows from it.
     """
@@ -48,6 +48,7 @@ class Effort:
     nlp: NlpSettings = field(default_factory=NlpSettings)
     starts: int = 4
     seed: int = 0
+    repeats: int = 1
 
 
 def effort_of(tuning: Tuning, **changes: int | None) -> Effort:
@@ -58,7 +59,8 @@ def effort_of(tuning: Tuning, **changes: int | None) -> Effort:
     tuning
         The section.
     **changes
-        ``budget``, ``rival_budget``, ``runs``, ``starts``, ``seed`` in its place; None leaves it.
+        ``budget``, ``rival_budget``, ``runs``, ``starts``, ``seed`` and ``repeats`` in its place; None
+        leaves it.
     """
     asked = {name: value for name, value in changes.items() if value is not None}
     whole = Protocol(population=tuning.population, budget=asked.get("budget", tuning.budget))
@@ -71,6 +73,7 @@ def effort_of(tuning: Tuning, **changes: int | None) -> Effort:
         NlpSettings(iterations=tuning.iterations),
         asked.get("starts", tuning.starts),
         asked.get("seed", tuning.seed),
+        asked.get("repeats", 1),
     )
 
 
@@ -83,7 +86,7 @@ class Outcome:
     method
         Its name.
     runs
-        Every run, in order; a run of ``nlp`` named ``screening`` only looked for starts.
+        Every run, in order.
     """
 
     method: str
@@ -101,17 +104,9 @@ class Outcome:
         return best
 
     @property
-    def searches(self) -> tuple[Run, ...]:
-        """Runs that are searches of their own, screening left out."""
-        return tuple(run for run in self.runs if run.status != SCREENED)
-
-    @property
     def interrupted(self) -> bool:
         """Whether it was stopped before its end."""
         return any(run.status == "interrupted" for run in self.runs)
-
-
-SCREENED = "screened"
 
 
 def run_method(
@@ -158,17 +153,9 @@ def run_method(
         return Outcome(method, (manual(begin(method, 0, 0, ""), problem),))
     if method in EVOLUTIONARY:
         return Outcome(method, tuple(staff.together(_evolutions(begin, method, effort))))
-    if method == "nlp_ga":
-        if first is None:
-            raise SpaceRobotError("nlp_ga starts from the GA's best: run ga too")
-        return Outcome(method, tuple(staff.together(_solutions(begin, method, [first], effort))))
-    screen = begin("screen", 0, effort.seed, repr((effort.nlp.screen, effort.starts)))
-    try:
-        starts = choose_starts(screen, effort.starts, effort.nlp)
-    except KeyboardInterrupt:
-        return Outcome(method, (screen.finish("interrupted"),))
-    screened = (screen.finish(SCREENED, "looked for starts"),) if screen.cost.rollouts else ()
-    return Outcome(method, (*screened, *staff.together(_solutions(begin, method, starts, effort))))
+    if method == "nlp_ga" and first is None:
+        raise SpaceRobotError("nlp_ga starts from the GA's best: run ga too")
+    return Outcome(method, tuple(staff.together(_solutions(begin, method, first, effort))))
 
 
 @dataclass(frozen=True)
@@ -197,10 +184,15 @@ def _evolutions(begin: Begin, method: str, effort: Effort) -> list[Callable[[], 
     return [partial(run, i) for i in range(effort.runs)]
 
 
-def _solutions(begin: Begin, method: str, starts: Sequence[Array], effort: Effort) -> list[Callable[[], Run]]:
-    def run(index: int) -> Run:
-        start = starts[index]
-        search = begin(method, index, effort.seed, effort.nlp.fingerprint(start))
-        return solve(search, start, effort.nlp, warm=method == "nlp_ga")
+def _solutions(begin: Begin, method: str, first: Array | None, effort: Effort) -> list[Callable[[], Run]]:
+    def from_first() -> Run:
+        assert first is not None
+        search = begin(method, 0, effort.seed, effort.nlp.fingerprint(first.tolist()))
+        return solve(search, first, effort.nlp, warm=True)
 
-    return [partial(run, i) for i in range(len(starts))]
+    def from_many(index: int) -> Run:
+        seed = effort.seed + index
+        search = begin(method, index, seed, effort.nlp.fingerprint(effort.starts))
+        return solve_from_many(search, effort.nlp, effort.starts)
+
+    return [from_first] if method == "nlp_ga" else [partial(from_many, i) for i in range(effort.repeats)]

@@ -1,39 +1,22 @@
-"""Nonlinear programming with IPOPT from one start or several, over exact gradients."""
+"""Nonlinear programming from one start or several: descents in lockstep, their rollouts in lanes."""
 
 from __future__ import annotations
 
-import dataclasses
 import hashlib
-import signal
-import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from optim.descent import Ask, Ended, Manner, descend
 from optim.kkt import kkt_residual
-from optim.protocol import Array, Evaluation, Linearisation
+from optim.model import Point
+from optim.protocol import Array, Cost, Linearisation
 from optim.search import FEASIBLE, Run, Search
-from optim.shooting import Shooting, Solution
 
-OPTIMAL = 1e-4  # first-order residual from which a point that no longer improves counts as an optimum
-FAR = 1e-2  # residual from which it does not: a nearly optimal start then gets as many iterations again
-CALM = 3  # iterations without improvement after which the residual is looked at
-ROUND_GAIN = 3.0  # IPOPT is started again, scaled anew, after a round that divided the objective by this
-
-STATUS = {
-    "Solve_Succeeded": ("converged", "first-order conditions met"),
-    "Solved_To_Acceptable_Level": ("converged", "first-order conditions met, more loosely than asked for"),
-    "User_Requested_Stop": ("settled", "no further improvement"),
-    "Maximum_Iterations_Exceeded": ("iterations spent", "the best point so far is kept"),
-    "Search_Direction_Becomes_Too_Small": ("settled", "steps became too small to change anything"),
-    "Infeasible_Problem_Detected": ("infeasible", "no nearby point meets the constraints"),
-    "Restoration_Failed": ("failed", "no step was found that meets the constraints better; likely at a kink"),
-    "Invalid_Number_Detected": ("failed", "the rollout diverges at the start or at every step from it"),
-    "Error_In_Step_Computation": ("failed", "no step could be computed; the problem is badly scaled here"),
-    "Diverging_Iterates": ("failed", "the iterates left every bound"),
-}
+GRADIENT, SLOPE = 4.0, 3.0  # rollouts that they cost, about: decides where derivatives come from
+RADIUS, WARM_RADIUS = 0.1, 0.02  # of the first step
+APART = 0.1  # of the unit cube: starts are at least so far from one another, and from optima found
 
 
 @dataclass(frozen=True)
@@ -45,29 +28,25 @@ class NlpSettings:
     iterations
         At most, from one start.
     tolerance
-        Of the first-order conditions, relative to the objective at the start.
-    patience, improvement
-        Stop after so many iterations without a relative improvement of the best point by so much.
-    rounds
-        IPOPT is started again from where it ended, scaled anew, after a round that gained much.
+        Predicted fall of the objective, relative to its value, at which a descent ends.
     screen
-        Points of a Sobol sequence that are tried, in one batch, to choose starts from.
+        Points of a Sobol sequence that are tried for each start.
+    budget
+        Rollouts (gradients counted as four, slopes as three) after which the search ends; no limit if None.
     """
 
     iterations: int = 100
-    tolerance: float = 1e-5
-    patience: int = 10
-    improvement: float = 1e-3
-    rounds: int = 4
-    screen: int = 64
+    tolerance: float = 1e-4
+    screen: int = 8
+    budget: int | None = None
 
-    def fingerprint(self, start: Array) -> str:
+    def fingerprint(self, *others: object) -> str:
         """What a journal of such a run depends on beside the problem."""
-        return hashlib.sha256(repr((self, start.tolist())).encode()).hexdigest()
+        return hashlib.sha256(repr((self, *others)).encode()).hexdigest()
 
 
 def solve(search: Search, start: Array, settings: NlpSettings, *, warm: bool = False) -> Run:
-    """Search with IPOPT from one start.
+    """Descend from one start.
 
     Parameters
     ----------
@@ -78,181 +57,182 @@ def solve(search: Search, start: Array, settings: NlpSettings, *, warm: bool = F
     settings
         How.
     warm
-        Whether the start is nearly optimal: IPOPT then keeps close to it, also to bounds, and is given twice
-        the patience.
+        Whether the start is nearly optimal: first steps are then short.
 
     Returns
     -------
     Run
-        Never worse than the start; its status and message say how IPOPT ended, its ``kkt`` how well.
+        Never worse than the start; its status and message say how it ended, its ``kkt`` how well.
     """
-    u, found, guard = start, None, None
-    if warm:
-        settings = dataclasses.replace(settings, patience=2 * settings.patience)
+    multi = _MultiStart(search, settings, WARM_RADIUS if warm else RADIUS)
     try:
-        for attempt in range(settings.rounds):
-            first = search.linearise(u)
-            guard = guard or _Guard(search, settings, first, warm=warm)
-            if not np.isfinite(first.as_evaluation().violation[0]):
-                return search.finish("failed", "the rollout diverges at the start")
-            shooting = Shooting(search.problem.form, guard.linearise, first)
-            with guard.deferring():
-                found = shooting.solve(
-                    u, _options(settings, guard.left, warm=warm or attempt > 0), guard.stop
-                )
-            if guard.interrupted:
-                return search.finish("interrupted")
-            if guard.left <= 0 or not 0 < ROUND_GAIN * search.objective < first.objective:
-                break
-            u = search.u
-            guard.rest()
+        multi.together(multi.screened(start[None]))
     except KeyboardInterrupt:
         return search.finish("interrupted")
-    return _finish(search, found, guard)
+    return multi.finish()
 
 
-def _finish(search: Search, found: Solution | None, guard: _Guard | None) -> Run:
-    """The run, its first-order conditions judged at the best point (not where IPOPT happened to stop)."""
-    if found is None or guard is None:
-        return search.finish("failed", "no iteration was asked for")
-    status, meaning = STATUS.get(found.status, ("failed", "see IPOPT's own documentation"))
-    if guard.optimal:
-        status, meaning = "converged", "first-order conditions met"
-    kkt = None
-    if np.isfinite(search.objective):
-        at = search.linearise(search.u)
-        kkt = kkt_residual(search.u, at, search.problem.form)
-    message = f"{meaning} ({found.status}, {guard.iterations} iterations)"
-    if np.isfinite(search.violation) and not search.feasible:
-        message = f"a constraint is passed by {100 * search.violation:.3g} %; {message}"
-    return search.finish(status, message, kkt=kkt)
+def solve_from_many(search: Search, settings: NlpSettings, starts: int) -> Run:
+    """Descend from several starts: the scenario's own point and a Sobol sequence are screened for the best.
 
-
-def _options(settings: NlpSettings, iterations: int, *, warm: bool) -> dict[str, object]:
-    more: dict[str, object] = {"mu_init": 1e-3, "bound_push": 1e-4, "bound_frac": 1e-4} if warm else {}
-    return more | {
-        "print_level": 0,
-        "sb": "yes",
-        "tol": settings.tolerance,
-        "acceptable_tol": 30 * settings.tolerance,
-        "acceptable_iter": 5,
-        "max_iter": iterations,
-        "mu_strategy": "adaptive",
-        "bound_relax_factor": 0.0,
-        "nlp_scaling_method": "none",
-    }
-
-
-_ARRAYS = ("gradient", "constraints", "constraint_jacobian", "rows", "rows_jacobian", "smooth_gradient")
-
-
-class _Guard:
-    """Stands between IPOPT and the search: no exception may cross it, and stalling ends the search."""
-
-    def __init__(self, search: Search, settings: NlpSettings, first: Linearisation, *, warm: bool) -> None:
-        self._search, self._settings, self._last = search, settings, first
-        self._at_best, self._warm, self._extended = first, warm, False
-        self.optimal = False
-        self.iterations, self._since, self._best = 0, 0, np.inf
-        self._reached = np.inf  # by IPOPT itself, which leaves a start near a bound for the inside
-        self._violation, self._least = np.inf, np.inf  # while no point has met the constraints yet
-        self.interrupted = False
-
-    @property
-    def left(self) -> int:
-        """Iterations that may still be done."""
-        return self._settings.iterations - self.iterations
-
-    def rest(self) -> None:
-        """Begin to count iterations without improvement anew."""
-        self._since = 0
-
-    def linearise(self, u: Array) -> Linearisation:
-        """The search's own; without values where the rollout diverged, and once it was interrupted."""
-        try:
-            if not self.interrupted:
-                found = self._search.linearise(u)
-                if np.array_equal(self._search.u, u):
-                    self._at_best = found
-                violation = float(found.as_evaluation().violation[0])
-                self._violation = min(self._violation, violation)
-                if violation <= FEASIBLE:
-                    self._reached = min(self._reached, found.objective)
-                if np.isfinite(violation):
-                    self._last = found
-                    return found
-        except KeyboardInterrupt:
-            self.interrupted = True
-        nothing = {name: np.full_like(getattr(self._last, name), np.nan) for name in _ARRAYS}
-        return dataclasses.replace(self._last, objective=np.nan, smooth=np.nan, **nothing)
-
-    @contextmanager
-    def deferring(self) -> Iterator[None]:
-        """While IPOPT runs, Ctrl-C asks it to stop: an exception would be lost on its way through C++."""
-        if threading.current_thread() is not threading.main_thread():
-            yield
-            return
-
-        def interrupt(_signal: int, _frame: object) -> None:
-            self.interrupted = True
-
-        before = signal.signal(signal.SIGINT, interrupt)
-        try:
-            yield
-        finally:
-            signal.signal(signal.SIGINT, before if before is not None else signal.default_int_handler)
-
-    def stop(self) -> bool:
-        """Whether IPOPT shall end, asked after each iteration."""
-        self.iterations += 1
-        search, settings = self._search, self._settings
-        search.tell(min(1.0, self.iterations / settings.iterations))
-        self._since = 0 if self._improved() else self._since + 1
-        if search.feasible and self._since >= (settings.patience if self._warm else CALM):
-            residual = kkt_residual(search.u, self._at_best, search.problem.form)
-            self.optimal = residual <= OPTIMAL
-            if self._warm and not self._extended and residual > FAR:
-                self._since, self._extended = 0, True
-        return self.interrupted or self.optimal or self._since >= settings.patience
-
-    def _improved(self) -> bool:
-        """Whether the best point became better by enough; the least infeasible one until one is feasible."""
-        gain = self._settings.improvement
-        if not np.isfinite(self._reached):
-            better = self._violation < self._least * (1 - gain)
-            self._least = self._violation if better else self._least
-            return better
-        better = not self._reached >= self._best * (1 - np.sign(self._best) * gain)
-        self._best = self._reached if better else self._best
-        return better
-
-
-def choose_starts(search: Search, count: int, settings: NlpSettings) -> list[Array]:
-    """Starts that are good and far apart: the problem's own, then the best of a screened Sobol sequence.
+    One descent goes first; 2, 4, ... follow side by side, from the best screened points that lie apart from
+    earlier starts and from the optima found, until there were so many starts or the budget is spent.
 
     Parameters
     ----------
     search
         What evaluates; its seed scrambles the sequence.
-    count
-        How many; a single one is the problem's own, and nothing is screened.
     settings
-        How many points are screened.
+        How.
+    starts
+        How many at most.
+
+    Returns
+    -------
+    Run
+        Its log tells of each descent.
     """
-    if count == 1:
-        return [np.array(search.problem.start)]
     from scipy.stats import qmc
 
     k = len(search.problem.names)
-    power = int(np.ceil(np.log2(max(settings.screen, 2 * count))))
-    points = qmc.Sobol(k, rng=np.random.default_rng(search.seed)).random_base2(power)
-    found: Evaluation = search.evaluate(points)
-    ranked = np.lexsort((found.objective, np.maximum(found.violation, FEASIBLE)))
-    order = [i for i in ranked if np.isfinite(found.violation[i])]
-    starts = [np.array(search.problem.start)]
-    for apart in (0.5, 0.25, 0.0):
-        for i in order:
-            distance = min(float(np.abs(points[i] - start).max()) for start in starts)
-            if len(starts) < count and distance > apart:
-                starts.append(points[i])
-    return starts[:count]
+    sequence = qmc.Sobol(k, rng=np.random.default_rng(search.seed))
+    multi = _MultiStart(search, settings, RADIUS)
+    begun, wave, pool = 0, 1, [np.array(search.problem.start)[None]]
+    try:
+        while begun < starts and not multi.spent:
+            wave = min(wave, starts - begun)
+            if starts > 1:
+                pool.append(sequence.random(wave * settings.screen))
+            multi.offer(np.concatenate(pool))
+            pool = []
+            multi.together(multi.chosen(wave))
+            begun, wave = begun + wave, 2 * wave
+    except KeyboardInterrupt:
+        return search.finish("interrupted", log=tuple(multi.log))
+    return multi.finish()
+
+
+class _MultiStart:
+    """Descents of one search."""
+
+    def __init__(self, search: Search, settings: NlpSettings, radius: float) -> None:
+        self._search, self._settings = search, settings
+        problem = search.problem
+        exact = problem.form == "smooth" and _price(problem.linear_cost) <= len(problem.names)
+        self._manner = Manner(problem.form, exact, radius, settings.iterations, settings.tolerance)
+        self._offered: list[Point] = []
+        self._known: list[Array] = []  # starts and optima
+        self.ended: list[Ended] = []
+        self.log: list[dict[str, object]] = []
+
+    @property
+    def spent(self) -> bool:
+        """Whether the budget is."""
+        budget = self._settings.budget
+        return budget is not None and _price(self._search.cost) >= budget
+
+    def screened(self, u: Array) -> list[Point]:
+        """Points u (N, k) with their values."""
+        return Point.all_of(u, self._search.sample(u))
+
+    def offer(self, u: Array) -> None:
+        """Screen points (N, k) that descents may start from."""
+        self._offered += self.screened(u)
+
+    def chosen(self, count: int) -> list[Point]:
+        """The best of those offered that lie apart; they are taken from the offer."""
+        ranked = sorted(self._offered, key=lambda p: (not p.known, max(p.excess, FEASIBLE), p.objective))
+        found: list[Point] = []
+        for apart in (APART, 0.0):
+            for point in ranked:
+                away = [float(np.abs(point.u - u).max()) for u in self._known]
+                if (
+                    len(found) < count
+                    and not any(point is p for p in found)
+                    and min(away, default=1.0) > apart
+                ):
+                    found.append(point)
+                    self._known.append(point.u)
+        self._offered = [point for point in self._offered if not any(point is p for p in found)]
+        return found
+
+    def together(self, starts: Sequence[Point]) -> None:
+        """Descend from points, what is asked at the same time evaluated at the same time."""
+        running = {i: descend(start, self._manner) for i, start in enumerate(starts)}
+        asked: dict[int, Ask] = {}
+        for i in list(running):
+            self._answer(i, running, asked, None, starts[i])
+        while asked and not self.spent:
+            answers = self._answers(asked)
+            asked = {}
+            for i, answer in answers.items():
+                self._answer(i, running, asked, answer, starts[i])
+            self._tell()
+
+    def _answer(
+        self,
+        i: int,
+        running: dict[int, Generator[Ask, object, Ended]],
+        asked: dict[int, Ask],
+        answer: object,
+        start: Point,
+    ) -> None:
+        """Send a descent its answer, and note what it asks next or how it ended."""
+        try:
+            asked[i] = running[i].send(answer)
+        except StopIteration as stopped:
+            ended: Ended = stopped.value
+            del running[i]
+            self.ended.append(ended)
+            self._known.append(ended.point.u)
+            self.log.append(
+                {
+                    "start": start.objective,
+                    "objective": ended.point.objective,
+                    "steps": ended.steps,
+                    "status": ended.status,
+                    "message": ended.message,
+                }
+            )
+
+    def _answers(self, asked: dict[int, Ask]) -> dict[int, list[Point] | list[Linearisation]]:
+        """Answers to all that is asked, one batch for each kind."""
+        found: dict[int, list[Point] | list[Linearisation]] = {}
+        for kind in ("sample", "linearise"):
+            who = [i for i, ask in asked.items() if ask.kind == kind]
+            if not who:
+                continue
+            u = np.concatenate([asked[i].points for i in who])
+            answers = self.screened(u) if kind == "sample" else self._search.linearise_all(u)
+            begin = 0
+            for i in who:
+                end = begin + len(asked[i].points)
+                found[i] = answers[begin:end]
+                begin = end
+        return {i: found[i] for i in sorted(found)}
+
+    def _tell(self) -> None:
+        budget = self._settings.budget
+        if budget is not None:
+            self._search.tell(min(1.0, _price(self._search.cost) / budget))
+
+    def finish(self) -> Run:
+        """The run, its first-order conditions judged at the best point by exact derivatives."""
+        search, log = self._search, tuple(self.log)
+        best = next((e for e in self.ended if np.array_equal(e.point.u, search.u)), None)
+        kkt = None
+        if np.isfinite(search.objective):
+            kkt = kkt_residual(search.u, search.linearise(search.u), search.problem.form)
+        if best is None:
+            status, message = ("budget spent", "") if self.spent else ("settled", "the best point is kept")
+            if not np.isfinite(search.objective):
+                status, message = "failed", "the rollout diverges at the start"
+        else:
+            status, message = best.status, best.message
+        if np.isfinite(search.violation) and not search.feasible:
+            message = f"a constraint is passed by {100 * search.violation:.3g} %; {message}"
+        return search.finish(status, message, kkt=kkt, log=log)
+
+
+def _price(cost: Cost) -> float:
+    return cost.equivalent(GRADIENT, SLOPE)

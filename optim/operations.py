@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from optim.linearise import linearise
+from optim.linearise import linearise_all, rows_of, sampled_outputs
 from optim.objectives import OBJECTIVE
 from optim.protocol import Array
 from optim.workers import Arrays
@@ -20,6 +20,12 @@ def measures(problem: TuningProblem, rows: Array, *, paths: Sequence[str]) -> Ar
     """Objective (N,) and measures (N, n) of rows (N, k) of parameters."""
     batch = problem.rollout.batch(paths, rows, threads=1)
     return {OBJECTIVE: batch.costs[OBJECTIVE], **batch.measures}
+
+
+def samples(problem: TuningProblem, rows: Array, *, paths: Sequence[str]) -> Arrays:
+    """The same, and the rows (N, n) that the objective is made of."""
+    batch = problem.rollout.batch(paths, rows, outputs=sampled_outputs(problem), threads=1)
+    return {OBJECTIVE: batch.costs[OBJECTIVE], "rows": rows_of(problem, batch.outputs), **batch.measures}
 
 
 def gradients(problem: TuningProblem, rows: Array, *, paths: Sequence[str]) -> Arrays:
@@ -40,5 +46,5 @@ def limited(problem: TuningProblem, rows: Array, *, paths: Sequence[str]) -> Arr
 
 def linearisations(problem: TuningProblem, rows: Array) -> Arrays:
     """Fields of the linearisation at points (N, k) of the unit cube."""
-    found = [linearise(problem, u).as_arrays() for u in rows]
+    found = [at.as_arrays() for at in linearise_all(problem, rows)]
     return {name: np.stack([fields[name] for fields in found]) for name in found[0]}

@@ -6,7 +6,7 @@ import hashlib
 import json
 import uuid
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property, partial
 
 import casadi as ca
@@ -19,6 +19,7 @@ from optim.scenes import SceneRecipe, changed_scene, tuning_of
 from optim.tied import tie
 from optim.variables import Variables, resolve_variables
 from optim.workers import Arrays, Threads, Workers
+from optim.workers.protocol import LANES
 from spacerobot.closedloop import ClosedLoop, build_closed_loop
 from spacerobot.rollout import Rollout, build_rollout
 from spacerobot.scene import Scene
@@ -115,6 +116,11 @@ class TuningProblem:
             return Cost(gradients=1)
         return Cost(rollouts=1, slopes=len(self.names))
 
+    @property
+    def sample_cost(self) -> Cost:
+        """A rollout, and its samples where the objective is made of any."""
+        return Cost(rollouts=1) if self.form == "smooth" else Cost(samples=1)
+
     @cached_property
     def constraint_names(self) -> tuple[str, ...]:
         """One name for each component of each constrained measure."""
@@ -138,6 +144,15 @@ class TuningProblem:
         found = self.measure(u)
         return Evaluation(np.array(found[OBJECTIVE]), self._constraints(found, len(u)))
 
+    def sample(self, u: Array) -> Evaluation:
+        """The same, and the rows (N, n) that the objective is made of; only values where it is smooth."""
+        if self.form == "smooth":
+            return replace(self.evaluate(u), rows=np.empty((len(u), 0)))
+        found = self.workers.map(
+            self, partial(operations.samples, paths=self.names), self.variables.values(np.atleast_2d(u))
+        )
+        return Evaluation(np.array(found[OBJECTIVE]), self._constraints(found, len(u)), found["rows"])
+
     def measure(self, u: Array, plants: Mapping[str, Array] | None = None) -> Arrays:
         """Objective and all measures at points u (N, k), each of shape (N,) or (N, n).
 
@@ -158,8 +173,16 @@ class TuningProblem:
 
     def linearise(self, u: Array) -> Linearisation:
         """Values and their exact derivatives at one point u (k,); see :mod:`optim.linearise`."""
-        found = self.workers.map(self, operations.linearisations, u[None], grain=1)
-        return Linearisation.of_arrays({name: values[0] for name, values in found.items()})
+        return self.linearise_all(u[None])[0]
+
+    def linearise_all(self, u: Array) -> list[Linearisation]:
+        """The same at points u (N, k); several gradients by the adjoint share lanes."""
+        grain = LANES if self.linear_cost.gradients else 1
+        found = self.workers.map(self, operations.linearisations, u, grain=grain)
+        return [
+            Linearisation.of_arrays({name: values[i] for name, values in found.items()})
+            for i in range(len(u))
+        ]
 
     @cached_property
     def objective_slope(self) -> ca.Function:

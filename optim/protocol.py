@@ -8,7 +8,7 @@ A point u lies in the unit cube of the k variables. The problem is
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import asdict, astuple, dataclass, fields
 from typing import Literal, Protocol
 
 import numpy as np
@@ -28,10 +28,13 @@ class Evaluation:
         J, shape (N,); NaN where there is none (a diverged rollout).
     constraints
         g, shape (N, m); NaN likewise.
+    rows
+        What the objective is made of, shape (N, n), where it was asked for; see :class:`Linearisation`.
     """
 
     objective: Array
     constraints: Array
+    rows: Array | None = None
 
     @property
     def violation(self) -> Array:
@@ -90,6 +93,8 @@ class Cost:
     ----------
     rollouts
         Rollouts without derivatives.
+    samples
+        Rollouts that also keep what the objective is made of over time.
     gradients
         Rollouts with one gradient by the adjoint, whatever the number of variables.
     slopes
@@ -99,23 +104,23 @@ class Cost:
     rollouts: int = 0
     gradients: int = 0
     slopes: int = 0
+    samples: int = 0
 
     def __add__(self, other: Cost) -> Cost:
-        return Cost(
-            self.rollouts + other.rollouts, self.gradients + other.gradients, self.slopes + other.slopes
-        )
+        return Cost(*(a + b for a, b in zip(astuple(self), astuple(other), strict=True)))
 
     def times(self, count: int) -> Cost:
         """The same so many times."""
-        return Cost(count * self.rollouts, count * self.gradients, count * self.slopes)
+        return Cost(*(count * each for each in astuple(self)))
 
     def __str__(self) -> str:
-        kinds = {"rollouts": self.rollouts, "gradients": self.gradients, "slopes": self.slopes}
-        return ", ".join(f"{count} {kind}" for kind, count in kinds.items() if count) or "no rollouts"
+        told = [f"{count} {kind}" for kind, count in asdict(self).items() if count]
+        return ", ".join(told) or "no rollouts"
 
-    def equivalent(self, gradient: float, slope: float = 2.0) -> float:
-        """All in rollouts, for what a gradient and a slope cost in rollouts."""
-        return self.rollouts + gradient * self.gradients + slope * self.slopes
+    def equivalent(self, gradient: float, slope: float = 3.0, sample: float = 1.2) -> float:
+        """All in rollouts, for what each of the others costs in rollouts."""
+        others = gradient * self.gradients + slope * self.slopes + sample * self.samples
+        return self.rollouts + others
 
 
 class Problem(Protocol):
@@ -142,11 +147,21 @@ class Problem(Protocol):
         """What values and derivatives at one point cost; values alone cost one rollout."""
 
     @property
+    def sample_cost(self) -> Cost:
+        """What values and rows at one point cost."""
+
+    @property
     def fingerprint(self) -> str:
         """Text that differs for any other problem, so that work is never resumed on the wrong one."""
 
     def evaluate(self, u: Array) -> Evaluation:
         """Values at points u (N, k)."""
 
+    def sample(self, u: Array) -> Evaluation:
+        """Values at points u (N, k), and the rows that the objective is made of."""
+
     def linearise(self, u: Array) -> Linearisation:
         """Values and derivatives at one point u (k,)."""
+
+    def linearise_all(self, u: Array) -> list[Linearisation]:
+        """Values and derivatives at points u (N, k), in lanes where there are several."""

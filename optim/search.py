@@ -12,7 +12,7 @@ from optim.checkpoint import Journal
 from optim.protocol import Array, Cost, Evaluation, Linearisation, Problem
 
 FEASIBLE = 1e-6  # largest violation of a constraint, relative to its limit, that counts as none
-KEPT_BYTES = 100_000  # larger derivatives are not kept in journals but computed anew
+KEPT_BYTES = 100_000  # larger samples and derivatives are not kept in journals but computed anew
 
 
 @dataclass(frozen=True)
@@ -153,33 +153,54 @@ class Search:
 
     def evaluate(self, u: Array) -> Evaluation:
         """Values at points u (N, k), each counted as a rollout."""
-        u = np.ascontiguousarray(np.atleast_2d(u), dtype=float)
-        record = self._journal.replay("values", u)
-        if record is None:
-            found = self.problem.evaluate(u)
-            values = {"objective": found.objective, "constraints": found.constraints}
-            self._journal.append("values", u, values | {"seconds": np.array(self._tick())})
-        else:
-            found = Evaluation(record["objective"], record["constraints"])
-            self._resume(float(record["seconds"]))
-        self._note(u, found, Cost(rollouts=1))
-        return found
+        return self._values("values", self.problem.evaluate, u, Cost(rollouts=1))
+
+    def sample(self, u: Array) -> Evaluation:
+        """Values and rows at points u (N, k), counted as the problem says."""
+        return self._values("samples", self.problem.sample, u, self.problem.sample_cost)
 
     def linearise(self, u: Array) -> Linearisation:
         """Values and derivatives at one point u (k,), counted as the problem says."""
+        return self.linearise_all(u[None])[0]
+
+    def linearise_all(self, u: Array) -> list[Linearisation]:
+        """Values and derivatives at points u (N, k), each counted as the problem says."""
         u = np.ascontiguousarray(u, dtype=float)
         record = self._journal.replay("linear", u)
-        if record is not None and "gradient" in record:
-            found = Linearisation.of_arrays(record)
+        if record is not None and "0 gradient" in record:
+            found = [Linearisation.of_arrays(_numbered(record, i)) for i in range(len(u))]
         else:
-            found = self.problem.linearise(u)
+            found = self.problem.linearise_all(u)
         if record is None:
-            kept = found.as_arrays() if found.rows_jacobian.nbytes <= KEPT_BYTES else {}
-            self._journal.append("linear", u, kept | {"seconds": np.array(self._tick())})
+            arrays = {f"{i} {name}": a for i, at in enumerate(found) for name, a in at.as_arrays().items()}
+            self._keep("linear", u, arrays)
         else:
             self._resume(float(record["seconds"]))
-        self._note(u[None, :], found.as_evaluation(), self.problem.linear_cost)
+        values = [at.as_evaluation() for at in found]
+        objective = np.concatenate([each.objective for each in values])
+        constraints = np.concatenate([each.constraints for each in values])
+        self._note(u, Evaluation(objective, constraints), self.problem.linear_cost)
         return found
+
+    def _values(self, kind: str, ask: Callable[[Array], Evaluation], u: Array, each: Cost) -> Evaluation:
+        u = np.ascontiguousarray(np.atleast_2d(u), dtype=float)
+        record = self._journal.replay(kind, u)
+        if record is not None and "objective" in record:
+            found = Evaluation(record["objective"], record["constraints"], record.get("rows"))
+        else:
+            found = ask(u)
+        if record is None:
+            values = {"objective": found.objective, "constraints": found.constraints, "rows": found.rows}
+            self._keep(kind, u, {name: value for name, value in values.items() if value is not None})
+        else:
+            self._resume(float(record["seconds"]))
+        self._note(u, found, each)
+        return found
+
+    def _keep(self, kind: str, u: Array, arrays: Mapping[str, Array]) -> None:
+        """Append to the journal; of what is too large only that it was asked for."""
+        small = sum(value.nbytes for value in arrays.values()) <= KEPT_BYTES
+        self._journal.append(kind, u, {**(arrays if small else {}), "seconds": np.array(self._tick())})
 
     def tell(self, share: float) -> None:
         """Say how much of the budget is spent, and report it.
@@ -243,3 +264,9 @@ class Search:
     def _resume(self, seconds: float) -> None:
         """Take over the time that an earlier process had spent here."""
         self._seconds, self._since = seconds, time.perf_counter()
+
+
+def _numbered(record: Mapping[str, Array], i: int) -> dict[str, Array]:
+    """Arrays of the point with a number, by name."""
+    head = f"{i} "
+    return {name.removeprefix(head): value for name, value in record.items() if name.startswith(head)}

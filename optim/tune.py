@@ -70,7 +70,8 @@ def tune(
     scene
         What to tune. Objective, constraints and variables are its tuning section's where not given here.
     method
-        ``manual``, ``ga``, ``de``, ``pso``, ``cmaes``, ``nlp``, or ``nlp_ga``: the NLP from the GA's best.
+        ``manual``, ``ga``, ``de``, ``pso``, ``cmaes``, ``sobol``, ``random``, ``nlp``, or ``nlp_ga``: the NLP
+        from the GA's best.
     variables
         Names of the section's variables; or new ones: (dotted path, lower, upper) by name.
     reading

@@ -86,6 +86,11 @@ class RobustProblem:
         """A gradient, and as many slopes as variables if there are constraints; all samples count as one."""
         return Cost(gradients=1, slopes=len(self.names) if self.constraint_names else 0)
 
+    @property
+    def sample_cost(self) -> Cost:
+        """A rollout of each sample, which count as one."""
+        return Cost(rollouts=1)
+
     @cached_property
     def fingerprint(self) -> str:
         """Hash of everything that decides what the numbers are."""
@@ -103,6 +108,19 @@ class RobustProblem:
             np.concatenate([part.objective for part in found]),
             np.concatenate([part.constraints for part in found]),
         )
+
+    def sample(self, u: Array) -> Evaluation:
+        """Values at points u (N, k); the rows of the worst case are the objectives of all samples.
+
+        Constraints are those of each sample, as in :meth:`linearise`.
+        """
+        u, limits = np.atleast_2d(u), self.nominal.terms.limits
+        found = self._measure(u, self.draws)
+        each = found[OBJECTIVE]
+        rows = each if self.kind == "worst" else np.empty((len(u), 0))
+        excess = [np.empty((len(u), len(self.draws), 0)), *(found[n] / limits[n] - 1 for n in limits)]
+        constraints = np.concatenate(excess, axis=2).reshape(len(u), -1)
+        return Evaluation(np.array([self.reduce(row) for row in each]), constraints, rows)
 
     def objectives(self, u: Array, draws: Array | None = None) -> Array:
         """Objective of each sample (S,) at one point u (k,); NaN where the rollout diverged."""
@@ -144,6 +162,10 @@ class RobustProblem:
             constraints=limited["constraints"].ravel(),
             constraint_jacobian=limited["jacobian"].reshape(-1, k) * slope,
         )
+
+    def linearise_all(self, u: Array) -> list[Linearisation]:
+        """One point after the other: the samples of one fill the lanes."""
+        return [self.linearise(point) for point in u]
 
     def _rows_at(self, u: Array) -> Callable[..., Arrays]:
         """What workers are asked of every sample at one point."""

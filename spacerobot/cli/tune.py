@@ -26,7 +26,10 @@ if TYPE_CHECKING:
     from optim import Tuned
 
 Method = Annotated[
-    str, typer.Option("--method", metavar="NAME", help="manual, ga, de, pso, cmaes, nlp or nlp_ga.")
+    str,
+    typer.Option(
+        "--method", metavar="NAME", help="manual, ga, de, pso, cmaes, sobol, random, nlp or nlp_ga."
+    ),
 ]
 HELP = """Tune a scenario's gains and simulate it with the best ones.
 

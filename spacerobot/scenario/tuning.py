@@ -9,8 +9,18 @@ from pydantic import Field, model_validator
 from spacerobot.errors import near_names
 from spacerobot.scenario.section import Name, Section, quantity
 
-Method = Literal["manual", "ga", "de", "pso", "cmaes", "nlp", "nlp_ga"]
-METHODS: tuple[Method, ...] = ("manual", "ga", "de", "pso", "cmaes", "nlp", "nlp_ga")
+Method = Literal["manual", "ga", "de", "pso", "cmaes", "sobol", "random", "nlp", "nlp_ga"]
+METHODS: tuple[Method, ...] = (
+    "manual",
+    "ga",
+    "de",
+    "pso",
+    "cmaes",
+    "sobol",
+    "random",
+    "nlp",
+    "nlp_ga",
+)
 
 
 class Variable(Section):

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from optim.checkpoint import Journal
 from optim.evolutionary import Protocol, evolve
-from optim.nlp import NlpSettings, solve
+from optim.nlp import NlpSettings, solve_from_many
 from optim.search import Search
 from spacerobot.errors import ResultError
 from tests.oracles.known_optima import quadratic, rosenbrock
@@ -28,12 +28,13 @@ def _search(method, path):
     problem = rosenbrock() if method == "nlp" else quadratic()
     journal = Journal(path, f"{method} 1")
     search = Search(problem, method, seed=7, journal=journal)
-    run = solve(search, problem.start, NlpSettings()) if method == "nlp" else evolve(search, SMALL)
+    nlp = NlpSettings(screen=2)
+    run = solve_from_many(search, nlp, 3) if method == "nlp" else evolve(search, SMALL)
     journal.close()
     return run, problem.calls
 
 
-@pytest.mark.parametrize("method", ["ga", "de", "pso", "cmaes", "nlp"])
+@pytest.mark.parametrize("method", ["ga", "de", "pso", "cmaes", "sobol", "random", "nlp"])
 def test_a_journal_cut_anywhere_leads_to_the_same_answer(method, tmp_path):
     whole, calls = _search(method, tmp_path / "whole")
     content = (tmp_path / "whole").read_bytes()

@@ -36,14 +36,14 @@ class Waiting:
             time.sleep(self._seconds)
         return self._problem.evaluate(u)
 
-    def linearise(self, u):
+    def sample(self, u):
         with self._turns.away():
             time.sleep(self._seconds)
-        return self._problem.linearise(u)
+        return self._problem.sample(u)
 
 
 def searches(make):
-    """CMA-ES draws from NumPy's global state; IPOPT runs nested in its own callbacks."""
+    """CMA-ES draws from NumPy's global state."""
     found = [
         partial(evolve, Search(make(quadratic()), "cmaes", seed=s), Protocol(budget=400)) for s in (1, 2)
     ]

@@ -30,6 +30,17 @@ class Known:
     def linear_cost(self):
         return Cost(gradients=1)
 
+    @property
+    def sample_cost(self):
+        return Cost(samples=1)
+
+    def sample(self, u):
+        found = self.evaluate(u)
+        return Evaluation(found.objective, found.constraints, np.array([self.parts(p).rows for p in u]))
+
+    def linearise_all(self, u):
+        return [self.linearise(point) for point in u]
+
     def evaluate(self, u):
         self._count(len(u))
         parts = [self.parts(point) for point in u]
@@ -120,6 +131,25 @@ class Constrained(Known):
         return dataclasses.replace(
             plain, constraints=np.array([u.sum() - 1]), constraint_jacobian=np.ones((1, 2))
         )
+
+
+class TwoBasins(Known):
+    """0.1 and the largest of 4 |u0 - 1/4| and |u1 - 1/2|; from u0 = 1/2 on 0.6 + 4 |u0 - 3/4| instead."""
+
+    def parts(self, u):
+        across, base, centre = np.array([4.0, 0.0]), 0.1 + 0.5 * (u[0] > 0.5), 0.25 + 0.5 * (u[0] > 0.5)
+        along = np.array([0.0, 1.0])
+        a, b = 4 * (u[0] - centre), u[1] - 0.5
+        rows, jacobian = (
+            np.array([base + a, base - a, 0.1 + b, 0.1 - b]),
+            np.stack([across, -across, along, -along]),
+        )
+        worst = int(rows.argmax())
+        return self.build(float(rows[worst]), jacobian[worst], rows, jacobian, 0.0, np.zeros(2))
+
+
+def two_basins():
+    return TwoBasins(start=np.array([0.8, 0.4]), optimum=np.array([0.25, 0.5]), form="minimax")
 
 
 def quadratic(cls=Quadratic):

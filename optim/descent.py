@@ -1,0 +1,247 @@
+"""One local search: a trust-region method that asks for values and derivatives, and leaves them to others.
+
+It is a generator: it yields what it wants to know and is sent the answer, so that many advance in lockstep
+and what they ask for shares lanes. Where the objective is made of rows (a maximum, a sum of squares), the
+derivatives of all rows come once from differences, in one group of lanes; every further rollout corrects them
+along its step (Broyden). They are taken anew where steps no longer lead down. A smooth objective has exact
+gradients at every point, and a curvature by BFGS.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+
+from optim.model import MARGIN, Model, Point
+from optim.protocol import Array, Form, Linearisation
+
+ACCEPTED, POOR, GOOD = 0.05, 0.25, 0.75  # of the predicted fall
+LARGEST, SMALLEST = 1.0, 1e-5  # radius
+DIFFERENCE = 3e-5  # of the unit cube
+WEIGHT = 10.0  # of the largest violation at first
+HEAVIEST = 1e5  # weight beyond which the point counts as infeasible
+STALE = 2  # steps in a row that fail before derivatives from secants are taken anew
+
+
+@dataclass(frozen=True)
+class Ask:
+    """What a descent wants to know: samples, or linearisations, at points (N, k).
+
+    The answer is a list of :class:`optim.model.Point`, or of :class:`optim.protocol.Linearisation`.
+    """
+
+    kind: Literal["sample", "linearise"]
+    points: Array
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How a descent ended, where, and after how many steps."""
+
+    status: str
+    message: str
+    point: Point
+    steps: int
+
+
+@dataclass(frozen=True)
+class Manner:
+    """How a descent works.
+
+    Attributes
+    ----------
+    form
+        Of the objective.
+    exact
+        Whether exact derivatives cost less than differences: every point is then linearised.
+    radius
+        Of its first step, in the unit cube.
+    steps
+        At most.
+    tolerance
+        Predicted fall of the objective, relative to its value, at which it ends.
+    """
+
+    form: Form
+    exact: bool
+    radius: float
+    steps: int
+    tolerance: float
+
+
+Asking = Generator[Ask, Any, Any]
+
+
+def descend(start: Point, manner: Manner) -> Generator[Ask, Any, Ended]:
+    """Search from a point whose values are known.
+
+    Parameters
+    ----------
+    start
+        The point.
+    manner
+        How.
+    """
+    if not start.known:
+        return Ended("failed", "the rollout diverges at the start", start, 0)
+    state = _State(start, manner)
+    for step in range(manner.steps):
+        if state.model is None and not (yield from state.renew()):
+            return Ended("failed", "the rollout diverges all around the point", state.at, step)
+        ended = yield from state.advance()
+        if ended:
+            status, message = ended
+            return Ended(status, message, state.at, step + 1)
+    return Ended("steps spent", "the best point so far is kept", state.at, manner.steps)
+
+
+class _State:
+    """Where a descent is."""
+
+    def __init__(self, start: Point, manner: Manner) -> None:
+        self.at = start
+        self.model: Model | None = None
+        self._manner, self._radius, self._failed, self._fresh = manner, manner.radius, 0, False
+        k = len(start.u)
+        self._curvature, self._curved = np.zeros((k, k)), False
+        self._weight, self._largest = WEIGHT, abs(start.objective)
+        self._known: tuple[Array, Array] | None = None  # where differences were last taken, and the gradient
+
+    @property
+    def _scale(self) -> float:
+        """What falls are relative to: the objective; the largest so far while a constraint is passed."""
+        share = 1e-9 if self.at.excess <= 2 * MARGIN else 1.0
+        return max(abs(self.at.objective), share * self._largest, np.finfo(float).tiny)
+
+    def renew(self) -> Asking:
+        """Take the derivatives at the point anew; whether there are any."""
+        if self._manner.exact:
+            (found,) = yield Ask("linearise", self.at.u[None])
+            slopes = _exact(found, self._manner.form)
+        else:
+            slopes = yield from self._differences()
+            if self._manner.form == "smooth" and self._known is not None:
+                self._bend(self.at.u - self._known[0], slopes[0] - self._known[1])
+            self._known = (self.at.u, slopes[0])
+        if not np.isfinite(slopes).all():
+            return False
+        self._renewed(slopes)
+        return True
+
+    def _renewed(self, slopes: Array) -> None:
+        self.model = Model(self._manner.form, self.at, slopes, self._curvature, self._scale, self._weight)
+        self._fresh, self._failed = True, 0
+
+    def _differences(self) -> Asking:
+        """Derivatives by one rollout more for each variable; by exact ones where those diverge."""
+        u, form = self.at.u, self._manner.form
+        moved = np.where(u + DIFFERENCE <= 1, DIFFERENCE, -DIFFERENCE)
+        points = yield Ask("sample", u + np.diag(moved))
+        if all(point.known for point in points):
+            y = self.at.stacked(form)
+            return np.stack([(p.stacked(form) - y) / h for p, h in zip(points, moved, strict=True)], axis=1)
+        (found,) = yield Ask("linearise", u[None])
+        return _exact(found, self._manner.form)
+
+    def advance(self) -> Asking:
+        """Try one step; how the descent ended, if it did."""
+        assert self.model is not None
+        model, tolerance = self.model, self._manner.tolerance
+        d, fall = model.step(self._radius)
+        if fall < tolerance:
+            return self._small(model, tolerance)
+        trial, slopes = yield from self._try(np.clip(self.at.u + d, 0.0, 1.0))
+        ratio = (model.merit(self.at) - model.merit(trial)) / fall
+        length = float((np.abs(d) * model.reach).max())
+        if ratio < POOR:
+            self._radius = (0.5 if ratio < 0 else 0.7) * length
+        elif ratio > GOOD and length > 0.99 * self._radius:
+            self._radius = min(LARGEST, 2 * self._radius)
+        self._learn(model, d, trial, slopes)
+        if ratio > ACCEPTED:
+            self._move(trial, slopes)
+        else:
+            self._failed += 1
+            if not self._fresh and self._failed >= STALE:
+                self.model = None
+        if self._radius < SMALLEST:
+            return "settled", "steps became too small to change anything"
+        return None
+
+    def _small(self, model: Model, tolerance: float) -> tuple[str, str] | None:
+        """The model promises too little: look further, renew it, or end."""
+        if not self._fresh:
+            self.model = None
+            return None
+        near = self._failed == 0 and self._radius < LARGEST / 2
+        if near and model.step(LARGEST)[1] >= 3 * tolerance:
+            self._radius = min(LARGEST, 4 * self._radius)
+            return None
+        if self.at.excess > 2 * MARGIN and self._weight < HEAVIEST:
+            self._weight *= 10
+            self.model = replace(model, weight=self._weight)
+            return None
+        if self.at.excess > 2 * MARGIN:
+            return "infeasible", f"a constraint is passed by {100 * self.at.excess:.3g} % at least nearby"
+        return "converged", "no step promises a further fall"
+
+    def _try(self, u: Array) -> Asking:
+        """The point at u, and its derivatives where they come with it."""
+        if self._manner.exact:
+            (found,) = yield Ask("linearise", u[None])
+            return Point.of(u, found), _exact(found, self._manner.form)
+        (point,) = yield Ask("sample", u[None])
+        return point, None
+
+    def _learn(self, model: Model, d: Array, trial: Point, slopes: Array | None) -> None:
+        """Correct the model by what the trial showed."""
+        if not trial.known:
+            return
+        self._largest = max(self._largest, abs(trial.objective))
+        if slopes is not None:
+            self._bend(d, slopes[0] - model.slopes[0])
+            if self.model is not None:
+                self.model = replace(model, curvature=self._curvature)
+            return
+        y = trial.stacked(model.form) - model.at.stacked(model.form)
+        weighted = d * model.reach**2
+        self.model = replace(
+            model, slopes=model.slopes + np.outer(y - model.slopes @ d, weighted) / (d @ weighted)
+        )
+        self._fresh = False
+
+    def _bend(self, d: Array, y: Array) -> None:
+        """BFGS, damped by Powell so that the curvature stays positive."""
+        if not self._curved:
+            if d @ y <= 0:
+                return
+            self._curvature, self._curved = np.eye(len(d)) * (y @ y) / (d @ y), True
+        bent = self._curvature @ d
+        there = float(d @ bent)
+        if there <= 0:
+            return
+        if d @ y < 0.2 * there:
+            share = 0.8 * there / (there - d @ y)
+            y = share * y + (1 - share) * bent
+        self._curvature = self._curvature - np.outer(bent, bent) / there + np.outer(y, y) / (d @ y)
+
+    def _move(self, trial: Point, slopes: Array | None) -> None:
+        self.at, self._failed = trial, 0
+        if slopes is not None:
+            self._renewed(slopes)
+        elif self._manner.form == "smooth" or self.model is None:
+            self.model = None
+        else:
+            self.model = replace(self.model, at=trial, scale=self._scale)
+            self._fresh = False
+
+
+def _exact(at: Linearisation, form: Form) -> Array:
+    """Derivative of y, from a linearisation."""
+    beside = at.smooth_gradient if form == "minimax" else at.gradient
+    if form == "squares":
+        beside = beside - 2 * at.rows @ at.rows_jacobian
+    return np.vstack([beside, at.constraint_jacobian, at.rows_jacobian])
