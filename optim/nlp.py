@@ -96,7 +96,7 @@ def solve_from_many(search: Search, settings: NlpSettings, starts: int) -> Run:
 
     k = len(search.problem.names)
     sequence = qmc.Sobol(k, rng=np.random.default_rng(search.seed))
-    multi = _MultiStart(search, settings, RADIUS)
+    multi = _MultiStart(search, settings, RADIUS, starts)
     begun, wave, pool = 0, 1, [np.array(search.problem.start)[None]]
     try:
         while begun < starts and not multi.spent:
@@ -115,8 +115,8 @@ def solve_from_many(search: Search, settings: NlpSettings, starts: int) -> Run:
 class _MultiStart:
     """Descents of one search."""
 
-    def __init__(self, search: Search, settings: NlpSettings, radius: float) -> None:
-        self._search, self._settings = search, settings
+    def __init__(self, search: Search, settings: NlpSettings, radius: float, starts: int = 1) -> None:
+        self._search, self._settings, self._starts = search, settings, starts
         problem = search.problem
         exact = problem.form == "smooth" and _price(problem.linear_cost) <= len(problem.names)
         self._manner = Manner(problem.form, exact, radius, settings.iterations, settings.tolerance)
@@ -212,9 +212,11 @@ class _MultiStart:
         return {i: found[i] for i in sorted(found)}
 
     def _tell(self) -> None:
-        budget = self._settings.budget
+        """Report the share of the starts that are done, or of the budget, whichever is larger."""
+        share, budget = (len(self.ended) + 0.5) / self._starts, self._settings.budget
         if budget is not None:
-            self._search.tell(min(1.0, _price(self._search.cost) / budget))
+            share = max(share, _price(self._search.cost) / budget)
+        self._search.tell(min(1.0, share))
 
     def finish(self) -> Run:
         """The run, its first-order conditions judged at the best point by exact derivatives."""

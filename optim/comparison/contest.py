@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -186,7 +186,7 @@ def run_contest(entry: Entry, methods: Sequence[str], effort: Effort, session: S
     """
     problem, nominal = entry.problem, entry.nominal
     start, readiness = _made_ready(problem, gradients=any(name in WITH_GRADIENTS for name in methods))
-    currency = currency_of(nominal)
+    currency, effort = currency_of(nominal), replace(effort, repeats=effort.runs)
     outcomes: dict[str, Outcome] = {}
     for method in methods:
         outcomes[method] = run_method(

@@ -46,7 +46,7 @@ def found(small, tmp_path_factory):
 
 def test_every_method_runs_on_the_same_problem(found):
     (contest,) = found[0].contests
-    assert list(contest.outcomes) == ["manual", "ga", "de", "pso", "cmaes", "nlp", "nlp_ga"]
+    assert list(contest.outcomes) == list(METHODS)
     for name in ("ga", "de", "pso", "cmaes"):
         assert len(contest.outcomes[name].runs) == 2
         assert contest.outcomes[name].best.objective < contest.baseline.nominal["objective"]
