@@ -27,6 +27,7 @@ from spacerobot.cli import compare as compare_command
 from spacerobot.cli import tune as tune_command
 from spacerobot.errors import ScenarioError, SpaceRobotError
 from spacerobot.result import load
+from spacerobot.scenario.tuning import METHODS
 from tests.oracles.known_optima import quadratic
 
 TINY = Protocol(population=8, budget=48)
