@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from dataclasses import replace
 from typing import Any
 
 import casadi as ca
@@ -10,7 +11,13 @@ import casadi as ca
 from spacerobot.closedloop.closed_loop import ClosedLoop
 from spacerobot.closedloop.energy import build_works
 from spacerobot.closedloop.forward_dynamics import Solution, solve_accelerations
-from spacerobot.closedloop.grasps import build_constraint, build_coupling, build_relative
+from spacerobot.closedloop.grasps import (
+    Constraint,
+    build_constraint,
+    build_coupling,
+    build_relative,
+    close_velocity,
+)
 from spacerobot.closedloop.joint_control import build_joint_control
 from spacerobot.closedloop.outputs import build_outputs
 from spacerobot.closedloop.parameters import Constants, Parameters
@@ -22,6 +29,7 @@ from spacerobot.closedloop.tip_control import Channel, build_channels
 from spacerobot.dynamics import configuration_derivative, normalise
 from spacerobot.scenario import Compliant
 from spacerobot.scene import Scene
+from spacerobot.scene.closing import has_loops, open_grasps
 
 
 def build_closed_loop(scene: Scene, vary: Collection[str] = ()) -> ClosedLoop:
@@ -69,6 +77,8 @@ def build_closed_loop(scene: Scene, vary: Collection[str] = ()) -> ClosedLoop:
     solution = solve_accelerations(plant, channels, controls, couplings, constraints, parameters, constants)
     works = build_works(plant, solution, couplings, constraints)
     states = [*_controller_states(channels), *(control.state for control in controls), *works]
+    if has_loops(scene):
+        start = _close_loops(start, plant, constraints, constants)
     outputs = build_outputs(plant, start, motions, solution, couplings, constraints, works, constants)
     loop = _assemble(plant, start, time, states, solution, outputs, parameters, constants)
     for path in vary:
@@ -93,6 +103,23 @@ def _motions(
 
 def _controller_states(channels: Sequence[Channel]) -> list[State]:
     return [state for channel in channels for state in channel.states]
+
+
+def _close_loops(
+    start: Start, plant: Plant, constraints: Sequence[Constraint], constants: Constants
+) -> Start:
+    """Start with a velocity that rigid grasps allow which no base could close."""
+    arguments = [plant.q, plant.v, constants.symbols]
+    closed = ca.Function("closed", arguments, [close_velocity(plant, constraints)])
+    return replace(start, v=closed(start.q, start.v, constants.expressions))
+
+
+def _gaps(start: Start, scene: Scene) -> tuple[ca.SX, dict[str, float]]:
+    """Initial gaps [m] of the grasps that no base closes (n x 1), and the greatest ones allowed, by path."""
+    grasps = open_grasps(scene)
+    gaps = [start.placement(grasp.tip.frame)[1] - start.placement(grasp.frame)[1] for grasp in grasps]
+    found = ca.vertcat(ca.SX(0, 1), *(ca.norm_2(ca.densify(gap)) for gap in gaps))
+    return found, {grasp.path: grasp.config.max_gap for grasp in grasps}
 
 
 def _assemble(
@@ -122,6 +149,7 @@ def _assemble(
         {"p": parameters.symbols},
         {"x0": ca.densify(ca.vertcat(start.q, start.v, z0)), "c": ca.densify(constants.expressions)},
     )
+    gaps, max_gaps = _gaps(start, plant.scene)
     arguments = {"t": time, "x": x, "c": c}
     ends = {end_time(tip.reference) for tip in plant.scene.tips}
     return ClosedLoop(
@@ -137,6 +165,8 @@ def _assemble(
             "normalise", {"x": x}, {"x_unit": ca.densify(ca.vertcat(normalise(model, q), v, z))}
         ),
         outputs=_function("outputs", arguments, outputs),
+        gaps=_function("gaps", {"p": parameters.symbols}, {"gap": ca.densify(gaps)}),
+        max_gaps=max_gaps,
         breakpoints=tuple(sorted(end for end in ends if end is not None)),
     )
 

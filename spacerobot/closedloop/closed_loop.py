@@ -38,6 +38,10 @@ class ClosedLoop:
         (x) -> (x): cosine-sine pairs and quaternions back on their unit spheres.
     outputs
         (t, x, c) -> named column vectors; see :mod:`spacerobot.closedloop.outputs`.
+    gaps
+        (p) -> (gap): distances of tip and mating frame at the start [m], of the grasps that no base closes.
+    max_gaps
+        Greatest ones that are allowed [m], by the grasp's path, in the same order.
     breakpoints
         Times at which a reference ends (s).
     """
@@ -52,6 +56,8 @@ class ClosedLoop:
     dynamics: ca.Function
     normalise: ca.Function
     outputs: ca.Function
+    gaps: ca.Function
+    max_gaps: Mapping[str, float]
     breakpoints: tuple[float, ...]
 
     @property

@@ -8,6 +8,7 @@ formulas.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -17,7 +18,7 @@ from spacerobot.closedloop.plant import Plant
 from spacerobot.closedloop.start import Start
 from spacerobot.closedloop.tip_control import orientation_error, unit_load
 from spacerobot.dynamics import Wrench
-from spacerobot.dynamics.algebra import cross
+from spacerobot.dynamics.algebra import SymmetricFactors, cross
 from spacerobot.scenario import Compliant, Weld
 from spacerobot.scene import SceneGrasp
 
@@ -80,11 +81,14 @@ class Constraint:
         The same loads, reduced, along which v' is the relative acceleration, drift left out (nv x n).
     drift
         Remaining acceleration and stabilisation (n x 1).
+    slip
+        The relative velocity itself (n x 1).
     """
 
     relative: Relative
     sense: ca.SX
     drift: ca.SX
+    slip: ca.SX
     directions: tuple[tuple[ca.SX, ca.SX], ...]
 
     @property
@@ -166,13 +170,28 @@ def build_constraint(
     linear = linear + 2 * rate * relative.velocity + rate**2 * relative.gap
     along = list(plant.scene.translation_axes)
     drift, directions = [linear[along]], [unit_load(axis, rotation=False) for axis in along]
+    slip = [relative.velocity[along]]
     if isinstance(grasp.config, Weld):
         about = list(plant.scene.rotation_axes)
         angular = tip_drift[1] - mate_drift[1] + 2 * rate * relative.spin + rate**2 * relative.twist
         drift.append(angular[about])
+        slip.append(relative.spin[about])
         directions += [unit_load(axis, rotation=True) for axis in about]
     loads = [plant.reduced(wrenches=opposite(relative, -force, -torque)) for force, torque in directions]
-    return Constraint(relative, ca.horzcat(*loads), ca.vertcat(*drift), tuple(directions))
+    return Constraint(
+        relative, ca.horzcat(*loads), ca.vertcat(*drift), ca.vertcat(*slip), tuple(directions)
+    )
+
+
+def close_velocity(plant: Plant, constraints: Sequence[Constraint]) -> ca.SX:
+    """The plant's velocity, changed so that no rigid grasp slips, at the least kinetic energy (nv x 1).
+
+    The change is what an impulse in each grasp makes, as if all closed at once; it is zero where nothing slips.
+    """
+    sense = ca.horzcat(*(constraint.sense for constraint in constraints))
+    slip = ca.vertcat(*(constraint.slip for constraint in constraints))
+    factors = SymmetricFactors(-plant.articulated.negated_mobility(sense, sense))
+    return plant.v + plant.articulated.motion(ca.mtimes(sense, factors.solve_negated(slip)))
 
 
 def _only(vector: ca.SX, axes: list[int]) -> ca.SX:

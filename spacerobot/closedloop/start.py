@@ -13,10 +13,11 @@ import casadi as ca
 import numpy as np
 
 from spacerobot.closedloop.parameters import Parameters
-from spacerobot.dynamics import Kinematics, forward_kinematics, frame_placement
+from spacerobot.dynamics import Kinematics, forward_kinematics, frame_placement, frame_velocity
+from spacerobot.dynamics.algebra import cross
 from spacerobot.dynamics.rotations import rotation_from_rpy
 from spacerobot.scene import Scene, SceneBody
-from spacerobot.scene.configure import closing_order
+from spacerobot.scene.closing import Closing, find_closings
 
 DEGREE = np.pi / 180
 
@@ -44,47 +45,74 @@ class Start:
 
 
 def initial_state(scene: Scene, parameters: Parameters) -> Start:
-    """Initial state of a scene as an expression of its parameters."""
+    """Initial state of a scene as an expression of its parameters.
+
+    Bases give way to their grasps in closed form; the velocity of loops is left to
+    :func:`~spacerobot.closedloop.grasps.close_velocity`, which needs inertias.
+    """
     q, v = ca.SX(scene.model.nq, 1), ca.SX(scene.model.nv, 1)
+    closings = find_closings(scene.bodies, scene.grasps)
+    giving = {closing.body.name: closing for closing in closings}
     for body in scene.bodies:
         _set_joints(scene.model, body, parameters, q, v)
-        _set_base(scene.model, body, parameters, q, v)
-    for body, own, other in closing_order(scene.bodies, scene.grasps):
-        kinematics = forward_kinematics(scene.model, q)
-        gap = (
-            frame_placement(scene.model, kinematics, other)[1]
-            - frame_placement(scene.model, kinematics, own)[1]
-        )
-        index = scene.model.joints[body.root_joint].idx_q
-        for axis in range(2 if body.base.joint == "planar" else 3):
-            q[index + axis] = gap[axis]
+        _set_base(scene.model, body, giving.get(body.name), parameters, q, v)
+    for closing in closings:
+        _close(scene.model, closing, q, v)
     return Start(scene.model, q, v, forward_kinematics(scene.model, q))
 
 
-def _set_base(model: Any, body: SceneBody, parameters: Parameters, q: ca.SX, v: ca.SX) -> None:
-    """Set a floating base, at the origin if it is placed by closing a grasp; a fixed one is the model's."""
+def _close(model: Any, closing: Closing, q: ca.SX, v: ca.SX) -> None:
+    """Move a base, and set it in motion, so that its grasp begins closed."""
+    root = closing.body.root_joint
+    joint = model.joints[root]
+    kinematics = forward_kinematics(model, q, v if closing.sets_velocity else None)
+    own, other = (
+        frame_placement(model, kinematics, frame)[1] for frame in (closing.own, closing.other)
+    )
+    gap = other - own
+    for axis in range(closing.axes):
+        q[joint.idx_q + axis] += gap[axis]
+    if not closing.sets_velocity:
+        return
+    own_velocity, other_velocity = (
+        frame_velocity(model, kinematics, frame) for frame in (closing.own, closing.other)
+    )
+    linear, rotation = other_velocity[0] - own_velocity[0], kinematics.rotation[root]
+    spin = other_velocity[1] - own_velocity[1] if closing.sets_spin else ca.SX(3, 1)
+    linear = ca.mtimes(rotation.T, linear - cross(spin, own - kinematics.origin[root]))
+    angular = ca.mtimes(rotation.T, spin)
+    twist = ca.vertcat(linear[:2], angular[2]) if joint.nv == 3 else ca.vertcat(linear, angular)
+    v[joint.idx_v : joint.idx_v + joint.nv] += twist
+
+
+def _set_base(
+    model: Any, body: SceneBody, closing: Closing | None, parameters: Parameters, q: ca.SX, v: ca.SX
+) -> None:
+    """Set a floating base as described, to zero what gives way to a grasp; a fixed one is the model's."""
     if not body.root_joint:
         return
-    joint = model.joints[body.root_joint]
-    path = f"{body.path}.base"
-    position = ca.SX(3, 1)
-    if body.base.close_grasp is None:
-        axes = 2 if body.base.joint == "planar" else 3  # a planar base's height is the model's
-        position[:axes] = parameters.vector(f"{path}.position", axes)
-    if body.base.joint == "planar":
-        yaw = parameters(f"{path}.rotation_deg.2") * DEGREE
-        cos, sin = ca.cos(yaw), ca.sin(yaw)
-        x, y = parameters(f"{path}.velocity.0"), parameters(f"{path}.velocity.1")
-        q[joint.idx_q : joint.idx_q + 4] = ca.vertcat(position[0], position[1], cos, sin)
-        spin = parameters(f"{path}.spin_deg.2") * DEGREE
-        v[joint.idx_v : joint.idx_v + 3] = ca.vertcat(cos * x + sin * y, cos * y - sin * x, spin)
+    joint, planar = model.joints[body.root_joint], body.base.joint == "planar"
+    along, about = ((0, 1), (2,)) if planar else ((0, 1, 2), (0, 1, 2))  # a planar base's height is the model's
+
+    def described(key: str, places: tuple[int, ...], follows: bool = False) -> ca.SX:
+        vector = ca.SX(3, 1)
+        for i in () if follows else places:
+            vector[i] = parameters(f"{body.path}.base.{key}.{i}")
+        return vector
+
+    position = described("position", along, closing is not None)
+    rpy = described("rotation_deg", about) * DEGREE
+    linear = described("velocity", along, closing is not None and closing.sets_velocity)
+    angular = described("spin_deg", about, closing is not None and closing.sets_spin) * DEGREE
+    if planar:
+        cos, sin = ca.cos(rpy[2]), ca.sin(rpy[2])
+        x, y = linear[0], linear[1]
+        q[joint.idx_q : joint.idx_q + 4] = ca.vertcat(position[:2], cos, sin)
+        v[joint.idx_v : joint.idx_v + 3] = ca.vertcat(cos * x + sin * y, cos * y - sin * x, angular[2])
         return
-    rpy = parameters.vector(f"{path}.rotation_deg") * DEGREE
     rotation = rotation_from_rpy(rpy)
-    linear = ca.mtimes(rotation.T, parameters.vector(f"{path}.velocity"))
-    angular = ca.mtimes(rotation.T, parameters.vector(f"{path}.spin_deg") * DEGREE)
     q[joint.idx_q : joint.idx_q + 7] = ca.vertcat(position, quaternion_from_rpy(rpy))
-    v[joint.idx_v : joint.idx_v + 6] = ca.vertcat(linear, angular)
+    v[joint.idx_v : joint.idx_v + 6] = ca.vertcat(ca.mtimes(rotation.T, linear), ca.mtimes(rotation.T, angular))
 
 
 def quaternion_from_rpy(rpy: ca.SX) -> ca.SX:

@@ -16,7 +16,8 @@ from spacerobot.rollout.trajectory import Batch, Gradient, Status, Trajectory, f
 def trajectory_of(raw: Raw, kernel: Kernel, grid: TimeGrid, backend: str, wall_s: float) -> Trajectory:
     """The only rollout of ``raw``, which holds every state and output; cut short where it diverged."""
     done = int(raw.done[0])
-    status: Status = "completed" if done == grid.steps else "diverged"
+    (cause,) = kernel.closure.told(raw.gaps)
+    status: Status = "unclosed" if cause else "completed" if done == grid.steps else "diverged"
     samples = done // grid.every + 1
     state = np.empty((0, 0)) if raw.x is None else raw.x[0, :samples, : kernel.nx]
     y = np.empty((samples, 0)) if raw.y is None else raw.y[0, :samples]
@@ -30,6 +31,7 @@ def trajectory_of(raw: Raw, kernel: Kernel, grid: TimeGrid, backend: str, wall_s
             for name, value in zip(kernel.costs, raw.cost[0], strict=True)
         },
         status=status,
+        cause=cause,
         diverged_at_s=None if status == "completed" else done * grid.step_s,
         steps=done,
         step_s=grid.step_s,
@@ -47,6 +49,8 @@ def batch_of(
         costs={name: frozen(raw.cost[:, i]) for i, name in enumerate(kernel.costs)},
         measures={name: frozen(raw.r[:, where]) for name, where in kernel.measures.items()},
         diverged_at_s=diverged_at(raw, grid),
+        unclosed=kernel.closure.told(raw.gaps),
+        gaps=gaps_of(raw, kernel),
         done=raw.done >= 0,
         time=frozen(grid.time),
         outputs={name: frozen(block) for name, block in split(raw, kernel, grid, outputs).items()},
@@ -69,13 +73,20 @@ def gradient_of(
         gradients={name: frozen(gradient[i::every]) for i, name in enumerate(costs)},
         measures={name: frozen(raw.r[::every, where]) for name, where in kernel.measures.items()},
         diverged_at_s=diverged_at(raw, grid)[::every],
+        unclosed=kernel.closure.told(raw.gaps[::every]),
+        gaps={name: frozen(gap[::every]) for name, gap in gaps_of(raw, kernel).items()},
         backend="",
         wall_s=0.0,
     )
 
 
+def gaps_of(raw: Raw, kernel: Kernel) -> dict[str, Array]:
+    """Initial gaps by grasp (N,) [m]."""
+    return {name: frozen(gap) for name, gap in zip(kernel.closure.largest, raw.gaps.T, strict=True)}
+
+
 def diverged_at(raw: Raw, grid: TimeGrid) -> Array:
-    """Time of the last good state of each rollout that diverged, NaN elsewhere."""
+    """Time of the last good state of each rollout that diverged, 0 if it did not begin, NaN elsewhere."""
     lost = (raw.done >= 0) & (raw.done < grid.steps)
     return frozen(np.where(lost, raw.done * grid.step_s, np.nan))
 

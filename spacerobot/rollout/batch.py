@@ -81,7 +81,9 @@ def run_batch(
     raw, flag = Raw.empty(engine.kernel, grid, total, states, rows), StopFlag()
 
     def work(piece: slice) -> int:
-        engine.rollouts(p(piece), grid, raw.part(piece), rows, flag)
+        given, part = p(piece), raw.part(piece)
+        engine.rollouts(given, grid, part, rows, flag)
+        part.judge_start(engine.kernel.closure, given)
         return raw.count(piece)
 
     count = _threads(engine.backend, threads)
@@ -107,7 +109,9 @@ def run_gradients(
     gradient = np.full((len(p), size), np.nan)
 
     def work(piece: slice) -> int:
-        engine.gradients(p[piece], seed[piece], grid, raw.part(piece), gradient[piece], flag)
+        part = raw.part(piece)
+        engine.gradients(p[piece], seed[piece], grid, part, gradient[piece], flag)
+        part.judge_start(kernel.closure, p[piece])
         return raw.count(piece)
 
     count = _threads(engine.backend, threads)

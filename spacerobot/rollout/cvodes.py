@@ -8,6 +8,7 @@ import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
+from spacerobot.rollout.closure import unclosed
 from spacerobot.rollout.grid import INWARD, time_grid
 from spacerobot.rollout.protocol import Array, ClosedLoopFunctions
 from spacerobot.rollout.trajectory import Status, Trajectory, frozen
@@ -38,15 +39,16 @@ def integrate_cvodes(
     Returns
     -------
     Trajectory
-        Cut short with status ``diverged`` where the integrator gave up. Its ``steps`` and ``step_s`` are zero
+        Cut short with status ``diverged`` where the integrator gave up, ``unclosed`` where a grasp does not close. Its ``steps`` and ``step_s`` are zero
         and NaN, since they vary.
     """
     begin, grid = time.perf_counter(), time_grid(duration_s, output_step_s, output_step_s)
     p = np.array(loop.parameter_values if parameters is None else parameters, dtype=float)
     x, c = (part.full().ravel() for part in loop.setup(p))
+    cause = unclosed(dict(zip(loop.max_gaps, loop.gaps(p).full().ravel(), strict=True)), loop.max_gaps)
     advance = _integrator(loop, grid.step_s, relative, absolute)
     states = [x]
-    for start_s in grid.time[:-1]:
+    for start_s in grid.time[: 0 if cause else -1]:
         try:
             x = advance(x0=states[-1], p=np.concatenate([[start_s], c]))["xf"].full().ravel()
         except RuntimeError:  # what CasADi raises where CVODES gives up
@@ -56,6 +58,7 @@ def integrate_cvodes(
         states.append(loop.normalise(x).full().ravel())
     state, instants = np.array(states), grid.time[: len(states)]
     status: Status = "completed" if len(states) == grid.intervals + 1 else "diverged"
+    status = "unclosed" if cause else status
     return Trajectory(
         time=frozen(instants),
         state=frozen(state),
@@ -68,6 +71,7 @@ def integrate_cvodes(
         step_s=float("nan"),
         backend="cvodes",
         wall_s=time.perf_counter() - begin,
+        cause=cause,
     )
 
 

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from spacerobot.compiled import Library, Toolchain, compile_functions
+from spacerobot.rollout.closure import Closure
 from spacerobot.rollout.grid import INWARD, TimeGrid
 from spacerobot.rollout.kernel import Kernel
 from spacerobot.rollout.protocol import Array
@@ -32,6 +33,8 @@ class Raw:
         Measures (N, nr) and costs (N, nj).
     done
         Steps before divergence, shape (N,); -1 for a rollout that did not run.
+    gaps
+        Initial gaps of grasps that may begin open (N, n) [m].
     """
 
     x: Array | None
@@ -39,6 +42,7 @@ class Raw:
     r: Array
     cost: Array
     done: npt.NDArray[np.int64]
+    gaps: Array
 
     @classmethod
     def empty(cls, kernel: Kernel, grid: TimeGrid, count: int, states: bool, rows: Sequence[int]) -> Raw:
@@ -51,13 +55,23 @@ class Raw:
             np.full((count, nr), np.nan),
             np.full((count, nj), np.nan),
             np.full(count, -1, dtype=np.int64),
+            np.full((count, len(kernel.closure.largest)), np.nan),
         )
 
     def part(self, rows: slice) -> Raw:
         """View of some rollouts."""
         x = None if self.x is None else self.x[rows]
         y = None if self.y is None else self.y[rows]
-        return Raw(x, y, self.r[rows], self.cost[rows], self.done[rows])
+        return Raw(x, y, self.r[rows], self.cost[rows], self.done[rows], self.gaps[rows])
+
+    def judge_start(self, closure: Closure, p: Array) -> None:
+        """Note the gaps of rollouts of p (N, np); of one that begins open only its initial state is left."""
+        self.gaps[:] = closure.measure(p)
+        lost = closure.is_open(self.gaps) & (self.done >= 0)
+        self.done[lost], self.r[lost], self.cost[lost] = 0, np.nan, np.nan
+        for samples in (self.x, self.y):
+            if samples is not None:
+                samples[lost, 1:] = np.nan
 
     def count(self, rows: slice) -> int:
         """How many of some rollouts ran."""

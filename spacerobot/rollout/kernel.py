@@ -9,6 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from spacerobot.rollout.closure import Closure
 from spacerobot.rollout.measures import Measures, Signals
 from spacerobot.rollout.protocol import Array, ClosedLoopFunctions
 
@@ -35,6 +36,8 @@ class Kernel:
         Where each named vector lies in y and in r.
     costs
         Names of the entries of J.
+    closure
+        What must be closed for a rollout to begin.
     """
 
     functions: Mapping[str, ca.Function]
@@ -45,6 +48,7 @@ class Kernel:
     outputs: Mapping[str, slice]
     measures: Mapping[str, slice]
     costs: tuple[str, ...]
+    closure: Closure
 
     def size(self, function: str, argument: str) -> int:
         """Length of an argument of a function."""
@@ -118,6 +122,7 @@ def build_kernel(loop: ClosedLoopFunctions, measures: Measures | None = None) ->
         slices(sizes),
         slices(measures.sizes),
         costs,
+        Closure(loop.gaps, loop.max_gaps),
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Protocol
 
 import casadi as ca
@@ -52,6 +53,14 @@ class ClosedLoopFunctions(Protocol):
     @property
     def normalise(self) -> ca.Function:
         """``(x) -> (x)``: puts cos/sin pairs and quaternions back on their unit sphere."""
+
+    @property
+    def gaps(self) -> ca.Function:
+        """``(p) -> (gap)``: initial gaps in m of the grasps that may begin open."""
+
+    @property
+    def max_gaps(self) -> Mapping[str, float]:
+        """Greatest gaps allowed in m, by name of the grasp, in the order of ``gaps``."""
 
     @property
     def outputs(self) -> ca.Function:

@@ -168,13 +168,15 @@ class Rollout:
         Returns
         -------
         Trajectory
-            Cut short, with status ``diverged``, where a state leaves its bounds or is no number.
+            Cut short, with status ``diverged``, where a state leaves its bounds or is no number; the initial
+            state alone, with status ``unclosed``, where a grasp does not close.
         """
         begin = time.perf_counter()
         p = self.values(parameters)
         outputs = range(self.kernel.size("outputs", "y"))
         raw = Raw.empty(self.kernel, self.grid, 1, True, outputs)
         self.engines.single.rollouts(p[None, :], self.grid, raw, outputs, StopFlag())
+        raw.judge_start(self.kernel.closure, p[None, :])
         return trajectory_of(raw, self.kernel, self.grid, self.backend, time.perf_counter() - begin)
 
     def batch(
@@ -250,6 +252,7 @@ class Rollout:
             gradients={name: value[0] for name, value in found.gradients.items()},
             measures={name: value[0] for name, value in found.measures.items()},
             diverged_at_s=found.diverged_at_s[0],
+            gaps={name: value[0] for name, value in found.gaps.items()},
         )
 
     def gradient_batch(
@@ -351,6 +354,7 @@ class Rollout:
                 name: frozen(np.moveaxis(r[:, :, named[DERIVATIVE + name]], 1, 2).copy())
                 for name in self.kernel.measures
             },
+            unclosed=self.kernel.closure.told(done.raw.gaps[::k]),
             wall_s=time.perf_counter() - begin,
         )
 

@@ -47,6 +47,7 @@ def sensitivity_kernel(kernel: Kernel, wrt: Sequence[int], outputs: Sequence[str
         slices({name: kernel.outputs[name].stop - kernel.outputs[name].start for name in outputs}),
         _doubled_measures(kernel),
         (),
+        kernel.closure,
     )
 
 

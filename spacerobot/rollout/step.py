@@ -73,7 +73,7 @@ def search_step(
     Raises
     ------
     DivergedError
-        No step was good enough, of those that :data:`HALVINGS` and :data:`MOST_STEPS` leave to be tried.
+        A grasp does not close, or no step was good enough, of those that :data:`HALVINGS` and :data:`MOST_STEPS` leave to be tried.
     """
     tell = progress or (lambda _: None)
 
@@ -82,6 +82,8 @@ def search_step(
         return run(step_s)
 
     coarse, unstable, error = pilot(longest_s), None, np.inf
+    if coarse.status == "unclosed":
+        raise DivergedError(coarse.cause)
     taken, most = coarse.steps, max(MOST_STEPS, 2 ** (FEWEST_HALVINGS + 1) * duration_s / longest_s)
     for _ in range(HALVINGS):
         if taken + 2 * duration_s / coarse.step_s > most:

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from spacerobot.rollout.protocol import Array
 
-Status = Literal["completed", "diverged"]
+Status = Literal["completed", "diverged", "unclosed"]
 
 
 @dataclass(frozen=True)
@@ -31,9 +31,12 @@ class Trajectory:
     costs
         Named costs of the rollout, NaN if it diverged.
     status
-        ``diverged`` if a state left its bounds or was no number.
+        ``diverged`` if a state left its bounds or was no number, ``unclosed`` if a grasp did not close at the
+        start.
+    cause
+        Which grasp did not close, and its gap; else empty.
     diverged_at_s
-        Time of the last good state if it diverged, else None.
+        Time of the last good state if it was not completed, else None.
     steps, step_s
         Steps done and their length; zero and NaN for an adaptive integrator.
     backend
@@ -53,6 +56,7 @@ class Trajectory:
     step_s: float
     backend: str
     wall_s: float
+    cause: str = ""
 
 
 @dataclass(frozen=True)
@@ -62,11 +66,16 @@ class Batch:
     Attributes
     ----------
     costs
-        Named costs, each of shape (N,); NaN where a rollout diverged or did not run.
+        Named costs, each of shape (N,); NaN where a rollout diverged, did not begin or did not run.
     measures
         Named measures, each of shape (N, n).
     diverged_at_s
         Time of the last good state, shape (N,); NaN where the rollout completed or did not run.
+    unclosed
+        Of each rollout, which grasp did not close at the start and its gap, N sentences; empty where all did.
+        Such a rollout counts as diverged at the start.
+    gaps
+        Initial gaps of the grasps that no base closes, by name, each (N,) [m].
     done
         Whether each rollout ran, shape (N,); all true unless the batch was cancelled.
     time
@@ -84,6 +93,8 @@ class Batch:
     costs: Mapping[str, Array]
     measures: Mapping[str, Array]
     diverged_at_s: Array
+    unclosed: tuple[str, ...]
+    gaps: Mapping[str, Array]
     done: npt.NDArray[np.bool_]
     time: Array
     outputs: Mapping[str, Array]
@@ -120,6 +131,8 @@ class Gradient:
         Named measures, each of shape (N, n), or (n,).
     diverged_at_s
         Time of the last good state, shape (N,), or (); NaN where the rollout completed.
+    unclosed, gaps
+        As of :class:`Batch`; for a single rollout one sentence, and gaps of shape ().
     backend
         What ran.
     wall_s
@@ -131,6 +144,8 @@ class Gradient:
     gradients: Mapping[str, Array]
     measures: Mapping[str, Array]
     diverged_at_s: Array
+    unclosed: tuple[str, ...]
+    gaps: Mapping[str, Array]
     backend: str
     wall_s: float
 
@@ -172,6 +187,8 @@ class Slopes:
         Value of each measure (N, n); NaN where a rollout diverged.
     slopes
         Derivative of each measure (N, n, k); NaN likewise.
+    unclosed
+        As of :class:`Batch`.
     wall_s
         Time it took.
     """
@@ -179,6 +196,7 @@ class Slopes:
     paths: tuple[str, ...]
     measures: Mapping[str, Array]
     slopes: Mapping[str, Array]
+    unclosed: tuple[str, ...]
     wall_s: float
 
 

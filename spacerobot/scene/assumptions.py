@@ -10,8 +10,12 @@ import pinocchio as pin
 from spacerobot.description.bodies import odd_bodies
 from spacerobot.scenario import Calibration, Compliant, Pid, Robot
 from spacerobot.scene.checks import resolved_bodies
+from spacerobot.scene.closing import Closing, find_closings, has_loops, is_rigid, open_grasps
+from spacerobot.scene.configure import initial_state
 from spacerobot.scene.reach import out_of_reach
-from spacerobot.scene.scene import Scene, SceneBody, SceneTip
+from spacerobot.scene.scene import Array, Scene, SceneBody, SceneTip
+
+SLIP = 1e-9  # [m/s, rad/s] that a described velocity may differ from the one that begins
 
 
 def list_assumptions(scene: Scene) -> tuple[str, ...]:
@@ -31,6 +35,11 @@ def list_assumptions(scene: Scene) -> tuple[str, ...]:
                 found.append(f"{grasp.path}: rotational spring at rest in the initial relative orientation")
         elif kind.kind == "weld":
             found.append(f"{grasp.path}: welded in the initial relative orientation; never lets go")
+        if is_rigid(grasp) and grasp in open_grasps(scene):
+            found.append(
+                f"{grasp.path}: no base can close it: its positions must meet as given, initial velocities change "
+                "by the impulse of closing"
+            )
     if scene.grasps:
         found.append("no contact except in the grasps: bodies may pass through each other")
     return tuple(found)
@@ -59,7 +68,7 @@ def list_warnings(scene: Scene) -> tuple[str, ...]:
                     f"{lower} to {upper} {unit}; limits are not enforced"
                 )
         found += _unread_sensors(scene, body)
-    return (*found, *out_of_reach(scene))
+    return (*found, *_given_way(scene), *out_of_reach(scene))
 
 
 def _unread_sensors(scene: Scene, body: SceneBody) -> list[str]:
@@ -92,16 +101,60 @@ def _inertial(pids: Iterable[Pid | None]) -> bool:
     return any(pid is not None and pid.feedback == "inertial" for pid in pids)
 
 
-def _of_body(scene: Scene, body: SceneBody) -> list[str]:
+def _closed(scene: Scene, closing: Closing) -> str:
+    """What of a base gives way to a grasp, and where that places it."""
+    x, y, z = _base_motion(scene, closing.body)[0]
+    found = (
+        f"{closing.body.path}.base: placed at ({x:.4f}, {y:.4f}, {z:.4f}) m so that grasp "
+        f"{closing.grasp.name!r} closes"
+    )
+    if closing.sets_velocity:
+        found += f"; its velocity {'and spin follow' if closing.sets_spin else 'follows'}"
+    return found
+
+
+def _given_way(scene: Scene) -> list[str]:
+    """Warnings about described positions and velocities that give way to grasps."""
     found = []
-    if body.base.close_grasp is not None:
-        data = scene.model.createData()
-        pin.framesForwardKinematics(scene.model, data, scene.q)
-        x, y, z = data.oMf[body.root_frame].translation
-        found.append(
-            f"{body.path}.base: placed at ({x:.4f}, {y:.4f}, {z:.4f}) m so that grasp "
-            f"{body.base.close_grasp!r} closes"
-        )
+    for closing in find_closings(scene.bodies, scene.grasps):
+        base, path, free = closing.body.base, f"{closing.body.path}.base", range(closing.axes)
+        position, linear, spin = _base_motion(scene, closing.body)
+        end = f"so that grasp {closing.grasp.name!r} begins closed"
+        moved = float(np.linalg.norm((position - base.position)[free]))
+        if base.close_grasp is None and moved > closing.grasp.config.max_gap:
+            found.append(f"{path}: moved {moved:.3g} m from its `position` {end}")
+        if closing.sets_velocity and any(base.velocity) and not np.allclose(linear, base.velocity, atol=SLIP):
+            found.append(f"{path}: `velocity` gives way to {_vector(linear)} m/s {end}")
+        if closing.sets_spin and any(base.spin_deg):
+            if not np.allclose(spin, np.radians(base.spin_deg), atol=SLIP):
+                found.append(f"{path}: `spin_deg` gives way to {_vector(np.degrees(spin))} deg/s {end}")
+    if has_loops(scene):
+        described = initial_state(scene.model, scene.bodies, scene.grasps, source=scene.source)[1]
+        change = float(np.abs(scene.v - described).max())
+        if change > SLIP:
+            names = " and ".join(repr(grasp.name) for grasp in open_grasps(scene) if is_rigid(grasp))
+            found.append(
+                f"initial velocities changed by up to {change:.3g} m/s or rad/s so that grasp {names} begins closed"
+            )
+    return found
+
+
+def _base_motion(scene: Scene, body: SceneBody) -> tuple[Array, Array, Array]:
+    """Position [m], velocity [m/s] and spin [rad/s] of a body's root link, world axes (3,) each."""
+    data = scene.model.createData()
+    pin.forwardKinematics(scene.model, data, scene.q, scene.v)
+    pin.updateFramePlacements(scene.model, data)
+    world = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+    motion = pin.getFrameVelocity(scene.model, data, body.root_frame, world)
+    return data.oMf[body.root_frame].translation, motion.linear, motion.angular
+
+
+def _vector(values: Array) -> str:
+    return f"({', '.join(f'{value:.4g}' for value in values)})"
+
+
+def _of_body(scene: Scene, body: SceneBody) -> list[str]:
+    found = [_closed(scene, c) for c in find_closings(scene.bodies, scene.grasps) if c.body is body]
     config = scene.scenario.target if body.name == "target" else scene.scenario.robots[body.name]
     locked = [name for name, joint in (config.joints if config else {}).items() if joint.locked]
     if locked:

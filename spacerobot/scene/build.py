@@ -23,10 +23,12 @@ from spacerobot.scene.checks import (
     check_limits,
     check_masses,
     check_motion,
-    check_rigid,
+    check_null_space,
+    check_rank,
     is_planar,
 )
-from spacerobot.scene.configure import initial_state
+from spacerobot.scene.closing import has_loops
+from spacerobot.scene.configure import close_velocity, initial_state
 from spacerobot.scene.model import build_model
 from spacerobot.scene.reach import check_in_plane
 from spacerobot.scene.resolve import body_documents, fill, read_descriptions, settle
@@ -76,10 +78,13 @@ def build_scene(
     scene = Scene(resolved, source, model, bodies, tips, grasps, planar, q, v, (), ())
     check_inertia(scene)
     check_gaps(scene)
-    check_rigid(scene)
+    check_rank(scene)
     check_limits(scene)
+    check_null_space(scene)
     check_in_plane(scene)
-    for array in (q, v):
+    if has_loops(scene):
+        scene = dataclasses.replace(scene, v=close_velocity(scene))
+    for array in (scene.q, scene.v):
         array.setflags(write=False)
     return dataclasses.replace(scene, assumptions=list_assumptions(scene), warnings=list_warnings(scene))
 

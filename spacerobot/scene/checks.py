@@ -1,4 +1,4 @@
-"""Checks of a scene: mass properties before it is built; planarity, gaps and consistent grasps behind."""
+"""Checks of a scene: mass properties before it is built; planarity, gaps and independent grasps behind."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from spacerobot.description.bodies import Body, check_bodies, welded_bodies
 from spacerobot.description.parts import Link
 from spacerobot.description.read import Description
 from spacerobot.errors import DescriptionError, ScenarioError
-from spacerobot.scenario import Compliant, Robot, Scenario, Target, Weld
+from spacerobot.scenario import Robot, Scenario, Target, Tip
+from spacerobot.scene.closing import find_closings, is_rigid
+from spacerobot.scene.configure import relative_jacobian
 from spacerobot.scene.scene import Array, Scene, SceneBody, SceneGrasp
 
 MOST_VELOCITIES = 300
 """Pinocchio's ``Data`` holds 32 bytes for the cube of their number, 0.9 GB for this one."""
 AXIS_TOLERANCE = 1e-9
 PIVOT_TOLERANCE = 1e-10  # of a joint's inertia, left when everything behind it gives way
-PIVOT_TOLERANCE = 1e-10
-VELOCITY_TOLERANCE = 1e-9
 
 
 def check_masses(scenario: Scenario, descriptions: Mapping[str, Description], *, source: Path | None) -> None:
@@ -151,45 +151,35 @@ def check_gaps(scene: Scene) -> None:
     ScenarioError
         With the gap found, the gap allowed and how to close it.
     """
+    following = {closing.body.name for closing in find_closings(scene.bodies, scene.grasps)}
     for grasp in scene.grasps:
         distance = float(np.linalg.norm(gap(scene.model, grasp, scene.q)))
         if distance > grasp.config.max_gap:
+            free = {b.name for b in scene.bodies if b.root_joint} & {"target", grasp.tip.body.name} - following
+            place = f"place a base by `close_grasp: {grasp.name}` or " if free and not is_rigid(grasp) else ""
             raise ScenarioError(
                 f"does not close: {grasp.tip.label} is {distance:.4g} m from {grasp.config.frame}, allowed "
-                f"max_gap {grasp.config.max_gap:g} m; place a base by `close_grasp: {grasp.name}` or change "
-                "the posture",
+                f"max_gap {grasp.config.max_gap:g} m; {place}change the posture",
                 source=scene.source,
                 where=grasp.path,
             )
 
 
-def check_rigid(scene: Scene) -> None:
-    """Refuse rigid grasps that begin in relative motion or that fix a freedom twice.
+def check_rank(scene: Scene) -> None:
+    """Refuse rigid grasps that fix a freedom twice.
 
     Raises
     ------
     ScenarioError
         Naming the grasps.
     """
-    rows = []
-    for grasp in scene.grasps:
-        if isinstance(grasp.config, Compliant):
-            continue
-        jacobian = relative_jacobian(scene, grasp)
-        slip = jacobian @ scene.v
-        if np.linalg.norm(slip) > VELOCITY_TOLERANCE:
-            raise ScenarioError(
-                f"rigid, but tip and mating frame begin with relative velocity {np.linalg.norm(slip):.3g}",
-                source=scene.source,
-                where=grasp.path,
-            )
-        rows.append(jacobian)
-    if not rows:
+    rigid = [grasp for grasp in scene.grasps if is_rigid(grasp)]
+    if not rigid:
         return
-    stacked = np.vstack(rows) @ scene.spread
+    stacked = np.vstack([relative_jacobian(scene, grasp) for grasp in rigid]) @ scene.spread
     rank = int(np.linalg.matrix_rank(stacked, tol=1e-8 * np.linalg.norm(stacked)))
     if rank < len(stacked):
-        names = ", ".join(grasp.name for grasp in scene.grasps if not isinstance(grasp.config, Compliant))
+        names = ", ".join(grasp.name for grasp in rigid)
         raise ScenarioError(
             f"the rigid grasps {names} fix {len(stacked)} freedoms of which only {rank} are independent in "
             "the initial posture; use `kind: point` or `compliant` for one of them, or another posture",
@@ -198,23 +188,45 @@ def check_rigid(scene: Scene) -> None:
         )
 
 
-def relative_jacobian(scene: Scene, grasp: SceneGrasp) -> Array:
-    """Velocity of a tip relative to the target's point that coincides with it (rows, nv), world axes.
+def check_null_space(scene: Scene) -> None:
+    """Refuse a joint PD in the null space of a robot that has none.
 
-    Two or three translations, and for a weld one or three rotations behind them.
+    Raises
+    ------
+    ScenarioError
+        Naming the robot, its number of joints and of controlled directions.
     """
-    model, data = scene.model, scene.model.createData()
-    pin.computeJointJacobians(model, data, scene.q)
-    pin.updateFramePlacements(model, data)
-    frames = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-    tip = pin.getFrameJacobian(model, data, grasp.tip.frame, frames)
-    mate = pin.getFrameJacobian(model, data, grasp.frame, frames)
-    arm = data.oMf[grasp.tip.frame].translation - data.oMf[grasp.frame].translation
-    linear = tip[:3] - (mate[:3] - pin.skew(arm) @ mate[3:])
-    jacobian: Array = linear[list(scene.translation_axes)]
-    if isinstance(grasp.config, Weld):
-        jacobian = np.vstack([jacobian, (tip[3:] - mate[3:])[list(scene.rotation_axes)]])
-    return jacobian
+    data = scene.model.createData()
+    pin.computeJointJacobians(scene.model, data, scene.q)
+    pin.updateFramePlacements(scene.model, data)
+    for body in scene.robots:
+        config = body.config
+        if not isinstance(config, Robot) or config.joint_pd is None or not config.joint_pd.null_space:
+            continue
+        rows = [
+            pin.getFrameJacobian(scene.model, data, tip.frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)[axes]
+            for tip in scene.tips
+            if tip.body is body
+            for axes in _controlled(scene, tip.config)
+        ]
+        columns = [scene.model.joints[joint].idx_v for joint in body.joints]
+        jacobian = np.vstack([np.empty((0, scene.model.nv)), *rows])[:, columns]
+        directions, joints = jacobian.shape
+        rank = int(np.linalg.matrix_rank(jacobian, tol=1e-9)) if directions else 0
+        if rank < directions or directions >= joints > 0:
+            only = f", of which {rank} are independent in the initial posture" if rank < directions else ""
+            raise ScenarioError(
+                f"{body.name} has no null space: its {joints} joints move {directions} controlled directions "
+                f"of its tips{only}; leave `null_space` out, or control fewer directions",
+                source=scene.source,
+                where=f"{body.path}.joint_pd.null_space",
+            )
+
+
+def _controlled(scene: Scene, tip: Tip) -> list[list[int]]:
+    """Rows of a tip's Jacobian that its controllers act on, by controller."""
+    position, orientation = list(scene.translation_axes), [axis + 3 for axis in scene.rotation_axes]
+    return [position] * (tip.pid is not None) + [orientation] * (tip.orientation_pid is not None)
 
 
 def check_limits(scene: Scene) -> None:

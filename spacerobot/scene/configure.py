@@ -1,4 +1,4 @@
-"""Initial configuration and velocity, bases placed by closing their grasps."""
+"""Initial configuration and velocity, bases moving so that their grasps begin closed."""
 
 from __future__ import annotations
 
@@ -9,14 +9,15 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from spacerobot.errors import ScenarioError
-from spacerobot.scene.scene import Array, SceneBody, SceneGrasp
+from spacerobot.scenario import Weld
+from spacerobot.scene.closing import Closing, find_closings, is_rigid
+from spacerobot.scene.scene import Array, Scene, SceneBody, SceneGrasp
 
 
 def initial_state(
     model: Any, bodies: Sequence[SceneBody], grasps: Sequence[SceneGrasp], *, source: Path | None
 ) -> tuple[Array, Array]:
-    """Configuration (nq,) and velocity (nv,) that the scenario describes.
+    """Configuration (nq,) and velocity (nv,) that the scenario describes, bases closing their grasps.
 
     Raises
     ------
@@ -24,65 +25,82 @@ def initial_state(
         If bases wait for each other to be placed.
     """
     q, v = pin.neutral(model), np.zeros(model.nv)
+    closings = find_closings(bodies, grasps, source=source)
+    giving = {closing.body.name: closing for closing in closings}
     for body in bodies:
         _set_joints(model, body, q, v)
-        _set_base(model, body, np.array(body.base.position, dtype=float), q, v)
-    for body, own, other in closing_order(bodies, grasps, source=source):
-        data = model.createData()
-        pin.framesForwardKinematics(model, data, q)
-        gap = data.oMf[other].translation - data.oMf[own].translation
-        if body.base.joint == "planar":
-            gap[2] = 0.0
-        _set_base(model, body, np.array(body.base.position) + gap, q, v)
+        _set_base(model, body, giving.get(body.name), q, v)
+    for closing in closings:
+        _close(model, closing, q, v)
     return q, v
 
 
-def closing_order(
-    bodies: Sequence[SceneBody], grasps: Sequence[SceneGrasp], *, source: Path | None = None
-) -> list[tuple[SceneBody, int, int]]:
-    """Bodies placed by closing a grasp, in order, each with its own frame and the frame it must meet.
+def _close(model: Any, closing: Closing, q: Array, v: Array) -> None:
+    """Move a base, and set it in motion, so that its grasp begins closed."""
+    data = model.createData()
+    pin.forwardKinematics(model, data, q, v)
+    pin.updateFramePlacements(model, data)
+    base, joint = data.oMi[closing.body.root_joint], model.joints[closing.body.root_joint]
+    own, other = data.oMf[closing.own].translation, data.oMf[closing.other].translation
+    q[joint.idx_q : joint.idx_q + closing.axes] += (other - own)[: closing.axes]
+    if not closing.sets_velocity:
+        return
+    slip = _velocity(model, data, closing.other) - _velocity(model, data, closing.own)
+    spin = slip[3:] if closing.sets_spin else np.zeros(3)
+    linear = base.rotation.T @ (slip[:3] - np.cross(spin, own - base.translation))
+    angular = base.rotation.T @ spin
+    v[joint.idx_v : joint.idx_v + joint.nv] += (
+        [*linear[:2], angular[2]] if joint.nv == 3 else [*linear, *angular]
+    )
 
-    Raises
-    ------
-    ScenarioError
-        If bases wait for each other, or a grasp does not involve the body it shall place.
+
+def _velocity(model: Any, data: Any, frame: int) -> Array:
+    """Linear and angular velocity of a frame's origin, world axes (6,)."""
+    return np.array(pin.getFrameVelocity(model, data, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED).vector)
+
+
+def close_velocity(scene: Scene) -> Array:
+    """Velocity (nv,) that all rigid grasps allow: the scene's own one, changed as little as may be.
+
+    The change has the least kinetic energy, which is what happens if the grasps close at once on bodies that
+    move as described: momentum stays. It is zero where bases could close every grasp.
     """
-    by_name = {grasp.name: grasp for grasp in grasps}
-    waiting = [body for body in bodies if body.base.close_grasp is not None]
-    order = []
-    while waiting:
-        names = {body.name for body in waiting}
-        ready = [body for body in waiting if _partner(body, by_name, source)[0] not in names]
-        if not ready:
-            paths = " and ".join(f"{body.path}.base.close_grasp" for body in waiting)
-            raise ScenarioError(f"{paths} wait for each other; give one of them a position", source=source)
-        for body in ready:
-            order.append((body, *_partner(body, by_name, source)[1:]))
-            waiting.remove(body)
-    return order
+    grasps = [grasp for grasp in scene.grasps if is_rigid(grasp)]
+    rows = np.vstack([relative_jacobian(scene, grasp) for grasp in grasps])
+    upper = np.triu(pin.computeMinverse(scene.model, scene.model.createData(), scene.q))
+    spread = (upper + np.triu(upper, 1).T) @ rows.T
+    closed: Array = scene.v - spread @ np.linalg.solve(rows @ spread, rows @ scene.v)
+    return closed
 
 
-def _partner(body: SceneBody, grasps: dict[str, SceneGrasp], source: Path | None) -> tuple[str, int, int]:
-    """Name of the other body of the grasp, own frame, other frame."""
-    grasp = grasps[body.base.close_grasp or ""]
-    if body.name == "target":
-        return grasp.tip.body.name, grasp.frame, grasp.tip.frame
-    if grasp.tip.body.name != body.name:
-        raise ScenarioError(
-            f"grasp {grasp.name!r} holds {grasp.tip.label!r}, not a tip of {body.name!r}",
-            source=source,
-            where=f"{body.path}.base.close_grasp",
-        )
-    return "target", grasp.tip.frame, grasp.frame
+def relative_jacobian(scene: Scene, grasp: SceneGrasp) -> Array:
+    """Velocity of a tip relative to the target's point that coincides with it (rows, nv), world axes.
+
+    Two or three translations, and for a weld one or three rotations behind them.
+    """
+    model, data = scene.model, scene.model.createData()
+    pin.computeJointJacobians(model, data, scene.q)
+    pin.updateFramePlacements(model, data)
+    frames = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+    tip = pin.getFrameJacobian(model, data, grasp.tip.frame, frames)
+    mate = pin.getFrameJacobian(model, data, grasp.frame, frames)
+    arm = data.oMf[grasp.tip.frame].translation - data.oMf[grasp.frame].translation
+    linear = tip[:3] - (mate[:3] - pin.skew(arm) @ mate[3:])
+    jacobian: Array = linear[list(scene.translation_axes)]
+    if isinstance(grasp.config, Weld):
+        jacobian = np.vstack([jacobian, (tip[3:] - mate[3:])[list(scene.rotation_axes)]])
+    return jacobian
 
 
-def _set_base(model: Any, body: SceneBody, position: Array, q: Array, v: Array) -> None:
+def _set_base(model: Any, body: SceneBody, closing: Closing | None, q: Array, v: Array) -> None:
+    """Set a floating base as described, to zero what gives way to a grasp."""
     if not body.root_joint:
         return
     joint = model.joints[body.root_joint]
     rotation = pin.rpy.rpyToMatrix(np.radians(body.base.rotation_deg))
-    linear = rotation.T @ np.array(body.base.velocity)
-    angular = rotation.T @ np.radians(body.base.spin_deg)
+    position = np.array(body.base.position) * (closing is None)
+    linear = rotation.T @ body.base.velocity * (closing is None or not closing.sets_velocity)
+    angular = rotation.T @ np.radians(body.base.spin_deg) * (closing is None or not closing.sets_spin)
     if body.base.joint == "planar":
         yaw = np.radians(body.base.rotation_deg[2])
         q[joint.idx_q : joint.idx_q + 4] = [position[0], position[1], np.cos(yaw), np.sin(yaw)]

@@ -57,6 +57,8 @@ def toy_loop() -> SimpleNamespace:
         setup=setup,
         dynamics=dynamics,
         normalise=normalise,
+        gaps=ca.Function("gaps", [p], [ca.SX(0, 1)], ["p"], ["gap"]),
+        max_gaps={},
         outputs=outputs,
     )
 

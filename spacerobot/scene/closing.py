@@ -1,0 +1,150 @@
+"""Which base gives way to which grasp, so that a scene begins closed.
+
+A base with ``close_grasp`` gives way to the grasp it names. Each rigid grasp that is left then moves the target,
+or, if the target has given way already, the base of its own robot; a fixed base moves nowhere. The grasps of
+robots that cannot move come first. What no base can close is a *loop*, as two arms of one robot form it: its
+positions must meet as they are described, its velocities are projected.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from spacerobot.errors import ScenarioError
+from spacerobot.scenario import Compliant, Weld
+from spacerobot.scene.scene import Scene, SceneBody, SceneGrasp
+
+
+@dataclass(frozen=True)
+class Closing:
+    """A base that gives way so that a grasp begins closed.
+
+    Attributes
+    ----------
+    body
+        Whose base it is.
+    grasp
+        What it closes.
+    """
+
+    body: SceneBody
+    grasp: SceneGrasp
+
+    @property
+    def own(self) -> int:
+        """Frame of the body that shall meet :attr:`other`."""
+        return self.grasp.frame if self.body.name == "target" else self.grasp.tip.frame
+
+    @property
+    def other(self) -> int:
+        """Frame that stays."""
+        return self.grasp.tip.frame if self.body.name == "target" else self.grasp.frame
+
+    @property
+    def sets_velocity(self) -> bool:
+        """Whether the base's velocity follows, and not only its position."""
+        return is_rigid(self.grasp)
+
+    @property
+    def sets_spin(self) -> bool:
+        """Whether the base's spin follows too."""
+        return isinstance(self.grasp.config, Weld)
+
+    @property
+    def axes(self) -> int:
+        """How many coordinates of the base's position give way."""
+        return 2 if self.body.base.joint == "planar" else 3
+
+
+def is_rigid(grasp: SceneGrasp) -> bool:
+    """Whether a grasp leaves no gap."""
+    return not isinstance(grasp.config, Compliant)
+
+
+def find_closings(
+    bodies: Sequence[SceneBody], grasps: Sequence[SceneGrasp], *, source: Path | None = None
+) -> tuple[Closing, ...]:
+    """Bases that give way, each behind the body that it follows.
+
+    Raises
+    ------
+    ScenarioError
+        If bases wait for each other, or a grasp does not involve the body it shall place.
+    """
+    gives = _asked_for(bodies, grasps, source)
+    target = next((body for body in bodies if body.name == "target"), None)
+    asked = dict(gives)
+    free = [g for g in grasps if is_rigid(g) and all(g is not closed for closed in asked.values())]
+    for grasp in sorted(free, key=lambda g: bool(g.tip.body.root_joint) and g.tip.body.name not in asked):
+        for body in (target, grasp.tip.body):
+            if body is not None and body.root_joint and body.name not in gives:
+                gives[body.name] = grasp
+                if not _is_circle(gives, body.name):
+                    break
+                del gives[body.name]
+    return _ordered(bodies, gives, source)
+
+
+def open_grasps(scene: Scene) -> tuple[SceneGrasp, ...]:
+    """Grasps that no base closes in every direction."""
+    closed = [
+        closing.grasp.name
+        for closing in find_closings(scene.bodies, scene.grasps)
+        if scene.planar or closing.body.base.joint == "free_flyer"
+    ]
+    return tuple(grasp for grasp in scene.grasps if grasp.name not in closed)
+
+
+def has_loops(scene: Scene) -> bool:
+    """Whether a rigid grasp is left that no base closes."""
+    return any(is_rigid(grasp) for grasp in open_grasps(scene))
+
+
+def _asked_for(
+    bodies: Sequence[SceneBody], grasps: Sequence[SceneGrasp], source: Path | None
+) -> dict[str, SceneGrasp]:
+    """Grasp that each base with ``close_grasp`` gives way to, by name of the body."""
+    by_name = {grasp.name: grasp for grasp in grasps}
+    found = {body.name: by_name[body.base.close_grasp] for body in bodies if body.base.close_grasp is not None}
+    for body in bodies:
+        grasp = found.get(body.name)
+        if grasp is not None and body.name not in ("target", grasp.tip.body.name):
+            raise ScenarioError(
+                f"grasp {grasp.name!r} holds {grasp.tip.label!r}, not a tip of {body.name!r}",
+                source=source,
+                where=f"{body.path}.base.close_grasp",
+            )
+    return found
+
+
+def _followed(name: str, grasp: SceneGrasp) -> str:
+    """Body that a body follows which gives way to a grasp."""
+    return grasp.tip.body.name if name == "target" else "target"
+
+
+def _is_circle(gives: Mapping[str, SceneGrasp], name: str) -> bool:
+    """Whether a body follows itself, by way of others."""
+    at, seen = name, set()
+    while at in gives and at not in seen:
+        seen.add(at)
+        at = _followed(at, gives[at])
+    return at == name
+
+
+def _ordered(
+    bodies: Sequence[SceneBody], gives: Mapping[str, SceneGrasp], source: Path | None
+) -> tuple[Closing, ...]:
+    waiting = [body for body in bodies if body.name in gives]
+    order: list[Closing] = []
+    while waiting:
+        names = {body.name for body in waiting}
+        ready = [body for body in waiting if _followed(body.name, gives[body.name]) not in names]
+        if not ready:
+            stuck = [body for body in waiting if body.base.close_grasp is not None]
+            paths = " and ".join(f"{body.path}.base.close_grasp" for body in stuck)
+            raise ScenarioError(f"{paths} wait for each other; give one of them a position", source=source)
+        order += [Closing(body, gives[body.name]) for body in ready]
+        waiting = [body for body in waiting if body not in ready]
+    return tuple(order)
