@@ -30,6 +30,8 @@ class DerivedLoop:
     dynamics: ca.Function
     normalise: ca.Function
     outputs: ca.Function
+    gaps: ca.Function
+    max_gaps: Mapping[str, float]
 
 
 def tie(
@@ -53,7 +55,8 @@ def tie(
     p = ca.vertcat(*(symbols[owner.get(path, path)] for path in loop.parameter_paths))
     x0, c = loop.setup(p)
     old = dict(zip(loop.parameter_paths, loop.parameter_values, strict=True))
-    setup = ca.Function("setup", [ca.vertcat(*symbols.values())], [x0, c], ["p"], ["x0", "c"])
+    given = ca.vertcat(*symbols.values())
+    setup = ca.Function("setup", [given], [x0, c], ["p"], ["x0", "c"])
     return DerivedLoop(
         tuple(names),
         np.array([*nominal, *(old[path] for path in kept)], dtype=float),
@@ -65,6 +68,8 @@ def tie(
         loop.dynamics,
         loop.normalise,
         loop.outputs,
+        ca.Function("gaps", [given], [loop.gaps(p)], ["p"], ["gap"]),
+        loop.max_gaps,
     )
 
 
@@ -113,6 +118,8 @@ def extend(
         _function("dynamics", at, {"xdot": ca.vertcat(loop.dynamics(t, x[:nx], c[:nc]), added)}),
         _function("normalise", {"x": x}, {"n": ca.vertcat(loop.normalise(x[:nx]), x[nx:])}),
         _function("outputs", at, dict(zip(loop.outputs.name_out(), y, strict=True))),
+        loop.gaps,
+        loop.max_gaps,
     )
 
 

@@ -267,6 +267,8 @@ def _worst(summary: Mapping[str, Any]) -> str:
 
 
 def _reason(row: Mapping[str, Any], summary: Mapping[str, Any]) -> str:
+    if row["unclosed"]:
+        return str(row["unclosed"])
     if row["diverged_at_s"] is not None:
         return f"diverged after {row['diverged_at_s']:.3g} s"
     metric = row["metric"]

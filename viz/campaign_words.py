@@ -53,7 +53,11 @@ def failing(name: str, told: Mapping[str, Any], summary: Mapping[str, Any]) -> s
 
 
 def _cause(cause: str) -> str:
-    words = {"diverged": "diverged", "target_rotation_deg": "by the target's rotation"}
+    words = {
+        "unclosed": "by a grasp that does not close at the start",
+        "diverged": "diverged",
+        "target_rotation_deg": "by the target's rotation",
+    }
     words |= {"base_rotation_deg": "by a base's rotation"}
     return words.get(cause, f"by {cause.replace('_', ' ')}")
 

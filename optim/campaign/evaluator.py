@@ -45,6 +45,8 @@ class Table:
         Values of the columns (n, G, M); NaN where a rollout diverged.
     diverged_at_s
         Time of the last good state (n, G); NaN where a rollout completed.
+    gaps
+        Initial gaps of the L grasps that may begin open (n, G, L) [m].
     series
         Signals over time by name, each (n, G, nt, c); NaN after divergence.
     """
@@ -52,6 +54,7 @@ class Table:
     draws: Array
     metrics: Array
     diverged_at_s: Array
+    gaps: Array
     series: Mapping[str, Array] = field(default_factory=dict)
 
     def __len__(self) -> int:
@@ -60,7 +63,7 @@ class Table:
     def part(self, rows: slice) -> Table:
         """Some of the samples."""
         series = {name: values[rows] for name, values in self.series.items()}
-        return Table(self.draws[rows], self.metrics[rows], self.diverged_at_s[rows], series)
+        return Table(self.draws[rows], self.metrics[rows], self.diverged_at_s[rows], self.gaps[rows], series)
 
     @classmethod
     def joined(cls, tables: Sequence[Table]) -> Table:
@@ -71,6 +74,7 @@ class Table:
             np.concatenate([table.draws for table in tables]),
             np.concatenate([table.metrics for table in tables]),
             np.concatenate([table.diverged_at_s for table in tables]),
+            np.concatenate([table.gaps for table in tables]),
             {name: np.concatenate([table.series[name] for table in tables]) for name in tables[0].series},
         )
 
@@ -144,6 +148,11 @@ class Evaluator:
         return self.members[0].recording
 
     @property
+    def max_gaps(self) -> Mapping[str, float]:
+        """Grasps that may begin open, and the greatest gaps allowed [m]."""
+        return self.members[0].rollout.kernel.closure.largest
+
+    @property
     def bytes_per_sample(self) -> int:
         """What a sample's series take in memory, all sets of gains together."""
         return len(self.members) * self.recording.bytes_per_rollout
@@ -195,7 +204,7 @@ class Evaluator:
             If it was interrupted.
         """
         draws = np.ascontiguousarray(np.atleast_2d(draws), dtype=float)
-        tables, times = [], []
+        tables, times, gaps = [], [], []
         series = {
             one.name: np.empty((len(draws), len(self.members), len(self.recording.time), len(one.components)))
             for one in self.recording.series
@@ -207,9 +216,11 @@ class Evaluator:
                 raise KeyboardInterrupt
             tables.append(member.kept.table(batch.measures))
             times.append(batch.diverged_at_s)
+            gaps.append(np.column_stack([np.empty((len(draws), 0)), *batch.gaps.values()]))
             for name in names:
                 series[name][:, i] = batch.outputs[name]
-        return Table(draws, np.stack(tables, axis=1), np.stack(times, axis=1), series)
+        metrics, diverged, gap = (np.stack(parts, axis=1) for parts in (tables, times, gaps))
+        return Table(draws, metrics, diverged, gap, series)
 
 
 def build_evaluator(scene: Scene, gains: Gains | None = None, *, compiled: bool = True) -> Evaluator:
@@ -240,7 +251,9 @@ def build_evaluator(scene: Scene, gains: Gains | None = None, *, compiled: bool 
             where = f"gains {name}: {fault.where or ''}".rstrip(": ")
             raise ScenarioError(fault.message, source=fault.source or scene.source, where=where) from None
     if any(
-        member.kept.columns != made[0].kept.columns or member.recording.series != made[0].recording.series
+        member.kept.columns != made[0].kept.columns
+        or member.recording.series != made[0].recording.series
+        or member.rollout.kernel.closure.largest != made[0].rollout.kernel.closure.largest
         for member in made
     ):
         raise ScenarioError("sets of gains differ in robots, tips or grasps", source=scene.source)

@@ -26,7 +26,7 @@ def what_matters(draws: Array, values: Array, campaign: Campaign, *, complete: b
     draws
         Values of k parameters (n, k).
     values
-        The metric (n,), infinite where a rollout diverged.
+        The metric (n,), infinite where a rollout was not completed.
     campaign
         Its section.
     complete
@@ -42,7 +42,7 @@ def what_matters(draws: Array, values: Array, campaign: Campaign, *, complete: b
     }
     entry["strongest"] = _strongest(names, plain, away, noise_of(len(draws), campaign))
     if np.ptp(np.nan_to_num(values, posinf=np.finfo(float).max)) == 0:
-        entry["note"] = "every rollout diverged" if np.isinf(values).all() else "it does not vary"
+        entry["note"] = "no rollout was completed" if np.isinf(values).all() else "it does not vary"
     elif campaign.design == "saltelli":
         entry |= _indices(values, names, campaign, complete=complete)
     return entry
@@ -78,7 +78,7 @@ def _strongest(names: Sequence[str], plain: Array, away: Array, noise: float) ->
 def _indices(values: Array, names: list[str], campaign: Campaign, *, complete: bool) -> dict[str, Any]:
     lost = int((~np.isfinite(values)).sum())
     if lost or not complete:
-        why = f"{lost} rollouts diverged" if lost else "not every sample is there yet"
+        why = f"{lost} rollouts were not completed" if lost else "not every sample is there yet"
         return {"note": f"{why}: Sobol' indices need them all"}
     indices = sobol_indices(values, names, campaign.confidence)
     if indices is None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -35,6 +35,8 @@ class Layout:
         Metrics.
     recording
         Series.
+    max_gaps
+        Grasps that may begin open, and the greatest gaps allowed [m].
     about
         What ran, for people.
     """
@@ -43,13 +45,14 @@ class Layout:
     gains: Sequence[str]
     columns: Sequence[Column]
     recording: Recording
+    max_gaps: Mapping[str, float]
     about: str
 
     @classmethod
     def of(cls, evaluator: Evaluator, about: str) -> Layout:
         """That of what an evaluator gives."""
         names = list(evaluator.campaign.parameters), list(evaluator.gains)
-        return cls(*names, evaluator.columns, evaluator.recording, about)
+        return cls(*names, evaluator.columns, evaluator.recording, evaluator.max_gaps, about)
 
     @property
     def rows(self) -> int:
@@ -163,6 +166,8 @@ def _define(file: Any, layout: Layout) -> None:
         axes.setdefault(f"{column.metric}_of", []).append(column.where)
     for one in layout.recording.series:
         axes[f"{one.name}_of"] = list(one.components)
+    if layout.max_gaps:
+        axes["grasp"] = list(layout.max_gaps)
     for axis, names in axes.items():
         file.createDimension(axis, len(names))
         file.createVariable(axis, str, (axis,))[:] = np.array(names, dtype=object)
@@ -174,6 +179,10 @@ def _define(file: Any, layout: Layout) -> None:
 
     table("draw", "parameter")
     table("diverged_at", "gains").units = "s"
+    if layout.max_gaps:
+        table("gap", "gains", "grasp").units = "m"
+        largest = file.createVariable("max_gap", "f8", ("grasp",))
+        largest[:], largest.units = list(layout.max_gaps.values()), "m"
     for metric, unit in {column.metric: column.unit for column in layout.columns}.items():
         table(metric, "gains", f"{metric}_of").units = unit
     if layout.recording.series:
@@ -200,6 +209,8 @@ def _append(file: Any, samples: np.typing.NDArray[np.int64], table: Table, colum
     file["sample"][rows] = samples
     file["draw"][rows] = table.draws
     file["diverged_at"][rows] = table.diverged_at_s
+    if table.gaps.shape[2]:
+        file["gap"][rows] = table.gaps
     for metric in dict.fromkeys(column.metric for column in columns):
         places = [i for i, column in enumerate(columns) if column.metric == metric]
         file[metric][rows] = table.metrics[:, :, places]

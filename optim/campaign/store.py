@@ -66,6 +66,7 @@ class Store:
             draws=table.draws,
             metrics=table.metrics,
             diverged_at_s=table.diverged_at_s,
+            gaps=table.gaps,
             **{SERIES + name: values for name, values in table.series.items()},
         )
         with uninterrupted():  # else what is noted and what is on the disk might differ
@@ -263,7 +264,9 @@ def _read(path: Path) -> Table:
             series = {
                 name.removeprefix(SERIES): stored[name] for name in stored.files if name.startswith(SERIES)
             }
-            return Table(stored["draws"], stored["metrics"], stored["diverged_at_s"], series)
+            times = stored["diverged_at_s"]
+            gaps = stored["gaps"] if "gaps" in stored else np.empty((*times.shape, 0))  # of an older version
+            return Table(stored["draws"], stored["metrics"], times, gaps, series)
     except Exception as fault:  # whatever a spoilt archive makes zipfile, zlib or numpy say
         raise ResultError(f"cannot be read: {fault}", source=path) from None
 

@@ -23,6 +23,7 @@ from optim.campaign.trust import doubts, untrusted
 from optim.protocol import Array
 from spacerobot.errors import ResultError
 from spacerobot.files import write_text
+from spacerobot.rollout import unclosed
 from spacerobot.scenario import Campaign
 from spacerobot.scenario.campaign import LIMITED
 
@@ -39,17 +40,20 @@ class Outcome:
     Attributes
     ----------
     metrics
-        By name, (n, places); infinite where the rollout diverged.
+        By name, (n, places); infinite where the rollout was not completed.
     places, units
         What each column of a metric is of, and a metric's unit.
     failed
         By cause, whether each sample failed (n,).
+    unclosed
+        Which grasp of each sample did not close at the start, in words (n of them); empty where all did.
     """
 
     metrics: Mapping[str, Array]
     places: Mapping[str, tuple[str, ...]]
     units: Mapping[str, str]
     failed: Mapping[str, np.typing.NDArray[np.bool_]]
+    unclosed: tuple[str, ...]
 
     def largest(self, metric: str) -> Array:
         """Greatest value over the columns of a metric (n,)."""
@@ -75,18 +79,40 @@ def outcomes(data: xr.Dataset, campaign: Campaign) -> dict[str, Outcome]:
     found = {}
     for name in map(str, data.gains.values):
         chosen = data.sel(gains=name)
-        diverged = np.isfinite(chosen.diverged_at.values)
+        lost, told = np.isfinite(chosen.diverged_at.values), _unclosed(chosen)
+        unclosed = np.array([bool(words) for words in told], dtype=np.bool_)
         kept = [str(metric) for metric in campaign.metrics if metric in chosen]
-        metrics = {m: np.where(diverged[:, None], np.inf, chosen[m].values) for m in kept}
-        failed = {"diverged": diverged}
+        metrics = {m: np.where(lost[:, None], np.inf, chosen[m].values) for m in kept}
+        failed = {"unclosed": unclosed} if "gap" in chosen else {}
+        failed["diverged"] = lost & ~unclosed
         for limit, metric in LIMITED.items():
             most = getattr(campaign.limits, limit)
             if most is not None and metric in metrics:
-                failed[limit] = (metrics[metric].max(axis=1) > most) & ~diverged
+                failed[limit] = (metrics[metric].max(axis=1) > most) & ~lost
         places = {m: tuple(map(str, chosen[f"{m}_of"].values)) for m in kept}
         units = {m: str(chosen[m].attrs["units"]) for m in kept}
-        found[name] = Outcome(metrics, places, units, failed)
+        found[name] = Outcome(metrics, places, units, failed, told)
     return found
+
+
+def _unclosed(chosen: xr.Dataset) -> tuple[str, ...]:
+    """Which grasp of each sample did not close, in words."""
+    if "gap" not in chosen:
+        return ("",) * len(chosen.sample)
+    names, largest = map(str, chosen.grasp.values), map(float, chosen.max_gap.values)
+    most = dict(zip(names, largest, strict=True))
+    return tuple(unclosed(dict(zip(most, map(float, row), strict=True)), most) for row in chosen.gap.values)
+
+
+def _did_not_begin(found: Mapping[str, Outcome]) -> list[str]:
+    """Warnings about samples whose grasps did not close."""
+    warnings = []
+    for name, outcome in found.items():
+        words = [words for words in outcome.unclosed if words]
+        if words:
+            count = f"{len(words)} of {len(outcome.unclosed)} samples"
+            warnings.append(f"gains {name}: {count} fail before they begin; the first: {words[0]}")
+    return warnings
 
 
 def summarise(folder: Path, evaluator: Evaluator, named: Named | None = None) -> dict[str, Any]:
@@ -152,7 +178,7 @@ def told_of(folder: Path, evaluator: Evaluator, named: Named | None = None) -> d
         "rank_noise": noise_of(len(data.sample), campaign),
         "against": _against(found, campaign),
         "untrusted": trust,
-        "doubts": doubts(trust, campaign),
+        "doubts": [*_did_not_begin(found), *doubts(trust, campaign)],
     }
 
 
@@ -204,11 +230,12 @@ def _worst(
     outcome: Outcome, data: xr.Dataset, evaluator: Evaluator, index: int, named: Named
 ) -> list[dict[str, Any]]:
     """Worst samples: those that diverged, the earliest first, then by what comes nearest to its limit or
-    passes it furthest; by the first metric kept where there is no limit.
+    passes it furthest; by the first metric kept where there is no limit; last those that did not begin.
     """
     name, times = str(data.gains.values[index]), data.diverged_at.values[:, index]
     metrics, badness = outcome.badness(evaluator.campaign)
-    order = np.lexsort((np.where(np.isnan(times), np.inf, times), -badness))[:WORST]
+    open_ = np.array([bool(words) for words in outcome.unclosed])
+    order = np.lexsort((np.where(np.isnan(times), np.inf, times), -badness, open_))[:WORST]
     rows = []
     for i in order:
         draw, metric = data.draw.values[i], metrics[i]
@@ -217,7 +244,8 @@ def _worst(
                 "sample": int(data.sample.values[i]),
                 "metric": metric,
                 "value": _plain(outcome.largest(metric)[i]),
-                "diverged_at_s": _plain(times[i]),
+                "diverged_at_s": None if open_[i] else _plain(times[i]),
+                "unclosed": outcome.unclosed[i] or None,
                 "failed": [cause for cause, hits in outcome.failed.items() if hits[i]],
                 "draw": dict(zip(evaluator.campaign.parameters, map(float, draw), strict=True)),
                 "command": command_of(evaluator, draw, name, named.scenario, named.changes),

@@ -25,9 +25,11 @@ def campaign_page(folder: Path, tell: Callable[[str], object], evaluator: Evalua
     Raises
     ------
     ResultError
-        If the folder holds no campaign that can be told of; see :func:`optim.campaign.reopen`.
+        If the folder holds no campaign that can be told of (see :func:`optim.campaign.reopen`), or none whose
+        samples begin.
     """
     from optim.campaign import load_campaign, read_bands, reopen, simulate_sample, told_of
+    from spacerobot.errors import ResultError
     from viz.campaign_section import Shown, campaign_report
 
     if evaluator is None:
@@ -43,7 +45,12 @@ def campaign_page(folder: Path, tell: Callable[[str], object], evaluator: Evalua
     }
     tell("simulating the worst samples")
     results = {
-        name: simulate_sample(evaluator, list(row["draw"].values()), name) for name, row in worst.items()
+        name: simulate_sample(evaluator, list(row["draw"].values()), name)
+        for name, row in worst.items()
+        if not row["unclosed"]
     }
+    if not results:
+        cause = next(iter(worst.values()))["unclosed"]
+        raise ResultError(f"no sample begins, so there is nothing to show: {cause}", source=folder)
     tell("writing the page")
     return campaign_report(Shown(summary, load_campaign(folder), results, courses))

@@ -9,6 +9,7 @@ from spacerobot.cli.output import console, table, warn
 
 MARK = {
     "": "+",
+    "unclosed": "O",
     "diverged": "D",
     "joint_torque": "T",
     "grip_force": "G",
@@ -16,7 +17,10 @@ MARK = {
     "target_rotation_deg": "R",
     "base_rotation_deg": "B",
 }
-MARKS = "+ it does; D diverged; limits: T torque, G grip, E tip error, R target's, B base's rotation"
+MARKS = (
+    "+ it does; O open at the start; D diverged; limits: T torque, G grip, E tip error, R target's, "
+    "B base's rotation"
+)
 
 
 def show(summary: Mapping[str, Any]) -> None:
@@ -58,6 +62,8 @@ def _why(worst: Mapping[str, Any]) -> str:
     """What makes a sample the worst."""
     from viz.campaign_words import quantity_of
 
+    if worst["unclosed"]:
+        return str(worst["unclosed"])
     if worst["diverged_at_s"] is not None:
         return f"diverged after {worst['diverged_at_s']:.3g} s"
     return f"by its {quantity_of(worst['metric'])}"
@@ -119,7 +125,7 @@ def _estimate(told: Mapping[str, Any], unit: str, factor: float | None = None) -
     return f"{text} ({low}..{high})"
 
 
-def _number(value: float | None, factor: float, nothing: str = "diverged") -> str:
+def _number(value: float | None, factor: float, nothing: str = "not completed") -> str:
     return nothing if value is None else f"{factor * value:.3g}"
 
 

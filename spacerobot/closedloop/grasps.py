@@ -178,15 +178,13 @@ def build_constraint(
         slip.append(relative.spin[about])
         directions += [unit_load(axis, rotation=True) for axis in about]
     loads = [plant.reduced(wrenches=opposite(relative, -force, -torque)) for force, torque in directions]
-    return Constraint(
-        relative, ca.horzcat(*loads), ca.vertcat(*drift), ca.vertcat(*slip), tuple(directions)
-    )
+    return Constraint(relative, ca.horzcat(*loads), ca.vertcat(*drift), ca.vertcat(*slip), tuple(directions))
 
 
 def close_velocity(plant: Plant, constraints: Sequence[Constraint]) -> ca.SX:
     """The plant's velocity, changed so that no rigid grasp slips, at the least kinetic energy (nv x 1).
 
-    The change is what an impulse in each grasp makes, as if all closed at once; it is zero where nothing slips.
+    The change is what an impulse in each grasp makes, as if all closed at once; none where nothing slips.
     """
     sense = ca.horzcat(*(constraint.sense for constraint in constraints))
     slip = ca.vertcat(*(constraint.slip for constraint in constraints))

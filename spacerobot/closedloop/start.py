@@ -66,9 +66,7 @@ def _close(model: Any, closing: Closing, q: ca.SX, v: ca.SX) -> None:
     root = closing.body.root_joint
     joint = model.joints[root]
     kinematics = forward_kinematics(model, q, v if closing.sets_velocity else None)
-    own, other = (
-        frame_placement(model, kinematics, frame)[1] for frame in (closing.own, closing.other)
-    )
+    own, other = (frame_placement(model, kinematics, frame)[1] for frame in (closing.own, closing.other))
     gap = other - own
     for axis in range(closing.axes):
         q[joint.idx_q + axis] += gap[axis]
@@ -92,7 +90,9 @@ def _set_base(
     if not body.root_joint:
         return
     joint, planar = model.joints[body.root_joint], body.base.joint == "planar"
-    along, about = ((0, 1), (2,)) if planar else ((0, 1, 2), (0, 1, 2))  # a planar base's height is the model's
+    along, about = (
+        ((0, 1), (2,)) if planar else ((0, 1, 2), (0, 1, 2))
+    )  # a planar base's height is the model's
 
     def described(key: str, places: tuple[int, ...], follows: bool = False) -> ca.SX:
         vector = ca.SX(3, 1)
@@ -112,7 +112,9 @@ def _set_base(
         return
     rotation = rotation_from_rpy(rpy)
     q[joint.idx_q : joint.idx_q + 7] = ca.vertcat(position, quaternion_from_rpy(rpy))
-    v[joint.idx_v : joint.idx_v + 6] = ca.vertcat(ca.mtimes(rotation.T, linear), ca.mtimes(rotation.T, angular))
+    v[joint.idx_v : joint.idx_v + 6] = ca.vertcat(
+        ca.mtimes(rotation.T, linear), ca.mtimes(rotation.T, angular)
+    )
 
 
 def quaternion_from_rpy(rpy: ca.SX) -> ca.SX:

@@ -2,6 +2,7 @@
 
 from spacerobot.rollout.batch import Report
 from spacerobot.rollout.build import build_rollout, choose_step
+from spacerobot.rollout.closure import unclosed
 from spacerobot.rollout.cvodes import integrate_cvodes
 from spacerobot.rollout.grid import TimeGrid, time_grid
 from spacerobot.rollout.measures import Measure, Measures, Signals, final, integral, peak
@@ -31,4 +32,5 @@ __all__ = [
     "integrate_cvodes",
     "peak",
     "time_grid",
+    "unclosed",
 ]

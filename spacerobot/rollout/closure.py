@@ -36,8 +36,7 @@ class Closure:
 
     def is_open(self, gaps: Array) -> npt.NDArray[np.bool_]:
         """Whether each row (N, n) has a gap that is too large (N,)."""
-        found: npt.NDArray[np.bool_] = (gaps > list(self.largest.values())).any(axis=1)
-        return found
+        return np.asarray((gaps > list(self.largest.values())).any(axis=1), dtype=np.bool_)
 
     def told(self, gaps: Array) -> tuple[str, ...]:
         """What does not close in each row (N, n); empty where all does."""

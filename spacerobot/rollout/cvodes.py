@@ -39,8 +39,8 @@ def integrate_cvodes(
     Returns
     -------
     Trajectory
-        Cut short with status ``diverged`` where the integrator gave up, ``unclosed`` where a grasp does not close. Its ``steps`` and ``step_s`` are zero
-        and NaN, since they vary.
+        Cut short with status ``diverged`` where the integrator gave up, ``unclosed`` where a
+        grasp does not close. Its ``steps`` and ``step_s`` are zero and NaN, since they vary.
     """
     begin, grid = time.perf_counter(), time_grid(duration_s, output_step_s, output_step_s)
     p = np.array(loop.parameter_values if parameters is None else parameters, dtype=float)

@@ -73,7 +73,8 @@ def search_step(
     Raises
     ------
     DivergedError
-        A grasp does not close, or no step was good enough, of those that :data:`HALVINGS` and :data:`MOST_STEPS` leave to be tried.
+        A grasp does not close, or no step was good enough, of those that :data:`HALVINGS` and
+        :data:`MOST_STEPS` leave to be tried.
     """
     tell = progress or (lambda _: None)
 

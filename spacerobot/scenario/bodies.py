@@ -28,7 +28,8 @@ class Base(Section):
     spin_deg: Vector = quantity("deg/s", "initial angular velocity, world axes", default=(0.0, 0.0, 0.0))
     close_grasp: Name | None = Field(
         default=None,
-        description="place the base so that this grasp closes; `position` is then computed, not given",
+        description="place the base so that this grasp closes; `position` is then computed, not given; "
+        "so is its motion for a rigid grasp",
     )
 
     @model_validator(mode="after")

@@ -44,7 +44,9 @@ class JointPd(Section):
     kp: float = quantity("N m/rad or N/m", "proportional gain K_p2", default=0.0, ge=0)
     kd: float = quantity("N m s/rad or N s/m", "derivative gain K_d2", default=0.0, ge=0)
     null_space: bool = Field(
-        default=False, description="only the part of the torque that does not accelerate the robot's tips"
+        default=False,
+        description="only the part of the torque that does not accelerate the robot's tips; the "
+        "robot needs more joints than controlled directions",
     )
     ik_rate: float = quantity(
         "1/s", "rate at which the inverse kinematics removes its position error", default=10.0, ge=0

@@ -33,7 +33,10 @@ class Compliant(_Grasp):
 
 class _Rigid(_Grasp):
     max_gap: float = quantity(
-        "m", "greatest distance of tip and mating frame at the start", default=1e-6, ge=0
+        "m",
+        "greatest distance of tip and mating frame at the start, where no base moves to close it",
+        default=1e-6,
+        ge=0,
     )
     stabilisation: float = quantity(
         "1/s", "rate at which drift of the constraint decays (critically damped)", default=20.0, ge=0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 import pinocchio as pin
@@ -15,7 +15,7 @@ from spacerobot.scene.configure import initial_state
 from spacerobot.scene.reach import out_of_reach
 from spacerobot.scene.scene import Array, Scene, SceneBody, SceneTip
 
-SLIP = 1e-9  # [m/s, rad/s] that a described velocity may differ from the one that begins
+SLIP = 1e-9  # [m/s, rad/s, deg/s] that a described velocity may differ from the one that begins
 
 
 def list_assumptions(scene: Scene) -> tuple[str, ...]:
@@ -37,8 +37,8 @@ def list_assumptions(scene: Scene) -> tuple[str, ...]:
             found.append(f"{grasp.path}: welded in the initial relative orientation; never lets go")
         if is_rigid(grasp) and grasp in open_grasps(scene):
             found.append(
-                f"{grasp.path}: no base can close it: its positions must meet as given, initial velocities change "
-                "by the impulse of closing"
+                f"{grasp.path}: no base can close it: positions must meet as given, initial velocities "
+                "change by the impulse of closing"
             )
     if scene.grasps:
         found.append("no contact except in the grasps: bodies may pass through each other")
@@ -123,18 +123,18 @@ def _given_way(scene: Scene) -> list[str]:
         moved = float(np.linalg.norm((position - base.position)[free]))
         if base.close_grasp is None and moved > closing.grasp.config.max_gap:
             found.append(f"{path}: moved {moved:.3g} m from its `position` {end}")
-        if closing.sets_velocity and any(base.velocity) and not np.allclose(linear, base.velocity, atol=SLIP):
+        if closing.sets_velocity and _gives_way(base.velocity, linear):
             found.append(f"{path}: `velocity` gives way to {_vector(linear)} m/s {end}")
-        if closing.sets_spin and any(base.spin_deg):
-            if not np.allclose(spin, np.radians(base.spin_deg), atol=SLIP):
-                found.append(f"{path}: `spin_deg` gives way to {_vector(np.degrees(spin))} deg/s {end}")
+        if closing.sets_spin and _gives_way(base.spin_deg, np.degrees(spin)):
+            found.append(f"{path}: `spin_deg` gives way to {_vector(np.degrees(spin))} deg/s {end}")
     if has_loops(scene):
         described = initial_state(scene.model, scene.bodies, scene.grasps, source=scene.source)[1]
         change = float(np.abs(scene.v - described).max())
         if change > SLIP:
             names = " and ".join(repr(grasp.name) for grasp in open_grasps(scene) if is_rigid(grasp))
             found.append(
-                f"initial velocities changed by up to {change:.3g} m/s or rad/s so that grasp {names} begins closed"
+                f"initial velocities changed by up to {change:.3g} m/s or rad/s so that grasp {names} "
+                "begins closed"
             )
     return found
 
@@ -147,6 +147,11 @@ def _base_motion(scene: Scene, body: SceneBody) -> tuple[Array, Array, Array]:
     world = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
     motion = pin.getFrameVelocity(scene.model, data, body.root_frame, world)
     return data.oMf[body.root_frame].translation, motion.linear, motion.angular
+
+
+def _gives_way(described: Sequence[float], found: Array) -> bool:
+    """Whether something was described that is not what begins."""
+    return any(described) and not np.allclose(found, described, rtol=0, atol=SLIP)
 
 
 def _vector(values: Array) -> str:

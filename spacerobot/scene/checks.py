@@ -155,11 +155,12 @@ def check_gaps(scene: Scene) -> None:
     for grasp in scene.grasps:
         distance = float(np.linalg.norm(gap(scene.model, grasp, scene.q)))
         if distance > grasp.config.max_gap:
-            free = {b.name for b in scene.bodies if b.root_joint} & {"target", grasp.tip.body.name} - following
-            place = f"place a base by `close_grasp: {grasp.name}` or " if free and not is_rigid(grasp) else ""
+            ends = (body for body in scene.bodies if body.name in ("target", grasp.tip.body.name))
+            can_follow = any(body.root_joint and body.name not in following for body in ends)
+            way = f"place a base by `close_grasp: {grasp.name}` or " if can_follow else ""
             raise ScenarioError(
                 f"does not close: {grasp.tip.label} is {distance:.4g} m from {grasp.config.frame}, allowed "
-                f"max_gap {grasp.config.max_gap:g} m; {place}change the posture",
+                f"max_gap {grasp.config.max_gap:g} m; {way}change the posture",
                 source=scene.source,
                 where=grasp.path,
             )

@@ -1,9 +1,9 @@
 """Which base gives way to which grasp, so that a scene begins closed.
 
-A base with ``close_grasp`` gives way to the grasp it names. Each rigid grasp that is left then moves the target,
-or, if the target has given way already, the base of its own robot; a fixed base moves nowhere. The grasps of
-robots that cannot move come first. What no base can close is a *loop*, as two arms of one robot form it: its
-positions must meet as they are described, its velocities are projected.
+A base with ``close_grasp`` gives way to the grasp it names. Each rigid grasp that is left moves the target,
+or, if the target has given way already, the base of its own robot; grasps of robots that cannot move come
+first. What no base can close is a *loop*, as two arms of one robot form it: its positions must meet as they
+are described, its velocities are projected.
 """
 
 from __future__ import annotations
@@ -107,7 +107,9 @@ def _asked_for(
 ) -> dict[str, SceneGrasp]:
     """Grasp that each base with ``close_grasp`` gives way to, by name of the body."""
     by_name = {grasp.name: grasp for grasp in grasps}
-    found = {body.name: by_name[body.base.close_grasp] for body in bodies if body.base.close_grasp is not None}
+    found = {
+        body.name: by_name[body.base.close_grasp] for body in bodies if body.base.close_grasp is not None
+    }
     for body in bodies:
         grasp = found.get(body.name)
         if grasp is not None and body.name not in ("target", grasp.tip.body.name):

@@ -4,6 +4,7 @@ import json
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 import typer
 from typer.testing import CliRunner
@@ -12,6 +13,7 @@ from optim.campaign import load_campaign
 from optim.campaign.gains import controllers, gain_sets
 from spacerobot.cli import campaign, report, robust
 from spacerobot.errors import ScenarioError
+from tests.oracles import one_arm
 
 KP = json.dumps({"parameters": {"kp": {"paths": "robots.arm.tips.tip.pid.kp", "lower": 50, "upper": 90}}})
 KP = KP[:-1] + ', "limits": {"grip_force": 7}}'
@@ -42,6 +44,38 @@ def test_a_campaign_from_the_command_line(invoke, small_file, tmp_path):
     assert summary["samples"] == 30
     assert "30 of 30 samples" in invoke(*words).output
     assert "holds another campaign" in str(invoke(small_file, "--out", out, "--samples", 31).exception)
+
+
+def test_a_sample_that_no_base_can_close_fails_by_the_grasps_name(invoke, tmp_path):
+    """Its own command is refused for the same grasp; the others are simulated."""
+    from spacerobot.cli.app import app
+    from spacerobot.scene import load_scene
+
+    placed = load_scene(one_arm.write(tmp_path)).q[-4:-2].tolist()
+    fixed = {"urdf": "rectangle.urdf", "base": {"joint": "fixed", "position": [*placed, 0.0]}}
+    bend = {"bend": {"paths": "robots.arm.joints.joint_2.angle_deg", "lower": -73, "upper": -67}}
+    section = {"parameters": bend, "samples": 16, "step": 0.01}
+    file = one_arm.write(tmp_path, target=fixed, campaign=section)
+    done = invoke(file, "--out", tmp_path / "store", "--report")
+    assert done.exit_code == 0, done.output
+    summary = json.loads((tmp_path / "store" / "summary.json").read_text())
+    told = summary["gains"]["scenario"]
+    count = told["failure"]["unclosed"]["count"]
+    assert 0 < count < 16
+    assert told["failure"]["diverged"]["count"] == 0
+    (doubt,) = summary["doubts"]
+    assert doubt.startswith(
+        f"gains scenario: {count} of 16 samples fail before they begin; the first: grasps.left"
+    )
+    assert told["worst"][0]["unclosed"] is None
+    data = load_campaign(tmp_path / "store")
+    gaps = data.gap.values[:, 0, 0]
+    assert (gaps > 0.01).sum() == count
+    assert np.array_equal(np.isfinite(data.diverged_at.values[:, 0]), gaps > 0.01)
+    sample = data.draw.values[np.argmax(gaps), 0]
+    words = ["run", str(file), "--set", f"robots.arm.joints.joint_2.angle_deg={sample}"]
+    refused = CliRunner().invoke(app, [*words, "--out", str(tmp_path / "again")])
+    assert f"grasps.left: does not close: arm/tip is {gaps.max():.4g} m from mate_1" in str(refused.exception)
 
 
 def test_gains_of_a_result_and_unknown_ones(small, small_file, tmp_path):

@@ -60,7 +60,7 @@ def test_nothing_is_made_of_chance():
 
 def test_what_does_not_vary_or_always_diverges():
     assert matters(lambda x: np.ones_like(x[0]))["note"] == "it does not vary"
-    assert matters(lambda x: np.full_like(x[0], np.inf))["note"] == "every rollout diverged"
+    assert matters(lambda x: np.full_like(x[0], np.inf))["note"] == "no rollout was completed"
     some = matters(lambda x: np.where(x[0] > 2, np.inf, 1.0))
     assert strongest(some) == [("a", "rises")]
     assert "note" not in some

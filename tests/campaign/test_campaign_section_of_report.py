@@ -186,9 +186,9 @@ def test_every_sample_diverged(small, tmp_path):
     found = run_campaign(scene, tmp_path / "store", gains=wild)
     summary = summarise(tmp_path / "store", found.evaluator)
     assert summary["gains"]["wild"]["failure"]["diverged"]["count"] == 9
-    assert summary["gains"]["wild"]["matters"]["tip_error_peak"]["note"] == "every rollout diverged"
+    assert summary["gains"]["wild"]["matters"]["tip_error_peak"]["note"] == "no rollout was completed"
     text = campaign_page(tmp_path / "store", quiet)
-    assert "every rollout diverged" in text
+    assert "no rollout was completed" in text
     assert "diverged after" in text
 
 

@@ -154,7 +154,7 @@ def test_chunks_keep_within_their_bytes(whole, monkeypatch):
 
 def test_blocks_fit_into_memory():
     recording = Recording((Series("a", tuple(map(str, range(100))), "1"),), np.zeros(9_001))
-    layout = Layout(["p"], ["g"], [], recording, "")
+    layout = Layout(["p"], ["g"], [], recording, {}, "")
     assert layout.rows == 4  # 7.2 MB each
     assert replace(layout, recording=Recording((), np.empty(0))).rows == 1024
 

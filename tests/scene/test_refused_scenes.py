@@ -100,21 +100,42 @@ def rigid(kind: str = "weld") -> dict[str, object]:
             "robots.one.tips.tip.amnesia.ta: found 'x', allowed: a number",
         ),
         # rigid grasps
-        (PLANAR, rigid(), "grasps.left: rigid, but tip and mating frame begin with relative velocity"),
         (
             PLANAR,
-            STILL | rigid() | {"robots.two.joints.joint_3.rate_deg": 1},
-            "grasps.right: rigid, but tip and mating",
+            rigid()
+            | {
+                "target.base": {"joint": "fixed", "position": [0.9, 0.2, 0]},
+                "robots.one.base": {"joint": "fixed"},
+            },
+            "grasps.left: does not close: one/tip is",
+        ),
+        # a joint PD in the null space of a robot without one
+        (
+            PLANAR,
+            {
+                "robots.one.joint_pd": {"kp": 5, "null_space": True},
+                "robots.one.tips.tip.orientation_pid": {"kp": 1},
+            },
+            "robots.one.joint_pd.null_space: one has no null space: its 3 joints move 3 controlled "
+            "directions of its tips; leave `null_space` out, or control fewer directions",
+        ),
+        (
+            SPATIAL,
+            {
+                "robots.two.joint_pd": {"kp": 5, "null_space": True},
+                "robots.two.tips.tip.orientation_pid": {"kp": 1},
+            },
+            "robots.two.joint_pd.null_space: two has no null space: its 4 joints move 6 controlled "
+            "directions of its tips, of which 4 are independent in the initial posture",
         ),
         (
             PLANAR,
-            STILL
-            | rigid()
-            | {
-                "robots.one.base": {"joint": "planar", "position": [0.001, 0, 0]},
-                "target.base": {"joint": "planar", "position": [0.9, 0.2, 0]},
+            {
+                "robots.one.joint_pd": {"kp": 5, "null_space": True},
+                "robots.one.tips.same": {"frame": "tip", "pid": {"kp": 1}},
             },
-            "grasps.left: does not close",
+            "robots.one.joint_pd.null_space: one has no null space: its 3 joints move 4 controlled "
+            "directions of its tips, of which 2",
         ),
     ],
 )
@@ -126,19 +147,23 @@ def test_refusals(text, changes, expected):
     assert "\n" not in message
 
 
-def test_spin_about_the_mating_point_slips_in_a_weld_but_not_in_a_point():
-    reach, turned, spin = 0.2 * math.cos(math.radians(30)), math.radians(20), math.radians(5)
-    # velocity of the target's root that leaves mate_1, at -reach on its x axis, at rest
-    velocity = [-spin * reach * math.sin(turned), spin * reach * math.cos(turned), 0]
-    spinning = STILL | {"target.base.spin_deg": [0, 0, 5], "target.base.velocity": velocity}
+def test_a_spin_about_the_mating_point_stays_in_a_point_and_gives_way_in_a_weld():
+    spinning = STILL | {"target.base.spin_deg": [0, 0, 5]}
     loose = {"robots.two.base": {"joint": "planar", "position": [5, 0, 0]}}
 
     def scene(kind):
         return small_scene(PLANAR, spinning | loose | {"grasps": {"left": rigid(kind)["grasps.left"]}})
 
-    assert scene("point").grasps[0].config.kind == "point"
-    with pytest.raises(ScenarioError, match=r"begin with relative velocity 0\.0873"):
-        scene("weld")
+    reach, spin = 0.2 * math.cos(math.radians(30)), math.radians(5)
+    point, weld = scene("point"), scene("weld")
+    # in axes of the body, whose mating frame lies at -reach on its x axis
+    assert point.v[-3:] == pytest.approx([0, spin * reach, spin], abs=1e-12)
+    assert not any("gives way" in warning for warning in point.warnings)
+    assert not weld.v.any()
+    assert (
+        "target.base: `spin_deg` gives way to (0, 0, 0) deg/s so that grasp 'left' begins closed"
+        in weld.warnings
+    )
 
 
 def test_grasps_that_fix_a_freedom_twice():
