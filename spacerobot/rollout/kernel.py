@@ -92,7 +92,7 @@ def build_kernel(loop: ClosedLoopFunctions, measures: Measures | None = None) ->
         return ca.substitute([stack], symbols, values)[0] if stack.numel() else stack
 
     x0, c0 = loop.setup(p)
-    order = {path: i for i, path in enumerate(loop.parameter_paths)}
+    order = dict(zip(loop.parameter_paths, range(p.numel()), strict=True))
     xdot = ca.vertcat(loop.dynamics(t, x[:nx], prepared), stacked(integrals))
     at = {"t": t, "x": x, "c": c}
     peaks = stacked(measures.of_kind("peak"))
@@ -112,14 +112,13 @@ def build_kernel(loop: ClosedLoopFunctions, measures: Measures | None = None) ->
     }
     functions["objective"], costs = _objective(measures, loop.parameter_paths, p)
     limits = [POSITION_LIMIT] * loop.nq + [VELOCITY_LIMIT] * loop.nv + [CONTROLLER_LIMIT] * (loop.nz + count)
-    sizes = {name: loop.outputs.numel_out(name) for name in names}
     return Kernel(
         functions,
         nx,
         count,
         peaks.numel(),
         1 / np.array(limits),
-        slices(sizes),
+        slices({name: loop.outputs.numel_out(name) for name in names}),
         slices(measures.sizes),
         costs,
         Closure(loop.gaps, loop.max_gaps),
