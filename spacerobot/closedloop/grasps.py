@@ -186,8 +186,8 @@ def close_velocity(plant: Plant, constraints: Sequence[Constraint]) -> ca.SX:
 
     The change is what an impulse in each grasp makes, as if all closed at once; none where nothing slips.
     """
-    sense = ca.horzcat(*(constraint.sense for constraint in constraints))
-    slip = ca.vertcat(*(constraint.slip for constraint in constraints))
+    sense = ca.horzcat(*(constraint.sense for constraint in constraints), plant.ties)
+    slip = ca.vertcat(*(constraint.slip for constraint in constraints), ca.SX(plant.ties.size2(), 1))
     factors = SymmetricFactors(-plant.articulated.negated_mobility(sense, sense))
     return plant.v + plant.articulated.motion(ca.mtimes(sense, factors.solve_negated(slip)))
 

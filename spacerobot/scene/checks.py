@@ -210,8 +210,8 @@ def check_null_space(scene: Scene) -> None:
             if tip.body is body
             for axes in _controlled(scene, tip.config)
         ]
-        columns = [scene.model.joints[joint].idx_v for joint in body.joints]
-        jacobian = np.vstack([np.empty((0, scene.model.nv)), *rows])[:, columns]
+        columns = [scene.model.joints[joint].idx_v for joint in body.free_joints]
+        jacobian = (np.vstack([np.empty((0, scene.model.nv)), *rows]) @ scene.spread)[:, columns]
         directions, joints = jacobian.shape
         rank = int(np.linalg.matrix_rank(jacobian, tol=1e-9)) if directions else 0
         if rank < directions or directions >= joints > 0:

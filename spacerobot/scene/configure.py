@@ -67,9 +67,11 @@ def close_velocity(scene: Scene) -> Array:
     """
     grasps = [grasp for grasp in scene.grasps if is_rigid(grasp)]
     rows = np.vstack([relative_jacobian(scene, grasp) for grasp in grasps])
-    upper = np.triu(pin.computeMinverse(scene.model, scene.model.createData(), scene.q))
-    spread = (upper + np.triu(upper, 1).T) @ rows.T
-    closed: Array = scene.v - spread @ np.linalg.solve(rows @ spread, rows @ scene.v)
+    upper = np.triu(pin.crba(scene.model, scene.model.createData(), scene.q))
+    free = scene.spread[:, np.diag(scene.spread) > 0]
+    inertia = free.T @ (upper + np.triu(upper, 1).T) @ free
+    response = free @ np.linalg.solve(inertia, (rows @ free).T)
+    closed: Array = scene.v - response @ np.linalg.solve(rows @ response, rows @ scene.v)
     return closed
 
 
