@@ -9,7 +9,7 @@ import pinocchio as pin
 
 from spacerobot.description.bodies import odd_bodies
 from spacerobot.scenario import Calibration, Compliant, Pid, Robot
-from spacerobot.scene.checks import resolved_bodies
+from spacerobot.scene.checks import controlled_directions, in_null_space, resolved_bodies
 from spacerobot.scene.closing import Closing, find_closings, has_loops, is_rigid, open_grasps
 from spacerobot.scene.configure import initial_state
 from spacerobot.scene.reach import out_of_reach
@@ -68,6 +68,13 @@ def list_warnings(scene: Scene) -> tuple[str, ...]:
                     f"{lower} to {upper} {unit}; limits are not enforced"
                 )
         found += _unread_sensors(scene, body)
+    for body in in_null_space(scene):
+        directions, joints, _ = controlled_directions(scene, body)
+        if directions == joints:
+            found.append(
+                f"{body.path}.joint_pd: without effect, for its {joints} joints move as many controlled "
+                "directions of its tips; `null_space` leaves nothing"
+            )
     return (*found, *_given_way(scene), *out_of_reach(scene))
 
 

@@ -14,7 +14,7 @@ from spacerobot.description.bodies import Body, check_bodies, welded_bodies
 from spacerobot.description.parts import Link
 from spacerobot.description.read import Description
 from spacerobot.errors import DescriptionError, ScenarioError
-from spacerobot.scenario import Robot, Scenario, Target, Tip
+from spacerobot.scenario import Robot, Scenario, Target
 from spacerobot.scene.closing import find_closings, is_rigid
 from spacerobot.scene.configure import relative_jacobian
 from spacerobot.scene.scene import Array, Scene, SceneBody, SceneGrasp
@@ -190,44 +190,48 @@ def check_rank(scene: Scene) -> None:
 
 
 def check_null_space(scene: Scene) -> None:
-    """Refuse a joint PD in the null space of a robot that has none.
+    """Refuse a joint PD in a null space that does not exist.
 
     Raises
     ------
     ScenarioError
         Naming the robot, its number of joints and of controlled directions.
     """
-    data = scene.model.createData()
-    pin.computeJointJacobians(scene.model, data, scene.q)
-    pin.updateFramePlacements(scene.model, data)
-    for body in scene.robots:
-        config = body.config
-        if not isinstance(config, Robot) or config.joint_pd is None or not config.joint_pd.null_space:
-            continue
-        rows = [
-            pin.getFrameJacobian(scene.model, data, tip.frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)[axes]
-            for tip in scene.tips
-            if tip.body is body
-            for axes in _controlled(scene, tip.config)
-        ]
-        columns = [scene.model.joints[joint].idx_v for joint in body.free_joints]
-        jacobian = (np.vstack([np.empty((0, scene.model.nv)), *rows]) @ scene.spread)[:, columns]
-        directions, joints = jacobian.shape
-        rank = int(np.linalg.matrix_rank(jacobian, tol=1e-9)) if directions else 0
-        if rank < directions or directions >= joints > 0:
-            only = f", of which {rank} are independent in the initial posture" if rank < directions else ""
+    for body in in_null_space(scene):
+        directions, joints, rank = controlled_directions(scene, body)
+        if rank < directions:
             raise ScenarioError(
                 f"{body.name} has no null space: its {joints} joints move {directions} controlled directions "
-                f"of its tips{only}; leave `null_space` out, or control fewer directions",
+                f"of its tips, of which {rank} are independent in the initial posture; leave `null_space` "
+                "out, or control fewer directions",
                 source=scene.source,
                 where=f"{body.path}.joint_pd.null_space",
             )
 
 
-def _controlled(scene: Scene, tip: Tip) -> list[list[int]]:
-    """Rows of a tip's Jacobian that its controllers act on, by controller."""
-    position, orientation = list(scene.translation_axes), [axis + 3 for axis in scene.rotation_axes]
-    return [position] * (tip.pid is not None) + [orientation] * (tip.orientation_pid is not None)
+def in_null_space(scene: Scene) -> list[SceneBody]:
+    """Robots whose joint PD shall act in the null space only."""
+    pds = [(body, body.config.joint_pd) for body in scene.robots if isinstance(body.config, Robot)]
+    return [body for body, pd in pds if pd is not None and pd.null_space]
+
+
+def controlled_directions(scene: Scene, body: SceneBody) -> tuple[int, int, int]:
+    """Directions of a robot's tips that are controlled, its free joints, and the rank of what these move."""
+    data = scene.model.createData()
+    pin.computeJointJacobians(scene.model, data, scene.q)
+    pin.updateFramePlacements(scene.model, data)
+    rows = [np.empty((0, scene.model.nv))]
+    for tip in scene.tips:
+        if tip.body is body:
+            world = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+            jacobian = pin.getFrameJacobian(scene.model, data, tip.frame, world)
+            if tip.config.pid is not None:
+                rows.append(jacobian[:3][list(scene.translation_axes)])
+            if tip.config.orientation_pid is not None:
+                rows.append(jacobian[3:][list(scene.rotation_axes)])
+    columns = [scene.model.idx_vs[joint] for joint in body.free_joints]
+    moved = (np.vstack(rows) @ scene.spread)[:, columns]
+    return *moved.shape, int(np.linalg.matrix_rank(moved, tol=1e-9)) if moved.size else 0
 
 
 def check_limits(scene: Scene) -> None:

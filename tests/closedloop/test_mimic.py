@@ -8,6 +8,7 @@ import pytest
 
 from spacerobot.errors import ScenarioError
 from spacerobot.scene import Scene
+from spacerobot.scene.configure import relative_jacobian
 from tests.oracles.small_scenes import folder, random_x, small_scene
 from tests.oracles.two_engines import ENGINES, Numeric, Symbolic, part
 
@@ -265,3 +266,23 @@ def test_mimicry_that_leads_nowhere_is_named_at_once_and_may_be_locked():
     changes = {"robots.one.joints.spin.locked": True, "robots.one.joints.follow.locked": True}
     scene = small_scene(SCENARIO, changes)
     assert [scene.model.names[tie.joint] for tie in scene.ties] == ["one/elbow"]
+
+
+def test_a_grasp_that_no_base_closes_begins_without_slip_and_tied():
+    """A base that moves in a plane only takes what it can, the joints and what mimics them the rest."""
+    point = {"grasps.hold": {"tip": "one/tip", "frame": "left", "kind": "point"}}
+    fixed = {
+        "robots.one.base": {"joint": "fixed"},
+        "robots.one.tips.tip.pid": None,
+        "robots.one.tips.tip.amnesia": None,
+    }
+    placed = gripper(point | fixed | {"target.base": {"joint": "free_flyer"}})
+    height = placed.q[placed.model.idx_qs[placed.target.root_joint] + 2]
+    scene = gripper(point | fixed | {"target.base": {"joint": "planar", "position": [0, 0, float(height)]}})
+    slip = relative_jacobian(scene, scene.grasps[0])
+    np.testing.assert_allclose(slip @ scene.v, 0, atol=1e-12)
+    np.testing.assert_allclose(scene.spread @ scene.v, scene.v, atol=1e-12)
+    assert np.abs(scene.v).max() > 1e-2
+    x0, nq = Symbolic(scene).x0, scene.model.nq
+    np.testing.assert_allclose(x0[:nq], scene.q, atol=1e-13)
+    np.testing.assert_allclose(x0[nq : nq + scene.model.nv], scene.v, atol=1e-13)

@@ -111,22 +111,13 @@ def rigid(kind: str = "weld") -> dict[str, object]:
         ),
         # a joint PD in the null space of a robot without one
         (
-            PLANAR,
-            {
-                "robots.one.joint_pd": {"kp": 5, "null_space": True},
-                "robots.one.tips.tip.orientation_pid": {"kp": 1},
-            },
-            "robots.one.joint_pd.null_space: one has no null space: its 3 joints move 3 controlled "
-            "directions of its tips; leave `null_space` out, or control fewer directions",
-        ),
-        (
             SPATIAL,
             {
                 "robots.two.joint_pd": {"kp": 5, "null_space": True},
                 "robots.two.tips.tip.orientation_pid": {"kp": 1},
             },
             "robots.two.joint_pd.null_space: two has no null space: its 4 joints move 6 controlled "
-            "directions of its tips, of which 4 are independent in the initial posture",
+            "directions of its tips, of which 4 are independent in the initial posture; leave",
         ),
         (
             PLANAR,
@@ -145,6 +136,17 @@ def test_refusals(text, changes, expected):
     message = str(caught.value).removeprefix(f"{folder() / 'scenario.yaml'}: ")
     assert re.match(re.escape(expected), message), message
     assert "\n" not in message
+
+
+def test_a_null_space_that_leaves_nothing_is_warned_of():
+    changes = {"robots.one.joint_pd": {"kp": 5, "null_space": True}}
+
+    def told(more):
+        return [w for w in small_scene(PLANAR, changes | more).warnings if "without effect" in w]
+
+    assert told({}) == []
+    (warning,) = told({"robots.one.tips.tip.orientation_pid": {"kp": 1}})
+    assert warning.startswith("robots.one.joint_pd: without effect")
 
 
 def test_a_spin_about_the_mating_point_stays_in_a_point_and_gives_way_in_a_weld():
