@@ -13,6 +13,8 @@ from viz.geometry import Array
 from viz.meshcat_scene import packed
 from viz.motion import Rows
 
+_ROUNDING = 1e-6
+
 
 def centres_of_mass(scene: Scene, q: Array) -> tuple[Array, Array]:
     """Centres of mass of what moves.
@@ -51,7 +53,8 @@ def mass_data(result: Result, scene: Scene, rows: Rows) -> dict[str, Any]:
     -------
     dict
         ``centres`` [m] and ``momenta`` [N s], packed (nt, k + 1, 3); ``count``, which is k + 1; and
-        ``greatest`` [N s], of the momenta (of a diverged result before its last instants).
+        ``greatest`` [N s], of the momenta (of a diverged result before its last instants), 0 if it is
+        rounding.
     """
     centres, masses = centres_of_mass(scene, result.data.q.values[rows])
     moving = masses > 0
@@ -62,11 +65,14 @@ def mass_data(result: Result, scene: Scene, rows: Rows) -> dict[str, Any]:
     own = result.data.body_momentum_linear.values[rows][:, moving]
     momenta = np.concatenate([own, result.data.momentum_linear.values[rows][:, None]], axis=1)
     kept = len(rows) if result.completed else max(1, int(0.8 * len(rows)))
+    greatest = float(np.linalg.norm(momenta[:kept], axis=-1).max(initial=0.0))
+    # of a robot that holds nothing: rounding, beside what moves inside it
+    inner = float(np.sqrt(2 * masses.sum() * result.data.energy_kinetic.values[rows].max()))
     return {
         "centres": packed(np.concatenate([centres, centre[:, None]], axis=1)),
         "momenta": packed(momenta),
         "count": int(moving.sum()) + 1,
-        "greatest": float(np.linalg.norm(momenta[:kept], axis=-1).max(initial=0.0)),
+        "greatest": greatest if greatest > _ROUNDING * inner else 0.0,
     }
 
 

@@ -19,6 +19,7 @@ from PIL import Image
 from spacerobot.result import save
 from spacerobot.scene import load_scene
 from spacerobot.simulate import simulate
+from viz.comparison_figures import write_figures
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 FLAGS = (
@@ -62,6 +63,59 @@ def spatial():
     """The servicer for a quarter of a second, interpreted."""
     scene = load_scene("servicer", {"simulation.duration": 0.24, "simulation.step": 0.02})
     return simulate(scene, backend="interpreted")
+
+
+def _time(expected):
+    bounds = {"low": expected, "high": expected, "rate_low": 0.5, "rate_high": 1.0}
+    return {"expected": expected, "met": 4 if expected else 0, "runs": 5, **bounds}
+
+
+def _design(reached, **more):
+    plants = {"objective": {"median": 0.005, "worst": 0.009}, "values": [0.005, 0.009], "diverged": 0}
+    peaks = {"joint_torque_peak": 3.25, "tip_error_peak": 0.0123}
+    return {"peaks": peaks, "other_plants": plants, "nominal_objective": reached} | more
+
+
+def _method(best, gains, active):
+    found = _design(best, objective=best, gains=gains, active_bounds=active, feasible=True, status="settled")
+    return {
+        "ranked": True,
+        "objective": {"best": best, "median": 2 * best},
+        "best": found,
+        "spent": {"equivalent_rollouts": 123.4, "wall_s": 1.5, "wall_with_compilation_s": 9.5},
+        "running_times": [_time(1234.0 * best), _time(None)],
+        "trials": [{"spent": 123.4, "history": [[10.0, 2 * best], [60.0, best]]}],
+    }
+
+
+def _comparison(folder, gains, active):
+    result = simulate(load_scene("paper", {"simulation.duration": 0.2}))
+    for name in ("baseline", "nlp"):
+        save(result, folder / "base-five" / name)
+    contest = {
+        "name": "base-five",
+        "objective": {"kind": "minimax"},
+        "unit": {"factor": 1e3, "name": "mm"},
+        "variables": {"kp": {}},
+        "currency": {"operations": 3.2e7, "gradient": 4.69, "slope": 2.86, "sample": 1.22},
+        "best_known": 0.25,
+        "start_objective": 0.5,
+        "baseline": _design(0.5),
+        "sensitivity": None,
+        "methods": {"ga": _method(0.3, gains, active), "nlp": _method(0.25, gains, [])},
+    }
+    share = {"share": [0.1, 0.9], "low": [0.0, 0.8], "high": [0.2, 1.0]}
+    profiles = {"budgets": [1.0, 100.0], "methods": {"ga": share, "nlp": share}}
+    data = {"name": "<b>", "verdict": "nlp is ahead <b>", "precisions": [0.1, 0.01], "profiles": profiles}
+    (folder / "comparison.json").write_text(json.dumps(data | {"contests": [contest]}))
+    write_figures(data | {"contests": [contest]}, folder)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def make_comparison():
+    """Function that writes a comparison of two methods into a folder, by GA's gains and those at a bound."""
+    return _comparison
 
 
 class Page:

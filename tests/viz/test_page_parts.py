@@ -9,6 +9,8 @@ import pinocchio as pin
 import pytest
 from PIL import Image, ImageSequence
 
+from spacerobot.scene import load_scene
+from spacerobot.simulate import simulate
 from viz.animation import animation
 from viz.masses import centres_of_mass
 from viz.page import animation_page
@@ -153,6 +155,20 @@ def test_centres_of_mass_are_pinocchios_and_momentum_is_their_motion(paper):
     run = animation(paper)["runs"][0]["masses"]
     packed = np.frombuffer(base64.b64decode(run["centres"]), "<f4").reshape(-1, run["count"], 3)
     np.testing.assert_allclose(packed[0, :-1], centres[0], atol=1e-6)
+
+
+def test_the_momentum_of_a_robot_that_holds_nothing_is_rounding_and_is_not_drawn():
+    changes = {
+        "grasps": {},
+        "target": None,
+        "robots.rpr2.base.close_grasp": None,
+        "robots.*.tips.tip.reference": {"kind": "line", "displacement": [0.01, 0, 0], "duration": 0.1},
+        "simulation.duration": 0.1,
+    }
+    scene = load_scene("paper", changes)
+    masses = animation(simulate(scene, backend="interpreted"))["runs"][0]["masses"]
+    assert masses["count"] == 3
+    assert masses["greatest"] == 0
 
 
 def test_masses_and_momenta_are_shown_where_asked(shown, paper):

@@ -1,8 +1,5 @@
 """Every kind of page at every size: no error, nothing wider than the screen, nothing covered, readable."""
 
-import json
-import shutil
-
 import numpy as np
 import pytest
 
@@ -62,27 +59,9 @@ CONTRAST = """
 
 
 @pytest.fixture(scope="module")
-def comparison(paper, blind, tmp_path_factory):
-    """A comparison of one contest, its gains' names long."""
-    folder = tmp_path_factory.mktemp("compared")
-    for name, result in (("baseline", blind), ("nlp", paper)):
-        shutil.copytree(result.folder, folder / "base-five" / name)
-    design = {"nominal_objective": 0.5, "peaks": {}, "other_plants": None}
-    best = design | {"gains": {LONG: 1.0} | {f"gain_{k}": 123.456 for k in range(8)}, "active_bounds": []}
-    method = {
-        "objective": {"best": 0.1, "median": 0.2},
-        "best": best,
-        "spent": {"equivalent_rollouts": 10.0},
-    }
-    contest = {
-        "name": "base-five",
-        "objective": {"kind": "minimax"},
-        "gradient_cost_rollouts": 4.0,
-        "baseline": design,
-        "methods": {"nlp": method},
-    }
-    (folder / "comparison.json").write_text(json.dumps({"contests": [contest]}))
-    return comparison_report(folder)
+def comparison(make_comparison, tmp_path_factory):
+    gains = {LONG: 1.0} | {f"gain_{k}": 123.456 for k in range(8)}
+    return comparison_report(make_comparison(tmp_path_factory.mktemp("compared"), gains, []))
 
 
 @pytest.fixture(scope="module")

@@ -130,7 +130,7 @@ class Chart {
     return pen;
   }
 
-  curves({ canvas, signals, range: [least, greatest], unit }) {
+  curves({ canvas, signals, range: [least, greatest] }) {
     const height = canvas.clientHeight, top = 7, bottom = height - 7, [left, right] = this.span;
     if (right - left < 20 || !height) return;
     const pen = this.pen(canvas);
@@ -138,7 +138,7 @@ class Chart {
       const share = (value - least) / (greatest - least);
       return bottom - Math.min(1.1, Math.max(-0.1, share)) * (bottom - top);
     };
-    this.levels(pen, [least, greatest], unit, y);
+    this.levels(pen, [least, greatest], y);
     signals.forEach((signal) => signal.values.forEach((values, r) => {
       if (!values) return;
       const { time } = this.signals.runs[r];
@@ -153,7 +153,7 @@ class Chart {
 
   xOf(time, left, right) { return left + (time / this.duration) * (right - left); }
 
-  levels(pen, [least, greatest], unit, y) {
+  levels(pen, [least, greatest], y) {
     const [left, right] = this.span, small = 0.25 * (greatest - least);
     pen.strokeStyle = "#2c3947";
     pen.textAlign = "right";
@@ -164,7 +164,7 @@ class Chart {
       pen.moveTo(left, y(value));
       pen.lineTo(right, y(value));
       pen.stroke();
-      pen.fillText(value ? amount(value, unit) : "0", left - 5, y(value));
+      pen.fillText(digits(value), left - 5, y(value));
     }
   }
 

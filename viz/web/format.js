@@ -55,12 +55,15 @@ function niceStep(least) {
   return [1, 2, 5, 10].map((k) => k * power).find((step) => step >= least * 0.999);
 }
 
-// A value with its unit, in three digits.
-function amount(value, unit) {
+// A value in three digits.
+function digits(value) {
   const size = Math.abs(value);
-  if (unit === "mm" && size >= 1e3) return amount(value / 1e3, "m");
   if (!Number.isFinite(value)) return "–";
-  return `${size >= 1e-3 && size < 1e4 ? Number(value.toPrecision(3)) : size ? value.toExponential(1) : 0} ${unit}`;
+  return size >= 1e-3 && size < 1e4 ? `${Number(value.toPrecision(3))}` : size ? value.toExponential(1) : "0";
+}
+
+function amount(value, unit) {
+  return unit === "mm" && Math.abs(value) >= 1e3 ? `${digits(value / 1e3)} m` : `${digits(value)} ${unit}`;
 }
 
 // The size of an error given in mm: nobody reads less than a micrometre.

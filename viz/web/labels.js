@@ -25,15 +25,16 @@ class Labels {
     )));
   }
 
-  // Names as the page shows them, onto a picture of the pane.
-  draw(pen) {
-    pen.font = "12px system-ui, 'DejaVu Sans', sans-serif";
+  // Names as the page shows them, onto a picture of the pane, in letters so many px high.
+  draw(pen, letters) {
+    pen.font = `${letters}px system-ui, 'DejaVu Sans', sans-serif`;
     [pen.textAlign, pen.textBaseline] = ["center", "middle"];
     for (const span of [...this.bodies.map((body) => body.span), ...this.feet]) {
       if (span.hidden) continue;
-      const x = parseFloat(span.style.left), y = parseFloat(span.style.top) + 9, half = pen.measureText(span.textContent).width / 2 + 8;
+      const x = parseFloat(span.style.left), y = parseFloat(span.style.top) + 9;
+      const wide = pen.measureText(span.textContent).width + letters, tall = 1.5 * letters;
       pen.fillStyle = "#0009";
-      pen.fillRect(x - half, y - 9, 2 * half, 18);
+      pen.fillRect(x - wide / 2, y - tall / 2, wide, tall);
       pen.fillStyle = "#e8edf3";
       pen.fillText(span.textContent, x, y);
     }

@@ -5,6 +5,8 @@ function start() {
   try {
     player = new Player();
   } catch (fault) {
+    document.querySelector("footer").hidden = true;
+    $("title").textContent = payload.title;
     $("stage").replaceChildren(element("div", `This browser cannot draw in three dimensions (WebGL): ${fault.message}`, "fault"));
     return;
   }

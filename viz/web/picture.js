@@ -17,8 +17,9 @@ class Camera {
     pen.scale(ratio, ratio);
     this.sky(pen, clientWidth, clientHeight);
     pen.drawImage(drawn, 0, 0, clientWidth, clientHeight);
-    this.labels.draw(pen);
-    pen.font = "13px system-ui, 'DejaVu Sans', sans-serif";
+    const letters = 12 / Math.min(1, ratio); // px of the pane: never smaller in the picture than on the page
+    this.labels.draw(pen, letters);
+    pen.font = `${letters}px system-ui, 'DejaVu Sans', sans-serif`;
     pen.fillStyle = "#e8edf3";
     pen.textBaseline = "bottom";
     pen.fillText(this.words(), 12, clientHeight - 8);
