@@ -20,6 +20,7 @@ from optim.protocol import Array, Form, Linearisation
 
 ACCEPTED, POOR, GOOD = 0.05, 0.25, 0.75  # of the predicted fall
 LARGEST, SMALLEST = 1.0, 1e-5  # radius
+PATIENCE = 15  # steps that together must lower the objective by more than the tolerance
 DIFFERENCE = 3e-5  # of the unit cube
 WEIGHT = 10.0  # of the largest violation at first
 HEAVIEST = 1e5  # weight beyond which the point counts as infeasible
@@ -87,7 +88,7 @@ def descend(start: Point, manner: Manner) -> Generator[Ask, Any, Ended]:
     """
     if not start.known:
         return Ended("failed", "the rollout diverges at the start", start, 0)
-    state = _State(start, manner)
+    state, falls = _State(start, manner), list[float]()
     for step in range(manner.steps):
         if state.model is None and not (yield from state.renew()):
             return Ended("failed", "the rollout diverges all around the point", state.at, step)
@@ -95,6 +96,9 @@ def descend(start: Point, manner: Manner) -> Generator[Ask, Any, Ended]:
         if ended:
             status, message = ended
             return Ended(status, message, state.at, step + 1)
+        falls.append(state.at.objective if state.at.excess <= 2 * MARGIN else np.inf)
+        if len(falls) > PATIENCE and falls[-1 - PATIENCE] - falls[-1] < manner.tolerance * abs(falls[-1]):
+            return Ended("settled", "no further improvement", state.at, step + 1)
     return Ended("steps spent", "the best point so far is kept", state.at, manner.steps)
 
 

@@ -221,14 +221,17 @@ class _MultiStart:
     def finish(self) -> Run:
         """The run, its first-order conditions judged at the best point by exact derivatives."""
         search, log = self._search, tuple(self.log)
-        best = next((e for e in self.ended if np.array_equal(e.point.u, search.u)), None)
+        ended = [e for e in self.ended if e.point.known]
+        best = min(
+            ended or self.ended,
+            key=lambda e: (max(e.point.excess, FEASIBLE), e.point.objective),
+            default=None,
+        )
         kkt = None
         if np.isfinite(search.objective):
             kkt = kkt_residual(search.u, search.linearise(search.u), search.problem.form)
         if best is None:
-            status, message = ("budget spent", "") if self.spent else ("settled", "the best point is kept")
-            if not np.isfinite(search.objective):
-                status, message = "failed", "the rollout diverges at the start"
+            status, message = "budget spent", "before a descent had ended"
         else:
             status, message = best.status, best.message
         if np.isfinite(search.violation) and not search.feasible:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -136,7 +137,7 @@ def _write(found: Tuned, out: object) -> None:
         "message": found.message,
         "runs": [
             {"method": r.method, "index": r.index, "seed": r.seed, "objective": r.objective, "kkt": r.kkt}
-            | {"rollouts": r.cost.rollouts, "gradients": r.cost.gradients, "slopes": r.cost.slopes}
+            | asdict(r.cost)
             | {"seconds": r.seconds}
             | {"status": r.status, "message": r.message, "log": r.log}
             for r in found.outcome.runs

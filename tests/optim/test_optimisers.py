@@ -179,6 +179,7 @@ def test_descents_in_lockstep_share_batches_and_end_as_each_alone(monkeypatch):
     settings = NlpSettings(screen=2)
     together = solve_from_many(Search(problem, "nlp", seed=4), settings, 7)
     assert [entry["status"] for entry in together.log] == ["converged"] * 7
+    assert together.status == "converged"
     assert max(sizes[sizes.index(4 * 2) + 1 :]) == 4 * 2  # differences of four descents at once
     again = solve_from_many(Search(rosenbrock(), "nlp", seed=4), settings, 7)
     other = solve_from_many(Search(rosenbrock(), "nlp", seed=5), settings, 7)
