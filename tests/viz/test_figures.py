@@ -1,5 +1,6 @@
 """Figures: what they plot is the result's data, and every axis says its unit."""
 
+import dataclasses
 import re
 import warnings
 
@@ -168,6 +169,17 @@ def test_joints_of_one_robot_can_be_told_apart(spatial):
     drawn = joints(spatial).axes[0].get_lines()
     looks = {(line.get_color(), str(line._dash_pattern)) for line in drawn}
     assert len(looks) == len(drawn) == 14
+
+
+def test_names_of_many_joints_fit_beside_their_curves(paper):
+    data, count = paper.data, 50
+    many = data.isel(joint=[0] * count).assign_coords(joint=[f"rpr1/joint_{k}" for k in range(count)])
+    figure = joints(dataclasses.replace(paper, data=many))
+    figure.draw_without_rendering()
+    (legend,) = [axes.get_legend() for axes in figure.axes if axes.get_legend()]
+    box = legend.get_window_extent()
+    assert box.height < figure.bbox.height
+    assert 0 <= box.y0 < box.y1 <= figure.bbox.height
 
 
 def test_any_number_of_results_has_names_that_differ(paper):

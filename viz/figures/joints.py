@@ -8,13 +8,17 @@ from matplotlib.axes import Axes
 from spacerobot.result import Result
 from viz.figures.style import COLOURS, DASHES, Drawing, panels, styled, unit_scale, until
 
+_NAME_IN = 0.17
+"""Height of a joint's name in the legend."""
+
 
 @styled
 def joints(result: Result) -> Drawing:
     """Joint angles and actuator torques: a row for each robot, colours and dashes for its joints."""
     labels = [str(joint) for joint in result.data.joint.values]
     robots = [name for name in result.scenario.robots if any(j.startswith(f"{name}/") for j in labels)]
-    figure, axes = panels(len(robots), 2, sharex=True, height_in=2.6)
+    most = max(sum(j.startswith(f"{name}/") for j in labels) for name in robots)
+    figure, axes = panels(len(robots), 2, sharex=True, height_in=max(2.6, _NAME_IN * most))
     for row, robot in zip(axes, robots, strict=True):
         mine = [joint for joint in labels if joint.startswith(f"{robot}/")]
         for panel, variable, text in (
