@@ -155,8 +155,9 @@ def check_gaps(scene: Scene) -> None:
     for grasp in scene.grasps:
         distance = float(np.linalg.norm(gap(scene.model, grasp, scene.q)))
         if distance > grasp.config.max_gap:
-            ends = (body for body in scene.bodies if body.name in ("target", grasp.tip.body.name))
-            can_follow = any(body.root_joint and body.name not in following for body in ends)
+            ends = [body for body in scene.bodies if body.name in ("target", grasp.tip.body.name)]
+            follows = any(body.root_joint and body.name not in following for body in ends)
+            can_follow = follows and not is_rigid(grasp)  # a rigid one would have moved the base
             way = f"place a base by `close_grasp: {grasp.name}` or " if can_follow else ""
             raise ScenarioError(
                 f"does not close: {grasp.tip.label} is {distance:.4g} m from {grasp.config.frame}, allowed "
