@@ -94,6 +94,7 @@ class ResultProblem:
             duration_s=simulation.duration,
             step_s=self.problem.rollout.grid.step_s,
             output_step_s=simulation.output_step,
+            method=simulation.method,
         )
 
     def _score(self, u: Array) -> float:

@@ -97,7 +97,11 @@ def build_judge(scene: Scene, *, reading: str | None = None, threads: int | None
     extended = extended_loop(loop, scene, tuning.objective)
     terms = build_terms(extended, scene, tuning.objective, tuning.constraints)
     rollout = build_rollout(
-        extended, duration_s=scene.scenario.simulation.duration, step_s=tuning.step, measures=terms.measures
+        extended,
+        duration_s=scene.scenario.simulation.duration,
+        step_s=tuning.step,
+        method=scene.scenario.simulation.method,
+        measures=terms.measures,
     )
     return Judge(scene, rollout, tuning.robustness, threads)
 

@@ -241,6 +241,10 @@ def build_problem(
     tied = tie(extended, dict(zip(variables.names, variables.paths, strict=True)), list(variables.start))
     terms = build_terms(tied, scene, objective or tuning.objective, tuning.constraints)
     rollout = build_rollout(
-        tied, duration_s=scene.scenario.simulation.duration, step_s=tuning.step, measures=terms.measures
+        tied,
+        duration_s=scene.scenario.simulation.duration,
+        step_s=tuning.step,
+        method=scene.scenario.simulation.method,
+        measures=terms.measures,
     )
     return TuningProblem(scene, loop, variables, terms, rollout, recipe, workers or Threads())

@@ -32,6 +32,7 @@ class DerivedLoop:
     outputs: ca.Function
     gaps: ca.Function
     max_gaps: Mapping[str, float]
+    jumps: tuple[int, ...]
 
 
 def tie(
@@ -70,6 +71,7 @@ def tie(
         loop.outputs,
         ca.Function("gaps", [given], [loop.gaps(p)], ["p"], ["gap"]),
         loop.max_gaps,
+        tuple(loop.jumps),
     )
 
 
@@ -120,6 +122,7 @@ def extend(
         _function("outputs", at, dict(zip(loop.outputs.name_out(), y, strict=True))),
         loop.gaps,
         loop.max_gaps,
+        tuple(loop.jumps),
     )
 
 

@@ -130,6 +130,7 @@ def _ready(scene: Scene, loop: ClosedLoop, backend: Backend, tell: Progress) -> 
             step_s=simulation.step,
             output_step_s=simulation.output_step,
             tolerance=simulation.tolerance,
+            method=simulation.method,
             backend=backend,
             progress=tell,
         )

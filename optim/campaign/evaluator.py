@@ -296,6 +296,7 @@ def _member(scene: Scene, campaign: Campaign, sets: int, compiled: bool) -> Memb
         duration_s=duration,
         step_s=campaign.step,
         output_step_s=sample_s,
+        method=scene.scenario.simulation.method,
         measures=kept.measures,
         backend="auto" if compiled else "interpreted",
     )

@@ -18,7 +18,6 @@ from spacerobot.rollout.grid import TimeGrid
 from spacerobot.rollout.kernel import Kernel
 from spacerobot.rollout.sensitivity import sensitivity_kernel
 
-STAGES = 4  # evaluations of the dynamics in one step
 LANES = 8  # of the adjoint whose tape is priced: the same everywhere, whatever the machine has
 MOVES = {ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST}  # instructions that compute nothing
 
@@ -79,7 +78,7 @@ def operations(function: ca.Function) -> int:
 
 def _step(kernel: Kernel) -> int:
     f = kernel.functions
-    return STAGES * operations(f["dynamics"]) + operations(f["normalise"])
+    return kernel.method.stages * operations(f["dynamics"]) + operations(f["normalise"])
 
 
 def _rollout(kernel: Kernel, grid: TimeGrid) -> int:
@@ -97,13 +96,13 @@ def _sweep_back(kernel: Kernel, grid: TimeGrid) -> int:
     f = kernel.functions
     ends = sum(operations(f[f"{name}_reverse"]) for name in ("setup", "final", "objective"))
     peaks = kernel.peaks * operations(f["peaks_reverse"])  # at most one step for each
-    step = STAGES * operations(f["dynamics_reverse"]) + operations(f["normalise_reverse"])
+    step = kernel.method.stages * operations(f["dynamics_reverse"]) + operations(f["normalise_reverse"])
     return ends + peaks + grid.steps * step + _integrated_again(kernel, grid) * _step(kernel)
 
 
 def _integrated_again(kernel: Kernel, grid: TimeGrid) -> int:
     """Steps that the adjoint integrates a second time, its tape being too short for all of them."""
-    per_step = (STAGES + 1) * kernel.scale.size * 8 * LANES
+    per_step = (kernel.method.stages + 1) * kernel.scale.size * 8 * LANES
     if grid.steps * per_step <= WHOLE_BYTES // LANES:
         return 0
     segment = min(grid.steps, max(1, SEGMENT_BYTES // per_step))

@@ -65,6 +65,7 @@ def results_of(contest: Contest) -> Iterator[tuple[str, Result]]:
         step_s=simulation.step,
         output_step_s=simulation.output_step,
         tolerance=simulation.tolerance,
+        method=simulation.method,
     )
     for method, assessed in ({"baseline": contest.baseline} | contest.assessments).items():
         begin = time.perf_counter()

@@ -22,7 +22,7 @@ from spacerobot.closedloop.joint_control import build_joint_control
 from spacerobot.closedloop.outputs import build_outputs
 from spacerobot.closedloop.parameters import Constants, Parameters
 from spacerobot.closedloop.plant import Plant, build_plant
-from spacerobot.closedloop.references import Motion, build_motion, end_time
+from spacerobot.closedloop.references import Motion, build_motion
 from spacerobot.closedloop.start import Start, initial_state
 from spacerobot.closedloop.states import State
 from spacerobot.closedloop.tip_control import Channel, build_channels
@@ -151,7 +151,6 @@ def _assemble(
     )
     gaps, max_gaps = _gaps(start, plant.scene)
     arguments = {"t": time, "x": x, "c": c}
-    ends = {end_time(tip.reference) for tip in plant.scene.tips}
     return ClosedLoop(
         parameter_paths=parameters.paths,
         parameter_values=parameters.values,
@@ -167,7 +166,7 @@ def _assemble(
         outputs=_function("outputs", arguments, outputs),
         gaps=_function("gaps", {"p": parameters.symbols}, {"gap": ca.densify(gaps)}),
         max_gaps=max_gaps,
-        breakpoints=tuple(sorted(end for end in ends if end is not None)),
+        jumps=constants.jumps,
     )
 
 

@@ -32,8 +32,8 @@ class ClosedLoop:
     setup
         (p) -> (x0, c): initial state and prepared constants, once for each rollout.
     dynamics
-        (t, x, c) -> (xdot). Between two of ``breakpoints`` it is smooth in t; at one it takes the value
-        that holds afterwards.
+        (t, x, c) -> (xdot). Between two jumps it is smooth in t; at one it takes the value that holds
+        afterwards.
     normalise
         (x) -> (x): cosine-sine pairs and quaternions back on their unit spheres.
     outputs
@@ -42,8 +42,9 @@ class ClosedLoop:
         (p) -> (gap): distances of tip and mating frame at the start [m], of the grasps that no base closes.
     max_gaps
         Greatest ones that are allowed [m], by the grasp's path, in the same order.
-    breakpoints
-        Times at which a reference ends (s).
+    jumps
+        Places in c of the times [s] at which the dynamics jump: where a reference ends or two pieces of it
+        meet. They are compared with t and used for nothing else.
     """
 
     parameter_paths: tuple[str, ...]
@@ -58,7 +59,13 @@ class ClosedLoop:
     outputs: ca.Function
     gaps: ca.Function
     max_gaps: Mapping[str, float]
-    breakpoints: tuple[float, ...]
+    jumps: tuple[int, ...]
+
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        """Times of the jumps [s] at the nominal parameters, rising."""
+        c = self.setup(self.parameter_values)[1].full().ravel()
+        return tuple(sorted({float(c[place]) for place in self.jumps}))
 
     @property
     def nx(self) -> int:

@@ -75,6 +75,23 @@ class Constants:
     def __init__(self) -> None:
         self._symbols: list[ca.SX] = []
         self._expressions: list[ca.SX] = []
+        self._jumps: dict[str, int] = {}
+
+    def jump(self, name: str, time: ca.SX) -> ca.SX:
+        """Symbol (1x1) of a time [s] at which the dynamics jump, to be compared with time and nothing else.
+
+        The same name gives the same symbol.
+        """
+        if name not in self._jumps:
+            self._jumps[name] = len(self._symbols)
+            self._symbols.append(ca.SX.sym(f"{name}.jump"))
+            self._expressions.append(time)
+        return self._symbols[self._jumps[name]]
+
+    @property
+    def jumps(self) -> tuple[int, ...]:
+        """Places of the jumps' times in c."""
+        return tuple(self._jumps.values())
 
     def hoist(self, name: str, expression: ca.SX) -> ca.SX:
         """Matrix of symbols that stand for an expression of the parameters.

@@ -88,10 +88,10 @@ def build_motion(
     )
 
 
-def cubic_blend(time: ca.SX, duration: ca.SX) -> _Profile:
-    """From 0 to 1 at rest at both ends, held afterwards (Eq. 42)."""
-    s = ca.fmin(ca.fmax(time / duration, 0), 1)
-    moving = time < duration
+def cubic_blend(time: ca.SX, duration: ca.SX, end: ca.SX) -> _Profile:
+    """From 0 to 1 at rest at both ends, held afterwards (Eq. 42); ``end`` is the jump there."""
+    moving = time < end
+    s = ca.if_else(moving, time / duration, 1)
     return _Profile(
         value=s * s * (3 - 2 * s),
         rate=6 * s * (1 - s) / duration,
@@ -106,12 +106,17 @@ def _displacement(
         return _Profile(ca.SX(3, 1), ca.SX(3, 1), ca.SX(3, 1))
     if isinstance(reference, Spline):
         return _spline(reference, path, time, parameters, constants)
-    duration = constants.hoist(f"{path}.duration", parameters(f"{path}.duration"))
-    blend = cubic_blend(time, duration)
+    blend = _blend(path, time, parameters, constants)
     if isinstance(reference, Line):
         along = constants.hoist(f"{path}.displacement", parameters.sparse_vector(f"{path}.displacement"))
         return _Profile(along * blend.value, along * blend.rate, along * blend.acceleration)
     return _circle(reference, path, blend, parameters, constants)
+
+
+def _blend(path: str, time: ca.SX, parameters: Parameters, constants: Constants) -> _Profile:
+    duration = parameters(f"{path}.duration")
+    end = constants.jump(path, duration)
+    return cubic_blend(time, constants.hoist(f"{path}.duration", duration), end)
 
 
 def _circle(
@@ -150,13 +155,12 @@ def _spline(
     second = constants.hoist(f"{path}.curvature", ca.mtimes(_clamped_spline_operator(knots), points))
     points = constants.hoist(f"{path}.displacements", points)
     value, rate, acceleration = points[count - 1, :].T, ca.SX(3, 1), ca.SX(3, 1)
-    clipped = ca.fmax(time, 0)
     for i in reversed(range(count - 1)):
         width = float(knots[i + 1] - knots[i])
-        left, right = (knots[i + 1] - clipped) / width, (clipped - knots[i]) / width
+        left, right = (knots[i + 1] - time) / width, (time - knots[i]) / width
         a, b = points[i, :].T, points[i + 1, :].T
         m, n = second[i, :].T, second[i + 1, :].T
-        here = clipped < float(knots[i + 1])
+        here = time < constants.jump(f"{path}.{i + 1}", ca.SX(float(knots[i + 1])))
         inside_value = left * a + right * b + (m * (left**3 - left) + n * (right**3 - right)) * (width**2 / 6)
         inside_rate = (b - a) / width + (n * (3 * right**2 - 1) - m * (3 * left**2 - 1)) * (width / 6)
         value = ca.if_else(here, inside_value, value)
@@ -190,13 +194,5 @@ def _rotation(
     full = constants.hoist(f"{path}.rotation_deg", parameters.sparse_vector(f"{path}.rotation_deg") * DEGREE)
     if full.nnz() == 0:
         return ca.SX.eye(3), ca.SX(3, 1), ca.SX(3, 1)
-    duration = constants.hoist(f"{path}.duration", parameters(f"{path}.duration"))
-    blend = cubic_blend(time, duration)
+    blend = _blend(path, time, parameters, constants)
     return rotation_exp(full * blend.value), full * blend.rate, full * blend.acceleration
-
-
-def end_time(reference: Reference) -> float | None:
-    """Time at which a reference comes to rest [s]; none if it never moves."""
-    if isinstance(reference, Hold):
-        return None
-    return reference.times[-1] if isinstance(reference, Spline) else reference.duration

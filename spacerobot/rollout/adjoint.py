@@ -12,8 +12,9 @@ import numpy as np
 
 from spacerobot.compiled import Library
 from spacerobot.errors import CompileError
-from spacerobot.rollout.engines import InterpretedEngine, Raw, StopFlag, make_job
-from spacerobot.rollout.grid import INWARD, TimeGrid
+from spacerobot.rollout.engines import Raw, StopFlag, make_job
+from spacerobot.rollout.grid import TimeGrid
+from spacerobot.rollout.interpreted import Course, InterpretedEngine
 from spacerobot.rollout.kernel import Kernel, sx_function
 from spacerobot.rollout.protocol import Array
 
@@ -51,18 +52,24 @@ def adjoint_kernel(kernel: Kernel, wrt: Sequence[int]) -> Kernel:
     cost = ca.SX(kernel.functions["objective"](r, p))
     normal = kernel.functions["normalise"](x)
 
-    def reverse(name: str, value: ca.SX, bar: str) -> ca.Function:
+    bars = tuple(reached.index(jump) if jump in reached else -1 for jump in kernel.jumps)
+    moving = t if max(bars, default=-1) >= 0 else ca.SX(0, 1)
+
+    def reverse(name: str, value: ca.SX, bar: str, time: ca.SX) -> ca.Function:
         seed = ca.SX.sym(bar, value.numel())
-        back = _transposed(value, ca.vertcat(x, constants), seed)
-        return sx_function(name, {**at, bar: seed}, {"xbar": back[: x.numel()], "cbar": back[x.numel() :]})
+        parts = {"xbar": x, "cbar": constants, "tbar": time}
+        back = _transposed(value, ca.vertcat(*parts.values()), seed)
+        ends = np.cumsum([0, *(part.numel() for part in parts.values())])
+        split = {n: back[int(a) : int(b)] for n, a, b in zip(parts, ends[:-1], ends[1:], strict=True)}
+        return sx_function(name, {**at, bar: seed}, split)
 
     nbar, jbar = ca.SX.sym("nbar", sizes["x"]), ca.SX.sym("Jbar", cost.numel())
     toward = _transposed(cost, ca.vertcat(r, wanted), jbar)
     back = _transposed(ca.vertcat(x0, c0[reached]), wanted, ca.vertcat(xbar, cbar))
     functions = dict(kernel.functions) | {
-        "dynamics_reverse": reverse("dynamics_reverse", xdot, "vbar"),
-        "peaks_reverse": reverse("peaks_reverse", m, "mbar"),
-        "final_reverse": reverse("final_reverse", final, "ebar"),
+        "dynamics_reverse": reverse("dynamics_reverse", xdot, "vbar", moving),
+        "peaks_reverse": reverse("peaks_reverse", m, "mbar", moving),
+        "final_reverse": reverse("final_reverse", final, "ebar", ca.SX(0, 1)),
         "normalise_reverse": sx_function(
             "normalise_reverse", {"x": x, "nbar": nbar}, {"xbar": _transposed(normal, x, nbar)}
         ),
@@ -73,7 +80,7 @@ def adjoint_kernel(kernel: Kernel, wrt: Sequence[int]) -> Kernel:
         ),
         "setup_reverse": sx_function("setup_reverse", {"p": p, "xbar": xbar, "cbar": cbar}, {"pbar": back}),
     }
-    return replace(kernel, functions=functions)
+    return replace(kernel, functions=functions, jump_bars=bars)
 
 
 def _transposed(value: ca.SX, variables: ca.SX, seed: ca.SX) -> ca.SX:
@@ -119,14 +126,23 @@ class CompiledAdjoint:
         """Rollouts carried at once."""
         return self.library.lanes
 
+    @property
+    def bytes_per_step(self) -> int:
+        """Room on the tape: a state and the slopes of all stages."""
+        return (1 + self.kernel.method.stages) * self.kernel.scale.size * 8 * self.lanes
+
     def gradients(
         self, p: Array, seed: Array, grid: TimeGrid, raw: Raw, gradient: Array, stop: StopFlag
     ) -> None:
         """Costs and gradients of every row; see :class:`AdjointEngine`."""
         job, _keep = make_job(self.kernel, p, grid, raw, (), stop)
-        per_step = 5 * self.kernel.scale.size * 8 * self.lanes
+        per_step = self.bytes_per_step
         whole = grid.steps * per_step <= self.whole_bytes // self.lanes
-        segment = grid.steps if whole else min(grid.steps, max(1, self.segment_bytes // per_step))
+        segment = (
+            grid.steps + 2 * self.lanes * len(self.kernel.jumps)
+            if whole
+            else min(grid.steps, max(1, self.segment_bytes // per_step))
+        )
         seeds = np.ascontiguousarray(seed)
         adjoint = _AdjointJob(seeds.ctypes.data, gradient.ctypes.data, segment)
         entry = self.library.entry("gradients")
@@ -151,46 +167,58 @@ class InterpretedAdjoint:
         for i, row in enumerate(p):
             if stop.is_set:
                 return
-            c, x, m, done = engine.course(row, grid)
-            raw.done[i] = done
-            if done == grid.steps:
-                raw.r[i] = engine.reduce(c, x, m, grid)
-                gradient[i] = self._back(row, seed[i], raw.r[i], c, x, m, grid)
+            course = engine.course(row, grid)
+            raw.done[i], raw.reached[i] = course.done, course.reached_s
+            if course.done == course.plan.steps:
+                raw.reached[i] = grid.time[-1]
+                raw.r[i] = engine.reduce(course, grid)
+                gradient[i] = self._back(row, seed[i], raw.r[i], course, grid)
             raw.cost[i] = objective(raw.r[i], row).full().ravel()
 
-    def _back(self, p: Array, seed: Array, r: Array, c: Array, x: Array, m: Array, grid: TimeGrid) -> Array:
-        f, kernel = self.kernel.functions, self.kernel
+    def _back(self, p: Array, seed: Array, r: Array, course: Course, grid: TimeGrid) -> Array:
+        f, kernel, steps = self.kernel.functions, self.kernel, course.plan
+        x, c, m = course.x, course.c, course.m
         rbar, direct = (part.full().ravel() for part in f["objective_reverse"](r, p, seed))
         first, last = kernel.integrals, kernel.integrals + kernel.peaks
         when = m.argmax(axis=0) if kernel.peaks else np.empty(0, dtype=int)
-        end_s = (grid.steps - INWARD) * grid.step_s
-        xbar, cbar = (part.full().ravel() for part in f["final_reverse"](end_s, x[-1], c, rbar[last:]))
+        end = f["final_reverse"](grid.time[-1], x[-1], c[-1], rbar[last:])
+        xbar, cbar = (part.full().ravel() for part in end[:2])
         xbar[kernel.nx :] += rbar[:first]
-        for k in range(grid.steps, -1, -1):
-            if k < grid.steps:
-                xbar, part = self._step_back(k, grid.step_s, c, x[k], xbar)
+        for k in range(steps.steps, -1, -1):
+            tbar = hbar = 0.0
+            if k < steps.steps:
+                xbar, part, tbar, hbar = self._step_back(steps.t[k], steps.h[k], c[k], x[k], xbar)
                 cbar = cbar + part
             if (when == k).any():
                 mbar = np.where(when == k, rbar[first:last], 0.0)
-                instant_s = (k + INWARD if k < grid.steps else k - INWARD) * grid.step_s
-                more = [v.full().ravel() for v in f["peaks_reverse"](instant_s, x[k], c, mbar)]
-                xbar, cbar = xbar + more[0], cbar + more[1]
+                instant_s = steps.t[k] if k < steps.steps else grid.time[-1]
+                more = [v.full().ravel() for v in f["peaks_reverse"](instant_s, x[k], c[k], mbar)]
+                xbar, cbar, tbar = xbar + more[0], cbar + more[1], tbar + more[2].sum()
+            if k < steps.steps:
+                share = (hbar + steps.index[k] * tbar) / steps.number[k]
+                for jump, value in ((steps.first[k], tbar - share), (steps.last[k], share)):
+                    if jump >= 0 and kernel.jump_bars[jump] >= 0:
+                        cbar[kernel.jump_bars[jump]] += value
         return np.asarray(f["setup_reverse"](p, xbar, cbar).full().ravel() + direct, dtype=np.float64)
 
-    def _step_back(self, k: int, h: float, c: Array, x: Array, xbar: Array) -> tuple[Array, Array]:
-        f = self.kernel.functions
-        times = ((k + INWARD) * h, (k + 0.5) * h, (k + 0.5) * h, (k + 1 - INWARD) * h)
-        reach = (h / 2, h / 2, h, 0.0)
-        weight = (h / 6, h / 3, h / 3, h / 6)
-        stages, total = [x], x
-        for s in range(4):
-            slope = f["dynamics"](times[s], stages[s], c)[0].full().ravel()
-            total = total + weight[s] * slope
-            stages.append(x + reach[s] * slope)
-        sum_bar = f["normalise_reverse"](total, xbar).full().ravel()
-        back, cbar, stage_bar = sum_bar.copy(), 0.0, np.zeros_like(x)
-        for s in (3, 2, 1, 0):
-            seed = weight[s] * sum_bar + reach[s] * stage_bar
-            stage_bar, part = (v.full().ravel() for v in f["dynamics_reverse"](times[s], stages[s], c, seed))
-            back, cbar = back + stage_bar, cbar + part
-        return back, np.asarray(cbar)
+    def _step_back(
+        self, t: float, h: float, c: Array, x: Array, xbar: Array
+    ) -> tuple[Array, Array, float, float]:
+        """Bars of a step's state, constants, beginning and length."""
+        f, method = self.kernel.functions, self.kernel.method
+        times = t + h * np.array(method.nodes[: method.stages])
+        stages: list[Array] = []
+        slopes = np.zeros((0, len(x)))
+        for s in range(method.stages):
+            stages.append(x + h * method.a[s, :s] @ slopes)
+            slopes = np.vstack([slopes, f["dynamics"](times[s], stages[s], c)[0].full().ravel()])
+        sum_bar = f["normalise_reverse"](x + h * np.array(method.b) @ slopes, xbar).full().ravel()
+        back, cbar, tbar, hbar = sum_bar.copy(), 0.0, 0.0, 0.0
+        bars = np.zeros_like(slopes)
+        for s in reversed(range(method.stages)):
+            total = method.b[s] * sum_bar + method.a[: method.stages, s] @ bars
+            found = f["dynamics_reverse"](times[s], stages[s], c, h * total)
+            bars[s], part, moved = (v.full().ravel() for v in found)
+            back, cbar = back + bars[s], cbar + part
+            tbar, hbar = tbar + moved.sum(), hbar + total @ slopes[s] + method.nodes[s] * moved.sum()
+        return back, np.asarray(cbar), float(tbar), float(hbar)

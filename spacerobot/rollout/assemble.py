@@ -17,8 +17,8 @@ def trajectory_of(raw: Raw, kernel: Kernel, grid: TimeGrid, backend: str, wall_s
     """The only rollout of ``raw``, which holds every state and output; cut short where it diverged."""
     done = int(raw.done[0])
     (cause,) = kernel.closure.told(raw.gaps)
-    status: Status = "unclosed" if cause else "completed" if done == grid.steps else "diverged"
-    samples = done // grid.every + 1
+    status: Status = "unclosed" if cause else "completed" if raw.completed(grid)[0] else "diverged"
+    samples = int(np.searchsorted(grid.time, raw.reached[0], side="right"))
     state = np.empty((0, 0)) if raw.x is None else raw.x[0, :samples, : kernel.nx]
     y = np.empty((samples, 0)) if raw.y is None else raw.y[0, :samples]
     return Trajectory(
@@ -32,7 +32,7 @@ def trajectory_of(raw: Raw, kernel: Kernel, grid: TimeGrid, backend: str, wall_s
         },
         status=status,
         cause=cause,
-        diverged_at_s=None if status == "completed" else done * grid.step_s,
+        diverged_at_s=None if status == "completed" else float(raw.reached[0]),
         steps=done,
         step_s=grid.step_s,
         backend=backend,
@@ -87,8 +87,8 @@ def gaps_of(raw: Raw, kernel: Kernel) -> dict[str, Array]:
 
 def diverged_at(raw: Raw, grid: TimeGrid) -> Array:
     """Time of the last good state of each rollout that diverged, 0 if it did not begin, NaN elsewhere."""
-    lost = (raw.done >= 0) & (raw.done < grid.steps)
-    return frozen(np.where(lost, raw.done * grid.step_s, np.nan))
+    lost = (raw.done >= 0) & ~raw.completed(grid)
+    return frozen(np.where(lost, raw.reached, np.nan))
 
 
 def split(raw: Raw, kernel: Kernel, grid: TimeGrid, outputs: Sequence[str]) -> dict[str, Array]:

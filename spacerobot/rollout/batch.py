@@ -89,7 +89,7 @@ def run_batch(
     count = _threads(engine.backend, threads)
     pieces = fair_pieces(total, engine.lanes, max(1, TASK_STEPS // grid.steps), count)
     seconds = run_tasks(work, pieces, total, count, flag, progress, stop)
-    raw.cost[raw.done < grid.steps] = np.nan
+    raw.cost[~raw.completed(grid)] = np.nan
     return Done(raw, count, seconds)
 
 
@@ -116,7 +116,7 @@ def run_gradients(
 
     count = _threads(engine.backend, threads)
     run_tasks(work, fair_pieces(len(p), engine.lanes, 1, count), len(p), count, flag, progress, stop)
-    lost = raw.done < grid.steps
+    lost = ~raw.completed(grid)
     raw.cost[lost], gradient[lost] = np.nan, np.nan
     return raw, gradient
 

@@ -12,6 +12,7 @@ from spacerobot.rollout.factory import Engines
 from spacerobot.rollout.grid import time_grid
 from spacerobot.rollout.kernel import Kernel, build_kernel
 from spacerobot.rollout.measures import Measures
+from spacerobot.rollout.methods import DEFAULT, METHODS
 from spacerobot.rollout.protocol import ClosedLoopFunctions
 from spacerobot.rollout.rollout import TOLERANCE, Parameters, Rollout
 from spacerobot.rollout.step import StepChoice
@@ -27,6 +28,7 @@ def build_rollout(
     output_step_s: float | None = None,
     tolerance: float = TOLERANCE,
     measures: Measures | None = None,
+    method: str = DEFAULT,
     backend: Backend = "auto",
     progress: Callable[[str], None] | None = None,
 ) -> Rollout:
@@ -48,6 +50,8 @@ def build_rollout(
         Error that a chosen step shall keep to.
     measures
         What to reduce each rollout to.
+    method
+        Name of the numerical method, one of ``METHODS``.
     backend
         ``auto`` compiles where a compiler is found and works, and interprets elsewhere.
     progress
@@ -61,11 +65,13 @@ def build_rollout(
     DivergedError
         No step keeps to the tolerance.
     SpaceRobotError
-        A duration or a step is not positive.
+        A duration or a step is not positive, or there is no such method.
     """
     sample_s = duration_s / 100 if step_s is None and output_step_s is None else output_step_s
     grid = time_grid(duration_s, sample_s or duration_s if step_s is None else step_s, sample_s)
-    kernel = build_kernel(loop, measures)
+    if method not in METHODS:
+        raise SpaceRobotError(f"method '{method}', allowed: {', '.join(METHODS)}")
+    kernel = build_kernel(loop, measures, METHODS[method])
     engines, fallback = _engines(kernel, backend, progress)
     rollout = Rollout(loop, kernel, grid, engines, fallback)
     if step_s is not None:
@@ -82,13 +88,14 @@ def choose_step(
     output_step_s: float | None = None,
     tolerance: float = TOLERANCE,
     parameters: Parameters = None,
+    method: str = DEFAULT,
     backend: Backend = "auto",
 ) -> StepChoice:
     """Largest step whose error keeps to a tolerance, found by step doubling on pilot rollouts.
 
     Parameters
     ----------
-    loop, duration_s, output_step_s, tolerance, backend
+    loop, duration_s, output_step_s, tolerance, method, backend
         As for :func:`build_rollout`.
     parameters
         As for :meth:`Rollout.values`.
@@ -100,7 +107,12 @@ def choose_step(
     """
     sample_s = output_step_s or duration_s / 100
     rollout = build_rollout(
-        loop, duration_s=duration_s, step_s=sample_s, output_step_s=sample_s, backend=backend
+        loop,
+        duration_s=duration_s,
+        step_s=sample_s,
+        output_step_s=sample_s,
+        method=method,
+        backend=backend,
     )
     return rollout.choose_step(tolerance, parameters)
 

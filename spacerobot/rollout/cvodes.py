@@ -9,8 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from spacerobot.rollout.closure import unclosed
-from spacerobot.rollout.grid import INWARD, time_grid
+from spacerobot.rollout.grid import time_grid
 from spacerobot.rollout.protocol import Array, ClosedLoopFunctions
+from spacerobot.rollout.segments import Segment, segments
 from spacerobot.rollout.trajectory import Status, Trajectory, frozen
 
 
@@ -46,23 +47,26 @@ def integrate_cvodes(
     p = np.array(loop.parameter_values if parameters is None else parameters, dtype=float)
     x, c = (part.full().ravel() for part in loop.setup(p))
     cause = unclosed(dict(zip(loop.max_gaps, loop.gaps(p).full().ravel(), strict=True)), loop.max_gaps)
-    advance = _integrator(loop, grid.step_s, relative, absolute)
-    states = [x]
-    for start_s in grid.time[: 0 if cause else -1]:
-        try:
-            x = advance(x0=states[-1], p=np.concatenate([[start_s], c]))["xf"].full().ravel()
-        except RuntimeError:  # what CasADi raises where CVODES gives up
+    times, advance = c[list(loop.jumps)], _integrator(loop, relative, absolute)
+    c[list(loop.jumps)] = np.where(times <= 0, -np.inf, np.inf)
+    states, sides = [x], [c.copy()]
+    for part in () if cause else segments(grid, times):
+        if part.first >= 0:
+            c[loop.jumps[part.first]] = -np.inf
+        end = _carried(advance, x, part, c)
+        if end is None:
             break
-        if not np.isfinite(x).all():
-            break
-        states.append(loop.normalise(x).full().ravel())
+        x = loop.normalise(end).full().ravel()
+        if part.samples:
+            states.append(x)
+            sides.append(c.copy())
     state, instants = np.array(states), grid.time[: len(states)]
     status: Status = "completed" if len(states) == grid.intervals + 1 else "diverged"
     status = "unclosed" if cause else status
     return Trajectory(
         time=frozen(instants),
         state=frozen(state),
-        outputs=_outputs(loop, instants - INWARD * grid.step_s, state, c),
+        outputs=_outputs(loop, instants, state, np.array(sides)),
         measures={},
         costs={},
         status=status,
@@ -75,19 +79,29 @@ def integrate_cvodes(
     )
 
 
-def _integrator(
-    loop: ClosedLoopFunctions, interval_s: float, relative: float, absolute: float
-) -> ca.Function:
-    """Integrator over one sample interval; its parameters are the time at which that begins, and c."""
+def _carried(advance: ca.Function, x: Array, part: Segment, c: Array) -> Array | None:
+    """State at the end of a segment, None where the integrator gives up."""
+    if part.end_s == part.begin_s:
+        return x
+    try:
+        given = np.concatenate([[part.begin_s, part.end_s - part.begin_s], c])
+        end = advance(x0=x, p=given)["xf"].full().ravel()
+    except RuntimeError:  # what CasADi raises where CVODES gives up
+        return None
+    return end if np.isfinite(end).all() else None
+
+
+def _integrator(loop: ClosedLoopFunctions, relative: float, absolute: float) -> ca.Function:
+    """Integrator over one segment; its parameters are where that begins, its length, and c."""
     nx, nc = loop.setup.numel_out(0), loop.setup.numel_out(1)
-    t, x, start, c = ca.SX.sym("t"), ca.SX.sym("x", nx), ca.SX.sym("start"), ca.SX.sym("c", nc)
-    # CVODES steps past the end and interpolates; a reference that ends there must not be seen from behind it
-    inside = ca.fmin(ca.fmax(t, INWARD * interval_s), (1 - INWARD) * interval_s)
-    dae = {"t": t, "x": x, "p": ca.vertcat(start, c), "ode": loop.dynamics(start + inside, x, c)}
+    part, x, c = ca.SX.sym("part"), ca.SX.sym("x", nx), ca.SX.sym("c", nc)
+    begin, length = ca.SX.sym("begin"), ca.SX.sym("length")
+    rate = length * loop.dynamics(begin + length * part, x, c)
+    dae = {"t": part, "x": x, "p": ca.vertcat(begin, length, c), "ode": rate}
     options = {"reltol": relative, "abstol": absolute, "max_num_steps": 100_000, "show_eval_warnings": False}
-    return ca.integrator("advance", "cvodes", dae, 0.0, interval_s, options)
+    return ca.integrator("advance", "cvodes", dae, 0.0, 1.0, options)
 
 
 def _outputs(loop: ClosedLoopFunctions, instants: Array, state: Array, c: Array) -> dict[str, Array]:
-    found = loop.outputs.call([ca.DM(instants).T, ca.DM(state).T, ca.DM(c)])
+    found = loop.outputs.call([ca.DM(instants).T, ca.DM(state).T, ca.DM(c).T])
     return {name: frozen(y.full().T) for name, y in zip(loop.outputs.name_out(), found, strict=True)}

@@ -1,21 +1,19 @@
-"""Two ways to evaluate a kernel over rows of parameters: compiled, and interpreted by CasADi."""
+"""Evaluate a kernel over rows of parameters, by machine code."""
 
 from __future__ import annotations
 
 import ctypes
-import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from importlib import resources
 from typing import Any, Protocol
 
-import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
 from spacerobot.compiled import Library, Toolchain, compile_functions
 from spacerobot.rollout.closure import Closure
-from spacerobot.rollout.grid import INWARD, TimeGrid
+from spacerobot.rollout.grid import TimeGrid
 from spacerobot.rollout.kernel import Kernel
 from spacerobot.rollout.protocol import Array
 
@@ -32,9 +30,13 @@ class Raw:
     r, cost
         Measures (N, nr) and costs (N, nj).
     done
-        Steps before divergence, shape (N,); -1 for a rollout that did not run.
+        Good steps, shape (N,); -1 for a rollout that did not run.
+    reached
+        Time of the last good state in s, shape (N,); that of the last sample if the rollout completed.
     gaps
         Initial gaps of grasps that may begin open (N, n) [m].
+    error
+        Largest and summed estimate of a step's error, shape (N, 2), None if not asked for.
     """
 
     x: Array | None
@@ -42,11 +44,13 @@ class Raw:
     r: Array
     cost: Array
     done: npt.NDArray[np.int64]
+    reached: Array
     gaps: Array
+    error: Array | None = None
 
     @classmethod
     def empty(cls, kernel: Kernel, grid: TimeGrid, count: int, states: bool, rows: Sequence[int]) -> Raw:
-        """Arrays full of NaN for so many rollouts."""
+        """Arrays full of NaN for so many rollouts, the error not asked for."""
         samples = grid.intervals + 1
         nx, nr, nj = kernel.nx + kernel.integrals, kernel.size("objective", "r"), len(kernel.costs)
         return cls(
@@ -55,6 +59,7 @@ class Raw:
             np.full((count, nr), np.nan),
             np.full((count, nj), np.nan),
             np.full(count, -1, dtype=np.int64),
+            np.full(count, np.nan),
             np.full((count, len(kernel.closure.largest)), np.nan),
         )
 
@@ -62,13 +67,19 @@ class Raw:
         """View of some rollouts."""
         x = None if self.x is None else self.x[rows]
         y = None if self.y is None else self.y[rows]
-        return Raw(x, y, self.r[rows], self.cost[rows], self.done[rows], self.gaps[rows])
+        error = None if self.error is None else self.error[rows]
+        own = (self.r[rows], self.cost[rows], self.done[rows], self.reached[rows], self.gaps[rows])
+        return Raw(x, y, *own, error)
+
+    def completed(self, grid: TimeGrid) -> npt.NDArray[np.bool_]:
+        """Which rollouts reached the end, shape (N,)."""
+        return np.asarray(self.reached == grid.time[-1])
 
     def judge_start(self, closure: Closure, p: Array) -> None:
         """Note the gaps of rollouts of p (N, np); of one that begins open only its initial state is left."""
         self.gaps[:] = closure.measure(p)
         lost = closure.is_open(self.gaps) & (self.done >= 0)
-        self.done[lost], self.r[lost], self.cost[lost] = 0, np.nan, np.nan
+        self.done[lost], self.reached[lost], self.r[lost], self.cost[lost] = 0, 0.0, np.nan, np.nan
         for samples in (self.x, self.y):
             if samples is not None:
                 samples[lost, 1:] = np.nan
@@ -121,7 +132,7 @@ class Engine(Protocol):
 class _Job(ctypes.Structure):
     _fields_ = (
         ("count", ctypes.c_int64),
-        ("steps", ctypes.c_int64),
+        ("intervals", ctypes.c_int64),
         ("every", ctypes.c_int64),
         ("h", ctypes.c_double),
         ("p", ctypes.c_void_p),
@@ -132,6 +143,8 @@ class _Job(ctypes.Structure):
         ("rows", ctypes.c_int64),
         ("r", ctypes.c_void_p),
         ("cost", ctypes.c_void_p),
+        ("error", ctypes.c_void_p),
+        ("reached", ctypes.c_void_p),
         ("done", ctypes.c_void_p),
         ("stop", ctypes.c_void_p),
     )
@@ -165,14 +178,23 @@ def compile_kernel(
         As for :func:`compile_functions`.
     """
     loops = resources.files("spacerobot.rollout").joinpath("rollout.hpp").read_text(encoding="utf-8")
-    defines = [f"#define INTEGRALS {kernel.integrals}", f"#define PEAKS {kernel.peaks}"]
-    if adjoint:
-        defines.append("#define ADJOINT")
-    tail = "\n".join([*defines, loops])
+    tail = "\n".join([*_facts(kernel, adjoint), kernel.method.source(), loops])
     cold = set(kernel.functions) - HOT
     return compile_functions(
         kernel.functions, lanes=lanes, cold=cold, tail=tail, toolchain=toolchain, progress=progress
     )
+
+
+def _facts(kernel: Kernel, adjoint: bool) -> list[str]:
+    """What the loops must know of a kernel before they are compiled."""
+    lines = [f"#define INTEGRALS {kernel.integrals}", f"#define PEAKS {kernel.peaks}"]
+    lines += [f"#define JUMPS {len(kernel.jumps)}"] + ["#define ADJOINT"] * adjoint
+    if kernel.rate is not None:
+        lines.append(f"#define RATE {kernel.rate}")
+    places = {"JUMP": kernel.jumps, "JUMP_BAR": kernel.jump_bars, "JUMP_SLOPE": kernel.jump_slopes}
+    for name, found in places.items():
+        lines.append(f"static const int {name}[] = {{{', '.join(map(str, [*found, -1]))}}};")
+    return lines
 
 
 @dataclass(frozen=True)
@@ -207,7 +229,7 @@ def make_job(
 
     job = _Job(
         len(given),
-        grid.steps,
+        grid.intervals,
         grid.every,
         grid.step_s,
         address(given),
@@ -218,92 +240,9 @@ def make_job(
         len(row),
         address(raw.r),
         address(raw.cost),
+        address(raw.error),
+        address(raw.reached),
         address(raw.done),
         stop.address,
     )
     return job, keep
-
-
-BLOCK = 64  # steps that CasADi's virtual machine does between two looks from Python
-
-
-@dataclass(frozen=True)
-class InterpretedEngine:
-    """CasADi's virtual machine, one rollout after the other: the same steps where there is no compiler."""
-
-    kernel: Kernel
-    backend: str = field(default="interpreted", init=False)
-    lanes: int = field(default=1, init=False)
-
-    def rollouts(self, p: Array, grid: TimeGrid, raw: Raw, rows: Sequence[int], stop: StopFlag) -> None:
-        """Roll out every row of parameters; see :class:`Engine`."""
-        for i, row in enumerate(p):
-            if stop.is_set:
-                return
-            self._one(row, grid, raw.part(slice(i, i + 1)), rows)
-
-    def course(self, p: Array, grid: TimeGrid) -> tuple[Array, Array, Array, int]:
-        """Prepared constants, states (steps + 1, nx), peak quantities (steps + 1, nm) and the steps done."""
-        kernel = self.kernel
-        x, c = (part.full().ravel() for part in kernel.functions["setup"](p))
-        states, peaks, done = [x[None, :]], [], 0
-        block = grid.every * max(1, BLOCK // grid.every)
-        for k in range(0, grid.steps, block):
-            n = min(block, grid.steps - k)
-            index = np.arange(k, k + n)[None, :]
-            path, m = (part.full().T for part in self._steps(n)(states[-1][-1], index, grid.step_s, c))
-            with np.errstate(over="ignore", invalid="ignore"):
-                good = np.sum((path * kernel.scale) ** 2, axis=1) < 1  # false for a NaN as well
-            first_bad = n if good.all() else int(np.argmin(good))
-            done += first_bad
-            states.append(path[:first_bad])
-            peaks.append(m)
-            if first_bad < n:
-                break
-        visited = np.concatenate(states)
-        last = kernel.functions["dynamics"]((done - INWARD) * grid.step_s, visited[-1], c)[1].full().T
-        return c, visited, np.concatenate([*peaks, last])[: done + 1], done
-
-    def _one(self, p: Array, grid: TimeGrid, raw: Raw, rows: Sequence[int]) -> None:
-        kernel = self.kernel
-        c, x, m, done = self.course(p, grid)
-        sampled = x[:: grid.every]
-        if raw.x is not None:
-            raw.x[0, : len(sampled)] = sampled
-        if raw.y is not None:
-            time = grid.time[None, : len(sampled)] - INWARD * grid.step_s
-            raw.y[0, : len(sampled)] = kernel.functions["outputs"](time, sampled.T, c).full().T[:, list(rows)]
-        raw.done[0] = done
-        if done == grid.steps:
-            raw.r[0] = self.reduce(c, x, m, grid)
-        raw.cost[0] = kernel.functions["objective"](raw.r[0], p).full().ravel()
-
-    def reduce(self, c: Array, x: Array, m: Array, grid: TimeGrid) -> Array:
-        """Measures r of a completed rollout."""
-        e = self.kernel.functions["final"]((grid.steps - INWARD) * grid.step_s, x[-1], c).full().ravel()
-        return np.concatenate([x[-1, self.kernel.nx :], self._winners(m), e])
-
-    def _winners(self, m: Array) -> Array:
-        """Largest values of the first rows of m, and what goes along with them."""
-        peaks = self.kernel.peaks
-        if peaks == 0:
-            return np.empty(0)
-        when = m[:, :peaks].argmax(axis=0)
-        return np.concatenate([m[when, b + np.arange(peaks)] for b in range(0, m.shape[1], peaks)])
-
-    @functools.cached_property
-    def _step(self) -> ca.Function:
-        f, nx, nc = self.kernel.functions["dynamics"], self.kernel.scale.size, self.kernel.size("setup", "c")
-        x, k, h, c = ca.MX.sym("x", nx), ca.MX.sym("k"), ca.MX.sym("h"), ca.MX.sym("c", nc)
-        k1, m = f((k + INWARD) * h, x, c)
-        k2, _ = f((k + 0.5) * h, x + h / 2 * k1, c)
-        k3, _ = f((k + 0.5) * h, x + h / 2 * k2, c)
-        k4, _ = f((k + 1 - INWARD) * h, x + h * k3, c)
-        y = self.kernel.functions["normalise"](x + h / 6 * k1 + h / 3 * k2 + h / 3 * k3 + h / 6 * k4)
-        return ca.Function("step", [x, k, h, c], [y, m], ["x", "k", "h", "c"], ["next", "m"])
-
-    def _steps(self, n: int) -> ca.Function:
-        made: dict[int, ca.Function] = self.__dict__.setdefault("_made", {})
-        if n not in made:
-            made[n] = self._step.mapaccum("steps", n)
-        return made[n]

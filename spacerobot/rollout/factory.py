@@ -8,7 +8,8 @@ from typing import TypeVar
 
 from spacerobot.compiled import Library, Toolchain
 from spacerobot.rollout.adjoint import AdjointEngine, CompiledAdjoint, InterpretedAdjoint, adjoint_kernel
-from spacerobot.rollout.engines import CompiledEngine, Engine, InterpretedEngine, compile_kernel
+from spacerobot.rollout.engines import CompiledEngine, Engine, compile_kernel
+from spacerobot.rollout.interpreted import InterpretedEngine
 from spacerobot.rollout.kernel import Kernel
 from spacerobot.rollout.sensitivity import sensitivity_kernel
 

@@ -10,11 +10,8 @@ import numpy as np
 from spacerobot.errors import SpaceRobotError
 from spacerobot.rollout.protocol import Array
 
-_ROUNDING = 1e-9
-
-
-INWARD = 1e-9
-"""How far inside its ends each step is evaluated, in steps; ``rollout.hpp`` says why."""
+ROUNDING = 1e-9
+"""Part of a step by which a length may exceed whole steps without another one."""
 
 
 @dataclass(frozen=True)
@@ -28,7 +25,7 @@ class TimeGrid:
     intervals
         Number of sample intervals; there is one sample more.
     every
-        Steps in each interval.
+        Steps in each interval; one in which something jumps is cut there, and may have one more.
     """
 
     duration_s: float
@@ -37,12 +34,12 @@ class TimeGrid:
 
     @property
     def steps(self) -> int:
-        """Steps in all."""
+        """Steps in all, where nothing jumps."""
         return self.intervals * self.every
 
     @property
     def step_s(self) -> float:
-        """Length of a step."""
+        """Length of a step; none is longer."""
         return self.duration_s / self.steps
 
     @property
@@ -78,4 +75,4 @@ def time_grid(duration_s: float, step_s: float, output_step_s: float | None = No
 
 
 def _pieces(whole: float, piece: float) -> int:
-    return max(1, math.ceil(whole / piece * (1 - _ROUNDING)))
+    return max(1, math.ceil(whole / piece * (1 - ROUNDING)))

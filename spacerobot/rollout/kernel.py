@@ -11,6 +11,7 @@ import numpy as np
 
 from spacerobot.rollout.closure import Closure
 from spacerobot.rollout.measures import Measures, Signals
+from spacerobot.rollout.methods import DEFAULT, METHODS, Tableau
 from spacerobot.rollout.protocol import Array, ClosedLoopFunctions
 
 POSITION_LIMIT = VELOCITY_LIMIT = 1e6
@@ -31,13 +32,22 @@ class Kernel:
     integrals, peaks
         How many there are.
     scale
-        One over the largest value that each state may take, shape (nx + integrals,).
+        One over how far each state may go from where it begins, shape (nx + integrals,).
     outputs, measures
         Where each named vector lies in y and in r.
     costs
         Names of the entries of J.
     closure
         What must be closed for a rollout to begin.
+    method
+        What integrates.
+    jumps
+        Places in c of the times at which the dynamics jump.
+    jump_bars
+        Adjoint: their places in cbar, -1 for one that the wanted parameters do not move.
+    jump_slopes, rate
+        Forward sensitivities: places in c of the jumps' derivatives, -1 likewise, and of that of time, if
+        any jump moves.
     """
 
     functions: Mapping[str, ca.Function]
@@ -49,6 +59,11 @@ class Kernel:
     measures: Mapping[str, slice]
     costs: tuple[str, ...]
     closure: Closure
+    method: Tableau
+    jumps: tuple[int, ...]
+    jump_bars: tuple[int, ...] = ()
+    jump_slopes: tuple[int, ...] = ()
+    rate: int | None = None
 
     def size(self, function: str, argument: str) -> int:
         """Length of an argument of a function."""
@@ -63,7 +78,9 @@ def sx_function(name: str, inputs: Mapping[str, ca.SX], outputs: Mapping[str, ca
     return ca.Function(name, list(inputs.values()), dense, list(inputs), list(outputs), {"cse": True})
 
 
-def build_kernel(loop: ClosedLoopFunctions, measures: Measures | None = None) -> Kernel:
+def build_kernel(
+    loop: ClosedLoopFunctions, measures: Measures | None = None, method: Tableau = METHODS[DEFAULT]
+) -> Kernel:
     """Functions of a rollout that also gathers measures.
 
     Parameters
@@ -72,6 +89,8 @@ def build_kernel(loop: ClosedLoopFunctions, measures: Measures | None = None) ->
         The closed loop.
     measures
         What to gather; nothing if None.
+    method
+        What integrates.
     """
     measures = measures or Measures(Signals.of(loop), {})
     nx, names = loop.dynamics.numel_in(1), loop.outputs.name_out()
@@ -91,38 +110,46 @@ def build_kernel(loop: ClosedLoopFunctions, measures: Measures | None = None) ->
         stack = ca.vertcat(ca.SX(0, 1), *expressions.values())
         return ca.substitute([stack], symbols, values)[0] if stack.numel() else stack
 
-    x0, c0 = loop.setup(p)
-    order = dict(zip(loop.parameter_paths, range(p.numel()), strict=True))
     xdot = ca.vertcat(loop.dynamics(t, x[:nx], prepared), stacked(integrals))
     at = {"t": t, "x": x, "c": c}
     peaks = stacked(measures.of_kind("peak"))
     functions = {
-        "setup": sx_function(
-            "setup",
-            {"p": p},
-            {
-                "x0": ca.vertcat(x0, ca.SX.zeros(count)),
-                "c": ca.vertcat(c0, *[p[order[path]] for path in used]),
-            },
-        ),
+        "setup": _setup(loop, p, count, used),
         "dynamics": sx_function("dynamics", at, {"xdot": xdot, "m": peaks}),
         "normalise": sx_function("normalise", {"x": x}, {"n": ca.vertcat(loop.normalise(x[:nx]), x[nx:])}),
         "outputs": sx_function("outputs", at, {"y": ca.vertcat(*y)}),
         "final": sx_function("final", at, {"e": stacked(measures.of_kind("final"))}),
     }
     functions["objective"], costs = _objective(measures, loop.parameter_paths, p)
-    limits = [POSITION_LIMIT] * loop.nq + [VELOCITY_LIMIT] * loop.nv + [CONTROLLER_LIMIT] * (loop.nz + count)
+    sizes = {name: loop.outputs.numel_out(name) for name in names}
     return Kernel(
         functions,
         nx,
         count,
         peaks.numel(),
-        1 / np.array(limits),
-        slices({name: loop.outputs.numel_out(name) for name in names}),
+        _scale(loop, count),
+        slices(sizes),
         slices(measures.sizes),
         costs,
         Closure(loop.gaps, loop.max_gaps),
+        method,
+        tuple(loop.jumps),
     )
+
+
+def _setup(loop: ClosedLoopFunctions, p: ca.SX, integrals: int, used: Sequence[str]) -> ca.Function:
+    """The closed loop's, with integrals that begin at zero and the parameters that the measures use."""
+    x0, c0 = loop.setup(p)
+    order = {path: i for i, path in enumerate(loop.parameter_paths)}
+    start = ca.vertcat(x0, ca.SX.zeros(integrals))
+    c = ca.vertcat(c0, *[p[order[path]] for path in used])
+    return sx_function("setup", {"p": p}, {"x0": start, "c": c})
+
+
+def _scale(loop: ClosedLoopFunctions, integrals: int) -> Array:
+    """One over how far each state may go."""
+    limits = [POSITION_LIMIT] * loop.nq + [VELOCITY_LIMIT] * loop.nv
+    return 1 / np.array(limits + [CONTROLLER_LIMIT] * (loop.nz + integrals))
 
 
 def slices(sizes: Mapping[str, int]) -> dict[str, slice]:

@@ -43,6 +43,15 @@ class ClosedLoopFunctions(Protocol):
         """Length of z."""
 
     @property
+    def jumps(self) -> tuple[int, ...]:
+        """Places in c of the times [s] at which the dynamics jump.
+
+        The dynamics tell by ``t < c[place]`` on which side of a jump they are, and use these entries for
+        nothing else: a rollout, whose steps never cross a jump, writes plus infinity there before the jump
+        and minus infinity after it.
+        """
+
+    @property
     def setup(self) -> ca.Function:
         """``(p) -> (x0, c)``: initial state and prepared constants."""
 

@@ -1,4 +1,5 @@
-// Fixed-step rollouts of a closed loop, and their adjoint, over lanes. Follows `lanes.hpp` and `struct Generated`:
+// Rollouts of a closed loop by an explicit Runge-Kutta method, and their adjoint, over lanes. Follows `lanes.hpp`,
+// `struct Generated` and `struct Method` (a tableau):
 //
 //   setup(p -> x0, c)              initial state and prepared constants, once per rollout
 //   dynamics(t, x, c -> xdot, m)   time derivative, and the quantities whose largest value is asked for
@@ -9,29 +10,35 @@
 //
 // The state x ends with INTEGRALS integrals. Of m, the first PEAKS rows compete for the largest value; each further
 // block of PEAKS rows goes along with the winner (its derivative, for instance).
+//
+// JUMP lists the places in c of the times at which the dynamics jump. A rollout is cut into segments at its samples
+// and at its own jumps, and each segment into equal steps, so that no step crosses a jump. On which side of a jump a
+// step lies is not left to rounding: c then holds plus infinity for a jump that lies ahead, minus infinity for one that
+// lies behind. Each lane has segments of its own; one that has reached the end of a sample interval waits for the
+// others and keeps its bits.
 typedef Generated G;
+typedef Method M;
 enum {
   NP = G::setup_p, NX = G::dynamics_x, NC = G::dynamics_c, NM = G::dynamics_m, NY = G::outputs_y, NE = G::final_e,
   NJ = G::objective_J, NR = INTEGRALS + NM + NE
 };
 
-// Where a reference ends, the dynamics jumps. Each step is evaluated this little (in steps) inside its two ends, so
-// that a jump on its boundary is seen from the step's own side, and samples show what led up to them.
-static const double INWARD = 1e-9;
-
 struct Job {
-  int64_t count, steps, every;  // rollouts, steps in each, steps between samples
-  double h;                     // step, s
-  const double* p;              // (count, NP)
-  const double* scale;          // (NX), one over the largest value each state may take
-  double* x;                    // (count, samples, NX) or null
-  double* y;                    // (count, samples, rows) or null
-  const int64_t* row;           // (rows), which outputs to record
+  int64_t count, intervals, every;  // rollouts, sample intervals, steps in one without a jump
+  double h;                         // step where there is no jump, s
+  const double* p;                  // (count, NP)
+  const double* scale;              // (NX), one over how far each state may go from where it begins
+  double* x;                        // (count, samples, NX) or null
+  double* y;                        // (count, samples, rows) or null
+  const int64_t* row;               // (rows), which outputs to record
   int64_t rows;
-  double* r;                    // (count, NR)
-  double* cost;                 // (count, NJ)
-  int64_t* done;                // (count), steps before divergence
-  const volatile int32_t* stop; // leave early when this becomes non-zero
+  double* r;                        // (count, NR)
+  double* cost;                     // (count, NJ)
+  double* error;                    // (count, 2) or null: largest and summed estimate of a step's error
+  double* reached;                  // (count), time of the last good state
+  int64_t* done;                    // (count), steps done
+  const volatile int32_t* stop;     // leave early when this becomes non-zero
+  double time(int64_t sample) const { return double(sample * every) * h; }
 };
 
 INLINE bool any(real condition) {
@@ -53,36 +60,191 @@ static void scatter(const real* from, int width, int64_t first, int64_t count, d
     for (int j = 0; j < width; ++j) rows[(first + l) * width + j] = lane(from[j], l);
 }
 
-// Where the states x2, x3, x4 of the inner stages and the sum before normalisation go. The adjoint needs them all; a
-// plain rollout lets the stages share their place, which then stays in the nearest cache.
-struct Stages {
-  real *x2, *x3, *x4, *sum;
+// The step that each lane does next: when it begins, its length, which of how many of its segment it is, at which jumps
+// that segment begins and ends (-1: at none), and the segment's ends themselves. A lane that waits has length 0.
+struct Step {
+  real t, h, index, number, from, to, begin, end, busy;
 };
-INLINE Stages on_tape(real* place) { return {place + NX, place + 2 * NX, place + 3 * NX, place + 4 * NX}; }
 
-// One step of the classical Runge-Kutta method from x1 to `next`.
-INLINE void step(int64_t k, double h, const real* c, const real* x1, const Stages& to, real* m, real* next) {
-  real slope[NX], ignored[NM + 1];
-  real *x2 = to.x2, *x3 = to.x3, *x4 = to.x4, *sum = to.sum;
-  const double t = (k + INWARD) * h, middle = (k + 0.5) * h, end = (k + 1 - INWARD) * h;
-  const real t1[1] = {t}, t2[1] = {middle}, t4[1] = {end};
-  G::dynamics(t1, x1, c, slope, m);
-  for (int i = 0; i < NX; ++i) sum[i] = x1[i] + h / 6 * slope[i], x2[i] = x1[i] + h / 2 * slope[i];
-  G::dynamics(t2, x2, c, slope, ignored);
-  for (int i = 0; i < NX; ++i) sum[i] = sum[i] + h / 3 * slope[i], x3[i] = x1[i] + h / 2 * slope[i];
-  G::dynamics(t2, x3, c, slope, ignored);
-  for (int i = 0; i < NX; ++i) sum[i] = sum[i] + h / 3 * slope[i], x4[i] = x1[i] + h * slope[i];
-  G::dynamics(t4, x4, c, slope, ignored);
-  for (int i = 0; i < NX; ++i) sum[i] = sum[i] + h / 6 * slope[i];
+// Where one group of LANES rollouts is.
+struct Position {
+  real x[NX];
+  Step step;
+  int64_t interval;   // sample intervals begun
+  int passed[LANES];  // jumps behind each lane
+};
+
+// What it has come to. `jump` holds the jumps' times, `order` those that each lane meets, in turn.
+struct Course {
+  Position now;
+  real c[NC + 1], begin[NX], r[NR + 1], when[PEAKS + 1], alive, done, reached, largest, total, jump[JUMPS + 1];
+  int order[LANES][JUMPS + 1], jumps[LANES];
+};
+
+// Tell the constants of a lane on which side of each jump it is.
+static void set_sides(Course& at, int l) {
+  for (int e = 0; e < JUMPS; ++e) lane(at.c[JUMP[e]], l) = lane(at.jump[e], l) <= 0 ? -INFINITY : INFINITY;
+  for (int k = 0; k < at.now.passed[l]; ++k) lane(at.c[JUMP[at.order[l][k]]], l) = -INFINITY;
+}
+
+// Find the jumps that each lane meets before the end, in turn.
+static void sort_jumps(const Job& job, Course& at) {
+  for (int e = 0; e < JUMPS; ++e) at.jump[e] = at.c[JUMP[e]];
+  for (int l = 0; l < LANES; ++l) {
+    at.jumps[l] = at.now.passed[l] = 0;
+    for (int e = 0; e < JUMPS; ++e) {
+      const double when = lane(at.jump[e], l);
+      if (!(when > 0 && when < job.time(job.intervals))) continue;
+      int k = at.jumps[l]++;
+      for (; k > 0 && lane(at.jump[at.order[l][k - 1]], l) > when; --k) at.order[l][k] = at.order[l][k - 1];
+      at.order[l][k] = e;
+    }
+    set_sides(at, l);
+  }
+}
+
+// Let lane l go on from the end of its segment, or from where it begins, to its next jump or the interval's end.
+static void next_segment(const Job& job, Course& at, int l) {
+  Step& s = at.now.step;
+  if (JUMPS && lane(s.to, l) >= 0) {
+    lane(at.c[JUMP[int(lane(s.to, l))]], l) = -INFINITY;
+    ++at.now.passed[l];
+  }
+  const double from = job.time(at.now.interval - 1), until = job.time(at.now.interval), begin = lane(s.end, l);
+  double end = until;
+  lane(s.from, l) = lane(s.to, l), lane(s.to, l) = -1.;
+  if (JUMPS && at.now.passed[l] < at.jumps[l]) {
+    const int e = at.order[l][at.now.passed[l]];
+    if (lane(at.jump[e], l) <= until) end = lane(at.jump[e], l), lane(s.to, l) = e;
+  }
+  const bool whole = begin == from && end == until;
+  const double number = whole ? double(job.every) : std::fmax(1., std::ceil((end - begin) / job.h * (1 - 1e-9)));
+  lane(s.begin, l) = lane(s.t, l) = begin, lane(s.end, l) = end, lane(s.index, l) = 0., lane(s.number, l) = number;
+  lane(s.h, l) = whole ? job.h : (end - begin) / number, lane(s.busy, l) = 1.;
+}
+
+// Count the step that was done, and make ready the one that follows within the sample interval.
+INLINE void advance(const Job& job, Course& at) {
+  Step& s = at.now.step;
+  s.index = s.index + s.busy;
+  const real over = s.index >= s.number;
+  s.t = select(over, s.end, s.begin + s.index * s.h);
+  if (!any(over)) return;
+  const double until = job.time(at.now.interval);
+  for (int l = 0; l < LANES; ++l) {
+    if (lane(over, l) == 0) continue;
+    if (lane(s.end, l) < until) next_segment(job, at, l);
+    else lane(s.busy, l) = lane(s.h, l) = 0.;
+  }
+}
+
+// Weight of slope j in stage s; the stage after the last is the solution.
+constexpr double weight(int s, int j) { return s < M::TOTAL ? M::A[s < M::TOTAL ? s : 0][j] : M::B[j]; }
+constexpr int length(int s) { return s < M::TOTAL ? s : M::STAGES; }
+enum { SOLUTION = M::TOTAL };
+
+// Where the slopes of the stages go. A plain rollout lets them share places, which then stay in the nearest cache; what
+// looks at them later (the adjoint, the error estimate) keeps them all.
+template <bool SHARED> constexpr int place_of(int s) { return (SHARED ? M::PLACE[s] : s) * NX; }
+
+// x + h (sum of weights times slopes).
+template <int S, bool SHARED>
+INLINE void combine(real h, const real* __restrict x, const real* __restrict k, real* __restrict to) {
+  constexpr int n = length(S);
+  real w[n + 1];
+#pragma GCC unroll 16
+  for (int j = 0; j < n; ++j) w[j] = h * weight(S, j);
+  for (int i = 0; i < NX; ++i) {
+    real sum = x[i];
+#pragma GCC unroll 16
+    for (int j = 0; j < n; ++j)
+      if (weight(S, j) != 0) sum = sum + w[j] * k[place_of<SHARED>(j) + i];
+    to[i] = sum;
+  }
+}
+
+#ifdef RATE
+// Forward sensitivities of a step whose place and length depend on the parameters: the state holds (x, x', integrals,
+// integrals'), a dash being the derivative along the lane's direction, and c[RATE] the derivative of time itself.
+template <int S, bool SHARED> INLINE void shear(real dh, const real* __restrict k, real* __restrict to) {
+  constexpr int n = (NX - INTEGRALS) / 2, m = INTEGRALS / 2;
+  for (int i = 0; i < n + m; ++i) {
+    const int from = i < n ? i : i + n, dashed = i < n ? i + n : i + n + m;
+    real sum = to[dashed];
+#pragma GCC unroll 16
+    for (int j = 0; j < length(S); ++j)
+      if (weight(S, j) != 0) sum = sum + (dh * weight(S, j)) * k[place_of<SHARED>(j) + from];
+    to[dashed] = sum;
+  }
+}
+
+// Derivatives of a step's beginning and length.
+static void moved(const Course& at, real& dt, real& dh) {
+  const Step& s = at.now.step;
+  for (int l = 0; l < LANES; ++l) {
+    const int from = int(lane(s.from, l)), to = int(lane(s.to, l));
+    const double begin = from >= 0 && JUMP_SLOPE[from] >= 0 ? lane(at.c[JUMP_SLOPE[from]], l) : 0.;
+    const double end = to >= 0 && JUMP_SLOPE[to] >= 0 ? lane(at.c[JUMP_SLOPE[to]], l) : 0.;
+    lane(dh, l) = (end - begin) / lane(s.number, l);
+    lane(dt, l) = begin + lane(s.index, l) * lane(dh, l);
+  }
+}
+#endif
+
+// Slopes of the stages from S to LAST - 1 of a step from x.
+template <int S, int LAST, bool SHARED>
+INLINE void stages(Course& at, real dt, real dh, const real* x, real* k, real* m) {
+  if constexpr (S < LAST) {
+    real stage[NX], ignored[NM + 1];
+    const Step& s = at.now.step;
+    const real t[1] = {s.t + M::C[S] * s.h};
+    if (S > 0) combine<S, SHARED>(s.h, x, k, stage);
+#ifdef RATE
+    if (S > 0) shear<S, SHARED>(dh, k, stage);
+    at.c[RATE] = dt + M::C[S] * dh;
+#endif
+    G::dynamics(t, S > 0 ? stage : x, at.c, k + place_of<SHARED>(S), S > 0 ? ignored : m);
+    stages<S + 1, LAST, SHARED>(at, dt, dh, x, k, m);
+  }
+}
+
+// One step from x to `next`; `k` has room for the slopes.
+template <bool SHARED, int LAST = M::STAGES>
+INLINE void step(Course& at, const real* x, real* k, real* m, real* next) {
+  real sum[NX], dt = 0., dh = 0.;
+#ifdef RATE
+  moved(at, dt, dh);
+#endif
+  stages<0, LAST, SHARED>(at, dt, dh, x, k, m);
+  combine<SOLUTION, SHARED>(at.now.step.h, x, k, sum);
+#ifdef RATE
+  shear<SOLUTION, SHARED>(dh, k, sum);
+  at.c[RATE] = 0.;
+#endif
   G::normalise(sum, next);
 }
 
-// Truth where every state is a number within its bounds.
-INLINE real is_sound(const real* x, const double* scale) {
+// The same, and the largest estimate of its error in any state, relative to that state where it is above one.
+static void estimated_step(Course& at, const real* x, real* k, real* m, real* next, real alive) {
+  step<false, M::TOTAL>(at, x, k, m, next);
+  real worst = 0.;
+  for (int i = 0; i < NX - INTEGRALS; ++i) {
+    real sum = 0.;
+    for (int s = 0; s < M::TOTAL; ++s) sum = sum + M::E[s] * k[place_of<false>(s) + i];
+    worst = fmax(worst, fabs(at.now.step.h * sum) / fmax(1., fabs(x[i])));
+  }
+  worst = select(alive && at.now.step.busy, worst, 0.);
+  at.largest = fmax(at.largest, worst);
+  at.total = at.total + worst;
+}
+
+// Truth where every state is a number and not too far from where it began.
+INLINE real is_sound(const real* x, const real* begin, const double* scale) {
   real sum[4] = {0., 0., 0., 0.};  // four sums, since one would wait for each of its own additions
-  for (int i = 0; i + 4 <= NX; i += 4)
-    for (int j = 0; j < 4; ++j) sum[j] = sum[j] + (x[i + j] * scale[i + j]) * (x[i + j] * scale[i + j]);
-  for (int i = NX - NX % 4; i < NX; ++i) sum[0] = sum[0] + (x[i] * scale[i]) * (x[i] * scale[i]);
+  for (int i = 0; i < NX; ++i) {
+    const real far = (x[i] - begin[i]) * scale[i];
+    sum[i % 4] = sum[i % 4] + far * far;
+  }
   return (sum[0] + sum[1]) + (sum[2] + sum[3]) < 1.;  // false for a NaN as well
 }
 
@@ -95,61 +257,99 @@ INLINE void compete(const real* m, real alive, int64_t k, real* best, real* when
   }
 }
 
-// What one group of LANES rollouts has come to.
-struct Course {
-  real x[NX], c[NC + 1], r[NR + 1], when[PEAKS + 1], alive, done;
-};
-
-static void sample(const Job& job, int64_t first, int64_t k, const Course& at) {
-  const int64_t samples = job.steps / job.every + 1, s = k / job.every;
+static void sample(const Job& job, int64_t first, const Course& at) {
+  const int64_t samples = job.intervals + 1, s = at.now.interval;
   real y[NY + 1];
-  const real t[1] = {(k - INWARD) * job.h};
-  if (job.y) G::outputs(t, at.x, at.c, y);
+  const real t[1] = {job.time(s)};
+  if (job.y) G::outputs(t, at.now.x, at.c, y);
   for (int l = 0; l < LANES && first + l < job.count; ++l) {
     if (lane(at.alive, l) == 0) continue;
     const int64_t place = (first + l) * samples + s;
-    if (job.x) for (int i = 0; i < NX; ++i) job.x[place * NX + i] = lane(at.x[i], l);
+    if (job.x) for (int i = 0; i < NX; ++i) job.x[place * NX + i] = lane(at.now.x[i], l);
     if (job.y) for (int64_t i = 0; i < job.rows; ++i) job.y[place * job.rows + i] = lane(y[job.row[i]], l);
   }
 }
 
-// Integrate one group. A lane whose state leaves the bounds, or is no number, keeps its last good state from then
-// on. `tape` (room for `segment` steps) holds the stages of the last segment, `checkpoint` the state before each.
-// Returns false when told to stop.
-static bool integrate(const Job& job, int64_t first, const real* p, Course& at, real* tape, int64_t segment,
-                      real* checkpoint) {
-  real shared[NX], sum[NX], m[NM + 1], next[NX];
-  G::setup(p, at.x, at.c);
-  at.alive = 1., at.done = 0.;
-  const int64_t last = tape ? (job.steps - 1) / segment * segment : job.steps;  // where the last segment begins
+// Begin the next sample interval where every lane has reached the end of the last one; false after the last.
+INLINE bool ready(const Job& job, Course& at) {
+  if (any(at.now.step.busy)) return true;
+  if (at.now.interval == job.intervals) return false;
+  ++at.now.interval;
+  for (int l = 0; l < LANES; ++l) next_segment(job, at, l);
+  return true;
+}
+
+// What the adjoint remembers of a step.
+struct Record {
+  Step step;
+  real x[NX], slope[M::STAGES * NX];
+};
+
+// Integrate one group; the number of steps, or -1 when told to stop. A lane whose state leaves the bounds, or is no
+// number, keeps its last good state from then on. `tape` (room for `segment` steps) holds the last steps, `checkpoint`
+// where the group was before every so many.
+static int64_t integrate(const Job& job, int64_t first, const real* p, Course& at, Record* tape, int64_t segment,
+                         Position* checkpoint) {
+  real slopes[(LANES == 1 ? int(M::TOTAL) : int(M::PLACES)) * NX], m[NM + 1], next[NX];
+  Position& now = at.now;
+  std::memset(&now.step, 0, sizeof now.step);
+  now.interval = 0, now.step.to = -1.;
+  G::setup(p, now.x, at.c);
+  std::memcpy(at.begin, now.x, sizeof at.begin);
+#ifdef RATE
+  at.c[RATE] = 0.;
+#endif
+  sort_jumps(job, at);
+  at.alive = 1., at.done = at.reached = at.largest = at.total = 0.;
   real* best = at.r + INTEGRALS;
   for (int i = 0; i < NM; ++i) best[i] = -INFINITY;
   for (int i = 0; i < PEAKS; ++i) at.when[i] = 0.;
-  for (int64_t k = 0; k < job.steps; ++k) {
-    if (k % job.every == 0) {
-      if (*job.stop) return false;
-      if (job.x || job.y) sample(job, first, k, at);
+  int64_t k = 0;
+  for (;; ++k) {
+    if (*job.stop) return -1;
+    if ((job.x || job.y) && !any(now.step.busy)) sample(job, first, at);
+    if (!ready(job, at)) break;
+    Record* place = tape ? tape + k % segment : nullptr;
+    if (place) {
+      if (k % segment == 0) checkpoint[k / segment] = now;
+      place->step = now.step;
+      std::memcpy(place->x, now.x, sizeof now.x);
+      step<false>(at, now.x, place->slope, m, next);
+    } else if (LANES == 1 && job.error) {
+      estimated_step(at, now.x, slopes, m, next, at.alive);
+    } else {
+      step<true>(at, now.x, slopes, m, next);
     }
-    if (tape && k % segment == 0) std::memcpy(checkpoint + k / segment * NX, at.x, sizeof at.x);
-    real* place = k >= last ? tape + (k - last) * (5 * NX) : nullptr;
-    if (place) std::memcpy(place, at.x, sizeof at.x);
-    step(k, job.h, at.c, at.x, place ? on_tape(place) : Stages{shared, shared, shared, sum}, m, next);
-    if (PEAKS) compete(m, at.alive, k, best, at.when);
-    at.alive = at.alive && is_sound(next, job.scale);
+    const real goes = at.alive && now.step.busy;
+    if (PEAKS) compete(m, goes, k, best, at.when);
+    const real good = goes && is_sound(next, at.begin, job.scale);
+    at.alive = at.alive && (good || !now.step.busy);
     if (!any(at.alive)) break;
-    for (int i = 0; i < NX; ++i) at.x[i] = select(at.alive, next[i], at.x[i]);
-    at.done = at.done + at.alive;
+    for (int i = 0; i < NX; ++i) now.x[i] = select(good, next[i], now.x[i]);
+    at.done = at.done + good;
+    advance(job, at);
+    at.reached = select(at.alive, now.step.t, at.reached);
   }
-  if (job.x || job.y) sample(job, first, job.steps, at);
-  const real t[1] = {(job.steps - INWARD) * job.h};
+  const real t[1] = {job.time(job.intervals)};
   if (PEAKS) {
-    G::dynamics(t, at.x, at.c, next, m);
-    compete(m, at.alive, job.steps, best, at.when);
+    G::dynamics(t, now.x, at.c, next, m);
+    compete(m, at.alive, k, best, at.when);
   }
-  for (int i = 0; i < INTEGRALS; ++i) at.r[i] = at.x[NX - INTEGRALS + i];
-  G::final(t, at.x, at.c, best + NM);
+  for (int i = 0; i < INTEGRALS; ++i) at.r[i] = now.x[NX - INTEGRALS + i];
+  G::final(t, now.x, at.c, best + NM);
   for (int i = 0; i < NR; ++i) at.r[i] = select(at.alive, at.r[i], NAN);
-  return true;
+  return k;
+}
+
+static void store(const Job& job, int64_t first, const Course& at, const real* cost) {
+  scatter(at.r, NR, first, job.count, job.r);
+  scatter(cost, NJ, first, job.count, job.cost);
+  scatter(&at.reached, 1, first, job.count, job.reached);
+  for (int l = 0; l < LANES && first + l < job.count; ++l) {
+    job.done[first + l] = int64_t(lane(at.done, l));
+    if (!job.error) continue;
+    job.error[2 * (first + l)] = lane(at.largest, l), job.error[2 * (first + l) + 1] = lane(at.total, l);
+  }
 }
 
 extern "C" int64_t rollouts(const Job* given) {
@@ -158,11 +358,9 @@ extern "C" int64_t rollouts(const Job* given) {
     real p[NP + 1], cost[NJ + 1];
     Course at;
     gather(job.p, first, job.count, NP, p);
-    if (!integrate(job, first, p, at, nullptr, 1, nullptr)) return first;
+    if (integrate(job, first, p, at, nullptr, 1, nullptr) < 0) return first;
     G::objective(at.r, p, cost);
-    scatter(at.r, NR, first, job.count, job.r);
-    scatter(cost, NJ, first, job.count, job.cost);
-    for (int l = 0; l < LANES && first + l < job.count; ++l) job.done[first + l] = int64_t(lane(at.done, l));
+    store(job, first, at, cost);
   }
   return job.count;
 }
@@ -171,10 +369,13 @@ extern "C" int64_t rollouts(const Job* given) {
 // Reverse of every function above; the seeds and results carry the name of what they belong to with a bar, and
 // cbar has only the NW constants that the wanted parameters reach:
 //
-//   dynamics_reverse(t, x, c, vbar -> xbar, cbar)    peaks_reverse(t, x, c, mbar -> xbar, cbar)
-//   normalise_reverse(x, nbar -> xbar)               final_reverse(t, x, c, ebar -> xbar, cbar)
-//   objective_reverse(r, p, Jbar -> rbar, pbar)      setup_reverse(p, xbar, cbar -> pbar)
-enum { NW = G::dynamics_reverse_cbar, NG = G::setup_reverse_pbar };
+//   dynamics_reverse(t, x, c, vbar -> xbar, cbar, tbar)    peaks_reverse(t, x, c, mbar -> xbar, cbar, tbar)
+//   normalise_reverse(x, nbar -> xbar)                     final_reverse(t, x, c, ebar -> xbar, cbar, tbar)
+//   objective_reverse(r, p, Jbar -> rbar, pbar)            setup_reverse(p, xbar, cbar -> pbar)
+//
+// MOVING tells whether the wanted parameters move a jump; tbar is empty otherwise, and always that of final_reverse.
+// JUMP_BAR holds the places of the jumps in cbar, -1 for one that stays.
+enum { NW = G::dynamics_reverse_cbar, NG = G::setup_reverse_pbar, MOVING = G::dynamics_reverse_tbar };
 
 struct AdjointJob {
   const double* seed;  // (count, NJ), the weight of each cost
@@ -182,84 +383,138 @@ struct AdjointJob {
   int64_t segment;     // steps between checkpoints
 };
 
+// What flows back.
+struct Bars {
+  real x[NX], c[NW + 1], t, h;
+};
+
 INLINE void accumulate(real* sum, const real* part, int n) {
   for (int i = 0; i < n; ++i) sum[i] = sum[i] + part[i];
 }
 
-// xbar at the end of a step becomes xbar at its beginning.
-static void step_reverse(int64_t k, double h, const real* c, const real* stage, real* xbar, real* cbar) {
-  const double time[4] = {(k + INWARD) * h, (k + 0.5) * h, (k + 0.5) * h, (k + 1 - INWARD) * h};
-  const double weight[4] = {h / 6, h / 3, h / 3, h / 6}, reach[4] = {h / 2, h / 2, h, 0};
-  real sum[NX], slope[NX], stage_bar[NX], part[NW + 1];
-  G::normalise_reverse(stage + 4 * NX, xbar, sum);
-  for (int i = 0; i < NX; ++i) xbar[i] = sum[i], stage_bar[i] = 0.;
-  for (int s = 3; s >= 0; --s) {
-    const real t[1] = {time[s]};
-    for (int i = 0; i < NX; ++i) slope[i] = weight[s] * sum[i] + reach[s] * stage_bar[i];
-    G::dynamics_reverse(t, stage + s * NX, c, slope, stage_bar, part);
-    accumulate(xbar, stage_bar, NX);
-    accumulate(cbar, part, NW);
+// Through the stages from S down to the first; `sum` is the bar of the solution before it is normalised, `stage` has
+// room for those of the stages' states.
+template <int S>
+INLINE void stages_reverse(const Record& past, const real* c, const real* sum, real* stage, Bars& bar) {
+  if constexpr (S >= 0) {
+    real x[NX], seed[NX], part[NW + 1], tbar[2];
+    const real h = past.step.h, t[1] = {past.step.t + M::C[S] * h}, *k = past.slope + S * NX;
+    real length = 0.;
+    for (int i = 0; i < NX; ++i) {
+      real total = M::B[S] * sum[i];
+#pragma GCC unroll 16
+      for (int j = S + 1; j < M::STAGES; ++j)
+        if (M::A[j][S] != 0) total = total + M::A[j][S] * stage[j * NX + i];
+      if (MOVING) length = length + total * k[i];
+      seed[i] = h * total;
+    }
+    if (S > 0) combine<S, false>(h, past.x, past.slope, x);
+    G::dynamics_reverse(t, S > 0 ? x : past.x, c, seed, stage + S * NX, part, tbar);
+    accumulate(bar.x, stage + S * NX, NX);
+    accumulate(bar.c, part, NW);
+    if (MOVING) bar.t = bar.t + tbar[0], bar.h = bar.h + length + M::C[S] * tbar[0];
+    stages_reverse<S - 1>(past, c, sum, stage, bar);
   }
 }
 
+// bar.x at the end of a step becomes bar.x at its beginning; a lane that waited keeps it.
+static void step_reverse(const Record& past, const real* c, Bars& bar) {
+  real sum[NX], raw[NX], stage[M::STAGES * NX], kept[NX];
+  combine<SOLUTION, false>(past.step.h, past.x, past.slope, raw);
+  G::normalise_reverse(raw, bar.x, sum);
+  for (int i = 0; i < NX; ++i) {
+    kept[i] = bar.x[i];
+    bar.x[i] = sum[i] = select(past.step.busy, sum[i], 0.);
+  }
+  stages_reverse<M::STAGES - 1>(past, c, sum, stage, bar);
+  for (int i = 0; i < NX; ++i) bar.x[i] = select(past.step.busy, bar.x[i], kept[i]);
+}
+
 // Seeds of the peaks that were met at step k.
-static void peaks_reverse(int64_t k, int64_t steps, double h, const Course& at, const real* x, const real* rbar,
-                          real* xbar, real* cbar) {
-  real seed[PEAKS + 1], xpart[NX], cpart[NW + 1], here = 0.;
+static void peaks_reverse(int64_t k, real t, const Course& at, const real* x, const real* rbar, Bars& bar) {
+  real seed[PEAKS + 1], xpart[NX], cpart[NW + 1], tpart[2], here = 0.;
   for (int i = 0; i < PEAKS; ++i) {
     const real met = at.when[i] == real(double(k));
     seed[i] = select(met, rbar[INTEGRALS + i], 0.);
     here = here || met;
   }
   if (!any(here)) return;
-  const real t[1] = {(k < steps ? k + INWARD : k - INWARD) * h};
-  G::peaks_reverse(t, x, at.c, seed, xpart, cpart);
-  accumulate(xbar, xpart, NX);
-  accumulate(cbar, cpart, NW);
+  const real instant[1] = {t};
+  G::peaks_reverse(instant, x, at.c, seed, xpart, cpart, tpart);
+  accumulate(bar.x, xpart, NX);
+  accumulate(bar.c, cpart, NW);
+  if (MOVING) bar.t = bar.t + tpart[0];
+}
+
+// From a step's beginning and length to the jumps at the ends of its segment; the sides of a jump that it began at go
+// back with it.
+static void ends_reverse(const Step& s, Course& at, Bars& bar) {
+  for (int l = 0; JUMPS && l < LANES; ++l) {
+    const int from = int(lane(s.from, l)), to = int(lane(s.to, l));
+    if (lane(s.busy, l) == 0 || (from < 0 && to < 0)) continue;
+    const double t = lane(bar.t, l), share = (lane(bar.h, l) + lane(s.index, l) * t) / lane(s.number, l);
+    if (MOVING && from >= 0 && JUMP_BAR[from] >= 0) lane(bar.c[JUMP_BAR[from]], l) += t - share;
+    if (MOVING && to >= 0 && JUMP_BAR[to] >= 0) lane(bar.c[JUMP_BAR[to]], l) += share;
+    if (from >= 0 && lane(s.index, l) == 0) lane(at.c[JUMP[from]], l) = INFINITY;
+  }
+  bar.t = bar.h = 0.;
+}
+
+// Do the steps of a segment of the tape once more.
+static void again(const Job& job, Course& at, Record* tape, int64_t number) {
+  real m[NM + 1], next[NX];
+  for (int l = 0; l < LANES; ++l) set_sides(at, l);
+  for (int64_t k = 0; k < number; ++k) {
+    if (k > 0) advance(job, at), ready(job, at);  // a checkpoint is taken when a step is ready
+    tape[k].step = at.now.step;
+    std::memcpy(tape[k].x, at.now.x, sizeof at.now.x);
+    step<false>(at, at.now.x, tape[k].slope, m, next);
+    for (int i = 0; i < NX; ++i) at.now.x[i] = select(at.now.step.busy, next[i], at.now.x[i]);
+  }
 }
 
 extern "C" int64_t gradients(const Job* given, const AdjointJob* adjoint) {
   const Job& job = *given;
-  const int64_t segment = adjoint->segment, segments = (job.steps + segment - 1) / segment;
-  std::unique_ptr<real[]> tape(new (std::nothrow) real[segment * 5 * NX]);
-  std::unique_ptr<real[]> checkpoint(new (std::nothrow) real[segments * NX]);
+  const int64_t segment = adjoint->segment, most = job.intervals * job.every + JUMPS * LANES * 2;
+  std::unique_ptr<Record[]> tape(new (std::nothrow) Record[segment]);
+  std::unique_ptr<Position[]> checkpoint(new (std::nothrow) Position[most / segment + 1]);
   std::unique_ptr<Course> course(new (std::nothrow) Course);
-  if (!tape || !checkpoint || !course) return -1;
+  std::unique_ptr<Bars> bars(new (std::nothrow) Bars);
+  if (!tape || !checkpoint || !course || !bars) return -1;
   Course& at = *course;
+  Bars& bar = *bars;
   for (int64_t first = 0; first < job.count; first += LANES) {
     real p[NP + 1], cost[NJ + 1], seed[NJ + 1], rbar[NR + 1], pbar[NG + 1], direct[NG + 1];
-    real xbar[NX], cbar[NW + 1], end[NX], m[NM + 1];
     gather(job.p, first, job.count, NP, p);
     gather(adjoint->seed, first, job.count, NJ, seed);
-    if (!integrate(job, first, p, at, tape.get(), segment, checkpoint.get())) return first;
+    const int64_t steps = integrate(job, first, p, at, tape.get(), segment, checkpoint.get());
+    if (steps < 0) return first;
     G::objective(at.r, p, cost);
     G::objective_reverse(at.r, p, seed, rbar, direct);
-    const real t[1] = {(job.steps - INWARD) * job.h};
-    G::final_reverse(t, at.x, at.c, rbar + INTEGRALS + PEAKS, xbar, cbar);
-    for (int i = 0; i < INTEGRALS; ++i) xbar[NX - INTEGRALS + i] = rbar[i];
-    peaks_reverse(job.steps, job.steps, job.h, at, at.x, rbar, xbar, cbar);
-    for (int64_t s = any(at.alive) ? segments - 1 : -1; s >= 0; --s) {  // what is lost has no tape
-      const int64_t begin = s * segment, stop = begin + segment < job.steps ? begin + segment : job.steps;
-      if (s < segments - 1) {  // the tape holds a later segment: integrate this one again
-        std::memcpy(tape.get(), checkpoint.get() + s * NX, sizeof end);
-        for (int64_t k = begin; k < stop; ++k) {
-          real* place = tape.get() + (k - begin) * 5 * NX;
-          step(k, job.h, at.c, place, on_tape(place), m, k + 1 < stop ? place + 5 * NX : end);
-        }
+    const real t[1] = {job.time(job.intervals)};
+    G::final_reverse(t, at.now.x, at.c, rbar + INTEGRALS + PEAKS, bar.x, bar.c, &bar.t);
+    for (int i = 0; i < INTEGRALS; ++i) bar.x[NX - INTEGRALS + i] = rbar[i];
+    peaks_reverse(steps, t[0], at, at.now.x, rbar, bar);
+    bar.t = bar.h = 0.;
+    const int64_t last = any(at.alive) ? (steps - 1) / segment : -1;  // what is lost has no tape
+    for (int64_t s = last; s >= 0; --s) {
+      const int64_t begin = s * segment, number = s < last ? segment : steps - begin;
+      if (s < last) {  // the tape holds a later segment
+        at.now = checkpoint[s];
+        again(job, at, tape.get(), number);
       }
-      for (int64_t k = stop - 1; k >= begin; --k) {
-        if (k % job.every == 0 && *job.stop) return first;
-        const real* stage = tape.get() + (k - begin) * 5 * NX;
-        step_reverse(k, job.h, at.c, stage, xbar, cbar);
-        if (PEAKS) peaks_reverse(k, job.steps, job.h, at, stage, rbar, xbar, cbar);
+      for (int64_t k = number - 1; k >= 0; --k) {
+        if (*job.stop) return first;
+        const Record& past = tape[k];
+        step_reverse(past, at.c, bar);
+        if (PEAKS) peaks_reverse(begin + k, past.step.t, at, past.x, rbar, bar);
+        ends_reverse(past.step, at, bar);
       }
     }
-    G::setup_reverse(p, xbar, cbar, pbar);
+    G::setup_reverse(p, bar.x, bar.c, pbar);
     for (int i = 0; i < NG; ++i) pbar[i] = select(at.alive, pbar[i] + direct[i], NAN);
-    scatter(at.r, NR, first, job.count, job.r);
-    scatter(cost, NJ, first, job.count, job.cost);
     scatter(pbar, NG, first, job.count, adjoint->gradient);
-    for (int l = 0; l < LANES && first + l < job.count; ++l) job.done[first + l] = int64_t(lane(at.done, l));
+    store(job, first, at, cost);
   }
   return job.count;
 }

@@ -64,7 +64,10 @@ class Rollout:
     @property
     def summary(self) -> str:
         """One line that says what runs."""
-        steps, toolchain = f"{self.grid.steps} steps of {self.grid.step_s:.6g} s", self.engines.toolchain
+        steps, toolchain = (
+            f"{self.grid.steps} steps of {self.grid.step_s:.6g} s by {self.kernel.method.name}",
+            self.engines.toolchain,
+        )
         if toolchain is not None:
             return f"{steps}, compiled: {toolchain.summary}"
         return f"{steps}, interpreted by CasADi" + (f" ({self.fallback})" if self.fallback else "")
@@ -95,7 +98,8 @@ class Rollout:
         def pilot(step_s: float) -> Trajectory:
             return replace(self, grid=time_grid(grid.duration_s, step_s, sample_s)).run(p)
 
-        return search_step(pilot, grid.duration_s, sample_s, tolerance, progress)
+        order = self.kernel.method.order
+        return search_step(pilot, grid.duration_s, sample_s, tolerance, order, progress)
 
     def values(self, parameters: Parameters = None) -> Array:
         """All parameter values p, shape (np,).

@@ -2,6 +2,8 @@
 
 A Runge-Kutta step of the linearised loop is the derivative of a Runge-Kutta step, so that the ordinary
 rollout of this kernel gives exact derivatives of the discrete trajectory. Each lane carries one direction.
+Where a direction moves a jump, steps move and stretch with it: a last constant then holds the derivative of
+time at each evaluation.
 """
 
 from __future__ import annotations
@@ -37,9 +39,12 @@ def sensitivity_kernel(kernel: Kernel, wrt: Sequence[int], outputs: Sequence[str
         derivative along the direction. The slices of a measure's derivative carry its name after ``d``. It
         has no costs.
     """
-    n, count = kernel.nx, kernel.integrals
+    n, count, nc = kernel.nx, kernel.integrals, kernel.size("setup", "c")
+    setup, reached = _setup(kernel, wrt)
+    places = tuple(nc + reached.index(jump) if jump in reached else -1 for jump in kernel.jumps)
+    rate = nc + len(reached) if _moves(kernel, reached) else None
     return Kernel(
-        _functions(kernel, wrt, outputs),
+        _functions(kernel, outputs, setup, reached),
         2 * n,
         2 * count,
         kernel.peaks,
@@ -48,23 +53,35 @@ def sensitivity_kernel(kernel: Kernel, wrt: Sequence[int], outputs: Sequence[str
         _doubled_measures(kernel),
         (),
         kernel.closure,
+        kernel.method,
+        kernel.jumps,
+        jump_slopes=places,
+        rate=rate,
     )
 
 
-def _functions(kernel: Kernel, wrt: Sequence[int], outputs: Sequence[str]) -> dict[str, ca.Function]:
+def _moves(kernel: Kernel, reached: Sequence[int]) -> bool:
+    """Whether a direction moves a jump, and with it the steps."""
+    return any(jump in reached for jump in kernel.jumps)
+
+
+def _functions(
+    kernel: Kernel, outputs: Sequence[str], setup: ca.Function, reached: Sequence[int]
+) -> dict[str, ca.Function]:
     """Every function of the kernel, followed by its derivative along the direction."""
     f, n, count = kernel.functions, kernel.nx, kernel.integrals
-    setup, reached = _setup(kernel, wrt)
     nc = kernel.size("setup", "c")
     t, state = ca.SX.sym("t"), ca.SX.sym("x", 2 * (n + count))
-    prepared = ca.SX.sym("c", nc + len(reached))
+    prepared = ca.SX.sym("c", setup.numel_out("c"))
     x = ca.vertcat(state[:n], state[2 * n : 2 * n + count])
     dx = ca.vertcat(state[n : 2 * n], state[2 * n + count :])
-    c, dc = prepared[:nc], prepared[nc:]
+    c, dc = prepared[:nc], prepared[nc : nc + len(reached)]
+    rate = prepared[nc + len(reached) :]  # of time, if it moves
     at = {"t": t, "x": state, "c": prepared}
 
     def along(value: ca.SX) -> ca.SX:
-        return _along(value, ca.vertcat(x, c[reached]), ca.vertcat(dx, dc))
+        moving = t if rate.numel() else ca.SX(0, 1)
+        return _along(value, ca.vertcat(x, c[reached], moving), ca.vertcat(dx, dc, rate))
 
     xdot, m = f["dynamics"](t, x, c)
     normal, e, y = f["normalise"](x), f["final"](t, x, c), f["outputs"](t, x, c)
@@ -87,7 +104,8 @@ def _setup(kernel: Kernel, wrt: Sequence[int]) -> tuple[ca.Function, list[int]]:
     x0, c0 = kernel.functions["setup"](p)
     reached = sorted(set(ca.jacobian_sparsity(c0, wanted).row()))
     slope, c_slope = _along(x0, wanted, w), _along(c0[reached], wanted, w)
-    prepared = {"x0": _paired(x0, slope, n), "c": ca.vertcat(c0, c_slope)}
+    rate = ca.SX.zeros(1 if _moves(kernel, reached) else 0)
+    prepared = {"x0": _paired(x0, slope, n), "c": ca.vertcat(c0, c_slope, rate)}
     return sx_function("setup", {"p": ca.vertcat(p, w)}, prepared), reached
 
 

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from spacerobot.errors import DivergedError
 from spacerobot.rollout.trajectory import Trajectory
 
-ORDER = 4
 SAFETY = 0.9
 HALVINGS = 16
 """Most halvings of the first step."""
@@ -50,6 +49,7 @@ def search_step(
     duration_s: float,
     longest_s: float,
     tolerance: float,
+    order: int,
     progress: Progress | None = None,
 ) -> StepChoice:
     """Largest step whose error is within a tolerance, to about a tenth.
@@ -67,6 +67,8 @@ def search_step(
         Where to begin.
     tolerance
         Largest error, see :class:`StepChoice`.
+    order
+        Of the method.
     progress
         Called with a few words before each pilot rollout.
 
@@ -94,9 +96,10 @@ def search_step(
         if coarse.status == "diverged":
             unstable = coarse.step_s
         elif fine.status == "completed":
-            error = _error(coarse, fine)
+            error = _error(coarse, fine, order)
             if error <= tolerance:
-                return _lengthen(pilot, coarse, fine, error, tolerance, longest_s, unstable)
+                choice = StepChoice(coarse.step_s, error, tolerance, unstable)
+                return _lengthen(pilot, fine, choice, longest_s, order)
         coarse = fine
     told = _reached(coarse, error)
     raise DivergedError(f"no step down to {coarse.step_s:.3g} s reaches an error of {tolerance:.3g}: {told}")
@@ -112,27 +115,21 @@ def _reached(finest: Trajectory, error: float) -> str:
 
 
 def _lengthen(
-    run: Callable[[float], Trajectory],
-    good: Trajectory,
-    exact: Trajectory,
-    error: float,
-    tolerance: float,
-    longest_s: float,
-    unstable: float | None,
+    run: Callable[[float], Trajectory], exact: Trajectory, good: StepChoice, longest_s: float, order: int
 ) -> StepChoice:
-    ratio = SAFETY * (tolerance / max(error, 1e-300)) ** (1 / ORDER)
+    ratio = SAFETY * (good.tolerance / max(good.error, 1e-300)) ** (1 / order)
     longer_s = min(good.step_s * min(ratio, 2.0), longest_s)
     if longer_s > 1.05 * good.step_s:
         longer = run(longer_s)
         if longer.status == "completed" and longer.step_s > good.step_s:
-            found = _error(longer, exact)
-            if found <= tolerance:
-                return StepChoice(longer.step_s, found, tolerance, unstable)
-    return StepChoice(good.step_s, error, tolerance, unstable)
+            found = _error(longer, exact, order)
+            if found <= good.tolerance:
+                return replace(good, step_s=longer.step_s, error=found)
+    return good
 
 
-def _error(coarse: Trajectory, fine: Trajectory) -> float:
+def _error(coarse: Trajectory, fine: Trajectory, order: int) -> float:
     """Richardson's estimate of the error of the coarser one."""
     scale = np.maximum(1.0, np.abs(fine.state).max(axis=0))
-    shrink = (coarse.step_s / fine.step_s) ** ORDER
+    shrink = (coarse.step_s / fine.step_s) ** order
     return float((np.abs(coarse.state - fine.state) / scale).max() * shrink / (shrink - 1))

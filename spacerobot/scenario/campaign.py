@@ -160,7 +160,7 @@ class Campaign(Section):
         default=(5.0, 50.0, 95.0, 99.0), min_length=1, description="which percentiles are told"
     )
     confidence: float = quantity("1", "of every interval", default=0.95, gt=0, lt=1)
-    step: float = quantity("s", "step of the rollouts", default=0.002, gt=0)
+    step: float = quantity("s", "step of the rollouts", default=0.01, gt=0)
 
     @model_validator(mode="before")
     @classmethod

@@ -29,9 +29,14 @@ class Simulation(Section):
     tolerance: float = quantity(
         "1", "greatest relative error of the state that a chosen step may cause", default=1e-7, gt=0, le=1e-2
     )
+    method: Literal["tanaka6", "verner7", "dop853", "rk4"] = Field(
+        default="tanaka6",
+        description="explicit Runge-Kutta method of the casadi engine: of order 6 (Tanaka and others, stable "
+        "at the longest steps), 7 (Verner), 8 (Dormand and Prince) or 4 (Kutta)",
+    )
     engine: Literal["casadi", "cvodes", "pinocchio"] = Field(
         default="casadi",
-        description="casadi: fixed-step RK4 over the compiled closed loop; cvodes: implicit, for stiff "
+        description="casadi: fixed steps over the compiled closed loop; cvodes: implicit, for stiff "
         "scenes; pinocchio: slow and independent, for checks",
     )
 

@@ -123,7 +123,7 @@ class Tuning(Section):
     starts: int = Field(default=4, ge=1, description="of the NLP")
     iterations: int = Field(default=100, ge=1, description="of the NLP from one start, at most")
     seed: int = Field(default=0, ge=0, description="everything random follows from it")
-    step: float = quantity("s", "step of the rollouts that tune", default=0.004, gt=0)
+    step: float = quantity("s", "step of the rollouts that tune", default=0.01, gt=0)
 
     @model_validator(mode="after")
     def _check(self) -> Tuning:

@@ -111,7 +111,7 @@ def test_paper_converges_with_order_four():
     loop = build_closed_loop(load_scene("paper"))
 
     def end(step_s):
-        steps = {"duration_s": 0.08, "step_s": step_s, "output_step_s": 0.08}
+        steps = {"duration_s": 0.08, "step_s": step_s, "output_step_s": 0.08, "method": "rk4"}
         return build_rollout(loop, **steps, backend="interpreted").run().state[-1]
 
     # steps of 8 and 4 ms are too near to the limit of stability for their errors to have an order

@@ -342,7 +342,9 @@ def test_notebook_table_escapes_what_users_write(result):
 
 
 def test_a_rollout_that_diverges_is_kept_up_to_there(tmp_path):
-    scene = load_scene("paper", {"simulation.step": 0.02, "simulation.duration": 2.0})
+    scene = load_scene(
+        "paper", {"simulation.step": 0.02, "simulation.method": "rk4", "simulation.duration": 2.0}
+    )
     result = save(simulate(scene), tmp_path / "r")
     status = load(tmp_path / "r").summary["status"]
     assert status["state"] == "diverged"

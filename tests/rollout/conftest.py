@@ -15,19 +15,22 @@ PARAMETERS = {
     "arm.start": 0.4,
     "rotor.spin": 0.9,
     "rotor.offset": 0.2,
+    "reference.turn": 1.0,
 }
 
 
 def toy_loop() -> SimpleNamespace:
     """A pendulum arm (cos, sin) under PID, whose swing torques a free rigid body (quaternion, body rates)."""
     p = ca.SX.sym("p", len(PARAMETERS))
-    kp, kd, inertia, start, spin, offset = ca.vertsplit(p)
+    kp, kd, inertia, start, spin, offset, turn = ca.vertsplit(p)
     x0 = ca.vertcat(ca.cos(start), ca.sin(start), 0, 0, 0, 1, 0, spin, 0.3 * spin, -0.2, 0)
-    setup = ca.Function("setup", [p], [x0, ca.vertcat(kp, kd, 1 / inertia, offset)], ["p"], ["x0", "c"])
+    setup = ca.Function(
+        "setup", [p], [x0, ca.vertcat(kp, kd, 1 / inertia, offset, turn, turn)], ["p"], ["x0", "c"]
+    )
 
-    t, x, c = ca.SX.sym("t"), ca.SX.sym("x", 11), ca.SX.sym("c", 4)
+    t, x, c = ca.SX.sym("t"), ca.SX.sym("x", 11), ca.SX.sym("c", 6)
     cos, sin, quaternion, rate, omega, memory = x[0], x[1], x[2:6], x[6], x[7:10], x[10]
-    reference = ca.if_else(t < 1, 0.5 * t**2, t - 0.5)
+    reference = ca.if_else(t < c[4], 0.5 * t**2, c[5] * (t - 0.5 * c[5]))
     error = reference * 0.3 - ca.atan2(sin, cos) + c[3]
     torque = c[0] * error - c[1] * rate + 2 * memory - 1.5 * sin
     imaginary, real = quaternion[:3], quaternion[3]
@@ -60,6 +63,7 @@ def toy_loop() -> SimpleNamespace:
         gaps=ca.Function("gaps", [p], [ca.SX(0, 1)], ["p"], ["gap"]),
         max_gaps={},
         outputs=outputs,
+        jumps=(4,),
     )
 
 

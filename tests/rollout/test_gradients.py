@@ -11,9 +11,9 @@ import pytest
 from spacerobot.errors import SpaceRobotError
 from spacerobot.rollout import Measures, Signals, build_rollout, final, integral, peak
 
-WRT = ("arm.kp", "arm.kd", "arm.inertia", "arm.start", "rotor.spin", "rotor.offset")
+WRT = ("arm.kp", "arm.kd", "arm.inertia", "arm.start", "rotor.spin", "rotor.offset", "reference.turn")
 GRID = {"duration_s": 3.0, "step_s": 0.02, "output_step_s": 0.1}
-POINT = {"arm.kp": 5.0, "arm.start": -0.3, "rotor.spin": 1.2}
+POINT = {"arm.kp": 5.0, "arm.start": -0.3, "rotor.spin": 1.2, "reference.turn": 1.5213}
 
 
 @pytest.fixture(scope="module")
@@ -161,7 +161,7 @@ def test_checkpoints_change_nothing_but_memory(compiled):
     indices = tuple(compiled.indices(WRT))
     engine = compiled.engines.adjoint(indices, many=False)
     whole = compiled.value_and_gradient(POINT, wrt=WRT)
-    per_step = 5 * engine.kernel.scale.size * 8
+    per_step = engine.bytes_per_step
     for steps in (1, 7, 149):  # of 150
         short = replace(engine, whole_bytes=0, segment_bytes=steps * per_step)
         compiled.engines._made["adjoint", indices, 1] = short
@@ -176,7 +176,7 @@ def test_checkpoints_change_nothing_in_lanes_either(compiled):
     engine = compiled.engines.adjoint(indices, many=True)
     rows = np.linspace(0.5, 4.0, 5)[:, None]
     whole = compiled.gradient_batch(("arm.kp",), rows, wrt=WRT)
-    short = replace(engine, whole_bytes=0, segment_bytes=7 * 5 * engine.kernel.scale.size * 8 * engine.lanes)
+    short = replace(engine, whole_bytes=0, segment_bytes=7 * engine.bytes_per_step)
     compiled.engines._made["adjoint", indices, engine.lanes] = short
     again = compiled.gradient_batch(("arm.kp",), rows, wrt=WRT)
     compiled.engines._made["adjoint", indices, engine.lanes] = engine

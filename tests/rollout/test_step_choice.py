@@ -17,26 +17,26 @@ def error_of(rollout, exact):
     return (np.abs(rollout.run().state - exact.state) / scale).max()
 
 
-@pytest.mark.parametrize("tolerance", [1e-5, 1e-8])
-def test_the_chosen_step_keeps_to_the_tolerance_and_wastes_little(loop, tolerance):
-    exact = build_rollout(loop, **GRID, step_s=0.0005).run()
-    rollout = build_rollout(loop, **GRID, tolerance=tolerance)
+@pytest.mark.parametrize(("method", "tolerance"), [("rk4", 1e-5), ("rk4", 1e-8), ("tanaka6", 1e-9)])
+def test_the_chosen_step_keeps_to_the_tolerance_and_wastes_little(loop, method, tolerance):
+    exact = build_rollout(loop, **GRID, step_s=0.002, method="dop853").run()
+    rollout = build_rollout(loop, **GRID, tolerance=tolerance, method=method)
     choice = rollout.choice
     assert choice.error <= tolerance
-    assert error_of(rollout, exact) == pytest.approx(choice.error, rel=0.03, abs=1e-12)
+    assert error_of(rollout, exact) == pytest.approx(choice.error, rel=0.05, abs=1e-12)
     assert rollout.grid.step_s == pytest.approx(choice.step_s)
     if choice.step_s < 0.1:
-        longer = build_rollout(loop, **GRID, step_s=2.1 * choice.step_s)
+        longer = build_rollout(loop, **GRID, step_s=2.1 * choice.step_s, method=method)
         assert error_of(longer, exact) > tolerance
 
 
 def test_the_stability_limit_is_recognised(loop):
-    choice = choose_step(loop, **GRID, tolerance=1e-3, parameters=STIFF)
+    choice = choose_step(loop, **GRID, tolerance=1e-3, parameters=STIFF, method="rk4")
     limit = 2.785 / (2000 / 1.3)  # where the real axis leaves the method's region of stability
     assert choice.step_s < limit
     assert limit < choice.unstable_s < 4 * limit
-    assert build_rollout(loop, **GRID, step_s=1.3 * limit).run(STIFF).status == "diverged"
-    assert build_rollout(loop, **GRID, step_s=0.9 * limit).run(STIFF).status == "completed"
+    assert build_rollout(loop, **GRID, step_s=1.3 * limit, method="rk4").run(STIFF).status == "diverged"
+    assert build_rollout(loop, **GRID, step_s=0.9 * limit, method="rk4").run(STIFF).status == "completed"
 
 
 def test_a_hopeless_loop_is_told(loop):

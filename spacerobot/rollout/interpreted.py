@@ -1,0 +1,210 @@
+"""Rollouts by CasADi's virtual machine: the same steps where there is no compiler."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import casadi as ca
+import numpy as np
+
+from spacerobot.rollout.engines import Raw, StopFlag
+from spacerobot.rollout.grid import TimeGrid
+from spacerobot.rollout.kernel import Kernel
+from spacerobot.rollout.protocol import Array
+from spacerobot.rollout.segments import Plan, plan
+
+BLOCK = 64  # steps that CasADi's virtual machine does between two looks from Python
+
+
+@dataclass(frozen=True)
+class Course:
+    """One rollout.
+
+    Attributes
+    ----------
+    plan
+        Its steps.
+    c
+        Prepared constants before each step and at the end, shape (K + 1, nc) or fewer rows after divergence.
+    x
+        States, likewise.
+    m
+        Peak quantities, likewise.
+    error
+        Estimate of each step's error, shape (K,).
+    done
+        Good steps.
+    """
+
+    plan: Plan
+    c: Array
+    x: Array
+    m: Array
+    error: Array
+    done: int
+
+    @property
+    def reached_s(self) -> float:
+        """Time of the last good state."""
+        return float(np.append(self.plan.t, self.plan.t[-1] + self.plan.h[-1])[self.done])
+
+
+@dataclass(frozen=True)
+class InterpretedEngine:
+    """One rollout after the other."""
+
+    kernel: Kernel
+    backend: str = field(default="interpreted", init=False)
+    lanes: int = field(default=1, init=False)
+
+    def rollouts(self, p: Array, grid: TimeGrid, raw: Raw, rows: Sequence[int], stop: StopFlag) -> None:
+        """Roll out every row of parameters; see :class:`spacerobot.rollout.engines.Engine`."""
+        for i, row in enumerate(p):
+            if stop.is_set:
+                return
+            self._one(row, grid, raw.part(slice(i, i + 1)), rows)
+
+    def course(self, p: Array, grid: TimeGrid, *, estimate: bool = False) -> Course:
+        """One rollout, with its error estimated or zero."""
+        kernel = self.kernel
+        begin, c = (part.full().ravel() for part in kernel.functions["setup"](p))
+        times = c[list(kernel.jumps)]
+        steps = plan(grid, times)
+        sides = _sides(c, kernel.jumps, times, steps)
+        dt, dh = self._moved(c, steps)
+        states, peaks, errors, done = [begin[None, :]], [], [np.empty(0)], 0
+        for k, n in _blocks(steps):
+            part = slice(k, k + n)
+            inputs = (
+                states[-1][-1],
+                steps.t[None, part],
+                steps.h[None, part],
+                dt[None, part],
+                dh[None, part],
+            )
+            found = self._steps(n, estimate)(*inputs, sides[k])
+            path, m, error = (value.full().T for value in found)
+            with np.errstate(over="ignore", invalid="ignore"):
+                good = np.sum(((path - begin) * kernel.scale) ** 2, axis=1) < 1  # false for a NaN as well
+            first_bad = n if good.all() else int(np.argmin(good))
+            done += first_bad
+            states.append(path[:first_bad])
+            peaks.append(m)
+            errors.append(error[:first_bad, 0])
+            if first_bad < n:
+                break
+        x, c = np.concatenate(states), sides[: done + 1]
+        last = kernel.functions["dynamics"](grid.time[-1], x[-1], c[-1])[1].full().T
+        return Course(steps, c, x, np.concatenate([*peaks, last])[: done + 1], np.concatenate(errors), done)
+
+    def _moved(self, c: Array, steps: Plan) -> tuple[Array, Array]:
+        """Derivatives of each step's beginning and length along the direction of a sensitivity."""
+        slopes = np.array([0.0 if place < 0 else c[place] for place in (*self.kernel.jump_slopes, -1)])
+        if len(slopes) == 1:
+            return np.zeros(steps.steps), np.zeros(steps.steps)
+        begin, end = slopes[steps.first], slopes[steps.last]
+        dh = (end - begin) / steps.number
+        return begin + steps.index * dh, dh
+
+    def _one(self, p: Array, grid: TimeGrid, raw: Raw, rows: Sequence[int]) -> None:
+        course = self.course(p, grid, estimate=raw.error is not None)
+        done, sampled = course.done, course.plan.sampled
+        at = sampled[sampled <= done]
+        if raw.x is not None:
+            raw.x[0, : len(at)] = course.x[at]
+        if raw.y is not None:
+            sides = course.c[np.maximum(at - 1, 0)].T  # a sample on a jump shows what led up to it
+            y = self.kernel.functions["outputs"](grid.time[None, : len(at)], course.x[at].T, sides)
+            raw.y[0, : len(at)] = y.full().T[:, list(rows)]
+        if raw.error is not None:
+            raw.error[0] = course.error.max(initial=0.0), course.error.sum()
+        raw.done[0], raw.reached[0] = done, course.reached_s
+        if done == course.plan.steps:
+            raw.reached[0] = grid.time[-1]
+            raw.r[0] = self.reduce(course, grid)
+        raw.cost[0] = self.kernel.functions["objective"](raw.r[0], p).full().ravel()
+
+    def reduce(self, course: Course, grid: TimeGrid) -> Array:
+        """Measures r of a completed rollout."""
+        x, c = course.x[-1], course.c[-1]
+        e = self.kernel.functions["final"](grid.time[-1], x, c).full().ravel()
+        return np.concatenate([x[self.kernel.nx :], self._winners(course.m), e])
+
+    def _winners(self, m: Array) -> Array:
+        """Largest values of the first rows of m, and what goes along with them."""
+        peaks = self.kernel.peaks
+        if peaks == 0:
+            return np.empty(0)
+        when = m[:, :peaks].argmax(axis=0)
+        return np.concatenate([m[when, b + np.arange(peaks)] for b in range(0, m.shape[1], peaks)])
+
+    def _step(self, estimate: bool) -> ca.Function:
+        kernel, method = self.kernel, self.kernel.method
+        nx, nc = kernel.scale.size, kernel.size("setup", "c")
+        x, c = ca.MX.sym("x", nx), ca.MX.sym("c", nc)
+        t, h, dt, dh = (ca.MX.sym(name) for name in ("t", "h", "dt", "dh"))
+        slopes: list[ca.MX] = []
+        peaks = ca.MX(kernel.size("dynamics", "m"), 1)
+        for s in range(len(method.nodes) if estimate else method.stages):
+            here = c
+            if kernel.rate is not None:
+                here = ca.vertcat(c[: kernel.rate], dt + method.nodes[s] * dh)
+            stage = self._combined(x, h, dh, method.a[s], slopes)
+            slope, m = kernel.functions["dynamics"](t + method.nodes[s] * h, stage, here)
+            slopes.append(slope)
+            peaks = m if s == 0 else peaks
+        end = kernel.functions["normalise"](self._combined(x, h, dh, method.b, slopes))
+        error = ca.MX(1, 1)
+        if estimate:
+            wrong = h * sum(e * k for e, k in zip(method.error, slopes, strict=True))
+            error = ca.mmax((ca.fabs(wrong) / ca.fmax(1, ca.fabs(x)))[: kernel.nx])
+        return ca.Function("step", [x, t, h, dt, dh, c], [end, peaks, error])
+
+    def _combined(
+        self, x: ca.MX, h: ca.MX, dh: ca.MX, weights: Sequence[float] | Array, slopes: Sequence[ca.MX]
+    ) -> ca.MX:
+        """State plus the step times a weighted sum of slopes."""
+        used = [(w, k) for w, k in zip(weights, slopes, strict=False) if w != 0]
+        if not used:
+            return x
+        total = x
+        for w, k in used:
+            total = total + h * float(w) * k
+        if self.kernel.rate is None:
+            return total
+        n, m = self.kernel.nx // 2, self.kernel.integrals // 2
+        plain = ca.MX(x.numel(), 1)
+        for w, k in used:
+            plain = plain + float(w) * k
+        shear = [ca.MX(n, 1), plain[:n], ca.MX(m, 1), plain[2 * n : 2 * n + m]]
+        return total + dh * ca.vertcat(*shear)
+
+    @functools.cached_property
+    def _made(self) -> dict[tuple[int, bool], ca.Function]:
+        return {}
+
+    def _steps(self, n: int, estimate: bool) -> ca.Function:
+        """So many steps with the same constants: states, peak quantities and errors."""
+        if (n, estimate) not in self._made:
+            self._made[n, estimate] = self._step(estimate).mapaccum("steps", n)
+        return self._made[n, estimate]
+
+
+def _sides(c: Array, jumps: Sequence[int], times: Array, steps: Plan) -> Array:
+    """Constants before each step and at the end, with the side of each jump in its place."""
+    sides = np.tile(c, (steps.steps + 1, 1))
+    sides[:, list(jumps)] = np.where(times <= 0, -np.inf, np.inf)
+    for k in steps.passes:
+        sides[k:, jumps[steps.first[k]]] = -np.inf
+    return sides
+
+
+def _blocks(steps: Plan) -> list[tuple[int, int]]:
+    """First step and length of pieces in which no jump is passed."""
+    cuts = np.unique(np.concatenate([[0], steps.passes, [steps.steps]]))
+    return [
+        (int(k), int(min(BLOCK, end - k))) for begin, end in pairwise(cuts) for k in range(begin, end, BLOCK)
+    ]

@@ -1,0 +1,97 @@
+"""An explicit Runge-Kutta method as data.
+
+One step of length h from x at time t, with S stages::
+
+    X_s = x + h sum_j a_sj k_j,    k_s = f(t + c_s h, X_s)
+    x+  = normalise(x + h sum_s b_s k_s)
+    its error, estimated = h sum_s e_s k_s
+
+Everything that integrates (the compiled loops, their adjoint, the forward sensitivities, the interpreted
+engine) reads these numbers and knows no method by name.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from spacerobot.rollout.protocol import Array
+
+
+@dataclass(frozen=True)
+class Tableau:
+    """Coefficients of a method.
+
+    Attributes
+    ----------
+    name
+        What a scenario calls it.
+    about
+        Who published it.
+    order
+        Of the solution: halving the step divides its error by two to this power.
+    rows
+        The strictly lower triangle of a, row by row, the first stage left out; every stage, those that
+        only the error estimate needs last.
+    b
+        Weights of the solution, one for each of the S stages that it needs.
+    nodes
+        c, one for each row and the first stage.
+    error
+        Weights of the error estimate, one for each stage.
+    error_order
+        Of the solution that the estimate belongs to: its error per step shrinks by one power more.
+    """
+
+    name: str
+    about: str
+    order: int
+    rows: tuple[tuple[float, ...], ...]
+    b: tuple[float, ...]
+    nodes: tuple[float, ...]
+    error: tuple[float, ...]
+    error_order: int
+    a: Array = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        a = np.zeros((len(self.nodes), len(self.nodes)))
+        for s, row in enumerate(self.rows, start=1):
+            a[s, : len(row)] = row
+        a.setflags(write=False)
+        object.__setattr__(self, "a", a)
+
+    @property
+    def stages(self) -> int:
+        """Evaluations in a step, S."""
+        return len(self.b)
+
+    @property
+    def places(self) -> tuple[int, ...]:
+        """Where the slope of each stage may be kept: a place is free once no later stage reads it."""
+        last = [max(np.flatnonzero(self.a[: self.stages, j]), default=j) for j in range(self.stages)]
+        busy: dict[int, int] = {}  # place to the stage from whose evaluation on it is free
+        found = []
+        for s in range(self.stages):
+            place = next((p for p in range(s) if p in busy and busy[p] <= s), len(busy))
+            busy[place] = self.stages + 1 if self.b[s] != 0 else int(last[s])
+            found.append(place)
+        return tuple(found)
+
+    def source(self) -> str:
+        """The same numbers in C++, as ``struct Method``."""
+
+        def row(values: object) -> str:
+            return "{" + ", ".join(repr(float(v)) for v in np.asarray(values)) + "}"
+
+        total, stages = len(self.nodes), self.stages
+        places = ", ".join(map(str, self.places))
+        lines = [
+            f"enum {{ STAGES = {stages}, TOTAL = {total}, PLACES = {max(self.places) + 1} }};",
+            f"static constexpr double A[TOTAL][TOTAL] = {{{', '.join(row(r) for r in self.a)}}};",
+            f"static constexpr double B[TOTAL] = {row([*self.b, *[0.0] * (total - stages)])};",
+            f"static constexpr double C[TOTAL] = {row(self.nodes)};",
+            f"static constexpr double E[TOTAL] = {row(self.error)};",
+            f"static constexpr int PLACE[STAGES] = {{{places}}};",
+        ]
+        return "struct Method {\n  " + "\n  ".join(lines) + "\n};"
