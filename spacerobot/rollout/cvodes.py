@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
 
 import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
 from spacerobot.rollout.closure import unclosed
-from spacerobot.rollout.grid import time_grid
+from spacerobot.rollout.grid import TimeGrid, time_grid
 from spacerobot.rollout.protocol import Array, ClosedLoopFunctions
 from spacerobot.rollout.segments import Segment, segments
 from spacerobot.rollout.trajectory import Status, Trajectory, frozen
@@ -47,19 +48,9 @@ def integrate_cvodes(
     p = np.array(loop.parameter_values if parameters is None else parameters, dtype=float)
     x, c = (part.full().ravel() for part in loop.setup(p))
     cause = unclosed(dict(zip(loop.max_gaps, loop.gaps(p).full().ravel(), strict=True)), loop.max_gaps)
-    times, advance = c[list(loop.jumps)], _integrator(loop, relative, absolute)
-    c[list(loop.jumps)] = np.where(times <= 0, -np.inf, np.inf)
-    states, sides = [x], [c.copy()]
-    for part in () if cause else segments(grid, times):
-        if part.first >= 0:
-            c[loop.jumps[part.first]] = -np.inf
-        end = _carried(advance, x, part, c)
-        if end is None:
-            break
-        x = loop.normalise(end).full().ravel()
-        if part.samples:
-            states.append(x)
-            sides.append(c.copy())
+    advance = _integrator(loop, relative, absolute)
+    found = [(x, c)] if cause else list(_samples(loop, advance, grid, x, c))
+    states, sides = zip(*found, strict=True)
     state, instants = np.array(states), grid.time[: len(states)]
     status: Status = "completed" if len(states) == grid.intervals + 1 else "diverged"
     status = "unclosed" if cause else status
@@ -77,6 +68,24 @@ def integrate_cvodes(
         wall_s=time.perf_counter() - begin,
         cause=cause,
     )
+
+
+def _samples(
+    loop: ClosedLoopFunctions, advance: ca.Function, grid: TimeGrid, x: Array, c: Array
+) -> Iterator[tuple[Array, Array]]:
+    """State and constants at each sample, up to where the integrator gives up."""
+    jumps, times = list(loop.jumps), c[list(loop.jumps)]
+    c[jumps] = np.where(times <= 0, -np.inf, np.inf)
+    yield x, c.copy()
+    for part in segments(grid, times):
+        if part.first >= 0:
+            c[jumps[part.first]] = -np.inf
+        end = _carried(advance, x, part, c)
+        if end is None:
+            return
+        x = loop.normalise(end).full().ravel()
+        if part.samples:
+            yield x, c.copy()
 
 
 def _carried(advance: ca.Function, x: Array, part: Segment, c: Array) -> Array | None:
