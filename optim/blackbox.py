@@ -102,6 +102,6 @@ class ResultProblem:
         trajectory = self._rollout.run(variables.as_changes(variables.values(u)))
         if trajectory.status != "completed":
             return np.nan
-        data = build_dataset(scene, trajectory, self.problem.loop.state_names)
+        data = build_dataset(scene, trajectory, self.problem.loop)
         result = Result(scene.scenario, data, build_summary(scene, data, trajectory, {}, {}))
         return float(self.score(result))

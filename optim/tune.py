@@ -37,7 +37,7 @@ class Tuned:
     status, message
         Of the best run.
     scene
-        The scene with these gains, ready for :func:`spacerobot.simulate.simulate`.
+        The scene with these gains, ready for :func:`spacerobot.simulation.simulate`.
     outcome
         Every run.
     """

@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 from spacerobot.scene import load_scene
-from spacerobot.simulate import simulate
+from spacerobot.simulation import simulate
 from viz.record import write_recording
 
 TARGET = Path(__file__).parents[1] / "docs" / "images" / "docking.gif"

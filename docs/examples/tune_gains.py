@@ -4,7 +4,7 @@ import casadi as ca
 
 from optim import Effort, integral, tune
 from spacerobot.scene import load_scene
-from spacerobot.simulate import simulate
+from spacerobot.simulation import simulate
 
 scene = load_scene("paper", {"simulation.duration": 2, "robots.*.tips.*.reference.duration": 2})
 tip = "robots.rpr1.tips.tip"

@@ -9,9 +9,10 @@ import casadi as ca
 import numpy as np
 
 from optim.campaign.series import torque_unit
-from optim.campaign.trust import DRIFT, KINDS, conserves_momentum, drift_measure, drift_of
+from optim.campaign.trust import DRIFT, KINDS, drift_measure, drift_of
 from optim.protocol import Array
-from spacerobot.rollout import ClosedLoopFunctions, Measure, Measures, Signals, integral, peak
+from spacerobot.closedloop import ClosedLoop
+from spacerobot.rollout import Measure, Measures, Signals, integral, peak
 from spacerobot.scene import Scene
 
 AXES = "xyz"
@@ -70,7 +71,7 @@ class Kept:
         return np.column_stack(parts)
 
 
-def build_kept(loop: ClosedLoopFunctions, scene: Scene, wanted: Sequence[str]) -> Kept:
+def build_kept(loop: ClosedLoop, scene: Scene, wanted: Sequence[str]) -> Kept:
     """What is kept of rollouts of a closed loop; a metric that a scene has nothing for is left out.
 
     The drift of the momenta is kept besides where they are constant: it says which rollouts to trust.
@@ -101,7 +102,7 @@ def build_kept(loop: ClosedLoopFunctions, scene: Scene, wanted: Sequence[str]) -
         if name in wanted and places:
             named[name] = measure
             columns += [Column(name, place, unit) for place in places]
-    if columns and conserves_momentum(scene):
+    if columns and not loop.outside:
         named[DRIFT] = drift_measure(loop, signals)
         columns += [Column(DRIFT, kind, "1") for kind in KINDS]
     return Kept(Measures(signals, named, costs=lambda _r, _p: {}), tuple(columns), duration)

@@ -32,7 +32,7 @@ from spacerobot.errors import ScenarioError, SpaceRobotError
 from spacerobot.files import write_text
 from spacerobot.result import save
 from spacerobot.scene import Scene, build_scene
-from spacerobot.simulate import simulate
+from spacerobot.simulation import simulate
 
 Kind = Literal["mean", "percentile", "worst"]
 SAMPLES = 64  # of the common set

@@ -17,7 +17,7 @@ from spacerobot.result import Result
 from spacerobot.scenario.load import to_document
 from spacerobot.scenario.paths import expand
 from spacerobot.scene import build_scene
-from spacerobot.simulate import simulate
+from spacerobot.simulation import simulate
 
 
 def command_of(evaluator: Evaluator, draw: Array, gains: str, scenario: str, given: Changes = ()) -> str:

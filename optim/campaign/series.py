@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from optim.protocol import Array
+from spacerobot.closedloop import ClosedLoop, Variable
 from spacerobot.errors import ScenarioError, near_names
-from spacerobot.result.dataset import ENERGIES, TOTALS, VECTORS
-from spacerobot.rollout import ClosedLoopFunctions
 from spacerobot.scenario import Campaign
 from spacerobot.scene import Scene
 
@@ -74,9 +74,7 @@ def series_step(campaign: Campaign, duration_s: float) -> float | None:
     return campaign.series_step or duration_s / 100
 
 
-def build_recording(
-    loop: ClosedLoopFunctions, scene: Scene, wanted: Sequence[str], time_s: Array
-) -> Recording:
+def build_recording(loop: ClosedLoop, scene: Scene, wanted: Sequence[str], time_s: Array) -> Recording:
     """What is kept over time of rollouts of a closed loop.
 
     Parameters
@@ -96,13 +94,14 @@ def build_recording(
         If there is no such output, or this scene has nothing that it is of.
     """
     sizes = {name: loop.outputs.numel_out(name) for name in loop.outputs.name_out()}
+    variables = {variable.name: variable for variable in loop.variables}
     found = []
     for name in wanted:
         if name not in sizes:
             raise ScenarioError(f"no signal {name!r}; {near_names(name, sizes)}", where="campaign.series")
         if not sizes[name]:
             raise ScenarioError(f"{name}: this scene has nothing that it is of", where="campaign.series")
-        components, unit = _described(name, scene)
+        components, unit = _described(variables[name], scene)
         if len(components) != sizes[name]:
             raise ValueError(f"{name} has {sizes[name]} components, {len(components)} are named")
         found.append(Series(name, tuple(components), unit))
@@ -129,23 +128,18 @@ def check_size(recording: Recording, samples: int, sets: int) -> None:
         )
 
 
-def _described(name: str, scene: Scene) -> tuple[list[str], str]:
+def _described(variable: Variable, scene: Scene) -> tuple[list[str], str]:
     """Names of the components of an output, and their unit."""
-    if name in VECTORS:
-        dimension, unit, _ = VECTORS[name]
-        labels: Mapping[str, list[str]] = {
-            "tip": [tip.label for tip in scene.tips],
-            "body": [body.name for body in scene.bodies],
-            "grasp": [grasp.name for grasp in scene.grasps],
-        }
-        return [f"{label} {axis}" for label in labels[dimension] for axis in AXES], unit
-    if name in TOTALS:
-        return list(AXES), TOTALS[name][0]
-    if name in ENERGIES:
-        return [""], "J"
-    if name == "joint_torque":
-        return _joints(scene), torque_unit(scene)
-    raise ValueError(f"the output {name} has no unit")
+    labels: Mapping[str, list[str]] = {
+        "tip": [tip.label for tip in scene.tips],
+        "body": [body.name for body in scene.bodies],
+        "grasp": [grasp.name for grasp in scene.grasps],
+        "joint": _joints(scene),
+        "axis": list(AXES),
+    }
+    parts = itertools.product(*(labels[dimension] for dimension in variable.dims))
+    unit = torque_unit(scene) if variable.name == "joint_torque" else variable.unit
+    return [" ".join(part) for part in parts], unit
 
 
 def torque_unit(scene: Scene) -> str:

@@ -14,7 +14,6 @@ import xarray as xr
 from optim.protocol import Array
 from spacerobot.rollout import ClosedLoopFunctions, Measure, Signals, final
 from spacerobot.scenario import Campaign
-from spacerobot.scene import Scene
 
 DRIFT = "momentum_drift"
 KINDS = ("linear", "angular")
@@ -22,12 +21,6 @@ MOST = 0.01  # of the largest momentum of a body: beyond it, a rollout's other n
 SMALLEST = 1e-5  # N s and N m s: drift is compared with no less
 
 Mask = np.typing.NDArray[np.bool_]
-
-
-def conserves_momentum(scene: Scene) -> bool:
-    """Whether nothing acts on a scene from outside."""
-    floating = all(body.config.base.joint != "fixed" for body in scene.bodies)
-    return floating and not any(scene.scenario.gravity)
 
 
 def drift_measure(loop: ClosedLoopFunctions, signals: Signals) -> Measure:

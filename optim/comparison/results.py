@@ -71,7 +71,7 @@ def results_of(contest: Contest) -> Iterator[tuple[str, Result]]:
         begin = time.perf_counter()
         trajectory = rollout.run(assessed.design)
         own = build_scene(scene.scenario, assessed.design, source=scene.source)
-        data = build_dataset(own, trajectory, loop.state_names)
+        data = build_dataset(own, trajectory, loop)
         timing = {"closed_loop": 0.0, "compile_or_load": 0.0, "rollout": trajectory.wall_s}
         timing["total"] = time.perf_counter() - begin
         summary = build_summary(own, data, trajectory, timing, {"toolchain": rollout.summary})

@@ -93,10 +93,7 @@ def _tip_text(label: str, scene: Scene) -> str:
 
     tip = next(tip for tip in scene.tips if tip.label == label)
     parts = [f"reference {tip.reference.kind}" + (" of the target" if tip.from_target else "")]
-    for name in ("pid", "orientation_pid"):
-        pid = getattr(tip.config, name)
-        if pid is not None:
-            parts.append(f"{name} {pid.kp:g} / {pid.ki:g} / {pid.kd:g} ({pid.feedback} feedback)")
+    parts += [f"{key} {controller.words()}" for key, controller in tip.config.elements()]
     for name in ("amnesia", "orientation_amnesia"):
         memory = getattr(tip.config, name)
         if memory is not None:
@@ -108,14 +105,10 @@ def _add_grasps(root: Tree, scene: Scene) -> None:
     import numpy as np
     from rich.markup import escape
 
-    from spacerobot.scenario import Compliant
     from spacerobot.scene.checks import gap
 
     for grasp in scene.grasps:
         config = grasp.config
-        how = str(config.kind)
-        if isinstance(config, Compliant):
-            how += f" {config.stiffness:g} N/m, {config.damping:g} N s/m"
         distance = float(np.linalg.norm(gap(scene.model, grasp, scene.q)))
-        text = f"{grasp.tip.label} holds {config.frame}, {how}, initial gap {distance:.3g} m"
+        text = f"{grasp.tip.label} holds {config.frame}, {config.words()}, initial gap {distance:.3g} m"
         root.add(f"grasp [bold]{escape(grasp.name)}[/]: {escape(text)}")

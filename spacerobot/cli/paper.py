@@ -40,7 +40,7 @@ def command(out: Out = None) -> None:
     """Run every variant of the paper and print one table."""
     from spacerobot.paper import VARIANTS, run_variants
     from spacerobot.result import check_folder, save
-    from spacerobot.simulate import simulate
+    from spacerobot.simulation import simulate
 
     if out is not None:
         for variant in VARIANTS:

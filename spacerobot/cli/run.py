@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from spacerobot.result import Result
     from spacerobot.scene import Scene
-    from spacerobot.simulate import Backend as BackendName
+    from spacerobot.simulation import Backend as BackendName
 
 Engine = Annotated[
     str | None, typer.Option("--engine", metavar="NAME", help="casadi, cvodes or pinocchio (slow, a check).")
@@ -97,7 +97,7 @@ def run_scene(
     ``watch`` is told the same words as the spinner.
     """
     from spacerobot.result import check_folder, save
-    from spacerobot.simulate import simulate
+    from spacerobot.simulation import simulate
 
     if out is not None:
         check_folder(out)

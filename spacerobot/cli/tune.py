@@ -71,7 +71,7 @@ def command(
     from spacerobot.result import save
     from spacerobot.result.table import headline
     from spacerobot.scene import load_scene
-    from spacerobot.simulate import simulate
+    from spacerobot.simulation import simulate
 
     scene = load_scene(scenario, parse_changes(changes))
     tuning = tuning_of(scene)

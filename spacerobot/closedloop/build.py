@@ -1,35 +1,30 @@
-"""Build the closed loop of a scene."""
+"""Build the closed loop of a scene: what its elements contribute, concatenated."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
-from dataclasses import replace
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import casadi as ca
 
-from spacerobot.closedloop.closed_loop import ClosedLoop
-from spacerobot.closedloop.energy import build_works
-from spacerobot.closedloop.forward_dynamics import Solution, solve_accelerations
-from spacerobot.closedloop.grasps import (
-    Constraint,
-    build_constraint,
-    build_coupling,
-    build_relative,
-    close_velocity,
-)
-from spacerobot.closedloop.joint_control import build_joint_control
-from spacerobot.closedloop.outputs import build_outputs
-from spacerobot.closedloop.parameters import Constants, Parameters
-from spacerobot.closedloop.plant import Plant, build_plant
-from spacerobot.closedloop.references import Motion, build_motion
-from spacerobot.closedloop.start import Start, initial_state
-from spacerobot.closedloop.states import State
-from spacerobot.closedloop.tip_control import Channel, build_channels
+from spacerobot.closedloop.closed_loop import ClosedLoop, Variable
+from spacerobot.closedloop.elements import Builder
+from spacerobot.closedloop.energy import Work, build_works, plant_powers, stored_energies
+from spacerobot.closedloop.forward_dynamics import solve_accelerations
+from spacerobot.closedloop.impulse import close_velocity
+from spacerobot.closedloop.outputs import combine, core_outputs
+from spacerobot.closedloop.plant import build_plant
+from spacerobot.closedloop.start import initial_state
 from spacerobot.dynamics import configuration_derivative, normalise
-from spacerobot.scenario import Compliant
+from spacerobot.elements import Constraint, Context, State
+from spacerobot.elements.contribution import concatenate
+from spacerobot.scenario import Robot
+from spacerobot.scenario.load import to_document
 from spacerobot.scene import Scene
 from spacerobot.scene.closing import has_loops, open_grasps
+from spacerobot.section import numbers
+from spacerobot.symbolic import Constants, Parameters, Start
 
 
 def build_closed_loop(scene: Scene, vary: Collection[str] = ()) -> ClosedLoop:
@@ -48,69 +43,91 @@ def build_closed_loop(scene: Scene, vary: Collection[str] = ()) -> ClosedLoop:
     ScenarioError
         If ``vary`` names what the closed loop does not depend on.
     """
-    parameters, constants = Parameters(scene.scenario, vary), Constants()
+    parameters = Parameters(dict(numbers(to_document(scene.scenario))), vary)
+    context = Context("", ca.SX.sym("t"), parameters, Constants())
     start = initial_state(scene, parameters)
-    plant = build_plant(scene, parameters, constants)
-    time = ca.SX.sym("t")
-    motions = _motions(scene, start, time, parameters, constants)
-    channels = [
-        channel
-        for tip in scene.tips
-        for channel in build_channels(plant, tip, motions[tip.label], parameters, constants)
-    ]
-    controls = [
-        control
-        for body in scene.robots
-        if (control := build_joint_control(plant, body, motions, start, parameters, constants)) is not None
-    ]
-    relatives = [build_relative(plant, start, grasp, constants) for grasp in scene.grasps]
-    couplings = [
-        build_coupling(plant, relative, relative.grasp.config, parameters, constants)
-        for relative in relatives
-        if isinstance(relative.grasp.config, Compliant)
-    ]
-    constraints = [
-        build_constraint(plant, relative, parameters, constants)
-        for relative in relatives
-        if not isinstance(relative.grasp.config, Compliant)
-    ]
-    solution = solve_accelerations(plant, channels, controls, couplings, constraints, parameters, constants)
-    works = build_works(plant, solution, couplings, constraints)
-    states = [*_controller_states(channels), *(control.state for control in controls), *works]
-    if has_loops(scene):
-        start = _close_loops(start, plant, constraints, constants)
-    outputs = build_outputs(plant, start, motions, solution, couplings, constraints, works, constants)
-    loop = _assemble(plant, start, time, states, solution, outputs, parameters, constants)
+    builder = Builder(scene, context, build_plant(scene, parameters, context.constants), start)
+    loop = _assemble(builder, _evaluate(builder))
     for path in vary:
         loop.index(path)
     return loop
 
 
-def _motions(
-    scene: Scene, start: Start, time: ca.SX, parameters: Parameters, constants: Constants
-) -> dict[str, Motion]:
-    """Reference motion of each tip, by its label."""
-    motions = {}
-    for tip in scene.tips:
-        pivot, path = None, f"{tip.path}.reference"
-        if tip.from_target and scene.target is not None:
-            pivot, path = start.placement(scene.target.root_frame)[1], "target.reference"
-        motions[tip.label] = build_motion(
-            tip.reference, path, time, parameters, constants, start=start.placement(tip.frame), pivot=pivot
-        )
-    return motions
+@dataclass(frozen=True)
+class _Evaluated:
+    """Finished expressions: acceleration (nv x 1), states behind (q, v), works, variables and outputs.
+
+    ``slipping`` are the constraints whose loops no base closes, so that their initial velocity is projected.
+    """
+
+    acceleration: ca.SX
+    states: Sequence[State]
+    works: Sequence[Work]
+    variables: tuple[Variable, ...]
+    outputs: Mapping[str, ca.SX]
+    outside: tuple[str, ...]
+    slipping: tuple[Constraint, ...]
 
 
-def _controller_states(channels: Sequence[Channel]) -> list[State]:
-    return [state for channel in channels for state in channel.states]
+def _evaluate(builder: Builder) -> _Evaluated:
+    """Everything that acts, the accelerations it causes, and what is observed of it."""
+    scene, plant = builder.scene, builder.plant
+    _ = builder.motions  # built first, so that their constants stand in front of those of the controllers
+    acting = concatenate(builder.contributions())
+    solution = solve_accelerations(plant, acting, _limits(builder))
+    answers = concatenate(
+        constraint.answer(force, torque)
+        for constraint, (force, torque) in zip(acting.constraints, solution.wrenches, strict=True)
+    )
+    works = build_works([*plant_powers(plant, solution.torque), *acting.powers, *answers.powers])
+    variables, outputs = combine(
+        scene,
+        [
+            *core_outputs(builder, solution.torque),
+            *acting.outputs,
+            *answers.outputs,
+            *stored_energies(scene, plant, acting.energy),
+            *(work.output for work in works),
+        ],
+    )
+    states = [*acting.states, *(work.state for work in works)]
+    outside = _outside(scene, acting.outside)
+    slipping = acting.constraints if has_loops(scene) else ()
+    return _Evaluated(solution.acceleration, states, works, variables, outputs, outside, slipping)
 
 
-def _close_loops(
-    start: Start, plant: Plant, constraints: Sequence[Constraint], constants: Constants
-) -> Start:
+def _limits(builder: Builder) -> dict[int, ca.SX]:
+    """Greatest torque of each limited joint, by its place in v."""
+    found, model = {}, builder.plant.model
+    for body in builder.scene.robots:
+        if not isinstance(body.config, Robot) or not body.config.torque_limits:
+            continue
+        for joint in body.free_joints:
+            name = str(model.names[joint]).removeprefix(f"{body.name}/")
+            limit = builder.context.at(f"{body.path}.joints.{name}").number("torque_limit")
+            found[int(model.idx_vs[joint])] = limit
+    return found
+
+
+def _outside(scene: Scene, wrenches: Sequence[Any]) -> tuple[str, ...]:
+    """What acts on the scene from outside, so that momentum is not conserved, in words."""
+    found = []
+    if any(body.base.joint == "fixed" for body in scene.bodies):
+        found.append("a base is fixed")
+    if any(scene.scenario.gravity):
+        found.append("gravity acts")
+    if wrenches:
+        found.append("an element acts from outside")
+    return tuple(found)
+
+
+def _closed_start(builder: Builder, slipping: Sequence[Constraint]) -> Start:
     """Start with a velocity that rigid grasps allow which no base could close."""
+    start, plant, constants = builder.start, builder.plant, builder.context.constants
+    if not slipping:
+        return start
     arguments = [plant.q, plant.v, constants.symbols]
-    closed = ca.Function("closed", arguments, [close_velocity(plant, constraints)])
+    closed = ca.Function("closed", arguments, [close_velocity(plant, slipping)])
     return replace(start, v=closed(start.q, start.v, constants.expressions))
 
 
@@ -122,55 +139,47 @@ def _gaps(start: Start, scene: Scene) -> tuple[ca.SX, dict[str, float]]:
     return found, {grasp.path: grasp.config.max_gap for grasp in grasps}
 
 
-def _assemble(
-    plant: Plant,
-    start: Start,
-    time: ca.SX,
-    states: Sequence[State],
-    solution: Solution,
-    outputs: dict[str, ca.SX],
-    parameters: Parameters,
-    constants: Constants,
-) -> ClosedLoop:
+def _assemble(builder: Builder, found: _Evaluated) -> ClosedLoop:
     """Named functions of the finished expressions."""
+    context, plant = builder.context, builder.plant
     model, q, v = plant.model, plant.q, plant.v
-    z = ca.vertcat(*(state.symbol for state in states))
+    parameters, constants = context.parameters, context.constants
+    start = _closed_start(builder, found.slipping)
+    z = ca.vertcat(*(state.symbol for state in found.states))
     x, c = ca.vertcat(q, v, z), constants.symbols
-    rates = ca.vertcat(
-        configuration_derivative(model, q, v),
-        solution.acceleration,
-        *(state.derivative for state in states),
-    )
-    initial = ca.Function("initial", [time, x, c], [ca.vertcat(*(state.initial for state in states))])
+    derivatives = [state.derivative for state in found.states]
+    rates = ca.vertcat(configuration_derivative(model, q, v), found.acceleration, *derivatives)
+    first = ca.vertcat(*(state.initial for state in found.states))
+    initial = ca.Function("initial", [context.time, x, c], [first])
     resting = ca.vertcat(start.q, start.v, ca.SX.zeros(z.size1()))
     z0 = initial(0, resting, constants.expressions)
-    setup = _function(
-        "setup",
-        {"p": parameters.symbols},
-        {"x0": ca.densify(ca.vertcat(start.q, start.v, z0)), "c": ca.densify(constants.expressions)},
-    )
-    gaps, max_gaps = _gaps(start, plant.scene)
-    arguments = {"t": time, "x": x, "c": c}
+    beginning = ca.densify(ca.vertcat(start.q, start.v, z0))
+    gaps, max_gaps = _gaps(start, builder.scene)
+    arguments = {"t": context.time, "x": x, "c": c}
+    unit = ca.densify(ca.vertcat(normalise(model, q), v, z))
     return ClosedLoop(
         parameter_paths=parameters.paths,
         parameter_values=parameters.values,
-        state_names=_state_names(model, states),
+        state_names=_state_names(model, found.states),
         nq=model.nq,
         nv=model.nv,
         nz=z.size1(),
-        setup=setup,
-        dynamics=_function("dynamics", arguments, {"xdot": ca.densify(rates)}),
-        normalise=_function(
-            "normalise", {"x": x}, {"x_unit": ca.densify(ca.vertcat(normalise(model, q), v, z))}
+        setup=_function(
+            "setup", {"p": parameters.symbols}, {"x0": beginning, "c": ca.densify(constants.expressions)}
         ),
-        outputs=_function("outputs", arguments, outputs),
+        dynamics=_function("dynamics", arguments, {"xdot": ca.densify(rates)}),
+        normalise=_function("normalise", {"x": x}, {"x_unit": unit}),
+        outputs=_function("outputs", arguments, found.outputs),
+        variables=found.variables,
         gaps=_function("gaps", {"p": parameters.symbols}, {"gap": ca.densify(gaps)}),
         max_gaps=max_gaps,
+        works={work.name: 1 if work.sign == "in" else -1 for work in found.works},
+        outside=found.outside,
         jumps=constants.jumps,
     )
 
 
-def _function(name: str, inputs: dict[str, ca.SX], outputs: dict[str, ca.SX]) -> ca.Function:
+def _function(name: str, inputs: Mapping[str, ca.SX], outputs: Mapping[str, ca.SX]) -> ca.Function:
     """Named function with common subexpressions shared."""
     shared = ca.cse(list(outputs.values()))
     return ca.Function(name, list(inputs.values()), shared, list(inputs), list(outputs))

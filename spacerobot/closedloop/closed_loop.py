@@ -15,6 +15,26 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
+class Variable:
+    """An output as it stands in a result.
+
+    Attributes
+    ----------
+    name
+        Of the output.
+    dims
+        Its dimensions behind time: ``tip``, ``body``, ``grasp`` or ``joint``, then ``axis`` of a vector.
+    unit, text
+        SI unit, and what it is.
+    """
+
+    name: str
+    dims: tuple[str, ...]
+    unit: str
+    text: str
+
+
+@dataclass(frozen=True)
 class ClosedLoop:
     """Robots, object, grasps and controllers as one differential equation.
 
@@ -37,11 +57,18 @@ class ClosedLoop:
     normalise
         (x) -> (x): cosine-sine pairs and quaternions back on their unit spheres.
     outputs
-        (t, x, c) -> named column vectors; see :mod:`spacerobot.closedloop.outputs`.
+        (t, x, c) -> named column vectors, those of ``variables``.
     gaps
         (p) -> (gap): distances of tip and mating frame at the start [m], of the grasps that no base closes.
     max_gaps
         Greatest ones that are allowed [m], by the grasp's path, in the same order.
+    variables
+        What each output is, in the outputs' order.
+    works
+        Names of the works in the energy balance, with their signs: 1 for what is put in, -1 for what is
+        taken.
+    outside
+        Why momentum is not conserved, in words; empty where nothing acts from outside.
     jumps
         Places in c of the times [s] at which the dynamics jump: where a reference ends or two pieces of it
         meet. They are compared with t and used for nothing else.
@@ -59,6 +86,9 @@ class ClosedLoop:
     outputs: ca.Function
     gaps: ca.Function
     max_gaps: Mapping[str, float]
+    variables: tuple[Variable, ...]
+    works: Mapping[str, int]
+    outside: tuple[str, ...]
     jumps: tuple[int, ...]
 
     @property

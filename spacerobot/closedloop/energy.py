@@ -1,6 +1,6 @@
 """Energy and its flows, in the bond graph's sense.
 
-    kinetic + springs + potential = actuator work - taken by joints - taken by grips + constraint work
+    kinetic + springs + potential = what is put in - what is taken
 
 The works are states of the closed loop, integrated by the same method as everything else; what the
 balance does not close is the integration's error. The constraints' work is that of rigid grasps whose
@@ -9,56 +9,82 @@ drift is being stabilised, and as small as that drift.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Literal
 
 import casadi as ca
 
-from spacerobot.closedloop.forward_dynamics import Solution
-from spacerobot.closedloop.grasps import Constraint, Coupling
-from spacerobot.closedloop.plant import Plant
-from spacerobot.closedloop.states import State
 from spacerobot.dynamics import kinetic_energy
+from spacerobot.elements import Output, Power, State
+from spacerobot.scene import Scene
+from spacerobot.symbolic import Plant
 
-WORKS = ("actuator", "joint", "grasp", "constraint")
-"""Works that are integrated: put in by actuators, taken by joints, taken by grips, put in by constraints."""
+WORKS: dict[str, tuple[Literal["in", "out"], str]] = {
+    "actuator": ("in", "work put in by the actuators since the start"),
+    "joint": ("out", "work taken by the joints' resistance since the start"),
+    "grasp": ("out", "work taken by the grips' dampers since the start"),
+    "constraint": ("in", "work put in by rigid grasps since the start"),
+}
+"""Works that every closed loop books, whether or not something contributes to them."""
 
 
-def build_works(
-    plant: Plant, solution: Solution, couplings: Sequence[Coupling], constraints: Sequence[Constraint]
-) -> list[State]:
-    """Works as states that begin at zero [J]."""
-    powers = {
-        "actuator": ca.dot(solution.torque, plant.v),
-        "joint": ca.dot(plant.damping * plant.v, plant.v),
-        "grasp": sum((coupling.dissipation for coupling in couplings), ca.SX(1, 1)),
-        "constraint": _constraint_power(solution, constraints),
-    }
+@dataclass(frozen=True)
+class Work:
+    """A work of the energy balance: its name, its sign, what it is, and its state."""
+
+    name: str
+    sign: Literal["in", "out"]
+    text: str
+    state: State
+
+    @property
+    def output(self) -> Output:
+        """The work as it is observed [J]."""
+        return Output(f"work_{self.name}", self.state.symbol, "J", self.text)
+
+
+def build_works(powers: Iterable[Power]) -> list[Work]:
+    """Works as states that begin at zero [J], those of :data:`WORKS` first."""
+    totals: dict[str, ca.SX] = {name: ca.SX(1, 1) for name in WORKS}
+    kinds = dict(WORKS)
+    for power in powers:
+        verb = "put in" if power.sign == "in" else "taken"
+        kinds.setdefault(power.name, (power.sign, f"work {verb}: {power.name}"))
+        totals[power.name] = totals.get(power.name, ca.SX(1, 1)) + power.value
     return [
-        State(f"work.{name}", ca.SX.sym(f"work.{name}"), ca.SX.zeros(1), ca.densify(powers[name]))
-        for name in WORKS
+        Work(
+            name,
+            *kinds[name],
+            State(f"work.{name}", ca.SX.sym(f"work.{name}"), ca.SX.zeros(1), ca.densify(total)),
+        )
+        for name, total in totals.items()
     ]
 
 
-def _constraint_power(solution: Solution, constraints: Sequence[Constraint]) -> ca.SX:
-    total = ca.SX(1, 1)
-    for constraint, (force, torque) in zip(constraints, solution.wrenches, strict=True):
-        relative = constraint.relative
-        total = total - ca.dot(force, relative.velocity) - ca.dot(torque, relative.spin)
-    return total
+def plant_powers(plant: Plant, torque: ca.SX) -> tuple[Power, ...]:
+    """Powers of the actuators (their generalized forces nv x 1) and of the joints' resistance."""
+    return (
+        Power("actuator", ca.dot(torque, plant.v), "in"),
+        Power("joint", ca.dot(plant.damping * plant.v, plant.v)),
+    )
 
 
-def stored_energies(plant: Plant, couplings: Sequence[Coupling]) -> dict[str, ca.SX]:
-    """Kinetic energy, energy of the grips' springs and potential energy of gravity [J]."""
+def stored_energies(scene: Scene, plant: Plant, springs: ca.SX | None) -> tuple[Output, ...]:
+    """Kinetic energy, energy of the springs and potential energy of gravity [J]."""
     kinetic = kinetic_energy(plant.model, plant.kinematics, plant.inertias)
-    springs = sum((coupling.energy for coupling in couplings), ca.SX(1, 1))
-    return {"kinetic": kinetic, "spring": springs, "potential": _potential(plant)}
+    return (
+        Output("energy_kinetic", kinetic, "J", "kinetic energy"),
+        Output("energy_spring", ca.SX(1, 1) if springs is None else springs, "J", "energy held in springs"),
+        Output("energy_potential", _potential(scene, plant), "J", "potential energy of gravity"),
+    )
 
 
-def _potential(plant: Plant) -> ca.SX:
-    total, gravity = ca.SX(1, 1), plant.scene.scenario.gravity
+def _potential(scene: Scene, plant: Plant) -> ca.SX:
+    total, gravity = ca.SX(1, 1), scene.scenario.gravity
     if not any(gravity):
         return total
-    for body in plant.scene.bodies:
+    for body in scene.bodies:
         for joint in body.subtree:
             mass, moment, _ = plant.inertias.in_world(plant.kinematics, joint)
             total = total - ca.dot(ca.SX(gravity), mass * plant.kinematics.origin[joint] + moment)

@@ -22,17 +22,13 @@ and the wrenches are solved for once more.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import casadi as ca
 
-from spacerobot.closedloop.grasps import Constraint, Coupling, opposite
-from spacerobot.closedloop.joint_control import JointControl
-from spacerobot.closedloop.parameters import Constants, Parameters
-from spacerobot.closedloop.plant import Plant
-from spacerobot.closedloop.tip_control import Channel
-from spacerobot.scenario import Robot
+from spacerobot.elements import Channel, Constraint, Contribution, Torque
+from spacerobot.symbolic import Plant
 
 
 @dataclass(frozen=True)
@@ -55,56 +51,58 @@ class Solution:
     wrenches: tuple[tuple[ca.SX, ca.SX], ...]
 
 
-def solve_accelerations(
-    plant: Plant,
-    channels: Sequence[Channel],
-    joint_controls: Sequence[JointControl],
-    couplings: Sequence[Coupling],
-    constraints: Sequence[Constraint],
-    parameters: Parameters,
-    constants: Constants,
-) -> Solution:
-    """Accelerations, actuator torques and constraint wrenches."""
-    wrenches = [w for c in couplings for w in opposite(c.relative, c.force, c.torque)]
-    ideal = [channel for channel in channels if channel.derivative_gain is not None]
+def solve_accelerations(plant: Plant, acting: Contribution, limits: Mapping[int, ca.SX]) -> Solution:
+    """Accelerations, actuator torques and constraint wrenches.
+
+    Parameters
+    ----------
+    plant
+        Mechanics.
+    acting
+        What all elements contribute.
+    limits
+        Greatest torque (1x1) by place in v; none where it is not limited.
+    """
+    wrenches = [*acting.wrenches, *acting.outside]
+    ideal = [channel for channel in acting.channels if channel.derivative_gain is not None]
     torque = ca.SX(plant.v.size1(), 1)
-    for channel in channels:
+    for channel in acting.channels:
         if channel.derivative_gain is None:
             torque = torque + ca.mtimes(channel.actuation, channel.command)
-    for control in joint_controls:
-        torque = torque + _projected(plant, control, channels)
+    for asked in acting.torques:
+        torque = torque + _projected(plant, asked, acting.channels)
     driven = plant.reduced_moving(torque, wrenches)
-    held = [(constraint.sense, constraint.drift) for constraint in constraints]
-    if plant.scene.ties:
+    held = [(constraint.sense, constraint.drift) for constraint in acting.constraints]
+    if plant.ties.size2():
         held.append((plant.ties, ca.SX(plant.ties.size2(), 1)))
     outputs, reactions = _solve(plant, driven, ideal, held)
     for channel, output in zip(ideal, outputs, strict=True):
         torque = torque + ca.mtimes(channel.actuation, output)
         driven = driven + ca.mtimes(channel.drive, output)
-    clipped = _clip(plant, torque, parameters, constants)
-    if clipped is not None:
-        torque, driven = clipped, plant.reduced_moving(clipped, wrenches)
+    if limits:
+        torque = _clip(torque, limits)
+        driven = plant.reduced_moving(torque, wrenches)
         _, reactions = _solve(plant, driven, [], held)
     for (sense, _), reaction in zip(held, reactions, strict=True):
         driven = driven + ca.mtimes(sense, reaction)
     acceleration = plant.articulated.motion(driven)
-    return Solution(acceleration, torque, _on_targets(constraints, reactions[: len(constraints)]))
+    return Solution(acceleration, torque, _on_targets(acting.constraints, reactions[: len(acting.constraints)]))
 
 
-def _projected(plant: Plant, control: JointControl, channels: Sequence[Channel]) -> ca.SX:
-    """Torque of a joint PD; in the null space, without the part that accelerates the robot's tips.
+def _projected(plant: Plant, asked: Torque, channels: Sequence[Channel]) -> ca.SX:
+    """Torque that was asked for; in the null space, without the part that accelerates the robot's tips.
 
     Subtracted is ``J^T F`` with the tip force F that cancels the acceleration the tips' feedback would see.
     """
-    own = [channel for channel in channels if channel.tip.body.name == control.body.name]
-    if not control.null_space or not own:
-        return control.torque
+    own = [channel for channel in channels if channel.robot == asked.robot]
+    if not asked.null_space or not own:
+        return asked.value
     sense = ca.horzcat(*(channel.sense for channel in own), plant.ties)
     actuation = ca.horzcat(*(channel.actuation for channel in own))
     drive = ca.horzcat(*(channel.drive for channel in own), plant.ties)
     mobility = plant.articulated.negated_mobility
-    force = eliminate(mobility(sense, drive), mobility(sense, plant.reduced(control.torque)))
-    return control.torque - ca.mtimes(actuation, force[: actuation.size2()])
+    force = eliminate(mobility(sense, drive), mobility(sense, plant.reduced(asked.value)))
+    return asked.value - ca.mtimes(actuation, force[: actuation.size2()])
 
 
 def _solve(
@@ -163,18 +161,11 @@ def eliminate(matrix: ca.SX, right: ca.SX) -> ca.SX:
     return ca.vertcat(*b)
 
 
-def _clip(plant: Plant, torque: ca.SX, parameters: Parameters, constants: Constants) -> ca.SX | None:
-    """Torques within their limits; none if no robot has limits."""
-    limited = [b for b in plant.scene.robots if isinstance(b.config, Robot) and b.config.torque_limits]
-    if not limited:
-        return None
+def _clip(torque: ca.SX, limits: Mapping[int, ca.SX]) -> ca.SX:
+    """Torques within their limits."""
     clipped = ca.SX(torque)
-    for body in limited:
-        for joint in body.free_joints:
-            column, name = plant.model.idx_vs[joint], plant.model.names[joint].removeprefix(f"{body.name}/")
-            path = f"{body.path}.joints.{name}.torque_limit"
-            limit = constants.hoist(path, parameters(path))
-            clipped[column] = ca.fmin(ca.fmax(torque[column], -limit), limit)
+    for column, limit in limits.items():
+        clipped[column] = ca.fmin(ca.fmax(torque[column], -limit), limit)
     return clipped
 
 

@@ -1,129 +1,112 @@
-"""What can be observed of the closed loop, as named column vectors.
-
-=============================  ========================================================================
-``tip_position``               of each tip (3 each) [m]
-``tip_velocity``               of each tip (3 each) [m/s]
-``tip_reference``              of each tip (3 each) [m]
-``tip_error``                  reference minus position (3 each) [m]
-``tip_orientation_error``      rotation vector from orientation to reference (3 each) [rad]
-``body_position``              root link's origin of each body (3 each) [m]
-``body_rotation``              rotation vector of each root link since the start (3 each) [rad]
-``joint_torque``               of each joint that is not a base, in the model's order [N m or N]
-``grasp_force``                of each grasp on the target at the tip's point (3 each) [N]
-``grasp_torque``               of each grasp on the target (3 each) [N m]
-``grasp_gap``                  from mating frame to tip (3 each) [m]
-``body_momentum_linear``       of each body (3 each) [N s]
-``body_momentum_angular``      of each body about the world's origin (3 each) [N m s]
-``momentum_linear``            of all bodies (3) [N s]
-``momentum_angular``           of all bodies about the world's origin (3) [N m s]
-``energy_kinetic``             [J]
-``energy_spring``              held in the grips' springs [J]
-``energy_potential``           of gravity [J]
-``work_actuator``              put in by the actuators since the start [J]
-``work_joint``                 taken by the joints' resistance since the start [J]
-``work_grasp``                 taken by the grips' dampers since the start [J]
-``work_constraint``            put in by rigid grasps whose drift is stabilised, since the start [J]
-=============================  ========================================================================
-
-Vectors are in world axes; the order of tips, bodies and grasps is the scene's.
-"""
+"""What can be observed of the closed loop: tips, bodies, joints, the whole, and what elements declare."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator
 
 import casadi as ca
 
-from spacerobot.closedloop.energy import WORKS, stored_energies
-from spacerobot.closedloop.forward_dynamics import Solution
-from spacerobot.closedloop.grasps import Constraint, Coupling
-from spacerobot.closedloop.parameters import Constants
-from spacerobot.closedloop.plant import Plant
-from spacerobot.closedloop.references import Motion
-from spacerobot.closedloop.start import Start
-from spacerobot.closedloop.states import State
-from spacerobot.closedloop.tip_control import orientation_error
+from spacerobot.closedloop.closed_loop import Variable
+from spacerobot.closedloop.elements import Builder
 from spacerobot.dynamics import momentum
+from spacerobot.elements import Output
+from spacerobot.elements.contribution import Dimension
+from spacerobot.elements.grasp import OBSERVED
+from spacerobot.scene import Scene
+
+VECTORS: dict[str, tuple[Dimension, str, str]] = {
+    "tip_position": ("tip", "m", "position of tips"),
+    "tip_velocity": ("tip", "m/s", "velocity of tips"),
+    "tip_reference": ("tip", "m", "reference position of tips"),
+    "tip_error": ("tip", "m", "reference minus position of tips"),
+    "tip_orientation_error": ("tip", "rad", "rotation vector from tips to their references"),
+    "body_position": ("body", "m", "position of bodies' root links"),
+    "body_rotation": ("body", "rad", "rotation vector of bodies' root links since the start"),
+    "body_momentum_linear": ("body", "N s", "linear momentum of bodies"),
+    "body_momentum_angular": ("body", "N m s", "angular momentum of bodies about the world's origin"),
+}
+"""Vectors in world axes that every result has, whether or not there is something to observe."""
 
 
-def build_outputs(
-    plant: Plant,
-    start: Start,
-    motions: Mapping[str, Motion],
-    solution: Solution,
-    couplings: Sequence[Coupling],
-    constraints: Sequence[Constraint],
-    works: Sequence[State],
-    constants: Constants,
-) -> dict[str, ca.SX]:
-    """Named outputs, dense columns."""
-    outputs = _tips(plant, motions) | _bodies(plant, start, constants)
-    columns = sorted(column for body in plant.scene.bodies for column in plant.arm_columns(body))
-    outputs["joint_torque"] = solution.torque[columns]
-    outputs |= _grasps(plant, solution, couplings, constraints)
-    for name, energy in stored_energies(plant, couplings).items():
-        outputs[f"energy_{name}"] = energy
-    for name, work in zip(WORKS, works, strict=True):
-        outputs[f"work_{name}"] = work.symbol
-    return {name: ca.densify(expression) for name, expression in outputs.items()}
+def core_outputs(builder: Builder, torque: ca.SX) -> Iterator[Output]:
+    """Of tips, bodies, the whole and the joints, whose generalized forces are given (nv x 1)."""
+    for name, (dimension, unit, text) in VECTORS.items():
+        yield Output(name, ca.SX(3, 1), unit, text, dimension)
+    values = {**_tips(builder), **_bodies(builder)}
+    for (name, label), value in values.items():
+        dimension, unit, text = VECTORS[name]
+        yield Output(name, value, unit, text, dimension, label)
+    total = {
+        kind: sum((values[f"body_momentum_{kind}", body.name] for body in builder.scene.bodies), ca.SX(3, 1))
+        for kind in ("linear", "angular")
+    }
+    yield Output("momentum_linear", total["linear"], "N s", "linear momentum of everything")
+    about = "angular momentum of everything about the world's origin"
+    yield Output("momentum_angular", total["angular"], "N m s", about)
+    columns = sorted(column for body in builder.scene.bodies for column in builder.columns(body))
+    yield Output("joint_torque", torque[columns], "N m or N", "actuator torques", "joint")
+    for name, (unit, text) in OBSERVED.items():
+        yield Output(name, ca.SX(3, 1), unit, text, "grasp")
 
 
-def _tips(plant: Plant, motions: Mapping[str, Motion]) -> dict[str, ca.SX]:
-    position, velocity, reference, error = [], [], [], []
-    for tip in plant.scene.tips:
+def _tips(builder: Builder) -> dict[tuple[str, str], ca.SX]:
+    found: dict[tuple[str, str], ca.SX] = {}
+    plant = builder.plant
+    for tip in builder.scene.tips:
         rotation, origin = plant.placement(tip.frame)
-        motion = motions[tip.label]
-        position.append(origin)
-        velocity.append(plant.velocity(tip.frame)[0])
-        reference.append(motion.position)
-        error.append(orientation_error(plant.scene, motion.rotation, rotation))
-    stacked = {
-        "tip_position": _stack(position),
-        "tip_velocity": _stack(velocity),
-        "tip_reference": _stack(reference),
-    }
-    stacked["tip_error"] = stacked["tip_reference"] - stacked["tip_position"]
-    stacked["tip_orientation_error"] = _stack(error)
-    return stacked
+        motion = builder.motions[tip.label]
+        found |= {
+            ("tip_position", tip.label): origin,
+            ("tip_velocity", tip.label): plant.velocity(tip.frame)[0],
+            ("tip_reference", tip.label): motion.position,
+            ("tip_error", tip.label): motion.position - origin,
+            ("tip_orientation_error", tip.label): plant.orientation_error(motion.rotation, rotation),
+        }
+    return found
 
 
-def _bodies(plant: Plant, start: Start, constants: Constants) -> dict[str, ca.SX]:
-    position, rotated, linear, angular = [], [], [], []
-    for body in plant.scene.bodies:
+def _bodies(builder: Builder) -> dict[tuple[str, str], ca.SX]:
+    found: dict[tuple[str, str], ca.SX] = {}
+    plant = builder.plant
+    for body in builder.scene.bodies:
         rotation, origin = plant.placement(body.root_frame)
-        rotation0 = constants.hoist(f"{body.path}.start.rotation", start.placement(body.root_frame)[0])
-        position.append(origin)
-        rotated.append(orientation_error(plant.scene, rotation, rotation0))
+        first = builder.start.placement(body.root_frame)[0]
+        rotation0 = builder.context.at(body.path).once("start.rotation", first)
         p, h = momentum(plant.model, plant.kinematics, plant.inertias, joints=body.subtree, about=ca.SX(3, 1))
-        linear.append(p)
-        angular.append(h)
-    return {
-        "body_position": _stack(position),
-        "body_rotation": _stack(rotated),
-        "body_momentum_linear": _stack(linear),
-        "body_momentum_angular": _stack(angular),
-        "momentum_linear": sum(linear, ca.SX(3, 1)),
-        "momentum_angular": sum(angular, ca.SX(3, 1)),
+        found |= {
+            ("body_position", body.name): origin,
+            ("body_rotation", body.name): plant.orientation_error(rotation, rotation0),
+            ("body_momentum_linear", body.name): p,
+            ("body_momentum_angular", body.name): h,
+        }
+    return found
+
+
+def combine(scene: Scene, outputs: Iterable[Output]) -> tuple[tuple[Variable, ...], dict[str, ca.SX]]:
+    """Variables of the result, and their expressions: outputs of one name stacked in the scene's order.
+
+    Where an element of a dimension does not declare an output that others do, it is not a number.
+    """
+    labels = {
+        "tip": [tip.label for tip in scene.tips],
+        "body": [body.name for body in scene.bodies],
+        "grasp": [grasp.name for grasp in scene.grasps],
     }
-
-
-def _grasps(
-    plant: Plant, solution: Solution, couplings: Sequence[Coupling], constraints: Sequence[Constraint]
-) -> dict[str, ca.SX]:
-    force = {c.relative.grasp.name: c.force for c in couplings}
-    torque = {c.relative.grasp.name: c.torque for c in couplings}
-    relatives = [c.relative for c in couplings] + [c.relative for c in constraints]
-    gap = {relative.grasp.name: relative.gap for relative in relatives}
-    for constraint, (f, t) in zip(constraints, solution.wrenches, strict=True):
-        force[constraint.relative.grasp.name] = f
-        torque[constraint.relative.grasp.name] = t
-    names = [grasp.name for grasp in plant.scene.grasps]
-    return {
-        "grasp_force": _stack([force[name] for name in names]),
-        "grasp_torque": _stack([torque[name] for name in names]),
-        "grasp_gap": _stack([gap[name] for name in names]),
-    }
-
-
-def _stack(vectors: Sequence[ca.SX]) -> ca.SX:
-    return ca.vertcat(*vectors) if vectors else ca.SX(0, 1)
+    named: dict[str, list[Output]] = {}
+    for output in outputs:
+        named.setdefault(output.name, []).append(output)
+    variables, expressions = [], {}
+    for name, parts in named.items():
+        first = parts[0]
+        size, axes = first.value.size1(), (first.dimension,) if first.dimension else ()
+        if first.dimension in labels:
+            by_label = {part.label: part.value for part in parts}
+            missing = ca.SX.nan(size, 1)
+            stacked = [by_label.get(label, missing) for label in labels[first.dimension]]
+            expressions[name] = ca.densify(ca.vertcat(*stacked)) if stacked else ca.SX(0, 1)
+        else:
+            expressions[name] = ca.densify(first.value)
+        if first.dimension != "joint" and size == 3:
+            axes = (*axes, "axis")
+        variables.append(Variable(name, axes, first.unit, first.text))
+    return tuple(variables), expressions

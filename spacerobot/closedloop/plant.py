@@ -1,93 +1,17 @@
-"""The plant: symbolic kinematics, inertias and resistance of the whole scene."""
+"""Build the plant of a scene: its kinematics, inertias and resistance as expressions."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
 import numpy as np
 import pinocchio as pin
 
-from spacerobot.closedloop.parameters import Constants, Parameters
-from spacerobot.dynamics import (
-    ArticulatedBody,
-    Inertias,
-    Kinematics,
-    Wrench,
-    forward_kinematics,
-    frame_drift,
-    frame_jacobian,
-    frame_placement,
-    frame_velocity,
-)
+from spacerobot.dynamics import ArticulatedBody, Inertias, forward_kinematics
 from spacerobot.dynamics.joints import sparse
-from spacerobot.scene import Scene, SceneBody
-
-
-@dataclass(frozen=True)
-class Plant:
-    """Everything mechanical at one (q, v), world axes.
-
-    Attributes
-    ----------
-    scene
-        What it belongs to.
-    q, v
-        Symbols of configuration (nq x 1) and velocity (nv x 1).
-    damping
-        Viscous resistance R_j of each velocity component (nv x 1), structurally zero where there is none.
-    ties
-        Loads, reduced, along which v' is the acceleration of a joint that mimics another one, relative to
-        what it mimics (nv x n); they keep it at zero.
-    """
-
-    scene: Scene
-    q: ca.SX
-    v: ca.SX
-    kinematics: Kinematics
-    inertias: Inertias
-    articulated: ArticulatedBody
-    damping: ca.SX
-    ties: ca.SX
-
-    @property
-    def model(self) -> Any:
-        """The scene's ``pinocchio.Model``."""
-        return self.scene.model
-
-    def placement(self, frame: int) -> tuple[ca.SX, ca.SX]:
-        """Rotation (3x3) and origin (3x1) [m] of a frame."""
-        return frame_placement(self.model, self.kinematics, frame)
-
-    def velocity(self, frame: int) -> tuple[ca.SX, ca.SX]:
-        """Linear and angular velocity of a frame's origin (3x1 each) [m/s, rad/s]."""
-        return frame_velocity(self.model, self.kinematics, frame)
-
-    def jacobian(self, frame: int) -> ca.SX:
-        """Jacobian of a frame (6 x nv), linear rows first."""
-        return frame_jacobian(self.model, self.kinematics, frame)
-
-    def drift(self, frame: int) -> tuple[ca.SX, ca.SX]:
-        """Linear and angular acceleration of a frame at zero joint acceleration (3x1 each)."""
-        return frame_drift(self.model, self.kinematics, frame)
-
-    def reduced(self, torque: ca.SX | None = None, wrenches: Sequence[Wrench] = ()) -> ca.SX:
-        """Generalized forces and wrenches, reduced (nv x 1); see :mod:`spacerobot.dynamics.articulated`."""
-        return self.articulated.reduced(torque, wrenches)
-
-    def reduced_moving(self, torque: ca.SX, wrenches: Sequence[Wrench] = ()) -> ca.SX:
-        """The same together with joint resistance, gravity and inertia forces (nv x 1)."""
-        return self.articulated.reduced(torque - self.damping * self.v, wrenches, moving=True)
-
-    def arm_columns(self, body: SceneBody) -> list[int]:
-        """Places in v of a body's joints, its floating base left out."""
-        return [int(self.model.joints[j].idx_v) for j in body.joints]
-
-    def gathered(self, effort: ca.SX) -> ca.SX:
-        """Generalized forces (nv x n), those on joints that mimic moved to the joints that they follow."""
-        return ca.mtimes(sparse(self.scene.spread.T), effort) if self.scene.ties else effort
+from spacerobot.scene import Scene
+from spacerobot.symbolic import Constants, Parameters, Plant
 
 
 def build_plant(scene: Scene, parameters: Parameters, constants: Constants) -> Plant:
@@ -104,10 +28,11 @@ def build_plant(scene: Scene, parameters: Parameters, constants: Constants) -> P
             resistance = constants.hoist(path, parameters.sparse(path))
             if resistance.nnz():
                 damping[column] = resistance
+    spread = sparse(scene.spread)
     relative = sparse(np.eye(scene.model.nv) - scene.spread)
     tied = [relative[scene.model.idx_vs[tie.joint], :].T for tie in scene.ties]
     ties = ca.horzcat(ca.SX(v.size1(), 0), *(articulated.reduced(torque) for torque in tied))
-    return Plant(scene, q, v, kinematics, inertias, articulated, damping, ties)
+    return Plant(scene.model, scene.planar, q, v, kinematics, inertias, articulated, damping, ties, spread)
 
 
 def _inertias(scene: Scene, parameters: Parameters, constants: Constants) -> Inertias:

@@ -6,49 +6,26 @@ be varied and differentiated. A test holds the two to each other.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from spacerobot.closedloop.parameters import Parameters
-from spacerobot.dynamics import Kinematics, forward_kinematics, frame_placement, frame_velocity
+from spacerobot.dynamics import forward_kinematics, frame_placement, frame_velocity
 from spacerobot.dynamics.algebra import cross
 from spacerobot.dynamics.rotations import rotation_from_rpy
 from spacerobot.scene import Scene, SceneBody
 from spacerobot.scene.closing import Closing, find_closings
+from spacerobot.symbolic import Parameters, Start
 
 DEGREE = np.pi / 180
-
-
-@dataclass(frozen=True)
-class Start:
-    """The initial state, an expression of the parameters.
-
-    Attributes
-    ----------
-    q, v
-        Configuration (nq x 1) and velocity (nv x 1), Pinocchio's coordinates.
-    kinematics
-        Of the initial configuration at rest.
-    """
-
-    model: Any
-    q: ca.SX
-    v: ca.SX
-    kinematics: Kinematics
-
-    def placement(self, frame: int) -> tuple[ca.SX, ca.SX]:
-        """Rotation (3x3) and origin (3x1) [m] of a frame at the start."""
-        return frame_placement(self.model, self.kinematics, frame)
 
 
 def initial_state(scene: Scene, parameters: Parameters) -> Start:
     """Initial state of a scene as an expression of its parameters.
 
     Bases give way to their grasps in closed form; the velocity of loops is left to
-    :func:`~spacerobot.closedloop.grasps.close_velocity`, which needs inertias.
+    :func:`~spacerobot.closedloop.impulse.close_velocity`, which needs inertias.
     """
     q, v = ca.SX(scene.model.nq, 1), ca.SX(scene.model.nv, 1)
     closings = find_closings(scene.bodies, scene.grasps)

@@ -1,6 +1,10 @@
-"""The second engine: slow and independent, over Pinocchio's own algorithms, to check the first one by."""
+"""The second opinion: the same closed loop, written again over Pinocchio's own algorithms."""
 
 from spacerobot.pinocchio_engine.engine import Engine
+from spacerobot.pinocchio_engine.grasps import grasp_of
+from spacerobot.pinocchio_engine.joint_control import robot_law
+from spacerobot.pinocchio_engine.references import path_of, turn_of
 from spacerobot.pinocchio_engine.simulate import simulate
+from spacerobot.pinocchio_engine.tip_control import tip_law
 
-__all__ = ["Engine", "simulate"]
+__all__ = ["Engine", "grasp_of", "path_of", "robot_law", "simulate", "tip_law", "turn_of"]

@@ -14,16 +14,15 @@ from spacerobot.pinocchio_engine.grasps import (
     Constraint,
     Coupling,
     Relative,
-    compliant_wrench,
+    grasp_of,
     relative_motion,
     rest_orientation,
-    rigid_constraint,
 )
 from spacerobot.pinocchio_engine.joint_control import JointController, joint_controllers, null_space
 from spacerobot.pinocchio_engine.kinematics import Kinematics, configuration_rate, coordinates
-from spacerobot.pinocchio_engine.references import Motion, TipReference, joints, tip_reference
-from spacerobot.pinocchio_engine.tip_control import Channel, Command, channels_of
-from spacerobot.scenario import Compliant, Robot
+from spacerobot.pinocchio_engine.references import Motion, TipReference, tip_reference
+from spacerobot.pinocchio_engine.tip_control import Channel, Command, tip_law
+from spacerobot.scenario import Robot
 from spacerobot.scene import Scene
 from spacerobot.scene.scene import Array
 
@@ -79,7 +78,11 @@ class Engine:
         self._places = coordinates(scene.model)
         start = Kinematics(scene.model, np.array(scene.q), np.array(scene.v))
         self.references = _references(scene, start)
-        self.channels: list[Channel] = [c for tip in scene.tips for c in channels_of(scene, tip)]
+        self.channels: list[Channel] = [
+            tip_law(controller, scene, tip, key)
+            for tip in scene.tips
+            for key, controller in tip.config.elements()
+        ]
         self.controllers: list[JointController] = joint_controllers(scene)
         self.rest = [rest_orientation(start, grasp) for grasp in scene.grasps]
         self.root_rotations = [start.frame(body.root_frame).rotation for body in scene.bodies]
@@ -92,7 +95,7 @@ class Engine:
         z0 = [c.initial(start, motions[c.tip.label]) for c in self.channels]
         z0 += [c.positions(start.q) for c in self.controllers]
         self.x0: Array = np.concatenate([scene.q, scene.v, *z0, np.zeros(len(WORKS))])
-        self.breakpoints = tuple(sorted({t for tip in scene.tips for t in joints(tip.reference)}))
+        self.breakpoints = tuple(sorted({t for tip in scene.tips for t in tip.reference.jumps()}))
 
     def derivative(self, t: float, x: Array, within: float | None = None) -> Array:
         """Rate x' (nx,) of the state at time t [s].
@@ -174,12 +177,12 @@ class Engine:
         wrenches: list[Wrench] = []
         constraints: list[Constraint] = []
         for grasp, relative in zip(self.scene.grasps, relatives, strict=True):
-            if isinstance(grasp.config, Compliant):
-                coupling = compliant_wrench(self.scene, relative, grasp.config)
-                couplings.append(coupling)
-                wrenches.append((grasp, relative, coupling.force, coupling.torque))
+            found = grasp_of(grasp.config, self.scene, grasp, relative)
+            if isinstance(found, Coupling):
+                couplings.append(found)
+                wrenches.append((grasp, relative, found.force, found.torque))
             else:
-                constraints.append(rigid_constraint(self.scene, grasp, relative, grasp.config))
+                constraints.append(found)
         limits, spread = self.limits, self.scene.spread
         return couplings, Loads(torque, self.resistance, wrenches, asked, constraints, limits, spread)
 

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
 
+from spacerobot.elements import Grasp
+from spacerobot.elements.grasps.compliant import Compliant
+from spacerobot.elements.grasps.point import Point
+from spacerobot.elements.grasps.weld import Weld
 from spacerobot.pinocchio_engine.kinematics import Kinematics, rotation_vector
-from spacerobot.scenario import Compliant, Point, Weld
+from spacerobot.pinocchio_engine.laws import refusal
 from spacerobot.scene import Scene, SceneGrasp
 from spacerobot.scene.scene import Array
 
@@ -67,20 +72,6 @@ class Coupling:
     dissipation: float
 
 
-def compliant_wrench(scene: Scene, relative: Relative, config: Compliant) -> Coupling:
-    """Springs and dampers of a compliant grasp."""
-    along, about = _mask(scene.translation_axes), _mask(scene.rotation_axes)
-    gap, velocity = along * relative.gap, along * relative.velocity[:3]
-    twist, spin = about * relative.twist, about * relative.velocity[3:]
-    stiffness, damping = config.rotational_stiffness or 0.0, config.rotational_damping or 0.0
-    return Coupling(
-        config.stiffness * gap + config.damping * velocity,
-        stiffness * twist + damping * spin,
-        float(0.5 * (config.stiffness * gap @ gap + stiffness * twist @ twist)),
-        float(config.damping * velocity @ velocity + damping * spin @ spin),
-    )
-
-
 @dataclass(frozen=True)
 class Constraint:
     """A rigid grasp, ``jacobian v' = right``.
@@ -100,12 +91,43 @@ class Constraint:
     right: Array
 
 
-def rigid_constraint(scene: Scene, grasp: SceneGrasp, relative: Relative, config: Point | Weld) -> Constraint:
-    """Constraint of a rigid grasp."""
-    rows, rate = list(scene.translation_axes), config.stabilisation
-    if isinstance(config, Weld):
-        rows += [axis + 3 for axis in scene.rotation_axes]
-    offset = np.concatenate([relative.gap, relative.twist])
+@functools.singledispatch
+def grasp_of(config: Grasp, scene: Scene, grasp: SceneGrasp, relative: Relative) -> Coupling | Constraint:
+    """What a grasp does at one instant, of each kind."""
+    del scene, grasp, relative
+    raise refusal(config)
+
+
+@grasp_of.register
+def _(config: Compliant, scene: Scene, grasp: SceneGrasp, relative: Relative) -> Coupling:
+    """Springs and dampers."""
+    del grasp
+    along, about = _mask(scene.translation_axes), _mask(scene.rotation_axes)
+    gap, velocity = along * relative.gap, along * relative.velocity[:3]
+    twist, spin = about * relative.twist, about * relative.velocity[3:]
+    stiffness, damping = config.rotational_stiffness or 0.0, config.rotational_damping or 0.0
+    return Coupling(
+        config.stiffness * gap + config.damping * velocity,
+        stiffness * twist + damping * spin,
+        float(0.5 * (config.stiffness * gap @ gap + stiffness * twist @ twist)),
+        float(config.damping * velocity @ velocity + damping * spin @ spin),
+    )
+
+
+@grasp_of.register
+def _(config: Point, scene: Scene, grasp: SceneGrasp, relative: Relative) -> Constraint:
+    return _rigid(config, list(scene.translation_axes), grasp, relative)
+
+
+@grasp_of.register
+def _(config: Weld, scene: Scene, grasp: SceneGrasp, relative: Relative) -> Constraint:
+    rows = [*scene.translation_axes, *(axis + 3 for axis in scene.rotation_axes)]
+    return _rigid(config, rows, grasp, relative)
+
+
+def _rigid(config: Point | Weld, rows: list[int], grasp: SceneGrasp, relative: Relative) -> Constraint:
+    """Constraint of some components of the relative motion."""
+    rate, offset = config.stabilisation, np.concatenate([relative.gap, relative.twist])
     right = -(relative.drift + 2 * rate * relative.velocity + rate**2 * offset)
     return Constraint(grasp, relative, rows, relative.jacobian[rows], right[rows])
 

@@ -7,16 +7,20 @@ The robot finds theta_d by resolved rates in a model of itself whose base stands
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from spacerobot.elements import RobotController
+from spacerobot.elements.controllers.joint_pd import JointPd
 from spacerobot.pinocchio_engine.kinematics import Kinematics, joint_space_inertia, rotation_vector
+from spacerobot.pinocchio_engine.laws import refusal
 from spacerobot.pinocchio_engine.references import Motion
 from spacerobot.pinocchio_engine.tip_control import Channel, Command, sensors_of
-from spacerobot.scenario import JointPd, Robot
+from spacerobot.scenario import Robot
 from spacerobot.scene import Scene, SceneBody
 from spacerobot.scene.scene import Array
 
@@ -106,12 +110,25 @@ def _set_position(joint: Any, value: float, q: Array) -> None:
     q[joint.idx_q : joint.idx_q + joint.nq] = [np.cos(value), np.sin(value)] if joint.nq == 2 else value
 
 
+@functools.singledispatch
+def robot_law(controller: RobotController, scene: Scene, body: SceneBody) -> JointController:
+    """What a controller of a robot's joints asks for, of each kind."""
+    del scene, body
+    raise refusal(controller)
+
+
+@robot_law.register
+def _(controller: JointPd, scene: Scene, body: SceneBody) -> JointController:
+    return JointController(scene, body, controller)
+
+
 def joint_controllers(scene: Scene) -> list[JointController]:
     """Joint controllers of the robots that have one."""
     return [
-        JointController(scene, body, body.config.joint_pd)
+        robot_law(controller, scene, body)
         for body in scene.robots
-        if isinstance(body.config, Robot) and body.config.joint_pd is not None
+        if isinstance(body.config, Robot)
+        for _, controller in body.config.elements()
     ]
 
 

@@ -7,6 +7,7 @@ before a joint then never looks across it.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -14,14 +15,20 @@ import numpy as np
 import pinocchio as pin
 from scipy.interpolate import CubicSpline
 
+from spacerobot.elements import Reference
+from spacerobot.elements.reference import TimedReference
+from spacerobot.elements.references.circle import Circle
+from spacerobot.elements.references.hold import Hold
+from spacerobot.elements.references.line import Line
+from spacerobot.elements.references.spline import Spline
 from spacerobot.pinocchio_engine.kinematics import cross
-from spacerobot.scenario import Circle, Hold, Line, Reference, Spline
+from spacerobot.pinocchio_engine.laws import refusal
 from spacerobot.scene.scene import Array
 
 Jet = tuple[Array, Array, Array]
 """A value with its first and second derivative with respect to time."""
 
-_Path = Callable[[float, float], Jet]
+Path = Callable[[float, float], Jet]
 
 
 @dataclass(frozen=True)
@@ -55,8 +62,8 @@ class TipReference:
         The tip's orientation at the start (3, 3).
     """
 
-    path: _Path
-    turn: _Path
+    path: Path
+    turn: Path
     pivot: Array
     lever: Array
     rotation: Array
@@ -93,15 +100,8 @@ def tip_reference(reference: Reference, placement: pin.SE3, pivot: Array | None 
     origin = np.array(placement.translation)
     centre = origin if pivot is None else np.array(pivot)
     return TipReference(
-        _path(reference), _turn(reference), centre, origin - centre, np.array(placement.rotation)
+        path_of(reference), turn_of(reference), centre, origin - centre, np.array(placement.rotation)
     )
-
-
-def joints(reference: Reference) -> tuple[float, ...]:
-    """Times at which two pieces of a reference meet [s]."""
-    if isinstance(reference, Hold):
-        return ()
-    return reference.times[1:] if isinstance(reference, Spline) else (reference.duration,)
 
 
 def cubic_blend(t: float, within: float, duration: float) -> tuple[float, float, float]:
@@ -117,21 +117,37 @@ def _still(t: float, within: float) -> Jet:  # noqa: ARG001 (a path like the oth
     return np.zeros(3), np.zeros(3), np.zeros(3)
 
 
-def _path(reference: Reference) -> _Path:
-    if isinstance(reference, Circle):
-        return _circle(reference)
-    if isinstance(reference, Line):
-        return _along(np.array(reference.displacement), reference.duration)
-    return _spline(reference) if isinstance(reference, Spline) else _still
+@functools.singledispatch
+def path_of(reference: Reference) -> Path:
+    """Displacement since the start (3,) [m], of each kind of reference."""
+    raise refusal(reference)
 
 
-def _turn(reference: Reference) -> _Path:
-    if isinstance(reference, Circle | Line):
-        return _along(np.radians(reference.rotation_deg), reference.duration)
+@path_of.register
+def _(reference: Hold) -> Path:
+    del reference
     return _still
 
 
-def _along(vector: Array, duration: float) -> _Path:
+@path_of.register
+def _(reference: Line) -> Path:
+    return _along(np.array(reference.displacement), reference.duration)
+
+
+@functools.singledispatch
+def turn_of(reference: Reference) -> Path:
+    """Rotation vector since the start (3,) [rad], of each kind of reference that turns."""
+    if type(reference).turned is not Reference.turned:
+        raise refusal(reference)
+    return _still
+
+
+@turn_of.register
+def _(reference: TimedReference) -> Path:
+    return _along(np.radians(reference.rotation_deg), reference.duration)
+
+
+def _along(vector: Array, duration: float) -> Path:
     """A constant direction, by the cubic blend."""
 
     def jet(t: float, within: float) -> Jet:
@@ -142,7 +158,8 @@ def _along(vector: Array, duration: float) -> _Path:
     return jet
 
 
-def _circle(circle: Circle) -> _Path:
+@path_of.register
+def _(circle: Circle) -> Path:
     """Eq. 40, 41, 43 and 44 (its sign corrected) in the circle's plane, minus where it begins."""
     first, last = np.radians(circle.start_deg), np.radians(circle.end_deg)
     plane = pin.rpy.rpyToMatrix(np.radians(circle.plane_deg))
@@ -164,7 +181,8 @@ def _circle(circle: Circle) -> _Path:
     return jet
 
 
-def _spline(spline: Spline) -> _Path:
+@path_of.register
+def _(spline: Spline) -> Path:
     """A clamped cubic spline, held at its end."""
     curve = CubicSpline(spline.times, np.array(spline.displacements), bc_type="clamped")
     end = spline.times[-1]

@@ -8,13 +8,19 @@ tau   = J^T u
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
 
+from spacerobot.elements import TipController
+from spacerobot.elements.controllers.amnesia import Amnesia
+from spacerobot.elements.controllers.pid import Pid
+from spacerobot.elements.sensor import Calibration, Sensors
 from spacerobot.pinocchio_engine.kinematics import FrameMotion, Kinematics, rotation_vector
+from spacerobot.pinocchio_engine.laws import refusal
 from spacerobot.pinocchio_engine.references import Motion
-from spacerobot.scenario import Amnesia, Calibration, Pid, Robot, Sensors
+from spacerobot.scenario import Robot
 from spacerobot.scene import Scene, SceneBody, SceneTip
 from spacerobot.scene.scene import Array
 
@@ -164,15 +170,19 @@ def arm_columns(model: object, body: SceneBody) -> tuple[int, ...]:
     return tuple(int(model.joints[joint].idx_v) for joint in body.joints)  # type: ignore[attr-defined]
 
 
-def channels_of(scene: Scene, tip: SceneTip) -> list[Channel]:
-    """Channels of one tip: none, its translation, its rotation or both."""
-    sensors, columns, config = sensors_of(tip.body), arm_columns(scene.model, tip.body), tip.config
-    found = []
-    if config.pid is not None:
-        rows = scene.translation_axes
-        found.append(Channel(tip, config.pid, config.amnesia, sensors, rows, columns, scene.spread))
-    if config.orientation_pid is not None:
+@functools.singledispatch
+def tip_law(controller: TipController, scene: Scene, tip: SceneTip, key: str) -> Channel:
+    """What a controller of a tip asks for, of each kind; ``key`` is its own in the tip's section."""
+    del scene, tip, key
+    raise refusal(controller)
+
+
+@tip_law.register
+def _(controller: Pid, scene: Scene, tip: SceneTip, key: str) -> Channel:
+    sensors, columns = sensors_of(tip.body), arm_columns(scene.model, tip.body)
+    if key == "orientation_pid":
         rows = tuple(axis + 3 for axis in scene.rotation_axes)
-        pid, amnesia = config.orientation_pid, config.orientation_amnesia
-        found.append(Channel(tip, pid, amnesia, sensors, rows, columns, scene.spread))
-    return found
+        memory = tip.config.orientation_amnesia
+    else:
+        rows, memory = scene.translation_axes, tip.config.amnesia
+    return Channel(tip, controller, memory, sensors, rows, columns, scene.spread)

@@ -8,51 +8,19 @@ the components of the state.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 import pinocchio as pin
 import xarray as xr
 
+from spacerobot.closedloop import ClosedLoop
 from spacerobot.rollout import Trajectory
 from spacerobot.scene import Scene
 from spacerobot.scene.scene import Array
 
 AXES = ("x", "y", "z")
 
-VECTORS = {
-    "tip_position": ("tip", "m", "position of tips"),
-    "tip_velocity": ("tip", "m/s", "velocity of tips"),
-    "tip_reference": ("tip", "m", "reference position of tips"),
-    "tip_error": ("tip", "m", "reference minus position of tips"),
-    "tip_orientation_error": ("tip", "rad", "rotation vector from tips to their references"),
-    "body_position": ("body", "m", "position of bodies' root links"),
-    "body_rotation": ("body", "rad", "rotation vector of bodies' root links since the start"),
-    "grasp_force": ("grasp", "N", "force of grasps on the target"),
-    "grasp_torque": ("grasp", "N m", "torque of grasps on the target, at the tip"),
-    "grasp_gap": ("grasp", "m", "from mating frames to tips"),
-    "body_momentum_linear": ("body", "N s", "linear momentum of bodies"),
-    "body_momentum_angular": ("body", "N m s", "angular momentum of bodies about the world's origin"),
-}
-"""Outputs of three components for each label: dimension, unit, long name. All in world axes."""
 
-TOTALS = {
-    "momentum_linear": ("N s", "linear momentum of everything"),
-    "momentum_angular": ("N m s", "angular momentum of everything about the world's origin"),
-}
-
-ENERGIES = {
-    "energy_kinetic": "kinetic energy",
-    "energy_spring": "energy held in the grips' springs",
-    "energy_potential": "potential energy of gravity",
-    "work_actuator": "work put in by the actuators since the start",
-    "work_joint": "work taken by the joints' resistance since the start",
-    "work_grasp": "work taken by the grips' dampers since the start",
-    "work_constraint": "work put in by rigid grasps since the start",
-}
-
-
-def build_dataset(scene: Scene, trajectory: Trajectory, state_names: Sequence[str]) -> xr.Dataset:
+def build_dataset(scene: Scene, trajectory: Trajectory, loop: ClosedLoop) -> xr.Dataset:
     """Dataset of a trajectory.
 
     Parameters
@@ -61,10 +29,10 @@ def build_dataset(scene: Scene, trajectory: Trajectory, state_names: Sequence[st
         The scene.
     trajectory
         States and outputs over time.
-    state_names
-        Names of the state's components, as the closed loop gives them.
+    loop
+        What says which variables there are.
     """
-    nq, nv = scene.model.nq, scene.model.nv
+    nq, nv, names = scene.model.nq, scene.model.nv, loop.state_names
     q, v, z = np.split(trajectory.state, [nq, nq + nv], axis=1)
     variables: dict[str, xr.DataArray] = {
         "q": _array(q, ("time", "configuration"), "m, rad or 1", "configuration in Pinocchio's coordinates"),
@@ -76,15 +44,17 @@ def build_dataset(scene: Scene, trajectory: Trajectory, state_names: Sequence[st
         ),
         "z": _array(z, ("time", "controller"), "SI", "states of controllers and energy balance"),
     }
-    outputs = trajectory.outputs
-    for name, (dimension, unit, text) in VECTORS.items():
-        shape = (len(trajectory.time), -1, 3)
-        variables[name] = _array(outputs[name].reshape(shape), ("time", dimension, "axis"), unit, text)
-    for name, (unit, text) in TOTALS.items():
-        variables[name] = _array(outputs[name], ("time", "axis"), unit, text)
-    for name, text in ENERGIES.items():
-        variables[name] = _array(outputs[name][:, 0], ("time",), "J", text)
-    variables |= _orientations(scene, q) | _joints(scene, q, v, outputs["joint_torque"])
+    for variable in loop.variables:
+        shape = (
+            len(trajectory.time),
+            *((-1, 3) if len(variable.dims) == 2 else (-1,) if variable.dims else ()),
+        )
+        values = trajectory.outputs[variable.name].reshape(shape)
+        unit = _unit(scene, variable.unit) if "joint" in variable.dims else variable.unit
+        variables[variable.name] = _array(values, ("time", *variable.dims), unit, variable.text)
+    for name, sign in loop.works.items():
+        variables[f"work_{name}"].attrs["sign"] = sign
+    variables |= _orientations(scene, q) | _joints(scene, q, v)
     coordinates = {
         "time": ("time", trajectory.time, {"units": "s", "long_name": "time"}),
         "tip": [tip.label for tip in scene.tips],
@@ -94,11 +64,11 @@ def build_dataset(scene: Scene, trajectory: Trajectory, state_names: Sequence[st
         "grasp": [grasp.name for grasp in scene.grasps],
         "axis": list(AXES),
         "quaternion": ["x", "y", "z", "w"],
-        "configuration": list(state_names[:nq]),
-        "velocity": list(state_names[nq : nq + nv]),
-        "controller": list(state_names[nq + nv :]),
+        "configuration": list(names[:nq]),
+        "velocity": list(names[nq : nq + nv]),
+        "controller": list(names[nq + nv :]),
     }
-    return xr.Dataset(variables, coordinates)
+    return xr.Dataset(variables, coordinates, {"outside": ", ".join(loop.outside)})
 
 
 def _array(values: Array, dims: tuple[str, ...], unit: str, text: str) -> xr.DataArray:
@@ -147,7 +117,12 @@ def _orientations(scene: Scene, q: Array) -> dict[str, xr.DataArray]:
     return found
 
 
-def _joints(scene: Scene, q: Array, v: Array, torque: Array) -> dict[str, xr.DataArray]:
+def _unit(scene: Scene, unit: str) -> str:
+    """Unit of a variable of joints: ``rad or m`` is that of both kinds, and ``rad`` where none slides."""
+    return unit if "prismatic" in _joint_kinds(scene) else unit.partition(" or ")[0]
+
+
+def _joints(scene: Scene, q: Array, v: Array) -> dict[str, xr.DataArray]:
     joints = [scene.model.joints[j] for j in _arm_joints(scene)]
     position = np.empty((len(q), len(joints)))
     for i, joint in enumerate(joints):
@@ -155,11 +130,8 @@ def _joints(scene: Scene, q: Array, v: Array, torque: Array) -> dict[str, xr.Dat
             position[:, i] = np.unwrap(np.arctan2(q[:, joint.idx_q + 1], q[:, joint.idx_q]))
         else:
             position[:, i] = q[:, joint.idx_q]
-    slides = "prismatic" in _joint_kinds(scene)
-    units = ("rad or m", "rad/s or m/s", "N m or N") if slides else ("rad", "rad/s", "N m")
     dims, rates = ("time", "joint"), v[:, [joint.idx_v for joint in joints]]
     return {
-        "joint_position": _array(position, dims, units[0], "joint positions"),
-        "joint_velocity": _array(rates, dims, units[1], "joint rates"),
-        "joint_torque": _array(torque, dims, units[2], "actuator torques"),
+        "joint_position": _array(position, dims, _unit(scene, "rad or m"), "joint positions"),
+        "joint_velocity": _array(rates, dims, _unit(scene, "rad/s or m/s"), "joint rates"),
     }

@@ -21,18 +21,16 @@ def build_ledger(data: xr.Dataset, scenario: Scenario) -> dict[str, Any]:
 
     Momentum is of robots and target together, about the world's origin; its drift is compared with the
     largest momentum of a single body or, where bodies have hardly any (as a robot that holds nothing), with
-    a part of what moves inside them. It is not conserved where a base is fixed or gravity pulls, and then
-    said to be so. The energy balance compares what the balance leaves open with the largest energy in it.
+    a part of what moves inside them. Where something acts from outside it is not conserved, and said to be
+    so. The energy balance compares what the balance leaves open with the largest energy in it.
     """
     return {"momentum": _momentum(data, scenario), "energy": _energy(data)}
 
 
 def _momentum(data: xr.Dataset, scenario: Scenario) -> dict[str, Any]:
+    if data.attrs["outside"]:
+        return {"conserved": False, "reason": data.attrs["outside"]}
     bodies = [*scenario.robots.values(), *([scenario.target] if scenario.target else [])]
-    if any(body.base.joint == "fixed" for body in bodies):
-        return {"conserved": False, "reason": "a base is fixed"}
-    if any(scenario.gravity):
-        return {"conserved": False, "reason": "gravity acts"}
     found: dict[str, Any] = {"conserved": True}
     inner = _inner_momentum(data, bodies)
     for kind, unit in (("linear", "n_s"), ("angular", "n_m_s")):
@@ -57,19 +55,22 @@ def _inner_momentum(data: xr.Dataset, bodies: Sequence[Body]) -> dict[str, float
 
 
 def _energy(data: xr.Dataset) -> dict[str, Any]:
-    """Actuator power in = change of kinetic and spring energy + what joints and grippers dissipate."""
+    """What is put in = change of kinetic, spring and potential energy + what is taken."""
     stored = data.energy_kinetic + data.energy_spring + data.energy_potential
     change = (stored - stored[0]).values
-    flows = {name: data[f"work_{name}"].values for name in ("actuator", "joint", "grasp", "constraint")}
-    residual = change - (flows["actuator"] - flows["joint"] - flows["grasp"] + flows["constraint"])
-    largest = max(float(np.abs(x).max()) for x in (change, stored.values, *flows.values()))
+    names = [str(name) for name in data if str(name).startswith("work_")]
+    works = {name.removeprefix("work_"): data[name] for name in names}
+    residual = change - sum(work.attrs["sign"] * work.values for work in works.values())
+    largest = max(
+        float(np.abs(x).max()) for x in (change, stored.values, *(work.values for work in works.values()))
+    )
     worst = float(np.abs(residual).max())
     return {
-        "actuator_work_j": float(flows["actuator"][-1]),
+        "actuator_work_j": float(works["actuator"][-1]),
         "stored_change_j": float(change[-1]),
-        "joint_loss_j": float(flows["joint"][-1]),
-        "grasp_loss_j": float(flows["grasp"][-1]),
-        "constraint_work_j": float(flows["constraint"][-1]),
+        "joint_loss_j": float(works["joint"][-1]),
+        "grasp_loss_j": float(works["grasp"][-1]),
+        "constraint_work_j": float(works["constraint"][-1]),
         "largest_residual_j": worst,
         "relative_residual": worst / max(largest, SMALLEST),
     }

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from collections.abc import Iterator
+from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from spacerobot.scenario.control import Amnesia, JointPd, Pid, Sensors
-from spacerobot.scenario.reference import Reference
-from spacerobot.scenario.section import Name, Section, Vector, quantity
+from spacerobot.elements import Family, Reference, RobotController, TipController
+from spacerobot.elements.controllers.amnesia import Amnesia
+from spacerobot.elements.controllers.joint_pd import JointPd
+from spacerobot.elements.controllers.pid import Pid
+from spacerobot.elements.sensor import Sensors
+from spacerobot.section import Name, Section, Vector, quantity
 
 
 class Base(Section):
@@ -113,9 +117,12 @@ class Tip(Section):
     orientation_amnesia: Amnesia | None = Field(
         default=None, description="amnesia controller of the tip's orientation"
     )
-    reference: Reference | None = Field(
+    reference: Annotated[Reference, Family("reference")] | None = Field(
         default=None,
         description="the tip's reference; derived from the target's if not given, and to hold if neither is",
+    )
+    controllers: dict[Name, Annotated[TipController, Family("tip_controller")]] = Field(
+        default={}, description="further controllers of the tip, of any kind, by name"
     )
 
     @model_validator(mode="after")
@@ -126,6 +133,19 @@ class Tip(Section):
             raise ValueError("`orientation_amnesia` corrects `orientation_pid`: give it too")
         return self
 
+    @property
+    def sections(self) -> dict[str, Section]:
+        """What stands in it, by key."""
+        return {key: value for key, value in self if isinstance(value, Section)}
+
+    def elements(self) -> Iterator[tuple[str, TipController]]:
+        """Its controllers with their places in the section."""
+        for key, pid in (("pid", self.pid), ("orientation_pid", self.orientation_pid)):
+            if pid is not None:
+                yield key, pid
+        for name, controller in self.controllers.items():
+            yield f"controllers.{name}", controller
+
 
 class Robot(Body):
     """A robot: a body with tips and controllers."""
@@ -134,15 +154,25 @@ class Robot(Body):
     joint_pd: JointPd | None = Field(
         default=None, description="joint PD towards the inverse kinematics of the references"
     )
+    controllers: dict[Name, Annotated[RobotController, Family("robot_controller")]] = Field(
+        default={}, description="further controllers of all joints, of any kind, by name"
+    )
     sensors: Sensors | None = Field(default=None, description="sensor errors; ideal sensors if not given")
     torque_limits: bool = Field(
         default=False, description="clip joint torques at `torque_limit`, the URDF's effort limits"
     )
 
+    def elements(self) -> Iterator[tuple[str, RobotController]]:
+        """Its controllers with their places in the section, those of tips left out."""
+        if self.joint_pd is not None:
+            yield "joint_pd", self.joint_pd
+        for name, controller in self.controllers.items():
+            yield f"controllers.{name}", controller
+
 
 class Target(Body):
     """The object that is held."""
 
-    reference: Reference | None = Field(
+    reference: Annotated[Reference, Family("reference")] | None = Field(
         default=None, description="the object's reference, from which tips derive theirs"
     )

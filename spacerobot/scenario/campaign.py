@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from spacerobot.errors import near_names
-from spacerobot.scenario.section import Name, Section, quantity
+from spacerobot.section import Name, Section, quantity
 
 Distribution = Literal["uniform", "normal", "lognormal", "truncated_normal"]
 Design = Literal["monte_carlo", "latin_hypercube", "sobol", "grid", "saltelli"]

@@ -8,9 +8,6 @@ from typing import Any
 
 from spacerobot.scenario.paths import Document
 
-GRASP_KINDS = ("compliant", "point", "weld")
-REFERENCE_KINDS = ("circle", "line", "spline", "hold")
-
 _SECTION = "a section of keys and values"
 _ALLOWED = {
     "float_type": "a number",
@@ -54,8 +51,8 @@ def explain(error: Mapping[str, Any], document: Document) -> tuple[str, str]:
         return ".".join(path[:-1]), f"found {_short(given)}, allowed: a longer list"
     if kind == "missing":
         return ".".join(path), "missing"
-    if kind.startswith("union_tag"):
-        return _explain_kind(path, given)
+    if kind == "unknown_kind":
+        return ".".join([*path, "kind"]), message
     if kind == "value_error":
         inside = re.match(r"([\w*.-]+): (.*)", message, re.DOTALL)  # a check that names a key of its section
         if inside:
@@ -73,22 +70,13 @@ def _allowed(kind: str, context: Mapping[str, Any]) -> str | None:
     return _ALLOWED[kind].format(**context) if kind in _ALLOWED else None
 
 
-def _explain_kind(path: list[str], given: Any) -> tuple[str, str]:
-    """A reference or grasp whose ``kind`` is missing or unknown, or that is no section at all."""
-    if not isinstance(given, dict):
-        return ".".join(path), f"found {_short(given)}, allowed: {_SECTION}"
-    kinds = ", ".join(REFERENCE_KINDS if path[-1] == "reference" else GRASP_KINDS)
-    found = f"found {_short(given['kind'])}" if "kind" in given else "missing"
-    return ".".join([*path, "kind"]), f"{found}, allowed: {kinds}"
-
-
 def _path(location: tuple[str | int, ...], document: Document) -> list[str]:
     """Dotted path of a place in the document, from pydantic's."""
     path: list[str] = []
     node: Any = document
     for key in location:
         # pydantic puts a union's tag into the location; the document does not hold it
-        if isinstance(node, dict) and key not in node and key == node.get("kind", "circle"):
+        if isinstance(node, dict) and key not in node and key == node.get("kind"):
             continue
         if key == "[key]":
             continue

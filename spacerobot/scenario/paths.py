@@ -9,25 +9,12 @@ from __future__ import annotations
 
 import copy
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from typing import Any
 
 from spacerobot.errors import ScenarioError, near_names
 
 Document = dict[str, Any]
-
-
-def leaves(document: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Every leaf (number, text, truth value, null) with its dotted path, in the document's order."""
-    if isinstance(document, dict):
-        items: list[tuple[Any, Any]] = list(document.items())
-    elif isinstance(document, list | tuple):
-        items = list(enumerate(document))
-    else:
-        yield prefix, document
-        return
-    for key, value in items:
-        yield from leaves(value, f"{prefix}.{key}" if prefix else str(key))
 
 
 def matching(names: Iterable[str], pattern: str) -> list[str]:

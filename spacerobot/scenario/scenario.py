@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
+from spacerobot.elements import Family, Grasp
+from spacerobot.elements.registry import on_change
 from spacerobot.errors import near_names
-from spacerobot.scenario.bodies import Base, Robot, Target
+from spacerobot.scenario.bodies import Base, Robot, Target, Tip
 from spacerobot.scenario.campaign import Campaign
-from spacerobot.scenario.grasp import Grasp
-from spacerobot.scenario.section import Name, Section, Vector, quantity
 from spacerobot.scenario.tuning import Tuning
+from spacerobot.section import Name, Section, Vector, quantity
 
 
 class Simulation(Section):
@@ -59,7 +60,7 @@ class Scenario(Section):
     gravity: Vector = quantity("m/s^2", "gravity; none in orbit", default=(0.0, 0.0, 0.0))
     robots: dict[Name, Robot] = Field(min_length=1, description="robots by name")
     target: Target | None = Field(default=None, description="the object that is held")
-    grasps: dict[Name, Grasp] = Field(default={}, description="grasps by name")
+    grasps: dict[Name, Annotated[Grasp, Family("grasp")]] = Field(default={}, description="grasps by name")
     simulation: Simulation = Field(default=Simulation(), description="how long, how finely, by which engine")
     tuning: Tuning | None = Field(default=None, description="the tuning problem")
     campaign: Campaign | None = Field(default=None, description="uncertain numbers, and rollouts over them")
@@ -91,3 +92,12 @@ class Scenario(Section):
         if self.target is not None:
             bodies.append(("target", self.target.base))
         return bodies
+
+
+def _rebuild() -> None:
+    """Take in the kinds that were added, from the inside out."""
+    for section in (Tip, Robot, Target, Scenario):
+        section.model_rebuild(force=True)
+
+
+on_change(_rebuild)

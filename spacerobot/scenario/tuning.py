@@ -7,7 +7,7 @@ from typing import Any, Literal
 from pydantic import Field, model_validator
 
 from spacerobot.errors import near_names
-from spacerobot.scenario.section import Name, Section, quantity
+from spacerobot.section import Name, Section, quantity
 
 Method = Literal["manual", "ga", "de", "pso", "cmaes", "sobol", "random", "nlp", "nlp_ga"]
 METHODS: tuple[Method, ...] = (

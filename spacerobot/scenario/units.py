@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from spacerobot.scenario.control import SIGNALS_UNIT
 from spacerobot.scenario.scenario import Scenario
-from spacerobot.scenario.section import Section
+from spacerobot.section import SIGNALS_UNIT, Section
 
 OF_ROTATION = ("orientation_pid", "orientation_amnesia")
 """Controllers of a tip whose fields name the units of translation."""

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import pinocchio as pin
 
 from spacerobot.description.bodies import odd_bodies
-from spacerobot.scenario import Calibration, Compliant, Pid, Robot
+from spacerobot.elements.sensor import Calibration
+from spacerobot.scenario import Robot
 from spacerobot.scene.checks import controlled_directions, in_null_space, resolved_bodies
 from spacerobot.scene.closing import Closing, find_closings, has_loops, is_rigid, open_grasps
 from spacerobot.scene.configure import initial_state
@@ -28,13 +29,7 @@ def list_assumptions(scene: Scene) -> tuple[str, ...]:
     for tip in scene.tips:
         found += _of_tip(tip)
     for grasp in scene.grasps:
-        kind = grasp.config
-        if isinstance(kind, Compliant):
-            found.append(f"{grasp.path}: one pair of opposite forces at the tip's point; never lets go")
-            if kind.rotational_stiffness:
-                found.append(f"{grasp.path}: rotational spring at rest in the initial relative orientation")
-        elif kind.kind == "weld":
-            found.append(f"{grasp.path}: welded in the initial relative orientation; never lets go")
+        found += [f"{grasp.path}: {assumed}" for assumed in grasp.config.assumptions()]
         if is_rigid(grasp) and grasp in open_grasps(scene):
             found.append(
                 f"{grasp.path}: no base can close it: positions must meet as given, initial velocities "
@@ -83,29 +78,16 @@ def _unread_sensors(scene: Scene, body: SceneBody) -> list[str]:
     config = body.config
     if not isinstance(config, Robot) or config.sensors is None:
         return []
-    tips = [tip.config for tip in scene.tips if tip.body is body]
-    pids = [pid for tip in tips for pid in (tip.pid, tip.orientation_pid) if pid]
-    from_base = any(pid.feedback == "base" for pid in pids)
-    readers = {
-        "joint_position": (config.joint_pd is not None, "`joint_pd`"),
-        "joint_rate": (config.joint_pd is not None or from_base, "`joint_pd` or a PID with `feedback: base`"),
-        "tip_position": (any(tip.amnesia for tip in tips), "`amnesia`"),
-        "tip_velocity": (_inertial(tip.pid for tip in tips), "a `pid` with `feedback: inertial`"),
-        "tip_orientation": (any(tip.orientation_amnesia for tip in tips), "`orientation_amnesia`"),
-        "tip_angular_velocity": (
-            _inertial(tip.orientation_pid for tip in tips),
-            "an `orientation_pid` with `feedback: inertial`",
-        ),
-    }
+    read = {signal for _, controller in config.elements() for signal in controller.reads()}
+    for tip in scene.tips:
+        if tip.body is body:
+            for key, controller in tip.config.elements():
+                read |= controller.reads(key, tip.config.sections)
     return [
-        f"{body.path}.sensors.{signal}: without effect, for only {reader} would read it"
-        for signal, (is_read, reader) in readers.items()
-        if not is_read and getattr(config.sensors, signal) != Calibration()
+        f"{body.path}.sensors.{signal}: without effect, no controller of this robot reads it"
+        for signal, calibration in config.sensors
+        if signal not in read and calibration != Calibration()
     ]
-
-
-def _inertial(pids: Iterable[Pid | None]) -> bool:
-    return any(pid is not None and pid.feedback == "inertial" for pid in pids)
 
 
 def _closed(scene: Scene, closing: Closing) -> str:
@@ -173,8 +155,8 @@ def _of_body(scene: Scene, body: SceneBody) -> list[str]:
         found.append(f"{body.path}: locked where they begin: {', '.join(locked)}")
     if not isinstance(body.config, Robot):
         return found
-    controlled = any(tip.config.pid or tip.config.orientation_pid for tip in scene.tips if tip.body is body)
-    if not controlled and not body.config.joint_pd:
+    controlled = any(any(tip.config.elements()) for tip in scene.tips if tip.body is body)
+    if not controlled and not any(body.config.elements()):
         found.append(f"{body.path}: no controller, so its joints are passive")
     if body.config.sensors is None:
         found.append(f"{body.path}: ideal sensors (a = 0, b = 1)")
@@ -187,11 +169,8 @@ def _of_tip(tip: SceneTip) -> list[str]:
     found = []
     if tip.from_target:
         found.append(f"{tip.path}: reference derived from the target's, rigidly")
-    elif tip.config.reference is None and (tip.config.pid or tip.config.orientation_pid):
+    elif tip.config.reference is None and any(tip.config.elements()):
         found.append(f"{tip.path}: no reference given, so it holds its initial pose")
-    for name, pid in (("pid", tip.config.pid), ("orientation_pid", tip.config.orientation_pid)):
-        if pid is not None and pid.feedback == "base":
-            found.append(f"{tip.path}.{name}: feeds back the velocity seen from the base, blind to its drift")
-        if pid is not None and pid.derivative == "ideal" and pid.kd > 0:
-            found.append(f"{tip.path}.{name}: ideal derivative, its algebraic loop solved exactly")
+    for key, controller in tip.config.elements():
+        found += [f"{tip.path}.{key}: {assumed}" for assumed in controller.assumptions()]
     return found

@@ -11,8 +11,9 @@ from typing import Any
 
 import pinocchio as pin
 
+from spacerobot.elements.references.hold import Hold
 from spacerobot.errors import ScenarioError, near_names
-from spacerobot.scenario import Hold, Robot, Scenario
+from spacerobot.scenario import Robot, Scenario
 from spacerobot.scenario.catalogue import find_scenario
 from spacerobot.scenario.load import read_document, to_document, validate
 from spacerobot.scenario.paths import Document, assign

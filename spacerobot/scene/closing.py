@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from spacerobot.errors import ScenarioError
-from spacerobot.scenario import Compliant, Weld
 from spacerobot.scene.scene import Scene, SceneBody, SceneGrasp
 
 
@@ -50,7 +49,7 @@ class Closing:
     @property
     def sets_spin(self) -> bool:
         """Whether the base's spin follows too."""
-        return isinstance(self.grasp.config, Weld)
+        return self.grasp.config.fixes_orientation
 
     @property
     def axes(self) -> int:
@@ -60,7 +59,7 @@ class Closing:
 
 def is_rigid(grasp: SceneGrasp) -> bool:
     """Whether a grasp leaves no gap."""
-    return not isinstance(grasp.config, Compliant)
+    return grasp.config.fixes_position
 
 
 def find_closings(

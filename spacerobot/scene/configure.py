@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from spacerobot.scenario import Weld
 from spacerobot.scene.closing import Closing, find_closings, is_rigid
 from spacerobot.scene.scene import Array, Scene, SceneBody, SceneGrasp
 
@@ -89,7 +88,7 @@ def relative_jacobian(scene: Scene, grasp: SceneGrasp) -> Array:
     arm = data.oMf[grasp.tip.frame].translation - data.oMf[grasp.frame].translation
     linear = tip[:3] - (mate[:3] - pin.skew(arm) @ mate[3:])
     jacobian: Array = linear[list(scene.translation_axes)]
-    if isinstance(grasp.config, Weld):
+    if grasp.config.fixes_orientation:
         jacobian = np.vstack([jacobian, (tip[3:] - mate[3:])[list(scene.rotation_axes)]])
     return jacobian
 

@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 import pinocchio as pin
 
+from spacerobot.elements import Reference
 from spacerobot.errors import ScenarioError
-from spacerobot.scenario import Circle, Line, Reference, Spline
 from spacerobot.scene.scene import Array, Scene, SceneTip
-
-PLANE_TOLERANCE = 1e-12
-_SAMPLES = 65
 
 
 def check_in_plane(scene: Scene) -> None:
@@ -26,7 +21,7 @@ def check_in_plane(scene: Scene) -> None:
     if not scene.planar:
         return
     for tip in scene.tips:
-        for key, found in _out_of_plane(tip.reference):
+        for key, found in tip.reference.leaves_plane():
             raise ScenarioError(
                 f"leads out of the x-y plane, which nothing in this scene can leave: found {found}, allowed: "
                 "displacements along x and y, rotations about z; a `free_flyer` base is free in space",
@@ -37,22 +32,6 @@ def check_in_plane(scene: Scene) -> None:
 
 def _path(tip: SceneTip) -> str:
     return "target.reference" if tip.from_target else f"{tip.path}.reference"
-
-
-def _out_of_plane(reference: Reference) -> Iterator[tuple[str, list[float]]]:
-    """Keys of a reference that lead out of the x-y plane, with their values."""
-    if isinstance(reference, Circle | Line) and any(reference.rotation_deg[:2]):
-        yield "rotation_deg", list(reference.rotation_deg)
-    if isinstance(reference, Circle):
-        normal = pin.rpy.rpyToMatrix(np.radians(reference.plane_deg))[:, 2]
-        if np.abs(normal[:2]).max() > PLANE_TOLERANCE:
-            yield "plane_deg", list(reference.plane_deg)
-    if isinstance(reference, Line) and reference.displacement[2]:
-        yield "displacement", list(reference.displacement)
-    if isinstance(reference, Spline):
-        for i, displacement in enumerate(reference.displacements):
-            if displacement[2]:
-                yield f"displacements.{i}", list(displacement)
 
 
 def out_of_reach(scene: Scene) -> list[str]:
@@ -79,21 +58,8 @@ def out_of_reach(scene: Scene) -> list[str]:
 
 def _points(reference: Reference, pivot: Array, lever: Array) -> Array:
     """Positions (n, 3) [m] that a reference leads its tip through; the lever turns with the reference."""
-    done = np.linspace(0.0, 1.0, _SAMPLES)
-    turn = np.zeros(3)
-    if isinstance(reference, Circle):
-        turn, plane = np.radians(reference.rotation_deg), pin.rpy.rpyToMatrix(np.radians(reference.plane_deg))
-        angle = np.radians(reference.start_deg + done * (reference.end_deg - reference.start_deg))
-        circle = reference.radius * np.column_stack([np.cos(angle), np.sin(angle), 0 * angle]) @ plane.T
-        moved = circle - circle[0]
-    elif isinstance(reference, Line):
-        turn, moved = np.radians(reference.rotation_deg), np.outer(done, reference.displacement)
-    elif isinstance(reference, Spline):
-        moved = np.array(reference.displacements)
-    else:
-        moved = np.zeros((1, 3))
-    parts = done if turn.any() else np.zeros(len(moved))
-    points: Array = pivot + moved + np.array([pin.exp3(part * turn) @ lever for part in parts])
+    moved, turned = reference.way()
+    points: Array = pivot + moved + np.array([pin.exp3(turn) @ lever for turn in turned])
     return points
 
 

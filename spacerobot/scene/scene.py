@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spacerobot.description.read import Description
+from spacerobot.elements import Grasp, Reference
 from spacerobot.errors import ScenarioError, near_names
-from spacerobot.scenario import Base, Compliant, Point, Reference, Robot, Scenario, Target, Tip, Weld
+from spacerobot.scenario import Base, Robot, Scenario, Target, Tip
 
 Array = NDArray[np.float64]
 
@@ -106,7 +107,7 @@ class SceneGrasp:
     tip: SceneTip
     frame: int
     joint: int
-    config: Compliant | Point | Weld
+    config: Grasp
 
 
 @dataclass(frozen=True)

@@ -80,7 +80,7 @@ def test_a_sample_that_no_base_can_close_fails_by_the_grasps_name(invoke, tmp_pa
 
 def test_gains_of_a_result_and_unknown_ones(small, small_file, tmp_path):
     from spacerobot.result import save
-    from spacerobot.simulate import simulate
+    from spacerobot.simulation import simulate
 
     save(simulate(small(**{"robots.arm.tips.tip.pid.kp": 61})), tmp_path / "one")
     found = controllers(small(), tmp_path / "one")

@@ -15,7 +15,7 @@ from optim.campaign.run import Chunks, Here, run_campaign, sized
 from optim.campaign.store import Store, load_campaign
 from spacerobot.errors import ResultError, ScenarioError
 from spacerobot.scene import load_scene
-from spacerobot.simulate import simulate
+from spacerobot.simulation import simulate
 
 
 @pytest.fixture(scope="module")

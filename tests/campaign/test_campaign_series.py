@@ -19,7 +19,7 @@ from optim.campaign.run import Chunks, most_samples
 from optim.campaign.series import Recording, Series, check_size
 from spacerobot.errors import ResultError, ScenarioError
 from spacerobot.scene import load_scene
-from spacerobot.simulate import simulate
+from spacerobot.simulation import simulate
 
 KP = {"kp": {"paths": "robots.arm.tips.tip.pid.kp", "lower": 50, "upper": 90}}
 KEPT = ["tip_error", "joint_torque", "momentum_angular", "energy_kinetic"]

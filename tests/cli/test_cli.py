@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from spacerobot.cli.app import main
 from spacerobot.description.find import find_urdf
+from spacerobot.elements import kinds
 from spacerobot.result import load
-from spacerobot.scenario import faults
 from spacerobot.scenario.catalogue import shipped
 
 SHORT = ("--set", "simulation.duration=0.5")
@@ -302,8 +302,8 @@ def test_version_is_the_packages(spacerobot):
 @pytest.mark.parametrize(
     ("change", "kinds"),
     [
-        ("grasps.left.kind=glue", faults.GRASP_KINDS),
-        ("robots.rpr1.tips.tip.reference.kind=x", faults.REFERENCE_KINDS),
+        ("grasps.left.kind=glue", tuple(kinds("grasp"))),
+        ("robots.rpr1.tips.tip.reference.kind=x", tuple(kinds("reference"))),
     ],
 )
 def test_a_wrong_kind_lists_every_kind_there_is(spacerobot, change, kinds):

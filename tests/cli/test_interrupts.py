@@ -47,7 +47,7 @@ def run(monkeypatch, *arguments):
 
 
 def test_an_interrupt_lost_while_simulating_still_ends_the_run(monkeypatch, capsys, tmp_path):
-    import spacerobot.simulate as job
+    import spacerobot.simulation as job
 
     simulate = job.simulate
 

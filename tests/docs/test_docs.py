@@ -54,7 +54,7 @@ def test_files_that_a_page_names_exist(page):
 def test_the_papers_table_is_what_the_code_prints():
     """The first variant of each page's table against a fresh run."""
     from spacerobot.paper import VARIANTS, error_bands_mm
-    from spacerobot.simulate import simulate
+    from spacerobot.simulation import simulate
 
     variant = next(v for v in VARIANTS if v.name == "base-amnesia-R0.10")
     bands = error_bands_mm(simulate(variant.scene()).summary)

@@ -172,7 +172,7 @@ def test_a_python_function_of_a_result_serves_the_ga(small):
 
 
 def _simulated(scene):
-    from spacerobot.simulate import simulate
+    from spacerobot.simulation import simulate
 
     return simulate(scene)
 

@@ -11,13 +11,14 @@ import pinocchio as pin
 import pytest
 import xarray as xr
 
+from spacerobot.closedloop import build_closed_loop
 from spacerobot.errors import ResultError
 from spacerobot.result import check_folder, load, note_derived, save
 from spacerobot.result.ledger import build_ledger
 from spacerobot.result.metrics import body_motion, greatest_torque, tip_errors
 from spacerobot.result.store import FILES
 from spacerobot.scene import load_scene
-from spacerobot.simulate import simulate
+from spacerobot.simulation import simulate
 
 
 @pytest.fixture(scope="module")
@@ -101,10 +102,10 @@ def hand_made(**changes):
         "energy_kinetic": ("time", np.array([0.0, 3.0, 1.0])),
         "energy_spring": ("time", np.array([0.0, 0.5, 0.0])),
         "energy_potential": ("time", np.zeros(3)),
-        "work_actuator": ("time", np.array([0.0, 4.0, 2.5])),
-        "work_joint": ("time", np.array([0.0, 0.25, 1.0])),
-        "work_grasp": ("time", np.array([0.0, 0.25, 0.5])),
-        "work_constraint": ("time", np.zeros(3)),
+        "work_actuator": ("time", np.array([0.0, 4.0, 2.5]), {"sign": 1}),
+        "work_joint": ("time", np.array([0.0, 0.25, 1.0]), {"sign": -1}),
+        "work_grasp": ("time", np.array([0.0, 0.25, 0.5]), {"sign": -1}),
+        "work_constraint": ("time", np.zeros(3), {"sign": 1}),
     }
     coords = {
         "time": time,
@@ -114,7 +115,7 @@ def hand_made(**changes):
         "joint": ["j1", "j2"],
         "joint_kind": ("joint", ["revolute", "prismatic"]),
     }
-    return xr.Dataset(data | changes, coords)
+    return xr.Dataset(data | changes, coords, {"outside": ""})
 
 
 def test_metrics_of_hand_made_data():
@@ -140,7 +141,7 @@ def test_ledger_of_hand_made_data():
     ledger = build_ledger(hand_made(), scenario)
     assert ledger["momentum"]["linear"]["relative_drift"] == pytest.approx(1e-6 / 2.0)
     assert ledger["energy"]["largest_residual_j"] == pytest.approx(0.0, abs=1e-15)
-    leak = hand_made(work_grasp=("time", np.array([0.0, 0.25, 0.4])))
+    leak = hand_made(work_grasp=("time", np.array([0.0, 0.25, 0.4]), {"sign": -1}))
     assert build_ledger(leak, scenario)["energy"]["relative_residual"] == pytest.approx(0.1 / 4.0)
 
 
@@ -157,8 +158,22 @@ def test_momentum_of_bodies_that_hold_nothing_is_measured_by_what_moves_inside_t
 
 
 def test_ledger_says_why_momentum_is_not_conserved():
-    scenario = load_scene("paper", {"gravity": [0, -1, 0]}).scenario
-    assert build_ledger(hand_made(), scenario)["momentum"] == {"conserved": False, "reason": "gravity acts"}
+    scenario = load_scene("paper").scenario
+    data = hand_made().assign_attrs(outside="a base is fixed, gravity acts")
+    found = build_ledger(data, scenario)["momentum"]
+    assert found == {"conserved": False, "reason": "a base is fixed, gravity acts"}
+
+
+@pytest.mark.parametrize(
+    ("changes", "outside"),
+    [
+        ({}, ()),
+        ({"gravity": [0, -1, 0]}, ("gravity acts",)),
+        ({"robots.rpr1.base.joint": "fixed"}, ("a base is fixed",)),
+    ],
+)
+def test_what_acts_from_outside_is_said_by_the_closed_loop(changes, outside):
+    assert build_closed_loop(load_scene("paper", changes)).outside == outside
 
 
 def test_folder_reads_back_and_runs_again_to_the_same_result(result, tmp_path):

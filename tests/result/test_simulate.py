@@ -6,7 +6,7 @@ import pytest
 
 from spacerobot.errors import DivergedError
 from spacerobot.scene import load_scene
-from spacerobot.simulate import simulate
+from spacerobot.simulation import simulate
 
 SHORT = {"simulation.duration": 0.1, "simulation.output_step": 0.02}
 

@@ -10,7 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from spacerobot.errors import ScenarioError
-from spacerobot.scenario.paths import assign, expand, get, leaves
+from spacerobot.scenario.paths import assign, expand, get
+from spacerobot.section import leaves
 
 DOCUMENT = {
     "robots": {

@@ -7,11 +7,16 @@ import re
 import pytest
 import yaml
 
+from spacerobot.elements.grasps.compliant import Compliant
+from spacerobot.elements.grasps.weld import Weld
+from spacerobot.elements.references.circle import Circle
+from spacerobot.elements.references.hold import Hold
+from spacerobot.elements.references.spline import Spline
 from spacerobot.errors import ScenarioError
-from spacerobot.scenario import Circle, Compliant, Hold, Scenario, Spline, Weld
+from spacerobot.scenario import Scenario
 from spacerobot.scenario.catalogue import shipped
 from spacerobot.scenario.load import json_schema, parse_yaml, read_document, to_document, to_yaml, validate
-from spacerobot.scenario.paths import leaves
+from spacerobot.section import leaves
 from tests.oracles.small_scenes import PLANAR, SPATIAL
 
 ONE = "robots.one.tips.tip"

@@ -18,7 +18,7 @@ from PIL import Image
 
 from spacerobot.result import save
 from spacerobot.scene import load_scene
-from spacerobot.simulate import simulate
+from spacerobot.simulation import simulate
 from viz.comparison_figures import write_figures
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")

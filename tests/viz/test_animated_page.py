@@ -13,7 +13,7 @@ from spacerobot.description import shipped_urdf_folder
 from spacerobot.errors import ResultError
 from spacerobot.result.result import Result
 from spacerobot.scene import load_scene
-from spacerobot.simulate import simulate
+from spacerobot.simulation import simulate
 from viz.animation import animation
 from viz.figures import KINDS, draw_all
 from viz.motion import pick_rows, scene_nodes

@@ -16,7 +16,7 @@ from spacerobot.errors import ResultError
 from spacerobot.paper import FIGURE_7_MM, FIGURE_10_MM
 from spacerobot.result.result import Result
 from spacerobot.scene import load_scene
-from spacerobot.simulate import simulate
+from spacerobot.simulation import simulate
 from tests.oracles import one_arm
 from viz.figures import (
     KINDS,

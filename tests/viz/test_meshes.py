@@ -9,7 +9,7 @@ import pytest
 
 from spacerobot.description import Geometry, shipped_urdf_folder
 from spacerobot.scene import load_scene
-from spacerobot.simulate import simulate
+from spacerobot.simulation import simulate
 from viz.animation import animation
 from viz.figures import docking, to_bytes
 from viz.geometry import surface

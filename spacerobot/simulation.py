@@ -60,7 +60,7 @@ def simulate(scene: Scene, *, backend: Backend = "auto", progress: Progress | No
     built = time.perf_counter()
     run = _run(scene, loop, backend, tell)
     done = time.perf_counter()
-    data = build_dataset(run.scene, run.trajectory, loop.state_names)
+    data = build_dataset(run.scene, run.trajectory, loop)
     timing = {
         "closed_loop": built - begin,
         "compile_or_load": run.ready - built,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, model_validator
@@ -13,6 +14,9 @@ Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z_][A-Za-z0-9_-]*$", ma
 
 Vector = tuple[float, float, float]
 """Three components along x, y, z."""
+
+SIGNALS_UNIT = "signal's unit"
+"""Unit of a number that is in the unit of the section it stands in."""
 
 
 class Section(BaseModel):
@@ -56,3 +60,23 @@ def quantity(unit: str, description: str, **options: Any) -> Any:
         ``default``, ``ge``, ``gt``, ``le``, ... as for :func:`pydantic.Field`.
     """
     return Field(description=f"{description} [{unit}]", json_schema_extra={"unit": unit}, **options)
+
+
+def leaves(document: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Every leaf (number, text, truth value, null) with its dotted path, in the document's order."""
+    if isinstance(document, dict):
+        items: list[tuple[Any, Any]] = list(document.items())
+    elif isinstance(document, list | tuple):
+        items = list(enumerate(document))
+    else:
+        yield prefix, document
+        return
+    for key, value in items:
+        yield from leaves(value, f"{prefix}.{key}" if prefix else str(key))
+
+
+def numbers(document: Any, prefix: str = "") -> Iterator[tuple[str, float]]:
+    """Every number of a document with its dotted path, in the document's order."""
+    for path, value in leaves(document, prefix):
+        if isinstance(value, int | float) and not isinstance(value, bool):
+            yield path, float(value)

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 
 import casadi as ca
 import numpy as np
-
-from spacerobot.closedloop.closed_loop import Array
-from spacerobot.scenario import Scenario
-from spacerobot.scenario.load import to_document
-from spacerobot.scenario.paths import leaves
+from numpy.typing import NDArray
 
 
 class Parameters:
@@ -18,14 +14,17 @@ class Parameters:
 
     A number that is exactly zero may be left out as *structurally* zero (:meth:`sparse`), which is what
     makes a planar arm cost no more than a planar algorithm; ``vary`` names those to be kept all the same.
+
+    Parameters
+    ----------
+    numbers
+        Nominal value of each number by its dotted path, in the scenario's units.
+    vary
+        Paths of numbers to be kept although they are exactly zero.
     """
 
-    def __init__(self, scenario: Scenario, vary: Collection[str] = ()) -> None:
-        self._numbers = {
-            path: float(value)
-            for path, value in leaves(to_document(scenario))
-            if isinstance(value, int | float) and not isinstance(value, bool)
-        }
+    def __init__(self, numbers: Mapping[str, float], vary: Collection[str] = ()) -> None:
+        self._numbers = dict(numbers)
         self._vary = frozenset(vary)
         self._symbols: dict[str, ca.SX] = {}
 
@@ -64,7 +63,7 @@ class Parameters:
         return ca.vertcat(*self._symbols.values()) if self._symbols else ca.SX(0, 1)
 
     @property
-    def values(self) -> Array:
+    def values(self) -> NDArray[np.float64]:
         """Nominal values of the parameter vector (np,)."""
         return np.array([self._numbers[path] for path in self._symbols], dtype=float)
 

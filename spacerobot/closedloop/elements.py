@@ -1,0 +1,125 @@
+"""The elements of a scene, each built from what it may see."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from spacerobot.elements import (
+    Context,
+    Contribution,
+    GraspContext,
+    Motion,
+    RobotContext,
+    TipContext,
+)
+from spacerobot.elements.context import Affine
+from spacerobot.elements.sensor import calibrated, ideal
+from spacerobot.scenario import Robot
+from spacerobot.scene import Scene, SceneBody, SceneGrasp, SceneTip
+from spacerobot.symbolic import Plant, Start
+
+
+@dataclass(frozen=True)
+class Builder:
+    """What the elements of one closed loop are built from.
+
+    Attributes
+    ----------
+    scene
+        The scene.
+    context
+        Time, and the scenario's numbers.
+    plant, start
+        Mechanics now, and where everything begins.
+    """
+
+    scene: Scene
+    context: Context
+    plant: Plant
+    start: Start
+
+    @functools.cached_property
+    def motions(self) -> Mapping[str, Motion]:
+        """What the reference of each tip asks for, by the tip's label."""
+        return {tip.label: self._motion(tip) for tip in self.scene.tips}
+
+    def contributions(self) -> list[Contribution]:
+        """Of the controllers of tips, those of robots and the grasps, in the scene's order."""
+        found = [
+            controller.build(self._tip(tip, key))
+            for tip in self.scene.tips
+            for key, controller in tip.config.elements()
+        ]
+        for body in self.scene.robots:
+            if isinstance(body.config, Robot):
+                found += [
+                    controller.build(self._robot(body, key)) for key, controller in body.config.elements()
+                ]
+        return found + [grasp.config.build(self._grasp(grasp)) for grasp in self.scene.grasps]
+
+    def _motion(self, tip: SceneTip) -> Motion:
+        """A derived reference moves the target's origin, and the tip with it as a rigid body."""
+        pivot, path = None, f"{tip.path}.reference"
+        if tip.from_target and self.scene.target is not None:
+            pivot, path = self.start.placement(self.scene.target.root_frame)[1], "target.reference"
+        return tip.reference.motion(self.context.at(path), self.start.placement(tip.frame), pivot)
+
+    def _sensors(self, body: SceneBody) -> Callable[[str], Affine]:
+        if not isinstance(body.config, Robot) or body.config.sensors is None:
+            return ideal
+        return functools.partial(calibrated, self.context.at(f"{body.path}.sensors"))
+
+    def columns(self, body: SceneBody) -> tuple[int, ...]:
+        """Places of the arm's joints in v."""
+        return tuple(int(self.plant.model.joints[joint].idx_v) for joint in body.joints)
+
+    def _tip(self, tip: SceneTip, key: str) -> TipContext:
+        return TipContext(
+            self.context.at(f"{tip.path}.{key}"),
+            self.plant,
+            tip.label,
+            tip.path,
+            key,
+            tip.body.name,
+            self.columns(tip.body),
+            tip.frame,
+            tip.joint,
+            tip.body.root_frame,
+            tip.body.root_joint,
+            self.motions[tip.label],
+            self._sensors(tip.body),
+            tip.config.sections,
+        )
+
+    def _robot(self, body: SceneBody, key: str) -> RobotContext:
+        return RobotContext(
+            self.context.at(f"{body.path}.{key}"),
+            self.plant,
+            self.start,
+            body.name,
+            body.free_joints,
+            tuple(int(self.plant.model.idx_vs[joint]) for joint in body.free_joints),
+            functools.partial(_positions, body),
+            self._sensors(body),
+            tuple(self._tip(tip, "") for tip in self.scene.tips if tip.body.name == body.name),
+        )
+
+    def _grasp(self, grasp: SceneGrasp) -> GraspContext:
+        return GraspContext(
+            self.context.at(grasp.path),
+            self.plant,
+            self.start,
+            grasp.name,
+            grasp.tip.frame,
+            grasp.tip.joint,
+            grasp.frame,
+            grasp.joint,
+        )
+
+
+def _positions(body: SceneBody, free: ca.SX) -> dict[int, ca.SX]:
+    """Positions of all joints of a body by id, from those of its free joints (n x 1)."""
+    found = dict(zip(body.free_joints, ca.vertsplit(free), strict=True))
+    return found | {tie.joint: tie.multiplier * found[tie.leader] + tie.offset for tie in body.ties}

@@ -1,0 +1,214 @@
+"""What a law may ask for when it is built."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import casadi as ca
+
+from spacerobot.dynamics import Wrench
+from spacerobot.dynamics.algebra import cross
+from spacerobot.elements.contribution import Torque
+from spacerobot.elements.motion import Motion
+from spacerobot.elements.numbers import Context
+from spacerobot.section import Section
+from spacerobot.symbolic import Plant, Start
+
+Affine = tuple[ca.SX | None, ca.SX]
+"""Offset, none where it is zero by construction, and scale (1x1 each) of a measured signal."""
+
+
+@dataclass(frozen=True)
+class RobotContext:
+    """A robot as its controllers see it.
+
+    Attributes
+    ----------
+    context
+        Time and the numbers of the element's section.
+    plant, start
+        Mechanics now, and where everything begins.
+    name
+        Of the robot.
+    joints, columns
+        Ids of its free joints, and their places in v; the floating base and joints that mimic are left out.
+    positions
+        From positions of its free joints (n x 1) to those of all its joints, by id.
+    sensors
+        From a signal's name to its sensor's offset and scale.
+    tips
+        Its tips.
+    """
+
+    context: Context
+    plant: Plant
+    start: Start
+    name: str
+    joints: tuple[int, ...]
+    columns: tuple[int, ...]
+    positions: Callable[[ca.SX], Mapping[int, ca.SX]]
+    sensors: Callable[[str], Affine]
+    tips: tuple[TipContext, ...] = ()
+
+    def torque(self, values: ca.SX, *, null_space: bool = False) -> Torque:
+        """Torques of the robot's free joints (n x 1), in their order [N m or N]."""
+        torque = ca.SX(self.plant.v.size1(), 1)
+        for i, column in enumerate(self.columns):
+            torque[column] = values[i]
+        return Torque(self.name, torque, null_space)
+
+
+@dataclass(frozen=True)
+class TipContext:
+    """A tip as its controllers see it; everything in world axes.
+
+    Attributes
+    ----------
+    context
+        Time and the numbers of the element's section.
+    plant
+        Mechanics now.
+    label, path, key
+        The tip's, ``rpr1/tip``, its dotted path, and the element's key in its section, ``pid``.
+    robot, columns
+        The robot's name, and its joints' places in v.
+    frame, joint, base_frame, base_joint
+        Of the tip and of the robot's floating base in the model; a fixed base has joint 0.
+    motion
+        What the tip's reference asks for.
+    sensors
+        From a signal's name to its sensor's offset and scale.
+    siblings
+        What else stands in the tip's section, by key.
+    """
+
+    context: Context
+    plant: Plant
+    label: str
+    path: str
+    key: str
+    robot: str
+    columns: tuple[int, ...]
+    frame: int
+    joint: int
+    base_frame: int
+    base_joint: int
+    motion: Motion
+    sensors: Callable[[str], Affine]
+    siblings: Mapping[str, Section]
+
+    @property
+    def rotation(self) -> ca.SX:
+        """Tip axes to world axes (3x3)."""
+        return self.plant.placement(self.frame)[0]
+
+    @property
+    def position(self) -> ca.SX:
+        """Of the tip (3x1) [m]."""
+        return self.plant.placement(self.frame)[1]
+
+    @property
+    def velocity(self) -> ca.SX:
+        """Of the tip (3x1) [m/s]."""
+        return self.plant.velocity(self.frame)[0]
+
+    @property
+    def angular_velocity(self) -> ca.SX:
+        """Of the tip (3x1) [rad/s]."""
+        return self.plant.velocity(self.frame)[1]
+
+    @property
+    def orientation_error(self) -> ca.SX:
+        """Rotation vector (3x1) from the tip's orientation to its reference [rad]."""
+        return self.plant.orientation_error(self.motion.rotation, self.rotation)
+
+    @functools.cached_property
+    def arm_jacobian(self) -> ca.SX:
+        """Manipulator Jacobian (6 x nv), linear rows first: the arm's free joints alone (Eq. 13)."""
+        jacobian, columns = self.plant.jacobian(self.frame), list(self.columns)
+        part = ca.SX(*jacobian.shape)
+        part[:, columns] = jacobian[:, columns]
+        return self.plant.gathered(part.T).T
+
+    def torque(self, force: ca.SX | None = None, couple: ca.SX | None = None) -> Torque:
+        """Joint torques ``J^T u`` that press on the tip with a force [N] and a couple [N m] (3x1 each)."""
+        none = ca.SX(3, 1)
+        wrench = ca.vertcat(none if force is None else force, none if couple is None else couple)
+        axes = [*self.plant.translation_axes, *(axis + 3 for axis in self.plant.rotation_axes)]
+        return Torque(self.robot, ca.mtimes(self.arm_jacobian[axes, :].T, wrench[axes]))
+
+    def reduced_loads(self, axes: list[int], *, rotation: bool) -> tuple[ca.SX, ca.SX]:
+        """Unit loads on the tip, reduced, as the arm's joints bring them about and as wrenches (nv x n each).
+
+        An arm that presses at its tip presses back on its own base: ``J^T u`` with the manipulator Jacobian
+        is the wrench u on the tip and -u, at the same point, on the base.
+        """
+        point, by_arm, by_wrench = self.position, [], []
+        for axis in axes:
+            force, torque = unit_load(axis, rotation=rotation)
+            on_tip = Wrench(self.joint, force, torque, point)
+            back = Wrench(self.base_joint, -force, -torque, point)
+            by_arm.append(self.plant.reduced(wrenches=[on_tip, back]))
+            by_wrench.append(self.plant.reduced(wrenches=[on_tip]))
+        return ca.horzcat(*by_arm), ca.horzcat(*by_wrench)
+
+    def relative_drift(self, *, rotation: bool) -> ca.SX:
+        """Rate (3x1), at zero joint acceleration, of the tip's velocity as seen from the base."""
+        tip_drift = self.plant.drift(self.frame)
+        if not self.base_joint:
+            return tip_drift[rotation]
+        base_drift = self.plant.drift(self.base_frame)
+        if rotation:
+            return tip_drift[1] - base_drift[1]
+        lever = self.position - self.plant.placement(self.base_frame)[1]
+        base_velocity, base_spin = self.plant.velocity(self.base_frame)
+        # d/dt of v_tip - v_base - omega_base x lever
+        return (
+            tip_drift[0]
+            - base_drift[0]
+            - cross(base_drift[1], lever)
+            - cross(base_spin, self.velocity - base_velocity)
+        )
+
+
+@dataclass(frozen=True)
+class GraspContext:
+    """A tip and the mating frame that it holds; everything in world axes.
+
+    Attributes
+    ----------
+    context
+        Time and the numbers of the grasp's section.
+    plant, start
+        Mechanics now, and where everything begins.
+    name
+        Of the grasp.
+    tip_frame, tip_joint, mate_frame, mate_joint
+        Frames and joints of tip and mating frame in the model.
+    """
+
+    context: Context
+    plant: Plant
+    start: Start
+    name: str
+    tip_frame: int
+    tip_joint: int
+    mate_frame: int
+    mate_joint: int
+
+    def opposite(self, force: ca.SX, torque: ca.SX) -> tuple[Wrench, Wrench]:
+        """One pair of opposite wrenches at the tip's point: on the target as given, and on the robot."""
+        point = self.plant.placement(self.tip_frame)[1]
+        return (
+            Wrench(self.mate_joint, force, torque, point),
+            Wrench(self.tip_joint, -force, -torque, point),
+        )
+
+
+def unit_load(axis: int, *, rotation: bool) -> tuple[ca.SX, ca.SX]:
+    """Unit force along a world axis and no couple, or no force and a unit couple about it (3x1 each)."""
+    unit, none = ca.SX(3, 1), ca.SX(3, 1)
+    unit[axis] = 1
+    return (none, unit) if rotation else (unit, none)

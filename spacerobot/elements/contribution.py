@@ -1,0 +1,218 @@
+"""What an element contributes to the closed loop."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Literal
+
+import casadi as ca
+
+from spacerobot.dynamics import Wrench
+
+Dimension = Literal["tip", "body", "grasp", "joint"]
+"""What outputs are of."""
+
+
+@dataclass(frozen=True)
+class State:
+    """A state with where it begins and how it changes.
+
+    Attributes
+    ----------
+    name
+        Where it belongs, ``rpr1/tip/pid.integral``.
+    symbol
+        Its symbols (n x 1).
+    initial
+        Its value at the start, an expression of (t, q, v, c); other states in it count as zero (n x 1).
+    derivative
+        Its time derivative, an expression of (t, x, c) (n x 1).
+    """
+
+    name: str
+    symbol: ca.SX
+    initial: ca.SX
+    derivative: ca.SX
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """A name for each component."""
+        return tuple(f"{self.name}[{i}]" for i in range(self.symbol.size1()))
+
+
+@dataclass(frozen=True)
+class Torque:
+    """What a robot's actuators are asked for.
+
+    Attributes
+    ----------
+    robot
+        Whose they are.
+    value
+        Generalized forces (nv x 1).
+    null_space
+        Whether only the part that does not accelerate the robot's controlled tips shall act.
+    """
+
+    robot: str
+    value: ca.SX
+    null_space: bool = False
+
+
+@dataclass(frozen=True)
+class Channel:
+    """A law that may depend on the acceleration it causes: ``u = command - derivative_gain (C v' + drift)``.
+
+    Attributes
+    ----------
+    robot
+        Whose actuators bring it about.
+    actuation
+        u to generalized forces (nv x n): transposed rows of the manipulator Jacobian.
+    drive
+        ``actuation``, reduced (nv x n).
+    sense
+        Loads along which v' is C v', reduced (nv x n).
+    command
+        u without the part that depends on v' (n x 1).
+    derivative_gain
+        K_d; none where u does not depend on v' (n x 1 or None).
+    """
+
+    robot: str
+    actuation: ca.SX
+    drive: ca.SX
+    sense: ca.SX
+    command: ca.SX
+    derivative_gain: ca.SX | None
+
+    @property
+    def size(self) -> int:
+        """Number of components of u."""
+        return self.command.size1()
+
+
+@dataclass(frozen=True)
+class Power:
+    """A power of the energy balance.
+
+    Attributes
+    ----------
+    name
+        What it is booked under; powers of one name are added up.
+    value
+        Power (1x1) [W].
+    sign
+        ``in`` for what is put in, ``out`` for what is taken.
+    """
+
+    name: str
+    value: ca.SX
+    sign: Literal["in", "out"] = "out"
+
+
+@dataclass(frozen=True)
+class Output:
+    """Something that can be observed, declared by the element that makes it.
+
+    Attributes
+    ----------
+    name
+        Variable of the result; outputs of one name are put together over their labels.
+    value
+        Vector in world axes (3x1), or number (1x1).
+    unit
+        SI unit, ``1`` for a pure number.
+    text
+        What it is, for axes, tables and the documentation.
+    dimension, label
+        What it is of: ``tip``, ``body`` or ``grasp``, and which one; ``joint`` for a number of each joint
+        (n x 1); none for the whole scene.
+    """
+
+    name: str
+    value: ca.SX
+    unit: str
+    text: str
+    dimension: Dimension | None = None
+    label: str = ""
+
+
+@dataclass(frozen=True)
+class Constraint:
+    """Accelerations that vanish, ``G v' + drift = 0``, and the wrenches that see to it.
+
+    Attributes
+    ----------
+    directions
+        Unit force and torque on the tip, opposite on the target at the same point (pairs of 3x1), of exact
+        rank: two or three, and one or three more for a weld.
+    sense
+        The same loads, reduced, along which v' is the relative acceleration, drift left out (nv x n).
+    drift
+        Remaining acceleration and stabilisation (n x 1).
+    slip
+        The relative velocity itself (n x 1).
+    answer
+        From the reaction's force and torque on the target (3x1 each) to what is booked and observed of it.
+    """
+
+    directions: tuple[tuple[ca.SX, ca.SX], ...]
+    sense: ca.SX
+    drift: ca.SX
+    slip: ca.SX
+    answer: Callable[[ca.SX, ca.SX], Contribution]
+
+    @property
+    def size(self) -> int:
+        """Number of rows."""
+        return len(self.directions)
+
+
+@dataclass(frozen=True)
+class Contribution:
+    """What one element adds to the closed loop; the loop concatenates.
+
+    Attributes
+    ----------
+    states
+        Its own states.
+    torques
+        Of actuators.
+    wrenches
+        On bodies, in opposite pairs: they change no momentum of the whole.
+    outside
+        Wrenches from outside the scene; momentum is then not conserved.
+    channels
+        Laws that may depend on the acceleration.
+    constraints
+        Of rigid connections.
+    energy
+        Stored in springs (1x1) [J], none if it stores nothing.
+    powers, outputs
+        Booked in the ledger, and observed.
+    """
+
+    states: tuple[State, ...] = ()
+    torques: tuple[Torque, ...] = ()
+    wrenches: tuple[Wrench, ...] = ()
+    outside: tuple[Wrench, ...] = ()
+    channels: tuple[Channel, ...] = ()
+    constraints: tuple[Constraint, ...] = ()
+    energy: ca.SX | None = None
+    powers: tuple[Power, ...] = ()
+    outputs: tuple[Output, ...] = ()
+
+
+def concatenate(parts: Iterable[Contribution]) -> Contribution:
+    """All contributions as one, in their order."""
+    found = list(parts)
+    energies = [part.energy for part in found if part.energy is not None]
+    lists = {
+        field.name: tuple(item for part in found for item in getattr(part, field.name))
+        for field in dataclasses.fields(Contribution)
+        if field.name != "energy"
+    }
+    return Contribution(**lists, energy=sum(energies[1:], energies[0]) if energies else None)

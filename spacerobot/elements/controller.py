@@ -1,0 +1,40 @@
+"""Controllers: what they read of a robot or a tip, and what they ask the actuators for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+from spacerobot.elements.context import RobotContext, TipContext
+from spacerobot.elements.contribution import Contribution
+from spacerobot.elements.element import Element
+from spacerobot.section import Section
+
+
+class TipController(Element):
+    """A controller of one tip."""
+
+    family: ClassVar[str] = "tip_controller"
+
+    def build(self, tip: TipContext) -> Contribution:
+        """What it adds to the closed loop."""
+        raise NotImplementedError
+
+    def reads(self, key: str, siblings: Mapping[str, Section]) -> set[str]:
+        """Signals that it reads from sensors; ``key`` and ``siblings`` as in :class:`TipContext`."""
+        del key, siblings
+        return set()
+
+
+class RobotController(Element):
+    """A controller of all joints of a robot."""
+
+    family: ClassVar[str] = "robot_controller"
+
+    def build(self, robot: RobotContext) -> Contribution:
+        """What it adds to the closed loop."""
+        raise NotImplementedError
+
+    def reads(self) -> set[str]:
+        """Signals that it reads from sensors."""
+        return set()

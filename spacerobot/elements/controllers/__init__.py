@@ -1,0 +1,1 @@
+"""Kinds of controllers that ship, one file each."""

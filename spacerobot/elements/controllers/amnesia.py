@@ -1,0 +1,31 @@
+"""Amnesia controller (Eq. 37, 38)."""
+
+from __future__ import annotations
+
+import casadi as ca
+
+from spacerobot.elements.context import TipContext
+from spacerobot.elements.contribution import State
+from spacerobot.elements.motion import Profile
+from spacerobot.section import Section, quantity
+
+
+class Amnesia(Section):
+    """Leaky integral of the tip's position error that corrects the reference velocity (Eq. 37, 38)."""
+
+    ge: float = quantity("1/s^2", "gain G_e", ge=0)
+    ta: float = quantity("1/s", "forgetting rate t_a = K_e / R_e", ge=0)
+
+
+def correct(tip: TipContext, key: str, error: ca.SX) -> tuple[State, Profile]:
+    """State X_ta, and the correction G_e X_ta of the reference velocity with its rate.
+
+    X_ta' = -t_a X_ta + (X_ref - X_tip); ``key`` is the section's in the tip's.
+    """
+    section = tip.context.at(f"{tip.path}.{key}")
+    ge, ta = section.number("ge"), section.number("ta")
+    size = error.size1()
+    memory = ca.SX.sym(f"{tip.label}/{key}", size)
+    rate = error - ta * memory
+    state = State(f"{tip.label}/{key}", memory, ca.SX.zeros(size), rate)
+    return state, Profile(ge * memory, ge * rate, ca.SX(size, 1))

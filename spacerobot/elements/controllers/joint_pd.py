@@ -1,0 +1,123 @@
+"""Joint PD towards the inverse kinematics of the references (Eq. 34, Fig. 1).
+
+    tau_i = K_p2 (theta_d,i - theta_i) - K_d2 theta_i'
+
+The desired joint positions theta_d are states of the controller: it solves the inverse kinematics of its
+references by closed-loop resolved rates, as a robot would that believes its base to be where it began,
+
+    theta_d' = J^+ (x_ref' + k (x_ref - x(theta_d))),   J^+ = J^T (J J^T + lambda^2 1)^-1.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+import casadi as ca
+from pydantic import Field
+
+from spacerobot.dynamics import Kinematics, forward_kinematics, frame_jacobian, frame_placement
+from spacerobot.dynamics.algebra import SymmetricFactors
+from spacerobot.elements.context import RobotContext
+from spacerobot.elements.contribution import Contribution, State
+from spacerobot.elements.controller import RobotController
+from spacerobot.elements.registry import register
+from spacerobot.elements.sensor import measured
+from spacerobot.section import quantity
+
+
+@register
+class JointPd(RobotController):
+    """Joint PD towards the inverse kinematics of the reference (Eq. 34)."""
+
+    kind: Literal["joint_pd"] = "joint_pd"
+    kp: float = quantity("N m/rad or N/m", "proportional gain K_p2", default=0.0, ge=0)
+    kd: float = quantity("N m s/rad or N s/m", "derivative gain K_d2", default=0.0, ge=0)
+    null_space: bool = Field(
+        default=False,
+        description="only the part of the torque that does not accelerate the robot's tips; the "
+        "robot needs more joints than controlled directions",
+    )
+    ik_rate: float = quantity(
+        "1/s", "rate at which the inverse kinematics removes its position error", default=10.0, ge=0
+    )
+    ik_damping: float = quantity("m", "damping of the inverse kinematics' pseudo-inverse", default=1e-3, ge=0)
+
+    def build(self, robot: RobotContext) -> Contribution:
+        """Torques, and the desired joint positions as states."""
+        plant, model = robot.plant, robot.plant.model
+        kp, kd = robot.context.number("kp"), robot.context.number("kd")
+        desired = ca.SX.sym(f"{robot.name}/theta_d", len(robot.joints))
+        rate = _inverse_kinematics(robot, desired)
+        torques = []
+        for i, (joint, column) in enumerate(zip(robot.joints, robot.columns, strict=True)):
+            position = measured(robot.sensors("joint_position"), _nearest(model, joint, plant.q, desired[i]))
+            speed = measured(robot.sensors("joint_rate"), plant.v[column])
+            torques.append(kp * (desired[i] - position) - kd * speed)  # Eq. 34
+        initial = ca.vertcat(*(_joint_position(model, joint, plant.q) for joint in robot.joints))
+        state = State(f"{robot.name}/joint_pd.theta_d", desired, initial, rate)
+        torque = robot.torque(ca.vertcat(*torques), null_space=self.null_space)
+        return Contribution(states=(state,), torques=(torque,))
+
+    def reads(self) -> set[str]:
+        """Joint positions and rates."""
+        return {"joint_position", "joint_rate"}
+
+
+def _joint_position(model: Any, joint: int, q: ca.SX) -> ca.SX:
+    """Position of a one-degree-of-freedom joint [rad or m]; an unbounded one is read from its cos and sin."""
+    pin_joint = model.joints[joint]
+    if pin_joint.nq == 2:
+        return ca.atan2(q[pin_joint.idx_q + 1], q[pin_joint.idx_q])
+    return q[pin_joint.idx_q]
+
+
+def _nearest(model: Any, joint: int, q: ca.SX, desired: ca.SX) -> ca.SX:
+    """Position of a joint; of an unbounded one that which is nearest to the desired position.
+
+    The desired position may pass half a turn, where the angle read from cos and sin jumps by a whole one.
+    """
+    pin_joint = model.joints[joint]
+    if pin_joint.nq == 1:
+        return _joint_position(model, joint, q)
+    cos, sin = q[pin_joint.idx_q], q[pin_joint.idx_q + 1]
+    behind = ca.atan2(
+        sin * ca.cos(desired) - cos * ca.sin(desired), cos * ca.cos(desired) + sin * ca.sin(desired)
+    )
+    return desired + behind
+
+
+def _inverse_kinematics(robot: RobotContext, desired: ca.SX) -> ca.SX:
+    """Rate of the desired joint positions (n x 1); a robot without tips keeps its posture."""
+    if not robot.tips:
+        return ca.SX.zeros(desired.size1())
+    model = robot.plant.model
+    rate_gain, damping = robot.context.number("ik_rate"), robot.context.number("ik_damping")
+    q = robot.context.once("start", robot.start.q)
+    for joint, position in robot.positions(desired).items():
+        pin_joint = model.joints[joint]
+        if pin_joint.nq == 2:
+            q[pin_joint.idx_q : pin_joint.idx_q + 2] = ca.vertcat(ca.cos(position), ca.sin(position))
+        else:
+            q[pin_joint.idx_q] = position
+    rows, wanted = _tasks(robot, forward_kinematics(model, q), rate_gain)
+    jacobian = robot.plant.gathered(ca.vertcat(*rows).T).T[:, list(robot.columns)]
+    gram = ca.mtimes(jacobian, jacobian.T) + damping**2 * ca.SX.eye(jacobian.size1())
+    return ca.mtimes(jacobian.T, SymmetricFactors(gram).solve(ca.vertcat(*wanted)))
+
+
+def _tasks(robot: RobotContext, kinematics: Kinematics, gain: ca.SX) -> tuple[list[ca.SX], list[ca.SX]]:
+    """Jacobian rows and wanted velocities of all tips: positions, and orientations where controlled."""
+    plant, rows, wanted = robot.plant, [], []
+    for tip in robot.tips:
+        motion = tip.motion
+        jacobian = frame_jacobian(plant.model, kinematics, tip.frame)
+        turned, position = frame_placement(plant.model, kinematics, tip.frame)
+        axes = list(plant.translation_axes)
+        rows.append(jacobian[axes, :])
+        wanted.append((motion.velocity + gain * (motion.position - position))[axes])
+        if "orientation_pid" in tip.siblings:
+            axes = list(plant.rotation_axes)
+            error = plant.orientation_error(motion.rotation, turned)
+            rows.append(jacobian[[axis + 3 for axis in axes], :])
+            wanted.append((motion.angular_velocity + gain * error)[axes])
+    return rows, wanted

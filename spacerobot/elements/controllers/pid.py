@@ -1,0 +1,149 @@
+"""PID on the velocity error of a tip, its translation or its rotation (Eq. 26-30, 35-38).
+
+    e_v   = x_ref' + G_e X_ta - v_feedback           X_ta: amnesia controller, Eq. 37, 38
+    u     = K_p e_v + K_i int(e_v) + K_d d(e_v)/dt   Eq. 35
+    tau   = J^T u                                    J: manipulator Jacobian, arm joints only
+
+The ideal derivative makes u depend on the acceleration, which depends on u. It is left open here as
+``u = command - gain (C a + drift)`` and closed exactly in :mod:`spacerobot.closedloop.forward_dynamics`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+import casadi as ca
+from pydantic import Field
+
+from spacerobot.dynamics import configuration_derivative
+from spacerobot.elements.context import TipContext
+from spacerobot.elements.contribution import Channel, Contribution, State
+from spacerobot.elements.controller import TipController
+from spacerobot.elements.controllers.amnesia import correct
+from spacerobot.elements.registry import register
+from spacerobot.elements.sensor import measured
+from spacerobot.section import Section, quantity
+
+
+@register
+class Pid(TipController):
+    """PID on the tip's velocity error, mapped to joint torques by the Jacobian's transpose (Eq. 35).
+
+    For an orientation PID units are those of torque per angular velocity: N m s/rad, N m/rad, N m s^2/rad.
+    """
+
+    kind: Literal["pid"] = "pid"
+    kp: float = quantity("N s/m", "proportional gain K_p", default=0.0, ge=0)
+    ki: float = quantity("N/m", "integral gain K_i", default=0.0, ge=0)
+    kd: float = quantity("kg", "derivative gain K_d", default=0.0, ge=0)
+    feedback: Literal["base", "inertial"] = Field(
+        default="base",
+        description="velocity that is fed back: seen from the robot's own base (joint rates through the "
+        "manipulator Jacobian), or the true one",
+    )
+    derivative: Literal["ideal", "filtered"] = Field(
+        default="ideal",
+        description="ideal: the algebraic loop through the tip's acceleration, solved exactly; "
+        "filtered: a first-order lag, as a real controller has",
+    )
+    filter_time: float = quantity("s", "time constant of the filtered derivative", default=0.02, gt=0)
+
+    def build(self, tip: TipContext) -> Contribution:
+        """One channel and its states."""
+        turns = tip.key.startswith("orientation")
+        axes = list(tip.plant.rotation_axes if turns else tip.plant.translation_axes)
+        fed_back = self._fed_back(tip, axes, turns=turns)
+        motion, states = tip.motion, []
+        wanted = (motion.angular_velocity if turns else motion.velocity)[axes]
+        wanted_rate = (motion.angular_acceleration if turns else motion.acceleration)[axes]
+        memory = "orientation_amnesia" if turns else "amnesia"
+        if memory in tip.siblings:
+            state, correction = correct(tip, memory, _position_error(tip, axes, turns=turns))
+            states.append(state)
+            wanted, wanted_rate = wanted + correction.value, wanted_rate + correction.rate
+        error = wanted - fed_back.velocity
+        command, gain, own = self._law(tip, error, wanted_rate - fed_back.drift)
+        rows = [axis + 3 * turns for axis in axes]
+        channel = Channel(
+            tip.robot, tip.arm_jacobian[rows, :].T, fed_back.drive, fed_back.sense, command, gain
+        )
+        return Contribution(states=(*states, *own), channels=(channel,))
+
+    def _law(
+        self, tip: TipContext, error: ca.SX, error_rate: ca.SX
+    ) -> tuple[ca.SX, ca.SX | None, list[State]]:
+        """Command, derivative gain and states (Eq. 35); ``error_rate`` lacks the part that depends on v'."""
+        kp, ki, kd = (tip.context.number(gain) for gain in ("kp", "ki", "kd"))
+        size, name = error.size1(), f"{tip.label}/{tip.key}"
+        integral = ca.SX.sym(f"{name}.integral", size)
+        states = [State(f"{name}.integral", integral, ca.SX.zeros(size), error)]
+        command = kp * error + ki * integral
+        if self.derivative == "ideal":
+            return command + kd * error_rate, ca.repmat(kd, size, 1), states
+        lag = tip.context.number("filter_time")
+        filtered = ca.SX.sym(f"{name}.filter", size)
+        # begins at the error itself, so that the derivative does not kick
+        states.append(State(f"{name}.filter", filtered, error, (error - filtered) / lag))
+        return command + kd * (error - filtered) / lag, None, states
+
+    def _fed_back(self, tip: TipContext, axes: list[int], *, turns: bool) -> _FedBack:
+        """The velocity that is fed back, sensors included (S = a + b s)."""
+        plant = tip.plant
+        drive, felt = tip.reduced_loads(axes, rotation=turns)
+        if self.feedback == "inertial":
+            offset, scale = tip.sensors("tip_angular_velocity" if turns else "tip_velocity")
+            velocity = measured((offset, scale), plant.velocity(tip.frame)[turns][axes])
+            return _FedBack(velocity, scale * plant.drift(tip.frame)[turns][axes], drive, scale * felt)
+        offset, scale = tip.sensors("joint_rate")
+        arm = tip.arm_jacobian[[axis + 3 * turns for axis in axes], :]
+        velocity = scale * ca.mtimes(arm, plant.v)
+        drift = scale * tip.relative_drift(rotation=turns)[axes]
+        if offset is not None:
+            ones = ca.SX(plant.v.size1(), 1)
+            ones[list(tip.columns)] = 1
+            seen = ca.mtimes(arm, ones)
+            turning = ca.jtimes(seen, plant.q, configuration_derivative(plant.model, plant.q, plant.v))
+            velocity, drift = velocity + offset * seen, drift + offset * turning
+        return _FedBack(velocity, drift, drive, scale * drive)
+
+    def reads(self, key: str, siblings: Mapping[str, Section]) -> set[str]:
+        """The velocity that it feeds back, and what its amnesia controller reads."""
+        turns = key.startswith("orientation")
+        inertial = "tip_angular_velocity" if turns else "tip_velocity"
+        found = {"joint_rate" if self.feedback == "base" else inertial}
+        if ("orientation_amnesia" if turns else "amnesia") in siblings:
+            found.add("tip_orientation" if turns else "tip_position")
+        return found
+
+    def assumptions(self) -> list[str]:
+        """Of the feedback and of the derivative."""
+        found = []
+        if self.feedback == "base":
+            found.append("feeds back the velocity seen from the base, blind to its drift")
+        if self.derivative == "ideal" and self.kd > 0:
+            found.append("ideal derivative, its algebraic loop solved exactly")
+        return found
+
+    def words(self) -> str:
+        """Its gains and its feedback."""
+        return f"{self.kp:g} / {self.ki:g} / {self.kd:g} ({self.feedback} feedback)"
+
+
+@dataclass(frozen=True)
+class _FedBack:
+    """Fed-back velocity (n x 1), its rate without the part that depends on v', and the channel's loads."""
+
+    velocity: ca.SX
+    drift: ca.SX
+    drive: ca.SX
+    sense: ca.SX
+
+
+def _position_error(tip: TipContext, axes: list[int], *, turns: bool) -> ca.SX:
+    """Reference minus measured position, or the rotation vector from measured orientation to reference."""
+    if not turns:
+        return tip.motion.position[axes] - measured(tip.sensors("tip_position"), tip.position[axes])
+    # the signal is the tip's rotation relative to its reference, so the error is its negative
+    return -measured(tip.sensors("tip_orientation"), -tip.orientation_error[axes])

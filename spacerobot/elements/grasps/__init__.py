@@ -1,0 +1,1 @@
+"""Kinds of grasps that ship, one file each."""

@@ -1,0 +1,15 @@
+"""Rigid point contact."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from spacerobot.elements.registry import register
+from spacerobot.elements.rigid import RigidGrasp
+
+
+@register
+class Point(RigidGrasp):
+    """Rigid point contact: the tip stays at the mating frame and may turn about it."""
+
+    kind: Literal["point"] = "point"

@@ -1,0 +1,21 @@
+"""Rigid grip."""
+
+from __future__ import annotations
+
+from typing import ClassVar, Literal
+
+from spacerobot.elements.registry import register
+from spacerobot.elements.rigid import RigidGrasp
+
+
+@register
+class Weld(RigidGrasp):
+    """Rigid grip: the tip keeps its initial pose in the mating frame."""
+
+    fixes_orientation: ClassVar[bool] = True
+
+    kind: Literal["weld"] = "weld"
+
+    def assumptions(self) -> list[str]:
+        """How long and in which orientation it holds."""
+        return ["welded in the initial relative orientation; never lets go"]

@@ -1,0 +1,61 @@
+"""Motions as expressions of time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+
+from spacerobot.elements.numbers import Context
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Where a frame shall be and how it shall move, world axes.
+
+    Attributes
+    ----------
+    position, velocity, acceleration
+        Of the frame's origin, 3x1 each [m, m/s, m/s^2].
+    rotation
+        Frame axes to world axes, 3x3.
+    angular_velocity, angular_acceleration
+        3x1 each [rad/s, rad/s^2].
+    """
+
+    position: ca.SX
+    velocity: ca.SX
+    acceleration: ca.SX
+    rotation: ca.SX
+    angular_velocity: ca.SX
+    angular_acceleration: ca.SX
+
+
+@dataclass(frozen=True)
+class Profile:
+    """A scalar or vector function of time with its first two derivatives."""
+
+    value: ca.SX
+    rate: ca.SX
+    acceleration: ca.SX
+
+
+STILL = Profile(ca.SX(3, 1), ca.SX(3, 1), ca.SX(3, 1))
+"""A vector that stays zero."""
+
+
+def cubic_blend(context: Context, key: str = "duration") -> Profile:
+    """From 0 to 1 at rest at both ends, held afterwards (Eq. 42), over the duration that stands at a key."""
+    duration = context.number(key)
+    moving = context.time < context.jump(key)
+    s = ca.if_else(moving, context.time / duration, 1)
+    return Profile(
+        value=s * s * (3 - 2 * s),
+        rate=6 * s * (1 - s) / duration,
+        acceleration=ca.if_else(moving, (6 - 12 * s) / duration**2, 0),
+    )
+
+
+def along(direction: ca.SX, blend: Profile) -> Profile:
+    """A constant vector (n x 1), carried by a scalar profile."""
+    return Profile(direction * blend.value, direction * blend.rate, direction * blend.acceleration)

@@ -1,0 +1,123 @@
+"""References: where a tip or the held object shall be at each time (Eq. 39-44).
+
+All kinds start at the initial pose, at rest, and hold where they end.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import ClassVar
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from spacerobot.dynamics.algebra import cross
+from spacerobot.dynamics.rotations import rotation_exp
+from spacerobot.elements.element import Element
+from spacerobot.elements.motion import STILL, Motion, Profile, along, cubic_blend
+from spacerobot.elements.numbers import Context
+from spacerobot.section import Vector, numbers, quantity
+from spacerobot.symbolic import Constants, Parameters
+
+Array = NDArray[np.float64]
+DEGREE = np.pi / 180
+SAMPLES = 65
+"""Times at which a reference is looked at where its whole way is judged."""
+PLANE_TOLERANCE = 1e-12
+
+
+class Reference(Element):
+    """A motion that a frame is carried along, beginning where the frame is."""
+
+    family: ClassVar[str] = "reference"
+
+    def moved(self, context: Context) -> Profile:
+        """Displacement since the start (3x1) [m] and its derivatives, world axes."""
+        raise NotImplementedError
+
+    def turned(self, context: Context) -> Profile:
+        """Rotation vector since the start (3x1) [rad], of constant direction, and its derivatives."""
+        del context
+        return STILL
+
+    def jumps(self) -> tuple[float, ...]:
+        """Times at which it is not smooth [s], rising; the last one is its end."""
+        return ()
+
+    def motion(self, context: Context, start: tuple[ca.SX, ca.SX], pivot: ca.SX | None = None) -> Motion:
+        """Motion of a frame that begins at ``start``.
+
+        Parameters
+        ----------
+        context
+            Time and this section's numbers.
+        start
+            Initial rotation (3x3) and origin (3x1) [m] of the frame, expressions of the parameters.
+        pivot
+            Initial position of the point that is displaced (3x1) [m], where that is not the frame's own
+            origin: the target's, if the frame is carried along by it.
+        """
+        moved, turned = self.moved(context), self.turned(context)
+        rotation0 = context.once("start.rotation", start[0])
+        pivot0 = context.once("start.pivot", start[1] if pivot is None else pivot)
+        lever0 = ca.SX(3, 1) if pivot is None else context.once("start.lever", start[1] - pivot)
+        rotation = ca.SX.eye(3) if turned.value.nnz() == 0 else rotation_exp(turned.value)
+        lever = ca.mtimes(rotation, lever0)
+        swing = cross(turned.rate, lever)
+        return Motion(
+            position=pivot0 + moved.value + lever,
+            velocity=moved.rate + swing,
+            acceleration=moved.acceleration + cross(turned.acceleration, lever) + cross(turned.rate, swing),
+            rotation=ca.mtimes(rotation, rotation0),
+            angular_velocity=turned.rate,
+            angular_acceleration=turned.acceleration,
+        )
+
+    def way(self) -> tuple[Array, Array]:
+        """Displacements [m] and rotation vectors [rad] on the whole way, (n, 3) each."""
+        time, constants = ca.SX.sym("t"), Constants()
+        parameters = Parameters(dict(numbers(self.model_dump(), "reference")))
+        context = Context("reference", time, parameters, constants)
+        found = ca.horzcat(self.moved(context).value, self.turned(context).value)
+        prepared = ca.Function("prepared", [parameters.symbols], [constants.expressions])(parameters.values)
+        at = ca.Function("way", [time, constants.symbols, parameters.symbols], [ca.densify(found)])
+        times = np.linspace(0.0, max(self.jumps(), default=0.0), SAMPLES)
+        both = np.array([at(t, prepared, parameters.values).full() for t in times])
+        return both[:, :, 0], both[:, :, 1]
+
+    def leaves_plane(self) -> Iterator[tuple[str, list[float]]]:
+        """Keys of the section, with their values, that lead out of the x-y plane."""
+        moved, turned = self.way()
+        if np.abs(moved[:, 2]).max() > PLANE_TOLERANCE or np.abs(turned[:, :2]).max() > PLANE_TOLERANCE:
+            farthest = np.abs(moved[:, 2]).max(), *np.abs(turned[:, :2]).max(axis=0)
+            yield "kind", [float(size) for size in farthest]
+
+
+class TimedReference(Reference):
+    """A motion that the cubic blend of Eq. 42 carries from rest to rest, and a rotation by the same blend."""
+
+    duration: float = quantity("s", "time the motion takes; held afterwards", default=10.0, gt=0)
+    rotation_deg: Vector = quantity(
+        "deg",
+        "rotation vector, world axes, reached at the end of the motion by the same blend",
+        default=(0.0, 0.0, 0.0),
+    )
+
+    def blend(self, context: Context) -> Profile:
+        """From 0 to 1 over the duration."""
+        return cubic_blend(context)
+
+    def turned(self, context: Context) -> Profile:
+        """About a fixed axis, structurally none where no rotation is asked for."""
+        full = context.vector("rotation_deg", DEGREE)
+        return along(full, self.blend(context)) if full.nnz() else STILL
+
+    def jumps(self) -> tuple[float, ...]:
+        """Its end."""
+        return (self.duration,)
+
+    def leaves_plane(self) -> Iterator[tuple[str, list[float]]]:
+        """A rotation about another axis than z."""
+        if any(self.rotation_deg[:2]):
+            yield "rotation_deg", list(self.rotation_deg)

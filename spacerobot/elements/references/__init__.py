@@ -1,0 +1,1 @@
+"""Kinds of references that ship, one file each."""

@@ -1,0 +1,66 @@
+"""A circle (Eq. 39-44)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Literal
+
+import casadi as ca
+import numpy as np
+import pinocchio as pin
+
+from spacerobot.dynamics.rotations import rotation_from_rpy
+from spacerobot.elements.context import Context
+from spacerobot.elements.motion import Profile
+from spacerobot.elements.reference import DEGREE, PLANE_TOLERANCE, TimedReference
+from spacerobot.elements.registry import register
+from spacerobot.section import Vector, quantity
+
+
+@register
+class Circle(TimedReference):
+    """A circle through the initial position (Eq. 39-44), counter-clockwise for growing angles."""
+
+    kind: Literal["circle"] = "circle"
+    radius: float = quantity("m", "radius R", default=0.1, gt=0)
+    start_deg: float = quantity("deg", "angle delta_0 at the start", default=0.0)
+    end_deg: float = quantity("deg", "angle delta_f at the end", default=360.0)
+    plane_deg: Vector = quantity(
+        "deg",
+        "roll, pitch, yaw of the circle's plane; zero is the world's x-y plane",
+        default=(0.0, 0.0, 0.0),
+    )
+
+    def moved(self, context: Context) -> Profile:
+        """X_ref - X_ref(0) of Eq. 40, 41, and its derivatives (Eq. 43, 44)."""
+        blend, parameters, path = self.blend(context), context.parameters, context.path
+        first = context.once("start_angle", parameters.sparse(f"{path}.start_deg") * DEGREE)
+        last = context.once("end_angle", parameters(f"{path}.end_deg") * DEGREE)
+        radius = context.number("radius")
+        delta = first + (last - first) * blend.value
+        rate, acceleration = (last - first) * blend.rate, (last - first) * blend.acceleration
+        cos, sin = ca.cos(delta), ca.sin(delta)
+        across = radius * self._plane(context)[:, :2]
+
+        def in_plane(x: ca.SX, y: ca.SX) -> ca.SX:
+            return ca.mtimes(across, ca.vertcat(x, y))
+
+        return Profile(
+            value=in_plane(cos - ca.cos(first), sin - ca.sin(first)),
+            rate=in_plane(-sin * rate, cos * rate),
+            acceleration=in_plane(-sin * acceleration - cos * rate**2, cos * acceleration - sin * rate**2),
+        )
+
+    def _plane(self, context: Context) -> ca.SX:
+        """Axes of the circle's plane, 3x3."""
+        if not any(self.plane_deg):
+            return ca.SX.eye(3)
+        angles = context.parameters.vector(f"{context.path}.plane_deg") * DEGREE
+        return context.once("plane", rotation_from_rpy(angles))
+
+    def leaves_plane(self) -> Iterator[tuple[str, list[float]]]:
+        """A rotation about another axis than z, or a plane that is not the x-y plane."""
+        yield from super().leaves_plane()
+        normal = pin.rpy.rpyToMatrix(np.radians(self.plane_deg))[:, 2]
+        if np.abs(normal[:2]).max() > PLANE_TOLERANCE:
+            yield "plane_deg", list(self.plane_deg)

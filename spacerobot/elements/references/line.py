@@ -1,0 +1,30 @@
+"""A straight line."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Literal
+
+from spacerobot.elements.context import Context
+from spacerobot.elements.motion import Profile, along
+from spacerobot.elements.reference import TimedReference
+from spacerobot.elements.registry import register
+from spacerobot.section import Vector, quantity
+
+
+@register
+class Line(TimedReference):
+    """A straight line."""
+
+    kind: Literal["line"] = "line"
+    displacement: Vector = quantity("m", "from start to end, world axes", default=(0.0, 0.0, 0.0))
+
+    def moved(self, context: Context) -> Profile:
+        """Along the line, by the cubic blend."""
+        return along(context.vector("displacement"), self.blend(context))
+
+    def leaves_plane(self) -> Iterator[tuple[str, list[float]]]:
+        """A rotation about another axis than z, or a displacement along it."""
+        yield from super().leaves_plane()
+        if self.displacement[2]:
+            yield "displacement", list(self.displacement)

@@ -1,0 +1,103 @@
+"""A cubic spline through waypoints."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Literal
+
+import casadi as ca
+import numpy as np
+from pydantic import Field, model_validator
+
+from spacerobot.elements.context import Context
+from spacerobot.elements.motion import Profile
+from spacerobot.elements.reference import Array, Reference
+from spacerobot.elements.registry import register
+from spacerobot.section import Vector
+
+
+@register
+class Spline(Reference):
+    """A cubic spline through waypoints, at rest at both ends."""
+
+    kind: Literal["spline"] = "spline"
+    times: tuple[float, ...] = Field(
+        min_length=2, max_length=200, description="times of the waypoints, rising, the first one 0 [s]"
+    )
+    displacements: tuple[Vector, ...] = Field(
+        min_length=2,
+        max_length=200,
+        description="waypoints relative to the initial position, world axes; the first one 0 0 0 [m]",
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> Spline:
+        if len(self.times) != len(self.displacements):
+            raise ValueError(f"{len(self.times)} times but {len(self.displacements)} displacements")
+        if self.times[0] != 0:
+            raise ValueError(f"times must start at 0, found {self.times[0]}")
+        if any(b <= a for a, b in zip(self.times, self.times[1:], strict=False)):
+            raise ValueError("times must rise strictly")
+        if any(self.displacements[0]):
+            raise ValueError(
+                "the first displacement must be 0 0 0: the motion starts at the initial position"
+            )
+        return self
+
+    def moved(self, context: Context) -> Profile:
+        """Clamped cubic spline; its coefficients are linear in the waypoints."""
+        knots, count = np.array(self.times), len(self.times)
+        given = [
+            context.parameters.sparse_vector(f"{context.path}.displacements.{i}").T for i in range(count)
+        ]
+        points = ca.vertcat(*given)
+        second = context.once("curvature", ca.mtimes(_clamped_spline_operator(knots), points))
+        points = context.once("displacements", points)
+        found = Profile(points[count - 1, :].T, ca.SX(3, 1), ca.SX(3, 1))
+        for i in reversed(range(count - 1)):
+            here = context.time < context.jump(f"times.{i + 1}", float(knots[i + 1]))
+            inside = _piece(knots[i : i + 2], context.time, points[i : i + 2, :], second[i : i + 2, :])
+            found = Profile(
+                ca.if_else(here, inside.value, found.value),
+                ca.if_else(here, inside.rate, found.rate),
+                ca.if_else(here, inside.acceleration, found.acceleration),
+            )
+        return found
+
+    def jumps(self) -> tuple[float, ...]:
+        """Its waypoints behind the first one."""
+        return self.times[1:]
+
+    def leaves_plane(self) -> Iterator[tuple[str, list[float]]]:
+        """Waypoints off the x-y plane."""
+        for i, displacement in enumerate(self.displacements):
+            if displacement[2]:
+                yield f"displacements.{i}", list(displacement)
+
+
+def _piece(knots: Array, time: ca.SX, points: ca.SX, second: ca.SX) -> Profile:
+    """Cubic between two knots, from the waypoints and second derivatives (2x3 each) there."""
+    width = float(knots[1] - knots[0])
+    left, right = (knots[1] - time) / width, (time - knots[0]) / width
+    a, b, m, n = points[0, :].T, points[1, :].T, second[0, :].T, second[1, :].T
+    return Profile(
+        left * a + right * b + (m * (left**3 - left) + n * (right**3 - right)) * (width**2 / 6),
+        (b - a) / width + (n * (3 * right**2 - 1) - m * (3 * left**2 - 1)) * (width / 6),
+        left * m + right * n,
+    )
+
+
+def _clamped_spline_operator(knots: Array) -> ca.DM:
+    """Matrix (n, n) from waypoints to second derivatives at the knots, slopes zero at both ends."""
+    n, h = len(knots), np.diff(knots)
+    left, right = np.zeros((n, n)), np.zeros((n, n))
+    for i in range(n):
+        if i > 0:
+            left[i, i - 1], left[i, i] = h[i - 1] / 6, left[i, i] + h[i - 1] / 3
+            right[i, i - 1] += 1 / h[i - 1]
+            right[i, i] -= 1 / h[i - 1]
+        if i < n - 1:
+            left[i, i + 1], left[i, i] = h[i] / 6, left[i, i] + h[i] / 3
+            right[i, i + 1] += 1 / h[i]
+            right[i, i] -= 1 / h[i]
+    return ca.DM(np.linalg.solve(left, right))

@@ -1,0 +1,174 @@
+"""Every kind of element by its family; what ships, what is installed, and what a user adds."""
+
+from __future__ import annotations
+
+import difflib
+import functools
+import importlib
+import importlib.util
+import operator
+import pkgutil
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from importlib.metadata import entry_points
+from pathlib import Path
+from types import MappingProxyType
+from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin
+
+from pydantic import Field, GetCoreSchemaHandler
+from pydantic_core import CoreSchema, PydanticCustomError, core_schema
+
+from spacerobot.elements.element import Element
+from spacerobot.errors import SpaceRobotError, near_names
+
+GROUP = "spacerobot.elements"
+"""Entry points by which installed packages add kinds: each names a module that registers them."""
+
+FAMILIES = {
+    "reference": "spacerobot.elements.references",
+    "grasp": "spacerobot.elements.grasps",
+    "tip_controller": "spacerobot.elements.controllers",
+    "robot_controller": "spacerobot.elements.controllers",
+}
+"""Families, and the package whose modules hold the kinds that ship."""
+
+_KINDS: dict[str, dict[str, type[Element]]] = {family: {} for family in FAMILIES}
+_LISTENERS: list[Callable[[], None]] = []
+_LOADED: set[str] = set()
+
+Kind = TypeVar("Kind", bound=type[Element])
+
+
+def register(kind: Kind) -> Kind:
+    """Add a kind of element; use it as a decorator of the class.
+
+    Raises
+    ------
+    SpaceRobotError
+        If the class belongs to no family, has no ``kind`` or documentation, or its name is taken.
+    """
+    where = f"{kind.__module__}.{kind.__qualname__}"
+    family = getattr(kind, "family", None)
+    if family not in FAMILIES or not issubclass(kind, Element):
+        raise SpaceRobotError(f"family {family!r}, {near_names(str(family), FAMILIES)}", where=where)
+    name = kind_of(kind)
+    if not name:
+        raise SpaceRobotError('no kind; write `kind: Literal["name"] = "name"`', where=where)
+    if not kind.__doc__:
+        raise SpaceRobotError("no docstring; its first line stands in the documentation", where=where)
+    taken = _KINDS[family].get(name)
+    if taken is not None and (taken.__module__, taken.__qualname__) != (kind.__module__, kind.__qualname__):
+        held = f"{taken.__module__}.{taken.__qualname__}"
+        raise SpaceRobotError(f"the {family} kind {name!r} is taken by {held}", where=where)
+    _KINDS[family][name] = kind
+    for listener in _LISTENERS:
+        listener()
+    return kind
+
+
+def kind_of(element: type[Element]) -> str:
+    """Name of a kind in a scenario; empty if it has none."""
+    annotation = element.model_fields["kind"].annotation
+    values = get_args(annotation) if get_origin(annotation) is Literal else ()
+    return str(values[0]) if values else ""
+
+
+def kinds(family: str) -> Mapping[str, type[Element]]:
+    """Kinds of a family by name: those that ship in the order of their names, then the others."""
+    _load_shipped(FAMILIES[family])
+    _load_installed()
+    shipped = FAMILIES[family]
+    ordered = sorted(
+        _KINDS[family].items(), key=lambda kind: (not kind[1].__module__.startswith(shipped), kind[0])
+    )
+    return MappingProxyType(dict(ordered))
+
+
+def on_change(listener: Callable[[], None]) -> None:
+    """Have a function called whenever a kind is added."""
+    _LISTENERS.append(listener)
+
+
+def load_plugin(path: Path) -> None:
+    """Run a Python file that registers kinds.
+
+    Raises
+    ------
+    SpaceRobotError
+        If there is no such file, or it fails; the line it fails in is named.
+    """
+    if not path.is_file():
+        raise SpaceRobotError("no such file", source=path)
+    name = f"spacerobot_plugin_{path.stem}"
+    specification = importlib.util.spec_from_file_location(name, path)
+    if specification is None or specification.loader is None:
+        raise SpaceRobotError("not a Python file", source=path)
+    module = importlib.util.module_from_spec(specification)
+    sys.modules[name] = module
+    try:
+        specification.loader.exec_module(module)
+    except SpaceRobotError as fault:
+        raise SpaceRobotError(fault.message, source=path, where=fault.where) from None
+    except Exception as fault:
+        raise SpaceRobotError(
+            f"{type(fault).__name__}: {fault}", source=path, where=_line(fault, path)
+        ) from None
+
+
+def _line(fault: BaseException, path: Path) -> str | None:
+    """Line of a file in which an exception arose, if it did there."""
+    found, trace = None, fault.__traceback__
+    while trace is not None:
+        if trace.tb_frame.f_code.co_filename == str(path):
+            found = f"line {trace.tb_lineno}"
+        trace = trace.tb_next
+    return found
+
+
+def _load_shipped(package: str) -> None:
+    if package in _LOADED:
+        return
+    _LOADED.add(package)
+    for module in pkgutil.iter_modules(importlib.import_module(package).__path__):
+        importlib.import_module(f"{package}.{module.name}")
+
+
+def _load_installed() -> None:
+    if GROUP in _LOADED:
+        return
+    _LOADED.add(GROUP)
+    for point in entry_points(group=GROUP):
+        point.load()
+
+
+@dataclass(frozen=True)
+class Family:
+    """Annotation of a field: a section of any registered kind of a family, told apart by ``kind``."""
+
+    name: str
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """Schema of the union of all kinds there are now."""
+        found = kinds(self.name)
+        union = handler.generate_schema(
+            Annotated[functools.reduce(operator.or_, found.values()), Field(discriminator="kind")]
+        )
+
+        def known(value: Any) -> Any:
+            if not isinstance(value, dict | Element):
+                raise PydanticCustomError("dict_type", "a section is wanted")
+            if isinstance(value, dict) and value.get("kind") not in found:
+                raise PydanticCustomError("unknown_kind", "{told}", {"told": _unknown(value, tuple(found))})
+            return value
+
+        return core_schema.no_info_before_validator_function(known, union)
+
+
+def _unknown(section: Mapping[str, Any], found: tuple[str, ...]) -> str:
+    """What stands for the kind, the kinds there are, and those whose names are near, in one line."""
+    if "kind" not in section:
+        return f"missing, allowed: {', '.join(found)}"
+    near = difflib.get_close_matches(str(section["kind"]), found, n=2)
+    hint = f"; did you mean {' or '.join(near)}?" if near else "; your own come with --plugin FILE"
+    return f"found {section['kind']!r}, allowed: {', '.join(found)}{hint}"

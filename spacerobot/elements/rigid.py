@@ -1,0 +1,69 @@
+"""What rigid grasps have in common: acceleration constraints and the wrenches that see to them."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import casadi as ca
+
+from spacerobot.dynamics.algebra import cross
+from spacerobot.elements.context import GraspContext, unit_load
+from spacerobot.elements.contribution import Constraint, Contribution, Power
+from spacerobot.elements.grasp import Grasp, Relative, observed, relative_motion
+from spacerobot.section import quantity
+
+
+class RigidGrasp(Grasp):
+    """A grasp without play; its drift is stabilised (Baumgarte, critically damped)."""
+
+    fixes_position: ClassVar[bool] = True
+
+    max_gap: float = quantity(
+        "m",
+        "greatest distance of tip and mating frame at the start, where no base moves to close it",
+        default=1e-6,
+        ge=0,
+    )
+    stabilisation: float = quantity(
+        "1/s", "rate at which drift of the constraint decays (critically damped)", default=20.0, ge=0
+    )
+
+    def build(self, grasp: GraspContext) -> Contribution:
+        """Acceleration constraint, of exactly the rank that the grasp has."""
+        plant, relative = grasp.plant, relative_motion(grasp)
+        rate = grasp.context.number("stabilisation")
+        linear, angular = _drift(grasp, relative)
+        along = list(plant.translation_axes)
+        drift = [(linear + 2 * rate * relative.velocity + rate**2 * relative.gap)[along]]
+        directions = [unit_load(axis, rotation=False) for axis in along]
+        slip = [relative.velocity[along]]
+        if self.fixes_orientation:
+            about = list(plant.rotation_axes)
+            drift.append((angular + 2 * rate * relative.spin + rate**2 * relative.twist)[about])
+            slip.append(relative.spin[about])
+            directions += [unit_load(axis, rotation=True) for axis in about]
+        loads = [plant.reduced(wrenches=grasp.opposite(-force, -torque)) for force, torque in directions]
+
+        def answer(force: ca.SX, torque: ca.SX) -> Contribution:
+            power = -ca.dot(force, relative.velocity) - ca.dot(torque, relative.spin)
+            return Contribution(
+                powers=(Power("constraint", power, "in"),), outputs=observed(grasp, relative, force, torque)
+            )
+
+        sense, slips = ca.horzcat(*loads), ca.vertcat(*slip)
+        constraint = Constraint(tuple(directions), sense, ca.vertcat(*drift), slips, answer)
+        return Contribution(constraints=(constraint,))
+
+
+def _drift(grasp: GraspContext, relative: Relative) -> tuple[ca.SX, ca.SX]:
+    """Relative acceleration at zero joint acceleration, linear and angular (3x1 each)."""
+    plant = grasp.plant
+    tip_drift, mate_drift = plant.drift(grasp.tip_frame), plant.drift(grasp.mate_frame)
+    tip_velocity, mate = plant.velocity(grasp.tip_frame)[0], plant.velocity(grasp.mate_frame)
+    linear = (
+        tip_drift[0]
+        - mate_drift[0]
+        - cross(mate_drift[1], relative.gap)
+        - cross(mate[1], tip_velocity - mate[0])
+    )
+    return linear, tip_drift[1] - mate_drift[1]

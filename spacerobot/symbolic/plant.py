@@ -1,0 +1,101 @@
+"""The plant: symbolic kinematics, inertias and resistance of the whole scene."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+
+from spacerobot.dynamics import (
+    ArticulatedBody,
+    Inertias,
+    Kinematics,
+    Wrench,
+    frame_drift,
+    frame_jacobian,
+    frame_placement,
+    frame_velocity,
+)
+from spacerobot.dynamics.rotations import rotation_log
+
+
+@dataclass(frozen=True)
+class Plant:
+    """Everything mechanical at one (q, v), world axes.
+
+    Attributes
+    ----------
+    model
+        The scene's ``pinocchio.Model``.
+    planar
+        Whether nothing can leave the x-y plane.
+    q, v
+        Symbols of configuration (nq x 1) and velocity (nv x 1).
+    damping
+        Viscous resistance R_j of each velocity component (nv x 1), structurally zero where there is none.
+    ties
+        Loads, reduced, along which v' is the acceleration of a joint that mimics another one, relative to
+        what it mimics (nv x n); they keep it at zero.
+    spread
+        Velocities of all joints from those of the free ones (nv x nv), constant.
+    """
+
+    model: Any
+    planar: bool
+    q: ca.SX
+    v: ca.SX
+    kinematics: Kinematics
+    inertias: Inertias
+    articulated: ArticulatedBody
+    damping: ca.SX
+    ties: ca.SX
+    spread: ca.SX
+
+    @property
+    def translation_axes(self) -> tuple[int, ...]:
+        """World axes along which things move: x and y in a planar scene."""
+        return (0, 1) if self.planar else (0, 1, 2)
+
+    @property
+    def rotation_axes(self) -> tuple[int, ...]:
+        """World axes about which things turn: z in a planar scene."""
+        return (2,) if self.planar else (0, 1, 2)
+
+    def placement(self, frame: int) -> tuple[ca.SX, ca.SX]:
+        """Rotation (3x3) and origin (3x1) [m] of a frame."""
+        return frame_placement(self.model, self.kinematics, frame)
+
+    def velocity(self, frame: int) -> tuple[ca.SX, ca.SX]:
+        """Linear and angular velocity of a frame's origin (3x1 each) [m/s, rad/s]."""
+        return frame_velocity(self.model, self.kinematics, frame)
+
+    def jacobian(self, frame: int) -> ca.SX:
+        """Jacobian of a frame (6 x nv), linear rows first."""
+        return frame_jacobian(self.model, self.kinematics, frame)
+
+    def drift(self, frame: int) -> tuple[ca.SX, ca.SX]:
+        """Linear and angular acceleration of a frame at zero joint acceleration (3x1 each)."""
+        return frame_drift(self.model, self.kinematics, frame)
+
+    def reduced(self, torque: ca.SX | None = None, wrenches: Sequence[Wrench] = ()) -> ca.SX:
+        """Generalized forces and wrenches, reduced (nv x 1); see :mod:`spacerobot.dynamics.articulated`."""
+        return self.articulated.reduced(torque, wrenches)
+
+    def reduced_moving(self, torque: ca.SX, wrenches: Sequence[Wrench] = ()) -> ca.SX:
+        """The same together with joint resistance, gravity and inertia forces (nv x 1)."""
+        return self.articulated.reduced(torque - self.damping * self.v, wrenches, moving=True)
+
+    def gathered(self, effort: ca.SX) -> ca.SX:
+        """Generalized forces (nv x n), those on joints that mimic moved to the joints that they follow."""
+        return ca.mtimes(self.spread.T, effort) if self.ties.size2() else effort
+
+    def orientation_error(self, wanted: ca.SX, found: ca.SX) -> ca.SX:
+        """Rotation vector (3x1), world axes, that turns ``found`` into ``wanted`` [rad]."""
+        relative = ca.mtimes(wanted, found.T)
+        if self.planar:
+            angle = ca.SX(3, 1)
+            angle[2] = ca.atan2(relative[1, 0], relative[0, 0])
+            return angle
+        return rotation_log(relative)
