@@ -8,6 +8,8 @@ from __future__ import annotations
 import os
 import sys
 import warnings
+from collections.abc import Sequence
+from pathlib import Path
 from typing import Annotated, TextIO
 
 import typer
@@ -18,6 +20,7 @@ from spacerobot.cli import (
     check,
     compare,
     figures,
+    kinds,
     make_arm,
     paper,
     report,
@@ -55,6 +58,7 @@ MODULES = (
     sweep,
     campaign,
     scenarios,
+    kinds,
     make_arm,
     schema,
 )
@@ -75,8 +79,37 @@ def _options(
     version: Annotated[
         bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version.")
     ] = False,
+    plugin: Annotated[
+        list[Path] | None,
+        typer.Option(
+            metavar="FILE",
+            help="Python file that adds kinds of elements; it is run. Repeatable, also behind a command.",
+        ),
+    ] = None,
 ) -> None:
-    pass
+    del version
+    if plugin:
+        from spacerobot.elements import load_plugin
+
+        for file in plugin:
+            load_plugin(file)
+
+
+def plugins_first(arguments: Sequence[str]) -> list[str]:
+    """Arguments with every ``--plugin FILE`` in front of the command, where it is an option of the whole."""
+    front: list[str] = []
+    rest: list[str] = []
+    waiting = iter(arguments)
+    for argument in waiting:
+        if argument == "--":
+            return [*front, *rest, argument, *waiting]
+        if argument == "--plugin":
+            front += [argument, *(file for file in [next(waiting, None)] if file is not None)]
+        elif argument.startswith("--plugin="):
+            front.append(argument)
+        else:
+            rest.append(argument)
+    return front + rest
 
 
 _show_any = warnings.showwarning
@@ -102,7 +135,7 @@ def main() -> None:
     warnings.showwarning = _show_warning
     try:
         with remembered():
-            app()
+            app(plugins_first(sys.argv[1:]))
     except SystemExit as left:
         # typer turns a Ctrl-C that no command has dealt with into an exit, without a word
         if isinstance(getattr(left.__context__, "__cause__", None), KeyboardInterrupt):

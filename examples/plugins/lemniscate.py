@@ -1,0 +1,60 @@
+"""A reference of one's own: a lemniscate (figure of eight), flown by Eq. 42's blend.
+
+spacerobot run paper --plugin lemniscate.py --set 'robots.*.tips.tip.reference={kind: lemniscate}'
+"""
+
+from typing import Literal
+
+import casadi as ca
+import numpy as np
+
+import spacerobot as sr
+from spacerobot.elements import Context, Profile, Reference, cubic_blend
+from spacerobot.pinocchio_engine import path_of
+from spacerobot.pinocchio_engine.references import Jet, Path
+from spacerobot.section import quantity
+
+
+@sr.register
+class Lemniscate(Reference):
+    """A lemniscate of Gerono in the x-y plane, from its crossing back to its crossing."""
+
+    kind: Literal["lemniscate"] = "lemniscate"
+    size: float = quantity("m", "from the crossing to the farthest point", default=0.1, gt=0)
+    duration: float = quantity("s", "time for the whole figure", default=10.0, gt=0)
+
+    def moved(self, context: Context) -> Profile:
+        """Displacement and its derivatives, by CasADi's own derivative along the blend."""
+        size, blend = context.number("size"), cubic_blend(context.time, context.number("duration"))
+        angle = ca.SX.sym("angle")
+        curve = ca.vertcat(ca.sin(angle), ca.sin(angle) * ca.cos(angle), 0)
+        slope = ca.jacobian(curve, angle)
+        shape = ca.Function("lemniscate", [angle], [curve, slope, ca.jacobian(slope, angle)])
+        turn = 2 * np.pi
+        value, first, second = shape(turn * blend.value)
+        rate, acceleration = turn * blend.rate, turn * blend.acceleration
+        return Profile(size * value, size * first * rate, size * (second * rate**2 + first * acceleration))
+
+    def jumps(self) -> tuple[float, ...]:
+        """Its end."""
+        return (self.duration,)
+
+
+@path_of.register
+def _(reference: Lemniscate) -> Path:
+    """The same written again with double angles, for the pinocchio engine."""
+
+    def jet(t: float, within: float) -> Jet:
+        if within >= reference.duration:
+            return np.zeros(3), np.zeros(3), np.zeros(3)
+        s, T = t / reference.duration, reference.duration
+        angle = 2 * np.pi * (3 * s**2 - 2 * s**3)
+        rate, acceleration = 12 * np.pi * (s - s**2) / T, 12 * np.pi * (1 - 2 * s) / T**2
+        value = np.array([np.sin(angle), np.sin(2 * angle) / 2, 0.0])
+        first = np.array([np.cos(angle), np.cos(2 * angle), 0.0])
+        second = np.array([-np.sin(angle), -2 * np.sin(2 * angle), 0.0])
+        return tuple(
+            reference.size * x for x in (value, first * rate, second * rate**2 + first * acceleration)
+        )
+
+    return jet
