@@ -1,0 +1,50 @@
+"""``spacerobot kinds``: what a scenario can be made of."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from spacerobot.cli.output import console, table
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command("kinds", help=HELP)(command)
+
+
+HELP = """List the kinds of references, grasps and controllers, or the keys of one kind.
+
+Example:
+
+    spacerobot kinds
+
+    spacerobot kinds circle
+"""
+
+
+def command(
+    kind: Annotated[str | None, typer.Argument(help="A kind whose keys to list.")] = None,
+    markdown: Annotated[bool, typer.Option("--markdown", help="As a table for documentation.")] = False,
+) -> None:
+    """List kinds, or the keys of one."""
+    from spacerobot.elements import FAMILIES, kinds
+    from spacerobot.elements import table as tables
+    from spacerobot.errors import SpaceRobotError, near_names
+
+    if markdown:
+        typer.echo(tables.markdown())
+        return
+    every = [(family, name, found) for family in FAMILIES for name, found in kinds(family).items()]
+    rows = [(family.replace("_", " "), name, tables.summary_of(found)) for family, name, found in every]
+    title = ("family", "kind", "what it is")
+    if kind is not None:
+        chosen = [found for _, name, found in every if name == kind]
+        if not chosen:
+            raise SpaceRobotError(f"no kind {kind!r}; {near_names(kind, [name for _, name, _ in every])}")
+        rows, title = (
+            [row for found in chosen for row in tables.fields_of(found)],
+            ("key", "default", "meaning"),
+        )
+    console().print(table(kind, title, rows))

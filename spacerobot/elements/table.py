@@ -1,0 +1,53 @@
+"""Every kind of element as rows for people."""
+
+from __future__ import annotations
+
+import inspect
+import re
+from typing import Any
+
+from spacerobot.elements.element import Element
+from spacerobot.elements.registry import FAMILIES, kinds
+
+PLACES = {
+    "reference": "`robots.*.tips.*.reference`, `target.reference`",
+    "grasp": "`grasps.*`",
+    "tip_controller": "`robots.*.tips.*.controllers.*`, `pid`, `orientation_pid`",
+    "robot_controller": "`robots.*.controllers.*`, `joint_pd`",
+}
+"""Where a kind of each family stands in a scenario."""
+
+
+def summary_of(kind: type[Element]) -> str:
+    """First sentence of a kind's documentation, in one line."""
+    text = " ".join(inspect.cleandoc(kind.__doc__ or "").split("\n\n")[0].split())
+    return text.rstrip(".")
+
+
+def fields_of(kind: type[Element]) -> list[tuple[str, str, str]]:
+    """Keys of a kind's section: name, default (``required`` if there is none), description with its unit."""
+    rows = []
+    for name, field in kind.model_fields.items():
+        if name != "kind":
+            default = "required" if field.is_required() else _text(field.default)
+            rows.append((name, default, re.sub(r"\s+", " ", field.description or "")))
+    return rows
+
+
+def markdown() -> str:
+    """Table of every kind by family, for the documentation."""
+    lines = []
+    for family in FAMILIES:
+        lines += [f"### {family.replace('_', ' ').capitalize()}", "", f"Stands at {PLACES[family]}.", ""]
+        lines += ["| kind | what it is | keys |", "|---|---|---|"]
+        for name, kind in kinds(family).items():
+            keys = ", ".join(f"`{key}`" for key, _, _ in fields_of(kind)) or "none"
+            lines.append(f"| `{name}` | {summary_of(kind)} | {keys} |")
+        lines.append("")
+    return "\n".join(lines)
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, tuple):
+        return " ".join(_text(item) for item in value)
+    return f"{value:g}" if isinstance(value, float) else str(value).lower()

@@ -1,0 +1,169 @@
+"""Laws that every kind of element must keep, whoever wrote it: the kinds come from the registry."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import pytest
+
+import spacerobot.elements as elements
+from spacerobot.closedloop import build_closed_loop
+from spacerobot.elements.grasps.point import Point
+from spacerobot.errors import ScenarioError
+from spacerobot.pinocchio_engine import Engine
+from spacerobot.pinocchio_engine.grasps import grasp_of
+from spacerobot.pinocchio_engine.joint_control import robot_law
+from spacerobot.pinocchio_engine.laws import has_writing
+from spacerobot.pinocchio_engine.references import path_of
+from spacerobot.pinocchio_engine.tip_control import tip_law
+from tests.oracles.small_scenes import PLANAR, SPATIAL, random_x, small_scene
+
+SECOND = {"reference": path_of, "grasp": grasp_of, "tip_controller": tip_law, "robot_controller": robot_law}
+CLOSED_FORMS: dict[tuple[str, str], str] = {}
+"""Kinds without a second writing, and the test that holds them to a closed form instead."""
+
+NEEDS: dict[tuple[str, str], dict[str, object]] = {
+    ("reference", "spline"): {
+        "times": [0, 0.7, 1.5],
+        "displacements": [[0, 0, 0], [0.1, 0, 0], [0, 0.05, 0]],
+    },
+    ("reference", "circle"): {"duration": 1.5, "rotation_deg": [0, 0, 20]},
+    ("reference", "line"): {"duration": 1.5, "displacement": [0.1, -0.05, 0]},
+    ("tip_controller", "pid"): {"kp": 20, "ki": 5, "kd": 3},
+    ("robot_controller", "joint_pd"): {"kp": 20, "kd": 3},
+}
+"""Values without which a section is not valid or does nothing."""
+
+KINDS = [(family, kind) for family in elements.FAMILIES for kind in elements.kinds(family)]
+SCENES = {"planar": PLANAR, "spatial": SPATIAL}
+
+
+def changes(family, kind):
+    """A scene in which one element is of this kind."""
+    section = {"kind": kind} | NEEDS.get((family, kind), {})
+    if family == "reference":
+        return {"robots.one.tips.tip.reference": section}
+    if family == "tip_controller":
+        return {"robots.one.tips.tip.controllers": {"own": section}}
+    if family == "robot_controller":
+        return {"robots.one.controllers": {"own": section}}
+    still = {"robots.*.base.velocity": [0, 0, 0], "robots.*.base.spin_deg": [0, 0, 0]}
+    still |= {"target.base.spin_deg": [0, 0, 0]}
+    return still | {"grasps.left": {"tip": "one/tip", "frame": "mate_1"} | section}
+
+
+def scene_of(family, kind, text=PLANAR):
+    found = changes(family, kind)
+    if text is SPATIAL and family == "grasp":
+        found["grasps.left"]["frame"] = "left"
+    if family == "grasp" and elements.kinds("grasp")[kind].fixes_position:
+        rates = ["joint_1.rate_deg"] if text is PLANAR else ["slant.rate_deg", "slide.speed"]
+        found |= {f"robots.one.joints.{rate}": 0 for rate in rates}
+        if text is SPATIAL:
+            found["target.joints.hinge.rate_deg"] = 0
+    return small_scene(text, found)
+
+
+def state_of(scene, loop, seed):
+    return random_x(scene, np.random.default_rng(seed), loop.nx)
+
+
+@pytest.mark.parametrize(("family", "kind"), KINDS)
+def test_a_kind_has_a_second_writing_or_a_closed_form(family, kind):
+    found = has_writing(SECOND[family], elements.kinds(family)[kind])
+    assert found or (family, kind) in CLOSED_FORMS
+
+
+@pytest.mark.parametrize("text", SCENES.values(), ids=SCENES)
+@pytest.mark.parametrize(("family", "kind"), KINDS)
+def test_the_two_engines_agree(family, kind, text):
+    if (family, kind) in CLOSED_FORMS:
+        pytest.skip(f"held to a closed form by {CLOSED_FORMS[family, kind]}")
+    scene = scene_of(family, kind, text)
+    loop, engine = build_closed_loop(scene), Engine(scene)
+    _, c = loop.setup(loop.parameter_values)
+    for seed in range(3):
+        x, t = state_of(scene, loop, seed), 0.3 + 0.5 * seed
+        rate = loop.dynamics(t, x, c).full().ravel()
+        np.testing.assert_allclose(rate, engine.derivative(t, x), rtol=1e-8, atol=1e-8 * np.abs(rate).max())
+
+
+@pytest.mark.parametrize("text", SCENES.values(), ids=SCENES)
+@pytest.mark.parametrize(("family", "kind"), KINDS)
+def test_momentum_and_energy_are_accounted_for_at_every_instant(family, kind, text):
+    scene = scene_of(family, kind, text)
+    loop = build_closed_loop(scene)
+    _, c = loop.setup(loop.parameter_values)
+    t, x = ca.SX.sym("t"), ca.SX.sym("x", loop.nx)
+    named = dict(zip(loop.outputs.name_out(), loop.outputs(t, x, c), strict=True))
+    stored = named["energy_kinetic"] + named["energy_spring"] + named["energy_potential"]
+    booked = sum(sign * named[f"work_{name}"] for name, sign in loop.works.items())
+    kept = ca.vertcat(stored - booked, named["momentum_linear"], named["momentum_angular"])
+    flow = ca.jtimes(kept, x, loop.dynamics(t, x, c))
+    powers = ca.vertcat(*(ca.jtimes(named[f"work_{n}"], x, loop.dynamics(t, x, c)) for n in loop.works))
+    evaluate = ca.Function("kept", [t, x], [flow, powers])
+    assert not loop.outside
+    for seed in range(3):
+        # springs hold their rest in c, so t enters only through references, which do no work by themselves
+        found, works = (value.full().ravel() for value in evaluate(0.4, state_of(scene, loop, seed)))
+        scale = 1 + np.abs(works).max()
+        np.testing.assert_allclose(found / scale, 0, atol=1e-9)
+
+
+@pytest.mark.parametrize(("family", "kind"), KINDS)
+def test_derivatives_are_exact(family, kind):
+    scene = scene_of(family, kind)
+    loop = build_closed_loop(scene)
+    p = ca.SX.sym("p", len(loop.parameter_paths))
+    x = state_of(scene, loop, 5)
+    _, c = loop.setup(p)
+    rate = ca.Function("rate", [p], [loop.dynamics(0.45, x, c)])
+    own = [
+        i
+        for i, path in enumerate(loop.parameter_paths)
+        if path.startswith(tuple(changes(family, kind))) and loop.parameter_values[i] != 0
+    ]
+    jacobian = ca.Function("jacobian", [p], [ca.jacobian(rate(p), p)])(loop.parameter_values).full()
+    for i in own:
+        values, step = np.array(loop.parameter_values), 1e-5 * abs(loop.parameter_values[i])
+        ahead, behind = values.copy(), values.copy()
+        ahead[i] += step
+        behind[i] -= step
+        difference = (rate(ahead) - rate(behind)).full().ravel() / (2 * step)
+        scale = 1 + np.abs(difference).max()
+        np.testing.assert_allclose(jacobian[:, i] / scale, difference / scale, atol=1e-6)
+
+
+def bounded_fields():
+    """Numbers of every kind with one that is not allowed."""
+    for family, kind in KINDS:
+        for name, field in elements.kinds(family)[kind].model_fields.items():
+            for rule in field.metadata:
+                if hasattr(rule, "gt"):
+                    yield family, kind, name, rule.gt
+                elif hasattr(rule, "ge"):
+                    yield family, kind, name, rule.ge - 1
+
+
+@pytest.mark.parametrize(("family", "kind", "key", "bad"), list(bounded_fields()))
+def test_a_number_out_of_range_is_refused_by_its_path(family, kind, key, bad):
+    found = changes(family, kind)
+    place = next(path for path in found if "base" not in path)
+    section = found[place].get("own", found[place])
+    section[key] = bad
+    inside = ".own" if "own" in found[place] else ""
+    with pytest.raises(ScenarioError) as fault:
+        small_scene(PLANAR, found)
+    assert f"{place}{inside}.{key}" in str(fault.value)
+    assert "allowed" in fault.value.message
+
+
+@pytest.mark.parametrize(("family", "kind"), KINDS)
+def test_every_field_has_a_description(family, kind):
+    for name, field in elements.kinds(family)[kind].model_fields.items():
+        assert field.description or name == "kind", name
+
+
+def test_rigid_grasps_take_away_what_they_say():
+    assert Point.fixes_position
+    assert not Point.fixes_orientation

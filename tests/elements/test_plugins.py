@@ -1,0 +1,116 @@
+"""A user's own elements, in the user's own file."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from spacerobot.elements import load_plugin
+from spacerobot.errors import SpaceRobotError
+
+ROOT = Path(__file__).parents[2]
+PLUGINS = ROOT / "examples" / "plugins"
+
+
+def run(*arguments):
+    """The command in a process of its own, so that kinds stay out of other tests."""
+    command = [sys.executable, "-m", "spacerobot", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, cwd=ROOT, check=False)
+
+
+@pytest.mark.parametrize("name", ["impedance", "lemniscate"])
+def test_the_worked_examples_are_short(name):
+    assert len((PLUGINS / f"{name}.py").read_text(encoding="utf-8").splitlines()) < 60
+
+
+SCRIPT = """
+import numpy as np
+import spacerobot as sr
+from spacerobot.closedloop import build_closed_loop
+from spacerobot.pinocchio_engine import Engine
+from pathlib import Path
+
+sr.load_plugin(Path("examples/plugins/impedance.py"))
+sr.load_plugin(Path("examples/plugins/lemniscate.py"))
+changes = {"robots.*.tips.tip.reference": {"kind": "lemniscate", "duration": 2.0}, "simulation.duration": 0.4}
+scene = sr.load_scene("paper", changes)
+loop, engine = build_closed_loop(scene), Engine(scene)
+_, c = loop.setup(loop.parameter_values)
+x = engine.normalise(engine.x0 + 1e-3)
+second = engine.derivative(0.7, x)
+assert np.abs(loop.dynamics(0.7, x, c).full().ravel() - second).max() < 1e-9 * np.abs(second).max()
+for vary in ("robots.rpr1.tips.tip.reference.size", "robots.rpr1.tips.tip.controllers.soft.stiffness"):
+    soft = {"robots.rpr1.tips.tip.controllers": {"soft": {"kind": "impedance", "stiffness": 80.0}}}
+    own = sr.load_scene("paper", changes | soft)
+    loop = build_closed_loop(own)
+    rollout = sr.build_rollout(loop, duration_s=0.4, step_s=0.004, backend="interpreted")
+    assert vary in loop.parameter_paths
+    jacobian = rollout.jacobian(wrt=[vary], outputs=["tip_position"]).outputs["tip_position"]
+    value, step = loop.parameters()[loop.index(vary)], 1e-5
+    ends = [rollout.run({vary: value * (1 + s * step)}).outputs["tip_position"] for s in (1, -1)]
+    difference = (ends[0] - ends[1]) / (2 * step * value)
+    assert np.abs(jacobian[..., 0] - difference).max() < 1e-6 * max(1e-3, np.abs(difference).max()) + 1e-9
+result = sr.simulate(own, backend="interpreted")
+assert result.data.impedance_force.dims == ("time", "tip", "axis")
+assert result.data.impedance_force.attrs["units"] == "N"
+assert bool(np.isnan(result.data.impedance_force.sel(tip="rpr2/tip")).all())
+assert result.summary["ledger"]["energy"]["relative_residual"] < 1e-6
+"""
+
+
+def test_the_worked_examples_get_what_shipped_elements_get():
+    done = subprocess.run(
+        [sys.executable, "-c", SCRIPT], capture_output=True, text=True, cwd=ROOT, check=False
+    )
+    assert done.returncode == 0, done.stderr
+
+
+def test_a_plugin_is_given_on_the_command_line():
+    change = "robots.*.tips.tip.reference={kind: lemniscate}"
+    done = run("check", "paper", "--plugin", PLUGINS / "lemniscate.py", "--set", change)
+    assert done.returncode == 0, done.stderr
+    assert "reference lemniscate" in " ".join(done.stdout.split())
+    assert run("check", "paper", "--set", change).returncode == 2
+
+
+def test_the_second_engine_refuses_what_has_no_second_writing():
+    change = "robots.rpr1.tips.tip.controllers={soft: {kind: impedance}}"
+    done = run("run", "paper", "--plugin", PLUGINS / "impedance.py", "--set", change, "--engine", "pinocchio")
+    assert done.returncode == 2
+    assert "no second writing" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("x = 1 / 0\n", "line 1: ZeroDivisionError"),
+        ("import spacerobot as sr\n\n@sr.register\nclass A:\n    pass\n", "family"),
+        (
+            "import spacerobot as sr\nfrom spacerobot.elements import Reference\n\n"
+            "@sr.register\nclass A(Reference):\n    'No kind.'\n",
+            "no kind",
+        ),
+    ],
+)
+def test_a_plugin_that_fails_is_told_in_one_line(tmp_path, text, told):
+    file = tmp_path / "own.py"
+    file.write_text(text, encoding="utf-8")
+    with pytest.raises(SpaceRobotError) as fault:
+        load_plugin(file)
+    assert str(file) in str(fault.value)
+    assert told in str(fault.value)
+
+
+def test_a_kind_whose_name_is_taken_is_refused(tmp_path):
+    file = tmp_path / "own.py"
+    file.write_text(
+        "from typing import Literal\nimport spacerobot as sr\nfrom spacerobot.elements import Reference\n\n"
+        "@sr.register\nclass Other(Reference):\n    'Another line.'\n    kind: Literal['line'] = 'line'\n",
+        encoding="utf-8",
+    )
+    with pytest.raises(SpaceRobotError, match="taken by spacerobot"):
+        load_plugin(file)
