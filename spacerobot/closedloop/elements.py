@@ -15,7 +15,7 @@ from spacerobot.elements import (
     TipContext,
 )
 from spacerobot.elements.context import Affine
-from spacerobot.elements.sensor import calibrated, ideal
+from spacerobot.elements.sensor import ideal
 from spacerobot.scenario import Robot
 from spacerobot.scene import Scene, SceneBody, SceneGrasp, SceneTip
 from spacerobot.symbolic import Plant, Start
@@ -67,9 +67,10 @@ class Builder:
         return tip.reference.motion(self.context.at(path), self.start.placement(tip.frame), pivot)
 
     def _sensors(self, body: SceneBody) -> Callable[[str], Affine]:
-        if not isinstance(body.config, Robot) or body.config.sensors is None:
+        sensors = body.config.sensors if isinstance(body.config, Robot) else None
+        if sensors is None:
             return ideal
-        return functools.partial(calibrated, self.context.at(f"{body.path}.sensors"))
+        return lambda signal: sensors[signal].affine(self.context.at(f"{body.path}.sensors.{signal}"))
 
     def columns(self, body: SceneBody) -> tuple[int, ...]:
         """Places of the arm's joints in v."""

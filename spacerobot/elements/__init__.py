@@ -8,6 +8,7 @@ from spacerobot.elements.grasp import Grasp
 from spacerobot.elements.motion import Motion, Profile, cubic_blend
 from spacerobot.elements.reference import Reference
 from spacerobot.elements.registry import FAMILIES, Family, kinds, load_plugin, register
+from spacerobot.elements.sensor import Sensor
 
 __all__ = [
     "FAMILIES",
@@ -26,6 +27,7 @@ __all__ = [
     "Reference",
     "RobotContext",
     "RobotController",
+    "Sensor",
     "State",
     "TipContext",
     "TipController",

@@ -30,6 +30,7 @@ FAMILIES = {
     "grasp": "spacerobot.elements.grasps",
     "tip_controller": "spacerobot.elements.controllers",
     "robot_controller": "spacerobot.elements.controllers",
+    "sensor": "spacerobot.elements.sensors",
 }
 """Families, and the package whose modules hold the kinds that ship."""
 
@@ -144,9 +145,18 @@ def _load_installed() -> None:
 
 @dataclass(frozen=True)
 class Family:
-    """Annotation of a field: a section of any registered kind of a family, told apart by ``kind``."""
+    """Annotation of a field: a section of any registered kind of a family, told apart by ``kind``.
+
+    Attributes
+    ----------
+    name
+        Of the family.
+    default
+        Kind of a section that names none; it must name one if None.
+    """
 
     name: str
+    default: str | None = None
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         """Schema of the union of all kinds there are now."""
@@ -158,6 +168,8 @@ class Family:
         def known(value: Any) -> Any:
             if not isinstance(value, dict | Element):
                 raise PydanticCustomError("dict_type", "a section is wanted")
+            if isinstance(value, dict) and self.default is not None:
+                value = {"kind": self.default} | value
             if isinstance(value, dict) and value.get("kind") not in found:
                 raise PydanticCustomError("unknown_kind", "{told}", {"told": _unknown(value, tuple(found))})
             return value

@@ -5,6 +5,6 @@ from spacerobot.pinocchio_engine.grasps import grasp_of
 from spacerobot.pinocchio_engine.joint_control import robot_law
 from spacerobot.pinocchio_engine.references import path_of, turn_of
 from spacerobot.pinocchio_engine.simulate import simulate
-from spacerobot.pinocchio_engine.tip_control import tip_law
+from spacerobot.pinocchio_engine.tip_control import reading_of, tip_law
 
-__all__ = ["Engine", "grasp_of", "path_of", "robot_law", "simulate", "tip_law", "turn_of"]
+__all__ = ["Engine", "grasp_of", "path_of", "reading_of", "robot_law", "simulate", "tip_law", "turn_of"]

@@ -19,7 +19,7 @@ from spacerobot.elements.controllers.joint_pd import JointPd
 from spacerobot.pinocchio_engine.kinematics import Kinematics, joint_space_inertia, rotation_vector
 from spacerobot.pinocchio_engine.laws import refusal
 from spacerobot.pinocchio_engine.references import Motion
-from spacerobot.pinocchio_engine.tip_control import Channel, Command, sensors_of
+from spacerobot.pinocchio_engine.tip_control import Channel, Command, reading_of, sensors_of
 from spacerobot.scenario import Robot
 from spacerobot.scene import Scene, SceneBody
 from spacerobot.scene.scene import Array
@@ -59,8 +59,9 @@ class JointController:
         """Generalized forces (nv,) of Eq. 34."""
         sensors, columns = sensors_of(self.body), self._columns
         position = self._nearest_positions(kinematics.q, desired)
-        angle = sensors.joint_position.offset + sensors.joint_position.scale * position
-        rate = sensors.joint_rate.offset + sensors.joint_rate.scale * kinematics.v[columns]
+        angles, rates = reading_of(sensors.joint_position), reading_of(sensors.joint_rate)
+        angle = angles.offset + angles.scale * position
+        rate = rates.offset + rates.scale * kinematics.v[columns]
         torque = np.zeros(self.scene.model.nv)
         torque[columns] = self.config.kp * (desired - angle) - self.config.kd * rate
         return torque

@@ -13,14 +13,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spacerobot.elements import TipController
+from spacerobot.elements import Sensor, TipController
 from spacerobot.elements.controllers.amnesia import Amnesia
 from spacerobot.elements.controllers.pid import Pid
-from spacerobot.elements.sensor import Calibration, Sensors
+from spacerobot.elements.sensors.linear import Linear
 from spacerobot.pinocchio_engine.kinematics import FrameMotion, Kinematics, rotation_vector
 from spacerobot.pinocchio_engine.laws import refusal
 from spacerobot.pinocchio_engine.references import Motion
 from spacerobot.scenario import Robot
+from spacerobot.scenario.sensors import Sensors
 from spacerobot.scene import Scene, SceneBody, SceneTip
 from spacerobot.scene.scene import Array
 
@@ -132,10 +133,10 @@ class Channel:
         rows = list(self.rows)
         if self.pid.feedback == "inertial":
             name = "tip_angular_velocity" if self.rotation else "tip_velocity"
-            sensor: Calibration = getattr(self.sensors, name)
+            sensor = reading_of(self.sensors[name])
             velocity = sensor.offset + sensor.scale * frame.velocity[rows]
             return sensor.scale * frame.jacobian[rows], velocity, sensor.scale * frame.drift[rows]
-        sensor = self.sensors.joint_rate
+        sensor = reading_of(self.sensors.joint_rate)
         measured = np.zeros(kinematics.model.nv)
         columns = list(self.columns)
         measured[columns] = sensor.offset + sensor.scale * kinematics.v[columns]
@@ -153,11 +154,22 @@ class Channel:
         """Reference minus measurement, of the position or as a rotation vector."""
         axes = [row % 3 for row in self.rows]
         if not self.rotation:
-            sensor = self.sensors.tip_position
+            sensor = reading_of(self.sensors.tip_position)
             return (motion.position - (sensor.offset + sensor.scale * frame.position))[axes]
-        sensor = self.sensors.tip_orientation
+        sensor = reading_of(self.sensors.tip_orientation)
         signal = rotation_vector(frame.rotation, motion.rotation)  # tip relative to reference
         return -(sensor.offset + sensor.scale * signal)[axes]
+
+
+@functools.singledispatch
+def reading_of(sensor: Sensor) -> Linear:
+    """Offset and scale of a sensor, of each kind."""
+    raise refusal(sensor)
+
+
+@reading_of.register
+def _(sensor: Linear) -> Linear:
+    return sensor
 
 
 def sensors_of(body: SceneBody) -> Sensors:

@@ -11,7 +11,7 @@ from spacerobot.elements import Family, Reference, RobotController, TipControlle
 from spacerobot.elements.controllers.amnesia import Amnesia
 from spacerobot.elements.controllers.joint_pd import JointPd
 from spacerobot.elements.controllers.pid import Pid
-from spacerobot.elements.sensor import Sensors
+from spacerobot.scenario.sensors import Sensors
 from spacerobot.section import Name, Section, Vector, quantity
 
 

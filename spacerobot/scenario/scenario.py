@@ -11,6 +11,7 @@ from spacerobot.elements.registry import on_change
 from spacerobot.errors import near_names
 from spacerobot.scenario.bodies import Base, Robot, Target, Tip
 from spacerobot.scenario.campaign import Campaign
+from spacerobot.scenario.sensors import Sensors
 from spacerobot.scenario.tuning import Tuning
 from spacerobot.section import Name, Section, Vector, quantity
 
@@ -96,7 +97,7 @@ class Scenario(Section):
 
 def _rebuild() -> None:
     """Take in the kinds that were added, from the inside out."""
-    for section in (Tip, Robot, Target, Scenario):
+    for section in (Tip, Sensors, Robot, Target, Scenario):
         section.model_rebuild(force=True)
 
 

@@ -8,7 +8,6 @@ import numpy as np
 import pinocchio as pin
 
 from spacerobot.description.bodies import odd_bodies
-from spacerobot.elements.sensor import Calibration
 from spacerobot.scenario import Robot
 from spacerobot.scene.checks import controlled_directions, in_null_space, resolved_bodies
 from spacerobot.scene.closing import Closing, find_closings, has_loops, is_rigid, open_grasps
@@ -83,10 +82,11 @@ def _unread_sensors(scene: Scene, body: SceneBody) -> list[str]:
         if tip.body is body:
             for key, controller in tip.config.elements():
                 read |= controller.reads(key, tip.config.sections)
+    texts = {signal: field.description for signal, field in type(config.sensors).model_fields.items()}
     return [
-        f"{body.path}.sensors.{signal}: without effect, no controller of this robot reads it"
-        for signal, calibration in config.sensors
-        if signal not in read and calibration != Calibration()
+        f"{body.path}.sensors.{signal}: without effect, no controller of this robot reads it ({texts[signal]})"
+        for signal, sensor in config.sensors
+        if signal not in read and not sensor.is_ideal
     ]
 
 

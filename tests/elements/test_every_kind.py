@@ -15,10 +15,16 @@ from spacerobot.pinocchio_engine.grasps import grasp_of
 from spacerobot.pinocchio_engine.joint_control import robot_law
 from spacerobot.pinocchio_engine.laws import has_writing
 from spacerobot.pinocchio_engine.references import path_of
-from spacerobot.pinocchio_engine.tip_control import tip_law
+from spacerobot.pinocchio_engine.tip_control import reading_of, tip_law
 from tests.oracles.small_scenes import PLANAR, SPATIAL, random_x, small_scene
 
-SECOND = {"reference": path_of, "grasp": grasp_of, "tip_controller": tip_law, "robot_controller": robot_law}
+SECOND = {
+    "reference": path_of,
+    "grasp": grasp_of,
+    "tip_controller": tip_law,
+    "robot_controller": robot_law,
+    "sensor": reading_of,
+}
 CLOSED_FORMS: dict[tuple[str, str], str] = {}
 """Kinds without a second writing, and the test that holds them to a closed form instead."""
 
@@ -31,6 +37,7 @@ NEEDS: dict[tuple[str, str], dict[str, object]] = {
     ("reference", "line"): {"duration": 1.5, "displacement": [0.1, -0.05, 0]},
     ("tip_controller", "pid"): {"kp": 20, "ki": 5, "kd": 3},
     ("robot_controller", "joint_pd"): {"kp": 20, "kd": 3},
+    ("sensor", "linear"): {"offset": 0.01, "scale": 1.1},
 }
 """Values without which a section is not valid or does nothing."""
 
@@ -45,6 +52,8 @@ def changes(family, kind):
         return {"robots.one.tips.tip.reference": section}
     if family == "tip_controller":
         return {"robots.one.tips.tip.controllers": {"own": section}}
+    if family == "sensor":
+        return {"robots.one.sensors.joint_rate": section}
     if family == "robot_controller":
         return {"robots.one.controllers": {"own": section}}
     still = {"robots.*.base.velocity": [0, 0, 0], "robots.*.base.spin_deg": [0, 0, 0]}

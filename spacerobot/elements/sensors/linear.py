@@ -1,0 +1,28 @@
+"""Linear sensor (section 1.6 of the paper)."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from spacerobot.elements.context import Affine, Context
+from spacerobot.elements.registry import register
+from spacerobot.elements.sensor import Sensor
+from spacerobot.section import SIGNALS_UNIT, quantity
+
+
+@register
+class Linear(Sensor):
+    """Linear sensor S = a + b s, the same for every component of the signal (section 1.6)."""
+
+    kind: Literal["linear"] = "linear"
+    offset: float = quantity(SIGNALS_UNIT, "a", default=0.0)
+    scale: float = quantity("1", "b", default=1.0)
+
+    def affine(self, context: Context) -> Affine:
+        """Both are numbers of the section."""
+        return context.number("offset"), context.number("scale")
+
+    @property
+    def is_ideal(self) -> bool:
+        """Whether a is 0 and b is 1."""
+        return self.offset == 0 and self.scale == 1

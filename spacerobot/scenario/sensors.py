@@ -1,0 +1,41 @@
+"""The sensors of a robot, one for each signal that a controller may read."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from spacerobot.elements import Family, Sensor
+from spacerobot.elements.sensors.linear import Linear
+from spacerobot.section import Section, quantity
+
+AnySensor = Annotated[Sensor, Family("sensor", default="linear")]
+
+
+class Sensors(Section):
+    """Sensors of one robot, one for each signal that a controller feeds back."""
+
+    joint_position: AnySensor = quantity(
+        "rad, m", "joint positions, used by the joint PD", default=Linear()
+    )
+    joint_rate: AnySensor = quantity(
+        "rad/s, m/s", "joint rates, used by `feedback: base` and the joint PD", default=Linear()
+    )
+    tip_position: AnySensor = quantity(
+        "m", "tip positions, used by the amnesia controller", default=Linear()
+    )
+    tip_velocity: AnySensor = quantity(
+        "m/s", "tip velocities, used by `feedback: inertial`", default=Linear()
+    )
+    tip_orientation: AnySensor = quantity(
+        "rad",
+        "rotation vector of tips relative to their references, for the amnesia controller",
+        default=Linear(),
+    )
+    tip_angular_velocity: AnySensor = quantity(
+        "rad/s", "angular velocities of tips, used by `feedback: inertial`", default=Linear()
+    )
+
+    def __getitem__(self, signal: str) -> Sensor:
+        """Sensor of a signal."""
+        found: Sensor = getattr(self, signal)
+        return found
