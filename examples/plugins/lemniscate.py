@@ -53,8 +53,7 @@ def _(reference: Lemniscate) -> Path:
         value = np.array([np.sin(angle), np.sin(2 * angle) / 2, 0.0])
         first = np.array([np.cos(angle), np.cos(2 * angle), 0.0])
         second = np.array([-np.sin(angle), -2 * np.sin(2 * angle), 0.0])
-        return tuple(
-            reference.size * x for x in (value, first * rate, second * rate**2 + first * acceleration)
-        )
+        size = reference.size
+        return size * value, size * first * rate, size * (second * rate**2 + first * acceleration)
 
     return jet

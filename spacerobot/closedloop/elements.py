@@ -6,6 +6,8 @@ import functools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
+import casadi as ca
+
 from spacerobot.elements import (
     Context,
     Contribution,

@@ -86,7 +86,9 @@ def solve_accelerations(plant: Plant, acting: Contribution, limits: Mapping[int,
     for (sense, _), reaction in zip(held, reactions, strict=True):
         driven = driven + ca.mtimes(sense, reaction)
     acceleration = plant.articulated.motion(driven)
-    return Solution(acceleration, torque, _on_targets(acting.constraints, reactions[: len(acting.constraints)]))
+    return Solution(
+        acceleration, torque, _on_targets(acting.constraints, reactions[: len(acting.constraints)])
+    )
 
 
 def _projected(plant: Plant, asked: Torque, channels: Sequence[Channel]) -> ca.SX:

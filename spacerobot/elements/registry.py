@@ -170,7 +170,7 @@ class Family:
                 raise PydanticCustomError("dict_type", "a section is wanted")
             if isinstance(value, dict) and self.default is not None:
                 value = {"kind": self.default} | value
-            if isinstance(value, dict) and value.get("kind") not in found:
+            if isinstance(value, dict) and value.get("kind") not in tuple(found):
                 raise PydanticCustomError("unknown_kind", "{told}", {"told": _unknown(value, tuple(found))})
             return value
 

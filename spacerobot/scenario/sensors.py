@@ -14,15 +14,11 @@ AnySensor = Annotated[Sensor, Family("sensor", default="linear")]
 class Sensors(Section):
     """Sensors of one robot, one for each signal that a controller feeds back."""
 
-    joint_position: AnySensor = quantity(
-        "rad, m", "joint positions, used by the joint PD", default=Linear()
-    )
+    joint_position: AnySensor = quantity("rad, m", "joint positions, used by the joint PD", default=Linear())
     joint_rate: AnySensor = quantity(
         "rad/s, m/s", "joint rates, used by `feedback: base` and the joint PD", default=Linear()
     )
-    tip_position: AnySensor = quantity(
-        "m", "tip positions, used by the amnesia controller", default=Linear()
-    )
+    tip_position: AnySensor = quantity("m", "tip positions, used by the amnesia controller", default=Linear())
     tip_velocity: AnySensor = quantity(
         "m/s", "tip velocities, used by `feedback: inertial`", default=Linear()
     )

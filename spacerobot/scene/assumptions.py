@@ -84,7 +84,8 @@ def _unread_sensors(scene: Scene, body: SceneBody) -> list[str]:
                 read |= controller.reads(key, tip.config.sections)
     texts = {signal: field.description for signal, field in type(config.sensors).model_fields.items()}
     return [
-        f"{body.path}.sensors.{signal}: without effect, no controller of this robot reads it ({texts[signal]})"
+        f"{body.path}.sensors.{signal}: without effect, no controller of this robot reads it "
+        f"({texts[signal]})"
         for signal, sensor in config.sensors
         if signal not in read and not sensor.is_ideal
     ]

@@ -3,9 +3,9 @@
 import pytest
 
 from spacerobot.scenario.load import to_document
-from spacerobot.scenario.paths import leaves
 from spacerobot.scenario.units import unit_at
 from spacerobot.scene import load_scene
+from spacerobot.section import leaves
 
 
 @pytest.fixture(scope="module")
