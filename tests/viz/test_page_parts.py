@@ -10,7 +10,7 @@ import pytest
 from PIL import Image, ImageSequence
 
 from spacerobot.scene import load_scene
-from spacerobot.simulate import simulate
+from spacerobot.simulation import simulate
 from viz.animation import animation
 from viz.masses import centres_of_mass
 from viz.page import animation_page
