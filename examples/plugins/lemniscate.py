@@ -25,7 +25,7 @@ class Lemniscate(Reference):
 
     def moved(self, context: Context) -> Profile:
         """Displacement and its derivatives, by CasADi's own derivative along the blend."""
-        size, blend = context.number("size"), cubic_blend(context.time, context.number("duration"))
+        size, blend = context.number("size"), cubic_blend(context)
         angle = ca.SX.sym("angle")
         curve = ca.vertcat(ca.sin(angle), ca.sin(angle) * ca.cos(angle), 0)
         slope = ca.jacobian(curve, angle)

@@ -6,8 +6,9 @@ from typing import ClassVar
 
 import casadi as ca
 
-from spacerobot.elements.context import Affine, Context
+from spacerobot.elements.context import Affine
 from spacerobot.elements.element import Element
+from spacerobot.elements.numbers import Context
 
 
 class Sensor(Element):

@@ -10,8 +10,8 @@ import numpy as np
 import pinocchio as pin
 
 from spacerobot.dynamics.rotations import rotation_from_rpy
-from spacerobot.elements.context import Context
 from spacerobot.elements.motion import Profile
+from spacerobot.elements.numbers import Context
 from spacerobot.elements.reference import DEGREE, PLANE_TOLERANCE, TimedReference
 from spacerobot.elements.registry import register
 from spacerobot.section import Vector, quantity

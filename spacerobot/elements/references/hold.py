@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Literal
 
-from spacerobot.elements.context import Context
 from spacerobot.elements.motion import STILL, Profile
+from spacerobot.elements.numbers import Context
 from spacerobot.elements.reference import Reference
 from spacerobot.elements.registry import register
 

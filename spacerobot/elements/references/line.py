@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Literal
 
-from spacerobot.elements.context import Context
 from spacerobot.elements.motion import Profile, along
+from spacerobot.elements.numbers import Context
 from spacerobot.elements.reference import TimedReference
 from spacerobot.elements.registry import register
 from spacerobot.section import Vector, quantity

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Literal
 
-from spacerobot.elements.context import Affine, Context
+from spacerobot.elements.context import Affine
+from spacerobot.elements.numbers import Context
 from spacerobot.elements.registry import register
 from spacerobot.elements.sensor import Sensor
 from spacerobot.section import SIGNALS_UNIT, quantity
