@@ -18,6 +18,14 @@ from spacerobot.scene import Scene
 SMALLEST_LENGTH = 1e-9  # m; keeps the distance smooth where the error is zero
 SMALLEST_FORCE = 1e-6  # N; the same for forces
 OBJECTIVE = "objective"
+UNITS = {
+    "minimax": (1e3, "mm"),
+    "ise": (1.0, "m^2 s"),
+    "itae": (1.0, "m s^2"),
+    "eq45": (1.0, "m^2 s^3"),
+    "eq45_printed": (1.0, "m^2 s^3"),
+}
+"""Factor and unit in which an objective reads well, by kind."""
 EQ45 = ("eq45", "eq45_printed")
 
 UserObjective = Callable[[Signals], Measure]

@@ -118,8 +118,11 @@ def resolve_variables(scene: Scene, tuning: Tuning, chosen: Sequence[str] | None
 
 
 def at_bound(names: Sequence[str], u: Array) -> dict[str, str]:
-    """Variables that are at (or beyond) a bound at a point u (k,): ``lower`` or ``upper``, by name."""
-    ends = {name: "lower" if x <= NEAR_BOUND else "upper" for name, x in zip(names, u, strict=True)}
-    return {
-        n: end for (n, end), x in zip(ends.items(), u, strict=True) if not NEAR_BOUND < x < 1 - NEAR_BOUND
-    }
+    """Variables that are at or beyond a bound at a point u (k,), and in words where, by name."""
+    found = {}
+    for name, x in zip(names, u, strict=True):
+        if not NEAR_BOUND < x < 1 - NEAR_BOUND:
+            which = "lower" if x <= NEAR_BOUND else "upper"
+            how = "at" if -NEAR_BOUND <= x <= 1 + NEAR_BOUND else "below" if x < 0 else "above"
+            found[name] = f"{how} its {which} bound"
+    return found

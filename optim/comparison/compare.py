@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from optim.comparison.contest import Contest, Entry, Session, run_contest
@@ -12,6 +12,7 @@ from optim.plants import build_judge
 from optim.problem import build_problem
 from optim.scenes import tuning_of
 from spacerobot.errors import ScenarioError, near_names
+from spacerobot.scenario import Tuning
 from spacerobot.scene import Scene
 
 
@@ -55,7 +56,7 @@ def compare(
     methods, readings, sets
         Which; all that the section names if None.
     effort
-        What the methods may do; the section's if None.
+        What the methods may do; see :func:`even_effort` if None.
     session
         Who does it, and where journals are kept; threads of this process, and nowhere, if None.
 
@@ -70,7 +71,7 @@ def compare(
         If there is no tuning section, or it does not have what was asked for.
     """
     tuning, session = tuning_of(scene), session or Session()
-    effort = effort or effort_of(tuning)
+    effort = effort or even_effort(tuning)
     chosen = [
         (reading, name)
         for reading in _chosen(readings, list(tuning.readings), scene, "readings")
@@ -80,6 +81,23 @@ def compare(
     return compete(
         scene.scenario.name, ((e, asked, effort) for e in _entries(scene, chosen, session)), session
     )
+
+
+def even_effort(
+    tuning: Tuning, changes: Mapping[str, int | None] | None = None, *, full: bool = False
+) -> Effort:
+    """Effort with the same budget for every method that draws points.
+
+    Parameters
+    ----------
+    tuning
+        Its ``rival_budget``, or its ``budget`` if ``full``, is that of each run.
+    changes
+        ``budget``, ``runs``, ``starts``, ``seed`` in place of the section's; None leaves one.
+    """
+    asked = dict(changes or {})
+    budget = asked.get("budget") or (tuning.budget if full else min(tuning.budget, tuning.rival_budget))
+    return effort_of(tuning, **(asked | {"budget": budget, "rival_budget": budget}))
 
 
 def compete(

@@ -131,12 +131,12 @@ class Contest:
         return min((run.objective for run in runs), default=float("nan"))
 
     def trials(self, method: str) -> list[Trial]:
-        """Independent runs of a method. What came before a run, its screening or the GA, is charged to it."""
+        """Independent runs of a method; one that begins with the GA's best is charged all runs of the GA."""
         outcome = self.outcomes[method]
-        before = sum((run.cost for run in outcome.runs if run.status == "screened"), Cost())
+        before = Cost()
         if method == "nlp_ga":
             before = sum((run.cost for run in _evolved(self.outcomes).runs), before)
-        return [trial_of(run, self.currency, before) for run in outcome.runs if run.status != "screened"]
+        return [trial_of(run, self.currency, before) for run in outcome.runs]
 
     def active(self, method: str) -> list[str]:
         """Variables of a method's best that are at (or beyond) a bound."""
@@ -185,6 +185,7 @@ def run_contest(entry: Entry, methods: Sequence[str], effort: Effort, session: S
         After Ctrl-C, what was found until then.
     """
     problem, nominal = entry.problem, entry.nominal
+    effort = replace(effort, repeats=effort.runs)  # as many independent runs of every method
     start, readiness = _made_ready(problem, gradients=any(name in WITH_GRADIENTS for name in methods))
     currency, effort = currency_of(nominal), replace(effort, repeats=effort.runs)
     outcomes: dict[str, Outcome] = {}

@@ -14,21 +14,13 @@ from optim.comparison.running_time import LEVEL, PRECISIONS, Trial, running_time
 from optim.comparison.statistics import statistics
 from optim.comparison.verdict import verdict
 from optim.methods import Outcome
-from optim.objectives import OBJECTIVE
+from optim.objectives import OBJECTIVE, UNITS
 from optim.plain import plain
 from optim.protocol import Array, Cost
 from optim.search import Run
 
 FORMAT = 2
 MOST_MOMENTS = 200  # of each trial's history that are kept
-UNITS = {
-    "minimax": (1e3, "mm"),
-    "ise": (1.0, "m^2 s"),
-    "itae": (1.0, "m s^2"),
-    "eq45": (1.0, "m^2 s^3"),
-    "eq45_printed": (1.0, "m^2 s^3"),
-}
-"""Factor and unit in which an objective reads well, by kind."""
 
 
 def to_data(comparison: Comparison) -> dict[str, Any]:

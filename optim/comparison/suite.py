@@ -7,9 +7,9 @@ from importlib import resources
 from typing import Any
 
 from optim.campaign.robust import build_robust
-from optim.comparison.compare import Comparison, compete
+from optim.comparison.compare import Comparison, compete, even_effort
 from optim.comparison.contest import Entry, Session
-from optim.methods import Effort, effort_of
+from optim.methods import Effort
 from optim.problem import build_problem
 from optim.scenes import tuning_of
 from spacerobot.errors import SpaceRobotError, near_names
@@ -57,10 +57,7 @@ def compare_suite(
     for name in chosen:
         if name not in suite["contests"]:
             raise SpaceRobotError(f"no contest '{name}' in the suite, {near_names(name, suite['contests'])}")
-    asked = dict(effort or {})
-    made = _made(
-        suite, chosen, methods or suite["methods"], asked | {"rival_budget": asked.get("budget")}, session
-    )
+    made = _made(suite, chosen, methods or suite["methods"], dict(effort or {}), session)
     return compete(NAME, made, session)
 
 
@@ -101,4 +98,4 @@ def _made(
         else:
             several = build_robust(scene, robust["kind"], samples=robust["samples"], workers=session.workers)
             entry = Entry(name, several, several.nominal)
-        yield entry, methods, effort_of(tuning_of(scene), **effort)
+        yield entry, methods, even_effort(tuning_of(scene), effort)

@@ -49,8 +49,8 @@ def summary_table(data: Data) -> Table:
     return Table(title, ("contest", "to", *names), tuple(rows))
 
 
-def running_time_table(contest: Data, precisions: list[float]) -> Table:
-    """Expected running time of each ranked method, its interval, and how many runs met each target."""
+def running_time_table(contest: Data, precisions: list[float], *, narrow: bool = False) -> Table:
+    """Expected running time of each ranked method, its interval unless narrow, and how many runs met it."""
     heads = [head for p in precisions for head in (f"to {percent(p)}", "met")]
     rows = []
     for name, method in contest["methods"].items():
@@ -59,9 +59,10 @@ def running_time_table(contest: Data, precisions: list[float]) -> Table:
         cells = [name]
         for i, time in enumerate(method["running_times"]):
             mark = "*" if lowest_of(contest, i) == name else ""
-            cells += [_with_interval(time) + mark, f"{time['met']}/{time['runs']}"]
+            expected = short(time["expected"]) if narrow else _with_interval(time)
+            cells += [expected + mark, f"{time['met']}/{time['runs']}"]
         rows.append(tuple(cells))
-    title = "Expected running time [rollouts] (90 % interval); * lowest"
+    title = f"Expected running time [rollouts]{'' if narrow else ' (90 % interval)'}; * lowest"
     return Table(title, ("method", *heads), tuple(rows))
 
 
@@ -78,7 +79,7 @@ def success_table(contest: Data, precisions: list[float]) -> Table:
 def found_table(contest: Data) -> Table:
     """What each method found, what all its runs spent, and how the best one ended."""
     number = number_of(contest)
-    rows = [(_untuned(contest), number(_untuned_objective(contest)), *[""] * 5)]
+    rows = [(_untuned(contest), number(_untuned_objective(contest)), *[""] * 4)]
     for name, method in contest["methods"].items():
         best, used = method["best"], method["spent"]
         rows.append(
@@ -87,14 +88,15 @@ def found_table(contest: Data) -> Table:
                 number(best["objective"]) + ("" if best["feasible"] else " (infeasible)"),
                 number(method["objective"]["median"]),
                 short(used["equivalent_rollouts"]),
-                f"{used['wall_s']:.1f}",
-                f"{used['wall_with_compilation_s']:.1f}",
+                f"{used['wall_s']:.1f} ({used['wall_with_compilation_s']:.1f})",
                 best["status"],
             )
         )
     unit = contest["unit"]["name"]
-    heads = ("method", f"best [{unit}]", "median", "spent", "time [s]", "and compiling", "ended")
-    return Table("Found by all runs; spent in rollouts", heads, tuple(rows))
+    heads = ("method", f"best [{unit}]", "median", "spent", "time [s]", "ended")
+    return Table(
+        "Found by all runs; spent in rollouts; time without and (with) compiling", heads, tuple(rows)
+    )
 
 
 def gains_table(contest: Data) -> Table:
@@ -143,9 +145,13 @@ def sensitivity_table(contest: Data) -> Table | None:
     return Table(title, ("point", *contest["variables"]), rows)
 
 
-def tables_of(contest: Data, precisions: list[float]) -> list[Table]:
-    """All tables of a contest, most important first."""
-    made = [running_time_table(contest, precisions), found_table(contest), gains_table(contest)]
+def tables_of(contest: Data, precisions: list[float], *, narrow: bool = False) -> list[Table]:
+    """All tables of a contest, most important first; without intervals if the terminal is narrow."""
+    made = [
+        running_time_table(contest, precisions, narrow=narrow),
+        found_table(contest),
+        gains_table(contest),
+    ]
     return made + [
         table for table in (designs_table(contest), sensitivity_table(contest)) if table is not None
     ]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from spacerobot.cli.output import console, table, warn
+from spacerobot.cli.output import console, prose, table, warn
 
 MARK = {
     "": "+",
@@ -37,25 +37,24 @@ def show(summary: Mapping[str, Any]) -> None:
     for name, told in summary["gains"].items():
         sure = f", {level} intervals in brackets (open where the samples do not bound it)"
         title = f"{name}: percentiles{sure if summary['intervals'] else ''}"
-        console().print(table(title, *_percentiles(told)))
-        _print(f"{name}: what matters, and its rank correlation or share of the variance")
+        console().print(table(title, *_percentiles(told), whole=True))
+        prose(f"{name}: what matters, and its rank correlation or share of the variance")
         for metric, entry in told["matters"].items():
-            _print(f"  {depends(metric, entry)}")
+            prose(depends(metric, entry), indent=2)
         if told["map"] is not None:
             title = f"{name}: where it holds ({MARKS})"
             console().print(table(title, *_map(told["map"], summary["parameters"])))
         worst = told["worst"][0]
         draws = ", ".join(f"{key} {drawn(summary, key, value)}" for key, value in worst["draw"].items())
-        _print(f"\n{name}: worst sample, {worst['sample']}, {_why(worst)}: {draws}")
-        _print(f"again: {worst['command']}\n")
+        console().print()
+        prose(f"{name}: worst sample, {worst['sample']}, {_why(worst)}: {draws}")
+        # to be copied as one line
+        console().print(f"again: {worst['command']}\n", markup=False, soft_wrap=True)
     for note in filter(None, (mixed(summary), stepping(summary))):
-        _print(f"{note}\n")
+        prose(note)
+        console().print()
     if summary["against"]:
         console().print(table(f"on the same samples, {level} intervals in brackets", *_against(summary)))
-
-
-def _print(text: str) -> None:
-    console().print(text, markup=False, soft_wrap=True)
 
 
 def _why(worst: Mapping[str, Any]) -> str:
@@ -85,12 +84,12 @@ def _percentiles(told: Mapping[str, Any]) -> Rows:
     from viz.campaign_words import place_of
 
     metrics = told["metrics"]
-    head = ["", "unit", *(f"{q['percent']:g} %" for q in metrics[0]["percentiles"]), "largest"]
+    head = ["", *(f"{q['percent']:g} %" for q in metrics[0]["percentiles"]), "largest"]
     rows = []
     for row in metrics:
-        told_of = [_estimate(q, row["unit"]) for q in row["percentiles"]]
+        told_of = [_estimate(q, row["unit"]).replace(" (", "\n(") for q in row["percentiles"]]
         largest = _number(row["largest"], _factor(row["unit"]))
-        rows.append([place_of(row["metric"], row["of"]), _unit(row), *told_of, largest])
+        rows.append([f"{place_of(row['metric'], row['of'])} [{_unit(row)}]", *told_of, largest])
     return head, rows
 
 

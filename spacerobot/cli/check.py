@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from spacerobot.cli.options import Changes, ScenarioName, parse_changes
-from spacerobot.cli.output import console, warn
+from spacerobot.cli.output import console, prose, warn
 
 if TYPE_CHECKING:
     from rich.tree import Tree
@@ -38,7 +38,7 @@ def command(scenario: ScenarioName, changes: Changes = None) -> None:
     console().print(scene_tree(scene))
     console().print("\nassumptions", style="bold")
     for assumption in scene.assumptions:
-        console().print(f"  {assumption}", markup=False, soft_wrap=True)
+        prose(assumption, indent=2)
 
 
 def scene_tree(scene: Scene) -> Tree:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -14,7 +14,6 @@ from spacerobot.cli.output import console, table, warn
 from spacerobot.cli.tuning_options import Budget, Runs, Seed, Starts, parts, shown
 
 if TYPE_CHECKING:
-    from optim.comparison import Session
     from optim.comparison.compare import Comparison
     from optim.comparison.tables import Table
 
@@ -38,7 +37,10 @@ Contests = Annotated[
     str | None, typer.Option("--contests", metavar="LIST", help="Contests of the suite; by commas.")
 ]
 Full = Annotated[
-    bool, typer.Option("--full", help="Give every evolutionary method the GA's whole budget: twice as long.")
+    bool,
+    typer.Option(
+        "--full", help="Give every method the section's `budget`, for the paper its GA's, not `rival_budget`."
+    ),
 ]
 Page = Annotated[
     bool, typer.Option("--report", help="Write DIR/report.html too, as `spacerobot report DIR` does.")
@@ -90,9 +92,13 @@ def command(
     page: Page = False,
 ) -> None:
     """Compare methods; exit code 130 after Ctrl-C, with what was found until then."""
-    from optim.comparison import Session
+    from optim.comparison import Session, compare
+    from optim.comparison.compare import even_effort
     from optim.comparison.report import to_data
+    from optim.comparison.suite import compare_suite
+    from optim.scenes import tuning_of
     from optim.workers.dask import open_workers
+    from spacerobot.scene import load_scene
 
     if page and out is None:
         raise typer.BadParameter("needs --out DIR, where the page is written", param_hint="--report")
@@ -103,11 +109,17 @@ def command(
             _refuse(
                 "suite", {"--readings": readings, "--sets": sets, "--set": changes, "--full": full or None}
             )
-            found = _of_suite(parts(contests), parts(methods), asked, session)
+            found = compare_suite(parts(contests), methods=parts(methods), effort=asked, session=session)
         else:
             _refuse("scenario", {"--contests": contests})
-            picked = {"methods": parts(methods), "readings": parts(readings), "sets": parts(sets)}
-            found = _of_scenario(scenario, parse_changes(changes), picked, asked | {"full": full}, session)
+            picked: dict[str, Any] = {
+                "methods": parts(methods),
+                "readings": parts(readings),
+                "sets": parts(sets),
+            }
+            scene = load_scene(scenario, parse_changes(changes))
+            effort = even_effort(tuning_of(scene), asked, full=full)
+            found = compare(scene, **picked, effort=effort, session=session)
         data = to_data(found) if out is None else _written(found, out, tell, page=page)
     show(data)
     console().print(f"\n{found.wall_s:.0f} s in all", markup=False)
@@ -120,6 +132,7 @@ def command(
 
 
 SUITE = "suite"
+ROOMY = 96  # columns from which on intervals stand beside running times
 
 
 def _refuse(what: str, given: Mapping[str, object]) -> None:
@@ -127,32 +140,6 @@ def _refuse(what: str, given: Mapping[str, object]) -> None:
     for name, value in given.items():
         if value:
             raise typer.BadParameter(f"does not go with a {what}", param_hint=name)
-
-
-def _of_scenario(
-    name: str,
-    changes: Sequence[tuple[str, Any]],
-    picked: Mapping[str, Any],
-    asked: Mapping[str, Any],
-    session: Session,
-) -> Comparison:
-    from optim import compare, effort_of
-    from optim.scenes import tuning_of
-    from spacerobot.scene import load_scene
-
-    scene = load_scene(name, changes)
-    tuning = tuning_of(scene)
-    numbers = {key: value for key, value in asked.items() if key != "full"}
-    rivals = asked["budget"] or (tuning.budget if asked["full"] else None)
-    return compare(scene, **picked, effort=effort_of(tuning, **numbers, rival_budget=rivals), session=session)
-
-
-def _of_suite(
-    contests: list[str] | None, methods: list[str] | None, asked: Mapping[str, Any], session: Session
-) -> Comparison:
-    from optim.comparison.suite import compare_suite
-
-    return compare_suite(contests, methods=methods, effort=asked, session=session)
 
 
 def _written(found: Comparison, out: Path, tell: Any, *, page: bool) -> dict[str, Any]:
@@ -183,7 +170,8 @@ def show(data: Mapping[str, Any]) -> None:
     for contest in data["contests"]:
         console().rule(escape(tables.heading(contest)), align="left", style="dim")
         console().print(tables.prices(contest), markup=False)
-        for made in tables.tables_of(contest, data["precisions"]):
+        narrow = console().width < ROOMY
+        for made in tables.tables_of(contest, data["precisions"], narrow=narrow):
             _print(made)
     console().print(LEGEND, markup=False)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import sys
+import textwrap
 from collections.abc import Callable, Iterator, Sequence
 
 from rich.box import SIMPLE_HEAD
@@ -50,13 +51,23 @@ def progress(first: str) -> Iterator[Callable[[str], None]]:
         yield lambda words: status.update(escape(words))
 
 
-def table(title: str | None, headings: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
-    """Plain table whose texts are taken literally."""
+def prose(text: str, indent: int = 0) -> None:
+    """Text taken literally and broken between words, further lines indented by two more columns."""
+    lines = textwrap.wrap(
+        text, console().width - indent, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
+    )
+    console().print(textwrap.indent("\n".join(lines), " " * indent), markup=False, soft_wrap=True)
+
+
+def table(
+    title: str | None, headings: Sequence[str], rows: Sequence[Sequence[str]], *, whole: bool = False
+) -> Table:
+    """Plain table of literal texts; the first column keeps its lines whole, or else all the others do."""
     made = Table(
         title=escape(title) if title else None, title_justify="left", header_style="bold", box=SIMPLE_HEAD
     )
     for i, heading in enumerate(headings):
-        made.add_column(escape(heading), overflow="fold", no_wrap=i == 0)
+        made.add_column(escape(heading), overflow="fold", no_wrap=(i > 0) == whole)
     for row in rows:
         made.add_row(*(escape(cell) for cell in row))
     return made

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typer
 
-from spacerobot.cli.output import console, table
+from spacerobot.cli.output import console, prose, table
 
 
 def register(app: typer.Typer) -> None:
@@ -31,4 +31,5 @@ def command() -> None:
         for name, path in shipped().items()
     ]
     console().print(table("scenarios", ["name", "what it shows"], rows))
-    console().print(f"\nURDFs in {shipped_urdf_folder()}: {', '.join(shipped_names())}", soft_wrap=True)
+    console().print()
+    prose(f"URDFs in {shipped_urdf_folder()}: {', '.join(shipped_names())}")

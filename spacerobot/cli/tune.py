@@ -65,6 +65,7 @@ def command(
 ) -> None:
     """Tune, simulate the best design, and save it if a folder is given."""
     from optim import effort_of, tune
+    from optim.objectives import UNITS
     from optim.scenes import tuning_of
     from optim.variables import at_bound
     from optim.workers.dask import open_workers
@@ -94,11 +95,12 @@ def command(
             result = save(result, out)
             _write(found, out)
     ends = at_bound(list(found.gains), found.outcome.best.u)
-    told = {name: f", at its {end} bound" for name, end in ends.items()}
+    told = {name: f", {end}" for name, end in ends.items()}
     rows = [(name, f"{value:.6g}{told.get(name, '')}") for name, value in found.gains.items()]
-    console().print(f"{method}: objective {found.objective:.6g}", markup=False)
+    factor, unit = UNITS[tuning.objective.kind]
+    console().print(f"{method}: {tuning.objective.kind} {factor * found.objective:.6g} {unit}", markup=False)
     console().print(pairs("gains", rows))
-    show_runs(found.outcome.runs)
+    show_runs(found.outcome.runs, factor)
     if method == "manual":
         _show_trials(found)
     console().print(pairs("the best design", headline(result)))
@@ -110,12 +112,16 @@ def command(
     fail_if_diverged(result)
 
 
+HEADS = {"largest_error_m": "largest error [m]", "swings_hz": "swings [1/s]"}
+
+
 def _show_trials(found: Tuned) -> None:
     """Print the trials of the manual procedure."""
     log = found.outcome.best.log
     heads = list(log[0])
+    shown = [HEADS.get(head, head) for head in heads]
     cells = [["-" if row[h] is None else _short(row[h]) for h in heads] for row in log]
-    console().print(table("section 4.3, step by step", heads, cells))
+    console().print(table("section 4.3, step by step", shown, cells))
 
 
 def _short(value: object) -> str:
@@ -131,7 +137,7 @@ def _write(found: Tuned, out: object) -> None:
 
     data = {
         "gains": dict(found.gains),
-        "active_bounds": at_bound(list(found.gains), found.outcome.best.u),
+        "active_bounds": list(at_bound(list(found.gains), found.outcome.best.u)),
         "objective": found.objective,
         "status": found.status,
         "message": found.message,

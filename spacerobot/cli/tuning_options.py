@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from spacerobot.cli.interrupts import heed
-from spacerobot.cli.output import console, progress
+from spacerobot.cli.output import progress, prose
 
 if TYPE_CHECKING:
     from optim import Report, Run
@@ -38,14 +38,14 @@ def chosen_variables(given: str | None, tuning: Tuning) -> list[str] | None:
     return list(tuning.sets[given]) if given in tuning.sets else parts(given)
 
 
-def show_runs(runs: Sequence[Run]) -> None:
-    """Print what each run found, what it spent and how it ended."""
+def show_runs(runs: Sequence[Run], factor: float = 1.0) -> None:
+    """Print what each run found, times a factor, what it spent and how it ended."""
     for run in runs:
         ended = f"{run.status}{': ' + run.message if run.message else ''}"
         spent = f"{run.cost}, {run.seconds:.1f} s"
         kkt = "" if run.kkt is None else f", first-order residual {run.kkt:.1e}"
-        line = f"{run.method} {run.index + 1}: {run.objective:.6g}, {spent}{kkt}; {ended}"
-        console().print(line, markup=False, soft_wrap=True)
+        line = f"{run.method} {run.index + 1}: {factor * run.objective:.6g}, {spent}{kkt}; {ended}"
+        prose(line)
 
 
 def parts(text: str | None) -> list[str] | None:

@@ -127,7 +127,11 @@ def test_the_nlp_from_the_ga_pays_for_the_ga(found):
 
 def test_gains_at_a_bound_say_which():
     u = np.array([0.0, 0.5, 0.9995, -3.0])
-    assert at_bound(["a", "b", "c", "d"], u) == {"a": "lower", "c": "upper", "d": "lower"}
+    assert at_bound(["a", "b", "c", "d"], u) == {
+        "a": "at its lower bound",
+        "c": "at its upper bound",
+        "d": "below its lower bound",
+    }
 
 
 def test_sensitivities_are_relative_slopes(small):

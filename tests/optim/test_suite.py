@@ -1,0 +1,50 @@
+"""The suite of contests: every one is a tuning problem that can be built, and a small one runs as a whole."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from optim.comparison.contest import Session
+from optim.comparison.report import to_data
+from optim.comparison.suite import compare_suite, read_suite, scene_of
+from optim.methods import ALL
+from optim.variables import resolve_variables
+from spacerobot.errors import SpaceRobotError
+
+SUITE = read_suite()
+
+
+def test_it_has_a_dozen_contests_of_known_methods():
+    assert len(SUITE["contests"]) >= 12
+    assert set(SUITE["methods"]) <= set(ALL)
+    kinds = {contest["tuning"]["objective"]["kind"] for contest in SUITE["contests"].values()}
+    assert {"ise", "itae", "minimax", "eq45"} <= kinds
+
+
+@pytest.mark.parametrize("name", SUITE["contests"])
+def test_each_contest_names_variables_of_its_scene(name):
+    scene = scene_of(SUITE, name)
+    variables = resolve_variables(scene, scene.scenario.tuning, None)
+    assert list(variables.names) == SUITE["contests"][name]["tune"]
+    inside = (variables.lower <= variables.start) & (variables.start <= variables.upper)
+    assert inside.sum() >= len(inside) / 2
+    if "robust" in SUITE["contests"][name]:
+        assert scene.scenario.campaign is not None
+
+
+def test_two_contests_run_and_are_resumed(tmp_path):
+    effort = {"budget": 32, "runs": 2, "starts": 1}
+    asked = {"methods": ["de", "nlp"], "effort": effort, "session": Session(tmp_path)}
+    data = [to_data(compare_suite(["carry-ise", "carry-torque"], **asked)) for _ in range(2)]
+    for contest, again in zip(data[0]["contests"], data[1]["contests"], strict=True):
+        assert contest["baseline"] is None
+        assert contest["best_known"] < contest["start_objective"]
+        assert contest["best_known"] == again["best_known"]
+        assert all(np.isfinite(t["spent"]) for m in contest["methods"].values() for t in m["trials"])
+    assert data[0]["verdict"] == data[1]["verdict"]
+
+
+def test_an_unknown_contest_is_told_with_near_names():
+    with pytest.raises(SpaceRobotError, match="did you mean carry-ise"):
+        compare_suite(["carry-is"])
