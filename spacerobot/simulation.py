@@ -12,8 +12,11 @@ from spacerobot.closedloop import ClosedLoop, build_closed_loop, find_fastest_ra
 from spacerobot.errors import DivergedError
 from spacerobot.result import Result
 from spacerobot.result.dataset import build_dataset
+from spacerobot.result.metrics import fastest_joint
 from spacerobot.result.summary import build_summary
+from spacerobot.result.trust import fast_words
 from spacerobot.rollout import Rollout, Trajectory, build_rollout, integrate_cvodes
+from spacerobot.rollout.step import NoStepError
 from spacerobot.scene import Scene
 
 Progress = Callable[[str], None]
@@ -51,7 +54,7 @@ def simulate(scene: Scene, *, backend: Backend = "auto", progress: Progress | No
     CompileError
         If a compiled backend was asked for and there is none.
     DivergedError
-        If the step was to be chosen and none keeps to the tolerance.
+        If the step was to be chosen and none keeps to the tolerance, or a grasp does not close.
     """
     tell = progress or (lambda _: None)
     begin = time.perf_counter()
@@ -134,8 +137,9 @@ def _ready(scene: Scene, loop: ClosedLoop, backend: Backend, tell: Progress) -> 
             backend=backend,
             progress=tell,
         )
-    except DivergedError as fault:
-        raise DivergedError(f"{fault.message}; {_cause(loop)}{REMEDY}") from None
+    except NoStepError as fault:
+        causes = (fault.message, _cause(loop), _fastest(scene, fault.finest, loop), REMEDY)
+        raise DivergedError("; ".join(filter(None, causes))) from None
 
 
 def _cause(loop: ClosedLoop) -> str:
@@ -144,7 +148,12 @@ def _cause(loop: ClosedLoop) -> str:
     if found is None:
         return ""
     by = f", set by {' and '.join(found.gains)}" if found.gains else ""
-    return f"the loop's fastest rate at the start is {found.per_s:.3g} 1/s{by}; "
+    return f"the loop's fastest rate at the start is {found.per_s:.3g} 1/s{by}"
+
+
+def _fastest(scene: Scene, finest: Trajectory, loop: ClosedLoop) -> str:
+    """Which joint moves fastest in a rollout, in words."""
+    return fast_words(fastest_joint(build_dataset(scene, finest, loop)))
 
 
 def _with_step(scene: Scene, step: float) -> Scene:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from spacerobot.result import Result
+from spacerobot.result.trust import warning
 from spacerobot.scene import Scene
 from viz.figures.collect import check_comparable
 from viz.figures.style import labels_of
@@ -212,4 +213,7 @@ def notices(result: Result, scene: Scene) -> list[str]:
     if not result.completed:
         end, wanted = result.data.time.values[-1], result.scenario.simulation.duration
         lines.append(f"The rollout diverged after {end:.4g} s of {wanted:g} s and is shown up to there.")
+    doubt = warning(result.summary["status"])
+    if doubt is not None:
+        lines.append(f"{doubt[0].upper()}{doubt[1:]}.")
     return [*lines, *scene.warnings, *changed_descriptions(result, scene)]

@@ -9,13 +9,22 @@ import casadi as ca
 import numpy as np
 
 from optim.campaign.series import torque_unit
-from optim.campaign.trust import DRIFT, KINDS, drift_measure, drift_of
+from optim.campaign.trust import (
+    DRIFT,
+    KINDS,
+    RESIDUAL,
+    drift_measure,
+    drift_of,
+    residual_measure,
+    residual_of,
+)
 from optim.protocol import Array
 from spacerobot.closedloop import ClosedLoop
 from spacerobot.rollout import Measure, Measures, Signals, integral, peak
 from spacerobot.scene import Scene
 
 AXES = "xyz"
+DERIVED = {DRIFT: drift_of, RESIDUAL: residual_of}
 
 
 @dataclass(frozen=True)
@@ -67,14 +76,15 @@ class Kept:
             values = np.asarray(measured[name])
             if name == "tip_error_rms":
                 values = np.sqrt(values / self.duration_s)
-            parts.append(drift_of(values) if name == DRIFT else values)
+            parts.append(DERIVED[name](values) if name in DERIVED else values)
         return np.column_stack(parts)
 
 
 def build_kept(loop: ClosedLoop, scene: Scene, wanted: Sequence[str]) -> Kept:
     """What is kept of rollouts of a closed loop; a metric that a scene has nothing for is left out.
 
-    The drift of the momenta is kept besides where they are constant: it says which rollouts to trust.
+    The residual of the energy is kept besides, and the drift of the momenta where they are constant: they say
+    which rollouts to trust.
 
     Parameters
     ----------
@@ -102,6 +112,9 @@ def build_kept(loop: ClosedLoop, scene: Scene, wanted: Sequence[str]) -> Kept:
         if name in wanted and places:
             named[name] = measure
             columns += [Column(name, place, unit) for place in places]
+    if columns:
+        named[RESIDUAL] = residual_measure(loop, signals)
+        columns.append(Column(RESIDUAL, "total", "1"))
     if columns and not loop.outside:
         named[DRIFT] = drift_measure(loop, signals)
         columns += [Column(DRIFT, kind, "1") for kind in KINDS]

@@ -1,5 +1,5 @@
-"""Whether a campaign's rollouts can be trusted: nothing acts on a floating scene from outside, so its momenta
-are constant, and a rollout that changes them has steps too long for what happens in it.
+"""Whether a campaign's rollouts can be trusted: each is judged by its ledger at the end, momenta and energy,
+by the limits of :mod:`spacerobot.result.trust`.
 """
 
 from __future__ import annotations
@@ -12,32 +12,51 @@ import numpy as np
 import xarray as xr
 
 from optim.protocol import Array
-from spacerobot.rollout import ClosedLoopFunctions, Measure, Signals, final
+from spacerobot.closedloop import ClosedLoop
+from spacerobot.result.trust import LEAST_ENERGY, LEAST_MOMENTUM, MOST_DRIFT, MOST_RESIDUAL, share
+from spacerobot.rollout import Measure, Signals, final
 from spacerobot.scenario import Campaign
 
-DRIFT = "momentum_drift"
+DRIFT, RESIDUAL = "momentum_drift", "energy_residual"
 KINDS = ("linear", "angular")
-MOST = 0.01  # of the largest momentum of a body: beyond it, a rollout's other numbers are not physics
-SMALLEST = 1e-5  # N s and N m s: drift is compared with no less
+LIMITS = {DRIFT: MOST_DRIFT, RESIDUAL: MOST_RESIDUAL}
+STORED = ("energy_kinetic", "energy_spring", "energy_potential")
 
 Mask = np.typing.NDArray[np.bool_]
 
 
-def drift_measure(loop: ClosedLoopFunctions, signals: Signals) -> Measure:
+def drift_measure(loop: ClosedLoop, signals: Signals) -> Measure:
     """Final values that :func:`drift_of` is made of: for each kind its change (3), and the largest of a body.
 
     A body's largest momentum is looked for at the start and at the end alone: at every step it would cost a
     seventh of a rollout.
     """
-    parameters = ca.vertcat(*signals.parameters.values())
-    x0, c = loop.setup(parameters)
-    begin = dict(zip(loop.outputs.name_out(), loop.outputs(0, x0, c), strict=True))
-    parts = []
+    begin, parts = _begin(loop, signals), []
     for kind in KINDS:
         bodies = ca.vertcat(*(named[f"body_momentum_{kind}"] for named in (begin, signals.outputs)))
         sizes = [ca.sqrt(ca.sumsqr(bodies[i : i + 3])) for i in range(0, bodies.numel(), 3)]
         parts += [signals[f"momentum_{kind}"] - begin[f"momentum_{kind}"], ca.mmax(ca.vertcat(*sizes))]
     return final(ca.vertcat(*parts))
+
+
+def residual_measure(loop: ClosedLoop, signals: Signals) -> Measure:
+    """Final values that :func:`residual_of` is made of [J]: what the balance leaves open, its largest energy.
+
+    Energies are looked at where momenta are: at the start and at the end.
+    """
+    begin = _begin(loop, signals)
+    stored = [sum(named[name] for name in STORED) for named in (begin, signals.outputs)]
+    works = {name: signals[f"work_{name}"] for name in loop.works}
+    change = stored[1] - stored[0]
+    unexplained = change - sum(sign * works[name] for name, sign in loop.works.items())
+    largest = ca.mmax(ca.fabs(ca.vertcat(change, *stored, *works.values())))
+    return final(ca.vertcat(ca.fabs(unexplained), largest))
+
+
+def _begin(loop: ClosedLoop, signals: Signals) -> dict[str, ca.SX]:
+    """Outputs at the start."""
+    x0, c = loop.setup(ca.vertcat(*signals.parameters.values()))
+    return dict(zip(loop.outputs.name_out(), loop.outputs(0, x0, c), strict=True))
 
 
 def drift_of(values: Array) -> Array:
@@ -49,11 +68,22 @@ def drift_of(values: Array) -> Array:
         Of :func:`drift_measure`, (N, 8).
     """
     each = values.reshape(len(values), len(KINDS), 4)
-    return np.asarray(np.linalg.norm(each[:, :, :3], axis=2) / np.maximum(each[:, :, 3], SMALLEST))
+    return np.asarray(np.linalg.norm(each[:, :, :3], axis=2) / np.maximum(each[:, :, 3], LEAST_MOMENTUM))
+
+
+def residual_of(values: Array) -> Array:
+    """Energy that no work explains, in parts of the largest energy (N, 1).
+
+    Parameters
+    ----------
+    values
+        Of :func:`residual_measure`, (N, 2).
+    """
+    return np.asarray(values[:, :1] / np.maximum(values[:, 1:], LEAST_ENERGY))
 
 
 def untrusted(data: xr.Dataset, failed: Mapping[str, Mask]) -> dict[str, dict[str, Any]]:
-    """How many rollouts that were completed change a momentum by too much, by set of gains.
+    """How many rollouts that were completed leave their ledger open, and by how much, by set of gains.
 
     Parameters
     ----------
@@ -62,17 +92,18 @@ def untrusted(data: xr.Dataset, failed: Mapping[str, Mask]) -> dict[str, dict[st
     failed
         Whether each sample failed (n,), by set of gains.
     """
-    if DRIFT not in data:
-        return {}
     found = {}
     for name, lost in failed.items():
-        drift = data[DRIFT].sel(gains=name).values.max(axis=1)
-        doubtful = drift > MOST  # not those that diverged, which have none
+        worst = {kind: data[kind].sel(gains=name).values.max(axis=1) for kind in LIMITS if kind in data}
+        if not worst:
+            continue
+        # not those that diverged, which have none
+        doubtful = np.logical_or.reduce([values > LIMITS[kind] for kind, values in worst.items()])
         found[name] = {
             "count": int(doubtful.sum()),
-            "of": int(np.isfinite(drift).sum()),
+            "of": int(np.isfinite(next(iter(worst.values()))).sum()),
             "not_failed": int((doubtful & ~lost).sum()),
-            "largest": float(np.nan_to_num(drift).max(initial=0.0)),
+            "largest": {k: float(np.nan_to_num(values).max(initial=0.0)) for k, values in worst.items()},
         }
     return found
 
@@ -84,10 +115,13 @@ def doubts(found: Mapping[str, Mapping[str, Any]], campaign: Campaign) -> list[s
         if told["count"]:
             kept = told["not_failed"]
             failing = "all of them count as failed" if not kept else f"{kept} of them do not count as failed"
+            largest = ", ".join(
+                f"{kind.replace('_', ' ')} at most {share(value)}" for kind, value in told["largest"].items()
+            )
             sentences.append(
-                f"With the gains {name}, {told['count']} of {told['of']} completed rollouts change the total "
-                f"momentum, which nothing can, by more than {100 * MOST:g} % of the largest of a body (at "
-                f"most by {100 * told['largest']:.2g} %): their numbers are not to be trusted ({failing}). "
-                f"Try a campaign.step shorter than {campaign.step:g} s."
+                f"With the gains {name}, {told['count']} of {told['of']} completed rollouts leave the ledger "
+                f"open ({largest}; allowed: {100 * MOST_DRIFT:g} % and {100 * MOST_RESIDUAL:g} %): their "
+                f"numbers are not to be trusted ({failing}). Try a campaign.step shorter than "
+                f"{campaign.step:g} s."
             )
     return sentences

@@ -9,6 +9,7 @@ import typer
 from spacerobot.cli.interrupts import heed
 from spacerobot.cli.options import Out
 from spacerobot.cli.output import console, progress, table
+from spacerobot.cli.run import warn_if_open
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -53,6 +54,8 @@ def command(out: Out = None) -> None:
             results.append((variant, save(result, out / variant.name) if out is not None else result))
     console().print(comparison(results))
     console().print(f"\n{LEGEND}", markup=False)
+    for _, result in results:
+        warn_if_open(result)
     if out is not None:
         console().print(f"\nresults in {out}", markup=False, soft_wrap=True)
 

@@ -116,7 +116,7 @@ def run_scene(
 
 
 def fail_if_diverged(result: Result) -> None:
-    """Tell of a diverged rollout and leave with exit code 3.
+    """Tell of a diverged rollout and leave with exit code 3; warn where the ledger of another one is open.
 
     Raises
     ------
@@ -126,11 +126,21 @@ def fail_if_diverged(result: Result) -> None:
     from spacerobot.errors import DivergedError
 
     if result.completed:
+        warn_if_open(result)
         return
     status, step = result.summary["status"], result.summary["engine"]["step_s"]
     hint = f"; the step of {step:g} s may be too large (leave it out to have one chosen)" if step else ""
     kept = f"; kept up to there in {result.folder}" if result.folder is not None else ""
     raise DivergedError(f"the rollout diverged after {status['diverged_at_s']:.6g} s{hint}{kept}")
+
+
+def warn_if_open(result: Result) -> None:
+    """Warn of a result whose ledger is open."""
+    from spacerobot.result.trust import warning
+
+    doubt = warning(result.summary["status"])
+    if doubt is not None:
+        warn(f"{result.scenario.name}: {doubt}")
 
 
 def _about(scene: Scene) -> str:

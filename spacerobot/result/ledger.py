@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from spacerobot.result.trust import KINDS
 from spacerobot.scenario import Body, Scenario
 
 SMALLEST = 1e-9
@@ -33,7 +34,7 @@ def _momentum(data: xr.Dataset, scenario: Scenario) -> dict[str, Any]:
     bodies = [*scenario.robots.values(), *([scenario.target] if scenario.target else [])]
     found: dict[str, Any] = {"conserved": True}
     inner = _inner_momentum(data, bodies)
-    for kind, unit in (("linear", "n_s"), ("angular", "n_m_s")):
+    for kind, unit in KINDS:
         total, partial = data[f"momentum_{kind}"].values, data[f"body_momentum_{kind}"].values
         drift = float(np.linalg.norm(total - total[0], axis=-1).max())
         largest = max(float(np.linalg.norm(partial, axis=-1).max()), INNER_PART * inner[kind])
@@ -72,5 +73,6 @@ def _energy(data: xr.Dataset) -> dict[str, Any]:
         "grasp_loss_j": float(works["grasp"][-1]),
         "constraint_work_j": float(works["constraint"][-1]),
         "largest_residual_j": worst,
+        "largest_energy_j": largest,
         "relative_residual": worst / max(largest, SMALLEST),
     }

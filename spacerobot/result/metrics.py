@@ -54,8 +54,17 @@ def body_motion(data: xr.Dataset) -> dict[str, dict[str, float]]:
 def greatest_torque(data: xr.Dataset) -> dict[str, Any]:
     """Greatest actuator torque [N m], or force [N] of a prismatic joint, its unit, where and when."""
     found = _greatest(data.joint_torque, "joint", "torque_n_m")
-    slides = found["joint"] is not None and data.joint_kind.sel(joint=found["joint"]) == "prismatic"
-    return found | {"unit": "N" if slides else "N m"}
+    return found | {"unit": "N" if _slides(data, found["joint"]) else "N m"}
+
+
+def fastest_joint(data: xr.Dataset) -> dict[str, Any]:
+    """Greatest joint rate [rad/s], or speed [m/s] of a prismatic joint, its unit, where and when."""
+    found = _greatest(data.joint_velocity, "joint", "rate")
+    return found | {"unit": "m/s" if _slides(data, found["joint"]) else "rad/s"}
+
+
+def _slides(data: xr.Dataset, joint: str | None) -> bool:
+    return joint is not None and bool(data.joint_kind.sel(joint=joint) == "prismatic")
 
 
 def greatest_grip(data: xr.Dataset) -> dict[str, Any]:

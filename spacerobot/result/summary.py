@@ -11,11 +11,12 @@ import xarray as xr
 
 import spacerobot
 from spacerobot.result.ledger import build_ledger
-from spacerobot.result.metrics import body_motion, greatest_grip, greatest_torque, tip_errors
+from spacerobot.result.metrics import body_motion, fastest_joint, greatest_grip, greatest_torque, tip_errors
+from spacerobot.result.trust import advise, judge
 from spacerobot.rollout import Trajectory
 from spacerobot.scene import Scene
 
-FORMAT = 1
+FORMAT = 2
 """Version of the result's layout; a result of another one is refused."""
 
 
@@ -30,24 +31,27 @@ def build_summary(
 
     ``notes`` say more of the engine: what compiled it, and how well a chosen step was found to do.
     """
-    bodies = body_motion(data)
+    bodies, ledger, fastest = body_motion(data), build_ledger(data, scene.scenario), fastest_joint(data)
+    engine = {
+        "name": scene.scenario.simulation.engine,
+        "backend": trajectory.backend,
+        "step_s": trajectory.step_s if trajectory.steps else None,
+        "steps": trajectory.steps,
+        **notes,
+    }
+    advice = advise(engine, scene.scenario.simulation.tolerance, fastest)
     return {
         "format": FORMAT,
         "name": scene.scenario.name,
-        "status": _status(trajectory),
+        "status": _status(trajectory) | judge(trajectory.status == "completed", ledger, advice),
         "tip_error": tip_errors(data),
         "target": bodies.get("target"),
         "bases": {body.name: bodies[body.name] for body in scene.robots},
         "greatest_torque": greatest_torque(data),
         "greatest_grip": greatest_grip(data),
-        "ledger": build_ledger(data, scene.scenario),
-        "engine": {
-            "name": scene.scenario.simulation.engine,
-            "backend": trajectory.backend,
-            "step_s": trajectory.step_s if trajectory.steps else None,
-            "steps": trajectory.steps,
-            **notes,
-        },
+        "fastest_joint": fastest,
+        "ledger": ledger,
+        "engine": engine,
         "timing_s": dict(timing),
         "assumptions": list(scene.assumptions),
         "warnings": list(scene.warnings),

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from spacerobot.result.result import Result
+from spacerobot.result.trust import open_words
 
 Row = tuple[str, str]
 
@@ -33,10 +34,13 @@ def headline(result: Result) -> list[Row]:
 
 
 def status_text(status: Mapping[str, Any]) -> str:
-    """``completed`` or when it diverged."""
+    """``completed`` or when it diverged, and whether its ledger is open."""
     if status["state"] == "completed":
-        return f"completed, {status['reached_s']:g} s"
-    return f"diverged after {status['diverged_at_s']:.6g} s"
+        text = f"completed, {status['reached_s']:g} s"
+    else:
+        text = f"diverged after {status['diverged_at_s']:.6g} s"
+    doubt = open_words(status)
+    return f"{text}, {doubt}" if doubt else text
 
 
 def ledger_rows(ledger: Mapping[str, Any]) -> list[Row]:

@@ -44,6 +44,14 @@ class StepChoice:
     unstable_s: float | None
 
 
+class NoStepError(DivergedError):
+    """No step keeps to a tolerance; ``finest`` is the pilot rollout with the shortest one tried."""
+
+    def __init__(self, message: str, finest: Trajectory) -> None:
+        super().__init__(message)
+        self.finest = finest
+
+
 def search_step(
     run: Callable[[float], Trajectory],
     duration_s: float,
@@ -74,9 +82,10 @@ def search_step(
 
     Raises
     ------
+    NoStepError
+        No step was good enough, of those that :data:`HALVINGS` and :data:`MOST_STEPS` leave to be tried.
     DivergedError
-        A grasp does not close, or no step was good enough, of those that :data:`HALVINGS` and
-        :data:`MOST_STEPS` leave to be tried.
+        A grasp does not close.
     """
     tell = progress or (lambda _: None)
 
@@ -102,7 +111,8 @@ def search_step(
                 return _lengthen(pilot, fine, choice, longest_s, order)
         coarse = fine
     told = _reached(coarse, error)
-    raise DivergedError(f"no step down to {coarse.step_s:.3g} s reaches an error of {tolerance:.3g}: {told}")
+    message = f"no step down to {coarse.step_s:.3g} s reaches an error of {tolerance:.3g}: {told}"
+    raise NoStepError(message, coarse)
 
 
 def _reached(finest: Trajectory, error: float) -> str:

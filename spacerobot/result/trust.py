@@ -1,0 +1,109 @@
+"""Whether a rollout's numbers can be trusted: how far its ledger may be open, and what closes it.
+
+Nothing acts on a free scene from outside, so its momenta are constant, and work explains every change of
+energy. A rollout that does otherwise has steps too long for what happens in it. Runs, reports, pages and
+campaigns are judged by the limits stated here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+MOST_DRIFT = 0.01
+"""Greatest change of a momentum, in parts of the largest of a body."""
+MOST_RESIDUAL = 0.01
+"""Greatest energy that no work explains, in parts of the largest energy in the balance."""
+LEAST_MOMENTUM = 1e-5
+"""Drift is compared with no less [N s, N m s], so that rounding in a scene at rest is no doubt."""
+LEAST_ENERGY = 1e-6
+"""The residual is compared with no less [J]."""
+
+KINDS = (("linear", "n_s"), ("angular", "n_m_s"))
+
+
+def judge(completed: bool, ledger: Mapping[str, Any], advice: str) -> dict[str, Any]:
+    """Verdict on a rollout, as it stands in a summary's status.
+
+    Parameters
+    ----------
+    completed
+        Whether the rollout reached its end; one that diverged needs no further doubt.
+    ledger
+        As :func:`spacerobot.result.ledger.build_ledger` makes it.
+    advice
+        What to do where it is open.
+
+    Returns
+    -------
+    dict
+        ``trusted``, what is ``open`` in words, ``advice`` (None where nothing is open).
+    """
+    found = [*_drifts(ledger["momentum"]), *_residual(ledger["energy"])] if completed else []
+    return {"trusted": completed and not found, "open": found, "advice": advice if found else None}
+
+
+def _drifts(momentum: Mapping[str, Any]) -> list[str]:
+    if not momentum["conserved"]:
+        return []
+    parts = []
+    for kind, unit in KINDS:
+        told = momentum[kind]
+        drift = told[f"drift_{unit}"] / max(told[f"largest_partial_{unit}"], LEAST_MOMENTUM)
+        if not drift <= MOST_DRIFT:
+            parts.append(f"{share(drift)} {kind}")
+    return [f"momentum drift {', '.join(parts)}"] if parts else []
+
+
+def _residual(energy: Mapping[str, Any]) -> list[str]:
+    residual = energy["largest_residual_j"] / max(energy["largest_energy_j"], LEAST_ENERGY)
+    return [] if residual <= MOST_RESIDUAL else [f"energy residual {share(residual)}"]
+
+
+def advise(engine: Mapping[str, Any], tolerance: float, fastest: Mapping[str, Any]) -> str:
+    """What to do about an open ledger, in words.
+
+    Parameters
+    ----------
+    engine
+        As in a summary.
+    tolerance
+        Of the scenario.
+    fastest
+        Joint with the greatest rate, as in a summary.
+    """
+    if not engine["step_s"]:
+        what = f"take a simulation.tolerance smaller than {tolerance:g}"
+    elif "step_chosen" in engine:
+        what = f"take a simulation.step shorter than the chosen one of {engine['step_s']:g} s"
+    else:
+        what = f"take a simulation.step shorter than {engine['step_s']:g} s"
+    return f"{what}, or slow down what moves: {fast_words(fastest)}" if fastest["joint"] else what
+
+
+def fast_words(fastest: Mapping[str, Any]) -> str:
+    """Which joint is the fastest, how fast and when; empty where there is none."""
+    if fastest["joint"] is None:
+        return ""
+    speed = f"{fastest['rate']:.3g} {fastest['unit']}"
+    return f"the fastest joint is {fastest['joint']}, {speed} at {fastest['time_s']:.3g} s"
+
+
+def share(part: float) -> str:
+    """A part as a percentage."""
+    return f"{100 * part:.2g} %" if part < 1 else f"{100 * part:.0f} %" if part < 100 else f"{part:.2g} fold"
+
+
+def open_words(status: Mapping[str, Any]) -> str:
+    """What is open, as it follows a status; empty where nothing is."""
+    return f"but the ledger is open: {'; '.join(status['open'])}" if status["open"] else ""
+
+
+def warning(status: Mapping[str, Any]) -> str | None:
+    """One sentence to warn with; None where nothing is open."""
+    if not status["open"]:
+        return None
+    return (
+        f"the ledger is open ({'; '.join(status['open'])}; allowed: {100 * MOST_DRIFT:g} % and "
+        f"{100 * MOST_RESIDUAL:g} %): do not trust these numbers; {status['advice']}"
+    )
