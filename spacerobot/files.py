@@ -1,15 +1,12 @@
-"""Files written whole or not at all, one writer after the other, and not torn by Ctrl-C."""
+"""Files written whole or not at all, one writer after the other."""
 
 from __future__ import annotations
 
 import contextlib
 import os
-import signal
 import tempfile
-import threading
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 from spacerobot.errors import ResultError
 
@@ -47,30 +44,6 @@ def write_bytes(path: Path, content: bytes) -> None:
         if not isinstance(fault, OSError):
             raise
         raise ResultError(f"cannot be written: {fault.strerror or fault}", source=path) from None
-
-
-@contextlib.contextmanager
-def uninterrupted() -> Iterator[None]:
-    """Hold Ctrl-C back until the block is done, for libraries that it would leave locked.
-
-    Elsewhere than in the main thread, which alone is interrupted, nothing has to be done.
-
-    Raises
-    ------
-    KeyboardInterrupt
-        Behind the block, if Ctrl-C came in it.
-    """
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    came: list[int] = []
-    before: Any = signal.signal(signal.SIGINT, lambda number, _: came.append(number))
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, signal.default_int_handler if before is None else before)
-        if came:
-            signal.raise_signal(signal.SIGINT)
 
 
 @contextlib.contextmanager

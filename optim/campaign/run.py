@@ -19,6 +19,8 @@ from spacerobot.scene import Scene
 CHUNK_S = 4.0  # long enough to hide what a chunk costs, short enough to lose
 FIRST = 128  # rollouts of the first chunk, from which the rate is learnt
 CHUNK_BYTES = 32_000_000  # of series in a chunk, of which several copies exist for a moment
+ROLLING_OUT = "rolling out"
+"""Said when samples begin to be kept."""
 GRAIN = 64  # samples by which chunks grow: whole groups of lanes for every thread
 
 
@@ -184,7 +186,7 @@ def run_campaign(
     with open_store(folder, evaluator.identity(draws), len(draws), notes) as store:
         before, since, interrupted = store.done, time.perf_counter(), False
         chunks = Chunks(store.missing, most_samples(evaluator))
-        say("rolling out")
+        say(ROLLING_OUT)
         try:
             for begin, table in (executor or Here()).work(evaluator, draws, chunks):
                 store.add(begin, table)

@@ -23,7 +23,8 @@ from optim.campaign.evaluator import Table
 from optim.campaign.intervals import Interval, Intervals
 from optim.campaign.netcdf import DATA, FORMAT, Layout, is_complete, load_campaign, write_tables
 from spacerobot.errors import ResultError
-from spacerobot.files import uninterrupted, write_bytes, write_text
+from spacerobot.files import write_bytes, write_text
+from spacerobot.interrupts import uninterrupted
 from spacerobot.section import leaves
 
 __all__ = ["HEAD", "Store", "difference", "load_campaign", "load_head", "open_store"]

@@ -9,6 +9,7 @@ import typer
 
 from spacerobot.cli.options import Port
 from spacerobot.cli.output import console, progress
+from spacerobot.interrupts import keep
 
 if TYPE_CHECKING:
     from spacerobot.result import Result
@@ -85,4 +86,5 @@ def _serve(results: list[Result], port: int, no_browser: bool) -> None:
         console().print(f"playing at {viewer.url} (Ctrl-C ends it)", markup=False, soft_wrap=True)
         if not no_browser:
             viewer.open()
+        keep()
         viewer.wait()

@@ -31,10 +31,9 @@ from spacerobot.cli import (
     sweep,
     tune,
 )
-from spacerobot.cli.interrupts import remembered
 from spacerobot.cli.output import complain, warn
-from spacerobot.cli.start import INTERRUPTED
 from spacerobot.errors import SpaceRobotError, SpaceRobotWarning
+from spacerobot.interrupts import INTERRUPTED, minded
 
 app = typer.Typer(
     name="spacerobot",
@@ -134,13 +133,8 @@ def main() -> None:
     """Run the command line: one clear line for each fault a user can mend, and its exit code."""
     warnings.showwarning = _show_warning
     try:
-        with remembered():
+        with minded():
             app(plugins_first(sys.argv[1:]))
-    except SystemExit as left:
-        # typer turns a Ctrl-C that no command has dealt with into an exit, without a word
-        if isinstance(getattr(left.__context__, "__cause__", None), KeyboardInterrupt):
-            complain("interrupted")
-        raise
     except SpaceRobotError as fault:
         complain(str(fault))
         sys.exit(fault.exit_code)

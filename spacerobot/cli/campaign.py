@@ -9,9 +9,9 @@ import typer
 
 from spacerobot.cli.campaign_page import campaign_page
 from spacerobot.cli.campaign_tables import show
-from spacerobot.cli.interrupts import heed
 from spacerobot.cli.options import Changes, Machines, ScenarioName, Threads, parse_changes
 from spacerobot.cli.output import console, progress, warn
+from spacerobot.interrupts import keep
 
 if TYPE_CHECKING:
     from optim.campaign.run import Executor, Progress
@@ -74,7 +74,7 @@ def command(
     page: Page = False,
 ) -> None:
     """Run a campaign; exit code 130 after Ctrl-C, with what was found until then."""
-    from optim.campaign import Named, run_campaign, summarise
+    from optim.campaign import ROLLING_OUT, Named, run_campaign, summarise
     from optim.campaign.gains import gain_sets
     from spacerobot.files import write_text
     from spacerobot.scene import load_scene
@@ -85,8 +85,8 @@ def command(
     with progress("reading") as tell:
 
         def begin(words: str) -> None:
-            """Say what begins; also the place to heed a Ctrl-C that was lost before."""
-            heed()
+            """Say what begins; what is rolled out is kept."""
+            keep(words == ROLLING_OUT)
             tell(words)
 
         found = run_campaign(

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from spacerobot.cli.interrupts import heed
 from spacerobot.cli.options import Out
 from spacerobot.cli.output import console, progress, table
 from spacerobot.cli.run import warn_if_open
@@ -49,7 +48,6 @@ def command(out: Out = None) -> None:
     results = []
     with progress("building the closed loop") as tell:
         for variant, result in run_variants(simulate):
-            heed()
             tell(f"{variant.name} done")
             results.append((variant, save(result, out / variant.name) if out is not None else result))
     console().print(comparison(results))

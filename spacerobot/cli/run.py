@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from spacerobot.cli.interrupts import heed
 from spacerobot.cli.options import Changes, Out, Port, ScenarioName, parse_changes
 from spacerobot.cli.output import console, pairs, progress, warn
+from spacerobot.interrupts import keep
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -71,6 +71,7 @@ def command(
             result = run_scene(scene, out, backend, watch=viewer.tell)
             viewer.show(result)
             _conclude(scene, result)
+            keep()
             viewer.wait()
     else:
         result = run_scene(scene, out, backend)
@@ -104,14 +105,12 @@ def run_scene(
     with progress("building the closed loop") as spin:
 
         def tell(words: str) -> None:
-            """Show what begins; also the place to heed a Ctrl-C that was lost before."""
-            heed()
+            """Show what begins."""
             spin(words)
             if watch is not None:
                 watch(words)
 
         result = simulate(scene, backend=backend, progress=tell)
-        heed()
     return save(result, out) if out is not None else result
 
 

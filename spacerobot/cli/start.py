@@ -1,19 +1,21 @@
 """Where the ``spacerobot`` command begins: Ctrl-C ends it with one line even while its libraries load."""
 
-import os
 import sys
 
-INTERRUPTED = 130
-"""Exit code after Ctrl-C, as shells have it."""
+from spacerobot.interrupts import INTERRUPTED, leave, minded
 
 
 def main() -> None:
     """Load the command line and run it."""
     try:
-        from spacerobot.cli.app import main as run
+        with minded():
+            from spacerobot.cli.app import main as run
 
-        run()
+            run()
     except KeyboardInterrupt:
-        # what prints in colours may not be loaded yet
-        os.write(2, b"error: interrupted\n")
-        sys.exit(INTERRUPTED)
+        leave()
+    except SystemExit as left:
+        if left.code == INTERRUPTED:  # the command has said so
+            sys.stdout.flush()
+            leave("")
+        raise

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from spacerobot.cli.interrupts import heed
 from spacerobot.cli.output import progress, prose
+from spacerobot.interrupts import keep
 
 if TYPE_CHECKING:
     from optim import Report, Run
@@ -60,11 +60,12 @@ def shown() -> Iterator[tuple[Callable[[str], None], Progress]]:
         begun = [""]
 
         def say(words: str) -> None:
-            heed()
+            keep(False)
             begun[0] = words
             tell(words)
 
         def report(now: Report) -> None:
+            keep()
             left = f", about {now.left_s:.0f} s left" if now.left_s == now.left_s else ""
             done = f"{100 * now.done:.0f} %, best so far {now.objective:.4g}{left}"
             tell(f"{begun[0].split(':')[0]}: {now.method} {now.index + 1}, {done}")

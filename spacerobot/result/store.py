@@ -19,7 +19,8 @@ from typing import Any
 import xarray as xr
 
 from spacerobot.errors import ResultError, ScenarioError
-from spacerobot.files import locked, uninterrupted
+from spacerobot.files import locked
+from spacerobot.interrupts import uninterrupted
 from spacerobot.result.derived import DERIVED, remove_derived
 from spacerobot.result.result import Result
 from spacerobot.result.summary import FORMAT

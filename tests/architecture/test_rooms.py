@@ -9,6 +9,7 @@ ROOT = Path(__file__).parents[2]
 
 KNOWS = {
     "spacerobot.errors": set(),
+    "spacerobot.interrupts": set(),
     "spacerobot.files": {"errors"},
     "spacerobot.section": {"errors"},
     "spacerobot.dynamics": {"errors"},
@@ -21,7 +22,7 @@ KNOWS = {
     "spacerobot.compiled": {"errors"},
     "spacerobot.rollout": {"errors", "compiled"},
     "spacerobot.pinocchio_engine": {"errors", "elements", "scenario", "scene", "rollout"},
-    "spacerobot.result": {"errors", "files", "scenario", "scene", "closedloop", "rollout"},
+    "spacerobot.result": {"errors", "files", "interrupts", "scenario", "scene", "closedloop", "rollout"},
     "spacerobot.simulation": {"errors", "closedloop", "pinocchio_engine", "result", "rollout", "scene"},
     "spacerobot.paper": {"result", "scene", "simulation"},
 }

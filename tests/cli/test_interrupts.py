@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import random
 import signal
 import subprocess
 import sys
@@ -11,32 +12,99 @@ from pathlib import Path
 
 import pytest
 
+from spacerobot import interrupts
 from spacerobot.cli.app import main
-from spacerobot.cli.interrupts import heed, remembered
+from spacerobot.interrupts import keep, minded, uninterrupted
 from spacerobot.result import Result
 
 ROOT = Path(__file__).parents[2]
 
 
-def test_an_interrupt_that_was_swallowed_is_heeded_later():
-    with remembered():
-        heed()
-        with contextlib.suppress(BaseException):  # as a library in C does
-            signal.raise_signal(signal.SIGINT)
-        with pytest.raises(KeyboardInterrupt):
-            heed()
-    heed()
+def test_an_interrupt_that_was_swallowed_ends_the_block():
+    with pytest.raises(KeyboardInterrupt), minded(), contextlib.suppress(BaseException):  # as a library does
+        signal.raise_signal(signal.SIGINT)
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_an_interrupt_that_a_library_renames_stays_one():
+    with pytest.raises(KeyboardInterrupt), minded():  # noqa: PT012 (the block itself is what is tested)
+        try:
+            signal.raise_signal(signal.SIGINT)
+        except KeyboardInterrupt:
+            raise ImportError("failed") from None
+
+
+def test_what_was_swallowed_begins_no_writing():
+    with pytest.raises(KeyboardInterrupt), minded():  # noqa: PT012 (the block itself is what is tested)
+        with contextlib.suppress(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+        with uninterrupted():
+            pytest.fail("begun")
+
+
+def test_a_search_that_keeps_what_it_found_is_stopped_alone():
+    with minded():
+        keep()
+        with contextlib.suppress(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+        keep(False)
+        with uninterrupted():
+            pass
+
+
+def test_a_second_interrupt_ends_the_search_too():
+    with pytest.raises(KeyboardInterrupt), minded():  # noqa: PT012 (the block itself is what is tested)
+        keep()
+        for _ in range(2):
+            with contextlib.suppress(KeyboardInterrupt):
+                signal.raise_signal(signal.SIGINT)
 
 
 def test_a_job_that_ignores_interrupts_goes_on_doing_so():
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
-        with remembered():
+        with minded():
             signal.raise_signal(signal.SIGINT)
-            heed()
     finally:
         signal.signal(signal.SIGINT, before)
+
+
+IN_A_LIBRARY = """
+import os, signal, threading, time
+from spacerobot.interrupts import minded
+with minded():
+    threading.Timer(0.1, os.kill, (os.getpid(), signal.SIGINT)).start()
+    {}
+"""
+DEAF = (
+    "signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT]); time.sleep(1000)",
+    "while True:\n        try: signal.pause()\n        except BaseException: pass",
+)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="no SIGINT for processes there")
+@pytest.mark.parametrize("code", DEAF)
+def test_a_library_that_hears_nothing_is_ended(code):
+    command = [sys.executable, "-c", IN_A_LIBRARY.format(code)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=60)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "error: interrupted\n")
+
+
+@pytest.mark.skipif(os.name == "nt", reason="no SIGINT for processes there")
+def test_a_command_is_ended_wherever_the_interrupt_comes(tmp_path):
+    """While it loads libraries, builds, and prints; at random times of a fixed seed."""
+    delays, ended = random.Random(1), []
+    command = [sys.executable, "-m", "spacerobot", "check", "servicer"]
+    for _ in range(6):
+        process = subprocess.Popen(
+            command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        )
+        time.sleep(delays.uniform(0.3, 1.2))
+        process.send_signal(signal.SIGINT)
+        ended.append((process.communicate(timeout=60)[1], process.returncode))
+    # a process that has ended, or has not begun, when it comes is none of ours
+    assert set(ended) <= {("error: interrupted\n", 130), ("", 0), ("", -signal.SIGINT)}
+    assert ("error: interrupted\n", 130) in ended
 
 
 def run(monkeypatch, *arguments):
@@ -57,6 +125,7 @@ def test_an_interrupt_lost_while_simulating_still_ends_the_run(monkeypatch, caps
         return simulate(scene, backend="interpreted")
 
     monkeypatch.setattr(job, "simulate", swallowing)
+    monkeypatch.setattr(interrupts, "GRACE_S", 1e6)  # the process is that of the tests
     short = ("--set", "simulation.duration=0.02", "--set", "simulation.step=0.02")
     assert run(monkeypatch, "run", "paper", *short, "--out", tmp_path / "r") == 130
     assert capsys.readouterr().err == "error: interrupted\n"
@@ -109,7 +178,7 @@ def test_the_command_begins_where_interrupts_are_minded():
     )
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
     loaded = {name.partition(".")[0] for name in eval(done.stdout)}
-    assert loaded <= {"spacerobot", "__future__"}
+    assert loaded <= {"spacerobot", *sys.stdlib_module_names}
 
 
 @pytest.mark.skipif(os.name == "nt", reason="no pipes of that kind there")

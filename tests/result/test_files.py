@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 
 from spacerobot.errors import ResultError
-from spacerobot.files import locked, uninterrupted, write_text
+from spacerobot.files import locked, write_text
+from spacerobot.interrupts import uninterrupted
 
 ROOT = Path(__file__).parents[2]
 
