@@ -10,8 +10,6 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import json
-import shutil
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -19,7 +17,7 @@ from typing import Any
 import xarray as xr
 
 from spacerobot.errors import ResultError, ScenarioError
-from spacerobot.files import locked
+from spacerobot.files import STAGE, locked, staged
 from spacerobot.interrupts import uninterrupted
 from spacerobot.result.derived import DERIVED, remove_derived
 from spacerobot.result.result import Result
@@ -31,8 +29,6 @@ FILES = (SCENARIO, DATA, SUMMARY)
 """In the order they are moved into place: the summary last, so that a folder with one is complete."""
 OTHERS = {"campaign.json": "campaign", "comparison.json": "comparison", "sweep.json": "sweep"}
 """Files by which the folders of other jobs are known."""
-STAGE = ".spacerobot-"
-"""Beginning of the names of folders in which results are prepared, perhaps by another process just now."""
 
 
 def check_folder(folder: Path) -> None:
@@ -146,11 +142,8 @@ def _stage(folder: Path) -> Any:
     made = [path for path in (home, *home.parents) if not path.exists()]
     home.mkdir(parents=True, exist_ok=True)
     try:
-        stage = Path(tempfile.mkdtemp(prefix=STAGE, dir=home))
-        try:
+        with staged(home) as stage:
             yield stage
-        finally:
-            shutil.rmtree(stage, ignore_errors=True)
     finally:
         for path in made:
             with contextlib.suppress(OSError):
