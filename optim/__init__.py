@@ -1,40 +1,71 @@
-"""Tuning: variables, objectives, evolutionary methods, NLP, and an honest comparison between them."""
+"""Tuning: variables, objectives, evolutionary methods, NLP, and an honest comparison between them.
 
-from optim.comparison import Comparison, Contest, Session, compare
-from optim.evolutionary import Protocol, evolve
-from optim.methods import Effort, Outcome, effort_of, run_method
-from optim.nlp import NlpSettings, solve
-from optim.problem import TuningProblem, build_problem
-from optim.search import Report, Run, Search
-from optim.sensitivity import Sensitivity, sensitivity
-from optim.tune import Tuned, tune
-from spacerobot.rollout import Measure, Signals, final, integral, peak
+The names below are loaded when they are first used. Campaigns are in :mod:`optim.campaign`.
+"""
 
-__all__ = [
-    "Comparison",
-    "Contest",
-    "Effort",
-    "Measure",
-    "NlpSettings",
-    "Outcome",
-    "Protocol",
-    "Report",
-    "Run",
-    "Search",
-    "Sensitivity",
-    "Session",
-    "Signals",
-    "Tuned",
-    "TuningProblem",
-    "build_problem",
-    "compare",
-    "effort_of",
-    "evolve",
-    "final",
-    "integral",
-    "peak",
-    "run_method",
-    "sensitivity",
-    "solve",
-    "tune",
-]
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from spacerobot.front_door import front_door
+
+if TYPE_CHECKING:
+    from optim.comparison import Comparison as Comparison
+    from optim.comparison import Contest as Contest
+    from optim.comparison import Session as Session
+    from optim.comparison.compare import compare as compare
+    from optim.evolutionary import Protocol as Protocol
+    from optim.evolutionary import evolve as evolve
+    from optim.methods import Effort as Effort
+    from optim.methods import Outcome as Outcome
+    from optim.methods import effort_of as effort_of
+    from optim.methods import run_method as run_method
+    from optim.nlp import NlpSettings as NlpSettings
+    from optim.nlp import solve as solve
+    from optim.problem import TuningProblem as TuningProblem
+    from optim.problem import build_problem as build_problem
+    from optim.search import Report as Report
+    from optim.search import Run as Run
+    from optim.search import Search as Search
+    from optim.sensitivities import Sensitivity as Sensitivity
+    from optim.sensitivities import sensitivity as sensitivity
+    from optim.tuning import Tuned as Tuned
+    from optim.tuning import tune as tune
+    from spacerobot.rollout import Measure as Measure
+    from spacerobot.rollout import Signals as Signals
+    from spacerobot.rollout import final as final
+    from spacerobot.rollout import integral as integral
+    from spacerobot.rollout import peak as peak
+
+_HOME = {
+    "Comparison": "optim.comparison",
+    "Contest": "optim.comparison",
+    "Effort": "optim.methods",
+    "Measure": "spacerobot.rollout",
+    "NlpSettings": "optim.nlp",
+    "Outcome": "optim.methods",
+    "Protocol": "optim.evolutionary",
+    "Report": "optim.search",
+    "Run": "optim.search",
+    "Search": "optim.search",
+    "Sensitivity": "optim.sensitivities",
+    "Session": "optim.comparison",
+    "Signals": "spacerobot.rollout",
+    "Tuned": "optim.tuning",
+    "TuningProblem": "optim.problem",
+    "build_problem": "optim.problem",
+    "compare": "optim.comparison.compare",
+    "effort_of": "optim.methods",
+    "evolve": "optim.evolutionary",
+    "final": "spacerobot.rollout",
+    "integral": "spacerobot.rollout",
+    "peak": "spacerobot.rollout",
+    "run_method": "optim.methods",
+    "sensitivity": "optim.sensitivities",
+    "solve": "optim.nlp",
+    "tune": "optim.tuning",
+}
+"""Where each name of the front door lives."""
+
+__all__ = [*_HOME]  # noqa: PLE0604 (names that are loaded when used)
+__getattr__, __dir__ = front_door(__name__, _HOME)

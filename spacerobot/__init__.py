@@ -9,8 +9,9 @@ The names below are loaded when they are first used, so that importing the packa
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from spacerobot.front_door import front_door
 
 if TYPE_CHECKING:
     from spacerobot.closedloop import ClosedLoop as ClosedLoop
@@ -30,30 +31,21 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 _HOME = {
-    "ClosedLoop": "closedloop",
-    "Result": "result",
-    "Rollout": "rollout",
-    "Scene": "scene",
-    "SpaceRobotError": "errors",
-    "build_closed_loop": "closedloop",
-    "build_rollout": "rollout",
-    "load": "result",
-    "load_plugin": "elements",
-    "load_scene": "scene",
-    "register": "elements",
-    "save": "result",
-    "simulate": "simulation",
+    "ClosedLoop": "spacerobot.closedloop",
+    "Result": "spacerobot.result",
+    "Rollout": "spacerobot.rollout",
+    "Scene": "spacerobot.scene",
+    "SpaceRobotError": "spacerobot.errors",
+    "build_closed_loop": "spacerobot.closedloop",
+    "build_rollout": "spacerobot.rollout",
+    "load": "spacerobot.result",
+    "load_plugin": "spacerobot.elements",
+    "load_scene": "spacerobot.scene",
+    "register": "spacerobot.elements",
+    "save": "spacerobot.result",
+    "simulate": "spacerobot.simulation",
 }
 """Where each name of the front door lives."""
 
 __all__ = ["__version__", *_HOME]  # noqa: PLE0604 (names that are loaded when used)
-
-
-def __getattr__(name: str) -> Any:
-    if name not in _HOME:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(importlib.import_module(f"{__name__}.{_HOME[name]}"), name)
-
-
-def __dir__() -> list[str]:
-    return sorted(__all__)
+__getattr__, __dir__ = front_door(__name__, _HOME)

@@ -1,1 +1,35 @@
-"""Pictures of a result: browser animation, figures, report."""
+"""Pictures of a result: browser animation, figures, report.
+
+The names below are loaded when they are first used. Each figure is a function of :mod:`viz.figures`.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from spacerobot.front_door import front_door
+
+if TYPE_CHECKING:
+    from viz.figures import draw_all as draw_all
+    from viz.figures import save_figures as save_figures
+    from viz.live import LiveViewer as LiveViewer
+    from viz.notebook import embed as embed
+    from viz.page import animation_page as animation_page
+    from viz.page import write_animation as write_animation
+    from viz.record import write_recording as write_recording
+    from viz.report import write_report as write_report
+
+_HOME = {
+    "LiveViewer": "viz.live",
+    "animation_page": "viz.page",
+    "draw_all": "viz.figures",
+    "embed": "viz.notebook",
+    "save_figures": "viz.figures",
+    "write_animation": "viz.page",
+    "write_recording": "viz.record",
+    "write_report": "viz.report",
+}
+"""Where each name of the front door lives."""
+
+__all__ = [*_HOME]  # noqa: PLE0604 (names that are loaded when used)
+__getattr__, __dir__ = front_door(__name__, _HOME)

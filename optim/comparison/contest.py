@@ -17,7 +17,7 @@ from optim.plants import Judge
 from optim.problem import TuningProblem
 from optim.protocol import Array, Cost, Problem
 from optim.search import Progress
-from optim.sensitivity import Sensitivity, sensitivity
+from optim.sensitivities import Sensitivity, sensitivity
 from optim.variables import at_bound
 from optim.workers import Threads, Workers
 from spacerobot.errors import SpaceRobotError

@@ -11,6 +11,7 @@ KNOWS = {
     "spacerobot.errors": set(),
     "spacerobot.interrupts": set(),
     "spacerobot.files": {"errors"},
+    "spacerobot.front_door": set(),
     "spacerobot.section": {"errors"},
     "spacerobot.dynamics": {"errors"},
     "spacerobot.symbolic": {"dynamics"},

@@ -21,7 +21,7 @@ from optim.comparison.statistics import statistics
 from optim.comparison.sweep import sweep
 from optim.plants import build_judge
 from optim.problem import build_problem
-from optim.sensitivity import sensitivity
+from optim.sensitivities import sensitivity
 from optim.variables import at_bound
 from spacerobot.cli import compare as compare_command
 from spacerobot.cli import tune as tune_command

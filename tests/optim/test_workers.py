@@ -13,7 +13,7 @@ from optim.evolutionary import Protocol, evolve
 from optim.nlp import NlpSettings, solve
 from optim.problem import build_problem
 from optim.search import Search
-from optim.tune import tune
+from optim.tuning import tune
 from optim.workers import Threads
 from optim.workers.turns import Turns
 from spacerobot.errors import SpaceRobotError

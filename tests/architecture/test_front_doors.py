@@ -1,0 +1,45 @@
+"""Front doors: every name is there, and a package loads nothing before a name is used."""
+
+import ast
+import importlib
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+PACKAGES = ["spacerobot", "optim", "viz"]
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_every_name_of_a_front_door_is_there_and_hidden_by_no_module(package):
+    module = importlib.import_module(package)
+    place = Path(module.__file__).parent
+    for name in module.__all__:
+        assert getattr(module, name) is not None
+        assert not (place / name).exists(), name
+        assert not (place / f"{name}.py").exists(), name
+    assert set(module.__all__) - {"__version__"} == set(dir(module))
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        _ = module.nothing
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_type_checkers_see_the_same_names(package):
+    module = importlib.import_module(package)
+    tree = ast.parse(Path(module.__file__).read_text(encoding="utf-8"))
+    (block,) = (node for node in tree.body if isinstance(node, ast.If))
+    seen = {alias.name: node.module for node in block.body for alias in node.names}
+    assert set(seen) == set(module.__all__) - {"__version__"}
+    for name, home in seen.items():
+        assert getattr(importlib.import_module(home), name) is getattr(module, name), name
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_a_package_loads_nothing_before_a_name_is_used(package):
+    code = f"import sys, {package}; print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    loaded = set(done.stdout.split())
+    assert not loaded & {"numpy", "casadi", "pinocchio", "pydantic", "matplotlib"}
+    ours = {name for name in loaded if name.partition(".")[0] in PACKAGES}
+    assert ours <= {package, "spacerobot", "spacerobot.front_door"}
