@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from spacerobot.elements.registry import load_plugin, plugins
 from spacerobot.errors import ScenarioError
 from spacerobot.scenario import Tuning
 from spacerobot.scenario.load import to_document, validate
@@ -23,18 +24,24 @@ class SceneRecipe:
         The scenario, resolved.
     source
         File that it came from, for its errors and the URDFs beside it.
+    plugins
+        Files that add the kinds of elements it may hold.
     """
 
     document: Mapping[str, Any]
     source: str | None
+    plugins: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, scene: Scene) -> SceneRecipe:
         """What builds a scene again."""
-        return cls(to_document(scene.scenario), None if scene.source is None else str(scene.source))
+        source = None if scene.source is None else str(scene.source)
+        return cls(to_document(scene.scenario), source, tuple(map(str, plugins())))
 
     def build(self) -> Scene:
         """The scene."""
+        for plugin in self.plugins:
+            load_plugin(Path(plugin))
         source = None if self.source is None else Path(self.source)
         return build_scene(validate(dict(self.document), source=source), source=source)
 

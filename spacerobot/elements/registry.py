@@ -37,6 +37,7 @@ FAMILIES = {
 _KINDS: dict[str, dict[str, type[Element]]] = {family: {} for family in FAMILIES}
 _LISTENERS: list[Callable[[], None]] = []
 _LOADED: set[str] = set()
+_PLUGINS: dict[Path, bytes] = {}
 
 Kind = TypeVar("Kind", bound=type[Element])
 
@@ -58,6 +59,8 @@ def register(kind: Kind) -> Kind:
         raise SpaceRobotError('no kind; write `kind: Literal["name"] = "name"`', where=where)
     if not kind.__doc__:
         raise SpaceRobotError("no docstring; its first line stands in the documentation", where=where)
+    if not kind.__module__.startswith(FAMILIES[family]):
+        _load_shipped(FAMILIES[family])  # whose names are taken
     taken = _KINDS[family].get(name)
     if taken is not None and (taken.__module__, taken.__qualname__) != (kind.__module__, kind.__qualname__):
         held = f"{taken.__module__}.{taken.__qualname__}"
@@ -92,7 +95,7 @@ def on_change(listener: Callable[[], None]) -> None:
 
 
 def load_plugin(path: Path) -> None:
-    """Run a Python file that registers kinds.
+    """Run a Python file that registers kinds; one that has been run is run again only if it changed.
 
     Raises
     ------
@@ -101,6 +104,9 @@ def load_plugin(path: Path) -> None:
     """
     if not path.is_file():
         raise SpaceRobotError("no such file", source=path)
+    text = path.read_bytes()
+    if _PLUGINS.get(path.resolve()) == text:
+        return
     name = f"spacerobot_plugin_{path.stem}"
     specification = importlib.util.spec_from_file_location(name, path)
     if specification is None or specification.loader is None:
@@ -115,6 +121,12 @@ def load_plugin(path: Path) -> None:
         raise SpaceRobotError(
             f"{type(fault).__name__}: {fault}", source=path, where=_line(fault, path)
         ) from None
+    _PLUGINS[path.resolve()] = text
+
+
+def plugins() -> tuple[Path, ...]:
+    """Files that :func:`load_plugin` ran, in their order; other processes need them for the same scenario."""
+    return tuple(_PLUGINS)
 
 
 def _line(fault: BaseException, path: Path) -> str | None:

@@ -68,6 +68,29 @@ def test_the_worked_examples_get_what_shipped_elements_get():
     assert done.returncode == 0, done.stderr
 
 
+TRAVEL = """
+import pickle
+import subprocess
+import sys
+from pathlib import Path
+import spacerobot as sr
+from optim.scenes import SceneRecipe
+
+sr.load_plugin(Path("examples/plugins/lemniscate.py"))
+scene = sr.load_scene("paper", {"robots.*.tips.tip.reference": {"kind": "lemniscate"}})
+recipe = pickle.dumps(SceneRecipe.of(scene))
+code = "import pickle, sys; print(pickle.load(sys.stdin.buffer).build().tips[0].reference.kind)"
+done = subprocess.run([sys.executable, "-c", code], input=recipe, capture_output=True, check=True)
+assert done.stdout.split() == [b"lemniscate"], done
+"""
+
+
+def test_a_scene_with_kinds_of_ones_own_travels_to_other_processes():
+    command = [sys.executable, "-c", TRAVEL]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, check=False)
+    assert done.returncode == 0, done.stderr
+
+
 def test_a_plugin_is_given_on_the_command_line():
     change = "robots.*.tips.tip.reference={kind: lemniscate}"
     done = run("check", "paper", "--plugin", PLUGINS / "lemniscate.py", "--set", change)
