@@ -55,7 +55,12 @@ def tuning_of(scene: Scene) -> Tuning:
         If it has none.
     """
     if scene.scenario.tuning is None:
-        raise ScenarioError("this scenario has no tuning section", source=scene.source, where="tuning")
+        raise ScenarioError(
+            "this scenario has no tuning section; name what varies by `spacerobot tune --vary kp=20..2000`, "
+            "or let `spacerobot new` write a scenario that has one (docs/tuning.md)",
+            source=scene.source,
+            where="tuning",
+        )
     return scene.scenario.tuning
 
 

@@ -57,7 +57,12 @@ def campaign_of(scene: Scene) -> Campaign:
         If it has none.
     """
     if scene.scenario.campaign is None:
-        raise ScenarioError("this scenario has no campaign section", source=scene.source, where="campaign")
+        raise ScenarioError(
+            "this scenario has no campaign section, which says what is not known (docs/campaigns.md); "
+            "`spacerobot new` writes a scenario that has one",
+            source=scene.source,
+            where="campaign",
+        )
     return scene.scenario.campaign
 
 

@@ -22,6 +22,7 @@ from spacerobot.cli import (
     figures,
     kinds,
     make_arm,
+    new,
     paper,
     report,
     robust,
@@ -58,6 +59,7 @@ MODULES = (
     campaign,
     scenarios,
     kinds,
+    new,
     make_arm,
     schema,
 )

@@ -32,6 +32,15 @@ Method = Annotated[
         "--method", metavar="NAME", help="manual, ga, de, pso, cmaes, sobol, random, nlp or nlp_ga."
     ),
 ]
+Vary = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--vary",
+        metavar="PATH=LOW..HIGH",
+        help="Tune this number, whatever the tuning section says; a path's end (kp, pid.kp) stands for all "
+        "that end so. Repeatable.",
+    ),
+]
 HELP = """Tune a scenario's gains and simulate it with the best ones.
 
 Killed, it goes on where it was when it is started again with the same --out; Ctrl-C keeps the best so far.
@@ -39,6 +48,8 @@ Killed, it goes on where it was when it is started again with the same --out; Ct
 Examples:
 
     spacerobot tune paper --reading base --variables five --method nlp --out out/tuned
+
+    spacerobot tune servicer --vary pid.kp=100..4000 --vary pid.ki=50..2000
 
     spacerobot tune my.yaml --method ga --budget 2000 --runs 3 --dask local:4
 """
@@ -54,6 +65,7 @@ def command(
     out: Out = None,
     changes: Changes = None,
     method: Method = "nlp",
+    vary: Vary = None,
     reading: Reading = None,
     variables: Variables = None,
     budget: Budget = None,
@@ -67,14 +79,14 @@ def command(
     from optim import effort_of, tune
     from optim.objectives import UNITS
     from optim.scenes import tuning_of
-    from optim.variables import at_bound
+    from optim.vary import vary as varied
     from optim.workers.dask import open_workers
     from spacerobot.result import save
     from spacerobot.result.table import headline
     from spacerobot.scene import load_scene
     from spacerobot.simulation import simulate
 
-    scene = load_scene(scenario, parse_changes(changes))
+    scene = varied(load_scene(scenario, parse_changes(changes)), vary or [])
     tuning = tuning_of(scene)
     effort = effort_of(tuning, budget=budget, rival_budget=budget, runs=runs, starts=starts, seed=seed)
     with shown() as (tell, report), open_workers(threads, dask) as workers:
@@ -94,12 +106,9 @@ def command(
         if out is not None:
             result = save(result, out)
             _write(found, out)
-    ends = at_bound(list(found.gains), found.outcome.best.u)
-    told = {name: f", {end}" for name, end in ends.items()}
-    rows = [(name, f"{value:.6g}{told.get(name, '')}") for name, value in found.gains.items()]
     factor, unit = UNITS[tuning.objective.kind]
     console().print(f"{method}: {tuning.objective.kind} {factor * found.objective:.6g} {unit}", markup=False)
-    console().print(pairs("gains", rows))
+    console().print(pairs("gains", _gains(found)))
     show_runs(found.outcome.runs, factor)
     if method == "manual":
         _show_trials(found)
@@ -110,6 +119,15 @@ def command(
         warn("interrupted: the best so far is kept")
         raise typer.Exit(130)
     fail_if_diverged(result)
+
+
+def _gains(found: Tuned) -> list[tuple[str, str]]:
+    """The best gains, and which of them are at a bound."""
+    from optim.variables import at_bound
+
+    ends = at_bound(list(found.gains), found.outcome.best.u)
+    told = {name: f", {end}" for name, end in ends.items()}
+    return [(name, f"{value:.6g}{told.get(name, '')}") for name, value in found.gains.items()]
 
 
 HEADS = {"largest_error_m": "largest error [m]", "swings_hz": "swings [1/s]"}

@@ -1,0 +1,94 @@
+"""Tune what has no tuning section: free numbers named by a path, or by its end, and a range."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+from spacerobot.errors import ScenarioError, near_names
+from spacerobot.scenario.load import to_document
+from spacerobot.scenario.paths import expand
+from spacerobot.scene import Scene, build_scene
+from spacerobot.section import numbers
+
+PLACES = ("robots", "target", "grasps", "gravity")
+"""Parts of a scenario whose numbers may vary."""
+LARGE_RATIO = 10.0
+"""Of upper to lower bound, from which on equal ratios count as equal distances."""
+RANGE = re.compile(r"(?P<path>[^=]+)=(?P<lower>[^=]+)\.\.(?P<upper>[^=]+)")
+
+
+def vary(scene: Scene, ranges: Sequence[str]) -> Scene:
+    """The scene with a tuning section whose variables are these; what else stands in the section stays.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    ranges
+        ``path=lower..upper``. A path may begin anywhere: ``pid.kp`` stands for all paths that end so;
+        ``kp`` too, with one variable for each kind of section that has it (``pid.kp``, ``joint_pd.kp``).
+
+    Raises
+    ------
+    ScenarioError
+        If one is no range, or finds no number.
+    """
+    if not ranges:
+        return scene
+    variables: dict[str, dict[str, object]] = {}
+    for text in ranges:
+        path, lower, upper = _parse(text)
+        for name, paths in _named(scene, path).items():
+            if name in variables:
+                raise ScenarioError(f"{name} is given a range already", where=f"--vary {text}")
+            scale = "log" if lower > 0 and upper / lower >= LARGE_RATIO else "linear"
+            variables[name] = {"paths": paths, "lower": lower, "upper": upper, "scale": scale}
+    changes: dict[str, object] = {"tuning": {"variables": variables}}
+    if scene.scenario.tuning is not None:
+        changes = {"tuning.sets": {}, "tuning.variables": variables}
+    elif scene.scenario.simulation.step is not None:
+        changes["tuning.step"] = min(0.004, scene.scenario.simulation.step)
+    return build_scene(scene.scenario, changes, source=scene.source)
+
+
+def _parse(text: str) -> tuple[str, float, float]:
+    found = RANGE.fullmatch(text.strip())
+    try:
+        if found is None:
+            raise ValueError
+        path, lower, upper = found["path"].strip(), float(found["lower"]), float(found["upper"])
+    except ValueError:
+        message = f"found {text!r}, allowed: PATH=LOWER..UPPER, for example kp=20..2000"
+        raise ScenarioError(message, where="--vary") from None
+    if not lower < upper:
+        raise ScenarioError(
+            f"lower must be below upper, found {lower:g} and {upper:g}", where=f"--vary {path}"
+        )
+    return path, lower, upper
+
+
+def _named(scene: Scene, path: str) -> dict[str, list[str]]:
+    """Paths of a scenario's numbers by the name of the variable that sets them."""
+    document = to_document(scene.scenario)
+    if path.partition(".")[0] in PLACES:
+        try:
+            expand(document, path)
+        except ScenarioError as fault:
+            raise ScenarioError(fault.message, source=scene.source, where=f"--vary {path}") from None
+        return {_name(path.split(".")[-2:]): [path]}
+    known = [p for p, _ in numbers({place: document[place] for place in PLACES if document[place]})]
+    ending = [p for p in known if p.endswith(f".{path}")]
+    if not ending:
+        hint = near_names(path, {p.rpartition(".")[2] for p in known if not p.rpartition(".")[2].isdecimal()})
+        message = f"no number's path ends in {path!r}; {hint}"
+        raise ScenarioError(message, source=scene.source, where="--vary")
+    found: dict[str, list[str]] = {}
+    for number in ending if "." not in path else ():
+        found.setdefault(_name(number.split(".")[-2:]), []).append(number)
+    return found if len(found) > 1 else {_name(path.split(".")): ending}
+
+
+def _name(segments: Sequence[str]) -> str:
+    name = re.sub(r"[^\w-]", "_", "_".join(segments), flags=re.ASCII)
+    return name if name[0].isalpha() else f"_{name}"

@@ -1,0 +1,5 @@
+"""Drafts of scenarios: from URDFs to a file that runs and is ready to edit."""
+
+from spacerobot.scene.draft.draft import Order, draft_scenario
+
+__all__ = ["Order", "draft_scenario"]

@@ -1,0 +1,220 @@
+"""What a draft needs to know of its URDFs: names, chains, a posture to begin in."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+
+from spacerobot.description.bodies import welded_bodies
+from spacerobot.description.find import find_urdf, shipped_urdf_folder
+from spacerobot.description.parts import Joint
+from spacerobot.description.read import Description, read_description
+from spacerobot.errors import ScenarioError, near_names
+from spacerobot.scenario.load import validate
+from spacerobot.scenario.paths import Document
+from spacerobot.scene.build import build_scene
+from spacerobot.scene.scene import Array, Scene
+
+POSTURES = 500
+"""How many are tried."""
+SPREAD = np.pi / 3  # [rad] that a tried posture differs from the middle of a joint's range, at most
+ROUND_DEG = 5.0
+BUS, BUS_DENSITY = 20.0, 300.0
+"""Mass of a spacecraft per mass of its arm, and per volume [kg/m^3], where one has to be made up."""
+MOVES = 1e-3  # least singular value of a tip's Jacobian, lengths in units of its reach, that counts
+
+
+@dataclass(frozen=True)
+class Arm:
+    """A robot of the draft.
+
+    Attributes
+    ----------
+    name, urdf
+        As the scenario names them.
+    description
+        The URDF.
+    tip
+        Link that holds the target.
+    chain
+        Moving joints from the base to the tip.
+    joints
+        Initial state by name, as the scenario says it; others than those of the chain are locked.
+    planar
+        Whether it moves in the x-y plane only.
+    turns
+        Whether the chain moves its tip in every direction and about every axis.
+    bus
+        Mass properties of the root link that stand in for a spacecraft, where the URDF's base is lighter than
+        what it moves; None otherwise.
+    """
+
+    name: str
+    urdf: str
+    description: Description
+    tip: str
+    chain: tuple[Joint, ...]
+    joints: Document
+    planar: bool
+    turns: bool
+    bus: Document | None
+
+    @property
+    def tip_name(self) -> str:
+        """The tip's name in the scenario."""
+        return as_name(self.tip)
+
+
+def read(urdf: str, folder: Path) -> tuple[str, Description]:
+    """A URDF, and how a scenario in ``folder`` names it.
+
+    Raises
+    ------
+    DescriptionError
+        If it is not found or cannot be used.
+    """
+    path = find_urdf(urdf, Path.cwd())
+    if path.parent == shipped_urdf_folder() and not (folder / path.name).is_file():
+        return path.name, read_description(path)
+    inside = path.is_relative_to(folder)
+    return str(path.relative_to(folder) if inside else path), read_description(path)
+
+
+def as_name(text: str, taken: Sequence[str] = ()) -> str:
+    """Name that a scenario accepts, unlike those taken."""
+    name = (re.sub(r"[^\w-]", "_", text, flags=re.ASCII).lstrip("0123456789-") or "robot")[:60]
+    taken = (*taken, "target")
+    return next(n for n in (name, *(f"{name}_{i}" for i in range(2, 99))) if n not in taken)
+
+
+def ends(description: Description) -> list[str]:
+    """Links at the ends of a URDF's chains."""
+    parents = {joint.parent for joint in description.joints}
+    return [link.name for link in description.links if link.name not in parents]
+
+
+def choose_tip(description: Description, wanted: str | None) -> str:
+    """The link asked for, or the only end there is.
+
+    Raises
+    ------
+    ScenarioError
+        If there is no such link, or several ends.
+    """
+    names, file = [link.name for link in description.links], description.path.name
+    if wanted is not None:
+        if wanted not in names:
+            raise ScenarioError(f"no link {wanted!r} in {file}; {near_names(wanted, names)}", where="--tip")
+        return wanted
+    found = ends(description)
+    if len(found) != 1:
+        shown = ", ".join(found[:12]) + (", ..." if len(found) > 12 else "")
+        raise ScenarioError(
+            f"name the link of {file} that holds the target; its ends: {shown}", where="--tip"
+        )
+    return found[0]
+
+
+def make_arm(name: str, named: tuple[str, Description], tip: str | None) -> Arm:
+    """Arm with a chain and a posture.
+
+    Raises
+    ------
+    ScenarioError, DescriptionError
+        If it has no such tip, or the URDF cannot be simulated.
+    """
+    urdf, description = named
+    link = choose_tip(description, tip)
+    above = {joint.child: joint for joint in description.joints}
+    chain, at = list[Joint](), link
+    while at in above:
+        chain.append(above[at])
+        at = above[at].parent
+    chain = [joint for joint in reversed(chain) if joint.kind != "fixed"]
+    if not chain:
+        message = f"no moving joint leads to {link!r} in {description.path.name}"
+        raise ScenarioError(message, where="--tip")
+    of_chain = {joint.name for joint in chain}
+    others = [j.name for j in description.joints if j.kind != "fixed" and j.name not in of_chain]
+    locked: Document = {other: {"locked": True} for other in others}
+    trial = {"urdf": str(description.path), "base": {"joint": "fixed"}, "joints": locked}
+    trial["tips"] = {"tip": {"frame": link}}
+    scene = build_scene(validate({"robots": {"trial": trial}}))
+    joints, turns = _posture(scene, chain)
+    return Arm(
+        name, urdf, description, link, tuple(chain), joints | locked, scene.planar, turns, _bus(description)
+    )
+
+
+def _bus(description: Description) -> Document | None:
+    """A cube of 20 times the mass of what moves, where the base is lighter than that."""
+    base, *others = welded_bodies(description.links, description.joints, description.root)
+    moving = sum(body.mass for body in others)
+    if base.mass >= moving:
+        return None
+    mass = float(f"{BUS * moving:.1g}")
+    inertia = float(f"{mass * (mass / BUS_DENSITY) ** (2 / 3) / 6:.2g}")
+    return {"mass": mass, "inertia": [inertia, inertia, inertia, 0, 0, 0]}
+
+
+def _posture(scene: Scene, chain: Sequence[Joint]) -> tuple[Document, bool]:
+    """The posture, of some drawn about the middles of the joints' ranges, from which the tip moves best."""
+    free = [joint for joint in chain if joint.mimic is None]
+    middle = np.array([_middle(joint) for joint in free])
+    spread = np.array([min(_half_range(joint) * 0.7, SPREAD) for joint in free])
+    best, posture, turns = -np.inf, middle, False
+    draws = np.random.default_rng(0).uniform(-1, 1, (POSTURES, len(free)))
+    for draw in (np.zeros(len(free)), *draws):
+        tried = _rounded(free, middle + spread * draw)
+        score, every_way = _agility(scene, free, tried)
+        if score > best + 1e-12:
+            best, posture, turns = score, tried, every_way
+    values = {
+        joint.name: {"offset": float(x)} if joint.kind == "prismatic" else {"angle_deg": float(np.degrees(x))}
+        for joint, x in zip(free, posture, strict=True)
+    }
+    shown = {n: {k: round(x, 6) for k, x in state.items()} for n, state in values.items()}
+    return shown, turns
+
+
+def _agility(scene: Scene, free: Sequence[Joint], posture: Array) -> tuple[float, bool]:
+    """How well the tip moves in its worst direction, less near the base; whether it moves in every one."""
+    model, data, q = scene.model, scene.model.createData(), pin.neutral(scene.model)
+    for joint, x in zip(free, posture, strict=True):
+        own = model.joints[model.getJointId(f"trial/{joint.name}")]
+        q[own.idx_q : own.idx_q + own.nq] = [np.cos(x), np.sin(x)] if own.nq == 2 else [x]
+    pin.computeJointJacobians(model, data, q)
+    pin.updateFramePlacements(model, data)
+    tip = scene.tips[0]
+    world = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+    jacobian = pin.getFrameJacobian(model, data, tip.frame, world) @ scene.spread
+    reach = sum(float(np.linalg.norm(placement.translation)) for placement in model.jointPlacements[1:])
+    reach = max(reach, 1e-3)
+    axes = [*scene.translation_axes, *(3 + axis for axis in scene.rotation_axes)]
+    rows = jacobian[axes] / np.array([reach if axis < 3 else 1.0 for axis in axes])[:, None]
+    distance = float(np.linalg.norm(data.oMf[tip.frame].translation)) / reach
+    singular = np.linalg.svd(rows, compute_uv=False)
+    every_way = len(singular) == len(axes) and bool(singular[-1] > MOVES)
+    return float(singular[-1]) * min(1.0, 2 * distance), every_way
+
+
+def _rounded(joints: Sequence[Joint], values: Array) -> Array:
+    """Angles in steps that read well, within the joints' ranges."""
+    step = np.array([1e-2 if joint.kind == "prismatic" else np.radians(ROUND_DEG) for joint in joints])
+    rounded = np.round(values / step) * step
+    inside = [j.lower <= x <= j.upper for j, x in zip(joints, rounded, strict=True)]
+    return np.where(inside, rounded, values)
+
+
+def _middle(joint: Joint) -> float:
+    limited = np.isfinite(joint.lower) and np.isfinite(joint.upper)
+    return (joint.lower + joint.upper) / 2 if limited else 0.0
+
+
+def _half_range(joint: Joint) -> float:
+    return float((joint.upper - joint.lower) / 2)

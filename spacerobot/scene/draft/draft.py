@@ -1,0 +1,140 @@
+"""A scenario around URDFs: bases placed, tips gripping the target, gains that suit the arms."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from spacerobot.description.read import Description
+from spacerobot.errors import ScenarioError, near_names
+from spacerobot.scenario.load import parse_yaml, validate
+from spacerobot.scenario.paths import Document
+from spacerobot.scene.build import build_scene
+from spacerobot.scene.draft.arms import Arm, as_name, ends, make_arm, read
+from spacerobot.scene.draft.numbers import Numbers
+from spacerobot.scene.draft.text import Found, text_of
+from spacerobot.scene.scene import Scene
+
+BASES = ("free_flyer", "planar", "fixed")
+
+
+@dataclass(frozen=True)
+class Order:
+    """What a scenario is asked for.
+
+    Attributes
+    ----------
+    robots, target
+        URDF files, or names of shipped ones.
+    tips, frames
+        A link of each robot, or one for all, and of the target for each robot; chosen where none is given.
+    base
+        How bases are connected to the world; ``planar`` if every robot is, else ``free_flyer``, if None.
+    """
+
+    robots: Sequence[str]
+    target: str
+    tips: Sequence[str] = ()
+    frames: Sequence[str] = ()
+    base: str | None = None
+
+
+def draft_scenario(order: Order, file: Path) -> tuple[str, Scene]:
+    """Text of a scenario that will stand in ``file``, and its scene; nothing is written.
+
+    Raises
+    ------
+    ScenarioError, DescriptionError
+        If a URDF cannot be used, a link is not there, or no such scene can be simulated.
+    """
+    if order.base is not None and order.base not in BASES:
+        raise ScenarioError(f"found {order.base!r}; {near_names(order.base, BASES)}", where="--base")
+    if order.base == "fixed" and len(order.robots) > 1:
+        raise ScenarioError(
+            "one robot alone may be fixed; the others are placed by their grasps", where="--base"
+        )
+    arms = _arms(order, file.parent)
+    urdf, description = read(order.target, file.parent)
+    frames = _frames(description, order.frames, len(arms))
+    planar = all(arm.planar for arm in arms)
+    base = order.base or ("planar" if planar else "free_flyer")
+    if base == "free_flyer" and planar:
+        arms = [replace(arm, turns=False) for arm in arms]  # not about every axis of space
+    object_base = "planar" if planar and base != "free_flyer" else "free_flyer"
+    source = file.absolute()
+    bare = _document(arms, frames, (base, object_base, urdf))
+    scene = build_scene(validate(bare, source=source), source=source)
+    numbers = Numbers(scene, {arm.name: arm for arm in arms})
+    gains = {tip.label: numbers.gains(tip) for tip in scene.tips}
+    move = numbers.move(min(found.bandwidth for found in gains.values()))
+    steps = numbers.step(gains, 1.0), numbers.step(gains, 10.0)
+    found = Found(file.stem, arms, bare, gains, move, steps)
+    text = text_of(found)
+    document = parse_yaml(text, source=source)
+    return text, build_scene(validate(document, source=source), source=source)
+
+
+def _arms(order: Order, folder: Path) -> list[Arm]:
+    if len(order.tips) > 1 and len(order.tips) != len(order.robots):
+        found = (
+            f"found {len(order.tips)} for {len(order.robots)} robots, allowed: one for all, or one for each"
+        )
+        raise ScenarioError(found, where="--tip")
+    tips: list[str | None] = [*order.tips]
+    if len(tips) < 2:
+        tips = (tips or [None]) * len(order.robots)
+    arms: list[Arm] = []
+    for urdf, tip in zip(order.robots, tips, strict=True):
+        named = read(urdf, folder.absolute())
+        name = as_name(named[1].path.stem, [arm.name for arm in arms])
+        arms.append(make_arm(name, named, tip))
+    return arms
+
+
+def _frames(description: Description, wanted: Sequence[str], count: int) -> list[str]:
+    """Mating frame of each robot: those asked for, else massless ends of the target, else its root.
+
+    Raises
+    ------
+    ScenarioError
+        If there is no such link, or not one for each robot.
+    """
+    file, names = description.path.name, [link.name for link in description.links]
+    for frame in wanted:
+        if frame not in names:
+            raise ScenarioError(f"no link {frame!r} in {file}; {near_names(frame, names)}", where="--frame")
+    light = {link.name for link in description.links if link.mass == 0}
+    found = [*wanted] or [name for name in ends(description) if name in light and name != description.root]
+    if not found and count == 1:
+        return [description.root]
+    if len(found) < count or (wanted and len(wanted) != count):
+        raise ScenarioError(
+            f"name one link of {file} for each of the {count} robots; its links: {', '.join(names[:12])}",
+            where="--frame",
+        )
+    return found[:count]
+
+
+def _document(arms: Sequence[Arm], frames: Sequence[str], placed: tuple[str, str, str]) -> Document:
+    """The scenario without gains, from the arms, their mating frames, and bases and URDF of the target."""
+    base, object_base, urdf = placed
+    robots, grasps = dict[str, Any](), dict[str, Any]()
+    for i, (arm, frame) in enumerate(zip(arms, frames, strict=True)):
+        grasp = "hold" if len(arms) == 1 else f"hold_{i + 1}"
+        tip: Document = {"pid": {"feedback": "inertial"}}
+        if arm.turns:
+            tip["orientation_pid"] = {"feedback": "inertial"}
+        if arm.tip_name != arm.tip:
+            tip = {"frame": arm.tip} | tip
+        where: Document = {"joint": base}
+        if i > 0:
+            where |= {"rotation_deg": [0, 0, round(360 * i / len(arms), 3)], "close_grasp": grasp}
+        robots[arm.name] = {"urdf": arm.urdf, "base": where, "joints": arm.joints}
+        if arm.bus is not None and base != "fixed":
+            robots[arm.name]["links"] = {arm.description.root: arm.bus}
+        robots[arm.name]["tips"] = {arm.tip_name: tip}
+        grasps[grasp] = {"tip": f"{arm.name}/{arm.tip_name}", "frame": frame, "kind": "weld"}
+    target = {"urdf": urdf, "base": {"joint": object_base, "close_grasp": next(iter(grasps))}}
+    return {"name": "draft", "robots": robots, "target": target, "grasps": grasps}

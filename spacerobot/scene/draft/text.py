@@ -1,0 +1,183 @@
+"""A drafted scenario as a YAML text with comments that say where its numbers come from."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import yaml
+
+from spacerobot.scenario.paths import Document
+from spacerobot.scenario.yaml_text import Dumper
+from spacerobot.scene.draft.arms import Arm, as_name
+from spacerobot.scene.draft.numbers import SPAN, Gains, Move, short
+
+
+@dataclass(frozen=True)
+class Found:
+    """All that the text says.
+
+    Attributes
+    ----------
+    name
+        Of the scenario.
+    arms, bare
+        The robots, and the scenario without gains.
+    gains
+        By the tips' labels.
+    move
+        The target's reference.
+    steps
+        That of rollouts with these gains, and with gains up to their upper bounds [s].
+    """
+
+    name: str
+    arms: Sequence[Arm]
+    bare: Document
+    gains: Mapping[str, Gains]
+    move: Move
+    steps: tuple[float, float]
+
+
+def text_of(found: Found) -> str:
+    """YAML text of the scenario."""
+    lines = [
+        "# Drafted by `spacerobot new`: it runs as it is; every number is a proposal to edit.",
+        "# Units are SI unless a name says otherwise; `spacerobot schema` exports every field with its unit.",
+        f"name: {_flow(as_name(found.name))}",
+        "",
+        "robots:",
+    ]
+    for arm in found.arms:
+        lines += _robot(found, arm)
+    bare, move = found.bare, found.move
+    reference = {"kind": "line", "displacement": move.displacement, "duration": move.duration}
+    lines += [
+        "",
+        "target:",
+        f"  urdf: {_flow(bare['target']['urdf'])}",
+        f"  base: {_flow(bare['target']['base'])}   # placed so that this grasp closes",
+        "  # as far as moves no joint by more than about 0.3 rad, bases giving way, and a tenth of the",
+        "  # distance from base to tip at most; no joint faster than about a tenth of its greatest rate,",
+        "  # and slow beside w",
+        f"  reference: {_flow(reference)}",
+        "",
+        "grasps:   # a weld is rigid; `kind: compliant` has a stiffness and a damping",
+        *(f"  {name}: {_flow(grasp)}" for name, grasp in bare["grasps"].items()),
+        "",
+        f"simulation: {_flow({'duration': move.duration + 2, 'output_step': 0.02})}   "
+        "# its step is chosen by an error estimate",
+        "",
+        *_tuning(found),
+        "",
+        *_campaign(found),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _robot(found: Found, arm: Arm) -> list[str]:
+    bare, gains = found.bare["robots"][arm.name], found.gains[f"{arm.name}/{arm.tip_name}"]
+    chain = {name: state for name, state in arm.joints.items() if "locked" not in state}
+    locked = {name: state for name, state in arm.joints.items() if "locked" in state}
+    lines = [
+        f"  {arm.name}:",
+        f"    urdf: {_flow(bare['urdf'])}",
+        f"    base: {_flow(bare['base'])}",
+        *_bus(bare),
+        "    joints:   # a posture, well within the ranges, from which the tip moves in every direction",
+        *(f"      {_flow(name)}: {_flow(state)}" for name, state in chain.items()),
+    ]
+    if locked:
+        lines.append("      # not between base and tip, so held where they begin")
+        lines += [f"      {_flow(name)}: {_flow(state)}" for name, state in locked.items()]
+    lines += [
+        "    tips:",
+        f"      {arm.tip_name}:",
+        f"        # the tip feels {gains.mass:.3g} kg here, bases and target moving along; bandwidth w = "
+        f"{gains.bandwidth:g} rad/s:",
+        "        # the rate at which the slowest joint comes to its greatest speed by its effort, within",
+        "        # 0.5 to 10, or 2 where the URDF has no limits; K_p = m w, K_i = m w^2 / 4",
+    ]
+    tip = bare["tips"][arm.tip_name]
+    if "frame" in tip:
+        lines.append(f"        frame: {_flow(tip['frame'])}")
+    lines.append(f"        pid: {_flow(gains.pid(gains.mass) | {'feedback': 'inertial'})}")
+    if gains.inertia is not None:
+        lines.append(f"        # likewise, for {gains.inertia:.3g} kg m^2")
+        turn = gains.pid(gains.inertia) | {"feedback": "inertial"}
+        lines.append(f"        orientation_pid: {_flow(turn)}")
+    if gains.joint_inertia is not None:
+        kd = short(gains.joint_inertia * gains.bandwidth)
+        lines.append("    # damps motion of the joints that moves no tip: their median inertia times w")
+        lines.append(f"    joint_pd: {_flow({'kd': kd, 'null_space': True})}")
+    return lines
+
+
+def _bus(bare: Document) -> list[str]:
+    if "links" not in bare:
+        return []
+    ((link, bus),) = bare["links"].items()
+    return [
+        "    # the URDF's own base is lighter than what it moves: a spacecraft stands in, of 20 times that",
+        "    # mass, a cube of 300 kg/m^3; take the line out to have the bare base",
+        f"    links: {{{_flow(link)}: {_flow(bus)}}}",
+    ]
+
+
+def _tuning(found: Found) -> list[str]:
+    lines = [
+        f"# Free numbers: a {SPAN:g}th to {SPAN:g} times what is proposed. `spacerobot tune`, docs/tuning.md",
+        "tuning:",
+        "  variables:",
+    ]
+    for arm in found.arms:
+        gains = found.gains[f"{arm.name}/{arm.tip_name}"]
+        own = "" if len(found.arms) == 1 else f"_{arm.name}"
+        for key, prefix, mass in (("pid", "", gains.mass), ("orientation_pid", "turn_", gains.inertia)):
+            for gain, value in ({} if mass is None else gains.pid(mass)).items():
+                variable = {
+                    "paths": f"robots.{arm.name}.tips.{arm.tip_name}.{key}.{gain}",
+                    "lower": short(value / SPAN),
+                    "upper": short(value * SPAN),
+                    "scale": "log",
+                }
+                lines.append(f"    {prefix}{gain}{own}: {_flow(variable)}")
+    return [
+        *lines,
+        "  # integral of squared tip errors (minimax: the largest); a radian of the target counts as 0.3 m",
+        "  objective: {kind: ise, object_rotation: 0.1}",
+        "  # constraints: {max_joint_torque: 50, max_grip_force: 100}",
+        f"  step: {found.steps[1]:g}   # resolves the fastest motion at the upper bounds",
+    ]
+
+
+def _campaign(found: Found) -> list[str]:
+    peak = 1.5 * max(found.move.displacement) / found.move.duration
+    allowed = short(max(found.move.displacement) / 5, 1)
+    return [
+        "# What is not known; spreads are proposals. `spacerobot campaign`, docs/campaigns.md",
+        "campaign:",
+        "  parameters:",
+        "    object_mass: {paths: 'target.links.*.mass', apply: factor, lower: 0.8, upper: 1.2}",
+        "    link_mass: {paths: 'robots.*.links.*.mass', apply: factor, lower: 0.95, upper: 1.05}",
+        "    # a hundredth of the reference's greatest speed",
+        "    velocity_offset: {paths: 'robots.*.sensors.tip_velocity.offset', kind: normal, mean: 0, "
+        f"std: {short(peak / 100, 1):g}}}",
+        "  samples: 256",
+        f"  limits: {{tip_error: {allowed:g}}}   # [m], a fifth of the reference's displacement",
+        f"  step: {min(0.002, found.steps[0]):g}",
+    ]
+
+
+def _flow(value: Any) -> str:
+    """Value on one line."""
+    if isinstance(value, str):
+        value = yaml.dump(value, Dumper=Dumper, width=10_000, allow_unicode=True).splitlines()[0]
+        return str(value)
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{_flow(key)}: {_flow(item)}" for key, item in value.items()) + "}"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(_flow(item) for item in value) + "]"
+    return f"{value:g}" if isinstance(value, float) else json.dumps(value)
