@@ -120,7 +120,8 @@ def test_operations_are_what_a_function_computes():
 def test_prices_follow_from_the_functions_that_are_evaluated(small):
     problem = build_problem(small(), chosen=["kp", "ta"])
     found, kernel = currency_of(problem), problem.rollout.kernel
-    step = 4 * operations(kernel.functions["dynamics"]) + operations(kernel.functions["normalise"])
+    stages = kernel.method.stages
+    step = stages * operations(kernel.functions["dynamics"]) + operations(kernel.functions["normalise"])
     assert found.operations == pytest.approx(problem.rollout.grid.steps * step, rel=0.05)
     assert 2 < found.gradient < 5  # the reverse of a function costs at most four times the function
     assert 1.5 < found.slope < 3.5
