@@ -1,7 +1,7 @@
 """Fixed-step rollouts of a closed loop: one, many at once, and their exact derivatives."""
 
 from spacerobot.rollout.batch import Report
-from spacerobot.rollout.build import build_rollout, choose_step
+from spacerobot.rollout.build import Backend, build_rollout, choose_step
 from spacerobot.rollout.closure import unclosed
 from spacerobot.rollout.cvodes import integrate_cvodes
 from spacerobot.rollout.grid import TimeGrid, time_grid
@@ -12,6 +12,7 @@ from spacerobot.rollout.step import StepChoice
 from spacerobot.rollout.trajectory import Batch, Gradient, Jacobian, Slopes, Trajectory
 
 __all__ = [
+    "Backend",
     "Batch",
     "ClosedLoopFunctions",
     "Gradient",

@@ -1,0 +1,44 @@
+"""The numbered examples, each run as a user runs it, but small."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+EXAMPLES = ROOT / "examples"
+
+# Small sizes of each example, and what it must print.
+SMALL = {
+    "01_first_steps": ({"duration_s": 0.5}, "largest error of rpr1/tip"),
+    "02_own_robot": ({"duration_s": 0.5}, "completed"),
+    "03_change_and_compare": ({"duration_s": 0.5}, " 180 kg: tip error"),
+    "04_gradients": ({"duration_s": 0.1, "backend": "interpreted"}, "target.links.body.mass: exact"),
+    "05_tune": ({"duration_s": 1.0}, "'ge': "),
+    "06_campaign": ({"samples": 12, "changes": {"simulation.duration": 0.5}}, "worst sample"),
+    "07_own_element": ({"duration_s": 0.2, "backend": "interpreted"}, "soft.stiffness"),
+}
+
+
+def test_every_example_is_here_and_short():
+    files = sorted(EXAMPLES.glob("*.py"))
+    assert [file.stem for file in files] == list(SMALL)
+    assert max(len(file.read_text(encoding="utf-8").splitlines()) for file in files) <= 60
+
+
+@pytest.mark.parametrize("name", SMALL)
+def test_an_example_runs(name, tmp_path):
+    sizes, printed = SMALL[name]
+    code = f"import runpy; runpy.run_path({str(EXAMPLES / f'{name}.py')!r})['main'](**{sizes!r})"
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert printed in done.stdout
