@@ -11,7 +11,7 @@ from rich.markup import escape
 
 from spacerobot.cli.options import Changes, Machines, Out, Threads, parse_changes
 from spacerobot.cli.output import console, table, warn
-from spacerobot.cli.tuning_options import Budget, Runs, Seed, Starts, parts, shown
+from spacerobot.cli.tuning_options import Budget, Runs, Seed, Starts, journals, parts, shown
 
 if TYPE_CHECKING:
     from optim.comparison.compare import Comparison
@@ -104,7 +104,7 @@ def command(
         raise typer.BadParameter("needs --out DIR, where the page is written", param_hint="--report")
     asked = {"budget": budget, "runs": runs, "starts": starts, "seed": seed}
     with shown() as (tell, report), open_workers(threads, dask) as workers:
-        session = Session(out / "journals" if out is not None else None, workers, report, tell)
+        session = Session(journals(out, "comparison.json"), workers, report, tell)
         if scenario == SUITE:
             _refuse(
                 "suite", {"--readings": readings, "--sets": sets, "--set": changes, "--full": full or None}

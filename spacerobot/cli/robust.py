@@ -16,6 +16,7 @@ from spacerobot.cli.tuning_options import (
     Starts,
     Variables,
     chosen_variables,
+    journals,
     show_runs,
     shown,
 )
@@ -69,6 +70,7 @@ def command(
     scene = load_scene(scenario, parse_changes(changes))
     tuning = tuning_of(scene)
     effort = effort_of(tuning, budget=budget, rival_budget=budget, runs=runs, starts=starts, seed=seed)
+    folder = journals(out, "robust.json")
     with shown() as (tell, report), open_workers(threads, dask) as workers:
         tell("building and compiling")
         problem = build_robust(
@@ -80,7 +82,6 @@ def command(
             reading=reading,
             workers=workers,
         )
-        folder = None if out is None else out / "journals"
         found = tune_robust(problem, method, effort=effort, fresh=fresh, folder=folder, progress=report)
         if out is not None:
             tell("simulating and saving the robust design")

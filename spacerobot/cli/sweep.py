@@ -8,7 +8,16 @@ import typer
 
 from spacerobot.cli.options import Changes, Machines, Out, ScenarioName, Threads, parse_changes
 from spacerobot.cli.output import console, table
-from spacerobot.cli.tuning_options import Budget, Reading, Runs, Seed, Variables, chosen_variables, shown
+from spacerobot.cli.tuning_options import (
+    Budget,
+    Reading,
+    Runs,
+    Seed,
+    Variables,
+    chosen_variables,
+    journals,
+    shown,
+)
 
 HELP = """Sensitivity of the GA to its settings: crossover and mutation probability, population size.
 
@@ -52,7 +61,7 @@ def command(
         tell("building and compiling")
         problem = build_problem(scene, chosen=chosen, reading=reading, workers=workers)
         protocol = Protocol(population=tuning.population, budget=budget or 1000)
-        session = Session(out / "journals" if out is not None else None, workers, report)
+        session = Session(journals(out, "sweep.json"), workers, report)
         trials = sweep(problem, protocol=protocol, runs=runs or 3, seed=seed or 0, session=session)
         for trial in trials:
             found = statistics(trial.objectives)

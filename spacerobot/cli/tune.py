@@ -19,12 +19,14 @@ from spacerobot.cli.tuning_options import (
     Starts,
     Variables,
     chosen_variables,
+    journals,
     show_runs,
     shown,
 )
 
 if TYPE_CHECKING:
     from optim import Tuned
+    from spacerobot.result import Result
 
 Method = Annotated[
     str,
@@ -77,12 +79,10 @@ def command(
 ) -> None:
     """Tune, simulate the best design, and save it if a folder is given."""
     from optim import effort_of, tune
-    from optim.objectives import UNITS
     from optim.scenes import tuning_of
     from optim.vary import vary as varied
     from optim.workers.dask import open_workers
     from spacerobot.result import save
-    from spacerobot.result.table import headline
     from spacerobot.scene import load_scene
     from spacerobot.simulation import simulate
 
@@ -97,7 +97,7 @@ def command(
             variables=chosen_variables(variables, tuning),
             reading=reading,
             effort=effort,
-            folder=out / "journals" if out is not None else None,
+            folder=journals(out, "tuning.json"),
             workers=workers,
             progress=report,
         )
@@ -106,13 +106,7 @@ def command(
         if out is not None:
             result = save(result, out)
             _write(found, out)
-    factor, unit = UNITS[tuning.objective.kind]
-    console().print(f"{method}: {tuning.objective.kind} {factor * found.objective:.6g} {unit}", markup=False)
-    console().print(pairs("gains", _gains(found)))
-    show_runs(found.outcome.runs, factor)
-    if method == "manual":
-        _show_trials(found)
-    console().print(pairs("the best design", headline(result)))
+    _show(found, result, method, tuning.objective.kind)
     if out is not None:
         console().print(f"\nresult and tuning.json in {out}", markup=False, soft_wrap=True)
     if found.outcome.interrupted:
@@ -121,13 +115,21 @@ def command(
     fail_if_diverged(result)
 
 
-def _gains(found: Tuned) -> list[tuple[str, str]]:
-    """The best gains, and which of them are at a bound."""
+def _show(found: Tuned, result: Result, method: str, kind: str) -> None:
+    """Print the gains, what each run found, and the best design's numbers."""
+    from optim.objectives import UNITS
     from optim.variables import at_bound
+    from spacerobot.result.table import headline
 
-    ends = at_bound(list(found.gains), found.outcome.best.u)
-    told = {name: f", {end}" for name, end in ends.items()}
-    return [(name, f"{value:.6g}{told.get(name, '')}") for name, value in found.gains.items()]
+    told = {name: f", {end}" for name, end in at_bound(list(found.gains), found.outcome.best.u).items()}
+    rows = [(name, f"{value:.6g}{told.get(name, '')}") for name, value in found.gains.items()]
+    factor, unit = UNITS[kind]
+    console().print(f"{method}: {kind} {factor * found.objective:.6g} {unit}", markup=False)
+    console().print(pairs("gains", rows))
+    show_runs(found.outcome.runs, factor)
+    if method == "manual":
+        _show_trials(found)
+    console().print(pairs("the best design", headline(result)))
 
 
 HEADS = {"largest_error_m": "largest error [m]", "swings_hz": "swings [1/s]"}

@@ -12,6 +12,8 @@ from spacerobot.cli.output import progress, prose
 from spacerobot.interrupts import keep
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from optim import Report, Run
     from optim.search import Progress
     from spacerobot.scenario import Tuning
@@ -46,6 +48,22 @@ def show_runs(runs: Sequence[Run], factor: float = 1.0) -> None:
         kkt = "" if run.kkt is None else f", first-order residual {run.kkt:.1e}"
         line = f"{run.method} {run.index + 1}: {factor * run.objective:.6g}, {spent}{kkt}; {ended}"
         prose(line)
+
+
+def journals(out: Path | None, job: str) -> Path | None:
+    """Where a job with an output folder keeps its journals.
+
+    Raises
+    ------
+    ResultError
+        If the folder holds something else; see ``spacerobot.result.check_folder``.
+    """
+    from spacerobot.result import JOURNALS, check_folder
+
+    if out is None:
+        return None
+    check_folder(out, job)
+    return out / JOURNALS
 
 
 def parts(text: str | None) -> list[str] | None:

@@ -28,6 +28,10 @@ class Element(Section):
         """What is assumed where it acts, a sentence each."""
         return []
 
+    def warnings(self) -> list[str]:
+        """What a user should look at before it acts, a sentence each."""
+        return []
+
     def words(self) -> str:
         """What it is, in a few words with its main numbers, for ``spacerobot check``."""
         return self.kind

@@ -2,6 +2,6 @@
 
 from spacerobot.result.derived import note_derived
 from spacerobot.result.result import Result
-from spacerobot.result.store import check_folder, load, save
+from spacerobot.result.store import JOURNALS, check_folder, load, save
 
-__all__ = ["Result", "check_folder", "load", "note_derived", "save"]
+__all__ = ["JOURNALS", "Result", "check_folder", "load", "note_derived", "save"]

@@ -27,12 +27,29 @@ from spacerobot.scenario.load import read_document, to_yaml, validate
 SCENARIO, SUMMARY, DATA = "scenario.yaml", "summary.json", "result.nc"
 FILES = (SCENARIO, DATA, SUMMARY)
 """In the order they are moved into place: the summary last, so that a folder with one is complete."""
-OTHERS = {"campaign.json": "campaign", "comparison.json": "comparison", "sweep.json": "sweep"}
-"""Files by which the folders of other jobs are known."""
+JOBS = {
+    "campaign.json": "a campaign",
+    "comparison.json": "a comparison",
+    "sweep.json": "a sweep",
+    "tuning.json": "a tuning",
+    "robust.json": "a robust tuning",
+}
+"""Files by which the folders of other jobs are known, which may hold results as well."""
+WITH_RESULT = ("tuning.json", "robust.json")
+"""Those of the jobs that write their best design as a result into the same folder."""
+JOURNALS = "journals"
+"""Folder in which jobs keep what a killed one goes on from."""
 
 
-def check_folder(folder: Path) -> None:
+def check_folder(folder: Path, job: str | None = None) -> None:
     """Refuse, before any work is done, a folder that could not be written or that holds something else.
+
+    Parameters
+    ----------
+    folder
+        Where files shall be written.
+    job
+        One of :data:`JOBS` that writes there; a result alone if None.
 
     Raises
     ------
@@ -44,9 +61,15 @@ def check_folder(folder: Path) -> None:
     names = [] if not folder.is_dir() else [p.name for p in folder.iterdir() if not p.name.startswith(STAGE)]
     found = set(names)
     # other jobs' folders have a summary or a scenario as well: only the data tell a result
-    if DATA not in found and not found <= {*FILES, DERIVED}:
-        other = next((f"a {kind}" for name, kind in OTHERS.items() if name in found), "files")
-        raise ResultError(f"holds {other}, no result; name an empty or a new folder", source=folder)
+    result = DATA in found or found <= {*FILES, DERIVED}
+    other = next((name for name in JOBS if name in found and name != job), None)
+    mine = result if job is None else not found or job in found
+    if job is not None and other is None:  # perhaps killed before its own file was written
+        mine = mine or JOURNALS in found or (result and job in WITH_RESULT)
+    if not mine:
+        wanted = "no result" if job is None else f"not {JOBS[job]}"
+        holds = "files" if other is None else JOBS[other]
+        raise ResultError(f"holds {holds}, {wanted}; name an empty or a new folder", source=folder)
     with _writing(folder), _stage(folder):
         pass
 

@@ -12,7 +12,7 @@ from spacerobot.scenario import Robot
 from spacerobot.scene.checks import controlled_directions, in_null_space, resolved_bodies
 from spacerobot.scene.closing import Closing, find_closings, has_loops, is_rigid, open_grasps
 from spacerobot.scene.configure import initial_state
-from spacerobot.scene.reach import out_of_reach
+from spacerobot.scene.reach import reference_warnings
 from spacerobot.scene.scene import Array, Scene, SceneBody, SceneTip
 
 SLIP = 1e-9  # [m/s, rad/s, deg/s] that a described velocity may differ from the one that begins
@@ -69,7 +69,7 @@ def list_warnings(scene: Scene) -> tuple[str, ...]:
                 f"{body.path}.joint_pd: without effect, for its {joints} joints move as many controlled "
                 "directions of its tips; `null_space` leaves nothing"
             )
-    return (*found, *_given_way(scene), *out_of_reach(scene))
+    return (*found, *_given_way(scene), *reference_warnings(scene))
 
 
 def _unread_sensors(scene: Scene, body: SceneBody) -> list[str]:

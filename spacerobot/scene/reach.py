@@ -34,6 +34,12 @@ def _path(tip: SceneTip) -> str:
     return "target.reference" if tip.from_target else f"{tip.path}.reference"
 
 
+def reference_warnings(scene: Scene) -> list[str]:
+    """What references warn of by themselves, and those that lead too far."""
+    own = [f"{_path(tip)}: {warning}" for tip in scene.tips for warning in tip.reference.warnings()]
+    return [*dict.fromkeys(own), *out_of_reach(scene)]
+
+
 def out_of_reach(scene: Scene) -> list[str]:
     """Warnings about references that lead farther from where a base begins than its arm reaches."""
     data = scene.model.createData()

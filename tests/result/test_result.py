@@ -5,12 +5,14 @@ import hashlib
 import json
 import os
 import signal
+import sys
 
 import numpy as np
 import pinocchio as pin
 import pytest
 import xarray as xr
 
+from spacerobot.cli.app import main
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.errors import ResultError
 from spacerobot.result import check_folder, load, note_derived, save
@@ -262,6 +264,34 @@ def test_folders_that_are_no_place_for_a_result(tmp_path):
     assert not (tmp_path / "fine").exists()
     (tmp_path / "soon" / ".spacerobot-abc").mkdir(parents=True)  # another process prepares its result there
     check_folder(tmp_path / "soon")
+
+
+@pytest.mark.parametrize("job", ["tuning.json", "comparison.json", "sweep.json", "robust.json"])
+def test_a_job_writes_into_its_own_folder_or_an_empty_one(tmp_path, job):
+    for folder, name in (("thesis", "thesis.tex"), ("other", "campaign.json"), ("own", job)):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / name).write_text("{}")
+    (tmp_path / "killed" / "journals").mkdir(parents=True)
+    for fine in ("own", "killed", "new"):
+        check_folder(tmp_path / fine, job)
+    with pytest.raises(ResultError, match=r"thesis: holds files, not a .*; name an empty or a new folder"):
+        check_folder(tmp_path / "thesis", job)
+    with pytest.raises(ResultError, match="other: holds a campaign, not a "):
+        check_folder(tmp_path / "other", job)
+    (tmp_path / "killed" / "campaign.json").write_text("{}")
+    with pytest.raises(ResultError, match="holds a campaign"):
+        check_folder(tmp_path / "killed", job)
+
+
+@pytest.mark.parametrize("job", ["tune", "robust", "sweep", "compare"])
+def test_a_command_refuses_a_folder_of_other_files_before_it_begins(monkeypatch, capsys, tmp_path, job):
+    (tmp_path / "thesis.tex").write_text("x")
+    monkeypatch.setattr(sys, "argv", ["spacerobot", job, "paper", "--out", str(tmp_path)])
+    with pytest.raises(SystemExit) as left:
+        main()
+    assert left.value.code == 2
+    assert "holds files, not a" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
 
 
 @pytest.mark.parametrize("kind", ["campaign", "comparison", "sweep"])

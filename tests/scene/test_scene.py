@@ -376,3 +376,14 @@ def test_a_scene_of_one_joint_alone(tmp_path, axis, planar):
     scene = load_scene(tmp_path / "one.yaml")
     assert scene.model.nv == 1
     assert scene.planar is planar
+
+
+@pytest.mark.parametrize(("times", "swings"), [([0, 5, 10], False), ([0, 1e-3, 10], True)])
+def test_a_spline_that_swings_far_beyond_its_waypoints_is_warned_of(times, swings):
+    points = [[0, 0, 0], [0.01, 0, 0], [0.02, 0, 0]]
+    spline = {"kind": "spline", "times": times, "displacements": points}
+    found = load_scene("paper", {"robots.rpr1.tips.tip.reference": spline}).warnings
+    text = (
+        "robots.rpr1.tips.tip.reference: swings 22.2 m beyond its waypoints along x, which lie between 0 and"
+    )
+    assert any(text in warning for warning in found) is swings

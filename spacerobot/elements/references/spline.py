@@ -15,6 +15,9 @@ from spacerobot.elements.reference import Array, Reference
 from spacerobot.elements.registry import register
 from spacerobot.section import Vector
 
+OVERSHOOT = 0.25
+"""Beyond its waypoints, of the distance between the farthest corners of the box that holds them."""
+
 
 @register
 class Spline(Reference):
@@ -64,6 +67,20 @@ class Spline(Reference):
             )
         return found
 
+    def warnings(self) -> list[str]:
+        """Of an axis on which it swings far beyond its waypoints."""
+        points = np.array(self.displacements)
+        lower, upper = points.min(axis=0), points.max(axis=0)
+        found = _between(np.array(self.times), points)
+        beyond = np.maximum(lower - found, found - upper).max(axis=0)
+        axis = int(beyond.argmax())
+        if beyond[axis] <= OVERSHOOT * np.linalg.norm(upper - lower):
+            return []
+        return [
+            f"swings {beyond[axis]:.3g} m beyond its waypoints along {'xyz'[axis]}, which lie between "
+            f"{lower[axis]:.3g} and {upper[axis]:.3g} m; set `times` more evenly, or waypoints in between"
+        ]
+
     def jumps(self) -> tuple[float, ...]:
         """Its waypoints behind the first one."""
         return self.times[1:]
@@ -73,6 +90,16 @@ class Spline(Reference):
         for i, displacement in enumerate(self.displacements):
             if displacement[2]:
                 yield f"displacements.{i}", list(displacement)
+
+
+def _between(knots: Array, points: Array) -> Array:
+    """Displacements (m, 3) on the whole way, at as many times in each piece."""
+    second = _clamped_spline_operator(knots).full() @ points
+    right = np.linspace(0.0, 1.0, 33)[:, None, None]
+    left, bend = 1 - right, np.diff(knots)[:, None] ** 2 / 6
+    found = left * points[:-1] + right * points[1:]
+    found = found + bend * (second[:-1] * (left**3 - left) + second[1:] * (right**3 - right))
+    return found.reshape(-1, 3)
 
 
 def _piece(knots: Array, time: ca.SX, points: ca.SX, second: ca.SX) -> Profile:
