@@ -7,6 +7,8 @@ from spacerobot.interrupts import INTERRUPTED, leave, minded
 
 def main() -> None:
     """Load the command line and run it."""
+    if not any(argument.startswith("--dask") for argument in sys.argv):
+        sys.modules.setdefault("dask", None)  # type: ignore[arg-type]  # else xarray loads it, for nothing
     try:
         with minded():
             from spacerobot.cli.app import main as run

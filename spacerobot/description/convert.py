@@ -6,9 +6,9 @@ import io
 from pathlib import Path
 
 import numpy as np
-import yourdfpy as yp
 from lxml import etree
 
+from spacerobot.description.library import yourdfpy as yp
 from spacerobot.description.meshes import is_readable, missing_meshes, resolve_mesh, stand_in
 from spacerobot.description.parts import Array, Geometry, Joint, Link, Mimic, Shape, frozen
 from spacerobot.errors import DescriptionError

@@ -55,7 +55,7 @@ class Description:
         prefix
             ``rpr1/`` for example; may be empty.
         """
-        from spacerobot.description.write import urdf_xml  # yourdfpy takes most of a second to import
+        from spacerobot.description.write import urdf_xml
 
         return urdf_xml(self.name, self.links, self.joints, prefix)
 
@@ -86,7 +86,7 @@ def read_description(path: Path | str) -> Description:
         Mass properties and mimicry are judged with the scene, which may change masses, lock joints and fix
         the base.
     """
-    from spacerobot.description.convert import convert_joint, convert_links, parse_urdf  # imports yourdfpy
+    from spacerobot.description.convert import convert_joint, convert_links, parse_urdf
 
     source = Path(path).absolute()
     data = _read_bytes(source)

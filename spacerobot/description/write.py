@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import yourdfpy as yp
 from lxml import etree
 
+from spacerobot.description.library import yourdfpy as yp
 from spacerobot.description.parts import Geometry, Joint, Link, Shape
 
 

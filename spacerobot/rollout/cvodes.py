@@ -108,6 +108,7 @@ def _integrator(loop: ClosedLoopFunctions, relative: float, absolute: float) -> 
     rate = length * loop.dynamics(begin + length * part, x, c)
     dae = {"t": part, "x": x, "p": ca.vertcat(begin, length, c), "ode": rate}
     options = {"reltol": relative, "abstol": absolute, "max_num_steps": 100_000, "show_eval_warnings": False}
+    options["disable_internal_warnings"] = True  # what it says on giving up is in the status
     return ca.integrator("advance", "cvodes", dae, 0.0, 1.0, options)
 
 

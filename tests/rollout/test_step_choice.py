@@ -80,6 +80,11 @@ def test_cvodes_gives_up_with_a_status(loop):
     assert len(found.time) == len(found.state) == 1
 
 
+def test_cvodes_says_nothing_by_itself(loop, capfd):
+    assert integrate_cvodes(loop, **GRID, relative=1e-30, absolute=1e-300).status == "diverged"
+    assert capfd.readouterr() == ("", "")
+
+
 def test_without_a_compiler_it_interprets_and_says_so(loop, monkeypatch):
     monkeypatch.setenv("SPACEROBOT_COMPILER", "none")
     rollout = build_rollout(loop, **GRID, step_s=0.01)

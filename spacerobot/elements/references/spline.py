@@ -99,7 +99,8 @@ def _between(knots: Array, points: Array) -> Array:
     left, bend = 1 - right, np.diff(knots)[:, None] ** 2 / 6
     found = left * points[:-1] + right * points[1:]
     found = found + bend * (second[:-1] * (left**3 - left) + second[1:] * (right**3 - right))
-    return found.reshape(-1, 3)
+    flat: Array = found.reshape(-1, 3)
+    return flat
 
 
 def _piece(knots: Array, time: ca.SX, points: ca.SX, second: ca.SX) -> Profile:
