@@ -8,6 +8,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
+import numpy as np
+
 from spacerobot.closedloop import ClosedLoop, build_closed_loop, find_fastest_rate
 from spacerobot.errors import DivergedError
 from spacerobot.result import Result
@@ -22,6 +24,9 @@ from spacerobot.scene import Scene
 Progress = Callable[[str], None]
 LOCAL_TOLERANCE = 1e-3
 """Local tolerance of CVODES per tolerance of the whole rollout: its errors add up over thousands of steps."""
+
+LARGEST = 1e150
+"""Numbers beyond it cannot be squared; a rollout has diverged before one comes up."""
 
 REMEDY = (
     "for a stiff loop take `--engine cvodes`, or softer gains and dampers; else give `simulation.step`, "
@@ -54,24 +59,54 @@ def simulate(scene: Scene, *, backend: Backend = "auto", progress: Progress | No
     CompileError
         If a compiled backend was asked for and there is none.
     DivergedError
-        If the step was to be chosen and none keeps to the tolerance, or a grasp does not close.
+        If the rollout has no finite sample at all; if the step was to be chosen and none keeps to the tolerance, or a grasp does not close.
     """
     tell = progress or (lambda _: None)
     begin = time.perf_counter()
     tell("building the closed loop")
     loop = build_closed_loop(scene)
     built = time.perf_counter()
-    run = _run(scene, loop, backend, tell)
+    with np.errstate(over="ignore", invalid="ignore"):  # a rollout that diverges says so by its status
+        run = _run(scene, loop, backend, tell)
+    trajectory = _good_part(run.trajectory, loop)
     done = time.perf_counter()
-    data = build_dataset(run.scene, run.trajectory, loop)
+    data = build_dataset(run.scene, trajectory, loop)
     timing = {
         "closed_loop": built - begin,
         "compile_or_load": run.ready - built,
-        "rollout": run.trajectory.wall_s,
+        "rollout": trajectory.wall_s,
         "total": done - begin,
     }
-    summary = build_summary(run.scene, data, run.trajectory, timing, run.notes)
+    summary = build_summary(run.scene, data, trajectory, timing, run.notes)
     return Result(run.scene.scenario, data, summary)
+
+
+def _good_part(trajectory: Trajectory, loop: ClosedLoop) -> Trajectory:
+    """Trajectory up to the last sample that holds nothing but numbers, and none beyond :data:`LARGEST`.
+
+    What is no number from the start on belongs to outputs that not all elements declare.
+    """
+    values = np.hstack([trajectory.state, *trajectory.outputs.values()])
+    with np.errstate(invalid="ignore"):
+        bad = ~(np.abs(values) <= LARGEST)
+    nothing = np.isnan(values[0])
+    nothing[: trajectory.state.shape[1]] = False
+    rows = np.flatnonzero((bad & ~nothing).any(axis=1))
+    if not rows.size:
+        return trajectory
+    if rows[0] == 0:
+        at = int(np.nanargmax(np.abs(trajectory.state[0])))
+        worst = f"{loop.state_names[at]} = {trajectory.state[0, at]:.3g}"
+        raise DivergedError(f"the rollout diverged at the start, where {worst}: nothing could be kept")
+    kept = slice(rows[0])
+    return dataclasses.replace(
+        trajectory,
+        time=trajectory.time[kept],
+        state=trajectory.state[kept],
+        outputs={name: output[kept] for name, output in trajectory.outputs.items()},
+        status="diverged",
+        diverged_at_s=float(trajectory.time[kept][-1]),
+    )
 
 
 @dataclass(frozen=True)

@@ -127,10 +127,15 @@ def fail_if_diverged(result: Result) -> None:
     if result.completed:
         warn_if_open(result)
         return
+    from spacerobot.result.trust import fast_words
+
     status, step = result.summary["status"], result.summary["engine"]["step_s"]
     hint = f"; the step of {step:g} s may be too large (leave it out to have one chosen)" if step else ""
+    fast = fast_words(result.summary["fastest_joint"])
     kept = f"; kept up to there in {result.folder}" if result.folder is not None else ""
-    raise DivergedError(f"the rollout diverged after {status['diverged_at_s']:.6g} s{hint}{kept}")
+    raise DivergedError(
+        f"the rollout diverged after {status['diverged_at_s']:.6g} s{hint}{fast and f'; {fast}'}{kept}"
+    )
 
 
 def warn_if_open(result: Result) -> None:

@@ -47,8 +47,10 @@ class StepChoice:
 class NoStepError(DivergedError):
     """No step keeps to a tolerance; ``finest`` is the pilot rollout with the shortest one tried."""
 
-    def __init__(self, message: str, finest: Trajectory) -> None:
-        super().__init__(message)
+    def __init__(self, tolerance: float, finest: Trajectory, reached: str) -> None:
+        super().__init__(
+            f"no step down to {finest.step_s:.3g} s reaches an error of {tolerance:.3g}: {reached}"
+        )
         self.finest = finest
 
 
@@ -110,9 +112,7 @@ def search_step(
                 choice = StepChoice(coarse.step_s, error, tolerance, unstable)
                 return _lengthen(pilot, fine, choice, longest_s, order)
         coarse = fine
-    told = _reached(coarse, error)
-    message = f"no step down to {coarse.step_s:.3g} s reaches an error of {tolerance:.3g}: {told}"
-    raise NoStepError(message, coarse)
+    raise NoStepError(tolerance, coarse, _reached(coarse, error))
 
 
 def _reached(finest: Trajectory, error: float) -> str:

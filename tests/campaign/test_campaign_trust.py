@@ -12,7 +12,7 @@ from optim.campaign.trust import DRIFT, RESIDUAL, doubts, drift_of, residual_of,
 
 
 def test_drift_is_that_of_a_whole_rollout(small):
-    evaluator = build_evaluator(small(), {"stiff": {"robots.*.tips.tip.pid.kp": 300}})
+    evaluator = build_evaluator(small(simulation__method="rk4"), {"stiff": {"robots.*.tips.tip.pid.kp": 300}})
     draw = np.array([25.0, 1.5, 0.01, 1.5])
     table = evaluator.evaluate(draw[None])
     names = [column.name for column in evaluator.columns]
@@ -52,9 +52,8 @@ def test_parts_by_hand():
 
 
 def test_a_campaign_with_steps_that_are_too_long_says_so(small, tmp_path):
-    rough = small(
-        campaign__step=0.25, campaign__samples=16, campaign__gains={"all": {"robots.*.tips.tip.pid.kp": 400}}
-    )
+    gains = {"all": {"robots.*.tips.tip.pid.kp": 400}}
+    rough = small(simulation__method="rk4", campaign__step=0.25, campaign__samples=16, campaign__gains=gains)
     ran = run_campaign(rough, tmp_path / "rough")
     summary = summarise(ran.folder, ran.evaluator)
     data = load_campaign(ran.folder)
@@ -86,7 +85,13 @@ def test_nothing_is_said_where_all_is_well_or_momentum_is_not_constant(small, tm
 def test_energy_is_judged_where_momentum_is_not_constant(small, tmp_path):
     """As that of a scene in gravity."""
     gains = {"all": {"robots.*.tips.tip.pid.kp": 400}}
-    rough = small(campaign__step=0.25, campaign__samples=16, campaign__gains=gains, gravity=[0, -0.1, 0])
+    rough = small(
+        simulation__method="rk4",
+        campaign__step=0.25,
+        campaign__samples=16,
+        campaign__gains=gains,
+        gravity=[0, -0.1, 0],
+    )
     ran = run_campaign(rough, tmp_path / "rough")
     summary = summarise(ran.folder, ran.evaluator)
     assert summary["untrusted"]["all"]["count"] > 0

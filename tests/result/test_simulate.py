@@ -1,5 +1,7 @@
 """The main job: what it tells on the way, and what helps when it cannot be done."""
 
+import dataclasses
+import json
 import re
 
 import pytest
@@ -34,3 +36,31 @@ def test_a_loop_too_stiff_for_any_step_names_the_last_one_and_what_helps():
     assert re.match(r"no step down to \d\.\d+e-0[67] s reaches an error of 1e-07: ", text)
     assert re.search(r"fastest rate at the start is \S+ 1/s, set by robots\.rpr1\.joint_pd\.kd", text)
     assert all(part in text for part in ("--engine cvodes", "`simulation.step`", "`simulation.tolerance`"))
+
+
+@pytest.mark.parametrize("engine", ["casadi", "cvodes", "pinocchio"])
+@pytest.mark.parametrize("path", ["target.base.spin_deg.2", "robots.rpr1.joints.joint_1.rate_deg"])
+def test_a_start_beyond_all_numbers_is_one_line(engine, path):
+    with pytest.raises(DivergedError, match=r"diverged at the start, where v\.\S+ = 1\.75e\+298"):
+        simulate(load_scene("paper", SHORT | {"simulation.engine": engine, path: 1e300}))
+
+
+@pytest.mark.parametrize("worst", [float("nan"), float("inf"), 1e200])
+def test_what_lies_before_a_number_that_is_none_is_kept(worst, monkeypatch):
+    import spacerobot.simulation as job
+
+    run = job.Rollout.run
+
+    def spoilt(rollout):
+        whole = run(rollout)
+        error = whole.outputs["tip_error"].copy()
+        error[3:, 0] = worst
+        return dataclasses.replace(whole, outputs={**whole.outputs, "tip_error": error})
+
+    monkeypatch.setattr(job.Rollout, "run", spoilt)
+    result = simulate(load_scene("paper", SHORT))
+    status = result.summary["status"]
+    assert (status["state"], status["trusted"]) == ("diverged", False)
+    assert status["diverged_at_s"] == pytest.approx(0.04)
+    assert result.data.sizes["time"] == 3
+    json.dumps(result.summary, allow_nan=False)

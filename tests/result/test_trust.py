@@ -16,7 +16,11 @@ from tests.oracles import one_arm
 from viz.animation import animation
 from viz.report import report
 
-ROUGH = {"simulation.step": 0.01, "robots.arm.joints.joint_1.rate_deg": 500}
+ROUGH = {
+    "simulation.method": "rk4",
+    "simulation.step": 0.01,
+    "robots.arm.joints.joint_1.rate_deg": 500,
+}
 
 
 def ledger(drift=0.0, largest=1.0, residual=0.0, energy=1.0):
