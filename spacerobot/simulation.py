@@ -15,6 +15,7 @@ from spacerobot.errors import DivergedError
 from spacerobot.result import Result
 from spacerobot.result.dataset import build_dataset
 from spacerobot.result.metrics import fastest_joint
+from spacerobot.result.size import check_size
 from spacerobot.result.summary import build_summary
 from spacerobot.result.trust import fast_words
 from spacerobot.rollout import Rollout, Trajectory, build_rollout, integrate_cvodes
@@ -59,12 +60,16 @@ def simulate(scene: Scene, *, backend: Backend = "auto", progress: Progress | No
     CompileError
         If a compiled backend was asked for and there is none.
     DivergedError
-        If the rollout has no finite sample at all; if the step was to be chosen and none keeps to the tolerance, or a grasp does not close.
+        If the rollout has no finite sample at all; if the step was to be chosen and none keeps to the
+        tolerance; if a grasp does not close.
+    ScenarioError
+        If the memory does not hold the result.
     """
     tell = progress or (lambda _: None)
     begin = time.perf_counter()
     tell("building the closed loop")
     loop = build_closed_loop(scene)
+    check_size(scene, loop)
     built = time.perf_counter()
     with np.errstate(over="ignore", invalid="ignore"):  # a rollout that diverges says so by its status
         run = _run(scene, loop, backend, tell)

@@ -131,11 +131,10 @@ def fail_if_diverged(result: Result) -> None:
 
     status, step = result.summary["status"], result.summary["engine"]["step_s"]
     hint = f"; the step of {step:g} s may be too large (leave it out to have one chosen)" if step else ""
-    fast = fast_words(result.summary["fastest_joint"])
+    words = fast_words(result.summary["fastest_joint"])
+    fast = f"; {words}" if words else ""
     kept = f"; kept up to there in {result.folder}" if result.folder is not None else ""
-    raise DivergedError(
-        f"the rollout diverged after {status['diverged_at_s']:.6g} s{hint}{fast and f'; {fast}'}{kept}"
-    )
+    raise DivergedError(f"the rollout diverged after {status['diverged_at_s']:.6g} s{hint}{fast}{kept}")
 
 
 def warn_if_open(result: Result) -> None:

@@ -72,6 +72,8 @@ def test_a_diverging_run_says_when_exits_3_and_keeps_the_part(spacerobot, tmp_pa
         "--set",
         "simulation.step=0.02",
         "--set",
+        "simulation.method=rk4",
+        "--set",
         "simulation.duration=2",
     )
     assert code == 3

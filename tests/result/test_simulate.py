@@ -6,7 +6,7 @@ import re
 
 import pytest
 
-from spacerobot.errors import DivergedError
+from spacerobot.errors import DivergedError, ScenarioError
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
 
@@ -64,3 +64,16 @@ def test_what_lies_before_a_number_that_is_none_is_kept(worst, monkeypatch):
     assert status["diverged_at_s"] == pytest.approx(0.04)
     assert result.data.sizes["time"] == 3
     json.dumps(result.summary, allow_nan=False)
+
+
+def test_a_result_that_the_memory_does_not_hold_is_refused_before_it_runs(monkeypatch):
+    monkeypatch.setattr("spacerobot.result.size.available_memory", lambda: 8e9)
+    long = {"simulation.duration": 1e6, "simulation.output_step": 0.1}
+    begin = []
+    with pytest.raises(
+        ScenarioError, match=r"simulation\.output_step: the result would take \S+ GB"
+    ) as raised:
+        simulate(load_scene("paper", long), progress=begin.append)
+    assert begin == ["building the closed loop"]
+    raised.match(r"10000001 samples x \d+ numbers x 24 bytes\), allowed: \S+ GB, half of what is free; raise")
+    raised.match(r"`simulation\.output_step` to \S+ s or more, or lower `simulation\.duration`")
