@@ -71,6 +71,9 @@ def _add_body(root: Tree, scene: Scene, body: SceneBody) -> None:
         f"[bold]{escape(body.name)}[/] {escape(body.description.path.name)}: {mass:g} kg, "
         f"{body.base.joint} base at ({x:.4g}, {y:.4g}, {z:.4g}) m"
     )
+    for name, mount in getattr(body.config, "mounts", {}).items():
+        where = mount.link or body.description.root
+        branch.add(escape(f"{name}_ mounted on {where}: {mount.urdf.rpartition('/')[2]}"))
     chain = branch.add(f"{len(body.joints)} joints") if body.joints else branch
     by_name = {joint.name: joint for joint in body.description.joints}
     for name, joint in body.config.joints.items():

@@ -147,9 +147,27 @@ class Tip(Section):
             yield f"controllers.{name}", controller
 
 
+class Mount(Section):
+    """An arm welded to one of the robot's links; it has no base of its own."""
+
+    urdf: str = Field(min_length=1, max_length=4096, description="URDF file of the arm, named as a robot's")
+    link: str | None = Field(
+        default=None,
+        description="link that carries it, of the robot or of an earlier mount; the root link if none",
+    )
+    position: Vector = quantity("m", "its root link's origin, axes of that link", default=(0.0, 0.0, 0.0))
+    rotation_deg: Vector = quantity(
+        "deg", "roll, pitch, yaw of its root link in that link's axes", default=(0.0, 0.0, 0.0)
+    )
+
+
 class Robot(Body):
     """A robot: a body with tips and controllers."""
 
+    mounts: dict[Name, Mount] = Field(
+        default={},
+        description="arms welded to it, by name; their links and joints are called NAME_link and NAME_joint",
+    )
     tips: dict[Name, Tip] = Field(default={}, description="frames that can hold something")
     joint_pd: JointPd | None = Field(
         default=None, description="joint PD towards the inverse kinematics of the references"

@@ -32,7 +32,7 @@ from spacerobot.scene.closing import has_loops
 from spacerobot.scene.configure import close_velocity, initial_state
 from spacerobot.scene.model import build_model
 from spacerobot.scene.reach import check_in_plane
-from spacerobot.scene.resolve import body_documents, fill, read_descriptions, settle
+from spacerobot.scene.resolve import fill, locate, read_descriptions, settle
 from spacerobot.scene.scene import Scene, SceneBody, SceneGrasp, SceneTip
 
 
@@ -103,23 +103,25 @@ def resolve(
     pairs = list(changes.items()) if isinstance(changes, Mapping) else list(changes)
     document = to_document(scenario)
     for pattern, value in pairs:
-        if pattern.rpartition(".")[2] == "urdf":
+        if _names_urdfs(pattern):
             document = _change(document, pattern, value, source)
     validate(document, source=source)
+    locate(document, source=source)
     descriptions = read_descriptions(document, source=source)
-    for path, body in body_documents(document).items():
-        shipped = body["urdf"] == descriptions[path].path.name and not (
-            source is not None and (source.parent / body["urdf"]).is_file()
-        )
-        body["urdf"] = body["urdf"] if shipped else str(descriptions[path].path)
     document = fill(document, descriptions, source=source)
     for pattern, value in pairs:
-        if pattern.rpartition(".")[2] != "urdf":
+        if not _names_urdfs(pattern):
             document = _change(document, pattern, value, source)
     changed = to_document(validate(document, source=source))
     # once more, for sections that a change replaced, and names that it brought in
     resolved = validate(fill(changed, descriptions, source=source), source=source)
     return resolved, settle(resolved, descriptions, source=source)
+
+
+def _names_urdfs(pattern: str) -> bool:
+    """Whether a change decides which URDFs there are, or how they are mounted."""
+    segments = pattern.split(".")
+    return segments[-1] == "urdf" or "mounts" in segments[2:3]
 
 
 def _change(document: Document, pattern: str, value: Any, source: Path | None) -> Document:

@@ -6,8 +6,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 
 from spacerobot.description.find import find_urdf
+from spacerobot.description.mount import mounted
 from spacerobot.description.parts import Joint as UrdfJoint
 from spacerobot.description.read import Description, read_description
 from spacerobot.errors import DescriptionError, ScenarioError, near_names
@@ -27,25 +29,59 @@ def body_documents(document: Document) -> dict[str, Document]:
     return bodies
 
 
+def locate(document: Document, *, source: Path | None) -> None:
+    """Name every URDF by its absolute path, in place; a shipped one by its file's name.
+
+    Raises
+    ------
+    ScenarioError
+        If one is not found.
+    """
+    folder = source.parent if source is not None else None
+    for path, section in _with_urdfs(document).items():
+        try:
+            file = find_urdf(section["urdf"], folder)
+        except DescriptionError as fault:
+            raise ScenarioError(str(fault), source=source, where=f"{path}.urdf") from None
+        shipped = section["urdf"] == file.name and not (folder is not None and (folder / file.name).is_file())
+        section["urdf"] = file.name if shipped else str(file)
+
+
+def _with_urdfs(document: Document) -> dict[str, Document]:
+    """Sections that name a URDF, by their dotted path: bodies, and behind each what is mounted on it."""
+    found: dict[str, Document] = {}
+    for path, body in body_documents(document).items():
+        found[path] = body
+        found |= {f"{path}.mounts.{name}": mount for name, mount in body.get("mounts", {}).items()}
+    return found
+
+
 def read_descriptions(document: Document, *, source: Path | None) -> dict[str, Description]:
-    """URDF of each body, by the body's dotted path.
+    """URDF of each body, with what is mounted on it, by the body's dotted path; files are located.
 
     Raises
     ------
     DescriptionError
-        If a URDF is not found, not readable or cannot be simulated.
+        If a URDF is not readable or cannot be simulated.
+    ScenarioError
+        If something cannot be mounted.
     """
     folder = source.parent if source is not None else None
-    known: dict[Path, Description] = {}
+    files = {path: find_urdf(section["urdf"], folder) for path, section in _with_urdfs(document).items()}
+    known = {file: read_description(file) for file in dict.fromkeys(files.values())}
     descriptions = {}
     for path, body in body_documents(document).items():
-        try:
-            file = find_urdf(body["urdf"], folder)
-        except DescriptionError as fault:
-            raise ScenarioError(str(fault), source=source, where=f"{path}.urdf") from None
-        if file not in known:
-            known[file] = read_description(file)
-        descriptions[path] = known[file]
+        description = known[files[path]]
+        for name, mount in body.get("mounts", {}).items():
+            where = f"{path}.mounts.{name}"
+            arm, placement = known[files[where]], np.eye(4)
+            placement[:3, :3] = pin.rpy.rpyToMatrix(np.radians(mount["rotation_deg"]))
+            placement[:3, 3] = mount["position"]
+            try:
+                description = mounted(description, arm, name, mount["link"], placement)
+            except DescriptionError as fault:
+                raise ScenarioError(fault.message, source=source, where=where) from None
+        descriptions[path] = description
     return descriptions
 
 

@@ -1,0 +1,69 @@
+"""One robot of several: an arm welded to a link of another URDF."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import replace
+
+import numpy as np
+
+from spacerobot.description.parts import Joint, frozen
+from spacerobot.description.read import Description
+from spacerobot.errors import DescriptionError, near_names
+
+
+def mounted(
+    host: Description, arm: Description, name: str, link: str | None, placement: np.ndarray
+) -> Description:
+    """The host with an arm's root link welded to one of its links.
+
+    Parameters
+    ----------
+    host, arm
+        Two URDFs.
+    name
+        Put before the names of the arm's links and joints, with ``_`` between.
+    link
+        Of the host; its root if None.
+    placement
+        Of the arm's root link in that link's frame (4, 4) [m].
+
+    Raises
+    ------
+    DescriptionError
+        If there is no such link, or a name is there already.
+    """
+    names = [own.name for own in host.links]
+    parent = host.root if link is None else link
+    if parent not in names:
+        raise DescriptionError(
+            f"no link {parent!r} in {host.path.name}; {near_names(parent, names)}", where="link"
+        )
+    links = tuple(replace(own, name=f"{name}_{own.name}") for own in arm.links)
+    joints = tuple(_renamed(joint, name) for joint in arm.joints)
+    weld = Joint(f"{name}_mount", "fixed", parent, f"{name}_{arm.root}", frozen(placement), frozen([1, 0, 0]))
+    twice = {own.name for own in links} & set(names)
+    twice |= {own.name for own in (weld, *joints)} & {own.name for own in host.joints}
+    if twice:
+        message = f"{host.path.name} has {', '.join(sorted(twice))} already; call the mount otherwise"
+        raise DescriptionError(message)
+    place = ",".join(f"{value!r}" for value in placement.ravel().tolist())
+    text = "\0".join((host.sha256, arm.sha256, name, parent, place))
+    return replace(
+        host,
+        sha256=hashlib.sha256(text.encode()).hexdigest(),
+        links=(*host.links, *links),
+        joints=(*host.joints, weld, *joints),
+        warnings=(*host.warnings, *(f"{name}: {warning}" for warning in arm.warnings)),
+    )
+
+
+def _renamed(joint: Joint, name: str) -> Joint:
+    mimic = joint.mimic and replace(joint.mimic, joint=f"{name}_{joint.mimic.joint}")
+    return replace(
+        joint,
+        name=f"{name}_{joint.name}",
+        parent=f"{name}_{joint.parent}",
+        child=f"{name}_{joint.child}",
+        mimic=mimic,
+    )
