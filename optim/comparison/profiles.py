@@ -35,12 +35,12 @@ class Profile:
 
 
 def budgets_of(hits: Mapping[str, Sequence[Array]]) -> Array:
-    """Budgets from the least to the largest cost at which anything was solved; shape (n,)."""
+    """Budgets from half the least to the largest cost at which anything was solved; shape (n,)."""
     every = np.concatenate([np.ravel(table) for tables in hits.values() for table in tables] or [np.ones(1)])
     solved = every[np.isfinite(every)]
     if not len(solved):
         solved = np.ones(1)
-    return np.geomspace(max(1.0, solved.min()), max(2.0, solved.max()), BUDGETS)
+    return np.geomspace(max(1.0, solved.min() / 2), max(2.0, solved.max()), BUDGETS)
 
 
 def profile(hits: Sequence[Array], budgets: Array) -> Profile:

@@ -70,7 +70,7 @@ def test_profiles_count_contests_alike_and_rise():
     assert found.share == pytest.approx([0, (0.25 + 0) / 2, (0.5 + 0.5) / 2, (0.75 + 0.5) / 2])
     assert (found.low <= found.share).all()
     assert (found.share <= found.high).all()
-    assert budgets_of({"a": [one], "b": [other]})[[0, -1]] == pytest.approx([10, 100])
+    assert budgets_of({"a": [one], "b": [other]})[[0, -1]] == pytest.approx([5, 100])
     assert len(budgets_of({"a": [np.full((1, 1), never)]}))
 
 

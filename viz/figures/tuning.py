@@ -62,7 +62,7 @@ def convergence(
     for panel in axes.flat[len(names) :]:
         panel.set_axis_off()
     _gap_axis(axes[0, 0], gaps)
-    _cost_axis(axes[0, 0], costs[-1])
+    _cost_axis(axes[0, 0], 1.0, 1.15 * float(costs[-1]))
     figure.supxlabel(COST, fontsize=8.5)
     figure.supylabel("above the best known value", fontsize=8.5)
     return figure
@@ -91,10 +91,11 @@ def _gap_axis(panel: Axes, gaps: Mapping[str, Array]) -> None:
     panel.yaxis.set_minor_formatter(NullFormatter())
 
 
-def _cost_axis(panel: Axes, most: float) -> None:
+def _cost_axis(panel: Axes, least: float, most: float) -> None:
     panel.set_xscale("log")
-    panel.set_xlim(1, 1.15 * most)
-    panel.xaxis.set_major_locator(LogLocator(numticks=6))
+    panel.set_xlim(least, most)
+    few = most < 100 * least  # decades
+    panel.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if few else (1.0,), numticks=6))
     panel.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     panel.xaxis.set_minor_formatter(NullFormatter())
 
@@ -126,11 +127,7 @@ def running_times(times: Mapping[str, Sequence[Sequence[float]]], *, targets: Se
             panel.plot([low, min(high, most)], [place, place], linewidth=1.6, solid_capstyle="butt", **look)
             panel.plot(expected, place, "o", markersize=4.5, **look)
         panel.set_title(f"to {target}")
-        panel.set_xscale("log")
-        panel.set_xlim(least, most)
-        panel.xaxis.set_major_locator(LogLocator(numticks=5))
-        panel.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        panel.xaxis.set_minor_formatter(NullFormatter())
+        _cost_axis(panel, least, most)
         panel.set_xlabel("expected [rollouts]")
     axes[0, 0].set_yticks(range(len(names)), names)
     axes[0, 0].set_ylim(len(names) - 0.5, -0.5)
@@ -154,8 +151,7 @@ def data_profiles(budgets: ArrayLike, shares: Mapping[str, Mapping[str, ArrayLik
         low, share, high = (np.asarray(found[key], dtype=np.float64) for key in ("low", "share", "high"))
         panel.fill_between(cost, low, high, color=COLOURS[k % len(COLOURS)], alpha=0.1, linewidth=0)
         panel.plot(cost, share, **line(k), label=name)
-    _cost_axis(panel, float(cost[-1]))
-    panel.set_xlim(float(cost[0]), float(cost[-1]))
+    _cost_axis(panel, float(cost[0]), float(cost[-1]))
     panel.set_ylim(-0.02, 1.02)
     panel.yaxis.set_major_formatter(PercentFormatter(1.0))
     panel.set_xlabel("budget [rollouts]")
