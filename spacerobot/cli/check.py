@@ -31,9 +31,10 @@ Example:
 def command(scenario: ScenarioName, changes: Changes = None) -> None:
     """Print the scene as a tree and every assumption taken."""
     from spacerobot.scene import load_scene
+    from spacerobot.scene.overlaps import overlaps
 
     scene = load_scene(scenario, parse_changes(changes))
-    for warning in scene.warnings:
+    for warning in (*scene.warnings, *overlaps(scene)):
         warn(warning)
     console().print(scene_tree(scene))
     console().print("\nassumptions", style="bold")

@@ -61,13 +61,14 @@ def command(
     from spacerobot.errors import ScenarioError
     from spacerobot.files import write_text
     from spacerobot.scene.draft import Order, draft_scenario
+    from spacerobot.scene.overlaps import overlaps
 
     file = out or Path(f"{Path(robot[0]).stem}.yaml")
     if file.exists():
         raise ScenarioError("is there already; name another file by --out", source=file)
     text, scene = draft_scenario(Order(robot, target, tip or (), frame or (), base), file)
     write_text(file, text)
-    for warning in scene.warnings:
+    for warning in (*scene.warnings, *overlaps(scene)):
         warn(warning)
     for grasp in scene.grasps:
         line = f"{grasp.tip.label} holds {grasp.config.frame}, {grasp.tip.body.base.joint} base"
