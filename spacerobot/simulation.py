@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -18,7 +19,14 @@ from spacerobot.result.metrics import fastest_joint
 from spacerobot.result.size import check_size
 from spacerobot.result.summary import build_summary
 from spacerobot.result.trust import fast_words
-from spacerobot.rollout import Rollout, Trajectory, build_rollout, integrate_cvodes
+from spacerobot.rollout import (
+    Rollout,
+    TimeGrid,
+    Trajectory,
+    build_rollout,
+    integrate_cvodes,
+    time_grid,
+)
 from spacerobot.rollout.step import NoStepError
 from spacerobot.scene import Scene
 
@@ -28,6 +36,15 @@ LOCAL_TOLERANCE = 1e-3
 
 LARGEST = 1e150
 """Numbers beyond it cannot be squared; a rollout has diverged before one comes up."""
+
+MOST_INSTANTS = 100_000
+"""Headline numbers are looked for at each step of a rollout, but hardly at more than so many."""
+
+FEWEST_INSTANTS = 1000
+"""At so many instants at least of a rollout by CVODES."""
+
+STEP_ERROR_LIMIT = 1e-5
+"""Estimated error of a single step, relative to the larger of one unit and the state, that is warned of."""
 
 REMEDY = (
     "for a stiff loop take `--engine cvodes`, or softer gains and dampers; else give `simulation.step`, "
@@ -75,15 +92,15 @@ def simulate(scene: Scene, *, backend: Backend = "auto", progress: Progress | No
         run = _run(scene, loop, backend, tell)
     trajectory = _good_part(run.trajectory, loop)
     done = time.perf_counter()
-    data = build_dataset(run.scene, trajectory, loop)
+    whole = build_dataset(run.scene, trajectory, loop)
     timing = {
         "closed_loop": built - begin,
         "compile_or_load": run.ready - built,
         "rollout": trajectory.wall_s,
         "total": done - begin,
     }
-    summary = build_summary(run.scene, data, trajectory, timing, run.notes)
-    return Result(run.scene.scenario, data, summary)
+    summary = build_summary(run.scene, whole, trajectory, timing, run.notes)
+    return Result(run.scene.scenario, whole.isel(time=slice(None, None, run.every)), summary)
 
 
 def _good_part(trajectory: Trajectory, loop: ClosedLoop) -> Trajectory:
@@ -116,11 +133,15 @@ def _good_part(trajectory: Trajectory, loop: ClosedLoop) -> Trajectory:
 
 @dataclass(frozen=True)
 class _Run:
-    """Scene with the step that was taken, time at which everything was ready, trajectory, notes on how."""
+    """Scene with the step that was taken, time at which everything was ready, trajectory, notes on how.
+
+    Every so many instants of the trajectory are kept; the headline numbers see all of them.
+    """
 
     scene: Scene
     ready: float
     trajectory: Trajectory
+    every: int = 1
     notes: Mapping[str, str] = field(default_factory=dict)
 
 
@@ -130,26 +151,53 @@ def _run(scene: Scene, loop: ClosedLoop, backend: Backend, tell: Progress) -> _R
         return _check(scene, tell)
     if simulation.engine == "cvodes":
         tell("integrating with CVODES")
-        ready = time.perf_counter()
+        ready, grid = time.perf_counter(), time_grid(simulation.duration, simulation.output_step)
+        every = math.ceil(FEWEST_INSTANTS / grid.intervals)
         local = simulation.tolerance * LOCAL_TOLERANCE
         trajectory = integrate_cvodes(
             loop,
             duration_s=simulation.duration,
-            output_step_s=simulation.output_step,
+            output_step_s=grid.step_s / every,
             relative=local,
             absolute=local,
         )
-        return _Run(scene, ready, trajectory)
+        return _Run(scene, ready, trajectory, every)
     rollout = _ready(scene, loop, backend, tell)
     notes = {"toolchain": rollout.summary}
     if rollout.fallback:
         notes["interpreted_because"] = rollout.fallback
     if rollout.choice is not None:
         scene = _with_step(scene, rollout.choice.step_s)
-        notes["step_chosen"] = f"error {rollout.choice.error:.1e}, tolerance {rollout.choice.tolerance:g}"
+        choice = rollout.choice
+        found = f"error {choice.error:.1e}, of a single step {choice.step_error:.1e}"
+        notes["step_chosen"] = f"{found}, tolerance {choice.tolerance:g}"
     ready = time.perf_counter()
     tell("rolling out")
-    return _Run(scene, ready, rollout.run(), notes)
+    fine, every = _every_step(rollout.grid)
+    trajectory = dataclasses.replace(rollout, grid=fine).run(estimate=True)
+    if rollout.choice is None:
+        notes["step_error"] = f"{trajectory.step_error:.1e}"
+        scene = _warned(scene, trajectory.step_error)
+    return _Run(scene, ready, trajectory, every, notes)
+
+
+def _every_step(grid: TimeGrid) -> tuple[TimeGrid, int]:
+    """The same steps with a sample at each, or at as many as there is room for, and how many to a sample."""
+    fewest = math.ceil(grid.steps / MOST_INSTANTS)
+    stride = next(n for n in range(min(fewest, grid.every), grid.every + 1) if grid.every % n == 0)
+    every = grid.every // stride
+    return TimeGrid(grid.duration_s, grid.intervals * every, stride), every
+
+
+def _warned(scene: Scene, step_error: float) -> Scene:
+    """Scene with a warning where a given step is too long for its own estimate."""
+    if not step_error > STEP_ERROR_LIMIT:
+        return scene
+    told = (
+        f"simulation.step: a single step errs by up to {step_error:.1e}, above {STEP_ERROR_LIMIT:g}; "
+        "give a shorter one, or none to have it chosen"
+    )
+    return dataclasses.replace(scene, warnings=(*scene.warnings, told))
 
 
 def _check(scene: Scene, tell: Progress) -> _Run:

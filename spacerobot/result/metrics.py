@@ -34,11 +34,14 @@ def _statistics(values: np.ndarray[Any, Any]) -> dict[str, float]:
 def body_motion(data: xr.Dataset) -> dict[str, dict[str, float]]:
     """Greatest rotation [deg] and travel [m] of each body since the start.
 
-    In a planar scene whole turns count; in space a rotation is the shortest one, at most 180 deg.
+    The rotation is the net one, from the attitude at the start to the present one, whole turns counted: in
+    space, the length of the rotation vector that follows without a jump. A body that turns back loses angle.
     """
     moved = data.body_position - data.body_position.isel(time=0)
     travel = np.sqrt((moved**2).sum("axis")).max("time")
-    turned = np.sqrt((data.body_rotation**2).sum("axis"))
+    turned = data.body_rotation.isel(axis=0).copy()
+    for body in data.body.values:
+        turned.loc[{"body": body}] = _turned(data.body_rotation.sel(body=body).values)
     if "body_angle" in data:
         turned = np.abs(data.body_angle - data.body_angle.isel(time=0))
     rotation = np.degrees(turned.max("time"))
@@ -49,6 +52,23 @@ def body_motion(data: xr.Dataset) -> dict[str, dict[str, float]]:
         }
         for body in data.body.values
     }
+
+
+def _turned(rotation: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+    """Length (nt,) [rad] of the continuous rotation vector, from the shortest ones (nt, 3)."""
+    size: np.ndarray[Any, Any] = np.sqrt((rotation**2).sum(axis=1))
+    if not size.max(initial=0.0) > np.pi / 2:  # false for a NaN as well
+        return size
+    before, turned = rotation[0], size.copy()
+    for i, (vector, angle) in enumerate(zip(rotation, size, strict=True)):
+        if angle > 0:
+            axis = vector / angle
+            whole = np.round((before @ axis - angle) / (2 * np.pi))
+            turned[i] = abs(angle + 2 * np.pi * whole)
+            before = (angle + 2 * np.pi * whole) * axis
+        else:
+            turned[i] = 2 * np.pi * np.round(np.linalg.norm(before) / (2 * np.pi))
+    return turned
 
 
 def greatest_torque(data: xr.Dataset) -> dict[str, Any]:

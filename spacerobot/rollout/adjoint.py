@@ -17,6 +17,7 @@ from spacerobot.rollout.grid import TimeGrid
 from spacerobot.rollout.interpreted import Course, InterpretedEngine
 from spacerobot.rollout.kernel import Kernel, sx_function
 from spacerobot.rollout.protocol import Array
+from spacerobot.rollout.segments import FEWEST
 
 WHOLE_BYTES = 128 * 2**20
 """Longest tape that holds a whole rollout, for each thread and over the number of lanes: a group of lanes
@@ -139,7 +140,7 @@ class CompiledAdjoint:
         per_step = self.bytes_per_step
         whole = grid.steps * per_step <= self.whole_bytes // self.lanes
         segment = (
-            grid.steps + 2 * self.lanes * len(self.kernel.jumps)
+            grid.steps + (FEWEST + 2) * self.lanes * len(self.kernel.jumps)
             if whole
             else min(grid.steps, max(1, self.segment_bytes // per_step))
         )

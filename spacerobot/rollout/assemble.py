@@ -37,6 +37,7 @@ def trajectory_of(raw: Raw, kernel: Kernel, grid: TimeGrid, backend: str, wall_s
         step_s=grid.step_s,
         backend=backend,
         wall_s=wall_s,
+        step_error=float("nan") if raw.error is None else float(raw.error[0]),
     )
 
 

@@ -36,7 +36,7 @@ class Raw:
     gaps
         Initial gaps of grasps that may begin open (N, n) [m].
     error
-        Largest and summed estimate of a step's error, shape (N, 2), None if not asked for.
+        Largest estimate of a step's error, shape (N,), None if not asked for.
     """
 
     x: Array | None

@@ -34,7 +34,7 @@ class Course:
     m
         Peak quantities, likewise.
     error
-        Estimate of each step's error, shape (K,).
+        Estimate of each step's error in each state, shape (K, nx), zero if not asked for.
     done
         Good steps.
     """
@@ -75,7 +75,7 @@ class InterpretedEngine:
         steps = plan(grid, times)
         sides = _sides(c, kernel.jumps, times, steps)
         dt, dh = self._moved(c, steps)
-        states, peaks, errors, done = [begin[None, :]], [], [np.empty(0)], 0
+        states, peaks, errors, done = [begin[None, :]], [], [np.empty((0, len(begin)))], 0
         for k, n in _blocks(steps):
             part = slice(k, k + n)
             inputs = (
@@ -93,7 +93,7 @@ class InterpretedEngine:
             done += first_bad
             states.append(path[:first_bad])
             peaks.append(m)
-            errors.append(error[:first_bad, 0])
+            errors.append(np.abs(error[:first_bad]))
             if first_bad < n:
                 break
         x, c = np.concatenate(states), sides[: done + 1]
@@ -120,7 +120,8 @@ class InterpretedEngine:
             y = self.kernel.functions["outputs"](grid.time[None, : len(at)], course.x[at].T, sides)
             raw.y[0, : len(at)] = y.full().T[:, list(rows)]
         if raw.error is not None:
-            raw.error[0] = course.error.max(initial=0.0), course.error.sum()
+            size = np.maximum(1.0, np.abs(course.x).max(axis=0))
+            raw.error[0] = (course.error.max(axis=0, initial=0.0) / size)[: self.kernel.nx].max()
         raw.done[0], raw.reached[0] = done, course.reached_s
         if done == course.plan.steps:
             raw.reached[0] = grid.time[-1]
@@ -157,10 +158,9 @@ class InterpretedEngine:
             slopes.append(slope)
             peaks = m if s == 0 else peaks
         end = kernel.functions["normalise"](self._combined(x, h, dh, method.b, slopes))
-        error = ca.MX(1, 1)
-        if estimate:
-            wrong = h * sum(e * k for e, k in zip(method.error, slopes, strict=True))
-            error = ca.mmax((ca.fabs(wrong) / ca.fmax(1, ca.fabs(x)))[: kernel.nx])
+        error = ca.MX(nx, 1)
+        for weight, slope in zip(method.error, slopes, strict=False):
+            error = error + (h * weight * slope if estimate else 0)
         return ca.Function("step", [x, t, h, dt, dh, c], [end, peaks, error])
 
     def _combined(

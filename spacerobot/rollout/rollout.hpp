@@ -34,7 +34,7 @@ struct Job {
   int64_t rows;
   double* r;                        // (count, NR)
   double* cost;                     // (count, NJ)
-  double* error;                    // (count, 2) or null: largest and summed estimate of a step's error
+  double* error;                    // (count) or null: largest estimate of a step's error in any state
   double* reached;                  // (count), time of the last good state
   int64_t* done;                    // (count), steps done
   const volatile int32_t* stop;     // leave early when this becomes non-zero
@@ -77,8 +77,9 @@ struct Position {
 // What it has come to. `jump` holds the jumps' times, `order` those that each lane meets, in turn.
 struct Course {
   Position now;
-  real c[NC + 1], begin[NX], r[NR + 1], when[PEAKS + 1], alive, done, reached, largest, total, jump[JUMPS + 1];
+  real c[NC + 1], begin[NX], r[NR + 1], when[PEAKS + 1], alive, done, reached, jump[JUMPS + 1];
   int order[LANES][JUMPS + 1], jumps[LANES];
+  real error[NX], size[NX];  // largest estimate of a step's error, and largest size, of each state
 };
 
 // Tell the constants of a lane on which side of each jump it is.
@@ -103,6 +104,9 @@ static void sort_jumps(const Job& job, Course& at) {
   }
 }
 
+// What begins and ends with a jump within a sample interval is a motion of its own, and gets so many steps at least.
+enum { FEWEST = 8 };
+
 // Let lane l go on from the end of its segment, or from where it begins, to its next jump or the interval's end.
 static void next_segment(const Job& job, Course& at, int l) {
   Step& s = at.now.step;
@@ -118,7 +122,9 @@ static void next_segment(const Job& job, Course& at, int l) {
     if (lane(at.jump[e], l) <= until) end = lane(at.jump[e], l), lane(s.to, l) = e;
   }
   const bool whole = begin == from && end == until;
-  const double number = whole ? double(job.every) : std::fmax(1., std::ceil((end - begin) / job.h * (1 - 1e-9)));
+  const bool piece = (lane(s.from, l) >= 0 || begin == 0) && lane(s.to, l) >= 0 && end > begin;
+  const double fewest = piece ? FEWEST : 1., needed = std::ceil((end - begin) / job.h * (1 - 1e-9));
+  const double number = whole ? double(job.every) : std::fmax(fewest, needed);
   lane(s.begin, l) = lane(s.t, l) = begin, lane(s.end, l) = end, lane(s.index, l) = 0., lane(s.number, l) = number;
   lane(s.h, l) = whole ? job.h : (end - begin) / number, lane(s.busy, l) = 1.;
 }
@@ -224,18 +230,23 @@ INLINE void step(Course& at, const real* x, real* k, real* m, real* next) {
   G::normalise(sum, next);
 }
 
-// The same, and the largest estimate of its error in any state, relative to that state where it is above one.
-static void estimated_step(Course& at, const real* x, real* k, real* m, real* next, real alive) {
+// The same, and an estimate of its error.
+static void estimated_step(Course& at, const real* x, real* k, real* m, real* next) {
   step<false, M::TOTAL>(at, x, k, m, next);
-  real worst = 0.;
+  const real counts = at.alive && at.now.step.busy;
   for (int i = 0; i < NX - INTEGRALS; ++i) {
     real sum = 0.;
     for (int s = 0; s < M::TOTAL; ++s) sum = sum + M::E[s] * k[place_of<false>(s) + i];
-    worst = fmax(worst, fabs(at.now.step.h * sum) / fmax(1., fabs(x[i])));
+    at.error[i] = select(counts, fmax(at.error[i], fabs(at.now.step.h * sum)), at.error[i]);
+    at.size[i] = select(counts, fmax(at.size[i], fabs(next[i])), at.size[i]);
   }
-  worst = select(alive && at.now.step.busy, worst, 0.);
-  at.largest = fmax(at.largest, worst);
-  at.total = at.total + worst;
+}
+
+// The largest estimate, relative to the largest size of its state where that is above one.
+static real largest_error(const Course& at) {
+  real worst = 0.;
+  for (int i = 0; i < NX - INTEGRALS; ++i) worst = fmax(worst, at.error[i] / fmax(1., at.size[i]));
+  return worst;
 }
 
 // Truth where every state is a number and not too far from where it began.
@@ -300,7 +311,8 @@ static int64_t integrate(const Job& job, int64_t first, const real* p, Course& a
   at.c[RATE] = 0.;
 #endif
   sort_jumps(job, at);
-  at.alive = 1., at.done = at.reached = at.largest = at.total = 0.;
+  at.alive = 1., at.done = at.reached = 0.;
+  for (int i = 0; i < NX; ++i) at.error[i] = 0., at.size[i] = fabs(now.x[i]);
   real* best = at.r + INTEGRALS;
   for (int i = 0; i < NM; ++i) best[i] = -INFINITY;
   for (int i = 0; i < PEAKS; ++i) at.when[i] = 0.;
@@ -316,7 +328,7 @@ static int64_t integrate(const Job& job, int64_t first, const real* p, Course& a
       std::memcpy(place->x, now.x, sizeof now.x);
       step<false>(at, now.x, place->slope, m, next);
     } else if (LANES == 1 && job.error) {
-      estimated_step(at, now.x, slopes, m, next, at.alive);
+      estimated_step(at, now.x, slopes, m, next);
     } else {
       step<true>(at, now.x, slopes, m, next);
     }
@@ -345,11 +357,9 @@ static void store(const Job& job, int64_t first, const Course& at, const real* c
   scatter(at.r, NR, first, job.count, job.r);
   scatter(cost, NJ, first, job.count, job.cost);
   scatter(&at.reached, 1, first, job.count, job.reached);
-  for (int l = 0; l < LANES && first + l < job.count; ++l) {
-    job.done[first + l] = int64_t(lane(at.done, l));
-    if (!job.error) continue;
-    job.error[2 * (first + l)] = lane(at.largest, l), job.error[2 * (first + l) + 1] = lane(at.total, l);
-  }
+  const real error = largest_error(at);
+  if (job.error) scatter(&error, 1, first, job.count, job.error);
+  for (int l = 0; l < LANES && first + l < job.count; ++l) job.done[first + l] = int64_t(lane(at.done, l));
 }
 
 extern "C" int64_t rollouts(const Job* given) {
@@ -475,7 +485,7 @@ static void again(const Job& job, Course& at, Record* tape, int64_t number) {
 
 extern "C" int64_t gradients(const Job* given, const AdjointJob* adjoint) {
   const Job& job = *given;
-  const int64_t segment = adjoint->segment, most = job.intervals * job.every + JUMPS * LANES * 2;
+  const int64_t segment = adjoint->segment, most = job.intervals * job.every + JUMPS * LANES * (FEWEST + 2);
   std::unique_ptr<Record[]> tape(new (std::nothrow) Record[segment]);
   std::unique_ptr<Position[]> checkpoint(new (std::nothrow) Position[most / segment + 1]);
   std::unique_ptr<Course> course(new (std::nothrow) Course);

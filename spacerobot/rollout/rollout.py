@@ -64,10 +64,8 @@ class Rollout:
     @property
     def summary(self) -> str:
         """One line that says what runs."""
-        steps, toolchain = (
-            f"{self.grid.steps} steps of {self.grid.step_s:.6g} s by {self.kernel.method.name}",
-            self.engines.toolchain,
-        )
+        toolchain = self.engines.toolchain
+        steps = f"{self.grid.steps} steps of {self.grid.step_s:.6g} s by {self.kernel.method.name}"
         if toolchain is not None:
             return f"{steps}, compiled: {toolchain.summary}"
         return f"{steps}, interpreted by CasADi" + (f" ({self.fallback})" if self.fallback else "")
@@ -96,7 +94,7 @@ class Rollout:
         sample_s = grid.every * grid.step_s
 
         def pilot(step_s: float) -> Trajectory:
-            return replace(self, grid=time_grid(grid.duration_s, step_s, sample_s)).run(p)
+            return replace(self, grid=time_grid(grid.duration_s, step_s, sample_s)).run(p, estimate=True)
 
         order = self.kernel.method.order
         return search_step(pilot, grid.duration_s, sample_s, tolerance, order, progress)
@@ -161,13 +159,15 @@ class Rollout:
         p[:, places] = given
         return p
 
-    def run(self, parameters: Parameters = None) -> Trajectory:
+    def run(self, parameters: Parameters = None, *, estimate: bool = False) -> Trajectory:
         """One rollout.
 
         Parameters
         ----------
         parameters
             As for :meth:`values`.
+        estimate
+            Whether the error of each step is estimated.
 
         Returns
         -------
@@ -179,6 +179,7 @@ class Rollout:
         p = self.values(parameters)
         outputs = range(self.kernel.size("outputs", "y"))
         raw = Raw.empty(self.kernel, self.grid, 1, True, outputs)
+        raw = replace(raw, error=np.zeros(1)) if estimate else raw
         self.engines.single.rollouts(p[None, :], self.grid, raw, outputs, StopFlag())
         raw.judge_start(self.kernel.closure, p[None, :])
         return trajectory_of(raw, self.kernel, self.grid, self.backend, time.perf_counter() - begin)

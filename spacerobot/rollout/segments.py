@@ -17,6 +17,9 @@ import numpy.typing as npt
 from spacerobot.rollout.grid import ROUNDING, TimeGrid
 from spacerobot.rollout.protocol import Array
 
+FEWEST = 8
+"""Steps at least of what begins and ends with a jump within a sample interval: a motion of its own."""
+
 
 @dataclass(frozen=True)
 class Segment:
@@ -64,7 +67,8 @@ def segments(grid: TimeGrid, times: Sequence[float] | Array) -> Iterator[Segment
             last = ahead.pop(0) if ahead and times[ahead[0]] <= until else -1
             end = float(until if last < 0 else times[last])
             whole = here == begin and end == until
-            steps = grid.every if whole else _steps(end - here, grid.step_s)
+            piece = (first >= 0 or here == 0) and last >= 0 and end > here
+            steps = grid.every if whole else max(FEWEST if piece else 1, _steps(end - here, grid.step_s))
             done = end == until
             yield Segment(here, end, steps, first, last, done)
             here, first = end, last

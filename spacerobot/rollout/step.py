@@ -11,6 +11,8 @@ from spacerobot.errors import DivergedError
 from spacerobot.rollout.trajectory import Trajectory
 
 SAFETY = 0.9
+GUARD = 100.0
+"""A single step may err by so many tolerances, by an estimate that is that of a method of lower order."""
 HALVINGS = 16
 """Most halvings of the first step."""
 MOST_STEPS = 2_000_000
@@ -32,6 +34,9 @@ class StepChoice:
     error
         Largest error of any state at any sample against half the step, by Richardson's estimate, relative to
         the larger of one unit and that state's largest value.
+    step_error
+        Largest error of a single step, relative likewise, as the method's embedded estimate tells it; what
+        is fast and over between two samples shows there.
     tolerance
         What was asked for.
     unstable_s
@@ -40,6 +45,7 @@ class StepChoice:
 
     step_s: float
     error: float
+    step_error: float
     tolerance: float
     unstable_s: float | None
 
@@ -64,8 +70,9 @@ def search_step(
 ) -> StepChoice:
     """Largest step whose error is within a tolerance, to about a tenth.
 
-    The step is halved until it is stable and accurate, then lengthened as far as the order of the method
-    foretells, and that is checked by one more pilot rollout.
+    A single step must keep to :data:`GUARD` tolerances. The step is halved until it is stable and
+    accurate, then lengthened as far as the order of the method foretells, and that is checked by one more
+    pilot rollout.
 
     Parameters
     ----------
@@ -108,17 +115,19 @@ def search_step(
             unstable = coarse.step_s
         elif fine.status == "completed":
             error = _error(coarse, fine, order)
-            if error <= tolerance:
-                choice = StepChoice(coarse.step_s, error, tolerance, unstable)
+            if max(error, coarse.step_error / GUARD) <= tolerance:
+                choice = StepChoice(coarse.step_s, error, coarse.step_error, tolerance, unstable)
                 return _lengthen(pilot, fine, choice, longest_s, order)
         coarse = fine
-    raise NoStepError(tolerance, coarse, _reached(coarse, error))
+    raise NoStepError(tolerance, coarse, _reached(coarse, error, tolerance))
 
 
-def _reached(finest: Trajectory, error: float) -> str:
+def _reached(finest: Trajectory, error: float, tolerance: float) -> str:
     """How far the pilot rollouts came, in words."""
     if finest.status == "diverged":
         return f"even with that one the rollout diverged, after {finest.diverged_at_s or 0:.3g} s"
+    if error <= tolerance:
+        return f"an error of {finest.step_error:.3g} was left in a single step"
     if np.isfinite(error):
         return f"an error of {error:.3g} was left"
     return "no two rollouts were completed to tell an error from"
@@ -127,14 +136,14 @@ def _reached(finest: Trajectory, error: float) -> str:
 def _lengthen(
     run: Callable[[float], Trajectory], exact: Trajectory, good: StepChoice, longest_s: float, order: int
 ) -> StepChoice:
-    ratio = SAFETY * (good.tolerance / max(good.error, 1e-300)) ** (1 / order)
+    ratio = SAFETY * (good.tolerance / max(good.error, good.step_error / GUARD, 1e-300)) ** (1 / order)
     longer_s = min(good.step_s * min(ratio, 2.0), longest_s)
     if longer_s > 1.05 * good.step_s:
         longer = run(longer_s)
         if longer.status == "completed" and longer.step_s > good.step_s:
             found = _error(longer, exact, order)
-            if found <= good.tolerance:
-                return replace(good, step_s=longer.step_s, error=found)
+            if max(found, longer.step_error / GUARD) <= good.tolerance:
+                return replace(good, step_s=longer.step_s, error=found, step_error=longer.step_error)
     return good
 
 

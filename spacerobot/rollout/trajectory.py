@@ -43,6 +43,9 @@ class Trajectory:
         What ran: ``compiled``, ``interpreted``, ``cvodes`` or ``pinocchio``.
     wall_s
         Time it took.
+    step_error
+        Largest estimate of a single step's error in any state, relative to that state's largest value where
+        it is above one; NaN if it was not asked for.
     """
 
     time: Array
@@ -56,6 +59,7 @@ class Trajectory:
     step_s: float
     backend: str
     wall_s: float
+    step_error: float = float("nan")
     cause: str = ""
 
 

@@ -17,7 +17,7 @@ from spacerobot.closedloop import build_closed_loop
 from spacerobot.errors import ResultError
 from spacerobot.result import check_folder, load, note_derived, save
 from spacerobot.result.ledger import build_ledger
-from spacerobot.result.metrics import body_motion, greatest_torque, tip_errors
+from spacerobot.result.metrics import _turned, body_motion, greatest_torque, tip_errors
 from spacerobot.result.store import FILES
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
@@ -136,6 +136,15 @@ def test_metrics_of_hand_made_data():
     moved = body_motion(turns)
     assert moved["a"]["max_rotation_deg"] == pytest.approx(20.0)
     assert moved["target"]["max_rotation_deg"] == pytest.approx(500.0)
+
+
+def test_whole_turns_count_in_space_as_in_a_plane():
+    count = 200
+    angle = np.radians(480) * np.sin(np.linspace(0, 2.2, count))  # and back a little
+    axis = np.array([1.0, 2.0, 2.0]) / 3
+    shortest = (angle + np.pi) % (2 * np.pi) - np.pi
+    turned = _turned(shortest[:, None] * axis)
+    np.testing.assert_allclose(turned, np.abs(angle), atol=1e-12)
 
 
 def test_ledger_of_hand_made_data():

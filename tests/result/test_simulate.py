@@ -51,10 +51,10 @@ def test_what_lies_before_a_number_that_is_none_is_kept(worst, monkeypatch):
 
     run = job.Rollout.run
 
-    def spoilt(rollout):
-        whole = run(rollout)
+    def spoilt(rollout, **asked):
+        whole = run(rollout, **asked)
         error = whole.outputs["tip_error"].copy()
-        error[3:, 0] = worst
+        error[9:, 0] = worst  # every step of 5 ms is one
         return dataclasses.replace(whole, outputs={**whole.outputs, "tip_error": error})
 
     monkeypatch.setattr(job.Rollout, "run", spoilt)
@@ -77,3 +77,31 @@ def test_a_result_that_the_memory_does_not_hold_is_refused_before_it_runs(monkey
     assert begin == ["building the closed loop"]
     raised.match(r"10000001 samples x \d+ numbers x 24 bytes\), allowed: \S+ GB, half of what is free; raise")
     raised.match(r"`simulation\.output_step` to \S+ s or more, or lower `simulation\.duration`")
+
+
+def test_far_from_the_origin_is_no_divergence():
+    changes = {"robots.rpr1.base.position": [7e6, 0, 0], "simulation.duration": 0.2}
+    assert simulate(load_scene("paper", changes)).completed
+
+
+def test_headline_numbers_see_every_step_whatever_is_kept():
+    changes = {"simulation.duration": 1.0, "simulation.step": 0.005}
+    fine, coarse = (
+        simulate(load_scene("paper", {**changes, "simulation.output_step": s})) for s in (0.02, 1.0)
+    )
+    assert len(coarse.data.time) == 2
+    for name in ("tip_error", "greatest_torque", "greatest_grip", "bases", "target", "ledger"):
+        assert _close(fine.summary[name], coarse.summary[name]), name
+
+
+def _close(one, other):
+    if isinstance(one, dict):
+        return all(_close(value, other[key]) for key, value in one.items())
+    return one == pytest.approx(other, rel=1e-6, abs=1e-9) if isinstance(one, float) else one == other
+
+
+def test_a_step_that_is_too_long_is_warned_of():
+    changes = {"simulation.duration": 0.4, "simulation.method": "rk4", "simulation.step": 0.01}
+    result = simulate(load_scene("paper", changes))
+    assert any("a single step errs by up to" in warning for warning in result.summary["warnings"])
+    assert float(result.summary["engine"]["step_error"]) > 1e-5

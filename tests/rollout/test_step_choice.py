@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
+import casadi as ca
 import numpy as np
 import pytest
 
@@ -37,6 +40,30 @@ def test_the_stability_limit_is_recognised(loop):
     assert limit < choice.unstable_s < 4 * limit
     assert build_rollout(loop, **GRID, step_s=1.3 * limit, method="rk4").run(STIFF).status == "diverged"
     assert build_rollout(loop, **GRID, step_s=0.9 * limit, method="rk4").run(STIFF).status == "completed"
+
+
+def test_what_is_over_between_two_samples_is_not_certified(loop):
+    """A torque of 2 ms halfway between samples, seen by few stages, without a trace at the samples."""
+    jumps = replace_dynamics(loop)
+    choice = choose_step(jumps, **GRID, tolerance=1e-6)
+    coarse = build_rollout(jumps, **GRID, step_s=0.05)
+    assert coarse.run(estimate=True).step_error > 1e-4
+    assert choice.step_s < 0.01
+    for backend in ("compiled", "interpreted"):
+        found = build_rollout(jumps, **GRID, step_s=0.02, backend=backend).run(estimate=True)
+        assert found.step_error == pytest.approx(
+            build_rollout(jumps, **GRID, step_s=0.02).run(estimate=True).step_error, rel=1e-9
+        )
+
+
+def replace_dynamics(loop):
+    """The loop with a pulse of 30 rad/s^2 and its opposite around 0.55 s."""
+    t, x, c = loop.dynamics.sx_in()
+    rate = ca.SX(loop.dynamics(t, x, c))
+    pulse = 30 * (t - 0.55) / 0.004 * ca.exp(-(((t - 0.55) / 0.004) ** 2))
+    rate[6] += pulse
+    dynamics = ca.Function("dynamics", [t, x, c], [rate], ["t", "x", "c"], ["xdot"])
+    return SimpleNamespace(**{**vars(loop), "dynamics": dynamics})
 
 
 def test_a_hopeless_loop_is_told(loop):
