@@ -6,7 +6,7 @@ WHEEL_VENV := build/wheel-venv
 export PIP_CONSTRAINT := $(CURDIR)/constraints.txt
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: demo test check bench wheel-check clean
+.PHONY: demo test check docs bench wheel-check clean
 
 demo: $(VENV)/installed  ## Run the main job: the paper's scenario, from URDF to a result
 	$(BIN)/spacerobot run paper --out out/paper
@@ -22,6 +22,10 @@ check: $(VENV)/installed-all  ## Lint and type-check
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+
+docs: $(VENV)/installed-all  ## The documentation's site, in build/site; a warning fails it
+	$(BIN)/python -m pip install --quiet --editable '.[docs]'
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 bench: $(VENV)/installed-all  ## Measure, each row as a ratio to something in the same run
 	$(BIN)/python -m pip install --quiet --editable '.[bench]'

@@ -7,7 +7,10 @@ import pytest
 import yaml
 
 ROOT = Path(__file__).parents[2]
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [
+    *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "examples/README.md")),
+    *sorted((ROOT / "docs").glob("*.md")),
+]
 
 
 def blocks(page, language):
@@ -40,12 +43,13 @@ def test_the_readmes_own_scenario_checks(tmp_path):
     assert [grasp.name for grasp in scene.grasps] == ["hold"]
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.relative_to(ROOT).as_posix())
 def test_files_that_a_page_names_exist(page):
     text = page.read_text(encoding="utf-8")
     named = re.findall(r"`((?:spacerobot|optim|viz|urdf|tests|benchmarks|docs)/[\w/.]+\.\w+)`", text)
     named += [
-        str((page.parent / link).relative_to(ROOT)) for link in re.findall(r"\]\(((?!http)[\w/.]+)\)", text)
+        str((page.parent / link).relative_to(ROOT))
+        for link in re.findall(r"\]\(((?!http)[\w/.]+)(?:#[\w-]+)?\)", text)
     ]
     missing = [name for name in named if not (ROOT / name).exists()]
     assert not missing

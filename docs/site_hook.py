@@ -1,0 +1,72 @@
+"""What the site shows beside ``docs``: examples and the project's pages, with links that work in both."""
+
+from __future__ import annotations
+
+import importlib
+import posixpath
+import re
+from pathlib import Path
+from typing import Any
+
+from mkdocs.structure.files import File, Files, InclusionLevel
+from mkdocs.structure.pages import Page
+
+ROOT = Path(__file__).parents[1]
+LINK = re.compile(r"(?<=\]\()(?![a-z]+:|#)([^)#\s]+)")
+DOOR = re.compile(r"^<!-- front door of (\w+) -->$", re.MULTILINE)
+ROLE = re.compile(r":(?:class|func|meth|mod|data|attr):(?=<code>)")
+
+
+def elsewhere() -> dict[str, str]:
+    """Pages that are no files of ``docs``: place in the site by place in the repository."""
+    pages = {"CONTRIBUTING.md": "contributing.md", "CHANGELOG.md": "changelog.md"}
+    pages["examples/README.md"] = "examples/README.md"
+    for file in sorted((ROOT / "examples").rglob("*.py")):
+        name = file.relative_to(ROOT).as_posix()
+        pages[name] = name.removesuffix(".py") + ".md"
+    return pages
+
+
+PAGES = elsewhere()
+ORIGINS = {site: repository for repository, site in PAGES.items()}
+
+
+def on_files(files: Files, config: Any) -> Files:
+    """Add the pages from elsewhere; a script is a page with its text."""
+    for repository, site in PAGES.items():
+        text = (ROOT / repository).read_text(encoding="utf-8")
+        inclusion = InclusionLevel.INCLUDED
+        if repository.endswith(".py"):  # reached from the page of examples
+            text = f"# {Path(repository).name}\n\n```python\n{text}```\n"
+            inclusion = InclusionLevel.NOT_IN_NAV
+        files.append(File.generated(config, site, content=text, inclusion=inclusion))
+    return files
+
+
+def front_door(package: str) -> str:
+    """Reference of a package's front door: the names of its own modules, figures aside."""
+    module = importlib.import_module(package)
+    names = [name for name in module.__all__ if name != "__version__"]
+    homes = {name: getattr(module, name).__module__ for name in names}
+    own = [name for name in names if homes[name].startswith(package) and ".figures" not in homes[name]]
+    return "\n\n".join(f"::: {homes[name]}.{name}" for name in own)
+
+
+def on_page_markdown(markdown: str, page: Page, config: Any, files: Files) -> str:
+    """Links of the repository become links of the site."""
+    here = page.file.src_uri
+    origin = ORIGINS.get(here, f"docs/{here}")
+
+    def moved(match: re.Match[str]) -> str:
+        target = posixpath.normpath(posixpath.join(posixpath.dirname(origin), match[1]))
+        if target == "examples/plugins":
+            target = "examples/README.md"
+        site = PAGES.get(target, target.removeprefix("docs/"))
+        return posixpath.relpath(site, posixpath.dirname(here) or ".")
+
+    return DOOR.sub(lambda match: front_door(match[1]), LINK.sub(moved, markdown))
+
+
+def on_page_content(html: str, page: Page, config: Any, files: Files) -> str:
+    """Roles of docstrings (``:func:``) are not shown."""
+    return ROLE.sub("", html)

@@ -1,0 +1,57 @@
+"""The documentation's site is built without a warning and loads nothing from another host."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("mkdocs")
+pytest.importorskip("mkdocstrings")
+pytest.importorskip("material")
+
+ROOT = Path(__file__).parents[2]
+LOADS = re.compile(r"<(?:script|img|iframe|link)\b[^>]*?\b(?:src|href)=[\"']?((?:https?:)?//[^\"'\s>]+)")
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    place = tmp_path_factory.mktemp("site")
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(place)]
+    environment = os.environ | {"NO_MKDOCS_2_WARNING": "1", "PYTHONPATH": str(ROOT)}
+    done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    return place
+
+
+def test_nothing_is_loaded_from_another_host(site):
+    pages = list(site.rglob("*.html"))
+    assert len(pages) > 20
+    assert [
+        (page.name, LOADS.findall(page.read_text())) for page in pages if LOADS.search(page.read_text())
+    ] == []
+    styles = [path.read_text() for path in site.rglob("*.css")]
+    assert styles
+    assert not any(re.search(r"url\([\"']?(?:https?:)?//", text) for text in styles)
+
+
+def test_links_of_the_repository_are_links_of_the_site(site):
+    assert 'href="examples/05_tune.html"' in (site / "tuning.html").read_text()
+    assert 'href="elements.html#a-kind-of-your-own"' in (site / "contributing.html").read_text()
+    assert 'href="05_tune.html"' in (site / "examples" / "index.html").read_text()
+    assert "examples/index.html" in (site / "index.html").read_text()
+
+
+def test_front_doors_are_in_the_reference(site):
+    import optim
+    import viz
+
+    pages = {
+        package.__name__: (site / "api" / f"{package.__name__}.html").read_text() for package in (optim, viz)
+    }
+    rollout = (site / "api" / "rollout.html").read_text()
+    for package in (optim, viz):
+        for name in package.__all__:
+            assert re.search(rf'id="[\w.]+\.{name}"', pages[package.__name__] + rollout), name
