@@ -10,9 +10,10 @@ import sys
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, TextIO
+from typing import Annotated, Any, TextIO
 
 import typer
+from rich.markup import escape
 
 from spacerobot.cli import (
     animate,
@@ -40,7 +41,6 @@ app = typer.Typer(
     name="spacerobot",
     help="Free-floating space robots that grip and move an object together: simulate, check, tune, show.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode="rich",
     context_settings={"help_option_names": ["-h", "--help"]},
@@ -96,6 +96,17 @@ def _options(
             load_plugin(file)
 
 
+def escaped(command: Any) -> Any:
+    """A command and those below it, with every ``[m]`` in their options' help taken literally."""
+    for option in command.params:
+        help_text = getattr(option, "help", None)
+        if help_text:
+            option.help = escape(help_text)
+    for below in getattr(command, "commands", {}).values():
+        escaped(below)
+    return command
+
+
 def plugins_first(arguments: Sequence[str]) -> list[str]:
     """Arguments with every ``--plugin FILE`` in front of the command, where it is an option of the whole."""
     front: list[str] = []
@@ -136,7 +147,7 @@ def main() -> None:
     warnings.showwarning = _show_warning
     try:
         with minded():
-            app(plugins_first(sys.argv[1:]))
+            escaped(typer.main.get_command(app))(plugins_first(sys.argv[1:]), prog_name="spacerobot")
     except SpaceRobotError as fault:
         complain(str(fault))
         sys.exit(fault.exit_code)

@@ -82,11 +82,13 @@ def _add_body(root: Tree, scene: Scene, body: SceneBody) -> None:
         state = f"{joint.offset:g} m" if joint.offset is not None else f"{joint.angle_deg or 0:g} deg"
         child = body.config.links.get(by_name[name].child)
         carries = f", carries {by_name[name].child}" + (f" {child.mass:g} kg" if child else "")
-        limit = f", at most {joint.torque_limit:g}" if joint.torque_limit else ""
+        slides = by_name[name].kind == "prismatic"
+        unit, per_rate = ("N", "N s/m") if slides else ("N m", "N m s/rad")
+        limit = "" if joint.torque_limit is None else f", at most {joint.torque_limit:g} {unit}"
         if mimic is not None:
             state = f"mimics {mimic.joint} ({mimic.multiplier:g} q + {mimic.offset:g})"
-        text = f"{name}: {by_name[name].kind}, {state}, resistance {joint.damping or 0:g}{limit}{carries}"
-        chain.add(escape(text))
+        text = f"{name}: {by_name[name].kind}, {state}, resistance {joint.damping or 0:g} {per_rate}"
+        chain.add(escape(text + limit + carries))
     for tip in scene.tips:
         if tip.body.name == body.name:
             branch.add(_tip_text(tip.label, scene))
@@ -101,7 +103,7 @@ def _tip_text(label: str, scene: Scene) -> str:
     for name in ("amnesia", "orientation_amnesia"):
         memory = getattr(tip.config, name)
         if memory is not None:
-            parts.append(f"{name} G_e {memory.ge:g}, t_a {memory.ta:.4g}")
+            parts.append(f"{name} G_e {memory.ge:g} 1/s^2, t_a {memory.ta:.4g} 1/s")
     return f"tip [bold]{escape(label)}[/]: {escape('; '.join(parts))}"
 
 

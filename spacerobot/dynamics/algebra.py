@@ -31,11 +31,9 @@ def cross(a: ca.SX, b: ca.SX) -> ca.SX:
     casadi.SX
         ``a x b``, 3x1.
     """
-    return ca.vertcat(
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    )
+    a1, a2, a3 = ca.vertsplit(a)  # many times as quick as to index
+    b1, b2, b3 = ca.vertsplit(b)
+    return ca.vertcat(a2 * b3 - a3 * b2, a3 * b1 - a1 * b3, a1 * b2 - a2 * b1)
 
 
 def cross_columns(a: ca.SX, matrix: ca.SX) -> ca.SX:

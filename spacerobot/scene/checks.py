@@ -249,8 +249,10 @@ def check_limits(scene: Scene) -> None:
             without = [name for name in body.config.joints if name in free]
             without = [name for name in without if body.config.joints[name].torque_limit is None]
             if without:
+                effort = {joint.name: joint.effort for joint in body.description.joints}
+                named = [f"{name} (effort 0 in the URDF)" if effort[name] == 0 else name for name in without]
                 raise ScenarioError(
-                    f"no effort limit in the URDF, nor joints.*.torque_limit, for {', '.join(without)}",
+                    f"no effort limit in the URDF, nor joints.*.torque_limit, for {', '.join(named)}",
                     source=scene.source,
                     where=f"{body.path}.torque_limits",
                 )

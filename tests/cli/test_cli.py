@@ -326,3 +326,22 @@ def test_a_scenario_without_a_name_takes_its_files(spacerobot, tmp_path, file, n
     code, out, _ = spacerobot("check", tmp_path / file)
     assert code == 0
     assert out.startswith(f"{name} planar")
+
+
+def test_units_in_help_and_in_check(spacerobot):
+    code, out, _ = spacerobot("make-arm", "arm", "--help")
+    text = " ".join(out.replace("│", " ").split())
+    assert code == 0
+    for words in ("Length of a link [m].", "Mass of a link [kg].", "Joint resistance [N m s/rad]."):
+        assert words in text
+    code, out, _ = spacerobot("check", "paper")
+    assert "joint_1: revolute, 40 deg, resistance 0.1 N m s/rad, at most 1000 N m, carries" in out
+    assert "amnesia G_e 500 1/s^2, t_a 3 1/s" in out
+
+
+def test_a_shell_completes_commands_and_options(spacerobot, monkeypatch):
+    monkeypatch.setenv("_SPACEROBOT_COMPLETE", "complete_bash")
+    for words, place, found in (("spacerobot ru", 1, ["run"]), ("spacerobot run --en", 2, ["--engine"])):
+        monkeypatch.setenv("COMP_WORDS", words)
+        monkeypatch.setenv("COMP_CWORD", str(place))
+        assert spacerobot()[1].split() == found

@@ -197,6 +197,12 @@ def test_grasps_that_fix_a_freedom_twice():
         small_scene(PLANAR, straight)
 
 
+def test_an_effort_of_zero_is_no_limit_and_is_named():
+    (folder() / "zero.urdf").write_text(ODD_ARM.replace('effort="6"', 'effort="0"'), encoding="utf-8")
+    with pytest.raises(ScenarioError, match=r"no effort limit .* round \(effort 0 in the URDF\)"):
+        small_scene("robots: {a: {urdf: zero.urdf, torque_limits: true}}")
+
+
 def test_torque_limits_need_a_number_for_every_joint():
     urdf = ODD_ARM.replace(
         '<limit effort="6" velocity="2"/><dynamics damping="0.2"/>', '<dynamics damping="0.2"/>'
