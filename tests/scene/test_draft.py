@@ -8,6 +8,7 @@ import pytest
 from spacerobot.errors import SpaceRobotError
 from spacerobot.scene import load_scene
 from spacerobot.scene.draft import Order, draft_scenario
+from spacerobot.scene.overlaps import overlaps
 from spacerobot.simulation import simulate
 
 PLANAR = Order(["planar_arm.urdf"], "rectangle.urdf")
@@ -41,6 +42,13 @@ def test_two_robots_hold_one_frame_each(tmp_path):
     _, scene = draft_scenario(order, tmp_path / "two.yaml")
     assert [grasp.config.frame for grasp in scene.grasps] == ["mate_1", "mate_2"]
     assert scene.robots[1].base.close_grasp == "hold_2"
+    assert overlaps(scene) == []
+
+
+def test_the_target_lies_away_from_the_arm(tmp_path):
+    for target in ("rectangle.urdf", "satellite_box.urdf"):
+        _, scene = draft_scenario(dataclasses.replace(PLANAR, target=target), tmp_path / "x.yaml")
+        assert overlaps(scene) == []
 
 
 @pytest.mark.parametrize(

@@ -26,6 +26,7 @@ SPREAD = np.pi / 3  # [rad] that a tried posture differs from the middle of a jo
 ROUND_DEG = 5.0
 BUS, BUS_DENSITY = 20.0, 300.0
 """Mass of a spacecraft per mass of its arm, and per volume [kg/m^3], where one has to be made up."""
+SHORTEST = 0.03  # [m] of what counts as a part of an arm
 MOVES = 1e-3  # least singular value of a tip's Jacobian, lengths in units of its reach, that counts
 
 
@@ -200,7 +201,18 @@ def _agility(scene: Scene, free: Sequence[Joint], posture: Array) -> tuple[float
     distance = float(np.linalg.norm(data.oMf[tip.frame].translation)) / reach
     singular = np.linalg.svd(rows, compute_uv=False)
     every_way = len(singular) == len(axes) and bool(singular[-1] > MOVES)
-    return float(singular[-1]) * min(1.0, 2 * distance), every_way
+    chain = [data.oMi[model.getJointId(f"trial/{joint.name}")].translation for joint in free]
+    return float(singular[-1]) * min(1.0, 2 * distance) * _outward(
+        data.oMf[tip.frame].translation, chain
+    ), every_way
+
+
+def _outward(tip: Array, chain: Sequence[Array]) -> float:
+    """How far the last part of an arm points away from its first joint: 1 straight away, 0 straight back."""
+    last = next((origin for origin in reversed(chain) if np.linalg.norm(tip - origin) > SHORTEST), tip)
+    end, out = tip - last, tip - chain[0]
+    lengths = float(np.linalg.norm(end) * np.linalg.norm(out))
+    return 0.5 + 0.5 * float(end @ out) / lengths if lengths > 0 else 0.5
 
 
 def _rounded(joints: Sequence[Joint], values: Array) -> Array:

@@ -7,6 +7,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import pinocchio as pin
+
 from spacerobot.description.read import Description
 from spacerobot.errors import ScenarioError, near_names
 from spacerobot.scenario.load import parse_yaml, validate
@@ -66,6 +69,8 @@ def draft_scenario(order: Order, file: Path) -> tuple[str, Scene]:
     source = file.absolute()
     bare = _document(arms, frames, (base, object_base, urdf))
     scene = build_scene(validate(bare, source=source), source=source)
+    bare["target"]["base"]["rotation_deg"] = _ahead(scene)
+    scene = build_scene(validate(bare, source=source), source=source)
     numbers = Numbers(scene, {arm.name: arm for arm in arms})
     gains = {tip.label: numbers.gains(tip) for tip in scene.tips}
     move = numbers.move(min(found.bandwidth for found in gains.values()))
@@ -115,6 +120,25 @@ def _frames(description: Description, wanted: Sequence[str], count: int) -> list
             where="--frame",
         )
     return found[:count]
+
+
+def _ahead(scene: Scene) -> list[float]:
+    """Orientation of the target, at right angles to the first tip, that keeps it farthest from that arm."""
+    data = scene.model.createData()
+    pin.framesForwardKinematics(scene.model, data, scene.q)
+    grasp, target = scene.grasps[0], scene.bodies[-1]
+    tip, root = data.oMf[grasp.tip.frame], data.oMf[target.root_frame]
+    held = root.actInv(data.oMf[grasp.frame])
+    arm = np.array([data.oMi[joint].translation for joint in grasp.tip.body.joints])
+    tilts = (0,) if scene.planar else (0, 90, -90, 180)
+    turns = [(roll, pitch, yaw) for roll in tilts for pitch in tilts[:3] for yaw in (0, 90, -90, 180)]
+    tried = [tip.rotation @ pin.rpy.rpyToMatrix(np.radians(t)) @ held.rotation.T for t in turns]
+    places = [tip.translation - rotation @ held.translation for rotation in tried]
+    spaces = [np.linalg.norm(arm - place, axis=1).min() for place in places]
+    best = tried[int(np.argmax(np.round(spaces, 6)))]
+    if scene.planar:
+        return [0.0, 0.0, round(float(np.degrees(np.arctan2(best[1, 0], best[0, 0]))), 3) + 0.0]
+    return [round(float(x), 3) + 0.0 for x in np.degrees(pin.rpy.matrixToRpy(best))]
 
 
 def _document(arms: Sequence[Arm], frames: Sequence[str], placed: tuple[str, str, str]) -> Document:

@@ -58,7 +58,7 @@ def text_of(found: Found) -> str:
         "",
         "target:",
         f"  urdf: {_flow(bare['target']['urdf'])}",
-        f"  base: {_flow(bare['target']['base'])}   # placed so that this grasp closes",
+        f"  base: {_flow(bare['target']['base'])}   # placed so that this grasp closes, away from the arm",
         "  # as far as moves no joint by more than about 0.3 rad, bases giving way, and a tenth of the",
         "  # distance from base to tip at most; no joint faster than about a tenth of its greatest rate,",
         "  # and slow beside w",
