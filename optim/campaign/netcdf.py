@@ -83,6 +83,48 @@ def write_tables(path: Path, layout: Layout, tables: Iterator[tuple[int, Table]]
             _append(file, samples, table, layout.columns)
 
 
+def check_layout(path: Path, layout: Layout) -> None:
+    """Refuse a file that lacks something of its campaign.
+
+    Raises
+    ------
+    ResultError
+        Naming what.
+    """
+    try:
+        with netCDF4.Dataset(path) as file:
+            missing = _missing(file, layout)
+    except (OSError, RuntimeError) as fault:
+        raise ResultError(f"cannot be read: {fault}", source=path) from None
+    if missing is not None:
+        raise ResultError(f"damaged: {missing}; remove it and run the campaign again", source=path)
+
+
+def _missing(file: Any, layout: Layout) -> str | None:
+    """What a file lacks of a campaign, in words; None if nothing."""
+    metrics = list(dict.fromkeys(column.metric for column in layout.columns))
+    series = [one.name for one in layout.recording.series]
+    names: dict[str, tuple[str, ...]] = {"draw": ("sample", "parameter"), "diverged_at": ("sample", "gains")}
+    names |= {name: (name,) for name in ("sample", "parameter", "gains")}
+    names |= {f"{name}_of": (f"{name}_of",) for name in (*metrics, *series)}
+    names |= {metric: ("sample", "gains", f"{metric}_of") for metric in metrics}
+    names |= {name: ("sample", "gains", "time", f"{name}_of") for name in series}
+    if series:
+        names["time"] = ("time",)
+    if layout.max_gaps:
+        names |= {"grasp": ("grasp",), "gap": ("sample", "gains", "grasp"), "max_gap": ("grasp",)}
+    for name, dims in names.items():
+        if name not in file.variables:
+            return f"no variable {name!r}"
+        if file[name].dimensions != dims:
+            return (
+                f"{name}: found the dimensions {', '.join(file[name].dimensions)}, allowed: {', '.join(dims)}"
+            )
+        if name in (*metrics, *series) and "units" not in file[name].ncattrs():
+            return f"{name}: no attribute 'units'"
+    return None
+
+
 def is_complete(path: Path, count: int) -> bool:
     """Whether a file holds every sample."""
     if not path.is_file():

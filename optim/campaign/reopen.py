@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from optim.campaign.evaluator import Evaluator, all_draws, build_evaluator
-from optim.campaign.netcdf import DATA, Layout, is_complete
+from optim.campaign.netcdf import DATA, Layout, check_layout, is_complete
+from optim.campaign.notes import named_in
 from optim.campaign.store import HEAD, difference, load_head, open_store
 from spacerobot.errors import ResultError, SpaceRobotError
 from spacerobot.scenario.load import validate
@@ -29,13 +30,15 @@ def reopen(folder: Path) -> Evaluator:
     ------
     ResultError
         If it holds no campaign, no sample yet, or one that another process writes; or if it was made by
-        another version of the library or from URDFs that have changed since.
+        another version of the library or from URDFs that have changed since; or if its data are damaged.
     """
     head = load_head(folder)
     try:
         _check_urdfs(folder, head)
         evaluator = _evaluator(folder, head)
         draws = all_draws(evaluator)
+        layout = Layout.of(evaluator, head["notes"]["about"])
+        named_in(head["notes"])
     except (KeyError, TypeError, AttributeError) as fault:
         raise ResultError(f"is no campaign's: {fault!r}", source=folder / HEAD) from None
     except ResultError:
@@ -52,7 +55,8 @@ def reopen(folder: Path) -> Evaluator:
         with open_store(folder, identity, len(draws)) as store:
             if not store.done:
                 raise ResultError("holds no sample yet; start its campaign again to go on", source=folder)
-            store.merge(Layout.of(evaluator, head["notes"]["about"]))
+            store.merge(layout)
+    check_layout(folder / DATA, layout)
     return evaluator
 
 

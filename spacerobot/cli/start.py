@@ -1,5 +1,6 @@
 """Where the ``spacerobot`` command begins: Ctrl-C ends it with one line even while its libraries load."""
 
+import os
 import sys
 
 from spacerobot.interrupts import INTERRUPTED, leave, minded
@@ -7,6 +8,7 @@ from spacerobot.interrupts import INTERRUPTED, leave, minded
 
 def main() -> None:
     """Load the command line and run it."""
+    _open_streams()
     if not any(argument.startswith("--dask") for argument in sys.argv):
         sys.modules.setdefault("dask", None)  # type: ignore[arg-type]  # else xarray loads it, for nothing
     try:
@@ -21,3 +23,10 @@ def main() -> None:
             sys.stdout.flush()
             leave("")
         raise
+
+
+def _open_streams() -> None:
+    """Open a stream that was closed before (``>&-``), so that no file opened later takes its place."""
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, mode, encoding="utf-8"))  # noqa: PTH123, SIM115 (stays open)

@@ -22,6 +22,7 @@ from spacerobot.interrupts import uninterrupted
 from spacerobot.result.derived import DERIVED, remove_derived
 from spacerobot.result.result import Result
 from spacerobot.result.summary import FORMAT
+from spacerobot.result.whole import missing_data, missing_summary
 from spacerobot.scenario.load import read_document, to_yaml, validate
 
 SCENARIO, SUMMARY, DATA = "scenario.yaml", "summary.json", "result.nc"
@@ -135,13 +136,18 @@ def _load(folder: Path) -> Result:
         scenario = validate(read_document(folder / SCENARIO), source=folder / SCENARIO)
     except ScenarioError as fault:
         raise ResultError(str(fault)) from None
+    name, lacking = DATA, missing_data(data, scenario)
+    if lacking is None:
+        name, lacking = SUMMARY, missing_summary(summary, data)
+    if lacking is not None:
+        raise ResultError(f"damaged: {lacking}; run its scenario again", source=folder / name)
     return Result(scenario, data, summary, folder)
 
 
 def _parse(path: Path, reader: Callable[[Path], Any]) -> Any:
     try:
         return reader(path)
-    except (OSError, ValueError, RuntimeError, KeyError) as fault:
+    except (OSError, ValueError, RuntimeError, KeyError, AttributeError, TypeError, IndexError) as fault:
         raise ResultError(f"cannot be read: {fault}", source=path) from None
 
 

@@ -16,6 +16,7 @@ from spacerobot.scenario.yaml_text import Dumper, Loader, describe
 
 MAX_BYTES = 5_000_000
 MAX_NODES = 500_000
+MAX_DEPTH = 100
 
 
 def read_document(path: Path) -> Document:
@@ -54,6 +55,7 @@ def parse_yaml(text: str, *, source: Path | str | None = None) -> Any:
     """
     try:
         value = yaml.load(text, Loader=Loader)  # noqa: S506 (a SafeLoader)
+        weight, depth = _measure(value, {})
     except yaml.MarkedYAMLError as fault:
         where, message = describe(fault)
         raise ScenarioError(message, source=source, where=where) from None
@@ -61,19 +63,23 @@ def parse_yaml(text: str, *, source: Path | str | None = None) -> Any:
         raise ScenarioError("nested too deeply", source=source) from None
     except (yaml.YAMLError, ValueError) as fault:
         raise ScenarioError(f"not YAML: {fault}", source=source) from None
-    if _weight(value, {}) > MAX_NODES:
+    if depth > MAX_DEPTH:
+        raise ScenarioError(f"nested too deeply: found {depth} levels, allowed: {MAX_DEPTH}", source=source)
+    if weight > MAX_NODES:
         raise ScenarioError(f"unfolds to more than {MAX_NODES} values", source=source)
     return value
 
 
-def _weight(value: Any, known: dict[int, float]) -> float:
-    """Count of values once aliases are unfolded; infinite for one that holds itself."""
+def _measure(value: Any, known: dict[int, tuple[float, int]]) -> tuple[float, int]:
+    """Count of values with aliases unfolded, infinite for one that holds itself, and levels of nesting."""
     if not isinstance(value, dict | list):
-        return 1
+        return 1, 0
     if id(value) not in known:
-        known[id(value)] = float("inf")
+        known[id(value)] = float("inf"), 0
         children = value.values() if isinstance(value, dict) else value
-        known[id(value)] = 1 + sum(_weight(child, known) for child in children)
+        measured = [_measure(child, known) for child in children]
+        weight = 1 + sum(weight for weight, _ in measured)
+        known[id(value)] = weight, 1 + max((depth for _, depth in measured), default=0)
     return known[id(value)]
 
 

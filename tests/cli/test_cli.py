@@ -1,6 +1,8 @@
 """The command line as a user meets it: output, exit codes, one line for each fault."""
 
 import json
+import os
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -345,3 +347,11 @@ def test_a_shell_completes_commands_and_options(spacerobot, monkeypatch):
         monkeypatch.setenv("COMP_WORDS", words)
         monkeypatch.setenv("COMP_CWORD", str(place))
         assert spacerobot()[1].split() == found
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs a shell")
+@pytest.mark.parametrize("closed", [">&-", "<&- >&- 2>&-"])
+def test_a_closed_stdout_is_no_fault(closed):
+    command = f"{shlex.quote(sys.executable)} -m spacerobot check paper {closed}"
+    ended = subprocess.run(["/bin/sh", "-c", command], capture_output=True, text=True, check=False)
+    assert (ended.returncode, ended.stdout, ended.stderr) == (0, "", "")

@@ -178,3 +178,11 @@ def test_finding_scenarios(tmp_path, monkeypatch):
     for name in ("a\x00b", "x" * 5000):
         with pytest.raises(ScenarioError):
             find_scenario(name)
+
+
+@pytest.mark.parametrize("levels", [101, 400, 600, 3000])
+def test_a_chain_of_aliases_that_is_merged_is_one_line(levels):
+    """However deep: each level may need several calls of Python wherever it is walked."""
+    chain = "".join(f"a{i}: &a{i} {{x: *a{i - 1}}}\n" for i in range(1, levels))
+    with pytest.raises(ScenarioError, match="nested too deeply"):
+        parse_yaml(f"a0: &a0 {{x: 1}}\n{chain}<<: {{name: *a{levels - 1}}}\n")

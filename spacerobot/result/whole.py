@@ -1,0 +1,148 @@
+"""Whether a result's folder holds every variable, number and name that its readers use."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import xarray as xr
+
+from spacerobot.result.trust import KINDS
+from spacerobot.scenario import Scenario
+
+VECTORS = {
+    "tip": ("tip_position", "tip_velocity", "tip_reference", "tip_error", "tip_orientation_error"),
+    "body": ("body_position", "body_rotation", "body_momentum_linear", "body_momentum_angular"),
+    "grasp": ("grasp_force", "grasp_torque", "grasp_gap"),
+}
+SCALARS = (
+    *("energy_kinetic", "energy_spring", "energy_potential"),
+    *("work_actuator", "work_joint", "work_grasp", "work_constraint"),
+)
+DIMENSIONS: dict[str, tuple[str, ...]] = {
+    **{name: ("time", place, "axis") for place, names in VECTORS.items() for name in names},
+    **{f"momentum_{kind}": ("time", "axis") for kind, _ in KINDS},
+    **{f"joint_{name}": ("time", "joint") for name in ("position", "velocity", "torque")},
+    **dict.fromkeys(SCALARS, ("time",)),
+    **{"q": ("time", "configuration"), "v": ("time", "velocity"), "z": ("time", "controller")},
+    "body_orientation": ("time", "body", "quaternion"),
+    "joint_kind": ("joint",),
+    **{name: (name,) for name in ("time", "tip", "body", "joint", "grasp", "axis")},
+}
+"""Variables and coordinates that every result has, with their dimensions."""
+
+Number = (int, float)
+Maybe = (int, float, type(None))
+Name = (str, type(None))
+
+
+def missing_data(data: xr.Dataset, scenario: Scenario) -> str | None:
+    """What a dataset lacks, in words; None if nothing."""
+    for name, dims in DIMENSIONS.items():
+        if name not in data.variables:
+            return f"no variable {name!r}"
+        found = tuple(map(str, data[name].dims))
+        if found != dims:
+            return f"{name}: found the dimensions {', '.join(found)}, allowed: {', '.join(dims)}"
+        if not data[name].size and dims[0] == "time" and not data.sizes["time"]:
+            return "no sample"
+        if dims[0] == "time" and "units" not in data[name].attrs:
+            return f"{name}: no attribute 'units'"
+    if "outside" not in data.attrs:
+        return "no attribute 'outside'"
+    for work in map(str, data):
+        if work.startswith("work_") and "sign" not in data[work].attrs:
+            return f"{work}: no attribute 'sign'"
+    return _other_names(data, scenario)
+
+
+def _other_names(data: xr.Dataset, scenario: Scenario) -> str | None:
+    """Where a dataset and a scenario speak of different things."""
+    target = ["target"] if scenario.target else []
+    wanted = {
+        "tip": [f"{robot}/{tip}" for robot, config in scenario.robots.items() for tip in config.tips],
+        "body": [*scenario.robots, *target],
+        "grasp": list(scenario.grasps),
+    }
+    for name, labels in wanted.items():
+        found = [str(label) for label in data[name].values]
+        if found != labels:
+            return (
+                f"{name}: holds {', '.join(found) or 'none'}, scenario.yaml has {', '.join(labels) or 'none'}"
+            )
+    return None
+
+
+def missing_summary(summary: Mapping[str, Any], data: xr.Dataset) -> str | None:
+    """What a summary lacks, in words; None if nothing."""
+    return _missing(_expected(data), summary, "")
+
+
+def _expected(data: xr.Dataset) -> dict[str, Any]:
+    """Keys of a summary with the types of what they hold."""
+    bodies = [str(body) for body in data.body.values]
+    span = dict.fromkeys(("min_m", "max_m", "rms_m", "final_m"), Number)
+    motion = dict.fromkeys(("max_rotation_deg", "max_travel_m"), Number)
+    return {
+        "name": str,
+        "status": {
+            "state": str,
+            "reached_s": Number,
+            "diverged_at_s": Maybe,
+            "trusted": bool,
+            "open": list,
+            "advice": Name,
+        },
+        "tip_error": {str(tip): dict.fromkeys((*"xyz", "norm"), span) for tip in data.tip.values},
+        "target": motion if "target" in bodies else type(None),
+        "bases": {body: motion for body in bodies if body != "target"},
+        "greatest_torque": {"torque_n_m": Number, "unit": str, "joint": Name, "time_s": Maybe},
+        "greatest_grip": {"force_n": Number, "grasp": Name, "time_s": Maybe},
+        "fastest_joint": {"rate": Number, "unit": str, "joint": Name, "time_s": Maybe},
+        "ledger": {"momentum": _momentum(bool(data.attrs["outside"])), "energy": _ENERGY},
+        "engine": {"name": str, "backend": str, "step_s": Maybe, "steps": Number},
+        "timing_s": dict.fromkeys(("closed_loop", "compile_or_load", "rollout", "total"), Number),
+        "assumptions": list,
+        "warnings": list,
+        "urdf_sha256": dict.fromkeys(bodies, str),
+        "versions": {"spacerobot": str, "python": str},
+    }
+
+
+_ENERGY = dict.fromkeys(
+    (
+        *("actuator_work_j", "stored_change_j", "joint_loss_j", "grasp_loss_j", "constraint_work_j"),
+        *("largest_residual_j", "largest_energy_j", "relative_residual"),
+    ),
+    Number,
+)
+
+
+def _momentum(outside: bool) -> dict[str, Any]:
+    if outside:
+        return {"conserved": bool, "reason": str}
+    kinds = {
+        kind: {
+            f"initial_{unit}": list,
+            **dict.fromkeys((f"drift_{unit}", f"largest_partial_{unit}", "relative_drift"), Number),
+        }
+        for kind, unit in KINDS
+    }
+    return {"conserved": bool, **kinds}
+
+
+def _missing(wanted: Any, found: Any, path: str) -> str | None:
+    """First place at which something else is found than wanted."""
+    if not isinstance(wanted, dict):
+        right = isinstance(found, wanted) and not (isinstance(found, bool) and wanted is not bool)
+        return None if right else f"{path}: found {str(found)[:40]!r}, which it cannot be"
+    if not isinstance(found, Mapping):
+        return f"{path}: found {str(found)[:40]!r}, allowed: a mapping"
+    for key, inner in wanted.items():
+        place = f"{path}.{key}" if path else key
+        if key not in found:
+            return f"no {place}"
+        told = _missing(inner, found[key], place)
+        if told is not None:
+            return told
+    return None

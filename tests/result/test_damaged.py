@@ -1,0 +1,95 @@
+"""Damaged folders: one line that names the file and what is missing, whatever is missing."""
+
+import json
+import shutil
+
+import pytest
+import xarray as xr
+
+from spacerobot.errors import ResultError, SpaceRobotError
+from spacerobot.result import load, save
+from spacerobot.result.whole import DIMENSIONS
+from spacerobot.scene import load_scene
+from spacerobot.simulation import simulate
+from tests.oracles import one_arm
+
+OWN = ("name", "toolchain", "interpreted_because", "step_chosen")
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("whole")
+    scene = load_scene(one_arm.write(folder), {"simulation.duration": 0.2})
+    return save(simulate(scene), folder / "r").folder
+
+
+@pytest.fixture
+def damaged(whole, tmp_path):
+    """A copy of it, to be damaged."""
+    return shutil.copytree(whole, tmp_path / "r")
+
+
+def leaves(node, path=()):
+    for key, value in node.items():
+        yield (*path, key)
+        if isinstance(value, dict):
+            yield from leaves(value, (*path, key))
+
+
+def rewrite(folder, data):
+    data.to_netcdf(folder / "new.nc", engine="netcdf4")
+    (folder / "new.nc").replace(folder / "result.nc")
+
+
+@pytest.mark.parametrize("name", sorted(DIMENSIONS))
+def test_a_variable_that_is_missing_is_named(damaged, name):
+    data = xr.load_dataset(damaged / "result.nc")
+    rewrite(damaged, data.drop_vars(name))
+    with pytest.raises(ResultError, match=rf"r/result\.nc: damaged: no variable '{name}'; run its"):
+        load(damaged)
+
+
+def test_every_key_of_a_summary_that_is_missing_or_something_else_is_named(damaged):
+    file = damaged / "summary.json"
+    text = file.read_text()
+    paths = [path for path in leaves(json.loads(text)) if path[0] not in ("format", "versions")]
+    paths = [path for path in paths if not (path[0] == "engine" and path[-1] in OWN[1:])]
+    assert len(paths) > 70
+    for path in paths:
+        for replaced in (False, True):
+            found = node = json.loads(text)
+            for key in path[:-1]:
+                node = node[key]
+            if replaced:
+                node[path[-1]] = object.__name__ if not isinstance(node[path[-1]], str) else 7
+            else:
+                del node[path[-1]]
+            file.write_text(json.dumps(found))
+            if replaced and path[-1] in ("joint", "grasp", "advice"):
+                continue  # a text or nothing
+            with pytest.raises(ResultError) as raised:
+                load(damaged)
+            assert f"summary.json: damaged: {'' if replaced else 'no '}{'.'.join(path)}" in str(raised.value)
+
+
+def test_a_truncated_scenario_that_is_one_still_does_not_fit(damaged):
+    file = damaged / "scenario.yaml"
+    lines = file.read_text().splitlines(keepends=True)
+    for count in range(len(lines)):
+        file.write_text("".join(lines[:count]))
+        try:
+            result = load(damaged)
+            result.scene()
+        except SpaceRobotError:
+            continue
+        assert list(result.data.tip.values) == ["arm/tip"]
+
+
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.9, 0.99])
+@pytest.mark.parametrize("name", ["result.nc", "summary.json"])
+def test_a_file_cut_short_is_named(damaged, name, share):
+    file = damaged / name
+    content = file.read_bytes()
+    file.write_bytes(content[: int(share * len(content))])
+    with pytest.raises(ResultError, match=rf"r/{name}: "):
+        load(damaged)
