@@ -12,6 +12,7 @@ from spacerobot.scenario import Robot
 from spacerobot.scene.checks import controlled_directions, in_null_space, resolved_bodies
 from spacerobot.scene.closing import Closing, find_closings, has_loops, is_rigid, open_grasps
 from spacerobot.scene.configure import initial_state
+from spacerobot.scene.model import link_inertia
 from spacerobot.scene.reach import reference_warnings
 from spacerobot.scene.scene import Array, Scene, SceneBody, SceneTip
 
@@ -154,6 +155,7 @@ def _of_body(scene: Scene, body: SceneBody) -> list[str]:
     locked = [name for name, joint in (config.joints if config else {}).items() if joint.locked]
     if locked:
         found.append(f"{body.path}: locked where they begin: {', '.join(locked)}")
+    found += _changed_masses(body)
     if not isinstance(body.config, Robot):
         return found
     controlled = any(any(tip.config.elements()) for tip in scene.tips if tip.body is body)
@@ -164,6 +166,22 @@ def _of_body(scene: Scene, body: SceneBody) -> list[str]:
     if not body.config.torque_limits:
         found.append(f"{body.path}: torques are not limited")
     return found
+
+
+def _changed_masses(body: SceneBody) -> list[str]:
+    """Links whose mass is not the URDF's while their inertia is."""
+    changed = []
+    for link in body.description.links:
+        given = body.config.links.get(link.name)
+        heavier = given is not None and given.mass != link.mass and link.inertia.any()
+        if heavier and np.array_equal(link_inertia(given).inertia, link.inertia):
+            changed.append(link.name)
+    if not changed:
+        return []
+    return [
+        f"{body.path}: mass differs from the URDF's while inertia does not (give `inertia` too if it shall): "
+        f"{', '.join(changed)}"
+    ]
 
 
 def _of_tip(tip: SceneTip) -> list[str]:
