@@ -31,7 +31,7 @@ def cross(a: ca.SX, b: ca.SX) -> ca.SX:
     casadi.SX
         ``a x b``, 3x1.
     """
-    a1, a2, a3 = ca.vertsplit(a)  # many times as quick as to index
+    a1, a2, a3 = ca.vertsplit(a)  # quicker than to index
     b1, b2, b3 = ca.vertsplit(b)
     return ca.vertcat(a2 * b3 - a3 * b2, a3 * b1 - a1 * b3, a1 * b2 - a2 * b1)
 
