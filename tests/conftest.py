@@ -1,6 +1,47 @@
-"""What every test has: a cache of compiled code that is this test run's own, shared by its processes."""
+"""What every test has: a cache of compiled code of this test run's own, and markers for what tests need."""
 
 import pytest
+
+FIXTURES = {"browser": {"browser"}, "dask": {"dask", "cluster"}}
+"""Fixtures whose tests have a marker."""
+
+PLACES = {
+    "compiler": (
+        "tests/compiled/",
+        "tests/rollout/test_batch.py::test_lanes_equal_single_rollouts",
+        "tests/rollout/test_edges.py::test_a_scene_without_target_and_grasps",
+        "tests/rollout/test_gradients.py::test_a_peak_at_the_end_is_the_final_value",
+        "tests/rollout/test_gradients.py::test_adjoint_equals_central_differences",
+        "tests/rollout/test_gradients.py::test_checkpoints_change_nothing",
+        "tests/rollout/test_rollout_run.py::test_a_motion_of_its_own_is_stepped_onto",
+        "tests/rollout/test_rollout_run.py::test_compiled_equals_interpreted",
+    ),
+    "dask": (
+        "tests/campaign/test_campaign_cluster.py",
+        "tests/campaign/test_campaign_series.py::test_a_worker_of_dask",
+        "tests/campaign/test_robust_tuning.py::test_dask",
+        "tests/optim/test_workers.py::test_a_lost_scheduler",
+        "tests/optim/test_workers.py::test_a_terminals_ctrl_c",
+        "tests/optim/test_workers.py::test_a_worker_of_another_version",
+    ),
+}
+"""Other tests that have a marker, by how their names begin; a parameter ``compiled`` needs a compiler too."""
+
+
+def needs(item):
+    """Markers of a test."""
+    found = {marker for marker, fixtures in FIXTURES.items() if fixtures & set(item.fixturenames)}
+    found |= {marker for marker, places in PLACES.items() if item.nodeid.startswith(places)}
+    if "compiled" in (item.callspec.params.values() if hasattr(item, "callspec") else ()):
+        found.add("compiler")
+    return found
+
+
+def pytest_collection_modifyitems(items):
+    """Mark what needs a compiler, a browser or Dask, so that ``-m 'not browser'`` leaves it out."""
+    for item in items:
+        for marker in needs(item):
+            item.add_marker(marker)
 
 
 @pytest.fixture(scope="session", autouse=True)

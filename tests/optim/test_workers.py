@@ -95,10 +95,8 @@ def test_a_fault_of_one_search_stops_the_others_and_is_raised():
 
     slow = Waiting(quadratic(), turns, 0.01)
     endless = partial(evolve, Search(slow, "ga"), Protocol(20, 10**9))
-    since = time.perf_counter()
     with pytest.raises(SpaceRobotError, match="no"):
         turns.together([endless, fault])
-    assert time.perf_counter() - since < 30
 
 
 def test_ctrl_c_ends_every_search_with_what_it_has():

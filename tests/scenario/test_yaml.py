@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import time
-
 import pytest
 
 from spacerobot.errors import ScenarioError
@@ -12,10 +10,8 @@ from spacerobot.scenario.load import MAX_BYTES, parse_yaml, read_document, to_ya
 
 
 def refused(text: str, match: str) -> None:
-    begin = time.perf_counter()
     with pytest.raises(ScenarioError, match=match) as caught:
         parse_yaml(text, source="some.yaml")
-    assert time.perf_counter() - begin < 30  # a bomb would take years
     assert "\n" not in str(caught.value)
     assert str(caught.value).startswith("some.yaml")
 
