@@ -97,6 +97,13 @@ class ClosedLoop:
         c = self.setup(self.parameter_values)[1].full().ravel()
         return tuple(sorted({float(c[place]) for place in self.jumps}))
 
+    def __repr__(self) -> str:
+        """Sizes, in one line."""
+        return (
+            f"<ClosedLoop: {self.nx} states ({self.nq} q, {self.nv} v, {self.nz} z), "
+            f"{len(self.parameter_paths)} parameters, {len(self.variables)} outputs>"
+        )
+
     @property
     def nx(self) -> int:
         """Size of the state."""

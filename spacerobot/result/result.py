@@ -43,6 +43,12 @@ class Result:
         """The scene it was simulated in, built anew from its scenario."""
         return build_scene(self.scenario, source=self.folder / "scenario.yaml" if self.folder else None)
 
+    def __repr__(self) -> str:
+        """Name and status, in one line."""
+        from spacerobot.result.table import status_text
+
+        return f"<Result {self.scenario.name}: {status_text(self.summary['status'])}>"
+
     def _repr_html_(self) -> str:
         """Summary table for notebooks."""
         from spacerobot.result.table import summary_html

@@ -18,10 +18,12 @@ def headline(result: Result) -> list[Row]:
     rows = [("status", status_text(summary["status"]))]
     for tip, axes in summary["tip_error"].items():
         shown = ["x", "y"] if "body_angle" in result.data else ["x", "y", "z"]
+        unit, factor = _unit_of(axes["norm"]["rms_m"])
         spans = ", ".join(
-            f"{axis} {axes[axis]['min_m'] * 1e3:+.3f} .. {axes[axis]['max_m'] * 1e3:+.3f}" for axis in shown
+            f"{axis} {axes[axis]['min_m'] * factor:+.3f} .. {axes[axis]['max_m'] * factor:+.3f}"
+            for axis in shown
         )
-        rows.append((f"tip error {tip}", f"{spans} mm (rms {axes['norm']['rms_m'] * 1e3:.3f} mm)"))
+        rows.append((f"tip error {tip}", f"{spans} {unit} (rms {axes['norm']['rms_m'] * factor:.3f} {unit})"))
     if summary["target"] is not None:
         rows.append(("object turned by at most", f"{summary['target']['max_rotation_deg']:.4g} deg"))
     for base, motion in summary["bases"].items():
@@ -31,6 +33,14 @@ def headline(result: Result) -> list[Row]:
     rows.append(("greatest joint torque", _peak(torque, "torque_n_m", torque.get("unit", "N m"), "joint")))
     rows.append(("greatest grip force", _peak(grip, "force_n", "N", "grasp")))
     return rows + ledger_rows(summary["ledger"]) + [("engine", _engine(summary))]
+
+
+def _unit_of(size_m: float) -> tuple[str, float]:
+    """Unit of length that leaves a size some digits, and how many of it a metre has."""
+    for unit, factor in (("mm", 1e3), ("um", 1e6)):
+        if size_m * factor >= 0.01:
+            return unit, factor
+    return ("nm", 1e9) if size_m > 0 else ("mm", 1e3)
 
 
 def status_text(status: Mapping[str, Any]) -> str:

@@ -120,6 +120,10 @@ class Measures:
     named: Mapping[str, Measure]
     costs: Costs | None = None
 
+    def __repr__(self) -> str:
+        """Names and kinds, in one line."""
+        return f"<Measures {', '.join(f'{name} ({m.kind})' for name, m in self.named.items()) or 'none'}>"
+
     def of_kind(self, kind: Kind) -> dict[str, ca.SX]:
         """Expressions of one kind, by name."""
         return {name: m.expression for name, m in self.named.items() if m.kind == kind}

@@ -56,6 +56,10 @@ class Rollout:
     fallback: str = ""
     choice: StepChoice | None = None
 
+    def __repr__(self) -> str:
+        """What runs, in one line."""
+        return f"<Rollout of {self.grid.duration_s:g} s: {self.summary}>"
+
     @property
     def backend(self) -> str:
         """``compiled`` or ``interpreted``."""

@@ -62,6 +62,10 @@ class Trajectory:
     step_error: float = float("nan")
     cause: str = ""
 
+    def __repr__(self) -> str:
+        """How it ended and how large it is, in one line."""
+        return f"<Trajectory: {self.status}, {len(self.time)} samples, {self.steps} steps, {self.backend}>"
+
 
 @dataclass(frozen=True)
 class Batch:
@@ -107,6 +111,14 @@ class Batch:
     lanes: int
     threads: int
     wall_s: float
+
+    def __repr__(self) -> str:
+        """How many rollouts, how they ended and what they gave, in one line."""
+        ran, lost = int(self.done.sum()), int(np.isfinite(self.diverged_at_s).sum())
+        named = ", ".join(dict.fromkeys([*self.costs, *self.measures, *self.outputs])) or "nothing"
+        return (
+            f"<Batch of {len(self.done)} rollouts: {ran} ran, {lost} diverged, {self.backend}; holds {named}>"
+        )
 
     @property
     def cancelled(self) -> bool:

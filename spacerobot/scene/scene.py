@@ -144,6 +144,16 @@ class Scene:
     assumptions: tuple[str, ...]
     warnings: tuple[str, ...]
 
+    def __repr__(self) -> str:
+        """Name, size and names of what there is, in one line."""
+        kind = "planar" if self.planar else "spatial"
+        tips, grasps = ", ".join(tip.label for tip in self.tips), ", ".join(g.name for g in self.grasps)
+        bodies = ", ".join(body.name for body in self.bodies)
+        return (
+            f"<Scene {self.scenario.name}: {kind}, {self.model.nv} velocities; bodies {bodies}; "
+            f"tips {tips or 'none'}; grasps {grasps or 'none'}>"
+        )
+
     @property
     def robots(self) -> tuple[SceneBody, ...]:
         """The bodies that are robots."""

@@ -1,0 +1,58 @@
+"""What objects and small numbers look like in a terminal."""
+
+import copy
+
+import casadi as ca
+import pytest
+
+from optim.tuning import tune
+from spacerobot.closedloop import build_closed_loop
+from spacerobot.errors import ScenarioError
+from spacerobot.result.table import headline
+from spacerobot.rollout import Measures, Signals, build_rollout, integral
+from spacerobot.scene import load_scene
+from spacerobot.simulation import simulate
+from tests.oracles import one_arm
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory):
+    return load_scene(one_arm.write(tmp_path_factory.mktemp("shown")))
+
+
+def test_objects_show_themselves_in_a_few_lines(scene):
+    loop = build_closed_loop(scene)
+    signals = Signals.of(loop)
+    measures = Measures(signals, {"error": integral(ca.sumsqr(signals["tip_error"]))})
+    rollout = build_rollout(loop, duration_s=0.1, step_s=0.01, measures=measures)
+    batch = rollout.batch(["target.links.body.mass"], [[20.0], [21.0]])
+    for shown, part in (
+        (scene, "Scene small: planar"),
+        (loop, "ClosedLoop: "),
+        (measures, "Measures error (integral)"),
+        (rollout, "Rollout of 0.1 s: 10 steps"),
+        (batch, "Batch of 2 rollouts: 2 ran, 0 diverged"),
+        (rollout.run(), "Trajectory: completed"),
+        (simulate(scene), "Result small: completed, 1 s"),
+    ):
+        assert repr(shown).startswith(f"<{part}")
+        assert len(repr(shown)) < 400
+
+
+@pytest.mark.parametrize(("metres", "text"), [(3e-4, "0.300 mm"), (3e-7, "0.300 um"), (3e-10, "0.300 nm")])
+def test_small_errors_have_digits(scene, metres, text):
+    result = simulate(scene)
+    summary = copy.deepcopy(dict(result.summary))
+    for axis in summary["tip_error"]["arm/tip"].values():
+        axis |= {"min_m": -metres, "max_m": metres, "rms_m": metres}
+    told = dict(headline(type(result)(result.scenario, result.data, summary)))["tip error arm/tip"]
+    assert f"(rms {text})" in told
+    assert "-0.300 .. +0.300" in told
+
+
+def test_a_wrong_variable_says_what_is_wanted(scene):
+    for wrong in ((1, 2), ("robots.arm.tips.tip.pid.kp", 1), "robots.arm.tips.tip.pid.kp", (1, 2, 3)):
+        with pytest.raises(
+            ScenarioError, match=r"variables\.kp: found .*wanted: \(dotted path, lower, upper\)"
+        ):
+            tune(scene, variables={"kp": wrong})
