@@ -30,8 +30,7 @@ Parameters = Mapping[str, float] | npt.ArrayLike | None
 class Rollout:
     """A closed loop, its measures and a time grid, built and ready.
 
-    What batches, gradients and Jacobians need is compiled when they are first called, and comes from the
-    cache from then on.
+    What batches, gradients and Jacobians need is compiled when first called, then comes from the cache.
 
     Attributes
     ----------
@@ -68,10 +67,9 @@ class Rollout:
     @property
     def summary(self) -> str:
         """One line that says what runs."""
-        toolchain = self.engines.toolchain
         steps = f"{self.grid.steps} steps of {self.grid.step_s:.6g} s by {self.kernel.method.name}"
-        if toolchain is not None:
-            return f"{steps}, compiled: {toolchain.summary}"
+        if self.engines.toolchain is not None:
+            return f"{steps}, compiled: {self.engines.toolchain.summary}"
         return f"{steps}, interpreted by CasADi" + (f" ({self.fallback})" if self.fallback else "")
 
     def choose_step(
@@ -84,10 +82,8 @@ class Rollout:
 
         Parameters
         ----------
-        tolerance, parameters
-            As for :func:`choose_step`.
-        progress
-            Called with a few words before each pilot rollout.
+        tolerance, parameters, progress
+            As for :func:`choose_step`; progress is told before each pilot rollout.
 
         Raises
         ------
