@@ -43,7 +43,7 @@ def row() -> Row:
         return np.concatenate([data.qpos, data.qvel])
 
     def rollout(step: float) -> object:
-        return build_rollout(loop, duration_s=DURATION, step_s=step, output_step_s=DURATION)
+        return build_rollout(loop, duration_s=DURATION, step_s=step, output_step_s=DURATION, method="rk4")
 
     exact = native(FINE)
     ours = rollout(STEP)

@@ -42,7 +42,12 @@ def _rollout(step: float, measured: bool = False) -> Rollout:
     squared = {"squared": integral(ca.sumsqr(signals["tip_error"]))}
     measures = Measures(signals, squared, costs=lambda r, _: {"cost": r["squared"]}) if measured else None
     return build_rollout(
-        loop, duration_s=DURATION, step_s=step, output_step_s=DURATION / 100, measures=measures
+        loop,
+        duration_s=DURATION,
+        step_s=step,
+        output_step_s=DURATION / 100,
+        method="rk4",
+        measures=measures,
     )
 
 

@@ -134,7 +134,9 @@ def test_variables_set_every_path_they_tie(small):
 
 
 def test_a_diverged_rollout_has_no_value_and_no_gradient(small):
-    problem = build_problem(small(tuning__step=0.25, tuning__constraints=LIMITS), chosen=["kp", "kd"])
+    problem = build_problem(
+        small(simulation__method="rk4", tuning__step=0.25, tuning__constraints=LIMITS), chosen=["kp", "kd"]
+    )
     found = problem.evaluate(np.array([[1.0, 0.0], [1.0, 1.0]]))
     assert np.isnan(found.objective).any()
     lost = int(np.isnan(found.objective).argmax())

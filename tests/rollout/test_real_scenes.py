@@ -9,6 +9,7 @@ import pytest
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.compiled import pieces, toolchain
 from spacerobot.rollout import Measures, Signals, build_rollout, final, integral, peak
+from spacerobot.scene import load_scene
 from tests.oracles.small_scenes import PLANAR, SPATIAL, small_scene
 
 GRID = {"duration_s": 0.4, "step_s": 0.004, "output_step_s": 0.1}
@@ -81,3 +82,25 @@ def test_adjoint_forward_and_differences_agree(scene):
     cost = rollout.batch(wrt, rows).costs["all"]
     differences = (cost[: len(wrt)] - cost[len(wrt) :]) / (2 * step)
     np.testing.assert_allclose(adjoint.gradients["all"], differences, rtol=2e-5, atol=1e-6 * size)
+
+
+def test_gradients_by_ends_that_fit_no_step_and_coincide():
+    """Two references end at the same time, each by a parameter of its own."""
+    ends = tuple(f"robots.{name}.tips.tip.reference.duration" for name in ("rpr1", "rpr2"))
+    loop = build_closed_loop(load_scene("paper", dict.fromkeys(ends, 0.2413)))
+    s = Signals.of(loop)
+    named = {"ise": integral(1e4 * ca.sumsqr(s["tip_error"])), "peak": peak(ca.fabs(s["joint_torque"]))}
+    measures = Measures(s, named, lambda r, p: {"all": r["ise"] + 1e-3 * ca.sumsqr(r["peak"])})
+    rollout = build_rollout(loop, duration_s=0.4, step_s=0.004, output_step_s=0.02, measures=measures)
+    adjoint = rollout.value_and_gradient(wrt=ends).gradients["all"]
+    forward = rollout.jacobian(wrt=ends)
+    chained = forward.measures["ise"][0]
+    chained = chained + 2e-3 * forward.trajectory.measures["peak"] @ forward.measures["peak"]
+    np.testing.assert_allclose(chained, adjoint, rtol=1e-10)
+    moved = np.eye(2) * 2e-5
+    coarse, fine = (
+        (rollout.batch(ends, 0.2413 + h).costs["all"] - rollout.batch(ends, 0.2413 - h).costs["all"])
+        / (2 * h.sum(axis=1))
+        for h in (moved, moved / 2)
+    )
+    np.testing.assert_allclose(adjoint, (4 * fine - coarse) / 3, rtol=1e-6)
