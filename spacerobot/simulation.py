@@ -177,7 +177,8 @@ def _run(scene: Scene, loop: ClosedLoop, backend: Backend, tell: Progress) -> _R
     trajectory = dataclasses.replace(rollout, grid=fine).run(estimate=True)
     if rollout.choice is None:
         notes["step_error"] = f"{trajectory.step_error:.1e}"
-        scene = _warned(scene, trajectory.step_error)
+        if trajectory.status == "completed":  # one that diverged has more to say than that
+            scene = _warned(scene, trajectory.step_error)
     return _Run(scene, ready, trajectory, every, notes)
 
 
