@@ -39,12 +39,17 @@ def locate(document: Document, *, source: Path | None) -> None:
     """
     folder = source.parent if source is not None else None
     for path, section in _with_urdfs(document).items():
-        try:
-            file = find_urdf(section["urdf"], folder)
-        except DescriptionError as fault:
-            raise ScenarioError(str(fault), source=source, where=f"{path}.urdf") from None
+        file = _found(path, section, source)
         shipped = section["urdf"] == file.name and not (folder is not None and (folder / file.name).is_file())
         section["urdf"] = file.name if shipped else str(file)
+
+
+def _found(path: str, section: Document, source: Path | None) -> Path:
+    """File of the URDF that a section at a dotted path names."""
+    try:
+        return find_urdf(section["urdf"], source.parent if source is not None else None)
+    except DescriptionError as fault:
+        raise ScenarioError(str(fault), source=source, where=f"{path}.urdf") from None
 
 
 def _with_urdfs(document: Document) -> dict[str, Document]:
@@ -64,10 +69,9 @@ def read_descriptions(document: Document, *, source: Path | None) -> dict[str, D
     DescriptionError
         If a URDF is not readable or cannot be simulated.
     ScenarioError
-        If something cannot be mounted.
+        If a file is not found, or something cannot be mounted.
     """
-    folder = source.parent if source is not None else None
-    files = {path: find_urdf(section["urdf"], folder) for path, section in _with_urdfs(document).items()}
+    files = {path: _found(path, section, source) for path, section in _with_urdfs(document).items()}
     known = {file: read_description(file) for file in dict.fromkeys(files.values())}
     descriptions = {}
     for path, body in body_documents(document).items():

@@ -70,11 +70,12 @@ def test_every_output_has_a_unit_and_names(small):
     assert evaluator.recording.width == sum(loop.outputs.numel_out(name) for name in names)
 
 
-def test_series_change_no_other_number(small, whole, tmp_path):
+def test_series_change_other_numbers_by_rounding_alone(small, whole, tmp_path):
     run_campaign(small(), tmp_path / "store")
     without, with_ = load_campaign(tmp_path / "store"), load_campaign(whole.folder)
     assert not {"time", *KEPT} & set(with_.variables)
-    xr.testing.assert_identical(without, with_)
+    # places of steps are computed from those of samples, so that rounding differs and nothing else
+    xr.testing.assert_allclose(without, with_, rtol=1e-12, atol=1e-12)
 
 
 @pytest.mark.parametrize(("size", "threads"), [(1, 1), (7, 3)])
