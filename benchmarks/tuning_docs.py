@@ -1,0 +1,73 @@
+"""What a comparison says, in README and docs/tuning.md: ``python -m benchmarks.tuning_docs OUT [OUT ...]``.
+
+Each folder is what ``spacerobot compare`` wrote. Its data, without single runs, is kept in ``docs/data``; the
+texts between the marks are made from it, and a test holds them to it.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from optim.comparison import tables
+from optim.comparison.verdict import verdict
+
+ROOT = Path(__file__).parents[1]
+DATA = ROOT / "docs" / "data"
+PAGES = (ROOT / "README.md", ROOT / "docs" / "tuning.md")
+BLOCK = re.compile(r"<!-- (\w+): (verdict|table|found|gains|prices) -->\n.*?<!-- end -->", re.DOTALL)
+LEFT_OUT = ("runs", "trials", "log", "values", "profiles", "largest_errors_m")
+
+
+def kept(value: Any) -> Any:
+    """Data without what no table shows."""
+    if isinstance(value, Mapping):
+        # `runs` is a list of all runs in one place, a count in the other
+        return {k: kept(v) for k, v in value.items() if k not in LEFT_OUT or isinstance(v, int)}
+    return [kept(item) for item in value] if isinstance(value, list) else value
+
+
+def blocks(data: Mapping[str, Any]) -> dict[str, str]:
+    """Texts by the name of their mark."""
+    contests = data["contests"]
+
+    def each(table: Any) -> str:
+        return "\n\n".join(f"{tables.heading(c)}:\n\n{tables.as_markdown(table(c))}" for c in contests)
+
+    return {
+        "verdict": f"**{verdict(data)}**",
+        "table": tables.as_markdown(tables.summary_table(data)),
+        "found": each(tables.found_table),
+        "gains": each(tables.gains_table),
+        "prices": "\n".join(f"- {contest['name']}: {tables.prices(contest)}" for contest in contests),
+    }
+
+
+def filled(text: str) -> str:
+    """A page with the texts between its marks made anew."""
+
+    def made(found: re.Match[str]) -> str:
+        name, what = found.groups()
+        data = json.loads((DATA / f"comparison-{name}.json").read_text(encoding="utf-8"))
+        return f"<!-- {name}: {what} -->\n{blocks(data)[what]}\n<!-- end -->"
+
+    return BLOCK.sub(made, text)
+
+
+def main(folders: list[str]) -> None:
+    """Keep the data of comparisons and write the pages."""
+    DATA.mkdir(exist_ok=True)
+    for folder in folders:
+        data = json.loads((Path(folder) / "comparison.json").read_text(encoding="utf-8"))
+        text = json.dumps(kept(data), indent=1) + "\n"
+        (DATA / f"comparison-{data['name']}.json").write_text(text, encoding="utf-8")
+    for page in PAGES:
+        page.write_text(filled(page.read_text(encoding="utf-8")), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
