@@ -27,6 +27,7 @@ MORE_ROWS = 20  # that each further one adds, of those that its step would pass
 PASSED = 1e-9  # by how much of the largest row
 NEAR = 0.5  # of the largest row: what is nearer decides how far a variable may move
 MARGIN = 1e-5  # that constraints are kept away from their limits
+QP_ITERATIONS = 1000  # many times what a program of these sizes takes
 FLAT = 0.01  # least weight of a variable that hardly matters, of that which matters most
 
 
@@ -178,7 +179,9 @@ def solve_program(
     values: dict[str, Any] = {"g": cost, "a": matrix, "lba": -np.inf, "uba": bounds}
     if not flat:
         sizes["h"], values["h"] = ca.Sparsity.dense(*hessian.shape), hessian
-    options: dict[str, Any] = {"error_on_fail": False, "highs": {"output_flag": False, "threads": 1}}
+    # its method for quadratic programs may go round in circles where the hessian is nearly singular
+    settings = {"output_flag": False, "threads": 1, "qp_iteration_limit": QP_ITERATIONS}
+    options: dict[str, Any] = {"error_on_fail": False, "highs": settings}
     solver = ca.conic("step", "highs", sizes, options)
     found = solver(**values, lbx=box[0], ubx=box[1])
     x = found["x"].full().ravel()
