@@ -64,7 +64,7 @@ def _spread(
     client: Any, recipe: Recipe, draws: Array, chunks: Chunks, how: Dask, first: int
 ) -> Iterator[tuple[int, Table]]:
     """Keep every worker busy, with few chunks in flight, and give out results as they come."""
-    flight = distributed_module().as_completed([], with_results=False)
+    flight = distributed_module().as_completed([], loop=client.loop, with_results=False)
     pieces: dict[str, tuple[int, int]] = {}
 
     def fill(size: int) -> None:

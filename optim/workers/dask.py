@@ -85,7 +85,8 @@ class DaskWorkers:
         """Results of futures, in order; what nobody waits for any more is called off."""
         try:
             while not self._turns.stopped:
-                with suppress(TimeoutError), faults_of("an evaluation"):
+                # `wait` asks the newest client of this process otherwise, which may be somebody else's.
+                with suppress(TimeoutError), faults_of("an evaluation"), self._client.as_current():
                     distributed_module().wait(futures, timeout=TICK_S)
                     return [future.result() for future in futures]
             raise KeyboardInterrupt

@@ -4,6 +4,7 @@ import os
 import signal
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 
 import numpy as np
@@ -208,6 +209,20 @@ def test_a_killed_worker_changes_no_bit_and_the_journals_are_whole(small, dask, 
     assert killed.victims
     same(found, tune(small(), method))
     same(found, tune(small(), method, folder=tmp_path, workers=Nobody()))
+
+
+def test_another_client_of_this_process_disturbs_nothing(small, dask, cluster):
+    def slow(_problem, rows):
+        time.sleep(1.0)  # several times as long as one waits at once
+        return {"rows": rows}
+
+    problem = build_problem(small(), workers=dask)
+    rows = np.arange(4.0)[:, None]
+    with ThreadPoolExecutor(1) as pool:
+        found = pool.submit(dask.map, problem, slow, rows, grain=4)
+        time.sleep(0.5)
+        with distributed.Client(cluster):
+            assert np.array_equal(found.result()["rows"], rows)
 
 
 class Nobody(Threads):
