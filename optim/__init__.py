@@ -22,13 +22,13 @@ if TYPE_CHECKING:
     from optim.methods import run_method as run_method
     from optim.nlp import NlpSettings as NlpSettings
     from optim.nlp import solve as solve
-    from optim.problem import TuningProblem as TuningProblem
-    from optim.problem import build_problem as build_problem
+    from optim.problem.sensitivities import Sensitivity as Sensitivity
+    from optim.problem.sensitivities import sensitivity as sensitivity
+    from optim.problem.tuning_problem import TuningProblem as TuningProblem
+    from optim.problem.tuning_problem import build_problem as build_problem
     from optim.search import Report as Report
     from optim.search import Run as Run
     from optim.search import Search as Search
-    from optim.sensitivities import Sensitivity as Sensitivity
-    from optim.sensitivities import sensitivity as sensitivity
     from optim.tuning import Tuned as Tuned
     from optim.tuning import tune as tune
     from spacerobot.rollout import Measure as Measure
@@ -48,12 +48,12 @@ _HOME = {
     "Report": "optim.search",
     "Run": "optim.search",
     "Search": "optim.search",
-    "Sensitivity": "optim.sensitivities",
+    "Sensitivity": "optim.problem.sensitivities",
     "Session": "optim.comparison",
     "Signals": "spacerobot.rollout",
     "Tuned": "optim.tuning",
-    "TuningProblem": "optim.problem",
-    "build_problem": "optim.problem",
+    "TuningProblem": "optim.problem.tuning_problem",
+    "build_problem": "optim.problem.tuning_problem",
     "compare": "optim.comparison.compare",
     "effort_of": "optim.methods",
     "evolve": "optim.evolutionary",
@@ -61,7 +61,7 @@ _HOME = {
     "integral": "spacerobot.rollout",
     "peak": "spacerobot.rollout",
     "run_method": "optim.methods",
-    "sensitivity": "optim.sensitivities",
+    "sensitivity": "optim.problem.sensitivities",
     "solve": "optim.nlp",
     "tune": "optim.tuning",
 }

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from optim.protocol import Array, Evaluation, Problem
+from optim.problem.problem import Array, Evaluation, Problem
 from optim.search import FEASIBLE, Run, Search, better
 from spacerobot.errors import SpaceRobotError, near_names
 

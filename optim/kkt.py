@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from optim.protocol import Array, Form, Linearisation
+from optim.problem.problem import Array, Form, Linearisation
 
 NEAR_BOUND = 1e-3  # of the unit cube
 NEAR_PEAK = 2e-3  # of the largest row: what is nearer counts as active, so a point is judged to this accuracy

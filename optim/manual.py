@@ -15,9 +15,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from optim.objectives import OBJECTIVE, error_rows
-from optim.problem import TuningProblem
-from optim.protocol import Array, Cost
+from optim.problem.objectives import OBJECTIVE, error_rows
+from optim.problem.problem import Array, Cost
+from optim.problem.tuning_problem import TuningProblem
 from optim.search import Run, Search
 
 FIRST, FACTOR, TRIALS = 1.0, 2.0, 14

@@ -16,8 +16,8 @@ from optim.evolutionary import METHODS as EVOLUTIONARY
 from optim.evolutionary import Protocol, evolve
 from optim.manual import manual
 from optim.nlp import NlpSettings, solve, solve_from_many
-from optim.problem import TuningProblem
-from optim.protocol import Array, Problem
+from optim.problem.problem import Array, Problem
+from optim.problem.tuning_problem import TuningProblem
 from optim.search import Progress, Run, Search, better
 from optim.workers import Threads, Workers
 from spacerobot.errors import SpaceRobotError, near_names

@@ -19,7 +19,7 @@ import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
-from optim.protocol import Array, Evaluation, Form, Linearisation
+from optim.problem.problem import Array, Evaluation, Form, Linearisation
 
 Places = npt.NDArray[np.int_]
 FIRST_ROWS = 40  # of a minimax problem's rows that the first program holds

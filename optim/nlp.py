@@ -11,7 +11,7 @@ import numpy as np
 from optim.descent import Ask, Ended, Manner, descend
 from optim.kkt import kkt_residual
 from optim.model import Point
-from optim.protocol import Array, Cost, Linearisation
+from optim.problem.problem import Array, Cost, Linearisation
 from optim.search import FEASIBLE, Run, Search
 
 GRADIENT, SLOPE = 4.0, 3.0  # rollouts that they cost, about: decides where derivatives come from

@@ -8,9 +8,9 @@ from functools import cached_property
 
 import numpy as np
 
-from optim.objectives import OBJECTIVE, build_terms, extended_loop
-from optim.protocol import Array
-from optim.scenes import changed_scene, tuning_of
+from optim.problem.objectives import OBJECTIVE, build_terms, extended_loop
+from optim.problem.problem import Array
+from optim.problem.scenes import changed_scene, tuning_of
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.rollout import Rollout, build_rollout
 from spacerobot.scenario import Robustness
@@ -79,7 +79,7 @@ def build_judge(scene: Scene, *, reading: str | None = None, threads: int | None
     Parameters
     ----------
     scene, reading
-        As for :func:`optim.problem.build_problem`.
+        As for :func:`optim.problem.tuning_problem.build_problem`.
     threads
         For its rollouts, which this process does; each usable core if None.
     """

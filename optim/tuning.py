@@ -10,12 +10,12 @@ from pathlib import Path
 
 import numpy as np
 
-from optim.blackbox import ResultObjective, ResultProblem
 from optim.evolutionary import METHODS as EVOLUTIONARY
 from optim.methods import Effort, Outcome, effort_of, run_method
-from optim.objectives import UserObjective
-from optim.problem import TuningProblem, build_problem
-from optim.scenes import tuning_of
+from optim.problem.blackbox import ResultObjective, ResultProblem
+from optim.problem.objectives import UserObjective
+from optim.problem.scenes import tuning_of
+from optim.problem.tuning_problem import TuningProblem, build_problem
 from optim.search import Progress
 from optim.workers import Workers
 from spacerobot.errors import ScenarioError, near_names

@@ -13,7 +13,7 @@ from typing import Any
 
 from optim.campaign.evaluator import Evaluator, Recipe, Table
 from optim.campaign.run import CHUNK_S, Chunks, first_size, sized
-from optim.protocol import Array
+from optim.problem.problem import Array
 from optim.workers.cluster import connect, distributed_module, faults_of, submit, threads_of
 
 AHEAD = 2  # chunks in flight for each thread of a worker: one runs, one waits

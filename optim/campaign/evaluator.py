@@ -15,8 +15,8 @@ from optim.campaign.metrics import Column, Kept, build_kept
 from optim.campaign.sampling import draw
 from optim.campaign.series import Recording, build_recording, check_size, series_step
 from optim.campaign.space import Space, campaign_of, check_range, gain_set, resolve_space
-from optim.protocol import Array
-from optim.scenes import SceneRecipe
+from optim.problem.problem import Array
+from optim.problem.scenes import SceneRecipe
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.errors import ScenarioError
 from spacerobot.rollout import Rollout, build_rollout, time_grid

@@ -18,7 +18,7 @@ from optim.campaign.trust import (
     residual_measure,
     residual_of,
 )
-from optim.protocol import Array
+from optim.problem.problem import Array
 from spacerobot.closedloop import ClosedLoop
 from spacerobot.rollout import Measure, Measures, Signals, integral, peak
 from spacerobot.scene import Scene

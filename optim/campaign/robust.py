@@ -16,16 +16,16 @@ from typing import Literal
 
 import numpy as np
 
-from optim import operations
 from optim.campaign.sampling import draw
 from optim.campaign.space import Space, campaign_of, check_range, gain_set, resolve_space
 from optim.campaign.statistics import percentile
 from optim.methods import Effort, Outcome, effort_of, run_method
-from optim.objectives import OBJECTIVE
 from optim.plain import plain
-from optim.problem import TuningProblem, build_problem
-from optim.protocol import Array, Cost, Evaluation, Form, Linearisation
-from optim.scenes import changed_scene, tuning_of
+from optim.problem import operations
+from optim.problem.objectives import OBJECTIVE
+from optim.problem.problem import Array, Cost, Evaluation, Form, Linearisation
+from optim.problem.scenes import changed_scene, tuning_of
+from optim.problem.tuning_problem import TuningProblem, build_problem
 from optim.search import Progress
 from optim.workers import Arrays, Workers
 from spacerobot.errors import ScenarioError, SpaceRobotError
@@ -42,7 +42,7 @@ AT_ONCE = 8192  # rollouts of one batch
 
 @dataclass(frozen=True)
 class RobustProblem:
-    """A tuning problem over samples; see :class:`optim.protocol.Problem`.
+    """A tuning problem over samples; see :class:`optim.problem.problem.Problem`.
 
     Attributes
     ----------
@@ -222,7 +222,7 @@ def build_robust(
     samples
         Of the common set, drawn by the campaign's distributions and seed.
     chosen, reading, workers
-        As for :func:`optim.problem.build_problem`.
+        As for :func:`optim.problem.tuning_problem.build_problem`.
 
     Raises
     ------

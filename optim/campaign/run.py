@@ -13,7 +13,7 @@ from optim.campaign.intervals import Interval
 from optim.campaign.netcdf import Layout
 from optim.campaign.notes import Named, notes_of
 from optim.campaign.store import check_place, open_store
-from optim.protocol import Array
+from optim.problem.problem import Array
 from spacerobot.scene import Scene
 
 CHUNK_S = 4.0  # long enough to hide what a chunk costs, short enough to lose

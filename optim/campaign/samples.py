@@ -12,7 +12,7 @@ import numpy as np
 
 from optim.campaign.evaluator import Evaluator
 from optim.campaign.notes import Changes
-from optim.protocol import Array
+from optim.problem.problem import Array
 from spacerobot.result import Result
 from spacerobot.scenario.load import to_document
 from spacerobot.scenario.paths import expand

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from optim.numbers import find_numbers
-from optim.protocol import Array
+from optim.problem.numbers import find_numbers
+from optim.problem.problem import Array
 from spacerobot.errors import ScenarioError
 from spacerobot.scenario import Campaign
 from spacerobot.scenario.load import to_document, validate

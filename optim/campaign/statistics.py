@@ -10,7 +10,7 @@ import numpy as np
 from scipy import stats
 
 from optim.campaign.sampling import salib
-from optim.protocol import Array
+from optim.problem.problem import Array
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from optim.campaign.space import sensor_offsets, units_of
 from optim.campaign.statistics import Estimate, percentile, share
 from optim.campaign.store import load_campaign, load_head
 from optim.campaign.trust import doubts, untrusted
-from optim.protocol import Array
+from optim.problem.problem import Array
 from spacerobot.errors import ResultError
 from spacerobot.files import write_text
 from spacerobot.rollout import unclosed

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from optim.comparison.contest import Contest, Entry, Session, run_contest
 from optim.methods import Effort, effort_of
 from optim.plants import build_judge
-from optim.problem import build_problem
-from optim.scenes import tuning_of
+from optim.problem.scenes import tuning_of
+from optim.problem.tuning_problem import build_problem
 from spacerobot.errors import ScenarioError, near_names
 from spacerobot.scenario import Tuning
 from spacerobot.scene import Scene

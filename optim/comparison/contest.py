@@ -14,11 +14,11 @@ from optim.comparison.running_time import Trial, trial_of
 from optim.evolutionary import METHODS as EVOLUTIONARY
 from optim.methods import Effort, Outcome, run_method
 from optim.plants import Judge
-from optim.problem import TuningProblem
-from optim.protocol import Array, Cost, Problem
+from optim.problem.problem import Array, Cost, Problem
+from optim.problem.sensitivities import Sensitivity, sensitivity
+from optim.problem.tuning_problem import TuningProblem
+from optim.problem.variables import at_bound
 from optim.search import Progress
-from optim.sensitivities import Sensitivity, sensitivity
-from optim.variables import at_bound
 from optim.workers import Threads, Workers
 from spacerobot.errors import SpaceRobotError
 

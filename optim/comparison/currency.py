@@ -11,8 +11,8 @@ from dataclasses import asdict, dataclass
 
 import casadi as ca
 
-from optim.problem import TuningProblem
-from optim.protocol import Cost
+from optim.problem.problem import Cost
+from optim.problem.tuning_problem import TuningProblem
 from spacerobot.rollout.adjoint import SEGMENT_BYTES, WHOLE_BYTES, adjoint_kernel
 from spacerobot.rollout.grid import TimeGrid
 from spacerobot.rollout.kernel import Kernel

@@ -14,9 +14,9 @@ from optim.comparison.running_time import LEVEL, PRECISIONS, Trial, running_time
 from optim.comparison.statistics import statistics
 from optim.comparison.verdict import verdict
 from optim.methods import Outcome
-from optim.objectives import OBJECTIVE, UNITS
 from optim.plain import plain
-from optim.protocol import Array, Cost
+from optim.problem.objectives import OBJECTIVE, UNITS
+from optim.problem.problem import Array, Cost
 from optim.search import Run
 
 FORMAT = 2

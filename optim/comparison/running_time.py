@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from optim.comparison.currency import Currency
-from optim.protocol import Array, Cost
+from optim.problem.problem import Array, Cost
 from optim.search import Run
 
 PRECISIONS = (0.1, 0.01, 0.001)  # targets: so much above the best known value

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from optim.protocol import Array
+from optim.problem.problem import Array
 
 
 def statistics(values: Array) -> dict[str, float | int | None]:

@@ -10,8 +10,8 @@ from optim.campaign.robust import build_robust
 from optim.comparison.compare import Comparison, compete, even_effort
 from optim.comparison.contest import Entry, Session
 from optim.methods import Effort
-from optim.problem import build_problem
-from optim.scenes import tuning_of
+from optim.problem.scenes import tuning_of
+from optim.problem.tuning_problem import build_problem
 from spacerobot.errors import SpaceRobotError, near_names
 from spacerobot.scenario.load import parse_yaml, validate
 from spacerobot.scene import Scene, build_scene, load_scene

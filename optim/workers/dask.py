@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from optim.protocol import Array
+from optim.problem.problem import Array
 from optim.workers.cluster import (
     alone_on_this_machine,
     connect,

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from optim.protocol import Array
+from optim.problem.problem import Array
 from optim.workers.protocol import LANES, Arrays, Ended, Operation, Portable
 from spacerobot.compiled import usable_cores
 

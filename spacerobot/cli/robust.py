@@ -63,7 +63,7 @@ def command(
     """Tune robustly and nominally, and print both on fresh samples."""
     from optim import effort_of
     from optim.campaign.robust import build_robust, save_robust, tune_robust
-    from optim.scenes import tuning_of
+    from optim.problem.scenes import tuning_of
     from optim.workers.dask import open_workers
     from spacerobot.scene import load_scene
 

@@ -79,8 +79,8 @@ def command(
 ) -> None:
     """Tune, simulate the best design, and save it if a folder is given."""
     from optim import effort_of, tune
-    from optim.scenes import tuning_of
-    from optim.vary import vary as varied
+    from optim.problem.scenes import tuning_of
+    from optim.problem.vary import vary as varied
     from optim.workers.dask import open_workers
     from spacerobot.result import save
     from spacerobot.scene import load_scene
@@ -117,8 +117,8 @@ def command(
 
 def _show(found: Tuned, result: Result, method: str, kind: str) -> None:
     """Print the gains, what each run found, and the best design's numbers."""
-    from optim.objectives import UNITS
-    from optim.variables import at_bound
+    from optim.problem.objectives import UNITS
+    from optim.problem.variables import at_bound
     from spacerobot.result.table import headline
 
     told = {name: f", {end}" for name, end in at_bound(list(found.gains), found.outcome.best.u).items()}
@@ -152,7 +152,7 @@ def _write(found: Tuned, out: object) -> None:
     from pathlib import Path
 
     from optim.plain import plain
-    from optim.variables import at_bound
+    from optim.problem.variables import at_bound
     from spacerobot.files import write_text
 
     data = {

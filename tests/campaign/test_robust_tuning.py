@@ -7,7 +7,7 @@ import pytest
 
 from optim.campaign.robust import build_robust, tune_robust
 from optim.methods import effort_of, run_method
-from optim.objectives import OBJECTIVE
+from optim.problem.objectives import OBJECTIVE
 from spacerobot.errors import ScenarioError, SpaceRobotError
 
 TUNING = {

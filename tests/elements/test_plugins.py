@@ -74,7 +74,7 @@ import subprocess
 import sys
 from pathlib import Path
 import spacerobot as sr
-from optim.scenes import SceneRecipe
+from optim.problem.scenes import SceneRecipe
 
 sr.load_plugin(Path("examples/plugins/lemniscate.py"))
 scene = sr.load_scene("paper", {"robots.*.tips.tip.reference": {"kind": "lemniscate"}})

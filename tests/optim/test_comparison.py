@@ -18,9 +18,9 @@ from optim.comparison.results import write
 from optim.comparison.statistics import statistics
 from optim.comparison.sweep import sweep
 from optim.plants import build_judge
-from optim.problem import build_problem
-from optim.sensitivities import sensitivity
-from optim.variables import at_bound
+from optim.problem.sensitivities import sensitivity
+from optim.problem.tuning_problem import build_problem
+from optim.problem.variables import at_bound
 from spacerobot.cli import compare as compare_command
 from spacerobot.cli import tune as tune_command
 from spacerobot.errors import ScenarioError, SpaceRobotError
@@ -100,7 +100,7 @@ def test_each_best_design_is_saved_as_a_result(found):
 
 def test_a_comparison_run_again_is_read_from_its_journals(found, small, monkeypatch):
     first, folder = found
-    monkeypatch.setattr("optim.problem.TuningProblem.evaluate", None)
+    monkeypatch.setattr("optim.problem.tuning_problem.TuningProblem.evaluate", None)
     again = run_method(first.contests[0].problem, "ga", EFFORT, folder=folder / "journals" / "base-four")
     assert again.best.objective == first.contests[0].outcomes["ga"].best.objective
 
@@ -243,7 +243,7 @@ def test_names_of_methods_readings_and_sets_are_checked(small):
 
 
 def test_ctrl_c_in_a_rollout_keeps_what_was_found(small, monkeypatch):
-    from optim.problem import TuningProblem
+    from optim.problem.tuning_problem import TuningProblem
 
     real, calls = TuningProblem.evaluate, threading.local()
     calls.n = 0

@@ -10,7 +10,7 @@ import pytest
 from optim.evolutionary import METHODS, POPULATIONS, Protocol, evolve
 from optim.kkt import kkt_residual
 from optim.nlp import NlpSettings, solve, solve_from_many
-from optim.protocol import Cost
+from optim.problem.problem import Cost
 from optim.search import Search, better
 from spacerobot.errors import SpaceRobotError
 from tests.oracles.known_optima import (

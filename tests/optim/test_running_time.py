@@ -10,8 +10,8 @@ from optim.comparison.currency import Currency, currency_of, operations
 from optim.comparison.profiles import budgets_of, profile
 from optim.comparison.running_time import Trial, running_time, target_of, trial_of
 from optim.comparison.verdict import verdict
-from optim.problem import build_problem
-from optim.protocol import Cost
+from optim.problem.problem import Cost
+from optim.problem.tuning_problem import build_problem
 from optim.search import Moment, Run
 from tests.oracles.known_optima import quadratic
 

@@ -9,7 +9,7 @@ from optim.comparison.contest import Session
 from optim.comparison.report import to_data
 from optim.comparison.suite import compare_suite, read_suite, scene_of
 from optim.methods import ALL
-from optim.variables import resolve_variables
+from optim.problem.variables import resolve_variables
 from spacerobot.errors import SpaceRobotError
 
 SUITE = read_suite()

@@ -12,7 +12,7 @@ import pytest
 
 from optim.evolutionary import Protocol, evolve
 from optim.nlp import NlpSettings, solve
-from optim.problem import build_problem
+from optim.problem.tuning_problem import build_problem
 from optim.search import Search
 from optim.tuning import tune
 from optim.workers import Threads

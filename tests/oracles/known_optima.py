@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from optim.protocol import Cost, Evaluation, Linearisation
+from optim.problem.problem import Cost, Evaluation, Linearisation
 
 
 @dataclass

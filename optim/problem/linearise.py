@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from optim.objectives import OBJECTIVE, error_rows
-from optim.protocol import Array, Linearisation
+from optim.problem.objectives import OBJECTIVE, error_rows
+from optim.problem.problem import Array, Linearisation
 from spacerobot.rollout import Jacobian
 
 if TYPE_CHECKING:
-    from optim.problem import TuningProblem
+    from optim.problem.tuning_problem import TuningProblem
 
 
 def linearise_all(problem: TuningProblem, u: Array) -> list[Linearisation]:

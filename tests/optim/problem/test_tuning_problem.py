@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from optim import build_problem, integral
-from optim.objectives import OBJECTIVE
-from optim.protocol import Cost
+from optim.problem.objectives import OBJECTIVE
+from optim.problem.problem import Cost
 from optim.workers import Threads
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.rollout import build_rollout

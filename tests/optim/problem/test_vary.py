@@ -2,8 +2,8 @@
 
 import pytest
 
-from optim.scenes import tuning_of
-from optim.vary import vary
+from optim.problem.scenes import tuning_of
+from optim.problem.vary import vary
 from spacerobot.errors import ScenarioError
 from spacerobot.scene import load_scene
 

@@ -12,12 +12,12 @@ from functools import cached_property, partial
 import casadi as ca
 import numpy as np
 
-from optim import operations
-from optim.objectives import OBJECTIVE, Terms, UserObjective, build_terms, extended_loop
-from optim.protocol import Array, Cost, Evaluation, Form, Linearisation
-from optim.scenes import SceneRecipe, changed_scene, tuning_of
-from optim.tied import tie
-from optim.variables import Variables, resolve_variables
+from optim.problem import operations
+from optim.problem.objectives import OBJECTIVE, Terms, UserObjective, build_terms, extended_loop
+from optim.problem.problem import Array, Cost, Evaluation, Form, Linearisation
+from optim.problem.scenes import SceneRecipe, changed_scene, tuning_of
+from optim.problem.tied import tie
+from optim.problem.variables import Variables, resolve_variables
 from optim.workers import Arrays, Threads, Workers
 from optim.workers.protocol import LANES
 from spacerobot.closedloop import ClosedLoop, build_closed_loop
@@ -66,7 +66,7 @@ class ProblemRecipe:
 
 @dataclass(frozen=True)
 class TuningProblem:
-    """A closed loop whose variables are free, ready to be evaluated; see :class:`optim.protocol.Problem`.
+    """A closed loop whose variables are free, ready to be evaluated as a :class:`Problem`.
 
     Attributes
     ----------
@@ -172,7 +172,7 @@ class TuningProblem:
         return self.workers.map(self, partial(operations.measures, paths=(*self.names, *others)), rows)
 
     def linearise(self, u: Array) -> Linearisation:
-        """Values and their exact derivatives at one point u (k,); see :mod:`optim.linearise`."""
+        """Values and their exact derivatives at one point u (k,); see :mod:`optim.problem.linearise`."""
         return self.linearise_all(u[None])[0]
 
     def linearise_all(self, u: Array) -> list[Linearisation]:

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 import casadi as ca
 import numpy as np
 
-from optim.protocol import Array, Form
-from optim.tied import extend
+from optim.problem.problem import Array, Form
+from optim.problem.tied import extend
 from spacerobot.errors import ScenarioError
 from spacerobot.rollout import ClosedLoopFunctions, Measure, Measures, Signals, integral, peak
 from spacerobot.scenario import Constraints, Objective

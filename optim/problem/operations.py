@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from optim.linearise import linearise_all, rows_of, sampled_outputs
-from optim.objectives import OBJECTIVE
-from optim.protocol import Array
+from optim.problem.linearise import linearise_all, rows_of, sampled_outputs
+from optim.problem.objectives import OBJECTIVE
+from optim.problem.problem import Array
 from optim.workers import Arrays
 
 if TYPE_CHECKING:
-    from optim.problem import TuningProblem
+    from optim.problem.tuning_problem import TuningProblem
 
 
 def measures(problem: TuningProblem, rows: Array, *, paths: Sequence[str]) -> Arrays:

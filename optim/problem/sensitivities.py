@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from optim.problem import TuningProblem
-from optim.protocol import Array
+from optim.problem.problem import Array
+from optim.problem.tuning_problem import TuningProblem
 
 
 @dataclass(frozen=True)
