@@ -1,5 +1,6 @@
 """Evolutionary methods through pymoo (GA, differential evolution, PSO, CMA-ES), random and Sobol search.
 
+Each tries the problem's own start first, as the NLP does, so that all methods know the same.
 A population that has converged, or no longer improves, is begun anew from another seed until the budget is
 spent. CMA-ES restarts by itself: with a population doubled each time, beside small ones (BIPOP), each ended
 by its own tolerances.
@@ -20,6 +21,7 @@ from optim.search import FEASIBLE, Run, Search, better
 from spacerobot.errors import SpaceRobotError, near_names
 
 CMAES_POPULATION = 16  # two groups of eight lanes
+CMAES_SCREEN = 20  # points of which the best is its first mean
 STAGNANT = 30  # generations within which the best must improve
 STAGNANT_FALL = 1e-4  # by so much, relative to it
 SPREAD = 1e-6  # of the unit cube: a population within it has converged
@@ -90,11 +92,12 @@ def evolve(search: Search, protocol: Protocol) -> Run:
 
 
 def _try_points(search: Search, protocol: Protocol) -> None:
-    """Points of a random or of a scrambled Sobol sequence, one after the other."""
+    """Points of a random or of a scrambled Sobol sequence, one after the other; the start before them."""
     from scipy.stats import qmc
 
     k, rng = len(search.problem.names), np.random.default_rng(search.seed)
     sobol = qmc.Sobol(k, rng=rng)
+    search.evaluate(search.problem.start)
     while search.cost.rollouts < protocol.budget:
         points = sobol.random(AT_ONCE) if search.method == "sobol" else rng.random((AT_ONCE, k))
         search.evaluate(points[: protocol.budget - search.cost.rollouts])
@@ -110,7 +113,8 @@ def _generations(search: Search, protocol: Protocol, begun: int) -> bool:
     penalised = search.method == "cmaes"
     shape = _shape(search.problem, penalised=penalised)
     left = protocol.budget - search.cost.rollouts
-    algorithm = POPULATIONS[search.method](dataclasses.replace(protocol, budget=left))
+    first = _first(search, CMAES_SCREEN if penalised else protocol.population, begun)
+    algorithm = POPULATIONS[search.method](dataclasses.replace(protocol, budget=left), first)
     algorithm.setup(shape, termination=NoTermination(), seed=_seed(search, begun), verbose=False)
     fitness, stagnation = _Fitness(penalised=penalised), _Stagnation()
     while algorithm.has_next():
@@ -127,6 +131,17 @@ def _generations(search: Search, protocol: Protocol, begun: int) -> bool:
         if not penalised and stagnation(algorithm.pop.get("X"), found):
             break
     return True
+
+
+def _first(search: Search, size: int, begun: int) -> Array:
+    """Points (size, k) of a Latin hypercube, the problem's start among them unless it was tried before."""
+    from scipy.stats import qmc
+
+    rng = np.random.default_rng([search.seed, begun])
+    points: Array = qmc.LatinHypercube(len(search.problem.names), rng=rng).random(size)
+    if begun == 0:
+        points[0] = search.problem.start
+    return points
 
 
 def _seed(search: Search, begun: int) -> int:
@@ -196,15 +211,14 @@ def _anneal(algorithm: Any, protocol: Protocol, share: float) -> None:
         mating.crossover.prob.set(first + (last - first) * min(share, 1.0))
 
 
-def _ga(protocol: Protocol) -> Any:
+def _ga(protocol: Protocol, first: Array) -> Any:
     from pymoo.algorithms.soo.nonconvex.ga import GA
     from pymoo.operators.crossover.sbx import SBX
     from pymoo.operators.mutation.pm import PM
-    from pymoo.operators.sampling.rnd import FloatRandomSampling
 
     algorithm = GA(
         pop_size=protocol.population,
-        sampling=FloatRandomSampling(),
+        sampling=first,
         crossover=SBX(prob=protocol.crossover[0], eta=15),
         mutation=PM(prob=1.0, prob_var=protocol.mutation, eta=20),
         eliminate_duplicates=True,
@@ -213,22 +227,23 @@ def _ga(protocol: Protocol) -> Any:
     return algorithm
 
 
-def _de(protocol: Protocol) -> Any:
+def _de(protocol: Protocol, first: Array) -> Any:
     from pymoo.algorithms.soo.nonconvex.de import DE
 
-    return DE(pop_size=protocol.population, variant="DE/rand/1/bin", CR=0.9, F=0.6)
+    return DE(pop_size=protocol.population, sampling=first, variant="DE/rand/1/bin", CR=0.9, F=0.6)
 
 
-def _pso(protocol: Protocol) -> Any:
+def _pso(protocol: Protocol, first: Array) -> Any:
     from pymoo.algorithms.soo.nonconvex.pso import PSO
 
-    return PSO(pop_size=protocol.population)
+    return PSO(pop_size=protocol.population, sampling=first)
 
 
-def _cmaes(protocol: Protocol) -> Any:
+def _cmaes(protocol: Protocol, first: Array) -> Any:
     from pymoo.algorithms.soo.nonconvex.cmaes import CMAES
 
     return CMAES(
+        x0=first,
         sigma=0.3,
         restarts=9,
         bipop=True,
@@ -238,6 +253,11 @@ def _cmaes(protocol: Protocol) -> Any:
     )
 
 
-POPULATIONS: dict[str, Callable[[Protocol], Any]] = {"ga": _ga, "de": _de, "pso": _pso, "cmaes": _cmaes}
-"""Makers of pymoo's algorithms, by name."""
+POPULATIONS: dict[str, Callable[[Protocol, Array], Any]] = {
+    "ga": _ga,
+    "de": _de,
+    "pso": _pso,
+    "cmaes": _cmaes,
+}
+"""Makers of pymoo's algorithms from a protocol and their first points, by name."""
 METHODS = (*POPULATIONS, "sobol", "random")

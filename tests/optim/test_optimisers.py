@@ -75,6 +75,21 @@ def test_a_population_that_has_converged_is_begun_anew_within_the_budget(method)
         assert "begun" in run.message
 
 
+@pytest.mark.parametrize("method", [*METHODS, "nlp"])
+def test_every_method_tries_the_start_among_its_first_points(method):
+    """So that none knows more of the problem than another."""
+    problem, batches = quadratic(), []
+    for name in ("evaluate", "sample"):
+        ask = getattr(problem, name)
+        setattr(problem, name, lambda u, ask=ask: batches.append(np.atleast_2d(u)) or ask(u))
+    search = Search(problem, method, seed=3)
+    if method == "nlp":
+        solve_from_many(search, NlpSettings(), 2)
+    else:
+        evolve(search, SMALL)
+    assert (batches[0][0] == problem.start).all()
+
+
 @pytest.mark.parametrize("method", ["sobol", "random"])
 def test_a_search_without_a_method_is_the_floor(method):
     run = evolve(Search(quadratic(), method, seed=3), Protocol(budget=200))
