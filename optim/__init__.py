@@ -14,21 +14,21 @@ if TYPE_CHECKING:
     from optim.comparison import Contest as Contest
     from optim.comparison import Session as Session
     from optim.comparison.compare import compare as compare
-    from optim.evolutionary import Protocol as Protocol
-    from optim.evolutionary import evolve as evolve
-    from optim.methods import Effort as Effort
-    from optim.methods import Outcome as Outcome
-    from optim.methods import effort_of as effort_of
-    from optim.methods import run_method as run_method
-    from optim.nlp import NlpSettings as NlpSettings
-    from optim.nlp import solve as solve
+    from optim.methods.by_name import Effort as Effort
+    from optim.methods.by_name import Outcome as Outcome
+    from optim.methods.by_name import effort_of as effort_of
+    from optim.methods.by_name import run_method as run_method
+    from optim.methods.evolutionary import Protocol as Protocol
+    from optim.methods.evolutionary import evolve as evolve
+    from optim.methods.nlp import NlpSettings as NlpSettings
+    from optim.methods.nlp import solve as solve
     from optim.problem.sensitivities import Sensitivity as Sensitivity
     from optim.problem.sensitivities import sensitivity as sensitivity
     from optim.problem.tuning_problem import TuningProblem as TuningProblem
     from optim.problem.tuning_problem import build_problem as build_problem
-    from optim.search import Report as Report
-    from optim.search import Run as Run
-    from optim.search import Search as Search
+    from optim.search.search import Report as Report
+    from optim.search.search import Run as Run
+    from optim.search.search import Search as Search
     from optim.tuning import Tuned as Tuned
     from optim.tuning import tune as tune
     from spacerobot.rollout import Measure as Measure
@@ -40,14 +40,14 @@ if TYPE_CHECKING:
 _HOME = {
     "Comparison": "optim.comparison",
     "Contest": "optim.comparison",
-    "Effort": "optim.methods",
+    "Effort": "optim.methods.by_name",
     "Measure": "spacerobot.rollout",
-    "NlpSettings": "optim.nlp",
-    "Outcome": "optim.methods",
-    "Protocol": "optim.evolutionary",
-    "Report": "optim.search",
-    "Run": "optim.search",
-    "Search": "optim.search",
+    "NlpSettings": "optim.methods.nlp",
+    "Outcome": "optim.methods.by_name",
+    "Protocol": "optim.methods.evolutionary",
+    "Report": "optim.search.search",
+    "Run": "optim.search.search",
+    "Search": "optim.search.search",
     "Sensitivity": "optim.problem.sensitivities",
     "Session": "optim.comparison",
     "Signals": "spacerobot.rollout",
@@ -55,14 +55,14 @@ _HOME = {
     "TuningProblem": "optim.problem.tuning_problem",
     "build_problem": "optim.problem.tuning_problem",
     "compare": "optim.comparison.compare",
-    "effort_of": "optim.methods",
-    "evolve": "optim.evolutionary",
+    "effort_of": "optim.methods.by_name",
+    "evolve": "optim.methods.evolutionary",
     "final": "spacerobot.rollout",
     "integral": "spacerobot.rollout",
     "peak": "spacerobot.rollout",
-    "run_method": "optim.methods",
+    "run_method": "optim.methods.by_name",
     "sensitivity": "optim.problem.sensitivities",
-    "solve": "optim.nlp",
+    "solve": "optim.methods.nlp",
     "tune": "optim.tuning",
 }
 """Where each name of the front door lives."""

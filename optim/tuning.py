@@ -10,13 +10,13 @@ from pathlib import Path
 
 import numpy as np
 
-from optim.evolutionary import METHODS as EVOLUTIONARY
-from optim.methods import Effort, Outcome, effort_of, run_method
+from optim.methods.by_name import Effort, Outcome, effort_of, run_method
+from optim.methods.evolutionary import METHODS as EVOLUTIONARY
 from optim.problem.blackbox import ResultObjective, ResultProblem
 from optim.problem.objectives import UserObjective
 from optim.problem.scenes import tuning_of
 from optim.problem.tuning_problem import TuningProblem, build_problem
-from optim.search import Progress
+from optim.search.search import Progress
 from optim.workers import Workers
 from spacerobot.errors import ScenarioError, near_names
 from spacerobot.scene import Scene, build_scene

@@ -20,9 +20,9 @@ PLACES = {
         "tests/campaign/test_campaign_cluster.py",
         "tests/campaign/test_campaign_series.py::test_a_worker_of_dask",
         "tests/campaign/test_robust_tuning.py::test_dask",
-        "tests/optim/test_workers.py::test_a_lost_scheduler",
-        "tests/optim/test_workers.py::test_a_terminals_ctrl_c",
-        "tests/optim/test_workers.py::test_a_worker_of_another_version",
+        "tests/optim/workers/test_workers.py::test_a_lost_scheduler",
+        "tests/optim/workers/test_workers.py::test_a_terminals_ctrl_c",
+        "tests/optim/workers/test_workers.py::test_a_worker_of_another_version",
     ),
 }
 """Other tests that have a marker, by how their names begin; a parameter ``compiled`` needs a compiler too."""

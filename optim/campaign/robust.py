@@ -19,14 +19,14 @@ import numpy as np
 from optim.campaign.sampling import draw
 from optim.campaign.space import Space, campaign_of, check_range, gain_set, resolve_space
 from optim.campaign.statistics import percentile
-from optim.methods import Effort, Outcome, effort_of, run_method
+from optim.methods.by_name import Effort, Outcome, effort_of, run_method
 from optim.plain import plain
 from optim.problem import operations
 from optim.problem.objectives import OBJECTIVE
 from optim.problem.problem import Array, Cost, Evaluation, Form, Linearisation
 from optim.problem.scenes import changed_scene, tuning_of
 from optim.problem.tuning_problem import TuningProblem, build_problem
-from optim.search import Progress
+from optim.search.search import Progress
 from optim.workers import Arrays, Workers
 from spacerobot.errors import ScenarioError, SpaceRobotError
 from spacerobot.files import write_text

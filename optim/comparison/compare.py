@@ -7,8 +7,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from optim.comparison.contest import Contest, Entry, Session, run_contest
-from optim.methods import Effort, effort_of
-from optim.plants import build_judge
+from optim.comparison.plants import build_judge
+from optim.methods.by_name import Effort, effort_of
 from optim.problem.scenes import tuning_of
 from optim.problem.tuning_problem import build_problem
 from spacerobot.errors import ScenarioError, near_names

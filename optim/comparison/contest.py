@@ -10,15 +10,15 @@ from pathlib import Path
 import numpy as np
 
 from optim.comparison.currency import Currency, currency_of
+from optim.comparison.plants import Judge
 from optim.comparison.running_time import Trial, trial_of
-from optim.evolutionary import METHODS as EVOLUTIONARY
-from optim.methods import Effort, Outcome, run_method
-from optim.plants import Judge
+from optim.methods.by_name import Effort, Outcome, run_method
+from optim.methods.evolutionary import METHODS as EVOLUTIONARY
 from optim.problem.problem import Array, Cost, Problem
 from optim.problem.sensitivities import Sensitivity, sensitivity
 from optim.problem.tuning_problem import TuningProblem
 from optim.problem.variables import at_bound
-from optim.search import Progress
+from optim.search.search import Progress
 from optim.workers import Threads, Workers
 from spacerobot.errors import SpaceRobotError
 

@@ -13,11 +13,11 @@ from optim.comparison.profiles import budgets_of, profile
 from optim.comparison.running_time import LEVEL, PRECISIONS, Trial, running_time, target_of
 from optim.comparison.statistics import statistics
 from optim.comparison.verdict import verdict
-from optim.methods import Outcome
+from optim.methods.by_name import Outcome
 from optim.plain import plain
 from optim.problem.objectives import OBJECTIVE, UNITS
 from optim.problem.problem import Array, Cost
-from optim.search import Run
+from optim.search.search import Run
 
 FORMAT = 2
 MOST_MOMENTS = 200  # of each trial's history that are kept

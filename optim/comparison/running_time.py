@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from optim.comparison.currency import Currency
 from optim.problem.problem import Array, Cost
-from optim.search import Run
+from optim.search.search import Run
 
 PRECISIONS = (0.1, 0.01, 0.001)  # targets: so much above the best known value
 RESAMPLES = 1000

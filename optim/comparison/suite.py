@@ -9,7 +9,7 @@ from typing import Any
 from optim.campaign.robust import build_robust
 from optim.comparison.compare import Comparison, compete, even_effort
 from optim.comparison.contest import Entry, Session
-from optim.methods import Effort
+from optim.methods.by_name import Effort
 from optim.problem.scenes import tuning_of
 from optim.problem.tuning_problem import build_problem
 from spacerobot.errors import SpaceRobotError, near_names

@@ -19,7 +19,7 @@ from optim.problem.scenes import SceneRecipe, changed_scene, tuning_of
 from optim.problem.tied import tie
 from optim.problem.variables import Variables, resolve_variables
 from optim.workers import Arrays, Threads, Workers
-from optim.workers.protocol import LANES
+from optim.workers.workers import LANES
 from spacerobot.closedloop import ClosedLoop, build_closed_loop
 from spacerobot.rollout import Rollout, build_rollout
 from spacerobot.scene import Scene

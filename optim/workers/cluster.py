@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import spacerobot
-from optim.workers.protocol import Recipe
+from optim.workers.workers import Recipe
 from spacerobot.compiled.cache import cache_folder
 from spacerobot.errors import SpaceRobotError
 

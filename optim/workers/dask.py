@@ -23,9 +23,9 @@ from optim.workers.cluster import (
     submit,
     threads_of,
 )
-from optim.workers.protocol import LANES, Arrays, Ended, Operation, Portable, Workers
 from optim.workers.threads import Threads, joined
 from optim.workers.turns import Turns
+from optim.workers.workers import LANES, Arrays, Ended, Operation, Portable, Workers
 
 SHORTEST_S = 0.25  # that a piece shall take at least, to hide what sending it costs
 LONGEST_S = 4.0  # that it shall take at most, to lose little with a worker

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from optim.problem.problem import Array
-from optim.workers.protocol import LANES, Arrays, Ended, Operation, Portable
+from optim.workers.workers import LANES, Arrays, Ended, Operation, Portable
 from spacerobot.compiled import usable_cores
 
 

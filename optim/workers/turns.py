@@ -14,7 +14,7 @@ from contextlib import contextmanager, suppress
 
 import numpy as np
 
-from optim.workers.protocol import Ended
+from optim.workers.workers import Ended
 
 TICK_S = 0.2  # how often the waiting thread looks for Ctrl-C
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from optim import Report, Run
-    from optim.search import Progress
+    from optim.search.search import Progress
     from spacerobot.scenario import Tuning
 
 Reading = Annotated[

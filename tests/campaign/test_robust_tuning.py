@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from optim.campaign.robust import build_robust, tune_robust
-from optim.methods import effort_of, run_method
+from optim.methods.by_name import effort_of, run_method
 from optim.problem.objectives import OBJECTIVE
 from spacerobot.errors import ScenarioError, SpaceRobotError
 

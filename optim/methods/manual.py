@@ -18,7 +18,7 @@ import numpy as np
 from optim.problem.objectives import OBJECTIVE, error_rows
 from optim.problem.problem import Array, Cost
 from optim.problem.tuning_problem import TuningProblem
-from optim.search import Run, Search
+from optim.search.search import Run, Search
 
 FIRST, FACTOR, TRIALS = 1.0, 2.0, 14
 AMNESIA_GAIN = ".amnesia.ge"

@@ -11,14 +11,14 @@ from pathlib import Path
 
 import numpy as np
 
-from optim.checkpoint import Journal
-from optim.evolutionary import METHODS as EVOLUTIONARY
-from optim.evolutionary import Protocol, evolve
-from optim.manual import manual
-from optim.nlp import NlpSettings, solve, solve_from_many
+from optim.methods.evolutionary import METHODS as EVOLUTIONARY
+from optim.methods.evolutionary import Protocol, evolve
+from optim.methods.manual import manual
+from optim.methods.nlp import NlpSettings, solve, solve_from_many
 from optim.problem.problem import Array, Problem
 from optim.problem.tuning_problem import TuningProblem
-from optim.search import Progress, Run, Search, better
+from optim.search.journal import Journal
+from optim.search.search import Progress, Run, Search, better
 from optim.workers import Threads, Workers
 from spacerobot.errors import SpaceRobotError, near_names
 from spacerobot.scenario import Tuning

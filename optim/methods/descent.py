@@ -15,7 +15,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from optim.model import MARGIN, Model, Point
+from optim.methods.model import MARGIN, Model, Point
 from optim.problem.problem import Array, Form, Linearisation
 
 ACCEPTED, POOR, GOOD = 0.05, 0.25, 0.75  # of the predicted fall
@@ -31,7 +31,7 @@ STALE = 2  # steps in a row that fail before derivatives from secants are taken 
 class Ask:
     """What a descent wants to know: samples, or linearisations, at points (N, k).
 
-    The answer is a list of :class:`optim.model.Point`, or of :class:`optim.problem.problem.Linearisation`.
+    The answer is a list of :class:`optim.methods.model.Point`, or of linearisations.
     """
 
     kind: Literal["sample", "linearise"]

@@ -14,10 +14,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from optim.checkpoint import Journal
-from optim.evolutionary import Protocol, evolve
-from optim.nlp import NlpSettings, solve_from_many
-from optim.search import Search
+from optim.methods.evolutionary import Protocol, evolve
+from optim.methods.nlp import NlpSettings, solve_from_many
+from optim.search.journal import Journal
+from optim.search.search import Search
 from spacerobot.errors import ResultError
 from tests.oracles.known_optima import quadratic, rosenbrock
 

@@ -7,11 +7,11 @@ import dataclasses
 import numpy as np
 import pytest
 
-from optim.evolutionary import METHODS, POPULATIONS, Protocol, evolve
-from optim.kkt import kkt_residual
-from optim.nlp import NlpSettings, solve, solve_from_many
+from optim.methods.evolutionary import METHODS, POPULATIONS, Protocol, evolve
+from optim.methods.kkt import kkt_residual
+from optim.methods.nlp import NlpSettings, solve, solve_from_many
 from optim.problem.problem import Cost
-from optim.search import Search, better
+from optim.search.search import Search, better
 from spacerobot.errors import SpaceRobotError
 from tests.oracles.known_optima import (
     Walled,
@@ -99,7 +99,7 @@ def test_a_search_without_a_method_is_the_floor(method):
 
 
 def test_the_crossover_probability_falls_as_in_the_paper(monkeypatch):
-    import optim.evolutionary as module
+    import optim.methods.evolutionary as module
 
     seen, anneal = [], module._anneal
 

@@ -8,7 +8,7 @@ import pytest
 from optim.comparison.contest import Session
 from optim.comparison.report import to_data
 from optim.comparison.suite import compare_suite, read_suite, scene_of
-from optim.methods import ALL
+from optim.methods.by_name import ALL
 from optim.problem.variables import resolve_variables
 from spacerobot.errors import SpaceRobotError
 

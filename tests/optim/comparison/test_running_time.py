@@ -12,7 +12,7 @@ from optim.comparison.running_time import Trial, running_time, target_of, trial_
 from optim.comparison.verdict import verdict
 from optim.problem.problem import Cost
 from optim.problem.tuning_problem import build_problem
-from optim.search import Moment, Run
+from optim.search.search import Moment, Run
 from tests.oracles.known_optima import quadratic
 
 
@@ -136,8 +136,8 @@ def test_a_longer_tape_is_integrated_again_and_paid_for(small):
 
 
 def test_searches_of_a_problem_without_a_scene_have_trials_too():
-    from optim.evolutionary import Protocol
-    from optim.methods import Effort, run_method
+    from optim.methods.by_name import Effort, run_method
+    from optim.methods.evolutionary import Protocol
 
     tiny = Protocol(population=10, budget=60)
     runs = run_method(quadratic(), "ga", Effort(tiny, tiny, runs=2)).runs

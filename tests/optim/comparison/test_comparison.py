@@ -13,11 +13,11 @@ from typer.testing import CliRunner
 
 from optim import Effort, NlpSettings, Protocol, Session, compare, run_method, tune
 from optim.comparison import tables
+from optim.comparison.plants import build_judge
 from optim.comparison.report import to_data
 from optim.comparison.results import write
 from optim.comparison.statistics import statistics
 from optim.comparison.sweep import sweep
-from optim.plants import build_judge
 from optim.problem.sensitivities import sensitivity
 from optim.problem.tuning_problem import build_problem
 from optim.problem.variables import at_bound

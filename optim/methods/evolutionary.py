@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from optim.problem.problem import Array, Evaluation, Problem
-from optim.search import FEASIBLE, Run, Search, better
+from optim.search.search import FEASIBLE, Run, Search, better
 from spacerobot.errors import SpaceRobotError, near_names
 
 CMAES_POPULATION = 16  # two groups of eight lanes

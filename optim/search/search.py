@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from optim.checkpoint import Journal
 from optim.problem.problem import Array, Cost, Evaluation, Linearisation, Problem
+from optim.search.journal import Journal
 
 FEASIBLE = 1e-6  # largest violation of a constraint, relative to its limit, that counts as none
 KEPT_BYTES = 100_000  # larger samples and derivatives are not kept in journals but computed anew
@@ -55,7 +55,7 @@ class Run:
     history
         Best so far after each point that improved it, and after each generation or iteration.
     kkt
-        Residual of the first-order conditions at the best point (NLP only); see :mod:`optim.kkt`.
+        Residual of the first-order conditions at the best point (NLP only); see :mod:`optim.methods.kkt`.
     log
         Steps of a method that explains itself.
     """

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from optim.descent import Ask, Ended, Manner, descend
-from optim.kkt import kkt_residual
-from optim.model import Point
+from optim.methods.descent import Ask, Ended, Manner, descend
+from optim.methods.kkt import kkt_residual
+from optim.methods.model import Point
 from optim.problem.problem import Array, Cost, Linearisation
-from optim.search import FEASIBLE, Run, Search
+from optim.search.search import FEASIBLE, Run, Search
 
 GRADIENT, SLOPE = 4.0, 3.0  # rollouts that they cost, about: decides where derivatives come from
 RADIUS, WARM_RADIUS = 0.1, 0.02  # of the first step

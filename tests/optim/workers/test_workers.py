@@ -10,10 +10,10 @@ from functools import partial
 import numpy as np
 import pytest
 
-from optim.evolutionary import Protocol, evolve
-from optim.nlp import NlpSettings, solve
+from optim.methods.evolutionary import Protocol, evolve
+from optim.methods.nlp import NlpSettings, solve
 from optim.problem.tuning_problem import build_problem
-from optim.search import Search
+from optim.search.search import Search
 from optim.tuning import tune
 from optim.workers import Threads
 from optim.workers.turns import Turns
