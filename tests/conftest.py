@@ -17,9 +17,9 @@ PLACES = {
         "tests/rollout/test_rollout_run.py::test_compiled_equals_interpreted",
     ),
     "dask": (
-        "tests/campaign/test_campaign_cluster.py",
-        "tests/campaign/test_campaign_series.py::test_a_worker_of_dask",
-        "tests/campaign/test_robust_tuning.py::test_dask",
+        "tests/optim/campaign/test_campaign_cluster.py",
+        "tests/optim/campaign/rollouts/test_campaign_series.py::test_a_worker_of_dask",
+        "tests/optim/robust/test_robust_tuning.py::test_dask",
         "tests/optim/workers/test_workers.py::test_a_lost_scheduler",
         "tests/optim/workers/test_workers.py::test_a_terminals_ctrl_c",
         "tests/optim/workers/test_workers.py::test_a_worker_of_another_version",

@@ -1,13 +1,13 @@
 """Campaigns: how gains do over the whole range of what is not known."""
 
-from optim.campaign.bands import Bands, read_bands
-from optim.campaign.evaluator import Evaluator, Table, all_draws, build_evaluator
-from optim.campaign.notes import Named
-from optim.campaign.reopen import reopen
+from optim.campaign.analysis.bands import Bands, read_bands
+from optim.campaign.analysis.samples import command_of, simulate_sample
+from optim.campaign.analysis.summary import summarise, told_of
+from optim.campaign.rollouts.evaluator import Evaluator, Table, all_draws, build_evaluator
 from optim.campaign.run import ROLLING_OUT, Campaigned, Executor, Here, Progress, run_campaign
-from optim.campaign.samples import command_of, simulate_sample
-from optim.campaign.store import load_campaign
-from optim.campaign.summary import summarise, told_of
+from optim.campaign.store.folder import load_campaign
+from optim.campaign.store.notes import Named
+from optim.campaign.store.reopen import reopen
 
 __all__ = [
     "ROLLING_OUT",

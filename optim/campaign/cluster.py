@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from optim.campaign.evaluator import Evaluator, Recipe, Table
+from optim.campaign.rollouts.evaluator import Evaluator, Recipe, Table
 from optim.campaign.run import CHUNK_S, Chunks, first_size, sized
 from optim.problem.problem import Array
 from optim.workers.cluster import connect, distributed_module, faults_of, submit, threads_of

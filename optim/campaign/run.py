@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-from optim.campaign.evaluator import Evaluator, Gains, Table, all_draws, build_evaluator
-from optim.campaign.intervals import Interval
-from optim.campaign.netcdf import Layout
-from optim.campaign.notes import Named, notes_of
-from optim.campaign.store import check_place, open_store
+from optim.campaign.rollouts.evaluator import Evaluator, Gains, Table, all_draws, build_evaluator
+from optim.campaign.store.folder import check_place, open_store
+from optim.campaign.store.intervals import Interval
+from optim.campaign.store.netcdf import Layout
+from optim.campaign.store.notes import Named, notes_of
 from optim.problem.problem import Array
 from spacerobot.scene import Scene
 

@@ -6,12 +6,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from importlib import resources
 from typing import Any
 
-from optim.campaign.robust import build_robust
 from optim.comparison.compare import Comparison, compete, even_effort
 from optim.comparison.contest import Entry, Session
 from optim.methods.by_name import Effort
 from optim.problem.scenes import tuning_of
 from optim.problem.tuning_problem import build_problem
+from optim.robust.problem import build_robust
 from spacerobot.errors import SpaceRobotError, near_names
 from spacerobot.scenario.load import parse_yaml, validate
 from spacerobot.scene import Scene, build_scene, load_scene

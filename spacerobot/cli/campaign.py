@@ -75,7 +75,7 @@ def command(
 ) -> None:
     """Run a campaign; exit code 130 after Ctrl-C, with what was found until then."""
     from optim.campaign import ROLLING_OUT, Named, run_campaign, summarise
-    from optim.campaign.gains import gain_sets
+    from optim.campaign.rollouts.gains import gain_sets
     from spacerobot.files import write_text
     from spacerobot.scene import load_scene
 
@@ -119,7 +119,7 @@ def command(
 
 def _with_samples(scene: Scene, samples: int | None) -> Scene:
     """Scene with another number of samples, refused where the design decides it."""
-    from optim.campaign.space import campaign_of
+    from optim.campaign.draws.space import campaign_of
     from spacerobot.errors import ScenarioError
     from spacerobot.scene import build_scene
 

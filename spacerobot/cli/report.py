@@ -86,7 +86,7 @@ def _special_page(folders: list[Path], tell: Callable[[str], object]) -> str | N
 
 def _special(folder: Path) -> tuple[str, Maker] | None:
     """Whether a folder holds no result but a comparison or a campaign, and what makes its page."""
-    from optim.campaign.store import HEAD
+    from optim.campaign.store.folder import HEAD
     from viz.comparison_section import COMPARISON, comparison_report
 
     if (folder / COMPARISON).is_file():

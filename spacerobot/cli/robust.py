@@ -62,8 +62,8 @@ def command(
 ) -> None:
     """Tune robustly and nominally, and print both on fresh samples."""
     from optim import effort_of
-    from optim.campaign.robust import build_robust, save_robust, tune_robust
     from optim.problem.scenes import tuning_of
+    from optim.robust.problem import build_robust, save_robust, tune_robust
     from optim.workers.dask import open_workers
     from spacerobot.scene import load_scene
 

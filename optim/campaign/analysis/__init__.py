@@ -1,0 +1,1 @@
+"""What a campaign says: estimates with their intervals, what matters, bands, single samples."""

@@ -1,0 +1,113 @@
+"""Percentile bands of kept series: read moment by moment, so that memory does not grow with the campaign."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import netCDF4
+import numpy as np
+
+from optim.campaign.rollouts.series import BYTES_EACH
+from optim.campaign.store.netcdf import DATA
+from optim.problem.problem import Array
+from spacerobot.errors import ResultError, near_names
+
+AT_ONCE_BYTES = 128_000_000  # read at once
+PERCENT = (0.0, 5.0, 50.0, 95.0, 100.0)
+
+
+@dataclass(frozen=True)
+class Bands:
+    """How a kept signal spreads over the samples under one set of gains.
+
+    Attributes
+    ----------
+    name, unit
+        Of the signal.
+    components
+        What each of its c numbers is of.
+    time
+        When it was kept (nt,) [s].
+    least, low, median, high, greatest
+        Over the samples: the least, 5 %, 50 %, 95 % and the greatest, each (nt, c). A rollout that diverged
+        counts until it did; NaN where none is left.
+    left
+        Samples that have not diverged yet (nt,).
+    sample, shown
+        One sample, and its own course (nt, c).
+    """
+
+    name: str
+    unit: str
+    components: tuple[str, ...]
+    time: Array
+    least: Array
+    low: Array
+    median: Array
+    high: Array
+    greatest: Array
+    left: np.typing.NDArray[np.int64]
+    sample: int
+    shown: Array
+
+
+def read_bands(folder: Path, name: str, gains: str, sample: int) -> Bands:
+    """Percentile bands of a series of a campaign.
+
+    Parameters
+    ----------
+    folder
+        A campaign's store.
+    name
+        The signal.
+    gains
+        The set of gains.
+    sample
+        Number of a sample whose own course is read too.
+
+    Raises
+    ------
+    ResultError
+        If it cannot be read, or there is no such series, set of gains or sample.
+    """
+    try:
+        with netCDF4.Dataset(folder / DATA) as file:
+            file.set_auto_mask(False)
+            kept = [str(key) for key, variable in file.variables.items() if variable.ndim == 4]
+            if name not in kept:
+                raise ResultError(f"keeps no series {name!r}; {near_names(name, kept)}", source=folder)
+            return _bands(file, name, list(file["gains"][:]).index(gains), sample)
+    except (OSError, RuntimeError, ValueError) as fault:
+        raise ResultError(f"cannot be read: {fault}", source=folder / DATA) from None
+
+
+def _bands(file: Any, name: str, which: int, sample: int) -> Bands:
+    variable, time = file[name], np.asarray(file["time"][:])
+    samples, width = variable.shape[0], variable.shape[3]
+    step = variable.chunking()[2]
+    whole = step * max(1, AT_ONCE_BYTES // (samples * step * width * BYTES_EACH))
+    found, left = np.empty((len(PERCENT), len(time), width)), np.empty(len(time), dtype=np.int64)
+    for begin in range(0, len(time), whole):
+        part = slice(begin, begin + whole)
+        values = np.sort(variable[:, which, part, :], axis=0)  # what diverged is NaN, and comes last
+        left[part] = np.isfinite(values[..., 0]).sum(axis=0)
+        found[:, part] = _percentiles(values, left[part])
+    row = int(np.flatnonzero(file["sample"][:] == sample)[0]) if sample in file["sample"][:] else None
+    if row is None:
+        raise ValueError(f"no sample {sample}")
+    least, low, median, high, greatest = found
+    of = tuple(map(str, file[f"{name}_of"][:]))
+    shown = np.asarray(variable[row, which])
+    return Bands(name, str(variable.units), of, time, least, low, median, high, greatest, left, sample, shown)
+
+
+def _percentiles(ordered: Array, left: np.typing.NDArray[np.int64]) -> Array:
+    """Percentiles (5, nt, c) of sorted values (n, nt, c), of which the first ``left`` (nt,) count."""
+    at = np.array(PERCENT)[:, None] / 100 * np.maximum(left - 1, 0)
+    below = np.floor(at).astype(np.int64)
+    above = np.minimum(below + 1, np.maximum(left - 1, 0))
+    times = np.arange(ordered.shape[1])
+    a, b = ordered[below, times], ordered[above, times]
+    return np.asarray(a + (at - below)[..., None] * (b - a))

@@ -1,0 +1,97 @@
+"""What matters: which uncertain parameters a metric depends on, and how."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from optim.campaign.analysis.statistics import rank_correlations, rank_noise, sobol_indices
+from optim.problem.problem import Array
+from spacerobot.scenario import Campaign
+
+WORTH_TELLING = 0.3  # size of a correlation between parameters from which their effects mix
+
+
+def what_matters(draws: Array, values: Array, campaign: Campaign, *, complete: bool) -> dict[str, Any]:
+    """How a metric depends on the parameters, as plain data: Sobol' indices if the design allows, else ranks.
+
+    ``strongest`` lists what stands out of the noise, by size, each with ``how`` it acts: ``rises`` (more of
+    it, more of the metric), ``falls``, ``away`` (more of the metric on both sides of its middle),
+    ``middle`` (less on both sides), or ``share`` (of the variance, by its total Sobol' index).
+
+    Parameters
+    ----------
+    draws
+        Values of k parameters (n, k).
+    values
+        The metric (n,), infinite where a rollout was not completed.
+    campaign
+        Its section.
+    complete
+        Whether every sample is among them.
+    """
+    names = list(campaign.parameters)
+    plain = rank_correlations(draws, values)
+    away = rank_correlations(np.abs(draws - np.median(draws, axis=0)), values)
+    entry: dict[str, Any] = {
+        "kind": "rank_correlation",
+        "value": _named(names, plain),
+        "away": _named(names, away),
+    }
+    entry["strongest"] = _strongest(names, plain, away, noise_of(len(draws), campaign))
+    if np.ptp(np.nan_to_num(values, posinf=np.finfo(float).max)) == 0:
+        entry["note"] = "no rollout was completed" if np.isinf(values).all() else "it does not vary"
+    elif campaign.design == "saltelli":
+        entry |= _indices(values, names, campaign, complete=complete)
+    return entry
+
+
+def noise_of(count: int, campaign: Campaign) -> float:
+    """Size that no rank correlation reaches by chance, with the campaign's confidence for all of them."""
+    tries = 2 * len(campaign.parameters)
+    return rank_noise(count, 1 - (1 - campaign.confidence) / tries)
+
+
+def correlated(campaign: Campaign) -> list[dict[str, Any]]:
+    """Pairs of parameters that are drawn with a correlation worth telling."""
+    names, rows = list(campaign.parameters), campaign.correlation or ()
+    return [
+        {"first": names[j], "second": names[i], "value": rows[i][j]}
+        for i in range(len(rows))
+        for j in range(i)
+        if abs(rows[i][j]) >= WORTH_TELLING
+    ]
+
+
+def _strongest(names: Sequence[str], plain: Array, away: Array, noise: float) -> list[dict[str, Any]]:
+    found = []
+    for name, one, other in zip(names, np.nan_to_num(plain), np.nan_to_num(away), strict=True):
+        value = float(one if abs(one) >= abs(other) else other)
+        rising, falling = ("rises", "falls") if abs(one) >= abs(other) else ("away", "middle")
+        if abs(value) > noise:
+            found.append({"parameter": name, "how": rising if value > 0 else falling, "value": value})
+    return sorted(found, key=lambda row: -abs(row["value"]))
+
+
+def _indices(values: Array, names: list[str], campaign: Campaign, *, complete: bool) -> dict[str, Any]:
+    lost = int((~np.isfinite(values)).sum())
+    if lost or not complete:
+        why = f"{lost} rollouts were not completed" if lost else "not every sample is there yet"
+        return {"note": f"{why}: Sobol' indices need them all"}
+    indices = sobol_indices(values, names, campaign.confidence)
+    if indices is None:
+        return {"note": "it does not vary"}
+    keys = ("first", "first_width", "total", "total_width")
+    clear = zip(names, indices.total, indices.total_width, strict=True)
+    rows = [{"parameter": n, "how": "share", "value": float(t)} for n, t, width in clear if t > width]
+    return {
+        "kind": "sobol",
+        **{key: _named(names, getattr(indices, key)) for key in keys},
+        "strongest": sorted(rows, key=lambda row: -row["value"]),
+    }
+
+
+def _named(names: Sequence[str], values: Array) -> dict[str, float | None]:
+    return {n: float(v) if np.isfinite(v) else None for n, v in zip(names, values, strict=True)}

@@ -1,0 +1,75 @@
+"""One sample of a campaign by itself: the command that runs it again, and its result."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from collections import Counter
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from optim.campaign.rollouts.evaluator import Evaluator
+from optim.campaign.store.notes import Changes
+from optim.problem.problem import Array
+from spacerobot.result import Result
+from spacerobot.scenario.load import to_document
+from spacerobot.scenario.paths import expand
+from spacerobot.scene import build_scene
+from spacerobot.simulation import simulate
+
+
+def command_of(evaluator: Evaluator, draw: Array, gains: str, scenario: str, given: Changes = ()) -> str:
+    """Command that runs one sample again.
+
+    Parameters
+    ----------
+    evaluator
+        Of the campaign.
+    draw
+        Values of the uncertain parameters (k,).
+    gains
+        Which set of gains.
+    scenario
+        How the command line names the scenario.
+    given
+        What was changed in it, by dotted path; changes to the campaign section itself are left out.
+    """
+    space = evaluator.member(gains).space
+    values = space.values(draw)[0]
+    changes = [(p, v) for p, v in given if p.partition(".")[0] != "campaign"]
+    changes += evaluator.gains[gains].items()
+    document, left = to_document(evaluator.member(gains).scene.scenario), dict[str, float]()
+    for pattern in dict.fromkeys(space.patterns):
+        own = [float(value) for value, of in zip(values, space.patterns, strict=True) if of == pattern]
+        most = Counter(own).most_common(1)[0][0]
+        changes.append((pattern, most))
+        left |= dict.fromkeys(expand(document, pattern), most)
+    wanted = {path: float(value) for path, value in zip(space.paths, values, strict=True)}
+    changes += [(path, value) for path, value in wanted.items() if left[path] != value]
+    changes.append(("simulation.step", evaluator.campaign.step))
+    last = {path: i for i, (path, _) in enumerate(changes)}
+    changes = [change for i, change in enumerate(changes) if last[change[0]] == i]
+    parts = [f"--set {shlex.quote(f'{path}={json.dumps(value)}')}" for path, value in changes]
+    return " ".join(["spacerobot run", shlex.quote(scenario), *parts])
+
+
+def simulate_sample(evaluator: Evaluator, draw: Sequence[float], gains: str) -> Result:
+    """Result of one sample, as its command gives it, named after the set of gains.
+
+    Parameters
+    ----------
+    evaluator
+        Of the campaign.
+    draw
+        Values of the uncertain parameters (k,).
+    gains
+        Which set of gains.
+    """
+    member = evaluator.member(gains)
+    values = member.space.values(np.asarray(draw, dtype=float))[0]
+    changes: dict[str, Any] = dict(zip(member.space.paths, map(float, values), strict=True))
+    changes["simulation.step"] = evaluator.campaign.step
+    scenario = member.scene.scenario.model_copy(update={"name": gains})
+    return simulate(build_scene(scenario, changes, source=member.scene.source))

@@ -1,0 +1,273 @@
+"""What a campaign says: plain data for ``summary.json``, made of its store."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from optim.campaign.analysis.matters import correlated, noise_of, what_matters
+from optim.campaign.analysis.samples import command_of
+from optim.campaign.analysis.statistics import Estimate, percentile, share
+from optim.campaign.draws.space import sensor_offsets, units_of
+from optim.campaign.rollouts.evaluator import Evaluator
+from optim.campaign.rollouts.trust import doubts, untrusted
+from optim.campaign.store.folder import load_campaign, load_head
+from optim.campaign.store.notes import Named, named_in
+from optim.problem.problem import Array
+from spacerobot.errors import ResultError
+from spacerobot.files import write_text
+from spacerobot.rollout import unclosed
+from spacerobot.scenario import Campaign
+from spacerobot.scenario.campaign import LIMITED
+
+SUMMARY = "summary.json"
+WORST = 5  # samples that are told of each set of gains
+INDEPENDENT = ("monte_carlo", "latin_hypercube", "sobol")
+"""Designs whose samples count as independent draws, so that intervals mean something."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Numbers of one set of gains.
+
+    Attributes
+    ----------
+    metrics
+        By name, (n, places); infinite where the rollout was not completed.
+    places, units
+        What each column of a metric is of, and a metric's unit.
+    failed
+        By cause, whether each sample failed (n,).
+    unclosed
+        Which grasp of each sample did not close at the start, in words (n of them); empty where all did.
+    """
+
+    metrics: Mapping[str, Array]
+    places: Mapping[str, tuple[str, ...]]
+    units: Mapping[str, str]
+    failed: Mapping[str, np.typing.NDArray[np.bool_]]
+    unclosed: tuple[str, ...]
+
+    def largest(self, metric: str) -> Array:
+        """Greatest value over the columns of a metric (n,)."""
+        return np.asarray(self.metrics[metric].max(axis=1))
+
+    def badness(self, campaign: Campaign) -> tuple[list[str], Array]:
+        """Metric that each sample is worst in, and how bad it is (n,), as a share of its limit."""
+        limits = {str(metric): getattr(campaign.limits, limit) for limit, metric in LIMITED.items()}
+        limited = {m: most for m, most in limits.items() if most is not None and m in self.metrics}
+        limited = limited or {next(iter(self.metrics)): 1.0}
+        ratios = np.array([self.largest(metric) / most for metric, most in limited.items()])
+        names = list(limited)
+        return [names[i] for i in ratios.argmax(axis=0)], np.asarray(ratios.max(axis=0))
+
+    @property
+    def any_failure(self) -> np.typing.NDArray[np.bool_]:
+        """Whether each sample failed for any cause (n,)."""
+        return np.asarray(np.logical_or.reduce(list(self.failed.values())), dtype=np.bool_)
+
+
+def outcomes(data: xr.Dataset, campaign: Campaign) -> dict[str, Outcome]:
+    """Numbers of a store by set of gains."""
+    found = {}
+    for name in map(str, data.gains.values):
+        chosen = data.sel(gains=name)
+        lost, told = np.isfinite(chosen.diverged_at.values), _unclosed(chosen)
+        unclosed = np.array([bool(words) for words in told], dtype=np.bool_)
+        kept = [str(metric) for metric in campaign.metrics if metric in chosen]
+        metrics = {m: np.where(lost[:, None], np.inf, chosen[m].values) for m in kept}
+        failed = {"unclosed": unclosed} if "gap" in chosen else {}
+        failed["diverged"] = lost & ~unclosed
+        for limit, metric in LIMITED.items():
+            most = getattr(campaign.limits, limit)
+            if most is not None and metric in metrics:
+                failed[limit] = (metrics[metric].max(axis=1) > most) & ~lost
+        places = {m: tuple(map(str, chosen[f"{m}_of"].values)) for m in kept}
+        units = {m: str(chosen[m].attrs["units"]) for m in kept}
+        found[name] = Outcome(metrics, places, units, failed, told)
+    return found
+
+
+def _unclosed(chosen: xr.Dataset) -> tuple[str, ...]:
+    """Which grasp of each sample did not close, in words."""
+    if "gap" not in chosen:
+        return ("",) * len(chosen.sample)
+    names, largest = map(str, chosen.grasp.values), map(float, chosen.max_gap.values)
+    most = dict(zip(names, largest, strict=True))
+    return tuple(unclosed(dict(zip(most, map(float, row), strict=True)), most) for row in chosen.gap.values)
+
+
+def _did_not_begin(found: Mapping[str, Outcome]) -> list[str]:
+    """Warnings about samples whose grasps did not close."""
+    warnings = []
+    for name, outcome in found.items():
+        words = [words for words in outcome.unclosed if words]
+        if words:
+            count = f"{len(words)} of {len(outcome.unclosed)} samples"
+            warnings.append(f"gains {name}: {count} fail before they begin; the first: {words[0]}")
+    return warnings
+
+
+def summarise(folder: Path, evaluator: Evaluator, named: Named | None = None) -> dict[str, Any]:
+    """Percentiles, probabilities of failure, worst samples and what matters, written to ``summary.json``.
+
+    Parameters
+    ----------
+    folder
+        A campaign's store.
+    evaluator
+        What made it; see :func:`optim.campaign.reopen`.
+    named
+        How the command line names the scenario, for the commands that run samples again; as the store notes
+        it if None.
+
+    Raises
+    ------
+    ResultError
+        If the store holds no sample, or cannot be read or written.
+    """
+    summary = told_of(folder, evaluator, named)
+    write_text(folder / SUMMARY, json.dumps(summary, indent=1, allow_nan=False) + "\n")
+    return summary
+
+
+def told_of(folder: Path, evaluator: Evaluator, named: Named | None = None) -> dict[str, Any]:
+    """What :func:`summarise` writes, not written."""
+    data, campaign = load_campaign(folder), evaluator.campaign
+    named = named or named_in(load_head(folder)["notes"])
+    if len(data.sample) == 0:
+        raise ResultError("holds no sample yet", source=folder)
+    found = outcomes(data, campaign)
+    draws = data.draw.values
+    trust = untrusted(data, {name: outcome.any_failure for name, outcome in found.items()})
+    return {
+        "name": evaluator.scene.scenario.name,
+        "samples": len(data.sample),
+        "of": campaign.count,
+        "design": campaign.design,
+        "seed": campaign.seed,
+        "confidence": campaign.confidence,
+        "intervals": campaign.design in INDEPENDENT,
+        "limits": campaign.limits.model_dump(exclude_none=True),
+        "parameters": list(campaign.parameters),
+        "units": units_of(evaluator.members[0].scene, campaign, evaluator.members[0].space),
+        "sensor_offsets": sensor_offsets(campaign),
+        "correlated": correlated(campaign),
+        "gains": {
+            name: {
+                "failure": _failures(outcome, campaign),
+                "metrics": _percentiles(outcome, campaign),
+                "matters": {
+                    metric: what_matters(
+                        draws, outcome.largest(metric), campaign, complete=len(data.sample) == campaign.count
+                    )
+                    for metric in outcome.metrics
+                },
+                "map": _map(outcome, draws, campaign),
+                "worst": _worst(outcome, data, evaluator, index, named),
+            }
+            for index, (name, outcome) in enumerate(found.items())
+        },
+        "rank_noise": noise_of(len(data.sample), campaign),
+        "against": _against(found, campaign),
+        "untrusted": trust,
+        "doubts": [*_did_not_begin(found), *doubts(trust, campaign)],
+    }
+
+
+def _failures(outcome: Outcome, campaign: Campaign) -> dict[str, Any]:
+    causes = {"any": outcome.any_failure, **outcome.failed}
+    return {
+        cause: {"count": int(hits.sum())}
+        | _interval(share(int(hits.sum()), len(hits), campaign.confidence), campaign)
+        for cause, hits in causes.items()
+    }
+
+
+def _percentiles(outcome: Outcome, campaign: Campaign) -> list[dict[str, Any]]:
+    rows = []
+    for metric, values in outcome.metrics.items():
+        for place, column in zip(outcome.places[metric], values.T, strict=True):
+            told = [
+                {"percent": q} | _interval(percentile(column, q, campaign.confidence), campaign)
+                for q in campaign.percentiles
+            ]
+            row = {"metric": metric, "of": place, "unit": outcome.units[metric]}
+            rows.append(row | {"percentiles": told, "largest": _plain(column.max())})
+    return rows
+
+
+def _interval(estimate: Estimate, campaign: Campaign) -> dict[str, Any]:
+    """Plain form: null is infinite or open; designs whose samples are not independent have no interval."""
+    ends = (estimate.low, estimate.high) if campaign.design in INDEPENDENT else (None, None)
+    return {"value": _plain(estimate.value), "low": _plain(ends[0]), "high": _plain(ends[1])}
+
+
+def _map(outcome: Outcome, draws: Array, campaign: Campaign) -> dict[str, Any] | None:
+    """Where a grid over two parameters fails and why: causes by level of the first and of the second."""
+    if campaign.design != "grid" or draws.shape[1] != 2 or len(draws) != campaign.count:
+        return None
+    levels = [np.unique(column) for column in draws.T]
+    causes = np.full(len(draws), "", dtype=object)
+    for cause, hits in reversed(list(outcome.failed.items())):
+        causes[hits] = cause
+    cells: list[list[str]] = [[""] * len(levels[1]) for _ in levels[0]]
+    for draw, cause in zip(draws, causes, strict=True):
+        i, j = (int(np.searchsorted(level, value)) for level, value in zip(levels, draw, strict=True))
+        cells[i][j] = cause
+    first, second = (list(map(float, level)) for level in levels)
+    return {"first": first, "second": second, "failed": cells}
+
+
+def _worst(
+    outcome: Outcome, data: xr.Dataset, evaluator: Evaluator, index: int, named: Named
+) -> list[dict[str, Any]]:
+    """Worst samples: those that diverged, the earliest first, then by what comes nearest to its limit or
+    passes it furthest; by the first metric kept where there is no limit; last those that did not begin.
+    """
+    name, times = str(data.gains.values[index]), data.diverged_at.values[:, index]
+    metrics, badness = outcome.badness(evaluator.campaign)
+    open_ = np.array([bool(words) for words in outcome.unclosed])
+    order = np.lexsort((np.where(np.isnan(times), np.inf, times), -badness, open_))[:WORST]
+    rows = []
+    for i in order:
+        draw, metric = data.draw.values[i], metrics[i]
+        rows.append(
+            {
+                "sample": int(data.sample.values[i]),
+                "metric": metric,
+                "value": _plain(outcome.largest(metric)[i]),
+                "diverged_at_s": None if open_[i] else _plain(times[i]),
+                "unclosed": outcome.unclosed[i] or None,
+                "failed": [cause for cause, hits in outcome.failed.items() if hits[i]],
+                "draw": dict(zip(evaluator.campaign.parameters, map(float, draw), strict=True)),
+                "command": command_of(evaluator, draw, name, named.scenario, named.changes),
+            }
+        )
+    return rows
+
+
+def _against(found: Mapping[str, Outcome], campaign: Campaign) -> list[dict[str, Any]]:
+    """Every two sets of gains on the same samples: how often one is better, and which fails where."""
+    rows = []
+    for (a, first), (b, second) in combinations(found.items(), 2):
+        for metric in first.metrics:
+            one, other = first.largest(metric), second.largest(metric)
+            better, differ = int((one < other).sum()), int((one != other).sum())
+            told = _interval(share(better, differ, campaign.confidence), campaign) if differ else None
+            rows.append({"first": a, "second": b, "metric": metric, "first_is_better": told})
+        fails = {a: first.any_failure, b: second.any_failure}
+        only = {name: int((fails[name] & ~fails[rest]).sum()) for name, rest in ((a, b), (b, a))}
+        rows.append({"first": a, "second": b, "fails_alone": only})
+    return rows
+
+
+def _plain(value: float | None) -> float | None:
+    return None if value is None or not np.isfinite(value) else float(value)

@@ -1,0 +1,1 @@
+"""What is drawn: uncertain parameters of a scene, and points of their distributions."""

@@ -1,0 +1,305 @@
+"""Rollouts of a campaign: draws in, a table of numbers for each set of gains out."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from optim.campaign.draws.sampling import draw
+from optim.campaign.draws.space import Space, campaign_of, check_range, gain_set, resolve_space
+from optim.campaign.rollouts.metrics import Column, Kept, build_kept
+from optim.campaign.rollouts.series import Recording, build_recording, check_size, series_step
+from optim.problem.problem import Array
+from optim.problem.scenes import SceneRecipe
+from spacerobot.closedloop import build_closed_loop
+from spacerobot.errors import ScenarioError
+from spacerobot.rollout import Rollout, build_rollout, time_grid
+from spacerobot.scenario import Campaign
+from spacerobot.scenario.campaign import LIMITED
+from spacerobot.scenario.load import to_document
+from spacerobot.scene import Scene
+
+Gains = Mapping[str, Mapping[str, Any]]
+NOMINAL = "scenario"
+"""Name of the scenario's own gains where no set is given."""
+
+ASKED_AFTERWARDS = ("limits", "percentiles", "confidence", "gains")
+"""Fields of the section that change no rollout (``gains`` are kept beside it)."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """Numbers of n samples under G sets of gains.
+
+    Attributes
+    ----------
+    draws
+        Values of the uncertain parameters (n, k).
+    metrics
+        Values of the columns (n, G, M); NaN where a rollout diverged.
+    diverged_at_s
+        Time of the last good state (n, G); NaN where a rollout completed.
+    gaps
+        Initial gaps of the L grasps that may begin open (n, G, L) [m].
+    series
+        Signals over time by name, each (n, G, nt, c); NaN after divergence.
+    """
+
+    draws: Array
+    metrics: Array
+    diverged_at_s: Array
+    gaps: Array
+    series: Mapping[str, Array] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.draws)
+
+    def part(self, rows: slice) -> Table:
+        """Some of the samples."""
+        series = {name: values[rows] for name, values in self.series.items()}
+        return Table(self.draws[rows], self.metrics[rows], self.diverged_at_s[rows], self.gaps[rows], series)
+
+    @classmethod
+    def joined(cls, tables: Sequence[Table]) -> Table:
+        """The samples of several tables, one after the other."""
+        if len(tables) == 1:
+            return tables[0]
+        return cls(
+            np.concatenate([table.draws for table in tables]),
+            np.concatenate([table.metrics for table in tables]),
+            np.concatenate([table.diverged_at_s for table in tables]),
+            np.concatenate([table.gaps for table in tables]),
+            {name: np.concatenate([table.series[name] for table in tables]) for name in tables[0].series},
+        )
+
+
+@dataclass(frozen=True)
+class Member:
+    """One set of gains: its scene, where draws go in it, what is kept of it and over time, its rollout."""
+
+    scene: Scene
+    space: Space
+    kept: Kept
+    recording: Recording
+    rollout: Rollout
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """All it takes to build an evaluator anywhere: plain data that can be sent to another machine.
+
+    Attributes
+    ----------
+    scene
+        The scene, its campaign section in it.
+    gains
+        Changes by name of the set.
+    """
+
+    scene: SceneRecipe
+    gains: Gains
+
+    @property
+    def key(self) -> str:
+        """Hash of it."""
+        text = json.dumps([dataclasses.asdict(self.scene), self.gains], sort_keys=True, default=str)
+        return hashlib.sha256(text.encode()).hexdigest()
+
+    def build(self) -> Evaluator:
+        """The evaluator."""
+        return build_evaluator(self.scene.build(), self.gains)
+
+
+@dataclass(frozen=True)
+class Evaluator:
+    """A campaign ready to run.
+
+    Attributes
+    ----------
+    scene
+        The scenario's own scene.
+    campaign
+        Its section.
+    gains
+        Changes by name of the set.
+    members
+        One for each set of gains.
+    """
+
+    scene: Scene
+    campaign: Campaign
+    gains: Gains
+    members: tuple[Member, ...]
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """What is kept, M of them."""
+        return self.members[0].kept.columns
+
+    @property
+    def recording(self) -> Recording:
+        """What is kept over time."""
+        return self.members[0].recording
+
+    @property
+    def max_gaps(self) -> Mapping[str, float]:
+        """Grasps that may begin open, and the greatest gaps allowed [m]."""
+        return self.members[0].rollout.kernel.closure.largest
+
+    @property
+    def bytes_per_sample(self) -> int:
+        """What a sample's series take in memory, all sets of gains together."""
+        return len(self.members) * self.recording.bytes_per_rollout
+
+    def member(self, gains: str) -> Member:
+        """That of one set of gains."""
+        return self.members[list(self.gains).index(gains)]
+
+    @property
+    def recipe(self) -> Recipe:
+        """What builds the same one elsewhere."""
+        return Recipe(SceneRecipe.of(self.scene), self.gains)
+
+    def identity(self, draws: Array) -> dict[str, Any]:
+        """What decides the numbers: plain data, leaves of which can be compared, and a hash of everything.
+
+        Parameters
+        ----------
+        draws
+            All draws (N, k).
+        """
+        document = to_document(self.scene.scenario)
+        document.pop("tuning", None)
+        for name in ASKED_AFTERWARDS:
+            document["campaign"].pop(name)
+        plain: dict[str, Any] = {
+            "scenario": document,
+            "gains": {name: dict(changes) for name, changes in self.gains.items()},
+            "urdf": {body.name: body.description.sha256 for body in self.scene.bodies},
+        }
+        plain = json.loads(json.dumps(plain))
+        digest = hashlib.sha256(json.dumps(plain, sort_keys=True).encode())
+        digest.update(np.ascontiguousarray(draws).tobytes())
+        for member in self.members:
+            for name in ("setup", "dynamics", "normalise", "final"):
+                function = member.rollout.kernel.functions.get(name)
+                digest.update(b"-" if function is None else function.serialize().encode())
+            digest.update(np.ascontiguousarray(member.rollout.values()).tobytes())
+        return plain | {"fingerprint": digest.hexdigest()}
+
+    def evaluate(self, draws: Array, threads: int | None = None) -> Table:
+        """Rollouts of some draws (n, k) under every set of gains.
+
+        The numbers of a draw depend neither on the others nor on the threads, not even by a bit.
+
+        Raises
+        ------
+        KeyboardInterrupt
+            If it was interrupted.
+        """
+        draws = np.ascontiguousarray(np.atleast_2d(draws), dtype=float)
+        tables, times, gaps = [], [], []
+        series = {
+            one.name: np.empty((len(draws), len(self.members), len(self.recording.time), len(one.components)))
+            for one in self.recording.series
+        }
+        for i, member in enumerate(self.members):
+            values, names = member.space.values(draws), member.recording.names
+            batch = member.rollout.batch(member.space.paths, values, outputs=names, threads=threads)
+            if batch.cancelled:
+                raise KeyboardInterrupt
+            tables.append(member.kept.table(batch.measures))
+            times.append(batch.diverged_at_s)
+            gaps.append(np.column_stack([np.empty((len(draws), 0)), *batch.gaps.values()]))
+            for name in names:
+                series[name][:, i] = batch.outputs[name]
+        metrics, diverged, gap = (np.stack(parts, axis=1) for parts in (tables, times, gaps))
+        return Table(draws, metrics, diverged, gap, series)
+
+
+def build_evaluator(scene: Scene, gains: Gains | None = None, *, compiled: bool = True) -> Evaluator:
+    """Campaign of a scene, built and compiled.
+
+    Parameters
+    ----------
+    scene
+        A scene whose scenario has a ``campaign`` section.
+    gains
+        Sets of gains: changes by dotted path, by name; the section's if None.
+    compiled
+        Whether it shall roll out many samples, or only say what a store is of.
+
+    Raises
+    ------
+    ScenarioError
+        If the section does not fit the scene: a path leads nowhere, the closed loop does not depend on it,
+        there is no such signal, or its series would not end.
+    """
+    campaign = campaign_of(scene)
+    chosen: Gains = dict(campaign.gains if gains is None else gains) or {NOMINAL: {}}
+    made: list[Member] = []
+    for name, changes in chosen.items():
+        try:
+            made.append(_member(gain_set(scene, changes), campaign, len(chosen), compiled))
+        except ScenarioError as fault:
+            where = f"gains {name}: {fault.where or ''}".rstrip(": ")
+            raise ScenarioError(fault.message, source=fault.source or scene.source, where=where) from None
+    if any(
+        member.kept.columns != made[0].kept.columns
+        or member.recording.series != made[0].recording.series
+        or member.rollout.kernel.closure.largest != made[0].rollout.kernel.closure.largest
+        for member in made
+    ):
+        raise ScenarioError("sets of gains differ in robots, tips or grasps", source=scene.source)
+    campaign = campaign.model_copy(update={"gains": {n: dict(c) for n, c in chosen.items()}})
+    scenario = scene.scenario.model_copy(update={"campaign": campaign})
+    return Evaluator(dataclasses.replace(scene, scenario=scenario), campaign, chosen, tuple(made))
+
+
+def all_draws(evaluator: Evaluator) -> Array:
+    """Every draw (N, k) of a campaign, judged.
+
+    Raises
+    ------
+    ScenarioError
+        If a draw holds what no scenario may.
+    """
+    draws = draw(evaluator.campaign)
+    for member in evaluator.members:
+        check_range(member.scene, member.space, draws)
+    return draws
+
+
+def _member(scene: Scene, campaign: Campaign, sets: int, compiled: bool) -> Member:
+    space = resolve_space(scene, campaign)
+    loop = build_closed_loop(scene, vary=space.paths)
+    kept = build_kept(loop, scene, campaign.metrics)
+    if not kept.columns:
+        raise ScenarioError("none of the metrics fits this scene", where="campaign.metrics")
+    kinds = {column.metric for column in kept.columns}
+    for limit, metric in LIMITED.items():
+        if getattr(campaign.limits, limit) is not None and metric not in kinds:
+            raise ScenarioError("this scene has nothing that it limits", where=f"campaign.limits.{limit}")
+    duration = scene.scenario.simulation.duration
+    sample_s = series_step(campaign, duration)
+    time = time_grid(duration, campaign.step, sample_s).time if sample_s else np.empty(0)
+    recording = build_recording(loop, scene, campaign.series, time)
+    check_size(recording, campaign.count, sets)
+    rollout = build_rollout(
+        loop,
+        duration_s=duration,
+        step_s=campaign.step,
+        output_step_s=sample_s,
+        method=scene.scenario.simulation.method,
+        measures=kept.measures,
+        backend="auto" if compiled else "interpreted",
+    )
+    if compiled:
+        rollout.engines.batch  # noqa: B018  (compiles)
+    return Member(scene, space, kept, recording, rollout)

@@ -1,0 +1,80 @@
+"""Sets of gains by name: the scenario's own, those of its campaign section, those of results."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from optim.campaign.draws.space import campaign_of
+from optim.campaign.rollouts.evaluator import NOMINAL, Gains
+from spacerobot.errors import ScenarioError, near_names
+from spacerobot.result.store import SCENARIO
+from spacerobot.scenario import Scenario
+from spacerobot.scenario.load import read_document, to_document, validate
+from spacerobot.scene import Scene
+
+NAMED = re.compile(r"[A-Za-z_][A-Za-z0-9_-]{0,63}")  # as the campaign section has them
+CONTROL = ("pid", "amnesia", "orientation_pid", "orientation_amnesia")
+
+
+def gain_sets(scene: Scene, asked: Sequence[str]) -> Gains | None:
+    """Sets of gains that a user asks for; None for those of the campaign section.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    asked
+        ``NAME`` of the section's, ``scenario`` for the scenario's own, or ``NAME=DIR`` for a result's.
+
+    Raises
+    ------
+    ScenarioError
+        If there is no such set, or a result is of other robots.
+    """
+    known = {NOMINAL: {}, **campaign_of(scene).gains}
+    found: dict[str, dict[str, Any]] = {}
+    for text in asked:
+        name, equals, folder = text.partition("=")
+        if equals and not (NAMED.fullmatch(name) and folder):
+            allowed = "NAME=DIR, the name of letters, digits, _ and -, at most 64"
+            raise ScenarioError(f"found {text!r}, allowed: {allowed}", where="--gains")
+        if equals and name in known:
+            raise ScenarioError(f"{name!r} names a set of the scenario's already", where="--gains")
+        if name in found:
+            raise ScenarioError(f"{name!r} stands twice", where="--gains")
+        if equals:
+            found[name] = controllers(scene, Path(folder))
+        elif name in known:
+            found[name] = dict(known[name])
+        else:
+            hint = f"{near_names(name, known)}; or NAME=DIR with the folder of a result"
+            raise ScenarioError(f"no set {name!r}; {hint}", source=scene.source, where="--gains")
+    return found or None
+
+
+def controllers(scene: Scene, folder: Path) -> dict[str, Any]:
+    """Controllers of a result, as changes to the scene's scenario by dotted path.
+
+    Raises
+    ------
+    ScenarioError
+        If the folder holds no scenario, or its robots have other tips.
+    """
+    source = folder / SCENARIO
+    other = validate(read_document(source), source=source)
+    if _tips(other) != _tips(scene.scenario):
+        mine = ", ".join(_tips(scene.scenario))
+        raise ScenarioError(f"has other tips: {', '.join(_tips(other))}; here: {mine}", source=source)
+    changes: dict[str, Any] = {}
+    for name, robot in to_document(other)["robots"].items():
+        changes[f"robots.{name}.joint_pd"] = robot["joint_pd"]
+        for tip, held in robot["tips"].items():
+            changes |= {f"robots.{name}.tips.{tip}.{part}": held[part] for part in CONTROL}
+    return changes
+
+
+def _tips(scenario: Scenario) -> list[str]:
+    return [f"{name}/{tip}" for name, robot in scenario.robots.items() for tip in robot.tips]

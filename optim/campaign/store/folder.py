@@ -1,0 +1,278 @@
+"""A campaign's folder: chunks as they come, each written whole or not at all; one netCDF of them.
+
+``campaign.json`` says what the numbers belong to. ``chunks/BEGIN-END.npz`` holds samples BEGIN to END - 1: so
+which samples are there can be read off the names, and each is there once. ``campaign.nc`` is made of the
+chunks, at the end and after an interruption; once it is complete, the chunks are gone.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from optim.campaign.rollouts.evaluator import Table
+from optim.campaign.store.intervals import Interval, Intervals
+from optim.campaign.store.netcdf import DATA, FORMAT, Layout, is_complete, load_campaign, write_tables
+from spacerobot.errors import ResultError
+from spacerobot.files import write_bytes, write_text
+from spacerobot.interrupts import uninterrupted
+from spacerobot.section import leaves
+
+__all__ = ["HEAD", "Store", "difference", "load_campaign", "load_head", "open_store"]
+
+HEAD, CHUNKS, LOCK = "campaign.json", "chunks", ".lock"
+SERIES = "series."  # before the names of series in a chunk
+
+
+class Store:
+    """Folder of one campaign, held by one process at a time; see :func:`open_store`."""
+
+    def __init__(self, folder: Path, count: int) -> None:
+        self.folder, self.count = folder, count
+        self._there = Intervals()
+        self._chunks: list[Interval] = []
+        self._find()
+
+    @property
+    def done(self) -> int:
+        """Samples that are there."""
+        return len(self._there)
+
+    @property
+    def missing(self) -> list[Interval]:
+        """Samples that are not, as intervals in order."""
+        return self._there.gaps(self.count)
+
+    def add(self, begin: int, table: Table) -> None:
+        """Write a chunk.
+
+        Raises
+        ------
+        ResultError
+            If it cannot be written, or holds a sample that is there already.
+        """
+        end, buffer = begin + len(table), io.BytesIO()
+        np.savez(
+            buffer,
+            allow_pickle=False,
+            draws=table.draws,
+            metrics=table.metrics,
+            diverged_at_s=table.diverged_at_s,
+            gaps=table.gaps,
+            **{SERIES + name: values for name, values in table.series.items()},
+        )
+        with uninterrupted():  # else what is noted and what is on the disk might differ
+            if not self._there.add(begin, end):
+                raise ResultError(f"samples {begin} to {end - 1} are there already", source=self.folder)
+            write_bytes(self._chunk((begin, end)), buffer.getvalue())
+            self._chunks.append((begin, end))
+
+    def merge(self, layout: Layout) -> None:
+        """Make ``campaign.nc`` of what is there, chunk by chunk, and drop the chunks if nothing is missing.
+
+        Raises
+        ------
+        ResultError
+            If it cannot be written, or a chunk cannot be read.
+        """
+        path, complete = self.folder / DATA, not self.missing
+        if complete and not self._chunks:
+            return
+        stage = Path(tempfile.mkdtemp(prefix=".merge-", dir=self.folder))
+        tables = ((begin, _read(self._chunk((begin, end)))) for begin, end in sorted(self._chunks))
+        try:
+            with uninterrupted():  # Ctrl-C would leave the file's library locked
+                write_tables(stage / DATA, layout, tables, complete)
+                _to_disk(stage / DATA)
+                (stage / DATA).replace(path)
+        except (OSError, RuntimeError) as fault:
+            kept = f"what was rolled out stays in {CHUNKS}; make room and start again"
+            raise ResultError(f"cannot be written: {fault}; {kept}", source=path) from None
+        finally:
+            shutil.rmtree(stage, ignore_errors=True)
+        if complete:
+            shutil.rmtree(self.folder / CHUNKS, ignore_errors=True)
+
+    def _chunk(self, interval: Interval) -> Path:
+        return self.folder / CHUNKS / f"{interval[0]:09d}-{interval[1]:09d}.npz"
+
+    def _find(self) -> None:
+        """Note what is there; a chunk that a full disk or a power cut has spoilt is dropped."""
+        if is_complete(self.folder / DATA, self.count):
+            self._there.add(0, self.count)
+            return
+        for path in sorted((self.folder / CHUNKS).glob("?????????-?????????.npz")):
+            begin, end = (int(part) for part in path.stem.split("-"))
+            try:
+                whole = len(_read(path)) == end - begin > 0
+            except ResultError:
+                whole = False
+            if whole and self._there.add(begin, end):
+                self._chunks.append((begin, end))
+            else:
+                path.unlink()
+
+
+@contextlib.contextmanager
+def open_store(
+    folder: Path, identity: Mapping[str, Any], count: int, notes: Mapping[str, Any] | None = None
+) -> Iterator[Store]:
+    """The store of a campaign, made if it is not there, held until left.
+
+    Parameters
+    ----------
+    folder
+        Where it lies.
+    identity
+        What decides the numbers; see ``Evaluator.identity``.
+    count
+        Samples in all.
+    notes
+        What is asked of the numbers and how the campaign was called: what may change from call to call, and
+        is written anew; left as it is if None.
+
+    Raises
+    ------
+    ResultError
+        If the folder holds something else or another campaign, is in use, or cannot be written.
+    """
+    with _held(folder):
+        head = folder / HEAD
+        found: dict[str, Any] = {}
+        if head.exists():
+            found = load_head(folder)
+            _check_same(folder, found, identity)
+        wanted = {"format": FORMAT, **identity, "notes": found.get("notes", {}) if notes is None else notes}
+        text = json.dumps(wanted, indent=1) + "\n"
+        if found != json.loads(text):
+            write_text(head, text)
+        yield Store(folder, count)
+
+
+def load_head(folder: Path) -> dict[str, Any]:
+    """What ``campaign.json`` says.
+
+    Raises
+    ------
+    ResultError
+        If it cannot be read, or another version wrote it.
+    """
+    path = folder / HEAD
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as fault:
+        raise ResultError(f"cannot be read: {fault}", source=path) from None
+    layout = found.get("format") if isinstance(found, dict) else None
+    if layout != FORMAT:
+        raise ResultError(
+            f"written by another version: layout {layout}, this one reads {FORMAT}; run the campaign again "
+            "in another folder",
+            source=path,
+        )
+    return dict(found)
+
+
+def difference(found: Mapping[str, Any], identity: Mapping[str, Any]) -> str | None:
+    """In what a folder's campaign differs from another one; empty if it cannot be told, None if it does not.
+
+    Parameters
+    ----------
+    found
+        What :func:`load_head` gave.
+    identity
+        What decides the other one's numbers.
+    """
+    if found.get("fingerprint") == identity["fingerprint"]:
+        return None
+    parts = ("scenario", "gains", "urdf")
+    old, new = (dict(leaves({part: given.get(part) for part in parts})) for given in (found, identity))
+    differs = [path for path in dict.fromkeys([*old, *new]) if old.get(path) != new.get(path)]
+    if not differs:
+        return ""
+    path = differs[0]
+    more = f" (and {len(differs) - 1} more)" if len(differs) > 1 else ""
+    return f"{path.removeprefix('scenario.')} was {old.get(path)!r}, is {new.get(path)!r}{more}"
+
+
+def _check_same(folder: Path, found: Mapping[str, Any], identity: Mapping[str, Any]) -> None:
+    """Refuse a folder that holds another campaign, with the first thing that differs."""
+    differs = difference(found, identity)
+    if differs is not None:
+        what = differs or "made by another version of the library"
+        message = f"holds another campaign: {what}; name another folder, or remove this one"
+        raise ResultError(message, source=folder)
+
+
+def check_place(folder: Path) -> None:
+    """Refuse, before any work is done, a folder that is none or holds something else.
+
+    Raises
+    ------
+    ResultError
+        With the reason.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise ResultError("is a file, not a folder", source=folder)
+    try:
+        foreign = (
+            folder.is_dir() and any(folder.iterdir()) and not any((folder / n).exists() for n in (HEAD, LOCK))
+        )
+    except OSError as fault:
+        raise ResultError(f"cannot be read: {fault.strerror or fault}", source=folder) from None
+    if foreign:
+        raise ResultError("holds files that are no campaign; name an empty or a new folder", source=folder)
+    if (folder / HEAD).exists():
+        load_head(folder)
+
+
+@contextlib.contextmanager
+def _held(folder: Path) -> Iterator[None]:
+    """Keep other processes out; the lock ends with this process however it ends."""
+    check_place(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        lock = (folder / LOCK).open("w")
+    except OSError as fault:
+        raise ResultError(f"cannot be written: {fault.strerror or fault}", source=folder) from None
+    with lock:
+        try:
+            import fcntl
+        except ImportError:  # not a Unix: two processes are then the user's own affair
+            yield
+            return
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            hint = "wait for it, or stop it: Ctrl-C keeps what is there"
+            raise ResultError(f"is being written by another process; {hint}", source=folder) from None
+        for left in folder.glob(".merge-*"):
+            shutil.rmtree(left, ignore_errors=True)
+        yield
+
+
+def _read(path: Path) -> Table:
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            series = {
+                name.removeprefix(SERIES): stored[name] for name in stored.files if name.startswith(SERIES)
+            }
+            times = stored["diverged_at_s"]
+            gaps = stored["gaps"] if "gaps" in stored else np.empty((*times.shape, 0))  # of an older version
+            return Table(stored["draws"], stored["metrics"], times, gaps, series)
+    except Exception as fault:  # whatever a spoilt archive makes zipfile, zlib or numpy say
+        raise ResultError(f"cannot be read: {fault}", source=path) from None
+
+
+def _to_disk(path: Path) -> None:
+    """Wait until a file is on the disk: the chunks that it replaces are about to go."""
+    with path.open("rb+") as file:
+        os.fsync(file.fileno())

@@ -1,0 +1,260 @@
+"""The netCDF file of a campaign: laid out, filled block by block, read."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import netCDF4
+import numpy as np
+import xarray as xr
+
+from optim.campaign.rollouts.evaluator import Evaluator, Table
+from optim.campaign.rollouts.metrics import Column
+from optim.campaign.rollouts.series import BYTES_EACH, Recording
+from spacerobot.errors import ResultError, near_names
+
+FORMAT = 2
+DATA = "campaign.nc"
+ROWS = 1024  # samples that the file keeps, and packs, together
+BLOCK_BYTES = 32_000_000  # of series that are put together before they are written
+PIECE_BYTES = 1_000_000  # of series that are packed together
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Names along the axes of a campaign's file.
+
+    Attributes
+    ----------
+    parameters, gains
+        Uncertain parameters, and sets of gains.
+    columns
+        Metrics.
+    recording
+        Series.
+    max_gaps
+        Grasps that may begin open, and the greatest gaps allowed [m].
+    about
+        What ran, for people.
+    """
+
+    parameters: Sequence[str]
+    gains: Sequence[str]
+    columns: Sequence[Column]
+    recording: Recording
+    max_gaps: Mapping[str, float]
+    about: str
+
+    @classmethod
+    def of(cls, evaluator: Evaluator, about: str) -> Layout:
+        """That of what an evaluator gives."""
+        names = list(evaluator.campaign.parameters), list(evaluator.gains)
+        return cls(*names, evaluator.columns, evaluator.recording, evaluator.max_gaps, about)
+
+    @property
+    def rows(self) -> int:
+        """Samples of a block: a power of two, so few that their series fit into memory."""
+        each = len(self.gains) * self.recording.bytes_per_rollout
+        fitting = max(1, BLOCK_BYTES // max(each, 1))
+        return int(min(ROWS, 1 << (fitting.bit_length() - 1)))
+
+
+def write_tables(path: Path, layout: Layout, tables: Iterator[tuple[int, Table]], complete: bool) -> None:
+    """Write a campaign's file.
+
+    Parameters
+    ----------
+    path
+        The file.
+    layout
+        What it holds.
+    tables
+        Tables with their first sample, in order.
+    complete
+        Whether every sample is among them.
+    """
+    with netCDF4.Dataset(path, "w") as file:
+        _define(file, layout)
+        file.setncatts({"format": FORMAT, "complete": int(complete), "about": layout.about})
+        for samples, table in blocks(tables, layout.rows):
+            _append(file, samples, table, layout.columns)
+
+
+def check_layout(path: Path, layout: Layout) -> None:
+    """Refuse a file that lacks something of its campaign.
+
+    Raises
+    ------
+    ResultError
+        Naming what.
+    """
+    try:
+        with netCDF4.Dataset(path) as file:
+            missing = _missing(file, layout)
+    except (OSError, RuntimeError) as fault:
+        raise ResultError(f"cannot be read: {fault}", source=path) from None
+    if missing is not None:
+        raise ResultError(f"damaged: {missing}; remove it and run the campaign again", source=path)
+
+
+def _missing(file: Any, layout: Layout) -> str | None:
+    """What a file lacks of a campaign, in words; None if nothing."""
+    metrics = list(dict.fromkeys(column.metric for column in layout.columns))
+    series = [one.name for one in layout.recording.series]
+    names: dict[str, tuple[str, ...]] = {"draw": ("sample", "parameter"), "diverged_at": ("sample", "gains")}
+    names |= {name: (name,) for name in ("sample", "parameter", "gains")}
+    names |= {f"{name}_of": (f"{name}_of",) for name in (*metrics, *series)}
+    names |= {metric: ("sample", "gains", f"{metric}_of") for metric in metrics}
+    names |= {name: ("sample", "gains", "time", f"{name}_of") for name in series}
+    if series:
+        names["time"] = ("time",)
+    if layout.max_gaps:
+        names |= {"grasp": ("grasp",), "gap": ("sample", "gains", "grasp"), "max_gap": ("grasp",)}
+    for name, dims in names.items():
+        if name not in file.variables:
+            return f"no variable {name!r}"
+        if file[name].dimensions != dims:
+            return (
+                f"{name}: found the dimensions {', '.join(file[name].dimensions)}, allowed: {', '.join(dims)}"
+            )
+        if name in (*metrics, *series) and "units" not in file[name].ncattrs():
+            return f"{name}: no attribute 'units'"
+    return None
+
+
+def is_complete(path: Path, count: int) -> bool:
+    """Whether a file holds every sample."""
+    if not path.is_file():
+        return False
+    try:
+        with netCDF4.Dataset(path) as file:
+            same = file.getncattr("format") == FORMAT
+            return same and bool(file.getncattr("complete")) and len(file.dimensions["sample"]) == count
+    except (OSError, RuntimeError, AttributeError, KeyError):
+        return False
+
+
+def load_campaign(folder: Path, series: Sequence[str] = ()) -> xr.Dataset:
+    """Numbers of a campaign: its parameters, metrics and series by sample and set of gains.
+
+    Parameters
+    ----------
+    folder
+        What ``spacerobot campaign`` or :func:`optim.campaign.run_campaign` wrote.
+    series
+        Names of the kept signals to read, each (sample, gains, time, component); they may be large.
+
+    Raises
+    ------
+    ResultError
+        If there is no campaign, it cannot be read, or it kept no such signal.
+    """
+    path = folder / DATA
+    if not path.is_file():
+        raise ResultError(f"holds no campaign that can be read: no {DATA}", source=folder)
+    try:
+        with xr.open_dataset(path, engine="netcdf4") as lazy:
+            kept = [str(name) for name in lazy.data_vars if "time" in lazy[name].dims]
+            left = [name for name in kept if name not in series]
+            unused = [f"{name}_of" for name in left] + ([] if set(kept) - set(left) else ["time"])
+            for name in series:
+                if name not in kept:
+                    raise ResultError(f"keeps no series {name!r}; {near_names(name, kept)}", source=path)
+            found = lazy.drop_vars([*left, *(name for name in unused if name in lazy.variables)]).load()
+    except (OSError, ValueError, RuntimeError) as fault:
+        raise ResultError(f"cannot be read: {fault}", source=path) from None
+    if found.attrs.get("format") != FORMAT:
+        raise ResultError(
+            f"written by another version: layout {found.attrs.get('format')}, this one reads {FORMAT}; "
+            "run the campaign again in another folder",
+            source=path,
+        )
+    return found
+
+
+def blocks(
+    tables: Iterator[tuple[int, Table]], rows: int
+) -> Iterator[tuple[np.typing.NDArray[np.int64], Table]]:
+    """The same samples in blocks of so many rows, the last one may be shorter; with the samples' numbers."""
+    kept: list[tuple[np.typing.NDArray[np.int64], Table]] = []
+    count = 0
+    for begin, table in tables:
+        at = 0
+        while at < len(table):
+            part = slice(at, min(at + rows - count, len(table)))
+            kept.append((np.arange(begin + part.start, begin + part.stop), table.part(part)))
+            count, at = count + part.stop - part.start, part.stop
+            if count == rows:
+                yield _joined(kept)
+                kept, count = [], 0
+    if kept:
+        yield _joined(kept)
+
+
+def _joined(
+    parts: Sequence[tuple[np.typing.NDArray[np.int64], Table]],
+) -> tuple[np.typing.NDArray[np.int64], Table]:
+    return np.concatenate([samples for samples, _ in parts]), Table.joined([table for _, table in parts])
+
+
+def _define(file: Any, layout: Layout) -> None:
+    """Dimensions and variables; ``sample`` has no limit."""
+    file.createDimension("sample", None)
+    axes = {"parameter": list(layout.parameters), "gains": list(layout.gains)}
+    for column in layout.columns:
+        axes.setdefault(f"{column.metric}_of", []).append(column.where)
+    for one in layout.recording.series:
+        axes[f"{one.name}_of"] = list(one.components)
+    if layout.max_gaps:
+        axes["grasp"] = list(layout.max_gaps)
+    for axis, names in axes.items():
+        file.createDimension(axis, len(names))
+        file.createVariable(axis, str, (axis,))[:] = np.array(names, dtype=object)
+    file.createVariable("sample", "i8", ("sample",), chunksizes=(ROWS,))
+
+    def table(name: str, *others: str) -> Any:
+        sizes = (ROWS, *(len(file.dimensions[axis]) for axis in others))
+        return file.createVariable(name, "f8", ("sample", *others), zlib=True, complevel=1, chunksizes=sizes)
+
+    table("draw", "parameter")
+    table("diverged_at", "gains").units = "s"
+    if layout.max_gaps:
+        table("gap", "gains", "grasp").units = "m"
+        largest = file.createVariable("max_gap", "f8", ("grasp",))
+        largest[:], largest.units = list(layout.max_gaps.values()), "m"
+    for metric, unit in {column.metric: column.unit for column in layout.columns}.items():
+        table(metric, "gains", f"{metric}_of").units = unit
+    if layout.recording.series:
+        _define_series(file, layout)
+
+
+def _define_series(file: Any, layout: Layout) -> None:
+    """Series, packed by whole blocks of samples and a few times, so that a moment of all samples is near."""
+    times = layout.recording.time
+    file.createDimension("time", len(times))
+    time = file.createVariable("time", "f8", ("time",))
+    time[:], time.units = times, "s"
+    for one in layout.recording.series:
+        width = len(one.components)
+        few = max(1, min(len(times), PIECE_BYTES // (layout.rows * width * BYTES_EACH)))
+        dimensions, sizes = ("sample", "gains", "time", f"{one.name}_of"), (layout.rows, 1, few, width)
+        file.createVariable(one.name, "f8", dimensions, zlib=True, complevel=1, chunksizes=sizes)
+        file[one.name].units = one.unit
+
+
+def _append(file: Any, samples: np.typing.NDArray[np.int64], table: Table, columns: Sequence[Column]) -> None:
+    at = len(file.dimensions["sample"])
+    rows = slice(at, at + len(table))
+    file["sample"][rows] = samples
+    file["draw"][rows] = table.draws
+    file["diverged_at"][rows] = table.diverged_at_s
+    if table.gaps.shape[2]:
+        file["gap"][rows] = table.gaps
+    for metric in dict.fromkeys(column.metric for column in columns):
+        places = [i for i, column in enumerate(columns) if column.metric == metric]
+        file[metric][rows] = table.metrics[:, :, places]
+    for name, values in table.series.items():
+        file[name][rows] = values

@@ -1,0 +1,54 @@
+"""What a campaign's folder notes beside what decides its numbers: how it was called, and what is asked."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from optim.campaign.rollouts.evaluator import Evaluator
+
+Changes = Sequence[tuple[str, Any]]
+ASKED = ("limits", "percentiles", "confidence")
+"""Fields of the campaign section that may change without a rollout."""
+
+
+@dataclass(frozen=True)
+class Named:
+    """How the command line names a scenario.
+
+    Attributes
+    ----------
+    scenario
+        File, or name of a shipped scenario.
+    changes
+        What was changed in it, by dotted path.
+    """
+
+    scenario: str
+    changes: Changes = ()
+
+
+def notes_of(evaluator: Evaluator, named: Named | None) -> dict[str, Any]:
+    """Notes for the folder of a campaign, as plain data.
+
+    Parameters
+    ----------
+    evaluator
+        What runs.
+    named
+        How the command line names its scenario; its file if None.
+    """
+    scene = evaluator.scene
+    named = named or Named(scene.scenario.name if scene.source is None else str(scene.source))
+    about = "; ".join(dict.fromkeys(member.rollout.summary for member in evaluator.members))
+    asked = evaluator.campaign.model_dump(mode="json", include=set(ASKED))
+    changes = [list(change) for change in named.changes]
+    notes = {"scenario": named.scenario, "changes": changes, "asked": asked, "about": about}
+    return dict(json.loads(json.dumps(notes)))
+
+
+def named_in(notes: Mapping[str, Any]) -> Named:
+    """How the command line named the scenario, by a folder's notes."""
+    return Named(str(notes["scenario"]), tuple((str(path), value) for path, value in notes["changes"]))

@@ -1,0 +1,1 @@
+"""Robust tuning: one objective over a common set of samples."""

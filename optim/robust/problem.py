@@ -1,0 +1,370 @@
+"""Robust tuning: the tuning problem's objective over a common set of samples, and a look at fresh ones.
+
+The samples are the same for every design (common random numbers), so that the objective is as smooth in the
+design as one rollout is, and its gradients are exact.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from optim.campaign.analysis.statistics import percentile
+from optim.campaign.draws.sampling import draw
+from optim.campaign.draws.space import Space, campaign_of, check_range, gain_set, resolve_space
+from optim.methods.by_name import Effort, Outcome, effort_of, run_method
+from optim.plain import plain
+from optim.problem import operations
+from optim.problem.objectives import OBJECTIVE
+from optim.problem.problem import Array, Cost, Evaluation, Form, Linearisation
+from optim.problem.scenes import changed_scene, tuning_of
+from optim.problem.tuning_problem import TuningProblem, build_problem
+from optim.search.search import Progress
+from optim.workers import Arrays, Workers
+from spacerobot.errors import ScenarioError, SpaceRobotError
+from spacerobot.files import write_text
+from spacerobot.result import save
+from spacerobot.scene import Scene, build_scene
+from spacerobot.simulation import simulate
+
+Kind = Literal["mean", "percentile", "worst"]
+SAMPLES = 64  # of the common set
+FRESH = 512  # that designs are judged by afterwards
+AT_ONCE = 8192  # rollouts of one batch
+
+
+@dataclass(frozen=True)
+class RobustProblem:
+    """A tuning problem over samples; see :class:`optim.problem.problem.Problem`.
+
+    Attributes
+    ----------
+    nominal
+        The same problem without uncertainty; its rollout knows the uncertain numbers as parameters.
+    space, draws
+        Where draws go in the scenario, and the common set of them (S, k).
+    kind, percent
+        Of the objectives of all samples: their mean, a percentile, or the largest. Constraints hold at every
+        sample.
+    """
+
+    nominal: TuningProblem
+    space: Space
+    draws: Array
+    kind: Kind
+    percent: float = 95.0
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the variables."""
+        return self.nominal.names
+
+    @property
+    def constraint_names(self) -> tuple[str, ...]:
+        """Names of the constraints."""
+        return self.nominal.constraint_names
+
+    @property
+    def start(self) -> Array:
+        """The scenario's own values in the unit cube, (k,)."""
+        return self.nominal.start
+
+    @property
+    def form(self) -> Form:
+        """``minimax`` over the samples for the worst case, else smooth."""
+        return "minimax" if self.kind == "worst" else "smooth"
+
+    @property
+    def linear_cost(self) -> Cost:
+        """A gradient, and as many slopes as variables if there are constraints; all samples count as one."""
+        return Cost(gradients=1, slopes=len(self.names) if self.constraint_names else 0)
+
+    @property
+    def sample_cost(self) -> Cost:
+        """A rollout of each sample, which count as one."""
+        return Cost(rollouts=1)
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """Hash of everything that decides what the numbers are."""
+        text = f"{self.nominal.fingerprint} {self.kind} {self.percent!r} {self.space.paths}"
+        digest = hashlib.sha256(text.encode())
+        digest.update(np.ascontiguousarray(self.space.values(self.draws)).tobytes())
+        return digest.hexdigest()
+
+    def evaluate(self, u: Array) -> Evaluation:
+        """Objective (N,) and constraints (N, m) at points u (N, k); NaN where the objective is none."""
+        u = np.atleast_2d(u)
+        parts = max(1, len(self.draws) * len(u) // AT_ONCE)
+        found = [self._evaluate(part) for part in np.array_split(u, min(parts, len(u)))]
+        return Evaluation(
+            np.concatenate([part.objective for part in found]),
+            np.concatenate([part.constraints for part in found]),
+        )
+
+    def sample(self, u: Array) -> Evaluation:
+        """Values at points u (N, k); the rows of the worst case are the objectives of all samples.
+
+        Constraints are those of each sample, as in :meth:`linearise`.
+        """
+        u, limits = np.atleast_2d(u), self.nominal.terms.limits
+        found = self._measure(u, self.draws)
+        each = found[OBJECTIVE]
+        rows = each if self.kind == "worst" else np.empty((len(u), 0))
+        excess = [np.empty((len(u), len(self.draws), 0)), *(found[n] / limits[n] - 1 for n in limits)]
+        constraints = np.concatenate(excess, axis=2).reshape(len(u), -1)
+        return Evaluation(np.array([self.reduce(row) for row in each]), constraints, rows)
+
+    def objectives(self, u: Array, draws: Array | None = None) -> Array:
+        """Objective of each sample (S,) at one point u (k,); NaN where the rollout diverged."""
+        return np.array(self._measure(np.atleast_2d(u), self.draws if draws is None else draws)[OBJECTIVE][0])
+
+    def reduce(self, objectives: Array) -> float:
+        """The objective that is made small, of objectives (S,); NaN if a diverged sample decides it."""
+        values = np.sort(np.where(np.isnan(objectives), np.inf, objectives))
+        weights = self._weights(values)
+        found = float(weights[weights > 0] @ values[weights > 0])
+        return found if np.isfinite(found) else float("nan")
+
+    def linearise(self, u: Array) -> Linearisation:
+        """Values and exact derivatives at one point u (k,): of the objective by the adjoint of every sample.
+
+        Each sample brings its own constraints, m S of them: their largest, which :meth:`evaluate` tells, has
+        a kink wherever another sample takes the lead.
+        """
+        ask, slope = self._rows_at(u), self.nominal.variables.slope(u)
+        found = ask(operations.gradients)
+        each, slopes = found[OBJECTIVE], found["gradient"] * slope
+        order = np.argsort(np.where(np.isnan(each), np.inf, each), kind="stable")
+        weights = self._weights(each[order])
+        used = order[weights > 0]
+        objective, gradient = self.reduce(each), np.array(weights[weights > 0] @ slopes[used])
+        none, k = np.empty(0), len(u)
+        plain = Linearisation(
+            objective, gradient, none, np.empty((0, k)), none, np.empty((0, k)), objective, gradient
+        )
+        if self.kind == "worst":
+            plain = replace(
+                plain, rows=np.array(each), rows_jacobian=slopes, smooth=0.0, smooth_gradient=np.zeros(k)
+            )
+        if not self.constraint_names:
+            return plain
+        limited = ask(operations.limited)
+        return replace(
+            plain,
+            constraints=limited["constraints"].ravel(),
+            constraint_jacobian=limited["jacobian"].reshape(-1, k) * slope,
+        )
+
+    def linearise_all(self, u: Array) -> list[Linearisation]:
+        """One point after the other: the samples of one fill the lanes."""
+        return [self.linearise(point) for point in u]
+
+    def _rows_at(self, u: Array) -> Callable[..., Arrays]:
+        """What workers are asked of every sample at one point."""
+        values = self.space.values(self.draws)
+        rows = np.column_stack([np.tile(self.nominal.variables.values(u), (len(values), 1)), values])
+        paths = (*self.names, *self.space.paths)
+        return lambda operation: self.nominal.workers.map(self.nominal, partial(operation, paths=paths), rows)
+
+    def _weights(self, ordered: Array) -> Array:
+        """Weight of each sample (S,), in the order of their objectives."""
+        count = len(ordered)
+        if self.kind == "mean":
+            return np.full(count, 1.0 / count)
+        weights, at = np.zeros(count), (count - 1) * (1.0 if self.kind == "worst" else self.percent / 100)
+        below = int(np.floor(at))
+        weights[below] = 1 - (at - below)
+        if at > below:
+            weights[below + 1] = at - below
+        return weights
+
+    def _evaluate(self, u: Array) -> Evaluation:
+        found = self._measure(u, self.draws)
+        objective = np.array([self.reduce(row) for row in found[OBJECTIVE]])
+        limits = self.nominal.terms.limits
+        worst = [found[name].max(axis=1) / limit - 1 for name, limit in limits.items()]
+        return Evaluation(objective, np.column_stack([np.empty((len(u), 0)), *worst]))
+
+    def _measure(self, u: Array, draws: Array) -> dict[str, Array]:
+        """Measures of points u (N, k) over draws (S, k'), each (N, S) or (N, S, n)."""
+        values, n = self.space.values(draws), len(u)
+        plants = dict(zip(self.space.paths, np.tile(values, (n, 1)).T, strict=True))
+        found = self.nominal.measure(np.repeat(u, len(values), axis=0), plants)
+        return {name: np.reshape(v, (n, len(values), *v.shape[1:])) for name, v in found.items()}
+
+
+def build_robust(
+    scene: Scene,
+    kind: Kind = "worst",
+    *,
+    percent: float = 95.0,
+    samples: int = SAMPLES,
+    chosen: list[str] | None = None,
+    reading: str | None = None,
+    workers: Workers | None = None,
+) -> RobustProblem:
+    """Robust tuning problem of a scene with a ``tuning`` and a ``campaign`` section.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    kind, percent
+        What of the samples' objectives is made small.
+    samples
+        Of the common set, drawn by the campaign's distributions and seed.
+    chosen, reading, workers
+        As for :func:`optim.problem.tuning_problem.build_problem`.
+
+    Raises
+    ------
+    ScenarioError
+        If a section is missing or does not fit, or an uncertain number is a variable as well.
+    """
+    tuning_of(scene)
+    changed = gain_set(changed_scene(scene, reading), {})
+    space = resolve_space(changed, campaign_of(changed))
+    problem = build_problem(
+        gain_set(scene, {}), chosen=chosen, reading=reading, workers=workers, also_vary=space.paths
+    )
+    both = sorted(set(space.paths) & set(problem.variables.all_paths))
+    if both:
+        raise ScenarioError(
+            f"{both[0]} is tuned and uncertain at once", source=scene.source, where="campaign"
+        )
+    found = RobustProblem(problem, space, _draws(changed, samples, 0), kind, percent)
+    check_range(changed, space, found.draws)
+    return found
+
+
+@dataclass(frozen=True)
+class RobustTuned:
+    """What robust tuning found.
+
+    Attributes
+    ----------
+    gains
+        Best values by variable.
+    objective
+        There, over the common samples.
+    changes
+        The same as changes to the scenario, by dotted path: a set of gains for a campaign.
+    outcome
+        Every run.
+    fresh
+        Objective of each fresh sample, by design: ``start``, ``nominal`` (tuned without uncertainty),
+        ``robust``; the same samples for all, each (S,), NaN where one diverged.
+    """
+
+    gains: Mapping[str, float]
+    objective: float
+    changes: Mapping[str, float]
+    outcome: Outcome
+    fresh: Mapping[str, Array]
+
+    @property
+    def told(self) -> dict[str, dict[str, float]]:
+        """Mean, median, 95th percentile, largest and number of diverged of the fresh samples, by design."""
+        found = {}
+        for name, each in self.fresh.items():
+            values = np.sort(np.where(np.isnan(each), np.inf, each))
+            finite = values[np.isfinite(values)]
+            mean = float(finite.mean()) if len(finite) else float("nan")
+            low, high = (percentile(values, q, 0.95).value for q in (50, 95))
+            told = {"mean": mean, "median": low, "95 %": high, "largest": float(values[-1])}
+            found[name] = told | {"diverged": float(len(values) - len(finite))}
+        return found
+
+
+def tune_robust(
+    problem: RobustProblem,
+    method: str = "nlp",
+    *,
+    effort: Effort | None = None,
+    fresh: int = FRESH,
+    folder: Path | None = None,
+    progress: Progress | None = None,
+) -> RobustTuned:
+    """Tune robustly and nominally by the same method, and judge both on fresh samples.
+
+    Parameters
+    ----------
+    problem
+        From :func:`build_robust`.
+    method
+        ``ga``, ``de``, ``pso``, ``cmaes`` or ``nlp``.
+    effort
+        How much may be done; the tuning section's if None.
+    fresh
+        How many fresh samples.
+    folder
+        Where journals are kept; a killed call, made again, goes on where it was.
+    progress
+        Told now and then.
+
+    Raises
+    ------
+    SpaceRobotError
+        If there is no such method, or it cannot solve this problem.
+    """
+    if method in ("manual", "nlp_ga"):
+        raise SpaceRobotError(f"no robust tuning by {method}; methods: ga, de, pso, cmaes, nlp")
+    scene = problem.nominal.scene
+    effort = effort or effort_of(tuning_of(scene))
+    places = {name: None if folder is None else folder / name for name in ("robust", "nominal")}
+    run = partial(
+        run_method, method=method, effort=effort, workers=problem.nominal.workers, progress=progress
+    )
+    outcome = run(problem, folder=places["robust"])
+    other = run(problem.nominal, folder=places["nominal"])
+    designs = {"start": problem.start, "nominal": other.best.u, "robust": outcome.best.u}
+    draws = _draws(scene, fresh, 1)
+    values = problem.nominal.variables.values(outcome.best.u)
+    return RobustTuned(
+        problem.nominal.variables.as_mapping(values),
+        outcome.best.objective,
+        problem.nominal.variables.as_changes(values),
+        outcome,
+        {name: problem.objectives(u, draws) for name, u in designs.items()},
+    )
+
+
+def _draws(scene: Scene, samples: int, offset: int) -> Array:
+    """Draws of a scene's campaign: so many, from its seed and an offset that sets apart what is fresh."""
+    campaign = campaign_of(scene)
+    design = "sobol" if campaign.design in ("grid", "saltelli") else campaign.design
+    changes = {"samples": samples, "seed": campaign.seed + offset, "design": design}
+    return draw(campaign.model_copy(update=changes))
+
+
+def save_robust(problem: RobustProblem, found: RobustTuned, folder: Path) -> None:
+    """Simulate the robust design on the nominal plant, and save it with ``robust.json`` beside it.
+
+    The folder is then a set of gains for a campaign.
+
+    Raises
+    ------
+    ResultError
+        If the folder cannot be written.
+    """
+    scene = problem.nominal.scene
+    best = build_scene(scene.scenario, dict(found.changes), source=scene.source)
+    save(simulate(best), folder)
+    data = {
+        "measure": problem.kind,
+        "percent": problem.percent if problem.kind == "percentile" else None,
+        "samples": len(problem.draws),
+        "objective": found.objective,
+        "gains": dict(found.gains),
+        "changes": dict(found.changes),
+        "fresh": found.told,
+    }
+    write_text(folder / "robust.json", json.dumps(plain(data), indent=1, allow_nan=False) + "\n")
