@@ -70,15 +70,21 @@ def seen(geometry: str, colour: str, place: str = "") -> list[str]:
     return shape("visual", geometry, colour, place) + shape("collision", geometry, colour, place)
 
 
-def inertial(mass_kg: float, ixx_iyy_izz: Sequence[float], com: Sequence[float] = (0, 0, 0)) -> list[str]:
-    """``<inertial>`` with principal axes along the link's own, inertia in kg m^2 about the centre of mass."""
+def inertial(
+    mass_kg: float,
+    ixx_iyy_izz: Sequence[float],
+    com: Sequence[float] = (0, 0, 0),
+    ixy_ixz_iyz: Sequence[float] = (0, 0, 0),
+) -> list[str]:
+    """``<inertial>`` with inertia in kg m^2 about the centre of mass, in axes parallel to the link's own."""
     ixx, iyy, izz = (number(value) for value in ixx_iyy_izz)
+    ixy, ixz, iyz = (number(value) for value in ixy_ixz_iyz)
     place = origin(com)
     return [
         "    <inertial>",
         *([f"      {place}"] if place else []),
         f'      <mass value="{number(mass_kg)}"/>',
-        f'      <inertia ixx="{ixx}" ixy="0" ixz="0" iyy="{iyy}" iyz="0" izz="{izz}"/>',
+        f'      <inertia ixx="{ixx}" ixy="{ixy}" ixz="{ixz}" iyy="{iyy}" iyz="{iyz}" izz="{izz}"/>',
         "    </inertial>",
     ]
 
@@ -101,13 +107,14 @@ def revolute(
     place: str,
     *,
     axis: Sequence[float],
-    limit_rad: float,
+    limit_rad: float | tuple[float, float],
     effort_n_m: float,
     velocity_rad_s: float,
     damping_n_m_s: float,
 ) -> list[str]:
-    """Lines of a revolute ``<joint>`` with limits of ``-limit_rad`` to ``limit_rad``."""
-    limit = f'lower="{number(-limit_rad)}" upper="{number(limit_rad)}"'
+    """Lines of a revolute ``<joint>``; one limit holds on both sides."""
+    lower, upper = limit_rad if isinstance(limit_rad, tuple) else (-limit_rad, limit_rad)
+    limit = f'lower="{number(lower)}" upper="{number(upper)}"'
     own = [
         f'    <axis xyz="{numbers(axis)}"/>',
         f'    <limit {limit} effort="{number(effort_n_m)}" velocity="{number(velocity_rad_s)}"/>',
