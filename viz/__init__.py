@@ -12,22 +12,22 @@ from spacerobot.front_door import front_door
 if TYPE_CHECKING:
     from viz.figures import draw_all as draw_all
     from viz.figures import save_figures as save_figures
-    from viz.live import LiveViewer as LiveViewer
-    from viz.notebook import embed as embed
-    from viz.page import animation_page as animation_page
-    from viz.page import write_animation as write_animation
+    from viz.page.live import LiveViewer as LiveViewer
+    from viz.page.notebook import embed as embed
+    from viz.page.page import animation_page as animation_page
+    from viz.page.page import write_animation as write_animation
     from viz.record import write_recording as write_recording
-    from viz.report import write_report as write_report
+    from viz.report.report import write_report as write_report
 
 _HOME = {
-    "LiveViewer": "viz.live",
-    "animation_page": "viz.page",
+    "LiveViewer": "viz.page.live",
+    "animation_page": "viz.page.page",
     "draw_all": "viz.figures",
-    "embed": "viz.notebook",
+    "embed": "viz.page.notebook",
     "save_figures": "viz.figures",
-    "write_animation": "viz.page",
+    "write_animation": "viz.page.page",
     "write_recording": "viz.record",
-    "write_report": "viz.report",
+    "write_report": "viz.report.report",
 }
 """Where each name of the front door lives."""
 

@@ -22,11 +22,11 @@ from PIL import Image
 from spacerobot.errors import ResultError, near_names
 from spacerobot.files import write_bytes
 from spacerobot.result import Result, note_derived
+from viz.drawing.geometry import Array
+from viz.drawing.motion import Motion, greatest_force, pick_rows, sample_motion
+from viz.drawing.projection import View, fit, view_of
 from viz.figures.docking import draw_forces, draw_frame, draw_names, seen_points
 from viz.figures.style import COLOURS, Drawing, styled
-from viz.geometry import Array
-from viz.motion import Motion, greatest_force, pick_rows, sample_motion
-from viz.projection import View, fit, view_of
 
 USUAL: dict[str, tuple[float, tuple[int, int]]] = {".gif": (12.5, (640, 400)), ".mp4": (25.0, (1280, 800))}
 """Frames per second, and width and height in pixels, of each format where nothing else is said."""

@@ -63,7 +63,7 @@ def command(
 
     results = [load(folder) for folder in (result, compare) if folder is not None]
     if html is not None:
-        from viz.page import write_animation
+        from viz.page.page import write_animation
 
         with progress("writing the page"):
             write_animation(html, *results)
@@ -79,7 +79,7 @@ def command(
 
 
 def _serve(results: list[Result], port: int, no_browser: bool) -> None:
-    from viz.live import LiveViewer
+    from viz.page.live import LiveViewer
 
     with LiveViewer(port) as viewer:
         viewer.show(*results)

@@ -30,7 +30,7 @@ def campaign_page(folder: Path, tell: Callable[[str], object], evaluator: Evalua
     """
     from optim.campaign import load_campaign, read_bands, reopen, simulate_sample, told_of
     from spacerobot.errors import ResultError
-    from viz.campaign_section import Shown, campaign_report
+    from viz.report.campaign_section import Shown, campaign_report
 
     if evaluator is None:
         tell("opening the campaign")

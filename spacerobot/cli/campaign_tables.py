@@ -25,7 +25,7 @@ MARKS = (
 
 def show(summary: Mapping[str, Any]) -> None:
     """Print what a campaign says: how often it fails, percentiles, what matters, the worst samples."""
-    from viz.campaign_words import depends, drawn, mixed, stepping, unfinished
+    from viz.report.campaign_words import depends, drawn, mixed, stepping, unfinished
 
     level = f"{100 * summary['confidence']:g} %"
     for warning in (unfinished(summary), *summary["doubts"]):
@@ -59,7 +59,7 @@ def show(summary: Mapping[str, Any]) -> None:
 
 def _why(worst: Mapping[str, Any]) -> str:
     """What makes a sample the worst."""
-    from viz.campaign_words import quantity_of
+    from viz.report.campaign_words import quantity_of
 
     if worst["unclosed"]:
         return str(worst["unclosed"])
@@ -81,7 +81,7 @@ def _failures(summary: Mapping[str, Any]) -> Rows:
 
 
 def _percentiles(told: Mapping[str, Any]) -> Rows:
-    from viz.campaign_words import place_of
+    from viz.report.campaign_words import place_of
 
     metrics = told["metrics"]
     head = ["", *(f"{q['percent']:g} %" for q in metrics[0]["percentiles"]), "largest"]
@@ -103,7 +103,7 @@ def _map(told: Mapping[str, Any], parameters: list[str]) -> Rows:
 
 
 def _against(summary: Mapping[str, Any]) -> Rows:
-    from viz.campaign_words import quantity_of
+    from viz.report.campaign_words import quantity_of
 
     rows = []
     for row in summary["against"]:

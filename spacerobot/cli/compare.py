@@ -147,8 +147,8 @@ def _written(found: Comparison, out: Path, tell: Any, *, page: bool) -> dict[str
     from optim.comparison.results import write
     from optim.comparison.tables import markdown
     from spacerobot.files import write_text
-    from viz.comparison_figures import write_figures
-    from viz.comparison_section import comparison_report
+    from viz.figures.comparison import write_figures
+    from viz.report.comparison_section import comparison_report
 
     tell("simulating and saving the best designs")
     data = write(found, out)

@@ -48,7 +48,7 @@ Examples:
 def command(folders: Folders, out: Out = None) -> None:
     """Write the page."""
     from spacerobot.files import write_text
-    from viz.report import find_results, write_report
+    from viz.report.report import find_results, write_report
 
     path = out or folders[0] / "report.html"
     with progress("writing the report") as tell:
@@ -87,7 +87,7 @@ def _special_page(folders: list[Path], tell: Callable[[str], object]) -> str | N
 def _special(folder: Path) -> tuple[str, Maker] | None:
     """Whether a folder holds no result but a comparison or a campaign, and what makes its page."""
     from optim.campaign.store.folder import HEAD
-    from viz.comparison_section import COMPARISON, comparison_report
+    from viz.report.comparison_section import COMPARISON, comparison_report
 
     if (folder / COMPARISON).is_file():
         return "comparison", lambda folder, _: comparison_report(folder)

@@ -64,7 +64,7 @@ def command(
     for warning in scene.warnings:
         warn(warning)
     if view:
-        from viz.live import view_run
+        from viz.page.live import view_run
 
         with view_run(scene, port=port) as viewer:
             console().print(f"shown at {viewer.url} (Ctrl-C ends it)", markup=False, soft_wrap=True)

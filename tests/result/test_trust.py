@@ -13,8 +13,8 @@ from spacerobot.result.trust import LEAST_ENERGY, LEAST_MOMENTUM, MOST_DRIFT, MO
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
 from tests.oracles import one_arm
-from viz.animation import animation
-from viz.report import report
+from viz.page.animation import animation
+from viz.report.report import report
 
 ROUGH = {
     "simulation.method": "rk4",

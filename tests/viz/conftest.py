@@ -19,7 +19,7 @@ from PIL import Image
 from spacerobot.result import save
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
-from viz.comparison_figures import write_figures
+from viz.figures.comparison import write_figures
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 FLAGS = (

@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from spacerobot.result import Result
+from viz.drawing.geometry import Array
 from viz.figures.style import (
     COLOURS,
     DASHES,
@@ -22,7 +23,6 @@ from viz.figures.style import (
     styled,
     until,
 )
-from viz.geometry import Array
 
 _CLOSED_M = 1e-8  # a rigid grasp's gap is rounding
 

@@ -8,8 +8,8 @@ from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from spacerobot.result import Result
 from spacerobot.result.ledger import SMALLEST
+from viz.drawing.geometry import Array
 from viz.figures.style import Drawing, called, legend_over, line, panels, styled, until
-from viz.geometry import Array
 
 FLOWS = (
     ("work_actuator", "put in by actuators", 1),

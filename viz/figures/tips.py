@@ -12,6 +12,7 @@ from matplotlib.ticker import NullFormatter
 
 from spacerobot.paper import AXES, FIGURE_7_MM, FIGURE_10_MM
 from spacerobot.result import Result
+from viz.drawing.geometry import Array
 from viz.figures.style import (
     DASHES,
     PAPER_FILL,
@@ -26,7 +27,6 @@ from viz.figures.style import (
     styled,
     until,
 )
-from viz.geometry import Array
 
 _FLAT = 1e-3  # of the longest reach: what references leave a plane by without being seen
 _FIGURE_5_PANELS = "abcdefghijklmnopqrstuvwxyz"

@@ -10,9 +10,9 @@ from optim.campaign.analysis.matters import correlated, noise_of, what_matters
 from optim.campaign.analysis.statistics import percentile
 from optim.campaign.draws.sampling import draw
 from spacerobot.scenario import Campaign
-from viz.campaign_words import depends, failing, mixed, unfinished
 from viz.figures import Spread, courses, distributions, moving_components, robustness
 from viz.figures.campaign import BAD
+from viz.report.campaign_words import depends, failing, mixed, unfinished
 
 UNIFORM = {"lower": -1, "upper": 3}
 PLAIN = {"parameters": {name: {"paths": name, **UNIFORM} for name in "abcd"}, "samples": 256}

@@ -15,7 +15,7 @@ from spacerobot.cli.campaign_page import campaign_page
 from spacerobot.errors import ResultError
 from spacerobot.scenario import Uncertain
 from spacerobot.scene import load_scene
-from viz.campaign_words import stepping
+from viz.report.campaign_words import stepping
 
 
 def quiet(_):

@@ -9,9 +9,9 @@ import pinocchio as pin
 
 from spacerobot.result import Result
 from spacerobot.scene import Scene
-from viz.geometry import Array
-from viz.meshcat_scene import packed
-from viz.motion import Rows
+from viz.drawing.geometry import Array
+from viz.drawing.motion import Rows
+from viz.page.meshcat_scene import packed
 
 _ROUNDING = 1e-6
 

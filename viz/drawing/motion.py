@@ -11,7 +11,7 @@ import pinocchio as pin
 from spacerobot.description import Geometry
 from spacerobot.result import Result
 from spacerobot.scene import Scene
-from viz.geometry import Array, corners
+from viz.drawing.geometry import Array, corners
 
 Rows = np.ndarray[tuple[int], np.dtype[np.int64]]
 """Rows of a result's data."""

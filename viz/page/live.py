@@ -18,8 +18,8 @@ import tornado.websocket
 from spacerobot.errors import SpaceRobotError
 from spacerobot.result import Result
 from spacerobot.scene import Scene
-from viz.animation import animation, still
-from viz.page import json_text, page
+from viz.page.animation import animation, still
+from viz.page.page import json_text, page
 
 ADDRESS = "127.0.0.1"
 """The only address listened on: this computer's own."""

@@ -6,8 +6,8 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from spacerobot.description import Geometry
-from viz.meshes import Array as Array
-from viz.meshes import Surface, load_mesh, mesh_file
+from viz.drawing.meshes import Array as Array
+from viz.drawing.meshes import Surface, load_mesh, mesh_file
 
 _SIDES = 24  # of a cylinder's outline
 _CORNERS = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])

@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike
 
 from spacerobot.result import Result
 from spacerobot.scene import Scene
-from viz.meshes import mesh_file, shown_meshes
-from viz.motion import Motion, Node, Solid
+from viz.drawing.meshes import mesh_file, shown_meshes
+from viz.drawing.motion import Motion, Node, Solid
 
 DIGITS = 7
 """Significant digits of numbers that are written as text: those of single precision."""

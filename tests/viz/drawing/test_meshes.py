@@ -10,12 +10,12 @@ import pytest
 from spacerobot.description import Geometry, shipped_urdf_folder
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
-from viz.animation import animation
+from viz.drawing.geometry import surface
+from viz.drawing.meshes import MOST_TRIANGLES, MeshFile, Surface, load_mesh, shown_meshes, simplified
+from viz.drawing.raster import Faces, cover, draw_faces
 from viz.figures import docking, to_bytes
-from viz.geometry import surface
-from viz.meshes import MOST_TRIANGLES, MeshFile, Surface, load_mesh, shown_meshes, simplified
-from viz.page import animation_page
-from viz.raster import Faces, cover, draw_faces
+from viz.page.animation import animation
+from viz.page.page import animation_page
 from viz.record import frames
 
 TETRAHEDRON = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"

@@ -7,10 +7,10 @@ from optim.campaign import run_campaign
 from spacerobot.cli.campaign_page import campaign_page
 from spacerobot.scene import load_scene
 from tests.oracles import one_arm
-from viz.comparison_section import comparison_report
-from viz.live import LiveViewer
-from viz.page import animation_page
-from viz.report import report
+from viz.page.live import LiveViewer
+from viz.page.page import animation_page
+from viz.report.comparison_section import comparison_report
+from viz.report.report import report
 
 SIZES = ((320, 640), (390, 844), (844, 390), (800, 600), (1400, 900))
 CAMPAIGN = {

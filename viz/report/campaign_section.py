@@ -12,7 +12,11 @@ import numpy as np
 import xarray as xr
 
 from spacerobot.result import Result
-from viz.campaign_words import (
+from viz.figures import Course, Spread, courses, distributions, moving_components, sensitivities, to_bytes
+from viz.figures.style import Drawing, unit_scale
+from viz.page.notebook import frame
+from viz.page.page import animation_page
+from viz.report.campaign_words import (
     depends,
     drawn,
     failing,
@@ -23,12 +27,8 @@ from viz.campaign_words import (
     unfinished,
     with_gains,
 )
-from viz.figures import Course, Spread, courses, distributions, moving_components, sensitivities, to_bytes
-from viz.figures.style import Drawing, unit_scale
-from viz.notebook import frame
-from viz.page import animation_page
-from viz.report import SECTIONS, Section, report
-from viz.report_sections import Subject, escape, table
+from viz.report.report import SECTIONS, Section, report
+from viz.report.sections import Subject, escape, table
 
 LIMITS = {
     "tip_error_peak": "tip_error",

@@ -6,7 +6,7 @@ import html
 from dataclasses import dataclass
 
 from spacerobot.result import Result
-from viz.page import animation_page
+from viz.page.page import animation_page
 
 
 @dataclass(frozen=True)

@@ -11,12 +11,8 @@ import numpy as np
 from spacerobot.result import Result
 from spacerobot.result.trust import warning
 from spacerobot.scene import Scene
-from viz.figures.collect import check_comparable
-from viz.figures.style import labels_of
-from viz.geometry import Array
-from viz.masses import mass_data, no_masses
-from viz.meshcat_scene import Meshes, changed_descriptions, packed, poses, rounded
-from viz.motion import (
+from viz.drawing.geometry import Array
+from viz.drawing.motion import (
     Motion,
     bounds,
     extremes,
@@ -26,7 +22,11 @@ from viz.motion import (
     pick_rows,
     sample_motion,
 )
-from viz.signals import chart_rows, quantities, signal_data
+from viz.figures.collect import check_comparable
+from viz.figures.style import labels_of
+from viz.page.masses import mass_data, no_masses
+from viz.page.meshcat_scene import Meshes, changed_descriptions, packed, poses, rounded
+from viz.page.signals import chart_rows, quantities, signal_data
 
 FRAMES_PER_S = 25.0
 """Of simulated time; the page interpolates between them."""

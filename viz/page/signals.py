@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from spacerobot.result import Result
+from viz.drawing.geometry import Array
+from viz.drawing.motion import Rows, pick_rows
 from viz.figures.bodies import rotation_deg, translation_mm
 from viz.figures.style import called, shown_axes
-from viz.geometry import Array
-from viz.meshcat_scene import packed
-from viz.motion import Rows, pick_rows
+from viz.page.meshcat_scene import packed
 
 MOST_SAMPLES = 1200
 """Samples over time, beside the extremes of each signal; a chart has about as many pixels."""

@@ -11,10 +11,10 @@ from PIL import Image, ImageSequence
 
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
-from viz.animation import animation
-from viz.masses import centres_of_mass
-from viz.page import animation_page
-from viz.signals import MOST_SAMPLES, Quantity, Signal, chart_rows, quantities
+from viz.page.animation import animation
+from viz.page.masses import centres_of_mass
+from viz.page.page import animation_page
+from viz.page.signals import MOST_SAMPLES, Quantity, Signal, chart_rows, quantities
 
 READY = "document.body?.dataset.ready === 'true'"
 CANVAS = "document.querySelector('.panel canvas').getBoundingClientRect()"

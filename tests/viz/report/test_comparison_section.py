@@ -5,7 +5,7 @@ from shutil import rmtree
 import pytest
 
 from spacerobot.errors import ResultError
-from viz.comparison_section import comparison_report, comparison_section
+from viz.report.comparison_section import comparison_report, comparison_section
 
 
 @pytest.fixture

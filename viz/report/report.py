@@ -11,9 +11,9 @@ from spacerobot.errors import ResultError
 from spacerobot.files import write_text
 from spacerobot.result import Result, load, note_derived
 from spacerobot.result.store import SUMMARY
-from viz import report_sections as parts
 from viz.figures.collect import check_comparable
-from viz.page import fill, policy
+from viz.page.page import fill, policy
+from viz.report import sections as parts
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class Section:
         Its heading.
     body
         HTML of it, or None where it does not apply. Texts that come from files must be escaped,
-        as :func:`viz.report_sections.escape` does.
+        as :func:`viz.report.sections.escape` does.
     """
 
     name: str

@@ -11,9 +11,9 @@ from typer.testing import CliRunner
 from spacerobot.cli import animate, figures, report
 from spacerobot.errors import ResultError
 from spacerobot.result.result import Result
-from viz.report import SECTIONS, Section, find_results, write_report
-from viz.report import report as report_page
-from viz.report_sections import differences
+from viz.report.report import SECTIONS, Section, find_results, write_report
+from viz.report.report import report as report_page
+from viz.report.sections import differences
 
 
 @pytest.fixture(scope="module")

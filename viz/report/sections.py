@@ -12,11 +12,11 @@ from spacerobot.paper import AXES, FIGURE_7_MM, FIGURE_10_MM, PID_ONLY_MM, error
 from spacerobot.result import Result
 from spacerobot.result.table import headline, status_text
 from spacerobot.scenario.load import to_document, to_yaml
-from viz.animation import notices
 from viz.figures import draw_all, to_bytes
 from viz.figures.style import labels_of
-from viz.notebook import frame
-from viz.page import animation_page
+from viz.page.animation import notices
+from viz.page.notebook import frame
+from viz.page.page import animation_page
 
 MOST_COMPARED = 4
 """More results than these are listed in tables, but not drawn over each other."""

@@ -14,8 +14,8 @@ from typer.testing import CliRunner
 
 from spacerobot.cli import animate, run
 from spacerobot.scene import load_scene
-from viz.live import ADDRESS, LiveViewer
-from viz.notebook import embed
+from viz.page.live import ADDRESS, LiveViewer
+from viz.page.notebook import embed
 
 
 @pytest.fixture

@@ -13,10 +13,10 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.image import AxesImage
 
-from viz.geometry import Array, faces, is_round, silhouette, surface
-from viz.meshes import Indices, mesh_file, shown_meshes
-from viz.motion import Motion, Node
-from viz.raster import Faces, Picture, cover, draw_faces
+from viz.drawing.geometry import Array, faces, is_round, silhouette, surface
+from viz.drawing.meshes import Indices, mesh_file, shown_meshes
+from viz.drawing.motion import Motion, Node
+from viz.drawing.raster import Faces, Picture, cover, draw_faces
 
 _LIGHT = np.array([-0.35, -0.45, 0.82])
 _ROUND_SHADE = 0.85

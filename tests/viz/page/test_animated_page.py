@@ -14,10 +14,10 @@ from spacerobot.errors import ResultError
 from spacerobot.result.result import Result
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
-from viz.animation import animation
+from viz.drawing.motion import pick_rows, scene_nodes
 from viz.figures import KINDS, draw_all
-from viz.motion import pick_rows, scene_nodes
-from viz.page import animation_page, json_text, write_animation
+from viz.page.animation import animation
+from viz.page.page import animation_page, json_text, write_animation
 from viz.record import write_recording
 
 BOX = (

@@ -11,9 +11,9 @@ from optim.comparison import tables
 from spacerobot.errors import ResultError
 from spacerobot.result import Result, load
 from spacerobot.result.store import DATA
-from viz.comparison_figures import PROFILES
-from viz.report import SECTIONS, Section, page, report
-from viz.report_sections import escape, picture, table
+from viz.figures.comparison import PROFILES
+from viz.report.report import SECTIONS, Section, page, report
+from viz.report.sections import escape, picture, table
 
 COMPARISON = "comparison.json"
 DRAWINGS = {

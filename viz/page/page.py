@@ -14,8 +14,8 @@ from typing import Any
 from spacerobot.errors import SpaceRobotError
 from spacerobot.files import write_text
 from spacerobot.result import Result, note_derived
-from viz.animation import animation
-from viz.meshcat_scene import script_hash
+from viz.page.animation import animation
+from viz.page.meshcat_scene import script_hash
 
 SCRIPTS = (
     "format.js",
@@ -72,7 +72,7 @@ def page(payload: Mapping[str, Any], *, connect: str = "'none'") -> str:
     Parameters
     ----------
     payload
-        As :func:`viz.animation.animation` makes it.
+        As :func:`viz.page.animation.animation` makes it.
     connect
         What the page may connect to, as a source expression; nothing by default.
     """
