@@ -11,13 +11,14 @@ import casadi as ca
 from spacerobot.closedloop.closed_loop import ClosedLoop, Variable
 from spacerobot.closedloop.elements import Builder
 from spacerobot.closedloop.energy import Work, build_works, plant_powers, stored_energies
+from spacerobot.closedloop.events import booked, guards_of, rules_of, update_of
 from spacerobot.closedloop.forward_dynamics import solve_accelerations
-from spacerobot.closedloop.impulse import close_velocity
+from spacerobot.closedloop.impulse import strike
 from spacerobot.closedloop.outputs import combine, core_outputs
 from spacerobot.closedloop.plant import build_plant
 from spacerobot.closedloop.start import initial_state
 from spacerobot.dynamics import configuration_derivative, normalise
-from spacerobot.elements import Constraint, Context, State
+from spacerobot.elements import Context, Contribution, State
 from spacerobot.elements.contribution import concatenate
 from spacerobot.scenario import Robot
 from spacerobot.scenario.load import to_document
@@ -55,18 +56,16 @@ def build_closed_loop(scene: Scene, vary: Collection[str] = ()) -> ClosedLoop:
 
 @dataclass(frozen=True)
 class _Evaluated:
-    """Finished expressions: acceleration (nv x 1), states behind (q, v), works, variables and outputs.
+    """Finished expressions: what acts, with all states behind (q, v) and events, and what follows from it.
 
-    ``slipping`` are the constraints whose loops no base closes, so that their initial velocity is projected.
+    These are the acceleration (nv x 1), works, variables and outputs.
     """
 
+    acting: Contribution
     acceleration: ca.SX
-    states: Sequence[State]
     works: Sequence[Work]
     variables: tuple[Variable, ...]
     outputs: Mapping[str, ca.SX]
-    outside: tuple[str, ...]
-    slipping: tuple[Constraint, ...]
 
 
 def _evaluate(builder: Builder) -> _Evaluated:
@@ -79,7 +78,9 @@ def _evaluate(builder: Builder) -> _Evaluated:
         constraint.answer(force, torque)
         for constraint, (force, torque) in zip(acting.constraints, solution.wrenches, strict=True)
     )
-    works = build_works([*plant_powers(plant, solution.torque), *acting.powers, *answers.powers])
+    events = (*acting.events, *answers.events)
+    powers = (*plant_powers(plant, solution.torque), *acting.powers, *answers.powers, *booked(events))
+    works = build_works(powers)
     variables, outputs = combine(
         scene,
         [
@@ -90,10 +91,8 @@ def _evaluate(builder: Builder) -> _Evaluated:
             *(work.output for work in works),
         ],
     )
-    states = [*acting.states, *(work.state for work in works)]
-    outside = _outside(scene, acting.outside)
-    slipping = acting.constraints if has_loops(scene) else ()
-    return _Evaluated(solution.acceleration, states, works, variables, outputs, outside, slipping)
+    acting = replace(acting, states=(*acting.states, *(work.state for work in works)), events=events)
+    return _Evaluated(acting, solution.acceleration, works, variables, outputs)
 
 
 def _limits(builder: Builder) -> dict[int, ca.SX]:
@@ -121,14 +120,25 @@ def _outside(scene: Scene, wrenches: Sequence[Any]) -> tuple[str, ...]:
     return tuple(found)
 
 
-def _closed_start(builder: Builder, slipping: Sequence[Constraint]) -> Start:
-    """Start with a velocity that rigid grasps allow which no base could close."""
-    start, plant, constants = builder.start, builder.plant, builder.context.constants
-    if not slipping:
-        return start
-    arguments = [plant.q, plant.v, constants.symbols]
-    closed = ca.Function("closed", arguments, [close_velocity(plant, slipping)])
-    return replace(start, v=closed(start.q, start.v, constants.expressions))
+def _beginning(builder: Builder, acting: Contribution, x: ca.SX) -> tuple[Start, ca.SX]:
+    """Start with a velocity that rigid grasps allow which no base could close, and where the states begin."""
+    start, constants = builder.start, builder.context.constants
+    arguments = [builder.context.time, x, constants.symbols]
+    zeros = ca.SX.zeros(sum(state.symbol.size1() for state in acting.states))
+
+    def at_start(expression: ca.SX, q: ca.SX, v: ca.SX, z: ca.SX) -> ca.SX:
+        """An expression of (t, x, c) as one of the parameters."""
+        return ca.Function("first", arguments, [expression])(0, ca.vertcat(q, v, z), constants.expressions)
+
+    if has_loops(builder.scene):
+        closed = strike(builder.plant, acting.constraints).velocity
+        start = replace(start, v=at_start(closed, start.q, start.v, zeros))
+    initial = ca.vertcat(*(state.initial for state in acting.states))
+    z = at_start(initial, start.q, start.v, zeros)
+    if any(state.remembers for state in acting.states):
+        kept = [ca.SX.ones(state.symbol.size1()) * state.remembers for state in acting.states]
+        z = at_start(initial, start.q, start.v, z * ca.vertcat(*kept))
+    return start, ca.vertcat(start.q, start.v, z)
 
 
 def _gaps(start: Start, scene: Scene) -> tuple[ca.SX, dict[str, float]]:
@@ -141,32 +151,26 @@ def _gaps(start: Start, scene: Scene) -> tuple[ca.SX, dict[str, float]]:
 
 def _assemble(builder: Builder, found: _Evaluated) -> ClosedLoop:
     """Named functions of the finished expressions."""
-    context, plant = builder.context, builder.plant
+    context, plant, acting = builder.context, builder.plant, found.acting
     model, q, v = plant.model, plant.q, plant.v
     parameters, constants = context.parameters, context.constants
-    start = _closed_start(builder, found.slipping)
-    z = ca.vertcat(*(state.symbol for state in found.states))
+    z = ca.vertcat(*(state.symbol for state in acting.states))
     x, c = ca.vertcat(q, v, z), constants.symbols
-    derivatives = [state.derivative for state in found.states]
+    derivatives = [state.derivative for state in acting.states]
     rates = ca.vertcat(configuration_derivative(model, q, v), found.acceleration, *derivatives)
-    first = ca.vertcat(*(state.initial for state in found.states))
-    initial = ca.Function("initial", [context.time, x, c], [first])
-    resting = ca.vertcat(start.q, start.v, ca.SX.zeros(z.size1()))
-    z0 = initial(0, resting, constants.expressions)
-    beginning = ca.densify(ca.vertcat(start.q, start.v, z0))
+    start, beginning = _beginning(builder, acting, x)
     gaps, max_gaps = _gaps(start, builder.scene)
     arguments = {"t": context.time, "x": x, "c": c}
     unit = ca.densify(ca.vertcat(normalise(model, q), v, z))
+    setup = {"x0": ca.densify(beginning), "c": ca.densify(constants.expressions)}
     return ClosedLoop(
         parameter_paths=parameters.paths,
         parameter_values=parameters.values,
-        state_names=_state_names(model, found.states),
+        state_names=_state_names(model, acting.states),
         nq=model.nq,
         nv=model.nv,
         nz=z.size1(),
-        setup=_function(
-            "setup", {"p": parameters.symbols}, {"x0": beginning, "c": ca.densify(constants.expressions)}
-        ),
+        setup=_function("setup", {"p": parameters.symbols}, setup),
         dynamics=_function("dynamics", arguments, {"xdot": ca.densify(rates)}),
         normalise=_function("normalise", {"x": x}, {"x_unit": unit}),
         outputs=_function("outputs", arguments, found.outputs),
@@ -174,9 +178,27 @@ def _assemble(builder: Builder, found: _Evaluated) -> ClosedLoop:
         gaps=_function("gaps", {"p": parameters.symbols}, {"gap": ca.densify(gaps)}),
         max_gaps=max_gaps,
         works={work.name: 1 if work.sign == "in" else -1 for work in found.works},
-        outside=found.outside,
+        outside=_outside(builder.scene, acting.outside),
         jumps=constants.jumps,
+        **_hybrid(builder, acting, arguments),
     )
+
+
+def _hybrid(builder: Builder, acting: Contribution, arguments: Mapping[str, ca.SX]) -> dict[str, Any]:
+    """What the closed loop says of its switches and events."""
+    places, events = builder.context.constants.switches, acting.events
+    rate, which = ca.SX.sym("xdot", arguments["x"].size1()), ca.SX.sym("e")
+    values, rates = guards_of(events, arguments["t"], arguments["x"], rate)
+    updated = update_of(builder.plant, acting, which)
+    names = list(places)
+    guards = {"g": ca.densify(values), "rate": ca.densify(rates)}
+    return {
+        "switches": tuple(places.values()),
+        "events": rules_of(events, names),
+        "guards": _function("guards", {**arguments, "xdot": rate}, guards),
+        "update": _function("update", {**arguments, "e": which}, {"x_after": ca.densify(updated)}),
+        "fine": tuple((names.index(switch.name()), step) for switch, step in acting.fine),
+    }
 
 
 def _function(name: str, inputs: Mapping[str, ca.SX], outputs: Mapping[str, ca.SX]) -> ca.Function:

@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from spacerobot.closedloop.events import EventRule
 from spacerobot.errors import ScenarioError, near_names
 
 Array = NDArray[np.float64]
@@ -72,6 +73,17 @@ class ClosedLoop:
     jumps
         Places in c of the times [s] at which the dynamics jump: where a reference ends or two pieces of it
         meet. They are compared with t and used for nothing else.
+    switches
+        Places in c of the switches: numbers 1 or 0, constant between events.
+    events
+        What may happen, as data.
+    guards
+        (t, x, c, xdot) -> (g, rate): event i happens where g[i] > 0; minus infinity where it is not armed.
+        The rates are those of g along xdot.
+    update
+        (t, x, c, e) -> (x): state after event number e, with the switches as they are afterwards in c.
+    fine
+        Places in ``switches``, each with the longest step [s] while that switch is 1.
     """
 
     parameter_paths: tuple[str, ...]
@@ -90,6 +102,11 @@ class ClosedLoop:
     works: Mapping[str, int]
     outside: tuple[str, ...]
     jumps: tuple[int, ...]
+    switches: tuple[int, ...]
+    events: tuple[EventRule, ...]
+    guards: ca.Function
+    update: ca.Function
+    fine: tuple[tuple[int, float], ...]
 
     @property
     def breakpoints(self) -> tuple[float, ...]:

@@ -15,6 +15,8 @@ others, of which w is then a torque. With ``u = command - K_d (C v' +
 All loads are reduced first (:mod:`spacerobot.dynamics.articulated`), which makes each entry a product of
 few numbers, those of the joints that both loads pass through.
 
+A constraint that is not active now keeps its place: its loads are masked, and its rows say ``w = 0``.
+
 Where torques are limited, u is the controller's command as if they were not; the clipped torques then act,
 and the wrenches are solved for once more.
 """
@@ -27,6 +29,7 @@ from dataclasses import dataclass
 
 import casadi as ca
 
+from spacerobot.closedloop.impulse import idleness, masked
 from spacerobot.elements import Channel, Constraint, Contribution, Torque
 from spacerobot.symbolic import Plant
 
@@ -72,9 +75,10 @@ def solve_accelerations(plant: Plant, acting: Contribution, limits: Mapping[int,
     for asked in acting.torques:
         torque = torque + _projected(plant, asked, acting.channels)
     driven = plant.reduced_moving(torque, wrenches)
-    held = [(constraint.sense, constraint.drift) for constraint in acting.constraints]
+    held = [_Held.of(constraint) for constraint in acting.constraints]
     if plant.ties.size2():
-        held.append((plant.ties, ca.SX(plant.ties.size2(), 1)))
+        none = ca.SX(plant.ties.size2(), 1)
+        held.append(_Held(plant.ties, none, none))
     outputs, reactions = _solve(plant, driven, ideal, held)
     for channel, output in zip(ideal, outputs, strict=True):
         torque = torque + ca.mtimes(channel.actuation, output)
@@ -83,12 +87,30 @@ def solve_accelerations(plant: Plant, acting: Contribution, limits: Mapping[int,
         torque = _clip(torque, limits)
         driven = plant.reduced_moving(torque, wrenches)
         _, reactions = _solve(plant, driven, [], held)
-    for (sense, _), reaction in zip(held, reactions, strict=True):
-        driven = driven + ca.mtimes(sense, reaction)
+    for connection, reaction in zip(held, reactions, strict=True):
+        driven = driven + ca.mtimes(connection.sense, reaction)
     acceleration = plant.articulated.motion(driven)
-    return Solution(
-        acceleration, torque, _on_targets(acting.constraints, reactions[: len(acting.constraints)])
-    )
+    own = zip(acting.constraints, reactions[: len(acting.constraints)], strict=True)
+    return Solution(acceleration, torque, tuple(constraint.on_target(along) for constraint, along in own))
+
+
+@dataclass(frozen=True)
+class _Held:
+    """Loads (nv x n) along which v' + drift (n x 1) vanishes, masked, and what idles of them (n x 1)."""
+
+    sense: ca.SX
+    drift: ca.SX
+    idle: ca.SX
+
+    @classmethod
+    def of(cls, constraint: Constraint) -> _Held:
+        """A constraint, which may not be active."""
+        active = constraint.active
+        return cls(
+            masked(constraint.sense, active),
+            masked(constraint.drift, active),
+            idleness(active, constraint.size),
+        )
 
 
 def _projected(plant: Plant, asked: Torque, channels: Sequence[Channel]) -> ca.SX:
@@ -108,29 +130,29 @@ def _projected(plant: Plant, asked: Torque, channels: Sequence[Channel]) -> ca.S
 
 
 def _solve(
-    plant: Plant, driven: ca.SX, ideal: Sequence[Channel], held: Sequence[tuple[ca.SX, ca.SX]]
+    plant: Plant, driven: ca.SX, ideal: Sequence[Channel], held: Sequence[_Held]
 ) -> tuple[list[ca.SX], list[ca.SX]]:
     """Outputs of ideal channels and reactions of what is held, one vector each.
 
-    ``driven`` are all other loads, reduced (nv x 1); ``held`` sense (nv x n) and drift (n x 1) of each
-    constraint.
+    ``driven`` are all other loads, reduced (nv x 1).
     """
     if not ideal and not held:
         return [], []
-    unknown = ca.horzcat(*(channel.drive for channel in ideal), *(sense for sense, _ in held))
+    unknown = ca.horzcat(*(channel.drive for channel in ideal), *(connection.sense for connection in held))
     rows, right, mobility = [], [], plant.articulated.negated_mobility
     for channel in ideal:
         gain = ca.SX(channel.size, 1) if channel.derivative_gain is None else channel.derivative_gain
         rows.append(-ca.mtimes(ca.diag(gain), mobility(channel.sense, unknown)))
         right.append(channel.command + gain * mobility(channel.sense, driven))
-    for sense, drift in held:
-        rows.append(mobility(sense, unknown))
-        right.append(drift - mobility(sense, driven))
+    for connection in held:
+        rows.append(mobility(connection.sense, unknown))
+        right.append(connection.drift - mobility(connection.sense, driven))
     matrix = ca.vertcat(*rows)
     own = sum(channel.size for channel in ideal)
     matrix[:own, :own] += ca.SX.eye(own)
+    matrix[own:, own:] -= ca.diag(ca.vertcat(ca.SX(0, 1), *(connection.idle for connection in held)))
     solution = eliminate(matrix, ca.vertcat(*right))
-    sizes = [channel.size for channel in ideal] + [drift.size1() for _, drift in held]
+    sizes = [channel.size for channel in ideal] + [connection.drift.size1() for connection in held]
     starts = [sum(sizes[:i]) for i in range(len(sizes) + 1)]
     parts = [solution[a:b] for a, b in itertools.pairwise(starts)]
     return parts[: len(ideal)], parts[len(ideal) :]
@@ -169,16 +191,3 @@ def _clip(torque: ca.SX, limits: Mapping[int, ca.SX]) -> ca.SX:
     for column, limit in limits.items():
         clipped[column] = ca.fmin(ca.fmax(torque[column], -limit), limit)
     return clipped
-
-
-def _on_targets(
-    constraints: Sequence[Constraint], reactions: Sequence[ca.SX]
-) -> tuple[tuple[ca.SX, ca.SX], ...]:
-    """Force and torque on the target, opposite to the wrench on the tip, of each constraint."""
-    wrenches = []
-    for constraint, reaction in zip(constraints, reactions, strict=True):
-        force, torque = ca.SX(3, 1), ca.SX(3, 1)
-        for k, (along, about) in enumerate(constraint.directions):
-            force, torque = force - along * reaction[k], torque - about * reaction[k]
-        wrenches.append((force, torque))
-    return tuple(wrenches)

@@ -1,8 +1,10 @@
-"""What impulses in rigid grasps do to a velocity."""
+"""What impulses in rigid connections do to a velocity."""
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import casadi as ca
 
@@ -11,12 +13,55 @@ from spacerobot.elements import Constraint
 from spacerobot.symbolic import Plant
 
 
-def close_velocity(plant: Plant, constraints: Sequence[Constraint]) -> ca.SX:
-    """The plant's velocity, changed so that no rigid grasp slips, at the least kinetic energy (nv x 1).
+@dataclass(frozen=True)
+class Impact:
+    """A plastic impact: what stops the relative motion of everything that is rigidly connected.
 
-    The change is what an impulse in each grasp makes, as if all closed at once; none where nothing slips.
+    Attributes
+    ----------
+    velocity
+        Of the plant afterwards (nv x 1).
+    impulses
+        Along the directions of each constraint, on the tip (n x 1 each) [N s, N m s]; zero where inactive.
+    loss
+        Energy that it takes (1x1) [J].
     """
-    sense = ca.horzcat(*(constraint.sense for constraint in constraints), plant.ties)
-    slip = ca.vertcat(*(constraint.slip for constraint in constraints), ca.SX(plant.ties.size2(), 1))
-    factors = SymmetricFactors(-plant.articulated.negated_mobility(sense, sense))
-    return plant.v + plant.articulated.motion(ca.mtimes(sense, factors.solve_negated(slip)))
+
+    velocity: ca.SX
+    impulses: tuple[ca.SX, ...]
+    loss: ca.SX
+
+
+def strike(plant: Plant, constraints: Sequence[Constraint]) -> Impact:
+    """Velocity changed so that no active constraint slips, at the least kinetic energy of the change.
+
+    That is what an impulse in each of them makes, ``M (v+ - v-) = G^T j`` with ``G v+ = 0``, as if all closed
+    at once; none where nothing slips. It takes the energy ``(v+ - v-)^T M (v+ - v-) / 2 = -j^T G v- / 2``.
+    """
+    senses = [masked(constraint.sense, constraint.active) for constraint in constraints]
+    slips = [masked(constraint.slip, constraint.active) for constraint in constraints]
+    idle = [idleness(constraint.active, constraint.size) for constraint in constraints]
+    ties = plant.ties.size2()
+    sense = ca.horzcat(*senses, plant.ties)
+    slip = ca.vertcat(*slips, ca.SX(ties, 1))
+    matrix = ca.diag(ca.vertcat(*idle, ca.SX(ties, 1))) - plant.articulated.negated_mobility(sense, sense)
+    impulse = SymmetricFactors(matrix).solve_negated(slip)
+    velocity = plant.v + plant.articulated.motion(ca.mtimes(sense, impulse))
+    ends = [0]
+    for constraint in constraints:
+        ends.append(ends[-1] + constraint.size)
+    parts = tuple(impulse[a:b] for a, b in itertools.pairwise(ends))
+    return Impact(velocity, parts, -ca.dot(impulse, slip) / 2)
+
+
+def masked(loads: ca.SX, active: ca.SX | None) -> ca.SX:
+    """Loads or rows of a constraint, zero while it is not active."""
+    return loads if active is None else loads * active
+
+
+def idleness(active: ca.SX | None, size: int) -> ca.SX:
+    """What stands on the diagonal of the small system for a constraint: 1 while it is not active (n x 1).
+
+    With its loads masked, its reaction is then zero and everything else as if it did not exist.
+    """
+    return ca.SX(size, 1) if active is None else ca.repmat(1 - active, size, 1)

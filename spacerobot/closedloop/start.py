@@ -25,7 +25,7 @@ def initial_state(scene: Scene, parameters: Parameters) -> Start:
     """Initial state of a scene as an expression of its parameters.
 
     Bases give way to their grasps in closed form; the velocity of loops is left to
-    :func:`~spacerobot.closedloop.impulse.close_velocity`, which needs inertias.
+    :func:`~spacerobot.closedloop.impulse.strike`, which needs inertias.
     """
     q, v = ca.SX(scene.model.nq, 1), ca.SX(scene.model.nv, 1)
     closings = find_closings(scene.bodies, scene.grasps)

@@ -1,9 +1,19 @@
 """Elements: references, grasps, controllers and sensors, each kind one file with its section and its law."""
 
 from spacerobot.elements.context import GraspContext, RobotContext, TipContext
-from spacerobot.elements.contribution import Channel, Constraint, Contribution, Output, Power, State, Torque
+from spacerobot.elements.contribution import (
+    Channel,
+    Constraint,
+    Contribution,
+    Output,
+    Power,
+    State,
+    Torque,
+    memory,
+)
 from spacerobot.elements.controller import RobotController, TipController
 from spacerobot.elements.element import Element
+from spacerobot.elements.event import Event, both, either, opposite
 from spacerobot.elements.grasp import Grasp
 from spacerobot.elements.motion import Motion, Profile, cubic_blend
 from spacerobot.elements.numbers import Context
@@ -18,6 +28,7 @@ __all__ = [
     "Context",
     "Contribution",
     "Element",
+    "Event",
     "Family",
     "Grasp",
     "GraspContext",
@@ -33,8 +44,12 @@ __all__ = [
     "TipContext",
     "TipController",
     "Torque",
+    "both",
     "cubic_blend",
+    "either",
     "kinds",
     "load_plugin",
+    "memory",
+    "opposite",
     "register",
 ]

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
 import casadi as ca
 
 from spacerobot.dynamics import Wrench
+from spacerobot.elements.event import Event
 
 Dimension = Literal["tip", "body", "grasp", "joint"]
 """What outputs are of."""
@@ -29,17 +30,26 @@ class State:
         Its value at the start, an expression of (t, q, v, c); other states in it count as zero (n x 1).
     derivative
         Its time derivative, an expression of (t, x, c) (n x 1).
+    remembers
+        Whether events alone change it; other states may then count on it where they begin.
     """
 
     name: str
     symbol: ca.SX
     initial: ca.SX
     derivative: ca.SX
+    remembers: bool = False
 
     @property
     def names(self) -> tuple[str, ...]:
         """A name for each component."""
         return tuple(f"{self.name}[{i}]" for i in range(self.symbol.size1()))
+
+
+def memory(name: str, initial: ca.SX) -> State:
+    """State that keeps a value (n x 1) until an event gives it another one."""
+    size = initial.size1()
+    return State(name, ca.SX.sym(name, size), ca.densify(initial), ca.SX.zeros(size), remembers=True)
 
 
 @dataclass(frozen=True)
@@ -157,6 +167,11 @@ class Constraint:
         The relative velocity itself (n x 1).
     answer
         From the reaction's force and torque on the target (3x1 each) to what is booked and observed of it.
+    active
+        Switch (1x1) that is 1 while it holds; None if it always does.
+    struck
+        From an impulse's force and torque on the target (3x1 each) [N s, N m s] to new values of states by
+        name; None if nothing remembers it.
     """
 
     directions: tuple[tuple[ca.SX, ca.SX], ...]
@@ -164,11 +179,20 @@ class Constraint:
     drift: ca.SX
     slip: ca.SX
     answer: Callable[[ca.SX, ca.SX], Contribution]
+    active: ca.SX | None = None
+    struck: Callable[[ca.SX, ca.SX], Mapping[str, ca.SX]] | None = None
 
     @property
     def size(self) -> int:
         """Number of rows."""
         return len(self.directions)
+
+    def on_target(self, along: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Force and torque on the target (3x1 each), of what acts on the tip along the directions (n x 1)."""
+        force, torque = ca.SX(3, 1), ca.SX(3, 1)
+        for k, (line, axis) in enumerate(self.directions):
+            force, torque = force - line * along[k], torque - axis * along[k]
+        return force, torque
 
 
 @dataclass(frozen=True)
@@ -193,6 +217,10 @@ class Contribution:
         Stored in springs (1x1) [J], none if it stores nothing.
     powers, outputs
         Booked in the ledger, and observed.
+    events
+        At which it changes.
+    fine
+        Switches (1x1), each with the longest step [s] while it is 1.
     """
 
     states: tuple[State, ...] = ()
@@ -204,6 +232,8 @@ class Contribution:
     energy: ca.SX | None = None
     powers: tuple[Power, ...] = ()
     outputs: tuple[Output, ...] = ()
+    events: tuple[Event, ...] = ()
+    fine: tuple[tuple[ca.SX, float], ...] = ()
 
 
 def concatenate(parts: Iterable[Contribution]) -> Contribution:

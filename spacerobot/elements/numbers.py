@@ -53,3 +53,7 @@ class Context:
         """
         at = self.parameters(f"{self.path}.{key}") if time is None else ca.SX(time)
         return self.constants.jump(f"{self.path}.{key}", at)
+
+    def switch(self, name: str, initial: bool = False) -> ca.SX:
+        """Switch of the section (1x1): 1 or 0, turned by events alone; its symbol is named ``path.name``."""
+        return self.constants.switch(f"{self.path}.{name}", initial)

@@ -75,6 +75,7 @@ class Constants:
         self._symbols: list[ca.SX] = []
         self._expressions: list[ca.SX] = []
         self._jumps: dict[str, int] = {}
+        self._switches: dict[str, int] = {}
 
     def jump(self, name: str, time: ca.SX) -> ca.SX:
         """Symbol (1x1) of a time [s] at which the dynamics jump, to be compared with time and nothing else.
@@ -91,6 +92,22 @@ class Constants:
     def jumps(self) -> tuple[int, ...]:
         """Places of the jumps' times in c."""
         return tuple(self._jumps.values())
+
+    def switch(self, name: str, initial: bool = False) -> ca.SX:
+        """Symbol (1x1) of that name: 1 or 0, as at the start until events turn it.
+
+        The same name gives the same symbol.
+        """
+        if name not in self._switches:
+            self._switches[name] = len(self._symbols)
+            self._symbols.append(ca.SX.sym(name))
+            self._expressions.append(ca.SX(float(initial)))
+        return self._symbols[self._switches[name]]
+
+    @property
+    def switches(self) -> Mapping[str, int]:
+        """Places of the switches in c, by name."""
+        return dict(self._switches)
 
     def hoist(self, name: str, expression: ca.SX) -> ca.SX:
         """Matrix of symbols that stand for an expression of the parameters.

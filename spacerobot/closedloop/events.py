@@ -1,0 +1,96 @@
+"""Events of the closed loop: guards and updates of all elements as one function each."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+
+from spacerobot.closedloop.impulse import Impact, strike
+from spacerobot.elements import Contribution, Event, Power
+from spacerobot.symbolic import Plant
+
+WORK = "event"
+"""Work under which the energy is booked that events take."""
+
+
+@dataclass(frozen=True)
+class EventRule:
+    """An event as integrators see it.
+
+    Attributes
+    ----------
+    name, kind, who
+        As in :class:`~spacerobot.elements.Event`.
+    sets
+        Places among the loop's switches, and the value of each afterwards.
+    ends
+        Whether the rollout is over.
+    """
+
+    name: str
+    kind: str
+    who: str
+    sets: tuple[tuple[int, bool], ...]
+    ends: bool
+
+
+def booked(events: Sequence[Event]) -> tuple[Power, ...]:
+    """The work that events book, if any takes energy; between them it stays as it is."""
+    taken = any(event.impact or event.loss is not None for event in events)
+    return (Power(WORK, ca.SX(1, 1)),) if taken else ()
+
+
+def rules_of(events: Sequence[Event], switches: Sequence[str]) -> tuple[EventRule, ...]:
+    """Events as data, for switches of these names."""
+    places = {name: i for i, name in enumerate(switches)}
+    return tuple(
+        EventRule(
+            event.name,
+            event.kind,
+            event.who,
+            tuple((places[name], value) for name, value in event.sets.items()),
+            event.ends,
+        )
+        for event in events
+    )
+
+
+def guards_of(events: Sequence[Event], time: ca.SX, x: ca.SX, rate: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Guards and their rates along x' (ne x 1 each); minus infinity and zero where not armed."""
+    none = ca.SX(0, 1)
+    values = ca.vertcat(none, *(event.guard for event in events))
+    rates = ca.jtimes(values, ca.vertcat(time, x), ca.vertcat(1, rate)) if events else none
+    armed = ca.vertcat(none, *(event.armed for event in events))
+    return ca.if_else(armed, values, -ca.inf), ca.if_else(armed, rates, 0)
+
+
+def update_of(plant: Plant, acting: Contribution, which: ca.SX) -> ca.SX:
+    """State after event number ``which`` (1x1), from that before it (nx x 1)."""
+    struck = any(event.impact for event in acting.events)
+    impact = strike(plant, acting.constraints) if struck else None
+    symbols = {state.name: state.symbol for state in acting.states}
+    velocity, values = plant.v, dict(symbols)
+    for number, event in enumerate(acting.events):
+        happens = which == number
+        if event.impact and impact is not None:
+            velocity = ca.if_else(happens, impact.velocity, velocity)
+        for name, value in _new_values(event, acting, impact, symbols):
+            values[name] = ca.if_else(happens, value, values[name])
+    return ca.vertcat(plant.q, velocity, *values.values())
+
+
+def _new_values(
+    event: Event, acting: Contribution, impact: Impact | None, symbols: Mapping[str, ca.SX]
+) -> Iterator[tuple[str, ca.SX]]:
+    """What an event gives states by name: its own updates, what impulses leave behind, and the work."""
+    yield from event.updates.items()
+    taken = ca.SX(1, 1) if event.loss is None else event.loss
+    if event.impact and impact is not None:
+        taken = taken + impact.loss
+        for constraint, impulse in zip(acting.constraints, impact.impulses, strict=True):
+            if constraint.struck is not None:
+                yield from constraint.struck(*constraint.on_target(impulse)).items()
+    if event.impact or event.loss is not None:
+        yield f"work.{WORK}", symbols[f"work.{WORK}"] + taken
