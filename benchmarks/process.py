@@ -28,7 +28,7 @@ def rows() -> list[Row]:
         whole = statistics.median(_run(command) for _ in range(RUNS))
         busy = (_children_s() - before) / RUNS
         timing = json.loads((out / "summary.json").read_text(encoding="utf-8"))["timing_s"]
-        started = _start("`spacerobot run paper`, processor time", command, 7.0)
+        started = _start("`spacerobot run paper`, processor time", command, 6.5)
     bare = statistics.median(_run([sys.executable, "-c", "import spacerobot"]) for _ in range(RUNS))
     python = statistics.median(_run([sys.executable, "-c", "pass"]) for _ in range(RUNS))
     inside = ("closed_loop", "compile_or_load", "rollout")

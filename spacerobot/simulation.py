@@ -11,8 +11,9 @@ from typing import Literal
 
 import numpy as np
 
-from spacerobot.closedloop import ClosedLoop, build_closed_loop, find_fastest_rate
+from spacerobot.closedloop import ClosedLoop, find_fastest_rate
 from spacerobot.errors import DivergedError
+from spacerobot.kept import kept_closed_loop
 from spacerobot.result import Result
 from spacerobot.result.dataset import build_dataset
 from spacerobot.result.metrics import fastest_joint
@@ -85,7 +86,7 @@ def simulate(scene: Scene, *, backend: Backend = "auto", progress: Progress | No
     tell = progress or (lambda _: None)
     begin = time.perf_counter()
     tell("building the closed loop")
-    loop = build_closed_loop(scene)
+    loop = kept_closed_loop(scene)
     check_size(scene, loop)
     built = time.perf_counter()
     with np.errstate(over="ignore", invalid="ignore"):  # a rollout that diverges says so by its status

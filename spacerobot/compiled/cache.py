@@ -1,8 +1,8 @@
-"""A folder of compiled libraries that belongs to this user alone.
+"""A folder of compiled libraries, and of closed loops, that belongs to this user alone.
 
-An entry is one file ``<key>-<digest>.so`` (``.dylib``, ``.dll``): the key names what it was built from, the
-digest what it must hold. So a file that was cut short or changed is recognised before it is loaded, no
-library is ever loaded under a name that once meant something else, and two processes that build the same
+An entry is one file ``<key>-<digest>.so`` (``.dylib``, ``.dll``, ``.loop``): the key names what it was built
+from, the digest what it must hold. So a file that was cut short or changed is recognised before it is loaded,
+no library is ever loaded under a name that once meant something else, and two processes that build the same
 entry at once do no harm.
 """
 
@@ -23,7 +23,7 @@ from pathlib import Path
 from spacerobot.compiled.toolchain import SUFFIX
 from spacerobot.errors import SpaceRobotWarning
 
-KEPT = 400  # libraries; the least recently used go first
+KEPT = 400  # entries of one suffix; the least recently used go first
 ABANDONED_S = 86_400.0  # no compilation takes a day
 
 
@@ -54,17 +54,17 @@ def cache_folder() -> Path:
     return folder
 
 
-def find(folder: Path, key: str) -> Path | None:
-    """Library stored under a key, checked against its digest; broken entries are removed.
+def find(folder: Path, key: str, suffix: str = SUFFIX) -> Path | None:
+    """File stored under a key, checked against its digest; broken entries are removed.
 
     Parameters
     ----------
     folder
         What :func:`cache_folder` gave.
-    key
-        Hexadecimal name of the entry.
+    key, suffix
+        Hexadecimal name of the entry, and what its file's name ends in.
     """
-    for path in sorted(folder.glob(f"{key}-*{SUFFIX}")):
+    for path in sorted(folder.glob(f"{key}-*{suffix}")):
         try:
             whole = not _fault(path) and _digest(path) == path.stem.rpartition("-")[2]
         except OSError:  # gone, or cannot be read just now: neither good nor broken
@@ -78,20 +78,20 @@ def find(folder: Path, key: str) -> Path | None:
     return None
 
 
-def store(folder: Path, key: str, built: Path) -> Path:
-    """Move a freshly built library, which lies in the same folder, to its name in one atomic step.
+def store(folder: Path, key: str, built: Path, suffix: str = SUFFIX) -> Path:
+    """Move a freshly built file, which lies in the same folder, to its name in one atomic step.
 
     Parameters
     ----------
-    folder, key
+    folder, key, suffix
         As for :func:`find`.
     built
-        The library.
+        The file.
     """
     built.chmod(0o600)
-    path = folder / f"{key}-{_digest(built)}{SUFFIX}"
+    path = folder / f"{key}-{_digest(built)}{suffix}"
     built.replace(path)
-    _prune(folder)
+    _prune(folder, suffix)
     return path
 
 
@@ -133,14 +133,14 @@ def _private_folder() -> Path:
     return folder
 
 
-def _prune(folder: Path) -> None:
-    """Remove the least recently used libraries, and what processes left behind that were killed."""
+def _prune(folder: Path, suffix: str) -> None:
+    """Remove the least recently used entries of a suffix, and what processes left behind that were killed."""
     for path in folder.glob("buil[dt]-*"):
         with contextlib.suppress(OSError):
             if time.time() - path.stat().st_mtime > ABANDONED_S:
                 shutil.rmtree(path) if path.is_dir() else path.unlink()
     entries = []
-    for path in folder.glob(f"*{SUFFIX}"):
+    for path in folder.glob(f"*{suffix}"):
         with contextlib.suppress(OSError):
             entries.append((path.stat().st_mtime, path))
     for _, path in sorted(entries)[: max(0, len(entries) - KEPT)]:

@@ -89,6 +89,11 @@ def kinds(family: str) -> Mapping[str, type[Element]]:
     return MappingProxyType(dict(ordered))
 
 
+def only_shipped() -> bool:
+    """Whether every kind of element there is ships with this package."""
+    return all(kind.__module__.startswith(home) for f, home in FAMILIES.items() for kind in kinds(f).values())
+
+
 def on_change(listener: Callable[[], None]) -> None:
     """Have a function called whenever a kind is added."""
     _LISTENERS.append(listener)

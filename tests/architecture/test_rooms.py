@@ -22,9 +22,12 @@ KNOWS = {
     "spacerobot.closedloop": {"errors", "section", "elements", "symbolic", "scenario", "scene", "dynamics"},
     "spacerobot.compiled": {"errors"},
     "spacerobot.rollout": {"errors", "compiled"},
+    "spacerobot.kept": {"closedloop", "compiled", "elements", "scenario", "scene"},
     "spacerobot.pinocchio_engine": {"errors", "elements", "scenario", "scene", "rollout"},
     "spacerobot.result": {"errors", "files", "interrupts", "scenario", "scene", "closedloop", "rollout"},
-    "spacerobot.simulation": {"errors", "closedloop", "pinocchio_engine", "result", "rollout", "scene"},
+    "spacerobot.simulation": {
+        *("errors", "closedloop", "kept", "pinocchio_engine", "result", "rollout", "scene"),
+    },
     "spacerobot.paper": {"result", "scene", "simulation"},
 }
 """What each room of the library may import, the command line aside."""

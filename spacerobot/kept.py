@@ -1,0 +1,95 @@
+"""Closed loops kept beside the compiled libraries, so that what was simulated before is not built again.
+
+An entry is named by everything that a closed loop is built from: the resolved scenario, the URDFs, the model,
+the source of this package and the versions of the libraries below it. Loading one runs what it says, as
+loading a compiled library does: it is taken from the user's own folder alone, that of the libraries.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import hashlib
+import json
+import os
+import pickle
+import tempfile
+import zlib
+from collections.abc import Collection
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+import pinocchio as pin
+
+from spacerobot.closedloop import ClosedLoop, build_closed_loop
+from spacerobot.compiled import cache
+from spacerobot.elements.registry import only_shipped
+from spacerobot.scenario.load import to_document
+from spacerobot.scene import Scene
+
+SUFFIX = ".loop"
+
+
+def kept_closed_loop(scene: Scene, vary: Collection[str] = ()) -> ClosedLoop:
+    """The same as :func:`build_closed_loop`, to the bit, but kept for the next time.
+
+    It is always built where a user's own kinds of elements are registered, whose source is not known.
+
+    Parameters
+    ----------
+    scene, vary
+        As for :func:`build_closed_loop`.
+
+    Raises
+    ------
+    ScenarioError
+        As :func:`build_closed_loop`.
+    """
+    if not only_shipped():
+        return build_closed_loop(scene, vary)
+    folder, key = cache.cache_folder(), _key(scene, vary)
+    path = cache.find(folder, key, SUFFIX)
+    if path is not None:
+        with contextlib.suppress(OSError):  # removed by another process just now
+            kept: ClosedLoop = pickle.loads(zlib.decompress(path.read_bytes()))  # noqa: S301 (the user's own)
+            return kept
+    loop = build_closed_loop(scene, vary)
+    with contextlib.suppress(OSError):  # a full disk must not end a simulation
+        _keep(folder, key, loop)
+    return loop
+
+
+def _keep(folder: Path, key: str, loop: ClosedLoop) -> None:
+    """Write a closed loop beside its place, then move it there."""
+    handle, place = tempfile.mkstemp(prefix="built-", suffix=".tmp", dir=folder)
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(zlib.compress(pickle.dumps(loop), 1))
+        cache.store(folder, key, Path(place), SUFFIX)
+    finally:
+        Path(place).unlink(missing_ok=True)
+
+
+def _key(scene: Scene, vary: Collection[str]) -> str:
+    """Hash of everything that a closed loop is built from."""
+    given = {
+        "scenario": to_document(scene.scenario),
+        "urdf": [body.description.sha256 for body in scene.bodies],
+        "model": scene.model.saveToString(),
+        "start": [scene.q.tolist(), scene.v.tolist()],
+        "vary": sorted(vary),
+        "code": _code(),
+        "versions": [ca.CasadiMeta.version(), pin.__version__, np.__version__],
+    }
+    return hashlib.sha256(json.dumps(given).encode()).hexdigest()[:32]
+
+
+@functools.cache
+def _code() -> str:
+    """Hash of this package's source."""
+    package = Path(__file__).parent
+    found = hashlib.sha256()
+    for path in sorted(package.rglob("*.py")):
+        found.update(f"{path.relative_to(package)}\0".encode() + path.read_bytes())
+    return found.hexdigest()
