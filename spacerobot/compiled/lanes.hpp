@@ -26,6 +26,21 @@ double sin(double), cos(double), tan(double), asin(double), acos(double), atan(d
 #include <cstring>
 #include <memory>
 #include <new>
+#ifdef NO_RUNTIME  // nothing of the C++ runtime is linked: memory comes from C
+#include <cstdlib>
+const std::nothrow_t std::nothrow{};
+#define MEMORY(form) \
+  void* operator new form(size_t n, const std::nothrow_t&) noexcept { return std::malloc(n); } \
+  void* operator new form(size_t n, std::align_val_t a, const std::nothrow_t&) noexcept { \
+    return std::aligned_alloc(size_t(a), (n + size_t(a) - 1) / size_t(a) * size_t(a)); \
+  } \
+  void operator delete form(void* p) noexcept { std::free(p); } \
+  void operator delete form(void* p, size_t) noexcept { std::free(p); } \
+  void operator delete form(void* p, std::align_val_t) noexcept { std::free(p); } \
+  void operator delete form(void* p, size_t, std::align_val_t) noexcept { std::free(p); }
+MEMORY()
+MEMORY([])
+#endif
 #endif
 
 #define INLINE static inline __attribute__((always_inline))

@@ -35,6 +35,9 @@ GCC_FLAGS = (
 
 ZIG_FLAGS = ("-fno-sanitize=all",)  # it adds run-time checks unless told otherwise
 
+BARE = (("-DNO_RUNTIME", "-fno-exceptions"), ("-nostdlib",))
+"""How zig compiles and links without the run-time libraries of C++, which it would build first in minutes."""
+
 SUFFIX = {"darwin": ".dylib", "win32": ".dll"}.get(sys.platform, ".so")
 """How the name of a shared library ends here."""
 
@@ -154,6 +157,8 @@ def _described(command: tuple[str, ...], version: str) -> Toolchain:
     if sys.platform != "win32":
         own, libraries = (*own, "-fPIC"), (*libraries, "-lm")
     own += ZIG_FLAGS if command == ZIG else () if "clang" in version else GCC_FLAGS
+    if command == ZIG and sys.platform == "linux":
+        own, libraries = (*own, *BARE[0]), (*BARE[1], *libraries)
     return Toolchain(command, version, (*FLAGS, *own), libraries, processor, lanes, symbols)
 
 
