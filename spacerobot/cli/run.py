@@ -130,6 +130,7 @@ def fail_if_diverged(result: Result) -> None:
     if result.completed:
         warn_if_open(result)
         return
+    from spacerobot.result.table import cause_words
     from spacerobot.result.trust import fast_words
 
     status, step = result.summary["status"], result.summary["engine"]["step_s"]
@@ -137,7 +138,8 @@ def fail_if_diverged(result: Result) -> None:
     words = fast_words(result.summary["fastest_joint"])
     fast = f"; {words}" if words else ""
     kept = f"; kept up to there in {result.folder}" if result.folder is not None else ""
-    raise DivergedError(f"the rollout diverged after {status['diverged_at_s']:.6g} s{hint}{fast}{kept}")
+    when = f"after {status['diverged_at_s']:.6g} s{cause_words(status)}"
+    raise DivergedError(f"the rollout diverged {when}{hint}{fast}{kept}")
 
 
 def warn_if_open(result: Result) -> None:

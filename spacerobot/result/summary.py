@@ -65,6 +65,7 @@ def _status(trajectory: Trajectory) -> dict[str, Any]:
         "state": trajectory.status,
         "reached_s": float(trajectory.time[-1]),
         "diverged_at_s": trajectory.diverged_at_s,
+        "cause": trajectory.cause or None,
     }
 
 

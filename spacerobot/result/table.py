@@ -48,9 +48,14 @@ def status_text(status: Mapping[str, Any]) -> str:
     if status["state"] == "completed":
         text = f"completed, {status['reached_s']:g} s"
     else:
-        text = f"diverged after {status['diverged_at_s']:.6g} s"
+        text = f"diverged after {status['diverged_at_s']:.6g} s{cause_words(status)}"
     doubt = open_words(status)
     return f"{text}, {doubt}" if doubt else text
+
+
+def cause_words(status: Mapping[str, Any]) -> str:
+    """Why a rollout ended, as it follows its status; empty where nothing is known."""
+    return f": {status['cause']}" if status.get("cause") else ""
 
 
 def ledger_rows(ledger: Mapping[str, Any]) -> list[Row]:

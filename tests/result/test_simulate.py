@@ -7,6 +7,7 @@ import re
 import pytest
 
 from spacerobot.errors import DivergedError, ScenarioError
+from spacerobot.result.table import status_text
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
 
@@ -43,6 +44,15 @@ def test_a_loop_too_stiff_for_any_step_names_the_last_one_and_what_helps():
 def test_a_start_beyond_all_numbers_is_one_line(engine, path):
     with pytest.raises(DivergedError, match=r"diverged at the start, where v\.\S+ = 1\.75e\+298"):
         simulate(load_scene("paper", SHORT | {"simulation.engine": engine, path: 1e300}))
+
+
+def test_why_cvodes_gave_up_stands_in_the_status():
+    result = simulate(
+        load_scene("paper", SHORT | {"simulation.engine": "cvodes", "target.base.spin_deg.2": 1e60})
+    )
+    cause = result.summary["status"]["cause"]
+    assert cause.startswith("CVODES gave up: its implicit equations cannot be solved")
+    assert status_text(result.summary["status"]).endswith(f"diverged after 0 s: {cause}")
 
 
 @pytest.mark.parametrize("worst", [float("nan"), float("inf"), 1e200])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from types import SimpleNamespace
 
 import casadi as ca
@@ -105,10 +106,30 @@ def test_cvodes_gives_up_with_a_status(loop):
     assert found.status == "diverged"
     assert found.diverged_at_s == 0.0
     assert len(found.time) == len(found.state) == 1
+    assert found.cause == "CVODES gave up: the dynamics give no finite number (CV_FIRST_RHSFUNC_ERR)"
 
 
-def test_cvodes_says_nothing_by_itself(loop, capfd):
-    assert integrate_cvodes(loop, **GRID, relative=1e-30, absolute=1e-300).status == "diverged"
+def test_cvodes_says_nothing_by_itself_and_why_in_the_cause(loop, capfd):
+    found = integrate_cvodes(loop, **GRID, relative=1e-30, absolute=1e-300)
+    assert (found.status, found.cause) == (
+        "diverged",
+        "CVODES gave up: the tolerance is below rounding (CV_TOO_MUCH_ACC)",
+    )
+    assert capfd.readouterr() == ("", "")
+
+
+def test_ctrl_c_ends_cvodes_and_nothing_is_printed(loop, capfd):
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGALRM, interrupt)
+    try:
+        signal.setitimer(signal.ITIMER_REAL, 0.2)
+        with pytest.raises(KeyboardInterrupt):
+            integrate_cvodes(loop, duration_s=1e5, output_step_s=1e5, relative=1e-13, absolute=1e-13)
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
     assert capfd.readouterr() == ("", "")
 
 
