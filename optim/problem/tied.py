@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 
 from optim.problem.problem import Array
-from spacerobot.rollout import ClosedLoopFunctions, Signals
+from spacerobot.rollout import ClosedLoopFunctions, EventRule, Signals
 
 
 @dataclass(frozen=True)
@@ -33,6 +33,11 @@ class DerivedLoop:
     gaps: ca.Function
     max_gaps: Mapping[str, float]
     jumps: tuple[int, ...]
+    switches: tuple[int, ...]
+    events: Sequence[EventRule]
+    fine: tuple[tuple[int, float], ...]
+    guards: ca.Function
+    update: ca.Function
 
 
 def tie(
@@ -72,6 +77,11 @@ def tie(
         ca.Function("gaps", [given], [loop.gaps(p)], ["p"], ["gap"]),
         loop.max_gaps,
         tuple(loop.jumps),
+        tuple(loop.switches),
+        tuple(loop.events),
+        tuple(loop.fine),
+        loop.guards,
+        loop.update,
     )
 
 
@@ -123,6 +133,25 @@ def extend(
         loop.gaps,
         loop.max_gaps,
         tuple(loop.jumps),
+        tuple(loop.switches),
+        tuple(loop.events),
+        tuple(loop.fine),
+        *_extended_events(loop, at),
+    )
+
+
+def _extended_events(loop: ClosedLoopFunctions, at: Mapping[str, ca.SX]) -> tuple[ca.Function, ca.Function]:
+    """Guards, and the update, which leaves added states as they are."""
+    if not loop.events:
+        return loop.guards, loop.update
+    t, x, c = at.values()
+    nx, nc = len(loop.state_names), loop.setup.numel_out(1)
+    xdot, e = ca.SX.sym("xdot", x.numel()), ca.SX.sym("e")
+    g, rate = loop.guards(t, x[:nx], c[:nc], xdot[:nx])
+    after = ca.vertcat(loop.update(t, x[:nx], c[:nc], e), x[nx:])
+    return (
+        _function("guards", {**at, "xdot": xdot}, {"g": g, "rate": rate}),
+        _function("update", {**at, "e": e}, {"x": after}),
     )
 
 

@@ -6,7 +6,7 @@ from spacerobot.rollout.closure import unclosed
 from spacerobot.rollout.cvodes import integrate_cvodes
 from spacerobot.rollout.grid import TimeGrid, time_grid
 from spacerobot.rollout.measures import Measure, Measures, Signals, final, integral, peak
-from spacerobot.rollout.protocol import ClosedLoopFunctions
+from spacerobot.rollout.protocol import ClosedLoopFunctions, EventRule
 from spacerobot.rollout.rollout import Rollout
 from spacerobot.rollout.step import StepChoice
 from spacerobot.rollout.trajectory import Batch, Gradient, Jacobian, Slopes, Trajectory
@@ -15,6 +15,7 @@ __all__ = [
     "Backend",
     "Batch",
     "ClosedLoopFunctions",
+    "EventRule",
     "Gradient",
     "Jacobian",
     "Measure",

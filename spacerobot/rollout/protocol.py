@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Protocol
 
 import casadi as ca
@@ -12,10 +12,37 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 
 
+class EventRule(Protocol):
+    """What is known of an event before anything runs."""
+
+    @property
+    def name(self) -> str:
+        """Its name, such as ``left.captured``."""
+
+    @property
+    def kind(self) -> str:
+        """What happens, such as ``captured``."""
+
+    @property
+    def who(self) -> str:
+        """To whom it happens, such as ``left``."""
+
+    @property
+    def sets(self) -> tuple[tuple[int, bool], ...]:
+        """Switches that it sets: positions in ``switches``, and whether each is on afterwards."""
+
+    @property
+    def ends(self) -> bool:
+        """Whether the rollout is over with it."""
+
+
 class ClosedLoopFunctions(Protocol):
     """A closed loop as SX functions without free variables.
 
     The state is x = (q, v, z): Pinocchio's configuration and velocity, and the states of controllers.
+
+    Where it has events, its motion is hybrid: smooth between them, by switches that are constant there. What
+    an event remembers (when it was, what was measured) is a state whose derivative is zero.
     """
 
     @property
@@ -50,6 +77,30 @@ class ClosedLoopFunctions(Protocol):
         nothing else: a rollout, whose steps never cross a jump, writes plus infinity there before the jump
         and minus infinity after it.
         """
+
+    @property
+    def switches(self) -> tuple[int, ...]:
+        """Places in c of the switches, 1 (on) or 0 (off); ``setup`` gives their first values as constants."""
+
+    @property
+    def events(self) -> Sequence[EventRule]:
+        """The events; ``guards`` and ``update`` are not read where there are none."""
+
+    @property
+    def fine(self) -> tuple[tuple[int, float], ...]:
+        """Positions in ``switches``, and the longest step [s] while that switch is on."""
+
+    @property
+    def guards(self) -> ca.Function:
+        """``(t, x, c, xdot) -> (g, rate)``: one guard for each event, and its rate along xdot.
+
+        An event fires where its guard is above zero. One that is not armed has a guard of minus infinity
+        and a rate of zero; whether it is armed depends on switches alone. ``xdot`` serves the rate only.
+        """
+
+    @property
+    def update(self) -> ca.Function:
+        """``(t, x, c, e) -> (x)``: state after event e, with the switches in c as they are after it."""
 
     @property
     def setup(self) -> ca.Function:

@@ -64,6 +64,11 @@ def toy_loop() -> SimpleNamespace:
         max_gaps={},
         outputs=outputs,
         jumps=(4,),
+        switches=(),
+        events=(),
+        fine=(),
+        guards=ca.Function(),
+        update=ca.Function(),
     )
 
 
