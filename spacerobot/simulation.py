@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 
 from spacerobot.closedloop import ClosedLoop, find_fastest_rate
-from spacerobot.errors import DivergedError
+from spacerobot.errors import DivergedError, ScenarioError
 from spacerobot.kept import kept_closed_loop
 from spacerobot.result import Result
 from spacerobot.result.dataset import build_dataset
@@ -81,13 +81,14 @@ def simulate(scene: Scene, *, backend: Backend = "auto", progress: Progress | No
         If the rollout has no finite sample at all; if the step was to be chosen and none keeps to the
         tolerance; if a grasp does not close.
     ScenarioError
-        If the memory does not hold the result.
+        If the memory does not hold the result; if the engine finds no events but the scenario has some.
     """
     tell = progress or (lambda _: None)
     begin = time.perf_counter()
     tell("building the closed loop")
     loop = kept_closed_loop(scene)
     check_size(scene, loop)
+    _check_events(scene, loop)
     built = time.perf_counter()
     with np.errstate(over="ignore", invalid="ignore"):  # a rollout that diverges says so by its status
         run = _run(scene, loop, backend, tell)
@@ -102,6 +103,24 @@ def simulate(scene: Scene, *, backend: Backend = "auto", progress: Progress | No
     }
     summary = build_summary(run.scene, whole, trajectory, timing, run.notes)
     return Result(run.scene.scenario, whole.isel(time=slice(None, None, run.every)), summary)
+
+
+def _check_events(scene: Scene, loop: ClosedLoop) -> None:
+    """Refuse an engine that would step over events.
+
+    Raises
+    ------
+    ScenarioError
+        Naming the engine, and what may happen.
+    """
+    engine = scene.scenario.simulation.engine
+    if loop.events and engine != "casadi":
+        kinds = ", ".join(dict.fromkeys(rule.kind for rule in loop.events))
+        raise ScenarioError(
+            f"found {engine!r}, which finds no events ({kinds}), allowed for this scenario: 'casadi'",
+            source=scene.source,
+            where="simulation.engine",
+        )
 
 
 def _good_part(trajectory: Trajectory, loop: ClosedLoop) -> Trajectory:

@@ -17,6 +17,7 @@ from spacerobot.elements import (
     TipContext,
 )
 from spacerobot.elements.context import Affine
+from spacerobot.elements.life import living
 from spacerobot.elements.sensor import ideal
 from spacerobot.scenario import Robot
 from spacerobot.scene import Scene, SceneBody, SceneGrasp, SceneTip
@@ -59,7 +60,7 @@ class Builder:
                 found += [
                     controller.build(self._robot(body, key)) for key, controller in body.config.elements()
                 ]
-        return found + [grasp.config.build(self._grasp(grasp)) for grasp in self.scene.grasps]
+        return found + [living(grasp.config, self._grasp(grasp)) for grasp in self.scene.grasps]
 
     def _motion(self, tip: SceneTip) -> Motion:
         """A derived reference moves the target's origin, and the tip with it as a rigid body."""

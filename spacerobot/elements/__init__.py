@@ -13,7 +13,7 @@ from spacerobot.elements.contribution import (
 )
 from spacerobot.elements.controller import RobotController, TipController
 from spacerobot.elements.element import Element
-from spacerobot.elements.event import Event, both, either, opposite
+from spacerobot.elements.event import Event, both, either, negated
 from spacerobot.elements.grasp import Grasp
 from spacerobot.elements.motion import Motion, Profile, cubic_blend
 from spacerobot.elements.numbers import Context
@@ -50,6 +50,6 @@ __all__ = [
     "kinds",
     "load_plugin",
     "memory",
-    "opposite",
+    "negated",
     "register",
 ]

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import casadi as ca
 
 from spacerobot.dynamics import Wrench
 from spacerobot.dynamics.algebra import cross
 from spacerobot.elements.contribution import Torque
+from spacerobot.elements.hold import Hold
 from spacerobot.elements.motion import Motion
 from spacerobot.elements.numbers import Context
 from spacerobot.section import Section
@@ -187,6 +188,10 @@ class GraspContext:
         Of the grasp.
     tip_frame, tip_joint, mate_frame, mate_joint
         Frames and joints of tip and mating frame in the model.
+    may_close, lets_go
+        Whether the phase lets it close, and has it let go (1x1 each).
+    hold
+        How it holds; None if it is always closed.
     """
 
     context: Context
@@ -197,6 +202,9 @@ class GraspContext:
     tip_joint: int
     mate_frame: int
     mate_joint: int
+    may_close: ca.SX = field(default_factory=lambda: ca.SX(1))
+    lets_go: ca.SX = field(default_factory=lambda: ca.SX(0))
+    hold: Hold | None = None
 
     def opposite(self, force: ca.SX, torque: ca.SX) -> tuple[Wrench, Wrench]:
         """One pair of opposite wrenches at the tip's point: on the target as given, and on the robot."""

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal, TypeVar
 
 import casadi as ca
 
 from spacerobot.dynamics import Wrench
-from spacerobot.elements.event import Event
+from spacerobot.elements.event import Event, both
 
 Dimension = Literal["tip", "body", "grasp", "joint"]
 """What outputs are of."""
+
+Item = TypeVar("Item", "State", "Torque", "Power", "Output", Wrench)
 
 
 @dataclass(frozen=True)
@@ -246,3 +248,40 @@ def concatenate(parts: Iterable[Contribution]) -> Contribution:
         if field.name != "energy"
     }
     return Contribution(**lists, energy=sum(energies[1:], energies[0]) if energies else None)
+
+
+def gated(contribution: Contribution, switch: ca.SX, outputs: Collection[str] = ()) -> Contribution:
+    """Contribution that acts while a switch is 1; else its states stand still and it stores nothing.
+
+    ``outputs`` are the names of those that are then zero.
+    """
+
+    def commanded(channel: Channel) -> Channel:
+        gain = None if channel.derivative_gain is None else channel.derivative_gain * switch
+        return dataclasses.replace(channel, command=channel.command * switch, derivative_gain=gain)
+
+    def scaled(item: Item, **values: Any) -> Item:
+        return dataclasses.replace(item, **{name: value * switch for name, value in values.items()})
+
+    return dataclasses.replace(
+        contribution,
+        states=tuple(scaled(state, derivative=state.derivative) for state in contribution.states),
+        torques=tuple(scaled(torque, value=torque.value) for torque in contribution.torques),
+        wrenches=tuple(
+            scaled(wrench, force=wrench.force, torque=wrench.torque) for wrench in contribution.wrenches
+        ),
+        outside=tuple(
+            scaled(wrench, force=wrench.force, torque=wrench.torque) for wrench in contribution.outside
+        ),
+        channels=tuple(commanded(channel) for channel in contribution.channels),
+        constraints=tuple(dataclasses.replace(held, active=switch) for held in contribution.constraints),
+        energy=None if contribution.energy is None else contribution.energy * switch,
+        powers=tuple(scaled(power, value=power.value) for power in contribution.powers),
+        outputs=tuple(
+            scaled(output, value=output.value) if output.name in outputs else output
+            for output in contribution.outputs
+        ),
+        events=tuple(
+            dataclasses.replace(event, armed=both(event.armed, switch)) for event in contribution.events
+        ),
+    )

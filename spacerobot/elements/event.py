@@ -65,6 +65,6 @@ def either(*conditions: ca.SX) -> ca.SX:
     return found
 
 
-def opposite(condition: ca.SX) -> ca.SX:
+def negated(condition: ca.SX) -> ca.SX:
     """Whether it does not hold (1x1)."""
     return ca.logic_not(condition)

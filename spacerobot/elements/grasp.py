@@ -1,5 +1,7 @@
 """Grasps: what holds a tip and a mating frame of the target together.
 
+A kind says how it holds; when it closes and lets go is the same for all (:mod:`spacerobot.elements.life`).
+
 All act as *one* pair of opposite wrenches at one point, the tip's, so that momentum is conserved to rounding.
 Velocities are those of the tip relative to the target's material point that coincides with it. The mating
 points' own motion (Eq. 14-25) follows from the target's frames; a test holds it to the printed formulas.
@@ -8,15 +10,18 @@ points' own motion (Eq. 14-25) follows from the target's frames; a test holds it
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import casadi as ca
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from spacerobot.dynamics.algebra import cross
+from spacerobot.dynamics.rotations import rotation_exp
+from spacerobot.elements.capture import Capture, Release
 from spacerobot.elements.context import GraspContext
-from spacerobot.elements.contribution import Contribution, Output
+from spacerobot.elements.contribution import Contribution, Output, Power
 from spacerobot.elements.element import Element
+from spacerobot.elements.hold import Hold
 from spacerobot.section import quantity
 
 OBSERVED = {
@@ -46,52 +51,139 @@ class Grasp(Element):
         "m", "greatest distance of tip and mating frame at the start", default=0.01, ge=0
     )
 
+    begins: Literal["closed", "open"] = Field(
+        default="closed", description="whether it holds at the start; an open one closes as `capture` says"
+    )
+    capture: Capture | None = Field(default=None, description="where it closes when open; never if not given")
+    release: Release | None = Field(default=None, description="where it lets go; never if not given")
+
+    @model_validator(mode="after")
+    def _check_life(self) -> Grasp:
+        if self.begins == "open" and self.capture is None:
+            raise ValueError("capture: missing, so that a grasp that begins open can never close")
+        return self
+
+    @property
+    def is_rigid(self) -> bool:
+        """Whether it leaves no gap, so that closing it is an impact."""
+        return self.fixes_position or self.fixes_orientation
+
+    def life(self) -> str:
+        """When it closes and lets go, in words."""
+        found = []
+        if self.begins == "open" and self.capture is not None:
+            found.append(f"open, {self.capture.words()}")
+        found.append("never lets go" if self.release is None else self.release.words())
+        return "; ".join(found)
+
     def build(self, grasp: GraspContext) -> Contribution:
-        """What it adds to the closed loop."""
+        """What it adds to the closed loop while it is closed."""
         raise NotImplementedError
 
 
 @dataclass(frozen=True)
-class Relative:
-    """Tip relative to mating frame, world axes.
+class Rest:
+    """Tip relative to mating frame where the grasp is at rest, world axes (3x1 each).
 
     Attributes
     ----------
     gap
-        From mating frame to tip (3x1) [m].
-    twist
-        Rotation vector from the mating frame's orientation, turned as at the start, to the tip's (3x1) [rad].
+        From mating frame to tip [m].
     velocity, spin
-        Of the tip relative to the target at the tip's point (3x1 each) [m/s, rad/s].
+        As the rest itself is drawn in [m/s, rad/s].
+    acceleration, angular_acceleration
+        Their rates, the mating frame turning [m/s^2, rad/s^2].
+    """
+
+    gap: ca.SX
+    velocity: ca.SX
+    spin: ca.SX
+    acceleration: ca.SX
+    angular_acceleration: ca.SX
+
+    def powers(self, force: ca.SX, torque: ca.SX) -> tuple[Power, ...]:
+        """What drawing in takes, of a force and a torque on the target (3x1 each); none where it stays."""
+        if not self.velocity.nnz() and not self.spin.nnz():
+            return ()
+        return (Power("draw_in", -ca.dot(force, self.velocity) - ca.dot(torque, self.spin), "in"),)
+
+
+@dataclass(frozen=True)
+class Relative:
+    """Tip relative to where the grasp is at rest, world axes.
+
+    Attributes
+    ----------
+    gap
+        From there to the tip (3x1) [m]; the mating frame itself, unless captured elsewhere.
+    twist
+        Rotation vector from the orientation at rest, initial or as captured, to the tip's (3x1) [rad].
+    velocity, spin
+        Of the tip relative to the target at the tip's point, less the rest's own (3x1 each) [m/s, rad/s].
+    rest
+        Where it is at rest.
     """
 
     gap: ca.SX
     twist: ca.SX
     velocity: ca.SX
     spin: ca.SX
+    rest: Rest
 
 
 def relative_motion(grasp: GraspContext) -> Relative:
     """Relative position, orientation and velocity of a grasp's two frames."""
-    plant, start = grasp.plant, grasp.start
-    tip_rotation, tip_position = plant.placement(grasp.tip_frame)
-    mate_rotation, mate_position = plant.placement(grasp.mate_frame)
+    plant, start, hold = grasp.plant, grasp.start, grasp.hold
+    tip_rotation, mate_rotation = plant.placement(grasp.tip_frame)[0], plant.placement(grasp.mate_frame)[0]
+    if hold is None:
+        tip0, mate0 = start.placement(grasp.tip_frame)[0], start.placement(grasp.mate_frame)[0]
+        wanted = ca.mtimes(mate_rotation, grasp.context.once("rest", ca.mtimes(mate0.T, tip0)))
+        none = ca.SX(3, 1)
+        rest = Rest(none, none, none, none, none)
+    else:
+        wanted, rest = _held(grasp, hold)
+    gap, velocity, spin = apart(grasp)
+    return Relative(
+        gap - rest.gap,
+        plant.orientation_error(tip_rotation, wanted),
+        velocity - rest.velocity,
+        spin - rest.spin,
+        rest,
+    )
+
+
+def apart(grasp: GraspContext) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """From mating frame to tip, and velocity and spin of the tip relative to the target there (3x1 each)."""
+    plant = grasp.plant
     tip_velocity, tip_spin = plant.velocity(grasp.tip_frame)
     mate_velocity, mate_spin = plant.velocity(grasp.mate_frame)
-    gap = tip_position - mate_position
-    tip0, mate0 = start.placement(grasp.tip_frame)[0], start.placement(grasp.mate_frame)[0]
-    rest = grasp.context.once("rest", ca.mtimes(mate0.T, tip0))
-    return Relative(
-        gap,
-        plant.orientation_error(tip_rotation, ca.mtimes(mate_rotation, rest)),
-        tip_velocity - mate_velocity - cross(mate_spin, gap),
-        tip_spin - mate_spin,
+    gap = plant.placement(grasp.tip_frame)[1] - plant.placement(grasp.mate_frame)[1]
+    return gap, tip_velocity - mate_velocity - cross(mate_spin, gap), tip_spin - mate_spin
+
+
+def _held(grasp: GraspContext, hold: Hold) -> tuple[ca.SX, Rest]:
+    """Tip's orientation at rest (3x3), and its place, which may be drawn in."""
+    plant, rotation = grasp.plant, grasp.plant.placement(grasp.mate_frame)[0]
+    mate_spin = plant.velocity(grasp.mate_frame)[1]
+    value, rate, acceleration = (
+        part if plant.planar else ca.mtimes(rotation, part)
+        for part in (hold.turn.value, hold.turn.rate, hold.turn.acceleration)
     )
+    mated = ca.mtimes(rotation, hold.mated)
+    moving = ca.mtimes(rotation, hold.gap.rate)
+    rest = Rest(
+        ca.mtimes(rotation, hold.gap.value),
+        moving,
+        rate,
+        cross(mate_spin, moving) + ca.mtimes(rotation, hold.gap.acceleration),
+        cross(mate_spin, rate) + acceleration,
+    )
+    return ca.mtimes(rotation_exp(value), mated) if value.nnz() else mated, rest
 
 
 def observed(grasp: GraspContext, relative: Relative, force: ca.SX, torque: ca.SX) -> tuple[Output, ...]:
     """Force and torque on the target at the tip's point (3x1 each), and the gap."""
-    values = {"grasp_force": force, "grasp_torque": torque, "grasp_gap": relative.gap}
+    values = {"grasp_force": force, "grasp_torque": torque, "grasp_gap": relative.gap + relative.rest.gap}
     return tuple(Output(name, value, *OBSERVED[name], "grasp", grasp.name) for name, value in values.items())
 
 

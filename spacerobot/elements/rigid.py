@@ -9,7 +9,7 @@ import casadi as ca
 from spacerobot.dynamics.algebra import cross
 from spacerobot.elements.context import GraspContext, unit_load
 from spacerobot.elements.contribution import Constraint, Contribution, Power
-from spacerobot.elements.grasp import Grasp, Relative, observed, relative_motion
+from spacerobot.elements.grasp import Grasp, apart, observed, relative_motion
 from spacerobot.section import quantity
 
 
@@ -32,7 +32,8 @@ class RigidGrasp(Grasp):
         """Acceleration constraint, of exactly the rank that the grasp has."""
         plant, relative = grasp.plant, relative_motion(grasp)
         rate = grasp.context.number("stabilisation")
-        linear, angular = _drift(grasp, relative)
+        linear, angular = _drift(grasp)
+        linear, angular = linear - relative.rest.acceleration, angular - relative.rest.angular_acceleration
         along = list(plant.translation_axes)
         drift = [(linear + 2 * rate * relative.velocity + rate**2 * relative.gap)[along]]
         directions = [unit_load(axis, rotation=False) for axis in along]
@@ -47,7 +48,8 @@ class RigidGrasp(Grasp):
         def answer(force: ca.SX, torque: ca.SX) -> Contribution:
             power = -ca.dot(force, relative.velocity) - ca.dot(torque, relative.spin)
             return Contribution(
-                powers=(Power("constraint", power, "in"),), outputs=observed(grasp, relative, force, torque)
+                powers=(Power("constraint", power, "in"), *relative.rest.powers(force, torque)),
+                outputs=observed(grasp, relative, force, torque),
             )
 
         sense, slips = ca.horzcat(*loads), ca.vertcat(*slip)
@@ -55,15 +57,11 @@ class RigidGrasp(Grasp):
         return Contribution(constraints=(constraint,))
 
 
-def _drift(grasp: GraspContext, relative: Relative) -> tuple[ca.SX, ca.SX]:
+def _drift(grasp: GraspContext) -> tuple[ca.SX, ca.SX]:
     """Relative acceleration at zero joint acceleration, linear and angular (3x1 each)."""
     plant = grasp.plant
     tip_drift, mate_drift = plant.drift(grasp.tip_frame), plant.drift(grasp.mate_frame)
     tip_velocity, mate = plant.velocity(grasp.tip_frame)[0], plant.velocity(grasp.mate_frame)
-    linear = (
-        tip_drift[0]
-        - mate_drift[0]
-        - cross(mate_drift[1], relative.gap)
-        - cross(mate[1], tip_velocity - mate[0])
-    )
+    gap = apart(grasp)[0]
+    linear = tip_drift[0] - mate_drift[0] - cross(mate_drift[1], gap) - cross(mate[1], tip_velocity - mate[0])
     return linear, tip_drift[1] - mate_drift[1]

@@ -29,7 +29,7 @@ def list_assumptions(scene: Scene) -> tuple[str, ...]:
     for tip in scene.tips:
         found += _of_tip(tip)
     for grasp in scene.grasps:
-        found += [f"{grasp.path}: {assumed}" for assumed in grasp.config.assumptions()]
+        found += [f"{grasp.path}: {told}" for told in (*grasp.config.assumptions(), grasp.config.life())]
         if is_rigid(grasp) and grasp in open_grasps(scene):
             found.append(
                 f"{grasp.path}: no base can close it: positions must meet as given, initial velocities "
@@ -63,6 +63,7 @@ def list_warnings(scene: Scene) -> tuple[str, ...]:
                     f"{lower} to {upper} {unit}; limits are not enforced"
                 )
         found += _unread_sensors(scene, body)
+    found += _never(scene)
     for body in in_null_space(scene):
         directions, joints, _ = controlled_directions(scene, body)
         if directions == joints:
@@ -71,6 +72,23 @@ def list_warnings(scene: Scene) -> tuple[str, ...]:
                 "directions of its tips; `null_space` leaves nothing"
             )
     return (*found, *_given_way(scene), *reference_warnings(scene))
+
+
+def _never(scene: Scene) -> list[str]:
+    """Warnings about grasps that cannot close or let go before the simulation ends."""
+    duration, found = scene.scenario.simulation.duration, []
+    for grasp in scene.grasps:
+        capture, release = grasp.config.capture, grasp.config.release
+        for key, time, what in (
+            ("capture.at", None if capture is None else capture.at, "closes"),
+            ("capture.dwell", None if capture is None else capture.dwell, "closes"),
+            ("release.at", None if release is None else release.at, "lets go"),
+        ):
+            if time is not None and time >= duration:
+                found.append(
+                    f"{grasp.path}.{key}: never {what}, for the simulation ends after {duration:g} s"
+                )
+    return found
 
 
 def _unread_sensors(scene: Scene, body: SceneBody) -> list[str]:

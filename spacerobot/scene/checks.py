@@ -15,7 +15,7 @@ from spacerobot.description.parts import Link
 from spacerobot.description.read import Description
 from spacerobot.errors import DescriptionError, ScenarioError
 from spacerobot.scenario import Robot, Scenario, Target
-from spacerobot.scene.closing import find_closings, is_rigid
+from spacerobot.scene.closing import begun, find_closings, is_rigid
 from spacerobot.scene.configure import relative_jacobian
 from spacerobot.scene.scene import Array, Scene, SceneBody, SceneGrasp
 
@@ -152,7 +152,7 @@ def check_gaps(scene: Scene) -> None:
         With the gap found, the gap allowed and how to close it.
     """
     following = {closing.body.name for closing in find_closings(scene.bodies, scene.grasps)}
-    for grasp in scene.grasps:
+    for grasp in begun(scene.grasps):
         distance = float(np.linalg.norm(gap(scene.model, grasp, scene.q)))
         if distance > grasp.config.max_gap:
             ends = [body for body in scene.bodies if body.name in ("target", grasp.tip.body.name)]
@@ -175,7 +175,7 @@ def check_rank(scene: Scene) -> None:
     ScenarioError
         Naming the grasps.
     """
-    rigid = [grasp for grasp in scene.grasps if is_rigid(grasp)]
+    rigid = [grasp for grasp in begun(scene.grasps) if is_rigid(grasp)]
     if not rigid:
         return
     stacked = np.vstack([relative_jacobian(scene, grasp) for grasp in rigid]) @ scene.spread

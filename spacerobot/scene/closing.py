@@ -62,6 +62,11 @@ def is_rigid(grasp: SceneGrasp) -> bool:
     return grasp.config.fixes_position
 
 
+def begun(grasps: Sequence[SceneGrasp]) -> tuple[SceneGrasp, ...]:
+    """Grasps that hold at the start."""
+    return tuple(grasp for grasp in grasps if grasp.config.begins == "closed")
+
+
 def find_closings(
     bodies: Sequence[SceneBody], grasps: Sequence[SceneGrasp], *, source: Path | None = None
 ) -> tuple[Closing, ...]:
@@ -73,6 +78,7 @@ def find_closings(
         If bases wait for each other, or a grasp does not involve the body it shall place.
     """
     gives = _asked_for(bodies, grasps, source)
+    grasps = begun(grasps)
     target = next((body for body in bodies if body.name == "target"), None)
     asked = dict(gives)
     free = [g for g in grasps if is_rigid(g) and all(g is not closed for closed in asked.values())]
@@ -87,13 +93,13 @@ def find_closings(
 
 
 def open_grasps(scene: Scene) -> tuple[SceneGrasp, ...]:
-    """Grasps that no base closes in every direction."""
+    """Grasps that hold at the start and that no base closes in every direction."""
     closed = [
         closing.grasp.name
         for closing in find_closings(scene.bodies, scene.grasps)
         if scene.planar or closing.body.base.joint == "free_flyer"
     ]
-    return tuple(grasp for grasp in scene.grasps if grasp.name not in closed)
+    return tuple(grasp for grasp in begun(scene.grasps) if grasp.name not in closed)
 
 
 def has_loops(scene: Scene) -> bool:
@@ -114,6 +120,12 @@ def _asked_for(
         if grasp is not None and body.name not in ("target", grasp.tip.body.name):
             raise ScenarioError(
                 f"grasp {grasp.name!r} holds {grasp.tip.label!r}, not a tip of {body.name!r}",
+                source=source,
+                where=f"{body.path}.base.close_grasp",
+            )
+        if grasp is not None and grasp.config.begins == "open":
+            raise ScenarioError(
+                f"grasp {grasp.name!r} begins open, so it places nothing; give a `position`",
                 source=source,
                 where=f"{body.path}.base.close_grasp",
             )

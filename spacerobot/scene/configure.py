@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from spacerobot.scene.closing import Closing, find_closings, is_rigid
+from spacerobot.scene.closing import Closing, begun, find_closings, is_rigid
 from spacerobot.scene.scene import Array, Scene, SceneBody, SceneGrasp
 
 
@@ -64,7 +64,7 @@ def close_velocity(scene: Scene) -> Array:
     The change has the least kinetic energy, which is what happens if the grasps close at once on bodies that
     move as described: momentum stays. It is zero where bases could close every grasp.
     """
-    grasps = [grasp for grasp in scene.grasps if is_rigid(grasp)]
+    grasps = [grasp for grasp in begun(scene.grasps) if is_rigid(grasp)]
     rows = np.vstack([relative_jacobian(scene, grasp) for grasp in grasps])
     upper = np.triu(pin.crba(scene.model, scene.model.createData(), scene.q))
     free = scene.spread[:, np.diag(scene.spread) > 0]

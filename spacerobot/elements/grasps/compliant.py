@@ -49,14 +49,14 @@ class Compliant(Grasp):
         return Contribution(
             wrenches=grasp.opposite(force, torque),
             energy=energy,
-            powers=(Power("grasp", taken),),
+            powers=(Power("grasp", taken), *relative.rest.powers(force, torque)),
             outputs=observed(grasp, relative, force, torque),
         )
 
     def assumptions(self) -> list[str]:
         """How it acts, and where its springs are at rest."""
-        found = ["one pair of opposite forces at the tip's point; never lets go"]
-        if self.rotational_stiffness:
+        found = ["one pair of opposite forces at the tip's point"]
+        if self.rotational_stiffness and self.begins == "closed":
             found.append("rotational spring at rest in the initial relative orientation")
         return found
 

@@ -10,7 +10,7 @@ from spacerobot.elements.rigid import RigidGrasp
 
 @register
 class Weld(RigidGrasp):
-    """Rigid grip: the tip keeps its initial pose in the mating frame."""
+    """Rigid grip: the tip keeps its pose in the mating frame, as at the start or where captured."""
 
     fixes_orientation: ClassVar[bool] = True
 
@@ -18,4 +18,4 @@ class Weld(RigidGrasp):
 
     def assumptions(self) -> list[str]:
         """How long and in which orientation it holds."""
-        return ["welded in the initial relative orientation; never lets go"]
+        return ["welded in the initial relative orientation"] if self.begins == "closed" else []

@@ -1,0 +1,211 @@
+"""Grasps that begin open, are captured, and let go: events, plastic impacts, energy and momentum."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from spacerobot.closedloop import build_closed_loop
+from tests.oracles.free_bodies import DEEP, FLAT, free_bodies
+from tests.oracles.hybrid import roll
+
+SCENES = {"planar": FLAT, "spatial": DEEP}
+KEPT = ("momentum_linear", "momentum_angular")
+
+
+def partial(outputs):
+    """Largest momentum of a body, linear and angular."""
+    return [max(np.linalg.norm(part) for part in np.split(outputs[f"body_{name}"], 2)) for name in KEPT]
+
+
+def balance(run, x0, c0):
+    """What the energy balance leaves open since the start [J]."""
+    found = []
+    for t, x, c in ((0.0, x0, c0), (run.t, run.x, run.c)):
+        y = run.outputs(t, x, c)
+        stored = y["energy_kinetic"] + y["energy_spring"] + y["energy_potential"]
+        found.append(stored - sum(sign * y[f"work_{name}"] for name, sign in run.loop.works.items()))
+    return float((found[1] - found[0])[0])
+
+
+def at_start(loop):
+    return [value.full().ravel() for value in loop.setup(loop.parameter_values)]
+
+
+def as_bodies(scene, x):
+    """Mass, centre, velocity, inertia about the centre and spin of each body, world axes."""
+    model, data = scene.model, scene.model.createData()
+    q, v = x[: model.nq], x[model.nq : model.nq + model.nv]
+    pin.forwardKinematics(model, data, q, v)
+    pin.updateFramePlacements(model, data)
+    found = []
+    for body in scene.bodies:
+        joint = body.root_joint
+        inertia, place = model.inertias[joint], data.oMi[joint]
+        spin = place.rotation @ data.v[joint].angular
+        arm = place.rotation @ inertia.lever
+        speed = place.rotation @ data.v[joint].linear + np.cross(spin, arm)
+        tensor = place.rotation @ inertia.inertia @ place.rotation.T
+        found.append((inertia.mass, place.translation + arm, speed, tensor, spin))
+    return found
+
+
+@pytest.mark.parametrize("bases", SCENES.values(), ids=SCENES)
+@pytest.mark.parametrize("kind", ["point", "weld", "compliant"])
+def test_momentum_and_energy_are_accounted_for_across_a_capture(tmp_path, bases, kind):
+    scene = free_bodies(tmp_path, bases, {"kind": kind, "capture": {"distance": 0.05}})
+    loop = build_closed_loop(scene)
+    run = roll(loop, 2.0)
+    assert run.names == ["left.captured"]
+    event = run.events[0]
+    before = run.outputs(event.time, event.before, event.c_before)
+    after = run.outputs(event.time, event.after, event.c_after)
+    for name, largest in zip(KEPT, partial(before), strict=True):
+        assert np.abs(after[name] - before[name]).max() < 1e-12 * largest
+    taken = after["work_event"] - before["work_event"] if kind != "compliant" else np.zeros(1)
+    lost = before["energy_kinetic"] - after["energy_kinetic"]
+    assert taken == pytest.approx(lost, abs=1e-14)
+    assert (taken > 0) == (kind != "compliant")
+    assert abs(balance(run, *at_start(loop))) < 1e-6 * before["energy_kinetic"][0]
+    assert after["grasp_state"] == 2
+    assert before["grasp_state"] == 0
+    np.testing.assert_allclose(np.linalg.norm(before["grasp_gap"]), 0.05, rtol=1e-9)
+    np.testing.assert_allclose(after["grasp_captured_at"], event.time)
+
+
+@pytest.mark.parametrize("bases", SCENES.values(), ids=SCENES)
+def test_a_weld_in_flight_makes_one_body(tmp_path, bases):
+    """Momentum and the merged inertia alone say how two welded bodies move on."""
+    scene = free_bodies(tmp_path, bases, {"kind": "weld", "capture": {"distance": 0.06}})
+    loop = build_closed_loop(scene)
+    event = roll(loop, 2.0).events[0]
+    parts = as_bodies(scene, event.before)
+    mass = sum(m for m, *_ in parts)
+    centre = sum(m * c for m, c, *_ in parts) / mass
+    speed = sum(m * v for m, _, v, *_ in parts) / mass
+    tensor, moment = np.zeros((3, 3)), np.zeros(3)
+    for m, c, v, inertia, spin in parts:
+        arm = c - centre
+        tensor += inertia + m * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+        moment += inertia @ spin + m * np.cross(arm, v - speed)
+    axes = list(scene.rotation_axes)
+    expected = np.zeros(3)
+    expected[axes] = np.linalg.solve(tensor[np.ix_(axes, axes)], moment[axes])
+    for _, c, v, _, spin in as_bodies(scene, event.after):
+        np.testing.assert_allclose(spin, expected, atol=1e-13)
+        np.testing.assert_allclose(v, speed + np.cross(expected, c - centre), atol=1e-13)
+
+
+@pytest.mark.parametrize("bases", SCENES.values(), ids=SCENES)
+def test_a_point_capture_is_the_plastic_impact_of_two_free_bodies(tmp_path, bases):
+    scene = free_bodies(tmp_path, bases, {"kind": "point", "capture": {"distance": 0.05}})
+    loop = build_closed_loop(scene)
+    event = roll(loop, 2.0).events[0]
+    model, data = scene.model, scene.model.createData()
+    pin.framesForwardKinematics(model, data, event.before[: model.nq])
+    point = data.oMf[scene.grasps[0].tip.frame].translation
+    axes = list(scene.translation_axes)
+    mobility, slip = np.zeros((3, 3)), np.zeros(3)
+    for sign, (m, c, v, inertia, spin) in zip((1, -1), as_bodies(scene, event.before), strict=True):
+        turn = np.zeros((3, 3))
+        about = list(scene.rotation_axes)
+        turn[np.ix_(about, about)] = np.linalg.inv(inertia[np.ix_(about, about)])
+        arm = pin.skew(point - c)
+        mobility += np.eye(3) / m - arm @ turn @ arm
+        slip += sign * (v + np.cross(spin, point - c))
+    impulse = np.zeros(3)
+    impulse[axes] = np.linalg.solve(mobility[np.ix_(axes, axes)], slip[axes])  # on the target
+    names = [name.partition("[")[0] for name in loop.state_names]
+    found = np.zeros(3)
+    found[axes] = event.after[[i for i, name in enumerate(names) if name == "left.impulse"]]
+    np.testing.assert_allclose(found, impulse, atol=1e-13)
+    work = names.index("work.event")
+    assert event.after[work] == pytest.approx(impulse @ slip / 2, rel=1e-12)
+    (m, _, before, *_), (_, _, after, *_) = (
+        as_bodies(scene, event.before)[1],
+        as_bodies(scene, event.after)[1],
+    )
+    np.testing.assert_allclose(m * (after - before), impulse, atol=1e-13)
+
+
+@pytest.mark.parametrize("bases", SCENES.values(), ids=SCENES)
+def test_a_welded_pair_keeps_its_relative_pose(tmp_path, bases):
+    scene = free_bodies(tmp_path, bases, {"kind": "weld", "capture": {"distance": 0.05}})
+    run = roll(build_closed_loop(scene), 2.5)
+    model, data, poses = scene.model, scene.model.createData(), []
+    for x in (run.events[0].after, run.x):
+        pin.framesForwardKinematics(model, data, x[: model.nq])
+        poses.append(data.oMf[scene.grasps[0].frame].inverse() * data.oMf[scene.grasps[0].tip.frame])
+    np.testing.assert_allclose(poses[1].homogeneous, poses[0].homogeneous, atol=1e-9)
+
+
+@pytest.mark.parametrize("bases", SCENES.values(), ids=SCENES)
+@pytest.mark.parametrize("kind", ["point", "weld", "compliant"])
+def test_what_is_drawn_in_ends_at_the_mating_frame(tmp_path, bases, kind):
+    capture = {"distance": 0.05, "draw_in": 0.05} | ({"draw_in_deg": 10.0} if kind != "point" else {})
+    grasp = {"kind": kind, "capture": capture}
+    if kind == "compliant":
+        grasp |= {"stiffness": 2e4, "damping": 800, "rotational_stiffness": 800, "rotational_damping": 60}
+    scene = free_bodies(tmp_path, bases, grasp)
+    loop = build_closed_loop(scene)
+    run = roll(loop, 6.0, rtol=1e-9)
+    assert run.names == ["left.captured", "left.drawn"]
+    y = run.outputs()
+    assert np.linalg.norm(y["grasp_gap"]) < (1e-4 if kind == "compliant" else 1e-8)
+    if kind != "point":
+        assert np.linalg.norm(y["grasp_misalignment"]) < (1e-3 if kind == "compliant" else 1e-8)
+    assert abs(balance(run, *at_start(loop))) < 1e-6 * y["energy_kinetic"][0]
+
+
+def test_it_closes_after_the_dwell_time_and_counts_again_after_leaving(tmp_path):
+    capture = {"distance": 0.06, "closing_speed": 0.1, "dwell": 0.4}
+    scene = free_bodies(tmp_path, FLAT, {"kind": "compliant", "capture": capture})
+    run = roll(build_closed_loop(scene), 2.0)
+    assert run.names == ["left.entered", "left.captured"]
+    assert run.events[1].time - run.events[0].time == pytest.approx(0.4, abs=1e-9)
+    long = {"capture": capture | {"dwell": 5.0}, "kind": "compliant"}
+    run = roll(build_closed_loop(free_bodies(tmp_path, FLAT, long)), 5.0)
+    assert run.names == ["left.entered", "left.left"]
+    assert run.outputs()["grasp_state"] == 0
+
+
+def test_it_slips_off_where_it_is_pulled_too_hard(tmp_path):
+    grasp = {
+        "kind": "compliant",
+        "stiffness": 100,
+        "damping": 1,
+        "capture": {"at": 0.2},
+        "release": {"force": 0.3},
+    }
+    scene = free_bodies(tmp_path, FLAT, grasp)
+    loop = build_closed_loop(scene)
+    run = roll(loop, 3.0)
+    assert run.names == ["left.captured", "left.slipped_by_force"]
+    event = run.events[1]
+    before = run.outputs(event.time, event.before, event.c_before)
+    assert np.linalg.norm(before["grasp_force"]) == pytest.approx(0.3, rel=1e-8)
+    assert before["energy_spring"] > 0
+    assert run.outputs()["work_event"] == pytest.approx(before["energy_spring"])
+    assert run.outputs()["grasp_state"] == 3
+    assert abs(balance(run, *at_start(loop))) < 1e-9
+    assert [rule.kind for rule in loop.events] == ["captured", "slipped"]
+
+
+@pytest.mark.parametrize("kind", ["point", "weld"])
+def test_a_rigid_grasp_slips_off_and_is_released_at_a_time(tmp_path, kind):
+    scene = free_bodies(tmp_path, FLAT, {"kind": kind, "capture": {"at": 0.2}, "release": {"at": 0.9}})
+    run = roll(build_closed_loop(scene), 2.0)
+    assert run.names == ["left.captured", "left.released"]
+    assert run.events[1].time == pytest.approx(0.9, abs=1e-9)
+    np.testing.assert_array_equal(run.events[1].after, run.events[1].before)
+    scene = free_bodies(tmp_path, FLAT, {"kind": kind, "capture": {"at": 0.2}, "release": {"force": 1e-4}})
+    run = roll(build_closed_loop(scene), 2.0)
+    assert run.names == ["left.captured", "left.slipped_by_force"]
+
+
+def test_a_grasp_that_begins_closed_can_let_go(tmp_path):
+    grasp = {"kind": "weld", "begins": "closed", "release": {"at": 0.5}}
+    run = roll(build_closed_loop(free_bodies(tmp_path, FLAT, grasp)), 1.0)
+    assert run.names == ["left.released"]
+    y = run.outputs()
+    assert y["grasp_state"] == 3
+    assert "work_event" not in y
