@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import re
+from collections.abc import Iterable, Iterator
 from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, model_validator
@@ -60,6 +61,12 @@ def quantity(unit: str, description: str, **options: Any) -> Any:
         ``default``, ``ge``, ``gt``, ``le``, ... as for :func:`pydantic.Field`.
     """
     return Field(description=f"{description} [{unit}]", json_schema_extra={"unit": unit}, **options)
+
+
+def matching(names: Iterable[str], pattern: str) -> list[str]:
+    """Names that a pattern stands for, in their order; ``*`` stands for any letters."""
+    expression = ".*".join(re.escape(part) for part in pattern.split("*"))
+    return [name for name in names if re.fullmatch(expression, name)]
 
 
 def leaves(document: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:

@@ -64,6 +64,8 @@ def _add_body(root: Tree, scene: Scene, body: SceneBody) -> None:
     import pinocchio as pin
     from rich.markup import escape
 
+    from spacerobot.scenario import Robot
+
     mass = sum(link.mass or 0.0 for link in body.config.links.values())
     data = scene.model.createData()
     pin.framesForwardKinematics(scene.model, data, scene.q)
@@ -89,6 +91,9 @@ def _add_body(root: Tree, scene: Scene, body: SceneBody) -> None:
             state = f"mimics {mimic.joint} ({mimic.multiplier:g} q + {mimic.offset:g})"
         text = f"{name}: {by_name[name].kind}, {state}, resistance {joint.damping or 0:g} {per_rate}"
         chain.add(escape(text + limit + carries))
+    if isinstance(body.config, Robot):
+        for key, actuator in body.config.driven_by():
+            branch.add(escape(f"{key.replace('.', ' ')}: {actuator.words()}"))
     for tip in scene.tips:
         if tip.body.name == body.name:
             branch.add(_tip_text(tip.label, scene))

@@ -14,7 +14,7 @@ def register(app: typer.Typer) -> None:
     app.command("kinds", help=HELP)(command)
 
 
-HELP = """List the kinds of references, grasps and controllers, or the keys of one kind.
+HELP = """List the kinds of references, grasps, controllers, actuators and sensors, or the keys of one kind.
 
 Example:
 

@@ -20,7 +20,6 @@ from spacerobot.closedloop.start import initial_state
 from spacerobot.dynamics import configuration_derivative, normalise
 from spacerobot.elements import Context, Contribution, State
 from spacerobot.elements.contribution import concatenate
-from spacerobot.scenario import Robot
 from spacerobot.scenario.load import to_document
 from spacerobot.scene import Scene
 from spacerobot.scene.closing import has_loops, open_grasps
@@ -58,11 +57,12 @@ def build_closed_loop(scene: Scene, vary: Collection[str] = ()) -> ClosedLoop:
 class _Evaluated:
     """Finished expressions: what acts, with all states behind (q, v) and events, and what follows from it.
 
-    These are the acceleration (nv x 1), works, variables and outputs.
+    These are the acceleration and the actuators' forces (nv x 1 each), works, variables and outputs.
     """
 
     acting: Contribution
     acceleration: ca.SX
+    torque: ca.SX
     works: Sequence[Work]
     variables: tuple[Variable, ...]
     outputs: Mapping[str, ca.SX]
@@ -73,49 +73,39 @@ def _evaluate(builder: Builder) -> _Evaluated:
     scene, plant = builder.scene, builder.plant
     _ = builder.motions  # built first, so that their constants stand in front of those of the controllers
     acting = concatenate(builder.contributions())
-    solution = solve_accelerations(plant, acting, _limits(builder))
+    solution = solve_accelerations(plant, acting)
     answers = concatenate(
         constraint.answer(force, torque)
         for constraint, (force, torque) in zip(acting.constraints, solution.wrenches, strict=True)
     )
+    acting = concatenate([acting, solution.driven])
     events = (*acting.events, *answers.events)
     powers = (*plant_powers(plant, solution.torque), *acting.powers, *answers.powers, *booked(events))
     works = build_works(powers)
     variables, outputs = combine(
         scene,
         [
-            *core_outputs(builder, solution.torque),
+            *core_outputs(builder, solution.torque, acting.stored),
             *acting.outputs,
             *answers.outputs,
-            *stored_energies(scene, plant, acting.energy),
+            *stored_energies(scene, plant, acting),
             *(work.output for work in works),
         ],
     )
     acting = replace(acting, states=(*acting.states, *(work.state for work in works)), events=events)
-    return _Evaluated(acting, solution.acceleration, works, variables, outputs)
+    return _Evaluated(acting, solution.acceleration, solution.torque, works, variables, outputs)
 
 
-def _limits(builder: Builder) -> dict[int, ca.SX]:
-    """Greatest torque of each limited joint, by its place in v."""
-    found, model = {}, builder.plant.model
-    for body in builder.scene.robots:
-        if not isinstance(body.config, Robot) or not body.config.torque_limits:
-            continue
-        for joint in body.free_joints:
-            name = str(model.names[joint]).removeprefix(f"{body.name}/")
-            limit = builder.context.at(f"{body.path}.joints.{name}").number("torque_limit")
-            found[int(model.idx_vs[joint])] = limit
-    return found
-
-
-def _outside(scene: Scene, wrenches: Sequence[Any]) -> tuple[str, ...]:
+def _outside(scene: Scene, wrenches: Sequence[Any], torque: ca.SX) -> tuple[str, ...]:
     """What acts on the scene from outside, so that momentum is not conserved, in words."""
     found = []
     if any(body.base.joint == "fixed" for body in scene.bodies):
         found.append("a base is fixed")
     if any(scene.scenario.gravity):
         found.append("gravity acts")
-    if wrenches:
+    joints = [scene.model.joints[body.root_joint] for body in scene.bodies if body.root_joint]
+    on_bases = any(torque[joint.idx_v : joint.idx_v + joint.nv].nnz() for joint in joints)
+    if wrenches or on_bases:
         found.append("an element acts from outside")
     return tuple(found)
 
@@ -178,7 +168,7 @@ def _assemble(builder: Builder, found: _Evaluated) -> ClosedLoop:
         gaps=_function("gaps", {"p": parameters.symbols}, {"gap": ca.densify(gaps)}),
         max_gaps=max_gaps,
         works={work.name: 1 if work.sign == "in" else -1 for work in found.works},
-        outside=_outside(builder.scene, acting.outside),
+        outside=_outside(builder.scene, acting.outside, found.torque),
         jumps=constants.jumps,
         **_hybrid(builder, acting, arguments),
     )

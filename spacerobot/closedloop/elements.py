@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from spacerobot.elements import (
+    ActuatorContext,
     Context,
     Contribution,
     GraspContext,
@@ -49,7 +50,7 @@ class Builder:
         return {tip.label: self._motion(tip) for tip in self.scene.tips}
 
     def contributions(self) -> list[Contribution]:
-        """Of the controllers of tips, those of robots and the grasps, in the scene's order."""
+        """Of the controllers of tips, those of robots, grasps and actuators, in the scene's order."""
         found = [
             controller.build(self._tip(tip, key))
             for tip in self.scene.tips
@@ -60,7 +61,13 @@ class Builder:
                 found += [
                     controller.build(self._robot(body, key)) for key, controller in body.config.elements()
                 ]
-        return found + [living(grasp.config, self._grasp(grasp)) for grasp in self.scene.grasps]
+        found += [living(grasp.config, self._grasp(grasp)) for grasp in self.scene.grasps]
+        for body in self.scene.robots:
+            if isinstance(body.config, Robot):
+                found += [
+                    actuator.build(self._actuator(body, key)) for key, actuator in body.config.driven_by()
+                ]
+        return found
 
     def _motion(self, tip: SceneTip) -> Motion:
         """A derived reference moves the target's origin, and the tip with it as a rigid body."""
@@ -75,10 +82,6 @@ class Builder:
             return ideal
         return lambda signal: sensors[signal].affine(self.context.at(f"{body.path}.sensors.{signal}"))
 
-    def columns(self, body: SceneBody) -> tuple[int, ...]:
-        """Places of the arm's joints in v."""
-        return tuple(int(self.plant.model.joints[joint].idx_v) for joint in body.joints)
-
     def _tip(self, tip: SceneTip, key: str) -> TipContext:
         return TipContext(
             self.context.at(f"{tip.path}.{key}"),
@@ -87,7 +90,7 @@ class Builder:
             tip.path,
             key,
             tip.body.name,
-            self.columns(tip.body),
+            tuple(int(self.plant.model.idx_vs[joint]) for joint in tip.body.arm_joints),
             tip.frame,
             tip.joint,
             tip.body.root_frame,
@@ -103,11 +106,26 @@ class Builder:
             self.plant,
             self.start,
             body.name,
-            body.free_joints,
-            tuple(int(self.plant.model.idx_vs[joint]) for joint in body.free_joints),
+            body.driven_joints,
+            tuple(int(self.plant.model.idx_vs[joint]) for joint in body.driven_joints),
             functools.partial(_positions, body),
             self._sensors(body),
             tuple(self._tip(tip, "") for tip in self.scene.tips if tip.body.name == body.name),
+        )
+
+    def _actuator(self, body: SceneBody, key: str) -> ActuatorContext:
+        model = self.plant.model
+        first = int(model.idx_vs[body.root_joint])
+        return ActuatorContext(
+            self.context.at(f"{body.path}.{key}"),
+            self.plant,
+            self.start,
+            body.name,
+            body.path,
+            {body.joint_name(model, joint): int(model.idx_vs[joint]) for joint in body.free_joints},
+            body.root_frame,
+            body.root_joint,
+            tuple(range(first, first + int(model.nvs[body.root_joint]))) if body.root_joint else (),
         )
 
     def _grasp(self, grasp: SceneGrasp) -> GraspContext:
@@ -125,5 +143,6 @@ class Builder:
 
 def _positions(body: SceneBody, free: ca.SX) -> dict[int, ca.SX]:
     """Positions of all joints of a body by id, from those of its free joints (n x 1)."""
-    found = dict(zip(body.free_joints, ca.vertsplit(free), strict=True))
-    return found | {tie.joint: tie.multiplier * found[tie.leader] + tie.offset for tie in body.ties}
+    found = dict(zip(body.driven_joints, ca.vertsplit(free), strict=True))
+    ties = [tie for tie in body.ties if tie.leader in found]
+    return found | {tie.joint: tie.multiplier * found[tie.leader] + tie.offset for tie in ties}

@@ -16,7 +16,7 @@ from typing import Literal
 import casadi as ca
 
 from spacerobot.dynamics import kinetic_energy
-from spacerobot.elements import Output, Power, State
+from spacerobot.elements import Contribution, Output, Power, State
 from spacerobot.scene import Scene
 from spacerobot.symbolic import Plant
 
@@ -70,12 +70,14 @@ def plant_powers(plant: Plant, torque: ca.SX) -> tuple[Power, ...]:
     )
 
 
-def stored_energies(scene: Scene, plant: Plant, springs: ca.SX | None) -> tuple[Output, ...]:
+def stored_energies(scene: Scene, plant: Plant, acting: Contribution) -> tuple[Output, ...]:
     """Kinetic energy, energy of the springs and potential energy of gravity [J]."""
     kinetic = kinetic_energy(plant.model, plant.kinematics, plant.inertias)
+    kinetic = sum((stored.energy for stored in acting.stored), kinetic)
+    springs = ca.SX(1, 1) if acting.energy is None else acting.energy
     return (
         Output("energy_kinetic", kinetic, "J", "kinetic energy"),
-        Output("energy_spring", ca.SX(1, 1) if springs is None else springs, "J", "energy held in springs"),
+        Output("energy_spring", springs, "J", "energy held in springs"),
         Output("energy_potential", _potential(scene, plant), "J", "potential energy of gravity"),
     )
 

@@ -17,20 +17,21 @@ few numbers, those of the joints that both loads pass through.
 
 A constraint that is not active now keeps its place: its loads are masked, and its rows say ``w = 0``.
 
-Where torques are limited, u is the controller's command as if they were not; the clipped torques then act,
-and the wrenches are solved for once more.
+Where actuators take over, u is the controllers' command as if they delivered what they are asked for; what
+they deliver then acts, and the wrenches are solved for once more.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import casadi as ca
 
 from spacerobot.closedloop.impulse import idleness, masked
-from spacerobot.elements import Channel, Constraint, Contribution, Torque
+from spacerobot.elements import Channel, Constraint, Contribution, Drive, Torque
+from spacerobot.elements.contribution import concatenate
 from spacerobot.symbolic import Plant
 
 
@@ -47,14 +48,17 @@ class Solution:
     wrenches
         Force and torque of each rigid grasp on its target at the tip's point (pairs of 3x1), in the
         constraints' order.
+    driven
+        What actuators bring beside the torques that they deliver.
     """
 
     acceleration: ca.SX
     torque: ca.SX
     wrenches: tuple[tuple[ca.SX, ca.SX], ...]
+    driven: Contribution
 
 
-def solve_accelerations(plant: Plant, acting: Contribution, limits: Mapping[int, ca.SX]) -> Solution:
+def solve_accelerations(plant: Plant, acting: Contribution) -> Solution:
     """Accelerations, actuator torques and constraint wrenches.
 
     Parameters
@@ -63,8 +67,6 @@ def solve_accelerations(plant: Plant, acting: Contribution, limits: Mapping[int,
         Mechanics.
     acting
         What all elements contribute.
-    limits
-        Greatest torque (1x1) by place in v; none where it is not limited.
     """
     wrenches = [*acting.wrenches, *acting.outside]
     ideal = [channel for channel in acting.channels if channel.derivative_gain is not None]
@@ -83,15 +85,16 @@ def solve_accelerations(plant: Plant, acting: Contribution, limits: Mapping[int,
     for channel, output in zip(ideal, outputs, strict=True):
         torque = torque + ca.mtimes(channel.actuation, output)
         driven = driven + ca.mtimes(channel.drive, output)
-    if limits:
-        torque = _clip(torque, limits)
-        driven = plant.reduced_moving(torque, wrenches)
+    torque, answer = _deliver(torque, acting.drives)
+    if acting.drives:
+        driven = plant.reduced_moving(torque, [*wrenches, *answer.wrenches, *answer.outside])
         _, reactions = _solve(plant, driven, [], held)
     for connection, reaction in zip(held, reactions, strict=True):
         driven = driven + ca.mtimes(connection.sense, reaction)
     acceleration = plant.articulated.motion(driven)
     own = zip(acting.constraints, reactions[: len(acting.constraints)], strict=True)
-    return Solution(acceleration, torque, tuple(constraint.on_target(along) for constraint, along in own))
+    on_targets = tuple(constraint.on_target(along) for constraint, along in own)
+    return Solution(acceleration, torque, on_targets, answer)
 
 
 @dataclass(frozen=True)
@@ -185,9 +188,13 @@ def eliminate(matrix: ca.SX, right: ca.SX) -> ca.SX:
     return ca.vertcat(*b)
 
 
-def _clip(torque: ca.SX, limits: Mapping[int, ca.SX]) -> ca.SX:
-    """Torques within their limits."""
-    clipped = ca.SX(torque)
-    for column, limit in limits.items():
-        clipped[column] = ca.fmin(ca.fmax(torque[column], -limit), limit)
-    return clipped
+def _deliver(torque: ca.SX, drives: Sequence[Drive]) -> tuple[ca.SX, Contribution]:
+    """Generalized forces that actuators deliver, one after the other, and what else they bring."""
+    delivered, answers = ca.SX(torque), []
+    for drive in drives:
+        columns = list(drive.columns)
+        asked = delivered[columns]
+        delivered[columns] = drive.deliver(asked)
+        if drive.answer is not None:
+            answers.append(drive.answer(asked))
+    return delivered, concatenate(answers)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 
 import casadi as ca
 
 from spacerobot.closedloop.closed_loop import Variable
 from spacerobot.closedloop.elements import Builder
 from spacerobot.dynamics import momentum
-from spacerobot.elements import Output
+from spacerobot.elements import Output, Stored
 from spacerobot.elements.contribution import Dimension
 from spacerobot.elements.grasp import OBSERVED
 from spacerobot.scene import Scene
@@ -28,11 +28,23 @@ VECTORS: dict[str, tuple[Dimension, str, str]] = {
 """Vectors in world axes that every result has, whether or not there is something to observe."""
 
 
-def core_outputs(builder: Builder, torque: ca.SX) -> Iterator[Output]:
-    """Of tips, bodies, the whole and the joints, whose generalized forces are given (nv x 1)."""
+def core_outputs(builder: Builder, torque: ca.SX, stored: Sequence[Stored]) -> Iterator[Output]:
+    """Of tips, bodies, the whole and the joints.
+
+    Parameters
+    ----------
+    builder
+        What is observed.
+    torque
+        Generalized forces of the joints (nv x 1).
+    stored
+        Momenta beside those of the links.
+    """
     for name, (dimension, unit, text) in VECTORS.items():
         yield Output(name, ca.SX(3, 1), unit, text, dimension)
     values = {**_tips(builder), **_bodies(builder)}
+    for part in stored:
+        values["body_momentum_angular", part.body] += part.angular
     for (name, label), value in values.items():
         dimension, unit, text = VECTORS[name]
         yield Output(name, value, unit, text, dimension, label)
@@ -43,7 +55,8 @@ def core_outputs(builder: Builder, torque: ca.SX) -> Iterator[Output]:
     yield Output("momentum_linear", total["linear"], "N s", "linear momentum of everything")
     about = "angular momentum of everything about the world's origin"
     yield Output("momentum_angular", total["angular"], "N m s", about)
-    columns = sorted(column for body in builder.scene.bodies for column in builder.columns(body))
+    model = builder.plant.model
+    columns = sorted(int(model.idx_vs[joint]) for body in builder.scene.bodies for joint in body.joints)
     yield Output("joint_torque", torque[columns], "N m or N", "actuator torques", "joint")
     for name, (unit, text) in OBSERVED.items():
         yield Output(name, ca.SX(3, 1), unit, text, "grasp")

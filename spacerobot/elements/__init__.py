@@ -1,13 +1,16 @@
-"""Elements: references, grasps, controllers and sensors, each kind one file with its section and its law."""
+"""Elements: references, grasps, controllers, actuators and sensors; a kind is one file, section and law."""
 
-from spacerobot.elements.context import GraspContext, RobotContext, TipContext
+from spacerobot.elements.actuator import Actuator
+from spacerobot.elements.context import ActuatorContext, GraspContext, RobotContext, TipContext
 from spacerobot.elements.contribution import (
     Channel,
     Constraint,
     Contribution,
+    Drive,
     Output,
     Power,
     State,
+    Stored,
     Torque,
     memory,
 )
@@ -19,14 +22,18 @@ from spacerobot.elements.motion import Motion, Profile, cubic_blend
 from spacerobot.elements.numbers import Context
 from spacerobot.elements.reference import Reference
 from spacerobot.elements.registry import FAMILIES, Family, kinds, load_plugin, register
+from spacerobot.elements.robot_element import RobotElement, RobotFacts
 from spacerobot.elements.sensor import Sensor
 
 __all__ = [
     "FAMILIES",
+    "Actuator",
+    "ActuatorContext",
     "Channel",
     "Constraint",
     "Context",
     "Contribution",
+    "Drive",
     "Element",
     "Event",
     "Family",
@@ -39,8 +46,11 @@ __all__ = [
     "Reference",
     "RobotContext",
     "RobotController",
+    "RobotElement",
+    "RobotFacts",
     "Sensor",
     "State",
+    "Stored",
     "TipContext",
     "TipController",
     "Torque",

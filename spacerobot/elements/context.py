@@ -175,6 +175,49 @@ class TipContext:
 
 
 @dataclass(frozen=True)
+class ActuatorContext:
+    """A robot as its actuators see it; everything in world axes.
+
+    Attributes
+    ----------
+    context
+        Time and the numbers of the actuator's section.
+    plant, start
+        Mechanics now, and where everything begins.
+    robot, path
+        The robot's name and its dotted path.
+    columns
+        Places in v of its free joints, by the joint's name.
+    base_frame, base_joint
+        Of the robot's root link in the model; a fixed base has joint 0.
+    base_columns
+        Places in v of the floating base, of its linear and then its angular velocity in the root link's axes.
+    """
+
+    context: Context
+    plant: Plant
+    start: Start
+    robot: str
+    path: str
+    columns: Mapping[str, int]
+    base_frame: int
+    base_joint: int
+    base_columns: tuple[int, ...]
+
+    def joint_number(self, joint: str, key: str) -> ca.SX:
+        """A number of a joint's own section (1x1), ``torque_limit``."""
+        return self.context.at(f"{self.path}.joints.{joint}").number(key)
+
+    def on_base(self, force: ca.SX | None = None, torque: ca.SX | None = None) -> Wrench:
+        """Force at the root link's origin [N] and torque [N m] on the base (3x1 each)."""
+        none = ca.SX(3, 1)
+        point = self.plant.placement(self.base_frame)[1]
+        return Wrench(
+            self.base_joint, none if force is None else force, none if torque is None else torque, point
+        )
+
+
+@dataclass(frozen=True)
 class GraspContext:
     """A tip and the mating frame that it holds; everything in world axes.
 

@@ -74,6 +74,45 @@ class Torque:
 
 
 @dataclass(frozen=True)
+class Drive:
+    """What an actuator makes of the generalized forces that it is asked for.
+
+    Attributes
+    ----------
+    columns
+        Places in v that it takes over: those of joints, or of a base. What is delivered to a base comes from
+        outside the scene; a wheel delivers nothing there, its wrench stands in ``answer``.
+    deliver
+        From what is asked for at these places (n x 1) to what is delivered there (n x 1) [N m or N].
+    answer
+        From what is asked for to what else it brings: states, wrenches, what it stores, powers, outputs.
+    """
+
+    columns: tuple[int, ...]
+    deliver: Callable[[ca.SX], ca.SX]
+    answer: Callable[[ca.SX], Contribution] | None = None
+
+
+@dataclass(frozen=True)
+class Stored:
+    """Momentum and kinetic energy that an element holds beside those of the links, as a wheel does.
+
+    Attributes
+    ----------
+    body
+        Name of the body that it is mounted on, ``rpr1``.
+    angular
+        Angular momentum (3x1), world axes [N m s].
+    energy
+        Kinetic energy (1x1) [J].
+    """
+
+    body: str
+    angular: ca.SX
+    energy: ca.SX
+
+
+@dataclass(frozen=True)
 class Channel:
     """A law that may depend on the acceleration it causes: ``u = command - derivative_gain (C v' + drift)``.
 
@@ -206,13 +245,17 @@ class Contribution:
     states
         Its own states.
     torques
-        Of actuators.
+        That actuators are asked for.
     wrenches
-        On bodies, in opposite pairs: they change no momentum of the whole.
+        On bodies, in opposite pairs or against what is stored: they change no momentum of the whole.
     outside
         Wrenches from outside the scene; momentum is then not conserved.
     channels
         Laws that may depend on the acceleration.
+    drives
+        Of actuators, in the order in which they act.
+    stored
+        Momenta and kinetic energies beside those of the links.
     constraints
         Of rigid connections.
     energy
@@ -230,6 +273,8 @@ class Contribution:
     wrenches: tuple[Wrench, ...] = ()
     outside: tuple[Wrench, ...] = ()
     channels: tuple[Channel, ...] = ()
+    drives: tuple[Drive, ...] = ()
+    stored: tuple[Stored, ...] = ()
     constraints: tuple[Constraint, ...] = ()
     energy: ca.SX | None = None
     powers: tuple[Power, ...] = ()

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 from spacerobot.elements.context import RobotContext, TipContext
 from spacerobot.elements.contribution import Contribution
 from spacerobot.elements.element import Element
+from spacerobot.elements.robot_element import RobotElement
 from spacerobot.section import Section
 
 
@@ -25,8 +26,13 @@ class TipController(Element):
         del key, siblings
         return set()
 
+    def controls(self, key: str) -> Literal["translation", "rotation"] | None:
+        """Which motion of the tip it takes away from the null space of the robot's joints, if any."""
+        del key
+        return None
 
-class RobotController(Element):
+
+class RobotController(RobotElement):
     """A controller of all joints of a robot."""
 
     family: ClassVar[str] = "robot_controller"

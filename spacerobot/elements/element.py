@@ -17,7 +17,8 @@ class Element(Section):
     Attributes
     ----------
     family
-        Which elements it stands beside: ``reference``, ``grasp``, ``tip_controller`` or ``robot_controller``.
+        Which elements it stands beside: ``reference``, ``grasp``, ``tip_controller``,
+        ``robot_controller``, ``actuator`` or ``sensor``.
     """
 
     family: ClassVar[str]

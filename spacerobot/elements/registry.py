@@ -30,6 +30,7 @@ FAMILIES = {
     "grasp": "spacerobot.elements.grasps",
     "tip_controller": "spacerobot.elements.controllers",
     "robot_controller": "spacerobot.elements.controllers",
+    "actuator": "spacerobot.elements.actuators",
     "sensor": "spacerobot.elements.sensors",
 }
 """Families, and the package whose modules hold the kinds that ship."""

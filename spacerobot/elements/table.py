@@ -14,6 +14,7 @@ PLACES = {
     "grasp": "`grasps.*`",
     "tip_controller": "`robots.*.tips.*.controllers.*`, `pid`, `orientation_pid`",
     "robot_controller": "`robots.*.controllers.*`, `joint_pd`",
+    "actuator": "`robots.*.actuators.*`; `robots.*.torque_limits: true` is a `torque_limit` of all joints",
     "sensor": "`robots.*.sensors.*`",
 }
 """Where a kind of each family stands in a scenario."""

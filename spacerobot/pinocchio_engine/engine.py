@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from spacerobot.pinocchio_engine.actuation import torque_limits
 from spacerobot.pinocchio_engine.dynamics import Loads, Solution, Wrench, solve
 from spacerobot.pinocchio_engine.grasps import (
     Constraint,
@@ -22,7 +23,6 @@ from spacerobot.pinocchio_engine.joint_control import JointController, joint_con
 from spacerobot.pinocchio_engine.kinematics import Kinematics, configuration_rate, coordinates
 from spacerobot.pinocchio_engine.references import Motion, TipReference, tip_reference
 from spacerobot.pinocchio_engine.tip_control import Channel, Command, tip_law
-from spacerobot.scenario import Robot
 from spacerobot.scene import Scene
 from spacerobot.scene.scene import Array
 
@@ -86,7 +86,7 @@ class Engine:
         self.controllers: list[JointController] = joint_controllers(scene)
         self.rest = [rest_orientation(start, grasp) for grasp in scene.grasps]
         self.root_rotations = [start.frame(body.root_frame).rotation for body in scene.bodies]
-        self.resistance, self.limits = _joint_numbers(scene)
+        self.resistance, self.limits = _resistance(scene), torque_limits(scene)
         blocks: list[Channel | JointController] = [*self.channels, *self.controllers]
         names = [name for block in blocks for name in block.state_names]
         self.state_names = (*names, *(f"work.{name}[0]" for name in WORKS))
@@ -216,14 +216,11 @@ def _references(scene: Scene, start: Kinematics) -> dict[str, TipReference]:
     return references
 
 
-def _joint_numbers(scene: Scene) -> tuple[Array, Array]:
-    """Resistance and torque limit of each velocity component (nv,), zero and infinite where there is none."""
-    resistance, limits = np.zeros(scene.model.nv), np.full(scene.model.nv, np.inf)
+def _resistance(scene: Scene) -> Array:
+    """Resistance of each velocity component (nv,), zero where there is none."""
+    resistance = np.zeros(scene.model.nv)
     for body in scene.bodies:
-        limited = isinstance(body.config, Robot) and body.config.torque_limits
         for name, config in body.config.joints.items():
             joint: Any = scene.model.joints[scene.model.getJointId(f"{body.name}/{name}")]
             resistance[joint.idx_v] = config.damping or 0.0
-            if limited and config.torque_limit is not None:
-                limits[joint.idx_v] = config.torque_limit
-    return resistance, limits
+    return resistance

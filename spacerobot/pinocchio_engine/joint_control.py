@@ -36,20 +36,22 @@ class JointController:
     @property
     def state_names(self) -> tuple[str, ...]:
         """Names of its states."""
-        return tuple(f"{self.body.name}/joint_pd.theta_d[{i}]" for i in range(len(self.body.free_joints)))
+        return tuple(f"{self.body.name}/joint_pd.theta_d[{i}]" for i in range(len(self.body.driven_joints)))
 
     @property
     def _columns(self) -> list[int]:
         """Places of its free joints in v."""
-        return [int(self.scene.model.idx_vs[joint]) for joint in self.body.free_joints]
+        return [int(self.scene.model.idx_vs[joint]) for joint in self.body.driven_joints]
 
     def positions(self, q: Array) -> Array:
         """Joint positions (n,) [rad or m]; of an unbounded joint between -pi and pi."""
-        return np.array([_position(self.scene.model.joints[j], q) for j in self.body.free_joints])
+        return np.array([_position(self.scene.model.joints[j], q) for j in self.body.driven_joints])
 
     def _nearest_positions(self, q: Array, desired: Array) -> Array:
         """Joint positions (n,), unbounded ones by whole turns as near as may be to the desired ones."""
-        unbounded = np.array([self.scene.model.joints[j].nq == 2 for j in self.body.free_joints], dtype=bool)
+        unbounded = np.array(
+            [self.scene.model.joints[j].nq == 2 for j in self.body.driven_joints], dtype=bool
+        )
         found = self.positions(q)
         turns = np.round((desired - found) / (2 * np.pi))
         nearest: Array = found + np.where(unbounded, 2 * np.pi * turns, 0.0)
@@ -93,9 +95,10 @@ class JointController:
     def _imagined(self, desired: Array) -> Array:
         """Configuration with the desired joint positions and everything else where it began."""
         q = np.array(self.scene.q)
-        positions = dict(zip(self.body.free_joints, desired, strict=True))
+        positions = dict(zip(self.body.driven_joints, desired, strict=True))
         for tie in self.body.ties:
-            positions[tie.joint] = tie.multiplier * positions[tie.leader] + tie.offset
+            if tie.leader in positions:
+                positions[tie.joint] = tie.multiplier * positions[tie.leader] + tie.offset
         for joint, value in positions.items():
             _set_position(self.scene.model.joints[joint], value, q)
         return q

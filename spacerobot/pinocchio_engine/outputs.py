@@ -9,7 +9,6 @@ import pinocchio as pin
 
 from spacerobot.pinocchio_engine.engine import WORKS, Engine, Instant
 from spacerobot.pinocchio_engine.kinematics import rotation_vector
-from spacerobot.pinocchio_engine.tip_control import arm_columns
 from spacerobot.scene.scene import Array
 
 
@@ -17,7 +16,7 @@ def outputs_at(engine: Engine, t: float, x: Array, within: float | None = None) 
     """Named outputs, each (n,); arguments and errors as for :meth:`Engine.derivative`."""
     instant = engine.instant(t, x, within)
     found = _tips(engine, instant) | _bodies(engine, instant)
-    columns = sorted(column for body in engine.scene.bodies for column in arm_columns(engine.model, body))
+    columns = sorted(engine.model.idx_vs[joint] for body in engine.scene.bodies for joint in body.joints)
     found["joint_torque"] = instant.solution.torque[columns]
     found |= _grasps(engine, instant) | _energies(engine, instant)
     works = engine.split(x)[2][-len(WORKS) :]

@@ -178,8 +178,8 @@ def sensors_of(body: SceneBody) -> Sensors:
 
 
 def arm_columns(model: object, body: SceneBody) -> tuple[int, ...]:
-    """Places in v of a body's joints, its floating base left out."""
-    return tuple(int(model.joints[joint].idx_v) for joint in body.joints)  # type: ignore[attr-defined]
+    """Places in v of a body's joints, its floating base and what actuators own left out."""
+    return tuple(int(model.joints[joint].idx_v) for joint in body.arm_joints)  # type: ignore[attr-defined]
 
 
 @functools.singledispatch

@@ -7,7 +7,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from spacerobot.elements import Family, Reference, RobotController, TipController
+from spacerobot.elements import Actuator, Family, Reference, RobotController, TipController
+from spacerobot.elements.actuators.torque_limit import TorqueLimit
 from spacerobot.elements.controllers.amnesia import Amnesia
 from spacerobot.elements.controllers.joint_pd import JointPd
 from spacerobot.elements.controllers.pid import Pid
@@ -177,7 +178,14 @@ class Robot(Body):
     )
     sensors: Sensors | None = Field(default=None, description="sensor errors; ideal sensors if not given")
     torque_limits: bool = Field(
-        default=False, description="clip joint torques at `torque_limit`, the URDF's effort limits"
+        default=False,
+        description="clip joint torques at `torque_limit`, the URDF's effort limits; an actuator of kind "
+        "torque_limit for all joints",
+    )
+    actuators: dict[Name, Annotated[Actuator, Family("actuator")]] = Field(
+        default={},
+        description="actuators of its joints and its base, of any kind, by name; what none takes over is "
+        "delivered as asked",
     )
 
     def elements(self) -> Iterator[tuple[str, RobotController]]:
@@ -186,6 +194,13 @@ class Robot(Body):
             yield "joint_pd", self.joint_pd
         for name, controller in self.controllers.items():
             yield f"controllers.{name}", controller
+
+    def driven_by(self) -> Iterator[tuple[str, Actuator]]:
+        """Its actuators with their places in the section, in the order in which they act."""
+        if self.torque_limits:
+            yield "torque_limits", TorqueLimit()
+        for name, actuator in self.actuators.items():
+            yield f"actuators.{name}", actuator
 
 
 class Target(Body):

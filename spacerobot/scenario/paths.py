@@ -8,19 +8,12 @@ link may) is matched whole.
 from __future__ import annotations
 
 import copy
-import re
-from collections.abc import Iterable
 from typing import Any
 
 from spacerobot.errors import ScenarioError, near_names
+from spacerobot.section import matching
 
 Document = dict[str, Any]
-
-
-def matching(names: Iterable[str], pattern: str) -> list[str]:
-    """Names that a pattern stands for, in their order; ``*`` stands for any letters."""
-    expression = ".*".join(re.escape(part) for part in pattern.split("*"))
-    return [name for name in names if re.fullmatch(expression, name)]
 
 
 def expand(document: Any, pattern: str) -> list[str]:

@@ -9,7 +9,7 @@ import pinocchio as pin
 
 from spacerobot.description.bodies import odd_bodies
 from spacerobot.scenario import Robot
-from spacerobot.scene.checks import controlled_directions, in_null_space, resolved_bodies
+from spacerobot.scene.checks import resolved_bodies, robot_elements, robot_facts
 from spacerobot.scene.closing import Closing, find_closings, has_loops, is_rigid, open_grasps
 from spacerobot.scene.configure import initial_state
 from spacerobot.scene.model import link_inertia
@@ -64,13 +64,8 @@ def list_warnings(scene: Scene) -> tuple[str, ...]:
                 )
         found += _unread_sensors(scene, body)
     found += _never(scene)
-    for body in in_null_space(scene):
-        directions, joints, _ = controlled_directions(scene, body)
-        if directions == joints:
-            found.append(
-                f"{body.path}.joint_pd: without effect, for its {joints} joints move as many controlled "
-                "directions of its tips; `null_space` leaves nothing"
-            )
+    for body, path, element in robot_elements(scene):
+        found += [f"{path}: {caution}" for caution in element.cautions(robot_facts(scene, body))]
     return (*found, *_given_way(scene), *reference_warnings(scene))
 
 
@@ -181,7 +176,8 @@ def _of_body(scene: Scene, body: SceneBody) -> list[str]:
         found.append(f"{body.path}: no controller, so its joints are passive")
     if body.config.sensors is None:
         found.append(f"{body.path}: ideal sensors (a = 0, b = 1)")
-    if not body.config.torque_limits:
+    names = robot_facts(scene, body).joints
+    if not any(actuator.limits(names) for _, actuator in body.config.driven_by()):
         found.append(f"{body.path}: torques are not limited")
     return found
 

@@ -19,12 +19,11 @@ from spacerobot.scenario.load import read_document, to_document, validate
 from spacerobot.scenario.paths import Document, assign
 from spacerobot.scene.assumptions import list_assumptions, list_warnings
 from spacerobot.scene.checks import (
+    check_elements,
     check_gaps,
     check_inertia,
-    check_limits,
     check_masses,
     check_motion,
-    check_null_space,
     check_rank,
     is_planar,
 )
@@ -80,8 +79,7 @@ def build_scene(
     check_inertia(scene)
     check_gaps(scene)
     check_rank(scene)
-    check_limits(scene)
-    check_null_space(scene)
+    check_elements(scene)
     check_in_plane(scene)
     if has_loops(scene):
         scene = dataclasses.replace(scene, v=close_velocity(scene))

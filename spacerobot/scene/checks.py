@@ -1,9 +1,10 @@
-"""Checks of a scene: mass properties before it is built; planarity, gaps and independent grasps behind."""
+"""Checks of a scene: mass properties before it is built; planarity, gaps, grasps and elements behind."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+import functools
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ import pinocchio as pin
 from spacerobot.description.bodies import Body, check_bodies, welded_bodies
 from spacerobot.description.parts import Link
 from spacerobot.description.read import Description
+from spacerobot.elements import RobotElement, RobotFacts
 from spacerobot.errors import DescriptionError, ScenarioError
 from spacerobot.scenario import Robot, Scenario, Target
 from spacerobot.scene.closing import begun, find_closings, is_rigid
@@ -190,34 +192,51 @@ def check_rank(scene: Scene) -> None:
         )
 
 
-def check_null_space(scene: Scene) -> None:
-    """Refuse a joint PD in a null space that does not exist.
+def check_elements(scene: Scene) -> None:
+    """Refuse what a robot's controllers and actuators say cannot act on it.
 
     Raises
     ------
     ScenarioError
-        Naming the robot, its number of joints and of controlled directions.
+        With the place and the sentence of the element.
     """
-    for body in in_null_space(scene):
-        directions, joints, rank = controlled_directions(scene, body)
-        if rank < directions:
+    for body, path, element in robot_elements(scene):
+        for key, message in element.faults(robot_facts(scene, body)):
+            where = f"{path}.{key}" if key else path
+            raise ScenarioError(message, source=scene.source, where=where)
+    for tip in scene.tips:
+        carriers = [joint for joint in tip.body.owned if joint in scene.model.supports[tip.joint]]
+        if carriers:
+            name = tip.body.joint_name(scene.model, carriers[0])
             raise ScenarioError(
-                f"{body.name} has no null space: its {joints} joints move {directions} controlled directions "
-                f"of its tips, of which {rank} are independent in the initial posture; leave `null_space` "
-                "out, or control fewer directions",
+                f"{name} carries {tip.label}, so no actuator may own it",
                 source=scene.source,
-                where=f"{body.path}.joint_pd.null_space",
+                where=f"{tip.body.path}.actuators",
             )
 
 
-def in_null_space(scene: Scene) -> list[SceneBody]:
-    """Robots whose joint PD shall act in the null space only."""
-    pds = [(body, body.config.joint_pd) for body in scene.robots if isinstance(body.config, Robot)]
-    return [body for body, pd in pds if pd is not None and pd.null_space]
+def robot_elements(scene: Scene) -> Iterator[tuple[SceneBody, str, RobotElement]]:
+    """Controllers and actuators of whole robots, with their dotted paths."""
+    for body in scene.robots:
+        if isinstance(body.config, Robot):
+            for key, element in (*body.config.elements(), *body.config.driven_by()):
+                yield body, f"{body.path}.{key}", element
 
 
-def controlled_directions(scene: Scene, body: SceneBody) -> tuple[int, int, int]:
-    """Directions of a robot's tips that are controlled, its free joints, and the rank of what these move."""
+def robot_facts(scene: Scene, body: SceneBody) -> RobotFacts:
+    """A robot in its initial posture, as its elements judge it."""
+    names = tuple(body.joint_name(scene.model, joint) for joint in body.free_joints)
+    return RobotFacts(
+        body.name,
+        names,
+        {name: body.config.joints[name].torque_limit for name in names},
+        {joint.name: joint.effort for joint in body.description.joints},
+        functools.partial(_moved, scene, body),
+    )
+
+
+def _moved(scene: Scene, body: SceneBody) -> Array:
+    """Controlled directions of a robot's tips by the rates of its driven joints (directions, joints)."""
     data = scene.model.createData()
     pin.computeJointJacobians(scene.model, data, scene.q)
     pin.updateFramePlacements(scene.model, data)
@@ -226,33 +245,12 @@ def controlled_directions(scene: Scene, body: SceneBody) -> tuple[int, int, int]
         if tip.body is body:
             world = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
             jacobian = pin.getFrameJacobian(scene.model, data, tip.frame, world)
-            if tip.config.pid is not None:
-                rows.append(jacobian[:3][list(scene.translation_axes)])
-            if tip.config.orientation_pid is not None:
-                rows.append(jacobian[3:][list(scene.rotation_axes)])
-    columns = [scene.model.idx_vs[joint] for joint in body.free_joints]
-    moved = (np.vstack(rows) @ scene.spread)[:, columns]
-    return *moved.shape, int(np.linalg.matrix_rank(moved, tol=1e-9)) if moved.size else 0
-
-
-def check_limits(scene: Scene) -> None:
-    """Refuse torque limits on a robot whose joints have none.
-
-    Raises
-    ------
-    ScenarioError
-        Naming the joints.
-    """
-    for body in scene.robots:
-        if isinstance(body.config, Robot) and body.config.torque_limits:
-            free = {scene.model.names[joint].removeprefix(f"{body.name}/") for joint in body.free_joints}
-            without = [name for name in body.config.joints if name in free]
-            without = [name for name in without if body.config.joints[name].torque_limit is None]
-            if without:
-                effort = {joint.name: joint.effort for joint in body.description.joints}
-                named = [f"{name} (effort 0 in the URDF)" if effort[name] == 0 else name for name in without]
-                raise ScenarioError(
-                    f"no effort limit in the URDF, nor joints.*.torque_limit, for {', '.join(named)}",
-                    source=scene.source,
-                    where=f"{body.path}.torque_limits",
-                )
+            for key, controller in tip.config.elements():
+                motion = controller.controls(key)
+                if motion == "translation":
+                    rows.append(jacobian[:3][list(scene.translation_axes)])
+                elif motion == "rotation":
+                    rows.append(jacobian[3:][list(scene.rotation_axes)])
+    columns = [scene.model.idx_vs[joint] for joint in body.driven_joints]
+    moved: Array = (np.vstack(rows) @ scene.spread)[:, columns]
+    return moved

@@ -93,7 +93,11 @@ def _body(model: Any, path: str, config: Robot | Target, description: Descriptio
         for joint in description.joints
         if joint.mimic is not None and joint.kind != "fixed"
     )
-    return SceneBody(name, path, config, description, root_frame, root_joint, joints, ties)
+    tied = {tie.joint for tie in ties}
+    free = [name for name, joint in ids.items() if joint not in tied]
+    actuators = config.driven_by() if isinstance(config, Robot) else ()
+    owned = tuple(ids[joint] for _, actuator in actuators for joint in actuator.owns(free))
+    return SceneBody(name, path, config, description, root_frame, root_joint, joints, ties, owned)
 
 
 def _set_inertias(model: Any, body: SceneBody) -> None:

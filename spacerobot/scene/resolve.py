@@ -14,7 +14,8 @@ from spacerobot.description.parts import Joint as UrdfJoint
 from spacerobot.description.read import Description, read_description
 from spacerobot.errors import DescriptionError, ScenarioError, near_names
 from spacerobot.scenario import Joint, Scenario
-from spacerobot.scenario.paths import Document, matching
+from spacerobot.scenario.paths import Document
+from spacerobot.section import matching
 
 _STATES = ("angle_deg", "rate_deg", "offset", "speed")
 NO_LIMIT = 1e300

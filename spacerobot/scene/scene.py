@@ -53,6 +53,8 @@ class SceneBody:
         Ids of its other joints, parents first.
     ties
         Those of them that mimic another one.
+    owned
+        Those of them that belong to an actuator, as a wheel's: the arm's controllers do not see them.
     """
 
     name: str
@@ -63,12 +65,27 @@ class SceneBody:
     root_joint: int
     joints: tuple[int, ...]
     ties: tuple[Tie, ...] = ()
+    owned: tuple[int, ...] = ()
+
+    @property
+    def arm_joints(self) -> tuple[int, ...]:
+        """Ids of its joints that no actuator owns."""
+        return tuple(joint for joint in self.joints if joint not in self.owned)
+
+    @property
+    def driven_joints(self) -> tuple[int, ...]:
+        """Ids of its free joints that no actuator owns: those that controllers of the robot drive."""
+        return tuple(joint for joint in self.free_joints if joint not in self.owned)
 
     @property
     def free_joints(self) -> tuple[int, ...]:
         """Ids of its joints that mimic no other one: those with a coordinate and an actuator of their own."""
         tied = {tie.joint for tie in self.ties}
         return tuple(joint for joint in self.joints if joint not in tied)
+
+    def joint_name(self, model: Any, joint: int) -> str:
+        """Name of one of its joints in the URDF."""
+        return str(model.names[joint]).removeprefix(f"{self.name}/")
 
     @property
     def base(self) -> Base:

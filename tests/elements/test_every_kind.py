@@ -11,6 +11,7 @@ from spacerobot.closedloop import build_closed_loop
 from spacerobot.elements.grasps.point import Point
 from spacerobot.errors import ScenarioError
 from spacerobot.pinocchio_engine import Engine
+from spacerobot.pinocchio_engine.actuation import greatest_torques
 from spacerobot.pinocchio_engine.grasps import grasp_of
 from spacerobot.pinocchio_engine.joint_control import robot_law
 from spacerobot.pinocchio_engine.laws import has_writing
@@ -23,6 +24,7 @@ SECOND = {
     "grasp": grasp_of,
     "tip_controller": tip_law,
     "robot_controller": robot_law,
+    "actuator": greatest_torques,
     "sensor": reading_of,
 }
 CLOSED_FORMS: dict[tuple[str, str], str] = {}
@@ -37,6 +39,7 @@ NEEDS: dict[tuple[str, str], dict[str, object]] = {
     ("reference", "line"): {"duration": 1.5, "displacement": [0.1, -0.05, 0]},
     ("tip_controller", "pid"): {"kp": 20, "ki": 5, "kd": 3},
     ("robot_controller", "joint_pd"): {"kp": 20, "kd": 3},
+    ("actuator", "torque_limit"): {"limit": 2.5},
     ("sensor", "linear"): {"offset": 0.01, "scale": 1.1},
 }
 """Values without which a section is not valid or does nothing."""
@@ -56,6 +59,8 @@ def changes(family, kind):
         return {"robots.one.sensors.joint_rate": section}
     if family == "robot_controller":
         return {"robots.one.controllers": {"own": section}}
+    if family == "actuator":
+        return {"robots.one.actuators": {"own": section}}
     still = {"robots.*.base.velocity": [0, 0, 0], "robots.*.base.spin_deg": [0, 0, 0]}
     still |= {"target.base.spin_deg": [0, 0, 0]}
     return still | {"grasps.left": {"tip": "one/tip", "frame": "mate_1"} | section}

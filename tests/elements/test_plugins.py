@@ -21,7 +21,7 @@ def run(*arguments):
     return subprocess.run(command, capture_output=True, text=True, cwd=ROOT, check=False)
 
 
-@pytest.mark.parametrize("name", ["impedance", "lemniscate"])
+@pytest.mark.parametrize("name", ["impedance", "lemniscate", "reaction_wheel"])
 def test_the_worked_examples_are_short(name):
     assert len((PLUGINS / f"{name}.py").read_text(encoding="utf-8").splitlines()) < 60
 

@@ -128,6 +128,15 @@ def rigid(kind: str = "weld") -> dict[str, object]:
             "robots.one.joint_pd.null_space: one has no null space: its 3 joints move 4 controlled "
             "directions of its tips, of which 2",
         ),
+        (
+            PLANAR,
+            {
+                "robots.one.controllers": {"own": {"kind": "joint_pd", "kp": 5, "null_space": True}},
+                "robots.one.tips.tip.controllers": {"same": {"kind": "pid", "kp": 1}},
+            },
+            "robots.one.controllers.own.null_space: one has no null space: its 3 joints move 4 controlled "
+            "directions of its tips, of which 2",
+        ),
     ],
 )
 def test_refusals(text, changes, expected):
@@ -138,15 +147,17 @@ def test_refusals(text, changes, expected):
     assert "\n" not in message
 
 
-def test_a_null_space_that_leaves_nothing_is_warned_of():
-    changes = {"robots.one.joint_pd": {"kp": 5, "null_space": True}}
+@pytest.mark.parametrize("key", ["joint_pd", "controllers.own"])
+def test_a_null_space_that_leaves_nothing_is_warned_of(key):
+    section = {"kind": "joint_pd", "kp": 5, "null_space": True}
+    changes = {f"robots.one.{key}": section}
 
     def told(more):
         return [w for w in small_scene(PLANAR, changes | more).warnings if "without effect" in w]
 
     assert told({}) == []
     (warning,) = told({"robots.one.tips.tip.orientation_pid": {"kp": 1}})
-    assert warning.startswith("robots.one.joint_pd: without effect")
+    assert warning.startswith(f"robots.one.{key}: without effect")
 
 
 def test_a_spin_about_the_mating_point_stays_in_a_point_and_gives_way_in_a_weld():

@@ -10,6 +10,7 @@ references by closed-loop resolved rates, as a robot would that believes its bas
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any, Literal
 
 import casadi as ca
@@ -21,6 +22,7 @@ from spacerobot.elements.context import RobotContext
 from spacerobot.elements.contribution import Contribution, State
 from spacerobot.elements.controller import RobotController
 from spacerobot.elements.registry import register
+from spacerobot.elements.robot_element import RobotFacts
 from spacerobot.elements.sensor import measured
 from spacerobot.section import quantity
 
@@ -61,6 +63,30 @@ class JointPd(RobotController):
     def reads(self) -> set[str]:
         """Joint positions and rates."""
         return {"joint_position", "joint_rate"}
+
+    def faults(self, robot: RobotFacts) -> Iterable[tuple[str, str]]:
+        """A null space that does not exist."""
+        if not self.null_space:
+            return
+        directions, joints = robot.moved.shape
+        if robot.rank < directions:
+            yield (
+                "null_space",
+                f"{robot.name} has no null space: its {joints} joints move {directions} controlled "
+                f"directions of its tips, of which {robot.rank} are independent in the initial posture; "
+                "leave `null_space` out, or control fewer directions",
+            )
+
+    def cautions(self, robot: RobotFacts) -> Iterable[str]:
+        """A null space that leaves nothing."""
+        if not self.null_space:
+            return
+        directions, joints = robot.moved.shape
+        if directions == joints:
+            yield (
+                f"without effect, for its {joints} joints move as many controlled directions of its tips; "
+                "`null_space` leaves nothing"
+            )
 
 
 def _joint_position(model: Any, joint: int, q: ca.SX) -> ca.SX:

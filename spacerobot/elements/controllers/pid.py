@@ -52,7 +52,7 @@ class Pid(TipController):
 
     def build(self, tip: TipContext) -> Contribution:
         """One channel and its states."""
-        turns = tip.key.startswith("orientation")
+        turns = self.controls(tip.key) == "rotation"
         axes = list(tip.plant.rotation_axes if turns else tip.plant.translation_axes)
         fed_back = self._fed_back(tip, axes, turns=turns)
         motion, states = tip.motion, []
@@ -110,12 +110,16 @@ class Pid(TipController):
 
     def reads(self, key: str, siblings: Mapping[str, Section]) -> set[str]:
         """The velocity that it feeds back, and what its amnesia controller reads."""
-        turns = key.startswith("orientation")
+        turns = self.controls(key) == "rotation"
         inertial = "tip_angular_velocity" if turns else "tip_velocity"
         found = {"joint_rate" if self.feedback == "base" else inertial}
         if ("orientation_amnesia" if turns else "amnesia") in siblings:
             found.add("tip_orientation" if turns else "tip_position")
         return found
+
+    def controls(self, key: str) -> Literal["translation", "rotation"]:
+        """The tip's translation, or its rotation at keys that say so."""
+        return "rotation" if key.startswith("orientation") else "translation"
 
     def assumptions(self) -> list[str]:
         """Of the feedback and of the derivative."""

@@ -1,0 +1,1 @@
+"""Kinds of actuators that ship, one file each."""

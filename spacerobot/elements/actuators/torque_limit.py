@@ -1,0 +1,63 @@
+"""Actuators of joints that deliver what is asked of them up to a greatest torque."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Literal
+
+import casadi as ca
+from pydantic import Field
+
+from spacerobot.elements.actuator import Actuator
+from spacerobot.elements.context import ActuatorContext
+from spacerobot.elements.contribution import Contribution, Drive
+from spacerobot.elements.registry import register
+from spacerobot.elements.robot_element import RobotFacts
+from spacerobot.errors import near_names
+from spacerobot.section import matching, quantity
+
+
+@register
+class TorqueLimit(Actuator):
+    """Motors of joints that deliver what is asked of them up to a greatest torque, or force."""
+
+    kind: Literal["torque_limit"] = "torque_limit"
+    joints: str = Field(default="*", description="joint by name; `*` stands for any letters")
+    limit: float | None = quantity(
+        "N m or N",
+        "greatest torque or force of each; the joint's `torque_limit`, or the URDF's effort, if not given",
+        default=None,
+        gt=0,
+    )
+
+    def build(self, actuator: ActuatorContext) -> Contribution:
+        """Torques clipped, those of each joint at its limit."""
+        names = self.limits(tuple(actuator.columns))
+        if not names:
+            return Contribution()
+        if self.limit is None:
+            limit = ca.vertcat(*(actuator.joint_number(name, "torque_limit") for name in names))
+        else:
+            limit = ca.repmat(actuator.context.number("limit"), len(names), 1)
+        columns = tuple(actuator.columns[name] for name in names)
+        return Contribution(drives=(Drive(columns, lambda asked: ca.fmin(ca.fmax(asked, -limit), limit)),))
+
+    def limits(self, joints: Sequence[str]) -> list[str]:
+        """Joints that the pattern stands for."""
+        return matching(joints, self.joints)
+
+    def faults(self, robot: RobotFacts) -> Iterable[tuple[str, str]]:
+        """A pattern that no joint matches, and joints for which there is no number."""
+        names = self.limits(robot.joints)
+        if not names and self.joints != "*":
+            yield "joints", f"no joint {self.joints!r}; {near_names(self.joints, robot.joints)}"
+        without = [name for name in names if self.limit is None and robot.limits[name] is None]
+        if without:
+            zero = " (effort 0 in the URDF)"
+            named = ", ".join(name + zero * (robot.efforts[name] == 0) for name in without)
+            yield "", f"no effort limit in the URDF, nor joints.*.torque_limit, for {named}"
+
+    def words(self) -> str:
+        """The joints and the limit."""
+        most = "their efforts" if self.limit is None else f"{self.limit:g} N m or N"
+        return f"torque_limit of {self.joints} at {most}"

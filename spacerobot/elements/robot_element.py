@@ -1,0 +1,61 @@
+"""What controllers and actuators of a whole robot have in common: they are judged by the robot's facts."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spacerobot.elements.element import Element
+
+
+@dataclass(frozen=True)
+class RobotFacts:
+    """A robot in its initial posture, in numbers.
+
+    Attributes
+    ----------
+    name
+        Of the robot.
+    joints
+        Names of its free joints: none that mimics another one.
+    limits
+        Greatest torque of each joint [N m or N] by name; none where neither scenario nor URDF gives one.
+    efforts
+        The URDF's effort of each joint [N m or N] by name.
+    find_moved
+        Finds :attr:`moved`, which takes time.
+    """
+
+    name: str
+    joints: tuple[str, ...]
+    limits: Mapping[str, float | None]
+    efforts: Mapping[str, float]
+    find_moved: Callable[[], NDArray[np.float64]]
+
+    @functools.cached_property
+    def moved(self) -> NDArray[np.float64]:
+        """Velocities of the controlled directions of its tips by its joints' rates (directions, joints)."""
+        return self.find_moved()
+
+    @property
+    def rank(self) -> int:
+        """How many of the controlled directions are independent."""
+        return int(np.linalg.matrix_rank(self.moved, tol=1e-9)) if self.moved.size else 0
+
+
+class RobotElement(Element):
+    """An element of a whole robot."""
+
+    def faults(self, robot: RobotFacts) -> Iterable[tuple[str, str]]:
+        """Why it cannot act on this robot: the key of its section, empty for all of it, and a sentence."""
+        del robot
+        return ()
+
+    def cautions(self, robot: RobotFacts) -> Iterable[str]:
+        """What a user should look at where it acts on this robot, a sentence each."""
+        del robot
+        return ()
