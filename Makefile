@@ -25,14 +25,16 @@ check: $(VENV)/installed-all  ## Lint and type-check
 
 docs: $(VENV)/installed-all  ## The documentation's site, in build/site; a warning fails it
 	$(BIN)/python -m pip install --quiet --editable '.[docs]'
-	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+	SPACEROBOT_SITE=build/site $(BIN)/python -m pytest -n 0 tests/docs/test_site.py
+	@echo "Open build/site/index.html."
 
 bench: $(VENV)/installed-all  ## Measure, each row as a ratio to something in the same run
 	$(BIN)/python -m pip install --quiet --editable '.[bench]'
 	$(BIN)/python -m benchmarks
 
 wheel-check: $(VENV)/installed-all  ## The built wheel, alone in a fresh environment, runs the paper's scenario
-	rm -rf build dist
+	rm -rf dist $(WHEEL_VENV)
 	$(BIN)/python -m pip wheel --quiet --no-deps --wheel-dir dist .
 	$(PYTHON) -m venv $(WHEEL_VENV)
 	$(WHEEL_VENV)/bin/python -m pip install --quiet dist/*.whl
