@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import stat
 import subprocess
 import sys
@@ -16,14 +15,18 @@ from spacerobot.errors import ScenarioError, SpaceRobotWarning
 from spacerobot.kept import SUFFIX, kept_closed_loop
 from spacerobot.rollout import build_rollout
 from spacerobot.scene import load_scene
-
-SMALL = {"simulation.duration": 0.02, "simulation.step": 0.01}
+from tests.oracles import one_arm
 
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     monkeypatch.setenv("SPACEROBOT_CACHE_DIR", str(tmp_path / "cache"))
     return tmp_path / "cache" / "compiled"
+
+
+@pytest.fixture
+def file(tmp_path):
+    return one_arm.write(tmp_path)
 
 
 @pytest.fixture
@@ -38,14 +41,14 @@ def names(folder):
     return sorted(path.name for path in folder.iterdir())
 
 
-def test_the_second_time_nothing_is_built_and_nothing_differs(folder, builds):
-    scene = load_scene("paper", SMALL)
-    built, again = kept_closed_loop(scene), kept_closed_loop(load_scene("paper", SMALL))
+def test_the_second_time_nothing_is_built_and_nothing_differs(file, folder, builds):
+    scene = load_scene(file)
+    built, again = kept_closed_loop(scene), kept_closed_loop(load_scene(file))
     assert len(builds) == 1
     (path,) = folder.iterdir()
     assert path.suffix == SUFFIX
     assert stat.S_IMODE(path.stat().st_mode) == 0o600
-    one, two = (build_rollout(loop, duration_s=0.02, step_s=0.01) for loop in (built, again))
+    one, two = (build_rollout(loop, duration_s=0.1, step_s=0.01) for loop in (built, again))
     assert two.engines.single.library.cached  # the generated source is the same
     assert np.array_equal(one.run().state, two.run().state)
     assert [getattr(built, f) for f in ("variables", "works", "max_gaps", "jumps", "outside")] == [
@@ -53,50 +56,49 @@ def test_the_second_time_nothing_is_built_and_nothing_differs(folder, builds):
     ]
 
 
-def test_another_process_finds_it(folder, builds):
+def test_another_process_finds_it(file, folder, builds):
     program = (
         "from spacerobot import kept; from spacerobot.scene import load_scene;"
-        f"kept.kept_closed_loop(load_scene('paper', {SMALL}))"
+        f"kept.kept_closed_loop(load_scene({str(file)!r}))"
     )
     subprocess.run([sys.executable, "-c", program], check=True)
-    kept_closed_loop(load_scene("paper", SMALL))
+    kept_closed_loop(load_scene(file))
     assert not builds
 
 
-def test_another_number_model_or_choice_is_another_entry(folder, builds, tmp_path):
-    scene = load_scene("paper", SMALL)
+def test_another_number_model_or_choice_is_another_entry(file, folder, builds, tmp_path):
+    scene = load_scene(file)
     kept_closed_loop(scene)
-    kept_closed_loop(load_scene("paper", SMALL | {"robots.rpr1.tips.tip.pid.kp": 1.0}))
+    kept_closed_loop(load_scene(file, {"robots.arm.tips.tip.pid.kp": 1.0}))
     kept_closed_loop(scene, vary=["target.links.body.com.1"])
-    urdf = tmp_path / "target.urdf"
-    shutil.copy(scene.target.description.path, urdf)
+    urdf = tmp_path / "arm.urdf"
     urdf.write_text(urdf.read_text(encoding="utf-8") + "<!-- -->", encoding="utf-8")
-    kept_closed_loop(load_scene("paper", SMALL | {"target.urdf": str(urdf)}))
+    kept_closed_loop(load_scene(file))
     scene.model.inertias[3].mass += 1.0  # by a user in Python
     kept_closed_loop(scene)
     assert len(builds) == len(names(folder)) == 5
 
 
-def test_another_source_of_this_package_is_another_entry(folder, builds, monkeypatch):
-    scene = load_scene("paper", SMALL)
+def test_another_source_of_this_package_is_another_entry(file, folder, builds, monkeypatch):
+    scene = load_scene(file)
     kept_closed_loop(scene)
     monkeypatch.setattr(kept, "_code", lambda: "another")
     kept_closed_loop(scene)
     assert len(builds) == 2
 
 
-def test_kinds_of_a_users_own_are_always_built(folder, builds, monkeypatch):
+def test_kinds_of_a_users_own_are_always_built(file, folder, builds, monkeypatch):
     own = type("Own", (), {"__module__": "spacerobot_plugin_own"})
     monkeypatch.setitem(registry._KINDS["reference"], "own", own)
     for _ in range(2):
-        kept_closed_loop(load_scene("paper", SMALL))
+        kept_closed_loop(load_scene(file))
     assert len(builds) == 2
     assert not folder.exists()
 
 
 @pytest.mark.parametrize("damage", [b"", b"no closed loop", None])
-def test_a_damaged_entry_is_built_again(folder, builds, damage):
-    scene = load_scene("paper", SMALL)
+def test_a_damaged_entry_is_built_again(file, folder, builds, damage):
+    scene = load_scene(file)
     kept_closed_loop(scene)
     (path,) = folder.iterdir()
     path.write_bytes(path.read_bytes()[:-100] if damage is None else damage)
@@ -106,8 +108,8 @@ def test_a_damaged_entry_is_built_again(folder, builds, damage):
     assert len(builds) == 2
 
 
-def test_nothing_is_loaded_from_a_folder_that_others_may_write(folder, builds):
-    scene = load_scene("paper", SMALL)
+def test_nothing_is_loaded_from_a_folder_that_others_may_write(file, folder, builds):
+    scene = load_scene(file)
     kept_closed_loop(scene)
     folder.chmod(0o777)
     with pytest.warns(SpaceRobotWarning, match="can be written by others"):
@@ -115,16 +117,16 @@ def test_nothing_is_loaded_from_a_folder_that_others_may_write(folder, builds):
     assert len(builds) == 2
 
 
-def test_a_full_disk_ends_no_simulation(folder, builds, monkeypatch):
+def test_a_full_disk_ends_no_simulation(file, folder, builds, monkeypatch):
     def full(*_):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(kept.cache, "store", full)
-    assert kept_closed_loop(load_scene("paper", SMALL)).nx
+    assert kept_closed_loop(load_scene(file)).nx
     assert not names(folder)
 
 
-def test_what_a_loop_does_not_depend_on_is_refused_each_time(folder):
+def test_what_a_loop_does_not_depend_on_is_refused_each_time(file, folder):
     for _ in range(2):
         with pytest.raises(ScenarioError, match="nothing"):
-            kept_closed_loop(load_scene("paper", SMALL), vary=["nothing"])
+            kept_closed_loop(load_scene(file), vary=["nothing"])
