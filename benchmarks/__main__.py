@@ -13,7 +13,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks import aba, campaign, compilation, process, rollouts
+from benchmarks import aba, campaign, compilation, methods, process, rollouts
 from benchmarks.row import Row
 from spacerobot.compiled import find_toolchain
 from spacerobot.files import write_text
@@ -31,6 +31,7 @@ def passive_plant() -> list[Row]:
 
 JOBS: dict[str, Callable[[], list[Row]]] = {
     "single": lambda: [rollouts.single()],
+    "methods": methods.rows,
     "batch": rollouts.batch,
     "gradient": rollouts.gradient,
     "campaign": lambda: [campaign.row()],

@@ -66,7 +66,8 @@ def row() -> Row:
     )
     rate, bare_rate = (rollouts / statistics.median(s.clock for s in spent) for spent in (rolling, bare))
     building, merging = (statistics.median(s[name].clock for s in phases) for name in (BUILDING, MERGING))
-    step_ms = evaluator.members[0].rollout.grid.step_s * 1e3
+    taken = evaluator.members[0].rollout
+    how = f"{taken.kernel.method.name} at {taken.grid.step_s * 1e3:g} ms"
     return Row(
         f"campaign of the paper's scenario, {rollouts} rollouts of 10 s, {usable_cores()} cores",
         "bare batch of the same rollouts",
@@ -75,7 +76,7 @@ def row() -> Row:
         kept,
         f"at least {KEPT_AT_LEAST:g} of it",
         kept >= KEPT_AT_LEAST,
-        f"RK4 at {step_ms:g} ms; by processor time {worked:.3f}; "
+        f"{how}; by processor time {worked:.3f}; "
         f"beside it building {building:.1f} s, merging {merging:.2f} s",
         {
             "kept_by_processor_time": worked,

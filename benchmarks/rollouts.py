@@ -4,59 +4,44 @@ from __future__ import annotations
 
 import functools
 
-import casadi as ca
 import numpy as np
 
+from benchmarks.methods import DURATION, GAINS, built
 from benchmarks.plain_loop import PlainLoop
 from benchmarks.row import Row
 from benchmarks.timing import cpu_time_of, paired
-from spacerobot.closedloop import build_closed_loop
-from spacerobot.rollout import Measures, Rollout, Signals, build_rollout, integral
-from spacerobot.scene import load_scene
+from spacerobot.closedloop import ClosedLoop, build_closed_loop
+from spacerobot.rollout import Rollout
+from spacerobot.rollout.methods import DEFAULT
+from spacerobot.scene import Scene, load_scene
 
-DURATION, FINE = 10.0, 0.00025
+FINE = 0.00025
 ACCURATE = DURATION / 3000
-"""Step whose state error is below 1e-6."""
+"""Step of the plain loop's RK4 whose state error is below 1e-6."""
 
-TUNING = 0.002
-"""Step at which batches and gradients are compared with a single rollout."""
+TUNING = 0.01
+"""Step of the default method at which batches and gradients are compared with a single rollout."""
 
 GA_ROLLOUTS = 50 * 150
 BATCH_TARGET = {8: 8.0, 4: 4.0}
-GAINS = tuple(
-    f"robots.{robot}.tips.tip.{gain}"
-    for robot in ("rpr1", "rpr2")
-    for gain in ("pid.kp", "pid.ki", "pid.kd", "amnesia.ge", "amnesia.ta")
-)
 
 
 @functools.cache
-def _scene_and_loop() -> tuple[object, object]:
+def _scene_and_loop() -> tuple[Scene, ClosedLoop]:
     scene = load_scene("paper")
     return scene, build_closed_loop(scene)
 
 
-def _rollout(step: float, measured: bool = False) -> Rollout:
-    _, loop = _scene_and_loop()
-    signals = Signals.of(loop)
-    squared = {"squared": integral(ca.sumsqr(signals["tip_error"]))}
-    measures = Measures(signals, squared, costs=lambda r, _: {"cost": r["squared"]}) if measured else None
-    return build_rollout(
-        loop,
-        duration_s=DURATION,
-        step_s=step,
-        output_step_s=DURATION / 100,
-        method="rk4",
-        measures=measures,
-    )
+def _rollout(step: float, method: str = DEFAULT) -> Rollout:
+    return built(_scene_and_loop()[1], method, step)
 
 
 def single() -> Row:
     """One compiled rollout against the same closed loop in a plain Python loop, same step."""
     scene, loop = _scene_and_loop()
-    rollout, plain = _rollout(ACCURATE), PlainLoop(scene)
+    rollout, plain = _rollout(ACCURATE, "rk4"), PlainLoop(scene)
     size = loop.nq + loop.nv
-    exact = _rollout(FINE).run().state[-1][:size]
+    exact = _rollout(FINE, "rk4").run().state[-1][:size]
     errors = [
         float(np.abs(final - exact).max())
         for final in (rollout.run().state[-1][:size], plain.run(DURATION, ACCURATE)[:size])
@@ -77,7 +62,7 @@ def single() -> Row:
 
 def batch() -> list[Row]:
     """Rollouts in lanes on one core against one rollout, and the paper's whole GA on all cores."""
-    rollout = _rollout(TUNING, measured=True)
+    rollout = _rollout(TUNING)
     count = 64
     values = np.linspace(280, 320, count)[:, None]
     times = paired(
@@ -99,7 +84,7 @@ def batch() -> list[Row]:
             gain,
             f"{target:g}x faster",
             gain >= target,
-            f"RK4 at {TUNING * 1e3:g} ms, one thread",
+            f"{DEFAULT} at {TUNING * 1e3:g} ms, one thread",
         ),
         Row(
             "the paper's GA budget, 50 x 150 rollouts of 10 s",
@@ -113,7 +98,7 @@ def batch() -> list[Row]:
 
 def gradient() -> list[Row]:
     """Exact adjoint gradient with respect to all gains against one rollout."""
-    rollout = _rollout(TUNING, measured=True)
+    rollout = _rollout(TUNING)
     times = paired(rollout.run, lambda: rollout.value_and_gradient(wrt=GAINS))
     count = 16
     values = np.tile([rollout.values()[i] for i in rollout.indices(GAINS)], (count, 1))

@@ -1,0 +1,108 @@
+"""Every numerical method against classical Runge-Kutta at equal error: alone, in lanes, with a gradient."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from statistics import median
+
+import casadi as ca
+import numpy as np
+
+from benchmarks.row import Row
+from benchmarks.timing import cpu_time_of
+from spacerobot.closedloop import ClosedLoop, build_closed_loop
+from spacerobot.rollout import Measures, Rollout, Signals, build_rollout, integral, time_grid
+from spacerobot.rollout.methods import DEFAULT, METHODS
+from spacerobot.scene import load_scene
+
+DURATION, SAMPLE = 10.0, 0.1
+ERROR = 1e-7
+"""Of the state at the samples, relative to the larger of one unit and a state's largest value."""
+
+FINE = 0.0015
+"""Step of `dop853` that the others are compared with."""
+
+FASTER = 1.4
+"""What the default shall reach."""
+
+TURNS = 7
+COUNT = 64
+"""Rollouts of a batch."""
+
+GAINS = tuple(
+    f"robots.{robot}.tips.tip.{gain}"
+    for robot in ("rpr1", "rpr2")
+    for gain in ("pid.kp", "pid.ki", "pid.kd", "amnesia.ge", "amnesia.ta")
+)
+"""All gains of the paper's scenario."""
+
+
+def built(loop: ClosedLoop, method: str, step_s: float = SAMPLE, sample_s: float = SAMPLE) -> Rollout:
+    """The paper's rollout by a method, with one cost to differentiate."""
+    signals = Signals.of(loop)
+    squared = {"squared": integral(ca.sumsqr(signals["tip_error"]))}
+    measures = Measures(signals, squared, costs=lambda r, _: {"cost": r["squared"]})
+    return build_rollout(
+        loop, duration_s=DURATION, step_s=step_s, output_step_s=sample_s, method=method, measures=measures
+    )
+
+
+def longest(rollout: Rollout, exact: np.ndarray) -> tuple[Rollout, float]:
+    """The rollout in the longest steps, of those that divide a sample, that keep to the error; its error."""
+    largest = np.maximum(1.0, np.abs(exact).max(axis=0))
+    for pieces in range(1, 200):
+        tried = replace(rollout, grid=time_grid(DURATION, SAMPLE / pieces, SAMPLE))
+        trajectory = tried.run()
+        if trajectory.status == "completed":
+            error = float((np.abs(trajectory.state - exact) / largest).max())
+            if error <= ERROR:
+                return tried, error
+    raise RuntimeError(f"{rollout.kernel.method.name} does not reach an error of {ERROR:g}")
+
+
+def rows() -> list[Row]:
+    """One row for each method and job; ratios are medians over turns in which all methods take part."""
+    loop = build_closed_loop(load_scene("paper"))
+    exact = built(loop, "dop853", FINE).run().state
+    found = {name: longest(built(loop, name), exact) for name in METHODS}
+    values = np.linspace(280, 320, COUNT)[:, None]
+    jobs: dict[str, tuple[Callable[[Rollout], object], int]] = {
+        "one rollout": (lambda rollout: rollout.run(), 1),
+        "a rollout of a batch in lanes": (lambda rollout: rollout.batch(GAINS[:1], values, threads=1), COUNT),
+        f"adjoint gradient, {len(GAINS)} gains": (lambda rollout: rollout.value_and_gradient(wrt=GAINS), 1),
+    }
+    told = []
+    for what, (job, calls) in jobs.items():
+        times = _turns({name: rollout for name, (rollout, _) in found.items()}, job, calls)
+        told += [_row(what, name, *found[name], times) for name in METHODS if name != "rk4"]
+    return told
+
+
+def _turns(
+    rollouts: dict[str, Rollout], job: Callable[[Rollout], object], calls: int
+) -> dict[str, list[float]]:
+    """Processor times [s] of a job by each method, in turns, after a warm-up of each."""
+    for rollout in rollouts.values():
+        job(rollout)
+    times: dict[str, list[float]] = {name: [] for name in rollouts}
+    for _ in range(TURNS):
+        for name, rollout in rollouts.items():
+            times[name].append(cpu_time_of(lambda rollout=rollout: job(rollout)) / calls)
+    return times
+
+
+def _row(what: str, name: str, rollout: Rollout, error: float, times: dict[str, list[float]]) -> Row:
+    ratio = median(theirs / ours for ours, theirs in zip(times[name], times["rk4"], strict=True))
+    steps, stages = rollout.grid.steps, rollout.kernel.method.stages
+    target = ("stated", None) if name != DEFAULT else (f"{FASTER:g}x faster", ratio >= FASTER)
+    return Row(
+        f"{what}, `{name}` at a state error of {ERROR:g}",
+        "`rk4` at the same error",
+        f"{median(times[name]) * 1e3:.2f} ms",
+        f"{median(times['rk4']) * 1e3:.2f} ms",
+        ratio,
+        *target,
+        f"steps of {rollout.grid.step_s * 1e3:.3g} ms, {steps * stages} evaluations, error {error:.0e}",
+        {"error": error, "evaluations": steps * stages},
+    )
