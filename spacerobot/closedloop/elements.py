@@ -8,8 +8,11 @@ from dataclasses import dataclass
 
 import casadi as ca
 
+from spacerobot.dynamics.joints import sparse
+from spacerobot.dynamics.rotations import rotation_from_rpy
 from spacerobot.elements import (
     ActuatorContext,
+    ContactContext,
     Context,
     Contribution,
     GraspContext,
@@ -17,11 +20,14 @@ from spacerobot.elements import (
     RobotContext,
     TipContext,
 )
-from spacerobot.elements.context import Affine
+from spacerobot.elements.context import Affine, Surface
 from spacerobot.elements.life import living
+from spacerobot.elements.reference import DEGREE
 from spacerobot.elements.sensor import ideal
 from spacerobot.scenario import Robot
 from spacerobot.scene import Scene, SceneBody, SceneGrasp, SceneTip
+from spacerobot.scene.scene import SceneContact, SceneShape
+from spacerobot.shapes import Shape
 from spacerobot.symbolic import Plant, Start
 
 
@@ -50,7 +56,7 @@ class Builder:
         return {tip.label: self._motion(tip) for tip in self.scene.tips}
 
     def contributions(self) -> list[Contribution]:
-        """Of the controllers of tips, those of robots, grasps and actuators, in the scene's order."""
+        """Of controllers of tips and robots, grasps, contacts and actuators, in the scene's order."""
         found = [
             controller.build(self._tip(tip, key))
             for tip in self.scene.tips
@@ -62,6 +68,7 @@ class Builder:
                     controller.build(self._robot(body, key)) for key, controller in body.config.elements()
                 ]
         found += [living(grasp.config, self._grasp(grasp)) for grasp in self.scene.grasps]
+        found += [contact.config.build(self._contact(contact)) for contact in self.scene.contacts]
         for body in self.scene.robots:
             if isinstance(body.config, Robot):
                 found += [
@@ -139,6 +146,35 @@ class Builder:
             grasp.frame,
             grasp.joint,
         )
+
+    def _contact(self, contact: SceneContact) -> ContactContext:
+        surfaces = {shape: self._surface(shape) for pair in contact.pairs for shape in pair}
+        pairs = tuple((surfaces[first], surfaces[second]) for first, second in contact.pairs)
+        return ContactContext(self.context.at(contact.path), self.plant, contact.name, pairs)
+
+    def _surface(self, shape: SceneShape) -> Surface:
+        """A shape where it is now; a pad's numbers can be varied."""
+        rotation, origin = self.plant.placement(shape.frame)
+        if shape.path is None:
+            radius, half = (ca.SX(ca.DM(value)) for value in shape.measures)
+            turn, position = sparse(shape.placement[:3, :3]), sparse(shape.placement[:3, 3])
+        else:
+            radius, half, turn, position = _pad(self.context.at(shape.path), shape)
+        own = Shape(ca.mtimes(rotation, turn), origin + ca.mtimes(rotation, position), radius, half)
+        return Surface(shape.kind, own, shape.frame, shape.joint)
+
+
+def _pad(context: Context, shape: SceneShape) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
+    """Radius, half lengths, rotation and position of a pad."""
+    radius = context.number("radius") if shape.measures[0] else ca.SX(1, 1)
+    half = ca.SX(0, 1)
+    if len(shape.measures[1]) == 1:
+        half = context.number("length") / 2
+    elif shape.measures[1]:
+        half = context.vector("size") / 2
+    angles = context.parameters.sparse_vector(f"{context.path}.rotation_deg") * DEGREE
+    turn = context.once("turn", rotation_from_rpy(angles))
+    return radius, half, turn, context.vector("position")
 
 
 def _positions(body: SceneBody, free: ca.SX) -> dict[int, ca.SX]:

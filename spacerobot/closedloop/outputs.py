@@ -104,6 +104,7 @@ def combine(scene: Scene, outputs: Iterable[Output]) -> tuple[tuple[Variable, ..
         "tip": [tip.label for tip in scene.tips],
         "body": [body.name for body in scene.bodies],
         "grasp": [grasp.name for grasp in scene.grasps],
+        "contact": [contact.name for contact in scene.contacts],
     }
     named: dict[str, list[Output]] = {}
     for output in outputs:

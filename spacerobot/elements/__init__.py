@@ -1,7 +1,14 @@
 """Elements: references, grasps, controllers, actuators and sensors; a kind is one file, section and law."""
 
 from spacerobot.elements.actuator import Actuator
-from spacerobot.elements.context import ActuatorContext, GraspContext, RobotContext, TipContext
+from spacerobot.elements.contact import Contact
+from spacerobot.elements.context import (
+    ActuatorContext,
+    ContactContext,
+    GraspContext,
+    RobotContext,
+    TipContext,
+)
 from spacerobot.elements.contribution import (
     Channel,
     Constraint,
@@ -31,6 +38,8 @@ __all__ = [
     "ActuatorContext",
     "Channel",
     "Constraint",
+    "Contact",
+    "ContactContext",
     "Context",
     "Contribution",
     "Drive",

@@ -15,6 +15,7 @@ from spacerobot.elements.hold import Hold
 from spacerobot.elements.motion import Motion
 from spacerobot.elements.numbers import Context
 from spacerobot.section import Section
+from spacerobot.shapes import Proximity, Shape, ShapeKind, proximity
 from spacerobot.symbolic import Plant, Start
 
 Affine = tuple[ca.SX | None, ca.SX]
@@ -256,6 +257,52 @@ class GraspContext:
             Wrench(self.mate_joint, force, torque, point),
             Wrench(self.tip_joint, -force, -torque, point),
         )
+
+
+@dataclass(frozen=True)
+class Surface:
+    """A shape of a body, and the frame and joint in the model that carry it."""
+
+    kind: ShapeKind
+    shape: Shape
+    frame: int
+    joint: int
+
+
+@dataclass(frozen=True)
+class ContactContext:
+    """Shapes of two bodies that may touch; everything in world axes.
+
+    Attributes
+    ----------
+    context
+        Time and the numbers of the contact's section.
+    plant
+        Mechanics now.
+    name
+        Of the contact.
+    pairs
+        Every first shape with every second one.
+    """
+
+    context: Context
+    plant: Plant
+    name: str
+    pairs: tuple[tuple[Surface, Surface], ...]
+
+    def proximity(self, first: Surface, second: Surface) -> Proximity:
+        """How near two shapes are."""
+        return proximity((first.kind, second.kind), first.shape, second.shape)
+
+    def velocity(self, surface: Surface, point: ca.SX) -> ca.SX:
+        """Velocity (3x1) [m/s] of the body's material point that is at a point (3x1) [m]."""
+        linear, angular = self.plant.velocity(surface.frame)
+        return linear + cross(angular, point - self.plant.placement(surface.frame)[1])
+
+    def opposite(self, pair: tuple[Surface, Surface], force: ca.SX, point: ca.SX) -> tuple[Wrench, Wrench]:
+        """One pair of opposite forces at a point (3x1 each): on the second as given, and on the first."""
+        none = ca.SX(3, 1)
+        return Wrench(pair[1].joint, force, none, point), Wrench(pair[0].joint, -force, none, point)
 
 
 def unit_load(axis: int, *, rotation: bool) -> tuple[ca.SX, ca.SX]:

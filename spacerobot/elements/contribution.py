@@ -12,7 +12,7 @@ import casadi as ca
 from spacerobot.dynamics import Wrench
 from spacerobot.elements.event import Event, both
 
-Dimension = Literal["tip", "body", "grasp", "joint"]
+Dimension = Literal["tip", "body", "grasp", "contact", "joint"]
 """What outputs are of."""
 
 Item = TypeVar("Item", "State", "Torque", "Power", "Output", Wrench)
@@ -179,8 +179,8 @@ class Output:
     text
         What it is, for axes, tables and the documentation.
     dimension, label
-        What it is of: ``tip``, ``body`` or ``grasp``, and which one; ``joint`` for a number of each joint
-        (n x 1); none for the whole scene.
+        What it is of: ``tip``, ``body``, ``grasp`` or ``contact``, and which one; ``joint`` for a number of
+        each joint (n x 1); none for the whole scene.
     """
 
     name: str

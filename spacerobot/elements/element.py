@@ -17,7 +17,7 @@ class Element(Section):
     Attributes
     ----------
     family
-        Which elements it stands beside: ``reference``, ``grasp``, ``tip_controller``,
+        Which elements it stands beside: ``reference``, ``grasp``, ``contact``, ``tip_controller``,
         ``robot_controller``, ``actuator`` or ``sensor``.
     """
 

@@ -28,6 +28,7 @@ GROUP = "spacerobot.elements"
 FAMILIES = {
     "reference": "spacerobot.elements.references",
     "grasp": "spacerobot.elements.grasps",
+    "contact": "spacerobot.elements.contacts",
     "tip_controller": "spacerobot.elements.controllers",
     "robot_controller": "spacerobot.elements.controllers",
     "actuator": "spacerobot.elements.actuators",

@@ -12,6 +12,7 @@ from spacerobot.elements.registry import FAMILIES, kinds
 PLACES = {
     "reference": "`robots.*.tips.*.reference`, `target.reference`",
     "grasp": "`grasps.*`",
+    "contact": "`contacts.*`",
     "tip_controller": "`robots.*.tips.*.controllers.*`, `pid`, `orientation_pid`",
     "robot_controller": "`robots.*.controllers.*`, `joint_pd`",
     "actuator": "`robots.*.actuators.*`; `robots.*.torque_limits: true` is a `torque_limit` of all joints",

@@ -1,5 +1,6 @@
 """The second opinion: the same closed loop, written again over Pinocchio's own algorithms."""
 
+from spacerobot.pinocchio_engine.contacts import contact_of
 from spacerobot.pinocchio_engine.engine import Engine
 from spacerobot.pinocchio_engine.grasps import grasp_of
 from spacerobot.pinocchio_engine.joint_control import robot_law
@@ -7,4 +8,14 @@ from spacerobot.pinocchio_engine.references import path_of, turn_of
 from spacerobot.pinocchio_engine.simulate import simulate
 from spacerobot.pinocchio_engine.tip_control import reading_of, tip_law
 
-__all__ = ["Engine", "grasp_of", "path_of", "reading_of", "robot_law", "simulate", "tip_law", "turn_of"]
+__all__ = [
+    "Engine",
+    "contact_of",
+    "grasp_of",
+    "path_of",
+    "reading_of",
+    "robot_law",
+    "simulate",
+    "tip_law",
+    "turn_of",
+]

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
+from spacerobot.pinocchio_engine.contacts import Pressure
 from spacerobot.pinocchio_engine.grasps import Constraint, Relative
 from spacerobot.pinocchio_engine.kinematics import Kinematics, joint_space_inertia
 from spacerobot.pinocchio_engine.tip_control import Command
@@ -47,6 +48,8 @@ class Loads:
         Greatest torque of each velocity component (nv,), infinite where there is none.
     spread
         Velocities of all joints from those of the free ones (nv, nv).
+    pressures
+        Of contacts.
     """
 
     torque: Array
@@ -56,6 +59,7 @@ class Loads:
     constraints: Sequence[Constraint]
     limits: Array
     spread: Array
+    pressures: Sequence[Pressure] = ()
 
     @property
     def ties(self) -> Array:
@@ -102,7 +106,7 @@ def solve(kinematics: Kinematics, loads: Loads) -> Solution:
         kinematics.q,
         kinematics.v,
         torque - loads.resistance * kinematics.v - loads.ties.T @ ties,
-        _external(kinematics, [*loads.wrenches, *wrenches]),
+        _external(kinematics, [*loads.wrenches, *wrenches], loads.pressures),
     )
     return Solution(np.array(acceleration), torque, wrenches)
 
@@ -118,7 +122,7 @@ def _implicit(
         kinematics.q,
         kinematics.v,
         np.zeros(nv),
-        _external(kinematics, loads.wrenches),
+        _external(kinematics, loads.wrenches, loads.pressures),
     )
     jacobian = np.vstack([np.empty((0, nv)), *(c.jacobian for c in commands)])
     fixed = np.vstack([np.empty((0, nv)), *(c.jacobian for c in loads.constraints), loads.ties])
@@ -141,13 +145,19 @@ def _implicit(
     return parts[: len(commands)], parts[len(commands) :]
 
 
-def _external(kinematics: Kinematics, wrenches: Sequence[Wrench]) -> pin.StdVec_Force:
-    """Forces on each joint's body in its own axes: on the target as given, opposite on the robot."""
+def _external(
+    kinematics: Kinematics, wrenches: Sequence[Wrench], pressures: Sequence[Pressure]
+) -> pin.StdVec_Force:
+    """Forces on each joint's body in its own axes: on the target or second as given, else opposite."""
     total = [pin.Force.Zero() for _ in range(kinematics.model.njoints)]
     for grasp, relative, force, torque in wrenches:
         at = relative.point
         total[grasp.joint] += kinematics.local_wrench(grasp.joint, force, torque, at)
         total[grasp.tip.joint] += kinematics.local_wrench(grasp.tip.joint, -force, -torque, at)
+    for pressure in pressures:
+        (first, second), at = pressure.touch.pair, pressure.touch.point
+        total[second.joint] += kinematics.local_wrench(second.joint, pressure.force, np.zeros(3), at)
+        total[first.joint] += kinematics.local_wrench(first.joint, -pressure.force, np.zeros(3), at)
     external = pin.StdVec_Force()
     external.extend(total)
     return external

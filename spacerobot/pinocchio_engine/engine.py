@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from spacerobot.pinocchio_engine.actuation import torque_limits
+from spacerobot.pinocchio_engine.contacts import Pressure, contact_of, touches
 from spacerobot.pinocchio_engine.dynamics import Loads, Solution, Wrench, solve
 from spacerobot.pinocchio_engine.grasps import (
     Constraint,
@@ -27,6 +28,7 @@ from spacerobot.scene import Scene
 from spacerobot.scene.scene import Array
 
 WORKS = ("actuator", "joint", "grasp", "constraint")
+"""Works that are booked whatever there is; those of contacts follow where there are any."""
 
 
 @dataclass(frozen=True)
@@ -43,6 +45,8 @@ class Instant:
         Of the grasps, in the scene's order.
     couplings
         Of the compliant grasps.
+    pressures
+        Of every pair of shapes of the contacts, by the contact's name.
     solution
         Acceleration, actuator torques, wrenches of rigid grasps.
     rates
@@ -53,6 +57,7 @@ class Instant:
     motions: Mapping[str, Motion]
     relatives: list[Relative]
     couplings: list[Coupling]
+    pressures: Mapping[str, list[Pressure]]
     solution: Solution
     rates: Array
 
@@ -60,13 +65,15 @@ class Instant:
 class Engine:
     """A scene made ready to evaluate.
 
-    The state is x = (q, v, z): Pinocchio's configuration and velocity, the controllers' states and the four
-    works of the energy balance.
+    The state is x = (q, v, z): Pinocchio's configuration and velocity, the controllers' states and the works
+    of the energy balance.
 
     Attributes
     ----------
     state_names
         Names of z.
+    works
+        Names of the works.
     x0
         Initial state (nx,).
     breakpoints
@@ -89,12 +96,13 @@ class Engine:
         self.resistance, self.limits = _resistance(scene), torque_limits(scene)
         blocks: list[Channel | JointController] = [*self.channels, *self.controllers]
         names = [name for block in blocks for name in block.state_names]
-        self.state_names = (*names, *(f"work.{name}[0]" for name in WORKS))
+        self.works = (*WORKS, "contact") if scene.contacts else WORKS
+        self.state_names = (*names, *(f"work.{name}[0]" for name in self.works))
         self._cuts = np.cumsum([len(block.state_names) for block in blocks])
         motions = self._motions(0.0, 0.0)
         z0 = [c.initial(start, motions[c.tip.label]) for c in self.channels]
         z0 += [c.positions(start.q) for c in self.controllers]
-        self.x0: Array = np.concatenate([scene.q, scene.v, *z0, np.zeros(len(WORKS))])
+        self.x0: Array = np.concatenate([scene.q, scene.v, *z0, np.zeros(len(self.works))])
         self.breakpoints = tuple(sorted({t for tip in scene.tips for t in tip.reference.jumps()}))
 
     def derivative(self, t: float, x: Array, within: float | None = None) -> Array:
@@ -147,10 +155,15 @@ class Engine:
         ]
         asked = [command for _, command in commands]
         couplings, loads = self._loads(torque, asked, relatives)
-        solution = solve(kinematics, loads)
-        powers = self._powers(v, solution, couplings)
+        pressures = {
+            contact.name: [contact_of(contact.config, touch) for touch in touches(kinematics, contact)]
+            for contact in self.scene.contacts
+        }
+        pressing = [pressure for several in pressures.values() for pressure in several]
+        solution = solve(kinematics, replace(loads, pressures=pressing))
+        powers = self._powers(v, solution, couplings, pressing)
         rates = np.concatenate([*(command.rates for command in asked), *desired_rates, powers])
-        return Instant(kinematics, motions, relatives, couplings, solution, rates)
+        return Instant(kinematics, motions, relatives, couplings, pressures, solution, rates)
 
     def _joint_control(
         self,
@@ -189,20 +202,22 @@ class Engine:
     def _motions(self, t: float, within: float) -> dict[str, Motion]:
         return {label: reference.at(t, within) for label, reference in self.references.items()}
 
-    def _powers(self, v: Array, solution: Solution, couplings: list[Coupling]) -> Array:
-        """Rates of the works, in the order of ``WORKS`` [W]."""
+    def _powers(
+        self, v: Array, solution: Solution, couplings: list[Coupling], pressing: list[Pressure]
+    ) -> Array:
+        """Rates of the works, in their order [W]."""
         by_constraints = -sum(
             float(force @ relative.velocity[:3] + torque @ relative.velocity[3:])
             for _, relative, force, torque in solution.wrenches
         )
-        return np.array(
-            [
-                solution.torque @ v,
-                self.resistance @ v**2,
-                sum(coupling.dissipation for coupling in couplings),
-                by_constraints,
-            ]
-        )
+        powers = {
+            "actuator": solution.torque @ v,
+            "joint": self.resistance @ v**2,
+            "grasp": sum(coupling.dissipation for coupling in couplings),
+            "constraint": by_constraints,
+            "contact": sum(pressure.dissipation for pressure in pressing),
+        }
+        return np.array([powers[name] for name in self.works])
 
 
 def _references(scene: Scene, start: Kinematics) -> dict[str, TipReference]:

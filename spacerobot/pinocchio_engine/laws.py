@@ -1,8 +1,8 @@
 """Second writings of the elements' laws, one for each kind; what has none makes this engine refuse.
 
 Each family has a ``functools.singledispatch`` function over its kinds: ``path_of`` and ``turn_of`` for
-references, ``grasp_of`` for grasps, ``tip_law`` and ``robot_law`` for controllers, ``greatest_torques`` for
-actuators.
+references, ``grasp_of`` for grasps, ``contact_of`` for contacts, ``tip_law`` and ``robot_law`` for
+controllers, ``greatest_torques`` for actuators.
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 import pinocchio as pin
 
-from spacerobot.pinocchio_engine.engine import WORKS, Engine, Instant
+from spacerobot.pinocchio_engine.engine import Engine, Instant
 from spacerobot.pinocchio_engine.kinematics import rotation_vector
 from spacerobot.scene.scene import Array
 
@@ -18,9 +18,9 @@ def outputs_at(engine: Engine, t: float, x: Array, within: float | None = None) 
     found = _tips(engine, instant) | _bodies(engine, instant)
     columns = sorted(engine.model.idx_vs[joint] for body in engine.scene.bodies for joint in body.joints)
     found["joint_torque"] = instant.solution.torque[columns]
-    found |= _grasps(engine, instant) | _energies(engine, instant)
-    works = engine.split(x)[2][-len(WORKS) :]
-    return found | {f"work_{name}": works[i : i + 1] for i, name in enumerate(WORKS)}
+    found |= _grasps(engine, instant) | _contacts(instant) | _energies(engine, instant)
+    works = engine.split(x)[2][-len(engine.works) :]
+    return found | {f"work_{name}": works[i : i + 1] for i, name in enumerate(engine.works)}
 
 
 def _tips(engine: Engine, instant: Instant) -> dict[str, Array]:
@@ -85,12 +85,31 @@ def _grasps(engine: Engine, instant: Instant) -> dict[str, Array]:
     }
 
 
+def _contacts(instant: Instant) -> dict[str, Array]:
+    """Whole forces, and gap and point of the nearest pair of shapes of each contact."""
+    found = list(instant.pressures.values())
+    if not found:
+        return {}
+    nearest = [min((p.touch for p in several), key=lambda touch: touch.gap) for several in found]
+    return {
+        "contact_force": np.concatenate([sum(p.force for p in several) for several in found]),
+        "contact_normal_force": np.array([sum(p.normal_force for p in several) for several in found]),
+        "contact_gap": np.array([touch.gap for touch in nearest]),
+        "contact_point": _stack(touch.point for touch in nearest),
+    }
+
+
 def _energies(engine: Engine, instant: Instant) -> dict[str, Array]:
     model, kinematics = engine.model, instant.kinematics
     data = model.createData()
     return {
         "energy_kinetic": np.array([pin.computeKineticEnergy(model, data, kinematics.q, kinematics.v)]),
-        "energy_spring": np.array([sum(coupling.energy for coupling in instant.couplings)]),
+        "energy_spring": np.array(
+            [
+                sum(coupling.energy for coupling in instant.couplings)
+                + sum(p.energy for several in instant.pressures.values() for p in several)
+            ]
+        ),
         "energy_potential": np.array([pin.computePotentialEnergy(model, data, kinematics.q)]),
     }
 

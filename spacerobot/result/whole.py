@@ -63,9 +63,10 @@ def _other_names(data: xr.Dataset, scenario: Scenario) -> str | None:
         "tip": [f"{robot}/{tip}" for robot, config in scenario.robots.items() for tip in config.tips],
         "body": [*scenario.robots, *target],
         "grasp": list(scenario.grasps),
+        "contact": list(scenario.contacts),
     }
     for name, labels in wanted.items():
-        found = [str(label) for label in data[name].values]
+        found = [str(label) for label in data[name].values] if name in data.coords else []
         if found != labels:
             return (
                 f"{name}: holds {', '.join(found) or 'none'}, scenario.yaml has {', '.join(labels) or 'none'}"

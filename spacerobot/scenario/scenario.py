@@ -6,11 +6,12 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from spacerobot.elements import Family, Grasp
+from spacerobot.elements import Contact, Family, Grasp
 from spacerobot.elements.registry import on_change
 from spacerobot.errors import near_names
 from spacerobot.scenario.bodies import Base, Robot, Target, Tip
 from spacerobot.scenario.campaign import Campaign
+from spacerobot.scenario.pads import Pad
 from spacerobot.scenario.sensors import Sensors
 from spacerobot.scenario.tuning import Tuning
 from spacerobot.section import Name, Section, Vector, quantity
@@ -62,6 +63,10 @@ class Scenario(Section):
     robots: dict[Name, Robot] = Field(min_length=1, description="robots by name")
     target: Target | None = Field(default=None, description="the object that is held")
     grasps: dict[Name, Annotated[Grasp, Family("grasp")]] = Field(default={}, description="grasps by name")
+    pads: dict[Name, Pad] = Field(default={}, description="shapes for contact that no URDF has, by name")
+    contacts: dict[Name, Annotated[Contact, Family("contact", default="hunt_crossley")]] = Field(
+        default={}, description="what may touch, by name"
+    )
     simulation: Simulation = Field(default=Simulation(), description="how long, how finely, by which engine")
     tuning: Tuning | None = Field(default=None, description="the tuning problem")
     campaign: Campaign | None = Field(default=None, description="uncertain numbers, and rollouts over them")

@@ -35,7 +35,11 @@ def list_assumptions(scene: Scene) -> tuple[str, ...]:
                 f"{grasp.path}: no base can close it: positions must meet as given, initial velocities "
                 "change by the impulse of closing"
             )
-    if scene.grasps:
+    for contact in scene.contacts:
+        found += [f"{contact.path}: {assumed}" for assumed in contact.config.assumptions()]
+    if scene.contacts:
+        found.append("no contact except in the grasps and contacts: other shapes may pass through each other")
+    elif scene.grasps:
         found.append("no contact except in the grasps: bodies may pass through each other")
     return tuple(found)
 

@@ -29,6 +29,7 @@ from spacerobot.scene.checks import (
 )
 from spacerobot.scene.closing import has_loops
 from spacerobot.scene.configure import close_velocity, initial_state
+from spacerobot.scene.contacts import check_overlap, find_contacts
 from spacerobot.scene.model import build_model
 from spacerobot.scene.reach import check_in_plane
 from spacerobot.scene.resolve import fill, locate, read_descriptions, settle
@@ -75,12 +76,14 @@ def build_scene(
     grasps = _grasps(model, resolved, tips, source)
     q, v = initial_state(model, bodies, grasps, source=source)
     planar = is_planar(model, bodies, q)
-    scene = Scene(resolved, source, model, bodies, tips, grasps, planar, q, v, (), ())
+    contacts = find_contacts(model, bodies, resolved, source)
+    scene = Scene(resolved, source, model, bodies, tips, grasps, planar, q, v, (), (), contacts)
     check_inertia(scene)
     check_gaps(scene)
     check_rank(scene)
     check_elements(scene)
     check_in_plane(scene)
+    check_overlap(scene)
     if has_loops(scene):
         scene = dataclasses.replace(scene, v=close_velocity(scene))
     for array in (scene.q, scene.v):

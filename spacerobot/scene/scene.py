@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spacerobot.description.read import Description
-from spacerobot.elements import Grasp, Reference
+from spacerobot.elements import Contact, Grasp, Reference
 from spacerobot.errors import ScenarioError, near_names
 from spacerobot.scenario import Base, Robot, Scenario, Target, Tip
+from spacerobot.shapes import ShapeKind
 
 Array = NDArray[np.float64]
 
@@ -127,6 +128,43 @@ class SceneGrasp:
     config: Grasp
 
 
+@dataclass(frozen=True, eq=False)
+class SceneShape:
+    """A shape for contact, fixed to a link.
+
+    Attributes
+    ----------
+    label
+        The pad's name, or body/link.
+    path
+        The pad's place in the scenario; none for a collision shape of a URDF, whose numbers are fixed.
+    kind, measures
+        What it is; its radius and half its length or edges [m], as :class:`spacerobot.shapes.Shape` says.
+    frame, joint
+        Of the link in the model.
+    placement
+        Shape in the link's frame (4, 4) [m].
+    """
+
+    label: str
+    path: str | None
+    kind: ShapeKind
+    measures: tuple[float, tuple[float, ...]]
+    frame: int
+    joint: int
+    placement: Array
+
+
+@dataclass(frozen=True)
+class SceneContact:
+    """What may touch: every first shape with every second one."""
+
+    name: str
+    path: str
+    config: Contact
+    pairs: tuple[tuple[SceneShape, SceneShape], ...]
+
+
 @dataclass(frozen=True)
 class Scene:
     """Everything that exists, and its initial state.
@@ -147,6 +185,8 @@ class Scene:
         Initial configuration and velocity in Pinocchio's coordinates (nq,), (nv,).
     assumptions, warnings
         What was assumed where the scenario is silent, and what a user should look at.
+    contacts
+        What may touch.
     """
 
     scenario: Scenario
@@ -160,6 +200,7 @@ class Scene:
     v: Array
     assumptions: tuple[str, ...]
     warnings: tuple[str, ...]
+    contacts: tuple[SceneContact, ...] = ()
 
     def __repr__(self) -> str:
         """Name, size and names of what there is, in one line."""

@@ -12,6 +12,7 @@ from spacerobot.elements.grasps.point import Point
 from spacerobot.errors import ScenarioError
 from spacerobot.pinocchio_engine import Engine
 from spacerobot.pinocchio_engine.actuation import greatest_torques
+from spacerobot.pinocchio_engine.contacts import contact_of
 from spacerobot.pinocchio_engine.grasps import grasp_of
 from spacerobot.pinocchio_engine.joint_control import robot_law
 from spacerobot.pinocchio_engine.laws import has_writing
@@ -22,6 +23,7 @@ from tests.oracles.small_scenes import PLANAR, SPATIAL, random_x, small_scene
 SECOND = {
     "reference": path_of,
     "grasp": grasp_of,
+    "contact": contact_of,
     "tip_controller": tip_law,
     "robot_controller": robot_law,
     "actuator": greatest_torques,
@@ -37,6 +39,13 @@ NEEDS: dict[tuple[str, str], dict[str, object]] = {
     },
     ("reference", "circle"): {"duration": 1.5, "rotation_deg": [0, 0, 20]},
     ("reference", "line"): {"duration": 1.5, "displacement": [0.1, -0.05, 0]},
+    ("contact", "hunt_crossley"): {
+        "stiffness": 300,
+        "restitution": 0.6,
+        "restitution_speed": 0.2,
+        "friction": 0.4,
+        "slip_velocity": 0.05,
+    },
     ("tip_controller", "pid"): {"kp": 20, "ki": 5, "kd": 3},
     ("robot_controller", "joint_pd"): {"kp": 20, "kd": 3},
     ("actuator", "torque_limit"): {"limit": 2.5},
@@ -48,9 +57,19 @@ KINDS = [(family, kind) for family in elements.FAMILIES for kind in elements.kin
 SCENES = {"planar": PLANAR, "spatial": SPATIAL}
 
 
+PADS = {
+    "ball": {"link": "two/tip", "shape": "sphere", "radius": 0.35, "position": [0.05, 0.02, 0]},
+    "block": {"link": "one/tip", "shape": "box", "size": [0.5, 0.4, 0.6], "rotation_deg": [0, 0, 20]},
+}
+"""Shapes so large that they overlap in every random state."""
+
+
 def changes(family, kind):
     """A scene in which one element is of this kind."""
     section = {"kind": kind} | NEEDS.get((family, kind), {})
+    if family == "contact":
+        touching = {"between": ["ball", "block"], "may_overlap": True}
+        return {"pads": PADS, "contacts": {"own": section | touching}}
     if family == "reference":
         return {"robots.one.tips.tip.reference": section}
     if family == "tip_controller":
@@ -162,7 +181,7 @@ def bounded_fields():
 @pytest.mark.parametrize(("family", "kind", "key", "bad"), list(bounded_fields()))
 def test_a_number_out_of_range_is_refused_by_its_path(family, kind, key, bad):
     found = changes(family, kind)
-    place = next(path for path in found if "base" not in path)
+    place = next(path for path in found if "base" not in path and path != "pads")
     section = found[place].get("own", found[place])
     section[key] = bad
     inside = ".own" if "own" in found[place] else ""

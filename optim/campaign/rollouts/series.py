@@ -134,6 +134,7 @@ def _described(variable: Variable, scene: Scene) -> tuple[list[str], str]:
         "tip": [tip.label for tip in scene.tips],
         "body": [body.name for body in scene.bodies],
         "grasp": [grasp.name for grasp in scene.grasps],
+        "contact": [contact.name for contact in scene.contacts],
         "joint": _joints(scene),
         "axis": list(AXES),
     }

@@ -1,0 +1,109 @@
+"""Contacts: what shapes of two bodies do to each other where they touch.
+
+Every pair of shapes acts as *one* pair of opposite forces at one point, halfway between the two points that
+are deepest in each other. The gap's rate is then exactly the relative velocity there along the normal, and
+momentum and energy are accounted for to rounding.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+import casadi as ca
+from pydantic import Field
+
+from spacerobot.elements.context import ContactContext
+from spacerobot.elements.contribution import Contribution, Output
+from spacerobot.elements.element import Element
+
+OBSERVED = {
+    "contact_force": ("N", "force of contacts on the second of the two that touch"),
+    "contact_normal_force": ("N", "size of contacts' forces along their normals"),
+    "contact_gap": ("m", "least distance between the shapes of contacts, negative while they touch"),
+    "contact_point": ("m", "where contacts act, or would first"),
+}
+"""What every contact declares: unit and text."""
+
+Wrap = Literal["box", "capsule", "sphere"]
+
+
+class Contact(Element):
+    """What acts between the shapes of two bodies where they touch."""
+
+    family: ClassVar[str] = "contact"
+
+    between: tuple[str, str] = Field(
+        description="the two that touch, each the name of a pad, or robot/link or target/link for all "
+        "collision shapes of a link; `*` in a link's name stands for any letters"
+    )
+    wrap: Wrap | None = Field(
+        default=None,
+        description="shape of the same extents that stands in for meshes and cylinders; meshes are refused "
+        "if not given",
+    )
+    may_overlap: bool = Field(
+        default=False, description="whether the shapes may overlap at the start; refused if not"
+    )
+
+    def build(self, contact: ContactContext) -> Contribution:
+        """What it adds to the closed loop."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True)
+class Touch:
+    """One pair of shapes of a contact, and what it does; world axes.
+
+    Attributes
+    ----------
+    gap
+        Signed distance (1x1) [m].
+    normal
+        From the first to the second (3x1).
+    point
+        Where it acts (3x1) [m].
+    velocity
+        Of the second relative to the first there (3x1) [m/s].
+    """
+
+    gap: ca.SX
+    normal: ca.SX
+    point: ca.SX
+    velocity: ca.SX
+
+    @property
+    def opening(self) -> ca.SX:
+        """Rate of the gap (1x1) [m/s]."""
+        return ca.dot(self.normal, self.velocity)
+
+    @property
+    def sliding(self) -> ca.SX:
+        """Relative velocity across the normal (3x1) [m/s]."""
+        return self.velocity - self.opening * self.normal
+
+
+def touches(contact: ContactContext) -> list[Touch]:
+    """Every pair of shapes of a contact."""
+    found = []
+    for first, second in contact.pairs:
+        near = contact.proximity(first, second)
+        velocity = contact.velocity(second, near.point) - contact.velocity(first, near.point)
+        found.append(Touch(near.gap, near.normal, near.point, velocity))
+    return found
+
+
+def observed(
+    contact: ContactContext, touching: Sequence[Touch], forces: Sequence[ca.SX], pressed: Sequence[ca.SX]
+) -> tuple[Output, ...]:
+    """Force (3x1) and its size along the normal (1x1), summed over pairs; the nearest one's gap and point."""
+    gap, point = touching[0].gap, touching[0].point
+    for touch in touching[1:]:
+        nearer = touch.gap < gap
+        gap, point = ca.if_else(nearer, touch.gap, gap), ca.if_else(nearer, touch.point, point)
+    values = (sum(forces[1:], forces[0]), sum(pressed[1:], pressed[0]), gap, point)
+    return tuple(
+        Output(name, value, *OBSERVED[name], "contact", contact.name)
+        for name, value in zip(OBSERVED, values, strict=True)
+    )

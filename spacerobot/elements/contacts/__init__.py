@@ -1,0 +1,1 @@
+"""Kinds of contacts that ship, one file each."""

@@ -1,0 +1,215 @@
+"""Contacts of a scene: which shapes may touch, where they are, and how far apart."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from spacerobot.description.parts import Geometry
+from spacerobot.description.parts import Shape as UrdfShape
+from spacerobot.elements import Contact
+from spacerobot.elements.contact import Wrap
+from spacerobot.errors import ScenarioError, near_names
+from spacerobot.scenario import Scenario
+from spacerobot.scenario.pads import Pad
+from spacerobot.scenario.paths import matching
+from spacerobot.scene.scene import Array, Scene, SceneBody, SceneContact, SceneShape
+from spacerobot.shapes import PAIRS, ShapeKind
+
+TOUCHING = 1e-9
+"""[m] Shapes that reach no deeper into one another do not overlap at the start."""
+
+
+def find_contacts(
+    model: Any, bodies: Sequence[SceneBody], scenario: Scenario, source: Path | None
+) -> tuple[SceneContact, ...]:
+    """Contacts of a scenario with every pair of shapes that may touch.
+
+    Raises
+    ------
+    ScenarioError
+        If a contact names what there is not, or shapes for which there is no law.
+    """
+    finder = _Finder(model, {body.name: body for body in bodies}, scenario, source)
+    return tuple(finder.contact(name, config) for name, config in scenario.contacts.items())
+
+
+class _Finder:
+    def __init__(
+        self, model: Any, bodies: dict[str, SceneBody], scenario: Scenario, source: Path | None
+    ) -> None:
+        self.model, self.bodies, self.scenario, self.source = model, bodies, scenario, source
+
+    def contact(self, name: str, config: Contact) -> SceneContact:
+        path = f"contacts.{name}"
+        ones, others = (
+            list(self._side(side, config.wrap, f"{path}.between.{i}"))
+            for i, side in enumerate(config.between)
+        )
+        pairs = tuple(itertools.product(ones, others))
+        for first, second in pairs:
+            self._check(first, second, path)
+        return SceneContact(name, path, config, pairs)
+
+    def _fault(self, message: str, where: str) -> ScenarioError:
+        return ScenarioError(message, source=self.source, where=where)
+
+    def _check(self, first: SceneShape, second: SceneShape, path: str) -> None:
+        """Refuse a pair that has no law, or cannot move."""
+        named = f"{first.label} and {second.label}"
+        if first.joint == second.joint:
+            raise self._fault(f"{named} are fixed to each other and cannot touch", f"{path}.between")
+        kinds = (first.kind, second.kind)
+        if kinds not in PAIRS and kinds[::-1] not in PAIRS:
+            allowed = ", ".join(f"{a} and {b}" for a, b in PAIRS)
+            raise self._fault(
+                f"{named} are {first.kind} and {second.kind}, for which there is no contact law; allowed: "
+                f"{allowed}; put round pads where they touch, or give `wrap: capsule` for cylinders",
+                f"{path}.between",
+            )
+
+    def _side(self, side: str, wrap: Wrap | None, where: str) -> Iterator[SceneShape]:
+        """Shapes that a pad or links stand for."""
+        if side in self.scenario.pads:
+            yield self._pad(side, self.scenario.pads[side])
+            return
+        body = self._body(side, f"no pad nor body/link {side!r}", [*self.scenario.pads], where)
+        pattern = side.partition("/")[2]
+        names = [link.name for link in body.description.links]
+        links = [link for link in body.description.links if link.name in matching(names, pattern)]
+        if not links:
+            hint = near_names(pattern, names)
+            raise self._fault(f"no link {pattern!r} in {body.description.path.name}; {hint}", where)
+        if not any(link.collisions for link in links):
+            raise self._fault(f"{side} has no collision shape; name a pad on it under `pads`", where)
+        for link in links:
+            for shape in link.collisions:
+                yield self._urdf(body, link.name, shape, wrap, where)
+
+    def _body(self, side: str, fault: str, others: list[str], where: str) -> SceneBody:
+        """Body whose name stands before a slash."""
+        name, slash, _ = side.partition("/")
+        if not slash or name not in self.bodies:
+            known = [*others, *(f"{body}/" for body in self.bodies)]
+            raise self._fault(f"{fault}; {near_names(side, known)}", where)
+        return self.bodies[name]
+
+    def _frame(self, body: SceneBody, link: str) -> tuple[int, int]:
+        frame = int(self.model.getFrameId(f"{body.name}/{link}", pin.FrameType.BODY))
+        return frame, int(self.model.frames[frame].parentJoint)
+
+    def _pad(self, name: str, pad: Pad) -> SceneShape:
+        where = f"pads.{name}"
+        body = self._body(pad.link, f"no body for {pad.link!r}", [], f"{where}.link")
+        link, names = pad.link.partition("/")[2], [link.name for link in body.description.links]
+        if link not in names:
+            hint = near_names(link, names)
+            raise self._fault(f"no link {link!r} in {body.description.path.name}; {hint}", f"{where}.link")
+        placement = pin.SE3(pin.rpy.rpyToMatrix(np.radians(pad.rotation_deg)), np.array(pad.position))
+        half = [edge / 2 for edge in pad.size] if pad.size else [pad.length / 2] if pad.length else []
+        measures = (pad.radius or 0.0, tuple(half))
+        return SceneShape(name, where, pad.shape, measures, *self._frame(body, link), placement.homogeneous)
+
+    def _urdf(
+        self, body: SceneBody, link: str, shape: UrdfShape, wrap: Wrap | None, where: str
+    ) -> SceneShape:
+        label, geometry, placement = f"{body.name}/{link}", shape.geometry, np.array(shape.placement)
+        kind: ShapeKind
+        if geometry.kind in ("mesh", "cylinder") and wrap is not None:
+            low, high = _extents(geometry)
+            kind, measures, turn = _wrapped(wrap, high - low)
+            shift = pin.SE3(turn, (low + high) / 2).homogeneous
+            return SceneShape(label, None, kind, measures, *self._frame(body, link), placement @ shift)
+        if geometry.kind == "mesh":
+            raise self._fault(
+                f"{label} collides by a mesh, which has no contact law; give `wrap: box`, `capsule` or "
+                "`sphere` to use one of its extents, or name a pad",
+                where,
+            )
+        size = [float(x) for x in geometry.size]
+        if geometry.kind == "box":
+            kind, measures = "box", (0.0, tuple(edge / 2 for edge in size))
+        elif geometry.kind == "cylinder":
+            kind, measures = "cylinder", (size[0], (size[1] / 2,))
+        else:
+            kind, measures = "sphere", (size[0], ())
+        return SceneShape(label, None, kind, measures, *self._frame(body, link), placement)
+
+
+def _extents(geometry: Geometry) -> tuple[Array, Array]:
+    """Least and greatest corner (3,) [m] of a mesh or a cylinder, in its own axes."""
+    if geometry.mesh is None:
+        radius, length = (float(x) for x in geometry.size)
+        corner = np.array([radius, radius, length / 2])
+        return -corner, corner
+    mesh = coal.MeshLoader().load(str(geometry.mesh), np.array(geometry.size))
+    mesh.computeLocalAABB()
+    return np.array(mesh.aabb_local.min_), np.array(mesh.aabb_local.max_)
+
+
+def _wrapped(wrap: Wrap, extents: Array) -> tuple[ShapeKind, tuple[float, tuple[float, ...]], Array]:
+    """Shape, radius and half lengths, and rotation of a primitive of given extents (3,) [m]."""
+    longest = int(np.argmax(extents))
+    if wrap == "box":
+        return "box", (0.0, tuple(float(edge) / 2 for edge in extents)), np.eye(3)
+    if wrap == "sphere":
+        return "sphere", (float(extents[longest]) / 2, ()), np.eye(3)
+    radius = float(np.delete(extents, longest).max()) / 2
+    half = max(float(extents[longest]) / 2 - radius, 0.0)
+    turn = np.roll(np.eye(3), longest - 2, axis=1)  # own z along the longest
+    return "capsule", (radius, (half,)), turn
+
+
+def coal_of(shape: SceneShape) -> Any:
+    """Coal's form of a shape."""
+    radius, half = shape.measures
+    if shape.kind == "sphere":
+        return coal.Sphere(radius)
+    if shape.kind == "capsule":
+        return coal.Capsule(radius, 2 * half[0])
+    if shape.kind == "cylinder":
+        return coal.Cylinder(radius, 2 * half[0])
+    if shape.kind == "box":
+        return coal.Box(*(2 * edge for edge in half))
+    return coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0)
+
+
+def coal_distance(first: SceneShape, second: SceneShape, places: Sequence[Any]) -> Any:
+    """Coal's ``DistanceResult`` of two shapes whose links' placements (``pin.SE3``) are given."""
+    request, result = coal.DistanceRequest(), coal.DistanceResult()
+    request.gjk_tolerance = request.epa_tolerance = 1e-13
+    request.gjk_max_iterations = request.epa_max_iterations = 1000
+    parts: list[Any] = []
+    for shape, place in zip((first, second), places, strict=True):
+        at = place * pin.SE3(shape.placement)
+        parts += [coal_of(shape), coal.Transform3s(at.rotation, at.translation)]
+    coal.distance(*parts, request, result)
+    return result
+
+
+def check_overlap(scene: Scene) -> None:
+    """Refuse contacts whose shapes overlap at the start, unless asked for.
+
+    Raises
+    ------
+    ScenarioError
+        Naming the contact, the shapes and how deep they are in each other.
+    """
+    data = scene.model.createData()
+    pin.framesForwardKinematics(scene.model, data, scene.q)
+    for contact in scene.contacts:
+        for pair in () if contact.config.may_overlap else contact.pairs:
+            gap = coal_distance(*pair, [data.oMf[shape.frame] for shape in pair]).min_distance
+            if gap < -TOUCHING:
+                raise ScenarioError(
+                    f"{pair[0].label} and {pair[1].label} overlap by {-gap:.3g} m at the start; move a base, "
+                    "change the posture, or give `may_overlap: true`",
+                    source=scene.source,
+                    where=contact.path,
+                )

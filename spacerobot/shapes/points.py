@@ -1,0 +1,79 @@
+"""Signed distance from a point to a convex core: a point, a segment, a half-space, a box, a cylinder.
+
+Each gives the distance, the unit direction from the core to the point, and the core's nearest point; inside
+a solid core the distance is negative and the direction that of the nearest face.
+"""
+
+from __future__ import annotations
+
+import casadi as ca
+
+from spacerobot.shapes.shape import Shape
+
+Nearest = tuple[ca.SX, ca.SX, ca.SX]
+"""Distance (1x1) [m], unit direction (3x1), nearest point of the core (3x1) [m]."""
+
+TINY = 1e-24
+"""[m^2] added to the square of a distance, so that two points in one place have a direction without NaN."""
+
+
+def clamp(value: ca.SX, bound: ca.SX) -> ca.SX:
+    """Value between -bound and bound, entry by entry."""
+    return ca.fmin(ca.fmax(value, -bound), bound)
+
+
+def to_point(point: ca.SX, other: ca.SX) -> Nearest:
+    """From a point to a point (3x1 each)."""
+    gap = point - other
+    distance = ca.sqrt(ca.dot(gap, gap) + TINY)
+    return distance, gap / distance, other
+
+
+def to_segment(point: ca.SX, segment: Shape) -> Nearest:
+    """From a point (3x1) to a capsule's segment."""
+    along = clamp(ca.dot(segment.axis, point - segment.position), segment.half)
+    return to_point(point, segment.position + along * segment.axis)
+
+
+def to_plane(point: ca.SX, plane: Shape) -> Nearest:
+    """From a point (3x1) to a half-space."""
+    distance = ca.dot(plane.axis, point - plane.position)
+    return distance, plane.axis, point - distance * plane.axis
+
+
+def to_box(point: ca.SX, box: Shape) -> Nearest:
+    """From a point (3x1) to a box."""
+    own = box.inside(point)
+    distance, direction, nearest = _to_block(own, box.half)
+    return distance, box.outside(direction), box.position + box.outside(nearest)
+
+
+def to_cylinder(point: ca.SX, cylinder: Shape) -> Nearest:
+    """From a point (3x1) to a cylinder: a rectangle in the plane of the point and the axis."""
+    own = cylinder.inside(point)
+    out = ca.sqrt(own[0] ** 2 + own[1] ** 2 + TINY)
+    size = ca.vertcat(cylinder.radius, cylinder.half)
+    distance, direction, nearest = _to_block(ca.vertcat(out, own[2]), size)
+
+    def lifted(flat: ca.SX) -> ca.SX:
+        return cylinder.outside(ca.vertcat(own[:2] / out * flat[0], flat[1]))
+
+    return distance, lifted(direction), cylinder.position + lifted(nearest)
+
+
+def _to_block(point: ca.SX, half: ca.SX) -> Nearest:
+    """From a point (n x 1) to the block between -half and half, in n dimensions."""
+    nearest = clamp(point, half)
+    gap = point - nearest
+    away = ca.sqrt(ca.dot(gap, gap) + TINY)
+    over = ca.fabs(point) - half
+    deepest = ca.mmax(over)
+    is_out = deepest > 0
+    face, found = [], ca.SX(0)
+    for i in range(point.size1()):  # of faces equally near, the first
+        here = ca.logic_and(over[i] >= deepest, found < 0.5)
+        face.append(ca.if_else(here, ca.if_else(point[i] < 0, -1, 1), 0))
+        found = found + here
+    direction = ca.if_else(is_out, gap / away, ca.vertcat(*face))
+    distance = ca.if_else(is_out, away, deepest)
+    return distance, direction, point - distance * direction

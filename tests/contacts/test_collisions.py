@@ -1,0 +1,235 @@
+"""Collisions against closed forms: restitution, exchange of velocities, sliding to rest, balances."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.optimize import brentq
+
+from spacerobot.closedloop import build_closed_loop
+from spacerobot.elements.contacts.hunt_crossley import speed_ratio
+from spacerobot.errors import ScenarioError
+from spacerobot.pinocchio_engine import simulate
+from spacerobot.pinocchio_engine.contacts import restitution_of
+from spacerobot.rollout import build_rollout
+from spacerobot.scene import build_scene
+from tests.oracles.balls import body, meeting, scene
+
+
+def rolled(found, duration, step, output_step=None):
+    steps = {"duration_s": duration, "step_s": step, "output_step_s": output_step or duration}
+    return build_rollout(build_closed_loop(found), **steps, backend="interpreted").run()
+
+
+def velocities(found, trajectory):
+    """Velocities (2, 3) of the two bodies' origins at the end, by their momenta."""
+    momenta = trajectory.outputs["body_momentum_linear"][-1].reshape(-1, 3)
+    masses = [sum(link.mass for link in b.config.links.values()) for b in found.bodies]
+    return momenta / np.array(masses)[:, None]
+
+
+def restitution_by_quadrature(x):
+    """Speeds of approach and parting pass the same indentation: integrals of v / (1 + a v) dv."""
+    work = quad(lambda v: v / (1 + v), 0, x)[0]
+    return brentq(lambda e: quad(lambda v: v / (1 - v), 0, e * x)[0] - work, 1e-9, min(1, 0.999 / x))
+
+
+@pytest.mark.parametrize("e", [0.01, 0.05, 0.3, 0.5, 0.8, 0.95, 0.999])
+def test_the_dissipation_of_a_restitution_is_that_of_its_closed_form(e):
+    symbol = ca.SX.sym("e")
+    x = float(ca.Function("x", [symbol], [speed_ratio(symbol)])(e))
+    assert restitution_of(x) == pytest.approx(e, abs=1e-9)
+    if 0.1 < e < 0.99:
+        assert restitution_by_quadrature(x) == pytest.approx(e, abs=1e-9)
+
+
+@pytest.mark.parametrize(("exponent", "stiffness"), [(1.0, 4e3), (1.5, 5e4), (2.0, 5e5)])
+@pytest.mark.parametrize("speed", [0.1, 0.4, 1.0])
+def test_balls_part_with_the_restitution_that_follows_from_their_speed(exponent, stiffness, speed):
+    law = {"stiffness": stiffness, "exponent": exponent, "restitution": 0.6, "restitution_speed": 0.4}
+    found = meeting(law, speed)
+    first, second = velocities(found, rolled(found, 0.005 / speed + 0.2, 1e-4))
+    ratio = 0.974871710813265 / 0.4  # closed form at 0.6
+    wanted = restitution_of(ratio * speed)
+    assert (second - first)[0] / speed == pytest.approx(wanted, abs=2e-6)
+    assert np.abs(first[1:]).max() == np.abs(second[1:]).max() == 0
+
+
+def test_equal_masses_exchange_their_velocities():
+    found = meeting({"stiffness": 2e4}, masses=(2.0, 2.0))
+    first, second = velocities(found, rolled(found, 0.2, 1e-4))
+    np.testing.assert_allclose(first, 0, atol=1e-7)
+    np.testing.assert_allclose(second, [0.4, 0, 0], atol=1e-7)
+
+
+def test_without_friction_equal_balls_that_meet_aslant_part_at_a_right_angle():
+    found = meeting(
+        {"stiffness": 2e4}, masses=(2.0, 2.0), target=body("other", 2.0, {"position": [0.18, 0.12, 0]})
+    )
+    first, second = velocities(found, rolled(found, 0.3, 1e-4))
+    assert first @ second == pytest.approx(0, abs=1e-8)
+    assert np.linalg.norm(second) > 0.1
+
+
+MU, SPEED, SLIP = 0.3, 0.5, 0.01
+
+
+def sliding():
+    """A block of 4 kg on two round feet slides over a half-space; its feet touch at its centre's height."""
+    depth = 4.0 * 9.81 / 2 / 1e5  # where both feet carry the weight
+    feet = {
+        f"foot_{i}": {
+            "link": "target/body",
+            "shape": "sphere",
+            "radius": 0.05,
+            "position": [x, 0.05 - depth, 0],
+        }
+        for i, x in enumerate((-0.2, 0.2))
+    }
+    floor = {"link": "ground/body", "shape": "plane", "rotation_deg": [-90, 0, 0]}
+    law = {"stiffness": 1e5, "exponent": 1.0, "dissipation": 5.0, "friction": MU, "slip_velocity": SLIP}
+    return scene(
+        {
+            "gravity": [0, -9.81, 0],
+            "robots": {"ground": body("ground", 1.0, {"joint": "fixed"})},
+            "target": body("block", 4.0, {"joint": "planar", "velocity": [SPEED, 0, 0]}),
+            "pads": feet | {"floor": floor},
+            "contacts": {name: {"between": ["floor", name], "may_overlap": True} | law for name in feet},
+        }
+    )
+
+
+def test_a_block_slides_to_rest_at_mu_n():
+    found = sliding()
+    assert found.planar
+    trajectory = rolled(found, 0.4, 2e-4, 0.05)
+    momentum = trajectory.outputs["body_momentum_linear"][:, 3] / 4.0
+    way = trajectory.outputs["body_position"][:, 3]
+    force = trajectory.outputs["contact_force"].reshape(-1, 2, 3).sum(axis=1)
+    np.testing.assert_allclose(force[:, 1], 4 * 9.81, rtol=1e-6)
+    np.testing.assert_allclose(force[:, 0], -MU * 4 * 9.81 * momentum / np.hypot(momentum, SLIP), atol=1e-5)
+    assert force[0, 0] == pytest.approx(-MU * 4 * 9.81, rel=1e-3)
+    # regularised: dv/dt = -mu g v / sqrt(v^2 + s^2), so the way is the integral of sqrt(v^2 + s^2) / mu g
+    for v, x in zip(momentum, way, strict=True):
+        wanted = quad(lambda u: np.hypot(u, SLIP), v, SPEED)[0] / (MU * 9.81)
+        assert x - way[0] == pytest.approx(wanted, abs=1e-6)
+    assert momentum[-1] < 1e-4
+    assert way[-1] - way[0] == pytest.approx(SPEED**2 / (2 * MU * 9.81), rel=5e-3)
+
+
+SHAPES = {
+    "sphere": {"radius": 0.2},
+    "capsule": {"radius": 0.1, "length": 0.3},
+    "box": {"size": [0.3, 0.25, 0.35]},
+    "cylinder": {"radius": 0.15, "length": 0.3},
+}
+
+
+def tumbling(seed):
+    """Two bodies with pads of random shapes that tumble into each other."""
+    rng = np.random.default_rng(seed)
+    kinds = [str(rng.choice(["sphere", "capsule"])), str(rng.choice(["sphere", "capsule", "box"]))]
+    if kinds[0] == "sphere" and seed % 2:
+        kinds[1] = "cylinder"
+    links = ("one/body", "target/body")
+    pads = {
+        name: {
+            "link": link,
+            "shape": kind,
+            "position": list(0.03 * rng.normal(size=3)),
+            "rotation_deg": list(90 * rng.normal(size=3)),
+        }
+        | SHAPES[kind]
+        for name, link, kind in zip("ab", links, kinds, strict=True)
+    }
+    law = {"stiffness": 2e4, "exponent": 2.0, "dissipation": 1.0, "friction": 0.4, "slip_velocity": 0.05}
+    spin = [list(30 * rng.normal(size=3)) for _ in range(2)]
+    return scene(
+        {
+            "robots": {"one": body("one", 2.0, {"velocity": [0.6, 0.05, 0], "spin_deg": spin[0]})},
+            "target": body("other", 3.0, {"position": [0.55, 0.03, 0.05], "spin_deg": spin[1]}),
+            "pads": pads,
+            "contacts": {"bump": {"between": ["a", "b"]} | law},
+        }
+    )
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_momentum_and_energy_are_kept_through_a_collision_of_tumbling_bodies(seed):
+    found = tumbling(seed)
+    loop = build_closed_loop(found)
+    trajectory = rolled(found, 1.2, 4e-4, 0.05)
+    outputs = trajectory.outputs
+    assert outputs["contact_gap"][0] > 0
+    assert outputs["contact_gap"].min() < 0
+    assert not loop.outside
+    for kind in ("linear", "angular"):
+        total, parts = outputs[f"momentum_{kind}"], outputs[f"body_momentum_{kind}"]
+        assert np.abs(total - total[0]).max() < 1e-12 * np.abs(parts).max()
+    stored = outputs["energy_kinetic"] + outputs["energy_spring"] + outputs["energy_potential"]
+    booked = sum(sign * outputs[f"work_{name}"] for name, sign in loop.works.items())
+    assert outputs["work_contact"][-1] > 0
+    assert np.abs(stored - stored[0] - booked).max() < 1e-6 * stored.max()
+
+
+def test_the_second_engine_sees_the_same_collision():
+    found = tumbling(0)
+    ours, checked = rolled(found, 1.0, 1e-4, 0.25), simulate(found, duration_s=1.0, output_step_s=0.25)
+    assert np.abs(ours.state - checked.state).max() < 1e-6
+    assert list(ours.outputs) == list(checked.outputs)
+
+
+REFUSED = {
+    "overlap": ({"target.base.position": [0.15, 0, 0]}, "overlap by 0.05 m at the start"),
+    "no pad": ({"contacts.bump.between": ["one/body", "ball"]}, "no pad nor body/link 'ball'"),
+    "no link": ({"contacts.bump.between": ["one/bodi", "target/body"]}, "no link 'bodi'.*body"),
+    "itself": ({"contacts.bump.between": ["one/body", "one/body"]}, "fixed to each other"),
+    "both": (
+        {
+            "contacts.bump": {
+                "between": ["one/body", "target/body"],
+                "stiffness": 1,
+                "restitution": 0.5,
+                "restitution_speed": 1,
+                "dissipation": 0,
+            }
+        },
+        "either `dissipation` or",
+    ),
+    "half": ({"contacts.bump.restitution": 0.5}, "belong together"),
+    "no law": (
+        {
+            "pads": {
+                k: {"link": f"{b}/body", "shape": "box", "size": [0.1, 0.1, 0.1]}
+                for k, b in (("a", "one"), ("b", "target"))
+            },
+            "contacts.bump.between": ["a", "b"],
+        },
+        "a and b are box and box, for which there is no contact law; allowed: sphere and sphere",
+    ),
+    "no radius": ({"pads": {"a": {"link": "one/body", "shape": "sphere"}}}, "a sphere needs `radius`"),
+    "a length": (
+        {"pads": {"a": {"link": "one/body", "shape": "sphere", "radius": 1, "length": 1}}},
+        "a sphere has no `length`",
+    ),
+    "edges": (
+        {"pads": {"a": {"link": "one/body", "shape": "box", "size": [1, 0, 1]}}},
+        "allowed: edges above 0",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_cannot_be_is_refused_in_one_line(case):
+    changes, told = REFUSED[case]
+    plain = meeting({"stiffness": 1e4})
+    with pytest.raises(ScenarioError, match=told) as fault:
+        build_scene(plain.scenario, changes)
+    assert "\n" not in str(fault.value)
+
+
+def test_an_overlap_that_is_asked_for_is_taken():
+    plain = meeting({"stiffness": 1e4, "may_overlap": True})
+    assert build_scene(plain.scenario, {"target.base.position": [0.15, 0, 0]}).contacts
