@@ -18,8 +18,8 @@ from spacerobot.elements.contact import Wrap
 from spacerobot.errors import ScenarioError, near_names
 from spacerobot.scenario import Scenario
 from spacerobot.scenario.pads import Pad
-from spacerobot.scenario.paths import matching
 from spacerobot.scene.scene import Array, Scene, SceneBody, SceneContact, SceneShape
+from spacerobot.section import matching
 from spacerobot.shapes import PAIRS, ShapeKind
 
 TOUCHING = 1e-9
