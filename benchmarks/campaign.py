@@ -11,7 +11,7 @@ from pathlib import Path
 
 from benchmarks.row import Row
 from optim.campaign import Evaluator, all_draws, build_evaluator, run_campaign
-from optim.problem.problem import Array
+from spacerobot.arrays import Array
 from spacerobot.compiled import usable_cores
 from spacerobot.scene import Scene, load_scene
 

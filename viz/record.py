@@ -19,10 +19,10 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from PIL import Image
 
+from spacerobot.arrays import Array
 from spacerobot.errors import ResultError, near_names
 from spacerobot.files import write_bytes
 from spacerobot.result import Result, note_derived
-from viz.drawing.geometry import Array
 from viz.drawing.motion import Motion, greatest_force, pick_rows, sample_motion
 from viz.drawing.projection import View, fit, view_of
 from viz.figures.docking import draw_forces, draw_frame, draw_names, seen_points

@@ -13,8 +13,8 @@ from typing import Any
 
 from optim.campaign.rollouts.evaluator import Evaluator, Recipe, Table
 from optim.campaign.run import CHUNK_S, Chunks, first_size, sized
-from optim.problem.problem import Array
 from optim.workers.cluster import connect, distributed_module, faults_of, submit, threads_of
+from spacerobot.arrays import Array
 
 AHEAD = 2  # chunks in flight for each thread of a worker: one runs, one waits
 

@@ -13,7 +13,7 @@ from optim.campaign.store.folder import check_place, open_store
 from optim.campaign.store.intervals import Interval
 from optim.campaign.store.netcdf import Layout
 from optim.campaign.store.notes import Named, notes_of
-from optim.problem.problem import Array
+from spacerobot.arrays import Array
 from spacerobot.scene import Scene
 
 CHUNK_S = 4.0  # long enough to hide what a chunk costs, short enough to lose

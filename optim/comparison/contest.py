@@ -14,12 +14,13 @@ from optim.comparison.plants import Judge
 from optim.comparison.running_time import Trial, trial_of
 from optim.methods.by_name import Effort, Outcome, run_method
 from optim.methods.evolutionary import METHODS as EVOLUTIONARY
-from optim.problem.problem import Array, Cost, Problem
+from optim.problem.problem import Cost, Problem
 from optim.problem.sensitivities import Sensitivity, sensitivity
 from optim.problem.tuning_problem import TuningProblem
 from optim.problem.variables import at_bound
 from optim.search.search import Progress
 from optim.workers import Threads, Workers
+from spacerobot.arrays import Array
 from spacerobot.errors import SpaceRobotError
 
 UNRANKED = ("manual",)  # knows no bounds, so that its values are not those of the same problem

@@ -9,8 +9,8 @@ from functools import cached_property
 import numpy as np
 
 from optim.problem.objectives import OBJECTIVE, build_terms, extended_loop
-from optim.problem.problem import Array
 from optim.problem.scenes import changed_scene, tuning_of
+from spacerobot.arrays import Array
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.rollout import Rollout, build_rollout
 from spacerobot.scenario import Robustness

@@ -16,8 +16,9 @@ from optim.comparison.verdict import verdict
 from optim.methods.by_name import Outcome
 from optim.plain import plain
 from optim.problem.objectives import OBJECTIVE, UNITS
-from optim.problem.problem import Array, Cost
+from optim.problem.problem import Cost
 from optim.search.search import Run
+from spacerobot.arrays import Array
 
 FORMAT = 2
 MOST_MOMENTS = 200  # of each trial's history that are kept

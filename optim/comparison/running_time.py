@@ -14,8 +14,9 @@ import numpy as np
 import numpy.typing as npt
 
 from optim.comparison.currency import Currency
-from optim.problem.problem import Array, Cost
+from optim.problem.problem import Cost
 from optim.search.search import Run
+from spacerobot.arrays import Array
 
 PRECISIONS = (0.1, 0.01, 0.001)  # targets: so much above the best known value
 RESAMPLES = 1000

@@ -12,9 +12,10 @@ import numpy as np
 
 from optim.comparison.contest import Session
 from optim.methods.evolutionary import Protocol, evolve
-from optim.problem.problem import Array, Problem
+from optim.problem.problem import Problem
 from optim.search.journal import Journal
 from optim.search.search import Run, Search
+from spacerobot.arrays import Array
 
 PROBABILITIES = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
 POPULATIONS = (10, 20, 50, 100, 200)

@@ -15,11 +15,12 @@ from optim.methods.evolutionary import METHODS as EVOLUTIONARY
 from optim.methods.evolutionary import Protocol, evolve
 from optim.methods.manual import manual
 from optim.methods.nlp import NlpSettings, solve, solve_from_many
-from optim.problem.problem import Array, Problem
+from optim.problem.problem import Problem
 from optim.problem.tuning_problem import TuningProblem
 from optim.search.journal import Journal
 from optim.search.search import Progress, Run, Search, better
 from optim.workers import Threads, Workers
+from spacerobot.arrays import Array
 from spacerobot.errors import SpaceRobotError, near_names
 from spacerobot.scenario import Tuning
 

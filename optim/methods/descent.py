@@ -16,7 +16,8 @@ from typing import Any, Literal
 import numpy as np
 
 from optim.methods.model import MARGIN, Model, Point
-from optim.problem.problem import Array, Form, Linearisation
+from optim.problem.problem import Form, Linearisation
+from spacerobot.arrays import Array
 
 ACCEPTED, POOR, GOOD = 0.05, 0.25, 0.75  # of the predicted fall
 LARGEST, SMALLEST = 1.0, 1e-5  # radius

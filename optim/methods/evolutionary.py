@@ -16,8 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from optim.problem.problem import Array, Evaluation, Problem
+from optim.problem.problem import Evaluation, Problem
 from optim.search.search import FEASIBLE, Run, Search, better
+from spacerobot.arrays import Array
 from spacerobot.errors import SpaceRobotError, near_names
 
 CMAES_POPULATION = 16  # two groups of eight lanes

@@ -16,9 +16,10 @@ from collections.abc import Mapping
 import numpy as np
 
 from optim.problem.objectives import OBJECTIVE, error_rows
-from optim.problem.problem import Array, Cost
+from optim.problem.problem import Cost
 from optim.problem.tuning_problem import TuningProblem
 from optim.search.search import Run, Search
+from spacerobot.arrays import Array
 
 FIRST, FACTOR, TRIALS = 1.0, 2.0, 14
 AMNESIA_GAIN = ".amnesia.ge"

@@ -19,7 +19,8 @@ import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
-from optim.problem.problem import Array, Evaluation, Form, Linearisation
+from optim.problem.problem import Evaluation, Form, Linearisation
+from spacerobot.arrays import Array
 
 Places = npt.NDArray[np.int_]
 FIRST_ROWS = 40  # of a minimax problem's rows that the first program holds

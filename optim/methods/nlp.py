@@ -11,8 +11,9 @@ import numpy as np
 from optim.methods.descent import Ask, Ended, Manner, descend
 from optim.methods.kkt import kkt_residual
 from optim.methods.model import Point
-from optim.problem.problem import Array, Cost, Linearisation
+from optim.problem.problem import Cost, Linearisation
 from optim.search.search import FEASIBLE, Run, Search
+from spacerobot.arrays import Array
 
 GRADIENT, SLOPE = 4.0, 3.0  # rollouts that they cost, about: decides where derivatives come from
 RADIUS, WARM_RADIUS = 0.1, 0.02  # of the first step

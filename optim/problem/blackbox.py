@@ -9,8 +9,9 @@ from functools import cached_property
 
 import numpy as np
 
-from optim.problem.problem import Array, Cost, Evaluation, Form, Linearisation
+from optim.problem.problem import Cost, Evaluation, Form, Linearisation
 from optim.problem.tuning_problem import TuningProblem
+from spacerobot.arrays import Array
 from spacerobot.errors import SpaceRobotError
 from spacerobot.result import Result
 from spacerobot.result.dataset import build_dataset

@@ -4,19 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from optim.problem.formulation import Formulation
 from optim.problem.objectives import OBJECTIVE, error_rows
-from optim.problem.problem import Array, Linearisation
+from optim.problem.problem import Linearisation
+from spacerobot.arrays import Array
 from spacerobot.rollout import Jacobian
 
-if TYPE_CHECKING:
-    from optim.problem.tuning_problem import TuningProblem
 
-
-def linearise_all(problem: TuningProblem, u: Array) -> list[Linearisation]:
+def linearise_all(problem: Formulation, u: Array) -> list[Linearisation]:
     """Objective, constraints and their exact derivatives at points u (N, k) of the unit cube.
 
     By the adjoint, in lanes, where only the objective's gradient is needed, else by forward sensitivities.
@@ -32,7 +30,7 @@ def linearise_all(problem: TuningProblem, u: Array) -> list[Linearisation]:
     return [_plain(float(found.costs[OBJECTIVE][i]), gradients[i]) for i in range(len(u))]
 
 
-def linearise(problem: TuningProblem, u: Array) -> Linearisation:
+def linearise(problem: Formulation, u: Array) -> Linearisation:
     """The same at one point u (k,)."""
     if problem.form == "smooth" and not problem.terms.limits:
         return linearise_all(problem, u[None])[0]
@@ -43,7 +41,7 @@ def linearise(problem: TuningProblem, u: Array) -> Linearisation:
     return _assembled(problem, jacobian, problem.variables.slope(u))
 
 
-def _assembled(problem: TuningProblem, jacobian: Jacobian, slope: Array) -> Linearisation:
+def _assembled(problem: Formulation, jacobian: Jacobian, slope: Array) -> Linearisation:
     measures, k = jacobian.trajectory.measures, len(slope)
     value = float(jacobian.trajectory.costs[OBJECTIVE])
     gradient = _gradient(problem, jacobian) * slope
@@ -60,7 +58,7 @@ def _assembled(problem: TuningProblem, jacobian: Jacobian, slope: Array) -> Line
     return Linearisation(value, gradient, g, dg * slope, rows, rows_jacobian, smooth, smooth_gradient)
 
 
-def _gradient(problem: TuningProblem, jacobian: Jacobian) -> Array:
+def _gradient(problem: Formulation, jacobian: Jacobian) -> Array:
     """Derivative of the objective with respect to the variables' values (k,), by the chain rule."""
     names = problem.rollout.kernel.measures
     measures = np.concatenate([jacobian.trajectory.measures[name] for name in names])
@@ -69,13 +67,13 @@ def _gradient(problem: TuningProblem, jacobian: Jacobian) -> Array:
     return np.asarray(towards @ slopes, dtype=np.float64)
 
 
-def sampled_outputs(problem: TuningProblem) -> tuple[str, ...]:
+def sampled_outputs(problem: Formulation) -> tuple[str, ...]:
     """Outputs whose samples the objective is made of."""
     outputs = [*problem.terms.residuals] + (["tip_error"] if problem.form == "minimax" else [])
     return tuple(dict.fromkeys(outputs))
 
 
-def rows_of(problem: TuningProblem, outputs: Mapping[str, Array]) -> Array:
+def rows_of(problem: Formulation, outputs: Mapping[str, Array]) -> Array:
     """Rows (..., n) of sampled outputs (..., nt, c), or of their derivatives; see :class:`Linearisation`.
 
     A minimax problem has each error twice, with either sign, one after the other over time.

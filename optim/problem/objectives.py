@@ -8,8 +8,9 @@ from dataclasses import dataclass, field
 import casadi as ca
 import numpy as np
 
-from optim.problem.problem import Array, Form
+from optim.problem.problem import Form
 from optim.problem.tied import extend
+from spacerobot.arrays import Array
 from spacerobot.errors import ScenarioError
 from spacerobot.rollout import ClosedLoopFunctions, Measure, Measures, Signals, integral, peak
 from spacerobot.scenario import Constraints, Objective

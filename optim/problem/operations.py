@@ -3,38 +3,35 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from optim.problem.formulation import Formulation
 from optim.problem.linearise import linearise_all, rows_of, sampled_outputs
 from optim.problem.objectives import OBJECTIVE
-from optim.problem.problem import Array
 from optim.workers import Arrays
-
-if TYPE_CHECKING:
-    from optim.problem.tuning_problem import TuningProblem
+from spacerobot.arrays import Array
 
 
-def measures(problem: TuningProblem, rows: Array, *, paths: Sequence[str]) -> Arrays:
+def measures(problem: Formulation, rows: Array, *, paths: Sequence[str]) -> Arrays:
     """Objective (N,) and measures (N, n) of rows (N, k) of parameters."""
     batch = problem.rollout.batch(paths, rows, threads=1)
     return {OBJECTIVE: batch.costs[OBJECTIVE], **batch.measures}
 
 
-def samples(problem: TuningProblem, rows: Array, *, paths: Sequence[str]) -> Arrays:
+def samples(problem: Formulation, rows: Array, *, paths: Sequence[str]) -> Arrays:
     """The same, and the rows (N, n) that the objective is made of."""
     batch = problem.rollout.batch(paths, rows, outputs=sampled_outputs(problem), threads=1)
     return {OBJECTIVE: batch.costs[OBJECTIVE], "rows": rows_of(problem, batch.outputs), **batch.measures}
 
 
-def gradients(problem: TuningProblem, rows: Array, *, paths: Sequence[str]) -> Arrays:
+def gradients(problem: Formulation, rows: Array, *, paths: Sequence[str]) -> Arrays:
     """Objective (N,) and its gradient (N, k) with respect to the variables' values, by the adjoint."""
     found = problem.rollout.gradient_batch(paths, rows, wrt=problem.names, costs=[OBJECTIVE], threads=1)
     return {OBJECTIVE: found.costs[OBJECTIVE], "gradient": found.gradients[OBJECTIVE]}
 
 
-def limited(problem: TuningProblem, rows: Array, *, paths: Sequence[str]) -> Arrays:
+def limited(problem: Formulation, rows: Array, *, paths: Sequence[str]) -> Arrays:
     """Constraints (N, m) and their derivatives (N, m, k) with respect to the variables' values."""
     found = problem.rollout.slope_batch(paths, rows, wrt=problem.names, threads=1)
     limits = problem.terms.limits
@@ -44,7 +41,7 @@ def limited(problem: TuningProblem, rows: Array, *, paths: Sequence[str]) -> Arr
     }
 
 
-def linearisations(problem: TuningProblem, rows: Array) -> Arrays:
+def linearisations(problem: Formulation, rows: Array) -> Arrays:
     """Fields of the linearisation at points (N, k) of the unit cube."""
     found = [at.as_arrays() for at in linearise_all(problem, rows)]
     return {name: np.stack([fields[name] for fields in found]) for name in found[0]}

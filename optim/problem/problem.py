@@ -12,9 +12,9 @@ from dataclasses import asdict, astuple, dataclass, fields
 from typing import Literal, Protocol
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from spacerobot.arrays import Array
+
 Form = Literal["smooth", "squares", "minimax"]
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from optim.problem.problem import Array
+from spacerobot.arrays import Array
 from spacerobot.rollout import ClosedLoopFunctions, EventRule, Signals
 
 

@@ -9,19 +9,20 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property, partial
 
-import casadi as ca
 import numpy as np
 
 from optim.problem import operations
-from optim.problem.objectives import OBJECTIVE, Terms, UserObjective, build_terms, extended_loop
-from optim.problem.problem import Array, Cost, Evaluation, Form, Linearisation
+from optim.problem.formulation import Formulation
+from optim.problem.objectives import OBJECTIVE, UserObjective, build_terms, extended_loop
+from optim.problem.problem import Cost, Evaluation, Linearisation
 from optim.problem.scenes import SceneRecipe, changed_scene, tuning_of
 from optim.problem.tied import tie
-from optim.problem.variables import Variables, resolve_variables
+from optim.problem.variables import resolve_variables
 from optim.workers import Arrays, Threads, Workers
 from optim.workers.workers import LANES
-from spacerobot.closedloop import ClosedLoop, build_closed_loop
-from spacerobot.rollout import Rollout, build_rollout
+from spacerobot.arrays import Array
+from spacerobot.closedloop import build_closed_loop
+from spacerobot.rollout import build_rollout
 from spacerobot.scene import Scene
 
 
@@ -65,49 +66,19 @@ class ProblemRecipe:
 
 
 @dataclass(frozen=True)
-class TuningProblem:
-    """A closed loop whose variables are free, ready to be evaluated as a :class:`Problem`.
+class TuningProblem(Formulation):
+    """A formulation that is evaluated by workers, as a :class:`optim.problem.problem.Problem`.
 
     Attributes
     ----------
-    scene
-        The scene, the tuning problem's changes made.
-    loop
-        Its closed loop, the variables not tied yet.
-    variables
-        The free numbers.
-    terms
-        Objective and constraints.
-    rollout
-        Parameters are the variables by name, then everything else by dotted path.
     recipe
         What builds it in another process.
     workers
         Who rolls out. Results do not depend on it.
     """
 
-    scene: Scene
-    loop: ClosedLoop
-    variables: Variables
-    terms: Terms
-    rollout: Rollout
     recipe: ProblemRecipe
     workers: Workers = field(default_factory=Threads)
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the variables."""
-        return self.variables.names
-
-    @property
-    def start(self) -> Array:
-        """The scenario's own values in the unit cube, (k,)."""
-        return np.clip(self.variables.unit(self.variables.start), 0.0, 1.0)
-
-    @property
-    def form(self) -> Form:
-        """How the objective is made up."""
-        return self.terms.form
 
     @property
     def linear_cost(self) -> Cost:
@@ -120,12 +91,6 @@ class TuningProblem:
     def sample_cost(self) -> Cost:
         """A rollout, and its samples where the objective is made of any."""
         return Cost(rollouts=1) if self.form == "smooth" else Cost(samples=1)
-
-    @cached_property
-    def constraint_names(self) -> tuple[str, ...]:
-        """One name for each component of each constrained measure."""
-        sizes = self.terms.measures.sizes
-        return tuple(f"{name}.{i}" for name in self.terms.limits for i in range(sizes[name]))
 
     @cached_property
     def fingerprint(self) -> str:
@@ -183,15 +148,6 @@ class TuningProblem:
             Linearisation.of_arrays({name: values[i] for name, values in found.items()})
             for i in range(len(u))
         ]
-
-    @cached_property
-    def objective_slope(self) -> ca.Function:
-        """(r, p) -> derivative of the objective with respect to the measures r."""
-        objective = self.rollout.kernel.functions["objective"]
-        r = ca.SX.sym("r", objective.numel_in(0))
-        p = ca.SX.sym("p", objective.numel_in(1))
-        row = self.rollout.kernel.costs.index(OBJECTIVE)
-        return ca.Function("slope", [r, p], [ca.densify(ca.jacobian(objective(r, p)[row], r))])
 
     def _constraints(self, found: Mapping[str, Array], count: int) -> Array:
         limits = self.terms.limits

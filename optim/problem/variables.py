@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from optim.problem.numbers import find_numbers
-from optim.problem.problem import Array
+from spacerobot.arrays import Array
 from spacerobot.scenario import Tuning
 from spacerobot.scene import Scene
 

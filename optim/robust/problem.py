@@ -23,11 +23,12 @@ from optim.methods.by_name import Effort, Outcome, effort_of, run_method
 from optim.plain import plain
 from optim.problem import operations
 from optim.problem.objectives import OBJECTIVE
-from optim.problem.problem import Array, Cost, Evaluation, Form, Linearisation
+from optim.problem.problem import Cost, Evaluation, Form, Linearisation
 from optim.problem.scenes import changed_scene, tuning_of
 from optim.problem.tuning_problem import TuningProblem, build_problem
 from optim.search.search import Progress
 from optim.workers import Arrays, Workers
+from spacerobot.arrays import Array
 from spacerobot.errors import ScenarioError, SpaceRobotError
 from spacerobot.files import write_text
 from spacerobot.result import save

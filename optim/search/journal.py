@@ -18,7 +18,7 @@ from typing import BinaryIO
 
 import numpy as np
 
-from optim.problem.problem import Array
+from spacerobot.arrays import Array
 from spacerobot.errors import ResultError
 
 _HEAD = struct.Struct("<QI")

@@ -8,8 +8,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from optim.problem.problem import Array, Cost, Evaluation, Linearisation, Problem
+from optim.problem.problem import Cost, Evaluation, Linearisation, Problem
 from optim.search.journal import Journal
+from spacerobot.arrays import Array
 
 FEASIBLE = 1e-6  # largest violation of a constraint, relative to its limit, that counts as none
 KEPT_BYTES = 100_000  # larger samples and derivatives are not kept in journals but computed anew

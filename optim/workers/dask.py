@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 
-from optim.problem.problem import Array
 from optim.workers.cluster import (
     alone_on_this_machine,
     connect,
@@ -26,6 +25,7 @@ from optim.workers.cluster import (
 from optim.workers.threads import Threads, joined
 from optim.workers.turns import Turns
 from optim.workers.workers import LANES, Arrays, Ended, Operation, Portable, Workers
+from spacerobot.arrays import Array
 
 SHORTEST_S = 0.25  # that a piece shall take at least, to hide what sending it costs
 LONGEST_S = 4.0  # that it shall take at most, to lose little with a worker

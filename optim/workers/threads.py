@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from optim.problem.problem import Array
 from optim.workers.workers import LANES, Arrays, Ended, Operation, Portable
+from spacerobot.arrays import Array
 from spacerobot.compiled import usable_cores
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol, TypeVar
 
-from optim.problem.problem import Array
+from spacerobot.arrays import Array
 
 LANES = 8  # rollouts that the widest vectors do at once: fewer rows are not worth a piece of their own
 

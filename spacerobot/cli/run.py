@@ -80,12 +80,11 @@ def command(
 
 
 def _conclude(scene: Scene, result: Result) -> None:
-    from spacerobot.result.table import headline
 
     for warning in result.summary["warnings"]:
         if warning not in scene.warnings:
             warn(warning)
-    console().print(pairs(f"{result.scenario.name}: {_about(scene)}", headline(result)))
+    console().print(pairs(f"{result.scenario.name}: {_about(scene)}", result.headline()))
     if result.folder is not None:
         console().print(f"\nresult in {result.folder}", markup=False, soft_wrap=True)
 

@@ -119,7 +119,6 @@ def _show(found: Tuned, result: Result, method: str, kind: str) -> None:
     """Print the gains, what each run found, and the best design's numbers."""
     from optim.problem.objectives import UNITS
     from optim.problem.variables import at_bound
-    from spacerobot.result.table import headline
 
     told = {name: f", {end}" for name, end in at_bound(list(found.gains), found.outcome.best.u).items()}
     rows = [(name, f"{value:.6g}{told.get(name, '')}") for name, value in found.gains.items()]
@@ -129,7 +128,7 @@ def _show(found: Tuned, result: Result, method: str, kind: str) -> None:
     show_runs(found.outcome.runs, factor)
     if method == "manual":
         _show_trials(found)
-    console().print(pairs("the best design", headline(result)))
+    console().print(pairs("the best design", result.headline()))
 
 
 HEADS = {"largest_error_m": "largest error [m]", "swings_hz": "swings [1/s]"}

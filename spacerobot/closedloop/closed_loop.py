@@ -6,13 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import casadi as ca
-import numpy as np
-from numpy.typing import NDArray
 
+from spacerobot.arrays import Array
 from spacerobot.closedloop.events import EventRule
 from spacerobot.errors import ScenarioError, near_names
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

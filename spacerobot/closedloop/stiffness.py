@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spacerobot.closedloop.closed_loop import Array, ClosedLoop
+from spacerobot.arrays import Array
+from spacerobot.closedloop.closed_loop import ClosedLoop
 
 GAINS = frozenset(
     {

@@ -15,14 +15,13 @@ import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
+from spacerobot.arrays import Array
 from spacerobot.compiled import cache
 from spacerobot.compiled.build import Progress, Unit, build
 from spacerobot.compiled.codegen import HIDDEN, Source, maths_of, source_of
 from spacerobot.compiled.pieces import Piece
 from spacerobot.compiled.toolchain import NO_COMPILER, Toolchain, find_toolchain
 from spacerobot.errors import CompileError, near_names
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

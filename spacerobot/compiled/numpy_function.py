@@ -8,9 +8,8 @@ import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
+from spacerobot.arrays import Array
 from spacerobot.compiled.library import compile_functions
-
-Array = npt.NDArray[np.float64]
 
 
 class NumpyFunction:

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from spacerobot.description.parts import Array, Joint, Link
+from spacerobot.arrays import Array
+from spacerobot.description.parts import Joint, Link
 from spacerobot.errors import DescriptionError
 
 _ROUNDING = 1e-9  # relative; files print inertias with few digits

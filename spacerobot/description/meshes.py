@@ -8,8 +8,9 @@ from urllib.parse import unquote
 
 import numpy as np
 
+from spacerobot.arrays import Array
 from spacerobot.description.find import PACKAGE, find_in_package, is_file
-from spacerobot.description.parts import Array, Geometry, Shape, frozen
+from spacerobot.description.parts import Geometry, Shape, frozen
 
 _FRAME_BOX_M = 0.05  # of a link without mass
 _SHORTEST_EDGE_M, _LONGEST_EDGE_M = 5e-4, 1e3

@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from spacerobot.arrays import Array
+
 GeometryKind = Literal["box", "cylinder", "sphere", "mesh"]
 JointKind = Literal["revolute", "continuous", "prismatic", "fixed"]
 

@@ -15,9 +15,9 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-import numpy.typing as npt
 import pinocchio
 
+from spacerobot.arrays import Array
 from spacerobot.dynamics.algebra import IDENTITY3, SymmetricFactors, cross_columns
 from spacerobot.dynamics.composite import mass_matrix
 from spacerobot.dynamics.inertias import Inertias
@@ -25,8 +25,6 @@ from spacerobot.dynamics.joints import Joint, JointKind
 from spacerobot.dynamics.kinematics import Kinematics, forward_kinematics, frame_jacobian
 from spacerobot.dynamics.momentum import centre_of_mass, subtree
 from spacerobot.errors import DescriptionError, near_names
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

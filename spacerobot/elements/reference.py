@@ -10,8 +10,8 @@ from typing import ClassVar
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from spacerobot.arrays import Array
 from spacerobot.dynamics.algebra import cross
 from spacerobot.dynamics.rotations import rotation_exp
 from spacerobot.elements.element import Element
@@ -20,7 +20,6 @@ from spacerobot.elements.numbers import Context
 from spacerobot.section import Vector, numbers, quantity
 from spacerobot.symbolic import Constants, Parameters
 
-Array = NDArray[np.float64]
 DEGREE = np.pi / 180
 SAMPLES = 65
 """Times at which a reference is looked at where its whole way is judged."""

@@ -6,12 +6,12 @@ import functools
 
 import numpy as np
 
+from spacerobot.arrays import Array
 from spacerobot.elements import Actuator
 from spacerobot.elements.actuators.torque_limit import TorqueLimit
 from spacerobot.pinocchio_engine.laws import refusal
 from spacerobot.scenario import Robot
 from spacerobot.scene import Scene, SceneBody
-from spacerobot.scene.scene import Array
 
 
 @functools.singledispatch

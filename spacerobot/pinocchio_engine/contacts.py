@@ -11,12 +11,13 @@ import pinocchio as pin
 from scipy.optimize import brentq
 from scipy.special import lambertw
 
+from spacerobot.arrays import Array
 from spacerobot.elements import Contact
 from spacerobot.elements.contacts.hunt_crossley import HuntCrossley
 from spacerobot.pinocchio_engine.kinematics import Kinematics, cross
 from spacerobot.pinocchio_engine.laws import refusal
 from spacerobot.scene.contacts import coal_distance
-from spacerobot.scene.scene import Array, SceneContact, SceneShape
+from spacerobot.scene.scene import SceneContact, SceneShape
 
 
 @dataclass(frozen=True)

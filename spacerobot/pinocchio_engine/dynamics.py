@@ -17,12 +17,12 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
+from spacerobot.arrays import Array
 from spacerobot.pinocchio_engine.contacts import Pressure
 from spacerobot.pinocchio_engine.grasps import Constraint, Relative
 from spacerobot.pinocchio_engine.kinematics import Kinematics, joint_space_inertia
 from spacerobot.pinocchio_engine.tip_control import Command
 from spacerobot.scene import SceneGrasp
-from spacerobot.scene.scene import Array
 
 Wrench = tuple[SceneGrasp, Relative, Array, Array]
 """A grasp, its relative motion, and the force and torque on the target at the tip's point, (3,) each."""

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from spacerobot.arrays import Array
 from spacerobot.pinocchio_engine.actuation import torque_limits
 from spacerobot.pinocchio_engine.contacts import Pressure, contact_of, touches
 from spacerobot.pinocchio_engine.dynamics import Loads, Solution, Wrench, solve
@@ -25,7 +26,6 @@ from spacerobot.pinocchio_engine.kinematics import Kinematics, configuration_rat
 from spacerobot.pinocchio_engine.references import Motion, TipReference, tip_reference
 from spacerobot.pinocchio_engine.tip_control import Channel, Command, tip_law
 from spacerobot.scene import Scene
-from spacerobot.scene.scene import Array
 
 WORKS = ("actuator", "joint", "grasp", "constraint")
 """Works that are booked whatever there is; those of contacts follow where there are any."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
+from spacerobot.arrays import Array
 from spacerobot.elements import Grasp
 from spacerobot.elements.grasps.compliant import Compliant
 from spacerobot.elements.grasps.point import Point
@@ -15,7 +16,6 @@ from spacerobot.elements.grasps.weld import Weld
 from spacerobot.pinocchio_engine.kinematics import Kinematics, rotation_vector
 from spacerobot.pinocchio_engine.laws import refusal
 from spacerobot.scene import Scene, SceneGrasp
-from spacerobot.scene.scene import Array
 
 
 @dataclass(frozen=True)

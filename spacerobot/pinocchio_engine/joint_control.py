@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from spacerobot.arrays import Array
 from spacerobot.elements import RobotController
 from spacerobot.elements.controllers.joint_pd import JointPd
 from spacerobot.pinocchio_engine.kinematics import Kinematics, joint_space_inertia, rotation_vector
@@ -22,7 +23,6 @@ from spacerobot.pinocchio_engine.references import Motion
 from spacerobot.pinocchio_engine.tip_control import Channel, Command, reading_of, sensors_of
 from spacerobot.scenario import Robot
 from spacerobot.scene import Scene, SceneBody
-from spacerobot.scene.scene import Array
 
 
 @dataclass(frozen=True)

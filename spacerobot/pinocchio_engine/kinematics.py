@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from spacerobot.scene.scene import Array
+from spacerobot.arrays import Array
 
 _AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 

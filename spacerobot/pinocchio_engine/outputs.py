@@ -7,9 +7,9 @@ from collections.abc import Iterable
 import numpy as np
 import pinocchio as pin
 
+from spacerobot.arrays import Array
 from spacerobot.pinocchio_engine.engine import Engine, Instant
 from spacerobot.pinocchio_engine.kinematics import rotation_vector
-from spacerobot.scene.scene import Array
 
 
 def outputs_at(engine: Engine, t: float, x: Array, within: float | None = None) -> dict[str, Array]:

@@ -15,6 +15,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.interpolate import CubicSpline
 
+from spacerobot.arrays import Array
 from spacerobot.elements import Reference
 from spacerobot.elements.reference import TimedReference
 from spacerobot.elements.references.circle import Circle
@@ -23,7 +24,6 @@ from spacerobot.elements.references.line import Line
 from spacerobot.elements.references.spline import Spline
 from spacerobot.pinocchio_engine.kinematics import cross
 from spacerobot.pinocchio_engine.laws import refusal
-from spacerobot.scene.scene import Array
 
 Jet = tuple[Array, Array, Array]
 """A value with its first and second derivative with respect to time."""

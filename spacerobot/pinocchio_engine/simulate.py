@@ -8,13 +8,13 @@ from collections.abc import Callable
 import numpy as np
 from scipy.integrate import DOP853
 
+from spacerobot.arrays import Array
 from spacerobot.errors import SpaceRobotError
 from spacerobot.pinocchio_engine.engine import Engine
 from spacerobot.pinocchio_engine.outputs import outputs_at
 from spacerobot.rollout.grid import time_grid
 from spacerobot.rollout.trajectory import Trajectory, frozen
 from spacerobot.scene import Scene
-from spacerobot.scene.scene import Array
 
 POSITION_LIMIT = 1e6
 """Greatest position [m, rad] of a rollout that is not called diverged."""

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from spacerobot.arrays import Array
 from spacerobot.elements import Sensor, TipController
 from spacerobot.elements.controllers.amnesia import Amnesia
 from spacerobot.elements.controllers.pid import Pid
@@ -23,7 +24,6 @@ from spacerobot.pinocchio_engine.references import Motion
 from spacerobot.scenario import Robot
 from spacerobot.scenario.sensors import Sensors
 from spacerobot.scene import Scene, SceneBody, SceneTip
-from spacerobot.scene.scene import Array
 
 
 @dataclass(frozen=True)

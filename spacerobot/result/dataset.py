@@ -12,10 +12,10 @@ import numpy as np
 import pinocchio as pin
 import xarray as xr
 
+from spacerobot.arrays import Array
 from spacerobot.closedloop import ClosedLoop
 from spacerobot.rollout import Trajectory
 from spacerobot.scene import Scene
-from spacerobot.scene.scene import Array
 
 AXES = ("x", "y", "z")
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import xarray as xr
 
+from spacerobot.result.table import Row, headline, status_text, summary_html
 from spacerobot.scenario import Scenario
 from spacerobot.scene import Scene, build_scene
 
@@ -43,14 +44,14 @@ class Result:
         """The scene it was simulated in, built anew from its scenario."""
         return build_scene(self.scenario, source=self.folder / "scenario.yaml" if self.folder else None)
 
+    def headline(self) -> list[Row]:
+        """What a person wants to know first, as rows of two texts."""
+        return headline(self.summary, self.data)
+
     def __repr__(self) -> str:
         """Name and status, in one line."""
-        from spacerobot.result.table import status_text
-
         return f"<Result {self.scenario.name}: {status_text(self.summary['status'])}>"
 
     def _repr_html_(self) -> str:
         """Summary table for notebooks."""
-        from spacerobot.result.table import summary_html
-
-        return summary_html(self)
+        return summary_html(self.scenario.name, self.headline())

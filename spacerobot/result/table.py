@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-from spacerobot.result.result import Result
+import xarray as xr
+
 from spacerobot.result.trust import open_words
 
 Row = tuple[str, str]
 
 
-def headline(result: Result) -> list[Row]:
+def headline(summary: Mapping[str, Any], data: xr.Dataset) -> list[Row]:
     """What a person wants to know first, one row each."""
-    summary = result.summary
     rows = [("status", status_text(summary["status"]))]
     for tip, axes in summary["tip_error"].items():
-        shown = ["x", "y"] if "body_angle" in result.data else ["x", "y", "z"]
+        shown = ["x", "y"] if "body_angle" in data else ["x", "y", "z"]
         unit, factor = _unit_of(axes["norm"]["rms_m"])
         spans = ", ".join(
             f"{axis} {axes[axis]['min_m'] * factor:+.3f} .. {axes[axis]['max_m'] * factor:+.3f}"
@@ -85,10 +85,10 @@ def _engine(summary: Mapping[str, Any]) -> str:
     )
 
 
-def summary_html(result: Result) -> str:
+def summary_html(caption: str, headline: Sequence[Row]) -> str:
     """HTML table of the headline, text escaped."""
     rows = "".join(
         f"<tr><th style='text-align:left'>{html.escape(name)}</th><td>{html.escape(value)}</td></tr>"
-        for name, value in headline(result)
+        for name, value in headline
     )
-    return f"<table><caption>{html.escape(result.scenario.name)}</caption>{rows}</table>"
+    return f"<table><caption>{html.escape(caption)}</caption>{rows}</table>"

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import pinocchio as pin
 
+from spacerobot.arrays import Array
 from spacerobot.description.bodies import odd_bodies
 from spacerobot.scenario import Robot
 from spacerobot.scene.checks import resolved_bodies, robot_elements, robot_facts
@@ -14,7 +15,7 @@ from spacerobot.scene.closing import Closing, find_closings, has_loops, is_rigid
 from spacerobot.scene.configure import initial_state
 from spacerobot.scene.model import link_inertia
 from spacerobot.scene.reach import reference_warnings
-from spacerobot.scene.scene import Array, Scene, SceneBody, SceneTip
+from spacerobot.scene.scene import Scene, SceneBody, SceneTip
 
 SLIP = 1e-9  # [m/s, rad/s, deg/s] that a described velocity may differ from the one that begins
 

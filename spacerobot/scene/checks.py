@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from spacerobot.arrays import Array
 from spacerobot.description.bodies import Body, check_bodies, welded_bodies
 from spacerobot.description.parts import Link
 from spacerobot.description.read import Description
@@ -19,7 +20,7 @@ from spacerobot.errors import DescriptionError, ScenarioError
 from spacerobot.scenario import Robot, Scenario, Target
 from spacerobot.scene.closing import begun, find_closings, is_rigid
 from spacerobot.scene.configure import relative_jacobian
-from spacerobot.scene.scene import Array, Scene, SceneBody, SceneGrasp
+from spacerobot.scene.scene import Scene, SceneBody, SceneGrasp
 
 MOST_VELOCITIES = 300
 """Pinocchio's ``Data`` holds 32 bytes for the cube of their number, 0.9 GB for this one."""

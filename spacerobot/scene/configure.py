@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from spacerobot.arrays import Array
 from spacerobot.scene.closing import Closing, begun, find_closings, is_rigid
-from spacerobot.scene.scene import Array, Scene, SceneBody, SceneGrasp
+from spacerobot.scene.scene import Scene, SceneBody, SceneGrasp
 
 
 def initial_state(

@@ -11,6 +11,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
+from spacerobot.arrays import Array
 from spacerobot.description.parts import Geometry
 from spacerobot.description.parts import Shape as UrdfShape
 from spacerobot.elements import Contact
@@ -18,7 +19,7 @@ from spacerobot.elements.contact import Wrap
 from spacerobot.errors import ScenarioError, near_names
 from spacerobot.scenario import Scenario
 from spacerobot.scenario.pads import Pad
-from spacerobot.scene.scene import Array, Scene, SceneBody, SceneContact, SceneShape
+from spacerobot.scene.scene import Scene, SceneBody, SceneContact, SceneShape
 from spacerobot.section import matching
 from spacerobot.shapes import PAIRS, ShapeKind
 

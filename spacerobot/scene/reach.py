@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
+from spacerobot.arrays import Array
 from spacerobot.elements import Reference
 from spacerobot.errors import ScenarioError
-from spacerobot.scene.scene import Array, Scene, SceneTip
+from spacerobot.scene.scene import Scene, SceneTip
 
 
 def check_in_plane(scene: Scene) -> None:

@@ -8,15 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spacerobot.arrays import Array
 from spacerobot.description.read import Description
 from spacerobot.elements import Contact, Grasp, Reference
 from spacerobot.errors import ScenarioError, near_names
 from spacerobot.scenario import Base, Robot, Scenario, Target, Tip
 from spacerobot.shapes import ShapeKind
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

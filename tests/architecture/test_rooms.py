@@ -1,39 +1,89 @@
 """Each room knows only the rooms behind it, and nobody knows the command line."""
 
 import ast
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).parents[2]
 
+EVERYWHERE = {"arrays", "errors"}
+"""What every room of the library may import."""
+
 KNOWS = {
+    "spacerobot.arrays": set(),
     "spacerobot.errors": set(),
     "spacerobot.interrupts": set(),
-    "spacerobot.files": {"errors"},
+    "spacerobot.files": set(),
     "spacerobot.front_door": set(),
-    "spacerobot.section": {"errors"},
-    "spacerobot.dynamics": {"errors"},
+    "spacerobot.section": set(),
+    "spacerobot.dynamics": set(),
     "spacerobot.symbolic": {"dynamics"},
     "spacerobot.shapes": {"dynamics"},
-    "spacerobot.elements": {"errors", "section", "dynamics", "shapes", "symbolic"},
-    "spacerobot.scenario": {"errors", "section", "elements", "shapes"},
-    "spacerobot.description": {"errors"},
-    "spacerobot.scene": {"errors", "section", "elements", "scenario", "description", "shapes"},
-    "spacerobot.closedloop": {
-        *("errors", "section", "elements", "symbolic", "scenario", "scene", "dynamics", "shapes"),
-    },
-    "spacerobot.compiled": {"errors"},
-    "spacerobot.rollout": {"errors", "compiled"},
+    "spacerobot.elements": {"section", "dynamics", "shapes", "symbolic"},
+    "spacerobot.scenario": {"section", "elements", "shapes"},
+    "spacerobot.description": set(),
+    "spacerobot.scene": {"section", "elements", "scenario", "description", "shapes"},
+    "spacerobot.closedloop": {"section", "elements", "symbolic", "scenario", "scene", "dynamics", "shapes"},
+    "spacerobot.compiled": set(),
+    "spacerobot.rollout": {"compiled"},
     "spacerobot.kept": {"closedloop", "compiled", "elements", "scenario", "scene"},
-    "spacerobot.pinocchio_engine": {"errors", "elements", "scenario", "scene", "rollout"},
-    "spacerobot.result": {"errors", "files", "interrupts", "scenario", "scene", "closedloop", "rollout"},
-    "spacerobot.simulation": {
-        *("errors", "closedloop", "kept", "pinocchio_engine", "result", "rollout", "scene"),
-    },
+    "spacerobot.pinocchio_engine": {"elements", "scenario", "scene", "rollout"},
+    "spacerobot.result": {"files", "interrupts", "scenario", "scene", "closedloop", "rollout"},
+    "spacerobot.simulation": {"closedloop", "kept", "pinocchio_engine", "result", "rollout", "scene"},
     "spacerobot.paper": {"result", "scene", "simulation"},
 }
 """What each room of the library may import, the command line aside."""
+
+BUILT_ON = {
+    "optim.plain": set(),
+    "optim.workers": set(),
+    "optim.problem": {"optim.workers"},
+    "optim.search": {"optim.problem"},
+    "optim.methods": {"optim.problem", "optim.search", "optim.workers"},
+    "optim.tuning": {"optim.problem", "optim.search", "optim.methods", "optim.workers"},
+    "optim.campaign.draws": {"optim.problem"},
+    "optim.campaign.rollouts": {"optim.problem", "optim.campaign.draws"},
+    "optim.campaign.store": {"optim.campaign.rollouts"},
+    "optim.campaign.analysis": {
+        "optim.problem",
+        "optim.campaign.draws",
+        "optim.campaign.rollouts",
+        "optim.campaign.store",
+    },
+    "optim.campaign": {
+        "optim.problem",
+        "optim.workers",
+        "optim.campaign.rollouts",
+        "optim.campaign.store",
+        "optim.campaign.analysis",
+    },
+    "optim.robust": {
+        "optim.plain",
+        "optim.problem",
+        "optim.search",
+        "optim.methods",
+        "optim.workers",
+        "optim.campaign.draws",
+        "optim.campaign.analysis",
+    },
+    "optim.comparison": {
+        "optim.plain",
+        "optim.problem",
+        "optim.search",
+        "optim.methods",
+        "optim.workers",
+        "optim.robust",
+    },
+    "viz.drawing": set(),
+    "viz.figures": {"viz.drawing"},
+    "viz.page": {"viz.drawing", "viz.figures"},
+    "viz.record": {"viz.drawing", "viz.figures"},
+    "viz.readme_picture": {"viz.record"},
+    "viz.report": {"viz.page", "viz.figures", "optim.comparison"},
+}
+"""What each room of tuning and of pictures may import beside the library."""
 
 
 def imports(path):
@@ -57,6 +107,33 @@ def files(room):
     return found
 
 
+def modules():
+    """Path of each module by its dotted name."""
+    paths = [path for top in ("spacerobot", "optim", "viz") for path in files(top)]
+    return {
+        ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): path
+        for path in paths
+    }
+
+
+def edges():
+    """Modules that each module imports, at any depth, for type checkers only as well."""
+    found = {}
+    for module, path in MODULES.items():
+        found[module] = set()
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Import):
+                found[module] |= {alias.name for alias in node.names} & MODULES.keys()
+            elif isinstance(node, ast.ImportFrom):
+                inside = {f"{node.module}.{alias.name}" for alias in node.names} & MODULES.keys()
+                found[module] |= inside or {node.module} & MODULES.keys()
+    return found
+
+
+MODULES = modules()
+EDGES = edges()
+
+
 @pytest.mark.parametrize("room", KNOWS)
 def test_a_room_knows_only_the_rooms_behind_it(room):
     own = room.split(".")[1]
@@ -65,7 +142,37 @@ def test_a_room_knows_only_the_rooms_behind_it(room):
             top, _, rest = module.partition(".")
             assert top not in ("optim", "viz", "tests", "benchmarks"), f"{path}: {module}"
             if top == "spacerobot" and rest:
-                assert rest.split(".")[0] in KNOWS[room] | {own}, f"{path}: {module}"
+                assert rest.split(".")[0] in KNOWS[room] | EVERYWHERE | {own}, f"{path}: {module}"
+
+
+def room_of(module):
+    """The listed room that a module of ``optim`` or ``viz`` stands in."""
+    parts = module.split(".")
+    heads = (".".join(parts[:k]) for k in range(len(parts), 1, -1))
+    return next(head for head in heads if head in BUILT_ON)
+
+
+@pytest.mark.parametrize("package", ["optim", "viz"])
+def test_a_room_of_tuning_or_pictures_knows_only_the_rooms_behind_it(package):
+    for module, path in MODULES.items():
+        if module.startswith(f"{package}."):
+            room = room_of(module)
+            for known in EDGES[module]:
+                if known.partition(".")[0] in ("optim", "viz"):
+                    assert room_of(known) in BUILT_ON[room] | {room}, f"{path}: {known}"
+
+
+def test_no_room_knows_itself_by_way_of_others():
+    tuple(TopologicalSorter(BUILT_ON).static_order())
+    tuple(TopologicalSorter(KNOWS).static_order())
+
+
+def test_no_module_knows_itself_by_way_of_others():
+    """The front doors aside, which load nothing before a name is used."""
+    doors = {"spacerobot", "optim", "viz"}
+    tuple(
+        TopologicalSorter({m: known - doors for m, known in EDGES.items() if m not in doors}).static_order()
+    )
 
 
 def test_every_room_of_the_library_is_listed():

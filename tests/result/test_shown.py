@@ -8,7 +8,6 @@ import pytest
 from optim.tuning import tune
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.errors import ScenarioError
-from spacerobot.result.table import headline
 from spacerobot.rollout import Measures, Signals, build_rollout, integral
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
@@ -45,7 +44,7 @@ def test_small_errors_have_digits(scene, metres, text):
     summary = copy.deepcopy(dict(result.summary))
     for axis in summary["tip_error"]["arm/tip"].values():
         axis |= {"min_m": -metres, "max_m": metres, "rms_m": metres}
-    told = dict(headline(type(result)(result.scenario, result.data, summary)))["tip error arm/tip"]
+    told = dict(type(result)(result.scenario, result.data, summary).headline())["tip error arm/tip"]
     assert f"(rms {text})" in told
     assert "-0.300 .. +0.300" in told
 

@@ -8,7 +8,6 @@ import pytest
 from spacerobot.cli.run import fail_if_diverged
 from spacerobot.errors import DivergedError
 from spacerobot.result import load, save
-from spacerobot.result.table import headline
 from spacerobot.result.trust import LEAST_ENERGY, LEAST_MOMENTUM, MOST_DRIFT, MOST_RESIDUAL, judge, warning
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
@@ -71,7 +70,7 @@ def test_an_open_ledger_is_told_in_status_summary_page_and_report(rough):
     status = json.loads((rough.folder / "summary.json").read_text())["status"]
     assert status["state"] == "completed"
     assert not status["trusted"]
-    assert dict(headline(load(rough.folder)))["status"].startswith(
+    assert dict(load(rough.folder).headline())["status"].startswith(
         "completed, 1 s, but the ledger is open: momentum drift "
     )
     assert re.search(r"simulation\.step shorter than 0\.01 s, .*arm/joint_\d, \S+ rad/s at", status["advice"])
@@ -94,7 +93,7 @@ def test_a_fine_result_is_trusted(tmp_path):
     status = result.summary["status"]
     assert status["trusted"]
     assert warning(status) is None
-    assert dict(headline(result))["status"] == "completed, 1 s"
+    assert dict(result.headline())["status"] == "completed, 1 s"
 
 
 def test_where_no_step_can_be_chosen_the_fastest_joint_is_named(tmp_path):

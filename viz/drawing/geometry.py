@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
+from spacerobot.arrays import Array
 from spacerobot.description import Geometry
-from viz.drawing.meshes import Array as Array
 from viz.drawing.meshes import Surface, load_mesh, mesh_file
 
 _SIDES = 24  # of a cylinder's outline

@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from spacerobot.arrays import Array
 from spacerobot.description import Geometry
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 MOST_TRIANGLES = 60_000

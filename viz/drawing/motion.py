@@ -8,10 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pinocchio as pin
 
+from spacerobot.arrays import Array
 from spacerobot.description import Geometry
 from spacerobot.result import Result
 from spacerobot.scene import Scene
-from viz.drawing.geometry import Array, corners
+from viz.drawing.geometry import corners
 
 Rows = np.ndarray[tuple[int], np.dtype[np.int64]]
 """Rows of a result's data."""

@@ -13,7 +13,8 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.image import AxesImage
 
-from viz.drawing.geometry import Array, faces, is_round, silhouette, surface
+from spacerobot.arrays import Array
+from viz.drawing.geometry import faces, is_round, silhouette, surface
 from viz.drawing.meshes import Indices, mesh_file, shown_meshes
 from viz.drawing.motion import Motion, Node
 from viz.drawing.raster import Faces, Picture, cover, draw_faces

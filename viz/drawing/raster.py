@@ -7,7 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from spacerobot.arrays import Array
+
 Picture = NDArray[np.float32]
 Indices = NDArray[np.int64]
 

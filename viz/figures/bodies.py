@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 
+from spacerobot.arrays import Array
 from spacerobot.result import Result
-from viz.drawing.geometry import Array
 from viz.figures.style import (
     COLOURS,
     DASHES,

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import PercentFormatter
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from spacerobot.arrays import Array
 from viz.figures.style import COLOURS, Drawing, legend_above, line, panels, styled
 
-Array = NDArray[np.float64]
 DECADES = 1.5  # of values, from which on they stand on a logarithmic axis
 FAR = 2.5  # how many times the values' own reach a limit may lie outside it and still be drawn
 BAD, BEYOND = "#B00020", "#FBE9EA"

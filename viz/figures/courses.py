@@ -8,7 +8,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from viz.figures.campaign import BAD, Array
+from spacerobot.arrays import Array
+from viz.figures.campaign import BAD
 from viz.figures.style import COLOURS, Drawing, legend_above, panels, styled, unit_scale
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.axes import Axes
 
+from spacerobot.arrays import Array
 from spacerobot.result import Result
-from viz.drawing.geometry import Array
 from viz.drawing.motion import Motion, bounds, extremes, pick_rows, sample_motion
 from viz.drawing.projection import View, draw_ghosts, draw_nodes, fit, view_of
 from viz.figures.style import COLOURS, Drawing, called, is_narrow, styled, width_in

@@ -6,9 +6,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter, NullFormatter
 
+from spacerobot.arrays import Array
 from spacerobot.result import Result
 from spacerobot.result.ledger import SMALLEST
-from viz.drawing.geometry import Array
 from viz.figures.style import Drawing, called, legend_over, line, panels, styled, until
 
 FLOWS = (

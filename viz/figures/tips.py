@@ -10,9 +10,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import NullFormatter
 
+from spacerobot.arrays import Array
 from spacerobot.paper import AXES, FIGURE_7_MM, FIGURE_10_MM
 from spacerobot.result import Result
-from viz.drawing.geometry import Array
 from viz.figures.style import (
     DASHES,
     PAPER_FILL,

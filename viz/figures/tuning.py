@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, PercentFormatter
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from spacerobot.arrays import Array
 from viz.figures.style import COLOURS, Drawing, legend_above, line, panels, styled
 
-Array = NDArray[np.float64]
 FLOOR = 1e-5  # gap at which a run counts as having met the best known value
 POINTS = 240  # of a band
 COST = "cost [rollouts]"

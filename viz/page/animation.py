@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from spacerobot.arrays import Array
 from spacerobot.result import Result
 from spacerobot.result.trust import warning
 from spacerobot.scene import Scene
-from viz.drawing.geometry import Array
 from viz.drawing.motion import (
     Motion,
     bounds,

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from spacerobot.arrays import Array
 from spacerobot.result import Result
 from spacerobot.scene import Scene
-from viz.drawing.geometry import Array
 from viz.drawing.motion import Rows
 from viz.page.meshcat_scene import packed
 

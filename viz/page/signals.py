@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from spacerobot.arrays import Array
 from spacerobot.result import Result
-from viz.drawing.geometry import Array
 from viz.drawing.motion import Rows, pick_rows
 from viz.figures.bodies import rotation_deg, translation_mm
 from viz.figures.style import called, shown_axes

@@ -10,7 +10,7 @@ from typing import Any
 
 from spacerobot.paper import AXES, FIGURE_7_MM, FIGURE_10_MM, PID_ONLY_MM, error_bands_mm
 from spacerobot.result import Result
-from spacerobot.result.table import headline, status_text
+from spacerobot.result.table import status_text
 from spacerobot.scenario.load import to_document, to_yaml
 from viz.figures import draw_all, to_bytes
 from viz.figures.style import labels_of
@@ -79,7 +79,7 @@ def what_was_run(subject: Subject) -> str | None:
 
 def numbers(subject: Subject) -> str | None:
     """Headline numbers, a column for each result."""
-    columns = [dict(headline(result)) for result in subject.results]
+    columns = [dict(result.headline()) for result in subject.results]
     names = list(dict.fromkeys(name for column in columns for name in column if name not in _ELSEWHERE))
     return table(
         ["", *subject.labels], [[name, *(column.get(name, "") for column in columns)] for name in names]

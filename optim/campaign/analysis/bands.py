@@ -11,7 +11,7 @@ import numpy as np
 
 from optim.campaign.rollouts.series import BYTES_EACH
 from optim.campaign.store.netcdf import DATA
-from optim.problem.problem import Array
+from spacerobot.arrays import Array
 from spacerobot.errors import ResultError, near_names
 
 AT_ONCE_BYTES = 128_000_000  # read at once

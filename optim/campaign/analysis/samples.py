@@ -12,7 +12,7 @@ import numpy as np
 
 from optim.campaign.rollouts.evaluator import Evaluator
 from optim.campaign.store.notes import Changes
-from optim.problem.problem import Array
+from spacerobot.arrays import Array
 from spacerobot.result import Result
 from spacerobot.scenario.load import to_document
 from spacerobot.scenario.paths import expand

@@ -10,7 +10,7 @@ import numpy as np
 from scipy import stats
 
 from optim.campaign.draws.sampling import salib
-from optim.problem.problem import Array
+from spacerobot.arrays import Array
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from optim.campaign.rollouts.evaluator import Evaluator
 from optim.campaign.rollouts.trust import doubts, untrusted
 from optim.campaign.store.folder import load_campaign, load_head
 from optim.campaign.store.notes import Named, named_in
-from optim.problem.problem import Array
+from spacerobot.arrays import Array
 from spacerobot.errors import ResultError
 from spacerobot.files import write_text
 from spacerobot.rollout import unclosed

@@ -15,7 +15,7 @@ from scipy import stats
 from scipy.special import ndtr, ndtri
 from scipy.stats import qmc
 
-from optim.problem.problem import Array
+from spacerobot.arrays import Array
 from spacerobot.errors import SpaceRobotError
 from spacerobot.scenario import Campaign, Uncertain
 

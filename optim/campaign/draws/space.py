@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from optim.problem.numbers import find_numbers
-from optim.problem.problem import Array
+from spacerobot.arrays import Array
 from spacerobot.errors import ScenarioError
 from spacerobot.scenario import Campaign
 from spacerobot.scenario.load import to_document, validate

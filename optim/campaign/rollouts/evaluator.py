@@ -15,8 +15,8 @@ from optim.campaign.draws.sampling import draw
 from optim.campaign.draws.space import Space, campaign_of, check_range, gain_set, resolve_space
 from optim.campaign.rollouts.metrics import Column, Kept, build_kept
 from optim.campaign.rollouts.series import Recording, build_recording, check_size, series_step
-from optim.problem.problem import Array
 from optim.problem.scenes import SceneRecipe
+from spacerobot.arrays import Array
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.errors import ScenarioError
 from spacerobot.rollout import Rollout, build_rollout, time_grid

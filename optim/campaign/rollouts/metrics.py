@@ -18,7 +18,7 @@ from optim.campaign.rollouts.trust import (
     residual_measure,
     residual_of,
 )
-from optim.problem.problem import Array
+from spacerobot.arrays import Array
 from spacerobot.closedloop import ClosedLoop
 from spacerobot.rollout import Measure, Measures, Signals, integral, peak
 from spacerobot.scene import Scene

@@ -6,7 +6,7 @@ import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from optim.problem.problem import Array
+from spacerobot.arrays import Array
 from spacerobot.closedloop import ClosedLoop, Variable
 from spacerobot.errors import ScenarioError, near_names
 from spacerobot.scenario import Campaign

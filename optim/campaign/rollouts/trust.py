@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 import xarray as xr
 
-from optim.problem.problem import Array
+from spacerobot.arrays import Array
 from spacerobot.closedloop import ClosedLoop
 from spacerobot.result.trust import LEAST_ENERGY, LEAST_MOMENTUM, MOST_DRIFT, MOST_RESIDUAL, share
 from spacerobot.rollout import Measure, Signals, final

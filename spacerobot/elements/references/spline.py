@@ -9,9 +9,10 @@ import casadi as ca
 import numpy as np
 from pydantic import Field, model_validator
 
+from spacerobot.arrays import Array
 from spacerobot.elements.motion import Profile
 from spacerobot.elements.numbers import Context
-from spacerobot.elements.reference import Array, Reference
+from spacerobot.elements.reference import Reference
 from spacerobot.elements.registry import register
 from spacerobot.section import Vector
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
+from spacerobot.arrays import Array
 from spacerobot.description.bodies import welded_bodies
 from spacerobot.description.find import find_urdf, shipped_urdf_folder
 from spacerobot.description.parts import Joint
@@ -18,7 +19,7 @@ from spacerobot.errors import ScenarioError, near_names
 from spacerobot.scenario.load import validate
 from spacerobot.scenario.paths import Document
 from spacerobot.scene.build import build_scene
-from spacerobot.scene.scene import Array, Scene
+from spacerobot.scene.scene import Scene
 
 POSTURES = 500
 """How many are tried."""

@@ -13,10 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
+from spacerobot.arrays import Array
 from spacerobot.description.parts import Joint
 from spacerobot.scene.configure import relative_jacobian
 from spacerobot.scene.draft.arms import Arm
-from spacerobot.scene.scene import Array, Scene, SceneTip
+from spacerobot.scene.scene import Scene, SceneTip
 
 DEFAULT_BANDWIDTH = 2.0  # [rad/s] where the URDF has no limits
 BANDWIDTHS = (0.5, 10.0)  # [rad/s]

@@ -1,0 +1,72 @@
+"""What a tuning problem is made of: variables, terms, and the rollout that gives them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+
+from optim.problem.objectives import OBJECTIVE, Terms
+from optim.problem.problem import Form
+from optim.problem.variables import Variables
+from spacerobot.arrays import Array
+from spacerobot.closedloop import ClosedLoop
+from spacerobot.rollout import Rollout
+from spacerobot.scene import Scene
+
+
+@dataclass(frozen=True)
+class Formulation:
+    """A closed loop whose variables are free, with what is measured of its rollouts.
+
+    Attributes
+    ----------
+    scene
+        The scene, the tuning problem's changes made.
+    loop
+        Its closed loop, the variables not tied yet.
+    variables
+        The free numbers.
+    terms
+        Objective and constraints.
+    rollout
+        Parameters are the variables by name, then everything else by dotted path.
+    """
+
+    scene: Scene
+    loop: ClosedLoop
+    variables: Variables
+    terms: Terms
+    rollout: Rollout
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the variables."""
+        return self.variables.names
+
+    @property
+    def start(self) -> Array:
+        """The scenario's own values in the unit cube, (k,)."""
+        return np.clip(self.variables.unit(self.variables.start), 0.0, 1.0)
+
+    @property
+    def form(self) -> Form:
+        """How the objective is made up."""
+        return self.terms.form
+
+    @cached_property
+    def constraint_names(self) -> tuple[str, ...]:
+        """One name for each component of each constrained measure."""
+        sizes = self.terms.measures.sizes
+        return tuple(f"{name}.{i}" for name in self.terms.limits for i in range(sizes[name]))
+
+    @cached_property
+    def objective_slope(self) -> ca.Function:
+        """(r, p) -> derivative of the objective with respect to the measures r."""
+        objective = self.rollout.kernel.functions["objective"]
+        r = ca.SX.sym("r", objective.numel_in(0))
+        p = ca.SX.sym("p", objective.numel_in(1))
+        row = self.rollout.kernel.costs.index(OBJECTIVE)
+        return ca.Function("slope", [r, p], [ca.densify(ca.jacobian(objective(r, p)[row], r))])
