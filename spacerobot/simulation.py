@@ -17,7 +17,6 @@ from spacerobot.kept import kept_closed_loop
 from spacerobot.result import Result
 from spacerobot.result.dataset import build_dataset
 from spacerobot.result.metrics import fastest_joint
-from spacerobot.result.size import check_size
 from spacerobot.result.summary import build_summary
 from spacerobot.result.trust import fast_words
 from spacerobot.rollout import (
@@ -30,6 +29,7 @@ from spacerobot.rollout import (
 )
 from spacerobot.rollout.step import NoStepError
 from spacerobot.scene import Scene
+from spacerobot.scene.size import check_size
 
 Progress = Callable[[str], None]
 LOCAL_TOLERANCE = 1e-3
@@ -85,9 +85,9 @@ def simulate(scene: Scene, *, backend: Backend = "auto", progress: Progress | No
     """
     tell = progress or (lambda _: None)
     begin = time.perf_counter()
+    check_size(scene)
     tell("building the closed loop")
     loop = kept_closed_loop(scene)
-    check_size(scene, loop)
     _check_events(scene, loop)
     built = time.perf_counter()
     with np.errstate(over="ignore", invalid="ignore"):  # a rollout that diverges says so by its status

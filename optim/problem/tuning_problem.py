@@ -24,6 +24,7 @@ from spacerobot.arrays import Array
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.rollout import build_rollout
 from spacerobot.scene import Scene
+from spacerobot.scene.size import check_size
 
 
 @dataclass(frozen=True)
@@ -183,11 +184,13 @@ def build_problem(
     Raises
     ------
     ScenarioError
-        If a variable leads nowhere, or the closed loop does not depend on it.
+        If a variable leads nowhere, the closed loop does not depend on it, or the memory does not hold what
+        a design's result takes.
     """
     names = None if chosen is None else tuple(chosen)
     recipe = ProblemRecipe(SceneRecipe.of(scene), names, reading, tuple(also_vary), objective)
     scene = changed_scene(scene, reading)
+    check_size(scene)
     tuning = tuning_of(scene)
     variables = resolve_variables(scene, tuning, chosen)
     loop = build_closed_loop(scene, vary=[*variables.all_paths, *also_vary])

@@ -32,8 +32,10 @@ def command(scenario: ScenarioName, changes: Changes = None) -> None:
     """Print the scene as a tree and every assumption taken."""
     from spacerobot.scene import load_scene
     from spacerobot.scene.overlaps import overlaps
+    from spacerobot.scene.size import check_size
 
     scene = load_scene(scenario, parse_changes(changes))
+    check_size(scene)
     for warning in (*scene.warnings, *overlaps(scene)):
         warn(warning)
     console().print(scene_tree(scene))

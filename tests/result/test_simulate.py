@@ -6,9 +6,11 @@ import re
 
 import pytest
 
+from spacerobot.cli.app import main
 from spacerobot.errors import DivergedError, ScenarioError
 from spacerobot.result.table import status_text
 from spacerobot.scene import load_scene
+from spacerobot.scene.size import numbers_each
 from spacerobot.simulation import simulate
 
 SHORT = {"simulation.duration": 0.1, "simulation.output_step": 0.02}
@@ -77,16 +79,39 @@ def test_what_lies_before_a_number_that_is_none_is_kept(worst, monkeypatch):
 
 
 def test_a_result_that_the_memory_does_not_hold_is_refused_before_it_runs(monkeypatch):
-    monkeypatch.setattr("spacerobot.result.size.available_memory", lambda: 8e9)
+    monkeypatch.setattr("spacerobot.scene.size.available_memory", lambda: 8e9)
     long = {"simulation.duration": 1e6, "simulation.output_step": 0.1}
     begin = []
     with pytest.raises(
         ScenarioError, match=r"simulation\.output_step: the result would take \S+ GB"
     ) as raised:
         simulate(load_scene("paper", long), progress=begin.append)
-    assert begin == ["building the closed loop"]
+    assert begin == []
     raised.match(r"10000001 samples x \d+ numbers x 24 bytes\), allowed: \S+ GB, half of what is free; raise")
     raised.match(r"`simulation\.output_step` to \S+ s or more, or lower `simulation\.duration`")
+
+
+@pytest.mark.parametrize("name", ["paper", "servicer"])
+def test_what_a_result_takes_is_counted_from_its_scene(name):
+    scene = load_scene(name, {"simulation.duration": 0.1, "simulation.step": 0.01})
+    data = simulate(scene).data
+    held = (
+        sum(values.size for values in data.variables.values() if "time" in values.dims) / data.sizes["time"]
+    )
+    assert numbers_each(scene) == pytest.approx(held, rel=0.1)
+
+
+@pytest.mark.parametrize("command", ["check", "tune", "compare", "robust"])
+def test_every_command_refuses_it_in_one_line(command, monkeypatch, tmp_path, capsys):
+    monkeypatch.setattr("spacerobot.scene.size.available_memory", lambda: 8e9)
+    to = [] if command == "check" else ["--out", str(tmp_path / "out")]
+    long = ["--set", "simulation.duration=1e6", "--set", "simulation.output_step=0.1"]
+    monkeypatch.setattr("sys.argv", ["spacerobot", command, "paper", *long, *to])
+    with pytest.raises(SystemExit) as left:
+        main()
+    assert left.value.code == 2
+    assert "simulation.output_step: the result would take" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
 
 
 def test_far_from_the_origin_is_no_divergence():

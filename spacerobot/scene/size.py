@@ -5,9 +5,8 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from spacerobot.closedloop import ClosedLoop
 from spacerobot.errors import ScenarioError
-from spacerobot.scene import Scene
+from spacerobot.scene.scene import Scene
 
 BYTES_EACH = 8
 COPIES = 3
@@ -16,8 +15,8 @@ PART = 0.5
 """Of the available memory that a result may take."""
 
 
-def check_size(scene: Scene, loop: ClosedLoop) -> None:
-    """Refuse, before anything runs, a result that the memory does not hold.
+def check_size(scene: Scene) -> None:
+    """Refuse, before anything is built or runs, a scene whose result the memory does not hold.
 
     Raises
     ------
@@ -26,7 +25,7 @@ def check_size(scene: Scene, loop: ClosedLoop) -> None:
     """
     simulation = scene.scenario.simulation
     samples = int(simulation.duration / simulation.output_step) + 1
-    width = len(loop.state_names) + sum(loop.outputs.numel_out(i) for i in range(loop.outputs.n_out()))
+    width = numbers_each(scene)
     needed, allowed = samples * width * BYTES_EACH * COPIES, PART * available_memory()
     if needed > allowed:
         longer = 1.1 * simulation.output_step * needed / allowed
@@ -37,6 +36,13 @@ def check_size(scene: Scene, loop: ClosedLoop) -> None:
             source=scene.source,
             where="simulation.output_step",
         )
+
+
+def numbers_each(scene: Scene) -> int:
+    """Numbers that a result holds of each instant, elements' own outputs not counted."""
+    model = scene.model
+    of_tips, of_bodies, of_grasps = 15 * len(scene.tips), 16 * len(scene.bodies), 9 * len(scene.grasps)
+    return 14 + int(model.nq) + 4 * int(model.nv) + of_tips + of_bodies + of_grasps
 
 
 def available_memory() -> float:
