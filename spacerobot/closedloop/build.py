@@ -15,6 +15,7 @@ from spacerobot.closedloop.events import booked, guards_of, rules_of, update_of
 from spacerobot.closedloop.forward_dynamics import solve_accelerations
 from spacerobot.closedloop.impulse import strike
 from spacerobot.closedloop.outputs import combine, core_outputs
+from spacerobot.closedloop.phases import phased
 from spacerobot.closedloop.plant import build_plant
 from spacerobot.closedloop.start import initial_state
 from spacerobot.dynamics import configuration_derivative, normalise
@@ -44,7 +45,9 @@ def build_closed_loop(scene: Scene, vary: Collection[str] = ()) -> ClosedLoop:
         If ``vary`` names what the closed loop does not depend on.
     """
     parameters = Parameters(dict(numbers(to_document(scene.scenario))), vary)
-    context = Context("", ca.SX.sym("t"), parameters, Constants())
+    constants, names = Constants(), list(scene.scenario.phases)
+    phases = {name: constants.switch(f"phases.{name}", name == names[0]) for name in names}
+    context = Context("", ca.SX.sym("t"), parameters, constants, phases)
     start = initial_state(scene, parameters)
     builder = Builder(scene, context, build_plant(scene, parameters, context.constants), start)
     loop = _assemble(builder, _evaluate(builder))
@@ -82,17 +85,17 @@ def _evaluate(builder: Builder) -> _Evaluated:
     events = (*acting.events, *answers.events)
     powers = (*plant_powers(plant, solution.torque), *acting.powers, *answers.powers, *booked(events))
     works = build_works(powers)
-    variables, outputs = combine(
-        scene,
-        [
-            *core_outputs(builder, solution.torque, acting.stored),
-            *acting.outputs,
-            *answers.outputs,
-            *stored_energies(scene, plant, acting),
-            *(work.output for work in works),
-        ],
-    )
-    acting = replace(acting, states=(*acting.states, *(work.state for work in works)), events=events)
+    seen = [
+        *core_outputs(builder, solution.torque, acting.stored),
+        *acting.outputs,
+        *answers.outputs,
+        *stored_energies(scene, plant, acting),
+        *(work.output for work in works),
+    ]
+    phases = phased(builder, seen)
+    variables, outputs = combine(scene, [*seen, *phases.outputs])
+    states = (*acting.states, *(work.state for work in works), *phases.states)
+    acting = replace(acting, states=states, events=(*events, *phases.events))
     return _Evaluated(acting, solution.acceleration, solution.torque, works, variables, outputs)
 
 

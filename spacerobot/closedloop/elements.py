@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any, Literal
 
 import casadi as ca
 
+from spacerobot.closedloop.references import Lead
 from spacerobot.dynamics.joints import sparse
 from spacerobot.dynamics.rotations import rotation_from_rpy
 from spacerobot.elements import (
@@ -19,8 +21,11 @@ from spacerobot.elements import (
     Motion,
     RobotContext,
     TipContext,
+    either,
+    negated,
 )
 from spacerobot.elements.context import Affine, Surface
+from spacerobot.elements.contribution import gated
 from spacerobot.elements.life import living
 from spacerobot.elements.reference import DEGREE
 from spacerobot.elements.sensor import ideal
@@ -51,22 +56,35 @@ class Builder:
     start: Start
 
     @functools.cached_property
+    def leads(self) -> Mapping[str, Lead]:
+        """The references of each tip, by the tip's label."""
+        root = None if self.scene.target is None else self.scene.target.root_frame
+        return {tip.label: Lead(tip, self.context, self.plant, self.start, root) for tip in self.scene.tips}
+
+    @functools.cached_property
     def motions(self) -> Mapping[str, Motion]:
         """What the reference of each tip asks for, by the tip's label."""
-        return {tip.label: self._motion(tip) for tip in self.scene.tips}
+        return {label: lead.motion for label, lead in self.leads.items()}
 
-    def contributions(self) -> list[Contribution]:
-        """Of controllers of tips and robots, grasps, contacts and actuators, in the scene's order."""
+    @functools.cached_property
+    def controllers(self) -> list[Contribution]:
+        """Of the controllers of tips and those of robots, in the scene's order."""
         found = [
-            controller.build(self._tip(tip, key))
+            self._resting(f"{tip.path}.{key}", controller.build(self._tip(tip, key)))
             for tip in self.scene.tips
             for key, controller in tip.config.elements()
         ]
         for body in self.scene.robots:
             if isinstance(body.config, Robot):
                 found += [
-                    controller.build(self._robot(body, key)) for key, controller in body.config.elements()
+                    self._resting(f"{body.path}.{key}", controller.build(self._robot(body, key)))
+                    for key, controller in body.config.elements()
                 ]
+        return found
+
+    def contributions(self) -> list[Contribution]:
+        """Of controllers of tips and robots, grasps, contacts and actuators, in the scene's order."""
+        found = [*self.controllers]
         found += [living(grasp.config, self._grasp(grasp)) for grasp in self.scene.grasps]
         found += [contact.config.build(self._contact(contact)) for contact in self.scene.contacts]
         for body in self.scene.robots:
@@ -76,12 +94,19 @@ class Builder:
                 ]
         return found
 
-    def _motion(self, tip: SceneTip) -> Motion:
-        """A derived reference moves the target's origin, and the tip with it as a rigid body."""
-        pivot, path = None, f"{tip.path}.reference"
-        if tip.from_target and self.scene.target is not None:
-            pivot, path = self.start.placement(self.scene.target.root_frame)[1], "target.reference"
-        return tip.reference.motion(self.context.at(path), self.start.placement(tip.frame), pivot)
+    def grasp_switch(self, name: str, kind: Literal["closed", "released"]) -> ca.SX:
+        """Whether a grasp is closed, or has let go (1x1)."""
+        constants, path = self.context.constants, f"grasps.{name}.{kind}"
+        return constants.switch(path) if path in constants.switches else ca.SX(kind == "closed")
+
+    def _resting(self, path: str, contribution: Contribution) -> Contribution:
+        """Contribution of a controller that rests in some phases."""
+        rests = [
+            switch
+            for name, switch in self.context.phases.items()
+            if _is_null(self.scene.scenario.phases[name].changes, path.split("."))
+        ]
+        return gated(contribution, negated(either(*rests))) if rests else contribution
 
     def _sensors(self, body: SceneBody) -> Callable[[str], Affine]:
         sensors = body.config.sensors if isinstance(body.config, Robot) else None
@@ -145,7 +170,17 @@ class Builder:
             grasp.tip.joint,
             grasp.frame,
             grasp.joint,
+            *self._may(grasp.name),
         )
+
+    def _may(self, name: str) -> tuple[ca.SX, ca.SX]:
+        """Whether the phase lets a grasp close, and has it let go (1x1 each)."""
+        sections, switches = self.scene.scenario.phases, self.context.phases
+        closes = [phase.captures is None or name in phase.captures for phase in sections.values()]
+        opens = [name in phase.releases for phase in sections.values()]
+        may = either(*(switch for switch, closing in zip(switches.values(), closes, strict=True) if closing))
+        told = [switch for switch, opening in zip(switches.values(), opens, strict=True) if opening]
+        return ca.SX(1) if all(closes) else may, either(*told) if told else ca.SX(0)
 
     def _contact(self, contact: SceneContact) -> ContactContext:
         surfaces = {shape: self._surface(shape) for pair in contact.pairs for shape in pair}
@@ -182,3 +217,12 @@ def _positions(body: SceneBody, free: ca.SX) -> dict[int, ca.SX]:
     found = dict(zip(body.driven_joints, ca.vertsplit(free), strict=True))
     ties = [tie for tie in body.ties if tie.leader in found]
     return found | {tie.joint: tie.multiplier * found[tie.leader] + tie.offset for tie in ties}
+
+
+def _is_null(changes: Any, keys: Sequence[str]) -> bool:
+    """Whether changes give null for what stands at these keys."""
+    for key in keys:
+        if not isinstance(changes, dict) or key not in changes:
+            return False
+        changes = changes[key]
+    return changes is None

@@ -25,8 +25,8 @@ from spacerobot.elements.controller import RobotController, TipController
 from spacerobot.elements.element import Element
 from spacerobot.elements.event import Event, both, either, negated
 from spacerobot.elements.grasp import Grasp
-from spacerobot.elements.motion import Motion, Profile, cubic_blend
-from spacerobot.elements.numbers import Context
+from spacerobot.elements.motion import Beginning, Motion, Profile, cubic_blend
+from spacerobot.elements.numbers import Context, Since
 from spacerobot.elements.reference import Reference
 from spacerobot.elements.registry import FAMILIES, Family, kinds, load_plugin, register
 from spacerobot.elements.robot_element import RobotElement, RobotFacts
@@ -36,6 +36,7 @@ __all__ = [
     "FAMILIES",
     "Actuator",
     "ActuatorContext",
+    "Beginning",
     "Channel",
     "Constraint",
     "Contact",
@@ -58,6 +59,7 @@ __all__ = [
     "RobotElement",
     "RobotFacts",
     "Sensor",
+    "Since",
     "State",
     "Stored",
     "TipContext",

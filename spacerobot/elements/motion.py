@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import casadi as ca
@@ -29,6 +30,35 @@ class Motion:
     rotation: ca.SX
     angular_velocity: ca.SX
     angular_acceleration: ca.SX
+
+
+@dataclass(frozen=True)
+class Beginning:
+    """Where a frame is, and how it moves, when a reference begins to lead it; world axes.
+
+    Attributes
+    ----------
+    rotation
+        Frame axes to world axes (3x3).
+    origin
+        Of the frame (3x1) [m].
+    twist
+        Gives its velocity and its spin (3x1 each) [m/s, rad/s]; they are kept only where they are asked for.
+    """
+
+    rotation: ca.SX
+    origin: ca.SX
+    twist: Callable[[], tuple[ca.SX, ca.SX]]
+
+    @property
+    def velocity(self) -> ca.SX:
+        """Of the frame's origin (3x1) [m/s]."""
+        return self.twist()[0]
+
+    @property
+    def angular_velocity(self) -> ca.SX:
+        """Of the frame (3x1) [rad/s]."""
+        return self.twist()[1]
 
 
 @dataclass(frozen=True)

@@ -3,11 +3,32 @@
 from __future__ import annotations
 
 import dataclasses
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import casadi as ca
 
+from spacerobot.elements.event import Event, both, negated
 from spacerobot.symbolic import Constants, Parameters
+
+
+@dataclass(frozen=True)
+class Since:
+    """An instant that events decide, from which a law counts its time.
+
+    Attributes
+    ----------
+    owner
+        Whose time it is, for people.
+    active
+        Whether the law is followed (1x1).
+    jumps
+        Events at which it jumps, by the name of the switch that each of them turns on.
+    """
+
+    owner: str
+    active: ca.SX
+    jumps: dict[str, Event] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -19,23 +40,34 @@ class Context:
     path
         Dotted path of the section.
     time
-        Symbol of time (1x1) [s].
+        Time (1x1) [s], since the law began to be followed.
     parameters, constants
         The scenario's numbers, and what is computed of them once for each rollout.
+    phases
+        Switch (1x1) of each phase, by name; none if there is one phase only.
+    since
+        What time counts from; None for the start.
     """
 
     path: str
     time: ca.SX
     parameters: Parameters
     constants: Constants
+    phases: Mapping[str, ca.SX] = field(default_factory=dict)
+    since: Since | None = None
 
     def at(self, path: str) -> Context:
         """The same for another section."""
         return dataclasses.replace(self, path=path)
 
     def number(self, key: str) -> ca.SX:
-        """A number of the section (1x1), in the section's unit."""
-        return self.once(key, self.parameters(f"{self.path}.{key}"))
+        """A number of the section (1x1), in the section's unit; that of the phase where it differs."""
+        found = self.once(key, self.parameters(f"{self.path}.{key}"))
+        for name, active in self.phases.items():
+            own = f"phases.{name}.{self.path}.{key}"
+            if own in self.parameters:
+                found = ca.if_else(active, self.constants.hoist(own, self.parameters(own)), found)
+        return found
 
     def vector(self, key: str, factor: float = 1.0) -> ca.SX:
         """Three numbers of the section times a factor (3x1); exact zeros are structural."""
@@ -46,13 +78,26 @@ class Context:
         """Expression of the parameters alone, computed once for each rollout; any shape."""
         return self.constants.hoist(f"{self.path}.{name}", expression)
 
+    def begun(self, name: str, expression: ca.SX) -> ca.SX:
+        """Expression of where the law begins; any shape."""
+        return self.once(name, expression) if self.since is None else expression
+
     def jump(self, key: str, time: float | None = None) -> ca.SX:
         """Time (1x1) [s] at which the law jumps, to be compared with time and used for nothing else.
 
         Steps end there. It is the number that stands at ``key``, or ``time`` where it is no number.
         """
-        at = self.parameters(f"{self.path}.{key}") if time is None else ca.SX(time)
-        return self.constants.jump(f"{self.path}.{key}", at)
+        name = f"{self.path}.{key}"
+        at = self.parameters(name) if time is None else ca.SX(time)
+        if self.since is None:
+            return self.constants.jump(name, at)
+        passed = self.constants.switch(f"{self.since.owner}:{name}.passed")
+        if passed.name() not in self.since.jumps:
+            left = self.time - self.constants.hoist(name, at)
+            armed = both(self.since.active, negated(passed))
+            jump = Event(passed.name(), "reference", self.since.owner, left, armed, {passed.name(): True})
+            self.since.jumps[passed.name()] = jump
+        return ca.if_else(passed, -ca.inf, ca.inf)
 
     def switch(self, name: str, initial: bool = False) -> ca.SX:
         """Switch of the section (1x1): 1 or 0, turned by events alone; its symbol is named ``path.name``."""

@@ -1,6 +1,6 @@
 """References: where a tip or the held object shall be at each time (Eq. 39-44).
 
-All kinds start at the initial pose, at rest, and hold where they end.
+All kinds start where the frame is when they begin, at rest, and hold where they end.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from spacerobot.arrays import Array
 from spacerobot.dynamics.algebra import cross
 from spacerobot.dynamics.rotations import rotation_exp
 from spacerobot.elements.element import Element
-from spacerobot.elements.motion import STILL, Motion, Profile, along, cubic_blend
+from spacerobot.elements.motion import STILL, Beginning, Motion, Profile, along, cubic_blend
 from spacerobot.elements.numbers import Context
 from spacerobot.section import Vector, numbers, quantity
 from spacerobot.symbolic import Constants, Parameters
@@ -27,7 +27,7 @@ PLANE_TOLERANCE = 1e-12
 
 
 class Reference(Element):
-    """A motion that a frame is carried along, beginning where the frame is."""
+    """A motion that a frame is carried along, beginning where the frame then is."""
 
     family: ClassVar[str] = "reference"
 
@@ -44,7 +44,7 @@ class Reference(Element):
         """Times at which it is not smooth [s], rising; the last one is its end."""
         return ()
 
-    def motion(self, context: Context, start: tuple[ca.SX, ca.SX], pivot: ca.SX | None = None) -> Motion:
+    def motion(self, context: Context, start: Beginning, pivot: ca.SX | None = None) -> Motion:
         """Motion of a frame that begins at ``start``.
 
         Parameters
@@ -52,15 +52,15 @@ class Reference(Element):
         context
             Time and this section's numbers.
         start
-            Initial rotation (3x3) and origin (3x1) [m] of the frame, expressions of the parameters.
+            Where the frame is when this begins.
         pivot
-            Initial position of the point that is displaced (3x1) [m], where that is not the frame's own
-            origin: the target's, if the frame is carried along by it.
+            Where the point then is that is displaced (3x1) [m], where that is not the frame's own origin: the
+            target's, if the frame is carried along by it.
         """
         moved, turned = self.moved(context), self.turned(context)
-        rotation0 = context.once("start.rotation", start[0])
-        pivot0 = context.once("start.pivot", start[1] if pivot is None else pivot)
-        lever0 = ca.SX(3, 1) if pivot is None else context.once("start.lever", start[1] - pivot)
+        rotation0 = context.begun("start.rotation", start.rotation)
+        pivot0 = context.begun("start.pivot", start.origin if pivot is None else pivot)
+        lever0 = ca.SX(3, 1) if pivot is None else context.begun("start.lever", start.origin - pivot)
         rotation = ca.SX.eye(3) if turned.value.nnz() == 0 else rotation_exp(turned.value)
         lever = ca.mtimes(rotation, lever0)
         swing = cross(turned.rate, lever)

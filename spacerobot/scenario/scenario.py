@@ -4,14 +4,18 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from spacerobot.elements import Contact, Family, Grasp
 from spacerobot.elements.registry import on_change
 from spacerobot.errors import near_names
 from spacerobot.scenario.bodies import Base, Robot, Target, Tip
 from spacerobot.scenario.campaign import Campaign
+from spacerobot.scenario.faults import explain
+from spacerobot.scenario.merge import check_changes, expand_names, overlay, pick
 from spacerobot.scenario.pads import Pad
+from spacerobot.scenario.paths import Document
+from spacerobot.scenario.phases import Phase, check_phases
 from spacerobot.scenario.sensors import Sensors
 from spacerobot.scenario.tuning import Tuning
 from spacerobot.section import Name, Section, Vector, quantity
@@ -67,6 +71,9 @@ class Scenario(Section):
     contacts: dict[Name, Annotated[Contact, Family("contact", default="hunt_crossley")]] = Field(
         default={}, description="what may touch, by name"
     )
+    phases: dict[Name, Phase] = Field(
+        default={}, description="what differs from the scenario for a while, in turn; one phase if not given"
+    )
     simulation: Simulation = Field(default=Simulation(), description="how long, how finely, by which engine")
     tuning: Tuning | None = Field(default=None, description="the tuning problem")
     campaign: Campaign | None = Field(default=None, description="uncertain numbers, and rollouts over them")
@@ -90,6 +97,36 @@ class Scenario(Section):
                 hint = near_names(base.close_grasp, self.grasps)
                 raise ValueError(f"{path}.base.close_grasp: no grasp {base.close_grasp!r}; {hint}")
         return self
+
+    @model_validator(mode="after")
+    def _check_phases(self) -> Scenario:
+        """Merge each phase with the scenario, so that it is judged and filled as a scenario is."""
+        if not self.phases:
+            return self
+        bodies = [*self.robots, *(["target"] if self.target is not None else [])]
+        check_phases(self.phases, self.grasps, bodies)
+        base, phases = self._base(), {}
+        for name, phase in self.phases.items():
+            try:
+                changes = expand_names(phase.changes, base)
+                merged = Scenario.model_validate(overlay(base, changes)).model_dump(mode="json")
+                changes = pick(merged, changes)
+                check_changes(base, changes)
+            except ValidationError as fault:
+                where, message = explain(fault.errors(include_url=False)[0], overlay(base, changes))
+                raise ValueError(f"phases.{name}.{where}: {message}") from None
+            except ValueError as fault:
+                raise ValueError(f"phases.{name}.{fault}") from None
+            phases[name] = phase.model_copy(update=changes)
+        return self.model_copy(update={"phases": phases})
+
+    def _base(self) -> Document:
+        """Plain form of what phases are laid over."""
+        return self.model_dump(mode="json", exclude={"phases", "tuning", "campaign"})
+
+    def during(self, phase: str) -> Scenario:
+        """Scenario as it is in a phase, which has no phases itself."""
+        return Scenario.model_validate(overlay(self._base(), self.phases[phase].changes))
 
     def _bases(self) -> list[tuple[str, Base]]:
         bodies: list[tuple[str, Base]] = [

@@ -21,6 +21,9 @@ def unit_at(scenario: Scenario, path: str) -> str:
     path
         As :func:`spacerobot.scenario.paths.expand` gives them.
     """
+    keys = path.split(".", 3)
+    if keys[0] == "phases" and keys[2] in ("robots", "target", "grasps"):
+        scenario, path = scenario.during(keys[1]), path.removeprefix(f"phases.{keys[1]}.")
     node: Any = scenario
     unit = "SI"
     while path:

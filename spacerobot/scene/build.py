@@ -11,7 +11,6 @@ from typing import Any
 
 import pinocchio as pin
 
-from spacerobot.elements.references.hold import Hold
 from spacerobot.errors import ScenarioError, near_names
 from spacerobot.scenario import Robot, Scenario
 from spacerobot.scenario.catalogue import find_scenario
@@ -30,6 +29,7 @@ from spacerobot.scene.checks import (
 from spacerobot.scene.closing import has_loops
 from spacerobot.scene.configure import close_velocity, initial_state
 from spacerobot.scene.contacts import check_overlap, find_contacts
+from spacerobot.scene.courses import courses_of
 from spacerobot.scene.model import build_model
 from spacerobot.scene.reach import check_in_plane
 from spacerobot.scene.resolve import fill, locate, read_descriptions, settle
@@ -150,23 +150,14 @@ def _frame(model: Any, body: SceneBody, link: str, where: str, source: Path | No
 def _tips(model: Any, body: SceneBody, scenario: Scenario, source: Path | None) -> list[SceneTip]:
     if not isinstance(body.config, Robot):
         return []
-    tips = []
+    tips, during = [], {name: scenario.during(name) for name in scenario.phases}
     for name, tip in body.config.tips.items():
         path = f"{body.path}.tips.{name}"
         link = tip.frame or name
         frame = _frame(model, body, link, f"{path}.frame" if tip.frame else path, source)
         joint = int(model.frames[frame].parentJoint)
-        held = any(grasp.tip == f"{body.name}/{name}" for grasp in scenario.grasps.values())
-        from_target = (
-            tip.reference is None
-            and held
-            and scenario.target is not None
-            and scenario.target.reference is not None
-        )
-        reference = tip.reference or (scenario.target.reference if from_target and scenario.target else None)
-        tips.append(
-            SceneTip(f"{body.name}/{name}", path, body, frame, joint, tip, reference or Hold(), from_target)
-        )
+        label = f"{body.name}/{name}"
+        tips.append(SceneTip(label, path, body, frame, joint, tip, courses_of(label, scenario, during)))
     return tips
 
 

@@ -21,23 +21,20 @@ def check_in_plane(scene: Scene) -> None:
     """
     if not scene.planar:
         return
-    for tip in scene.tips:
-        for key, found in tip.reference.leaves_plane():
+    for course in (course for tip in scene.tips for course in tip.courses):
+        for key, found in course.reference.leaves_plane():
             raise ScenarioError(
                 f"leads out of the x-y plane, which nothing in this scene can leave: found {found}, allowed: "
                 "displacements along x and y, rotations about z; a `free_flyer` base is free in space",
                 source=scene.source,
-                where=f"{_path(tip)}.{key}",
+                where=f"{course.path}.{key}",
             )
-
-
-def _path(tip: SceneTip) -> str:
-    return "target.reference" if tip.from_target else f"{tip.path}.reference"
 
 
 def reference_warnings(scene: Scene) -> list[str]:
     """What references warn of by themselves, and those that lead too far."""
-    own = [f"{_path(tip)}: {warning}" for tip in scene.tips for warning in tip.reference.warnings()]
+    courses = [course for tip in scene.tips for course in tip.courses]
+    own = [f"{course.path}: {warning}" for course in courses for warning in course.reference.warnings()]
     return [*dict.fromkeys(own), *out_of_reach(scene)]
 
 
@@ -57,7 +54,7 @@ def out_of_reach(scene: Scene) -> list[str]:
         reach = _reach(scene, tip)
         if farthest > reach * (1 + 1e-9):
             found.append(
-                f"{_path(tip)}: leads {tip.label} {farthest:.4g} m from where its base begins, "
+                f"{tip.courses[0].path}: leads {tip.label} {farthest:.4g} m from where its base begins, "
                 f"the arm reaches {reach:.4g} m"
             )
     return found

@@ -98,10 +98,33 @@ class SceneBody:
 
 
 @dataclass(frozen=True)
+class Course:
+    """A reference that leads a tip, in some phases or always.
+
+    Attributes
+    ----------
+    path
+        Dotted path of its section.
+    reference
+        The section.
+    from_target
+        Whether it is the target's, from which the tip's is derived.
+    phases
+        Names of the phases in which it leads; none where there are no phases.
+    """
+
+    path: str
+    reference: Reference
+    from_target: bool
+    phases: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
 class SceneTip:
     """A frame of a robot that can hold something.
 
-    ``reference`` is the tip's own; ``from_target`` says that it is derived from the target's instead.
+    ``courses`` are the references that lead it, the first one from the start. Of that one, ``reference`` is
+    the section, and ``from_target`` says that it is derived from the target's.
     """
 
     label: str
@@ -110,8 +133,17 @@ class SceneTip:
     frame: int
     joint: int
     config: Tip
-    reference: Reference
-    from_target: bool
+    courses: tuple[Course, ...]
+
+    @property
+    def reference(self) -> Reference:
+        """What leads it from the start."""
+        return self.courses[0].reference
+
+    @property
+    def from_target(self) -> bool:
+        """Whether that is derived from the target's reference."""
+        return self.courses[0].from_target
 
 
 @dataclass(frozen=True)

@@ -34,6 +34,10 @@ class Parameters:
             self._symbols[path] = ca.SX.sym(path)
         return self._symbols[path]
 
+    def __contains__(self, path: str) -> bool:
+        """Whether there is a number of that path."""
+        return path in self._numbers
+
     def vector(self, path: str, size: int = 3) -> ca.SX:
         """Symbols of a list of numbers (size x 1)."""
         return ca.vertcat(*(self(f"{path}.{i}") for i in range(size)))

@@ -1,0 +1,185 @@
+"""Phases of a closed loop: how each ends, what follows, and what begins with that."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import casadi as ca
+import numpy as np
+
+from spacerobot.closedloop.elements import Builder
+from spacerobot.elements import Context, Contribution, Event, Output, State, both, memory, negated
+from spacerobot.errors import ScenarioError, near_names
+from spacerobot.scenario.phases import END, Limit, Phase, Settled, successors
+
+DEGREE = np.pi / 180
+Condition = tuple[str, ca.SX, ca.SX]
+"""Name of a way in which a phase ends, its guard, and whether it is armed (1x1 each)."""
+
+
+def phased(builder: Builder, outputs: Sequence[Output]) -> Contribution:
+    """What phases add to the closed loop; nothing where there is one only.
+
+    Parameters
+    ----------
+    builder
+        What everything else was built from, which is finished.
+    outputs
+        Of everything else.
+
+    Raises
+    ------
+    ScenarioError
+        If a phase ends by an output that there is not.
+    """
+    if not builder.context.phases:
+        return Contribution()
+    return _Phases(builder, outputs).contribution()
+
+
+@dataclass(frozen=True)
+class _Phases:
+    """The phases of one closed loop; ``kept`` are their states."""
+
+    builder: Builder
+    outputs: Sequence[Output]
+    kept: dict[str, State] = field(default_factory=dict)
+
+    @property
+    def context(self) -> Context:
+        """Time and the scenario's numbers."""
+        return self.builder.context
+
+    @property
+    def phases(self) -> Mapping[str, Phase]:
+        """The sections."""
+        return self.builder.scene.scenario.phases
+
+    def contribution(self) -> Contribution:
+        """Memory, events, and the number of the phase."""
+        events = [event for name in self.phases for event in self._events(name)]
+        leads = self.builder.leads.values()
+        number = sum((i * switch for i, switch in enumerate(self.context.phases.values())), ca.SX(0))
+        names = ", ".join(f"{i} {name}" for i, name in enumerate(self.phases))
+        states = [*self.kept.values(), *(state for lead in leads for state in lead.kept.values())]
+        return Contribution(
+            states=tuple(states),
+            events=(*events, *(event for lead in leads for event in lead.events)),
+            outputs=(Output("phase", number, "1", f"phase: {names}"),),
+        )
+
+    def _memory(self, name: str) -> State:
+        if name not in self.kept:
+            self.kept[name] = memory(f"phase.{name}", ca.SX.zeros(1))
+        return self.kept[name]
+
+    def _events(self, name: str) -> Iterator[Event]:
+        """How a phase ends, and whether it settles meanwhile."""
+        phase, (then, otherwise) = self.phases[name], successors(self.phases)[name]
+        if phase.until is not None and phase.until.settled is not None and phase.until.settled.dwell:
+            yield from self._settling(name, phase.until.settled)
+        for how, guard, armed in self._conditions(name, phase):
+            yield self._ended(f"{name}.{how}", name, otherwise if how == "at_most" else then, guard, armed)
+
+    def _conditions(self, name: str, phase: Phase) -> Iterator[Condition]:
+        """Ways in which a phase ends, apart from being the phase."""
+        context, until, always = self.context.at(f"phases.{name}"), phase.until, ca.SX(1)
+        if until is not None and until.time is not None:
+            yield "time", self._passed() - context.number("until.time"), always
+        elif until is not None and until.settled is not None:
+            yield "settled", *self._settled(name, until.settled)
+        elif until is not None and until.limit is not None:
+            yield "limit", self._limit(context, until.limit), always
+        elif until is not None:
+            names, switch = until.captured or until.released or (), self.builder.grasp_switch
+            kind: Literal["closed", "released"] = "closed" if until.captured else "released"
+            armed = both(*(switch(grasp, kind) for grasp in names))
+            yield "captured" if until.captured else "released", always, armed
+        if phase.at_most is not None:
+            yield "at_most", self._passed() - context.number("at_most"), always
+
+    def _passed(self) -> ca.SX:
+        """Time since the phase began (1x1) [s]."""
+        return self.context.time - self._memory("began_at").symbol
+
+    def _room(self, name: str, settled: Settled) -> ca.SX:
+        """Above zero where a body hardly moves (1x1)."""
+        plant, context = self.builder.plant, self.context.at(f"phases.{name}.until.settled")
+        velocity, spin = plant.velocity(self.builder.scene.body(settled.of).root_frame)
+        room = 1 - ca.dot(velocity, velocity) / context.number("speed") ** 2
+        if settled.spin_deg is None:
+            return room
+        return ca.fmin(room, 1 - ca.dot(spin, spin) / (context.number("spin_deg") * DEGREE) ** 2)
+
+    def _settling_switch(self, name: str) -> ca.SX:
+        return self.context.at(f"phases.{name}").switch("settling")
+
+    def _settled(self, name: str, settled: Settled) -> tuple[ca.SX, ca.SX]:
+        """Guard and condition of a body that has hardly moved for long enough."""
+        if not settled.dwell:
+            return self._room(name, settled), ca.SX(1)
+        dwell = self.context.at(f"phases.{name}").number("until.settled.dwell")
+        since = self._memory("settled_at").symbol
+        return self.context.time - since - dwell, self._settling_switch(name)
+
+    def _settling(self, name: str, settled: Settled) -> Iterator[Event]:
+        """A body begins to move slowly enough, and faster again."""
+        room, switch, active = (
+            self._room(name, settled),
+            self._settling_switch(name),
+            self.context.phases[name],
+        )
+        turned, waiting = switch.name(), both(active, negated(switch))
+        updates = {self._memory("settled_at").name: self.context.time}
+        yield Event(f"{name}.settling", "settling", settled.of, room, waiting, {turned: True}, updates)
+        yield Event(f"{name}.moving", "moving", settled.of, -room, both(active, switch), {turned: False})
+
+    def _limit(self, context: Context, limit: Limit) -> ca.SX:
+        """Above zero where an output has passed its limit (1x1)."""
+        found = {(output.name, output.label): output.value for output in self.outputs}
+        key, path = (limit.output, limit.of or ""), f"{context.path}.until.limit"
+        if key not in found:
+            labels = [label for name, label in found if name == limit.output]
+            place, told = ("of", limit.of or "none") if labels else ("output", limit.output)
+            known = labels or sorted({name for name, _ in found})
+            message = f"found {told!r}; {near_names(told, [label or 'none' for label in known])}"
+            raise ScenarioError(message, source=self.builder.scene.source, where=f"{path}.{place}")
+        side = "above" if limit.above is not None else "below"
+        sign, value = (1 if limit.above is not None else -1), found[key]
+        most = context.at(path).number(side)
+        if value.numel() == 1:
+            return sign * (value - most)
+        return sign * (ca.dot(value, value) - most * ca.fabs(most))
+
+    def _ended(self, event: str, name: str, follows: str, guard: ca.SX, armed: ca.SX) -> Event:
+        """The phase ends, and another one or nothing follows."""
+        armed = both(self.context.phases[name], armed)
+        if follows == END:
+            return Event(event, "end", name, guard, armed, ends=True)
+        sets, updates = {self.context.phases[name].name(): False}, dict[str, ca.SX]()
+        if f"phases.{name}.settling" in self.context.constants.switches:
+            sets[f"phases.{name}.settling"] = False
+        sets[self.context.phases[follows].name()] = True
+        phase = self.phases[follows]
+        for grasp in phase.captures or ():
+            if f"grasps.{grasp}.released" in self.context.constants.switches:
+                sets[f"grasps.{grasp}.released"] = False
+        updates[self._memory("began_at").name] = self.context.time
+        for lead in self.builder.leads.values():
+            turned, values = lead.begin(name, follows, at_pose=phase.begins_at == "pose")
+            sets |= turned
+            updates |= values
+        happens = Event(event, "phase", follows, guard, armed, sets, updates)
+        return replace(happens, updates=updates | self._anew(updates)) if phase.reset else happens
+
+    def _anew(self, updates: Mapping[str, ca.SX]) -> dict[str, ca.SX]:
+        """States of controllers as they begin, from where the event leaves everything else."""
+        own = [state for part in self.builder.controllers for state in part.states]
+        leads = [state for lead in self.builder.leads.values() for state in lead.kept.values()]
+        changed = [state for state in leads if state.name in updates]
+        old = ca.vertcat(*(state.symbol for state in (*own, *changed)))
+        zeros = [ca.SX.zeros(state.symbol.size1()) for state in own]
+        new = ca.vertcat(*zeros, *(updates[state.name] for state in changed))
+        return {state.name: ca.substitute(state.initial, old, new) for state in own}

@@ -1,0 +1,163 @@
+"""What the references of a tip ask for, each from the instant at which it begins to lead."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+
+import casadi as ca
+
+from spacerobot.dynamics import forward_kinematics, frame_velocity
+from spacerobot.dynamics.rotations import rotation_exp
+from spacerobot.elements import Beginning, Context, Event, Motion, Since, State, either, memory
+from spacerobot.scene import Course, SceneTip
+from spacerobot.symbolic import Plant, Start
+
+
+@dataclass(frozen=True)
+class Lead:
+    """A tip and the references that lead it.
+
+    Attributes
+    ----------
+    tip
+        The tip.
+    context, plant, start
+        Time and the scenario's numbers, mechanics now, and where everything begins.
+    root
+        Frame of the target, None if there is none.
+    kept
+        What is remembered of the instant at which the present reference began, by a short name.
+    """
+
+    tip: SceneTip
+    context: Context
+    plant: Plant
+    start: Start
+    root: int | None
+    kept: dict[str, State] = field(default_factory=dict)
+
+    @functools.cached_property
+    def motion(self) -> Motion:
+        """What is asked for now."""
+        found, *others = self.motions
+        for motion, since in zip(others, self.sinces[1:], strict=True):
+            parts = {
+                part.name: ca.if_else(since.active, getattr(motion, part.name), getattr(found, part.name))
+                for part in fields(Motion)
+            }
+            found = Motion(**parts)
+        return found
+
+    @functools.cached_property
+    def motions(self) -> tuple[Motion, ...]:
+        """What each course asks for."""
+        if not self.context.phases:
+            return (self._from_start(self.tip.courses[0]),)
+        return tuple(
+            self._since(course, since) for course, since in zip(self.tip.courses, self.sinces, strict=True)
+        )
+
+    @functools.cached_property
+    def sinces(self) -> tuple[Since, ...]:
+        """When each course leads."""
+        switches = self.context.phases
+        return tuple(
+            Since(self.tip.label, either(*(switches[name] for name in course.phases)))
+            for course in self.tip.courses
+        )
+
+    def _from_start(self, course: Course) -> Motion:
+        """A course that leads from the start on, so that all about its beginning is known."""
+        pivot = None
+        if course.from_target and self.root is not None:
+            pivot = self.start.placement(self.root)[1]
+        beginning = Beginning(*self.start.placement(self.tip.frame), self._first_twist)
+        return course.reference.motion(self.context.at(course.path), beginning, pivot)
+
+    def _first_twist(self) -> tuple[ca.SX, ca.SX]:
+        """Velocity and spin of the tip at the start (3x1 each)."""
+        start, context = self.start, self.context.at(self.tip.path)
+        moving = forward_kinematics(start.model, start.q, start.v)
+        linear, angular = frame_velocity(start.model, moving, self.tip.frame)
+        return context.once("start.velocity", linear), context.once("start.spin", angular)
+
+    def _since(self, course: Course, since: Since) -> Motion:
+        """A course that leads from an instant on that events decide."""
+        time = self.context.time - self._symbol("since")
+        context = replace(self.context.at(course.path), time=time, since=since)
+        pivot = self._vector("pivot") if course.from_target and self.root is not None else None
+        if self.plant.planar:
+            rotation = ca.mtimes(rotation_exp(self._vector("rotation")), self._first_rotation)
+        else:
+            rotation = ca.reshape(self._symbol("rotation"), 3, 3)
+        beginning = Beginning(
+            rotation, self._vector("origin"), lambda: (self._vector("velocity"), self._vector("spin"))
+        )
+        return course.reference.motion(context, beginning, pivot)
+
+    @functools.cached_property
+    def _first_rotation(self) -> ca.SX:
+        return self.context.at(self.tip.path).once("start", self.start.placement(self.tip.frame)[0])
+
+    def _symbol(self, key: str) -> ca.SX:
+        """What is remembered under a name, of the components that can change."""
+        if key not in self.kept:
+            first = ca.SX.zeros(1) if key == "since" else self._values(None)[key][self._axes(key)]
+            self.kept[key] = memory(f"{self.tip.label}.begun.{key}", first)
+        return self.kept[key].symbol
+
+    def _vector(self, key: str) -> ca.SX:
+        """A vector that is remembered (3x1)."""
+        found, frame = ca.SX(3, 1), {"origin": self.tip.frame, "pivot": self.root}.get(key)
+        found[self._axes(key)] = self._symbol(key)
+        if self.plant.planar and frame is not None:
+            height = self.start.placement(frame)[1][2]
+            found[2] = self.context.at(self.tip.path).once(f"height.{key}", height)
+        return found
+
+    def _axes(self, key: str) -> list[int]:
+        """Components that are remembered."""
+        if key == "since":
+            return [0]
+        if key == "rotation" and not self.plant.planar:
+            return list(range(9))
+        return list(self.plant.rotation_axes if key in ("rotation", "spin") else self.plant.translation_axes)
+
+    def _values(self, led: Motion | None) -> Mapping[str, ca.SX]:
+        """What a reference that begins now remembers: where the tip is, or where a motion leads it."""
+        plant, frame = self.plant, self.tip.frame
+        rotation, origin = plant.placement(frame)
+        velocity, spin = plant.velocity(frame)
+        pivot = origin if self.root is None else plant.placement(self.root)[1]
+        if led is not None:
+            pivot = led.position + ca.mtimes(ca.mtimes(led.rotation, rotation.T), pivot - origin)
+            rotation, origin, velocity, spin = led.rotation, led.position, led.velocity, led.angular_velocity
+        turned = plant.orientation_error(rotation, self._first_rotation) if plant.planar else ca.vec(rotation)
+        return {
+            "since": self.context.time,
+            "rotation": turned,
+            "origin": origin,
+            "pivot": pivot,
+            "velocity": velocity,
+            "spin": spin,
+        }
+
+    def index(self, phase: str) -> int:
+        """Number of the course that leads in a phase."""
+        return next(i for i, course in enumerate(self.tip.courses) if phase in course.phases)
+
+    def begin(self, ended: str, begins: str, *, at_pose: bool) -> tuple[dict[str, bool], dict[str, ca.SX]]:
+        """Switches and states that the course of the phase that begins sets; none if it goes on."""
+        before, after = self.index(ended), self.index(begins)
+        if before == after:
+            return {}, {}
+        values = self._values(None if at_pose else self.motions[before])
+        updates = {state.name: ca.densify(values[key][self._axes(key)]) for key, state in self.kept.items()}
+        return dict.fromkeys(self.sinces[after].jumps, False), updates
+
+    @property
+    def events(self) -> tuple[Event, ...]:
+        """Instants at which a course jumps."""
+        return tuple(event for since in self.sinces for event in since.jumps.values())

@@ -1,0 +1,129 @@
+"""A phase's changes laid over the scenario, and what may differ at all."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from spacerobot.errors import near_names
+from spacerobot.scenario.paths import Document
+from spacerobot.section import leaves, matching
+
+CONTROLLERS = ("pid", "orientation_pid", "amnesia", "orientation_amnesia")
+"""Controllers of a tip that have keys of their own."""
+
+
+NAMED = ("robots.", "tips.", "controllers.", "grasps.")
+"""Ends of the paths of what stands in a mapping by name."""
+
+
+def expand_names(changes: Document, base: Document, path: str = "") -> Document:
+    """Changes with ``*`` in names replaced by the base's names, a full name winning over a pattern.
+
+    Raises
+    ------
+    ValueError
+        Where a name is not in the base; its text begins with the dotted path.
+    """
+    found: Document = {}
+    for pattern in sorted(changes, key=lambda name: "*" not in name):  # stable: full names last
+        names = matching(base, pattern) if "*" in pattern else [pattern]
+        if not names or (path.endswith(NAMED) and names[0] not in base):
+            raise ValueError(f"{path}{pattern}: finds nothing in the scenario; {near_names(pattern, base)}")
+        for name in names:
+            value, inside = changes[pattern], base.get(name)
+            if isinstance(value, dict) and isinstance(inside, dict) and not _replaces(value, inside):
+                value = expand_names(value, inside, f"{path}{name}.")
+            old = found.get(name)
+            found[name] = overlay(old, value) if isinstance(old, dict) and isinstance(value, dict) else value
+    return found
+
+
+def _replaces(value: Mapping[str, Any], old: Mapping[str, Any]) -> bool:
+    """Whether a section is of another kind than the one that it stands for."""
+    return "kind" in value and value["kind"] != old.get("kind")
+
+
+def overlay(base: Document, changes: Document) -> Document:
+    """Base with changes: sections key by key, unless of another kind; everything else replaced."""
+    found = dict(base)
+    for key, value in changes.items():
+        old = base.get(key)
+        merges = isinstance(value, dict) and isinstance(old, dict) and not _replaces(value, old)
+        found[key] = overlay(old, value) if merges else value  # type: ignore[arg-type]
+    return found
+
+
+def pick(merged: Document, changes: Document) -> Document:
+    """What of a merged document changes name, references whole."""
+    return {
+        key: pick(merged[key], value)
+        if isinstance(value, dict) and isinstance(merged[key], dict) and key != "reference"
+        else merged[key]
+        for key, value in changes.items()
+    }
+
+
+def check_changes(base: Document, changes: Document) -> None:
+    """Refuse what cannot differ by phase.
+
+    Raises
+    ------
+    ValueError
+        Its text begins with the dotted path.
+    """
+    for path, value in _parts(changes, ()):
+        where, old = ".".join(path), base
+        for key in path:
+            old = old.get(key) if isinstance(old, dict) else None  # type: ignore[assignment]
+        if old == value or path[-1] == "reference":
+            continue
+        if not _may_differ(path):
+            raise ValueError(
+                f"{where}: is the same in every phase; allowed to differ: references, numbers of "
+                "controllers, sensors and grasps, and null for a controller that rests"
+            )
+        if value is None and _is_controller(path) and "amnesia" not in path[-1]:
+            continue
+        same = [place for place, _ in leaves(value)] == [place for place, _ in leaves(old)]
+        if (
+            old is None
+            or not same
+            or not all(_is_number(x) for both in (value, old) for _, x in leaves(both))
+        ):
+            told = (
+                "the scenario has none: give it there" if old is None else "only a number may differ by phase"
+            )
+            hint = "; write `ge: 0`" if value is None and "amnesia" in path[-1] else ""
+            raise ValueError(f"{where}: {told}{hint}")
+
+
+def _parts(node: Any, path: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], Any]]:
+    """Values of a nested document that are no sections, and references whole."""
+    for key, value in node.items():
+        if isinstance(value, dict) and key != "reference":
+            yield from _parts(value, (*path, key))
+        else:
+            yield (*path, key), value
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _is_controller(path: tuple[str, ...]) -> bool:
+    """Whether a path is that of a controller itself."""
+    inside = path[4:] if path[2:3] == ("tips",) else path[2:]
+    return (inside[0] in (*CONTROLLERS, "joint_pd") and len(inside) == 1) or (
+        inside[0] == "controllers" and len(inside) == 2
+    )
+
+
+def _may_differ(path: tuple[str, ...]) -> bool:
+    """Whether a number at a path is read while the simulation runs."""
+    if path[0] == "grasps":
+        return len(path) > 2 and path[2] != "max_gap"
+    if path[0] != "robots" or len(path) < 3:
+        return False
+    inside = path[4:] if path[2] == "tips" else path[2:]
+    return bool(inside) and inside[0] in (*CONTROLLERS, "joint_pd", "controllers", "sensors")

@@ -1,0 +1,229 @@
+"""Phases: what differs from the scenario for a while, how that ends, and what follows."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any, Literal
+
+from pydantic import Field, model_validator
+
+from spacerobot.errors import near_names
+from spacerobot.section import Name, Section, quantity
+
+END = "end"
+"""What follows a phase that ends the simulation."""
+
+
+class Settled(Section):
+    """A body that hardly moves."""
+
+    of: Name = Field(
+        default="target", description="a robot's name, or target: the body whose root link is meant"
+    )
+    speed: float = quantity("m/s", "greatest speed of its root link", gt=0)
+    spin_deg: float | None = quantity("deg/s", "greatest spin", default=None, gt=0)
+    dwell: float = quantity("s", "time for which both must hold", default=0.0, ge=0)
+
+
+class Limit(Section):
+    """An output that passes a limit: a number, or the length of a vector."""
+
+    output: str = Field(min_length=1, description="name of the output, as in the result: grasp_force")
+    of: str | None = Field(default=None, description="of which tip, body or grasp; none for the whole scene")
+    above: float | None = quantity("unit of the output", "passed where it rises above", default=None)
+    below: float | None = quantity("unit of the output", "passed where it falls below", default=None)
+
+    @model_validator(mode="after")
+    def _check(self) -> Limit:
+        if (self.above is None) == (self.below is None):
+            raise ValueError("give either `above` or `below`")
+        return self
+
+
+class Until(Section):
+    """How a phase ends: by one of these."""
+
+    time: float | None = quantity("s", "time since the phase began", default=None, gt=0)
+    captured: tuple[Name, ...] | None = Field(default=None, min_length=1, description="all these grasps hold")
+    released: tuple[Name, ...] | None = Field(
+        default=None, min_length=1, description="all these grasps have let go"
+    )
+    settled: Settled | None = Field(default=None, description="a body hardly moves")
+    limit: Limit | None = Field(default=None, description="an output passes a limit")
+
+    @model_validator(mode="after")
+    def _check(self) -> Until:
+        given = [name for name, value in self if value is not None]
+        if len(given) != 1:
+            names = ", ".join(type(self).model_fields)
+            raise ValueError(f"found {', '.join(given) or 'none'}, allowed: one of {names}")
+        return self
+
+    def words(self) -> str:
+        """It, in a few words."""
+        if self.time is not None:
+            return f"after {self.time:g} s"
+        if self.settled is not None:
+            held = f" for {self.settled.dwell:g} s" if self.settled.dwell else ""
+            return f"when {self.settled.of} moves slower than {self.settled.speed:g} m/s{held}"
+        if self.limit is not None:
+            side = "above" if self.limit.above is not None else "below"
+            value = self.limit.above if self.limit.above is not None else self.limit.below
+            of = f" of {self.limit.of}" if self.limit.of else ""
+            return f"when {self.limit.output}{of} is {side} {value:g}"
+        kind, names = ("captured", self.captured) if self.captured else ("released", self.released)
+        return f"when {' and '.join(names or ())} {'is' if len(names or ()) == 1 else 'are'} {kind}"
+
+
+class Phase(Section):
+    """A part of the time: what differs from the scenario, how it ends, and what follows."""
+
+    until: Until | None = Field(default=None, description="how it ends")
+    at_most: float | None = quantity("s", "it ends at the latest after so long", default=None, gt=0)
+    then: Name | None = Field(
+        default=None, description="phase that follows, or end; the next one, end for the last, if not given"
+    )
+    otherwise: Name | None = Field(
+        default=None, description="what follows where it ends by `at_most`; as `then` if not given"
+    )
+    captures: tuple[Name, ...] | None = Field(
+        default=None,
+        description="grasps that may close in it, those included that have let go; every other open one that "
+        "has not let go if not given",
+    )
+    releases: tuple[Name, ...] = Field(default=(), description="grasps that let go when it begins")
+    begins_at: Literal["pose", "reference"] = Field(
+        default="pose",
+        description="where references that it brings begin: where tips are, or where those before it led",
+    )
+    reset: bool = Field(
+        default=False, description="controllers' states begin anew with it; they are kept if false"
+    )
+    robots: dict[str, Any] = Field(
+        default={},
+        description="what differs, nested as in the scenario: references, numbers of controllers and "
+        "sensors, null for a controller that rests; `*` in a name stands for any letters",
+    )
+    target: dict[str, Any] = Field(default={}, description="what differs: the object's reference")
+    grasps: dict[str, Any] = Field(default={}, description="numbers that differ")
+
+    @model_validator(mode="after")
+    def _check(self) -> Phase:
+        if self.otherwise is not None and self.at_most is None:
+            raise ValueError("otherwise: never followed, for there is no `at_most`")
+        if self.then is not None and self.until is None and self.at_most is None:
+            raise ValueError("then: never followed; say how the phase ends by `until` or `at_most`")
+        return self
+
+    @property
+    def changes(self) -> dict[str, Any]:
+        """What differs from the scenario, nested as in it."""
+        found = {"robots": self.robots, "target": self.target, "grasps": self.grasps}
+        return {key: value for key, value in found.items() if value}
+
+    @property
+    def ends(self) -> bool:
+        """Whether it ends before the simulation does."""
+        return self.until is not None or self.at_most is not None
+
+
+Phases = Mapping[str, Phase]
+
+
+def successors(phases: Phases) -> dict[str, tuple[str, str]]:
+    """What follows each phase, as it ends and where it ends by ``at_most``."""
+    names = list(phases)
+    found = {}
+    for name, following in zip(names, [*names[1:], END], strict=True):
+        then = phases[name].then or following
+        found[name] = (then, phases[name].otherwise or then)
+    return found
+
+
+def check_phases(phases: Phases, grasps: Mapping[str, Any], bodies: list[str]) -> None:
+    """Refuse names that do not exist, phases that are never reached, and cycles without time passing.
+
+    Raises
+    ------
+    ValueError
+        Its text begins with the dotted path.
+    """
+    for name, phase in phases.items():
+        if name == END:
+            raise ValueError(f"phases.{END}: the name stands for the end of the simulation; rename the phase")
+        for key, found, allowed in _names(phase, [*phases, END], list(grasps), bodies):
+            if found not in allowed:
+                what = (
+                    "phase" if key in ("then", "otherwise") else "grasp" if "settled" not in key else "body"
+                )
+                raise ValueError(f"phases.{name}.{key}: no {what} {found!r}; {near_names(found, allowed)}")
+        for grasp in (*(phase.captures or ()), *((phase.until and phase.until.captured) or ())):
+            if grasps[grasp].capture is None and grasps[grasp].begins == "open":
+                raise ValueError(f"phases.{name}: grasp {grasp!r} has no `capture`, so it never closes")
+        let_go = {found for other in phases.values() for found in other.releases}
+        for grasp in (phase.until and phase.until.released) or ():
+            if grasps[grasp].release is None and grasp not in let_go:
+                raise ValueError(
+                    f"phases.{name}.until.released: {grasp!r} never lets go; give it a `release`, or name it "
+                    "in a phase's `releases`"
+                )
+    _check_reached(phases)
+    _check_cycles(phases)
+
+
+def _names(
+    phase: Phase, following: list[str], grasps: list[str], bodies: list[str]
+) -> Iterator[tuple[str, str, list[str]]]:
+    """Names that a phase mentions: key, name, those allowed there."""
+    for key, found in (("then", phase.then), ("otherwise", phase.otherwise)):
+        if found is not None:
+            yield key, found, following
+    until = phase.until or Until(time=1.0)
+    named = {"captures": phase.captures, "releases": phase.releases}
+    named |= {"until.captured": until.captured, "until.released": until.released}
+    for key, names in named.items():
+        for name in names or ():
+            yield key, name, grasps
+    if until.settled is not None:
+        yield "until.settled.of", until.settled.of, bodies
+
+
+def _check_reached(phases: Phases) -> None:
+    """Refuse phases that nothing leads to."""
+    follows, waiting, reached = successors(phases), [next(iter(phases))], set[str]()
+    while waiting:
+        name = waiting.pop()
+        if name not in reached and name != END:
+            reached.add(name)
+            waiting += follows[name] if phases[name].ends else ()
+    for name in phases:
+        if name not in reached:
+            before = list(phases)[list(phases).index(name) - 1]
+            why = f"; {before!r} never ends" if not phases[before].ends else ""
+            raise ValueError(f"phases.{name}: never reached{why}; lead to it by `then` or `otherwise`")
+
+
+def _check_cycles(phases: Phases) -> None:
+    """Refuse phases that end at once in turn: their grasps are captured or released as it is."""
+    follows = successors(phases)
+    for first in phases:
+        name, seen = first, list[str]()
+        while name in phases and name not in seen and _ends_at_once(phases[name]):
+            seen.append(name)
+            name = follows[name][0]
+        if name == first and seen and not _contradict([phases[at] for at in seen]):
+            way = " -> ".join([*seen, first])
+            raise ValueError(f"phases.{first}: no time passes in {way}: each ends as soon as it begins")
+
+
+def _ends_at_once(phase: Phase) -> bool:
+    """Whether it ends as soon as it begins, if its grasps are as it waits for."""
+    until = phase.until
+    return until is not None and (until.captured is not None or until.released is not None)
+
+
+def _contradict(phases: list[Phase]) -> bool:
+    """Whether a grasp must be captured for one of them to end, and released for another."""
+    ends = [phase.until for phase in phases if phase.until is not None]
+    captured = {name for until in ends for name in until.captured or ()}
+    return any(name in captured for until in ends for name in until.released or ())

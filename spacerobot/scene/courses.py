@@ -1,0 +1,50 @@
+"""Which references lead a tip: its own, the target's, or none, in each phase."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from spacerobot.elements.references.hold import Hold
+from spacerobot.scenario import Scenario
+from spacerobot.scenario.paths import Document
+from spacerobot.scene.scene import Course
+
+
+def courses_of(label: str, scenario: Scenario, during: Mapping[str, Scenario]) -> tuple[Course, ...]:
+    """References that lead a tip, in the order of the phases in which they begin.
+
+    Parameters
+    ----------
+    label
+        The tip's, ``robot/tip``.
+    scenario
+        The resolved scenario.
+    during
+        The scenario as it is in each phase; empty where there are no phases.
+    """
+    if not during:
+        return (_course(label, scenario, {}, ""),)
+    found: dict[tuple[str, bool], Course] = {}
+    for name, merged in during.items():
+        course = _course(label, merged, scenario.phases[name].changes, name)
+        key = course.path, course.from_target
+        phases = (*(found[key].phases if key in found else ()), name)
+        found[key] = Course(course.path, course.reference, course.from_target, phases)
+    return tuple(found.values())
+
+
+def _course(label: str, scenario: Scenario, changes: Document, phase: str) -> Course:
+    """What leads a tip by a scenario; what a phase changes stands under its name."""
+    robot, _, name = label.partition("/")
+    tip, target = scenario.robots[robot].tips[name], scenario.target
+    place = f"robots.{robot}.tips.{name}.reference"
+    own = changes.get("robots", {}).get(robot, {}).get("tips", {}).get(name, {})
+    held = any(grasp.tip == label for grasp in scenario.grasps.values())
+    if tip.reference is None and held and target is not None and target.reference is not None:
+        given = changes.get("target", {})
+        return Course(_in(phase, "target.reference", "reference" in given), target.reference, True)
+    return Course(_in(phase, place, own.get("reference") is not None), tip.reference or Hold(), False)
+
+
+def _in(phase: str, path: str, differs: bool) -> str:
+    return f"phases.{phase}.{path}" if differs else path
