@@ -28,6 +28,16 @@ def build_ledger(data: xr.Dataset, scenario: Scenario) -> dict[str, Any]:
     return {"momentum": _momentum(data, scenario), "energy": _energy(data)}
 
 
+def works_of(data: xr.Dataset) -> list[xr.DataArray]:
+    """Works since the start [J]; ``attrs["sign"]`` is 1 where one adds to what is stored, else -1."""
+    return [data[name] for name in data if "sign" in data[name].attrs]
+
+
+def work_text(work: xr.DataArray) -> str:
+    """What a work is, as a legend says it: ``put in by the actuators``."""
+    return str(work.attrs["long_name"]).removeprefix("work ").removesuffix(" since the start")
+
+
 def _momentum(data: xr.Dataset, scenario: Scenario) -> dict[str, Any]:
     if data.attrs["outside"]:
         return {"conserved": False, "reason": data.attrs["outside"]}
@@ -59,19 +69,16 @@ def _energy(data: xr.Dataset) -> dict[str, Any]:
     """What is put in = change of kinetic, spring and potential energy + what is taken."""
     stored = data.energy_kinetic + data.energy_spring + data.energy_potential
     change = (stored - stored[0]).values
-    names = [str(name) for name in data if str(name).startswith("work_")]
-    works = {name.removeprefix("work_"): data[name] for name in names}
-    residual = change - sum(work.attrs["sign"] * work.values for work in works.values())
-    largest = max(
-        float(np.abs(x).max()) for x in (change, stored.values, *(work.values for work in works.values()))
-    )
+    works = works_of(data)
+    residual = change - sum(work.attrs["sign"] * work.values for work in works)
+    largest = max(float(np.abs(x).max()) for x in (change, stored.values, *(work.values for work in works)))
     worst = float(np.abs(residual).max())
     return {
-        "actuator_work_j": float(works["actuator"][-1]),
+        "actuator_work_j": float(data["work_actuator"][-1]),
         "stored_change_j": float(change[-1]),
-        "joint_loss_j": float(works["joint"][-1]),
-        "grasp_loss_j": float(works["grasp"][-1]),
-        "constraint_work_j": float(works["constraint"][-1]),
+        "joint_loss_j": float(data["work_joint"][-1]),
+        "grasp_loss_j": float(data["work_grasp"][-1]),
+        "constraint_work_j": float(data["work_constraint"][-1]),
         "largest_residual_j": worst,
         "largest_energy_j": largest,
         "relative_residual": worst / max(largest, SMALLEST),

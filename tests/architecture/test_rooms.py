@@ -184,6 +184,12 @@ def test_every_room_of_the_library_is_listed():
     assert here - {"spacerobot.__init__", "spacerobot.__main__", "spacerobot.cli"} == set(KNOWS)
 
 
+def test_every_room_stands_in_the_documentation():
+    told = (ROOT / "docs" / "design.md").read_text(encoding="utf-8")
+    rooms = [room.replace(".", "/") for room in (*KNOWS, *BUILT_ON)]
+    assert [room for room in rooms if f"`{room}`" not in told] == []
+
+
 @pytest.mark.parametrize("package", ["optim", "viz", "spacerobot.cli"])
 def test_nothing_that_ships_knows_tests_and_benchmarks(package):
     for path in files(package):

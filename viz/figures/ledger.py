@@ -8,17 +8,8 @@ from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from spacerobot.arrays import Array
 from spacerobot.result import Result
-from spacerobot.result.ledger import SMALLEST
+from spacerobot.result.ledger import SMALLEST, work_text, works_of
 from viz.figures.style import Drawing, called, legend_over, line, panels, styled, until
-
-FLOWS = (
-    ("work_actuator", "put in by actuators", 1),
-    ("work_joint", "taken by joints", -1),
-    ("work_grasp", "taken by grips", -1),
-    ("work_constraint", "put in by rigid grasps", 1),
-)
-"""Work since the start, what to call it, and whether it adds to what is stored."""
-
 
 _ALWAYS = ("work_actuator", "work_joint")
 _NONE_J = 1e-12  # below, a work is rounding: grips without dampers, or rigid ones
@@ -67,15 +58,15 @@ def stored_change(result: Result) -> Array:
 
 def energy_astray(result: Result) -> Array:
     """What the energy balance leaves open, J."""
-    flow = sum(sign * result.data[name].values for name, _, sign in FLOWS)
+    flow = sum(work.attrs["sign"] * work.values for work in works_of(result.data))
     return np.asarray(stored_change(result) - flow, dtype=np.float64)
 
 
 def _energy(panel: Axes, result: Result) -> None:
     data = result.data
-    for k, (name, text, _) in enumerate(FLOWS):
-        if name in _ALWAYS or np.any(np.abs(data[name].values) > _NONE_J):
-            panel.plot(data.time.values, data[name].values, **line(k), label=text)
+    for k, work in enumerate(works_of(data)):
+        if work.name in _ALWAYS or np.any(np.abs(work.values) > _NONE_J):
+            panel.plot(data.time.values, work.values, **line(k), label=work_text(work))
     panel.plot(data.time.values, stored_change(result), color="black", linewidth=2, label="stored")
     panel.set_title("energy since the start")
     panel.set_ylabel("energy [J]")
@@ -92,7 +83,7 @@ def _astray(panel: Axes, result: Result) -> None:
     }
     stored = data.energy_kinetic + data.energy_spring + data.energy_potential
     sizes = [np.abs(stored_change(result)), np.abs(stored.values)]
-    sizes += [np.abs(data[name].values) for name, _, _ in FLOWS]
+    sizes += [np.abs(work.values) for work in works_of(data)]
     largest = max(float(size.max()) for size in sizes)
     shown["energy"] = np.abs(energy_astray(result)) / (largest or 1.0)
     for k, (name, values) in enumerate(shown.items()):

@@ -10,6 +10,7 @@ import numpy as np
 
 from spacerobot.arrays import Array
 from spacerobot.result import Result
+from spacerobot.result.ledger import work_text, works_of
 from viz.drawing.motion import Rows, pick_rows
 from viz.figures.bodies import rotation_deg, translation_mm
 from viz.figures.style import called, shown_axes
@@ -19,12 +20,6 @@ MOST_SAMPLES = 1200
 """Samples over time, beside the extremes of each signal; a chart has about as many pixels."""
 
 ENERGIES = {"energy_kinetic": "kinetic", "energy_spring": "springs of grips", "energy_potential": "potential"}
-WORKS = {
-    "work_actuator": "put in by actuators",
-    "work_joint": "taken by joints",
-    "work_grasp": "taken by grips",
-    "work_constraint": "put in by rigid grasps",
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,6 +192,6 @@ def _energies(result: Result) -> list[Quantity]:
     return [
         Quantity("energy", "J", [Signal(text, data[name].values) for name, text in ENERGIES.items()]),
         Quantity(
-            "work since the start", "J", [Signal(text, data[name].values) for name, text in WORKS.items()]
+            "work since the start", "J", [Signal(work_text(work), work.values) for work in works_of(data)]
         ),
     ]

@@ -37,8 +37,10 @@ from viz.figures import (
     tip_errors,
     tip_paths,
 )
+from viz.figures.ledger import energy_astray
 from viz.figures.style import drawn_for, labels_of
 from viz.figures.tips import enlargement
+from viz.page.signals import quantities
 
 UNIT = re.compile(r"\[(m|mm|s|deg|N|N m|N s|N m s|J|%|rollouts)\]$")
 PURE = {"relative to the largest"}
@@ -223,6 +225,19 @@ def test_the_ledgers_drift_is_the_summarys(paper):
         drift = np.nanmax(drawn[f"{kind} momentum"][:, 1])
         assert drift == pytest.approx(kept["momentum"][kind]["relative_drift"])
     assert np.nanmax(drawn["energy"][:, 1]) == pytest.approx(kept["energy"]["relative_residual"])
+
+
+def test_the_ledger_and_the_page_show_every_work_that_a_result_has(paper):
+    """A work of a user's own kind, too: it is named, drawn and counted by what its variable says."""
+    solar = paper.data.time * 0.25
+    solar.attrs = {"units": "J", "long_name": "work put in: solar", "sign": 1}
+    result = dataclasses.replace(paper, data=paper.data.assign(work_solar=solar))
+    np.testing.assert_allclose(
+        _lines(ledger(result), "energy since the start")["put in: solar"][:, 1], solar.values
+    )
+    np.testing.assert_allclose(energy_astray(result), energy_astray(paper) - solar.values)
+    works = next(found for found in quantities(result) if found.title == "work since the start")
+    assert "put in: solar" in [signal.name for signal in works.signals]
 
 
 def test_the_ledgers_drift_is_the_summarys_where_a_robot_holds_nothing(tmp_path):
