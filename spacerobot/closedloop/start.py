@@ -6,6 +6,7 @@ be varied and differentiated. A test holds the two to each other.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import casadi as ca
@@ -13,8 +14,8 @@ import numpy as np
 
 from spacerobot.dynamics import forward_kinematics, frame_placement, frame_velocity
 from spacerobot.dynamics.algebra import cross
-from spacerobot.dynamics.rotations import rotation_from_rpy
-from spacerobot.scene import Scene, SceneBody
+from spacerobot.dynamics.rotations import rotation_from_quaternion, rotation_from_rpy
+from spacerobot.scene import Scene, SceneBody, turns
 from spacerobot.scene.closing import Closing, find_closings
 from spacerobot.symbolic import Parameters, Start
 
@@ -30,12 +31,34 @@ def initial_state(scene: Scene, parameters: Parameters) -> Start:
     q, v = ca.SX(scene.model.nq, 1), ca.SX(scene.model.nv, 1)
     closings = find_closings(scene.bodies, scene.grasps)
     giving = {closing.body.name: closing for closing in closings}
+    turned: dict[int, turns.Quaternion] = {}
     for body in scene.bodies:
-        _set_joints(scene.model, body, parameters, q, v)
-        _set_base(scene.model, body, giving.get(body.name), parameters, q, v)
+        turned |= _set_joints(scene.model, body, parameters, q, v)
+        turned |= _set_base(scene.model, body, giving.get(body.name), parameters, q, v)
     for closing in closings:
+        if closing.aligns:
+            vector = parameters.sparse_vector(f"{closing.body.path}.base.align_rotation_deg")
+            found = turns.aligned(scene.model, closing, turned, _turn(vector * DEGREE))
+            turned[closing.body.root_joint] = _align(scene.model, closing, found, q, v)
         _close(scene.model, closing, q, v)
     return Start(scene.model, q, v, forward_kinematics(scene.model, q))
+
+
+def _align(model: Any, closing: Closing, found: turns.Quaternion, q: ca.SX, v: ca.SX) -> turns.Quaternion:
+    """Turn a base so that its grasp begins aligned, and its described velocity with its axes."""
+    joint = model.joints[closing.body.root_joint]
+    if joint.nv == 3:
+        found = turns.upright(found, ca.sqrt(found[2] ** 2 + found[3] ** 2))
+    quaternion = ca.SX(ca.vertcat(*found))
+    rotation = rotation_from_quaternion(quaternion)
+    if joint.nv == 3:
+        q[joint.idx_q + 2 : joint.idx_q + 4] = rotation[:2, 0]
+    else:
+        q[joint.idx_q + 3 : joint.idx_q + 7] = quaternion
+    size = 2 if joint.nv == 3 else 3
+    for first in range(joint.idx_v, joint.idx_v + joint.nv - 1, 3):
+        v[first : first + size] = ca.mtimes(rotation[:size, :size].T, v[first : first + size])
+    return found
 
 
 def _close(model: Any, closing: Closing, q: ca.SX, v: ca.SX) -> None:
@@ -62,10 +85,13 @@ def _close(model: Any, closing: Closing, q: ca.SX, v: ca.SX) -> None:
 
 def _set_base(
     model: Any, body: SceneBody, closing: Closing | None, parameters: Parameters, q: ca.SX, v: ca.SX
-) -> None:
-    """Set a floating base as described, to zero what gives way to a grasp; a fixed one is the model's."""
+) -> Mapping[int, turns.Quaternion]:
+    """Set a floating base as described, to zero what gives way to a grasp; its turn by its joint's id.
+
+    A fixed base is the model's.
+    """
     if not body.root_joint:
-        return
+        return {}
     joint, planar = model.joints[body.root_joint], body.base.joint == "planar"
     along, about = (
         ((0, 1), (2,)) if planar else ((0, 1, 2), (0, 1, 2))
@@ -78,7 +104,7 @@ def _set_base(
         return vector
 
     position = described("position", along, closing is not None)
-    rpy = described("rotation_deg", about) * DEGREE
+    rpy = described("rotation_deg", about, closing is not None and closing.aligns) * DEGREE
     linear = described("velocity", along, closing is not None and closing.sets_velocity)
     angular = described("spin_deg", about, closing is not None and closing.sets_spin) * DEGREE
     if planar:
@@ -86,27 +112,25 @@ def _set_base(
         x, y = linear[0], linear[1]
         q[joint.idx_q : joint.idx_q + 4] = ca.vertcat(position[:2], cos, sin)
         v[joint.idx_v : joint.idx_v + 3] = ca.vertcat(cos * x + sin * y, cos * y - sin * x, angular[2])
-        return
+        return {body.root_joint: _turn(rpy)}
     rotation = rotation_from_rpy(rpy)
-    q[joint.idx_q : joint.idx_q + 7] = ca.vertcat(position, quaternion_from_rpy(rpy))
+    q[joint.idx_q : joint.idx_q + 7] = ca.vertcat(position, *_turn(rpy))
     v[joint.idx_v : joint.idx_v + 6] = ca.vertcat(
         ca.mtimes(rotation.T, linear), ca.mtimes(rotation.T, angular)
     )
+    return {body.root_joint: _turn(rpy)}
 
 
-def quaternion_from_rpy(rpy: ca.SX) -> ca.SX:
-    """Quaternion x, y, z, w (4 x 1) of roll, pitch, yaw [rad], smooth everywhere."""
-    (cr, cp, cy), (sr, sp, sy) = ca.vertsplit(ca.cos(rpy / 2)), ca.vertsplit(ca.sin(rpy / 2))
-    return ca.vertcat(
-        sr * cp * cy - cr * sp * sy,
-        cr * sp * cy + sr * cp * sy,
-        cr * cp * sy - sr * sp * cy,
-        cr * cp * cy + sr * sp * sy,
-    )
+def _turn(rpy: ca.SX) -> turns.Quaternion:
+    """Quaternion of roll, pitch, yaw (3x1) [rad]."""
+    return turns.rpy(ca.vertsplit(ca.cos(rpy / 2)), ca.vertsplit(ca.sin(rpy / 2)))
 
 
-def _set_joints(model: Any, body: SceneBody, parameters: Parameters, q: ca.SX, v: ca.SX) -> None:
-    begins = {}
+def _set_joints(
+    model: Any, body: SceneBody, parameters: Parameters, q: ca.SX, v: ca.SX
+) -> Mapping[int, turns.Quaternion]:
+    """Set joints as described; their turns by their ids."""
+    begins, turned = {}, {}
     for index in body.free_joints:
         name = str(model.names[index]).removeprefix(f"{body.name}/")
         path = f"{body.path}.joints.{name}"
@@ -126,3 +150,5 @@ def _set_joints(model: Any, body: SceneBody, parameters: Parameters, q: ca.SX, v
             q[joint.idx_q : joint.idx_q + 2] = ca.vertcat(ca.cos(position), ca.sin(position))
         else:
             q[joint.idx_q] = position
+        turned[index] = turns.joint(model, index, ca.cos(position / 2), ca.sin(position / 2))
+    return turned

@@ -36,11 +36,22 @@ class Base(Section):
         description="place the base so that this grasp closes; `position` is then computed, not given; "
         "so is its motion for a rigid grasp",
     )
+    align: bool = Field(
+        default=False,
+        description="with `close_grasp`: turn the base too, so that the tip's axes begin as the mating "
+        "frame's; `rotation_deg` is then computed, not given",
+    )
+    align_rotation_deg: Vector = quantity(
+        "deg", "roll, pitch, yaw of the tip in the mating frame, where aligned", default=(0.0, 0.0, 0.0)
+    )
 
     @model_validator(mode="after")
     def _check(self) -> Base:
         if self.joint == "planar" and (
-            any(self.rotation_deg[:2]) or any(self.spin_deg[:2]) or self.velocity[2]
+            any(self.rotation_deg[:2])
+            or any(self.align_rotation_deg[:2])
+            or any(self.spin_deg[:2])
+            or self.velocity[2]
         ):
             raise ValueError("a planar base turns about z and moves in x and y only")
         if self.joint == "fixed" and (any(self.velocity) or any(self.spin_deg)):
@@ -49,6 +60,12 @@ class Base(Section):
             raise ValueError("a fixed base is not placed by closing a grasp; place the target by it instead")
         if self.close_grasp and any(self.position):
             raise ValueError("give either `position` or `close_grasp`, not both")
+        if self.align and not self.close_grasp:
+            raise ValueError("align: which grasp? give `close_grasp` too")
+        if self.align and any(self.rotation_deg):
+            raise ValueError("give either `rotation_deg` or `align`, not both")
+        if any(self.align_rotation_deg) and not self.align:
+            raise ValueError("align_rotation_deg: without effect; give `align: true` too")
         return self
 
 

@@ -113,9 +113,10 @@ def _unread_sensors(scene: Scene, body: SceneBody) -> list[str]:
 def _closed(scene: Scene, closing: Closing) -> str:
     """What of a base gives way to a grasp, and where that places it."""
     x, y, z = _base_motion(scene, closing.body)[0]
+    turned = f", turned by {_vector(_base_turn(scene, closing.body))} deg," if closing.aligns else ""
     found = (
-        f"{closing.body.path}.base: placed at ({x:.4f}, {y:.4f}, {z:.4f}) m so that grasp "
-        f"{closing.grasp.name!r} closes"
+        f"{closing.body.path}.base: placed at ({x:.4f}, {y:.4f}, {z:.4f}) m{turned} so that grasp "
+        f"{closing.grasp.name!r} closes{' aligned' if closing.aligns else ''}"
     )
     if closing.sets_velocity:
         found += f"; its velocity {'and spin follow' if closing.sets_spin else 'follows'}"
@@ -156,6 +157,14 @@ def _base_motion(scene: Scene, body: SceneBody) -> tuple[Array, Array, Array]:
     world = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
     motion = pin.getFrameVelocity(scene.model, data, body.root_frame, world)
     return data.oMf[body.root_frame].translation, motion.linear, motion.angular
+
+
+def _base_turn(scene: Scene, body: SceneBody) -> Array:
+    """Roll, pitch, yaw of a body's root link (3,) [deg]."""
+    data = scene.model.createData()
+    pin.framesForwardKinematics(scene.model, data, scene.q)
+    found: Array = np.degrees(pin.rpy.matrixToRpy(data.oMf[body.root_frame].rotation)) + 0.0
+    return found
 
 
 def _gives_way(described: Sequence[float], found: Array) -> bool:

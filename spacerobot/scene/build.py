@@ -18,6 +18,7 @@ from spacerobot.scenario.load import read_document, to_document, validate
 from spacerobot.scenario.paths import Document, assign
 from spacerobot.scene.assumptions import list_assumptions, list_warnings
 from spacerobot.scene.checks import (
+    check_alignment,
     check_elements,
     check_gaps,
     check_inertia,
@@ -79,6 +80,7 @@ def build_scene(
     contacts = find_contacts(model, bodies, resolved, source)
     scene = Scene(resolved, source, model, bodies, tips, grasps, planar, q, v, (), (), contacts)
     check_inertia(scene)
+    check_alignment(scene)
     check_gaps(scene)
     check_rank(scene)
     check_elements(scene)

@@ -25,6 +25,7 @@ from spacerobot.scene.scene import Scene, SceneBody, SceneGrasp
 MOST_VELOCITIES = 300
 """Pinocchio's ``Data`` holds 32 bytes for the cube of their number, 0.9 GB for this one."""
 AXIS_TOLERANCE = 1e-9
+ALIGNED = 1e-6  # [rad] that the axes of an aligned grasp may differ
 PIVOT_TOLERANCE = 1e-10  # of a joint's inertia, left when everything behind it gives way
 
 
@@ -167,6 +168,33 @@ def check_gaps(scene: Scene) -> None:
                 f"max_gap {grasp.config.max_gap:g} m; {way}change the posture",
                 source=scene.source,
                 where=grasp.path,
+            )
+
+
+def check_alignment(scene: Scene) -> None:
+    """Refuse an alignment for which a base would have to tilt that cannot.
+
+    Raises
+    ------
+    ScenarioError
+        With the angle that is left.
+    """
+    data = scene.model.createData()
+    pin.framesForwardKinematics(scene.model, data, scene.q)
+    for closing in find_closings(scene.bodies, scene.grasps):
+        if not closing.aligns:
+            continue
+        grasp, base = closing.grasp, closing.body.base
+        found = data.oMf[grasp.frame].rotation.T @ data.oMf[grasp.tip.frame].rotation
+        wanted = pin.rpy.rpyToMatrix(np.radians(base.align_rotation_deg))
+        left = float(np.linalg.norm(pin.log3(wanted.T @ found)))
+        if left > ALIGNED:
+            raise ScenarioError(
+                f"cannot align grasp {grasp.name!r}: a {base.joint} base turns about z alone, and the axes "
+                f"of {grasp.tip.label} and {grasp.config.frame} remain tilted by {np.degrees(left):.4g} deg; "
+                "use `joint: free_flyer` or another posture",
+                source=scene.source,
+                where=f"{closing.body.path}.base.align",
             )
 
 

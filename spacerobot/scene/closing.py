@@ -1,9 +1,9 @@
 """Which base gives way to which grasp, so that a scene begins closed.
 
-A base with ``close_grasp`` gives way to the grasp it names. Each rigid grasp that is left moves the target,
-or, if the target has given way already, the base of its own robot; grasps of robots that cannot move come
-first. What no base can close is a *loop*, as two arms of one robot form it: its positions must meet as they
-are described, its velocities are projected.
+A base with ``close_grasp`` gives way to the grasp it names, and is turned too where it says ``align``. Each
+rigid grasp that is left moves the target, or, if the target has given way already, the base of its own robot;
+grasps of robots that cannot move come first. What no base can close is a *loop*, as two arms of one robot
+form it: its positions must meet as they are described, its velocities are projected.
 """
 
 from __future__ import annotations
@@ -40,6 +40,11 @@ class Closing:
     def other(self) -> int:
         """Frame that stays."""
         return self.grasp.tip.frame if self.body.name == "target" else self.grasp.frame
+
+    @property
+    def aligns(self) -> bool:
+        """Whether the base is turned too."""
+        return self.body.base.align
 
     @property
     def sets_velocity(self) -> bool:

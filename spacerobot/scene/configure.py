@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from spacerobot.arrays import Array
+from spacerobot.scene import turns
 from spacerobot.scene.closing import Closing, begun, find_closings, is_rigid
 from spacerobot.scene.scene import Scene, SceneBody, SceneGrasp
 
@@ -27,12 +28,35 @@ def initial_state(
     q, v = pin.neutral(model), np.zeros(model.nv)
     closings = find_closings(bodies, grasps, source=source)
     giving = {closing.body.name: closing for closing in closings}
+    turned: dict[int, turns.Quaternion] = {}
     for body in bodies:
-        _set_joints(model, body, q, v)
-        _set_base(model, body, giving.get(body.name), q, v)
+        turned |= _set_joints(model, body, q, v)
+        turned |= _set_base(model, body, giving.get(body.name), q, v)
     for closing in closings:
+        if closing.aligns:
+            turned[closing.body.root_joint] = _align(model, closing, turned, q, v)
         _close(model, closing, q, v)
     return q, v
+
+
+def _align(
+    model: Any, closing: Closing, turned: Mapping[int, turns.Quaternion], q: Array, v: Array
+) -> turns.Quaternion:
+    """Turn a base so that its grasp begins aligned, and its described velocity with its axes."""
+    joint = model.joints[closing.body.root_joint]
+    offset = _turn(closing.body.base.align_rotation_deg)
+    found = turns.aligned(model, closing, turned, offset)
+    if joint.nv == 3:
+        found = turns.upright(found, np.hypot(*found[2:]))
+    rotation = pin.Quaternion(np.array(found, dtype=float)).toRotationMatrix()
+    if joint.nv == 3:
+        q[joint.idx_q + 2 : joint.idx_q + 4] = rotation[:2, 0]
+    else:
+        q[joint.idx_q + 3 : joint.idx_q + 7] = found
+    size = 2 if joint.nv == 3 else 3
+    for first in range(joint.idx_v, joint.idx_v + joint.nv - 1, 3):
+        v[first : first + size] = rotation[:size, :size].T @ v[first : first + size]
+    return found
 
 
 def _close(model: Any, closing: Closing, q: Array, v: Array) -> None:
@@ -94,10 +118,12 @@ def relative_jacobian(scene: Scene, grasp: SceneGrasp) -> Array:
     return jacobian
 
 
-def _set_base(model: Any, body: SceneBody, closing: Closing | None, q: Array, v: Array) -> None:
-    """Set a floating base as described, to zero what gives way to a grasp."""
+def _set_base(
+    model: Any, body: SceneBody, closing: Closing | None, q: Array, v: Array
+) -> Mapping[int, turns.Quaternion]:
+    """Set a floating base as described, to zero what gives way to a grasp; its turn by its joint's id."""
     if not body.root_joint:
-        return
+        return {}
     joint = model.joints[body.root_joint]
     rotation = pin.rpy.rpyToMatrix(np.radians(body.base.rotation_deg))
     position = np.array(body.base.position) * (closing is None)
@@ -108,21 +134,20 @@ def _set_base(model: Any, body: SceneBody, closing: Closing | None, q: Array, v:
         q[joint.idx_q : joint.idx_q + 4] = [position[0], position[1], np.cos(yaw), np.sin(yaw)]
         v[joint.idx_v : joint.idx_v + 3] = [linear[0], linear[1], angular[2]]
     else:
-        q[joint.idx_q : joint.idx_q + 7] = [*position, *_quaternion(np.radians(body.base.rotation_deg))]
+        q[joint.idx_q : joint.idx_q + 7] = [*position, *_turn(body.base.rotation_deg)]
         v[joint.idx_v : joint.idx_v + 6] = np.concatenate([linear, angular])
+    return {body.root_joint: _turn(body.base.rotation_deg)}
 
 
-def _quaternion(rpy: Array) -> Array:
-    """Quaternion x, y, z, w (4,) of roll, pitch, yaw [rad]; its sign follows the angles without a jump."""
-    roll, pitch, yaw = (
-        pin.Quaternion(pin.AngleAxis(float(angle), axis)) for angle, axis in zip(rpy, np.eye(3), strict=True)
-    )
-    quaternion: Array = (yaw * pitch * roll).coeffs()
-    return quaternion
+def _turn(rpy_deg: Sequence[float]) -> turns.Quaternion:
+    """Quaternion of roll, pitch, yaw [deg]."""
+    halves = np.radians(rpy_deg) / 2
+    return turns.rpy(tuple(np.cos(halves)), tuple(np.sin(halves)))
 
 
-def _set_joints(model: Any, body: SceneBody, q: Array, v: Array) -> None:
-    begins = {}
+def _set_joints(model: Any, body: SceneBody, q: Array, v: Array) -> Mapping[int, turns.Quaternion]:
+    """Set joints as described; their turns by their ids."""
+    begins, turned = {}, {}
     for name, joint in body.config.joints.items():
         position = np.radians(joint.angle_deg or 0.0) + (joint.offset or 0.0)
         rate = np.radians(joint.rate_deg or 0.0) + (joint.speed or 0.0)
@@ -137,3 +162,5 @@ def _set_joints(model: Any, body: SceneBody, q: Array, v: Array) -> None:
             q[pin_joint.idx_q : pin_joint.idx_q + 2] = [np.cos(angle), np.sin(angle)]
         else:
             q[pin_joint.idx_q] = angle
+        turned[index] = turns.joint(model, index, np.cos(angle / 2), np.sin(angle / 2))
+    return turned

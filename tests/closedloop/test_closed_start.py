@@ -52,6 +52,21 @@ SCENES["robot one follows the target"] = (
 )
 
 
+def aligned(text: str, kind: str) -> dict[str, object]:
+    """The target follows robot one, and robot two the target, turned so that their axes agree."""
+    joint, turn = ("planar", [0, 0, 15]) if text is PLANAR else ("free_flyer", [10, -20, 30])
+    base = {"joint": joint, "align": True}
+    return held(text, kind, kind) | {
+        "target.base": base | {"close_grasp": "left", "align_rotation_deg": turn},
+        "robots.two.base": base | {"close_grasp": "right"},
+    }
+
+
+for name, text in (("planar", PLANAR), ("spatial", SPATIAL)):
+    for kind in ("weld", "point"):
+        SCENES[f"{name}, aligned, {kind}"] = (text, aligned(text, kind))
+
+
 def looped(joint_rate: float = 0.0) -> dict[str, object]:
     """Two arms on fixed bases hold the plate: a loop, of which no base can close one grasp."""
     still = {"velocity": [0, 0, 0], "spin_deg": [0, 0, 0]}
@@ -116,6 +131,50 @@ def test_any_start_is_closed_and_the_same_as_that_of_its_own_scene(case):
         np.testing.assert_allclose(q, own.q, atol=1e-13)
         np.testing.assert_allclose(v, own.v, atol=1e-13)
         np.testing.assert_array_equal(Engine(own).x0[: loop.nq], own.q)
+
+
+@pytest.mark.parametrize("text", [PLANAR, SPATIAL], ids=["planar", "spatial"])
+@pytest.mark.parametrize("kind", ["weld", "compliant"])
+def test_an_aligned_grasp_begins_with_the_axes_that_were_asked_for(text, kind):
+    changes = aligned(text, kind)
+    wanted = changes["target.base"]["align_rotation_deg"]
+    if kind == "compliant":
+        changes["target.base"]["velocity"] = [0.1, -0.2, 0]
+        changes["target.base"]["spin_deg"] = [0, 0, 4]
+    scene = small_scene(text, changes)
+    loop = build_closed_loop(scene)
+    rng, nominal = np.random.default_rng(2), startable(scene)
+    for _ in range(3):
+        values = {p: x + 40 * rng.normal() for p, x in nominal.items() if p.endswith("angle_deg")}
+        x0 = loop.setup(loop.parameters(values))[0].full().ravel()
+        q, v, data = x0[: loop.nq], x0[loop.nq : loop.nq + loop.nv], scene.model.createData()
+        pin.forwardKinematics(scene.model, data, q, v)
+        pin.updateFramePlacements(scene.model, data)
+        for grasp, rpy in zip(scene.grasps, (wanted, [0, 0, 0]), strict=True):
+            between = data.oMf[grasp.frame].inverse() * data.oMf[grasp.tip.frame]
+            np.testing.assert_allclose(between.translation, 0, atol=1e-12)
+            np.testing.assert_allclose(
+                between.rotation, pin.rpy.rpyToMatrix(np.radians(rpy)), atol=1e-12, rtol=0
+            )
+        if kind == "compliant":  # velocity and spin as described, in world axes
+            frame, world = scene.target.root_frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+            motion = pin.getFrameVelocity(scene.model, data, frame, world)
+            np.testing.assert_allclose(motion.linear, [0.1, -0.2, 0], atol=1e-12)
+            np.testing.assert_allclose(motion.angular, np.radians([0, 0, 4]), atol=1e-12)
+    told = [a for a in scene.assumptions if a.startswith("target.base: placed at")]
+    assert "turned by (" in told[0]
+    assert "so that grasp 'left' closes aligned" in told[0]
+    assert told[0].endswith("velocity and spin follow") == (kind == "weld")
+
+
+def test_an_aligned_start_follows_a_joint_through_whole_turns_without_a_jump():
+    scene = small_scene(SPATIAL, aligned(SPATIAL, "weld"))
+    loop, path = build_closed_loop(scene), "robots.one.joints.round.angle_deg"
+    angles = np.linspace(-400, 400, 161)
+    starts = np.array([loop.setup(loop.parameters({path: a}))[0].full().ravel()[: loop.nq] for a in angles])
+    place = scene.model.joints[scene.target.root_joint].idx_q
+    assert np.abs(np.diff(starts[:, place + 3 : place + 7], axis=0)).max() < 0.06
+    assert np.abs(np.linalg.norm(starts[:, place + 3 : place + 7], axis=1) - 1).max() < 1e-12
 
 
 @pytest.mark.parametrize("case", SCENES)

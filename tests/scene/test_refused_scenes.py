@@ -99,6 +99,25 @@ def rigid(kind: str = "weld") -> dict[str, object]:
             {"robots.one.tips.tip.amnesia.ta": "x"},
             "robots.one.tips.tip.amnesia.ta: found 'x', allowed: a number",
         ),
+        # alignment
+        (PLANAR, {"robots.one.base.align": True}, "robots.one.base.align: which grasp? give `close_grasp`"),
+        (PLANAR, {"target.base.align": True}, "target.base: give either `rotation_deg` or `align`, not both"),
+        (
+            PLANAR,
+            {"target.base.align_rotation_deg": [0, 0, 5]},
+            "target.base.align_rotation_deg: without effect; give `align: true` too",
+        ),
+        (
+            PLANAR,
+            {"target.base": {"joint": "planar", "close_grasp": "left", "align_rotation_deg": [5, 0, 0]}},
+            "target.base: a planar base turns about z and moves in x and y only",
+        ),
+        (
+            SPATIAL,
+            {"target.base": {"joint": "planar", "close_grasp": "left", "align": True}},
+            "target.base.align: cannot align grasp 'left': a planar base turns about z alone, and the axes "
+            "of one/tip and left remain tilted by",
+        ),
         # rigid grasps
         (
             PLANAR,

@@ -1,0 +1,94 @@
+"""Turning a base so that its grasp begins aligned.
+
+Quaternions x, y, z, w of numbers or of CasADi symbols alike. They are multiplied along the chain of joints,
+of half angles, and never read from a matrix: they follow all parameters smoothly, without a jump of sign.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from spacerobot.scene.closing import Closing
+
+Quaternion = Sequence[Any]
+NOISE = 1e-14  # of a constant quaternion's entries
+
+
+def product(a: Quaternion, b: Quaternion) -> Quaternion:
+    """First b, then a."""
+    ax, ay, az, aw = a
+    bx, by, bz, bw = b
+    return (
+        aw * bx + ax * bw + ay * bz - az * by,
+        aw * by - ax * bz + ay * bw + az * bx,
+        aw * bz + ax * by - ay * bx + az * bw,
+        aw * bw - ax * bx - ay * by - az * bz,
+    )
+
+
+def inverse(quaternion: Quaternion) -> Quaternion:
+    """The opposite turn."""
+    x, y, z, w = quaternion
+    return -x, -y, -z, w
+
+
+def rpy(cosines: Sequence[Any], sines: Sequence[Any]) -> Quaternion:
+    """Of roll, pitch, yaw, by the cosines and sines of their halves."""
+    roll, pitch, yaw = (
+        [sine * (i == axis) for i in range(3)] + [cosine]
+        for axis, (cosine, sine) in enumerate(zip(cosines, sines, strict=True))
+    )
+    return product(yaw, product(pitch, roll))
+
+
+def joint(model: Any, index: int, cosine: Any, sine: Any) -> Quaternion:
+    """Of a joint of one freedom, by the cosine and sine of half its position; none of a prismatic one."""
+    found = model.joints[index]
+    data = found.createData()
+    found.calc(data, pin.neutral(model))
+    axis = np.asarray(data.S, dtype=float).reshape(6, found.nv)[3:, 0]
+    return (*(float(a) * sine for a in axis), cosine) if axis.any() else (0.0, 0.0, 0.0, 1.0)
+
+
+def aligned(model: Any, closing: Closing, turns: Mapping[int, Quaternion], offset: Quaternion) -> Quaternion:
+    """Turn of a closing's base by which its tip begins turned by ``offset`` in the mating frame.
+
+    Parameters
+    ----------
+    model
+        The scene's model.
+    closing
+        Whose base it is.
+    turns
+        Of every other joint that the grasp depends on, by its id.
+    offset
+        Tip axes to the mating frame's.
+    """
+    root = closing.body.root_joint
+    own, other = (_frame(model, frame, turns, root) for frame in (closing.own, closing.other))
+    wanted = product(other, inverse(offset) if closing.body.name == "target" else offset)
+    return product(wanted, inverse(own))
+
+
+def upright(turn: Quaternion, length: Any) -> Quaternion:
+    """The nearest turn about z; ``length`` is that of its z and w, 1 where it is one."""
+    return 0.0, 0.0, turn[2] / length, turn[3] / length
+
+
+def _frame(model: Any, frame: int, turns: Mapping[int, Quaternion], root: int) -> Quaternion:
+    """Of a frame, relative to the world, or to the body behind the joint ``root`` where it hangs on it."""
+    supports = list(model.supports[model.frames[frame].parentJoint])
+    found: Quaternion = (0.0, 0.0, 0.0, 1.0)
+    for index in supports[supports.index(root) + 1 if root in supports else 1 :]:
+        found = product(product(found, _constant(model.jointPlacements[index])), turns[index])
+    return product(found, _constant(model.frames[frame].placement))
+
+
+def _constant(placement: Any) -> Quaternion:
+    """Of a constant placement, without rounding noise."""
+    values = pin.Quaternion(placement.rotation).coeffs()
+    return tuple(float(value) if abs(value) > NOISE else 0.0 for value in values)
