@@ -59,6 +59,7 @@ def scene_tree(scene: Scene) -> Tree:
     for body in scene.bodies:
         _add_body(root, scene, body)
     _add_grasps(root, scene)
+    _add_contacts(root, scene)
     return root
 
 
@@ -125,3 +126,15 @@ def _add_grasps(root: Tree, scene: Scene) -> None:
         distance = float(np.linalg.norm(gap(scene.model, grasp, scene.q)))
         text = f"{grasp.tip.label} holds {config.frame}, {config.words()}, initial gap {distance:.3g} m"
         root.add(f"grasp [bold]{escape(grasp.name)}[/]: {escape(text)}")
+
+
+def _add_contacts(root: Tree, scene: Scene) -> None:
+    from rich.markup import escape
+
+    from spacerobot.scene.contacts import gaps
+
+    for contact in scene.contacts:
+        first, second = contact.config.between
+        apart = f"{min(gaps(scene, contact)):.3g} m apart at the start"
+        text = f"{first} and {second}, {contact.config.words()}, {apart}"
+        root.add(f"contact [bold]{escape(contact.name)}[/]: {escape(text)}")

@@ -93,6 +93,12 @@ def greatest_grip(data: xr.Dataset) -> dict[str, Any]:
     return _greatest(force.transpose("time", "grasp"), "grasp", "force_n")
 
 
+def greatest_contact(data: xr.Dataset) -> dict[str, Any]:
+    """Greatest contact force, where and when."""
+    force = np.sqrt((data.contact_force**2).sum("axis"))
+    return _greatest(force.transpose("time", "contact"), "contact", "force_n")
+
+
 def _greatest(values: xr.DataArray, dimension: str, key: str) -> dict[str, Any]:
     size = np.abs(values.values)
     if size.size == 0:

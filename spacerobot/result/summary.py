@@ -11,7 +11,14 @@ import xarray as xr
 
 import spacerobot
 from spacerobot.result.ledger import build_ledger
-from spacerobot.result.metrics import body_motion, fastest_joint, greatest_grip, greatest_torque, tip_errors
+from spacerobot.result.metrics import (
+    body_motion,
+    fastest_joint,
+    greatest_contact,
+    greatest_grip,
+    greatest_torque,
+    tip_errors,
+)
 from spacerobot.result.trust import advise, judge
 from spacerobot.rollout import Trajectory
 from spacerobot.scene import Scene
@@ -49,6 +56,7 @@ def build_summary(
         "bases": {body.name: bodies[body.name] for body in scene.robots},
         "greatest_torque": greatest_torque(data),
         "greatest_grip": greatest_grip(data),
+        **({"greatest_contact": greatest_contact(data)} if scene.contacts else {}),
         "fastest_joint": fastest,
         "ledger": ledger,
         "engine": engine,

@@ -32,6 +32,8 @@ def headline(summary: Mapping[str, Any], data: xr.Dataset) -> list[Row]:
     torque, grip = summary["greatest_torque"], summary["greatest_grip"]
     rows.append(("greatest joint torque", _peak(torque, "torque_n_m", torque.get("unit", "N m"), "joint")))
     rows.append(("greatest grip force", _peak(grip, "force_n", "N", "grasp")))
+    if "greatest_contact" in summary:
+        rows.append(("greatest contact force", _peak(summary["greatest_contact"], "force_n", "N", "contact")))
     return rows + ledger_rows(summary["ledger"]) + [("engine", _engine(summary))]
 
 

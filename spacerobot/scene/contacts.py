@@ -194,6 +194,16 @@ def coal_distance(first: SceneShape, second: SceneShape, places: Sequence[Any]) 
     return result
 
 
+def gaps(scene: Scene, contact: SceneContact) -> list[float]:
+    """Signed distances [m] of a contact's pairs of shapes at the start."""
+    data = scene.model.createData()
+    pin.framesForwardKinematics(scene.model, data, scene.q)
+    return [
+        float(coal_distance(*pair, [data.oMf[shape.frame] for shape in pair]).min_distance)
+        for pair in contact.pairs
+    ]
+
+
 def check_overlap(scene: Scene) -> None:
     """Refuse contacts whose shapes overlap at the start, unless asked for.
 
@@ -202,14 +212,11 @@ def check_overlap(scene: Scene) -> None:
     ScenarioError
         Naming the contact, the shapes and how deep they are in each other.
     """
-    data = scene.model.createData()
-    pin.framesForwardKinematics(scene.model, data, scene.q)
     for contact in scene.contacts:
-        for pair in () if contact.config.may_overlap else contact.pairs:
-            gap = coal_distance(*pair, [data.oMf[shape.frame] for shape in pair]).min_distance
-            if gap < -TOUCHING:
+        for gap, (first, second) in zip(gaps(scene, contact), contact.pairs, strict=True):
+            if gap < -TOUCHING and not contact.config.may_overlap:
                 raise ScenarioError(
-                    f"{pair[0].label} and {pair[1].label} overlap by {-gap:.3g} m at the start; move a base, "
+                    f"{first.label} and {second.label} overlap by {-gap:.3g} m at the start; move a base, "
                     "change the posture, or give `may_overlap: true`",
                     source=scene.source,
                     where=contact.path,

@@ -12,6 +12,7 @@ from spacerobot.arrays import Array
 from spacerobot.description import Geometry
 from spacerobot.result import Result
 from spacerobot.scene import Scene
+from spacerobot.scene.scene import SceneShape
 from viz.drawing.geometry import corners
 
 Rows = np.ndarray[tuple[int], np.dtype[np.int64]]
@@ -19,6 +20,9 @@ Rows = np.ndarray[tuple[int], np.dtype[np.int64]]
 
 GREY = np.array([0.6, 0.6, 0.6, 1.0])
 """Colour of shapes to which the URDF gives none."""
+
+PAD = np.array([0.85, 0.45, 0.1, 1.0])
+"""Colour of pads."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,11 +105,12 @@ class Motion:
 
 
 def scene_nodes(scene: Scene) -> tuple[Node, ...]:
-    """Everything of a scene that can be seen: the URDFs' visuals, else their collision shapes.
+    """Everything of a scene that can be seen: the URDFs' visuals, else their collision shapes; and pads.
 
     A body's root is a node even without shapes; of a body without any, all joints are.
     """
     nodes = []
+    pads = _pads(scene)
     for body in scene.bodies:
         links = body.description.links
         seen = any(link.visuals for link in links)
@@ -116,11 +121,41 @@ def scene_nodes(scene: Scene) -> tuple[Node, ...]:
                 placement = frame.placement.homogeneous @ shape.placement
                 solid = Solid(placement, shape.geometry, GREY if shape.rgba is None else shape.rgba)
                 by_joint.setdefault(int(frame.parentJoint), []).append(solid)
+        for carrier, joint, solid in pads:
+            if carrier == body.name:
+                by_joint.setdefault(joint, []).append(solid)
         root = int(scene.model.frames[body.root_frame].parentJoint)
         for joint in {root} if by_joint else {root, *body.joints}:
             by_joint.setdefault(int(joint), [])
         nodes += [Node(j, body.name, j == root, tuple(solids)) for j, solids in sorted(by_joint.items())]
     return tuple(nodes)
+
+
+def _pads(scene: Scene) -> list[tuple[str, int, Solid]]:
+    """Pads of contacts: the body and joint that carry each, and what is seen of it. Planes are not."""
+    shapes = [shape for contact in scene.contacts for pair in contact.pairs for shape in pair]
+    found = []
+    for shape in dict.fromkeys(shape for shape in shapes if shape.path is not None):
+        frame = scene.model.frames[shape.frame]
+        placement = frame.placement.homogeneous @ shape.placement
+        for geometry, along in _primitives(shape):
+            moved = placement.copy()
+            moved[:3, 3] += along * placement[:3, 2]
+            found.append((frame.name.partition("/")[0], shape.joint, Solid(moved, geometry, PAD)))
+    return found
+
+
+def _primitives(shape: SceneShape) -> list[tuple[Geometry, float]]:
+    """What a pad is drawn as, each with its place along the pad's z axis [m]."""
+    radius, half = shape.measures
+    ball, rod = Geometry("sphere", np.array([radius])), np.array([radius, *(2 * edge for edge in half)])
+    if shape.kind == "sphere":
+        return [(ball, 0.0)]
+    if shape.kind == "capsule":
+        return [(Geometry("cylinder", rod), 0.0), (ball, half[0]), (ball, -half[0])]
+    if shape.kind == "cylinder":
+        return [(Geometry("cylinder", rod), 0.0)]
+    return [(Geometry("box", rod[1:]), 0.0)] if shape.kind == "box" else []
 
 
 def only(motion: Motion, body: str) -> Motion:

@@ -3,6 +3,7 @@
 from viz.figures.bodies import base_motion, grip_forces, object_motion
 from viz.figures.campaign import Spread, distributions, robustness
 from viz.figures.collect import KINDS, draw_all, save_figures
+from viz.figures.contacts import contact_forces
 from viz.figures.courses import Course, courses, moving_components
 from viz.figures.docking import docking
 from viz.figures.joints import joints
@@ -17,6 +18,7 @@ __all__ = [
     "Drawing",
     "Spread",
     "base_motion",
+    "contact_forces",
     "convergence",
     "courses",
     "data_profiles",

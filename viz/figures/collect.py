@@ -10,6 +10,7 @@ from spacerobot.errors import ResultError, near_names
 from spacerobot.files import write_bytes
 from spacerobot.result import Result, note_derived
 from viz.figures.bodies import base_motion, grip_forces, object_motion
+from viz.figures.contacts import contact_forces
 from viz.figures.docking import docking
 from viz.figures.joints import joints
 from viz.figures.ledger import ledger
@@ -54,6 +55,10 @@ def _controls_orientation(result: Result) -> bool:
     return any(tip.orientation_pid is not None for tip in tips)
 
 
+def _may_touch(result: Result) -> bool:
+    return "contact" in result.data.dims
+
+
 def _has_target(result: Result) -> bool:
     return result.scenario.target is not None
 
@@ -69,6 +74,7 @@ KINDS = (
         "joints", "Joint angles and actuator torques", joints, applies=lambda r: bool(r.data.sizes["joint"])
     ),
     Kind("grip_forces", "Grip forces", grip_forces, applies=lambda r: bool(r.data.sizes["grasp"])),
+    Kind("contact_forces", "Contact forces and gaps", contact_forces, applies=_may_touch),
     Kind("ledger", "The ledger: momentum and energy", ledger),
 )
 """Every kind of figure that a single result can show, in the order a reader wants them."""

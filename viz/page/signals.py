@@ -42,7 +42,8 @@ class Quantity:
 
 def quantities(result: Result) -> list[Quantity]:
     """All signals of a result at all its times, by quantity; the tip error comes first."""
-    found = [*_tips(result), *_grasps(result), *_joints(result), *_bodies(result), *_energies(result)]
+    found = [*_tips(result), *_grasps(result), *_contacts(result), *_joints(result), *_bodies(result)]
+    found += _energies(result)
     return [quantity for quantity in found if quantity.signals]
 
 
@@ -133,6 +134,22 @@ def _grasps(result: Result) -> list[Quantity]:
         Quantity("grip force by axis", "N", _along(force, names, axes)),
         Quantity("grip torque by axis", "N m", _along(data.grasp_torque.values, names, _about(result))),
         Quantity("gap of grips", "mm", _size(data.grasp_gap.values * 1e3, names, colours)),
+    ]
+
+
+def _contacts(result: Result) -> list[Quantity]:
+    data, axes = result.data, shown_axes(result)
+    if "contact" not in data.dims:
+        return []
+    names = [str(contact) for contact in data.contact.values]
+
+    def each(variable: str, factor: float = 1.0) -> list[Signal]:
+        return [Signal(n, data[variable].sel(contact=n).values * factor) for n in names]
+
+    return [
+        Quantity("contact force along the normal", "N", each("contact_normal_force")),
+        Quantity("contact force by axis", "N", _along(data.contact_force.values, names, axes)),
+        Quantity("gap of contacts", "mm", each("contact_gap", 1e3)),
     ]
 
 
