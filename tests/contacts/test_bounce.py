@@ -27,7 +27,7 @@ def test_a_ball_bounces_off_and_everything_shows_it():
     assert "contact_forces" in [name for name, _, _ in draw_all(result)]
     shown = {quantity.title: [s.name for s in quantity.signals] for quantity in quantities(result)}
     assert shown["contact force along the normal"] == ["bump"]
-    assert "taken by contacts" in shown["work since the start"]
+    assert "taken: contact" in shown["work since the start"]
 
 
 def test_pads_are_drawn_where_they_are():
