@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from pathlib import Path
+from typing import Any
 from urllib.parse import unquote
 
 import numpy as np
@@ -58,13 +60,30 @@ def is_readable(geometry: Geometry) -> bool:
     """Whether the geometry library that Pinocchio uses can read a mesh; a primitive needs no reading."""
     if geometry.mesh is None:
         return True
-    import coal  # only descriptions with meshes pay for its import
-
     try:
-        coal.MeshLoader().load(str(geometry.mesh), np.array(geometry.size))
-    except (RuntimeError, ValueError, MemoryError):
+        read_mesh(geometry.mesh, tuple(map(float, geometry.size)))
+    except (OSError, RuntimeError, ValueError, MemoryError):
         return False
     return True
+
+
+def read_mesh(path: Path, scale: tuple[float, ...]) -> Any:
+    """A mesh as the geometry library has it (``coal.BVHModelBase``), read once as long as its file stays.
+
+    Raises
+    ------
+    OSError, RuntimeError, ValueError, MemoryError
+        It cannot be read.
+    """
+    status = path.stat()
+    return _read(path, scale, status.st_mtime_ns, status.st_size)
+
+
+@lru_cache(maxsize=256)
+def _read(path: Path, scale: tuple[float, ...], _written_ns: int, _bytes: int) -> Any:
+    import coal  # only descriptions with meshes pay for its import
+
+    return coal.MeshLoader().load(str(path), np.array(scale))
 
 
 def stand_in(mass: float, com: Array, inertia: Array) -> Shape:

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from functools import lru_cache
+from operator import itemgetter
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spacerobot.arrays import Array
 from spacerobot.description import Geometry
+from spacerobot.description.meshes import read_mesh
 
 Indices = NDArray[np.int64]
 
@@ -47,14 +49,13 @@ def mesh_file(geometry: Geometry) -> MeshFile:
 @lru_cache(maxsize=256)
 def load_mesh(file: MeshFile) -> Surface:
     """All of a mesh file, by the library that Pinocchio uses."""
-    import coal  # only scenes with meshes pay for its import
-
-    model: Any = coal.MeshLoader().load(str(file.path), np.array(file.scale))
+    model = read_mesh(*file)
     vertices = np.array(model.vertices(), dtype=np.float64).reshape(-1, 3)
-    triangles = [
-        [triangle[k] for k in range(3)] for triangle in map(model.tri_indices, range(model.num_tris))
+    triangles = list(map(model.tri_indices, range(model.num_tris)))
+    corners = [
+        np.fromiter(map(itemgetter(k), triangles), dtype=np.int64, count=len(triangles)) for k in range(3)
     ]
-    return Surface(vertices, np.array(triangles, dtype=np.int64).reshape(-1, 3))
+    return Surface(vertices, np.stack(corners, axis=1))
 
 
 def shown_meshes(files: Iterable[MeshFile]) -> dict[MeshFile, Surface]:

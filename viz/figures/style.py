@@ -89,10 +89,30 @@ def styled(function: Callable[P, T]) -> Callable[P, T]:
 @styled
 def to_bytes(figure: Figure, form: str) -> bytes:
     """A figure as a file of the given kind, the same bytes whenever it is written."""
+    layout = figure.get_layout_engine()
+    if layout is not None:  # once, and not whenever it is written: that takes longer than to draw
+        layout.execute(figure)
+        figure.set_layout_engine(None)
     buffer = io.BytesIO()
     undated: dict[str, dict[str, Any]] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
-    figure.savefig(buffer, format=form, metadata=undated.get(form))
+    with _plain_fonts():
+        figure.savefig(buffer, format=form, metadata=undated.get(form))
     return buffer.getvalue()
+
+
+@contextmanager
+def _plain_fonts() -> Iterator[None]:
+    """Leave the tables that shape text out of fonts: no PDF reads them, and cutting them takes longest."""
+    from fontTools.subset import Options  # by which Matplotlib embeds fonts, without a say in how
+
+    before = Options.__dict__.get("_drop_tables_default")
+    if before is not None:
+        Options._drop_tables_default = [*before, "GDEF", "GPOS", "GSUB"]
+    try:
+        yield
+    finally:
+        if before is not None:
+            Options._drop_tables_default = before
 
 
 @contextmanager

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from spacerobot.description import Geometry, shipped_urdf_folder
+from spacerobot.description.meshes import read_mesh
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
 from viz.drawing.geometry import surface
@@ -175,3 +176,13 @@ def test_covered_area_is_that_of_the_triangles_whichever_way_round():
         assert inside == cover(corners[:, ::-1], 100, 100, fine=1)[5:60, 5:60].sum()
     corners = np.array([[[10.0, 10, 0], [70, 20, 0], [30, 80, 0]], [[5.0, 5, 0], [5, 90, 0], [5, 40, 0]]])
     assert cover(corners, 100, 100, fine=4).sum() == pytest.approx(2000, rel=2e-3)
+
+
+def test_a_mesh_is_read_once_and_again_where_its_file_has_changed(tmp_path):
+    file = tmp_path / "shape.obj"
+    file.write_text(TETRAHEDRON)
+    first = read_mesh(file, (1.0, 1.0, 1.0))
+    assert read_mesh(file, (1.0, 1.0, 1.0)) is first
+    assert read_mesh(file, (2.0, 1.0, 1.0)) is not first
+    file.write_text(TETRAHEDRON + "v 0 0 2\nf 1 3 5\n")
+    assert read_mesh(file, (1.0, 1.0, 1.0)).num_tris == first.num_tris + 1

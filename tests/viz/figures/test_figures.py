@@ -38,7 +38,7 @@ from viz.figures import (
     tip_paths,
 )
 from viz.figures.ledger import energy_astray
-from viz.figures.style import drawn_for, labels_of
+from viz.figures.style import drawn_for, labels_of, to_bytes
 from viz.figures.tips import enlargement
 from viz.page.signals import quantities
 
@@ -358,3 +358,23 @@ def test_robustness_counts_diverged_runs_as_worst():
     drawn = figure.axes[0].get_lines()[0].get_xydata()
     assert drawn.tolist() == [[1.0, 0.25], [2.0, 0.5], [3.0, 0.75]]
     _check_units(figure)
+
+
+def test_a_figure_is_laid_out_once_and_written_with_plain_fonts(paper, monkeypatch):
+    from fontTools.subset import Options
+    from fontTools.ttLib import TTFont
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
+
+    dropped, laid_out, opened = list(Options._drop_tables_default), [], []
+    execute, save = ConstrainedLayoutEngine.execute, TTFont.save
+    monkeypatch.setattr(ConstrainedLayoutEngine, "execute", lambda *a: laid_out.append(a) or execute(*a))
+    monkeypatch.setattr(
+        TTFont, "save", lambda font, *a, **k: opened.append(set(font.keys())) or save(font, *a, **k)
+    )
+    figure = tip_errors(paper)
+    for form in ("pdf", "svg", "png"):
+        to_bytes(figure, form)
+    assert len(laid_out) == 1
+    assert opened
+    assert not set().union(*opened) & {"GPOS", "GSUB", "GDEF"}
+    assert Options._drop_tables_default == dropped
