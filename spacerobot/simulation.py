@@ -16,6 +16,7 @@ from spacerobot.errors import DivergedError, ScenarioError
 from spacerobot.kept import kept_closed_loop
 from spacerobot.result import Result
 from spacerobot.result.dataset import build_dataset
+from spacerobot.result.events import build_events
 from spacerobot.result.metrics import fastest_joint
 from spacerobot.result.summary import build_summary
 from spacerobot.result.trust import fast_words
@@ -101,7 +102,8 @@ def simulate(scene: Scene, *, backend: Backend = "auto", progress: Progress | No
         "rollout": trajectory.wall_s,
         "total": done - begin,
     }
-    summary = build_summary(run.scene, whole, trajectory, timing, run.notes)
+    events = build_events(scene, loop, getattr(trajectory, "events", ()))
+    summary = build_summary(run.scene, whole, trajectory, timing, run.notes, events)
     return Result(run.scene.scenario, whole.isel(time=slice(None, None, run.every)), summary)
 
 

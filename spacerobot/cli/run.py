@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from spacerobot.cli.options import Changes, Out, Port, ScenarioName, parse_changes
-from spacerobot.cli.output import console, pairs, progress, warn
+from spacerobot.cli.output import console, pairs, progress, table, warn
 from spacerobot.interrupts import keep
 
 if TYPE_CHECKING:
@@ -80,11 +80,15 @@ def command(
 
 
 def _conclude(scene: Scene, result: Result) -> None:
+    from spacerobot.result.events import HEADINGS, event_rows
 
     for warning in result.summary["warnings"]:
         if warning not in scene.warnings:
             warn(warning)
     console().print(pairs(f"{result.scenario.name}: {_about(scene)}", result.headline()))
+    events = event_rows(result.summary.get("events", ()))
+    if events:
+        console().print(table("events", HEADINGS, events, whole=True))
     if result.folder is not None:
         console().print(f"\nresult in {result.folder}", markup=False, soft_wrap=True)
 
@@ -138,6 +142,8 @@ def fail_if_diverged(result: Result) -> None:
     fast = f"; {words}" if words else ""
     kept = f"; kept up to there in {result.folder}" if result.folder is not None else ""
     when = f"after {status['diverged_at_s']:.6g} s{cause_words(status)}"
+    if status["state"] == "chattering":
+        raise DivergedError(f"the rollout chattered {when}: too many events in too short a time{kept}")
     raise DivergedError(f"the rollout diverged {when}{hint}{fast}{kept}")
 
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 import xarray as xr
 
 import spacerobot
+from spacerobot.result.events import outcome_of
 from spacerobot.result.ledger import build_ledger
 from spacerobot.result.metrics import (
     body_motion,
@@ -33,10 +34,12 @@ def build_summary(
     trajectory: Trajectory,
     timing: Mapping[str, float],
     notes: Mapping[str, str],
+    events: Sequence[Mapping[str, Any]] = (),
 ) -> dict[str, Any]:
     """Status, headline numbers, ledger, timing, assumptions and versions of a simulation.
 
-    ``notes`` say more of the engine: what compiled it, and how well a chosen step was found to do.
+    ``notes`` say more of the engine: what compiled it, and how well a chosen step was found to do; ``events``
+    are those of the rollout.
     """
     bodies, ledger, fastest = body_motion(data), build_ledger(data, scene.scenario), fastest_joint(data)
     engine = {
@@ -51,6 +54,8 @@ def build_summary(
         "format": FORMAT,
         "name": scene.scenario.name,
         "status": _status(trajectory) | judge(trajectory.status == "completed", ledger, advice),
+        "outcome": outcome_of(scene, events),
+        "events": list(events),
         "tip_error": tip_errors(data),
         "target": bodies.get("target"),
         "bases": {body.name: bodies[body.name] for body in scene.robots},

@@ -16,6 +16,8 @@ Row = tuple[str, str]
 def headline(summary: Mapping[str, Any], data: xr.Dataset) -> list[Row]:
     """What a person wants to know first, one row each."""
     rows = [("status", status_text(summary["status"]))]
+    if summary.get("outcome"):
+        rows.append(("outcome", summary["outcome"]))
     for tip, axes in summary["tip_error"].items():
         shown = ["x", "y"] if "body_angle" in data else ["x", "y", "z"]
         unit, factor = _unit_of(axes["norm"]["rms_m"])
@@ -50,7 +52,8 @@ def status_text(status: Mapping[str, Any]) -> str:
     if status["state"] == "completed":
         text = f"completed, {status['reached_s']:g} s"
     else:
-        text = f"diverged after {status['diverged_at_s']:.6g} s{cause_words(status)}"
+        verb = "chattered" if status["state"] == "chattering" else "diverged"
+        text = f"{verb} after {status['diverged_at_s']:.6g} s{cause_words(status)}"
     doubt = open_words(status)
     return f"{text}, {doubt}" if doubt else text
 

@@ -1,0 +1,165 @@
+"""Events of a rollout: what happened when and to what, what it took, and how it came out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Protocol
+
+import numpy as np
+import pinocchio as pin
+
+from spacerobot.closedloop import ClosedLoop
+from spacerobot.scene import Scene, SceneGrasp
+from spacerobot.scene.scene import Array
+
+INNER = ("reference",)
+"""Kinds of events that are not told: a motion's time has come."""
+
+
+class Happened(Protocol):
+    """An event of a rollout, as :class:`spacerobot.rollout.trajectory.Fired` is one."""
+
+    @property
+    def time_s(self) -> float:
+        """When it was."""
+
+    @property
+    def event(self) -> int:
+        """Place among the closed loop's events."""
+
+    @property
+    def before(self) -> Array:
+        """State before it (nx,)."""
+
+    @property
+    def after(self) -> Array:
+        """State after it (nx,)."""
+
+    @property
+    def switches(self) -> Array:
+        """Values of the switches after it (ns,)."""
+
+
+def build_events(scene: Scene, loop: ClosedLoop, happened: Sequence[Happened]) -> list[dict[str, Any]]:
+    """Events as they stand in a summary, in their order.
+
+    Each has ``time_s``, ``kind``, ``who``, ``name``; of a grasp, the tip's velocity and spin relative to the
+    target just before (``relative_velocity_m_s``, ``relative_spin_rad_s``, world axes); where they are not
+    zero, the ``impulses_n_s`` of grasps on the target and the ``energy_lost_j``; and ``momentum_change``, of
+    everything across it, in parts of the largest momentum of a body.
+    """
+    if not happened:
+        return []
+    c = loop.setup(loop.parameter_values)[1].full().ravel()
+    jumps, grasps = {place: c[place] for place in loop.jumps}, {grasp.name: grasp for grasp in scene.grasps}
+    found = []
+    for one in happened:
+        rule = loop.events[one.event]
+        for place, when in jumps.items():
+            c[place] = np.inf if one.time_s < when else -np.inf
+        before = _outputs(loop, one.time_s, one.before, c)
+        c[list(loop.switches)] = one.switches
+        after = _outputs(loop, one.time_s, one.after, c)
+        if rule.kind in INNER:
+            continue
+        told = {"time_s": float(one.time_s), "kind": rule.kind, "who": rule.who, "name": rule.name}
+        if rule.who in grasps:
+            velocity, spin = relative_velocity(scene, grasps[rule.who], one.before)
+            told |= {"relative_velocity_m_s": velocity.tolist(), "relative_spin_rad_s": spin.tolist()}
+        found.append(told | _taken(scene, before, after) | {"momentum_change": _change(before, after)})
+    return found
+
+
+def relative_velocity(scene: Scene, grasp: SceneGrasp, x: Array) -> tuple[Array, Array]:
+    """Velocity [m/s] and spin [rad/s] of a tip relative to the target at the tip's point, world axes (3,)."""
+    model, data = scene.model, scene.model.createData()
+    pin.forwardKinematics(model, data, x[: model.nq], x[model.nq : model.nq + model.nv])
+    pin.updateFramePlacements(model, data)
+    axes = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+    tip, mate = (pin.getFrameVelocity(model, data, frame, axes) for frame in (grasp.tip.frame, grasp.frame))
+    arm = data.oMf[grasp.tip.frame].translation - data.oMf[grasp.frame].translation
+    velocity: Array = tip.linear - mate.linear - np.cross(mate.angular, arm)
+    return velocity, np.array(tip.angular - mate.angular)
+
+
+def _outputs(loop: ClosedLoop, time: float, x: Array, c: Array) -> dict[str, Array]:
+    """Outputs by name, each (n,)."""
+    values = loop.outputs(time, x, c)
+    return {name: value.full().ravel() for name, value in zip(loop.outputs.name_out(), values, strict=True)}
+
+
+def _taken(scene: Scene, before: Mapping[str, Array], after: Mapping[str, Array]) -> dict[str, Any]:
+    """Impulses of grasps and energy that an event took, where they are not zero."""
+    told: dict[str, Any] = {}
+    if "grasp_impulse" in after:
+        change = np.nan_to_num(after["grasp_impulse"] - before["grasp_impulse"]).reshape(-1, 3)
+        impulses = {g.name: row.tolist() for g, row in zip(scene.grasps, change, strict=True) if row.any()}
+        told |= {"impulses_n_s": impulses} if impulses else {}
+    if "work_event" in after:
+        lost = float(after["work_event"][0] - before["work_event"][0])
+        told |= {"energy_lost_j": lost} if lost else {}
+    return told
+
+
+def _change(before: Mapping[str, Array], after: Mapping[str, Array]) -> float:
+    """Greatest change of the whole's momentum, in parts of the largest of a body; 0 where nothing moves."""
+    parts = []
+    for kind in ("linear", "angular"):
+        partial = np.concatenate([before[f"body_momentum_{kind}"], after[f"body_momentum_{kind}"]])
+        largest = float(np.linalg.norm(partial.reshape(-1, 3), axis=1).max())
+        change = float(np.linalg.norm(after[f"momentum_{kind}"] - before[f"momentum_{kind}"]))
+        parts.append(change / largest if largest else 0.0)
+    return max(parts)
+
+
+def outcome_of(scene: Scene, events: Sequence[Mapping[str, Any]]) -> str | None:
+    """How a docking came out; None where no grasp begins open.
+
+    ``captured`` if every such grasp was; ``slipped off`` if one was, and not captured again; ``collided`` if
+    one was not and something touched; else ``missed``.
+    """
+    begins_open = [grasp.name for grasp in scene.grasps if grasp.config.begins == "open"]
+    if not begins_open:
+        return None
+    lives = {name: [e["kind"] for e in events if e["who"] == name] for name in begins_open}
+    ends = {
+        name: next((kind for kind in reversed(kinds) if kind in ("captured", "slipped")), "missed")
+        for name, kinds in lives.items()
+    }
+    if "slipped" in ends.values():
+        return "slipped off"
+    if "missed" not in ends.values():
+        return "captured"
+    return "collided" if any(event["kind"] == "touched" for event in events) else "missed"
+
+
+def event_rows(events: Sequence[Mapping[str, Any]]) -> list[tuple[str, ...]]:
+    """Events as rows of texts: time, what, relative speed, impulse, energy lost."""
+    rows: list[tuple[str, ...]] = []
+    for event in events:
+        impulses = event.get("impulses_n_s", {}).values()
+        largest = max((float(np.linalg.norm(impulse)) for impulse in impulses), default=None)
+        speed = event.get("relative_velocity_m_s")
+        rows.append(
+            (
+                f"{event['time_s']:.6f}",
+                f"{event['who']} {WORDS.get(event['kind'], event['kind'])}",
+                "" if speed is None else f"{np.linalg.norm(speed) * 1e3:.4g}",
+                "" if largest is None else f"{largest:.4g}",
+                f"{event['energy_lost_j']:.4g}" if "energy_lost_j" in event else "",
+            )
+        )
+    return rows
+
+
+WORDS = {
+    "entered": "in its envelope",
+    "left": "out of its envelope",
+    "slipped": "slipped off",
+    "drawn": "drawn in",
+    "phase": "begins",
+    "end": "ends the simulation",
+}
+"""How events are called where that is not their kind."""
+HEADINGS = ("time [s]", "event", "relative speed [mm/s]", "impulse [N s]", "energy lost [J]")
+"""What the rows of :func:`event_rows` hold."""
