@@ -10,8 +10,11 @@ from spacerobot.cli.options import Changes, ScenarioName, parse_changes
 from spacerobot.cli.output import console, prose, warn
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from rich.tree import Tree
 
+    from spacerobot.scenario.phases import Phase
     from spacerobot.scene import Scene, SceneBody
 
 
@@ -39,9 +42,23 @@ def command(scenario: ScenarioName, changes: Changes = None) -> None:
     for warning in (*scene.warnings, *overlaps(scene)):
         warn(warning)
     console().print(scene_tree(scene))
+    if scene.scenario.phases:
+        console().print("\nphases", style="bold")
+        _print_phases(scene.scenario.phases)
     console().print("\nassumptions", style="bold")
     for assumption in scene.assumptions:
         prose(assumption, indent=2)
+
+
+def _print_phases(phases: Mapping[str, Phase]) -> None:
+    """Phases as a timeline: how each ends, what follows, and what differs in it."""
+    from spacerobot.scenario.phases import differences, ways
+
+    width = max(map(len, phases))
+    for name, phase in phases.items():
+        prose(f"{name:{width}}  {ways(name, phases)}", indent=2)
+        for difference in differences(phase):
+            prose(difference, indent=width + 4)
 
 
 def scene_tree(scene: Scene) -> Tree:
@@ -106,7 +123,12 @@ def _tip_text(label: str, scene: Scene) -> str:
     from rich.markup import escape
 
     tip = next(tip for tip in scene.tips if tip.label == label)
-    parts = [f"reference {tip.reference.kind}" + (" of the target" if tip.from_target else "")]
+    parts = [
+        f"reference {course.reference.kind}"
+        + (" of the target" if course.from_target else "")
+        + (f" in {', '.join(course.phases)}" if len(tip.courses) > 1 else "")
+        for course in tip.courses
+    ]
     parts += [f"{key} {controller.words()}" for key, controller in tip.config.elements()]
     for name in ("amnesia", "orientation_amnesia"):
         memory = getattr(tip.config, name)
@@ -124,7 +146,8 @@ def _add_grasps(root: Tree, scene: Scene) -> None:
     for grasp in scene.grasps:
         config = grasp.config
         distance = float(np.linalg.norm(gap(scene.model, grasp, scene.q)))
-        text = f"{grasp.tip.label} holds {config.frame}, {config.words()}, initial gap {distance:.3g} m"
+        holds = "holds" if config.begins == "closed" else "can hold"
+        text = f"{grasp.tip.label} {holds} {config.frame}, {config.words()}, initial gap {distance:.3g} m"
         root.add(f"grasp [bold]{escape(grasp.name)}[/]: {escape(text)}")
 
 

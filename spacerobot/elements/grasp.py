@@ -68,12 +68,13 @@ class Grasp(Element):
         """Whether it leaves no gap, so that closing it is an impact."""
         return self.fixes_position or self.fixes_orientation
 
-    def life(self) -> str:
-        """When it closes and lets go, in words."""
+    def life(self, *, told: bool = False) -> str:
+        """When it closes and lets go, in words; ``told`` says whether a phase has it let go."""
         found = []
         if self.begins == "open" and self.capture is not None:
             found.append(f"open, {self.capture.words()}")
-        found.append("never lets go" if self.release is None else self.release.words())
+        never = "lets go as phases say" if told else "never lets go"
+        found.append(never if self.release is None else self.release.words())
         return "; ".join(found)
 
     def build(self, grasp: GraspContext) -> Contribution:

@@ -8,9 +8,9 @@ from typing import Any, Protocol
 import numpy as np
 import pinocchio as pin
 
+from spacerobot.arrays import Array
 from spacerobot.closedloop import ClosedLoop
 from spacerobot.scene import Scene, SceneGrasp
-from spacerobot.scene.scene import Array
 
 INNER = ("reference",)
 """Kinds of events that are not told: a motion's time has come."""

@@ -140,6 +140,41 @@ def successors(phases: Phases) -> dict[str, tuple[str, str]]:
     return found
 
 
+def ways(name: str, phases: Phases) -> str:
+    """How a phase ends and what follows, in words."""
+    phase, (then, otherwise) = phases[name], successors(phases)[name]
+    found = [] if phase.until is None else [f"{phase.until.words()} -> {then}"]
+    if phase.at_most is not None:
+        latest = " at the latest" if phase.until is not None else ""
+        found.append(f"after {phase.at_most:g} s{latest} -> {otherwise}")
+    return "; ".join(found) or "to the end of the simulation"
+
+
+def differences(phase: Phase) -> list[str]:
+    """What differs from the scenario in a phase, in words."""
+    found = [
+        f"{path} {value:g}" for path, value in _differing(phase.changes) if isinstance(value, float | int)
+    ]
+    found += [
+        f"{path} {value['kind']}" for path, value in _differing(phase.changes) if isinstance(value, dict)
+    ]
+    found += [f"{path} rests" for path, value in _differing(phase.changes) if value is None]
+    if phase.captures is not None:
+        found.append(f"may close: {', '.join(phase.captures) or 'none'}")
+    if phase.releases:
+        found.append(f"lets go: {', '.join(phase.releases)}")
+    return [*found, "controllers begin anew"] if phase.reset else found
+
+
+def _differing(changes: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Numbers, nulls and whole references that a phase names, with their dotted paths."""
+    for key, value in changes.items():
+        if isinstance(value, Mapping) and key != "reference":
+            yield from _differing(value, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}", value
+
+
 def check_phases(phases: Phases, grasps: Mapping[str, Any], bodies: list[str]) -> None:
     """Refuse names that do not exist, phases that are never reached, and cycles without time passing.
 

@@ -29,8 +29,12 @@ def list_assumptions(scene: Scene) -> tuple[str, ...]:
         found += _of_body(scene, body)
     for tip in scene.tips:
         found += _of_tip(tip)
+    let_go = {name for phase in scene.scenario.phases.values() for name in phase.releases}
     for grasp in scene.grasps:
-        found += [f"{grasp.path}: {told}" for told in (*grasp.config.assumptions(), grasp.config.life())]
+        found += [
+            f"{grasp.path}: {told}"
+            for told in (*grasp.config.assumptions(), grasp.config.life(told=grasp.name in let_go))
+        ]
         if is_rigid(grasp) and grasp in open_grasps(scene):
             found.append(
                 f"{grasp.path}: no base can close it: positions must meet as given, initial velocities "

@@ -1,0 +1,28 @@
+"""Phases as ``spacerobot check`` prints them."""
+
+from typer.testing import CliRunner
+
+from spacerobot.cli.app import app
+from tests.oracles.free_bodies import FLAT, free_bodies
+
+
+def test_phases_are_printed_as_a_timeline(tmp_path):
+    phases = {
+        "approach": {"until": {"captured": ["left"]}, "at_most": 2.5, "otherwise": "lost"},
+        "carry": {
+            "until": {"settled": {"speed": 0.001, "dwell": 1}},
+            "then": "end",
+            "releases": ["left"],
+            "robots": {"*": {"tips": {"*": {"reference": {"kind": "line"}}}}},
+        },
+        "lost": {"until": {"time": 1.0}},
+    }
+    free_bodies(tmp_path, FLAT, {"kind": "weld", "capture": {"distance": 0.05}}, phases=phases)
+    found = CliRunner().invoke(app, ["check", str(tmp_path / "bodies.yaml")])
+    assert found.exit_code == 0, found.output
+    lines = [" ".join(line.split()) for line in found.output.splitlines()]
+    assert "approach when left is captured -> carry; after 2.5 s at the latest -> lost" in lines
+    assert "carry when target moves slower than 0.001 m/s for 1 s -> end" in lines
+    assert "robots.one.tips.tip.reference line" in lines
+    assert "lets go: left" in lines
+    assert "lost after 1 s -> end" in lines
