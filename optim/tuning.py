@@ -55,7 +55,7 @@ def tune(
     method: str = "nlp",
     *,
     variables: NewVariables | Sequence[str] | None = None,
-    reading: str | None = None,
+    variant: str | None = None,
     objective: UserObjective | None = None,
     score: ResultObjective | None = None,
     effort: Effort | None = None,
@@ -74,8 +74,8 @@ def tune(
         from the GA's best.
     variables
         Names of the section's variables; or new ones: (dotted path, lower, upper) by name.
-    reading
-        Which of the section's readings.
+    variant
+        Which of the section's variants.
     objective
         One's own: a function of the closed loop's signals that gives a scalar measure,
         ``lambda s: integral(ca.sumsqr(s["tip_error"]))``. Its gradients are exact.
@@ -98,9 +98,9 @@ def tune(
     SpaceRobotError
         If there is no such method, or it cannot solve this problem.
     """
-    scene, chosen = _with_variables(scene, variables, reading)
+    scene, chosen = _with_variables(scene, variables, variant)
     effort = effort or effort_of(tuning_of(scene))
-    problem = build_problem(scene, chosen=chosen, reading=reading, objective=objective, workers=workers)
+    problem = build_problem(scene, chosen=chosen, variant=variant, objective=objective, workers=workers)
     run = partial(run_method, effort=effort, workers=problem.workers, folder=folder, progress=progress)
     if score is None:
         return _tuned(problem, _from_the_ga(problem, run) if method == "nlp_ga" else run(problem, method))
@@ -126,12 +126,12 @@ def _tuned(problem: TuningProblem, outcome: Outcome) -> Tuned:
 
 
 def _with_variables(
-    scene: Scene, variables: NewVariables | Sequence[str] | None, reading: str | None
+    scene: Scene, variables: NewVariables | Sequence[str] | None, variant: str | None
 ) -> tuple[Scene, Sequence[str] | None]:
     """The scene with new variables in its tuning section, and the names of those chosen."""
     section = scene.scenario.tuning
-    if reading is not None:
-        _known(reading, section.readings if section is not None else {}, "reading", scene)
+    if variant is not None:
+        _known(variant, section.variants if section is not None else {}, "variant", scene)
     if not isinstance(variables, Mapping):
         for name in variables or ():
             _known(name, tuning_of(scene).variables, "variable", scene)

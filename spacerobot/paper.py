@@ -24,7 +24,7 @@ PID_ONLY_MM = 5.0
 
 @dataclass(frozen=True)
 class Variant:
-    """One way to run the paper's scenario: feedback reading, controllers and radius."""
+    """One way to run the paper's scenario: velocity feedback, controllers and radius."""
 
     feedback: str
     amnesia: bool

@@ -196,18 +196,18 @@ def _mp4(program: str, pictures: Iterator[Image.Image], frames_per_s: float, pat
     """H.264 that browsers play, the last picture held for a second; pictures go straight to ffmpeg."""
     first = next(pictures)
     with tempfile.TemporaryDirectory() as folder:
-        made, complaints = Path(folder) / "made.mp4", Path(folder) / "complaints"
+        made, errors = Path(folder) / "made.mp4", Path(folder) / "errors.txt"
         command = [program, "-loglevel", "error", "-f", "rawvideo", "-pixel_format", "rgb24"]
         command += ["-video_size", f"{first.width}x{first.height}", "-framerate", f"{frames_per_s:g}"]
         command += ["-i", "pipe:0", "-vf", _MP4_FILTERS]
         command += ["-crf", "20", "-pix_fmt", "yuv420p", "-movflags", "+faststart", str(made)]
-        with complaints.open("wb") as stderr:
+        with errors.open("wb") as stderr:
             process = subprocess.Popen(
                 command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=stderr
             )
             _feed(process, chain([first], pictures))
         if process.returncode:
-            said = complaints.read_text(encoding="utf-8", errors="replace").strip()
+            said = errors.read_text(encoding="utf-8", errors="replace").strip()
             raise ResultError(f"ffmpeg failed: {said[-300:]}", source=path)
         return made.read_bytes()
 

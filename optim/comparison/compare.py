@@ -42,7 +42,7 @@ def compare(
     scene: Scene,
     *,
     methods: Sequence[str] | None = None,
-    readings: Sequence[str] | None = None,
+    variants: Sequence[str] | None = None,
     sets: Sequence[str] | None = None,
     effort: Effort | None = None,
     session: Session | None = None,
@@ -53,7 +53,7 @@ def compare(
     ----------
     scene
         The scene.
-    methods, readings, sets
+    methods, variants, sets
         Which; all that the section names if None.
     effort
         What the methods may do; see :func:`even_effort` if None.
@@ -63,7 +63,7 @@ def compare(
     Returns
     -------
     Comparison
-        One contest for each reading and set of variables. After Ctrl-C, what was found until then.
+        One contest for each variant and set of variables. After Ctrl-C, what was found until then.
 
     Raises
     ------
@@ -73,8 +73,8 @@ def compare(
     tuning, session = tuning_of(scene), session or Session()
     effort = effort or even_effort(tuning)
     chosen = [
-        (reading, name)
-        for reading in _chosen(readings, list(tuning.readings), scene, "readings")
+        (variant, name)
+        for variant in _chosen(variants, list(tuning.variants), scene, "variants")
         for name in _chosen(sets, list(tuning.sets), scene, "sets")
     ]
     asked = methods or tuning.methods
@@ -126,14 +126,14 @@ def _entries(
     scene: Scene, chosen: Sequence[tuple[str | None, str | None]], session: Session
 ) -> Iterable[Entry]:
     tuning, judge, judged = tuning_of(scene), None, object()
-    for reading, name in chosen:
-        if judge is None or judged != reading:
-            session.tell(f"{reading or 'tuning'}: building and compiling the rollout that judges")
-            judge, judged = build_judge(scene, reading=reading, threads=session.workers.threads), reading
-        session.tell(f"{reading or 'tuning'}, {name or 'all variables'}: building and compiling")
+    for variant, name in chosen:
+        if judge is None or judged != variant:
+            session.tell(f"{variant or 'tuning'}: building and compiling the rollout that judges")
+            judge, judged = build_judge(scene, variant=variant, threads=session.workers.threads), variant
+        session.tell(f"{variant or 'tuning'}, {name or 'all variables'}: building and compiling")
         variables = tuning.sets[name] if name is not None else None
-        problem = build_problem(scene, chosen=variables, reading=reading, workers=session.workers)
-        title = "-".join(part for part in (reading, name) if part) or "tuning"
+        problem = build_problem(scene, chosen=variables, variant=variant, workers=session.workers)
+        title = "-".join(part for part in (variant, name) if part) or "tuning"
         yield Entry(title, problem, problem, judge)
 
 

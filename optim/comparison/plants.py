@@ -24,7 +24,7 @@ class Judge:
     Attributes
     ----------
     scene
-        The scene of one reading, with sensors whose offsets can be varied.
+        The scene of one variant, with sensors whose offsets can be varied.
     rollout
         Of its closed loop, nothing tied.
     spread
@@ -73,17 +73,17 @@ class Judge:
         return {OBJECTIVE: batch.costs[OBJECTIVE], **batch.measures}
 
 
-def build_judge(scene: Scene, *, reading: str | None = None, threads: int | None = None) -> Judge:
-    """Judge of the designs of one reading.
+def build_judge(scene: Scene, *, variant: str | None = None, threads: int | None = None) -> Judge:
+    """Judge of the designs of one variant.
 
     Parameters
     ----------
-    scene, reading
+    scene, variant
         As for :func:`optim.problem.tuning_problem.build_problem`.
     threads
         For its rollouts, which this process does; each usable core if None.
     """
-    scene = changed_scene(scene, reading)
+    scene = changed_scene(scene, variant)
     robots = scene.scenario.robots
     missing: dict[str, object] = {
         f"robots.{name}.sensors": {} for name, robot in robots.items() if robot.sensors is None

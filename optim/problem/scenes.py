@@ -64,8 +64,8 @@ def tuning_of(scene: Scene) -> Tuning:
     return scene.scenario.tuning
 
 
-def changed_scene(scene: Scene, reading: str | None = None) -> Scene:
-    """The scene with the tuning problem's changes, and those of one reading, made.
+def changed_scene(scene: Scene, variant: str | None = None) -> Scene:
+    """The scene with the tuning problem's changes, and those of one variant, made.
 
     Raises
     ------
@@ -74,6 +74,6 @@ def changed_scene(scene: Scene, reading: str | None = None) -> Scene:
     """
     tuning = tuning_of(scene)
     changes = dict(tuning.changes)
-    if reading is not None:
-        changes |= tuning.readings[reading]
+    if variant is not None:
+        changes |= tuning.variants[variant]
     return build_scene(scene.scenario, changes, source=scene.source) if changes else scene

@@ -35,7 +35,7 @@ class ProblemRecipe:
     ----------
     scene
         As given.
-    chosen, reading, also_vary
+    chosen, variant, also_vary
         As given.
     objective
         The user's own, which must be picklable to go elsewhere.
@@ -43,7 +43,7 @@ class ProblemRecipe:
 
     scene: SceneRecipe
     chosen: tuple[str, ...] | None
-    reading: str | None
+    variant: str | None
     also_vary: tuple[str, ...]
     objective: UserObjective | None
 
@@ -51,7 +51,7 @@ class ProblemRecipe:
     def key(self) -> str:
         """Hash of it; a function is another one whenever it is given."""
         own = None if self.objective is None else uuid.uuid4().hex
-        plain = [asdict(self.scene), self.chosen, self.reading, self.also_vary, own]
+        plain = [asdict(self.scene), self.chosen, self.variant, self.also_vary, own]
         return hashlib.sha256(json.dumps(plain, sort_keys=True, default=str).encode()).hexdigest()
 
     def build(self) -> TuningProblem:
@@ -59,7 +59,7 @@ class ProblemRecipe:
         return build_problem(
             self.scene.build(),
             chosen=self.chosen,
-            reading=self.reading,
+            variant=self.variant,
             objective=self.objective,
             workers=Threads(1),
             also_vary=self.also_vary,
@@ -159,7 +159,7 @@ def build_problem(
     scene: Scene,
     *,
     chosen: Sequence[str] | None = None,
-    reading: str | None = None,
+    variant: str | None = None,
     objective: UserObjective | None = None,
     workers: Workers | None = None,
     also_vary: Sequence[str] = (),
@@ -172,8 +172,8 @@ def build_problem(
         A scene whose scenario has a ``tuning`` section.
     chosen
         Names of the variables; all of them if None.
-    reading
-        Which of the tuning section's readings; none if None.
+    variant
+        Which of the tuning section's variants; none if None.
     objective
         The user's own: function of the closed loop's signals that gives a scalar measure.
     workers
@@ -188,8 +188,8 @@ def build_problem(
         a design's result takes.
     """
     names = None if chosen is None else tuple(chosen)
-    recipe = ProblemRecipe(SceneRecipe.of(scene), names, reading, tuple(also_vary), objective)
-    scene = changed_scene(scene, reading)
+    recipe = ProblemRecipe(SceneRecipe.of(scene), names, variant, tuple(also_vary), objective)
+    scene = changed_scene(scene, variant)
     check_size(scene)
     tuning = tuning_of(scene)
     variables = resolve_variables(scene, tuning, chosen)

@@ -209,7 +209,7 @@ def build_robust(
     percent: float = 95.0,
     samples: int = SAMPLES,
     chosen: list[str] | None = None,
-    reading: str | None = None,
+    variant: str | None = None,
     workers: Workers | None = None,
 ) -> RobustProblem:
     """Robust tuning problem of a scene with a ``tuning`` and a ``campaign`` section.
@@ -222,7 +222,7 @@ def build_robust(
         What of the samples' objectives is made small.
     samples
         Of the common set, drawn by the campaign's distributions and seed.
-    chosen, reading, workers
+    chosen, variant, workers
         As for :func:`optim.problem.tuning_problem.build_problem`.
 
     Raises
@@ -231,10 +231,10 @@ def build_robust(
         If a section is missing or does not fit, or an uncertain number is a variable as well.
     """
     tuning_of(scene)
-    changed = gain_set(changed_scene(scene, reading), {})
+    changed = gain_set(changed_scene(scene, variant), {})
     space = resolve_space(changed, campaign_of(changed))
     problem = build_problem(
-        gain_set(scene, {}), chosen=chosen, reading=reading, workers=workers, also_vary=space.paths
+        gain_set(scene, {}), chosen=chosen, variant=variant, workers=workers, also_vary=space.paths
     )
     both = sorted(set(space.paths) & set(problem.variables.all_paths))
     if both:

@@ -16,11 +16,11 @@ Operation = Callable[[Any, Array], Arrays]
 It works on one thread. Others may get it, and the rows, by another process: a function of a module, or a
 ``functools.partial`` of one.
 """
-Ended = TypeVar("Ended", bound="Search")
+Ended = TypeVar("Ended", bound="Finished")
 
 
-class Search(Protocol):
-    """How a search ended, as far as workers must know."""
+class Finished(Protocol):
+    """A search that has ended, as far as workers must know."""
 
     @property
     def status(self) -> str:

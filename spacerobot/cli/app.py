@@ -33,7 +33,7 @@ from spacerobot.cli import (
     sweep,
     tune,
 )
-from spacerobot.cli.output import complain, warn
+from spacerobot.cli.output import print_error, warn
 from spacerobot.errors import SpaceRobotError, SpaceRobotWarning
 from spacerobot.interrupts import INTERRUPTED, minded
 
@@ -149,15 +149,15 @@ def main() -> None:
         with minded():
             escaped(typer.main.get_command(app))(plugins_first(sys.argv[1:]), prog_name="spacerobot")
     except SpaceRobotError as fault:
-        complain(str(fault))
+        print_error(str(fault))
         sys.exit(fault.exit_code)
     except KeyboardInterrupt:
-        complain("interrupted")
+        print_error("interrupted")
         sys.exit(INTERRUPTED)
     except BrokenPipeError:
         # the reader (head, less) has left: nothing to tell it
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(0)
     except OSError as fault:
-        complain(f"{fault.filename or 'file system'}: {fault.strerror or fault}")
+        print_error(f"{fault.filename or 'file system'}: {fault.strerror or fault}")
         sys.exit(2)

@@ -39,7 +39,7 @@ def campaign_page(folder: Path, tell: Callable[[str], object], evaluator: Evalua
     summary = told_of(folder, evaluator)
     worst = {name: told["worst"][0] for name, told in summary["gains"].items()}
     tell("reading the kept signals")
-    courses = {
+    bands = {
         signal: {name: read_bands(folder, signal, name, row["sample"]) for name, row in worst.items()}
         for signal in evaluator.recording.names
     }
@@ -53,4 +53,4 @@ def campaign_page(folder: Path, tell: Callable[[str], object], evaluator: Evalua
         cause = next(iter(worst.values()))["unclosed"]
         raise ResultError(f"no sample begins, so there is nothing to show: {cause}", source=folder)
     tell("writing the page")
-    return campaign_report(Shown(summary, load_campaign(folder), results, courses))
+    return campaign_report(Shown(summary, load_campaign(folder), results, bands))

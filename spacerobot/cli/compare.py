@@ -27,8 +27,8 @@ Methods = Annotated[
     str | None,
     typer.Option("--methods", metavar="LIST", help="Names of methods by commas; the section's if not given."),
 ]
-Readings = Annotated[
-    str | None, typer.Option("--readings", metavar="LIST", help="Readings of the tuning section; by commas.")
+Variants = Annotated[
+    str | None, typer.Option("--variants", metavar="LIST", help="Variants of the tuning section; by commas.")
 ]
 Sets = Annotated[
     str | None, typer.Option("--sets", metavar="LIST", help="Sets of variables; by commas. All if not given.")
@@ -79,7 +79,7 @@ def command(
     out: Out = None,
     changes: Changes = None,
     methods: Methods = None,
-    readings: Readings = None,
+    variants: Variants = None,
     sets: Sets = None,
     contests: Contests = None,
     budget: Budget = None,
@@ -107,14 +107,14 @@ def command(
         session = Session(journals(out, "comparison.json"), workers, report, tell)
         if scenario == SUITE:
             _refuse(
-                "suite", {"--readings": readings, "--sets": sets, "--set": changes, "--full": full or None}
+                "suite", {"--variants": variants, "--sets": sets, "--set": changes, "--full": full or None}
             )
             found = compare_suite(parts(contests), methods=parts(methods), effort=asked, session=session)
         else:
             _refuse("scenario", {"--contests": contests})
             picked: dict[str, Any] = {
                 "methods": parts(methods),
-                "readings": parts(readings),
+                "variants": parts(variants),
                 "sets": parts(sets),
             }
             scene = load_scene(scenario, parse_changes(changes))

@@ -1,4 +1,4 @@
-"""How the command line prints: tables on stdout, progress and complaints on stderr."""
+"""How the command line prints: tables on stdout, progress and errors on stderr."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def console() -> Console:
     return _Console(highlight=False, width=None if sys.stdout.isatty() else PLAIN_WIDTH)
 
 
-def complain(message: str) -> None:
+def print_error(message: str) -> None:
     """One line on stderr, never wrapped, whatever it holds."""
     line = " ".join(message.split())
     Console(stderr=True, highlight=False, soft_wrap=True).print(

@@ -10,11 +10,11 @@ from spacerobot.cli.options import Changes, Machines, Out, ScenarioName, Threads
 from spacerobot.cli.output import console, pairs, table, warn
 from spacerobot.cli.tuning_options import (
     Budget,
-    Reading,
     Runs,
     Seed,
     Starts,
     Variables,
+    Variant,
     chosen_variables,
     journals,
     show_runs,
@@ -33,7 +33,7 @@ HELP = """Tune gains for the uncertain numbers of the campaign section; judge th
 
 Example:
 
-    spacerobot robust paper --reading base --variables seven --measure worst --out out/robust
+    spacerobot robust paper --variant base --variables seven --measure worst --out out/robust
 """
 
 
@@ -51,7 +51,7 @@ def command(
     samples: Common = 64,
     fresh: Fresh = 512,
     method: Method = "nlp",
-    reading: Reading = None,
+    variant: Variant = None,
     variables: Variables = None,
     budget: Budget = None,
     runs: Runs = None,
@@ -79,7 +79,7 @@ def command(
             percent=percent,
             samples=samples,
             chosen=chosen_variables(variables, tuning),
-            reading=reading,
+            variant=variant,
             workers=workers,
         )
         found = tune_robust(problem, method, effort=effort, fresh=fresh, folder=folder, progress=report)

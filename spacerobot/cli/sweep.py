@@ -10,10 +10,10 @@ from spacerobot.cli.options import Changes, Machines, Out, ScenarioName, Threads
 from spacerobot.cli.output import console, table
 from spacerobot.cli.tuning_options import (
     Budget,
-    Reading,
     Runs,
     Seed,
     Variables,
+    Variant,
     chosen_variables,
     journals,
     shown,
@@ -23,7 +23,7 @@ HELP = """Sensitivity of the GA to its settings: crossover and mutation probabil
 
 Example:
 
-    spacerobot sweep paper --reading base --variables five --budget 1000 --runs 3
+    spacerobot sweep paper --variant base --variables five --budget 1000 --runs 3
 """
 
 
@@ -36,7 +36,7 @@ def command(
     scenario: ScenarioName,
     out: Out = None,
     changes: Changes = None,
-    reading: Reading = None,
+    variant: Variant = None,
     variables: Variables = None,
     budget: Budget = 1000,
     runs: Runs = 3,
@@ -59,7 +59,7 @@ def command(
     rows, data = [], []
     with shown() as (tell, report), open_workers(threads, dask) as workers:
         tell("building and compiling")
-        problem = build_problem(scene, chosen=chosen, reading=reading, workers=workers)
+        problem = build_problem(scene, chosen=chosen, variant=variant, workers=workers)
         protocol = Protocol(population=tuning.population, budget=budget or 1000)
         session = Session(journals(out, "sweep.json"), workers, report)
         trials = sweep(problem, protocol=protocol, runs=runs or 3, seed=seed or 0, session=session)

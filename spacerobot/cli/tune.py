@@ -13,11 +13,11 @@ from spacerobot.cli.output import console, pairs, table, warn
 from spacerobot.cli.run import fail_if_diverged
 from spacerobot.cli.tuning_options import (
     Budget,
-    Reading,
     Runs,
     Seed,
     Starts,
     Variables,
+    Variant,
     chosen_variables,
     journals,
     show_runs,
@@ -49,7 +49,7 @@ Killed, it goes on where it was when it is started again with the same --out; Ct
 
 Examples:
 
-    spacerobot tune paper --reading base --variables five --method nlp --out out/tuned
+    spacerobot tune paper --variant base --variables five --method nlp --out out/tuned
 
     spacerobot tune servicer --vary pid.kp=100..4000 --vary pid.ki=50..2000
 
@@ -68,7 +68,7 @@ def command(
     changes: Changes = None,
     method: Method = "nlp",
     vary: Vary = None,
-    reading: Reading = None,
+    variant: Variant = None,
     variables: Variables = None,
     budget: Budget = None,
     runs: Runs = None,
@@ -95,7 +95,7 @@ def command(
             scene,
             method,
             variables=chosen_variables(variables, tuning),
-            reading=reading,
+            variant=variant,
             effort=effort,
             folder=journals(out, "tuning.json"),
             workers=workers,

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from optim.search.search import Progress
     from spacerobot.scenario import Tuning
 
-Reading = Annotated[
-    str | None, typer.Option("--reading", metavar="NAME", help="A reading of the tuning section.")
+Variant = Annotated[
+    str | None, typer.Option("--variant", metavar="NAME", help="A variant of the tuning section.")
 ]
 Variables = Annotated[
     str | None,

@@ -107,8 +107,8 @@ class Tuning(Section):
     changes: dict[str, Any] = Field(
         default={}, description="changes to the scenario while it is tuned, by dotted path"
     )
-    readings: dict[Name, dict[str, Any]] = Field(
-        default={}, description="further changes, by name: each reading is a tuning problem of its own"
+    variants: dict[Name, dict[str, Any]] = Field(
+        default={}, description="further changes, by name: each variant is a tuning problem of its own"
     )
     objective: Objective = Field(default=Objective(), description="what is to become small")
     constraints: Constraints = Field(default=Constraints(), description="what must not be exceeded")
@@ -124,6 +124,14 @@ class Tuning(Section):
     iterations: int = Field(default=100, ge=1, description="of the NLP from one start, at most")
     seed: int = Field(default=0, ge=0, description="everything random follows from it")
     step: float = quantity("s", "step of the rollouts that tune", default=0.01, gt=0)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _former_name(cls, data: Any) -> Any:
+        """``variants`` were called ``readings`` until 0.1; scenarios and results of that time still load."""
+        if isinstance(data, dict) and "readings" in data and "variants" not in data:
+            return {"variants" if key == "readings" else key: value for key, value in data.items()}
+        return data
 
     @model_validator(mode="after")
     def _check(self) -> Tuning:

@@ -14,7 +14,7 @@ TUNING = {
         "grip": {"paths": ["grasps.left.stiffness", "grasps.left.damping"], "lower": 20, "upper": 100},
     },
     "sets": {"two": ["kp", "ta"], "four": ["kp", "ki", "kd", "ta"]},
-    "readings": {
+    "variants": {
         "base": {"robots.*.tips.tip.pid.feedback": "base"},
         "inertial": {"robots.*.tips.tip.pid.feedback": "inertial"},
     },

@@ -120,11 +120,11 @@ def make_comparison():
 
 
 class Page:
-    """One page of a browser, driven by its debugging protocol; keeps complaints and requests."""
+    """One page of a browser, driven by its debugging protocol; keeps errors and requests."""
 
     def __init__(self, port):
         self.loop = asyncio.new_event_loop()
-        self.complaints, self.requests, self.count = [], [], 0
+        self.errors, self.requests, self.count = [], [], 0
         self.socket = self.loop.run_until_complete(self._connect(port))
         for domain in ("Page", "Runtime", "Log", "Network"):
             self.call(f"{domain}.enable")
@@ -153,11 +153,11 @@ class Page:
 
     def _note(self, method, params):
         if method == "Log.entryAdded" and params["entry"]["level"] == "error":
-            self.complaints.append(params["entry"]["text"])
+            self.errors.append(params["entry"]["text"])
         elif method == "Runtime.exceptionThrown":
-            self.complaints.append(str(params["exceptionDetails"]))
+            self.errors.append(str(params["exceptionDetails"]))
         elif method == "Runtime.consoleAPICalled" and params["type"] in ("error", "warning"):
-            self.complaints.append(str(params["args"]))
+            self.errors.append(str(params["args"]))
         elif method in ("Network.requestWillBeSent", "Network.webSocketCreated"):
             self.requests.append(params.get("url") or params["request"]["url"])
 
@@ -170,7 +170,7 @@ class Page:
             mobile=False,
         )
         self.call("Page.navigate", url="about:blank")
-        self.complaints, self.requests = [], []
+        self.errors, self.requests = [], []
         self.call("Page.navigate", url=url)
         return self
 

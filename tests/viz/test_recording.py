@@ -49,7 +49,7 @@ def test_an_mp4_is_what_browsers_play_and_moves(paper, tmp_path):
     assert (np.abs(shown[5] - shown[0]).sum(axis=2) > 120).mean() > 0.02
 
 
-def test_what_ffmpeg_complains_of_is_told(paper, tmp_path, monkeypatch):
+def test_what_ffmpeg_reports_is_told(paper, tmp_path, monkeypatch):
     program = tmp_path / "ffmpeg"
     program.write_text("#!/bin/sh\necho 'no such codec' >&2\nexit 1\n")
     program.chmod(program.stat().st_mode | stat.S_IXUSR)

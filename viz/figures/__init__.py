@@ -1,10 +1,10 @@
 """Figures: functions that return matplotlib figures, in one style, without a display."""
 
+from viz.figures.bands import Bands, bands, moving_components
 from viz.figures.bodies import base_motion, grip_forces, object_motion
 from viz.figures.campaign import Spread, distributions, robustness
 from viz.figures.collect import KINDS, draw_all, save_figures
 from viz.figures.contacts import contact_forces
-from viz.figures.courses import Course, courses, moving_components
 from viz.figures.docking import docking
 from viz.figures.joints import joints
 from viz.figures.ledger import ledger
@@ -14,13 +14,13 @@ from viz.figures.tuning import convergence, data_profiles, running_times, sensit
 
 __all__ = [
     "KINDS",
-    "Course",
+    "Bands",
     "Drawing",
     "Spread",
+    "bands",
     "base_motion",
     "contact_forces",
     "convergence",
-    "courses",
     "data_profiles",
     "distributions",
     "docking",

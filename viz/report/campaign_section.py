@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 
 from spacerobot.result import Result
-from viz.figures import Course, Spread, courses, distributions, moving_components, sensitivities, to_bytes
+from viz.figures import Bands, Spread, bands, distributions, moving_components, sensitivities, to_bytes
 from viz.figures.style import Drawing, unit_scale
 from viz.page.notebook import frame
 from viz.page.page import animation_page
@@ -57,14 +57,14 @@ class Shown:
         Draws and metrics of every sample.
     worst
         By set of gains: its worst sample, simulated.
-    courses
+    bands
         By kept signal: how it spreads over time, for each set of gains by name.
     """
 
     summary: Mapping[str, Any]
     data: xr.Dataset
     worst: Mapping[str, Result]
-    courses: Mapping[str, Mapping[str, Course]]
+    bands: Mapping[str, Mapping[str, Bands]]
 
 
 def campaign_sections(shown: Shown) -> tuple[Section, ...]:
@@ -238,17 +238,17 @@ def _numbers(values: Mapping[str, float | None], parameters: list[str]) -> np.ty
 
 def _series(shown: Shown) -> str:
     parts = []
-    for signal, by_gains in shown.courses.items():
+    for signal, by_gains in shown.bands.items():
         parts.append(f"<h3>{escape(signal.replace('_', ' '))}</h3>")
-        for name, course in by_gains.items():
-            if not moving_components(course):
+        for name, signal_bands in by_gains.items():
+            if not moving_components(signal_bands):
                 parts.append(f"<p>{escape(with_gains(name))}: always the same, in every sample.</p>")
                 continue
             own = f"{signal.replace('_', ' ')} with the gains {name}"
             scale = "; each figure has its own scale" if len(by_gains) > 1 else ""
-            lost = len(shown.data.sample) - int(course.left[-1])
+            lost = len(shown.data.sample) - int(signal_bands.left[-1])
             gone = f"; diverged, and counted until then: {lost}" if lost else ""
-            parts.append(_figure(courses(course), f"{own}, over all samples{gone}{scale}"))
+            parts.append(_figure(bands(signal_bands), f"{own}, over all samples{gone}{scale}"))
     return "".join(parts)
 
 

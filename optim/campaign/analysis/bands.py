@@ -36,7 +36,7 @@ class Bands:
     left
         Samples that have not diverged yet (nt,).
     sample, shown
-        One sample, and its own course (nt, c).
+        One sample, and its own values over time (nt, c).
     """
 
     name: str
@@ -65,7 +65,7 @@ def read_bands(folder: Path, name: str, gains: str, sample: int) -> Bands:
     gains
         The set of gains.
     sample
-        Number of a sample whose own course is read too.
+        Number of a sample whose own values are read too.
 
     Raises
     ------

@@ -34,8 +34,8 @@ INDEPENDENT = ("monte_carlo", "latin_hypercube", "sobol")
 
 
 @dataclass(frozen=True)
-class Outcome:
-    """Numbers of one set of gains.
+class Sampled:
+    """What the samples of one set of gains gave.
 
     Attributes
     ----------
@@ -74,7 +74,7 @@ class Outcome:
         return np.asarray(np.logical_or.reduce(list(self.failed.values())), dtype=np.bool_)
 
 
-def outcomes(data: xr.Dataset, campaign: Campaign) -> dict[str, Outcome]:
+def sampled_of(data: xr.Dataset, campaign: Campaign) -> dict[str, Sampled]:
     """Numbers of a store by set of gains."""
     found = {}
     for name in map(str, data.gains.values):
@@ -91,7 +91,7 @@ def outcomes(data: xr.Dataset, campaign: Campaign) -> dict[str, Outcome]:
                 failed[limit] = (metrics[metric].max(axis=1) > most) & ~lost
         places = {m: tuple(map(str, chosen[f"{m}_of"].values)) for m in kept}
         units = {m: str(chosen[m].attrs["units"]) for m in kept}
-        found[name] = Outcome(metrics, places, units, failed, told)
+        found[name] = Sampled(metrics, places, units, failed, told)
     return found
 
 
@@ -104,13 +104,13 @@ def _unclosed(chosen: xr.Dataset) -> tuple[str, ...]:
     return tuple(unclosed(dict(zip(most, map(float, row), strict=True)), most) for row in chosen.gap.values)
 
 
-def _did_not_begin(found: Mapping[str, Outcome]) -> list[str]:
+def _did_not_begin(found: Mapping[str, Sampled]) -> list[str]:
     """Warnings about samples whose grasps did not close."""
     warnings = []
-    for name, outcome in found.items():
-        words = [words for words in outcome.unclosed if words]
+    for name, sampled in found.items():
+        words = [words for words in sampled.unclosed if words]
         if words:
-            count = f"{len(words)} of {len(outcome.unclosed)} samples"
+            count = f"{len(words)} of {len(sampled.unclosed)} samples"
             warnings.append(f"gains {name}: {count} fail before they begin; the first: {words[0]}")
     return warnings
 
@@ -144,9 +144,9 @@ def told_of(folder: Path, evaluator: Evaluator, named: Named | None = None) -> d
     named = named or named_in(load_head(folder)["notes"])
     if len(data.sample) == 0:
         raise ResultError("holds no sample yet", source=folder)
-    found = outcomes(data, campaign)
+    found = sampled_of(data, campaign)
     draws = data.draw.values
-    trust = untrusted(data, {name: outcome.any_failure for name, outcome in found.items()})
+    trust = untrusted(data, {name: sampled.any_failure for name, sampled in found.items()})
     return {
         "name": evaluator.scene.scenario.name,
         "samples": len(data.sample),
@@ -162,18 +162,18 @@ def told_of(folder: Path, evaluator: Evaluator, named: Named | None = None) -> d
         "correlated": correlated(campaign),
         "gains": {
             name: {
-                "failure": _failures(outcome, campaign),
-                "metrics": _percentiles(outcome, campaign),
+                "failure": _failures(sampled, campaign),
+                "metrics": _percentiles(sampled, campaign),
                 "matters": {
                     metric: what_matters(
-                        draws, outcome.largest(metric), campaign, complete=len(data.sample) == campaign.count
+                        draws, sampled.largest(metric), campaign, complete=len(data.sample) == campaign.count
                     )
-                    for metric in outcome.metrics
+                    for metric in sampled.metrics
                 },
-                "map": _map(outcome, draws, campaign),
-                "worst": _worst(outcome, data, evaluator, index, named),
+                "map": _map(sampled, draws, campaign),
+                "worst": _worst(sampled, data, evaluator, index, named),
             }
-            for index, (name, outcome) in enumerate(found.items())
+            for index, (name, sampled) in enumerate(found.items())
         },
         "rank_noise": noise_of(len(data.sample), campaign),
         "against": _against(found, campaign),
@@ -182,8 +182,8 @@ def told_of(folder: Path, evaluator: Evaluator, named: Named | None = None) -> d
     }
 
 
-def _failures(outcome: Outcome, campaign: Campaign) -> dict[str, Any]:
-    causes = {"any": outcome.any_failure, **outcome.failed}
+def _failures(sampled: Sampled, campaign: Campaign) -> dict[str, Any]:
+    causes = {"any": sampled.any_failure, **sampled.failed}
     return {
         cause: {"count": int(hits.sum())}
         | _interval(share(int(hits.sum()), len(hits), campaign.confidence), campaign)
@@ -191,15 +191,15 @@ def _failures(outcome: Outcome, campaign: Campaign) -> dict[str, Any]:
     }
 
 
-def _percentiles(outcome: Outcome, campaign: Campaign) -> list[dict[str, Any]]:
+def _percentiles(sampled: Sampled, campaign: Campaign) -> list[dict[str, Any]]:
     rows = []
-    for metric, values in outcome.metrics.items():
-        for place, column in zip(outcome.places[metric], values.T, strict=True):
+    for metric, values in sampled.metrics.items():
+        for place, column in zip(sampled.places[metric], values.T, strict=True):
             told = [
                 {"percent": q} | _interval(percentile(column, q, campaign.confidence), campaign)
                 for q in campaign.percentiles
             ]
-            row = {"metric": metric, "of": place, "unit": outcome.units[metric]}
+            row = {"metric": metric, "of": place, "unit": sampled.units[metric]}
             rows.append(row | {"percentiles": told, "largest": _plain(column.max())})
     return rows
 
@@ -210,13 +210,13 @@ def _interval(estimate: Estimate, campaign: Campaign) -> dict[str, Any]:
     return {"value": _plain(estimate.value), "low": _plain(ends[0]), "high": _plain(ends[1])}
 
 
-def _map(outcome: Outcome, draws: Array, campaign: Campaign) -> dict[str, Any] | None:
+def _map(sampled: Sampled, draws: Array, campaign: Campaign) -> dict[str, Any] | None:
     """Where a grid over two parameters fails and why: causes by level of the first and of the second."""
     if campaign.design != "grid" or draws.shape[1] != 2 or len(draws) != campaign.count:
         return None
     levels = [np.unique(column) for column in draws.T]
     causes = np.full(len(draws), "", dtype=object)
-    for cause, hits in reversed(list(outcome.failed.items())):
+    for cause, hits in reversed(list(sampled.failed.items())):
         causes[hits] = cause
     cells: list[list[str]] = [[""] * len(levels[1]) for _ in levels[0]]
     for draw, cause in zip(draws, causes, strict=True):
@@ -227,14 +227,14 @@ def _map(outcome: Outcome, draws: Array, campaign: Campaign) -> dict[str, Any] |
 
 
 def _worst(
-    outcome: Outcome, data: xr.Dataset, evaluator: Evaluator, index: int, named: Named
+    sampled: Sampled, data: xr.Dataset, evaluator: Evaluator, index: int, named: Named
 ) -> list[dict[str, Any]]:
     """Worst samples: those that diverged, the earliest first, then by what comes nearest to its limit or
     passes it furthest; by the first metric kept where there is no limit; last those that did not begin.
     """
     name, times = str(data.gains.values[index]), data.diverged_at.values[:, index]
-    metrics, badness = outcome.badness(evaluator.campaign)
-    open_ = np.array([bool(words) for words in outcome.unclosed])
+    metrics, badness = sampled.badness(evaluator.campaign)
+    open_ = np.array([bool(words) for words in sampled.unclosed])
     order = np.lexsort((np.where(np.isnan(times), np.inf, times), -badness, open_))[:WORST]
     rows = []
     for i in order:
@@ -243,10 +243,10 @@ def _worst(
             {
                 "sample": int(data.sample.values[i]),
                 "metric": metric,
-                "value": _plain(outcome.largest(metric)[i]),
+                "value": _plain(sampled.largest(metric)[i]),
                 "diverged_at_s": None if open_[i] else _plain(times[i]),
-                "unclosed": outcome.unclosed[i] or None,
-                "failed": [cause for cause, hits in outcome.failed.items() if hits[i]],
+                "unclosed": sampled.unclosed[i] or None,
+                "failed": [cause for cause, hits in sampled.failed.items() if hits[i]],
                 "draw": dict(zip(evaluator.campaign.parameters, map(float, draw), strict=True)),
                 "command": command_of(evaluator, draw, name, named.scenario, named.changes),
             }
@@ -254,7 +254,7 @@ def _worst(
     return rows
 
 
-def _against(found: Mapping[str, Outcome], campaign: Campaign) -> list[dict[str, Any]]:
+def _against(found: Mapping[str, Sampled], campaign: Campaign) -> list[dict[str, Any]]:
     """Every two sets of gains on the same samples: how often one is better, and which fails where."""
     rows = []
     for (a, first), (b, second) in combinations(found.items(), 2):

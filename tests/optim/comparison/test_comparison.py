@@ -36,7 +36,7 @@ EFFORT = Effort(TINY, TINY, runs=2, nlp=NlpSettings(iterations=15, screen=8), st
 def found(small, tmp_path_factory):
     folder = tmp_path_factory.mktemp("compared")
     made = compare(
-        small(), readings=["base"], sets=["four"], effort=EFFORT, session=Session(folder / "journals")
+        small(), variants=["base"], sets=["four"], effort=EFFORT, session=Session(folder / "journals")
     )
     write(made, folder)
     return made, folder
@@ -146,7 +146,7 @@ def test_sensitivities_are_relative_slopes(small):
 
 
 def test_plants_stay_within_their_spreads_and_are_seeded(small):
-    judge = build_judge(small(), reading="base")
+    judge = build_judge(small(), variant="base")
     plants = judge.plants
     assert {path.split(".")[-1] for path in plants} >= {"mass", "stiffness", "offset"}
     assert any(path.startswith("target.links") and ".inertia." in path for path in plants)
@@ -154,9 +154,9 @@ def test_plants_stay_within_their_spreads_and_are_seeded(small):
     assert stiffness.min() >= 70
     assert stiffness.max() <= 130
     assert stiffness.std() > 10
-    again = build_judge(small(), reading="base").plants
+    again = build_judge(small(), variant="base").plants
     assert all(np.array_equal(again[path], values) for path, values in plants.items())
-    other = build_judge(small(tuning__robustness__seed=9), reading="base").plants
+    other = build_judge(small(tuning__robustness__seed=9), variant="base").plants
     assert not np.array_equal(other["grasps.left.stiffness"], stiffness)
 
 
@@ -233,7 +233,7 @@ def test_names_of_methods_readings_and_sets_are_checked(small):
     with pytest.raises(SpaceRobotError, match="did you mean nlp"):
         tune(small(), "nlpp", effort=EFFORT)
     with pytest.raises(ScenarioError, match="did you mean base"):
-        compare(small(), readings=["bas"])
+        compare(small(), variants=["bas"])
     with pytest.raises(ScenarioError, match="did you mean two"):
         compare(small(), sets=["twoo"])
     with pytest.raises(ScenarioError, match="no tuning section"):
@@ -255,7 +255,7 @@ def test_ctrl_c_in_a_rollout_keeps_what_was_found(small, monkeypatch):
         return real(self, u)
 
     monkeypatch.setattr(TuningProblem, "evaluate", evaluate)
-    made = compare(small(), readings=["base"], sets=["two"], methods=["ga", "nlp"], effort=EFFORT)
+    made = compare(small(), variants=["base"], sets=["two"], methods=["ga", "nlp"], effort=EFFORT)
     assert made.interrupted
     assert list(made.contests[0].outcomes) == ["ga"]
     assert np.isfinite(made.contests[0].outcomes["ga"].best.objective)
@@ -271,7 +271,7 @@ def app():
 
 def test_the_commands(app, small_file, tmp_path):
     runner = CliRunner()
-    few = ["--budget", "24", "--runs", "1", "--starts", "1", "--readings", "base", "--sets", "two"]
+    few = ["--budget", "24", "--runs", "1", "--starts", "1", "--variants", "base", "--sets", "two"]
     asked = [
         "compare",
         str(small_file),

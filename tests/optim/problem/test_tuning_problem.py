@@ -5,6 +5,7 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 import pytest
+import yaml
 
 from optim import build_problem, integral
 from optim.problem.objectives import OBJECTIVE
@@ -12,6 +13,7 @@ from optim.problem.problem import Cost
 from optim.workers import Threads
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.rollout import build_rollout
+from spacerobot.scene import load_scene
 
 LIMITS = {"max_joint_torque": 0.5, "max_grip_force": 0.2, "max_base_rotation_deg": 0.05}
 ROUNDING = 1e-9  # of central differences of values near one
@@ -165,7 +167,7 @@ def test_fingerprints_differ_where_answers_may(small):
         build_problem(small(tuning__step=0.02), chosen=["kp"]).fingerprint,
         build_problem(small(tuning__objective__kind="itae"), chosen=["kp"]).fingerprint,
         build_problem(small(tuning__constraints__max_grip_force=3), chosen=["kp"]).fingerprint,
-        build_problem(small(), chosen=["kp"], reading="inertial").fingerprint,
+        build_problem(small(), chosen=["kp"], variant="inertial").fingerprint,
     }
     assert len(prints) == 6
     assert build_problem(small(), chosen=["kp"]).fingerprint in prints
@@ -182,3 +184,11 @@ def test_fingerprints_differ_where_answers_may(small):
 def test_derivatives_are_booked_as_they_are_computed(small, kind, limits, cost):
     problem = build_problem(small(tuning__objective__kind=kind, **limits), chosen=["kp", "ta"])
     assert problem.linear_cost == cost
+
+
+def test_variants_under_their_former_name_still_load(small_file):
+    document = yaml.safe_load(small_file.read_text(encoding="utf-8"))
+    document["tuning"]["readings"] = document["tuning"].pop("variants")
+    former = small_file.with_name("former.yaml")
+    former.write_text(yaml.safe_dump(document), encoding="utf-8")
+    assert load_scene(former).scenario == load_scene(small_file).scenario

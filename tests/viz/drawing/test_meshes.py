@@ -42,7 +42,7 @@ def test_a_mesh_is_drawn_and_a_missing_one_is_a_box_with_a_warning(browser, mesh
     path.write_text(animation_page(meshed), encoding="utf-8")
     browser.open(path.as_uri())
     browser.wait_for("document.body?.dataset.ready === 'true'")
-    assert browser.complaints == []
+    assert browser.errors == []
     (tmp_path / "shape.obj").unlink()
     data = animation(meshed)
     assert not [s for node in data["runs"][0]["nodes"] for s in node["solids"] if s["kind"] == "mesh"]

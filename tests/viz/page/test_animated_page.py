@@ -58,7 +58,7 @@ def test_bodies_move_and_nothing_is_asked_of_the_network(browser, paper, tmp_pat
     pane = changed[y : y + height, x : x + width]
     assert pane.mean() > 0.02
     assert pane[height // 2 :, : 2 * width // 5].sum() > 500
-    assert page.complaints == []
+    assert page.errors == []
     assert [url for url in page.requests if not url.startswith(("file:", "data:", "blob:"))] == []
 
 
@@ -101,7 +101,7 @@ def test_forces_turns_and_momenta_are_plotted_by_name_and_in_numbers(browser, pa
     for name, value in (("left", force), ("rpr1", turned)):
         assert float(re.search(rf"{name} (-?[\d.]+) ", words)[1]) == pytest.approx(value, rel=6e-3)
     assert float(re.search(r"all together ([\d.e-]+) N s", words)[1]) < 1e-8
-    assert page.complaints == []
+    assert page.errors == []
 
 
 def test_names_stand_on_the_robots_and_errors_are_enlarged(browser, paper, tmp_path):
@@ -120,7 +120,7 @@ def test_names_stand_on_the_robots_and_errors_are_enlarged(browser, paper, tmp_p
     page.evaluate("document.querySelector('#layers input').click()")
     page.picture()
     assert page.evaluate(NAMES) == []
-    assert page.complaints == []
+    assert page.errors == []
 
 
 def test_everything_can_be_reached_on_a_phone(browser, blind, paper, tmp_path):
@@ -140,11 +140,11 @@ def test_a_result_of_a_single_instant_and_a_body_without_shapes_are_shown(browse
     scene = load_scene("paper", {"target.urdf": str(tmp_path / "bare.urdf"), "simulation.duration": 0.02})
     page = _show(browser, tmp_path / "bare.html", animation_page(simulate(scene)))
     assert "object" in dict(page.evaluate(NAMES_ALL))
-    assert page.complaints == []
+    assert page.errors == []
     instant = Result(paper.scenario, paper.data.isel(time=[0]), paper.summary)
     page = _show(browser, tmp_path / "instant.html", animation_page(instant))
     assert page.evaluate("document.getElementById('play').disabled")
-    assert page.complaints == []
+    assert page.errors == []
     assert len(list(draw_all(instant))) == sum(kind.applies(instant) for kind in KINDS)
     write_recording(tmp_path / "instant.gif", instant, size_px=(160, 100))
 
@@ -170,7 +170,7 @@ def test_it_plays_pauses_and_scrubs(browser, paper, tmp_path):
     assert page.evaluate("document.body.dataset.time") == stopped
     page.evaluate(f"(() => {{ const s = document.getElementById('scrub'); {SCRUB}; }})()")
     assert page.evaluate("document.body.dataset.time") == "7.000"
-    assert page.complaints == []
+    assert page.errors == []
 
 
 def test_comparison_shows_both_beside_and_over(browser, paper, blind, tmp_path):
@@ -182,7 +182,7 @@ def test_comparison_shows_both_beside_and_over(browser, paper, blind, tmp_path):
     page.evaluate("location.hash = '#t=5&arrange=over'")
     page.wait_for("document.getElementById('arrange').value === 'over'")
     assert (np.abs(page.picture() - beside).sum(axis=2) > 60).mean() > 0.05
-    assert page.complaints == []
+    assert page.errors == []
 
 
 def test_spatial_scene_and_scripts_in_names_are_harmless(browser, spatial, tmp_path):
@@ -190,7 +190,7 @@ def test_spatial_scene_and_scripts_in_names_are_harmless(browser, spatial, tmp_p
     page = _show(browser, tmp_path / "page.html", animation_page(spatial, title=text), "#t=0.2")
     assert page.evaluate("document.getElementById('title').textContent") == text
     assert page.evaluate("document.title") == text
-    assert page.complaints == []
+    assert page.errors == []
 
 
 def test_size_is_a_megabyte_and_a_half_for_ten_seconds(paper, tmp_path):
@@ -228,7 +228,7 @@ def test_a_diverged_result_is_shown_up_to_where_it_went(browser, diverged, tmp_p
     page = _show(browser, tmp_path / "page.html", animation_page(diverged), "#t=99")
     assert "diverged after 0.42 s of 10 s" in page.evaluate("document.getElementById('notice').innerText")
     assert page.evaluate("document.body.dataset.time") == f"{diverged.data.time.values[-1]:.3f}"
-    assert page.complaints == []
+    assert page.errors == []
 
 
 def test_changed_descriptions_are_told(paper):

@@ -104,7 +104,7 @@ def test_a_page_follows_a_run(browser, viewer, paper):
     assert "rpr1/tip error" in browser.evaluate("document.getElementById('readout').innerText")
     assert browser.evaluate("document.getElementById('busy').hidden")
     assert viewer.wait_for_page(0)
-    assert browser.complaints == []
+    assert browser.errors == []
     assert {url.split("/")[2] for url in browser.requests if "://" in url} == {f"{ADDRESS}:{viewer.port}"}
 
 

@@ -92,7 +92,7 @@ def test_every_signal_of_a_result_can_be_chosen(shown, paper):
     assert _value(page, "rpr1/joint_3") == pytest.approx(float(torque), rel=6e-3)
     page.evaluate("document.querySelector('.panel button').click()")  # the tip error goes
     assert page.evaluate("document.querySelectorAll('.panel').length") == 1
-    assert page.complaints == []
+    assert page.errors == []
 
 
 def test_values_under_the_pointer_are_those_of_its_time(shown, paper):
@@ -180,7 +180,7 @@ def test_masses_and_momenta_are_shown_where_asked(shown, paper):
     yellow = (after[:, :, 0] > 240) & (abs(after[:, :, 1] - 210) < 20) & (abs(after[:, :, 2] - 63) < 30)
     was = (before[:, :, 0] > 240) & (abs(before[:, :, 1] - 210) < 20) & (abs(before[:, :, 2] - 63) < 30)
     assert yellow.sum() > was.sum() + 30
-    assert page.complaints == []
+    assert page.errors == []
 
 
 def test_the_camera_follows_what_is_chosen(shown, paper):
@@ -234,7 +234,7 @@ def test_the_address_shows_the_same_view_again(shown, paper, blind):
     again = shown(blind, paper, fragment=fragment)
     assert (np.abs(again.picture() - before).sum(axis=2) > 30).mean() < 0.002
     assert again.evaluate("document.body.dataset.time") == "2.000"
-    assert again.complaints == []
+    assert again.errors == []
 
 
 def test_a_picture_and_a_film_of_the_view_are_saved(shown, paper, tmp_path):
@@ -256,7 +256,7 @@ def test_a_picture_and_a_film_of_the_view_are_saved(shown, paper, tmp_path):
     assert np.abs(frames[-1] - frames[0]).max() > 100
     assert page.evaluate("document.body.dataset.time") == "2.000"
     assert page.evaluate("document.getElementById('busy').hidden")
-    assert page.complaints == []
+    assert page.errors == []
     assert [url for url in page.requests if not url.startswith(("file:", "data:", "blob:"))] == []
 
 
@@ -290,4 +290,4 @@ def test_keys_do_everything_and_the_focus_is_seen(shown, paper):
     _key(page, "Escape")
     assert page.evaluate("document.getElementById('picker').hidden")
     assert page.evaluate("document.activeElement.id") == "signals"
-    assert page.complaints == []
+    assert page.errors == []

@@ -73,7 +73,7 @@ def campaign(tmp_path_factory):
 
 
 def _look(browser, address, ready):
-    """A page at every size, without a complaint and no wider than the screen."""
+    """A page at every size, without an error and no wider than the screen."""
     for size in SIZES:
         browser.open(address, *size)
         browser.wait_for(ready)
@@ -81,7 +81,7 @@ def _look(browser, address, ready):
         assert browser.evaluate("document.documentElement.scrollWidth <= window.innerWidth"), size
         assert browser.evaluate(CONTRAST) == [], size
         yield size
-        assert browser.complaints == [], size
+        assert browser.errors == [], size
 
 
 @pytest.mark.parametrize("kind", ["report", "comparison", "campaign"])

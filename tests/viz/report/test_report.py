@@ -56,7 +56,7 @@ def test_it_opens_without_a_network_and_plays(browser, comparison, tmp_path):
         # the player's blue panels and gold bases, drawn by the scripts of a page within the page
         while _share_of_gold(browser.picture()) < 0.005:
             assert time.monotonic() < end, "the animation did not appear"
-    assert browser.complaints == []
+    assert browser.errors == []
     assert [
         url for url in browser.requests if not url.startswith(("file:", "data:", "blob:", "about:"))
     ] == []

@@ -10,7 +10,7 @@ from optim.campaign.analysis.matters import correlated, noise_of, what_matters
 from optim.campaign.analysis.statistics import percentile
 from optim.campaign.draws.sampling import draw
 from spacerobot.scenario import Campaign
-from viz.figures import Spread, courses, distributions, moving_components, robustness
+from viz.figures import Spread, bands, distributions, moving_components, robustness
 from viz.figures.campaign import BAD
 from viz.report.campaign_words import depends, failing, mixed, unfinished
 
@@ -141,7 +141,7 @@ def test_marks_are_the_percentiles_of_all_runs():
 
 
 @dataclass
-class Course:
+class Bands:
     least: np.ndarray
     greatest: np.ndarray
     name = "tip_error"
@@ -164,13 +164,13 @@ class Course:
 
 
 def test_bands_show_what_moves_and_cut_what_runs_away():
-    median = Course(None, None).median
-    calm = Course(median - np.array([0.02, 0]), median + np.array([0.02, 0]))
+    median = Bands(None, None).median
+    calm = Bands(median - np.array([0.02, 0]), median + np.array([0.02, 0]))
     assert moving_components(calm) == [0]
-    figure = courses(calm)
+    figure = bands(calm)
     assert [axes.get_title("left") for axes in figure.axes] == ["x"]
     assert texts(figure.axes[0]) == []
-    wild = Course(median - np.array([0.02, 0]), median + np.array([50.0, 0]))
-    panel = courses(wild).axes[0]
+    wild = Bands(median - np.array([0.02, 0]), median + np.array([50.0, 0]))
+    panel = bands(wild).axes[0]
     assert texts(panel) == ["cut; reaches 5.08e+04"]
     assert panel.get_ylim()[1] < 10_000

@@ -8,7 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 from optim.campaign.analysis.samples import command_of
-from optim.campaign.analysis.summary import outcomes, summarise
+from optim.campaign.analysis.summary import sampled_of, summarise
 from optim.campaign.rollouts.evaluator import build_evaluator
 from optim.campaign.run import run_campaign
 from optim.campaign.store.folder import load_campaign
@@ -116,7 +116,7 @@ def test_divergence_counts_as_the_worst(told):
     lost = data.copy(deep=True)
     lost.diverged_at[7, 0] = 0.5
     lost.tip_error_peak[7, 0] = np.nan
-    found = outcomes(lost, ran.evaluator.campaign)["soft"]
+    found = sampled_of(lost, ran.evaluator.campaign)["soft"]
     assert found.failed["diverged"].sum() == 1
     assert found.largest("tip_error_peak")[7] == np.inf
     assert not found.failed["grip_force"][7]

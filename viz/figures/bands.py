@@ -13,7 +13,7 @@ from viz.figures.campaign import BAD
 from viz.figures.style import COLOURS, Drawing, legend_above, panels, styled, unit_scale
 
 
-class Course(Protocol):
+class Bands(Protocol):
     """How a signal of c components spreads over time (nt,); see ``optim.campaign.Bands``."""
 
     @property
@@ -62,7 +62,7 @@ class Course(Protocol):
 
     @property
     def shown(self) -> Array:
-        """Its course (nt, c)."""
+        """Its values over time (nt, c)."""
 
 
 MOST_PANELS = 24
@@ -70,22 +70,22 @@ ROOM = 4  # widths of the 5 to 95 % band that extremes may reach beyond it befor
 
 
 @styled
-def courses(course: Course) -> Drawing:
+def bands(signal: Bands) -> Drawing:
     """Percentile bands over time of every component that moves, each in its panel.
 
     Parameters
     ----------
-    course
+    signal
         A signal of many samples.
     """
-    moving = moving_components(course)[:MOST_PANELS]
-    factor, unit = unit_scale(course.unit)
+    moving = moving_components(signal)[:MOST_PANELS]
+    factor, unit = unit_scale(signal.unit)
     columns = 1 if len(moving) <= 1 else 2 if len(moving) in (2, 4) else 3
     rows = max(1, -(-len(moving) // columns))
     figure, axes = panels(rows, columns, height_in=1.6 if columns > 1 else 2.4, sharex=True)
     for panel, i in zip(axes.flat, moving, strict=False):
-        _course(panel, course, i, factor)
-        panel.set_title(course.components[i])
+        _bands(panel, signal, i, factor)
+        panel.set_title(signal.components[i])
     for panel in axes.flat[len(moving) :]:
         panel.set_axis_off()
     for panel in axes[:, 0]:
@@ -98,22 +98,22 @@ def courses(course: Course) -> Drawing:
     return figure
 
 
-def moving_components(course: Course) -> list[int]:
+def moving_components(signal: Bands) -> list[int]:
     """Places of the components that are not the same all the time in every sample."""
-    span = np.nan_to_num(course.greatest).max(axis=0) - np.nan_to_num(course.least).min(axis=0)
+    span = np.nan_to_num(signal.greatest).max(axis=0) - np.nan_to_num(signal.least).min(axis=0)
     return [int(i) for i in np.flatnonzero(span > 1e-12 * max(float(span.max(initial=0.0)), 1e-300))]
 
 
-def _course(panel: Axes, course: Course, i: int, factor: float) -> None:
-    t, colour = course.time, COLOURS[0]
+def _bands(panel: Axes, signal: Bands, i: int, factor: float) -> None:
+    t, colour = signal.time, COLOURS[0]
     least, low, median, high, greatest, shown = (
         factor * part[:, i]
-        for part in (course.least, course.low, course.median, course.high, course.greatest, course.shown)
+        for part in (signal.least, signal.low, signal.median, signal.high, signal.greatest, signal.shown)
     )
     panel.fill_between(t, least, greatest, color=colour, alpha=0.14, linewidth=0, label="all samples")
     panel.fill_between(t, low, high, color=colour, alpha=0.38, linewidth=0, label="5 to 95 % of them")
     panel.plot(t, median, color=colour, linewidth=1.3, label="median")
-    worst = f"worst sample, {course.sample}"
+    worst = f"worst sample, {signal.sample}"
     panel.plot(t, shown, color=COLOURS[1], linewidth=1.0, linestyle=(0, (4, 1.5)), label=worst)
     if not np.isfinite(median).any():
         return
