@@ -17,6 +17,8 @@ from pydantic import Field
 from spacerobot.elements.context import ContactContext
 from spacerobot.elements.contribution import Contribution, Output
 from spacerobot.elements.element import Element
+from spacerobot.elements.event import Event, both, negated
+from spacerobot.section import quantity
 
 OBSERVED = {
     "contact_force": ("N", "force of contacts on the second of the two that touch"),
@@ -45,6 +47,13 @@ class Contact(Element):
     )
     may_overlap: bool = Field(
         default=False, description="whether the shapes may overlap at the start; refused if not"
+    )
+
+    longest_step: float | None = quantity(
+        "s",
+        "longest step of the fixed-step engine while the shapes touch; as elsewhere if not given",
+        default=None,
+        gt=0,
     )
 
     def build(self, contact: ContactContext) -> Contribution:
@@ -92,6 +101,47 @@ def touches(contact: ContactContext) -> list[Touch]:
         velocity = contact.velocity(second, near.point) - contact.velocity(first, near.point)
         found.append(Touch(near.gap, near.normal, near.point, velocity))
     return found
+
+
+@dataclass(frozen=True)
+class Watch:
+    """Events of a contact, at which its force has a kink, and its finer steps.
+
+    The force itself depends on no switch: events only have steps end where it is not smooth.
+    """
+
+    events: tuple[Event, ...]
+    fine: tuple[tuple[ca.SX, float], ...]
+
+
+def watch(
+    contact: ContactContext, touching: Sequence[Touch], config: Contact, pull: Sequence[ca.SX]
+) -> Watch:
+    """Where each pair of shapes touches and parts, and where its force ends because it would pull.
+
+    It would where ``pull`` (1x1 each) is above zero; empty if none ever would.
+    """
+    events: list[Event] = []
+    fine = []
+    for i, touch in enumerate(touching):
+        mark = f".{i + 1}" if len(touching) > 1 else ""
+        touches, loose = (contact.context.switch(f"{name}{mark}") for name in ("touching", "loose"))
+
+        def event(kind: str, guard: ca.SX, armed: ca.SX, sets: dict[str, bool], mark: str = mark) -> Event:
+            return Event(f"{contact.name}{mark}.{kind}", kind, contact.name, guard, armed, sets)
+
+        events += [
+            event("touched", -touch.gap, negated(touches), {touches.name(): True}),
+            event("parted", touch.gap, touches, {touches.name(): False, loose.name(): False}),
+        ]
+        if pull:
+            events += [
+                event("loosened", pull[i], both(touches, negated(loose)), {loose.name(): True}),
+                event("pressed", -pull[i], both(touches, loose), {loose.name(): False}),
+            ]
+        if config.longest_step is not None:
+            fine.append((touches, config.longest_step))
+    return Watch(tuple(events), tuple(fine))
 
 
 def observed(

@@ -16,6 +16,7 @@ from spacerobot.pinocchio_engine.contacts import restitution_of
 from spacerobot.rollout import build_rollout
 from spacerobot.scene import build_scene
 from tests.oracles.balls import body, meeting, scene
+from tests.oracles.hybrid import roll
 
 
 def rolled(found, duration, step, output_step=None):
@@ -55,6 +56,30 @@ def test_balls_part_with_the_restitution_that_follows_from_their_speed(exponent,
     wanted = restitution_of(ratio * speed)
     assert (second - first)[0] / speed == pytest.approx(wanted, abs=2e-6)
     assert np.abs(first[1:]).max() == np.abs(second[1:]).max() == 0
+
+
+def test_touch_and_part_are_events_at_their_times():
+    found = meeting({"stiffness": 2e4, "restitution": 0.6, "restitution_speed": 0.4, "longest_step": 1e-3})
+    loop = build_closed_loop(found)
+    run = roll(loop, 0.12)
+    assert run.names == ["bump.touched", "bump.parted"]
+    assert run.events[0].time == pytest.approx(0.005 / 0.4, abs=1e-9)
+    for event in run.events:
+        assert abs(run.outputs(event.time, event.after, event.c_after)["contact_gap"][0]) < 1e-10
+    assert loop.fine == ((0, 1e-3),)
+    first, second = run.outputs()["body_momentum_linear"].reshape(2, 3)[:, 0] / (2.0, 3.0)
+    assert second - first == pytest.approx(0.6 * 0.4, abs=1e-7)
+
+
+def test_what_is_drawn_apart_is_not_pulled():
+    law = {"stiffness": 2e4, "exponent": 1.0, "dissipation": 4.0, "may_overlap": True}
+    plain = meeting(law, speed=-0.5)  # faster than 1 / a
+    run = roll(build_closed_loop(build_scene(plain.scenario, {"target.base.position": [0.19, 0, 0]})), 0.1)
+    assert run.names == ["bump.touched", "bump.loosened", "bump.parted"]
+    assert run.events[-1].time == pytest.approx(0.01 / 0.5, abs=1e-9)
+    assert run.outputs()["body_momentum_linear"][0] == pytest.approx(2.0 * -0.5, abs=1e-12)
+    # what the spring held is booked as taken
+    assert run.outputs()["work_contact"][0] == pytest.approx(2e4 * 0.01**2 / 2, rel=1e-8)
 
 
 def test_equal_masses_exchange_their_velocities():

@@ -8,7 +8,7 @@ import casadi as ca
 from pydantic import model_validator
 
 from spacerobot.dynamics import Wrench
-from spacerobot.elements.contact import Contact, Touch, observed, touches
+from spacerobot.elements.contact import Contact, Touch, observed, touches, watch
 from spacerobot.elements.context import ContactContext
 from spacerobot.elements.contribution import Contribution, Power
 from spacerobot.elements.numbers import Context
@@ -78,11 +78,15 @@ class HuntCrossley(Contact):
             wrenches += contact.opposite(pair, force, touch.point)
             forces.append(force)
             pressed.append(press)
+        pull = [dissipation * touch.opening - 1 for touch in touching] if dissipation.nnz() else []
+        marks = watch(contact, touching, self, pull)
         return Contribution(
             wrenches=tuple(wrenches),
             energy=energy,
             powers=(Power("contact", taken),),
             outputs=observed(contact, touching, forces, pressed),
+            events=marks.events,
+            fine=marks.fine,
         )
 
     def _dissipation(self, context: Context) -> ca.SX:
