@@ -12,8 +12,8 @@ from spacerobot.arrays import Array
 from spacerobot.closedloop import ClosedLoop
 from spacerobot.scene import Scene, SceneGrasp
 
-INNER = ("reference",)
-"""Kinds of events that are not told: a motion's time has come."""
+INNER = ("reference", "settling", "moving")
+"""Kinds of events that are not told: a motion's time has come, a body moves slowly or not while a phase waits."""
 
 
 class Happened(Protocol):

@@ -217,10 +217,10 @@ def _changed_masses(body: SceneBody) -> list[str]:
 
 
 def _of_tip(tip: SceneTip) -> list[str]:
-    found = []
-    if tip.from_target:
+    found, place = [], f"{tip.path}.reference"
+    if any(course.from_target for course in tip.courses):
         found.append(f"{tip.path}: reference derived from the target's, rigidly")
-    elif tip.config.reference is None and any(tip.config.elements()):
+    elif tip.config.reference is None and tip.courses[-1].path == place and any(tip.config.elements()):
         found.append(f"{tip.path}: no reference given, so it holds its initial pose")
     for key, controller in tip.config.elements():
         found += [f"{tip.path}.{key}: {assumed}" for assumed in controller.assumptions()]

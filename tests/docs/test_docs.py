@@ -65,3 +65,23 @@ def test_the_papers_table_is_what_the_code_prints():
     printed = " | ".join(f"{low:.2f} .. {high:.2f}" for low, high in bands)
     assert printed in (ROOT / "docs" / "paper.md").read_text(encoding="utf-8")
     assert printed in (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def test_the_docking_pages_scenario_is_caught_carried_and_let_go(tmp_path):
+    from spacerobot.closedloop import build_closed_loop
+    from spacerobot.scene import load_scene
+    from tests.oracles.hybrid import roll
+
+    (text,) = blocks(ROOT / "docs" / "docking.md", "yaml")
+    (tmp_path / "catch.yaml").write_text(text, encoding="utf-8")
+    run = roll(build_closed_loop(load_scene(tmp_path / "catch.yaml")), 30.0, rtol=1e-7)
+    told = [name for name in run.names if not name.endswith(("settling", "moving", "passed"))]
+    carried = [
+        "hand.entered",
+        "hand.captured",
+        "approach.captured",
+        "carry.settled",
+        "hand.told",
+        "part.at_most",
+    ]
+    assert told == carried
