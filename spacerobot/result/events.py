@@ -13,7 +13,7 @@ from spacerobot.closedloop import ClosedLoop
 from spacerobot.scene import Scene, SceneGrasp
 
 INNER = ("reference", "settling", "moving")
-"""Kinds of events that are not told: a motion's time has come, a body moves slowly or not while a phase waits."""
+"""Kinds of events that are not told: a motion's time has come, a body moves slowly while a phase waits."""
 
 
 class Happened(Protocol):
