@@ -24,7 +24,8 @@ from spacerobot.errors import ResultError, near_names
 from spacerobot.files import write_bytes
 from spacerobot.result import Result, note_derived
 from viz.drawing.motion import Motion, greatest_force, pick_rows, sample_motion
-from viz.drawing.projection import View, fit, view_of
+from viz.drawing.projection import fit
+from viz.drawing.view import View, view_of
 from viz.figures.docking import draw_forces, draw_frame, draw_names, seen_points
 from viz.figures.style import COLOURS, Drawing, styled
 
@@ -96,7 +97,7 @@ def frames(
     """Pictures of a result at evenly spaced times; ``speed`` is told in them where it is not 1."""
     scene = result.scene()
     motion = sample_motion(result, scene, pick_rows(result.data.time.values, rate_hz=rate_hz, most=2000))
-    return Frames(result, motion, view_of(scene.planar), seen_points(result, motion), size_px, speed)
+    return Frames(result, motion, view_of(result, scene), seen_points(result, motion), size_px, speed)
 
 
 @dataclass(frozen=True, eq=False)

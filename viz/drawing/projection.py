@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from functools import lru_cache
 from itertools import count
 from typing import Any, NamedTuple
@@ -18,54 +17,12 @@ from viz.drawing.geometry import faces, is_round, silhouette, surface
 from viz.drawing.meshes import Indices, mesh_file, shown_meshes
 from viz.drawing.motion import Motion, Node
 from viz.drawing.raster import Faces, Picture, cover, draw_faces
+from viz.drawing.view import View
 
 _LIGHT = np.array([-0.35, -0.45, 0.82])
 _ROUND_SHADE = 0.85
 _GHOST = (0.93, 0.93, 0.93)
 _POINT_M = 1e-9
-
-
-@dataclass(frozen=True, eq=False)
-class View:
-    """A parallel projection.
-
-    Attributes
-    ----------
-    across, up
-        World directions that point right and up in the picture (3,).
-    labels
-        What to write at the two axes; empty where they are no world axes.
-    """
-
-    across: Array
-    up: Array
-    labels: tuple[str, str]
-
-    @property
-    def towards(self) -> Array:
-        """Direction from the scene to the eye (3,)."""
-        return np.cross(self.across, self.up)
-
-    def flat(self, points: Array) -> Array:
-        """Picture coordinates (..., 2) of world points (..., 3), m."""
-        return np.stack([points @ self.across, points @ self.up], axis=-1)
-
-
-TOP = View(np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]), ("x [m]", "y [m]"))
-"""From above, for planar scenes."""
-
-
-def oblique(azimuth_deg: float = -60.0, elevation_deg: float = 25.0) -> View:
-    """From outside and above, for spatial scenes; z points up."""
-    a, e = np.radians([azimuth_deg, elevation_deg])
-    across = np.array([-np.sin(a), np.cos(a), 0.0])
-    up = np.array([-np.sin(e) * np.cos(a), -np.sin(e) * np.sin(a), np.cos(e)])
-    return View(across, up, ("", ""))
-
-
-def view_of(planar: bool) -> View:
-    """The view that suits a scene."""
-    return TOP if planar else oblique()
 
 
 def draw_nodes(axes: Axes, motion: Motion, frame: int, view: View, *, dpi: float = 300) -> None:

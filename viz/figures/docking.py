@@ -8,7 +8,8 @@ from matplotlib.axes import Axes
 from spacerobot.arrays import Array
 from spacerobot.result import Result
 from viz.drawing.motion import Motion, bounds, extremes, pick_rows, sample_motion
-from viz.drawing.projection import View, draw_ghosts, draw_nodes, fit, view_of
+from viz.drawing.projection import draw_ghosts, draw_nodes, fit
+from viz.drawing.view import View, view_of
 from viz.figures.style import COLOURS, Drawing, called, is_narrow, styled, width_in
 
 
@@ -19,7 +20,7 @@ def docking(result: Result, *, frames: int = 6) -> Drawing:
     Planar scenes are seen from above, spatial ones by parallel projection from outside and above.
     """
     scene = result.scene()
-    view = view_of(scene.planar)
+    view = view_of(result, scene)
     rows = pick_rows(result.data.time.values, rate_hz=1e6, most=frames)
     motion = sample_motion(result, scene, rows)
     points = seen_points(result, motion)

@@ -22,6 +22,7 @@ from viz.drawing.motion import (
     pick_rows,
     sample_motion,
 )
+from viz.drawing.view import first_view, view_of
 from viz.figures.collect import check_comparable
 from viz.figures.style import labels_of
 from viz.page.masses import mass_data, no_masses
@@ -66,6 +67,7 @@ def animation(*results: Result, title: str | None = None, autoplay: bool = True)
         "about": _about(shown),
         "notices": _notices(shown),
         "planar": shown[0].scene.planar,
+        "towards": rounded(view_of(shown[0].result, shown[0].scene).towards),
         "box": [rounded(low), rounded(high)],
         "reach": [rounded(point) for one in shown for point in extremes(one.motion, low, high)],
         "near": [rounded(point) for one in shown for point in _near(one, low, high)],
@@ -122,6 +124,7 @@ def still(scene: Scene, *, about: str | None = None) -> dict[str, Any]:
         "about": about if about is not None else scene.scenario.description or "",
         "notices": list(scene.warnings),
         "planar": scene.planar,
+        "towards": rounded(first_view(scene).towards),
         "box": [rounded(low), rounded(high)],
         "reach": [rounded(point) for point in extremes(motion, low, high)],
         "near": [],

@@ -34,9 +34,10 @@ class Eye {
   // MeshCat's world has z up, Three's camera y.
   static toThree(p) { return new THREE.Vector3(p[0], p[2], -p[1]); }
 
-  axes(planar) {
+  // ``towards``: from the scene to the eye.
+  axes(planar, towards) {
     if (planar) return { back: new THREE.Vector3(0, 1, 1e-4).normalize(), up: new THREE.Vector3(0, 0, -1) };
-    const back = Eye.toThree([0.55, -0.95, 0.55]).normalize();
+    const back = Eye.toThree(towards).normalize();
     const across = new THREE.Vector3(0, 1, 0).cross(back).normalize();
     return { back, up: back.clone().cross(across) };
   }
@@ -61,8 +62,8 @@ class Eye {
   }
 
   // Points that must be seen, in copies of the scene moved by ``shifts``; the distance of the eye that results.
-  fit(points, shifts, planar) {
-    const camera = this.viewer.camera, frame = this.axes(planar);
+  fit(points, shifts, { planar, towards }) {
+    const camera = this.viewer.camera, frame = this.axes(planar, towards);
     frame.across = frame.up.clone().cross(frame.back).normalize();
     camera.fov = planar ? 14 : 26;
     const [wide, tall] = this.aim();

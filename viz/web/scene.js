@@ -121,7 +121,7 @@ class Scene {
     if (!over) shifts.push([0, -size[1] * 1.12, 0]);
     const moved = (shift) => this.runs.map((_, k) => shift.map((v) => k * v));
     const points = this.near ? this.payload.near : this.payload.reach;
-    const fit = (shift) => this.eye.fit(points, moved(shift), this.payload.planar);
+    const fit = (shift) => this.eye.fit(points, moved(shift), this.payload);
     const best = shifts.map((shift) => [fit(shift), shift]).sort((a, b) => a[0] - b[0])[0][1];
     this.boxes = moved(best).map((shift) => [low, high].map((p) => p.map((v, c) => v + shift[c])));
     this.runs.forEach((run, k) => {

@@ -1,0 +1,53 @@
+"""Scenes are looked at from where arms are seen, and from the same side everywhere."""
+
+import numpy as np
+
+from spacerobot.description import Geometry
+from spacerobot.scene import load_scene
+from viz.drawing.motion import GREY, Motion, Node, Solid
+from viz.drawing.view import TOP, _clearest, first_view, oblique, view_of
+from viz.figures import docking
+from viz.page.animation import animation, still
+from viz.record import frames
+
+
+def box(body, size, *, is_base=False):
+    return Node(1, body, is_base, (Solid(np.eye(4), Geometry("box", np.full(3, size)), GREY),))
+
+
+def motion(*places):
+    """An arm's link at the origin, and boxes of an object at places."""
+    nodes = (box("arm", 0.1), *(box("target", 1.0, is_base=True) for _ in places))
+    position = np.array([[[0.0, 0.0, 0.0], *places]])
+    quaternion = np.tile([0.0, 0.0, 0.0, 1.0], (1, len(nodes), 1))
+    return Motion(nodes, np.zeros(1, dtype=np.int64), np.zeros(1), position, quaternion, np.zeros((1, 0, 3)))
+
+
+def test_an_arm_behind_the_object_is_seen_from_another_side():
+    usual = oblique().towards
+    assert (_clearest(motion(-usual)).towards == usual).all()
+    beside = oblique(-30).towards
+    chosen = _clearest(motion(usual)).towards
+    assert not np.allclose(chosen, usual)
+    assert (_clearest(motion(usual, beside)).towards != chosen).any()
+
+
+def test_a_mate_on_the_far_face_is_behind_the_object():
+    shown = motion([0.0, 0.6, 0.0])  # the link touches a face that looks along -y, towards the usual eye
+    mates = np.array([[[0.0, 1.1, 0.0]]])  # the other face
+    moved = Motion(shown.nodes, shown.rows, shown.time, shown.position, shown.quaternion, mates)
+    assert (_clearest(shown).towards == oblique().towards).all()
+    assert _clearest(moved).towards[1] > -0.6
+
+
+def test_pictures_and_pages_look_from_the_same_side(spatial):
+    scene = spatial.scene()
+    view = view_of(spatial, scene)
+    np.testing.assert_allclose(animation(spatial)["towards"], view.towards, atol=1e-6)
+    assert (frames(spatial, rate_hz=10).view.towards == view.towards).all()
+    assert docking(spatial)
+    np.testing.assert_allclose(still(scene)["towards"], first_view(scene).towards, atol=1e-6)
+
+
+def test_planar_scenes_are_seen_from_above():
+    assert first_view(load_scene("paper")) is TOP

@@ -1,0 +1,146 @@
+"""From where a scene is looked at: the same direction for pictures, figures and pages."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from spacerobot.arrays import Array
+from spacerobot.result import Result
+from spacerobot.scene import Scene
+from viz.drawing.geometry import corners
+from viz.drawing.motion import Motion, Node, initial_motion, sample_motion
+
+_AZIMUTH_DEG, _ELEVATION_DEG = -60.0, 25.0
+_TURNS_DEG = (0, 30, -30, 60, -60, 90, -90, 120, -120, 150, -150, 180)
+"""Away from the usual azimuth, in the order in which they are preferred."""
+
+_AS_GOOD = 0.1  # less of what matters may be hidden by a direction that is preferred
+_NEAR = 0.01  # of the largest box: what is nearer than this hides nothing
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """A parallel projection.
+
+    Attributes
+    ----------
+    across, up
+        World directions that point right and up in the picture (3,).
+    labels
+        What to write at the two axes; empty where they are no world axes.
+    """
+
+    across: Array
+    up: Array
+    labels: tuple[str, str]
+
+    @property
+    def towards(self) -> Array:
+        """Direction from the scene to the eye (3,)."""
+        return np.cross(self.across, self.up)
+
+    def flat(self, points: Array) -> Array:
+        """Picture coordinates (..., 2) of world points (..., 3), m."""
+        return np.stack([points @ self.across, points @ self.up], axis=-1)
+
+
+TOP = View(np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]), ("x [m]", "y [m]"))
+"""From above, for planar scenes."""
+
+
+def oblique(azimuth_deg: float = _AZIMUTH_DEG, elevation_deg: float = _ELEVATION_DEG) -> View:
+    """From outside and above, for spatial scenes; z points up."""
+    a, e = np.radians([azimuth_deg, elevation_deg])
+    across = np.array([-np.sin(a), np.cos(a), 0.0])
+    up = np.array([-np.sin(e) * np.cos(a), -np.sin(e) * np.sin(a), np.cos(e)])
+    return View(across, up, ("", ""))
+
+
+def view_of(result: Result, scene: Scene) -> View:
+    """Where a result is seen from: planar scenes from above, others from where arms are hidden least."""
+    rows = len(result.data.time)
+    return TOP if scene.planar else _clearest(sample_motion(result, scene, [0, rows // 2, rows - 1]))
+
+
+def first_view(scene: Scene) -> View:
+    """The same for a scene that has not been simulated yet."""
+    return TOP if scene.planar else _clearest(initial_motion(scene))
+
+
+def _clearest(motion: Motion) -> View:
+    """From the side that hides the least, of sides that do equally well the one nearest to the usual."""
+    views = [oblique(_AZIMUTH_DEG + turn) for turn in _TURNS_DEG]
+    frames = [_frame(motion, k) for k in range(len(motion.time))]
+    seen = np.array([np.mean([frame.seen(view.towards) for frame in frames]) for view in views])
+    return views[int(np.argmax(seen >= seen.max() - _AS_GOOD))]
+
+
+class _Frame(NamedTuple):
+    """A frame as boxes, and what shall be seen of it.
+
+    Attributes
+    ----------
+    links, mates
+        Middles of the arms' shapes (l, 3) and points of grasps (m, 3), world, m.
+    placements, halves
+        Of boxes around shapes of bases and of the target, which hide what is behind them: to the world
+        (b, 4, 4), and half their edges (b, 3), m. What an arm hides of itself is left out: its links' boxes
+        reach into each other.
+    near
+        Distance up to which nothing hides anything, m.
+    """
+
+    links: Array
+    mates: Array
+    placements: Array
+    halves: Array
+    near: float
+
+    def seen(self, towards: Array) -> float:
+        """Share of links and of grasps, which count alike, that an eye there sees; 1 without any."""
+        shares = [
+            1 - self._hidden(points, towards).mean() for points in (self.links, self.mates) if len(points)
+        ]
+        return float(np.mean(shares)) if shares else 1.0
+
+    def _hidden(self, points: Array, towards: Array) -> Array:
+        """Whether a box lies between each point (k, 3) and the eye; one that holds the point does not."""
+        turned = self.placements[:, :3, :3].transpose(0, 2, 1)
+        start = np.einsum("bij,kbj->kbi", turned, points[:, None] - self.placements[:, :3, 3])
+        along = turned @ towards
+        along = np.where(np.abs(along) < 1e-12, 1e-12, along)
+        first, second = (-self.halves - start) / along, (self.halves - start) / along
+        enter, leave = np.minimum(first, second).max(axis=-1), np.maximum(first, second).min(axis=-1)
+        return np.asarray(((leave > np.maximum(enter, self.near)) & (enter > -self.near)).any(axis=-1))
+
+
+def _frame(motion: Motion, index: int) -> _Frame:
+    arms: list[tuple[Array, Array]] = []
+    others: list[tuple[Array, Array]] = []
+    for placement, node in zip(motion.placements(index), motion.nodes, strict=True):
+        (arms if _is_arm(node) else others).extend(_boxes(node, placement))
+    links, placements = (
+        np.array([placement for placement, _ in boxes]).reshape(-1, 4, 4) for boxes in (arms, others)
+    )
+    halves = np.array([half for _, half in others]).reshape(-1, 3)
+    size = 2 * float(np.linalg.norm(halves, axis=1).max(initial=0.0))
+    return _Frame(links[:, :3, 3], motion.mates[index], placements, halves, _NEAR * size)
+
+
+def _is_arm(node: Node) -> bool:
+    return node.body != "target" and not node.is_base
+
+
+def _boxes(node: Node, placement: Array) -> Sequence[tuple[Array, Array]]:
+    """Placement in the world and half the edges of a box around each shape of a node."""
+    found = []
+    for solid in node.solids:
+        around = corners(solid.geometry)
+        to_world = placement @ solid.placement
+        to_world[:3, 3] += to_world[:3, :3] @ around.mean(axis=0)
+        found.append((to_world, np.ptp(around, axis=0) / 2))
+    return found
