@@ -12,11 +12,12 @@ import numpy as np
 
 from spacerobot.compiled import Library
 from spacerobot.errors import CompileError
-from spacerobot.rollout.engines import Raw, StopFlag, make_job
+from spacerobot.rollout.engines import StopFlag, make_job
 from spacerobot.rollout.grid import TimeGrid
-from spacerobot.rollout.interpreted import Course, InterpretedEngine
+from spacerobot.rollout.interpreted import DiscreteTrajectory, InterpretedEngine
 from spacerobot.rollout.kernel import Kernel, sx_function
 from spacerobot.rollout.protocol import Array
+from spacerobot.rollout.raw import Raw
 from spacerobot.rollout.segments import FEWEST
 
 WHOLE_BYTES = 128 * 2**20
@@ -28,7 +29,7 @@ SEGMENT_BYTES = 2**20
 
 
 def adjoint_kernel(kernel: Kernel, wrt: Sequence[int]) -> Kernel:
-    """The kernel and the reverse of each of its functions, as ``rollout.hpp`` lists them.
+    """The kernel and the reverse of each of its functions, as ``loops/adjoint.hpp`` lists them.
 
     Parameters
     ----------
@@ -168,17 +169,16 @@ class InterpretedAdjoint:
         for i, row in enumerate(p):
             if stop.is_set:
                 return
-            course = engine.course(row, grid)
-            raw.done[i], raw.reached[i] = course.done, course.reached_s
-            if course.done == course.plan.steps:
-                raw.reached[i] = grid.time[-1]
-                raw.r[i] = engine.reduce(course, grid)
-                gradient[i] = self._back(row, seed[i], raw.r[i], course, grid)
+            path = engine.path(row, grid)
+            engine.note(path, raw.part(slice(i, i + 1)))
+            if path.whole:
+                raw.r[i] = engine.reduce(path)
+                gradient[i] = self._back(row, seed[i], raw.r[i], path, grid)
             raw.cost[i] = objective(raw.r[i], row).full().ravel()
 
-    def _back(self, p: Array, seed: Array, r: Array, course: Course, grid: TimeGrid) -> Array:
-        f, kernel, steps = self.kernel.functions, self.kernel, course.plan
-        x, c, m = course.x, course.c, course.m
+    def _back(self, p: Array, seed: Array, r: Array, path: DiscreteTrajectory, grid: TimeGrid) -> Array:
+        f, kernel, steps = self.kernel.functions, self.kernel, path.plan
+        x, c, m = path.x, path.c, path.m
         rbar, direct = (part.full().ravel() for part in f["objective_reverse"](r, p, seed))
         first, last = kernel.integrals, kernel.integrals + kernel.peaks
         when = m.argmax(axis=0) if kernel.peaks else np.empty(0, dtype=int)

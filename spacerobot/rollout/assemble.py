@@ -6,19 +6,21 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from spacerobot.rollout.engines import Engine, Raw
+from spacerobot.rollout.engines import Engine
 from spacerobot.rollout.grid import TimeGrid
 from spacerobot.rollout.kernel import Kernel
 from spacerobot.rollout.protocol import Array
-from spacerobot.rollout.trajectory import Batch, Gradient, Status, Trajectory, frozen
+from spacerobot.rollout.raw import CHATTERING, ENDED, Raw
+from spacerobot.rollout.trajectory import Batch, BatchEvents, Fired, Gradient, Status, Trajectory, frozen
 
 
-def trajectory_of(raw: Raw, kernel: Kernel, grid: TimeGrid, backend: str, wall_s: float) -> Trajectory:
-    """The only rollout of ``raw``, which holds every state and output; cut short where it diverged."""
-    done = int(raw.done[0])
+def trajectory_of(raw: Raw, kernel: Kernel, grid: TimeGrid, p: Array) -> Trajectory:
+    """The only rollout of ``raw``, which holds every state and output; cut short where it ended."""
+    done, ended = int(raw.done[0]), raw.fate[0] == ENDED
     (cause,) = kernel.closure.told(raw.gaps)
-    status: Status = "unclosed" if cause else "completed" if raw.completed(grid)[0] else "diverged"
-    samples = int(np.searchsorted(grid.time, raw.reached[0], side="right"))
+    lost: Status = "chattering" if raw.fate[0] == CHATTERING else "diverged"
+    status: Status = "unclosed" if cause else "completed" if raw.completed[0] else lost
+    samples = int(np.searchsorted(grid.time, raw.reached[0], side="left" if ended else "right"))
     state = np.empty((0, 0)) if raw.x is None else raw.x[0, :samples, : kernel.nx]
     y = np.empty((samples, 0)) if raw.y is None else raw.y[0, :samples]
     return Trajectory(
@@ -35,9 +37,37 @@ def trajectory_of(raw: Raw, kernel: Kernel, grid: TimeGrid, backend: str, wall_s
         diverged_at_s=None if status == "completed" else float(raw.reached[0]),
         steps=done,
         step_s=grid.step_s,
-        backend=backend,
-        wall_s=wall_s,
+        backend="",
+        wall_s=0.0,
         step_error=float("nan") if raw.error is None else float(raw.error[0]),
+        events=_fired(raw, kernel, p),
+        ended_at_s=float(raw.reached[0]) if ended else None,
+    )
+
+
+def _fired(raw: Raw, kernel: Kernel, p: Array) -> tuple[Fired, ...]:
+    """Events of the only rollout of ``raw``, which holds the states at them."""
+    if not kernel.events or raw.log.jump is None:
+        return ()
+    switches = kernel.functions["setup"](p)[1].full().ravel()[list(kernel.switches)]
+    found, jump = [], raw.log.jump[0, :, :, : kernel.nx]
+    for k, event in enumerate(raw.log.event[0, : raw.log.fired[0]]):
+        for place, on in kernel.events[event].sets:
+            switches[place] = on
+        before, after = (frozen(state.copy()) for state in jump[k])
+        found.append(Fired(float(raw.log.when[0, k]), int(event), before, after, frozen(switches.copy())))
+    return tuple(found)
+
+
+def _events_of(raw: Raw, kernel: Kernel) -> BatchEvents | None:
+    if not kernel.events:
+        return None
+    return BatchEvents(
+        count=frozen(raw.log.fired),
+        event=frozen(raw.log.event),
+        time_s=frozen(raw.log.when),
+        ended_at_s=frozen(np.where(raw.fate == ENDED, raw.reached, np.nan)),
+        chattering=frozen(raw.fate == CHATTERING),
     )
 
 
@@ -49,7 +79,7 @@ def batch_of(
     return Batch(
         costs={name: frozen(raw.cost[:, i]) for i, name in enumerate(kernel.costs)},
         measures={name: frozen(raw.r[:, where]) for name, where in kernel.measures.items()},
-        diverged_at_s=diverged_at(raw, grid),
+        diverged_at_s=diverged_at(raw),
         unclosed=kernel.closure.told(raw.gaps),
         gaps=gaps_of(raw, kernel),
         done=raw.done >= 0,
@@ -60,11 +90,12 @@ def batch_of(
         lanes=engine.lanes,
         threads=threads,
         wall_s=wall_s,
+        events=_events_of(raw, kernel),
     )
 
 
 def gradient_of(
-    raw: Raw, gradient: Array, kernel: Kernel, grid: TimeGrid, paths: Sequence[str], costs: Sequence[str]
+    raw: Raw, gradient: Array, kernel: Kernel, paths: Sequence[str], costs: Sequence[str]
 ) -> Gradient:
     """Gradients of shape (N, len(costs), k), flattened to (N len(costs), k) as ``raw`` is, by cost."""
     every = len(costs)
@@ -73,7 +104,7 @@ def gradient_of(
         costs={name: frozen(raw.cost[::every, kernel.costs.index(name)]) for name in costs},
         gradients={name: frozen(gradient[i::every]) for i, name in enumerate(costs)},
         measures={name: frozen(raw.r[::every, where]) for name, where in kernel.measures.items()},
-        diverged_at_s=diverged_at(raw, grid)[::every],
+        diverged_at_s=diverged_at(raw)[::every],
         unclosed=kernel.closure.told(raw.gaps[::every]),
         gaps={name: frozen(gap[::every]) for name, gap in gaps_of(raw, kernel).items()},
         backend="",
@@ -86,9 +117,9 @@ def gaps_of(raw: Raw, kernel: Kernel) -> dict[str, Array]:
     return {name: frozen(gap) for name, gap in zip(kernel.closure.largest, raw.gaps.T, strict=True)}
 
 
-def diverged_at(raw: Raw, grid: TimeGrid) -> Array:
+def diverged_at(raw: Raw) -> Array:
     """Time of the last good state of each rollout that diverged, 0 if it did not begin, NaN elsewhere."""
-    lost = (raw.done >= 0) & ~raw.completed(grid)
+    lost = (raw.done >= 0) & ~raw.completed
     return frozen(np.where(lost, raw.reached, np.nan))
 
 

@@ -5,17 +5,18 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 
 from spacerobot.compiled import usable_cores
 from spacerobot.rollout.adjoint import AdjointEngine
-from spacerobot.rollout.engines import Engine, Raw, StopFlag
+from spacerobot.rollout.engines import Engine, StopFlag
 from spacerobot.rollout.grid import TimeGrid
 from spacerobot.rollout.kernel import Kernel
 from spacerobot.rollout.protocol import Array
+from spacerobot.rollout.raw import MOST_EVENTS, Raw
 
 TASK_STEPS = 20_000
 """Most steps of a task, over its groups: long enough to hide Python, short enough to report and cancel."""
@@ -62,6 +63,22 @@ class Done:
     wall_s: float
 
 
+def run_one(engine: Engine, grid: TimeGrid, p: Array, estimate: bool) -> Raw:
+    """One rollout of parameters p (np,) with every state and output, and the states at all of its events."""
+    outputs = range(engine.kernel.size("outputs", "y"))
+    raw = Raw.empty(engine.kernel, grid, 1, True, outputs)
+    raw = replace(raw, error=np.zeros(1)) if estimate else raw
+    most = MOST_EVENTS if engine.kernel.events else 0
+    while True:  # once more where there were more events than room for them
+        raw = raw.with_events(most)
+        engine.rollouts(p[None, :], grid, raw, outputs, StopFlag())
+        if raw.log.fired[0] <= most:
+            break
+        most = int(raw.log.fired[0])
+    raw.judge_start(engine.kernel.closure, p[None, :])
+    return raw
+
+
 def run_batch(
     engine: Engine,
     grid: TimeGrid,
@@ -89,7 +106,7 @@ def run_batch(
     count = _threads(engine.backend, threads)
     pieces = fair_pieces(total, engine.lanes, max(1, TASK_STEPS // grid.steps), count)
     seconds = run_tasks(work, pieces, total, count, flag, progress, stop)
-    raw.cost[~raw.completed(grid)] = np.nan
+    raw.cost[~raw.completed] = np.nan
     return Done(raw, count, seconds)
 
 
@@ -116,7 +133,7 @@ def run_gradients(
 
     count = _threads(engine.backend, threads)
     run_tasks(work, fair_pieces(len(p), engine.lanes, 1, count), len(p), count, flag, progress, stop)
-    lost = ~raw.completed(grid)
+    lost = ~raw.completed
     raw.cost[lost], gradient[lost] = np.nan, np.nan
     return raw, gradient
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from importlib import resources
 from typing import Any, Protocol
@@ -12,81 +12,10 @@ import numpy as np
 import numpy.typing as npt
 
 from spacerobot.compiled import Library, Toolchain, compile_functions
-from spacerobot.rollout.closure import Closure
 from spacerobot.rollout.grid import TimeGrid
 from spacerobot.rollout.kernel import Kernel
 from spacerobot.rollout.protocol import Array
-
-
-@dataclass(frozen=True)
-class Raw:
-    """Arrays that an engine fills, one row for each rollout.
-
-    Attributes
-    ----------
-    x, y
-        Samples of the state (N, nt, nx) and of outputs (N, nt, rows), None if not asked for; NaN after
-        divergence.
-    r, cost
-        Measures (N, nr) and costs (N, nj).
-    done
-        Good steps, shape (N,); -1 for a rollout that did not run.
-    reached
-        Time of the last good state in s, shape (N,); that of the last sample if the rollout completed.
-    gaps
-        Initial gaps of grasps that may begin open (N, n) [m].
-    error
-        Largest estimate of a step's error, shape (N,), None if not asked for.
-    """
-
-    x: Array | None
-    y: Array | None
-    r: Array
-    cost: Array
-    done: npt.NDArray[np.int64]
-    reached: Array
-    gaps: Array
-    error: Array | None = None
-
-    @classmethod
-    def empty(cls, kernel: Kernel, grid: TimeGrid, count: int, states: bool, rows: Sequence[int]) -> Raw:
-        """Arrays full of NaN for so many rollouts, the error not asked for."""
-        samples = grid.intervals + 1
-        nx, nr, nj = kernel.nx + kernel.integrals, kernel.size("objective", "r"), len(kernel.costs)
-        return cls(
-            np.full((count, samples, nx), np.nan) if states else None,
-            np.full((count, samples, len(rows)), np.nan) if len(rows) else None,
-            np.full((count, nr), np.nan),
-            np.full((count, nj), np.nan),
-            np.full(count, -1, dtype=np.int64),
-            np.full(count, np.nan),
-            np.full((count, len(kernel.closure.largest)), np.nan),
-        )
-
-    def part(self, rows: slice) -> Raw:
-        """View of some rollouts."""
-        x = None if self.x is None else self.x[rows]
-        y = None if self.y is None else self.y[rows]
-        error = None if self.error is None else self.error[rows]
-        own = (self.r[rows], self.cost[rows], self.done[rows], self.reached[rows], self.gaps[rows])
-        return Raw(x, y, *own, error)
-
-    def completed(self, grid: TimeGrid) -> npt.NDArray[np.bool_]:
-        """Which rollouts reached the end, shape (N,)."""
-        return np.asarray(self.reached == grid.time[-1])
-
-    def judge_start(self, closure: Closure, p: Array) -> None:
-        """Note the gaps of rollouts of p (N, np); of one that begins open only its initial state is left."""
-        self.gaps[:] = closure.measure(p)
-        lost = closure.is_open(self.gaps) & (self.done >= 0)
-        self.done[lost], self.reached[lost], self.r[lost], self.cost[lost] = 0, 0.0, np.nan, np.nan
-        for samples in (self.x, self.y):
-            if samples is not None:
-                samples[lost, 1:] = np.nan
-
-    def count(self, rows: slice) -> int:
-        """How many of some rollouts ran."""
-        return int((self.done[rows] >= 0).sum())
+from spacerobot.rollout.raw import Raw
 
 
 class StopFlag:
@@ -146,6 +75,13 @@ class _Job(ctypes.Structure):
         ("error", ctypes.c_void_p),
         ("reached", ctypes.c_void_p),
         ("done", ctypes.c_void_p),
+        ("fate", ctypes.c_void_p),
+        ("most", ctypes.c_int64),
+        ("fired", ctypes.c_void_p),
+        ("event", ctypes.c_void_p),
+        ("when", ctypes.c_void_p),
+        ("jump", ctypes.c_void_p),
+        ("doubt", ctypes.c_void_p),
         ("stop", ctypes.c_void_p),
     )
 
@@ -177,24 +113,48 @@ def compile_kernel(
     progress
         As for :func:`compile_functions`.
     """
-    loops = resources.files("spacerobot.rollout").joinpath("rollout.hpp").read_text(encoding="utf-8")
-    tail = "\n".join([*_facts(kernel, adjoint), kernel.method.source(), loops])
+    folder = resources.files("spacerobot.rollout").joinpath("loops")
+    names = ["steps", *["events"] * bool(kernel.events), "forward", *["adjoint"] * adjoint]
+    loops = [folder.joinpath(f"{name}.hpp").read_text(encoding="utf-8") for name in names]
+    tail = "\n".join([*_facts(kernel), kernel.method.source(), *loops])
     cold = set(kernel.functions) - HOT
     return compile_functions(
         kernel.functions, lanes=lanes, cold=cold, tail=tail, toolchain=toolchain, progress=progress
     )
 
 
-def _facts(kernel: Kernel, adjoint: bool) -> list[str]:
+def _facts(kernel: Kernel) -> list[str]:
     """What the loops must know of a kernel before they are compiled."""
-    lines = [f"#define INTEGRALS {kernel.integrals}", f"#define PEAKS {kernel.peaks}"]
-    lines += [f"#define JUMPS {len(kernel.jumps)}"] + ["#define ADJOINT"] * adjoint
+    sizes = {
+        "INTEGRALS": kernel.integrals,
+        "PEAKS": kernel.peaks,
+        "JUMPS": len(kernel.jumps),
+        "EVENTS": len(kernel.events),
+        "SWITCHES": len(kernel.switches),
+        "FINES": len(kernel.fine),
+    }
+    lines = [f"#define {name} {size}" for name, size in sizes.items()]
     if kernel.rate is not None:
         lines.append(f"#define RATE {kernel.rate}")
-    places = {"JUMP": kernel.jumps, "JUMP_BAR": kernel.jump_bars, "JUMP_SLOPE": kernel.jump_slopes}
-    for name, found in places.items():
-        lines.append(f"static const int {name}[] = {{{', '.join(map(str, [*found, -1]))}}};")
-    return lines
+    sets = [{place: int(on) for place, on in event.sets} for event in kernel.events]
+    numbers: dict[str, Iterable[float]] = {
+        "int JUMP": kernel.jumps,
+        "int JUMP_BAR": kernel.jump_bars,
+        "int JUMP_SLOPE": kernel.jump_slopes,
+        "int SWITCH": kernel.switches,
+        "int ENDS": [event.ends for event in kernel.events],
+        "int FINE": [place for place, _ in kernel.fine],
+        "double FINE_STEP": [step_s for _, step_s in kernel.fine],
+    }
+    lines += [f"static const {name}[] = {{{_listed(found)}}};" for name, found in numbers.items()]
+    rows = [_listed(row.get(place, -1) for place in range(len(kernel.switches))) for row in sets]
+    table = ", ".join(f"{{{row}}}" for row in [*rows, "-1"])
+    return [*lines, f"static const int SETS[][SWITCHES + 1] = {{{table}}};"]
+
+
+def _listed(numbers: Iterable[float]) -> str:
+    """Numbers as an initialiser, with one more, since an array has at least one."""
+    return ", ".join(repr(number + 0) for number in [*numbers, -1])
 
 
 @dataclass(frozen=True)
@@ -243,6 +203,13 @@ def make_job(
         address(raw.error),
         address(raw.reached),
         address(raw.done),
+        address(raw.fate),
+        raw.log.event.shape[1],
+        address(raw.log.fired),
+        address(raw.log.event),
+        address(raw.log.when),
+        address(raw.log.jump),
+        address(raw.log.doubt),
         stop.address,
     )
     return job, keep

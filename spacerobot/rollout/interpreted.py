@@ -10,17 +10,19 @@ from itertools import pairwise
 import casadi as ca
 import numpy as np
 
-from spacerobot.rollout.engines import Raw, StopFlag
+from spacerobot.rollout.engines import StopFlag
 from spacerobot.rollout.grid import TimeGrid
+from spacerobot.rollout.hybrid import Happening, HybridRun
 from spacerobot.rollout.kernel import Kernel
 from spacerobot.rollout.protocol import Array
+from spacerobot.rollout.raw import COMPLETED, DIVERGED, ENDED, Raw
 from spacerobot.rollout.segments import Plan, plan
 
 BLOCK = 64  # steps that CasADi's virtual machine does between two looks from Python
 
 
 @dataclass(frozen=True)
-class Course:
+class DiscreteTrajectory:
     """One rollout.
 
     Attributes
@@ -37,6 +39,16 @@ class Course:
         Estimate of each step's error in each state, shape (K, nx), zero if not asked for.
     done
         Good steps.
+    shown
+        Constants that samples are seen with, one row for each sample that was reached.
+    end_s
+        Time of the last good state.
+    fate
+        How it ended.
+    happenings, cut
+        Events, and which steps were cut short, shape (K,) or empty.
+    doubt
+        Why derivatives may not hold, and at which event; zero where they do.
     """
 
     plan: Plan
@@ -45,11 +57,17 @@ class Course:
     m: Array
     error: Array
     done: int
+    shown: Array
+    end_s: float
+    fate: int
+    happenings: tuple[Happening, ...] = ()
+    cut: Sequence[bool] = ()
+    doubt: tuple[int, int] = (0, 0)
 
     @property
-    def reached_s(self) -> float:
-        """Time of the last good state."""
-        return float(np.append(self.plan.t, self.plan.t[-1] + self.plan.h[-1])[self.done])
+    def whole(self) -> bool:
+        """Whether it came to its end."""
+        return self.fate in (COMPLETED, ENDED)
 
 
 @dataclass(frozen=True)
@@ -67,10 +85,12 @@ class InterpretedEngine:
                 return
             self._one(row, grid, raw.part(slice(i, i + 1)), rows)
 
-    def course(self, p: Array, grid: TimeGrid, *, estimate: bool = False) -> Course:
+    def path(self, p: Array, grid: TimeGrid, *, estimate: bool = False) -> DiscreteTrajectory:
         """One rollout, with its error estimated or zero."""
         kernel = self.kernel
         begin, c = (part.full().ravel() for part in kernel.functions["setup"](p))
+        if kernel.events:
+            return self._hybrid(HybridRun(self, grid, begin, c, estimate))
         times = c[list(kernel.jumps)]
         steps = plan(grid, times)
         sides = _sides(c, kernel.jumps, times, steps)
@@ -85,7 +105,7 @@ class InterpretedEngine:
                 dt[None, part],
                 dh[None, part],
             )
-            found = self._steps(n, estimate)(*inputs, sides[k])
+            found = self.steps(n, estimate)(*inputs, sides[k])
             path, m, error = (value.full().T for value in found)
             with np.errstate(over="ignore", invalid="ignore"):
                 good = np.sum(((path - begin) * kernel.scale) ** 2, axis=1) < 1  # false for a NaN as well
@@ -98,7 +118,31 @@ class InterpretedEngine:
                 break
         x, c = np.concatenate(states), sides[: done + 1]
         last = kernel.functions["dynamics"](grid.time[-1], x[-1], c[-1])[1].full().T
-        return Course(steps, c, x, np.concatenate([*peaks, last])[: done + 1], np.concatenate(errors), done)
+        m, error = np.concatenate([*peaks, last])[: done + 1], np.concatenate(errors)
+        at = steps.sampled[steps.sampled <= done]
+        shown = c[np.maximum(at - 1, 0)]  # a sample on a jump shows what led up to it
+        whole = done == steps.steps
+        end_s = float(grid.time[-1] if whole else steps.t[done])
+        return DiscreteTrajectory(steps, c, x, m, error, done, shown, end_s, COMPLETED if whole else DIVERGED)
+
+    def _hybrid(self, run: HybridRun) -> DiscreteTrajectory:
+        """A rollout with events."""
+        run.run()
+        last = self.kernel.functions["dynamics"](run.end_s, run.x, run.c)[1].full().ravel()
+        return DiscreteTrajectory(
+            plan=run.plan,
+            c=np.array([*run.constants, run.c]),
+            x=np.array([*run.states, run.x]),
+            m=np.array([*run.peaks, last]),
+            error=np.array(run.errors).reshape(-1, len(run.x)),
+            done=len(run.rows),
+            shown=np.array(run.shown),
+            end_s=run.end_s,
+            fate=run.fate,
+            happenings=tuple(run.happenings),
+            cut=run.cut,
+            doubt=run.doubt,
+        )
 
     def _moved(self, c: Array, steps: Plan) -> tuple[Array, Array]:
         """Derivatives of each step's beginning and length along the direction of a sensitivity."""
@@ -110,29 +154,36 @@ class InterpretedEngine:
         return begin + steps.index * dh, dh
 
     def _one(self, p: Array, grid: TimeGrid, raw: Raw, rows: Sequence[int]) -> None:
-        course = self.course(p, grid, estimate=raw.error is not None)
-        done, sampled = course.done, course.plan.sampled
-        at = sampled[sampled <= done]
+        path = self.path(p, grid, estimate=raw.error is not None)
+        at = path.plan.sampled[: len(path.shown)]
         if raw.x is not None:
-            raw.x[0, : len(at)] = course.x[at]
+            raw.x[0, : len(at)] = path.x[at]
         if raw.y is not None:
-            sides = course.c[np.maximum(at - 1, 0)].T  # a sample on a jump shows what led up to it
-            y = self.kernel.functions["outputs"](grid.time[None, : len(at)], course.x[at].T, sides)
+            y = self.kernel.functions["outputs"](grid.time[None, : len(at)], path.x[at].T, path.shown.T)
             raw.y[0, : len(at)] = y.full().T[:, list(rows)]
         if raw.error is not None:
-            size = np.maximum(1.0, np.abs(course.x).max(axis=0))
-            raw.error[0] = (course.error.max(axis=0, initial=0.0) / size)[: self.kernel.nx].max()
-        raw.done[0], raw.reached[0] = done, course.reached_s
-        if done == course.plan.steps:
-            raw.reached[0] = grid.time[-1]
-            raw.r[0] = self.reduce(course, grid)
+            size = np.maximum(1.0, np.abs(path.x).max(axis=0))
+            raw.error[0] = (path.error.max(axis=0, initial=0.0) / size)[: self.kernel.nx].max()
+        self.note(path, raw)
+        if path.whole:
+            raw.r[0] = self.reduce(path)
         raw.cost[0] = self.kernel.functions["objective"](raw.r[0], p).full().ravel()
 
-    def reduce(self, course: Course, grid: TimeGrid) -> Array:
+    def note(self, path: DiscreteTrajectory, raw: Raw) -> None:
+        """Write down how the only rollout of ``raw`` went, and its events."""
+        raw.done[0], raw.reached[0], raw.fate[0] = path.done, path.end_s, path.fate
+        log, first = raw.log, path.happenings[: raw.log.event.shape[1]]
+        log.fired[0], log.doubt[0] = len(path.happenings), path.doubt
+        for k, here in enumerate(first):
+            log.event[0, k], log.when[0, k] = here.event, here.time_s
+            if log.jump is not None:
+                log.jump[0, k] = here.before, here.after
+
+    def reduce(self, path: DiscreteTrajectory) -> Array:
         """Measures r of a completed rollout."""
-        x, c = course.x[-1], course.c[-1]
-        e = self.kernel.functions["final"](grid.time[-1], x, c).full().ravel()
-        return np.concatenate([x[self.kernel.nx :], self._winners(course.m), e])
+        x, c = path.x[-1], path.c[-1]
+        e = self.kernel.functions["final"](path.end_s, x, c).full().ravel()
+        return np.concatenate([x[self.kernel.nx :], self._winners(path.m), e])
 
     def _winners(self, m: Array) -> Array:
         """Largest values of the first rows of m, and what goes along with them."""
@@ -186,7 +237,7 @@ class InterpretedEngine:
     def _made(self) -> dict[tuple[int, bool], ca.Function]:
         return {}
 
-    def _steps(self, n: int, estimate: bool) -> ca.Function:
+    def steps(self, n: int, estimate: bool) -> ca.Function:
         """So many steps with the same constants: states, peak quantities and errors."""
         if (n, estimate) not in self._made:
             self._made[n, estimate] = self._step(estimate).mapaccum("steps", n)

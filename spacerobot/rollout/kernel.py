@@ -12,7 +12,7 @@ import numpy as np
 from spacerobot.rollout.closure import Closure
 from spacerobot.rollout.measures import Measures, Signals
 from spacerobot.rollout.methods import DEFAULT, METHODS, Tableau
-from spacerobot.rollout.protocol import Array, ClosedLoopFunctions
+from spacerobot.rollout.protocol import Array, ClosedLoopFunctions, EventRule
 
 POSITION_LIMIT = VELOCITY_LIMIT = 1e6
 CONTROLLER_LIMIT = 1e12
@@ -25,8 +25,8 @@ class Kernel:
     Attributes
     ----------
     functions
-        ``setup``, ``dynamics``, ``normalise``, ``outputs``, ``final`` and ``objective``, as ``rollout.hpp``
-        lists them.
+        ``setup``, ``dynamics``, ``normalise``, ``outputs``, ``final`` and ``objective``, and ``guards`` and
+        ``update`` where there are events, as ``loops/steps.hpp`` lists them.
     nx
         Length of the closed loop's state; integrals follow it.
     integrals, peaks
@@ -43,6 +43,9 @@ class Kernel:
         What integrates.
     jumps
         Places in c of the times at which the dynamics jump.
+    switches, events, fine
+        Places in c of the switches; the events; positions in ``switches`` with the longest step [s] while
+        each is on.
     jump_bars
         Adjoint: their places in cbar, -1 for one that the wanted parameters do not move.
     jump_slopes, rate
@@ -61,6 +64,9 @@ class Kernel:
     closure: Closure
     method: Tableau
     jumps: tuple[int, ...]
+    switches: tuple[int, ...] = ()
+    events: tuple[EventRule, ...] = ()
+    fine: tuple[tuple[int, float], ...] = ()
     jump_bars: tuple[int, ...] = ()
     jump_slopes: tuple[int, ...] = ()
     rate: int | None = None
@@ -120,6 +126,8 @@ def build_kernel(
         "outputs": sx_function("outputs", at, {"y": ca.vertcat(*y)}),
         "final": sx_function("final", at, {"e": stacked(measures.of_kind("final"))}),
     }
+    if loop.events:
+        functions |= _hybrid(loop, at)
     functions["objective"], costs = _objective(measures, loop.parameter_paths, p)
     sizes = {name: loop.outputs.numel_out(name) for name in names}
     return Kernel(
@@ -134,7 +142,23 @@ def build_kernel(
         Closure(loop.gaps, loop.max_gaps),
         method,
         tuple(loop.jumps),
+        tuple(loop.switches),
+        tuple(loop.events),
+        tuple(loop.fine),
     )
+
+
+def _hybrid(loop: ClosedLoopFunctions, at: Mapping[str, ca.SX]) -> dict[str, ca.Function]:
+    """Guards and updates, which leave integrals as they are."""
+    t, x, c = at.values()
+    nx, nc = loop.dynamics.numel_in(1), loop.setup.numel_out(1)
+    xdot, e = ca.SX.sym("xdot", x.numel()), ca.SX.sym("e")
+    g, rate = loop.guards(t, x[:nx], c[:nc], xdot[:nx])
+    after = ca.vertcat(loop.update(t, x[:nx], c[:nc], e), x[nx:])
+    return {
+        "guards": sx_function("guards", {**at, "xdot": xdot}, {"g": g, "rate": rate}),
+        "update": sx_function("update", {**at, "e": e}, {"x_after": after}),
+    }
 
 
 def _setup(loop: ClosedLoopFunctions, p: ca.SX, integrals: int, used: Sequence[str]) -> ca.Function:

@@ -12,8 +12,7 @@ import numpy.typing as npt
 
 from spacerobot.errors import SpaceRobotError, near_names
 from spacerobot.rollout.assemble import batch_of, gradient_of, split, trajectory_of
-from spacerobot.rollout.batch import Progress, Stop, run_batch, run_gradients
-from spacerobot.rollout.engines import Raw, StopFlag
+from spacerobot.rollout.batch import Progress, Stop, run_batch, run_gradients, run_one
 from spacerobot.rollout.factory import Engines
 from spacerobot.rollout.grid import TimeGrid, time_grid
 from spacerobot.rollout.kernel import Kernel
@@ -177,12 +176,9 @@ class Rollout:
         """
         begin = time.perf_counter()
         p = self.values(parameters)
-        outputs = range(self.kernel.size("outputs", "y"))
-        raw = Raw.empty(self.kernel, self.grid, 1, True, outputs)
-        raw = replace(raw, error=np.zeros(1)) if estimate else raw
-        self.engines.single.rollouts(p[None, :], self.grid, raw, outputs, StopFlag())
-        raw.judge_start(self.kernel.closure, p[None, :])
-        return trajectory_of(raw, self.kernel, self.grid, self.backend, time.perf_counter() - begin)
+        raw = run_one(self.engines.single, self.grid, p, estimate)
+        found = trajectory_of(raw, self.kernel, self.grid, p)
+        return replace(found, backend=self.backend, wall_s=time.perf_counter() - begin)
 
     def batch(
         self,
@@ -388,7 +384,7 @@ class Rollout:
         raw, gradient = run_gradients(
             engine, self.kernel, self.grid, rows, seed, len(wrt), threads, progress, stop
         )
-        found = gradient_of(raw, gradient, self.kernel, self.grid, wrt, wanted)
+        found = gradient_of(raw, gradient, self.kernel, wrt, wanted)
         return replace(found, backend=engine.backend, wall_s=time.perf_counter() - begin)
 
     def _output_rows(self, outputs: Sequence[str]) -> list[int]:

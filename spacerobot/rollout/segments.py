@@ -1,7 +1,7 @@
 """Steps of one rollout: segments between samples and jumps, cut into equal steps.
 
-``rollout.hpp`` does the same for each lane; here it is written for the interpreted engine and for integrators
-that only need to know where to stop.
+``loops/steps.hpp`` does the same for each lane; here it is written for the interpreted engine and for
+integrators that only need to know where to stop.
 """
 
 from __future__ import annotations
@@ -16,6 +16,9 @@ import numpy.typing as npt
 
 from spacerobot.rollout.grid import ROUNDING, TimeGrid
 from spacerobot.rollout.protocol import Array
+
+HERE = -2
+"""What a segment begins at that an event began; see :class:`Plan`."""
 
 FEWEST = 8
 """Steps at least of what begins and ends with a jump within a sample interval: a motion of its own."""
@@ -89,7 +92,8 @@ class Plan:
     index, number
         Which of how many of its segment each is, shape (K,).
     first, last
-        The jump that its segment begins and ends at, -1 for none, shape (K,).
+        The jump that its segment begins and ends at, -1 for none, shape (K,); :data:`HERE` where it begins
+        with an event.
     sampled
         Steps done at each sample, shape (samples,).
     """

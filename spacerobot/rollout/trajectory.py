@@ -4,14 +4,62 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from spacerobot.rollout.protocol import Array
 
-Status = Literal["completed", "diverged", "unclosed"]
+Status = Literal["completed", "diverged", "unclosed", "chattering"]
+Integers = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Fired:
+    """An event of a rollout. Every array is read-only.
+
+    Attributes
+    ----------
+    time_s
+        When it was [s].
+    event
+        Which, as a place in the closed loop's ``events``.
+    before, after
+        States before and after it, shape (nx,).
+    switches
+        Values of the closed loop's switches after it, 0 or 1, shape (ns,).
+    """
+
+    time_s: float
+    event: int
+    before: Array
+    after: Array
+    switches: Array
+
+
+@dataclass(frozen=True)
+class BatchEvents:
+    """Events of many rollouts. Every array is read-only.
+
+    Attributes
+    ----------
+    count
+        How many each had, shape (N,).
+    event, time_s
+        Which, as places in the closed loop's ``events``, and when [s], shape (N, most): the first ones of
+        each in turn; -1 and NaN beyond its last.
+    ended_at_s
+        When an event ended the rollout, shape (N,); NaN where none did.
+    chattering
+        Which rollouts had too many events in too short a time, shape (N,). They count as diverged then.
+    """
+
+    count: Integers
+    event: Integers
+    time_s: Array
+    ended_at_s: Array
+    chattering: npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -21,7 +69,7 @@ class Trajectory:
     Attributes
     ----------
     time
-        Sample times in s, shape (nt,); cut short where the rollout diverged.
+        Sample times in s, shape (nt,); cut short where the rollout diverged or an event ended it.
     state
         x = (q, v, z) at the samples, shape (nt, nx).
     outputs
@@ -32,7 +80,7 @@ class Trajectory:
         Named costs of the rollout, NaN if it diverged.
     status
         ``diverged`` if a state left its bounds or was no number, ``unclosed`` if a grasp did not close at the
-        start.
+        start, ``chattering`` if too many events came in too short a time.
     cause
         Which grasp did not close, and its gap; else empty.
     diverged_at_s
@@ -46,6 +94,10 @@ class Trajectory:
     step_error
         Largest estimate of a single step's error in any state, relative to that state's largest value where
         it is above one; NaN if it was not asked for.
+    events
+        The events that fired, in turn.
+    ended_at_s
+        When an event ended the rollout [s]; None if none did.
     """
 
     time: Array
@@ -61,6 +113,8 @@ class Trajectory:
     wall_s: float
     step_error: float = float("nan")
     cause: str = ""
+    events: tuple[Fired, ...] = ()
+    ended_at_s: float | None = None
 
     def __repr__(self) -> str:
         """How it ended and how large it is, in one line."""
@@ -96,6 +150,8 @@ class Batch:
         What ran.
     wall_s
         Time it took.
+    events
+        Events of each rollout; None where the closed loop has none.
     """
 
     costs: Mapping[str, Array]
@@ -111,6 +167,7 @@ class Batch:
     lanes: int
     threads: int
     wall_s: float
+    events: BatchEvents | None = None
 
     def __repr__(self) -> str:
         """How many rollouts, how they ended and what they gave, in one line."""
@@ -216,7 +273,10 @@ class Slopes:
     wall_s: float
 
 
-def frozen(array: npt.NDArray[np.float64]) -> Array:
+Kind = TypeVar("Kind", bound=np.generic)
+
+
+def frozen(array: npt.NDArray[Kind]) -> npt.NDArray[Kind]:
     """The array, made read-only."""
     array.setflags(write=False)
     return array

@@ -1,0 +1,150 @@
+// Reverse of every function above; the seeds and results carry the name of what they belong to with a bar, and
+// cbar has only the NW constants that the wanted parameters reach:
+//
+//   dynamics_reverse(t, x, c, vbar -> xbar, cbar, tbar)    peaks_reverse(t, x, c, mbar -> xbar, cbar, tbar)
+//   normalise_reverse(x, nbar -> xbar)                     final_reverse(t, x, c, ebar -> xbar, cbar, tbar)
+//   objective_reverse(r, p, Jbar -> rbar, pbar)            setup_reverse(p, xbar, cbar -> pbar)
+//
+// MOVING tells whether the wanted parameters move a jump; tbar is empty otherwise, and always that of final_reverse.
+// JUMP_BAR holds the places of the jumps in cbar, -1 for one that stays.
+enum { NW = G::dynamics_reverse_cbar, NG = G::setup_reverse_pbar, MOVING = G::dynamics_reverse_tbar };
+
+struct AdjointJob {
+  const double* seed;  // (count, NJ), the weight of each cost
+  double* gradient;    // (count, NG)
+  int64_t segment;     // steps between checkpoints
+};
+
+// What flows back.
+struct Bars {
+  real x[NX], c[NW + 1], t, h;
+};
+
+INLINE void accumulate(real* sum, const real* part, int n) {
+  for (int i = 0; i < n; ++i) sum[i] = sum[i] + part[i];
+}
+
+// Through the stages from S down to the first; `sum` is the bar of the solution before it is normalised, `stage` has
+// room for those of the stages' states.
+template <int S>
+INLINE void stages_reverse(const Record& past, const real* c, const real* sum, real* stage, Bars& bar) {
+  if constexpr (S >= 0) {
+    real x[NX], seed[NX], part[NW + 1], tbar[2];
+    const real h = past.step.h, t[1] = {past.step.t + M::C[S] * h}, *k = past.slope + S * NX;
+    real length = 0.;
+    for (int i = 0; i < NX; ++i) {
+      real total = M::B[S] * sum[i];
+#pragma GCC unroll 16
+      for (int j = S + 1; j < M::STAGES; ++j)
+        if (M::A[j][S] != 0) total = total + M::A[j][S] * stage[j * NX + i];
+      if (MOVING) length = length + total * k[i];
+      seed[i] = h * total;
+    }
+    if (S > 0) combine<S, false>(h, past.x, past.slope, x);
+    G::dynamics_reverse(t, S > 0 ? x : past.x, c, seed, stage + S * NX, part, tbar);
+    accumulate(bar.x, stage + S * NX, NX);
+    accumulate(bar.c, part, NW);
+    if (MOVING) bar.t = bar.t + tbar[0], bar.h = bar.h + length + M::C[S] * tbar[0];
+    stages_reverse<S - 1>(past, c, sum, stage, bar);
+  }
+}
+
+// bar.x at the end of a step becomes bar.x at its beginning; a lane that waited keeps it.
+static void step_reverse(const Record& past, const real* c, Bars& bar) {
+  real sum[NX], raw[NX], stage[M::STAGES * NX], kept[NX];
+  combine<SOLUTION, false>(past.step.h, past.x, past.slope, raw);
+  G::normalise_reverse(raw, bar.x, sum);
+  for (int i = 0; i < NX; ++i) {
+    kept[i] = bar.x[i];
+    bar.x[i] = sum[i] = select(past.step.busy, sum[i], 0.);
+  }
+  stages_reverse<M::STAGES - 1>(past, c, sum, stage, bar);
+  for (int i = 0; i < NX; ++i) bar.x[i] = select(past.step.busy, bar.x[i], kept[i]);
+}
+
+// Seeds of the peaks that were met at step k.
+static void peaks_reverse(int64_t k, real t, const Trajectory& at, const real* x, const real* rbar, Bars& bar) {
+  real seed[PEAKS + 1], xpart[NX], cpart[NW + 1], tpart[2], here = 0.;
+  for (int i = 0; i < PEAKS; ++i) {
+    const real met = at.when[i] == real(double(k));
+    seed[i] = select(met, rbar[INTEGRALS + i], 0.);
+    here = here || met;
+  }
+  if (!any(here)) return;
+  const real instant[1] = {t};
+  G::peaks_reverse(instant, x, at.c, seed, xpart, cpart, tpart);
+  accumulate(bar.x, xpart, NX);
+  accumulate(bar.c, cpart, NW);
+  if (MOVING) bar.t = bar.t + tpart[0];
+}
+
+// From a step's beginning and length to the jumps at the ends of its segment; the sides of a jump that it began at go
+// back with it.
+static void ends_reverse(const Step& s, Trajectory& at, Bars& bar) {
+  for (int l = 0; JUMPS && l < LANES; ++l) {
+    const int from = int(lane(s.from, l)), to = int(lane(s.to, l));
+    if (lane(s.busy, l) == 0 || (from < 0 && to < 0)) continue;
+    const double t = lane(bar.t, l), share = (lane(bar.h, l) + lane(s.index, l) * t) / lane(s.number, l);
+    if (MOVING && from >= 0 && JUMP_BAR[from] >= 0) lane(bar.c[JUMP_BAR[from]], l) += t - share;
+    if (MOVING && to >= 0 && JUMP_BAR[to] >= 0) lane(bar.c[JUMP_BAR[to]], l) += share;
+    if (from >= 0 && lane(s.index, l) == 0) lane(at.c[JUMP[from]], l) = INFINITY;
+  }
+  bar.t = bar.h = 0.;
+}
+
+// Do the steps of a segment of the tape once more, from where it began.
+static void again(const Job& job, Trajectory& at, const Position& begin, Record* tape, int64_t number) {
+  real m[NM + 1], next[NX], c[NC + 1];
+  at.now = begin;
+  for (int l = 0; l < LANES; ++l) set_sides(at, l);
+  for (int64_t k = 0; k < number; ++k) {
+    ready(job, at);  // a checkpoint was taken when a step was ready
+    record_step(tape[k], at, m, next);
+    std::memcpy(c, at.c, sizeof c);
+    settle(job, at, tape[k].slope, next, &tape[k], true);
+  }
+  std::memcpy(at.c, c, sizeof c);  // the sides of jumps during the last step, where the sweep back goes on
+}
+
+extern "C" int64_t gradients(const Job* given, const AdjointJob* adjoint) {
+  const Job& job = *given;
+  const int64_t segment = adjoint->segment;
+  std::unique_ptr<Record[]> tape(new (std::nothrow) Record[segment]);
+  std::unique_ptr<Trajectory> trajectory(new (std::nothrow) Trajectory);
+  Checkpoints checkpoints;
+  std::unique_ptr<Bars> bars(new (std::nothrow) Bars);
+  if (!tape || !trajectory || !bars) return NO_MEMORY;
+  Trajectory& at = *trajectory;
+  Bars& bar = *bars;
+  for (int64_t first = 0; first < job.count; first += LANES) {
+    real p[NP + 1], cost[NJ + 1], seed[NJ + 1], rbar[NR + 1], pbar[NG + 1], direct[NG + 1];
+    gather(job.p, first, job.count, NP, p);
+    gather(adjoint->seed, first, job.count, NJ, seed);
+    const int64_t steps = integrate(job, first, p, at, tape.get(), segment, &checkpoints);
+    if (steps < 0) return steps == STOPPED ? first : steps;
+    G::objective(at.r, p, cost);
+    G::objective_reverse(at.r, p, seed, rbar, direct);
+    const real t[1] = {job.time(job.intervals)};
+    G::final_reverse(t, at.now.x, at.c, rbar + INTEGRALS + PEAKS, bar.x, bar.c, &bar.t);
+    for (int i = 0; i < INTEGRALS; ++i) bar.x[NX - INTEGRALS + i] = rbar[i];
+    peaks_reverse(steps, t[0], at, at.now.x, rbar, bar);
+    bar.t = bar.h = 0.;
+    const int64_t last = any(at.whole) ? (steps - 1) / segment : -1;  // what is lost has no tape
+    for (int64_t s = last; s >= 0; --s) {
+      const int64_t begin = s * segment, number = s < last ? segment : steps - begin;
+      if (s < last) again(job, at, checkpoints.kept[s], tape.get(), number);  // the tape holds a later segment
+      for (int64_t k = number - 1; k >= 0; --k) {
+        if (*job.stop) return first;
+        const Record& past = tape[k];
+        step_reverse(past, at.c, bar);
+        if (PEAKS) peaks_reverse(begin + k, past.step.t, at, past.x, rbar, bar);
+        ends_reverse(past.step, at, bar);
+      }
+    }
+    G::setup_reverse(p, bar.x, bar.c, pbar);
+    for (int i = 0; i < NG; ++i) pbar[i] = select(at.whole, pbar[i] + direct[i], NAN);
+    scatter(pbar, NG, first, job.count, adjoint->gradient);
+    store(job, first, at, cost);
+  }
+  return job.count;
+}

@@ -1,0 +1,185 @@
+// Largest values so far, and the step at which each was met. What was no number once stays none.
+INLINE void compete(const real* m, real alive, int64_t k, real* best, real* when) {
+  for (int i = 0; i < PEAKS; ++i) {
+    const real wins = alive && !(m[i] <= best[i]) && (best[i] == best[i]);
+    for (int j = i; j < NM; j += PEAKS) best[j] = select(wins, m[j], best[j]);
+    when[i] = select(wins, double(k), when[i]);
+  }
+}
+
+static void sample(const Job& job, int64_t first, const Trajectory& at) {
+  const int64_t samples = job.intervals + 1, s = at.now.interval;
+  real y[NY + 1];
+  const real t[1] = {job.time(s)};
+  if (job.y) G::outputs(t, at.now.x, at.c, y);
+  for (int l = 0; l < LANES && first + l < job.count; ++l) {
+    if (lane(at.now.alive, l) == 0) continue;
+    const int64_t place = (first + l) * samples + s;
+    if (job.x) for (int i = 0; i < NX; ++i) job.x[place * NX + i] = lane(at.now.x[i], l);
+    if (job.y) for (int64_t i = 0; i < job.rows; ++i) job.y[place * job.rows + i] = lane(y[job.row[i]], l);
+  }
+}
+
+// Begin the next sample interval where every lane has reached the end of the last one; false after the last.
+INLINE bool ready(const Job& job, Trajectory& at) {
+  if (any(at.now.step.busy)) return true;
+  if (at.now.interval == job.intervals) return false;
+  ++at.now.interval;
+  for (int l = 0; l < LANES; ++l) next_segment(job, at, l);
+  return true;
+}
+
+// What the adjoint remembers of a step, and of what happened with it. No lane is busy with a step that it did not do.
+struct Record {
+  Step step;
+  real x[NX], slope[M::STAGES * NX];
+#if EVENTS
+  Happened happened;
+#endif
+};
+
+static void record_step(Record& record, Trajectory& at, real* m, real* next) {
+  record.step = at.now.step;
+  std::memcpy(record.x, at.now.x, sizeof at.now.x);
+  step<false>(at, at.now.x, record.slope, m, next);
+}
+
+// Positions before every so many steps; as many as it takes, since events take steps that nobody foresees.
+struct Checkpoints {
+  std::unique_ptr<Position[]> kept;
+  int64_t room = 0;
+  bool keep(int64_t place, const Position& now) {
+    if (place >= room) {
+      const int64_t more = 2 * room + 16;
+      std::unique_ptr<Position[]> larger(new (std::nothrow) Position[more]);
+      if (!larger) return false;
+      if (room) std::memcpy(static_cast<void*>(larger.get()), kept.get(), room * sizeof(Position));
+      kept.swap(larger), room = more;
+    }
+    kept[place] = now;
+    return true;
+  }
+};
+
+// Go on by the step to `next`, whose slopes are `k`, in the lanes that take it; truth in those. A lane whose state leaves
+// the bounds, or is no number, keeps its last good state from then on, while its time goes on. What is done `again` is
+// not counted.
+INLINE real settle(const Job& job, Trajectory& at, const real* k, const real* next, Record* record, bool again) {
+  Position& now = at.now;
+  const real goes = now.alive && now.step.busy, sound = is_sound(next, at.begin, job.scale);
+  real moved = now.step.busy, onward = moved;
+#if EVENTS
+  Happened happened;
+  judge(job, at, k, next, goes && sound, happened);
+  moved = moved && !happened.waits, onward = moved && !happened.cut;
+  if (record) record->happened = happened, record->step.busy = moved;
+#endif
+  const real good = goes && moved && sound;
+  now.alive = now.alive && (good || !moved);
+  for (int i = 0; i < NX; ++i) now.x[i] = select(good, next[i], now.x[i]);
+#if EVENTS
+  happen(job, at, happened, again);
+#endif
+  advance(job, at, onward);
+  if (!again) at.done = at.done + good, at.reached = select(good, now.step.t, at.reached);
+  return goes && moved;
+}
+
+// Set a group out.
+static void set_out(const Job& job, int64_t first, const real* p, Trajectory& at) {
+  Position& now = at.now;
+  std::memset(&now.step, 0, sizeof now.step);
+  now.interval = 0, now.step.to = -1., now.alive = 1.;
+  G::setup(p, now.x, at.c);
+  std::memcpy(at.begin, now.x, sizeof at.begin);
+#ifdef RATE
+  at.c[RATE] = 0.;
+#endif
+  at.first = first, at.done = at.reached = 0.;
+  for (int l = 0; l < LANES; ++l) at.fate[l] = COMPLETED;
+#if EVENTS
+  watch(at);
+#endif
+  sort_jumps(job, at);
+  for (int i = 0; i < NX; ++i) at.error[i] = 0., at.size[i] = fabs(now.x[i]);
+  for (int i = 0; i < NM; ++i) at.r[INTEGRALS + i] = -INFINITY;
+  for (int i = 0; i < PEAKS; ++i) at.when[i] = 0.;
+}
+
+// Measures of a group that came to its end at step k, and in which lanes it did.
+static void reduce(const Job& job, Trajectory& at, int64_t k) {
+  real ignored[NX], m[NM + 1], *best = at.r + INTEGRALS, t[1] = {job.time(job.intervals)};
+  at.whole = at.now.alive;
+#if EVENTS
+  for (int l = 0; l < LANES; ++l)
+    if (at.fate[l] == ENDED) lane(at.whole, l) = 1., lane(t[0], l) = lane(at.reached, l);
+#endif
+  if (PEAKS) {
+    G::dynamics(t, at.now.x, at.c, ignored, m);
+    compete(m, at.whole, k, best, at.when);
+  }
+  for (int i = 0; i < INTEGRALS; ++i) at.r[i] = at.now.x[NX - INTEGRALS + i];
+  G::final(t, at.now.x, at.c, best + NM);
+  for (int i = 0; i < NR; ++i) at.r[i] = select(at.whole, at.r[i], NAN);
+}
+
+// Integrate one group; the number of steps, or why there are none. `tape` (room for `segment` steps) holds the last
+// steps, `checkpoints` where the group was before every so many.
+enum { STOPPED = -1, NO_MEMORY = -2 };
+static int64_t integrate(const Job& job, int64_t first, const real* p, Trajectory& at, Record* tape, int64_t segment,
+                         Checkpoints* checkpoints) {
+  real slopes[(LANES == 1 ? int(M::TOTAL) : int(M::PLACES)) * NX], m[NM + 1], next[NX];
+  Position& now = at.now;
+  set_out(job, first, p, at);
+  int64_t k = 0;
+  for (; any(now.alive); ++k) {
+    if (*job.stop) return STOPPED;
+    if ((job.x || job.y) && !any(now.step.busy)) sample(job, first, at);
+    if (!ready(job, at)) break;
+    Record* record = tape ? tape + k % segment : nullptr;
+    const bool estimates = LANES == 1 && job.error && !record;
+    if (record) {
+      if (k % segment == 0 && !checkpoints->keep(k / segment, now)) return NO_MEMORY;
+      record_step(*record, at, m, next);
+    } else if (estimates) {
+      step<false, M::TOTAL>(at, now.x, slopes, m, next);
+    } else {
+      step<true>(at, now.x, slopes, m, next);
+    }
+    const real h = now.step.h, took = settle(job, at, record ? record->slope : slopes, next, record, false);
+    if (PEAKS) compete(m, took, k, at.r + INTEGRALS, at.when);
+    if (estimates) note_error(at, h, slopes, next, took);
+  }
+  reduce(job, at, k);
+  return k;
+}
+
+static void store(const Job& job, int64_t first, const Trajectory& at, const real* cost) {
+  scatter(at.r, NR, first, job.count, job.r);
+  scatter(cost, NJ, first, job.count, job.cost);
+  scatter(&at.reached, 1, first, job.count, job.reached);
+  const real error = largest_error(at);
+  if (job.error) scatter(&error, 1, first, job.count, job.error);
+  for (int l = 0; l < LANES && first + l < job.count; ++l) {
+    const bool lost = lane(at.now.alive, l) == 0 && at.fate[l] == COMPLETED;
+    job.done[first + l] = int64_t(lane(at.done, l));
+    job.fate[first + l] = lost ? int64_t(DIVERGED) : at.fate[l];
+#if EVENTS
+    job.fired[first + l] = at.fired[l];
+    job.doubt[2 * (first + l)] = at.doubt[l], job.doubt[2 * (first + l) + 1] = at.doubted[l];
+#endif
+  }
+}
+
+extern "C" int64_t rollouts(const Job* given) {
+  const Job& job = *given;
+  for (int64_t first = 0; first < job.count; first += LANES) {
+    real p[NP + 1], cost[NJ + 1];
+    Trajectory at;
+    gather(job.p, first, job.count, NP, p);
+    if (integrate(job, first, p, at, nullptr, 1, nullptr) < 0) return first;
+    G::objective(at.r, p, cost);
+    store(job, first, at, cost);
+  }
+  return job.count;
+}

@@ -1,0 +1,311 @@
+// Rollouts of a closed loop by an explicit Runge-Kutta method, over lanes. Follows `lanes.hpp`, `struct Generated` and
+// `struct Method` (a tableau); `events.hpp`, `forward.hpp` and `adjoint.hpp` follow in turn, where they are needed:
+//
+//   setup(p -> x0, c)              initial state and prepared constants, once per rollout
+//   dynamics(t, x, c -> xdot, m)   time derivative, and the quantities whose largest value is asked for
+//   normalise(x -> x)              puts cos/sin pairs and quaternions back on their unit sphere
+//   outputs(t, x, c -> y)          what is recorded
+//   final(t, x, c -> e)            what is asked for at the end
+//   objective(r, p -> J)           costs, from r = (integrals, peaks, final values)
+//
+// and where there are EVENTS, see `events.hpp`:
+//
+//   guards(t, x, c, xdot -> g, rate)   an event fires where its guard is above zero; rates along xdot
+//   update(t, x, c, e -> x)            state after event e
+//
+// The state x ends with INTEGRALS integrals. Of m, the first PEAKS rows compete for the largest value; each further
+// block of PEAKS rows goes along with the winner (its derivative, for instance).
+//
+// JUMP lists the places in c of the times at which the dynamics jump. A rollout is cut into segments at its samples
+// and at its own jumps, and each segment into equal steps, so that no step crosses a jump. On which side of a jump a
+// step lies is not left to rounding: c then holds plus infinity for a jump that lies ahead, minus infinity for one that
+// lies behind. Each lane has segments of its own; one that has reached the end of a sample interval waits for the
+// others and keeps its bits.
+typedef Generated G;
+typedef Method M;
+enum {
+  NP = G::setup_p, NX = G::dynamics_x, NC = G::dynamics_c, NM = G::dynamics_m, NY = G::outputs_y, NE = G::final_e,
+  NJ = G::objective_J, NR = INTEGRALS + NM + NE
+};
+
+struct Job {
+  int64_t count, intervals, every;  // rollouts, sample intervals, steps in one without a jump
+  double h;                         // step where there is no jump, s
+  const double* p;                  // (count, NP)
+  const double* scale;              // (NX), one over how far each state may go from where it begins
+  double* x;                        // (count, samples, NX) or null
+  double* y;                        // (count, samples, rows) or null
+  const int64_t* row;               // (rows), which outputs to record
+  int64_t rows;
+  double* r;                        // (count, NR)
+  double* cost;                     // (count, NJ)
+  double* error;                    // (count) or null: largest estimate of a step's error in any state
+  double* reached;                  // (count), time of the last good state
+  int64_t* done;                    // (count), steps done
+  int64_t* fate;                    // (count), how each ended
+  int64_t most;                     // events to be told of each rollout
+  int64_t* fired;                   // (count), events in all
+  int64_t* event;                   // (count, most), which
+  double* when;                     // (count, most), and their times
+  double* jump;                     // (count, most, 2, NX) or null: states before and after each
+  int64_t* doubt;                   // (count, 2): why a gradient may not hold, and at which event
+  const volatile int32_t* stop;     // leave early when this becomes non-zero
+  double time(int64_t sample) const { return double(sample * every) * h; }
+};
+
+INLINE bool any(real condition) {
+  bool found = false;
+  for (int l = 0; l < LANES; ++l) found |= lane(condition, l) != 0;
+  return found;
+}
+
+// One row of parameters into each lane; lanes beyond the last row hold copies of it.
+static void gather(const double* rows, int64_t first, int64_t count, int width, real* to) {
+  for (int l = 0; l < LANES; ++l) {
+    const int64_t i = first + l < count ? first + l : count - 1;
+    for (int j = 0; j < width; ++j) lane(to[j], l) = rows[i * width + j];
+  }
+}
+
+static void scatter(const real* from, int width, int64_t first, int64_t count, double* rows) {
+  for (int l = 0; l < LANES && first + l < count; ++l)
+    for (int j = 0; j < width; ++j) rows[(first + l) * width + j] = lane(from[j], l);
+}
+
+// The step that each lane does next: when it begins, its length, which of how many of its segment it is, at which jumps
+// that segment begins and ends (-1: at none, HERE: begins where an event was), and the segment's ends themselves. A lane
+// that waits has length 0.
+struct Step {
+  real t, h, index, number, from, to, begin, end, busy;
+};
+enum { HERE = -2 };
+
+#if EVENTS
+// How far each lane is with its next event; `events.hpp` tells more. Guards count from their levels.
+struct Watch {
+  real mode[SWITCHES + 1];             // the switches
+  real level[EVENTS];                  // what each guard must rise above
+  real last;                           // event that fired last, until a step is done; or -1
+  real fresh;                          // truth where a guard above its level fires at once
+  real peak;                           // lengths tried that end at a guard's peak
+  real low, high, tries;               // lengths without and with a guard above its level; lengths tried
+  real before[EVENTS], after[EVENTS];  // the guards there
+  real burst, since;                   // events in turn that were close to each other, and when they began
+};
+#endif
+
+// Where one group of LANES rollouts is.
+struct Position {
+  real x[NX], alive;
+  Step step;
+  int64_t interval;   // sample intervals begun
+  int passed[LANES];  // jumps behind each lane
+#if EVENTS
+  Watch watch;
+#endif
+};
+
+// What it has come to. `jump` holds the jumps' times, `order` those that each lane meets, in turn.
+struct Trajectory {
+  Position now;
+  real c[NC + 1], begin[NX], r[NR + 1], when[PEAKS + 1], done, reached, whole, jump[JUMPS + 1];
+  int order[LANES][JUMPS + 1], jumps[LANES];
+  int64_t first, fate[LANES];  // which rollout the first lane's is; how each ended
+#if EVENTS
+  int64_t fired[LANES], doubt[LANES], doubted[LANES];  // events; why gradients may not hold, at which event
+#endif
+  real error[NX], size[NX];  // largest estimate of a step's error, and largest size, of each state
+};
+
+// How a rollout ended: at its last sample, lost, by an event, or with too many events.
+enum Fate { COMPLETED, DIVERGED, ENDED, CHATTERING };
+
+// Tell the constants of a lane on which side of each jump it is.
+static void set_sides(Trajectory& at, int l) {
+  for (int e = 0; e < JUMPS; ++e) lane(at.c[JUMP[e]], l) = lane(at.jump[e], l) <= 0 ? -INFINITY : INFINITY;
+  for (int k = 0; k < at.now.passed[l]; ++k) lane(at.c[JUMP[at.order[l][k]]], l) = -INFINITY;
+}
+
+// Find the jumps that each lane meets before the end, in turn.
+static void sort_jumps(const Job& job, Trajectory& at) {
+  for (int e = 0; e < JUMPS; ++e) at.jump[e] = at.c[JUMP[e]];
+  for (int l = 0; l < LANES; ++l) {
+    at.jumps[l] = at.now.passed[l] = 0;
+    for (int e = 0; e < JUMPS; ++e) {
+      const double when = lane(at.jump[e], l);
+      if (!(when > 0 && when < job.time(job.intervals))) continue;
+      int k = at.jumps[l]++;
+      for (; k > 0 && lane(at.jump[at.order[l][k - 1]], l) > when; --k) at.order[l][k] = at.order[l][k - 1];
+      at.order[l][k] = e;
+    }
+    set_sides(at, l);
+  }
+}
+
+// Longest step of a lane.
+INLINE double longest(const Job& job, const Trajectory& at, int l) {
+  double h = job.h;
+#if EVENTS
+  for (int f = 0; f < FINES; ++f)
+    if (lane(at.now.watch.mode[FINE[f]], l) != 0) h = std::fmin(h, FINE_STEP[f]);
+#endif
+  return h;
+}
+
+// What begins and ends with a jump within a sample interval is a motion of its own, and gets so many steps at least.
+enum { FEWEST = 8 };
+
+// Let lane l go on from the end of its segment, or from where it begins, to its next jump or the interval's end.
+static void next_segment(const Job& job, Trajectory& at, int l) {
+  Step& s = at.now.step;
+  if (JUMPS && lane(s.to, l) >= 0) {
+    lane(at.c[JUMP[int(lane(s.to, l))]], l) = -INFINITY;
+    ++at.now.passed[l];
+#if EVENTS
+    lane(at.now.watch.fresh, l) = 1.;
+#endif
+  }
+  const double h = longest(job, at, l);
+  const double from = job.time(at.now.interval - 1), until = job.time(at.now.interval), begin = lane(s.end, l);
+  double end = until;
+  lane(s.from, l) = lane(s.to, l), lane(s.to, l) = -1.;
+  if (JUMPS && at.now.passed[l] < at.jumps[l]) {
+    const int e = at.order[l][at.now.passed[l]];
+    if (lane(at.jump[e], l) <= until) end = lane(at.jump[e], l), lane(s.to, l) = e;
+  }
+  const bool whole = begin == from && end == until && h == job.h;
+  const bool piece = (lane(s.from, l) >= 0 || begin == 0) && lane(s.to, l) >= 0 && end > begin;
+  const double fewest = piece ? FEWEST : 1., needed = std::ceil((end - begin) / h * (1 - 1e-9));
+  const double number = whole ? double(job.every) : std::fmax(fewest, needed);
+  lane(s.begin, l) = lane(s.t, l) = begin, lane(s.end, l) = end, lane(s.index, l) = 0., lane(s.number, l) = number;
+  lane(s.h, l) = whole ? job.h : (end - begin) / number, lane(s.busy, l) = 1.;
+}
+
+// Count the step that was done in the lanes that `moved`, and make ready the one that follows within the sample
+// interval.
+INLINE void advance(const Job& job, Trajectory& at, real moved) {
+  Step& s = at.now.step;
+  s.index = s.index + moved;
+  const real over = s.index >= s.number, t = select(over, s.end, s.begin + s.index * s.h);
+  s.t = EVENTS ? select(moved, t, s.t) : t;
+  if (!any(over)) return;
+  const double until = job.time(at.now.interval);
+  for (int l = 0; l < LANES; ++l) {
+    if (lane(over, l) == 0) continue;
+    if (lane(s.end, l) < until) next_segment(job, at, l);
+    else lane(s.busy, l) = lane(s.h, l) = 0.;
+  }
+}
+
+// Weight of slope j in stage s; the stage after the last is the solution.
+constexpr double weight(int s, int j) { return s < M::TOTAL ? M::A[s < M::TOTAL ? s : 0][j] : M::B[j]; }
+constexpr int length(int s) { return s < M::TOTAL ? s : M::STAGES; }
+enum { SOLUTION = M::TOTAL };
+
+// Where the slopes of the stages go. A plain rollout lets them share places, which then stay in the nearest cache; what
+// looks at them later (the adjoint, the error estimate) keeps them all.
+template <bool SHARED> constexpr int place_of(int s) { return (SHARED ? M::PLACE[s] : s) * NX; }
+
+// x + h (sum of weights times slopes).
+template <int S, bool SHARED>
+INLINE void combine(real h, const real* __restrict x, const real* __restrict k, real* __restrict to) {
+  constexpr int n = length(S);
+  real w[n + 1];
+#pragma GCC unroll 16
+  for (int j = 0; j < n; ++j) w[j] = h * weight(S, j);
+  for (int i = 0; i < NX; ++i) {
+    real sum = x[i];
+#pragma GCC unroll 16
+    for (int j = 0; j < n; ++j)
+      if (weight(S, j) != 0) sum = sum + w[j] * k[place_of<SHARED>(j) + i];
+    to[i] = sum;
+  }
+}
+
+#ifdef RATE
+// Forward sensitivities of a step whose place and length depend on the parameters: the state holds (x, x', integrals,
+// integrals'), a dash being the derivative along the lane's direction, and c[RATE] the derivative of time itself.
+template <int S, bool SHARED> INLINE void shear(real dh, const real* __restrict k, real* __restrict to) {
+  constexpr int n = (NX - INTEGRALS) / 2, m = INTEGRALS / 2;
+  for (int i = 0; i < n + m; ++i) {
+    const int from = i < n ? i : i + n, dashed = i < n ? i + n : i + n + m;
+    real sum = to[dashed];
+#pragma GCC unroll 16
+    for (int j = 0; j < length(S); ++j)
+      if (weight(S, j) != 0) sum = sum + (dh * weight(S, j)) * k[place_of<SHARED>(j) + from];
+    to[dashed] = sum;
+  }
+}
+
+// Derivatives of a step's beginning and length.
+static void moved(const Trajectory& at, real& dt, real& dh) {
+  const Step& s = at.now.step;
+  for (int l = 0; l < LANES; ++l) {
+    const int from = int(lane(s.from, l)), to = int(lane(s.to, l));
+    const double begin = from >= 0 && JUMP_SLOPE[from] >= 0 ? lane(at.c[JUMP_SLOPE[from]], l) : 0.;
+    const double end = to >= 0 && JUMP_SLOPE[to] >= 0 ? lane(at.c[JUMP_SLOPE[to]], l) : 0.;
+    lane(dh, l) = (end - begin) / lane(s.number, l);
+    lane(dt, l) = begin + lane(s.index, l) * lane(dh, l);
+  }
+}
+#endif
+
+// Slopes of the stages from S to LAST - 1 of a step from x.
+template <int S, int LAST, bool SHARED>
+INLINE void stages(Trajectory& at, real dt, real dh, const real* x, real* k, real* m) {
+  if constexpr (S < LAST) {
+    real stage[NX], ignored[NM + 1];
+    const Step& s = at.now.step;
+    const real t[1] = {s.t + M::C[S] * s.h};
+    if (S > 0) combine<S, SHARED>(s.h, x, k, stage);
+#ifdef RATE
+    if (S > 0) shear<S, SHARED>(dh, k, stage);
+    at.c[RATE] = dt + M::C[S] * dh;
+#endif
+    G::dynamics(t, S > 0 ? stage : x, at.c, k + place_of<SHARED>(S), S > 0 ? ignored : m);
+    stages<S + 1, LAST, SHARED>(at, dt, dh, x, k, m);
+  }
+}
+
+// One step from x to `next`; `k` has room for the slopes.
+template <bool SHARED, int LAST = M::STAGES>
+INLINE void step(Trajectory& at, const real* x, real* k, real* m, real* next) {
+  real sum[NX], dt = 0., dh = 0.;
+#ifdef RATE
+  moved(at, dt, dh);
+#endif
+  stages<0, LAST, SHARED>(at, dt, dh, x, k, m);
+  combine<SOLUTION, SHARED>(at.now.step.h, x, k, sum);
+#ifdef RATE
+  shear<SOLUTION, SHARED>(dh, k, sum);
+  at.c[RATE] = 0.;
+#endif
+  G::normalise(sum, next);
+}
+
+// Note the estimated error of a step of length h to `next` in the lanes that `took` it.
+static void note_error(Trajectory& at, real h, const real* k, const real* next, real took) {
+  for (int i = 0; i < NX - INTEGRALS; ++i) {
+    real sum = 0.;
+    for (int s = 0; s < M::TOTAL; ++s) sum = sum + M::E[s] * k[place_of<false>(s) + i];
+    at.error[i] = select(took, fmax(at.error[i], fabs(h * sum)), at.error[i]);
+    at.size[i] = select(took, fmax(at.size[i], fabs(next[i])), at.size[i]);
+  }
+}
+
+// The largest estimate, relative to the largest size of its state where that is above one.
+static real largest_error(const Trajectory& at) {
+  real worst = 0.;
+  for (int i = 0; i < NX - INTEGRALS; ++i) worst = fmax(worst, at.error[i] / fmax(1., at.size[i]));
+  return worst;
+}
+
+// Truth where every state is a number and not too far from where it began.
+INLINE real is_sound(const real* x, const real* begin, const double* scale) {
+  real sum[4] = {0., 0., 0., 0.};  // four sums, since one would wait for each of its own additions
+  for (int i = 0; i < NX; ++i) {
+    const real far = (x[i] - begin[i]) * scale[i];
+    sum[i % 4] = sum[i % 4] + far * far;
+  }
+  return (sum[0] + sum[1]) + (sum[2] + sum[3]) < 1.;  // false for a NaN as well
+}

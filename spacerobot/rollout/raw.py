@@ -1,0 +1,148 @@
+"""Arrays that engines fill."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from spacerobot.rollout.closure import Closure
+from spacerobot.rollout.grid import TimeGrid
+from spacerobot.rollout.kernel import Kernel
+from spacerobot.rollout.protocol import Array
+
+Integers = npt.NDArray[np.int64]
+
+COMPLETED, DIVERGED, ENDED, CHATTERING = range(4)
+"""How a rollout ended: at its last sample, lost, by an event, or with too many events."""
+
+GRAZING, COINCIDENT = 1, 2
+"""Why derivatives may not hold: a guard turned back at its event, or two events may change places."""
+
+MOST_EVENTS = 64
+"""Events that are told of each rollout of many; those beyond are counted only."""
+
+
+@dataclass(frozen=True)
+class EventLog:
+    """Events of rollouts, the first ones of each.
+
+    Attributes
+    ----------
+    fired
+        How many there were, shape (N,).
+    event, when
+        Which, and their times [s]; shape (N, most), -1 and NaN beyond the last.
+    jump
+        States before and after each, shape (N, most, 2, nx), None if not asked for.
+    doubt
+        Why derivatives may not hold (0: they do), and at which event, shape (N, 2).
+    """
+
+    fired: Integers
+    event: Integers
+    when: Array
+    jump: Array | None
+    doubt: Integers
+
+    @classmethod
+    def empty(cls, count: int, most: int, nx: int | None) -> EventLog:
+        """Room for so many events of each rollout; states have ``nx`` entries if they are asked for."""
+        event, when = np.full((count, most), -1, dtype=np.int64), np.full((count, most), np.nan)
+        jump = None if nx is None else np.full((count, most, 2, nx), np.nan)
+        fired, doubt = np.zeros(count, dtype=np.int64), np.zeros((count, 2), dtype=np.int64)
+        return cls(fired, event, when, jump, doubt)
+
+    def part(self, rows: slice) -> EventLog:
+        """View of some rollouts."""
+        jump = None if self.jump is None else self.jump[rows]
+        return EventLog(self.fired[rows], self.event[rows], self.when[rows], jump, self.doubt[rows])
+
+
+@dataclass(frozen=True)
+class Raw:
+    """Arrays that an engine fills, one row for each rollout.
+
+    Attributes
+    ----------
+    x, y
+        Samples of the state (N, nt, nx) and of outputs (N, nt, rows), None if not asked for; NaN after
+        divergence, and from an event on that ended the rollout.
+    r, cost
+        Measures (N, nr) and costs (N, nj).
+    done
+        Good steps, shape (N,); -1 for a rollout that did not run.
+    reached
+        Time of the last good state in s, shape (N,); that of the last sample if the rollout completed.
+    fate
+        How each ended, shape (N,).
+    gaps
+        Initial gaps of grasps that may begin open (N, n) [m].
+    log
+        Events.
+    error
+        Largest estimate of a step's error, shape (N,), None if not asked for.
+    """
+
+    x: Array | None
+    y: Array | None
+    r: Array
+    cost: Array
+    done: Integers
+    reached: Array
+    fate: Integers
+    gaps: Array
+    log: EventLog
+    error: Array | None = None
+
+    @classmethod
+    def empty(cls, kernel: Kernel, grid: TimeGrid, count: int, states: bool, rows: Sequence[int]) -> Raw:
+        """Arrays full of NaN for so many rollouts, the error not asked for, nor states at events."""
+        samples = grid.intervals + 1
+        nx, nr, nj = kernel.nx + kernel.integrals, kernel.size("objective", "r"), len(kernel.costs)
+        return cls(
+            np.full((count, samples, nx), np.nan) if states else None,
+            np.full((count, samples, len(rows)), np.nan) if len(rows) else None,
+            np.full((count, nr), np.nan),
+            np.full((count, nj), np.nan),
+            np.full(count, -1, dtype=np.int64),
+            np.full(count, np.nan),
+            np.full(count, DIVERGED, dtype=np.int64),
+            np.full((count, len(kernel.closure.largest)), np.nan),
+            EventLog.empty(count, MOST_EVENTS if kernel.events else 0, None),
+        )
+
+    def part(self, rows: slice) -> Raw:
+        """View of some rollouts."""
+        x = None if self.x is None else self.x[rows]
+        y = None if self.y is None else self.y[rows]
+        error = None if self.error is None else self.error[rows]
+        own = (self.r[rows], self.cost[rows], self.done[rows], self.reached[rows], self.fate[rows])
+        return Raw(x, y, *own, self.gaps[rows], self.log.part(rows), error)
+
+    def with_events(self, most: int) -> Raw:
+        """The same with room for so many events, and for the states before and after them."""
+        nx = None if self.x is None else self.x.shape[2]
+        return replace(self, log=EventLog.empty(len(self.done), most, nx))
+
+    @property
+    def completed(self) -> npt.NDArray[np.bool_]:
+        """Which rollouts came to their end, shape (N,)."""
+        return np.asarray((self.fate == COMPLETED) | (self.fate == ENDED))
+
+    def judge_start(self, closure: Closure, p: Array) -> None:
+        """Note the gaps of rollouts of p (N, np); of one that begins open only its initial state is left."""
+        self.gaps[:] = closure.measure(p)
+        lost = closure.is_open(self.gaps) & (self.done >= 0)
+        self.done[lost], self.reached[lost], self.r[lost], self.cost[lost] = 0, 0.0, np.nan, np.nan
+        self.fate[lost], self.log.fired[lost] = DIVERGED, 0
+        self.log.event[lost], self.log.when[lost] = -1, np.nan
+        for samples in (self.x, self.y):
+            if samples is not None:
+                samples[lost, 1:] = np.nan
+
+    def count(self, rows: slice) -> int:
+        """How many of some rollouts ran."""
+        return int((self.done[rows] >= 0).sum())
