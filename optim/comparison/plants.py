@@ -11,7 +11,7 @@ import numpy as np
 from optim.problem.objectives import OBJECTIVE, build_terms, extended_loop
 from optim.problem.scenes import changed_scene, tuning_of
 from spacerobot.arrays import Array
-from spacerobot.closedloop import build_closed_loop
+from spacerobot.kept import kept_closed_loop
 from spacerobot.rollout import Rollout, build_rollout
 from spacerobot.scenario import Robustness
 from spacerobot.scene import Scene, build_scene
@@ -91,9 +91,9 @@ def build_judge(scene: Scene, *, variant: str | None = None, threads: int | None
     scene = build_scene(scene.scenario, missing, source=scene.source) if missing else scene
     tuning = tuning_of(scene)
     variable = [path for prefixes, _, _ in _groups(scene, tuning.robustness) for path in prefixes]
-    loop = build_closed_loop(scene)
+    loop = kept_closed_loop(scene)
     offsets = [path for path in variable if path.endswith("offset") and path in loop.parameter_paths]
-    loop = build_closed_loop(scene, vary=offsets)
+    loop = kept_closed_loop(scene, vary=offsets)
     extended = extended_loop(loop, scene, tuning.objective)
     terms = build_terms(extended, scene, tuning.objective, tuning.constraints)
     rollout = build_rollout(

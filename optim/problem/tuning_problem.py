@@ -21,7 +21,7 @@ from optim.problem.variables import resolve_variables
 from optim.workers import Arrays, Threads, Workers
 from optim.workers.workers import LANES
 from spacerobot.arrays import Array
-from spacerobot.closedloop import build_closed_loop
+from spacerobot.kept import kept_closed_loop
 from spacerobot.rollout import build_rollout
 from spacerobot.scene import Scene
 from spacerobot.scene.size import check_size
@@ -193,7 +193,7 @@ def build_problem(
     check_size(scene)
     tuning = tuning_of(scene)
     variables = resolve_variables(scene, tuning, chosen)
-    loop = build_closed_loop(scene, vary=[*variables.all_paths, *also_vary])
+    loop = kept_closed_loop(scene, vary=[*variables.all_paths, *also_vary])
     for path in variables.all_paths:
         loop.index(path)
     extended = extended_loop(loop, scene, tuning.objective)

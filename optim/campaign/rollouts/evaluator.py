@@ -17,8 +17,8 @@ from optim.campaign.rollouts.metrics import Column, Kept, build_kept
 from optim.campaign.rollouts.series import Recording, build_recording, check_size, series_step
 from optim.problem.scenes import SceneRecipe
 from spacerobot.arrays import Array
-from spacerobot.closedloop import build_closed_loop
 from spacerobot.errors import ScenarioError
+from spacerobot.kept import kept_closed_loop
 from spacerobot.rollout import Rollout, build_rollout, time_grid
 from spacerobot.scenario import Campaign
 from spacerobot.scenario.campaign import LIMITED
@@ -278,7 +278,7 @@ def all_draws(evaluator: Evaluator) -> Array:
 
 def _member(scene: Scene, campaign: Campaign, sets: int, compiled: bool) -> Member:
     space = resolve_space(scene, campaign)
-    loop = build_closed_loop(scene, vary=space.paths)
+    loop = kept_closed_loop(scene, vary=space.paths)
     kept = build_kept(loop, scene, campaign.metrics)
     if not kept.columns:
         raise ScenarioError("none of the metrics fits this scene", where="campaign.metrics")
