@@ -13,6 +13,8 @@ from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
+from spacerobot.progress import hearing
+
 PLAIN_WIDTH = 140
 
 
@@ -46,9 +48,20 @@ def warn(message: str) -> None:
 
 @contextlib.contextmanager
 def progress(first: str) -> Iterator[Callable[[str], None]]:
-    """Spinner on stderr that says what is being done; silent where stderr is no terminal."""
-    with Console(stderr=True).status(escape(first)) as status:
-        yield lambda words: status.update(escape(words))
+    """Spinner on stderr that says what is being done and compiled; silent where stderr is no terminal."""
+    said = first
+
+    def say(words: str) -> None:
+        nonlocal said
+        said = words
+        status.update(escape(words))
+
+    def compiles(done: int, total: int) -> None:
+        more = f" (compiling: {done} of {total} pieces done)" if done < total else ""
+        status.update(escape(f"{said}{more}"))
+
+    with Console(stderr=True).status(escape(first)) as status, hearing(compiles):
+        yield say
 
 
 def prose(text: str, indent: int = 0) -> None:

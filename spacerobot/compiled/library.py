@@ -22,6 +22,7 @@ from spacerobot.compiled.codegen import HIDDEN, Source, maths_of, source_of
 from spacerobot.compiled.pieces import Piece
 from spacerobot.compiled.toolchain import NO_COMPILER, Toolchain, find_toolchain
 from spacerobot.errors import CompileError, near_names
+from spacerobot.progress import tell
 
 
 @dataclass(frozen=True)
@@ -118,7 +119,8 @@ def compile_functions(
     toolchain
         What to compile with; found if None.
     progress
-        Called with the pieces that are compiled and how many there are, if anything is compiled.
+        Called with the pieces that are compiled and how many there are, if anything is compiled; those who
+        listen (:mod:`spacerobot.progress`) if None.
 
     Raises
     ------
@@ -137,7 +139,7 @@ def compile_functions(
     cached = path is not None
     try:
         if path is None:
-            path = cache.store(folder, key, build(units, toolchain, folder, progress))
+            path = cache.store(folder, key, build(units, toolchain, folder, progress or tell))
         handle = ctypes.CDLL(str(path))
     except OSError as error:
         raise CompileError(f"the compiled library cannot be made or loaded: {error}") from error

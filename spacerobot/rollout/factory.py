@@ -85,12 +85,15 @@ class Engines:
         return CompiledAdjoint(kernel, self._compiled(kernel, lanes, adjoint=True))
 
     def _compiled(self, kernel: Kernel, lanes: int, *, adjoint: bool) -> Library:
-        def told(done: int, total: int) -> None:
-            if self._progress is not None:
-                what = "the closed loop's adjoint" if adjoint else "the closed loop"
-                self._progress(f"compiling {what}: {done} of {total} pieces done")
+        say = self._progress
+        what = "the closed loop's adjoint" if adjoint else "the closed loop"
 
-        return compile_kernel(kernel, lanes, self.toolchain, adjoint=adjoint, progress=told)
+        def told(done: int, total: int) -> None:
+            if say is not None:
+                say(f"compiling {what}: {done} of {total} pieces done")
+
+        progress = None if say is None else told
+        return compile_kernel(kernel, lanes, self.toolchain, adjoint=adjoint, progress=progress)
 
     def _once(self, key: tuple[object, ...], make: Callable[[], Made]) -> Made:
         with self._lock:

@@ -13,7 +13,9 @@ from pathlib import Path
 
 import casadi as ca
 import pytest
+from rich.status import Status
 
+from spacerobot.cli.output import progress
 from spacerobot.compiled import cache as cache_module
 from spacerobot.compiled import compile_functions, find_toolchain
 from spacerobot.compiled.toolchain import SUFFIX
@@ -265,3 +267,14 @@ def test_progress_is_told(folder):
     assert told == [(0, 1), (1, 1)]
     compile_functions(square(), progress=lambda done, total: told.append((done, total)))
     assert len(told) == 2  # nothing is compiled
+
+
+def test_a_command_hears_of_whatever_is_compiled(folder, monkeypatch):
+    shown = []
+    monkeypatch.setattr(Status, "update", lambda _, words: shown.append(words))
+    with progress("reading") as say:
+        say("building")
+        compile_functions(square())
+        compile_functions(square())
+    compile_functions(square(1.0))  # nobody listens any more
+    assert shown == ["building", "building (compiling: 0 of 1 pieces done)", "building"]
