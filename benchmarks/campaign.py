@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from benchmarks.row import Row
-from optim.campaign import Evaluator, all_draws, build_evaluator, run_campaign
+from optim.campaign import Evaluator, Progress, all_draws, build_evaluator, run_campaign
 from spacerobot.arrays import Array
 from spacerobot.compiled import usable_cores
 from spacerobot.scene import Scene, load_scene
@@ -91,8 +91,13 @@ def row() -> Row:
 def _phases(scene: Scene) -> dict[str, Spent]:
     """What each phase of a campaign takes, in a store of its own."""
     begun: list[tuple[str, Spent]] = []
+
+    def note(now: Progress) -> None:
+        if not now.total:
+            begun.append((now.phase, Spent.now()))
+
     with tempfile.TemporaryDirectory() as folder:
-        run_campaign(scene, Path(folder) / "campaign", tell=lambda phase: begun.append((phase, Spent.now())))
+        run_campaign(scene, Path(folder) / "campaign", progress=note)
         begun.append(("end", Spent.now()))
     return {phase: later.since(at) for (phase, at), (_, later) in itertools.pairwise(begun)}
 

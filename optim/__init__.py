@@ -12,7 +12,6 @@ from spacerobot.front_door import front_door
 if TYPE_CHECKING:
     from optim.comparison import Comparison as Comparison
     from optim.comparison import Contest as Contest
-    from optim.comparison import Session as Session
     from optim.comparison.compare import compare as compare
     from optim.methods.by_name import Effort as Effort
     from optim.methods.by_name import Outcome as Outcome
@@ -22,6 +21,7 @@ if TYPE_CHECKING:
     from optim.methods.evolutionary import evolve as evolve
     from optim.methods.nlp import NlpSettings as NlpSettings
     from optim.methods.nlp import solve as solve
+    from optim.problem.blackbox import ResultProblem as ResultProblem
     from optim.problem.sensitivities import Sensitivity as Sensitivity
     from optim.problem.sensitivities import sensitivity as sensitivity
     from optim.problem.tuning_problem import TuningProblem as TuningProblem
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from optim.search.search import Report as Report
     from optim.search.search import Run as Run
     from optim.search.search import Search as Search
+    from optim.search.session import Session as Session
     from optim.tuning import Tuned as Tuned
     from optim.tuning import tune as tune
     from spacerobot.rollout import Measure as Measure
@@ -46,10 +47,11 @@ _HOME = {
     "Outcome": "optim.methods.by_name",
     "Protocol": "optim.methods.evolutionary",
     "Report": "optim.search.search",
+    "ResultProblem": "optim.problem.blackbox",
     "Run": "optim.search.search",
     "Search": "optim.search.search",
     "Sensitivity": "optim.problem.sensitivities",
-    "Session": "optim.comparison",
+    "Session": "optim.search.session",
     "Signals": "spacerobot.rollout",
     "Tuned": "optim.tuning",
     "TuningProblem": "optim.problem.tuning_problem",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -20,28 +21,31 @@ CHUNK_S = 4.0  # long enough to hide what a chunk costs, short enough to lose
 FIRST = 128  # rollouts of the first chunk, from which the rate is learnt
 CHUNK_BYTES = 32_000_000  # of series in a chunk, of which several copies exist for a moment
 ROLLING_OUT = "rolling out"
-"""Said when samples begin to be kept."""
+"""The phase in which samples are kept."""
 GRAIN = 64  # samples by which chunks grow: whole groups of lanes for every thread
 
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a campaign is.
+    """What a campaign is doing, and how far it is.
 
     Attributes
     ----------
+    phase
+        ``building and compiling``, ``rolling out`` or ``merging``.
     done, total
-        Samples, each rolled out once for every set of gains.
+        Samples, each rolled out once for every set of gains; 0 where a phase begins.
     rate
         Rollouts per second since this process began.
     left_s
         Time likely left.
     """
 
-    done: int
-    total: int
-    rate: float
-    left_s: float
+    phase: str
+    done: int = 0
+    total: int = 0
+    rate: float = math.nan
+    left_s: float = math.nan
 
 
 class Chunks:
@@ -145,7 +149,6 @@ def run_campaign(
     gains: Gains | None = None,
     executor: Executor | None = None,
     progress: Callable[[Progress], object] | None = None,
-    tell: Callable[[str], object] | None = None,
     named: Named | None = None,
 ) -> Campaigned:
     """Roll out every sample of a campaign that is not in its folder yet.
@@ -164,9 +167,7 @@ def run_campaign(
     executor
         What works; this process if None.
     progress
-        Told after every chunk.
-    tell
-        Told in words what is being done.
+        Told when a phase begins, and after every chunk.
     named
         How the command line names the scenario, for the commands that run samples again; its file if None.
 
@@ -177,24 +178,23 @@ def run_campaign(
     ResultError
         If the folder holds another campaign, is in use, or cannot be written.
     """
-    say = tell or str
+    say = progress or repr
     check_place(folder)
-    say("building and compiling")
+    say(Progress("building and compiling"))
     evaluator = build_evaluator(scene, gains)
     draws = all_draws(evaluator)
     notes = notes_of(evaluator, named)
     with open_store(folder, evaluator.identity(draws), len(draws), notes) as store:
         before, since, interrupted = store.done, time.perf_counter(), False
         chunks = Chunks(store.missing, most_samples(evaluator))
-        say(ROLLING_OUT)
+        say(Progress(ROLLING_OUT))
         try:
             for begin, table in (executor or Here()).work(evaluator, draws, chunks):
                 store.add(begin, table)
-                if progress is not None:
-                    progress(_progress(store.done, before, len(draws), since, len(evaluator.members)))
+                say(_progress(store.done, before, len(draws), since, len(evaluator.members)))
         except KeyboardInterrupt:
             interrupted = True
-        say("merging")
+        say(Progress("merging"))
         store.merge(Layout.of(evaluator, notes["about"]))
         return Campaigned(folder, evaluator, store.done, len(draws), interrupted)
 
@@ -202,4 +202,4 @@ def run_campaign(
 def _progress(done: int, before: int, total: int, since: float, sets: int) -> Progress:
     seconds = max(time.perf_counter() - since, 1e-9)
     per_second = (done - before) / seconds
-    return Progress(done, total, sets * per_second, (total - done) / per_second)
+    return Progress(ROLLING_OUT, done, total, sets * per_second, (total - done) / per_second)

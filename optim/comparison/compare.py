@@ -6,11 +6,12 @@ import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from optim.comparison.contest import Contest, Entry, Session, run_contest
+from optim.comparison.contest import Contest, Entry, run_contest
 from optim.comparison.plants import build_judge
 from optim.methods.by_name import Effort, effort_of
 from optim.problem.scenes import tuning_of
 from optim.problem.tuning_problem import build_problem
+from optim.search.session import Session
 from spacerobot.errors import ScenarioError, near_names
 from spacerobot.scenario import Tuning
 from spacerobot.scene import Scene
@@ -132,7 +133,7 @@ def _entries(
             judge, judged = build_judge(scene, variant=variant, threads=session.workers.threads), variant
         session.tell(f"{variant or 'tuning'}, {name or 'all variables'}: building and compiling")
         variables = tuning.sets[name] if name is not None else None
-        problem = build_problem(scene, chosen=variables, variant=variant, workers=session.workers)
+        problem = build_problem(scene, variables=variables, variant=variant, workers=session.workers)
         title = "-".join(part for part in (variant, name) if part) or "tuning"
         yield Entry(title, problem, problem, judge)
 

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
-from pathlib import Path
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,34 +17,12 @@ from optim.problem.problem import Cost, Problem
 from optim.problem.sensitivities import Sensitivity, sensitivity
 from optim.problem.tuning_problem import TuningProblem
 from optim.problem.variables import at_bound
-from optim.search.search import Progress
-from optim.workers import Threads, Workers
+from optim.search.session import Session
 from spacerobot.arrays import Array
 from spacerobot.errors import SpaceRobotError
 
 UNRANKED = ("manual",)  # knows no bounds, so that its values are not those of the same problem
 WITH_GRADIENTS = ("nlp", "nlp_ga")
-Tell = Callable[[str], None]
-
-
-@dataclass(frozen=True)
-class Session:
-    """Who does the searches of a comparison, where they are kept and who hears of them.
-
-    Attributes
-    ----------
-    folder
-        Where journals are kept, so that a killed comparison goes on where it was; nowhere if None.
-    workers
-        Who rolls out. The results do not depend on it, save times.
-    progress, tell
-        Told how a search is getting on, and what begins.
-    """
-
-    folder: Path | None = None
-    workers: Workers = field(default_factory=Threads)
-    progress: Progress | None = None
-    tell: Tell = field(default=lambda _: None)
 
 
 @dataclass(frozen=True)
@@ -189,16 +166,16 @@ def run_contest(entry: Entry, methods: Sequence[str], effort: Effort, session: S
     effort = replace(effort, repeats=effort.runs)  # as many independent runs of every method
     start, readiness = _made_ready(problem, gradients=any(name in WITH_GRADIENTS for name in methods))
     currency, effort = currency_of(nominal), replace(effort, repeats=effort.runs)
+    place = None if session.folder is None else session.folder / entry.name
+    own = replace(session, folder=place, workers=nominal.workers)
     outcomes: dict[str, Outcome] = {}
     for method in methods:
         outcomes[method] = run_method(
             problem,
             method,
             effort,
-            workers=nominal.workers,
             first=np.array(_evolved(outcomes).best.u) if method == "nlp_ga" else None,
-            folder=None if session.folder is None else session.folder / entry.name,
-            progress=session.progress,
+            session=own,
         )
         if outcomes[method].interrupted:
             break

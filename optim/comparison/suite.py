@@ -7,11 +7,12 @@ from importlib import resources
 from typing import Any
 
 from optim.comparison.compare import Comparison, compete, even_effort
-from optim.comparison.contest import Entry, Session
+from optim.comparison.contest import Entry
 from optim.methods.by_name import Effort
 from optim.problem.scenes import tuning_of
 from optim.problem.tuning_problem import build_problem
-from optim.robust.problem import build_robust
+from optim.robust.problem import Statistic, build_robust
+from optim.search.session import Session
 from spacerobot.errors import SpaceRobotError, near_names
 from spacerobot.scenario.load import parse_yaml, validate
 from spacerobot.scene import Scene, build_scene, load_scene
@@ -96,6 +97,6 @@ def _made(
             problem = build_problem(scene, workers=session.workers)
             entry = Entry(name, problem, problem)
         else:
-            several = build_robust(scene, robust["kind"], samples=robust["samples"], workers=session.workers)
+            several = build_robust(scene, Statistic(**robust), workers=session.workers)
             entry = Entry(name, several, several.nominal)
         yield entry, methods, even_effort(tuning_of(scene), effort)

@@ -10,11 +10,11 @@ from functools import partial
 
 import numpy as np
 
-from optim.comparison.contest import Session
 from optim.methods.evolutionary import Protocol, evolve
 from optim.problem.problem import Problem
 from optim.search.journal import Journal
 from optim.search.search import Run, Search
+from optim.search.session import Session
 from spacerobot.arrays import Array
 
 PROBABILITIES = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)

@@ -7,7 +7,6 @@ import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 
@@ -18,8 +17,8 @@ from optim.methods.nlp import NlpSettings, solve, solve_from_many
 from optim.problem.problem import Problem
 from optim.problem.tuning_problem import TuningProblem
 from optim.search.journal import Journal
-from optim.search.search import Progress, Run, Search, better
-from optim.workers import Threads, Workers
+from optim.search.search import Run, Search, better
+from optim.search.session import Session
 from spacerobot.arrays import Array
 from spacerobot.errors import SpaceRobotError, near_names
 from spacerobot.scenario import Tuning
@@ -115,10 +114,8 @@ def run_method(
     method: str,
     effort: Effort,
     *,
-    workers: Workers | None = None,
     first: Array | None = None,
-    folder: Path | None = None,
-    progress: Progress | None = None,
+    session: Session | None = None,
 ) -> Outcome:
     """Run a method as often as the effort says.
 
@@ -130,14 +127,10 @@ def run_method(
         One of ``ALL``.
     effort
         How much it may do.
-    workers
-        Who does its searches; this process, one after the other, if None.
     first
         Start of ``nlp_ga`` in the unit cube (k,): the GA's best.
-    folder
-        Where journals are kept, so that a killed run goes on where it was; nowhere if None.
-    progress
-        Told now and then.
+    session
+        Where and by whom; this process, one search after the other, without journals if None.
 
     Raises
     ------
@@ -146,17 +139,17 @@ def run_method(
     """
     if method not in ALL:
         raise SpaceRobotError(f"no method '{method}', {near_names(method, ALL)}")
-    staff = workers or Threads()
-    begin = Begin(problem, folder, progress)
+    session = session or Session()
+    begin = Begin(problem, session)
     if method == "manual":
         if not isinstance(problem, TuningProblem):
             raise SpaceRobotError("the manual procedure tunes a scenario's gains, nothing else")
         return Outcome(method, (manual(begin(method, 0, 0, ""), problem),))
     if method in EVOLUTIONARY:
-        return Outcome(method, tuple(staff.together(_evolutions(begin, method, effort))))
+        return Outcome(method, tuple(session.workers.together(_evolutions(begin, method, effort))))
     if method == "nlp_ga" and first is None:
         raise SpaceRobotError("nlp_ga starts from the GA's best: run ga too")
-    return Outcome(method, tuple(staff.together(_solutions(begin, method, first, effort))))
+    return Outcome(method, tuple(session.workers.together(_solutions(begin, method, first, effort))))
 
 
 @dataclass(frozen=True)
@@ -164,15 +157,15 @@ class Begin:
     """Begins searches of one problem, each with a journal of its own."""
 
     problem: Problem
-    folder: Path | None
-    progress: Progress | None
+    session: Session
 
     def __call__(self, name: str, index: int, seed: int, settings: str) -> Search:
         """A search by its name, number, seed and whatever else its values depend on."""
         text = f"{self.problem.fingerprint} {name} {index} {seed} {settings}"
-        path = None if self.folder is None else self.folder / f"{name}-{index}.journal"
+        folder = self.session.folder
+        path = None if folder is None else folder / f"{name}-{index}.journal"
         journal = Journal(path, hashlib.sha256(text.encode()).hexdigest())
-        return Search(self.problem, name, index, seed, journal, self.progress)
+        return Search(self.problem, name, index, seed, journal, self.session.progress)
 
 
 def _evolutions(begin: Begin, method: str, effort: Effort) -> list[Callable[[], Run]]:

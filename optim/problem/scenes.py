@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from spacerobot.elements.registry import load_plugin, plugins
-from spacerobot.errors import ScenarioError
+from spacerobot.errors import ScenarioError, near_names
 from spacerobot.scenario import Tuning
 from spacerobot.scenario.load import to_document, validate
 from spacerobot.scene import Scene, build_scene
+
+NewVariables = Mapping[str, tuple[str, float, float]]
+"""(Dotted path, lower, upper) by name."""
 
 
 @dataclass(frozen=True)
@@ -70,10 +73,42 @@ def changed_scene(scene: Scene, variant: str | None = None) -> Scene:
     Raises
     ------
     ScenarioError
-        If a change leads nowhere.
+        If there is no such variant, or a change leads nowhere.
     """
     tuning = tuning_of(scene)
     changes = dict(tuning.changes)
     if variant is not None:
+        _known(variant, tuning.variants, "variant", scene)
         changes |= tuning.variants[variant]
     return build_scene(scene.scenario, changes, source=scene.source) if changes else scene
+
+
+def with_variables(
+    scene: Scene, variables: NewVariables | Sequence[str] | None
+) -> tuple[Scene, Sequence[str] | None]:
+    """The scene with new variables in its tuning section, and the names of those chosen.
+
+    Raises
+    ------
+    ScenarioError
+        If there is no such variable, or a new one is not as it must be.
+    """
+    section = scene.scenario.tuning
+    if not isinstance(variables, Mapping):
+        for name in variables or ():
+            _known(name, tuning_of(scene).variables, "variable", scene)
+        return scene, variables
+    for name, given in variables.items():
+        if not (isinstance(given, tuple | list) and len(given) == 3 and isinstance(given[0], str)):
+            message = f"found {given!r}, wanted: (dotted path, lower, upper)"
+            raise ScenarioError(message, where=f"variables.{name}")
+    made = {name: {"paths": [p], "lower": a, "upper": b} for name, (p, a, b) in variables.items()}
+    changes: dict[str, object] = {"tuning.sets": {}, "tuning.variables": made}
+    if section is None:
+        changes = {"tuning": {"variables": made}}
+    return build_scene(scene.scenario, changes, source=scene.source), list(made)
+
+
+def _known(name: str, known: Iterable[str], what: str, scene: Scene) -> None:
+    if name not in known:
+        raise ScenarioError(f"no {what} {name!r}; {near_names(name, known)}", source=scene.source)

@@ -15,7 +15,7 @@ from optim.problem import operations
 from optim.problem.formulation import Formulation
 from optim.problem.objectives import OBJECTIVE, UserObjective, build_terms, extended_loop
 from optim.problem.problem import Cost, Evaluation, Linearisation
-from optim.problem.scenes import SceneRecipe, changed_scene, tuning_of
+from optim.problem.scenes import NewVariables, SceneRecipe, changed_scene, tuning_of, with_variables
 from optim.problem.tied import tie
 from optim.problem.variables import resolve_variables
 from optim.workers import Arrays, Threads, Workers
@@ -58,7 +58,7 @@ class ProblemRecipe:
         """The problem, which rolls out by one thread."""
         return build_problem(
             self.scene.build(),
-            chosen=self.chosen,
+            variables=self.chosen,
             variant=self.variant,
             objective=self.objective,
             workers=Threads(1),
@@ -158,7 +158,7 @@ class TuningProblem(Formulation):
 def build_problem(
     scene: Scene,
     *,
-    chosen: Sequence[str] | None = None,
+    variables: NewVariables | Sequence[str] | None = None,
     variant: str | None = None,
     objective: UserObjective | None = None,
     workers: Workers | None = None,
@@ -169,35 +169,39 @@ def build_problem(
     Parameters
     ----------
     scene
-        A scene whose scenario has a ``tuning`` section.
-    chosen
-        Names of the variables; all of them if None.
+        What to tune. Objective, constraints and variables are its tuning section's where not given here.
+    variables
+        Names of the section's variables, all of them if None; or new ones: (dotted path, lower, upper) by
+        name.
     variant
-        Which of the tuning section's variants; none if None.
+        Which of the section's variants; none if None.
     objective
-        The user's own: function of the closed loop's signals that gives a scalar measure.
+        The user's own: function of the closed loop's signals that gives a scalar measure,
+        ``lambda s: integral(ca.sumsqr(s["tip_error"]))``. Its gradients are exact.
     workers
-        Who rolls out; threads of this process if None.
+        Who rolls out: threads of this process if None, or from :func:`optim.workers.dask.open_workers`. The
+        answer does not depend on it.
     also_vary
         Further parameters that shall be kept although they are exactly zero.
 
     Raises
     ------
     ScenarioError
-        If a variable leads nowhere, the closed loop does not depend on it, or the memory does not hold what
-        a design's result takes.
+        If there is no such variable or variant, a variable leads nowhere, the closed loop does not depend on
+        it, or the memory does not hold what a design's result takes.
     """
+    scene, chosen = with_variables(scene, variables)
     names = None if chosen is None else tuple(chosen)
     recipe = ProblemRecipe(SceneRecipe.of(scene), names, variant, tuple(also_vary), objective)
     scene = changed_scene(scene, variant)
     check_size(scene)
     tuning = tuning_of(scene)
-    variables = resolve_variables(scene, tuning, chosen)
-    loop = kept_closed_loop(scene, vary=[*variables.all_paths, *also_vary])
-    for path in variables.all_paths:
+    free = resolve_variables(scene, tuning, chosen)
+    loop = kept_closed_loop(scene, vary=[*free.all_paths, *also_vary])
+    for path in free.all_paths:
         loop.index(path)
     extended = extended_loop(loop, scene, tuning.objective)
-    tied = tie(extended, dict(zip(variables.names, variables.paths, strict=True)), list(variables.start))
+    tied = tie(extended, dict(zip(free.names, free.paths, strict=True)), list(free.start))
     terms = build_terms(tied, scene, objective or tuning.objective, tuning.constraints)
     rollout = build_rollout(
         tied,
@@ -206,4 +210,4 @@ def build_problem(
         method=scene.scenario.simulation.method,
         measures=terms.measures,
     )
-    return TuningProblem(scene, loop, variables, terms, rollout, recipe, workers or Threads())
+    return TuningProblem(scene, loop, free, terms, rollout, recipe, workers or Threads())

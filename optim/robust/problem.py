@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -27,6 +27,7 @@ from optim.problem.problem import Cost, Evaluation, Form, Linearisation
 from optim.problem.scenes import changed_scene, tuning_of
 from optim.problem.tuning_problem import TuningProblem, build_problem
 from optim.search.search import Progress
+from optim.search.session import Session
 from optim.workers import Arrays, Workers
 from spacerobot.arrays import Array
 from spacerobot.errors import ScenarioError, SpaceRobotError
@@ -202,13 +203,28 @@ class RobustProblem:
         return {name: np.reshape(v, (n, len(values), *v.shape[1:])) for name, v in found.items()}
 
 
+@dataclass(frozen=True)
+class Statistic:
+    """What of the samples' objectives is made small.
+
+    Attributes
+    ----------
+    kind, percent
+        The mean, a percentile, or the largest.
+    samples
+        Of the common set, drawn by the campaign's distributions and seed.
+    """
+
+    kind: Kind = "worst"
+    percent: float = 95.0
+    samples: int = SAMPLES
+
+
 def build_robust(
     scene: Scene,
-    kind: Kind = "worst",
+    statistic: Statistic | None = None,
     *,
-    percent: float = 95.0,
-    samples: int = SAMPLES,
-    chosen: list[str] | None = None,
+    variables: Sequence[str] | None = None,
     variant: str | None = None,
     workers: Workers | None = None,
 ) -> RobustProblem:
@@ -218,11 +234,9 @@ def build_robust(
     ----------
     scene
         The scene.
-    kind, percent
-        What of the samples' objectives is made small.
-    samples
-        Of the common set, drawn by the campaign's distributions and seed.
-    chosen, variant, workers
+    statistic
+        What of the samples' objectives is made small; the largest if None.
+    variables, variant, workers
         As for :func:`optim.problem.tuning_problem.build_problem`.
 
     Raises
@@ -231,17 +245,20 @@ def build_robust(
         If a section is missing or does not fit, or an uncertain number is a variable as well.
     """
     tuning_of(scene)
+    statistic = statistic or Statistic()
     changed = gain_set(changed_scene(scene, variant), {})
     space = resolve_space(changed, campaign_of(changed))
     problem = build_problem(
-        gain_set(scene, {}), chosen=chosen, variant=variant, workers=workers, also_vary=space.paths
+        gain_set(scene, {}), variables=variables, variant=variant, workers=workers, also_vary=space.paths
     )
     both = sorted(set(space.paths) & set(problem.variables.all_paths))
     if both:
         raise ScenarioError(
             f"{both[0]} is tuned and uncertain at once", source=scene.source, where="campaign"
         )
-    found = RobustProblem(problem, space, _draws(changed, samples, 0), kind, percent)
+    found = RobustProblem(
+        problem, space, _draws(changed, statistic.samples, 0), statistic.kind, statistic.percent
+    )
     check_range(changed, space, found.draws)
     return found
 
@@ -321,11 +338,9 @@ def tune_robust(
     scene = problem.nominal.scene
     effort = effort or effort_of(tuning_of(scene))
     places = {name: None if folder is None else folder / name for name in ("robust", "nominal")}
-    run = partial(
-        run_method, method=method, effort=effort, workers=problem.nominal.workers, progress=progress
-    )
-    outcome = run(problem, folder=places["robust"])
-    other = run(problem.nominal, folder=places["nominal"])
+    sessions = {name: Session(place, problem.nominal.workers, progress) for name, place in places.items()}
+    outcome = run_method(problem, method, effort, session=sessions["robust"])
+    other = run_method(problem.nominal, method, effort, session=sessions["nominal"])
     designs = {"start": problem.start, "nominal": other.best.u, "robust": outcome.best.u}
     draws = _draws(scene, fresh, 1)
     values = problem.nominal.variables.values(outcome.best.u)

@@ -84,23 +84,23 @@ def command(
     chosen = gain_sets(scene, gains or [])
     with progress("reading") as tell:
 
-        def begin(words: str) -> None:
-            """Say what begins; what is rolled out is kept."""
-            keep(words == ROLLING_OUT)
-            tell(words)
+        def report(now: Progress) -> None:
+            """Say what is being done; what is rolled out is kept."""
+            keep(now.phase == ROLLING_OUT)
+            tell(_words(now))
 
         found = run_campaign(
             scene,
             out,
             gains=chosen,
             executor=_executor(threads, dask),
-            progress=lambda now: tell(_words(now)),
-            tell=begin,
+            progress=report,
             named=Named(scenario, given),
         )
         summary = None
         if found.done:
-            begin("working out what it says")
+            keep(False)
+            tell("working out what it says")
             summary = summarise(out, found.evaluator)
             if page:
                 write_text(out / "report.html", campaign_page(out, tell, found.evaluator))
@@ -142,5 +142,7 @@ def _executor(threads: int | None, dask: str | None) -> Executor:
 
 
 def _words(now: Progress) -> str:
+    if not now.total:
+        return now.phase
     done = f"{now.done} of {now.total} samples, {100 * now.done / now.total:.0f} %"
     return f"{done}, {now.rate:.0f} rollouts a second, about {now.left_s:.0f} s left"

@@ -47,16 +47,12 @@ def arm(
     damping: Annotated[float, typer.Option(help="Joint resistance [N m s/rad].")] = 0.1,
 ) -> None:
     """Write a floating base with a chain of links in the x-y plane; by default the paper's robot."""
-    from spacerobot.description.planar import planar_arm_urdf
+    from spacerobot.description.planar import PlanarBase, PlanarLink, planar_arm_urdf
 
     text = planar_arm_urdf(
-        links=links,
-        link_length_m=link_length,
-        link_mass_kg=link_mass,
-        link_inertia_kg_m2=tuple(link_inertia) if link_inertia else (0.2153, 0.0929),
-        base_mass_kg=base_mass,
-        base_inertia_kg_m2=base_inertia,
-        base_radius_m=base_radius,
+        links,
+        PlanarLink(link_length, link_mass, tuple(link_inertia or PlanarLink.inertia_kg_m2)),
+        PlanarBase(base_mass, base_inertia, base_radius),
         damping=damping,
         name=file.stem,
     )

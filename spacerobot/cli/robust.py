@@ -63,7 +63,7 @@ def command(
     """Tune robustly and nominally, and print both on fresh samples."""
     from optim import effort_of
     from optim.problem.scenes import tuning_of
-    from optim.robust.problem import build_robust, save_robust, tune_robust
+    from optim.robust.problem import Statistic, build_robust, save_robust, tune_robust
     from optim.workers.dask import open_workers
     from spacerobot.scene import load_scene
 
@@ -75,10 +75,8 @@ def command(
         tell("building and compiling")
         problem = build_robust(
             scene,
-            measure,
-            percent=percent,
-            samples=samples,
-            chosen=chosen_variables(variables, tuning),
+            Statistic(measure, percent, samples),
+            variables=chosen_variables(variables, tuning),
             variant=variant,
             workers=workers,
         )

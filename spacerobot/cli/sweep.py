@@ -59,7 +59,7 @@ def command(
     rows, data = [], []
     with shown() as (tell, report), open_workers(threads, dask) as workers:
         tell("building and compiling")
-        problem = build_problem(scene, chosen=chosen, variant=variant, workers=workers)
+        problem = build_problem(scene, variables=chosen, variant=variant, workers=workers)
         protocol = Protocol(population=tuning.population, budget=budget or 1000)
         session = Session(journals(out, "sweep.json"), workers, report)
         trials = sweep(problem, protocol=protocol, runs=runs or 3, seed=seed or 0, session=session)

@@ -78,7 +78,7 @@ def command(
     dask: Machines = None,
 ) -> None:
     """Tune, simulate the best design, and save it if a folder is given."""
-    from optim import effort_of, tune
+    from optim import build_problem, effort_of, tune
     from optim.problem.scenes import tuning_of
     from optim.problem.vary import vary as varied
     from optim.workers.dask import open_workers
@@ -91,16 +91,9 @@ def command(
     effort = effort_of(tuning, budget=budget, rival_budget=budget, runs=runs, starts=starts, seed=seed)
     with shown() as (tell, report), open_workers(threads, dask) as workers:
         tell("building and compiling")
-        found = tune(
-            scene,
-            method,
-            variables=chosen_variables(variables, tuning),
-            variant=variant,
-            effort=effort,
-            folder=journals(out, "tuning.json"),
-            workers=workers,
-            progress=report,
-        )
+        chosen = chosen_variables(variables, tuning)
+        problem = build_problem(scene, variables=chosen, variant=variant, workers=workers)
+        found = tune(problem, method, effort=effort, folder=journals(out, "tuning.json"), progress=report)
         tell("simulating the best design")
         result = simulate(found.scene)
         if out is not None:

@@ -2,7 +2,7 @@
 
 from spacerobot.description.find import find_urdf, shipped_names, shipped_urdf_folder
 from spacerobot.description.parts import Geometry, Joint, Link, Shape
-from spacerobot.description.planar import planar_arm_urdf, rectangle_urdf
+from spacerobot.description.planar import PlanarBase, PlanarLink, planar_arm_urdf, rectangle_urdf
 from spacerobot.description.read import Description, read_description
 from spacerobot.description.spatial import satellite_box_urdf, servicer_urdf
 
@@ -11,6 +11,8 @@ __all__ = [
     "Geometry",
     "Joint",
     "Link",
+    "PlanarBase",
+    "PlanarLink",
     "Shape",
     "find_urdf",
     "planar_arm_urdf",

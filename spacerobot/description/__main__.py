@@ -7,7 +7,7 @@ from functools import partial
 
 from spacerobot.description.find import shipped_urdf_folder
 from spacerobot.description.panda import panda_arm_urdf
-from spacerobot.description.planar import ball_urdf, planar_arm_urdf, rectangle_urdf
+from spacerobot.description.planar import PlanarBase, PlanarLink, ball_urdf, planar_arm_urdf, rectangle_urdf
 from spacerobot.description.spatial import satellite_box_urdf, servicer_urdf
 
 SHIPPED: dict[str, Callable[[], str]] = {
@@ -15,11 +15,8 @@ SHIPPED: dict[str, Callable[[], str]] = {
     "short_arm.urdf": partial(
         planar_arm_urdf,
         links=3,
-        link_length_m=0.5,
-        link_mass_kg=8.0,
-        link_inertia_kg_m2=(0.17, 0.12),
-        base_mass_kg=120.0,
-        base_inertia_kg_m2=15.0,
+        link=PlanarLink(0.5, 8.0, (0.17, 0.12)),
+        base=PlanarBase(120.0, 15.0),
         name="short_arm",
     ),
     "rectangle.urdf": rectangle_urdf,

@@ -140,11 +140,13 @@ def panda_arm_urdf(name: str = "panda_arm") -> str:
             f"panda_link{i - 1}",
             f"panda_link{i}",
             x.origin(part.at_m, (part.roll_rad, 0, 0)),
-            axis=(0, 0, 1),
-            limit_rad=part.limits_rad,
-            effort_n_m=87 if large else 12,
-            velocity_rad_s=2.175 if large else 2.61,
-            damping_n_m_s=0,
+            x.Hinge(
+                axis=(0, 0, 1),
+                limit_rad=part.limits_rad,
+                effort_n_m=87 if large else 12,
+                velocity_rad_s=2.175 if large else 2.61,
+                damping_n_m_s=0,
+            ),
         )
     tip = x.link("tip", x.shape("visual", x.sphere(0.02), "mate"))
     mount = x.fixed("tip_mount", "panda_link7", "tip", x.origin((0, 0, _FLANGE_M), (0, -_QUARTER, 0)))

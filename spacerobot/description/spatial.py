@@ -83,11 +83,13 @@ def _arm(side: str, mount_y_m: float) -> list[str]:
             parent,
             child,
             place,
-            axis=part.axis,
-            limit_rad=round(math.radians(part.limit_deg), 4),
-            effort_n_m=part.effort_n_m,
-            velocity_rad_s=_VELOCITY_RAD_S,
-            damping_n_m_s=_DAMPING_N_M_S,
+            x.Hinge(
+                axis=part.axis,
+                limit_rad=round(math.radians(part.limit_deg), 4),
+                effort_n_m=part.effort_n_m,
+                velocity_rad_s=_VELOCITY_RAD_S,
+                damping_n_m_s=_DAMPING_N_M_S,
+            ),
         )
         parent, place = child, x.origin((part.length_m, 0, 0))
     lines += x.link(f"{side}_tip", x.shape("visual", x.sphere(0.03), "mate"))

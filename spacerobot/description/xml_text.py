@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 
 from spacerobot.errors import DescriptionError
 
@@ -100,25 +101,26 @@ def fixed(name: str, parent: str, child: str, place: str) -> list[str]:
     return _joint(name, "fixed", parent, child, place, [])
 
 
-def revolute(
-    name: str,
-    parent: str,
-    child: str,
-    place: str,
-    *,
-    axis: Sequence[float],
-    limit_rad: float | tuple[float, float],
-    effort_n_m: float,
-    velocity_rad_s: float,
-    damping_n_m_s: float,
-) -> list[str]:
-    """Lines of a revolute ``<joint>``; one limit holds on both sides."""
+@dataclass(frozen=True)
+class Hinge:
+    """A revolute joint's axis, limits and viscous resistance; one limit in rad holds on both sides."""
+
+    axis: Sequence[float]
+    limit_rad: float | tuple[float, float]
+    effort_n_m: float
+    velocity_rad_s: float
+    damping_n_m_s: float
+
+
+def revolute(name: str, parent: str, child: str, place: str, hinge: Hinge) -> list[str]:
+    """Lines of a revolute ``<joint>``."""
+    limit_rad = hinge.limit_rad
     lower, upper = limit_rad if isinstance(limit_rad, tuple) else (-limit_rad, limit_rad)
     limit = f'lower="{number(lower)}" upper="{number(upper)}"'
     own = [
-        f'    <axis xyz="{numbers(axis)}"/>',
-        f'    <limit {limit} effort="{number(effort_n_m)}" velocity="{number(velocity_rad_s)}"/>',
-        f'    <dynamics damping="{number(damping_n_m_s)}" friction="0"/>',
+        f'    <axis xyz="{numbers(hinge.axis)}"/>',
+        f'    <limit {limit} effort="{number(hinge.effort_n_m)}" velocity="{number(hinge.velocity_rad_s)}"/>',
+        f'    <dynamics damping="{number(hinge.damping_n_m_s)}" friction="0"/>',
     ]
     return _joint(name, "revolute", parent, child, place, own)
 

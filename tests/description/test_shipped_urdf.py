@@ -13,6 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from spacerobot.description import (
+    PlanarBase,
+    PlanarLink,
     find_urdf,
     planar_arm_urdf,
     read_description,
@@ -109,7 +111,7 @@ def test_rectangle_mates_lie_where_equations_14_and_15_put_them(
     radius=st.floats(0.1, 3),
 )
 def test_planar_arm_of_any_size(links: int, length: float, inertias: list[float], radius: float) -> None:
-    urdf = planar_arm_urdf(links, length, link_inertia_kg_m2=inertias, base_radius_m=radius)
+    urdf = planar_arm_urdf(links, PlanarLink(length, inertia_kg_m2=inertias), PlanarBase(radius_m=radius))
     model = planar_model(urdf)
     tip = frame_placement(model, "tip", pin.neutral(model))
     np.testing.assert_allclose(tip.translation, (radius + links * length, 0, 0), rtol=1e-13)
@@ -127,8 +129,8 @@ def test_planar_arm_of_any_size(links: int, length: float, inertias: list[float]
 def test_whatever_is_in_range_can_be_read(tmp_path: Path, link: tuple[float, float, float]) -> None:
     length, mass, inertia = link
     for urdf in (
-        planar_arm_urdf(200, length, mass, (inertia,), 1e-6, 1e-9, 1e-3, 0),
-        planar_arm_urdf(1, length, mass, (inertia,), 1e9, 1e12, 1e3, 1e6),
+        planar_arm_urdf(200, PlanarLink(length, mass, (inertia,)), PlanarBase(1e-6, 1e-9, 1e-3), damping=0),
+        planar_arm_urdf(1, PlanarLink(length, mass, (inertia,)), PlanarBase(1e9, 1e12, 1e3), damping=1e6),
         rectangle_urdf(length, 89, mass, inertia, 1e-4),
         rectangle_urdf(length, 0, mass, inertia, 1e3),
     ):
@@ -142,14 +144,14 @@ def test_whatever_is_in_range_can_be_read(tmp_path: Path, link: tuple[float, flo
     [
         ({"links": 0}, "links"),
         ({"links": 2.5}, "links"),
-        ({"link_length_m": -1.0}, "link_length_m"),
-        ({"link_mass_kg": 0.0}, "link_mass_kg"),
-        ({"link_mass_kg": math.nan}, "link_mass_kg"),
-        ({"link_inertia_kg_m2": ()}, "link_inertia_kg_m2"),
-        ({"link_inertia_kg_m2": (1.0, -1.0)}, "link_inertia_kg_m2"),
-        ({"base_mass_kg": math.inf}, "base_mass_kg"),
-        ({"base_inertia_kg_m2": 0.0}, "base_inertia_kg_m2"),
-        ({"base_radius_m": 0.0}, "base_radius_m"),
+        ({"link": PlanarLink(length_m=-1.0)}, "link.length_m"),
+        ({"link": PlanarLink(mass_kg=0.0)}, "link.mass_kg"),
+        ({"link": PlanarLink(mass_kg=math.nan)}, "link.mass_kg"),
+        ({"link": PlanarLink(inertia_kg_m2=())}, "link.inertia_kg_m2"),
+        ({"link": PlanarLink(inertia_kg_m2=(1.0, -1.0))}, "link.inertia_kg_m2"),
+        ({"base": PlanarBase(mass_kg=math.inf)}, "base.mass_kg"),
+        ({"base": PlanarBase(inertia_kg_m2=0.0)}, "base.inertia_kg_m2"),
+        ({"base": PlanarBase(radius_m=0.0)}, "base.radius_m"),
         ({"damping": -0.1}, "damping"),
         ({"name": 'a"b'}, "name"),
     ],

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import yaml
 
-from spacerobot.description.planar import planar_arm_urdf
+from spacerobot.description.planar import PlanarBase, PlanarLink, planar_arm_urdf
 
 
 def scenario(**sections: object) -> dict[str, object]:
@@ -31,12 +31,8 @@ def write(folder: Path, **sections: object) -> Path:
     """The scenario's file, its arm beside it."""
     arm = planar_arm_urdf(
         links=3,
-        link_length_m=0.35,
-        link_mass_kg=5.0,
-        link_inertia_kg_m2=(0.2, 0.1),
-        base_mass_kg=100.0,
-        base_inertia_kg_m2=10.0,
-        base_radius_m=0.3,
+        link=PlanarLink(length_m=0.35, mass_kg=5.0, inertia_kg_m2=(0.2, 0.1)),
+        base=PlanarBase(mass_kg=100.0, inertia_kg_m2=10.0, radius_m=0.3),
         damping=0.1,
         name="arm",
     )

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from spacerobot.description.planar import planar_arm_urdf, rectangle_urdf
+from spacerobot.description.planar import PlanarBase, PlanarLink, planar_arm_urdf, rectangle_urdf
 from spacerobot.scenario.load import parse_yaml, validate
 from spacerobot.scene import Scene, build_scene
 
@@ -136,12 +136,8 @@ def folder() -> Path:
     place = Path(_keep().name)
     arm = planar_arm_urdf(
         links=3,
-        link_length_m=0.4,
-        link_mass_kg=4.0,
-        link_inertia_kg_m2=(0.06, 0.05),
-        base_mass_kg=40.0,
-        base_inertia_kg_m2=6.0,
-        base_radius_m=0.3,
+        link=PlanarLink(length_m=0.4, mass_kg=4.0, inertia_kg_m2=(0.06, 0.05)),
+        base=PlanarBase(mass_kg=40.0, inertia_kg_m2=6.0, radius_m=0.3),
         damping=0.4,
     )
     parts = {

@@ -5,7 +5,7 @@ import copy
 import casadi as ca
 import pytest
 
-from optim.tuning import tune
+from optim import build_problem
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.errors import ScenarioError
 from spacerobot.rollout import Measures, Signals, build_rollout, integral
@@ -54,4 +54,4 @@ def test_a_wrong_variable_says_what_is_wanted(scene):
         with pytest.raises(
             ScenarioError, match=r"variables\.kp: found .*wanted: \(dotted path, lower, upper\)"
         ):
-            tune(scene, variables={"kp": wrong})
+            build_problem(scene, variables={"kp": wrong})

@@ -11,7 +11,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from optim import Effort, NlpSettings, Protocol, Session, compare, run_method, tune
+from optim import Effort, NlpSettings, Protocol, ResultProblem, Session, compare, run_method, tune
 from optim.comparison import tables
 from optim.comparison.plants import build_judge
 from optim.comparison.report import to_data
@@ -101,7 +101,9 @@ def test_each_best_design_is_saved_as_a_result(found):
 def test_a_comparison_run_again_is_read_from_its_journals(found, small, monkeypatch):
     first, folder = found
     monkeypatch.setattr("optim.problem.tuning_problem.TuningProblem.evaluate", None)
-    again = run_method(first.contests[0].problem, "ga", EFFORT, folder=folder / "journals" / "base-four")
+    again = run_method(
+        first.contests[0].problem, "ga", EFFORT, session=Session(folder / "journals" / "base-four")
+    )
     assert again.best.objective == first.contests[0].outcomes["ga"].best.objective
 
 
@@ -132,7 +134,7 @@ def test_gains_at_a_bound_say_which():
 
 
 def test_sensitivities_are_relative_slopes(small):
-    problem = build_problem(small(), chosen=["kp", "ta"])
+    problem = build_problem(small(), variables=["kp", "ta"])
     u, step = np.array([0.5, 0.5]), 1e-4
     found = sensitivity(problem, {"here": u})
     value = problem.evaluate(u[None]).objective[0]
@@ -165,11 +167,12 @@ def test_a_python_function_of_a_result_serves_the_ga(small):
         return result.summary["tip_error"]["arm/tip"]["norm"]["rms_m"]
 
     effort = Effort(Protocol(population=6, budget=18), runs=1)
-    tuned = tune(small(), "ga", variables=["kd"], score=score, effort=effort)
+    problem = ResultProblem(build_problem(small(), variables=["kd"]), score)
+    tuned = tune(problem, "ga", effort=effort)
     assert 20 <= tuned.gains["kd"] <= 100
     assert tuned.objective == pytest.approx(score(_simulated(tuned.scene)), rel=1e-2)
     with pytest.raises(ScenarioError, match="no gradients"):
-        tune(small(), "nlp", variables=["kd"], score=score)
+        tune(problem, "nlp")
 
 
 def _simulated(scene):
@@ -181,7 +184,8 @@ def _simulated(scene):
 def test_new_variables_need_no_tuning_section(small):
     effort = Effort(nlp=NlpSettings(iterations=5, screen=8), starts=1)
     bare = small(tuning=None)
-    tuned = tune(bare, variables={"kd": ("robots.arm.tips.tip.pid.kd", 20, 100)}, effort=effort)
+    problem = build_problem(bare, variables={"kd": ("robots.arm.tips.tip.pid.kd", 20, 100)})
+    tuned = tune(problem, effort=effort)
     assert tuned.scene.scenario.robots["arm"].tips["tip"].pid.kd == pytest.approx(tuned.gains["kd"])
 
 
@@ -229,7 +233,7 @@ def test_a_section_that_makes_no_sense_is_refused(small, changes, words):
         small(**changes)
 
 
-def test_names_of_methods_readings_and_sets_are_checked(small):
+def test_names_of_methods_variants_and_sets_are_checked(small):
     with pytest.raises(SpaceRobotError, match="did you mean nlp"):
         tune(small(), "nlpp", effort=EFFORT)
     with pytest.raises(ScenarioError, match="did you mean base"):
@@ -239,7 +243,7 @@ def test_names_of_methods_readings_and_sets_are_checked(small):
     with pytest.raises(ScenarioError, match="no tuning section"):
         compare(small(tuning=None))
     with pytest.raises(ScenarioError, match="no variable 'kq'"):
-        tune(small(), variables=["kq"])
+        build_problem(small(), variables=["kq"])
 
 
 def test_ctrl_c_in_a_rollout_keeps_what_was_found(small, monkeypatch):

@@ -118,7 +118,7 @@ def test_operations_are_what_a_function_computes():
 
 
 def test_prices_follow_from_the_functions_that_are_evaluated(small):
-    problem = build_problem(small(), chosen=["kp", "ta"])
+    problem = build_problem(small(), variables=["kp", "ta"])
     found, kernel = currency_of(problem), problem.rollout.kernel
     stages = kernel.method.stages
     step = stages * operations(kernel.functions["dynamics"]) + operations(kernel.functions["normalise"])
@@ -130,8 +130,8 @@ def test_prices_follow_from_the_functions_that_are_evaluated(small):
 
 
 def test_a_longer_tape_is_integrated_again_and_paid_for(small):
-    short = currency_of(build_problem(small(), chosen=["kp"]))
-    long = currency_of(build_problem(small(**{"simulation__duration": 400.0}), chosen=["kp"]))
+    short = currency_of(build_problem(small(), variables=["kp"]))
+    long = currency_of(build_problem(small(**{"simulation__duration": 400.0}), variables=["kp"]))
     assert long.gradient == pytest.approx(short.gradient + 1, abs=0.1)
 
 

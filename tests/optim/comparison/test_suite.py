@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from optim.comparison.contest import Session
 from optim.comparison.report import to_data
 from optim.comparison.suite import compare_suite, read_suite, scene_of
 from optim.methods.by_name import ALL
 from optim.problem.variables import resolve_variables
+from optim.search.session import Session
 from spacerobot.errors import SpaceRobotError
 
 SUITE = read_suite()

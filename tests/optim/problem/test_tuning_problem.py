@@ -38,7 +38,9 @@ def assert_near(found, expected, tolerance=1e-4):
 @pytest.mark.parametrize("kind", KINDS)
 def test_objective_and_constraint_gradients_against_differences(small, kind):
     weights = {"kind": kind, "effort": 1e-6, "base_rotation": 0.01, "object_rotation": 0.02}
-    problem = build_problem(small(tuning__objective=weights, tuning__constraints=LIMITS), chosen=["kp", "ta"])
+    problem = build_problem(
+        small(tuning__objective=weights, tuning__constraints=LIMITS), variables=["kp", "ta"]
+    )
     u = np.array([0.4, 0.6])
     at = problem.linearise(u)
     gradient, jacobian = differences(problem, u)
@@ -63,17 +65,17 @@ def test_a_users_expression_gets_exact_gradients(small):
     def own(signals):
         return integral(ca.sumsqr(signals["grasp_force"]) * signals.t)
 
-    problem = build_problem(small(), chosen=["kd", "grip"], objective=own)
+    problem = build_problem(small(), variables=["kd", "grip"], objective=own)
     u = np.array([0.3, 0.7])
     assert_near(problem.linearise(u).gradient, differences(problem, u)[0])
 
 
 def test_squares_and_peaks_are_rows_of_the_objective(small):
     u = np.array([0.5, 0.5])
-    squares = build_problem(small(), chosen=["kp", "ta"]).linearise(u)
+    squares = build_problem(small(), variables=["kp", "ta"]).linearise(u)
     assert (squares.rows**2).sum() == pytest.approx(squares.objective, rel=2e-2)
     assert_near(2 * squares.rows @ squares.rows_jacobian, squares.gradient, 5e-2)
-    peaks = build_problem(small(tuning__objective__kind="minimax"), chosen=["kp", "ta"]).linearise(u)
+    peaks = build_problem(small(tuning__objective__kind="minimax"), variables=["kp", "ta"]).linearise(u)
     assert peaks.smooth + peaks.rows.max() == pytest.approx(peaks.objective, rel=1e-9)
     assert_near(peaks.rows_jacobian[peaks.rows.argmax()], peaks.gradient, 1e-6)
 
@@ -108,7 +110,7 @@ def test_objectives_mean_what_they_say(small, samples, kind):
         "eq45": integrate(memory(1) ** 2),
         "eq45_printed": integrate(memory(-1) ** 2),
     }[kind]
-    problem = build_problem(small(tuning__objective__kind=kind), chosen=["kp"])
+    problem = build_problem(small(tuning__objective__kind=kind), variables=["kp"])
     value = problem.evaluate(problem.start[None]).objective[0]
     assert value == pytest.approx(expected, rel=2e-2)
 
@@ -116,7 +118,7 @@ def test_objectives_mean_what_they_say(small, samples, kind):
 def test_penalties_mean_what_they_say(small, samples):
     t, error, outputs = samples
     weights = {"kind": "ise", "weight": 2.0, "effort": 0.5, "base_rotation": 3.0, "object_rotation": 5.0}
-    problem = build_problem(small(tuning__objective=weights), chosen=["kp"])
+    problem = build_problem(small(tuning__objective=weights), variables=["kp"])
     turned = outputs["body_rotation"]
     rate = 2 * (error**2).sum(1) + 0.5 * (outputs["joint_torque"] ** 2).sum(1)
     rate = rate + 3 * (turned[:, :3] ** 2).sum(1) + 5 * (turned[:, 3:] ** 2).sum(1)
@@ -125,7 +127,7 @@ def test_penalties_mean_what_they_say(small, samples):
 
 
 def test_variables_set_every_path_they_tie(small):
-    problem = build_problem(small(), chosen=["kp", "grip"])
+    problem = build_problem(small(), variables=["kp", "grip"])
     loop = build_closed_loop(small())
     changes = {"robots.arm.tips.tip.pid.kp": 77.0, "grasps.left.stiffness": 50.0, "grasps.left.damping": 50.0}
     reference = build_rollout(loop, duration_s=1.0, step_s=0.01).run(changes)
@@ -137,7 +139,7 @@ def test_variables_set_every_path_they_tie(small):
 
 def test_a_diverged_rollout_has_no_value_and_no_gradient(small):
     problem = build_problem(
-        small(simulation__method="rk4", tuning__step=0.25, tuning__constraints=LIMITS), chosen=["kp", "kd"]
+        small(simulation__method="rk4", tuning__step=0.25, tuning__constraints=LIMITS), variables=["kp", "kd"]
     )
     found = problem.evaluate(np.array([[1.0, 0.0], [1.0, 1.0]]))
     assert np.isnan(found.objective).any()
@@ -152,7 +154,7 @@ def test_a_diverged_rollout_has_no_value_and_no_gradient(small):
 def test_answers_do_not_depend_on_threads_or_batches(small):
     import dataclasses
 
-    problem = build_problem(small(), chosen=["kp", "ta"])
+    problem = build_problem(small(), variables=["kp", "ta"])
     u = np.random.default_rng(0).random((37, 2))
     one, two = (dataclasses.replace(problem, workers=Threads(n)).evaluate(u) for n in (1, 2))
     assert np.array_equal(one.objective, two.objective)
@@ -162,15 +164,15 @@ def test_answers_do_not_depend_on_threads_or_batches(small):
 
 def test_fingerprints_differ_where_answers_may(small):
     prints = {
-        build_problem(small(), chosen=["kp"]).fingerprint,
-        build_problem(small(), chosen=["ta"]).fingerprint,
-        build_problem(small(tuning__step=0.02), chosen=["kp"]).fingerprint,
-        build_problem(small(tuning__objective__kind="itae"), chosen=["kp"]).fingerprint,
-        build_problem(small(tuning__constraints__max_grip_force=3), chosen=["kp"]).fingerprint,
-        build_problem(small(), chosen=["kp"], variant="inertial").fingerprint,
+        build_problem(small(), variables=["kp"]).fingerprint,
+        build_problem(small(), variables=["ta"]).fingerprint,
+        build_problem(small(tuning__step=0.02), variables=["kp"]).fingerprint,
+        build_problem(small(tuning__objective__kind="itae"), variables=["kp"]).fingerprint,
+        build_problem(small(tuning__constraints__max_grip_force=3), variables=["kp"]).fingerprint,
+        build_problem(small(), variables=["kp"], variant="inertial").fingerprint,
     }
     assert len(prints) == 6
-    assert build_problem(small(), chosen=["kp"]).fingerprint in prints
+    assert build_problem(small(), variables=["kp"]).fingerprint in prints
 
 
 @pytest.mark.parametrize(
@@ -182,7 +184,7 @@ def test_fingerprints_differ_where_answers_may(small):
     ],
 )
 def test_derivatives_are_booked_as_they_are_computed(small, kind, limits, cost):
-    problem = build_problem(small(tuning__objective__kind=kind, **limits), chosen=["kp", "ta"])
+    problem = build_problem(small(tuning__objective__kind=kind, **limits), variables=["kp", "ta"])
     assert problem.linear_cost == cost
 
 

@@ -7,7 +7,8 @@ import pytest
 
 from optim.methods.by_name import effort_of, run_method
 from optim.problem.objectives import OBJECTIVE
-from optim.robust.problem import build_robust, tune_robust
+from optim.robust.problem import Statistic, build_robust, tune_robust
+from optim.search.session import Session
 from spacerobot.errors import ScenarioError, SpaceRobotError
 
 TUNING = {
@@ -27,7 +28,9 @@ TUNING = {
 @pytest.fixture(scope="module")
 def problems(small):
     scene = small(tuning=TUNING)
-    return {kind: build_robust(scene, kind, samples=21) for kind in ("mean", "percentile", "worst")}
+    return {
+        kind: build_robust(scene, Statistic(kind, samples=21)) for kind in ("mean", "percentile", "worst")
+    }
 
 
 def test_values_are_those_of_a_plain_batch(problems):
@@ -86,9 +89,9 @@ def test_dask_changes_no_bit(small, problems):
     effort = effort_of(small(tuning=TUNING).scenario.tuning, runs=2, starts=2)
     with open_workers(dask="local:2") as workers:
         for kind, method in (("mean", "nlp"), ("worst", "ga"), ("worst", "nlp")):
-            there = build_robust(small(tuning=TUNING), kind, samples=21, workers=workers)
+            there = build_robust(small(tuning=TUNING), Statistic(kind, samples=21), workers=workers)
             one = run_method(problems[kind], method, effort).best
-            other = run_method(there, method, effort, workers=workers).best
+            other = run_method(there, method, effort, session=Session(workers=workers)).best
             assert np.array_equal(one.u, other.u)
             assert one.objective == other.objective
 
@@ -108,7 +111,7 @@ LIMIT = {"max_grip_force": 8.5}
 
 @pytest.fixture(scope="module")
 def limited(small):
-    return build_robust(small(tuning=TUNING | {"constraints": LIMIT}), "mean", samples=9)
+    return build_robust(small(tuning=TUNING | {"constraints": LIMIT}), Statistic("mean", samples=9))
 
 
 def test_every_sample_brings_its_constraints_and_their_exact_derivatives(limited):
@@ -132,7 +135,7 @@ def test_every_sample_brings_its_constraints_and_their_exact_derivatives(limited
 def test_constraints_hold_at_every_sample(small, limited, kind):
     """The limit binds: without it every method passes it."""
     problem = replace(limited, kind=kind)
-    free = build_robust(small(tuning=TUNING), kind, samples=9)
+    free = build_robust(small(tuning=TUNING), Statistic(kind, samples=9))
     effort = effort_of(problem.nominal.scene.scenario.tuning)
     loose = run_method(free, "nlp", effort).best
     assert problem.evaluate(loose.u[None]).violation[0] > 0.01

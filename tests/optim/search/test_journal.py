@@ -94,12 +94,13 @@ def test_a_journal_that_cannot_be_written_says_so(tmp_path):
 SCRIPT = """
     import sys
     from pathlib import Path
-    from optim import Effort, NlpSettings, Protocol, tune
+    from optim import Effort, NlpSettings, Protocol, build_problem, tune
     from spacerobot.scene import load_scene
     protocol = Protocol(population=10, budget=1500)
     effort = Effort(protocol, protocol, runs=2, nlp=NlpSettings(iterations=40), starts=3)
     scene = load_scene(sys.argv[1])
-    found = tune(scene, sys.argv[2], variables=["kp", "ta"], effort=effort, folder=Path(sys.argv[3]))
+    problem = build_problem(scene, variables=["kp", "ta"])
+    found = tune(problem, sys.argv[2], effort=effort, folder=Path(sys.argv[3]))
     print(repr((dict(found.gains), found.objective, [r.cost for r in found.outcome.runs])))
 """
 

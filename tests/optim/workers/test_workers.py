@@ -198,17 +198,17 @@ def same(one, other):
 @pytest.mark.parametrize("method", ["ga", "cmaes", "nlp", "nlp_ga"])
 def test_tuning_on_dask_changes_no_bit(small, dask, method):
     same(
-        tune(small(), method, variables=["kp", "ta"], workers=dask),
-        tune(small(), method, variables=["kp", "ta"]),
+        tune(build_problem(small(), variables=["kp", "ta"], workers=dask), method),
+        tune(build_problem(small(), variables=["kp", "ta"]), method),
     )
 
 
 @pytest.mark.parametrize("method", ["ga", "nlp"])
 def test_a_killed_worker_changes_no_bit_and_the_journals_are_whole(small, dask, killed, tmp_path, method):
-    found = tune(small(), method, folder=tmp_path, workers=dask, progress=killed)
+    found = tune(build_problem(small(), workers=dask), method, folder=tmp_path, progress=killed)
     assert killed.victims
     same(found, tune(small(), method))
-    same(found, tune(small(), method, folder=tmp_path, workers=Nobody()))
+    same(found, tune(build_problem(small(), workers=Nobody()), method, folder=tmp_path))
 
 
 def test_another_client_of_this_process_disturbs_nothing(small, dask, cluster):
@@ -253,7 +253,8 @@ def test_a_users_own_objective_goes_along(small, dask):
         return integral(ca.sumsqr(signals["tip_error"]) + 1e-6 * ca.sumsqr(signals["joint_torque"]))
 
     one, other = (
-        tune(small(), "nlp", variables=["kp"], objective=own, workers=workers) for workers in (None, dask)
+        tune(build_problem(small(), variables=["kp"], objective=own, workers=workers))
+        for workers in (None, dask)
     )
     same(one, other)
 

@@ -1,0 +1,32 @@
+"""Where and by whom searches are done."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from optim.search.search import Progress
+from optim.workers import Threads, Workers
+
+Tell = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Session:
+    """Who does searches, where they are kept and who is told of them.
+
+    Attributes
+    ----------
+    folder
+        Where journals are kept, so that killed searches go on where they were; nowhere if None.
+    workers
+        Who rolls out. The results do not depend on it, save times.
+    progress, tell
+        Told how a search is getting on, and what begins.
+    """
+
+    folder: Path | None = None
+    workers: Workers = field(default_factory=Threads)
+    progress: Progress | None = None
+    tell: Tell = field(default=lambda _: None)
