@@ -58,8 +58,12 @@ class Builder:
     @functools.cached_property
     def leads(self) -> Mapping[str, Lead]:
         """The references of each tip, by the tip's label."""
-        root = None if self.scene.target is None else self.scene.target.root_frame
-        return {tip.label: Lead(tip, self.context, self.plant, self.start, root) for tip in self.scene.tips}
+        return {
+            tip.label: Lead(
+                tip, self.context, self.plant, self.start, self.scene.target, self._sensors(tip.body)
+            )
+            for tip in self.scene.tips
+        }
 
     @functools.cached_property
     def motions(self) -> Mapping[str, Motion]:

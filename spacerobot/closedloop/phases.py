@@ -63,7 +63,7 @@ class _Phases:
         leads = self.builder.leads.values()
         number = sum((i * switch for i, switch in enumerate(self.context.phases.values())), ca.SX(0))
         names = ", ".join(f"{i} {name}" for i, name in enumerate(self.phases))
-        states = [*self.kept.values(), *(state for lead in leads for state in lead.kept.values())]
+        states = [*self.kept.values(), *(state for lead in leads for state in lead.states)]
         return Contribution(
             states=tuple(states),
             events=(*events, *(event for lead in leads for event in lead.events)),
@@ -177,7 +177,7 @@ class _Phases:
     def _anew(self, updates: Mapping[str, ca.SX]) -> dict[str, ca.SX]:
         """States of controllers as they begin, from where the event leaves everything else."""
         own = [state for part in self.builder.controllers for state in part.states]
-        leads = [state for lead in self.builder.leads.values() for state in lead.kept.values()]
+        leads = [state for lead in self.builder.leads.values() for state in lead.states]
         changed = [state for state in leads if state.name in updates]
         old = ca.vertcat(*(state.symbol for state in (*own, *changed)))
         zeros = [ca.SX.zeros(state.symbol.size1()) for state in own]

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
 
 import casadi as ca
+import pinocchio as pin
 
 from spacerobot.dynamics import forward_kinematics, frame_velocity
 from spacerobot.dynamics.rotations import rotation_exp
 from spacerobot.elements import Beginning, Context, Event, Motion, Since, State, either, memory
-from spacerobot.scene import Course, SceneTip
+from spacerobot.elements.context import Affine, ReferenceContext
+from spacerobot.scene import Course, SceneBody, SceneTip
 from spacerobot.symbolic import Plant, Start
 
 
@@ -25,18 +27,29 @@ class Lead:
         The tip.
     context, plant, start
         Time and the scenario's numbers, mechanics now, and where everything begins.
-    root
-        Frame of the target, None if there is none.
+    target
+        The target, None if there is none.
+    sensors
+        Of the tip's robot.
     kept
         What is remembered of the instant at which the present reference began, by a short name.
+    seen
+        What else is remembered, by the state's name, with its expression at that instant.
     """
 
     tip: SceneTip
     context: Context
     plant: Plant
     start: Start
-    root: int | None
+    target: SceneBody | None
+    sensors: Callable[[str], Affine]
     kept: dict[str, State] = field(default_factory=dict)
+    seen: dict[str, tuple[State, ca.SX]] = field(default_factory=dict)
+
+    @property
+    def root(self) -> int | None:
+        """Frame of the target, None if there is none."""
+        return None if self.target is None else self.target.root_frame
 
     @functools.cached_property
     def motion(self) -> Motion:
@@ -73,15 +86,48 @@ class Lead:
         pivot = None
         if course.from_target and self.root is not None:
             pivot = self.start.placement(self.root)[1]
-        beginning = Beginning(*self.start.placement(self.tip.frame), self._first_twist)
-        return course.reference.motion(self.context.at(course.path), beginning, pivot)
+        beginning = Beginning(*self.start.placement(self.tip.frame), self._first_twist, self._at_start)
+        return course.reference.motion(self._context(self.context.at(course.path)), beginning, pivot)
+
+    def _context(self, context: Context) -> ReferenceContext:
+        """What a reference sees."""
+        target, model = self.target, self.plant.model
+        links = {} if target is None else {link.name: link for link in target.description.links}
+        frames = {name: int(model.getFrameId(f"target/{name}", pin.FrameType.BODY)) for name in links}
+        return ReferenceContext(
+            **{part.name: getattr(context, part.name) for part in fields(Context)},
+            plant=self.plant,
+            tip=self.tip.frame,
+            links=frames,
+            target=() if target is None or not target.root_joint else target.subtree,
+            sensors=self.sensors,
+        )
+
+    def _at_start(self, name: str, value: ca.SX) -> ca.SX:
+        """An expression of the state where everything begins."""
+        del name
+        constants, plant = self.context.constants, self.plant
+        found = ca.Function("first", [plant.q, plant.v, constants.symbols], [value])
+        return found(self.start.q, self.start.v, constants.expressions)
+
+    def _remembered(self, path: str, name: str, value: ca.SX) -> ca.SX:
+        """An expression of the state when the present reference began; what is constant of it stays so."""
+        rows, columns = value.sparsity().row(), value.sparsity().get_col()
+        places = [place for place in zip(rows, columns, strict=True) if not value[place].is_constant()]
+        label = f"{self.tip.label}.begun.{path}.{name}"
+        if label not in self.seen:
+            changing = ca.vertcat(ca.SX(0, 1), *(value[place] for place in places))
+            self.seen[label] = memory(label, changing), changing
+        found = ca.SX(value)
+        for place, symbol in zip(places, ca.vertsplit(self.seen[label][0].symbol), strict=True):
+            found[place] = symbol
+        return found
 
     def _first_twist(self) -> tuple[ca.SX, ca.SX]:
         """Velocity and spin of the tip at the start (3x1 each)."""
-        start, context = self.start, self.context.at(self.tip.path)
+        start = self.start
         moving = forward_kinematics(start.model, start.q, start.v)
-        linear, angular = frame_velocity(start.model, moving, self.tip.frame)
-        return context.once("start.velocity", linear), context.once("start.spin", angular)
+        return frame_velocity(start.model, moving, self.tip.frame)
 
     def _since(self, course: Course, since: Since) -> Motion:
         """A course that leads from an instant on that events decide."""
@@ -93,9 +139,12 @@ class Lead:
         else:
             rotation = ca.reshape(self._symbol("rotation"), 3, 3)
         beginning = Beginning(
-            rotation, self._vector("origin"), lambda: (self._vector("velocity"), self._vector("spin"))
+            rotation,
+            self._vector("origin"),
+            lambda: (self._vector("velocity"), self._vector("spin")),
+            functools.partial(self._remembered, course.path),
         )
-        return course.reference.motion(context, beginning, pivot)
+        return course.reference.motion(self._context(context), beginning, pivot)
 
     @functools.cached_property
     def _first_rotation(self) -> ca.SX:
@@ -155,7 +204,13 @@ class Lead:
             return {}, {}
         values = self._values(None if at_pose else self.motions[before])
         updates = {state.name: ca.densify(values[key][self._axes(key)]) for key, state in self.kept.items()}
+        updates |= {state.name: value for state, value in self.seen.values()}
         return dict.fromkeys(self.sinces[after].jumps, False), updates
+
+    @property
+    def states(self) -> tuple[State, ...]:
+        """What it remembers."""
+        return (*self.kept.values(), *(state for state, _ in self.seen.values()))
 
     @property
     def events(self) -> tuple[Event, ...]:

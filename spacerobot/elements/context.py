@@ -259,6 +259,31 @@ class GraspContext:
         )
 
 
+@dataclass(frozen=True, kw_only=True)
+class ReferenceContext(Context):
+    """A tip and the target as the tip's references see them; everything in world axes.
+
+    Attributes
+    ----------
+    plant
+        Mechanics now.
+    tip
+        Frame of the tip.
+    links
+        Frames of the target's links, by name.
+    target
+        Joints of the target, its root first; none where its base is fixed.
+    sensors
+        From a signal's name to the offset and scale of the robot's sensor.
+    """
+
+    plant: Plant
+    tip: int
+    links: Mapping[str, int]
+    target: tuple[int, ...]
+    sensors: Callable[[str], Affine]
+
+
 @dataclass(frozen=True)
 class Surface:
     """A shape of a body, and the frame and joint in the model that carry it."""

@@ -44,11 +44,14 @@ class Beginning:
         Of the frame (3x1) [m].
     twist
         Gives its velocity and its spin (3x1 each) [m/s, rad/s]; they are kept only where they are asked for.
+    keep
+        From a name and an expression of the state to its value at that instant, of the same shape.
     """
 
     rotation: ca.SX
     origin: ca.SX
     twist: Callable[[], tuple[ca.SX, ca.SX]]
+    keep: Callable[[str, ca.SX], ca.SX]
 
     @property
     def velocity(self) -> ca.SX:
@@ -83,6 +86,28 @@ def cubic_blend(context: Context, key: str = "duration") -> Profile:
         value=s * s * (3 - 2 * s),
         rate=6 * s * (1 - s) / duration,
         acceleration=ca.if_else(moving, (6 - 12 * s) / duration**2, 0),
+    )
+
+
+def smooth_blend(context: Context, keys: tuple[str | None, str], begin: ca.SX, duration: ca.SX) -> Profile:
+    """From 0 to 1 with neither velocity nor acceleration at both ends, between two instants.
+
+    Parameters
+    ----------
+    context
+        Time.
+    keys
+        Names of the two instants; none for the beginning of the law.
+    begin, duration
+        Made of the section's numbers (1x1 each) [s].
+    """
+    began = ca.SX(1) if keys[0] is None else context.time >= context.jump(keys[0], begin)
+    moving = ca.logic_and(began, context.time < context.jump(keys[1], begin + duration))
+    s = ca.if_else(moving, (context.time - begin) / duration, ca.if_else(began, 1, 0))
+    return Profile(
+        value=s**3 * (10 - 15 * s + 6 * s * s),
+        rate=30 * (s * (1 - s)) ** 2 / duration,
+        acceleration=60 * s * (1 - s) * (1 - 2 * s) / duration**2,
     )
 
 

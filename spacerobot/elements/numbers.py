@@ -80,20 +80,23 @@ class Context:
 
     def begun(self, name: str, expression: ca.SX) -> ca.SX:
         """Expression of where the law begins; any shape."""
-        return self.once(name, expression) if self.since is None else expression
+        if self.since is not None:
+            return expression
+        return self.once(name, self.constants.expanded(expression))
 
-    def jump(self, key: str, time: float | None = None) -> ca.SX:
+    def jump(self, key: str, time: float | ca.SX | None = None) -> ca.SX:
         """Time (1x1) [s] at which the law jumps, to be compared with time and used for nothing else.
 
-        Steps end there. It is the number that stands at ``key``, or ``time`` where it is no number.
+        Steps end there. It is the number that stands at ``key``, or ``time`` where it is no number: an
+        expression of the parameters and of where the law begins.
         """
         name = f"{self.path}.{key}"
         at = self.parameters(name) if time is None else ca.SX(time)
         if self.since is None:
-            return self.constants.jump(name, at)
+            return self.constants.jump(name, self.constants.expanded(at))
         passed = self.constants.switch(f"{self.since.owner}:{name}.passed")
         if passed.name() not in self.since.jumps:
-            left = self.time - self.constants.hoist(name, at)
+            left = self.time - (at if isinstance(time, ca.SX) else self.constants.hoist(name, at))
             armed = both(self.since.active, negated(passed))
             jump = Event(passed.name(), "reference", self.since.owner, left, armed, {passed.name(): True})
             self.since.jumps[passed.name()] = jump

@@ -14,6 +14,7 @@ import numpy as np
 from spacerobot.arrays import Array
 from spacerobot.dynamics.algebra import cross
 from spacerobot.dynamics.rotations import rotation_exp
+from spacerobot.elements.context import ReferenceContext
 from spacerobot.elements.element import Element
 from spacerobot.elements.motion import STILL, Beginning, Motion, Profile, along, cubic_blend
 from spacerobot.elements.numbers import Context
@@ -31,6 +32,15 @@ class Reference(Element):
 
     family: ClassVar[str] = "reference"
 
+    @property
+    def follows(self) -> str | None:
+        """Link of the target that it follows, if any."""
+        return None
+
+    def reads(self) -> set[str]:
+        """Signals that it reads from sensors."""
+        return set()
+
     def moved(self, context: Context) -> Profile:
         """Displacement since the start (3x1) [m] and its derivatives, world axes."""
         raise NotImplementedError
@@ -44,34 +54,20 @@ class Reference(Element):
         """Times at which it is not smooth [s], rising; the last one is its end."""
         return ()
 
-    def motion(self, context: Context, start: Beginning, pivot: ca.SX | None = None) -> Motion:
+    def motion(self, context: ReferenceContext, start: Beginning, pivot: ca.SX | None = None) -> Motion:
         """Motion of a frame that begins at ``start``.
 
         Parameters
         ----------
         context
-            Time and this section's numbers.
+            Time, this section's numbers, and what can be seen of the target.
         start
             Where the frame is when this begins.
         pivot
             Where the point then is that is displaced (3x1) [m], where that is not the frame's own origin: the
             target's, if the frame is carried along by it.
         """
-        moved, turned = self.moved(context), self.turned(context)
-        rotation0 = context.begun("start.rotation", start.rotation)
-        pivot0 = context.begun("start.pivot", start.origin if pivot is None else pivot)
-        lever0 = ca.SX(3, 1) if pivot is None else context.begun("start.lever", start.origin - pivot)
-        rotation = ca.SX.eye(3) if turned.value.nnz() == 0 else rotation_exp(turned.value)
-        lever = ca.mtimes(rotation, lever0)
-        swing = cross(turned.rate, lever)
-        return Motion(
-            position=pivot0 + moved.value + lever,
-            velocity=moved.rate + swing,
-            acceleration=moved.acceleration + cross(turned.acceleration, lever) + cross(turned.rate, swing),
-            rotation=ca.mtimes(rotation, rotation0),
-            angular_velocity=turned.rate,
-            angular_acceleration=turned.acceleration,
-        )
+        return carried(context, start, pivot, (self.moved(context), self.turned(context)))
 
     def way(self) -> tuple[Array, Array]:
         """Displacements [m] and rotation vectors [rad] on the whole way, (n, 3) each."""
@@ -91,6 +87,25 @@ class Reference(Element):
         if np.abs(moved[:, 2]).max() > PLANE_TOLERANCE or np.abs(turned[:, :2]).max() > PLANE_TOLERANCE:
             farthest = np.abs(moved[:, 2]).max(), *np.abs(turned[:, :2]).max(axis=0)
             yield "kind", [float(size) for size in farthest]
+
+
+def carried(context: Context, start: Beginning, pivot: ca.SX | None, way: tuple[Profile, Profile]) -> Motion:
+    """Motion of a frame on a way: a displacement, and a rotation vector of constant direction (3x1 each)."""
+    moved, turned = way
+    rotation0 = context.begun("start.rotation", start.rotation)
+    pivot0 = context.begun("start.pivot", start.origin if pivot is None else pivot)
+    lever0 = ca.SX(3, 1) if pivot is None else context.begun("start.lever", start.origin - pivot)
+    rotation = ca.SX.eye(3) if turned.value.nnz() == 0 else rotation_exp(turned.value)
+    lever = ca.mtimes(rotation, lever0)
+    swing = cross(turned.rate, lever)
+    return Motion(
+        position=pivot0 + moved.value + lever,
+        velocity=moved.rate + swing,
+        acceleration=moved.acceleration + cross(turned.acceleration, lever) + cross(turned.rate, swing),
+        rotation=ca.mtimes(rotation, rotation0),
+        angular_velocity=turned.rate,
+        angular_acceleration=turned.acceleration,
+    )
 
 
 class TimedReference(Reference):

@@ -23,7 +23,7 @@ from spacerobot.pinocchio_engine.grasps import (
 )
 from spacerobot.pinocchio_engine.joint_control import JointController, joint_controllers, null_space
 from spacerobot.pinocchio_engine.kinematics import Kinematics, configuration_rate, coordinates
-from spacerobot.pinocchio_engine.references import Motion, TipReference, tip_reference
+from spacerobot.pinocchio_engine.references import Begins, Leads, Motion, leading
 from spacerobot.pinocchio_engine.tip_control import Channel, Command, tip_law
 from spacerobot.scene import Scene
 
@@ -99,7 +99,7 @@ class Engine:
         self.works = (*WORKS, "contact") if scene.contacts else WORKS
         self.state_names = (*names, *(f"work.{name}[0]" for name in self.works))
         self._cuts = np.cumsum([len(block.state_names) for block in blocks])
-        motions = self._motions(0.0, 0.0)
+        motions = self._motions(0.0, 0.0, start)
         z0 = [c.initial(start, motions[c.tip.label]) for c in self.channels]
         z0 += [c.positions(start.q) for c in self.controllers]
         self.x0: Array = np.concatenate([scene.q, scene.v, *z0, np.zeros(len(self.works))])
@@ -140,7 +140,7 @@ class Engine:
         """Everything at one instant; arguments and errors as for :meth:`derivative`."""
         q, v, z = self.split(x)
         kinematics = Kinematics(self.model, pin.normalize(self.model, q), v)
-        motions = self._motions(t, t if within is None else within)
+        motions = self._motions(t, t if within is None else within, kinematics)
         states = np.split(z, self._cuts)
         commands = [
             (channel, channel.evaluate(kinematics, motions[channel.tip.label], own))
@@ -199,8 +199,8 @@ class Engine:
         limits, spread = self.limits, self.scene.spread
         return couplings, Loads(torque, self.resistance, wrenches, asked, constraints, limits, spread)
 
-    def _motions(self, t: float, within: float) -> dict[str, Motion]:
-        return {label: reference.at(t, within) for label, reference in self.references.items()}
+    def _motions(self, t: float, within: float, kinematics: Kinematics) -> dict[str, Motion]:
+        return {label: reference.at(t, within, kinematics) for label, reference in self.references.items()}
 
     def _powers(
         self, v: Array, solution: Solution, couplings: list[Coupling], pressing: list[Pressure]
@@ -220,14 +220,13 @@ class Engine:
         return np.array([powers[name] for name in self.works])
 
 
-def _references(scene: Scene, start: Kinematics) -> dict[str, TipReference]:
+def _references(scene: Scene, start: Kinematics) -> dict[str, Leads]:
     references = {}
     for tip in scene.tips:
-        frame, pivot = start.frame(tip.frame), None
+        pivot = None
         if tip.from_target and scene.target is not None:
             pivot = start.frame(scene.target.root_frame).position
-        placement = pin.SE3(frame.rotation, frame.position)
-        references[tip.label] = tip_reference(tip.reference, placement, pivot)
+        references[tip.label] = leading(tip.reference, Begins(scene, tip, start, pivot))
     return references
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 import pinocchio as pin
@@ -18,12 +19,14 @@ from scipy.interpolate import CubicSpline
 from spacerobot.arrays import Array
 from spacerobot.elements import Reference
 from spacerobot.elements.reference import TimedReference
+from spacerobot.elements.references.brake import Brake
 from spacerobot.elements.references.circle import Circle
 from spacerobot.elements.references.hold import Hold
 from spacerobot.elements.references.line import Line
 from spacerobot.elements.references.spline import Spline
-from spacerobot.pinocchio_engine.kinematics import cross
+from spacerobot.pinocchio_engine.kinematics import Kinematics, cross
 from spacerobot.pinocchio_engine.laws import refusal
+from spacerobot.scene import Scene, SceneTip
 
 Jet = tuple[Array, Array, Array]
 """A value with its first and second derivative with respect to time."""
@@ -68,8 +71,9 @@ class TipReference:
     lever: Array
     rotation: Array
 
-    def at(self, t: float, within: float) -> Motion:
+    def at(self, t: float, within: float, kinematics: Kinematics) -> Motion:
         """Motion at time t [s], by the piece that holds at ``within`` [s]."""
+        del kinematics
         displacement, velocity, acceleration = self.path(t, within)
         angle, spin, spin_rate = self.turn(t, within)
         turned = pin.exp3(angle)
@@ -85,23 +89,71 @@ class TipReference:
         )
 
 
-def tip_reference(reference: Reference, placement: pin.SE3, pivot: Array | None = None) -> TipReference:
-    """Reference of a tip that begins at ``placement``.
+class Leads(Protocol):
+    """What leads a tip."""
 
-    Parameters
+    def at(self, t: float, within: float, kinematics: Kinematics) -> Motion:
+        """Motion at time t [s], by the piece that holds at ``within`` [s]."""
+
+
+@dataclass(frozen=True)
+class Begins:
+    """A tip and the target when a reference begins to lead it.
+
+    Attributes
     ----------
-    reference
-        Its description.
-    placement
-        The tip's initial placement.
+    scene, tip
+        The scene, and the tip.
+    start
+        Where everything is, and how it moves.
     pivot
-        Initial position (3,) [m] of the object that the reference belongs to, if not to the tip itself.
+        Position (3,) [m] of the object that the reference belongs to, if not to the tip itself.
     """
-    origin = np.array(placement.translation)
-    centre = origin if pivot is None else np.array(pivot)
-    return TipReference(
-        path_of(reference), turn_of(reference), centre, origin - centre, np.array(placement.rotation)
-    )
+
+    scene: Scene
+    tip: SceneTip
+    start: Kinematics
+    pivot: Array | None
+
+
+@functools.singledispatch
+def leading(reference: Reference, begins: Begins) -> Leads:
+    """What leads a tip by a reference, of each kind; where only the way counts, by :func:`path_of`."""
+    return _carried(begins, path_of(reference), turn_of(reference))
+
+
+def _carried(begins: Begins, path: Path, turn: Path) -> TipReference:
+    """A tip that is carried on a way."""
+    frame = begins.start.frame(begins.tip.frame)
+    centre = frame.position if begins.pivot is None else begins.pivot
+    return TipReference(path, turn, centre, frame.position - centre, frame.rotation)
+
+
+@leading.register
+def _(brake: Brake, begins: Begins) -> Leads:
+    """Velocities fall by 1 - 3 u^2 + 2 u^3."""
+    frame = begins.start.frame(begins.tip.frame)
+    linear, spin = frame.velocity[:3], frame.velocity[3:]
+    if begins.pivot is not None:
+        linear = linear + cross(spin, begins.pivot - frame.position)
+    limits = brake.deceleration, np.radians(brake.spin_deceleration_deg)
+    end = 1.5 * max(float(np.linalg.norm(v)) / limit for v, limit in zip((linear, spin), limits, strict=True))
+
+    def fading(first: Array) -> Path:
+        def jet(t: float, within: float) -> Jet:
+            """Until it rests, and there."""
+            if within >= end:
+                return first * end / 2, np.zeros(3), np.zeros(3)
+            u = t / end
+            return (
+                first * (t - t * u**2 + t * u**3 / 2),
+                first * (1 - 3 * u**2 + 2 * u**3),
+                first * 6 * (u**2 - u) / end,
+            )
+
+        return jet
+
+    return _carried(begins, fading(linear), fading(spin))
 
 
 def cubic_blend(t: float, within: float, duration: float) -> tuple[float, float, float]:

@@ -30,6 +30,11 @@ class Sensors(Section):
     tip_angular_velocity: AnySensor = quantity(
         "rad/s", "angular velocities of tips, used by `feedback: inertial`", default=Linear()
     )
+    target_position: AnySensor = quantity(
+        "m", "mating frames relative to tips, used by `rendezvous`", default=Linear()
+    )
+    target_velocity: AnySensor = quantity("m/s", "velocities of mating frames, likewise", default=Linear())
+    target_spin: AnySensor = quantity("rad/s", "angular velocity of the target, likewise", default=Linear())
 
     def __getitem__(self, signal: str) -> Sensor:
         """Sensor of a signal."""

@@ -105,10 +105,11 @@ def _unread_sensors(scene: Scene, body: SceneBody) -> list[str]:
         if tip.body is body:
             for key, controller in tip.config.elements():
                 read |= controller.reads(key, tip.config.sections)
+            for course in tip.courses:
+                read |= course.reference.reads()
     texts = {signal: field.description for signal, field in type(config.sensors).model_fields.items()}
     return [
-        f"{body.path}.sensors.{signal}: without effect, no controller of this robot reads it "
-        f"({texts[signal]})"
+        f"{body.path}.sensors.{signal}: without effect, nothing of this robot reads it ({texts[signal]})"
         for signal, sensor in config.sensors
         if signal not in read and not sensor.is_ideal
     ]

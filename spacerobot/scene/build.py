@@ -32,7 +32,7 @@ from spacerobot.scene.configure import close_velocity, initial_state
 from spacerobot.scene.contacts import check_overlap, find_contacts
 from spacerobot.scene.courses import courses_of
 from spacerobot.scene.model import build_model
-from spacerobot.scene.reach import check_in_plane
+from spacerobot.scene.reach import check_followed, check_in_plane
 from spacerobot.scene.resolve import fill, locate, read_descriptions, settle
 from spacerobot.scene.scene import Scene, SceneBody, SceneGrasp, SceneTip
 
@@ -84,6 +84,7 @@ def build_scene(
     check_gaps(scene)
     check_rank(scene)
     check_elements(scene)
+    check_followed(scene)
     check_in_plane(scene)
     check_overlap(scene)
     if has_loops(scene):

@@ -7,7 +7,7 @@ import pinocchio as pin
 
 from spacerobot.arrays import Array
 from spacerobot.elements import Reference
-from spacerobot.errors import ScenarioError
+from spacerobot.errors import ScenarioError, near_names
 from spacerobot.scene.scene import Scene, SceneTip
 
 
@@ -29,6 +29,30 @@ def check_in_plane(scene: Scene) -> None:
                 source=scene.source,
                 where=f"{course.path}.{key}",
             )
+
+
+def check_followed(scene: Scene) -> None:
+    """Refuse a reference that follows a frame which the target does not have.
+
+    Raises
+    ------
+    ScenarioError
+        With the near names.
+    """
+    links = [] if scene.target is None else [link.name for link in scene.target.description.links]
+    for course in (course for tip in scene.tips for course in tip.courses):
+        frame = course.reference.follows
+        if frame is None:
+            continue
+        if course.from_target:
+            fault = "follows the target, so it is one of tips and not of the target"
+        elif scene.target is None:
+            fault = "follows the target, and there is none"
+        elif frame not in links:
+            fault = f"no link {frame!r} in the target's URDF; {near_names(frame, links)}"
+        else:
+            continue
+        raise ScenarioError(fault, source=scene.source, where=f"{course.path}.frame")
 
 
 def reference_warnings(scene: Scene) -> list[str]:

@@ -131,6 +131,12 @@ class Constants:
                 hoisted[row, column] = symbol
         return hoisted
 
+    def expanded(self, expression: ca.SX) -> ca.SX:
+        """Expression of the parameters and of constants, as one of the parameters alone."""
+        if not self._symbols or not ca.depends_on(expression, self.symbols):
+            return expression
+        return ca.substitute(expression, self.symbols, self.expressions)
+
     @property
     def symbols(self) -> ca.SX:
         """Constants c as symbols (nc x 1)."""

@@ -1,0 +1,57 @@
+"""Coming to rest."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import casadi as ca
+import numpy as np
+
+from spacerobot.arrays import Array
+from spacerobot.dynamics.algebra import cross
+from spacerobot.elements.context import ReferenceContext
+from spacerobot.elements.motion import Beginning, Motion, Profile
+from spacerobot.elements.reference import DEGREE, Reference, carried
+from spacerobot.elements.registry import register
+from spacerobot.section import quantity
+
+_LONGEST = 1.5
+"""Greatest slope of u^2 (3 - 2 u)."""
+_STILL = 1e-12
+"""[m/s, rad/s] of which the square is added to that of a speed, so that none has a slope; and [s]."""
+
+
+@register
+class Brake(Reference):
+    """Come to rest from the velocity and spin at which it begins, as fast as two limits allow."""
+
+    kind: Literal["brake"] = "brake"
+    deceleration: float = quantity("m/s^2", "greatest deceleration", default=0.01, gt=0)
+    spin_deceleration_deg: float = quantity("deg/s^2", "greatest angular deceleration", default=1.0, gt=0)
+
+    def motion(self, context: ReferenceContext, start: Beginning, pivot: ca.SX | None = None) -> Motion:
+        """Velocity and spin fall together, along their own directions; so does what is rigidly carried."""
+        spin, linear = start.angular_velocity, start.velocity
+        if pivot is not None:
+            linear = linear + cross(spin, pivot - start.origin)
+        limits = context.number("deceleration"), context.number("spin_deceleration_deg") * DEGREE
+        times = [_speed(v) / limit for v, limit in zip((linear, spin), limits, strict=True)]
+        full = _LONGEST * ca.fmax(*times) + _STILL
+        duration, ends = context.begun("duration", full), context.jump("end", full)
+        u = ca.if_else(context.time < ends, context.time / duration, 1)
+        way = duration * u * (1 - u * u * (1 - u / 2))
+        fall, slope = 1 - u * u * (3 - 2 * u), -6 * u * (1 - u) / duration
+
+        def fading(name: str, vector: ca.SX) -> Profile:
+            first = context.begun(name, vector)
+            return Profile(first * way, first * fall, first * slope)
+
+        return carried(context, start, pivot, (fading("velocity", linear), fading("spin", spin)))
+
+    def way(self) -> tuple[Array, Array]:
+        """Not known before it begins: none."""
+        return np.zeros((1, 3)), np.zeros((1, 3))
+
+
+def _speed(vector: ca.SX) -> ca.SX:
+    return ca.sqrt(ca.dot(vector, vector) + _STILL**2)

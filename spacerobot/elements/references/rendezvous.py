@@ -1,0 +1,227 @@
+"""Coming to a mating frame of a target that moves."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Literal
+
+import casadi as ca
+import numpy as np
+from pydantic import Field, model_validator
+
+from spacerobot.arrays import Array
+from spacerobot.dynamics.algebra import SymmetricFactors, cross
+from spacerobot.dynamics.inertias import shifted_inertia
+from spacerobot.dynamics.rotations import rotation_exp, rotation_from_rpy
+from spacerobot.elements.context import ReferenceContext
+from spacerobot.elements.grasp import only
+from spacerobot.elements.motion import Beginning, Motion, Profile, smooth_blend
+from spacerobot.elements.reference import DEGREE, Reference
+from spacerobot.elements.registry import register
+from spacerobot.elements.sensor import measured
+from spacerobot.section import Vector, quantity
+
+PEAK = 1.875
+"""Greatest slope of the smooth blend."""
+
+
+@register
+class Rendezvous(Reference):
+    """Follow a mating frame of the moving target: to a standoff before it, then in along its axis."""
+
+    kind: Literal["rendezvous"] = "rendezvous"
+    frame: str = Field(min_length=1, description="mating frame: a link of the target's URDF")
+    standoff: float = quantity(
+        "m", "distance before the mating frame from which it closes in", default=0.2, ge=0
+    )
+    axis: Vector = quantity("1", "direction of approach in the mating frame", default=(1.0, 0.0, 0.0))
+    mated_deg: Vector = quantity(
+        "deg", "roll, pitch, yaw of the tip in the mating frame where mated", default=(0.0, 0.0, 0.0)
+    )
+    approach_time: float = quantity("s", "time to the standoff", default=5.0, gt=0)
+    wait: float = quantity("s", "time at the standoff", default=0.0, ge=0)
+    duration: float | None = quantity(
+        "s",
+        "time from the standoff to the end; 5 if neither it nor `closing_speed` is given",
+        default=None,
+        gt=0,
+    )
+    closing_speed: float | None = quantity(
+        "m/s", "greatest speed from the standoff to the end, in place of `duration`", default=None, gt=0
+    )
+    end_distance: float = quantity(
+        "m", "distance before the mating frame at the end; below 0 to press on beyond it", default=0.0
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> Rendezvous:
+        if not any(self.axis):
+            raise ValueError("axis: found 0 0 0, allowed: a direction")
+        if self.duration is not None and self.closing_speed is not None:
+            raise ValueError("give either `duration` or `closing_speed`, not both")
+        if self.closing_speed is not None and self.standoff <= self.end_distance:
+            raise ValueError("`closing_speed` needs a `standoff` above `end_distance`")
+        return self
+
+    @property
+    def follows(self) -> str | None:
+        """The mating frame."""
+        return self.frame
+
+    def reads(self) -> set[str]:
+        """What is seen of the target."""
+        return {"target_position", "target_velocity", "target_spin"}
+
+    def motion(self, context: ReferenceContext, start: Beginning, pivot: ca.SX | None = None) -> Motion:
+        """A way in the mating frame, carried by it."""
+        del pivot
+        plant, seen = context.plant, _Seen.of(context, context.links[self.frame])
+        mated = context.once("mated", rotation_from_rpy(_vector(context, "mated_deg") * DEGREE))
+        moved, turned = self._way(context, start, seen, mated)
+        rotation, spin = seen.rotation, seen.spin
+        lever, rate, bend = (
+            ca.mtimes(rotation, part) for part in (moved.value, moved.rate, moved.acceleration)
+        )
+        turning, gain = ca.mtimes(rotation, turned.rate), ca.mtimes(rotation, turned.acceleration)
+        linear, angular = _free_acceleration(context, seen)
+        swing, about = cross(spin, lever), plant.rotation_axes
+        return Motion(
+            position=seen.position + lever,
+            velocity=seen.velocity + swing + rate,
+            acceleration=linear + cross(angular, lever) + cross(spin, swing + 2 * rate) + bend,
+            rotation=ca.mtimes(rotation, ca.mtimes(rotation_exp(turned.value), mated)),
+            angular_velocity=only(spin + turning, about),
+            angular_acceleration=only(angular + cross(spin, turning) + gain, about),
+        )
+
+    def _way(
+        self, context: ReferenceContext, start: Beginning, seen: _Seen, mated: ca.SX
+    ) -> tuple[Profile, Profile]:
+        """Displacement and rotation vector (3x1 each) relative to the mated pose, axes of the mating frame.
+
+        The way to the standoff begins with the velocity that the tip has relative to the mating frame; the
+        rotation begins at rest relative to it.
+        """
+        first = seen.at(start)
+        back, apart = first.rotation.T, start.origin - first.position
+        offset = context.begun("offset", ca.mtimes(back, apart))
+        relative = start.velocity - first.velocity - cross(first.spin, apart)
+        drift = context.begun("drift", ca.mtimes(back, relative))
+        twist = context.plant.orientation_error(ca.mtimes(back, start.rotation), mated)
+        turn = context.begun("turn", twist)
+        axis = _vector(context, "axis")
+        axis = context.once("axis", axis / ca.norm_2(ca.densify(axis)))
+        time, left, closing = self._times(context)
+        arrive = smooth_blend(context, (None, "arrived"), ca.SX(0), time)
+        close = smooth_blend(context, ("left" if self.wait else "arrived", "closed"), left, closing)
+        standoff = -context.number("standoff") * axis
+        onward = -context.number("end_distance") * axis - standoff
+        coast = _coasting(context, time)
+        away = offset - standoff
+        moved = Profile(
+            standoff + away * (1 - arrive.value) + drift * coast.value + onward * close.value,
+            -away * arrive.rate + drift * coast.rate + onward * close.rate,
+            -away * arrive.acceleration + drift * coast.acceleration + onward * close.acceleration,
+        )
+        return moved, Profile(turn * (1 - arrive.value), -turn * arrive.rate, -turn * arrive.acceleration)
+
+    def _times(self, context: ReferenceContext) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """Times at which it comes to the standoff and leaves it, and from there to the end (1x1 each) [s]."""
+        number = context.number
+        if self.closing_speed is not None:
+            closing = PEAK * (number("standoff") - number("end_distance")) / number("closing_speed")
+        else:
+            closing = ca.SX(5) if self.duration is None else number("duration")
+        arrived = number("approach_time")
+        return arrived, arrived + number("wait") if self.wait else arrived, closing
+
+    def jumps(self) -> tuple[float, ...]:
+        """At the standoff, when it leaves there, and at the end."""
+        closing = 5.0 if self.duration is None else self.duration
+        if self.closing_speed is not None:
+            closing = PEAK * (self.standoff - self.end_distance) / self.closing_speed
+        left = self.approach_time + self.wait
+        return (self.approach_time, left, left + closing)
+
+    def way(self) -> tuple[Array, Array]:
+        """Not known before it begins: none."""
+        return np.zeros((1, 3)), np.zeros((1, 3))
+
+    def leaves_plane(self) -> Iterator[tuple[str, list[float]]]:
+        """An axis, or an orientation, that leads out of the plane."""
+        if self.axis[2]:
+            yield "axis", list(self.axis)
+        if any(self.mated_deg[:2]):
+            yield "mated_deg", list(self.mated_deg)
+
+    def assumptions(self) -> list[str]:
+        """What its acceleration is made of."""
+        return [
+            "its acceleration is that of a target that drifts freely as one body: what grips, touches or "
+            "drives the target does not enter it"
+        ]
+
+
+class _Seen:
+    """A mating frame as the robot's sensors show it: rotation, position, velocity, spin."""
+
+    def __init__(self, rotation: ca.SX, position: ca.SX, velocity: ca.SX, spin: ca.SX) -> None:
+        self.rotation, self.position, self.velocity, self.spin = rotation, position, velocity, spin
+
+    @classmethod
+    def of(cls, context: ReferenceContext, frame: int) -> _Seen:
+        """Now: its position relative to the tip, and its velocity and spin, by sensors."""
+        plant = context.plant
+        (rotation, place), (velocity, spin) = plant.placement(frame), plant.velocity(frame)
+        tip = plant.placement(context.tip)[1]
+
+        def read(signal: str, value: ca.SX, axes: tuple[int, ...]) -> ca.SX:
+            sensor = context.sensors(signal)
+            return ca.SX(3, 1) if sensor[0] is None else only(measured(sensor, value) - value, axes)
+
+        along = plant.translation_axes
+        return cls(
+            rotation,
+            place + read("target_position", place - tip, along),
+            velocity + read("target_velocity", velocity, along),
+            spin + read("target_spin", spin, plant.rotation_axes),
+        )
+
+    def at(self, start: Beginning) -> _Seen:
+        """When the reference began."""
+        return _Seen(**{name: start.keep(name, value) for name, value in vars(self).items()})
+
+
+def _vector(context: ReferenceContext, key: str) -> ca.SX:
+    return context.parameters.sparse_vector(f"{context.path}.{key}")
+
+
+def _coasting(context: ReferenceContext, time: ca.SX) -> Profile:
+    """How far an initial velocity of 1 leads on (1x1) [s]: T u (1 - u)^3 (1 + 3 u), gone at the end."""
+    u = ca.if_else(context.time < context.jump("arrived", time), context.time / time, 1)
+    return Profile(
+        time * u * (1 - u) ** 3 * (1 + 3 * u),
+        (1 - u) ** 2 * (1 + 2 * u - 15 * u * u),
+        -12 * u * (1 - u) * (3 - 5 * u) / time,
+    )
+
+
+def _free_acceleration(context: ReferenceContext, seen: _Seen) -> tuple[ca.SX, ca.SX]:
+    """Rates of the mating frame's velocity and spin (3x1 each) while the target drifts as one body."""
+    plant, none = context.plant, ca.SX(3, 1)
+    if not context.target:
+        return none, none
+    parts = [(joint, *plant.inertias.in_world(plant.kinematics, joint)) for joint in context.target]
+    mass = sum(part[1] for part in parts)
+    centre = sum(m * plant.kinematics.origin[joint] + moment for joint, m, moment, _ in parts) / mass
+    spin, angular = seen.spin, none
+    if not plant.planar:
+        shifted = (
+            shifted_inertia(m, moment, inertia, plant.kinematics.origin[joint] - centre)[2]
+            for joint, m, moment, inertia in parts
+        )
+        inertia = sum(shifted, ca.SX(3, 3))
+        angular = SymmetricFactors(inertia).solve_negated(cross(spin, ca.mtimes(inertia, spin)))
+    lever = seen.position - centre
+    gravity = ca.SX(ca.DM(plant.model.gravity.linear))
+    return gravity + cross(angular, lever) + cross(spin, cross(spin, lever)), angular
