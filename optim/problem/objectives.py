@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import casadi as ca
 import numpy as np
 
+from optim.problem.docking import Measured, capture_times, event_energy, impulses
 from optim.problem.problem import Form
 from optim.problem.tied import extend
 from spacerobot.arrays import Array
@@ -119,9 +120,12 @@ def build_terms(
             ("joint_torque_peak", constraints.max_joint_torque),
             ("grip_force_peak", constraints.max_grip_force),
             ("base_rotation_peak_deg", constraints.max_base_rotation_deg),
+            ("impulse", constraints.max_impulse),
         )
         if limit is not None
     }
+    if constraints.max_impulse is not None:
+        named["impulse"] = _of_docking(impulses, signals, scene, "constraints.max_impulse")
     if isinstance(objective, Objective):
         return _standard(signals, scene, objective, named, limits)
     measure = objective(signals)
@@ -148,6 +152,12 @@ def _standard(
     for name, (weight, factor) in weights.items():
         if weight:
             named[f"{name}_squared"] = integral(ca.sumsqr(ca.DM(factor) * signals[name]))
+    docking = {
+        name: _of_docking(make, signals, scene, f"objective.{name}")
+        for name, make in (("capture_time", capture_times), ("event_energy", event_energy))
+        if getattr(objective, name)
+    }
+    named |= docking
     track = _track(signals, scene, objective.kind)
     if track is not None:
         named["track"] = track
@@ -158,13 +168,34 @@ def _standard(
         total = objective.weight * tracking
         for name, weight in counted.items():
             total = total + weight * r[f"{name}_squared"]
+        for name in docking:
+            total = total + getattr(objective, name) * ca.sum1(r[name])
         return {OBJECTIVE: total}
 
     forms: dict[str, Form] = {"ise": "squares", "minimax": "minimax"}
     residuals = {name: weights[name] for name in counted}
     if objective.kind == "ise":
         residuals["tip_error"] = (objective.weight, np.ones(3 * len(scene.tips)))
-    return Terms(Measures(signals, named, costs), forms.get(objective.kind, "smooth"), limits, residuals)
+    form = "smooth" if docking else forms.get(objective.kind, "smooth")
+    return Terms(Measures(signals, named, costs), form, limits, residuals)
+
+
+def _of_docking(
+    make: Callable[[Signals, Scene], Measured], signals: Signals, scene: Scene, where: str
+) -> Measure:
+    """Measure of a docking that a key of the tuning section asks for.
+
+    Raises
+    ------
+    ScenarioError
+        If the scene has nothing for it.
+    """
+    found = make(signals, scene)
+    if not found.places:
+        raise ScenarioError(
+            "no grasp of this scene is captured so", source=scene.source, where=f"tuning.{where}"
+        )
+    return found.measure
 
 
 def _track(signals: Signals, scene: Scene, kind: str) -> Measure | None:

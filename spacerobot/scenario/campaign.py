@@ -21,6 +21,10 @@ Metric = Literal[
     "base_rotation_peak",
     "joint_torque_peak",
     "grip_force_peak",
+    "capture_time",
+    "miss_distance",
+    "impulse",
+    "event_energy",
 ]
 METRICS: tuple[Metric, ...] = get_args(Metric)
 
@@ -38,6 +42,8 @@ LIMITED: dict[str, Metric] = {
     "tip_error": "tip_error_peak",
     "target_rotation_deg": "target_rotation_peak",
     "base_rotation_deg": "base_rotation_peak",
+    "capture_time": "capture_time",
+    "impulse": "impulse",
 }
 """Metric that each limit is held against."""
 
@@ -111,6 +117,10 @@ class Limits(Section):
     base_rotation_deg: float | None = quantity(
         "deg", "of any robot's base since the start", default=None, gt=0
     )
+    capture_time: float | None = quantity(
+        "s", "of any grasp that begins open; missed ones are as late as the simulation", default=None, gt=0
+    )
+    impulse: float | None = quantity("N s", "of all impacts in any grasp", default=None, gt=0)
 
 
 class Campaign(Section):

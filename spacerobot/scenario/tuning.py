@@ -75,6 +75,15 @@ class Objective(Section):
     object_rotation: float = quantity(
         "objective/(rad^2 s)", "weight of the integral of the object's squared rotation", default=0.0, ge=0
     )
+    capture_time: float = quantity(
+        "objective/s",
+        "weight of the last captures' times, summed over grasps that begin open",
+        default=0.0,
+        ge=0,
+    )
+    event_energy: float = quantity(
+        "objective/J", "weight of the energy that impacts and springs let go take", default=0.0, ge=0
+    )
 
 
 class Constraints(Section):
@@ -83,6 +92,7 @@ class Constraints(Section):
     max_joint_torque: float | None = quantity("N m or N", "of any joint", default=None, gt=0)
     max_grip_force: float | None = quantity("N", "of any grasp", default=None, gt=0)
     max_base_rotation_deg: float | None = quantity("deg", "of any robot's base", default=None, gt=0)
+    max_impulse: float | None = quantity("N s", "of all impacts in any grasp", default=None, gt=0)
 
 
 class Robustness(Section):

@@ -12,6 +12,9 @@ QUANTITIES = {
     "base_rotation_peak": "largest rotation of a base",
     "joint_torque_peak": "largest joint torque",
     "grip_force_peak": "largest grip force",
+    "capture_time": "time of capture",
+    "miss_distance": "least distance",
+    "event_energy": "energy lost at events",
 }
 """Metrics in people's words."""
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -18,13 +18,18 @@ from optim.campaign.rollouts.trust import (
     residual_measure,
     residual_of,
 )
+from optim.problem.docking import Measured, capture_times, event_energy, impulses, nearness
 from spacerobot.arrays import Array
 from spacerobot.closedloop import ClosedLoop
 from spacerobot.rollout import Measure, Measures, Signals, integral, peak
 from spacerobot.scene import Scene
 
 AXES = "xyz"
-DERIVED = {DRIFT: drift_of, RESIDUAL: residual_of}
+DERIVED: dict[str, Callable[[Array], Array]] = {
+    DRIFT: drift_of,
+    RESIDUAL: residual_of,
+    "miss_distance": lambda nearness: -nearness,
+}
 
 
 @dataclass(frozen=True)
@@ -36,7 +41,7 @@ class Column:
     metric
         Which quantity, as the scenario names it.
     where
-        Of what: a tip and an axis, a tip, a robot, a grasp, or the target.
+        Of what: a tip and an axis, a tip, a robot, a grasp, the target, or the total.
     unit
         Its unit.
     """
@@ -99,13 +104,17 @@ def build_kept(loop: ClosedLoop, scene: Scene, wanted: Sequence[str]) -> Kept:
     duration = scene.scenario.simulation.duration
     named: dict[str, Measure] = {}
     columns: list[Column] = []
-    makers = {
+    makers: dict[str, Callable[[Signals, Scene], Made]] = {
         "tip_error_peak": _error_peaks,
         "tip_error_rms": _error_squares,
         "target_rotation_peak": lambda signals, scene: _rotations(signals, scene, target=True),
         "base_rotation_peak": lambda signals, scene: _rotations(signals, scene, target=False),
         "joint_torque_peak": _torques,
         "grip_force_peak": _grips,
+        "capture_time": _docking(capture_times),
+        "miss_distance": _docking(nearness),
+        "impulse": _docking(impulses),
+        "event_energy": _docking(event_energy),
     }
     for name, make in makers.items():
         places, unit, measure = make(signals, scene)
@@ -157,6 +166,16 @@ def _torques(signals: Signals, scene: Scene) -> Made:
 def _grips(signals: Signals, scene: Scene) -> Made:
     sizes = [ca.sqrt(ca.sumsqr(part)) for part in _threes(signals["grasp_force"])]
     return [grasp.name for grasp in scene.grasps], "N", peak(ca.vertcat(*sizes))
+
+
+def _docking(make: Callable[[Signals, Scene], Measured]) -> Callable[[Signals, Scene], Made]:
+    """A measure of a docking as columns."""
+
+    def made(signals: Signals, scene: Scene) -> Made:
+        found = make(signals, scene)
+        return list(found.places), found.unit, found.measure
+
+    return made
 
 
 def _threes(stacked: ca.SX) -> list[ca.SX]:
