@@ -102,7 +102,7 @@ def simulate(scene: Scene, *, backend: Backend = "auto", progress: Progress | No
         "rollout": trajectory.wall_s,
         "total": done - begin,
     }
-    events = build_events(scene, loop, getattr(trajectory, "events", ()))
+    events = build_events(scene, loop, trajectory.events)
     summary = build_summary(run.scene, whole, trajectory, timing, run.notes, events)
     return Result(run.scene.scenario, whole.isel(time=slice(None, None, run.every)), summary)
 
@@ -116,8 +116,9 @@ def _check_events(scene: Scene, loop: ClosedLoop) -> None:
         Naming the engine, and what may happen.
     """
     engine = scene.scenario.simulation.engine
-    if loop.events and engine != "casadi":
-        kinds = ", ".join(dict.fromkeys(rule.kind for rule in loop.events))
+    jumps = [rule for rule in loop.events if not rule.kink]
+    if jumps and engine != "casadi":
+        kinds = ", ".join(dict.fromkeys(rule.kind for rule in jumps))
         raise ScenarioError(
             f"found {engine!r}, which finds no events ({kinds}), allowed for this scenario: 'casadi'",
             source=scene.source,

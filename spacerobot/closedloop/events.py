@@ -27,6 +27,8 @@ class EventRule:
         Places among the loop's switches, and the value of each afterwards.
     ends
         Whether the rollout is over.
+    kink
+        Whether it only marks where the dynamics are not smooth.
     """
 
     name: str
@@ -34,6 +36,7 @@ class EventRule:
     who: str
     sets: tuple[tuple[int, bool], ...]
     ends: bool
+    kink: bool = False
 
 
 def booked(events: Sequence[Event]) -> tuple[Power, ...]:
@@ -52,6 +55,7 @@ def rules_of(events: Sequence[Event], switches: Sequence[str]) -> tuple[EventRul
             event.who,
             tuple((places[name], value) for name, value in event.sets.items()),
             event.ends,
+            event.kink,
         )
         for event in events
     )

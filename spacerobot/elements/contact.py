@@ -128,7 +128,7 @@ def watch(
         touches, loose = (contact.context.switch(f"{name}{mark}") for name in ("touching", "loose"))
 
         def event(kind: str, guard: ca.SX, armed: ca.SX, sets: dict[str, bool], mark: str = mark) -> Event:
-            return Event(f"{contact.name}{mark}.{kind}", kind, contact.name, guard, armed, sets)
+            return Event(f"{contact.name}{mark}.{kind}", kind, contact.name, guard, armed, sets, kink=True)
 
         events += [
             event("touched", -touch.gap, negated(touches), {touches.name(): True}),

@@ -35,6 +35,8 @@ class Event:
         Energy [J] that the event takes beside an impact's, an expression as in ``updates`` (1x1), or None.
     ends
         Whether the rollout is over.
+    kink
+        Whether it only marks where a law is not smooth, so that an integrator may step over it.
     """
 
     name: str
@@ -47,6 +49,7 @@ class Event:
     impact: bool = False
     loss: ca.SX | None = None
     ends: bool = False
+    kink: bool = False
 
 
 def both(*conditions: ca.SX) -> ca.SX:

@@ -74,9 +74,10 @@ def build_summary(
 
 
 def _status(trajectory: Trajectory) -> dict[str, Any]:
+    ended = trajectory.ended_at_s
     return {
         "state": trajectory.status,
-        "reached_s": float(trajectory.time[-1]),
+        "reached_s": float(trajectory.time[-1]) if ended is None else ended,
         "diverged_at_s": trajectory.diverged_at_s,
         "cause": trajectory.cause or None,
     }

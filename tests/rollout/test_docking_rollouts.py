@@ -1,0 +1,50 @@
+"""Dockings rolled out by the compiled loops against SciPy's integrator and root finding."""
+
+import numpy as np
+import pytest
+
+from spacerobot.closedloop import build_closed_loop
+from spacerobot.rollout import build_rollout
+from spacerobot.simulation import simulate
+from tests.oracles.free_bodies import DEEP, FLAT, free_bodies
+from tests.oracles.hybrid import roll
+
+PHASES = {
+    "approach": {"until": {"captured": ["left"]}, "at_most": 2.5, "otherwise": "end"},
+    "carry": {"until": {"time": 0.6}, "at_most": 1.0},
+    "part": {"releases": ["left"], "captures": [], "at_most": 0.5},
+}
+CAPTURE = {"distance": 0.05, "dwell": 0.05, "draw_in": 0.4, "draw_in_deg": 120}
+
+
+@pytest.mark.parametrize("bases", [FLAT, DEEP], ids=["planar", "spatial"])
+@pytest.mark.parametrize("kind", ["compliant", "point", "weld"])
+def test_a_docking_goes_as_an_independent_integrator_has_it(tmp_path, bases, kind):
+    capture = CAPTURE if kind != "point" else {"distance": 0.05, "dwell": 0.05}
+    scene = free_bodies(tmp_path, bases, {"kind": kind, "capture": capture}, phases=PHASES)
+    loop = build_closed_loop(scene)
+    expected = roll(loop, 3.0)
+    found = build_rollout(loop, duration_s=3.0, step_s=0.01, backend="interpreted").run()
+    names = [loop.events[fired.event].name for fired in found.events]
+    assert names == expected.names
+    assert "part.at_most" in names
+    for one, other in zip(found.events, expected.events, strict=True):
+        assert one.time_s == pytest.approx(other.time, abs=1e-8)
+        np.testing.assert_allclose(one.after, other.after, atol=1e-7)
+    assert found.ended_at_s == pytest.approx(expected.t, abs=1e-8)
+
+
+@pytest.mark.parametrize("bases", [FLAT, DEEP], ids=["planar", "spatial"])
+def test_momentum_and_the_ledger_hold_through_a_docking(tmp_path, bases):
+    scene = free_bodies(tmp_path, bases, {"kind": "weld", "capture": CAPTURE}, phases=PHASES)
+    result = simulate(scene, backend="interpreted")
+    summary, data = result.summary, result.data
+    assert summary["outcome"] == "captured"
+    kinds = [event["kind"] for event in summary["events"]]
+    assert kinds == ["entered", "captured", "phase", "drawn", "phase", "released", "end"]
+    assert all(event["momentum_change"] < 1e-12 for event in summary["events"])
+    assert summary["ledger"]["energy"]["relative_residual"] < 1e-6
+    assert summary["status"]["reached_s"] == pytest.approx(summary["events"][-1]["time_s"])
+    np.testing.assert_array_equal(np.unique(data.phase), [0, 1, 2])
+    np.testing.assert_array_equal(np.unique(data.grasp_state.sel(grasp="left")), [0, 1, 2, 3])
+    assert "0 approach, 1 carry, 2 part" in data.phase.attrs["long_name"]
