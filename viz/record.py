@@ -214,7 +214,7 @@ def _mp4(program: str, pictures: Iterator[Image.Image], frames_per_s: float, pat
 
 
 def _feed(process: subprocess.Popen[bytes], pictures: Iterable[Image.Image]) -> None:
-    """Write pictures to a process until it wants no more, and wait for its end."""
+    """Write pictures to a process until it closes its input, and wait for its end."""
     try:
         if process.stdin is not None:
             with suppress(BrokenPipeError), process.stdin as sink:

@@ -1,4 +1,4 @@
-"""Campaigns: how gains do over the whole range of what is not known."""
+"""Campaigns: how sets of gains perform over uncertain parameters."""
 
 from optim.campaign.analysis.bands import Bands, read_bands
 from optim.campaign.analysis.samples import command_of, simulate_sample

@@ -121,7 +121,7 @@ def sized(samples: int, seconds: float, chunk_s: float) -> int:
 
 @dataclass(frozen=True)
 class Campaigned:
-    """What a campaign has come to.
+    """State of a campaign after a call.
 
     Attributes
     ----------

@@ -77,7 +77,7 @@ class Contest:
     start
         The objective at the scenario's own values.
     baseline, assessments
-        The untuned design, and each method's best, by method; nothing if nobody judged them.
+        The untuned design, and each method's best, by method; empty without a judge.
     sensitivity
         How much each variable matters at the start and at the best point found.
     currency, readiness
@@ -134,7 +134,7 @@ class Entry:
     nominal
         As :class:`Contest` has it.
     judge
-        Rolls out designs on other plants; nobody does if None.
+        Rolls out designs on other plants; they are not judged there if None.
     """
 
     name: str
@@ -155,7 +155,7 @@ def run_contest(entry: Entry, methods: Sequence[str], effort: Effort, session: S
     effort
         What they may do.
     session
-        Where and by whom.
+        Journals, workers and callbacks.
 
     Returns
     -------

@@ -18,7 +18,7 @@ from optim.problem.problem import Cost
 from optim.search.search import Run
 from spacerobot.arrays import Array
 
-PRECISIONS = (0.1, 0.01, 0.001)  # targets: so much above the best known value
+PRECISIONS = (0.1, 0.01, 0.001)  # targets: relative distance from the best known value
 RESAMPLES = 1000
 LEVEL = 0.9  # of every interval
 SEED = 0  # of every bootstrap
@@ -96,7 +96,7 @@ def trial_of(run: Run, currency: Currency, before: Cost | None = None) -> Trial:
 
 
 def target_of(best: float, precision: float) -> float:
-    """The objective that is so much above the best known one, relative to its size."""
+    """The objective that lies a given fraction above the best known one."""
     return best + precision * abs(best)
 
 

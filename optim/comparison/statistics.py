@@ -1,4 +1,4 @@
-"""Best, median and the like of several runs."""
+"""Statistics of several runs."""
 
 from __future__ import annotations
 

@@ -109,7 +109,7 @@ def gains_table(contest: Data) -> Table:
 
 
 def designs_table(contest: Data) -> Table | None:
-    """The best designs, as they were judged: loads, and other plants. None if nobody judged them."""
+    """Loads of the best designs, and their objective on other plants; None if they were not judged."""
     if contest["baseline"] is None:
         return None
     number, unit = number_of(contest), contest["unit"]["name"]

@@ -67,7 +67,7 @@ def percent(fraction: float) -> str:
 
 
 def _elsewhere(contest: Data, precision: float, target: int, first: str, winner: str | None) -> str:
-    """Who is ahead in one contest, and why the first one is not."""
+    """Which method is ahead in one contest, and why the overall winner is not."""
     where = f"{contest['name']} to {percent(precision)}"
     if winner is None:
         return f"{where}, no method"

@@ -1,4 +1,4 @@
-"""Every method by its name, with what it needs; the one switch that tuning and comparing share."""
+"""Methods by their names: tuning and comparing run all of them from here."""
 
 from __future__ import annotations
 
@@ -37,9 +37,9 @@ class Effort:
     rivals
         Protocol of those that are not the GA.
     nlp, starts, repeats
-        Of the NLP: how it works, from how many starts, and how often all over with another seed.
+        Settings of the NLP, its number of starts, and how often it is repeated with another seed.
     seed
-        Everything random follows from it.
+        Seed of everything random.
     """
 
     protocol: Protocol = field(default_factory=Protocol)
@@ -130,7 +130,7 @@ def run_method(
     first
         Start of ``nlp_ga`` in the unit cube (k,): the GA's best.
     session
-        Where and by whom; this process, one search after the other, without journals if None.
+        Journals, workers and callbacks; no journals and threads of this process if None.
 
     Raises
     ------

@@ -51,7 +51,7 @@ class Ended:
 
 @dataclass(frozen=True)
 class Manner:
-    """How a descent works.
+    """Settings of a descent.
 
     Attributes
     ----------
@@ -85,7 +85,7 @@ def descend(start: Point, manner: Manner) -> Generator[Ask, Any, Ended]:
     start
         The point.
     manner
-        How.
+        Settings of the descent.
     """
     if not start.known:
         return Ended("failed", "the rollout diverges at the start", start, 0)
@@ -177,7 +177,7 @@ class _State:
         return None
 
     def _small(self, model: Model, tolerance: float) -> tuple[str, str] | None:
-        """The model promises too little: look further, renew it, or end."""
+        """Where the predicted fall is small: renew the derivatives, look further away, or end."""
         if not self._fresh:
             self.model = None
             return None

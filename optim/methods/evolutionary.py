@@ -146,7 +146,7 @@ def _first(search: Search, size: int, begun: int) -> Array:
 
 
 def _seed(search: Search, begun: int) -> int:
-    """Seed of a population; never 0, for which CMA-ES takes the time."""
+    """Seed of a population; never 0, which CMA-ES replaces by the time of day."""
     if begun == 0:
         return search.seed + (search.method == "cmaes")
     return int(np.random.default_rng([search.seed, begun]).integers(1, 2**31))

@@ -56,7 +56,7 @@ def solve(search: Search, start: Array, settings: NlpSettings, *, warm: bool = F
     start
         Start (k,) in the unit cube.
     settings
-        How.
+        How it is solved.
     warm
         Whether the start is nearly optimal: first steps are then short.
 
@@ -84,7 +84,7 @@ def solve_from_many(search: Search, settings: NlpSettings, starts: int) -> Run:
     search
         What evaluates; its seed scrambles the sequence.
     settings
-        How.
+        How it is solved.
     starts
         How many at most.
 
@@ -128,7 +128,7 @@ class _MultiStart:
 
     @property
     def spent(self) -> bool:
-        """Whether the budget is."""
+        """Whether the budget is spent."""
         budget = self._settings.budget
         return budget is not None and _price(self._search.cost) >= budget
 

@@ -45,7 +45,7 @@ class ResultProblem:
 
     @property
     def form(self) -> Form:
-        """Smooth, for want of a better word: no gradient is ever asked for."""
+        """``smooth``; no gradient is ever asked for."""
         return "smooth"
 
     @property

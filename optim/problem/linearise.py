@@ -102,6 +102,6 @@ def _plain(value: float, gradient: Array) -> Linearisation:
 
 
 def _nothing(m: int, k: int) -> Linearisation:
-    """What is known of a rollout that diverged."""
+    """Linearisation where the rollout diverged: all NaN."""
     plain = _plain(np.nan, np.full(k, np.nan))
     return replace(plain, constraints=np.full(m, np.nan), constraint_jacobian=np.full((m, k), np.nan))

@@ -110,7 +110,7 @@ class Cost:
         return Cost(*(a + b for a, b in zip(astuple(self), astuple(other), strict=True)))
 
     def times(self, count: int) -> Cost:
-        """The same so many times."""
+        """Cost of doing the same a number of times."""
         return Cost(*(count * each for each in astuple(self)))
 
     def __str__(self) -> str:
@@ -118,7 +118,7 @@ class Cost:
         return ", ".join(told) or "no rollouts"
 
     def equivalent(self, gradient: float, slope: float = 3.0, sample: float = 1.2) -> float:
-        """All in rollouts, for what each of the others costs in rollouts."""
+        """The whole cost in plain rollouts, given how many of them each other kind costs."""
         others = gradient * self.gradients + slope * self.slopes + sample * self.samples
         return self.rollouts + others
 

@@ -1,4 +1,4 @@
-"""The scene that a tuning problem is about, and how it travels."""
+"""The scene that a tuning problem is about, and how it is sent to other processes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Robust tuning: the tuning problem's objective over a common set of samples, and a look at fresh ones.
+"""Robust tuning: the tuning problem's objective over a common set of samples, and a test on fresh ones.
 
 The samples are the same for every design (common random numbers), so that the objective is as smooth in the
 design as one rollout is, and its gradients are exact.

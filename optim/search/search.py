@@ -52,13 +52,13 @@ class Run:
     cost, seconds
         Spent.
     status, message
-        In a word, and what the method itself said.
+        How it ended, in a word and as the method says it.
     history
         Best so far after each point that improved it, and after each generation or iteration.
     kkt
         Residual of the first-order conditions at the best point (NLP only); see :mod:`optim.methods.kkt`.
     log
-        Steps of a method that explains itself.
+        Steps of a method that records them.
     """
 
     method: str
@@ -118,7 +118,7 @@ def better(objective: float, violation: float, than_objective: float, than_viola
 
 
 class Search:
-    """Evaluates a problem for one method, through a journal, and keeps the books.
+    """Evaluates a problem for one method, through a journal, and counts what is spent.
 
     Parameters
     ----------
@@ -245,7 +245,7 @@ class Search:
         )
 
     def _note(self, u: Array, found: Evaluation, each: Cost) -> None:
-        """Book points u (N, k), one after the other: the history tells at which of them it improved."""
+        """Record points u (N, k), one after the other: the history tells at which of them it improved."""
         violation, before = found.violation, self.cost
         for i in range(len(u)):
             value, excess = float(found.objective[i]), float(violation[i])

@@ -1,4 +1,4 @@
-"""Where and by whom searches are done."""
+"""Journals, workers and callbacks of searches."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Session:
     folder
         Where journals are kept, so that killed searches go on where they were; nowhere if None.
     workers
-        Who rolls out. The results do not depend on it, save times.
+        Who rolls out. Only times depend on it.
     progress, tell
         Told how a search is getting on, and what begins.
     """

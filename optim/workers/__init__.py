@@ -1,4 +1,4 @@
-"""Who rolls out: threads of this process, or machines. The numbers depend on neither."""
+"""Workers that roll out: threads of this process, or other machines. The numbers do not depend on them."""
 
 from optim.workers.threads import Threads
 from optim.workers.workers import Arrays, Operation, Portable, Recipe, Workers

@@ -43,7 +43,7 @@ def connect(address: str) -> Iterator[Any]:
     Raises
     ------
     SpaceRobotError
-        If Dask is not installed, the address is none, or nobody answers there.
+        If Dask is not installed, the address is not valid, or no scheduler answers there.
     """
     distributed = distributed_module()
     with _quiet():

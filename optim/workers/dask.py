@@ -82,10 +82,10 @@ class DaskWorkers:
         return min(max(1, min(threads, int(count * row_s / SHORTEST_S)), longest), most)
 
     def _gather(self, futures: Sequence[Any]) -> list[tuple[Arrays, float]]:
-        """Results of futures, in order; what nobody waits for any more is called off."""
+        """Results of futures, in order; those that are no longer needed are cancelled."""
         try:
             while not self._turns.stopped:
-                # `wait` asks the newest client of this process otherwise, which may be somebody else's.
+                # without a client given, `wait` asks the newest one of this process, which may be another one
                 with suppress(TimeoutError), faults_of("an evaluation"), self._client.as_current():
                     distributed_module().wait(futures, timeout=TICK_S)
                     return [future.result() for future in futures]

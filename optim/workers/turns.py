@@ -1,7 +1,7 @@
 """Searches that wait for others' work side by side, while only one of them computes at a time.
 
 A search spends its time waiting for rollouts. What it does between them (a library's own steps) need not be
-safe beside another's: the baton passes only where a search waits. NumPy's global random state, which CMA-ES
+thread-safe: another search runs only while one waits. NumPy's global random state, which CMA-ES
 draws from, goes with the search it belongs to, so that no search depends on the others.
 """
 

@@ -1,4 +1,4 @@
-"""What a search asks of those who roll out for it."""
+"""Interface between searches and the workers that roll out for them."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Recipe(Protocol):
         """Hash of it."""
 
     def build(self) -> Any:
-        """What it describes."""
+        """Build what it describes."""
 
 
 class Portable(Protocol):
@@ -54,16 +54,16 @@ class Workers(Protocol):
         """Threads that this process itself may use; each usable core if None."""
 
     def map(self, problem: Portable, operation: Operation, rows: Array, *, grain: int = LANES) -> Arrays:
-        """What an operation says of some rows, shared between workers in pieces.
+        """Results of an operation on rows, computed in pieces by the workers.
 
         Parameters
         ----------
         problem
             What is rolled out.
         operation
-            What is asked.
+            What is computed for each row.
         rows
-            Of what, (N, n).
+            Rows that it is applied to, (N, n).
         grain
             Rows that are done together, so that no piece is shorter.
 

@@ -155,7 +155,7 @@ def main() -> None:
         print_error("interrupted")
         sys.exit(INTERRUPTED)
     except BrokenPipeError:
-        # the reader (head, less) has left: nothing to tell it
+        # the pipe's reader (head, less) has ended
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(0)
     except OSError as fault:

@@ -1,4 +1,4 @@
-"""``spacerobot campaign``: how gains do over everything that is not known."""
+"""``spacerobot campaign``: how sets of gains perform over uncertain parameters."""
 
 from __future__ import annotations
 

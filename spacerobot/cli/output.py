@@ -19,7 +19,7 @@ PLAIN_WIDTH = 140
 
 
 class _Console(Console):
-    """Console that leaves a reader's leaving (``| head``) to the command line, instead of exiting with 1."""
+    """Console that leaves a closed pipe (``| head``) to the command line, instead of exiting with 1."""
 
     def on_broken_pipe(self) -> None:
         raise BrokenPipeError
@@ -39,7 +39,7 @@ def print_error(message: str) -> None:
 
 
 def warn(message: str) -> None:
-    """One line on stderr for what is only worth a look."""
+    """One line on stderr for a warning."""
     line = " ".join(message.split())
     Console(stderr=True, highlight=False, soft_wrap=True).print(
         Text("warning: ", style="yellow") + Text(line)

@@ -1,4 +1,4 @@
-"""``spacerobot robust``: tune gains for what is not known."""
+"""``spacerobot robust``: tune gains for uncertain parameters."""
 
 from __future__ import annotations
 

@@ -79,7 +79,7 @@ def silhouette(geometry: Geometry, placement: Array, across: Array, up: Array) -
     flat = np.column_stack([world @ across, world @ up])
     try:
         return np.asarray(flat[ConvexHull(flat).vertices])
-    except QhullError:  # seen exactly from nowhere: no area
+    except QhullError:  # the silhouette has no area
         return flat[:1]
 
 

@@ -1,4 +1,4 @@
-"""Campaigns: how signals spread over time. Plain data in, whatever made it."""
+"""Campaigns: how signals spread over time. The input is plain data."""
 
 from __future__ import annotations
 

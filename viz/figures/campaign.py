@@ -1,4 +1,4 @@
-"""Campaigns: how numbers spread over the samples. Plain data in, whatever made it."""
+"""Campaigns: how numbers spread over the samples. The input is plain data."""
 
 from __future__ import annotations
 

@@ -192,7 +192,7 @@ def _near(shown: _Shown, low: Array, high: Array) -> Array:
 
 
 def _about(shown: Sequence[_Shown]) -> str:
-    """What is seen, for a person who knows nothing of it."""
+    """What is shown, for a reader who does not know the scenario."""
     first, engine = shown[0], shown[0].result.summary["engine"]["name"]
     scenario, kind = first.result.scenario, "planar" if first.scene.planar else "spatial"
     names = {one.result.scenario.name for one in shown}
@@ -202,7 +202,7 @@ def _about(shown: Sequence[_Shown]) -> str:
 
 
 def _notices(shown: Sequence[_Shown]) -> list[str]:
-    """What a viewer must know before believing the picture."""
+    """Warnings that belong beside the picture."""
     found = []
     for one in shown:
         who = f"{one.label}: " if len(shown) > 1 else ""
@@ -211,7 +211,7 @@ def _notices(shown: Sequence[_Shown]) -> list[str]:
 
 
 def notices(result: Result, scene: Scene) -> list[str]:
-    """What must be known before believing pictures of a result, one line each."""
+    """Warnings that belong beside pictures of a result, one line each."""
     lines = []
     if not result.completed:
         end, wanted = result.data.time.values[-1], result.scenario.simulation.duration

@@ -205,7 +205,7 @@ class _Stream(_Guarded, tornado.websocket.WebSocketHandler):
             self.write_message(text)
 
     def on_message(self, message: str | bytes) -> None:
-        """Pages have nothing to say."""
+        """Messages from pages are ignored."""
 
     def on_close(self) -> None:
         self.viewer._streams.discard(self)
@@ -222,7 +222,7 @@ def _bind(first: int) -> tuple[list[Any], int]:
 
 
 def _quiet(_: tornado.web.RequestHandler) -> None:
-    """Log nothing: the command's output is the user's."""
+    """Log nothing, so that the command's output stays readable."""
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""One self-contained page that plays a result: MeshCat and a player of our own, no network."""
+"""One self-contained page that plays a result: MeshCat and this project's player, without network."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ SCRIPTS = (
 
 
 def animation_page(*results: Result, title: str | None = None, autoplay: bool = True) -> str:
-    """HTML of a page that plays one result, or compares several; it asks nothing of any network.
+    """HTML of a page that plays one result, or compares several; it needs no network.
 
     ``#t=3`` behind its address shows it standing still at 3 s; the page notes there what it shows.
 

@@ -16,7 +16,7 @@ QUANTITIES = {
     "miss_distance": "least distance",
     "event_energy": "energy lost at events",
 }
-"""Metrics in people's words."""
+"""Metrics in plain words."""
 
 HOW = {
     "rises": "grows with {}",
@@ -29,12 +29,12 @@ SAID = 4  # parameters that a sentence names
 
 
 def quantity_of(metric: str) -> str:
-    """A metric in people's words."""
+    """A metric in plain words."""
     return QUANTITIES.get(metric, metric.replace("_", " "))
 
 
 def place_of(metric: str, of: str) -> str:
-    """A metric and what it is of, in people's words."""
+    """A metric and what it is of, in plain words."""
     return quantity_of(metric) if of == "target" else f"{quantity_of(metric)}, {of}"
 
 

@@ -49,7 +49,7 @@ def subject_of(results: Sequence[Result]) -> Subject:
 
 
 def warnings(subject: Subject) -> str | None:
-    """What must be known before believing the rest."""
+    """Warnings that concern the whole report."""
     items = []
     for result, label in zip(subject.results, subject.labels, strict=True):
         items += [f"{label}: {line}" for line in notices(result, result.scene())]

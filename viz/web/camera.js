@@ -115,7 +115,7 @@ class Eye {
     this.stand(new THREE.Vector3().setFromSpherical(arm).add(target), target);
   }
 
-  // Where a user has put it: what is looked at, beside what is followed, and the arm; null if nobody has.
+  // Where a user has put it: what is looked at, beside what is followed, and the arm; null if no user has.
   get pose() {
     if (!this.moved) return null;
     const { radius, phi, theta } = this.arm, from = this.anchor || new THREE.Vector3();

@@ -66,7 +66,7 @@ function amount(value, unit) {
   return unit === "mm" && Math.abs(value) >= 1e3 ? `${digits(value / 1e3)} m` : `${digits(value)} ${unit}`;
 }
 
-// The size of an error given in mm: nobody reads less than a micrometre.
+// The size of an error given in mm: less than a micrometre is not shown.
 function errorSize(mm) {
   if (mm >= 1000) return `${(mm / 1e3).toPrecision(3)} m`;
   if (mm >= 1) return `${mm.toPrecision(3)} mm`;

@@ -58,7 +58,7 @@ def percentile(values: Array, percent: float, confidence: float) -> Estimate:
 
 
 def share(hits: int, count: int, confidence: float) -> Estimate:
-    """Probability of something that happened so often, with the interval of Clopper and Pearson."""
+    """Probability of an event from how often it happened, with the interval of Clopper and Pearson."""
     interval = stats.binomtest(hits, count).proportion_ci(confidence, method="exact")
     return Estimate(hits / count, float(interval.low), float(interval.high))
 
@@ -82,7 +82,7 @@ def rank_correlations(draws: Array, values: Array) -> Array:
 
 
 def rank_noise(count: int, confidence: float) -> float:
-    """Size that a rank correlation of two things that have nothing to do with each other keeps below."""
+    """Size below which the rank correlation of two independent quantities stays."""
     return float(stats.norm.ppf((1 + confidence) / 2) / np.sqrt(max(count - 1, 1)))
 
 

@@ -139,7 +139,7 @@ def summarise(folder: Path, evaluator: Evaluator, named: Named | None = None) ->
 
 
 def told_of(folder: Path, evaluator: Evaluator, named: Named | None = None) -> dict[str, Any]:
-    """What :func:`summarise` writes, not written."""
+    """The summary that :func:`summarise` writes, as plain data."""
     data, campaign = load_campaign(folder), evaluator.campaign
     named = named or named_in(load_head(folder)["notes"])
     if len(data.sample) == 0:

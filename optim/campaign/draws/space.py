@@ -127,7 +127,7 @@ def sensor_offsets(campaign: Campaign) -> list[str]:
 
 
 def check_range(scene: Scene, space: Space, draws: Array) -> None:
-    """Refuse draws that no scenario may hold, a negative mass for one.
+    """Refuse draws that no scenario may hold, such as a negative mass.
 
     Parameters
     ----------

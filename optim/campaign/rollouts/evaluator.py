@@ -158,7 +158,7 @@ class Evaluator:
         return len(self.members) * self.recording.bytes_per_rollout
 
     def member(self, gains: str) -> Member:
-        """That of one set of gains."""
+        """The member of one set of gains."""
         return self.members[list(self.gains).index(gains)]
 
     @property

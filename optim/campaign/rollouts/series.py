@@ -109,7 +109,7 @@ def build_recording(loop: ClosedLoop, scene: Scene, wanted: Sequence[str], time_
 
 
 def check_size(recording: Recording, samples: int, sets: int) -> None:
-    """Refuse a store that would not end.
+    """Refuse series that would be too large to keep.
 
     Raises
     ------

@@ -109,7 +109,7 @@ def untrusted(data: xr.Dataset, failed: Mapping[str, Mask]) -> dict[str, dict[st
 
 
 def doubts(found: Mapping[str, Mapping[str, Any]], campaign: Campaign) -> list[str]:
-    """What is to be said of it, in sentences; nothing where all is well."""
+    """Warnings about open ledgers, in sentences; none where all are closed."""
     sentences = []
     for name, told in found.items():
         if told["count"]:

@@ -246,7 +246,7 @@ def _held(folder: Path) -> Iterator[None]:
     with lock:
         try:
             import fcntl
-        except ImportError:  # not a Unix: two processes are then the user's own affair
+        except ImportError:  # no locks on files outside Unix
             yield
             return
         try:

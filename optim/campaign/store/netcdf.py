@@ -50,7 +50,7 @@ class Layout:
 
     @classmethod
     def of(cls, evaluator: Evaluator, about: str) -> Layout:
-        """That of what an evaluator gives."""
+        """Layout of an evaluator's tables."""
         names = list(evaluator.campaign.parameters), list(evaluator.gains)
         return cls(*names, evaluator.columns, evaluator.recording, evaluator.max_gaps, about)
 

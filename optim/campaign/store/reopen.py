@@ -1,4 +1,4 @@
-"""A campaign made again from its folder alone, to ask it something."""
+"""The evaluator of a campaign, made again from its folder alone."""
 
 from __future__ import annotations
 
