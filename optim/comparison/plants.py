@@ -102,6 +102,7 @@ def build_judge(scene: Scene, *, variant: str | None = None, threads: int | None
         step_s=tuning.step,
         method=scene.scenario.simulation.method,
         measures=terms.measures,
+        many=True,
     )
     return Judge(scene, rollout, tuning.robustness, threads)
 

@@ -209,5 +209,6 @@ def build_problem(
         step_s=tuning.step,
         method=scene.scenario.simulation.method,
         measures=terms.measures,
+        many=True,
     )
     return TuningProblem(scene, loop, free, terms, rollout, recipe, workers or Threads())

@@ -30,6 +30,7 @@ def build_rollout(
     measures: Measures | None = None,
     method: str = DEFAULT,
     backend: Backend = "auto",
+    many: bool = False,
     progress: Callable[[str], None] | None = None,
 ) -> Rollout:
     """Make a closed loop ready to run: slow the first time (it compiles), quick from the cache.
@@ -54,6 +55,8 @@ def build_rollout(
         Name of the numerical method, one of ``METHODS``.
     backend
         ``auto`` compiles where a compiler is found and works, and interprets elsewhere.
+    many
+        Whether what batches need is compiled now, instead of what one rollout at a time needs.
     progress
         Called with a few words while something is compiled, also later, and before each pilot rollout if the
         step is to be chosen.
@@ -72,7 +75,7 @@ def build_rollout(
     if method not in METHODS:
         raise SpaceRobotError(f"method '{method}', allowed: {', '.join(METHODS)}")
     kernel = build_kernel(loop, measures, METHODS[method])
-    engines, fallback = _engines(kernel, backend, progress)
+    engines, fallback = _engines(kernel, backend, many, progress)
     rollout = Rollout(loop, kernel, grid, engines, fallback)
     if step_s is not None:
         return rollout
@@ -117,7 +120,9 @@ def choose_step(
     return rollout.choose_step(tolerance, parameters)
 
 
-def _engines(kernel: Kernel, backend: Backend, progress: Callable[[str], None] | None) -> tuple[Engines, str]:
+def _engines(
+    kernel: Kernel, backend: Backend, many: bool, progress: Callable[[str], None] | None
+) -> tuple[Engines, str]:
     """Engines, and why they interpret although nobody asked for it."""
     if backend not in ("auto", "compiled", "interpreted"):
         raise SpaceRobotError(f"backend '{backend}', allowed: auto, compiled, interpreted")
@@ -128,7 +133,7 @@ def _engines(kernel: Kernel, backend: Backend, progress: Callable[[str], None] |
         return Engines(kernel, None), NO_COMPILER if backend == "auto" else ""
     engines = Engines(kernel, toolchain, progress)
     try:
-        engines.single  # noqa: B018  (compiles)
+        _ = engines.batch if many else engines.single  # compiled when first asked for
     except CompileError as error:
         if backend == "compiled":
             raise

@@ -299,7 +299,6 @@ def _member(scene: Scene, campaign: Campaign, sets: int, compiled: bool) -> Memb
         method=scene.scenario.simulation.method,
         measures=kept.measures,
         backend="auto" if compiled else "interpreted",
+        many=True,
     )
-    if compiled:
-        rollout.engines.batch  # noqa: B018  (compiles)
     return Member(scene, space, kept, recording, rollout)
