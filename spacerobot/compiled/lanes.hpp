@@ -5,12 +5,8 @@
 // source integrates LANES parameter sets at once. No operation looks across lanes: what a lane holds never depends
 // on its neighbours, nor on its place.
 //
-// A source that holds PIECES (a macro) of functions alone needs little of the standard library, whose headers would
-// take longer to compile than some pieces.
-#ifdef PIECES
-typedef __INT64_TYPE__ int64_t;
-#define INT64_MAX __INT64_MAX__
-#define INT64_MIN (-__INT64_MAX__ - 1)
+// The standard headers of mathematics and memory would take longer to compile than the loops of a small scene, so what
+// is needed of them is declared here.
 #define INFINITY __builtin_inf()
 #define NAN __builtin_nan("")
 extern "C" {
@@ -20,12 +16,24 @@ double sin(double), cos(double), tan(double), asin(double), acos(double), atan(d
     atan2(double, double), hypot(double, double), fmod(double, double), remainder(double, double),
     fmin(double, double), fmax(double, double), copysign(double, double);
 }
+#ifdef PIECES  // of functions alone
+typedef __INT64_TYPE__ int64_t;
+#define INT64_MAX __INT64_MAX__
+#define INT64_MIN (-__INT64_MAX__ - 1)
 #else
-#include <cmath>
 #include <cstdint>
 #include <cstring>
-#include <memory>
 #include <new>
+// So many things on the heap, until the end of the scope; null where there is no room.
+template <class T>
+struct Room {
+  T* at = nullptr;
+  Room() = default;
+  explicit Room(int64_t number) : at(new (std::nothrow) T[number]) {}
+  Room(const Room&) = delete;
+  ~Room() { delete[] at; }
+  void swap(Room& other) { T* const own = at; at = other.at, other.at = own; }
+};
 #ifdef NO_RUNTIME  // nothing of the C++ runtime is linked: memory comes from C
 #include <cstdlib>
 const std::nothrow_t std::nothrow{};

@@ -109,18 +109,18 @@ static void again(const Job& job, Trajectory& at, const Position& begin, Record*
 extern "C" int64_t gradients(const Job* given, const AdjointJob* adjoint) {
   const Job& job = *given;
   const int64_t segment = adjoint->segment;
-  std::unique_ptr<Record[]> tape(new (std::nothrow) Record[segment]);
-  std::unique_ptr<Trajectory> trajectory(new (std::nothrow) Trajectory);
+  Room<Record> tape(segment);
+  Room<Trajectory> trajectory(1);
   Checkpoints checkpoints;
-  std::unique_ptr<Bars> bars(new (std::nothrow) Bars);
-  if (!tape || !trajectory || !bars) return NO_MEMORY;
-  Trajectory& at = *trajectory;
-  Bars& bar = *bars;
+  Room<Bars> bars(1);
+  if (!tape.at || !trajectory.at || !bars.at) return NO_MEMORY;
+  Trajectory& at = *trajectory.at;
+  Bars& bar = *bars.at;
   for (int64_t first = 0; first < job.count; first += LANES) {
     real p[NP + 1], cost[NJ + 1], seed[NJ + 1], rbar[NR + 1], pbar[NG + 1], direct[NG + 1];
     gather(job.p, first, job.count, NP, p);
     gather(adjoint->seed, first, job.count, NJ, seed);
-    const int64_t steps = integrate(job, first, p, at, tape.get(), segment, &checkpoints);
+    const int64_t steps = integrate(job, first, p, at, tape.at, segment, &checkpoints);
     if (steps < 0) return steps == STOPPED ? first : steps;
     G::objective(at.r, p, cost);
     G::objective_reverse(at.r, p, seed, rbar, direct);
@@ -132,10 +132,10 @@ extern "C" int64_t gradients(const Job* given, const AdjointJob* adjoint) {
     const int64_t last = any(at.whole) ? (steps - 1) / segment : -1;  // what is lost has no tape
     for (int64_t s = last; s >= 0; --s) {
       const int64_t begin = s * segment, number = s < last ? segment : steps - begin;
-      if (s < last) again(job, at, checkpoints.kept[s], tape.get(), number);  // the tape holds a later segment
+      if (s < last) again(job, at, checkpoints.kept.at[s], tape.at, number);  // the tape holds a later segment
       for (int64_t k = number - 1; k >= 0; --k) {
         if (*job.stop) return first;
-        const Record& past = tape[k];
+        const Record& past = tape.at[k];
         step_reverse(past, at.c, bar);
         if (PEAKS) peaks_reverse(begin + k, past.step.t, at, past.x, rbar, bar);
         ends_reverse(past.step, at, bar);

@@ -42,8 +42,8 @@ static void watch(Trajectory& at) {
 // Let the rest of lane l's segment begin at t. Where it begins `anew`, that is behind a step cut short.
 static void cut_segment(const Job& job, Trajectory& at, int l, double t, bool anew) {
   Step& s = at.now.step;
-  const double begin = std::fmin(t, lane(s.end, l)), left = lane(s.end, l) - begin;
-  const double number = std::fmax(1., std::ceil(left / longest(job, at, l) * (1 - 1e-9)));
+  const double begin = ::fmin(t, lane(s.end, l)), left = lane(s.end, l) - begin;
+  const double number = ::fmax(1., ::ceil(left / longest(job, at, l) * (1 - 1e-9)));
   if (anew) lane(s.from, l) = HERE;
   lane(s.t, l) = lane(s.begin, l) = begin, lane(s.index, l) = 0.;
   lane(s.number, l) = number, lane(s.h, l) = left / number;
@@ -79,9 +79,9 @@ static void judge_root(const Job& job, Trajectory& at, int l, int e, double h, c
                        const real* g1) {
   const double rise = 2 * ((lane(g1[e], l) - lane(g0[e], l)) / h - lane(rate[e], l)) / h;
   const double slope = lane(rate[e], l) + rise * h, turn = GRAZES * job.h;
-  if (h > GRAZES * turn && std::fabs(slope) < turn * std::fabs(rise)) doubt(at, l, GRAZING, e);
+  if (h > GRAZES * turn && ::fabs(slope) < turn * ::fabs(rise)) doubt(at, l, GRAZING, e);
   for (int i = 0; i < EVENTS; ++i)
-    if (i != e && lane(g1[i], l) + TOGETHER * std::fmax(lane(rate[i], l), 0.) > 0) doubt(at, l, COINCIDENT, i);
+    if (i != e && lane(g1[i], l) + TOGETHER * ::fmax(lane(rate[i], l), 0.) > 0) doubt(at, l, COINCIDENT, i);
 }
 
 // How long a step of lane l must be to end at the first peak of a guard that may rise above its level within it.
@@ -93,7 +93,7 @@ static double shortest_peak(Trajectory& at, int l, const real* g0, const real* r
     const double s = -r / bend / 2;
     if (margin == GRAZES && -lane(g1[i], l) < GRAZES * GRAZES * h * -bend) doubt(at, l, GRAZING, i);
     if (s > SHORTEST && s < 1 - GRAZES && first + r * s * h / 2 > margin * h * bend)
-      shortest = std::fmin(shortest, s * h);
+      shortest = ::fmin(shortest, s * h);
   }
   return shortest;
 }
@@ -126,7 +126,7 @@ static void judge_lane(const Job& job, Trajectory& at, int l, const real* g0, co
   for (int i = 0; i < EVENTS; ++i) {
     lane((event < 0 ? w.before : w.after)[i], l) = lane(g1[i], l);
     const Guard guard = {lane(g0[i], l), lane(rate[i], l), low, lane(w.before[i], l), high, lane(w.after[i], l)};
-    if (guard.after > 0) root = std::fmin(root, guard.root());
+    if (guard.after > 0) root = ::fmin(root, guard.root());
   }
   const double tries = ++lane(w.tries, l);
   const bool near = high - root <= TOLERANCE || high - low <= TOLERANCE || tries > TRIES;
@@ -135,7 +135,7 @@ static void judge_lane(const Job& job, Trajectory& at, int l, const real* g0, co
     judge_root(job, at, l, event, h, g0, rate, g1);
   } else {
     const double middle = low + (high - low) / 2;
-    h = near ? high : tries > SECANTS ? middle : std::fmin(high, std::fmax(root, low) + TOLERANCE / 2);
+    h = near ? high : tries > SECANTS ? middle : ::fmin(high, ::fmax(root, low) + TOLERANCE / 2);
   }
 }
 

@@ -46,17 +46,17 @@ static void record_step(Record& record, Trajectory& at, real* m, real* next) {
 
 // Positions before every so many steps; as many as it takes, since events take steps that nobody foresees.
 struct Checkpoints {
-  std::unique_ptr<Position[]> kept;
+  Room<Position> kept;
   int64_t room = 0;
   bool keep(int64_t place, const Position& now) {
     if (place >= room) {
       const int64_t more = 2 * room + 16;
-      std::unique_ptr<Position[]> larger(new (std::nothrow) Position[more]);
-      if (!larger) return false;
-      if (room) std::memcpy(static_cast<void*>(larger.get()), kept.get(), room * sizeof(Position));
+      Room<Position> larger(more);
+      if (!larger.at) return false;
+      if (room) std::memcpy(static_cast<void*>(larger.at), kept.at, room * sizeof(Position));
       kept.swap(larger), room = more;
     }
-    kept[place] = now;
+    kept.at[place] = now;
     return true;
   }
 };

@@ -147,7 +147,7 @@ INLINE double longest(const Job& job, const Trajectory& at, int l) {
   double h = job.h;
 #if EVENTS
   for (int f = 0; f < FINES; ++f)
-    if (lane(at.now.watch.mode[FINE[f]], l) != 0) h = std::fmin(h, FINE_STEP[f]);
+    if (lane(at.now.watch.mode[FINE[f]], l) != 0) h = ::fmin(h, FINE_STEP[f]);
 #endif
   return h;
 }
@@ -175,8 +175,8 @@ static void next_segment(const Job& job, Trajectory& at, int l) {
   }
   const bool whole = begin == from && end == until && h == job.h;
   const bool piece = (lane(s.from, l) >= 0 || begin == 0) && lane(s.to, l) >= 0 && end > begin;
-  const double fewest = piece ? FEWEST : 1., needed = std::ceil((end - begin) / h * (1 - 1e-9));
-  const double number = whole ? double(job.every) : std::fmax(fewest, needed);
+  const double fewest = piece ? FEWEST : 1., needed = ::ceil((end - begin) / h * (1 - 1e-9));
+  const double number = whole ? double(job.every) : ::fmax(fewest, needed);
   lane(s.begin, l) = lane(s.t, l) = begin, lane(s.end, l) = end, lane(s.index, l) = 0., lane(s.number, l) = number;
   lane(s.h, l) = whole ? job.h : (end - begin) / number, lane(s.busy, l) = 1.;
 }
