@@ -9,6 +9,7 @@ PLACES = {
     "compiler": (
         "tests/compiled/",
         "tests/rollout/test_batch.py::test_lanes_equal_single_rollouts",
+        "tests/rollout/test_batch.py::test_where_many_are_wanted",
         "tests/rollout/test_edges.py::test_a_scene_without_target_and_grasps",
         "tests/rollout/test_gradients.py::test_a_peak_at_the_end_is_the_final_value",
         "tests/rollout/test_gradients.py::test_adjoint_equals_central_differences",

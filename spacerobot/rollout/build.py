@@ -37,10 +37,8 @@ def build_rollout(
 
     Parameters
     ----------
-    loop
-        The closed loop.
-    duration_s
-        Duration.
+    loop, duration_s
+        The closed loop, and for how long it runs.
     step_s
         Longest step; it is taken a little shorter where it does not divide the output step. If None, it is
         chosen by :func:`choose_step`, and ``rollout.choice`` tells its error.
@@ -56,10 +54,9 @@ def build_rollout(
     backend
         ``auto`` compiles where a compiler is found and works, and interprets elsewhere.
     many
-        Whether what batches need is compiled now, instead of what one rollout at a time needs.
+        Whether what batches need is compiled now, instead of what a single rollout needs.
     progress
-        Called with a few words while something is compiled, also later, and before each pilot rollout if the
-        step is to be chosen.
+        Called with a few words while something is compiled, also later, and before each pilot rollout.
 
     Raises
     ------

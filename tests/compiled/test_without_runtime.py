@@ -14,14 +14,16 @@ from spacerobot.compiled import compile_functions, find_toolchain, toolchain
 TAIL = """
 struct alignas(64) Wide { double values[8]; };
 extern "C" void remembered(const double* x, double* y) {
-  std::unique_ptr<Wide[]> wide(new (std::nothrow) Wide[100]);
-  std::unique_ptr<Wide> one(new (std::nothrow) Wide);
-  std::unique_ptr<double[]> plain(new (std::nothrow) double[100]);
-  std::unique_ptr<double> single(new (std::nothrow) double);
-  if (!wide || !one || !plain || !single) return;
-  wide[99].values[7] = one->values[0] = plain[99] = *single = *x;
-  if (reinterpret_cast<uintptr_t>(wide.get()) % 64 == 0)
-    *y = wide[99].values[7] + one->values[0] + plain[99] + *single;
+  Room<Wide> wide(100);
+  Room<double> plain(100);
+  Wide* const one = new (std::nothrow) Wide;
+  double* const single = new (std::nothrow) double;
+  if (!wide.at || !one || !plain.at || !single) return;
+  wide.at[99].values[7] = one->values[0] = plain.at[99] = *single = *x;
+  if (reinterpret_cast<uintptr_t>(wide.at) % 64 == 0)
+    *y = wide.at[99].values[7] + one->values[0] + plain.at[99] + *single;
+  delete one;
+  delete single;
 }
 """
 

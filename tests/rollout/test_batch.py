@@ -56,6 +56,15 @@ def same(batch, other, rows):
         np.testing.assert_array_equal(measure, other.measures[name][rows])
 
 
+def test_where_many_are_wanted_lanes_alone_are_compiled(loop, values, monkeypatch, tmp_path):
+    monkeypatch.setenv("SPACEROBOT_CACHE_DIR", str(tmp_path))
+    many = build_rollout(loop, **GRID, many=True, backend="compiled")
+    many.batch(PATHS, values)
+    (library,) = (tmp_path / "compiled").iterdir()
+    assert library == many.engines.batch.library.path
+    assert many.engines.batch.lanes == many.engines.toolchain.lanes > 1
+
+
 def test_lanes_equal_single_rollouts(rollout, values, whole):
     assert whole.lanes == rollout.engines.toolchain.lanes
     for i in (0, 1, 7, 8, 20):
