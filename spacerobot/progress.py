@@ -1,4 +1,4 @@
-"""Who hears that something is compiled where nobody was told by name: the command line, whatever began it."""
+"""Progress of compilations, whatever began them: told to the command line, or to any other listener."""
 
 from __future__ import annotations
 

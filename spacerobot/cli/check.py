@@ -124,10 +124,10 @@ def _tip_text(label: str, scene: Scene) -> str:
 
     tip = next(tip for tip in scene.tips if tip.label == label)
     parts = [
-        f"reference {course.reference.kind}"
-        + (" of the target" if course.from_target else "")
-        + (f" in {', '.join(course.phases)}" if len(tip.courses) > 1 else "")
-        for course in tip.courses
+        f"reference {reference.config.kind}"
+        + (" of the target" if reference.from_target else "")
+        + (f" in {', '.join(reference.phases)}" if len(tip.references) > 1 else "")
+        for reference in tip.references
     ]
     parts += [f"{key} {controller.words()}" for key, controller in tip.config.elements()]
     for name in ("amnesia", "orientation_amnesia"):

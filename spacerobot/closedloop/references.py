@@ -13,7 +13,7 @@ from spacerobot.dynamics import forward_kinematics, frame_velocity
 from spacerobot.dynamics.rotations import rotation_exp
 from spacerobot.elements import Beginning, Context, Event, Motion, Since, State, either, memory
 from spacerobot.elements.context import Affine, ReferenceContext
-from spacerobot.scene import Course, SceneBody, SceneTip
+from spacerobot.scene import SceneBody, SceneReference, SceneTip
 from spacerobot.symbolic import Plant, Start
 
 
@@ -65,29 +65,30 @@ class Lead:
 
     @functools.cached_property
     def motions(self) -> tuple[Motion, ...]:
-        """What each course asks for."""
+        """What each reference asks for."""
         if not self.context.phases:
-            return (self._from_start(self.tip.courses[0]),)
+            return (self._from_start(self.tip.references[0]),)
         return tuple(
-            self._since(course, since) for course, since in zip(self.tip.courses, self.sinces, strict=True)
+            self._since(reference, since)
+            for reference, since in zip(self.tip.references, self.sinces, strict=True)
         )
 
     @functools.cached_property
     def sinces(self) -> tuple[Since, ...]:
-        """When each course leads."""
+        """When each reference leads."""
         switches = self.context.phases
         return tuple(
-            Since(self.tip.label, either(*(switches[name] for name in course.phases)))
-            for course in self.tip.courses
+            Since(self.tip.label, either(*(switches[name] for name in reference.phases)))
+            for reference in self.tip.references
         )
 
-    def _from_start(self, course: Course) -> Motion:
-        """A course that leads from the start on, so that all about its beginning is known."""
+    def _from_start(self, reference: SceneReference) -> Motion:
+        """A reference that leads from the start on, so that all about its beginning is known."""
         pivot = None
-        if course.from_target and self.root is not None:
+        if reference.from_target and self.root is not None:
             pivot = self.start.placement(self.root)[1]
         beginning = Beginning(*self.start.placement(self.tip.frame), self._first_twist, self._at_start)
-        return course.reference.motion(self._context(self.context.at(course.path)), beginning, pivot)
+        return reference.config.motion(self._context(self.context.at(reference.path)), beginning, pivot)
 
     def _context(self, context: Context) -> ReferenceContext:
         """What a reference sees."""
@@ -129,11 +130,11 @@ class Lead:
         moving = forward_kinematics(start.model, start.q, start.v)
         return frame_velocity(start.model, moving, self.tip.frame)
 
-    def _since(self, course: Course, since: Since) -> Motion:
-        """A course that leads from an instant on that events decide."""
+    def _since(self, reference: SceneReference, since: Since) -> Motion:
+        """A reference that leads from an instant on that events decide."""
         time = self.context.time - self._symbol("since")
-        context = replace(self.context.at(course.path), time=time, since=since)
-        pivot = self._vector("pivot") if course.from_target and self.root is not None else None
+        context = replace(self.context.at(reference.path), time=time, since=since)
+        pivot = self._vector("pivot") if reference.from_target and self.root is not None else None
         if self.plant.planar:
             rotation = ca.mtimes(rotation_exp(self._vector("rotation")), self._first_rotation)
         else:
@@ -142,9 +143,9 @@ class Lead:
             rotation,
             self._vector("origin"),
             lambda: (self._vector("velocity"), self._vector("spin")),
-            functools.partial(self._remembered, course.path),
+            functools.partial(self._remembered, reference.path),
         )
-        return course.reference.motion(self._context(context), beginning, pivot)
+        return reference.config.motion(self._context(context), beginning, pivot)
 
     @functools.cached_property
     def _first_rotation(self) -> ca.SX:
@@ -194,11 +195,11 @@ class Lead:
         }
 
     def index(self, phase: str) -> int:
-        """Number of the course that leads in a phase."""
-        return next(i for i, course in enumerate(self.tip.courses) if phase in course.phases)
+        """Number of the reference that leads in a phase."""
+        return next(i for i, reference in enumerate(self.tip.references) if phase in reference.phases)
 
     def begin(self, ended: str, begins: str, *, at_pose: bool) -> tuple[dict[str, bool], dict[str, ca.SX]]:
-        """Switches and states that the course of the phase that begins sets; none if it goes on."""
+        """Switches and states that the reference of the phase that begins sets; none if it goes on."""
         before, after = self.index(ended), self.index(begins)
         if before == after:
             return {}, {}
@@ -214,5 +215,5 @@ class Lead:
 
     @property
     def events(self) -> tuple[Event, ...]:
-        """Instants at which a course jumps."""
+        """Instants at which a reference jumps."""
         return tuple(event for since in self.sinces for event in since.jumps.values())

@@ -1,6 +1,6 @@
 """The scene: robots and target in one Pinocchio model."""
 
 from spacerobot.scene.build import build_scene, load_scene
-from spacerobot.scene.scene import Course, Scene, SceneBody, SceneGrasp, SceneTip
+from spacerobot.scene.scene import Scene, SceneBody, SceneGrasp, SceneReference, SceneTip
 
-__all__ = ["Course", "Scene", "SceneBody", "SceneGrasp", "SceneTip", "build_scene", "load_scene"]
+__all__ = ["Scene", "SceneBody", "SceneGrasp", "SceneReference", "SceneTip", "build_scene", "load_scene"]

@@ -105,8 +105,8 @@ def _unread_sensors(scene: Scene, body: SceneBody) -> list[str]:
         if tip.body is body:
             for key, controller in tip.config.elements():
                 read |= controller.reads(key, tip.config.sections)
-            for course in tip.courses:
-                read |= course.reference.reads()
+            for reference in tip.references:
+                read |= reference.config.reads()
     texts = {signal: field.description for signal, field in type(config.sensors).model_fields.items()}
     return [
         f"{body.path}.sensors.{signal}: without effect, nothing of this robot reads it ({texts[signal]})"
@@ -219,9 +219,9 @@ def _changed_masses(body: SceneBody) -> list[str]:
 
 def _of_tip(tip: SceneTip) -> list[str]:
     found, place = [], f"{tip.path}.reference"
-    if any(course.from_target for course in tip.courses):
+    if any(reference.from_target for reference in tip.references):
         found.append(f"{tip.path}: reference derived from the target's, rigidly")
-    elif tip.config.reference is None and tip.courses[-1].path == place and any(tip.config.elements()):
+    elif tip.config.reference is None and tip.references[-1].path == place and any(tip.config.elements()):
         found.append(f"{tip.path}: no reference given, so it holds its initial pose")
     for key, controller in tip.config.elements():
         found += [f"{tip.path}.{key}: {assumed}" for assumed in controller.assumptions()]

@@ -30,9 +30,9 @@ from spacerobot.scene.checks import (
 from spacerobot.scene.closing import has_loops
 from spacerobot.scene.configure import close_velocity, initial_state
 from spacerobot.scene.contacts import check_overlap, find_contacts
-from spacerobot.scene.courses import courses_of
 from spacerobot.scene.model import build_model
 from spacerobot.scene.reach import check_followed, check_in_plane
+from spacerobot.scene.references import references_of
 from spacerobot.scene.resolve import fill, locate, read_descriptions, settle
 from spacerobot.scene.scene import Scene, SceneBody, SceneGrasp, SceneTip
 
@@ -160,7 +160,7 @@ def _tips(model: Any, body: SceneBody, scenario: Scenario, source: Path | None) 
         frame = _frame(model, body, link, f"{path}.frame" if tip.frame else path, source)
         joint = int(model.frames[frame].parentJoint)
         label = f"{body.name}/{name}"
-        tips.append(SceneTip(label, path, body, frame, joint, tip, courses_of(label, scenario, during)))
+        tips.append(SceneTip(label, path, body, frame, joint, tip, references_of(label, scenario, during)))
     return tips
 
 

@@ -21,13 +21,13 @@ def check_in_plane(scene: Scene) -> None:
     """
     if not scene.planar:
         return
-    for course in (course for tip in scene.tips for course in tip.courses):
-        for key, found in course.reference.leaves_plane():
+    for reference in (reference for tip in scene.tips for reference in tip.references):
+        for key, found in reference.config.leaves_plane():
             raise ScenarioError(
                 f"leads out of the x-y plane, which nothing in this scene can leave: found {found}, allowed: "
                 "displacements along x and y, rotations about z; a `free_flyer` base is free in space",
                 source=scene.source,
-                where=f"{course.path}.{key}",
+                where=f"{reference.path}.{key}",
             )
 
 
@@ -40,11 +40,11 @@ def check_followed(scene: Scene) -> None:
         With the near names.
     """
     links = [] if scene.target is None else [link.name for link in scene.target.description.links]
-    for course in (course for tip in scene.tips for course in tip.courses):
-        frame = course.reference.follows
+    for reference in (reference for tip in scene.tips for reference in tip.references):
+        frame = reference.config.follows
         if frame is None:
             continue
-        if course.from_target:
+        if reference.from_target:
             fault = "follows the target, so it is one of tips and not of the target"
         elif scene.target is None:
             fault = "follows the target, and there is none"
@@ -52,13 +52,15 @@ def check_followed(scene: Scene) -> None:
             fault = f"no link {frame!r} in the target's URDF; {near_names(frame, links)}"
         else:
             continue
-        raise ScenarioError(fault, source=scene.source, where=f"{course.path}.frame")
+        raise ScenarioError(fault, source=scene.source, where=f"{reference.path}.frame")
 
 
 def reference_warnings(scene: Scene) -> list[str]:
     """What references warn of by themselves, and those that lead too far."""
-    courses = [course for tip in scene.tips for course in tip.courses]
-    own = [f"{course.path}: {warning}" for course in courses for warning in course.reference.warnings()]
+    references = [reference for tip in scene.tips for reference in tip.references]
+    own = [
+        f"{reference.path}: {warning}" for reference in references for warning in reference.config.warnings()
+    ]
     return [*dict.fromkeys(own), *out_of_reach(scene)]
 
 
@@ -78,7 +80,7 @@ def out_of_reach(scene: Scene) -> list[str]:
         reach = _reach(scene, tip)
         if farthest > reach * (1 + 1e-9):
             found.append(
-                f"{tip.courses[0].path}: leads {tip.label} {farthest:.4g} m from where its base begins, "
+                f"{tip.references[0].path}: leads {tip.label} {farthest:.4g} m from where its base begins, "
                 f"the arm reaches {reach:.4g} m"
             )
     return found

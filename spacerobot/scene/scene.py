@@ -98,14 +98,14 @@ class SceneBody:
 
 
 @dataclass(frozen=True)
-class Course:
+class SceneReference:
     """A reference that leads a tip, in some phases or always.
 
     Attributes
     ----------
     path
         Dotted path of its section.
-    reference
+    config
         The section.
     from_target
         Whether it is the target's, from which the tip's is derived.
@@ -114,7 +114,7 @@ class Course:
     """
 
     path: str
-    reference: Reference
+    config: Reference
     from_target: bool
     phases: tuple[str, ...] = ()
 
@@ -123,8 +123,8 @@ class Course:
 class SceneTip:
     """A frame of a robot that can hold something.
 
-    ``courses`` are the references that lead it, the first one from the start. Of that one, ``reference`` is
-    the section, and ``from_target`` says that it is derived from the target's.
+    ``references`` are those that lead it, the first one from the start. Of that one, ``reference`` is the
+    section, and ``from_target`` says that it is derived from the target's.
     """
 
     label: str
@@ -133,17 +133,17 @@ class SceneTip:
     frame: int
     joint: int
     config: Tip
-    courses: tuple[Course, ...]
+    references: tuple[SceneReference, ...]
 
     @property
     def reference(self) -> Reference:
         """What leads it from the start."""
-        return self.courses[0].reference
+        return self.references[0].config
 
     @property
     def from_target(self) -> bool:
         """Whether that is derived from the target's reference."""
-        return self.courses[0].from_target
+        return self.references[0].from_target
 
 
 @dataclass(frozen=True)

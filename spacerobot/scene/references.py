@@ -7,10 +7,12 @@ from collections.abc import Mapping
 from spacerobot.elements.references.hold import Hold
 from spacerobot.scenario import Scenario
 from spacerobot.scenario.paths import Document
-from spacerobot.scene.scene import Course
+from spacerobot.scene.scene import SceneReference
 
 
-def courses_of(label: str, scenario: Scenario, during: Mapping[str, Scenario]) -> tuple[Course, ...]:
+def references_of(
+    label: str, scenario: Scenario, during: Mapping[str, Scenario]
+) -> tuple[SceneReference, ...]:
     """References that lead a tip, in the order of the phases in which they begin.
 
     Parameters
@@ -23,17 +25,17 @@ def courses_of(label: str, scenario: Scenario, during: Mapping[str, Scenario]) -
         The scenario as it is in each phase; empty where there are no phases.
     """
     if not during:
-        return (_course(label, scenario, {}, ""),)
-    found: dict[tuple[str, bool], Course] = {}
+        return (_reference(label, scenario, {}, ""),)
+    found: dict[tuple[str, bool], SceneReference] = {}
     for name, merged in during.items():
-        course = _course(label, merged, scenario.phases[name].changes, name)
-        key = course.path, course.from_target
+        reference = _reference(label, merged, scenario.phases[name].changes, name)
+        key = reference.path, reference.from_target
         phases = (*(found[key].phases if key in found else ()), name)
-        found[key] = Course(course.path, course.reference, course.from_target, phases)
+        found[key] = SceneReference(reference.path, reference.config, reference.from_target, phases)
     return tuple(found.values())
 
 
-def _course(label: str, scenario: Scenario, changes: Document, phase: str) -> Course:
+def _reference(label: str, scenario: Scenario, changes: Document, phase: str) -> SceneReference:
     """What leads a tip by a scenario; what a phase changes stands under its name."""
     robot, _, name = label.partition("/")
     tip, target = scenario.robots[robot].tips[name], scenario.target
@@ -42,8 +44,8 @@ def _course(label: str, scenario: Scenario, changes: Document, phase: str) -> Co
     held = any(grasp.tip == label for grasp in scenario.grasps.values())
     if tip.reference is None and held and target is not None and target.reference is not None:
         given = changes.get("target", {})
-        return Course(_in(phase, "target.reference", "reference" in given), target.reference, True)
-    return Course(_in(phase, place, own.get("reference") is not None), tip.reference or Hold(), False)
+        return SceneReference(_in(phase, "target.reference", "reference" in given), target.reference, True)
+    return SceneReference(_in(phase, place, own.get("reference") is not None), tip.reference or Hold(), False)
 
 
 def _in(phase: str, path: str, differs: bool) -> str:
