@@ -8,7 +8,8 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .PHONY: demo test check docs bench wheel-check clean
 
-demo: $(VENV)/installed  ## Run the main job: the paper's scenario, from URDF to a result
+demo: $(VENV)/installed  ## Run the main jobs: a docking, and the paper's scenario, from URDF to a result
+	$(BIN)/spacerobot run docking --out out/docking
 	$(BIN)/spacerobot run paper --out out/paper
 	$(BIN)/spacerobot animate out/paper --html out/paper/docking.html
 	$(BIN)/spacerobot report out/paper

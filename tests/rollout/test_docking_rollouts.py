@@ -5,6 +5,7 @@ import pytest
 
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.rollout import build_rollout
+from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
 from tests.oracles.free_bodies import DEEP, FLAT, free_bodies
 from tests.oracles.hybrid import roll
@@ -48,3 +49,16 @@ def test_momentum_and_the_ledger_hold_through_a_docking(tmp_path, bases):
     np.testing.assert_array_equal(np.unique(data.phase), [0, 1, 2])
     np.testing.assert_array_equal(np.unique(data.grasp_state.sel(grasp="left")), [0, 1, 2, 3])
     assert "0 approach, 1 carry, 2 part" in data.phase.attrs["long_name"]
+
+
+def test_the_shipped_docking_catches_carries_and_lets_go():
+    summary = simulate(load_scene("docking", {"simulation.step": 0.01})).summary
+    assert summary["outcome"] == "captured"
+    told = [(event["kind"], event["who"]) for event in summary["events"]]
+    assert {("captured", "left"), ("captured", "right")} == {one for one in told if one[0] == "captured"}
+    assert [who for kind, who in told if kind == "phase"] == ["stop", "carry", "rest", "part"]
+    assert {who for kind, who in told if kind == "released"} == {"left", "right"}
+    assert told[-1] == ("end", "part")
+    assert all(event["momentum_change"] < 1e-12 for event in summary["events"])
+    assert summary["ledger"]["energy"]["relative_residual"] < 1e-6
+    assert summary["status"]["trusted"]
