@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -57,11 +57,29 @@ def animation(*results: Result, title: str | None = None, autoplay: bool = True)
     """
     check_comparable(results)
     shown = [_look_at(result, label) for result, label in zip(results, labels_of(results), strict=True)]
+    meshes = Meshes(node for one in shown for node in one.motion.nodes)
+    return _data(shown, meshes, title, autoplay) | {"meshes": meshes.data()}
+
+
+def choice(named: Mapping[str, Result]) -> dict[str, Any]:
+    """Data of a page that shows one of several results, to be chosen by name; what they share is kept once.
+
+    Parameters
+    ----------
+    named
+        Results by what they are called.
+    """
+    shown = [_look_at(result, name) for name, result in named.items()]
+    meshes = Meshes(node for one in shown for node in one.motion.nodes)
+    choices = [_data([one], meshes, None, False) for one in shown]
+    return {"title": " or ".join(named), "meshes": meshes.data(), "choices": choices}
+
+
+def _data(shown: Sequence[_Shown], meshes: Meshes, title: str | None, autoplay: bool) -> dict[str, Any]:
     boxes = [_box(one) for one in shown]
     low, high = np.min([box[0] for box in boxes], axis=0), np.max([box[1] for box in boxes], axis=0)
     scale = float(np.linalg.norm(high - low))
     force = max(greatest_force(one.result, one.motion) for one in shown)
-    meshes = Meshes(node for one in shown for node in one.motion.nodes)
     return {
         "title": title or " and ".join(one.label for one in shown),
         "about": _about(shown),
@@ -75,7 +93,6 @@ def animation(*results: Result, title: str | None = None, autoplay: bool = True)
         "longest_arrow": _ARROW_SHARE,
         "greatest_force": force,
         "autoplay": autoplay,
-        "meshes": meshes.data(),
         "runs": [_run_data(one, meshes) for one in shown],
     }
 

@@ -14,7 +14,7 @@ from typing import Any
 from spacerobot.errors import SpaceRobotError
 from spacerobot.files import write_text
 from spacerobot.result import Result, note_derived
-from viz.page.animation import animation
+from viz.page.animation import animation, choice
 from viz.page.meshcat_scene import script_hash
 
 SCRIPTS = (
@@ -54,6 +54,11 @@ def animation_page(*results: Result, title: str | None = None, autoplay: bool = 
     return page(animation(*results, title=title, autoplay=autoplay))
 
 
+def choice_page(named: Mapping[str, Result]) -> str:
+    """HTML of a page that plays one of several results, to be chosen by name."""
+    return page(choice(named))
+
+
 def write_animation(path: Path, *results: Result, title: str | None = None) -> None:
     """Write the page of :func:`animation_page`.
 
@@ -72,7 +77,7 @@ def page(payload: Mapping[str, Any], *, connect: str = "'none'") -> str:
     Parameters
     ----------
     payload
-        As :func:`viz.page.animation.animation` makes it.
+        As :func:`viz.page.animation.animation` or :func:`viz.page.animation.choice` makes it.
     connect
         What the page may connect to, as a source expression; nothing by default.
     """

@@ -15,7 +15,7 @@ from spacerobot.result import Result
 from viz.figures import Bands, Spread, bands, distributions, moving_components, sensitivities, to_bytes
 from viz.figures.style import Drawing, unit_scale
 from viz.page.notebook import frame
-from viz.page.page import animation_page
+from viz.page.page import choice_page
 from viz.report.campaign_words import (
     depends,
     drawn,
@@ -280,10 +280,11 @@ def _reason(row: Mapping[str, Any], summary: Mapping[str, Any]) -> str:
 
 def _animations(shown: Shown, _: Subject) -> str:
     text = '<p class="onpaper">The animation plays on a screen; its frames stand among the figures.</p>'
-    for name, result in list(shown.worst.items())[:MOST_ANIMATED]:
-        sample = shown.summary["gains"][name]["worst"][0]["sample"]
-        text += f"<h3>Gains {escape(name)}, sample {sample}</h3>"
-        text += frame(animation_page(result, autoplay=False), 640)
+    named = {
+        f"Gains {name}, sample {shown.summary['gains'][name]['worst'][0]['sample']}": result
+        for name, result in list(shown.worst.items())[:MOST_ANIMATED]
+    }
+    text += frame(choice_page(named), 640)
     left = list(shown.worst)[MOST_ANIMATED:]
     return text + (f"<p>Not animated: the worst samples of {escape(', '.join(left))}.</p>" if left else "")
 

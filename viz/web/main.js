@@ -10,8 +10,10 @@ function start() {
     $("stage").replaceChildren(element("div", `This browser cannot draw in three dimensions (WebGL): ${fault.message}`, "fault"));
     return;
   }
-  if (payload.runs.length) {
-    player.load(payload);
+  const choices = payload.choices || [payload];
+  if (choices[0].runs.length) {
+    player.load({ meshes: payload.meshes, ...choices[0] });
+    listChoices(player, choices, payload.meshes);
     if (payload.autoplay && !window.matchMedia("(prefers-reduced-motion: reduce)").matches) player.timeline.play();
     player.link.follow();
   } else {
@@ -21,6 +23,19 @@ function start() {
   }
   if (payload.live) follow(player);
   document.body.dataset.ready = "true";
+}
+
+// Results to choose from: what is chosen is shown as the one before was, at the same time.
+function listChoices(player, choices, meshes) {
+  const choose = $("choose");
+  choose.hidden = choices.length < 2;
+  $("title").hidden = !choose.hidden;
+  options(choose, choices.map(({ title }, k) => [k, title]));
+  choose.addEventListener("change", () => {
+    const shown = new URLSearchParams(player.state().filter(([, value]) => value !== "" && value !== null));
+    player.load({ meshes, ...choices[choose.value] });
+    player.become(shown);
+  });
 }
 
 // Live: the page shows what its server sends, and says so when the server has gone.

@@ -9,9 +9,11 @@ const COLOURS = {
 const RUN_COLOURS = ["#56b4e9", "#ff8c42", "#9be564", "#f29ad0", "#f0e442", "#c9b6ff"];
 
 // Geometries of the page's meshes, each made once for all solids that show it.
-let meshes = [];
+let meshes = [], madeOf;
 
 function keepMeshes(data) {
+  if (data === madeOf) return;
+  madeOf = data;
   meshes.forEach((geometry) => geometry.dispose());
   meshes = data.map(({ vertices, triangles }) => {
     const geometry = new THREE.BufferGeometry();

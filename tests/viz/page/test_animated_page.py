@@ -17,7 +17,7 @@ from spacerobot.simulation import simulate
 from viz.drawing.motion import pick_rows, scene_nodes
 from viz.figures import KINDS, draw_all
 from viz.page.animation import animation
-from viz.page.page import animation_page, json_text, write_animation
+from viz.page.page import animation_page, choice_page, json_text, meshcat_script, write_animation
 from viz.record import write_recording
 
 BOX = (
@@ -229,6 +229,33 @@ def test_a_diverged_result_is_shown_up_to_where_it_went(browser, diverged, tmp_p
     assert "diverged after 0.42 s of 10 s" in page.evaluate("document.getElementById('notice').innerText")
     assert page.evaluate("document.body.dataset.time") == f"{diverged.data.time.values[-1]:.3f}"
     assert page.errors == []
+
+
+def test_one_of_several_results_is_chosen_at_the_same_time_and_view(browser, paper, blind, tmp_path):
+    text = choice_page({"with: sample 3": paper, "without: sample 5": blind})
+    page = _show(browser, tmp_path / "page.html", text, "#t=4.2&look=near")
+    chosen = "document.getElementById('choose')"
+    assert page.evaluate(f"[...{chosen}.options].map((o) => o.text)") == [
+        "with: sample 3",
+        "without: sample 5",
+    ]
+    before = page.evaluate("document.getElementById('readout').innerText")
+    page.evaluate(f"{chosen}.value = 1; {chosen}.dispatchEvent(new Event('change'))")
+    after = page.evaluate("document.getElementById('readout').innerText")
+    assert before != after
+    assert page.evaluate("[document.body.dataset.time, document.getElementById('look').value]") == [
+        "4.200",
+        "near",
+    ]
+    assert page.evaluate("document.title") == "without: sample 5"
+    assert page.errors == []
+
+
+def test_what_results_share_is_kept_once_where_one_is_chosen(paper, blind):
+    both = len(choice_page({"with": paper, "without": blind}))
+    alone = [len(choice_page({"it": result})) for result in (paper, blind)]
+    assert both + len(meshcat_script()) < sum(alone)
+    assert both < len(animation_page(paper, blind)) * 1.05
 
 
 def test_changed_descriptions_are_told(paper):
