@@ -62,3 +62,17 @@ def test_the_shipped_docking_catches_carries_and_lets_go():
     assert all(event["momentum_change"] < 1e-12 for event in summary["events"])
     assert summary["ledger"]["energy"]["relative_residual"] < 1e-6
     assert summary["status"]["trusted"]
+
+
+def test_the_shipped_capture_grips_a_tumbling_satellite_arm_by_arm():
+    result = simulate(load_scene("capture", {"simulation.step": 0.04}), backend="interpreted")
+    summary = result.summary
+    assert summary["outcome"] == "captured"
+    captures = [event for event in summary["events"] if event["kind"] == "captured"]
+    assert [event["who"] for event in captures] == ["left", "right"]
+    assert set(captures[1]["impulses_n_s"]) == {"left", "right"}  # the shock goes through the whole chain
+    assert all(event["momentum_change"] < 1e-12 for event in summary["events"])
+    assert summary["ledger"]["energy"]["relative_residual"] < 1e-6
+    still = result.data.isel(time=-1)
+    assert np.abs(still.grasp_capture_velocity).max() < 0.011
+    assert summary["status"]["trusted"]
