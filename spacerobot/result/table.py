@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -11,6 +12,8 @@ import xarray as xr
 from spacerobot.result.trust import open_words
 
 Row = tuple[str, str]
+FINEST = 1e-4
+"""Ranges of axes below it, in the unit of their row, are written with powers of ten."""
 
 
 def headline(summary: Mapping[str, Any], data: xr.Dataset) -> list[Row]:
@@ -22,8 +25,7 @@ def headline(summary: Mapping[str, Any], data: xr.Dataset) -> list[Row]:
         shown = ["x", "y"] if "body_angle" in data else ["x", "y", "z"]
         unit, factor = _unit_of(axes["norm"]["rms_m"])
         spans = ", ".join(
-            f"{axis} {axes[axis]['min_m'] * factor:+.3f} .. {axes[axis]['max_m'] * factor:+.3f}"
-            for axis in shown
+            f"{axis} {_span(axes[axis]['min_m'] * factor, axes[axis]['max_m'] * factor)}" for axis in shown
         )
         rows.append((f"tip error {tip}", f"{spans} {unit} (rms {axes['norm']['rms_m'] * factor:.3f} {unit})"))
     if summary["target"] is not None:
@@ -37,6 +39,22 @@ def headline(summary: Mapping[str, Any], data: xr.Dataset) -> list[Row]:
     if "greatest_contact" in summary:
         rows.append(("greatest contact force", _peak(summary["greatest_contact"], "force_n", "N", "contact")))
     return rows + ledger_rows(summary["ledger"]) + [("engine", _engine(summary))]
+
+
+def _span(low: float, high: float) -> str:
+    """Range of an axis: three decimals, or what its greater end needs for three significant figures."""
+    greatest = max(abs(low), abs(high))
+    if not 0 < greatest < FINEST:
+        decimals = 3 if greatest == 0 or not math.isfinite(greatest) else max(3, 2 - _magnitude(greatest))
+        ends = (f"{round(end, decimals) + 0.0:+.{decimals}f}" for end in (low, high))  # no -0.000
+    else:
+        ends = (f"{end:+.2e}" for end in (low, high))
+    return " .. ".join(ends)
+
+
+def _magnitude(value: float) -> int:
+    """Power of ten of the first figure."""
+    return math.floor(math.log10(value))
 
 
 def _unit_of(size_m: float) -> tuple[str, float]:

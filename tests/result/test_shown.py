@@ -8,6 +8,7 @@ import pytest
 from optim import build_problem
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.errors import ScenarioError
+from spacerobot.result.table import headline
 from spacerobot.rollout import Measures, Signals, build_rollout, integral
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
@@ -17,6 +18,11 @@ from tests.oracles import one_arm
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory):
     return load_scene(one_arm.write(tmp_path_factory.mktemp("shown")))
+
+
+@pytest.fixture(scope="module")
+def result(scene):
+    return simulate(scene)
 
 
 def test_objects_show_themselves_in_a_few_lines(scene):
@@ -38,9 +44,27 @@ def test_objects_show_themselves_in_a_few_lines(scene):
         assert len(repr(shown)) < 400
 
 
+@pytest.mark.parametrize(
+    ("low", "high", "text"),
+    [
+        (-1.6293, 1.2421, "-1.629 .. +1.242"),
+        (0.0, 0.0, "+0.000 .. +0.000"),
+        (-0.00021, 0.00123, "-0.00021 .. +0.00123"),
+        (-0.0004, 0.0913, "-0.0004 .. +0.0913"),
+        (-1e-9, 0.5, "+0.000 .. +0.500"),
+        (-4.12e-8, 3.1e-9, "-4.12e-08 .. +3.10e-09"),
+        (float("nan"), float("nan"), "+nan .. +nan"),
+    ],
+)
+def test_a_small_axis_keeps_three_figures_beside_a_large_one(result, low, high, text):
+    axes = {"x": {"min_m": 1e-3 * low, "max_m": 1e-3 * high}, "y": {"min_m": -0.004, "max_m": 0.004}}
+    summary = dict(result.summary) | {"tip_error": {"arm/tip": axes | {"norm": {"rms_m": 0.003}}}}
+    told = dict(headline(summary, result.data))["tip error arm/tip"]
+    assert told == f"x {text}, y -4.000 .. +4.000 mm (rms 3.000 mm)"
+
+
 @pytest.mark.parametrize(("metres", "text"), [(3e-4, "0.300 mm"), (3e-7, "0.300 um"), (3e-10, "0.300 nm")])
-def test_small_errors_have_digits(scene, metres, text):
-    result = simulate(scene)
+def test_small_errors_have_digits(result, metres, text):
     summary = copy.deepcopy(dict(result.summary))
     for axis in summary["tip_error"]["arm/tip"].values():
         axis |= {"min_m": -metres, "max_m": metres, "rms_m": metres}
