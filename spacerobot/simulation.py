@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -29,7 +29,7 @@ from spacerobot.rollout import (
     time_grid,
 )
 from spacerobot.rollout.step import NoStepError
-from spacerobot.scene import Scene
+from spacerobot.scene import Scene, build_scene
 from spacerobot.scene.size import check_size
 
 Progress = Callable[[str], None]
@@ -93,6 +93,40 @@ def simulate(scene: Scene, *, backend: Backend = "auto", progress: Progress | No
     built = time.perf_counter()
     with np.errstate(over="ignore", invalid="ignore"):  # a rollout that diverges says so by its status
         run = _run(scene, loop, backend, tell)
+    return _result(run, loop, begin, built)
+
+
+def simulate_designs(
+    scene: Scene, loop: ClosedLoop, designs: Mapping[str, Mapping[str, float]]
+) -> Iterator[tuple[str, Result]]:
+    """Simulate a scene at several values of its parameters, by one closed loop and its fixed-step engine.
+
+    Each result is what :func:`simulate` gives for the scene with these values.
+
+    Parameters
+    ----------
+    scene, loop
+        The scene, and a closed loop of it that depends on what the designs change.
+    designs
+        Parameters that differ from the scene's, by dotted path, for each name.
+
+    Raises
+    ------
+    DivergedError
+        As :func:`simulate`.
+    """
+    begin = built = time.perf_counter()
+    rollout = _ready(scene, loop, "auto", lambda _: None)
+    for name, design in designs.items():
+        own = build_scene(scene.scenario, design, source=scene.source)
+        with np.errstate(over="ignore", invalid="ignore"):
+            run = _rolled(own, rollout, design)
+        yield name, _result(run, loop, begin, built)
+        begin = built = time.perf_counter()
+
+
+def _result(run: _Run, loop: ClosedLoop, begin: float, built: float) -> Result:
+    """Result of a run that began, and had its closed loop, at these times."""
     trajectory = _good_part(run.trajectory, loop)
     done = time.perf_counter()
     whole = build_dataset(run.scene, trajectory, loop)
@@ -102,7 +136,7 @@ def simulate(scene: Scene, *, backend: Backend = "auto", progress: Progress | No
         "rollout": trajectory.wall_s,
         "total": done - begin,
     }
-    events = build_events(scene, loop, trajectory.events)
+    events = build_events(run.scene, loop, trajectory.events)
     summary = build_summary(run.scene, whole, trajectory, timing, run.notes, events)
     return Result(run.scene.scenario, whole.isel(time=slice(None, None, run.every)), summary)
 
@@ -186,6 +220,12 @@ def _run(scene: Scene, loop: ClosedLoop, backend: Backend, tell: Progress) -> _R
         )
         return _Run(scene, ready, trajectory, every)
     rollout = _ready(scene, loop, backend, tell)
+    tell("rolling out")
+    return _rolled(scene, rollout, {})
+
+
+def _rolled(scene: Scene, rollout: Rollout, design: Mapping[str, float]) -> _Run:
+    """One rollout of the fixed-step engine, seen at every step."""
     notes = {"toolchain": rollout.summary}
     if rollout.fallback:
         notes["interpreted_because"] = rollout.fallback
@@ -195,9 +235,8 @@ def _run(scene: Scene, loop: ClosedLoop, backend: Backend, tell: Progress) -> _R
         found = f"error {choice.error:.1e}, of a single step {choice.step_error:.1e}"
         notes["step_chosen"] = f"{found}, tolerance {choice.tolerance:g}"
     ready = time.perf_counter()
-    tell("rolling out")
     fine, every = _every_step(rollout.grid)
-    trajectory = dataclasses.replace(rollout, grid=fine).run(estimate=True)
+    trajectory = dataclasses.replace(rollout, grid=fine).run(design, estimate=True)
     if rollout.choice is None:
         notes["step_error"] = f"{trajectory.step_error:.1e}"
         if trajectory.status == "completed":  # one that diverged has more to say than that

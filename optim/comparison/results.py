@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -13,10 +12,7 @@ from optim.comparison.contest import Contest
 from optim.comparison.report import to_data
 from spacerobot.files import write_text
 from spacerobot.result import Result, save
-from spacerobot.result.dataset import build_dataset
-from spacerobot.result.summary import build_summary
-from spacerobot.rollout import build_rollout
-from spacerobot.scene import build_scene
+from spacerobot.simulation import simulate_designs
 
 
 def write(comparison: Comparison, folder: Path) -> dict[str, Any]:
@@ -57,25 +53,9 @@ def results_of(contest: Contest) -> Iterator[tuple[str, Result]]:
     """
     if contest.baseline is None:
         return
-    scene, loop = contest.nominal.scene, contest.nominal.loop
-    simulation = scene.scenario.simulation
-    rollout = build_rollout(
-        loop,
-        duration_s=simulation.duration,
-        step_s=simulation.step,
-        output_step_s=simulation.output_step,
-        tolerance=simulation.tolerance,
-        method=simulation.method,
-    )
-    for method, assessed in ({"baseline": contest.baseline} | contest.assessments).items():
-        begin = time.perf_counter()
-        trajectory = rollout.run(assessed.design)
-        own = build_scene(scene.scenario, assessed.design, source=scene.source)
-        data = build_dataset(own, trajectory, loop)
-        timing = {"closed_loop": 0.0, "compile_or_load": 0.0, "rollout": trajectory.wall_s}
-        timing["total"] = time.perf_counter() - begin
-        summary = build_summary(own, data, trajectory, timing, {"toolchain": rollout.summary})
-        yield method, Result(own.scenario, data, summary)
+    judged = {"baseline": contest.baseline} | contest.assessments
+    designs = {method: assessed.design for method, assessed in judged.items()}
+    yield from simulate_designs(contest.nominal.scene, contest.nominal.loop, designs)
 
 
 def largest_error(result: Result) -> float | None:

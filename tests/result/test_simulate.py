@@ -7,11 +7,12 @@ import re
 import pytest
 
 from spacerobot.cli.app import main
+from spacerobot.closedloop import build_closed_loop
 from spacerobot.errors import DivergedError, ScenarioError
 from spacerobot.result.table import status_text
 from spacerobot.scene import load_scene
 from spacerobot.scene.size import numbers_each
-from spacerobot.simulation import simulate
+from spacerobot.simulation import simulate, simulate_designs
 
 SHORT = {"simulation.duration": 0.1, "simulation.output_step": 0.02}
 
@@ -127,6 +128,17 @@ def test_headline_numbers_see_every_step_whatever_is_kept():
     assert len(coarse.data.time) == 2
     for name in ("tip_error", "greatest_torque", "greatest_grip", "bases", "target", "ledger"):
         assert _close(fine.summary[name], coarse.summary[name]), name
+
+
+def test_designs_that_share_a_closed_loop_give_what_each_gives_alone():
+    scene = load_scene("paper", {"simulation.duration": 0.4})
+    path = "robots.rpr1.tips.tip.pid.kp"
+    designs = {"own": {}, "soft": {path: 50.0}}
+    for name, shared in simulate_designs(scene, build_closed_loop(scene), designs):
+        alone = simulate(load_scene("paper", {"simulation.duration": 0.4, **designs[name]}))
+        assert shared.scenario == alone.scenario
+        assert shared.summary["tip_error"] == alone.summary["tip_error"]
+        assert shared.summary["engine"] == alone.summary["engine"]
 
 
 def _close(one, other):
