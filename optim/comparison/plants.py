@@ -91,9 +91,9 @@ def build_judge(scene: Scene, *, variant: str | None = None, threads: int | None
     scene = build_scene(scene.scenario, missing, source=scene.source) if missing else scene
     tuning = tuning_of(scene)
     variable = [path for prefixes, _, _ in _groups(scene, tuning.robustness) for path in prefixes]
-    loop = kept_closed_loop(scene)
-    offsets = [path for path in variable if path.endswith("offset") and path in loop.parameter_paths]
-    loop = kept_closed_loop(scene, vary=offsets)
+    prefixes = tuple(f"{path}." for path in variable)
+    known = kept_closed_loop(scene).parameter_paths
+    loop = kept_closed_loop(scene, vary=[path for path in known if f"{path}.".startswith(prefixes)])
     extended = extended_loop(loop, scene, tuning.objective)
     terms = build_terms(extended, scene, tuning.objective, tuning.constraints)
     rollout = build_rollout(

@@ -66,11 +66,18 @@ def _hoist_symmetric(constants: Constants, name: str, matrix: ca.SX) -> ca.SX:
 
 
 def _link_moments(parameters: Parameters, path: str, placement: Any) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """Mass, first moment and inertia of a link about its joint's origin, in the joint's axes."""
+    """Mass, first moment and inertia of a link about its joint's origin, in the joint's axes.
+
+    An inertia that is not given by itself follows the mass, unless both are varied.
+    """
     mass = parameters(f"{path}.mass")
     rotation, offset = sparse(np.asarray(placement.rotation)), sparse(np.asarray(placement.translation))
     com = ca.mtimes(rotation, parameters.sparse_vector(f"{path}.com")) + offset
     xx, yy, zz, xy, xz, yz = (parameters.sparse(f"{path}.inertia.{i}") for i in range(6))
+    by_itself = parameters.varies(f"{path}.inertia") and parameters.varies(f"{path}.mass")
+    if parameters.gives(f"{path}.inertia_at_mass") and not by_itself:
+        scale = mass / parameters(f"{path}.inertia_at_mass")
+        xx, yy, zz, xy, xz, yz = (scale * entry for entry in (xx, yy, zz, xy, xz, yz))
     about_com = ca.vertcat(ca.horzcat(xx, xy, xz), ca.horzcat(xy, yy, yz), ca.horzcat(xz, yz, zz))
     turned = ca.mtimes(rotation, ca.mtimes(about_com, rotation.T))
     steiner = mass * (ca.dot(com, com) * ca.SX.eye(3) - ca.mtimes(com, com.T))

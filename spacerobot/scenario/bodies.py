@@ -77,6 +77,19 @@ class Link(Section):
     inertia: tuple[float, float, float, float, float, float] | None = quantity(
         "kg m^2", "ixx, iyy, izz, ixy, ixz, iyz about the centre of mass, link axes", default=None
     )
+    inertia_at_mass: float | None = quantity(
+        "kg",
+        "mass to which `inertia` belongs, so that it scales with another one; the URDF's, unless `inertia` "
+        "is given by itself and stands whatever the mass",
+        default=None,
+        gt=0,
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> Link:
+        if self.inertia_at_mass is not None and self.inertia is None:
+            raise ValueError("inertia_at_mass: of which inertia? give `inertia` too")
+        return self
 
 
 class Joint(Section):

@@ -13,7 +13,6 @@ from spacerobot.scenario import Robot
 from spacerobot.scene.checks import resolved_bodies, robot_elements, robot_facts
 from spacerobot.scene.closing import Closing, find_closings, has_loops, is_rigid, open_grasps
 from spacerobot.scene.configure import initial_state
-from spacerobot.scene.model import link_inertia
 from spacerobot.scene.reach import reference_warnings
 from spacerobot.scene.scene import Scene, SceneBody, SceneTip
 
@@ -202,18 +201,17 @@ def _of_body(scene: Scene, body: SceneBody) -> list[str]:
 
 
 def _changed_masses(body: SceneBody) -> list[str]:
-    """Links whose mass is not the URDF's while their inertia is."""
+    """Links whose mass is not the URDF's, so that their inertia is scaled with it."""
     changed = []
     for link in body.description.links:
         given = body.config.links.get(link.name)
-        heavier = given is not None and given.mass != link.mass and link.inertia.any()
-        if heavier and np.array_equal(link_inertia(given).inertia, link.inertia):
+        if given is not None and given.mass != link.mass and given.inertia_at_mass is not None:
             changed.append(link.name)
     if not changed:
         return []
     return [
-        f"{body.path}: mass differs from the URDF's while inertia does not (give `inertia` too if it shall): "
-        f"{', '.join(changed)}"
+        f"{body.path}: inertia scaled with the mass, which is not the URDF's (give `inertia` if it shall not "
+        f"be): {', '.join(changed)}"
     ]
 
 

@@ -116,6 +116,8 @@ def resolve(
     for pattern, value in pairs:
         if not _names_urdfs(pattern):
             document = _change(document, pattern, value, source)
+            for link in _links_given_inertia(pattern):
+                document = _change(document, f"{link}.inertia_at_mass", None, source)
     changed = to_document(validate(document, source=source))
     # once more, for sections that a change replaced, and names that it brought in
     resolved = validate(fill(changed, descriptions, source=source), source=source)
@@ -126,6 +128,13 @@ def _names_urdfs(pattern: str) -> bool:
     """Whether a change decides which URDFs there are, or how they are mounted."""
     segments = pattern.split(".")
     return segments[-1] == "urdf" or "mounts" in segments[2:3]
+
+
+def _links_given_inertia(pattern: str) -> list[str]:
+    """Paths of the links, at most one pattern, whose inertia a change sets, so that it stands."""
+    head, found, tail = pattern.rpartition(".inertia")
+    sets = bool(found) and ".links." in head and (not tail or tail[1:] == "*" or tail[1:].isdecimal())
+    return [head] if sets else []
 
 
 def _change(document: Document, pattern: str, value: Any, source: Path | None) -> Document:

@@ -123,13 +123,23 @@ def _links(given: Document, description: Description, *, path: str, source: Path
         if link.mass == 0 and not link.inertia.any() and not own:
             continue
         inertia = link.inertia
-        from_urdf: Document = {
-            "mass": float(link.mass),
-            "com": [float(x) for x in link.com],
-            "inertia": [float(inertia[i, j]) for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))],
-        }
-        filled[link.name] = from_urdf | own
+        from_urdf: Document = {"mass": float(link.mass), "com": [float(x) for x in link.com]}
+        if "inertia" not in own:
+            places = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+            from_urdf["inertia"] = [float(inertia[i, j]) for i, j in places]
+            if link.mass > 0 and inertia.any():
+                from_urdf["inertia_at_mass"] = float(link.mass)
+        filled[link.name] = _scaled(from_urdf | own)
     return filled
+
+
+def _scaled(link: Document) -> Document:
+    """A link whose inertia, where it belongs to another mass, is scaled to its own."""
+    mass, belongs = link["mass"], link.get("inertia_at_mass")
+    if belongs is None or belongs == mass:
+        return link
+    inertia = [value * (mass / belongs) for value in link["inertia"]]
+    return link | {"inertia": inertia, "inertia_at_mass": mass or None}
 
 
 def _joints(given: Document, description: Description, *, path: str, source: Path | None) -> Document:

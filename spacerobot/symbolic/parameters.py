@@ -52,6 +52,14 @@ class Parameters:
         """Symbols of a list of numbers, exact zeros structural (size x 1)."""
         return ca.vertcat(*(self.sparse(f"{path}.{i}") for i in range(size)))
 
+    def gives(self, path: str) -> bool:
+        """Whether there is such a number."""
+        return path in self._numbers
+
+    def varies(self, path: str) -> bool:
+        """Whether a number, or one of a list of numbers, is among those to be varied."""
+        return any(varied == path or varied.startswith(f"{path}.") for varied in self._vary)
+
     def value(self, path: str) -> float:
         """Nominal value of one number."""
         return self._numbers[path]

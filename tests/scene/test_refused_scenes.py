@@ -92,6 +92,11 @@ def rigid(kind: str = "weld") -> dict[str, object]:
         (
             PLANAR,
             {"target.links.body.mass": 0},
+            "target.links: link 'body' is the base; it has no mass, nor has anything fixed to it; give it",
+        ),
+        (
+            PLANAR,
+            {"target.links.body.mass": 0, "target.links.body.inertia.2": 0.7},
             "target.links: link 'body' is the base; it has an inertia but",
         ),
         (

@@ -55,7 +55,7 @@ def test_what_the_urdf_says_is_filled_in_and_what_the_scenario_says_wins():
     assert get(document, "robots.one.links.base.inertia") == [3, 4, 5, 0.2, -0.1, 0.3]
     assert "tip" not in get(document, "robots.one.links")  # a frame without mass
     own = small_scene(SPATIAL, {"robots.one.joints.slant.damping": 1, "robots.one.links.base.mass": 7})
-    assert own.scenario.robots["one"].links["base"].inertia == (3, 4, 5, 0.2, -0.1, 0.3)
+    assert own.scenario.robots["one"].links["base"].com == (0.02, -0.03, 0.05)
     assert own.model.damping[own.model.joints[own.model.getJointId("one/slant")].idx_v] == 1
 
 

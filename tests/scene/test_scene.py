@@ -387,13 +387,3 @@ def test_a_spline_that_swings_far_beyond_its_waypoints_is_warned_of(times, swing
         "robots.rpr1.tips.tip.reference: swings 22.2 m beyond its waypoints along x, which lie between 0 and"
     )
     assert any(text in warning for warning in found) is swings
-
-
-def test_a_mass_that_changes_alone_is_told():
-    alone = load_scene("paper", {"target.links.body.mass": 40.0})
-    (told,) = [line for line in alone.assumptions if "while inertia does not" in line]
-    assert told.startswith("target: ")
-    assert told.endswith(": body")
-    both = {"target.links.body.mass": 40.0, "target.links.body.inertia": [4.5, 4.5, 4.5, 0, 0, 0]}
-    for changes in ({}, both):
-        assert not any("while inertia" in line for line in load_scene("paper", changes).assumptions)

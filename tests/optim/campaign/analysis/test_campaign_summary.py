@@ -13,6 +13,7 @@ from optim.campaign.rollouts.evaluator import build_evaluator
 from optim.campaign.run import run_campaign
 from optim.campaign.store.folder import load_campaign
 from optim.campaign.store.notes import Named
+from spacerobot.closedloop import build_closed_loop
 from spacerobot.scenario.load import to_document
 from spacerobot.scenario.paths import get
 from spacerobot.scene import build_scene
@@ -109,6 +110,27 @@ def test_a_command_sets_what_a_later_pattern_meets_again(small):
     space = evaluator.members[0].space
     found = [get(to_document(made.scenario), path) for path in space.paths]
     assert found == space.values(np.array([1.5]))[0].tolist()
+
+
+@pytest.mark.parametrize("also", [[], ["robots.arm.links.link_2.inertia.2"]])
+def test_a_sample_with_another_mass_is_what_its_command_runs(small, also):
+    """The inertia follows the mass in the batch and under `--set`, and stands in both where varied too."""
+    parameters = {"m": {"paths": "robots.arm.links.link_2.mass", "lower": 5, "upper": 30}}
+    if also:
+        parameters["i"] = {"paths": also, "lower": 0.5, "upper": 3}
+    scene = small(**{"campaign.parameters": parameters})
+    evaluator = build_evaluator(scene, {}, compiled=False)
+    draw = np.array([20.0, 2.0])[: len(parameters)]
+    words = shlex.split(command_of(evaluator, draw, "scenario", "x"))
+    changes = [word.split("=") for word in words if ".links." in word]
+    made = build_scene(scene.scenario, [(path, float(value)) for path, value in changes], source=scene.source)
+    loop, own = evaluator.members[0].rollout.loop, build_closed_loop(made)
+    values = dict(zip(evaluator.members[0].space.paths, map(float, draw), strict=True))
+    x = loop.setup(loop.parameter_values)[0]
+    found = loop.dynamics(0.2, x, loop.setup(loop.parameters(values))[1]).full().ravel()[: loop.nq + loop.nv]
+    expected = own.dynamics(0.2, x[: own.nx], own.setup(own.parameter_values)[1]).full().ravel()
+    np.testing.assert_allclose(found, expected[: loop.nq + loop.nv], atol=1e-12)
+    assert len(changes) == len(parameters)
 
 
 def test_divergence_counts_as_the_worst(told):
