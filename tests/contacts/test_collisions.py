@@ -258,3 +258,22 @@ def test_what_cannot_be_is_refused_in_one_line(case):
 def test_an_overlap_that_is_asked_for_is_taken():
     plain = meeting({"stiffness": 1e4, "may_overlap": True})
     assert build_scene(plain.scenario, {"target.base.position": [0.15, 0, 0]}).contacts
+
+
+@pytest.mark.parametrize(("method", "order"), [("rk4", 4), ("tanaka6", 6)])
+@pytest.mark.parametrize("exponent", [1.0, 2.0])
+def test_the_methods_order_holds_through_a_contact(exponent, method, order):
+    stiffness = 2e3 if exponent == 1 else 2e4
+    changes = {"contacts.bump.exponent": exponent, "contacts.bump.stiffness": stiffness}
+    loop = build_closed_loop(build_scene(tumbling(0).scenario, changes))
+
+    def end(step, method):
+        steps = {"duration_s": 1.0, "step_s": step, "output_step_s": 1.0}
+        return build_rollout(loop, **steps, method=method, backend="interpreted").run()
+
+    found = end(1e-4, "tanaka6")
+    assert [loop.events[event.event].kind for event in found.events] == ["touched", "parted"]
+    steps = np.array([4e-3, 2e-3, 1e-3])
+    errors = [np.abs(end(step, method).state[-1] - found.state[-1]).max() for step in steps]
+    slope = np.polyfit(np.log(steps), np.log(errors), 1)[0]
+    assert order - 0.6 < slope < order + 1
