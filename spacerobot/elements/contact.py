@@ -15,7 +15,7 @@ import casadi as ca
 from pydantic import Field
 
 from spacerobot.elements.context import ContactContext
-from spacerobot.elements.contribution import Contribution, Output
+from spacerobot.elements.contribution import Contribution, Output, Power, State
 from spacerobot.elements.element import Element
 from spacerobot.elements.event import Event, both, negated
 from spacerobot.section import quantity
@@ -25,6 +25,9 @@ OBSERVED = {
     "contact_normal_force": ("N", "size of contacts' forces along their normals"),
     "contact_gap": ("m", "least distance between the shapes of contacts, negative while they touch"),
     "contact_point": ("m", "where contacts act, or would first"),
+    "contact_velocity": ("m/s", "velocity there of the second of the two relative to the first"),
+    "contact_impulse": ("N s", "impulse of contacts on the second of the two since the start"),
+    "contact_loss": ("J", "energy that contacts took since the start"),
 }
 """What every contact declares: unit and text."""
 
@@ -144,16 +147,61 @@ def watch(
     return Watch(tuple(events), tuple(fine))
 
 
-def observed(
-    contact: ContactContext, touching: Sequence[Touch], forces: Sequence[ca.SX], pressed: Sequence[ca.SX]
-) -> tuple[Output, ...]:
-    """Force (3x1) and its size along the normal (1x1), summed over pairs; the nearest one's gap and point."""
-    gap, point = touching[0].gap, touching[0].point
+@dataclass(frozen=True)
+class Press:
+    """What a pair of shapes does.
+
+    Attributes
+    ----------
+    force
+        On the second (3x1) [N].
+    normal
+        Its size along the normal (1x1) [N].
+    taken
+        Power that it takes (1x1) [W].
+    """
+
+    force: ca.SX
+    normal: ca.SX
+    taken: ca.SX
+
+
+def booked(contact: ContactContext, touching: Sequence[Touch], presses: Sequence[Press]) -> Contribution:
+    """Wrenches of all pairs, the power they take, and what is observed: sums, and the nearest pair."""
+    nearest = touching[0]
     for touch in touching[1:]:
-        nearer = touch.gap < gap
-        gap, point = ca.if_else(nearer, touch.gap, gap), ca.if_else(nearer, touch.point, point)
-    values = (sum(forces[1:], forces[0]), sum(pressed[1:], pressed[0]), gap, point)
-    return tuple(
-        Output(name, value, *OBSERVED[name], "contact", contact.name)
-        for name, value in zip(OBSERVED, values, strict=True)
+        nearer, parts = touch.gap < nearest.gap, ("gap", "normal", "point", "velocity")
+        nearest = Touch(*(ca.if_else(nearer, getattr(touch, k), getattr(nearest, k)) for k in parts))
+    force = sum((press.force for press in presses), ca.SX(3, 1))
+    taken = sum((press.taken for press in presses), ca.SX(1, 1))
+    impulse, loss = (
+        State(
+            f"{contact.name}.{name}",
+            ca.SX.sym(name, rate.size1()),
+            ca.SX.zeros(rate.size1()),
+            ca.densify(rate),
+        )
+        for name, rate in (("impulse", force), ("loss", taken))
+    )
+    values = {
+        "contact_force": force,
+        "contact_normal_force": sum((press.normal for press in presses), ca.SX(1, 1)),
+        "contact_gap": nearest.gap,
+        "contact_point": nearest.point,
+        "contact_velocity": nearest.velocity,
+        "contact_impulse": impulse.symbol,
+        "contact_loss": loss.symbol,
+    }
+    wrenches = (
+        wrench
+        for pair, touch, press in zip(contact.pairs, touching, presses, strict=True)
+        for wrench in contact.opposite(pair, press.force, touch.point)
+    )
+    return Contribution(
+        states=(impulse, loss),
+        wrenches=tuple(wrenches),
+        powers=(Power("contact", taken),),
+        outputs=tuple(
+            Output(name, values[name], *told, "contact", contact.name) for name, told in OBSERVED.items()
+        ),
     )

@@ -97,12 +97,19 @@ class Engine:
         blocks: list[Channel | JointController] = [*self.channels, *self.controllers]
         names = [name for block in blocks for name in block.state_names]
         self.works = (*WORKS, "contact") if scene.contacts else WORKS
+        names += [
+            f"{contact.name}.{part}"
+            for contact in scene.contacts
+            for part in ("impulse[0]", "impulse[1]", "impulse[2]", "loss[0]")
+        ]
         self.state_names = (*names, *(f"work.{name}[0]" for name in self.works))
         self._cuts = np.cumsum([len(block.state_names) for block in blocks])
         motions = self._motions(0.0, 0.0, start)
         z0 = [c.initial(start, motions[c.tip.label]) for c in self.channels]
         z0 += [c.positions(start.q) for c in self.controllers]
-        self.x0: Array = np.concatenate([scene.q, scene.v, *z0, np.zeros(len(self.works))])
+        self.x0: Array = np.concatenate(
+            [scene.q, scene.v, *z0, np.zeros(4 * len(scene.contacts) + len(self.works))]
+        )
         self.breakpoints = tuple(sorted({t for tip in scene.tips for t in tip.reference.jumps()}))
 
     def derivative(self, t: float, x: Array, within: float | None = None) -> Array:
@@ -162,7 +169,10 @@ class Engine:
         pressing = [pressure for several in pressures.values() for pressure in several]
         solution = solve(kinematics, replace(loads, pressures=pressing))
         powers = self._powers(v, solution, couplings, pressing)
-        rates = np.concatenate([*(command.rates for command in asked), *desired_rates, powers])
+        booked = [
+            np.sum([[*p.force, p.dissipation] for p in several], axis=0) for several in pressures.values()
+        ]
+        rates = np.concatenate([*(command.rates for command in asked), *desired_rates, *booked, powers])
         return Instant(kinematics, motions, relatives, couplings, pressures, solution, rates)
 
     def _joint_control(

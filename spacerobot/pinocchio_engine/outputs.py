@@ -18,7 +18,7 @@ def outputs_at(engine: Engine, t: float, x: Array, within: float | None = None) 
     found = _tips(engine, instant) | _bodies(engine, instant)
     columns = sorted(engine.model.idx_vs[joint] for body in engine.scene.bodies for joint in body.joints)
     found["joint_torque"] = instant.solution.torque[columns]
-    found |= _grasps(engine, instant) | _contacts(instant) | _energies(engine, instant)
+    found |= _grasps(engine, instant) | _contacts(engine, instant, x) | _energies(engine, instant)
     works = engine.split(x)[2][-len(engine.works) :]
     return found | {f"work_{name}": works[i : i + 1] for i, name in enumerate(engine.works)}
 
@@ -85,17 +85,22 @@ def _grasps(engine: Engine, instant: Instant) -> dict[str, Array]:
     }
 
 
-def _contacts(instant: Instant) -> dict[str, Array]:
-    """Whole forces, and gap and point of the nearest pair of shapes of each contact."""
+def _contacts(engine: Engine, instant: Instant, x: Array) -> dict[str, Array]:
+    """Whole forces, what they amount to, and the nearest pair of shapes of each contact."""
     found = list(instant.pressures.values())
     if not found:
         return {}
+    z, works = engine.split(x)[2], len(engine.works)
+    since = z[len(z) - works - 4 * len(found) : len(z) - works].reshape(-1, 4)
     nearest = [min((p.touch for p in several), key=lambda touch: touch.gap) for several in found]
     return {
         "contact_force": np.concatenate([sum(p.force for p in several) for several in found]),
         "contact_normal_force": np.array([sum(p.normal_force for p in several) for several in found]),
         "contact_gap": np.array([touch.gap for touch in nearest]),
         "contact_point": _stack(touch.point for touch in nearest),
+        "contact_velocity": _stack(touch.velocity for touch in nearest),
+        "contact_impulse": since[:, :3].ravel(),
+        "contact_loss": since[:, 3],
     }
 
 

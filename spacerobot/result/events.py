@@ -44,14 +44,16 @@ def build_events(scene: Scene, loop: ClosedLoop, happened: Sequence[Happened]) -
     """Events as they stand in a summary, in their order.
 
     Each has ``time_s``, ``kind``, ``who``, ``name``; of a grasp, the tip's velocity and spin relative to the
-    target just before (``relative_velocity_m_s``, ``relative_spin_rad_s``, world axes); where they are not
-    zero, the ``impulses_n_s`` of grasps on the target and the ``energy_lost_j``; and ``momentum_change``, of
+    target just before (``relative_velocity_m_s``, ``relative_spin_rad_s``, world axes), of a contact the
+    velocity of its second shape relative to the first; where they are not zero, the ``impulses_n_s`` on the
+    target and the ``energy_lost_j``, of a contact that parts since it touched; and ``momentum_change``, of
     everything across it, in parts of the largest momentum of a body.
     """
     if not happened:
         return []
     c = loop.setup(loop.parameter_values)[1].full().ravel()
     jumps, grasps = {place: c[place] for place in loop.jumps}, {grasp.name: grasp for grasp in scene.grasps}
+    contacts, touched = [contact.name for contact in scene.contacts], dict[str, Mapping[str, Array]]()
     found = []
     for one in happened:
         rule = loop.events[one.event]
@@ -66,6 +68,8 @@ def build_events(scene: Scene, loop: ClosedLoop, happened: Sequence[Happened]) -
         if rule.who in grasps:
             velocity, spin = relative_velocity(scene, grasps[rule.who], one.before)
             told |= {"relative_velocity_m_s": velocity.tolist(), "relative_spin_rad_s": spin.tolist()}
+        if rule.who in contacts:
+            told |= _touch(contacts.index(rule.who), rule.name, touched, before)
         found.append(told | _taken(scene, before, after) | {"momentum_change": _change(before, after)})
     return found
 
@@ -98,6 +102,22 @@ def _taken(scene: Scene, before: Mapping[str, Array], after: Mapping[str, Array]
     if "work_event" in after:
         lost = float(after["work_event"][0] - before["work_event"][0])
         told |= {"energy_lost_j": lost} if lost else {}
+    return told
+
+
+def _touch(
+    place: int, name: str, touched: dict[str, Mapping[str, Array]], now: Mapping[str, Array]
+) -> dict[str, Any]:
+    """Relative velocity at a contact; as it parts, impulse on the second and loss since it touched."""
+    told: dict[str, Any] = {"relative_velocity_m_s": now["contact_velocity"].reshape(-1, 3)[place].tolist()}
+    pair, _, kind = name.rpartition(".")
+    if kind == "touched":
+        touched[pair] = now
+    elif kind == "parted" and pair in touched:
+        before = touched.pop(pair)
+        impulse = (now["contact_impulse"] - before["contact_impulse"]).reshape(-1, 3)[place]
+        told["impulses_n_s"] = {name.partition(".")[0]: impulse.tolist()}
+        told["energy_lost_j"] = float((now["contact_loss"] - before["contact_loss"])[place])
     return told
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from spacerobot.pinocchio_engine import simulate as checked_by
 from spacerobot.scene import load_scene
@@ -20,6 +21,12 @@ def test_a_ball_bounces_off_and_everything_shows_it():
     assert data.contact_gap.min() < 0 < data.contact_gap[-1]
     assert 10 < summary["greatest_contact"]["force_n"] < 30
     assert summary["greatest_contact"]["contact"] == "bump"
+    touched, parted = summary["events"]
+    assert (touched["kind"], parted["kind"]) == ("touched", "parted")
+    change = data.body_momentum_linear.sel(body="target")[[0, -1]].values  # nothing else acts on the ball
+    np.testing.assert_allclose(parted["impulses_n_s"]["bump"], change[1] - change[0], atol=1e-9)
+    assert parted["energy_lost_j"] == pytest.approx(float(data.work_contact[-1]), rel=1e-9)
+    assert touched["relative_velocity_m_s"][0] == pytest.approx(-0.25, abs=1e-6)
     assert summary["ledger"]["energy"]["relative_residual"] < 1e-6
     assert max(summary["ledger"]["momentum"][k]["relative_drift"] for k in ("linear", "angular")) < 1e-12
     assert data.work_contact[-1] > 0

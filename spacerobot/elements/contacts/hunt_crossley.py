@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Literal
 
 import casadi as ca
 from pydantic import model_validator
 
-from spacerobot.dynamics import Wrench
-from spacerobot.elements.contact import Contact, Touch, observed, touches, watch
+from spacerobot.elements.contact import Contact, Press, Touch, booked, touches, watch
 from spacerobot.elements.context import ContactContext
-from spacerobot.elements.contribution import Contribution, Power
+from spacerobot.elements.contribution import Contribution
 from spacerobot.elements.numbers import Context
 from spacerobot.elements.registry import register
 from spacerobot.section import quantity
@@ -65,29 +65,19 @@ class HuntCrossley(Contact):
         context, touching = contact.context, touches(contact)
         stiffness, exponent = context.number("stiffness"), context.number("exponent")
         dissipation = self._dissipation(context)
-        energy, taken, forces, pressed = ca.SX(1, 1), ca.SX(1, 1), [], []
-        wrenches: list[Wrench] = []
-        for pair, touch in zip(contact.pairs, touching, strict=True):
+        energy, presses = ca.SX(1, 1), []
+        for touch in touching:
             depth = ca.fmax(-touch.gap, _SHALLOWEST)
             spring = ca.if_else(touch.gap < 0, stiffness * depth**exponent, 0)
-            press = ca.fmax(spring * (1 - dissipation * touch.opening), 0)
-            rub = self._friction(context, touch, press)
-            force = press * touch.normal + rub
+            normal = ca.fmax(spring * (1 - dissipation * touch.opening), 0)
+            rub = self._friction(context, touch, normal)
+            taken = (spring - normal) * touch.opening - ca.dot(rub, touch.velocity)
+            presses.append(Press(normal * touch.normal + rub, normal, taken))
             energy += spring * depth / (exponent + 1)
-            taken += (spring - press) * touch.opening - ca.dot(rub, touch.velocity)
-            wrenches += contact.opposite(pair, force, touch.point)
-            forces.append(force)
-            pressed.append(press)
         pull = [dissipation * touch.opening - 1 for touch in touching] if dissipation.nnz() else []
         marks = watch(contact, touching, self, pull)
-        return Contribution(
-            wrenches=tuple(wrenches),
-            energy=energy,
-            powers=(Power("contact", taken),),
-            outputs=observed(contact, touching, forces, pressed),
-            events=marks.events,
-            fine=marks.fine,
-        )
+        found = booked(contact, touching, presses)
+        return dataclasses.replace(found, energy=energy, events=marks.events, fine=marks.fine)
 
     def _dissipation(self, context: Context) -> ca.SX:
         """The coefficient a (1x1) [s/m]."""
