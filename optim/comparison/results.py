@@ -42,6 +42,7 @@ def write(comparison: Comparison, folder: Path) -> dict[str, Any]:
             entry = found["baseline"] if method == "baseline" else found["methods"][method]["best"]
             entry["result"] = f"{contest.name}/{method}"
             entry["largest_error_checked_m"] = largest_error(result)
+            entry["trusted"], entry["open"] = (result.summary["status"][name] for name in ("trusted", "open"))
     write_text(folder / "comparison.json", json.dumps(data, indent=1, allow_nan=False) + "\n")
     return data
 

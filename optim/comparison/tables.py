@@ -82,10 +82,11 @@ def found_table(contest: Data) -> Table:
     rows = [(_untuned(contest), number(_untuned_objective(contest)), *[""] * 4)]
     for name, method in contest["methods"].items():
         best, used = method["best"], method["spent"]
+        marks = ("" if best["feasible"] else " (infeasible)") + (" (ledger open)" if best.get("open") else "")
         rows.append(
             (
                 name,
-                number(best["objective"]) + ("" if best["feasible"] else " (infeasible)"),
+                number(best["objective"]) + marks,
                 number(method["objective"]["median"]),
                 short(used["equivalent_rollouts"]),
                 f"{used['wall_s']:.1f} ({used['wall_with_compilation_s']:.1f})",
@@ -157,6 +158,16 @@ def tables_of(contest: Data, precisions: list[float], *, narrow: bool = False) -
     ]
 
 
+def doubts(contest: Data) -> list[str]:
+    """One sentence for each best design whose ledger is open."""
+    told = []
+    for name, method in contest["methods"].items():
+        if method["best"].get("open"):
+            what = "; ".join(method["best"]["open"])
+            told.append(f"{contest['name']}: the ledger of {name}'s best is open ({what}): do not trust it")
+    return told
+
+
 def heading(contest: Data) -> str:
     """One line on what is compared: objective, unit, best known value."""
     kind = contest["objective"]["kind"] if contest["objective"] else "objective"
@@ -178,7 +189,7 @@ def markdown(data: Data) -> str:
     """A comparison as a document: the verdict, then tables."""
     parts = [f"**{data['verdict']}**", as_markdown(summary_table(data))]
     for contest in data["contests"]:
-        parts += [f"## {heading(contest)}", prices(contest)]
+        parts += [f"## {heading(contest)}", prices(contest), *doubts(contest)]
         tables = tables_of(contest, data["precisions"])
         tables.insert(1, success_table(contest, data["precisions"]))
         parts += [f"{table.title}:\n\n{as_markdown(table)}" for table in tables]

@@ -32,7 +32,7 @@ from optim.workers import Arrays, Workers
 from spacerobot.arrays import Array
 from spacerobot.errors import ScenarioError, SpaceRobotError
 from spacerobot.files import write_text
-from spacerobot.result import save
+from spacerobot.result import Result, save
 from spacerobot.scene import Scene, build_scene
 from spacerobot.simulation import simulate
 
@@ -361,10 +361,10 @@ def _draws(scene: Scene, samples: int, offset: int) -> Array:
     return draw(campaign.model_copy(update=changes))
 
 
-def save_robust(problem: RobustProblem, found: RobustTuned, folder: Path) -> None:
+def save_robust(problem: RobustProblem, found: RobustTuned, folder: Path) -> Result:
     """Simulate the robust design on the nominal plant, and save it with ``robust.json`` beside it.
 
-    The folder is then a set of gains for a campaign.
+    The folder is then a set of gains for a campaign. The status of the result says whether to trust it.
 
     Raises
     ------
@@ -373,7 +373,7 @@ def save_robust(problem: RobustProblem, found: RobustTuned, folder: Path) -> Non
     """
     scene = problem.nominal.scene
     best = build_scene(scene.scenario, dict(found.changes), source=scene.source)
-    save(simulate(best), folder)
+    result = save(simulate(best), folder)
     data = {
         "measure": problem.kind,
         "percent": problem.percent if problem.kind == "percentile" else None,
@@ -384,3 +384,4 @@ def save_robust(problem: RobustProblem, found: RobustTuned, folder: Path) -> Non
         "fresh": found.told,
     }
     write_text(folder / "robust.json", json.dumps(plain(data), indent=1, allow_nan=False) + "\n")
+    return result

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from optim.campaign import Evaluator
+    from spacerobot.result import Result
 
 
 def campaign_page(folder: Path, tell: Callable[[str], object], evaluator: Evaluator | None = None) -> str:
@@ -29,7 +30,7 @@ def campaign_page(folder: Path, tell: Callable[[str], object], evaluator: Evalua
         samples begin.
     """
     from optim.campaign import load_campaign, read_bands, reopen, simulate_sample, told_of
-    from spacerobot.errors import ResultError
+    from spacerobot.errors import ResultError, SpaceRobotError
     from viz.report.campaign_section import Shown, campaign_report
 
     if evaluator is None:
@@ -44,13 +45,17 @@ def campaign_page(folder: Path, tell: Callable[[str], object], evaluator: Evalua
         for signal in evaluator.recording.names
     }
     tell("simulating the worst samples")
-    results = {
-        name: simulate_sample(evaluator, list(row["draw"].values()), name)
-        for name, row in worst.items()
-        if not row["unclosed"]
-    }
-    if not results:
+    results: dict[str, Result] = {}
+    faults: dict[str, str] = {}
+    for name, row in worst.items():
+        if row["unclosed"]:
+            continue
+        try:
+            results[name] = simulate_sample(evaluator, list(row["draw"].values()), name)
+        except SpaceRobotError as fault:  # it cannot begin: that is told of it, and the page goes on
+            faults[name] = fault.message
+    if not results and not faults:
         cause = next(iter(worst.values()))["unclosed"]
         raise ResultError(f"no sample begins, so there is nothing to show: {cause}", source=folder)
     tell("writing the page")
-    return campaign_report(Shown(summary, load_campaign(folder), results, bands))
+    return campaign_report(Shown(summary, load_campaign(folder), results, bands, faults))

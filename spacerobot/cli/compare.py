@@ -173,6 +173,8 @@ def show(data: Mapping[str, Any]) -> None:
         narrow = console().width < ROOMY
         for made in tables.tables_of(contest, data["precisions"], narrow=narrow):
             _print(made)
+        for doubt in tables.doubts(contest):
+            warn(doubt)
     console().print(LEGEND, markup=False)
 
 

@@ -8,6 +8,7 @@ import typer
 
 from spacerobot.cli.options import Changes, Machines, Out, ScenarioName, Threads, parse_changes
 from spacerobot.cli.output import console, pairs, table, warn
+from spacerobot.cli.run import warn_if_open
 from spacerobot.cli.tuning_options import (
     Budget,
     Runs,
@@ -83,7 +84,7 @@ def command(
         found = tune_robust(problem, method, effort=effort, fresh=fresh, folder=folder, progress=report)
         if out is not None:
             tell("simulating and saving the robust design")
-            save_robust(problem, found, out)
+            saved = save_robust(problem, found, out)
     gains = [(name, f"{value:.6g}") for name, value in found.gains.items()]
     console().print(pairs(f"{method}, {measure}: {found.objective:.6g}", gains))
     show_runs(found.outcome.runs)
@@ -91,6 +92,7 @@ def command(
     title = f"objective on {fresh} fresh samples"
     console().print(table(title, ("tuned", *next(iter(found.told.values()))), rows))
     if out is not None:
+        warn_if_open(saved)
         console().print(f"result and robust.json in {out}", markup=False, soft_wrap=True)
     if found.outcome.interrupted:
         warn("interrupted: the best so far is kept")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
@@ -27,7 +27,7 @@ from viz.report.campaign_words import (
     unfinished,
     with_gains,
 )
-from viz.report.report import SECTIONS, Section, report
+from viz.report.report import SECTIONS, Section, page, report
 from viz.report.sections import Subject, escape, table
 
 LIMITS = {
@@ -59,27 +59,36 @@ class Shown:
         By set of gains: its worst sample, simulated.
     bands
         By kept signal: how it spreads over time, for each set of gains by name.
+    faults
+        By set of gains: why its worst sample cannot be simulated.
     """
 
     summary: Mapping[str, Any]
     data: xr.Dataset
     worst: Mapping[str, Result]
     bands: Mapping[str, Mapping[str, Bands]]
+    faults: Mapping[str, str] = field(default_factory=dict)
 
 
 def campaign_sections(shown: Shown) -> tuple[Section, ...]:
     """Sections of a report about a campaign itself."""
+    return tuple(section for section, _ in _written(shown))
 
-    def section(name: str, title: str, text: str) -> Section:
-        return Section(name, title, lambda _: text or None)
 
-    return (
+def _written(shown: Shown) -> list[tuple[Section, str]]:
+    """Those sections that hold anything, with their HTML."""
+
+    def section(name: str, title: str, text: str) -> tuple[Section, str]:
+        return Section(name, title, lambda _: text), text
+
+    made = (
         section("campaign", "Campaign", _in_short(shown.summary)),
         section("spread", "How the numbers spread", _spread(shown)),
         section("matters", "What matters", _matters(shown.summary)),
         section("series", "Signals over time", _series(shown)),
-        section("worst", "Worst samples", _worst(shown.summary)),
+        section("worst", "Worst samples", _worst(shown)),
     )
+    return [(part, text) for part, text in made if text]
 
 
 def campaign_report(shown: Shown) -> str:
@@ -94,6 +103,8 @@ def campaign_report(shown: Shown) -> str:
         if section.name in KEPT
     ]
     title = f"Campaign of {summary['name']}: {summary['samples']} samples"
+    if not results:
+        return page(title, _written(shown))
     return report(*results, title=title, sections=[*campaign_sections(shown), animation, *rest])
 
 
@@ -252,14 +263,18 @@ def _series(shown: Shown) -> str:
     return "".join(parts)
 
 
-def _worst(summary: Mapping[str, Any]) -> str:
-    """Draw of each set's worst sample, a column for each, and the commands."""
+def _worst(shown: Shown) -> str:
+    """Draw of each set's worst sample, a column for each, what cannot be simulated, and the commands."""
+    summary = shown.summary
     worst = {name: told["worst"][0] for name, told in summary["gains"].items()}
     rows = [["sample", *(str(row["sample"]) for row in worst.values())]]
     rows.append(["worst in", *(_reason(row, summary) for row in worst.values())])
     for key in summary["parameters"]:
         rows.append([key, *(drawn(summary, key, row["draw"][key]) for row in worst.values())])
     text = table(["gains", *worst], rows)
+    for name, fault in shown.faults.items():
+        told = f"gains {name}, sample {worst[name]['sample']}, cannot be simulated: {fault}"
+        text += f"<p>{escape(told)}</p>"
     for name, row in worst.items():
         told = f"run it again, gains {name}"
         text += f"<details><summary>{escape(told)}</summary><pre>{escape(row['command'])}</pre></details>"

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -48,13 +49,22 @@ def comparison_section(folder: Path) -> Section:
 
 
 def _text(folder: Path) -> str:
-    try:
+    with _whole(folder):
         data = _read(folder)
         text = f"<p><strong>{escape(data['verdict'])}</strong></p>{_table(tables.summary_table(data))}"
         text += _drawing(folder / "figures" / f"{PROFILES}.svg", PROFILES, PROFILE_TITLE)
         return text + "".join(_contest(c, data["precisions"], folder) for c in data["contests"])
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, IndexError) as fault:
-        raise ResultError(f"holds no comparison that can be shown: {fault}", source=folder) from None
+
+
+@contextlib.contextmanager
+def _whole(folder: Path) -> Iterator[None]:
+    """Tell of whatever is missing in a comparison's data, or is something else, in one line."""
+    try:
+        yield
+    except (OSError, LookupError, TypeError, ValueError, AttributeError, ArithmeticError) as fault:
+        missing = f"no {fault}" if isinstance(fault, KeyError) else str(fault)
+        message = f"damaged: {missing}; run `spacerobot compare` with the same --out again"
+        raise ResultError(message, source=folder / COMPARISON) from None
 
 
 def comparison_report(folder: Path) -> str:
@@ -65,12 +75,14 @@ def comparison_report(folder: Path) -> str:
     ResultError
         If the folder holds no comparison that can be shown.
     """
-    section, data = comparison_section(folder), _read(folder)
-    contest = data["contests"][0]
-    ranked = {name: method for name, method in contest["methods"].items() if method["ranked"]}
-    best = min(ranked or contest["methods"], key=lambda name: _objective(contest["methods"][name]))
-    shown = [folder / contest["name"] / name for name in ("baseline", best)]
-    title = f"Tuning methods compared: {data['name']}"
+    section = comparison_section(folder)
+    with _whole(folder):
+        data = _read(folder)
+        contest = data["contests"][0]
+        ranked = {name: method for name, method in contest["methods"].items() if method["ranked"]}
+        best = min(ranked or contest["methods"], key=lambda name: _objective(contest["methods"][name]))
+        shown = [folder / contest["name"] / name for name in ("baseline", best)]
+        title = f"Tuning methods compared: {data['name']}"
     if not all((place / DATA).is_file() for place in shown):
         return page(title, [(section, _text(folder))])
     results: list[Result] = [load(place) for place in shown]
@@ -95,9 +107,12 @@ def _contest(contest: Mapping[str, Any], precisions: list[float], folder: Path) 
         _drawing(folder / name / "figures" / f"{kind}.svg", f"{name}-{kind}", title)
         for kind, title in DRAWINGS.items()
     ]
+    items = "".join(f"<li>{escape(doubt)}</li>" for doubt in tables.doubts(contest))
+    doubts = f"<ul class='warnings'>{items}</ul>" if items else ""
     return (
         f"<h3>{escape(tables.heading(contest))}</h3><p>{escape(tables.prices(contest))}</p>"
-        f"{_table(made[0])}{''.join(drawings[:2])}{''.join(map(_table, made[1:]))}{''.join(drawings[2:])}"
+        f"{doubts}{_table(made[0])}"
+        f"{''.join(drawings[:2])}{''.join(map(_table, made[1:]))}{''.join(drawings[2:])}"
     )
 
 

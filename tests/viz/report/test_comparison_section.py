@@ -1,9 +1,12 @@
 """A comparison of tuning methods on the report's page."""
 
+import html
+import json
 from shutil import rmtree
 
 import pytest
 
+from optim.comparison import tables
 from spacerobot.errors import ResultError
 from viz.report.comparison_section import comparison_report, comparison_section
 
@@ -48,8 +51,26 @@ def test_names_from_files_are_escaped(folder):
         assert "ahead &lt;b&gt;" in text
 
 
+def test_a_best_design_whose_ledger_is_open_is_marked_in_tables_and_on_the_page(folder):
+    file = folder / "comparison.json"
+    data = json.loads(file.read_text())
+    data["contests"][0]["methods"]["nlp"]["best"] |= {
+        "trusted": False,
+        "open": ["momentum drift 32 % linear"],
+    }
+    file.write_text(json.dumps(data))
+    told = "the ledger of nlp's best is open (momentum drift 32 % linear): do not trust it"
+    assert any(told in line for line in tables.doubts(data["contests"][0]))
+    assert told in tables.markdown({**data, "contests": data["contests"][:1]})
+    page = comparison_report(folder)
+    assert html.escape(told) in page
+    assert page.count("(ledger open)") == 1
+
+
 @pytest.mark.parametrize("content", ["", "{}", '{"contests": [{}]}', '{"contests": 3}'])
 def test_a_broken_comparison_is_one_clear_line(folder, content):
     (folder / "comparison.json").write_text(content)
-    with pytest.raises(ResultError, match="holds no comparison that can be shown"):
+    with pytest.raises(
+        ResultError, match=r"comparison\.json: damaged: .*run `spacerobot compare` with the same"
+    ):
         comparison_report(folder)

@@ -12,7 +12,7 @@ from optim.campaign import Here, load_campaign, reopen, run_campaign, simulate_s
 from optim.campaign.draws.space import sensor_offsets
 from optim.campaign.store.notes import Named
 from spacerobot.cli.campaign_page import campaign_page
-from spacerobot.errors import ResultError
+from spacerobot.errors import DivergedError, ResultError
 from spacerobot.scenario import Uncertain
 from spacerobot.scene import load_scene
 from viz.report.campaign_words import stepping
@@ -48,6 +48,25 @@ def test_the_page_says_what_the_summary_says(told, page):
     text = page[page.index('id="series"') : page.index('id="worst"')]
     assert text.count("data:image/svg+xml") == 2  # of the tip error, for each set of gains
     assert text.count("always the same") == 2  # a compliant grasp of a point has no torque
+
+
+@pytest.mark.parametrize("which", [["soft"], None])
+def test_a_worst_sample_that_cannot_begin_is_told_by_its_fault_and_the_page_goes_on(told, monkeypatch, which):
+    folder, evaluator, summary = told
+
+    def simulate(own, draw, gains):
+        if which is None or gains in which:
+            raise DivergedError(f"the rollout of {gains} diverged at the start, where v = 1e<300")
+        return simulate_sample(own, draw, gains)
+
+    monkeypatch.setattr("optim.campaign.simulate_sample", simulate)
+    made = campaign_page(folder, quiet, evaluator)
+    for gains in which or summary["gains"]:
+        sample = summary["gains"][gains]["worst"][0]["sample"]
+        words = f"gains {gains}, sample {sample}, cannot be simulated: the rollout of {gains} diverged"
+        assert f"{words} at the start, where v = 1e&lt;300" in made
+    assert "100 of 100 samples" in made
+    assert ('id="animation"' in made) == (which is not None)
 
 
 def test_draws_have_units_and_a_sensors_offset_is_told_to_be_a_step(told, page):
