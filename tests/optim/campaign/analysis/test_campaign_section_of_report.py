@@ -15,11 +15,19 @@ from spacerobot.cli.campaign_page import campaign_page
 from spacerobot.errors import DivergedError, ResultError
 from spacerobot.scenario import Uncertain
 from spacerobot.scene import load_scene
+from viz.report import campaign_section, sections
 from viz.report.campaign_words import stepping
 
 
 def quiet(_):
     pass
+
+
+@pytest.fixture
+def undrawn(monkeypatch):
+    """No figure is written as a file: what pages say is what is tested."""
+    for home in (sections, campaign_section):
+        monkeypatch.setattr(home, "to_bytes", lambda *_: b"<svg/>")
 
 
 @pytest.fixture(scope="module")
@@ -107,7 +115,7 @@ def _steady(page):
     return page.split("<section")[1:6]
 
 
-def test_report_finds_out_what_a_folder_holds(told, tmp_path):
+def test_report_finds_out_what_a_folder_holds(told, tmp_path, undrawn):
     from spacerobot.cli.app import app
 
     def report(*words):
@@ -139,7 +147,7 @@ class Killed(Here):
         raise MemoryError
 
 
-def test_a_half_done_campaign_tells_how_much_is_there(small, tmp_path):
+def test_a_half_done_campaign_tells_how_much_is_there(small, tmp_path, undrawn):
     run_campaign(small(), tmp_path / "stopped", executor=Stopped(size=25))
     assert "Not finished: 25 of 100 samples" in campaign_page(tmp_path / "stopped", quiet)
     with pytest.raises(MemoryError):
