@@ -163,7 +163,7 @@ def _wrapped(wrap: Wrap, extents: Array) -> tuple[ShapeKind, tuple[float, tuple[
         return "sphere", (float(extents[longest]) / 2, ()), np.eye(3)
     radius = float(np.delete(extents, longest).max()) / 2
     half = max(float(extents[longest]) / 2 - radius, 0.0)
-    turn = np.roll(np.eye(3), longest - 2, axis=1)  # own z along the longest
+    turn = np.roll(np.eye(3), 2 - longest, axis=1)  # own z along the longest
     return "capsule", (radius, (half,)), turn
 
 
