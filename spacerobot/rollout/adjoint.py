@@ -14,11 +14,12 @@ from spacerobot.compiled import Library
 from spacerobot.errors import CompileError
 from spacerobot.rollout.engines import StopFlag, make_job
 from spacerobot.rollout.grid import TimeGrid
-from spacerobot.rollout.interpreted import DiscreteTrajectory, InterpretedEngine
+from spacerobot.rollout.interpreted import InterpretedEngine
 from spacerobot.rollout.kernel import Kernel, sx_function
 from spacerobot.rollout.protocol import Array
 from spacerobot.rollout.raw import Raw
 from spacerobot.rollout.segments import FEWEST
+from spacerobot.rollout.sweep import Sweep
 
 WHOLE_BYTES = 128 * 2**20
 """Longest tape that holds a whole rollout, for each thread and over the number of lanes: a group of lanes
@@ -55,15 +56,15 @@ def adjoint_kernel(kernel: Kernel, wrt: Sequence[int]) -> Kernel:
     normal = kernel.functions["normalise"](x)
 
     bars = tuple(reached.index(jump) if jump in reached else -1 for jump in kernel.jumps)
-    moving = t if max(bars, default=-1) >= 0 else ca.SX(0, 1)
+    moving = t if max(bars, default=-1) >= 0 or kernel.events else ca.SX(0, 1)
 
-    def reverse(name: str, value: ca.SX, bar: str, time: ca.SX) -> ca.Function:
+    def reverse(name: str, value: ca.SX, bar: str, time: ca.SX, **given: ca.SX) -> ca.Function:
         seed = ca.SX.sym(bar, value.numel())
         parts = {"xbar": x, "cbar": constants, "tbar": time}
         back = _transposed(value, ca.vertcat(*parts.values()), seed)
         ends = np.cumsum([0, *(part.numel() for part in parts.values())])
         split = {n: back[int(a) : int(b)] for n, a, b in zip(parts, ends[:-1], ends[1:], strict=True)}
-        return sx_function(name, {**at, bar: seed}, split)
+        return sx_function(name, {**at, **given, bar: seed}, split)
 
     nbar, jbar = ca.SX.sym("nbar", sizes["x"]), ca.SX.sym("Jbar", cost.numel())
     toward = _transposed(cost, ca.vertcat(r, wanted), jbar)
@@ -71,7 +72,7 @@ def adjoint_kernel(kernel: Kernel, wrt: Sequence[int]) -> Kernel:
     functions = dict(kernel.functions) | {
         "dynamics_reverse": reverse("dynamics_reverse", xdot, "vbar", moving),
         "peaks_reverse": reverse("peaks_reverse", m, "mbar", moving),
-        "final_reverse": reverse("final_reverse", final, "ebar", ca.SX(0, 1)),
+        "final_reverse": reverse("final_reverse", final, "ebar", t if kernel.events else ca.SX(0, 1)),
         "normalise_reverse": sx_function(
             "normalise_reverse", {"x": x, "nbar": nbar}, {"xbar": _transposed(normal, x, nbar)}
         ),
@@ -82,6 +83,12 @@ def adjoint_kernel(kernel: Kernel, wrt: Sequence[int]) -> Kernel:
         ),
         "setup_reverse": sx_function("setup_reverse", {"p": p, "xbar": xbar, "cbar": cbar}, {"pbar": back}),
     }
+    if kernel.events:
+        e = ca.SX.sym("e")
+        guards = kernel.functions["guards"](t, x, c, ca.SX.zeros(sizes["x"]))[0]
+        after = ca.SX(kernel.functions["update"](t, x, c, e))
+        functions["guards_reverse"] = reverse("guards_reverse", guards, "gbar", t)
+        functions["update_reverse"] = reverse("update_reverse", after, "after_bar", t, e=e)
     return replace(kernel, functions=functions, jump_bars=bars)
 
 
@@ -140,11 +147,9 @@ class CompiledAdjoint:
         job, _keep = make_job(self.kernel, p, grid, raw, (), stop)
         per_step = self.bytes_per_step
         whole = grid.steps * per_step <= self.whole_bytes // self.lanes
-        segment = (
-            grid.steps + (FEWEST + 2) * self.lanes * len(self.kernel.jumps)
-            if whole
-            else min(grid.steps, max(1, self.segment_bytes // per_step))
-        )
+        more = (FEWEST + 2) * self.lanes * len(self.kernel.jumps)
+        more += grid.steps // 2 if self.kernel.events else 0  # lengths tried, steps cut short
+        segment = grid.steps + more if whole else min(grid.steps, max(1, self.segment_bytes // per_step))
         seeds = np.ascontiguousarray(seed)
         adjoint = _AdjointJob(seeds.ctypes.data, gradient.ctypes.data, segment)
         entry = self.library.entry("gradients")
@@ -173,53 +178,5 @@ class InterpretedAdjoint:
             engine.note(path, raw.part(slice(i, i + 1)))
             if path.whole:
                 raw.r[i] = engine.reduce(path)
-                gradient[i] = self._back(row, seed[i], raw.r[i], path, grid)
+                gradient[i] = Sweep(self.kernel, path).gradient(row, seed[i], raw.r[i])
             raw.cost[i] = objective(raw.r[i], row).full().ravel()
-
-    def _back(self, p: Array, seed: Array, r: Array, path: DiscreteTrajectory, grid: TimeGrid) -> Array:
-        f, kernel, steps = self.kernel.functions, self.kernel, path.plan
-        x, c, m = path.x, path.c, path.m
-        rbar, direct = (part.full().ravel() for part in f["objective_reverse"](r, p, seed))
-        first, last = kernel.integrals, kernel.integrals + kernel.peaks
-        when = m.argmax(axis=0) if kernel.peaks else np.empty(0, dtype=int)
-        end = f["final_reverse"](grid.time[-1], x[-1], c[-1], rbar[last:])
-        xbar, cbar = (part.full().ravel() for part in end[:2])
-        xbar[kernel.nx :] += rbar[:first]
-        for k in range(steps.steps, -1, -1):
-            tbar = hbar = 0.0
-            if k < steps.steps:
-                xbar, part, tbar, hbar = self._step_back(steps.t[k], steps.h[k], c[k], x[k], xbar)
-                cbar = cbar + part
-            if (when == k).any():
-                mbar = np.where(when == k, rbar[first:last], 0.0)
-                instant_s = steps.t[k] if k < steps.steps else grid.time[-1]
-                more = [v.full().ravel() for v in f["peaks_reverse"](instant_s, x[k], c[k], mbar)]
-                xbar, cbar, tbar = xbar + more[0], cbar + more[1], tbar + more[2].sum()
-            if k < steps.steps:
-                share = (hbar + steps.index[k] * tbar) / steps.number[k]
-                for jump, value in ((steps.first[k], tbar - share), (steps.last[k], share)):
-                    if jump >= 0 and kernel.jump_bars[jump] >= 0:
-                        cbar[kernel.jump_bars[jump]] += value
-        return np.asarray(f["setup_reverse"](p, xbar, cbar).full().ravel() + direct, dtype=np.float64)
-
-    def _step_back(
-        self, t: float, h: float, c: Array, x: Array, xbar: Array
-    ) -> tuple[Array, Array, float, float]:
-        """Bars of a step's state, constants, beginning and length."""
-        f, method = self.kernel.functions, self.kernel.method
-        times = t + h * np.array(method.nodes[: method.stages])
-        stages: list[Array] = []
-        slopes = np.zeros((0, len(x)))
-        for s in range(method.stages):
-            stages.append(x + h * method.a[s, :s] @ slopes)
-            slopes = np.vstack([slopes, f["dynamics"](times[s], stages[s], c)[0].full().ravel()])
-        sum_bar = f["normalise_reverse"](x + h * np.array(method.b) @ slopes, xbar).full().ravel()
-        back, cbar, tbar, hbar = sum_bar.copy(), 0.0, 0.0, 0.0
-        bars = np.zeros_like(slopes)
-        for s in reversed(range(method.stages)):
-            total = method.b[s] * sum_bar + method.a[: method.stages, s] @ bars
-            found = f["dynamics_reverse"](times[s], stages[s], c, h * total)
-            bars[s], part, moved = (v.full().ravel() for v in found)
-            back, cbar = back + bars[s], cbar + part
-            tbar, hbar = tbar + moved.sum(), hbar + total @ slopes[s] + method.nodes[s] * moved.sum()
-        return back, np.asarray(cbar), float(tbar), float(hbar)

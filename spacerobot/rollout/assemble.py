@@ -10,7 +10,7 @@ from spacerobot.rollout.engines import Engine
 from spacerobot.rollout.grid import TimeGrid
 from spacerobot.rollout.kernel import Kernel
 from spacerobot.rollout.protocol import Array
-from spacerobot.rollout.raw import CHATTERING, ENDED, Raw
+from spacerobot.rollout.raw import CHATTERING, COINCIDENT, ENDED, GRAZING, Raw
 from spacerobot.rollout.trajectory import Batch, BatchEvents, Fired, Gradient, Status, Trajectory, frozen
 
 
@@ -109,7 +109,25 @@ def gradient_of(
         gaps={name: frozen(gap[::every]) for name, gap in gaps_of(raw, kernel).items()},
         backend="",
         wall_s=0.0,
+        status=statuses(raw, kernel)[::every],
     )
+
+
+def statuses(raw: Raw, kernel: Kernel) -> tuple[str, ...]:
+    """Whether the derivatives of each rollout hold, in words."""
+
+    def told(whole: bool, doubt: int, event: int) -> str:
+        name = kernel.events[event].name if kernel.events else ""
+        if not whole:
+            return "lost"
+        if doubt == GRAZING:
+            return f"grazing: a small change may add or remove the event '{name}'"
+        if doubt == COINCIDENT:
+            return f"coincident: the event '{name}' and another one may change places"
+        return "exact"
+
+    rows = zip(raw.completed, raw.log.doubt.tolist(), strict=True)
+    return tuple(told(bool(whole), *doubt) for whole, doubt in rows)
 
 
 def gaps_of(raw: Raw, kernel: Kernel) -> dict[str, Array]:

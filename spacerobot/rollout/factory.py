@@ -7,7 +7,6 @@ from collections.abc import Callable
 from typing import TypeVar
 
 from spacerobot.compiled import Library, Toolchain
-from spacerobot.errors import SpaceRobotError
 from spacerobot.rollout.adjoint import AdjointEngine, CompiledAdjoint, InterpretedAdjoint, adjoint_kernel
 from spacerobot.rollout.engines import CompiledEngine, Engine, compile_kernel
 from spacerobot.rollout.interpreted import InterpretedEngine
@@ -52,22 +51,16 @@ class Engines:
 
     def adjoint(self, wrt: tuple[int, ...], *, many: bool) -> AdjointEngine:
         """For gradients with respect to some places in p, one at a time or many."""
-        self._refuse_events()
         lanes = self._lanes if many else 1
         return self._once(("adjoint", wrt, lanes), lambda: self._adjoint(wrt, lanes))
 
     def sensitivity(self, wrt: tuple[int, ...], outputs: tuple[str, ...]) -> Engine:
         """For derivatives along directions, one in each lane; ``engine.kernel`` names what it returns."""
-        self._refuse_events()
 
         def make() -> Engine:
             return self._forward(sensitivity_kernel(self.kernel, wrt, outputs), self._lanes)
 
         return self._once(("sensitivity", wrt, outputs), make)
-
-    def _refuse_events(self) -> None:
-        if self.kernel.events:
-            raise SpaceRobotError("derivatives through events cannot be had yet")
 
     @property
     def _lanes(self) -> int:

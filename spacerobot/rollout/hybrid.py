@@ -46,6 +46,8 @@ class Happening:
         Steps done before it.
     located
         Whether it fired at its guard's root, at the end of a step; else at once, where one begins.
+    first
+        What the segment behind it begins with, as in :class:`~spacerobot.rollout.segments.Plan`.
     c
         Constants after it.
     """
@@ -56,6 +58,7 @@ class Happening:
     after: Array
     steps: int
     located: bool
+    first: int
     c: Array
 
 
@@ -175,7 +178,7 @@ class HybridRun:
             t = begin + index * h
             row = (index, number, first, part.last)
             if (event := self._at_once(t)) >= 0:
-                self._fire(event, t, located=False, slope=self._moved(row)[0])
+                self._fire(event, t, first, self._moved(row)[0])
                 done = None
             else:
                 done = self._step(t, h, row, part.end_s)
@@ -204,7 +207,8 @@ class HybridRun:
         return begin + index * dh, dh
 
     def _guards(self, t: float, x: Array, rate: Array) -> Iterator[Array]:
-        return (part.full().ravel() for part in self.engine.kernel.functions["guards"](t, x, self.c, rate))
+        found = self.engine.kernel.functions["guards"](t, x, self.c, rate)
+        return (part.full().ravel() for part in found)
 
     def _at_once(self, t: float) -> int:
         """The event that fires where a step begins, or -1."""
@@ -235,7 +239,7 @@ class HybridRun:
         self.x, self._fresh, self._last = done.end, False, -1
         self.end_s = min(t + done.length, until_s)
         if done.event >= 0:
-            self._fire(done.event, self.end_s, located=True, slope=slope)
+            self._fire(done.event, self.end_s, HERE, slope, located=True)
         elif done.cut:
             self._slope = slope
         return done
@@ -329,7 +333,7 @@ class HybridRun:
         done.end = ends[0] + stretch * (ends[1] - ends[0])
         return done, dt + stretch
 
-    def _fire(self, event: int, t: float, *, located: bool, slope: float) -> None:
+    def _fire(self, event: int, t: float, first: int, slope: float, *, located: bool = False) -> None:
         """Let an event happen; the time has the given derivative."""
         kernel = self.engine.kernel
         rule = kernel.events[event]
@@ -338,14 +342,14 @@ class HybridRun:
         if kernel.rate is not None:
             self.c[kernel.rate] = slope
         after = kernel.functions["update"](t, self.x, self.c, event).full().ravel()
-        if kernel.rate is not None:
+        if kernel.rate is not None and not rule.ends:  # final values see what the time does
             self.c[kernel.rate] = 0.0
         if located:
             self._slope = slope
         if not self._sound(after):
             self.fate = DIVERGED
             return
-        here = Happening(event, t, self.x, after, len(self.rows), located, self.c.copy())
+        here = Happening(event, t, self.x, after, len(self.rows), located, first, self.c.copy())
         self.happenings.append(here)
         self.x, self._fresh, self._last = after, True, event
         close = t - self._since <= self.grid.step_s

@@ -103,31 +103,31 @@ def build_kernel(
     integrals = measures.of_kind("integral")
     count = sum(e.numel() for e in integrals.values())
     p, t = ca.SX.sym("p", len(loop.parameter_paths)), ca.SX.sym("t")
-    x = ca.SX.sym("x", nx + count)
+    state, sums = ca.SX.sym("x", nx), ca.SX.sym("sums", count)
     used = _used_parameters(measures)
-    prepared = ca.SX.sym("c", loop.setup.numel_out(1))
-    c = ca.vertcat(prepared, ca.SX.sym("p", len(used)))
-    y = _as_list(loop.outputs(t, x[:nx], prepared))
+    prepared, chosen = ca.SX.sym("c", loop.setup.numel_out(1)), ca.SX.sym("p", len(used))
+    x, c = ca.vertcat(state, sums), ca.vertcat(prepared, chosen)
+    y = _as_list(loop.outputs(t, state, prepared))
     signals = measures.signals
     symbols = [signals.t, signals.x, *signals.outputs.values(), *[signals.parameters[path] for path in used]]
-    values = [t, x[:nx], *y, *ca.vertsplit(c[prepared.numel() :])]
+    values = [t, state, *y, *ca.vertsplit(chosen)]
 
     def stacked(expressions: Mapping[str, ca.SX]) -> ca.SX:
         stack = ca.vertcat(ca.SX(0, 1), *expressions.values())
         return ca.substitute([stack], symbols, values)[0] if stack.numel() else stack
 
-    xdot = ca.vertcat(loop.dynamics(t, x[:nx], prepared), stacked(integrals))
+    xdot = ca.vertcat(loop.dynamics(t, state, prepared), stacked(integrals))
     at = {"t": t, "x": x, "c": c}
     peaks = stacked(measures.of_kind("peak"))
     functions = {
         "setup": _setup(loop, p, count, used),
         "dynamics": sx_function("dynamics", at, {"xdot": xdot, "m": peaks}),
-        "normalise": sx_function("normalise", {"x": x}, {"n": ca.vertcat(loop.normalise(x[:nx]), x[nx:])}),
+        "normalise": sx_function("normalise", {"x": x}, {"n": ca.vertcat(loop.normalise(state), sums)}),
         "outputs": sx_function("outputs", at, {"y": ca.vertcat(*y)}),
         "final": sx_function("final", at, {"e": stacked(measures.of_kind("final"))}),
     }
     if loop.events:
-        functions |= _hybrid(loop, at)
+        functions |= _hybrid(loop, at, state, sums, prepared)
     functions["objective"], costs = _objective(measures, loop.parameter_paths, p)
     sizes = {name: loop.outputs.numel_out(name) for name in names}
     return Kernel(
@@ -148,15 +148,16 @@ def build_kernel(
     )
 
 
-def _hybrid(loop: ClosedLoopFunctions, at: Mapping[str, ca.SX]) -> dict[str, ca.Function]:
-    """Guards and updates, which leave integrals as they are."""
-    t, x, c = at.values()
-    nx, nc = loop.dynamics.numel_in(1), loop.setup.numel_out(1)
-    xdot, e = ca.SX.sym("xdot", x.numel()), ca.SX.sym("e")
-    g, rate = loop.guards(t, x[:nx], c[:nc], xdot[:nx])
-    after = ca.vertcat(loop.update(t, x[:nx], c[:nc], e), x[nx:])
+def _hybrid(
+    loop: ClosedLoopFunctions, at: Mapping[str, ca.SX], state: ca.SX, sums: ca.SX, prepared: ca.SX
+) -> dict[str, ca.Function]:
+    """Guards and updates, which leave the integrals ``sums`` as they are."""
+    t, xdot, e = at["t"], ca.SX.sym("xdot", state.numel()), ca.SX.sym("e")
+    g, rate = loop.guards(t, state, prepared, xdot)
+    after = ca.vertcat(loop.update(t, state, prepared, e), sums)
+    slopes = ca.vertcat(xdot, ca.SX.sym("y", sums.numel()))
     return {
-        "guards": sx_function("guards", {**at, "xdot": xdot}, {"g": g, "rate": rate}),
+        "guards": sx_function("guards", {**at, "xdot": slopes}, {"g": g, "rate": rate}),
         "update": sx_function("update", {**at, "e": e}, {"x_after": after}),
     }
 

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from spacerobot.errors import SpaceRobotError, near_names
-from spacerobot.rollout.assemble import batch_of, gradient_of, split, trajectory_of
+from spacerobot.rollout.assemble import batch_of, gradient_of, split, statuses, trajectory_of
 from spacerobot.rollout.batch import Progress, Stop, run_batch, run_gradients, run_one
 from spacerobot.rollout.factory import Engines
 from spacerobot.rollout.grid import TimeGrid, time_grid
@@ -311,6 +311,7 @@ class Rollout:
             measures={name: frozen(raw.r[:, named[DERIVATIVE + name]].T) for name in self.kernel.measures},
             outputs={name: frozen(np.moveaxis(blocks[name], 0, -1)) for name in outputs},
             wall_s=time.perf_counter() - begin,
+            status=statuses(raw, engine.kernel)[0] if wrt else "exact",
         )
 
     def slope_batch(
@@ -357,6 +358,7 @@ class Rollout:
             },
             unclosed=self.kernel.closure.told(done.raw.gaps[::k]),
             wall_s=time.perf_counter() - begin,
+            status=statuses(done.raw, engine.kernel)[::k],
         )
 
     def _gradients(

@@ -2,8 +2,8 @@
 
 A Runge-Kutta step of the linearised loop is the derivative of a Runge-Kutta step, so that the ordinary
 rollout of this kernel gives exact derivatives of the discrete trajectory. Each lane carries one direction.
-Where a direction moves a jump, steps move and stretch with it: a last constant then holds the derivative of
-time at each evaluation.
+Where a direction moves a jump or an event, steps move and stretch with it: a last constant then holds the
+derivative of time at each evaluation, and guards are followed by their derivatives.
 """
 
 from __future__ import annotations
@@ -55,14 +55,17 @@ def sensitivity_kernel(kernel: Kernel, wrt: Sequence[int], outputs: Sequence[str
         kernel.closure,
         kernel.method,
         kernel.jumps,
+        kernel.switches,
+        kernel.events,
+        kernel.fine,
         jump_slopes=places,
         rate=rate,
     )
 
 
 def _moves(kernel: Kernel, reached: Sequence[int]) -> bool:
-    """Whether a direction moves a jump, and with it the steps."""
-    return any(jump in reached for jump in kernel.jumps)
+    """Whether a direction may move a jump or an event, and with it the steps."""
+    return bool(kernel.events) or any(jump in reached for jump in kernel.jumps)
 
 
 def _functions(
@@ -87,7 +90,16 @@ def _functions(
     normal, e, y = f["normalise"](x), f["final"](t, x, c), f["outputs"](t, x, c)
     wanted = ca.vertcat(ca.SX(0, 1), *[y[kernel.outputs[name]] for name in outputs])
     moved = {"xdot": _paired(xdot, along(xdot), n), "m": ca.vertcat(m, along(m))}
-    return {
+    hybrid = {}
+    if kernel.events:
+        slope, event = ca.SX.sym("xdot", state.numel()), ca.SX.sym("e")
+        g, g_rate = f["guards"](t, x, c, ca.vertcat(slope[:n], slope[2 * n : 2 * n + count]))
+        after = f["update"](t, x, c, event)
+        told = {"g": g, "rate": g_rate, "slope": along(g)}
+        hybrid["guards"] = sx_function("guards", {**at, "xdot": slope}, told)
+        updated = {"x_after": _paired(after, along(after), n)}
+        hybrid["update"] = sx_function("update", {**at, "e": event}, updated)
+    return hybrid | {
         "setup": setup,
         "dynamics": sx_function("dynamics", at, moved),
         "normalise": sx_function("normalise", {"x": state}, {"n": _paired(normal, along(normal), n)}),

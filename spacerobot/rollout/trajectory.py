@@ -210,6 +210,9 @@ class Gradient:
         What ran.
     wall_s
         Time it took.
+    status
+        Of each rollout ``exact``, or ``lost``, or why its gradient may not hold: it grazes an event, or two
+        events may change places. N words or sentences, one for a single rollout.
     """
 
     paths: tuple[str, ...]
@@ -221,6 +224,7 @@ class Gradient:
     gaps: Mapping[str, Array]
     backend: str
     wall_s: float
+    status: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -239,6 +243,8 @@ class Jacobian:
         Derivative of each asked-for output, shape (nt, n, k); NaN after divergence.
     wall_s
         Time it took.
+    status
+        As one of :class:`Gradient`.
     """
 
     paths: tuple[str, ...]
@@ -246,6 +252,7 @@ class Jacobian:
     measures: Mapping[str, Array]
     outputs: Mapping[str, Array]
     wall_s: float
+    status: str = "exact"
 
 
 @dataclass(frozen=True)
@@ -264,6 +271,8 @@ class Slopes:
         As of :class:`Batch`.
     wall_s
         Time it took.
+    status
+        As of :class:`Gradient`.
     """
 
     paths: tuple[str, ...]
@@ -271,6 +280,7 @@ class Slopes:
     slopes: Mapping[str, Array]
     unclosed: tuple[str, ...]
     wall_s: float
+    status: tuple[str, ...] = ()
 
 
 Kind = TypeVar("Kind", bound=np.generic)

@@ -104,8 +104,8 @@ def two_balls(**changes: float) -> SimpleNamespace:
     """Two balls that bounce on one floor: heights and speeds."""
     return Hybrid(
         {"first": 1.0, "second": 1.0, "restitution": 0.8} | changes,
-        lambda first, second, restitution: ([first, 0, second, 0], [restitution]),
-        lambda t, x, c: [x[1], -9.81, x[3], -9.81],
+        lambda first, second, restitution: ([first, 0, second, 0], [restitution, 9.81]),
+        lambda t, x, c: [x[1], -c[1], x[3], -c[1]],
         lambda t, x, c: [(1, -x[0]), (1, -x[2])],
         lambda t, x, c: [(x[0], -c[0] * x[1], x[2], x[3]), (x[0], x[1], x[2], -c[0] * x[3])],
         [Rule("first"), Rule("second")],

@@ -192,10 +192,10 @@ def test_what_holds_when_it_is_armed_fires_at_once(backend):
 def test_events_that_arm_each_other_at_one_instant_chatter(backend):
     loop = Hybrid(
         {"when": 0.55},
-        lambda when: ([0, 0], [0, when]),
-        lambda t, x, c: [1, 0],
+        lambda when: ([0], [0, when]),
+        lambda t, x, c: [1],
         lambda t, x, c: [(1 - c[0], x[0] - c[1]), (c[0], x[0] - c[1] + 0.1)],
-        lambda t, x, c: [(x[0], x[1]), (x[0], x[1])],
+        lambda t, x, c: [(x[0],), (x[0],)],
         [Rule("there", ((0, True),)), Rule("back", ((0, False),))],
         switches=(0,),
     ).loop()

@@ -5,7 +5,10 @@
 //   normalise_reverse(x, nbar -> xbar)                     final_reverse(t, x, c, ebar -> xbar, cbar, tbar)
 //   objective_reverse(r, p, Jbar -> rbar, pbar)            setup_reverse(p, xbar, cbar -> pbar)
 //
-// MOVING tells whether the wanted parameters move a jump; tbar is empty otherwise, and always that of final_reverse.
+//   guards_reverse(t, x, c, gbar -> xbar, cbar, tbar)      update_reverse(t, x, c, e, after_bar -> xbar, cbar, tbar)
+//
+// The last two are there where there are EVENTS. MOVING tells whether the wanted parameters may move the ends of
+// segments, that is jumps or events; tbar is empty otherwise, and that of final_reverse where there are no events.
 // JUMP_BAR holds the places of the jumps in cbar, -1 for one that stays.
 enum { NW = G::dynamics_reverse_cbar, NG = G::setup_reverse_pbar, MOVING = G::dynamics_reverse_tbar };
 
@@ -15,9 +18,10 @@ struct AdjointJob {
   int64_t segment;     // steps between checkpoints
 };
 
-// What flows back.
+// What flows back; t and h are those of a step's beginning and length, `begin` that of a segment's beginning where an
+// event was.
 struct Bars {
-  real x[NX], c[NW + 1], t, h;
+  real x[NX], c[NW + 1], t, h, begin;
 };
 
 INLINE void accumulate(real* sum, const real* part, int n) {
@@ -78,25 +82,75 @@ static void peaks_reverse(int64_t k, real t, const Trajectory& at, const real* x
   if (MOVING) bar.t = bar.t + tpart[0];
 }
 
-// From a step's beginning and length to the jumps at the ends of its segment; the sides of a jump that it began at go
-// back with it.
+// The bar of the time at which a segment of lane l begins or ends: at a jump, where an event was, or at a sample.
+static void end_reverse(int place, int l, double value, Bars& bar) {
+  if (MOVING && place >= 0 && JUMP_BAR[place] >= 0) lane(bar.c[JUMP_BAR[place]], l) += value;
+  if (place == HERE) lane(bar.begin, l) += value;
+}
+
+// From a step's beginning and length to the ends of its segment; the sides of a jump that it began at go back with it.
 static void ends_reverse(const Step& s, Trajectory& at, Bars& bar) {
-  for (int l = 0; JUMPS && l < LANES; ++l) {
+  for (int l = 0; (JUMPS || EVENTS) && l < LANES; ++l) {
     const int from = int(lane(s.from, l)), to = int(lane(s.to, l));
-    if (lane(s.busy, l) == 0 || (from < 0 && to < 0)) continue;
+    if (lane(s.busy, l) == 0 || (from == -1 && to == -1)) continue;
     const double t = lane(bar.t, l), share = (lane(bar.h, l) + lane(s.index, l) * t) / lane(s.number, l);
-    if (MOVING && from >= 0 && JUMP_BAR[from] >= 0) lane(bar.c[JUMP_BAR[from]], l) += t - share;
-    if (MOVING && to >= 0 && JUMP_BAR[to] >= 0) lane(bar.c[JUMP_BAR[to]], l) += share;
+    end_reverse(from, l, t - share, bar);
+    end_reverse(to, l, share, bar);
     if (from >= 0 && lane(s.index, l) == 0) lane(at.c[JUMP[from]], l) = INFINITY;
   }
   bar.t = bar.h = 0.;
 }
+
+#if EVENTS
+INLINE void set_switches(Trajectory& at, const real* mode) {
+  for (int i = 0; i < SWITCHES; ++i) at.c[SWITCH[i]] = mode[i];
+}
+
+// Through a step that was cut short, or with which an event fired. The length tau of one that ends at a guard's root
+// follows from g(t + tau, Phi(x, t, tau)) = 0, so that every bar of the step gains mu times that of g, where mu is minus
+// the bar of tau over the derivative of g by tau. What fired at once has no root of its own.
+static void happened_reverse(const Record& past, Trajectory& at, Bars& bar) {
+  const Happened& found = past.happened;
+  const Step& s = past.step;
+  const real fires = found.event >= 0. && (s.busy || found.waits), located = fires && found.cut;
+  const real t[1] = {select(found.waits, s.t, fmin(s.t + s.h, s.end))}, e[1] = {found.event};
+  real before[NX], raw[NX], xpart[NX], cpart[NW + 1], tpart[2], seed[EVENTS];
+  combine<SOLUTION, false>(s.h, past.x, past.slope, raw);
+  G::normalise(raw, before);
+  for (int i = 0; i < NX; ++i) before[i] = select(found.waits, past.x[i], before[i]);
+  G::update_reverse(t, before, at.c, e, bar.x, xpart, cpart, tpart);
+  for (int i = 0; i < NX; ++i) bar.x[i] = select(fires, xpart[i], bar.x[i]);
+  for (int i = 0; i < NW; ++i) bar.c[i] = bar.c[i] + select(fires, cpart[i], 0.);
+  const real moved = select(fires, tpart[0], 0.), end = moved + bar.begin;
+  for (int l = 0; l < LANES; ++l)
+    if (lane(found.cut, l) != 0) lane(bar.begin, l) = 0.;
+    else end_reverse(int(lane(s.from, l)), l, lane(moved, l), bar);
+  set_switches(at, found.mode);
+  step_reverse(past, at.c, bar);
+  real mu = 0.;
+  if (any(located)) {
+    Bars root;
+    for (int i = 0; i < EVENTS; ++i) seed[i] = located && found.event == real(double(i));
+    G::guards_reverse(t, before, at.c, seed, root.x, root.c, tpart);
+    root.t = root.h = root.begin = 0.;
+    step_reverse(past, at.c, root);
+    mu = -(bar.h + end) / (tpart[0] + root.h);
+    for (int i = 0; i < NX; ++i) bar.x[i] = bar.x[i] + select(located, mu * root.x[i], 0.);
+    for (int i = 0; i < NW; ++i) bar.c[i] = bar.c[i] + select(located, mu * root.c[i], 0.);
+    bar.t = bar.t + select(located, mu * (root.t + tpart[0]), 0.);
+  }
+  bar.t = bar.t + select(found.cut, end, 0.), bar.h = select(found.cut, 0., bar.h);
+}
+#endif
 
 // Do the steps of a segment of the tape once more, from where it began.
 static void again(const Job& job, Trajectory& at, const Position& begin, Record* tape, int64_t number) {
   real m[NM + 1], next[NX], c[NC + 1];
   at.now = begin;
   for (int l = 0; l < LANES; ++l) set_sides(at, l);
+#if EVENTS
+  set_switches(at, at.now.watch.mode);
+#endif
   for (int64_t k = 0; k < number; ++k) {
     ready(job, at);  // a checkpoint was taken when a step was ready
     record_step(tape[k], at, m, next);
@@ -104,6 +158,9 @@ static void again(const Job& job, Trajectory& at, const Position& begin, Record*
     settle(job, at, tape[k].slope, next, &tape[k], true);
   }
   std::memcpy(at.c, c, sizeof c);  // the sides of jumps during the last step, where the sweep back goes on
+#if EVENTS
+  set_switches(at, at.now.watch.mode);
+#endif
 }
 
 extern "C" int64_t gradients(const Job* given, const AdjointJob* adjoint) {
@@ -124,10 +181,13 @@ extern "C" int64_t gradients(const Job* given, const AdjointJob* adjoint) {
     if (steps < 0) return steps == STOPPED ? first : steps;
     G::objective(at.r, p, cost);
     G::objective_reverse(at.r, p, seed, rbar, direct);
-    const real t[1] = {job.time(job.intervals)};
+    const real t[1] = {end_of(job, at)};
+    bar.t = bar.h = bar.begin = 0.;
     G::final_reverse(t, at.now.x, at.c, rbar + INTEGRALS + PEAKS, bar.x, bar.c, &bar.t);
     for (int i = 0; i < INTEGRALS; ++i) bar.x[NX - INTEGRALS + i] = rbar[i];
     peaks_reverse(steps, t[0], at, at.now.x, rbar, bar);
+    for (int l = 0; EVENTS && l < LANES; ++l)
+      if (at.fate[l] == ENDED) end_reverse(int(lane(at.now.step.from, l)), l, lane(bar.t, l), bar);
     bar.t = bar.h = 0.;
     const int64_t last = any(at.whole) ? (steps - 1) / segment : -1;  // what is lost has no tape
     for (int64_t s = last; s >= 0; --s) {
@@ -136,7 +196,11 @@ extern "C" int64_t gradients(const Job* given, const AdjointJob* adjoint) {
       for (int64_t k = number - 1; k >= 0; --k) {
         if (*job.stop) return first;
         const Record& past = tape.at[k];
-        step_reverse(past, at.c, bar);
+#if EVENTS
+        if (any(past.happened.cut || past.happened.event >= 0.)) happened_reverse(past, at, bar);
+        else
+#endif
+          step_reverse(past, at.c, bar);
         if (PEAKS) peaks_reverse(begin + k, past.step.t, at, past.x, rbar, bar);
         ends_reverse(past.step, at, bar);
       }

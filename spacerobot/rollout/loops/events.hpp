@@ -24,7 +24,20 @@ enum Doubt { NONE, GRAZING, COINCIDENT };
 // where it was not done, at its beginning) or -1, and the switches during the step.
 struct Happened {
   real waits, cut, event, mode[SWITCHES + 1];
+#ifdef RATE
+  real slope;  // derivative of the event's time
+#endif
 };
+
+// The guards at a state, their rates along xdot, and for sensitivities their derivatives along the lane's direction.
+INLINE void guards(Trajectory& at, real t, const real* x, const real* xdot, real* g, real* rate, real* slope) {
+  const real instant[1] = {t};
+#ifdef RATE
+  G::guards(instant, x, at.c, xdot, g, rate, slope);
+#else
+  G::guards(instant, x, at.c, xdot, g, rate);
+#endif
+}
 
 // Begin the next length tried from nothing.
 INLINE void forget(Watch& w, int l) {
@@ -143,10 +156,9 @@ static void judge_lane(const Job& job, Trajectory& at, int l, const real* g0, co
 static void judge(const Job& job, Trajectory& at, const real* k, const real* next, real count, Happened& found) {
   Watch& w = at.now.watch;
   const Step& s = at.now.step;
-  real g0[EVENTS], rate[EVENTS], g1[EVENTS], ignored[EVENTS], stirs = 0.;
-  const real begin[1] = {s.t}, end[1] = {s.t + s.h};
-  G::guards(begin, at.now.x, at.c, k, g0, rate);
-  G::guards(end, next, at.c, k, g1, ignored);
+  real g0[EVENTS], rate[EVENTS], g1[EVENTS], ignored[EVENTS], slope[EVENTS], stirs = 0.;
+  guards(at, s.t, at.now.x, k, g0, rate, slope);
+  guards(at, s.t + s.h, next, k, g1, ignored, slope);
   for (int i = 0; i < EVENTS; ++i) {
     w.level[i] = select(w.last == real(double(i)), fmax(g0[i], 0.), w.level[i]);
     g0[i] = g0[i] - w.level[i], g1[i] = g1[i] - w.level[i];
@@ -166,6 +178,30 @@ static void judge(const Job& job, Trajectory& at, const real* k, const real* nex
     w.level[i] = select(done, fmin(w.level[i], fmax(g1[i] + w.level[i], 0.)), w.level[i]);
   w.last = select(done, -1., w.last), w.fresh = w.fresh && !done;
 }
+
+#ifdef RATE
+// Let steps that were cut short stretch with their events: the tangent is affine in the derivative of a step's length,
+// and the guard's is zero at its root.
+static void stretch(Trajectory& at, Happened& found, real* next) {
+  const Step& s = at.now.step;
+  real dt, dh, end[2][NX], slope[2], k[M::TOTAL * NX], m[NM + 1];
+  moved(at, dt, dh);
+  found.slope = dt;
+  if (!any(found.cut)) return;
+  for (int d = 0; d < 2; ++d) {
+    real g[EVENTS], rate[EVENTS], along[EVENTS];
+    step<false>(at, at.now.x, k, m, end[d], dt, real(double(d)));
+    at.c[RATE] = dt + double(d);
+    guards(at, s.t + s.h, end[d], k, g, rate, along);
+    at.c[RATE] = slope[d] = 0.;
+    for (int i = 0; i < EVENTS; ++i) slope[d] = select(found.event == real(double(i)), along[i], slope[d]);
+  }
+  const real located = found.cut && found.event >= 0.;
+  dh = select(located, -slope[0] / (slope[1] - slope[0]), 0.);
+  for (int i = 0; i < NX; ++i) next[i] = select(found.cut, end[0][i] + dh * (end[1][i] - end[0][i]), next[i]);
+  found.slope = dt + select(found.cut, dh, 0.);
+}
+#endif
 
 // Note event e of lane l, which took the state from x to `next`.
 static void tell_event(const Job& job, const Trajectory& at, int l, int e, double t, const real* next) {
@@ -194,13 +230,22 @@ static void happen(const Job& job, Trajectory& at, const Happened& found, bool a
         const double value = SETS[int(lane(e[0], l))][i];
         if (value >= 0) lane(w.mode[i], l) = lane(at.c[SWITCH[i]], l) = value;
       }
+#ifdef RATE
+    at.c[RATE] = found.slope;
+#endif
     G::update(t, at.now.x, at.c, e, next);
+#ifdef RATE
+    at.c[RATE] = 0.;
+#endif
     at.now.alive = at.now.alive && (is_sound(next, at.begin, job.scale) || !fires);
   }
   for (int l = 0; l < LANES; ++l) {
     if (lane(fires, l) == 0 && lane(found.cut, l) == 0) continue;
     const double instant = lane(t[0], l);
     cut_segment(job, at, l, instant, lane(found.cut, l) != 0);
+#ifdef RATE
+    if (lane(found.cut, l) != 0) lane(w.began, l) = lane(found.slope, l);
+#endif
     if (lane(fires, l) == 0 || lane(at.now.alive, l) == 0) continue;
     const int event = int(lane(e[0], l));
     if (!again) tell_event(job, at, l, event, instant, next), ++at.fired[l];
@@ -212,6 +257,6 @@ static void happen(const Job& job, Trajectory& at, const Happened& found, bool a
     if (ENDS[event]) at.fate[l] = ENDED;
     else if (lane(w.burst, l) > BURST) at.fate[l] = CHATTERING;
     else continue;
-    lane(at.now.alive, l) = 0.;
+    lane(at.now.alive, l) = lane(at.now.step.busy, l) = lane(at.now.step.h, l) = 0.;
   }
 }

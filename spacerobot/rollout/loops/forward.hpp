@@ -64,7 +64,7 @@ struct Checkpoints {
 // Go on by the step to `next`, whose slopes are `k`, in the lanes that take it; truth in those. A lane whose state leaves
 // the bounds, or is no number, keeps its last good state from then on, while its time goes on. What is done `again` is
 // not counted.
-INLINE real settle(const Job& job, Trajectory& at, const real* k, const real* next, Record* record, bool again) {
+INLINE real settle(const Job& job, Trajectory& at, const real* k, real* next, Record* record, bool again) {
   Position& now = at.now;
   const real goes = now.alive && now.step.busy, sound = is_sound(next, at.begin, job.scale);
   real moved = now.step.busy, onward = moved;
@@ -72,7 +72,10 @@ INLINE real settle(const Job& job, Trajectory& at, const real* k, const real* ne
   Happened happened;
   judge(job, at, k, next, goes && sound, happened);
   moved = moved && !happened.waits, onward = moved && !happened.cut;
-  if (record) record->happened = happened, record->step.busy = moved;
+#ifdef RATE
+  stretch(at, happened, next);
+#endif
+  if (record) record->happened = happened, record->step.busy = goes && moved;
 #endif
   const real good = goes && moved && sound;
   now.alive = now.alive && (good || !moved);
@@ -106,13 +109,24 @@ static void set_out(const Job& job, int64_t first, const real* p, Trajectory& at
   for (int i = 0; i < PEAKS; ++i) at.when[i] = 0.;
 }
 
+// When each lane ends.
+static real end_of(const Job& job, const Trajectory& at) {
+  real t = job.time(job.intervals);
+  for (int l = 0; l < LANES; ++l)
+    if (at.fate[l] == ENDED) lane(t, l) = lane(at.reached, l);
+  return t;
+}
+
 // Measures of a group that came to its end at step k, and in which lanes it did.
 static void reduce(const Job& job, Trajectory& at, int64_t k) {
-  real ignored[NX], m[NM + 1], *best = at.r + INTEGRALS, t[1] = {job.time(job.intervals)};
+  real ignored[NX], m[NM + 1], *best = at.r + INTEGRALS, t[1] = {end_of(job, at)};
   at.whole = at.now.alive;
-#if EVENTS
   for (int l = 0; l < LANES; ++l)
-    if (at.fate[l] == ENDED) lane(at.whole, l) = 1., lane(t[0], l) = lane(at.reached, l);
+    if (at.fate[l] == ENDED) lane(at.whole, l) = 1.;
+#ifdef RATE
+  real dt, dh;
+  moved(at, dt, dh);
+  for (int l = 0; l < LANES; ++l) lane(at.c[RATE], l) = at.fate[l] == ENDED ? lane(dt, l) : 0.;
 #endif
   if (PEAKS) {
     G::dynamics(t, at.now.x, at.c, ignored, m);

@@ -91,6 +91,7 @@ struct Watch {
   real low, high, tries;               // lengths without and with a guard above its level; lengths tried
   real before[EVENTS], after[EVENTS];  // the guards there
   real burst, since;                   // events in turn that were close to each other, and when they began
+  real began;                          // sensitivities: derivative of the time at which an event began the segment
 };
 #endif
 
@@ -155,9 +156,14 @@ INLINE double longest(const Job& job, const Trajectory& at, int l) {
 // What begins and ends with a jump within a sample interval is a motion of its own, and gets so many steps at least.
 enum { FEWEST = 8 };
 
-// Let lane l go on from the end of its segment, or from where it begins, to its next jump or the interval's end.
+// Let lane l go on from the end of its segment, or from where it begins, to its next jump or the interval's end. One
+// that an event ended waits for ever.
 static void next_segment(const Job& job, Trajectory& at, int l) {
   Step& s = at.now.step;
+  if (EVENTS && lane(at.now.alive, l) == 0) {
+    lane(s.busy, l) = lane(s.h, l) = 0.;
+    return;
+  }
   if (JUMPS && lane(s.to, l) >= 0) {
     lane(at.c[JUMP[int(lane(s.to, l))]], l) = -INFINITY;
     ++at.now.passed[l];
@@ -242,7 +248,10 @@ static void moved(const Trajectory& at, real& dt, real& dh) {
   const Step& s = at.now.step;
   for (int l = 0; l < LANES; ++l) {
     const int from = int(lane(s.from, l)), to = int(lane(s.to, l));
-    const double begin = from >= 0 && JUMP_SLOPE[from] >= 0 ? lane(at.c[JUMP_SLOPE[from]], l) : 0.;
+    double begin = from >= 0 && JUMP_SLOPE[from] >= 0 ? lane(at.c[JUMP_SLOPE[from]], l) : 0.;
+#if EVENTS
+    if (from == HERE) begin = lane(at.now.watch.began, l);
+#endif
     const double end = to >= 0 && JUMP_SLOPE[to] >= 0 ? lane(at.c[JUMP_SLOPE[to]], l) : 0.;
     lane(dh, l) = (end - begin) / lane(s.number, l);
     lane(dt, l) = begin + lane(s.index, l) * lane(dh, l);
@@ -267,13 +276,10 @@ INLINE void stages(Trajectory& at, real dt, real dh, const real* x, real* k, rea
   }
 }
 
-// One step from x to `next`; `k` has room for the slopes.
+// One step from x to `next`; `k` has room for the slopes. Its beginning and length have the derivatives dt and dh.
 template <bool SHARED, int LAST = M::STAGES>
-INLINE void step(Trajectory& at, const real* x, real* k, real* m, real* next) {
-  real sum[NX], dt = 0., dh = 0.;
-#ifdef RATE
-  moved(at, dt, dh);
-#endif
+INLINE void step(Trajectory& at, const real* x, real* k, real* m, real* next, real dt, real dh) {
+  real sum[NX];
   stages<0, LAST, SHARED>(at, dt, dh, x, k, m);
   combine<SOLUTION, SHARED>(at.now.step.h, x, k, sum);
 #ifdef RATE
@@ -281,6 +287,15 @@ INLINE void step(Trajectory& at, const real* x, real* k, real* m, real* next) {
   at.c[RATE] = 0.;
 #endif
   G::normalise(sum, next);
+}
+
+template <bool SHARED, int LAST = M::STAGES>
+INLINE void step(Trajectory& at, const real* x, real* k, real* m, real* next) {
+  real dt = 0., dh = 0.;
+#ifdef RATE
+  moved(at, dt, dh);
+#endif
+  step<SHARED, LAST>(at, x, k, m, next, dt, dh);
 }
 
 // Note the estimated error of a step of length h to `next` in the lanes that `took` it.

@@ -1,0 +1,136 @@
+"""The sweep back of the interpreted adjoint, step by step."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from spacerobot.rollout.hybrid import Happening
+from spacerobot.rollout.interpreted import DiscreteTrajectory
+from spacerobot.rollout.kernel import Kernel
+from spacerobot.rollout.protocol import Array
+from spacerobot.rollout.raw import ENDED
+from spacerobot.rollout.segments import HERE
+
+
+class Sweep:
+    """Bars of one rollout, from its end to its beginning.
+
+    Parameters
+    ----------
+    kernel
+        With the reverse functions.
+    path
+        The rollout.
+    """
+
+    def __init__(self, kernel: Kernel, path: DiscreteTrajectory) -> None:
+        self._kernel, self._path, self._f = kernel, path, kernel.functions
+        self._happenings = list(path.happenings)
+        self._x, self._c = np.empty(0), np.empty(0)
+        self._begin = 0.0  # of the time of the event that began the segment
+
+    def gradient(self, p: Array, seed: Array, r: Array) -> Array:
+        """Gradient (k,) of the costs of parameters p (np,), weighted by a seed (nj,); r are the measures."""
+        kernel, path, steps = self._kernel, self._path, self._path.plan.steps
+        rbar, direct = (part.full().ravel() for part in self._f["objective_reverse"](r, p, seed))
+        first, last = kernel.integrals, kernel.integrals + kernel.peaks
+        self._x, self._c, tbar = self._reverse("final", path.end_s, path.x[-1], path.c[-1], rbar[last:])
+        self._x[kernel.nx :] += rbar[:first]
+        when = path.m.argmax(axis=0) if kernel.peaks else np.empty(0, dtype=int)
+        for k in range(steps, -1, -1):
+            self._events(k + 1)
+            t, h = self._step(k) if k < steps else (tbar, 0.0)
+            if (when == k).any():
+                t += self._peaks(k, np.where(when == k, rbar[first:last], 0.0))
+            if k < steps:
+                self._ends(k, t, h)
+            elif path.fate == ENDED:
+                self._end(path.happenings[-1].first, t)
+        self._events(0)
+        found = self._f["setup_reverse"](p, self._x, self._c).full().ravel() + direct
+        return np.asarray(found, dtype=np.float64)
+
+    def _reverse(self, name: str, *arguments: Any) -> tuple[Array, Array, float]:
+        """Bars of state, constants and time by the reverse of a function."""
+        x, c, t = (part.full().ravel() for part in self._f[f"{name}_reverse"](*arguments))
+        return x, c, float(t.sum())
+
+    def _peaks(self, k: int, seed: Array) -> float:
+        """Take in the peaks that were met before step k; bar of the time."""
+        path = self._path
+        t = path.plan.t[k] if k < path.plan.steps else path.end_s
+        x, c, tbar = self._reverse("peaks", t, path.x[k], path.c[k], seed)
+        self._x, self._c = self._x + x, self._c + c
+        return tbar
+
+    def _end(self, place: int, value: float) -> None:
+        """Take in the bar of the time at which a segment begins or ends."""
+        if place == HERE:
+            self._begin += value
+        elif place >= 0 and self._kernel.jump_bars[place] >= 0:
+            self._c[self._kernel.jump_bars[place]] += value
+
+    def _ends(self, k: int, t: float, h: float) -> None:
+        """From the bars of a step's beginning and length to the ends of its segment."""
+        steps = self._path.plan
+        share = (h + steps.index[k] * t) / steps.number[k]
+        self._end(int(steps.first[k]), t - share)
+        self._end(int(steps.last[k]), share)
+
+    def _events(self, steps: int) -> None:
+        """Through the events behind so many steps that fired at once."""
+        while self._happenings and self._happenings[-1].steps == steps and not self._happenings[-1].located:
+            here = self._happenings.pop()
+            self._end(here.first, self._update(here))
+
+    def _update(self, here: Happening) -> float:
+        """Through what an event changed; bar of its time."""
+        arguments = (here.time_s, here.before, here.c, here.event, self._x)
+        self._x, c, tbar = self._reverse("update", *arguments)
+        self._c = self._c + c
+        return tbar
+
+    def _step(self, k: int) -> tuple[float, float]:
+        """Through step k, and the event at its end; bars of its beginning and length.
+
+        The length of a step that ends at a guard's root follows from that; see ``loops/adjoint.hpp``.
+        """
+        if not (len(self._path.cut) and self._path.cut[k]):
+            self._x, c, t, h = self._step_back(k, self._x)
+            self._c = self._c + c
+            return t, h
+        here = self._happenings.pop() if self._happenings and self._happenings[-1].steps == k + 1 else None
+        end = 0.0 if here is None else self._update(here)
+        end, self._begin = end + self._begin, 0.0
+        self._x, c, t, h = self._step_back(k, self._x)
+        self._c = self._c + c
+        if here is not None:
+            seed = np.eye(len(self._kernel.events))[here.event]
+            x, guard_c, guard_t = self._reverse("guards", here.time_s, here.before, self._path.c[k], seed)
+            x, c, root_t, root_h = self._step_back(k, x)
+            mu = -(h + end) / (guard_t + root_h)
+            self._x, self._c = self._x + mu * x, self._c + mu * (c + guard_c)
+            t += mu * (root_t + guard_t)
+        return t + end, 0.0
+
+    def _step_back(self, k: int, xbar: Array) -> tuple[Array, Array, float, float]:
+        """Bars of a step's state, constants, beginning and length, from that of its end."""
+        f, method, path = self._f, self._kernel.method, self._path
+        t, h, c, x = path.plan.t[k], path.plan.h[k], path.c[k], path.x[k]
+        times = t + h * np.array(method.nodes[: method.stages])
+        stages: list[Array] = []
+        slopes = np.zeros((0, len(x)))
+        for s in range(method.stages):
+            stages.append(x + h * method.a[s, :s] @ slopes)
+            slopes = np.vstack([slopes, f["dynamics"](times[s], stages[s], c)[0].full().ravel()])
+        sum_bar = f["normalise_reverse"](x + h * np.array(method.b) @ slopes, xbar).full().ravel()
+        back, cbar, tbar, hbar = sum_bar.copy(), np.zeros(f["dynamics_reverse"].numel_out("cbar")), 0.0, 0.0
+        bars = np.zeros_like(slopes)
+        for s in reversed(range(method.stages)):
+            total = method.b[s] * sum_bar + method.a[: method.stages, s] @ bars
+            bars[s], part, moved = self._reverse("dynamics", times[s], stages[s], c, h * total)
+            back, cbar = back + bars[s], cbar + part
+            tbar, hbar = tbar + moved, hbar + total @ slopes[s] + method.nodes[s] * moved
+        return back, cbar, tbar, float(hbar)

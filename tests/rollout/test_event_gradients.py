@@ -1,0 +1,176 @@
+"""Derivatives through events: their times move with the parameters, in every engine and both directions."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from spacerobot.rollout import Measures, Signals, build_rollout, final, integral, peak
+from tests.rollout.hybrid_loops import Hybrid, Rule, bouncing_ball, dwell, latch, spring_wall, two_balls
+
+GRID = {"step_s": 0.02, "output_step_s": 0.1}
+
+
+def moved_force():
+    """A force that begins at a moving time pushes a mass against a stop, which holds it for a while."""
+    return Hybrid(
+        {"jump": 0.6, "wall": 0.3, "hold": 0.25, "speed": 0.4},
+        lambda jump, wall, hold, speed: ([0, speed, 0], [jump, jump, 0, wall, hold]),
+        lambda t, x, c: [
+            x[1] * (1 - c[2]),
+            ((t < c[0]) * 0.2 + (t >= c[0]) * (1 + t - c[1])) * (1 - c[2]),
+            0,
+        ],
+        lambda t, x, c: [(1 - c[2], x[0] - c[3] - 0.5 * (x[2] > 0)), (c[2], t - x[2] - c[4])],
+        lambda t, x, c: [(x[0], -0.5 * x[1], t), (x[0], x[1], x[2])],
+        [Rule("stopped", ((0, True),)), Rule("freed", ((0, False),))],
+        switches=(2,),
+        jumps=(0,),
+    ).loop()
+
+
+CASES = {
+    "ball": (bouncing_ball, 2.0),
+    "wall": (spring_wall, 4.0),
+    "latch": (latch, 2.0),
+    "ended": (latch, 6.0),
+    "dwell": (dwell, 6.0),
+    "jump": (moved_force, 2.0),
+}
+
+
+def measured(loop):
+    s = Signals.of(loop)
+    named = {
+        "sum": integral(s.x[0] ** 2 + s.t * s.x[0]),
+        "end": final(ca.vertcat(s.x, s.t * s.x[0])),
+        "worst": peak(s.x[1] + 0.1 * s.t),
+    }
+
+    def costs(r, p):
+        ends = {f"end{k}": r["end"][k] for k in range(r["end"].numel())}
+        return {"sum": r["sum"], "worst": r["worst"], **ends}
+
+    return Measures(s, named, costs)
+
+
+@pytest.fixture(scope="module", params=CASES)
+def case(request):
+    make, duration_s = CASES[request.param]
+    loop = make()
+    options = {"duration_s": duration_s, **GRID, "measures": measured(loop)}
+    return [build_rollout(loop, **options, backend=backend) for backend in ("compiled", "interpreted")]
+
+
+def differences(rollout, wrt):
+    """Central differences of every cost, extrapolated once to the fourth order, each of shape (k,)."""
+    base, columns = rollout.values(), rollout.indices(wrt)
+    scale = np.maximum(np.abs(base[columns]), 0.1)
+
+    def slopes(relative):
+        rows = np.repeat(base[None, :], 2 * len(wrt), axis=0)
+        for i, column in enumerate(columns):
+            rows[2 * i, column] += relative * scale[i]
+            rows[2 * i + 1, column] -= relative * scale[i]
+        batch = rollout.batch(rollout.loop.parameter_paths, rows)
+        assert len(set(batch.events.count)) == 1
+        return {k: (v[0::2] - v[1::2]) / (2 * relative * scale) for k, v in batch.costs.items()}
+
+    coarse, fine = slopes(2e-4), slopes(1e-4)
+    return {name: (4 * fine[name] - coarse[name]) / 3 for name in fine}
+
+
+def test_adjoint_equals_differences_and_forward_in_both_engines(case):
+    fast, slow = case
+    wrt = fast.loop.parameter_paths
+    expected = differences(fast, wrt)
+    for rollout in (fast, slow):
+        adjoint, forward = rollout.value_and_gradient(wrt=wrt), rollout.jacobian(wrt=wrt)
+        assert adjoint.status == ("exact",)
+        assert forward.status == "exact"
+        assert len(forward.trajectory.events) > 1
+        for name, gradient in adjoint.gradients.items():
+            np.testing.assert_allclose(gradient, expected[name], rtol=1e-6, atol=1e-7)
+        ends = np.array([adjoint.gradients[f"end{k}"] for k in range(len(forward.measures["end"]))])
+        for found, name in ((ends, "end"), (adjoint.gradients["sum"][None], "sum")):
+            np.testing.assert_allclose(found, forward.measures[name], rtol=1e-9, atol=1e-11)
+
+
+def test_times_and_impulses_of_a_ball_have_their_closed_forms():
+    loop = bouncing_ball()
+    s = Signals.of(loop)
+    measures = Measures(s, {"time": final(s.x[2]), "impulse": final(s.x[3])})
+    rollout = build_rollout(loop, duration_s=2.0, **GRID, measures=measures)
+    found = rollout.value_and_gradient(wrt=("height", "restitution", "gravity"))
+    h, e, g = loop.parameter_values
+    fall, powers = np.sqrt(2 * h / g), 1 + 2 * (e + e**2 + e**3)
+    time = np.array([fall / (2 * h) * powers, fall * (2 + 4 * e + 6 * e**2), -fall / (2 * g) * powers])
+    np.testing.assert_allclose(found.costs["time"], fall * powers, rtol=1e-11)
+    np.testing.assert_allclose(found.gradients["time"], time, rtol=1e-9)
+    sums, slope = 1 + e + e**2 + e**3, 1 + 2 * e + 3 * e**2
+    speed = np.sqrt(2 * g * h)
+    impulse = speed * (1 + e) * sums * np.array([1 / (2 * h), 0, 1 / (2 * g)])
+    impulse[1] = speed * (sums + (1 + e) * slope)
+    np.testing.assert_allclose(found.gradients["impulse"], impulse, rtol=1e-9)
+
+
+def test_gradients_in_lanes_are_those_of_single_rollouts_whatever_the_neighbours():
+    loop = latch()
+    rollout = build_rollout(loop, duration_s=5.0, **GRID, measures=measured(loop))
+    rows = np.random.default_rng(5).uniform([0.5, 0.1], [1.5, 1.5], (11, 2))
+    wrt = ("start", "inertia", "delay")
+    whole = rollout.gradient_batch(("start", "delay"), rows, wrt=wrt)
+    slopes = rollout.slope_batch(("start", "delay"), rows, wrt=wrt)
+    assert set(whole.status) == set(slopes.status) == {"exact"}
+    for i in (0, 4, 7, 10):
+        alone = rollout.gradient_batch(("start", "delay"), rows[i : i + 1], wrt=wrt)
+        single = rollout.value_and_gradient({"start": rows[i, 0], "delay": rows[i, 1]}, wrt=wrt)
+        for name, gradient in whole.gradients.items():
+            np.testing.assert_array_equal(alone.gradients[name][0], gradient[i])
+            np.testing.assert_allclose(single.gradients[name], gradient[i], rtol=1e-9, atol=1e-11)
+        np.testing.assert_allclose(slopes.slopes["sum"][i, 0], single.gradients["sum"], rtol=1e-9, atol=1e-11)
+
+
+@pytest.mark.parametrize("many", [False, True])
+@pytest.mark.parametrize("steps", [1, 7, 60])
+def test_checkpoints_change_no_bit_of_gradients_through_events(steps, many):
+    loop = moved_force()
+    rollout = build_rollout(loop, duration_s=2.0, **GRID, measures=measured(loop))
+    rows = np.linspace(0.5, 0.9, 5)[:, None]
+    wrt, places = ("jump", "wall", "hold"), (0, 1, 2)
+
+    def found():
+        if many:
+            return rollout.gradient_batch(("jump",), rows, wrt=wrt)
+        return rollout.value_and_gradient(wrt=wrt)
+
+    whole = found()
+    engine = rollout.engines.adjoint(places, many=many)
+    short = replace(engine, whole_bytes=0, segment_bytes=steps * engine.bytes_per_step)
+    rollout.engines._made["adjoint", places, engine.lanes] = short
+    again = found()
+    for name, gradient in whole.gradients.items():
+        np.testing.assert_array_equal(again.gradients[name], gradient)
+
+
+@pytest.mark.parametrize("backend", ["compiled", "interpreted"])
+def test_what_grazes_or_coincides_is_told(backend):
+    def status(loop, **changes):
+        options = {"duration_s": 1.9, **GRID, "measures": measured(loop), "backend": backend}
+        rollout = build_rollout(loop, **options)
+        found = rollout.value_and_gradient(changes, wrt=loop.parameter_paths[:2])
+        assert rollout.jacobian(changes, wrt=loop.parameter_paths[:2]).status == found.status[0]
+        return found.status[0].split(":")[0]
+
+    assert status(spring_wall()) == "exact"
+    assert status(spring_wall(), start=-0.6 - 1e-11) == "grazing"
+    assert status(spring_wall(), start=-0.6 + 1e-11) == "grazing"
+    assert status(spring_wall(), start=-0.601) == "exact"
+    assert status(spring_wall(), start=-0.599) == "exact"
+    assert status(two_balls(), second=1.01) == "exact"
+    assert status(two_balls()) == "coincident"
+    assert status(two_balls(), second=1.0 + 1e-10) == "coincident"
+    assert status(bouncing_ball(), height=0.05) == "lost"
