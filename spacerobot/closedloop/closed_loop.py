@@ -10,6 +10,7 @@ import casadi as ca
 from spacerobot.arrays import Array
 from spacerobot.closedloop.events import EventRule
 from spacerobot.errors import ScenarioError, near_names
+from spacerobot.notebook import html_table
 
 
 @dataclass(frozen=True)
@@ -117,6 +118,13 @@ class ClosedLoop:
             f"<ClosedLoop: {self.nx} states ({self.nq} q, {self.nv} v, {self.nz} z), "
             f"{len(self.parameter_paths)} parameters, {len(self.variables)} outputs>"
         )
+
+    def _repr_html_(self) -> str:
+        """The same as a table, for notebooks."""
+        rows = [("states", f"{self.nx}: {self.nq} of positions, {self.nv} of velocities, {self.nz} others")]
+        rows += [("parameters", str(len(self.parameter_paths)))]
+        rows += [("outputs", ", ".join(variable.name for variable in self.variables))]
+        return html_table("Closed loop", rows)
 
     @property
     def nx(self) -> int:

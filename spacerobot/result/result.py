@@ -9,7 +9,8 @@ from typing import Any
 
 import xarray as xr
 
-from spacerobot.result.table import Row, headline, status_text, summary_html
+from spacerobot.notebook import html_table
+from spacerobot.result.table import Row, headline, status_text
 from spacerobot.scenario import Scenario
 from spacerobot.scene import Scene, build_scene
 
@@ -54,4 +55,4 @@ class Result:
 
     def _repr_html_(self) -> str:
         """Summary table for notebooks."""
-        return summary_html(self.scenario.name, self.headline())
+        return html_table(self.scenario.name, self.headline())

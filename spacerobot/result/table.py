@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import html
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import xarray as xr
@@ -106,12 +105,3 @@ def _engine(summary: Mapping[str, Any]) -> str:
     return (
         f"{engine['name']} ({engine['backend']}){step}, {timing['rollout'] * 1e3:.0f} ms for the rollout{why}"
     )
-
-
-def summary_html(caption: str, headline: Sequence[Row]) -> str:
-    """HTML table of the headline, text escaped."""
-    rows = "".join(
-        f"<tr><th style='text-align:left'>{html.escape(name)}</th><td>{html.escape(value)}</td></tr>"
-        for name, value in headline
-    )
-    return f"<table><caption>{html.escape(caption)}</caption>{rows}</table>"

@@ -22,6 +22,7 @@ from typing import Literal
 import casadi as ca
 
 from spacerobot.errors import SpaceRobotError, near_names
+from spacerobot.notebook import html_table
 from spacerobot.rollout.protocol import ClosedLoopFunctions
 
 Kind = Literal["integral", "peak", "final"]
@@ -123,6 +124,11 @@ class Measures:
     def __repr__(self) -> str:
         """Names and kinds, in one line."""
         return f"<Measures {', '.join(f'{name} ({m.kind})' for name, m in self.named.items()) or 'none'}>"
+
+    def _repr_html_(self) -> str:
+        """Kind and length of each, for notebooks."""
+        rows = ((name, f"{m.kind} of {m.expression.numel()}") for name, m in self.named.items())
+        return html_table("Measures", rows)
 
     def of_kind(self, kind: Kind) -> dict[str, ca.SX]:
         """Expressions of one kind, by name."""

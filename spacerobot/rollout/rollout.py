@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from spacerobot.errors import SpaceRobotError, near_names
+from spacerobot.notebook import html_table
 from spacerobot.rollout.assemble import batch_of, gradient_of, split, statuses, trajectory_of
 from spacerobot.rollout.batch import Progress, Stop, run_batch, run_gradients, run_one
 from spacerobot.rollout.factory import Engines
@@ -57,6 +58,9 @@ class Rollout:
     def __repr__(self) -> str:
         """What runs, in one line."""
         return f"<Rollout of {self.grid.duration_s:g} s: {self.summary}>"
+
+    def _repr_html_(self) -> str:
+        return html_table(f"Rollout of {self.grid.duration_s:g} s", [("runs", self.summary)])
 
     @property
     def backend(self) -> str:

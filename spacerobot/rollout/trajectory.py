@@ -9,6 +9,7 @@ from typing import Literal, TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from spacerobot.notebook import html_table
 from spacerobot.rollout.protocol import Array
 
 Status = Literal["completed", "diverged", "unclosed", "chattering"]
@@ -176,6 +177,17 @@ class Batch:
         return (
             f"<Batch of {len(self.done)} rollouts: {ran} ran, {lost} diverged, {self.backend}; holds {named}>"
         )
+
+    def _repr_html_(self) -> str:
+        """How they ended, and least, median and greatest of what they gave, for notebooks."""
+        lost = int(np.isfinite(self.diverged_at_s).sum())
+        ran = f"{int(self.done.sum())}, {lost} of them diverged; {self.backend}, {self.wall_s:.3g} s"
+        rows = [("ran", ran)]
+        for name, values in {**self.measures, **self.costs}.items():
+            good = values[np.isfinite(values)]
+            if good.size:
+                rows.append((name, " .. ".join(f"{v:.4g}" for v in np.quantile(good, [0, 0.5, 1]))))
+        return html_table(f"Batch of {len(self.done)} rollouts: least .. median .. greatest", rows)
 
     @property
     def cancelled(self) -> bool:

@@ -13,6 +13,7 @@ from spacerobot.arrays import Array
 from spacerobot.description.read import Description
 from spacerobot.elements import Contact, Grasp, Reference
 from spacerobot.errors import ScenarioError, near_names
+from spacerobot.notebook import html_table
 from spacerobot.scenario import Base, Robot, Scenario, Target, Tip
 from spacerobot.shapes import ShapeKind
 
@@ -241,6 +242,13 @@ class Scene:
             f"<Scene {self.scenario.name}: {kind}, {self.model.nv} velocities; bodies {bodies}; "
             f"tips {tips or 'none'}; grasps {grasps or 'none'}>"
         )
+
+    def _repr_html_(self) -> str:
+        """The same as a table, with the joints of each body, for notebooks."""
+        rows = [(b.name, f"{b.config.base.joint} base, {len(b.joints)} joints") for b in self.bodies]
+        rows += [("tips", ", ".join(tip.label for tip in self.tips))]
+        rows += [("grasps", ", ".join(f"{g.name} ({g.tip.label})" for g in self.grasps))]
+        return html_table(f"Scene {self.scenario.name}", [*rows, *(("warning", w) for w in self.warnings)])
 
     @property
     def robots(self) -> tuple[SceneBody, ...]:

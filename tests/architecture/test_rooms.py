@@ -8,12 +8,13 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 
-EVERYWHERE = {"arrays", "errors"}
+EVERYWHERE = {"arrays", "errors", "notebook"}
 """What every room of the library may import."""
 
 KNOWS = {
     "spacerobot.arrays": set(),
     "spacerobot.errors": set(),
+    "spacerobot.notebook": set(),
     "spacerobot.interrupts": set(),
     "spacerobot.files": set(),
     "spacerobot.front_door": set(),

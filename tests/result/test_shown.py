@@ -44,6 +44,34 @@ def test_objects_show_themselves_in_a_few_lines(scene):
         assert len(repr(shown)) < 400
 
 
+def test_objects_show_themselves_in_a_notebook_as_a_small_table(scene):
+    loop = build_closed_loop(scene)
+    signals = Signals.of(loop)
+    measures = Measures(signals, {"<error>": integral(ca.sumsqr(signals["tip_error"]))})
+    rollout = build_rollout(loop, duration_s=0.1, step_s=0.01, measures=measures)
+    batch = rollout.batch(["target.links.body.mass"], [[20.0], [21.0]])
+    costs = batch.costs["<error>"]
+    for shown, parts in (
+        (scene, ("Scene small", ">arm</th><td>planar base, 3 joints", "tip")),
+        (loop, ("Closed loop", f">{loop.nx}: ", "tip_error")),
+        (measures, ("&lt;error&gt;</th><td>integral of 1<",)),
+        (rollout, ("Rollout of 0.1 s", "10 steps")),
+        (
+            batch,
+            (
+                "Batch of 2",
+                ">2, 0 of them diverged",
+                f"<td>{min(costs):.4g} .. ",
+                f" .. {max(costs):.4g}</td>",
+            ),
+        ),
+        (simulate(scene), ("small", "momentum drift")),
+    ):
+        text = shown._repr_html_()
+        assert all(part in text for part in parts), text
+        assert len(text) < 3000
+
+
 @pytest.mark.parametrize(
     ("low", "high", "text"),
     [
