@@ -352,14 +352,11 @@ class Rollout:
 
         done = run_batch(engine, self.grid, directions, k * len(p), (), False, threads, progress, stop)
         r = done.raw.r.reshape(len(p), k, -1)
-        named = engine.kernel.measures
+        names, named = tuple(self.kernel.measures), engine.kernel.measures
         return Slopes(
             paths=wrt,
-            measures={name: frozen(r[:, 0, named[name]].copy()) for name in self.kernel.measures},
-            slopes={
-                name: frozen(np.moveaxis(r[:, :, named[DERIVATIVE + name]], 1, 2).copy())
-                for name in self.kernel.measures
-            },
+            measures={n: frozen(r[:, 0, named[n]].copy()) for n in names},
+            slopes={n: frozen(np.moveaxis(r[:, :, named[DERIVATIVE + n]], 1, 2).copy()) for n in names},
             unclosed=self.kernel.closure.told(done.raw.gaps[::k]),
             wall_s=time.perf_counter() - begin,
             status=statuses(done.raw, engine.kernel)[::k],
