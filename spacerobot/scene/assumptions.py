@@ -71,7 +71,7 @@ def list_warnings(scene: Scene) -> tuple[str, ...]:
                     f"{lower} to {upper} {unit}; limits are not enforced"
                 )
         found += _unread_sensors(scene, body)
-    found += _never(scene)
+    found += _never(scene) + _unused_pads(scene)
     for body, path, element in robot_elements(scene):
         found += [f"{path}: {caution}" for caution in element.cautions(robot_facts(scene, body))]
     return (*found, *_given_way(scene), *reference_warnings(scene))
@@ -92,6 +92,16 @@ def _never(scene: Scene) -> list[str]:
                     f"{grasp.path}.{key}: never {what}, for the simulation ends after {duration:g} s"
                 )
     return found
+
+
+def _unused_pads(scene: Scene) -> list[str]:
+    """Warnings about pads that no contact names."""
+    named = {side for contact in scene.scenario.contacts.values() for side in contact.between}
+    return [
+        f"pads.{name}: without effect, no contact names it"
+        for name in scene.scenario.pads
+        if name not in named
+    ]
 
 
 def _unread_sensors(scene: Scene, body: SceneBody) -> list[str]:

@@ -255,6 +255,12 @@ def test_what_cannot_be_is_refused_in_one_line(case):
     assert "\n" not in str(fault.value)
 
 
+def test_a_pad_that_nothing_names_is_told():
+    pad = {"link": "one/body", "shape": "sphere", "radius": 0.1}
+    found = meeting({"stiffness": 1e4}, pads={"spare": pad})
+    assert "pads.spare: without effect, no contact names it" in found.warnings
+
+
 def test_an_overlap_that_is_asked_for_is_taken():
     plain = meeting({"stiffness": 1e4, "may_overlap": True})
     assert build_scene(plain.scenario, {"target.base.position": [0.15, 0, 0]}).contacts
