@@ -7,7 +7,7 @@ import pytest
 
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.errors import ScenarioError
-from spacerobot.scene import load_scene
+from spacerobot.scene import build_scene, load_scene
 from tests.oracles.small_scenes import PLANAR, SPATIAL, random_x, small_scene
 from tests.oracles.two_engines import ENGINES, Numeric, Symbolic
 
@@ -64,7 +64,7 @@ def test_every_parameter_is_what_the_scenario_calls_by_its_path(kind):
     for path, value in zip(loop.loop.parameter_paths, loop.loop.parameter_values, strict=True):
         changes = {path: changed(path, value)}
         loop.change(changes)
-        rebuilt = Numeric(scene_with(kind, changes))
+        rebuilt = Numeric(build_scene(scene.scenario, changes, source=scene.source))
         pairs = (
             (loop.x0, rebuilt.x0),
             (loop.rate(0.6, x), rebuilt.rate(0.6, x)),

@@ -12,6 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from spacerobot.description.planar import PlanarBase, PlanarLink, planar_arm_urdf, rectangle_urdf
+from spacerobot.scenario import Scenario
 from spacerobot.scenario.load import parse_yaml, validate
 from spacerobot.scene import Scene, build_scene
 
@@ -158,8 +159,13 @@ def _keep() -> tempfile.TemporaryDirectory[str]:
 
 def small_scene(text: str, changes: Mapping[str, Any] | Sequence[tuple[str, Any]] | None = None) -> Scene:
     """Scene of a YAML text whose URDFs lie in :func:`folder`, with values changed by dotted path."""
+    return build_scene(_scenario(text), changes or {}, source=folder() / "scenario.yaml")
+
+
+@functools.cache
+def _scenario(text: str) -> Scenario:
     source = folder() / "scenario.yaml"
-    return build_scene(validate(parse_yaml(text, source=source), source=source), changes or {}, source=source)
+    return validate(parse_yaml(text, source=source), source=source)
 
 
 def random_x(scene: Scene, rng: np.random.Generator, size: int, spread: float = 0.3) -> np.ndarray:
