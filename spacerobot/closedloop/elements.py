@@ -122,18 +122,16 @@ class Builder:
         return TipContext(
             self.context.at(f"{tip.path}.{key}"),
             self.plant,
-            tip.label,
-            tip.path,
-            key,
-            tip.body.name,
-            tuple(int(self.plant.model.idx_vs[joint]) for joint in tip.body.arm_joints),
-            tip.frame,
-            tip.joint,
-            tip.body.root_frame,
-            tip.body.root_joint,
-            self.motions[tip.label],
-            self._sensors(tip.body),
-            tip.config.sections,
+            label=tip.label,
+            path=tip.path,
+            key=key,
+            robot=tip.body.name,
+            columns=tuple(int(self.plant.model.idx_vs[joint]) for joint in tip.body.arm_joints),
+            frame=tip.frame,
+            base_frame=tip.body.root_frame,
+            motion=self.motions[tip.label],
+            sensors=self._sensors(tip.body),
+            siblings=tip.config.sections,
         )
 
     def _robot(self, body: SceneBody, key: str) -> RobotContext:
@@ -141,12 +139,12 @@ class Builder:
             self.context.at(f"{body.path}.{key}"),
             self.plant,
             self.start,
-            body.name,
-            body.driven_joints,
-            tuple(int(self.plant.model.idx_vs[joint]) for joint in body.driven_joints),
-            functools.partial(_positions, body),
-            self._sensors(body),
-            tuple(self._tip(tip, "") for tip in self.scene.tips if tip.body.name == body.name),
+            name=body.name,
+            joints=body.driven_joints,
+            columns=tuple(int(self.plant.model.idx_vs[joint]) for joint in body.driven_joints),
+            positions=functools.partial(_positions, body),
+            sensors=self._sensors(body),
+            tips=tuple(self._tip(tip, "") for tip in self.scene.tips if tip.body.name == body.name),
         )
 
     def _actuator(self, body: SceneBody, key: str) -> ActuatorContext:
@@ -156,12 +154,13 @@ class Builder:
             self.context.at(f"{body.path}.{key}"),
             self.plant,
             self.start,
-            body.name,
-            body.path,
-            {body.joint_name(model, joint): int(model.idx_vs[joint]) for joint in body.free_joints},
-            body.root_frame,
-            body.root_joint,
-            tuple(range(first, first + int(model.nvs[body.root_joint]))) if body.root_joint else (),
+            robot=body.name,
+            path=body.path,
+            columns={body.joint_name(model, joint): int(model.idx_vs[joint]) for joint in body.free_joints},
+            base_frame=body.root_frame,
+            base_columns=tuple(range(first, first + int(model.nvs[body.root_joint])))
+            if body.root_joint
+            else (),
         )
 
     def _grasp(self, grasp: SceneGrasp) -> GraspContext:
@@ -171,9 +170,7 @@ class Builder:
             self.start,
             grasp.name,
             grasp.tip.frame,
-            grasp.tip.joint,
             grasp.frame,
-            grasp.joint,
             *self._may(grasp.name),
         )
 

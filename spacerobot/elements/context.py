@@ -76,8 +76,8 @@ class TipContext:
         The tip's, ``rpr1/tip``, its dotted path, and the element's key in its section, ``pid``.
     robot, columns
         The robot's name, and its joints' places in v.
-    frame, joint, base_frame, base_joint
-        Of the tip and of the robot's floating base in the model; a fixed base has joint 0.
+    frame, base_frame
+        Of the tip and of the robot's root link in the model.
     motion
         What the tip's reference asks for.
     sensors
@@ -94,12 +94,20 @@ class TipContext:
     robot: str
     columns: tuple[int, ...]
     frame: int
-    joint: int
     base_frame: int
-    base_joint: int
     motion: Motion
     sensors: Callable[[str], Affine]
     siblings: Mapping[str, Section]
+
+    @property
+    def joint(self) -> int:
+        """Id of the joint that carries the tip."""
+        return joint_of(self.plant, self.frame)
+
+    @property
+    def base_joint(self) -> int:
+        """Id of the floating base's joint; 0 for a fixed base."""
+        return joint_of(self.plant, self.base_frame)
 
     @property
     def rotation(self) -> ca.SX:
@@ -189,8 +197,8 @@ class ActuatorContext:
         The robot's name and its dotted path.
     columns
         Places in v of its free joints, by the joint's name.
-    base_frame, base_joint
-        Of the robot's root link in the model; a fixed base has joint 0.
+    base_frame
+        Of the robot's root link in the model.
     base_columns
         Places in v of the floating base, of its linear and then its angular velocity in the root link's axes.
     """
@@ -202,8 +210,12 @@ class ActuatorContext:
     path: str
     columns: Mapping[str, int]
     base_frame: int
-    base_joint: int
     base_columns: tuple[int, ...]
+
+    @property
+    def base_joint(self) -> int:
+        """Id of the floating base's joint; 0 for a fixed base."""
+        return joint_of(self.plant, self.base_frame)
 
     def joint_number(self, joint: str, key: str) -> ca.SX:
         """A number of a joint's own section (1x1), ``torque_limit``."""
@@ -230,8 +242,8 @@ class GraspContext:
         Mechanics now, and where everything begins.
     name
         Of the grasp.
-    tip_frame, tip_joint, mate_frame, mate_joint
-        Frames and joints of tip and mating frame in the model.
+    tip_frame, mate_frame
+        Frames of tip and mating frame in the model.
     may_close, lets_go
         Whether the phase lets it close, and has it let go (1x1 each).
     hold
@@ -243,12 +255,20 @@ class GraspContext:
     start: Start
     name: str
     tip_frame: int
-    tip_joint: int
     mate_frame: int
-    mate_joint: int
     may_close: ca.SX = field(default_factory=lambda: ca.SX(1))
     lets_go: ca.SX = field(default_factory=lambda: ca.SX(0))
     hold: Hold | None = None
+
+    @property
+    def tip_joint(self) -> int:
+        """Id of the joint that carries the tip."""
+        return joint_of(self.plant, self.tip_frame)
+
+    @property
+    def mate_joint(self) -> int:
+        """Id of the joint that carries the mating frame."""
+        return joint_of(self.plant, self.mate_frame)
 
     def opposite(self, force: ca.SX, torque: ca.SX) -> tuple[Wrench, Wrench]:
         """One pair of opposite wrenches at the tip's point: on the target as given, and on the robot."""
@@ -328,6 +348,11 @@ class ContactContext:
         """One pair of opposite forces at a point (3x1 each): on the second as given, and on the first."""
         none = ca.SX(3, 1)
         return Wrench(pair[1].joint, force, none, point), Wrench(pair[0].joint, -force, none, point)
+
+
+def joint_of(plant: Plant, frame: int) -> int:
+    """Id of the joint that carries a frame; 0 where it stands still."""
+    return int(plant.model.frames[frame].parentJoint)
 
 
 def unit_load(axis: int, *, rotation: bool) -> tuple[ca.SX, ca.SX]:
