@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio
 
+from spacerobot.arrays import Array
 from spacerobot.dynamics.algebra import IDENTITY3, ZERO3
 from spacerobot.dynamics.rotations import rotation_from_quaternion, turn
 from spacerobot.errors import DescriptionError
@@ -97,7 +98,7 @@ def read_joints(model: pinocchio.Model) -> tuple[Joint, ...]:
     return tuple(_read(model, index, neutral) for index in range(1, model.njoints))
 
 
-def _read(model: pinocchio.Model, index: int, neutral: npt.NDArray[np.float64]) -> Joint:
+def _read(model: pinocchio.Model, index: int, neutral: Array) -> Joint:
     source: Any = model.joints[index]
     name = source.shortname().removeprefix("JointModel")
     if name not in _KINDS:

@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spacerobot.arrays import Array
 from spacerobot.elements.element import Element
 
 
@@ -34,10 +34,10 @@ class RobotFacts:
     joints: tuple[str, ...]
     limits: Mapping[str, float | None]
     efforts: Mapping[str, float]
-    find_moved: Callable[[], NDArray[np.float64]]
+    find_moved: Callable[[], Array]
 
     @functools.cached_property
-    def moved(self) -> NDArray[np.float64]:
+    def moved(self) -> Array:
         """Velocities of the controlled directions of its tips by its joints' rates (directions, joints)."""
         return self.find_moved()
 

@@ -6,10 +6,8 @@ from collections.abc import Mapping, Sequence
 from typing import Protocol
 
 import casadi as ca
-import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from spacerobot.arrays import Array as Array
 
 
 class EventRule(Protocol):

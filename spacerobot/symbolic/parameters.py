@@ -6,7 +6,8 @@ from collections.abc import Collection, Mapping
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
+
+from spacerobot.arrays import Array
 
 
 class Parameters:
@@ -75,7 +76,7 @@ class Parameters:
         return ca.vertcat(*self._symbols.values()) if self._symbols else ca.SX(0, 1)
 
     @property
-    def values(self) -> NDArray[np.float64]:
+    def values(self) -> Array:
         """Nominal values of the parameter vector (np,)."""
         return np.array([self._numbers[path] for path in self._symbols], dtype=float)
 

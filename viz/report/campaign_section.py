@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from spacerobot.arrays import Array
 from spacerobot.result import Result
 from viz.figures import Bands, Spread, bands, distributions, moving_components, sensitivities, to_bytes
 from viz.figures.style import Drawing, unit_scale
@@ -243,7 +244,7 @@ def _bars(gains: str, matters: Mapping[str, Any], parameters: list[str]) -> str:
     return _figure(figure, f"What the {quantity_of(metric)} depends on, gains {gains}")
 
 
-def _numbers(values: Mapping[str, float | None], parameters: list[str]) -> np.typing.NDArray[np.float64]:
+def _numbers(values: Mapping[str, float | None], parameters: list[str]) -> Array:
     return np.array([values[name] or 0.0 for name in parameters])
 
 
