@@ -1,10 +1,11 @@
 """Dockings rolled out by the compiled loops against SciPy's integrator and root finding."""
 
+import casadi as ca
 import numpy as np
 import pytest
 
 from spacerobot.closedloop import build_closed_loop
-from spacerobot.rollout import build_rollout
+from spacerobot.rollout import Measures, Signals, build_rollout, final
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
 from tests.oracles.free_bodies import DEEP, FLAT, free_bodies
@@ -76,3 +77,43 @@ def test_the_shipped_capture_grips_a_tumbling_satellite_arm_by_arm():
     still = result.data.isel(time=-1)
     assert np.abs(still.grasp_capture_velocity).max() < 0.011
     assert summary["status"]["trusted"]
+
+
+@pytest.mark.parametrize("kind", ["compliant", "weld"])
+def test_gradients_go_through_captures_phases_and_releases(tmp_path, kind):
+    """Capture time, impulse or energy, and where the object ends, against central differences."""
+    phases = {
+        "approach": {"until": {"captured": ["left"]}, "at_most": 2.5, "otherwise": "end"},
+        "carry": {"until": {"time": 0.3}},
+        "part": {"releases": ["left"], "captures": []},
+    }
+    capture = {"distance": 0.05, "dwell": 0.05, "draw_in": 0.1}
+    scene = free_bodies(tmp_path, DEEP, {"kind": kind, "capture": capture}, phases=phases)
+    loop = build_closed_loop(scene)
+    signals = Signals.of(loop)
+    named = {
+        "when": final(signals["grasp_captured_at"]),
+        "spin": final(signals["grasp_capture_spin"]),
+        "place": final(signals["body_position"]),
+        "lost": final(signals["work_event"]),
+    }
+    costs = {"all": lambda r: 3 * r["when"] + ca.sumsqr(r["place"]) + 50 * r["lost"] + ca.sum1(r["spin"])}
+    measures = Measures(signals, named, lambda r, _: {name: cost(r) for name, cost in costs.items()})
+    rollout = build_rollout(loop, duration_s=2.5, step_s=0.01, measures=measures, backend="interpreted")
+    wrt = [
+        *("grasps.left.capture.distance", "grasps.left.capture.dwell", "grasps.left.capture.draw_in"),
+        *("robots.one.base.velocity.0", "target.base.spin_deg.2", "target.links.body.mass"),
+        "phases.carry.until.time",
+    ]
+    adjoint = rollout.value_and_gradient(wrt=wrt)
+    forward = rollout.jacobian(wrt=wrt)
+    assert (*adjoint.status, forward.status) == ("exact", "exact")
+    for i, path in enumerate(wrt):
+        value = loop.parameter_values[loop.index(path)]
+        step = 1e-5 * max(abs(value), 0.01)
+        ahead, behind = (rollout.run({path: value + sign * step}) for sign in (1, -1))
+        for name in named:
+            slope = (ahead.measures[name] - behind.measures[name]) / (2 * step)
+            np.testing.assert_allclose(forward.measures[name][:, i], slope, rtol=1e-6, atol=1e-7)
+        slope = (ahead.costs["all"] - behind.costs["all"]) / (2 * step)
+        assert adjoint.gradients["all"][i] == pytest.approx(slope, rel=1e-6, abs=1e-7)
