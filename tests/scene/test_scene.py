@@ -292,7 +292,7 @@ def test_a_sensor_error_that_nothing_reads_is_warned_of(given, used_by):
     bare = {"robots.one.tips.tip": {}, f"robots.one.sensors.{given}.offset": 0.1}
     (warning,) = told(bare)
     assert warning.startswith(f"robots.one.sensors.{given}: without effect")
-    assert "no controller of this robot reads it" in warning
+    assert "nothing of this robot reads it" in warning
     base = {"robots.one.tips.tip": {"pid": {"kp": 1}}, f"robots.one.sensors.{given}.offset": 0.1}
     assert told(base | used_by) == []
     assert told({"robots.one.tips.tip": {}, f"robots.one.sensors.{given}.offset": 0}) == []
