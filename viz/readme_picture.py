@@ -1,4 +1,4 @@
-"""``python -m viz.readme_picture``: simulate the paper's scenario and record it for the README."""
+"""``python -m viz.readme_picture``: simulate a docking and record it for the README."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ TARGET = Path(__file__).parents[1] / "docs" / "images" / "docking.gif"
 
 def main(target: Path = TARGET) -> None:
     """Write the picture."""
-    result = simulate(load_scene("paper"))
-    write_recording(target, result, frames_per_s=10, speed=2, size_px=(720, 440))
+    result = simulate(load_scene("docking"))
+    write_recording(target, result, frames_per_s=8, speed=5, size_px=(720, 440))
 
 
 if __name__ == "__main__":

@@ -163,13 +163,18 @@ def event_rows(events: Sequence[Mapping[str, Any]]) -> list[tuple[str, ...]]:
         rows.append(
             (
                 f"{event['time_s']:.6f}",
-                f"{event['who']} {WORDS.get(event['kind'], event['kind'])}",
+                what_happened(event),
                 "" if speed is None else f"{np.linalg.norm(speed) * 1e3:.4g}",
                 "" if largest is None else f"{largest:.4g}",
                 f"{event['energy_lost_j']:.4g}" if "energy_lost_j" in event else "",
             )
         )
     return rows
+
+
+def what_happened(event: Mapping[str, Any]) -> str:
+    """An event in words, ``left captured``."""
+    return f"{event['who']} {WORDS.get(event['kind'], event['kind'])}"
 
 
 WORDS = {

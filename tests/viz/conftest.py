@@ -19,6 +19,7 @@ from PIL import Image
 from spacerobot.result import save
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
+from tests.oracles.free_bodies import FLAT, free_bodies
 from viz.figures.comparison import write_figures
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
@@ -48,6 +49,19 @@ def blind(tmp_path_factory):
     """The same without the amnesia controller."""
     scene = load_scene("paper", {"robots.*.tips.tip.amnesia": None})
     return save(simulate(scene), tmp_path_factory.mktemp("blind") / "pid")
+
+
+@pytest.fixture(scope="session")
+def docked(tmp_path_factory):
+    """Two free bodies that meet, go on together and part, in phases."""
+    phases = {
+        "approach": {"until": {"captured": ["left"]}, "at_most": 2.5, "otherwise": "end"},
+        "carry": {"until": {"time": 0.6}},
+        "part": {"releases": ["left"], "captures": [], "at_most": 0.5},
+    }
+    folder = tmp_path_factory.mktemp("docked")
+    scene = free_bodies(folder, FLAT, {"kind": "weld", "capture": {"distance": 0.05}}, phases=phases)
+    return save(simulate(scene, backend="interpreted"), folder / "result")
 
 
 @pytest.fixture(scope="session")

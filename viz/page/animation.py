@@ -25,6 +25,7 @@ from viz.drawing.motion import (
 from viz.drawing.view import first_view, view_of
 from viz.figures.collect import check_comparable
 from viz.figures.style import labels_of
+from viz.page.events import event_data
 from viz.page.masses import mass_data, no_masses
 from viz.page.meshcat_scene import Meshes, changed_descriptions, packed, poses, rounded
 from viz.page.signals import chart_rows, quantities, signal_data
@@ -176,6 +177,7 @@ def _run_data(shown: _Shown, meshes: Meshes) -> dict[str, Any]:
         "forces": packed(data.grasp_force.values[rows]),
         "mates": packed(motion.mates),
         "masses": mass_data(result, shown.scene, rows),
+        "events": event_data(result),
         "fine_time": packed(data.time.values[finer]),
         "errors": [packed(error[:, k]) for k in range(len(tips))],
         "quantities": signal_data(shown_over_time, finer),

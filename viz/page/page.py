@@ -25,6 +25,7 @@ SCRIPTS = (
     "legend.js",
     "scene.js",
     "timeline.js",
+    "events.js",
     "signals.js",
     "picker.js",
     "chart.js",

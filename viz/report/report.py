@@ -40,6 +40,7 @@ SECTIONS = (
     Section("warnings", "Look at this first", parts.warnings),
     Section("run", "What was run", parts.what_was_run),
     Section("numbers", "Headline numbers", parts.numbers),
+    Section("events", "Events", parts.events),
     Section("paper", "Against the paper", parts.against_the_paper),
     Section("animation", "Animation", parts.moving),
     Section("figures", "Figures", parts.figures),

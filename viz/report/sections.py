@@ -10,6 +10,7 @@ from typing import Any
 
 from spacerobot.paper import AXES, FIGURE_7_MM, FIGURE_10_MM, PID_ONLY_MM, error_bands_mm
 from spacerobot.result import Result
+from spacerobot.result.events import HEADINGS, event_rows
 from spacerobot.result.table import status_text
 from spacerobot.scenario.load import to_document, to_yaml
 from viz.figures import draw_all, to_bytes
@@ -87,6 +88,18 @@ def numbers(subject: Subject) -> str | None:
 
 
 _ELSEWHERE = ("status", "engine")
+
+
+def events(subject: Subject) -> str | None:
+    """What happened when, a table for each result that has events."""
+    tables = [
+        (label, event_rows(result.summary.get("events", ())))
+        for result, label in zip(subject.results, subject.labels, strict=True)
+    ]
+    found = [(label, table(HEADINGS, rows)) for label, rows in tables if rows]
+    if len(found) == 1 and len(tables) == 1:
+        return found[0][1]
+    return "".join(f"<h3>{escape(label)}</h3>{rows}" for label, rows in found) or None
 
 
 def against_the_paper(subject: Subject) -> str | None:

@@ -6,6 +6,7 @@ class Player {
       { play: $("play"), scrub: $("scrub"), clock: $("clock"), speed: $("speed") },
       { onSeek: (time) => this.show(time), onRest: () => this.note() },
     );
+    this.events = new EventStrip($("events"), { onSeek: (time) => this.timeline.go(time) });
     this.chart = new Chart($("chart"), {
       onSeek: (time) => this.timeline.go(time),
       onRemove: (title) => { this.signals.choose(title, undefined, false); this.picked(); },
@@ -40,6 +41,7 @@ class Player {
     this.chart.load(this.signals, this.scene.end);
     this.offer();
     this.speak();
+    this.events.load(payload.runs[0].events, this.scene.end);
     this.timeline.load(this.scene.end, this.scene.runs.some((run) => run.time.length > 1));
     this.toggled("magnifier");
     this.timeline.seek(0);
@@ -107,7 +109,7 @@ class Player {
 
   show(time) {
     this.scene.seek(time);
-    this.readout.seek(time);
+    this.readout.seek(time, this.events.at(time));
     this.chart.seek(time);
     this.magnifier.draw(time);
     document.body.dataset.time = time.toFixed(3);
@@ -123,7 +125,7 @@ class Player {
     if (!this.payload) return;
     this.chart.resize();
     const [left, right] = this.chart.drawn.length ? this.chart.span : [0, 0];
-    this.timeline.align(left, right);
+    this.events.align(...this.timeline.align(left, right));
     this.magnifier.draw(this.timeline.time);
   }
 

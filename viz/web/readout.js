@@ -8,8 +8,9 @@ class Readout {
   // ``colours``: of the runs, where they lie over each other.
   load(runs, colours) {
     this.clock = element("div", "", "time");
+    this.phase = element("div", "", "phase");
     this.values = [];
-    const rows = [this.clock];
+    const rows = [this.clock, this.phase];
     runs.forEach((run, r) => {
       if (runs.length > 1) rows.push(this.heading(run.data.label, colours && colours[r]));
       run.data.tip_names.forEach((name, k) => {
@@ -29,11 +30,14 @@ class Readout {
     return row;
   }
 
-  seek(time) {
+  // ``phase``: that of the time, if there are any.
+  seek(time, phase) {
     this.clock.textContent = `t = ${time.toFixed(2)} s`;
+    this.phase.textContent = phase;
+    this.phase.hidden = !phase;
     for (const [value, run, k] of this.values) {
       const past = time > run.end + 1e-9;
-      value.textContent = past ? `diverged after ${run.end.toPrecision(3)} s` : errorSize(1e3 * run.error(k, time));
+      value.textContent = past ? `${run.data.completed ? "ended" : "diverged"} after ${run.end.toPrecision(3)} s` : errorSize(1e3 * run.error(k, time));
     }
   }
 }

@@ -45,12 +45,13 @@ class Timeline {
     this.onSeek(this.time);
   }
 
-  // The bar's ends stand at these places in the window, px; anywhere if they are the same.
+  // The bar's ends stand at these places in the window, px; anywhere if they are the same. Gives where they stand.
   align(left, right) {
     const own = this.scrub.parentElement.getBoundingClientRect(), half = THUMB / 2;
     const free = right <= left;
     this.scrub.style.marginLeft = free ? "" : `${left - own.left - half}px`;
     this.scrub.style.width = free ? "" : `${right - left + THUMB}px`;
+    return free ? [own.left + half, own.right - half] : [left, right];
   }
 
   // Stand still at a time.

@@ -291,3 +291,23 @@ def test_keys_do_everything_and_the_focus_is_seen(shown, paper):
     assert page.evaluate("document.getElementById('picker').hidden")
     assert page.evaluate("document.activeElement.id") == "signals"
     assert page.errors == []
+
+
+def test_phases_and_events_stand_above_the_seek_bar_and_lead_there(shown, docked):
+    page = shown(docked, fragment="#t=0&play=0")
+    names = "[...document.querySelectorAll('#events .phase')].map((span) => span.textContent)"
+    assert page.evaluate(names) == ["approach", "carry", "part"]
+    captured = next(event["time_s"] for event in docked.summary["events"] if event["kind"] == "captured")
+    tick = "document.querySelector('#events .tick[title^=\"left captured\"]')"
+    page.evaluate(f"{tick}.click()")
+    assert float(page.evaluate("document.body.dataset.time")) == pytest.approx(captured, abs=1e-3)
+    assert page.evaluate("document.querySelector('#readout .phase').textContent") == "carry"
+    found = page.evaluate(f"((box) => box.left + box.width / 2)({tick}.getBoundingClientRect())")
+    left, right, _ = page.evaluate(SCRUB)
+    span = right - left - 16  # the knob's centre stands half its width inside
+    assert found == pytest.approx(left + 8 + captured / docked.data.time.values[-1] * span, abs=1.5)
+    assert page.errors == []
+
+
+def test_a_result_without_events_has_no_strip(shown, paper):
+    assert shown(paper).evaluate("document.getElementById('events').hidden")

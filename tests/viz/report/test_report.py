@@ -23,7 +23,7 @@ def comparison(paper, blind):
 
 def test_it_holds_every_section_that_applies(comparison, paper):
     named = re.findall(r'<section id="(\w+)">', comparison)
-    assert named == [section.name for section in SECTIONS if section.name != "warnings"]
+    assert named == [section.name for section in SECTIONS if section.name not in ("warnings", "events")]
     assert comparison.count("data:image/svg+xml") == 3 + 2 * 5
     for assumption in paper.summary["assumptions"]:
         assert assumption.split("'")[0] in comparison
@@ -79,6 +79,12 @@ def test_a_diverged_result_says_so_first(diverged):
     text = report_page(diverged, sections=SECTIONS[:2])
     assert "diverged after 0.42 s of 10 s" in text
     assert text.index('id="warnings"') < text.index('id="run"')
+
+
+def test_events_have_a_table_where_there_are_any(docked, paper):
+    rows = re.findall(r"<td>left ([^<]*)</td>", report(docked))
+    assert [row for row in rows if row in ("captured", "released")] == ["captured", "released"]
+    assert 'id="events"' not in report(paper)
 
 
 def test_others_may_add_sections(paper):
