@@ -10,11 +10,13 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 demo: $(VENV)/installed  ## Run the main jobs: a docking, and the paper's scenario, from URDF to a result
 	$(BIN)/spacerobot run docking --out out/docking
+	$(BIN)/spacerobot animate out/docking --html out/docking/docking.html
+	$(BIN)/spacerobot report out/docking
 	$(BIN)/spacerobot run paper --out out/paper
-	$(BIN)/spacerobot animate out/paper --html out/paper/docking.html
+	$(BIN)/spacerobot animate out/paper --html out/paper/paper.html
 	$(BIN)/spacerobot report out/paper
 	@echo
-	@echo "Open out/paper/docking.html to see it move, out/paper/report.html to read about it."
+	@echo "Open out/docking/docking.html and out/paper/paper.html to see them move, report.html beside each to read about it."
 
 test: $(VENV)/installed-all  ## Pass the tests
 	$(BIN)/python -m pytest -n auto
