@@ -5,17 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import Any, Protocol
 
 import numpy as np
 
 from spacerobot.rollout.grid import ROUNDING, TimeGrid
+from spacerobot.rollout.kernel import Kernel
 from spacerobot.rollout.protocol import Array
 from spacerobot.rollout.raw import CHATTERING, COINCIDENT, COMPLETED, DIVERGED, ENDED, GRAZING
 from spacerobot.rollout.segments import HERE, Plan, Segment, segments
-
-if TYPE_CHECKING:
-    from spacerobot.rollout.interpreted import InterpretedEngine
 
 TOLERANCE, TOGETHER = 1e-12, 1e-9
 """Of an event's time; times within which two events may change places [s]."""
@@ -28,6 +26,17 @@ MARGIN = 0.05
 
 SECANTS, TRIES, BURST = 8, 60, 100
 """Lengths tried at peaks, or before they are halved; in all; events in a step that are not yet chattering."""
+
+
+class Stepper(Protocol):
+    """What evaluates steps of a kernel."""
+
+    @property
+    def kernel(self) -> Kernel:
+        """The kernel."""
+
+    def steps(self, n: int, estimate: bool) -> Any:
+        """Function of so many steps, ``(x, t, h, dt, dh, c) -> (x, m, error)``."""
 
 
 @dataclass(frozen=True)
@@ -114,7 +123,7 @@ class HybridRun:
         Whether errors of steps are estimated.
     """
 
-    engine: InterpretedEngine
+    engine: Stepper
     grid: TimeGrid
     x: Array
     c: Array
