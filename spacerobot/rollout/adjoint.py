@@ -42,19 +42,12 @@ def adjoint_kernel(kernel: Kernel, wrt: Sequence[int]) -> Kernel:
     """
     sizes = {name: kernel.size("dynamics", name) for name in ("x", "c", "m")}
     t, x, c = ca.SX.sym("t"), ca.SX.sym("x", sizes["x"]), ca.SX.sym("c", sizes["c"])
-    p = ca.SX.sym("p", kernel.size("setup", "p"))
-    wanted = p[list(wrt)]
-    x0, c0 = kernel.functions["setup"](p)
-    reached = sorted(set(ca.jacobian_sparsity(c0, wanted).row()))
+    ends, reached = _ends_reverse(kernel, wrt)
     constants = c[reached]
     at = {"t": t, "x": x, "c": c}
-    xbar, cbar = ca.SX.sym("xbar", sizes["x"]), ca.SX.sym("cbar", len(reached))
     xdot, m = kernel.functions["dynamics"](t, x, c)
     final = ca.SX(kernel.functions["final"](t, x, c))
-    r = ca.SX.sym("r", kernel.size("objective", "r"))
-    cost = ca.SX(kernel.functions["objective"](r, p))
-    normal = kernel.functions["normalise"](x)
-
+    normal, nbar = kernel.functions["normalise"](x), ca.SX.sym("nbar", sizes["x"])
     bars = tuple(reached.index(jump) if jump in reached else -1 for jump in kernel.jumps)
     moving = t if max(bars, default=-1) >= 0 or kernel.events else ca.SX(0, 1)
 
@@ -62,26 +55,17 @@ def adjoint_kernel(kernel: Kernel, wrt: Sequence[int]) -> Kernel:
         seed = ca.SX.sym(bar, value.numel())
         parts = {"xbar": x, "cbar": constants, "tbar": time}
         back = _transposed(value, ca.vertcat(*parts.values()), seed)
-        ends = np.cumsum([0, *(part.numel() for part in parts.values())])
-        split = {n: back[int(a) : int(b)] for n, a, b in zip(parts, ends[:-1], ends[1:], strict=True)}
+        cuts = np.cumsum([0, *(part.numel() for part in parts.values())])
+        split = {n: back[int(a) : int(b)] for n, a, b in zip(parts, cuts[:-1], cuts[1:], strict=True)}
         return sx_function(name, {**at, **given, bar: seed}, split)
 
-    nbar, jbar = ca.SX.sym("nbar", sizes["x"]), ca.SX.sym("Jbar", cost.numel())
-    toward = _transposed(cost, ca.vertcat(r, wanted), jbar)
-    back = _transposed(ca.vertcat(x0, c0[reached]), wanted, ca.vertcat(xbar, cbar))
-    functions = dict(kernel.functions) | {
+    functions = {**kernel.functions, **ends} | {
         "dynamics_reverse": reverse("dynamics_reverse", xdot, "vbar", moving),
         "peaks_reverse": reverse("peaks_reverse", m, "mbar", moving),
         "final_reverse": reverse("final_reverse", final, "ebar", t if kernel.events else ca.SX(0, 1)),
         "normalise_reverse": sx_function(
             "normalise_reverse", {"x": x, "nbar": nbar}, {"xbar": _transposed(normal, x, nbar)}
         ),
-        "objective_reverse": sx_function(
-            "objective_reverse",
-            {"r": r, "p": p, "Jbar": jbar},
-            {"rbar": toward[: r.numel()], "pbar": toward[r.numel() :]},
-        ),
-        "setup_reverse": sx_function("setup_reverse", {"p": p, "xbar": xbar, "cbar": cbar}, {"pbar": back}),
     }
     if kernel.events:
         e = ca.SX.sym("e")
@@ -90,6 +74,24 @@ def adjoint_kernel(kernel: Kernel, wrt: Sequence[int]) -> Kernel:
         functions["guards_reverse"] = reverse("guards_reverse", guards, "gbar", t)
         functions["update_reverse"] = reverse("update_reverse", after, "after_bar", t, e=e)
     return replace(kernel, functions=functions, jump_bars=bars)
+
+
+def _ends_reverse(kernel: Kernel, wrt: Sequence[int]) -> tuple[dict[str, ca.Function], list[int]]:
+    """Reverse of setup and objective, and the places of the prepared constants that parameters reach."""
+    p, r = ca.SX.sym("p", kernel.size("setup", "p")), ca.SX.sym("r", kernel.size("objective", "r"))
+    wanted = p[list(wrt)]
+    x0, c0 = kernel.functions["setup"](p)
+    reached = sorted(set(ca.jacobian_sparsity(c0, wanted).row()))
+    xbar, cbar = ca.SX.sym("xbar", x0.numel()), ca.SX.sym("cbar", len(reached))
+    cost = ca.SX(kernel.functions["objective"](r, p))
+    jbar = ca.SX.sym("Jbar", cost.numel())
+    toward = _transposed(cost, ca.vertcat(r, wanted), jbar)
+    back = _transposed(ca.vertcat(x0, c0[reached]), wanted, ca.vertcat(xbar, cbar))
+    bars = {"rbar": toward[: r.numel()], "pbar": toward[r.numel() :]}
+    return {
+        "objective_reverse": sx_function("objective_reverse", {"r": r, "p": p, "Jbar": jbar}, bars),
+        "setup_reverse": sx_function("setup_reverse", {"p": p, "xbar": xbar, "cbar": cbar}, {"pbar": back}),
+    }, reached
 
 
 def _transposed(value: ca.SX, variables: ca.SX, seed: ca.SX) -> ca.SX:

@@ -99,7 +99,7 @@ def build_kernel(
         What integrates.
     """
     measures = measures or Measures(Signals.of(loop), {})
-    nx, names = loop.dynamics.numel_in(1), loop.outputs.name_out()
+    nx = loop.dynamics.numel_in(1)
     integrals = measures.of_kind("integral")
     count = sum(e.numel() for e in integrals.values())
     p, t = ca.SX.sym("p", len(loop.parameter_paths)), ca.SX.sym("t")
@@ -107,8 +107,7 @@ def build_kernel(
     used = _used_parameters(measures)
     prepared, chosen = ca.SX.sym("c", loop.setup.numel_out(1)), ca.SX.sym("p", len(used))
     x, c = ca.vertcat(state, sums), ca.vertcat(prepared, chosen)
-    y = _as_list(loop.outputs(t, state, prepared))
-    signals = measures.signals
+    y, signals = _as_list(loop.outputs(t, state, prepared)), measures.signals
     symbols = [signals.t, signals.x, *signals.outputs.values(), *[signals.parameters[path] for path in used]]
     values = [t, state, *y, *ca.vertsplit(chosen)]
 
@@ -117,8 +116,7 @@ def build_kernel(
         return ca.substitute([stack], symbols, values)[0] if stack.numel() else stack
 
     xdot = ca.vertcat(loop.dynamics(t, state, prepared), stacked(integrals))
-    at = {"t": t, "x": x, "c": c}
-    peaks = stacked(measures.of_kind("peak"))
+    at, peaks = {"t": t, "x": x, "c": c}, stacked(measures.of_kind("peak"))
     functions = {
         "setup": _setup(loop, p, count, used),
         "dynamics": sx_function("dynamics", at, {"xdot": xdot, "m": peaks}),
@@ -129,14 +127,13 @@ def build_kernel(
     if loop.events:
         functions |= _hybrid(loop, at, state, sums, prepared)
     functions["objective"], costs = _objective(measures, loop.parameter_paths, p)
-    sizes = {name: loop.outputs.numel_out(name) for name in names}
     return Kernel(
         functions,
         nx,
         count,
         peaks.numel(),
         _scale(loop, count),
-        slices(sizes),
+        slices({name: loop.outputs.numel_out(name) for name in loop.outputs.name_out()}),
         slices(measures.sizes),
         costs,
         Closure(loop.gaps, loop.max_gaps),
