@@ -82,9 +82,9 @@ def test_a_diverged_result_says_so_first(diverged):
 
 
 def test_events_have_a_table_where_there_are_any(docked, paper):
-    rows = re.findall(r"<td>left ([^<]*)</td>", report(docked))
+    rows = re.findall(r"<td>left ([^<]*)</td>", report_page(docked))
     assert [row for row in rows if row in ("captured", "released")] == ["captured", "released"]
-    assert 'id="events"' not in report(paper)
+    assert 'id="events"' not in report_page(paper)
 
 
 def test_others_may_add_sections(paper):
