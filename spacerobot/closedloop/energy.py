@@ -21,9 +21,9 @@ from spacerobot.scene import Scene
 from spacerobot.symbolic import Plant
 
 WORKS: dict[str, tuple[Literal["in", "out"], str]] = {
-    "actuator": ("in", "work put in by the actuators since the start"),
-    "joint": ("out", "work taken by the joints' resistance since the start"),
-    "grasp": ("out", "work taken by the grips' dampers since the start"),
+    "actuator": ("in", "work put in by actuators since the start"),
+    "joint": ("out", "work taken by joints since the start"),
+    "grasp": ("out", "work taken by grips since the start"),
     "constraint": ("in", "work put in by rigid grasps since the start"),
 }
 """Works that every closed loop books, whether or not something contributes to them."""

@@ -34,7 +34,7 @@ def works_of(data: xr.Dataset) -> list[xr.DataArray]:
 
 
 def work_text(work: xr.DataArray) -> str:
-    """What a work is, as a legend says it: ``put in by the actuators``."""
+    """What a work is, as a legend says it: ``put in by actuators``."""
     return str(work.attrs["long_name"]).removeprefix("work ").removesuffix(" since the start")
 
 
