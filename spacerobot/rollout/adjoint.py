@@ -105,6 +105,10 @@ class AdjointEngine(Protocol):
     """Evaluates costs and their gradients."""
 
     @property
+    def kernel(self) -> Kernel:
+        """The kernel, with its reverse functions."""
+
+    @property
     def backend(self) -> str:
         """``compiled`` or ``interpreted``."""
 

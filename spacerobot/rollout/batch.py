@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Protocol, TypedDict
 
 import numpy as np
 
@@ -14,7 +14,6 @@ from spacerobot.compiled import usable_cores
 from spacerobot.rollout.adjoint import AdjointEngine
 from spacerobot.rollout.engines import Engine, StopFlag
 from spacerobot.rollout.grid import TimeGrid
-from spacerobot.rollout.kernel import Kernel
 from spacerobot.rollout.protocol import Array
 from spacerobot.rollout.raw import MOST_EVENTS, Raw
 
@@ -54,6 +53,46 @@ class Stop(Protocol):
 Progress = Callable[[Report], object]
 
 
+class Controls(TypedDict, total=False):
+    """Keyword arguments of what runs on threads; see :class:`Control`."""
+
+    threads: int | None
+    progress: Progress | None
+    stop: Stop | None
+
+
+@dataclass(frozen=True)
+class Control:
+    """On how many threads something runs, who is told, and who may cancel it.
+
+    Attributes
+    ----------
+    threads
+        How many; one for each usable core if None. Results do not depend on it, not even by a bit.
+    progress
+        Called now and then with what is done; the rest is left out if it returns False.
+    stop
+        Event (``threading.Event``) that cancels when set.
+    """
+
+    threads: int | None = None
+    progress: Progress | None = None
+    stop: Stop | None = None
+
+    def on(self, backend: str) -> Control:
+        """The same with the number of threads that a backend takes."""
+        count = 1 if backend == "interpreted" else max(1, self.threads or usable_cores())
+        return replace(self, threads=count)
+
+
+@dataclass(frozen=True)
+class Samples:
+    """What is sampled of each rollout: outputs by their places in y, and the states if asked for."""
+
+    rows: Sequence[int] = ()
+    states: bool = False
+
+
 @dataclass(frozen=True)
 class Done:
     """What :func:`run_batch` returns: arrays, threads used and time taken in s."""
@@ -84,46 +123,36 @@ def run_batch(
     grid: TimeGrid,
     p: Callable[[slice], Array],
     total: int,
-    rows: Sequence[int],
-    states: bool,
-    threads: int | None,
-    progress: Progress | None,
-    stop: Stop | None,
+    samples: Samples,
+    control: Control,
 ) -> Done:
-    """Roll out ``total`` rows of parameters, recording outputs ``rows``, on some threads.
+    """Roll out ``total`` rows of parameters on some threads.
 
     Every group of lanes does the same arithmetic wherever it runs, so results depend neither on threads nor
     on N. ``p`` gives the full rows (n, np) of a piece when its turn comes: all at once may be too many.
     """
-    raw, flag = Raw.empty(engine.kernel, grid, total, states, rows), StopFlag()
+    raw, flag = Raw.empty(engine.kernel, grid, total, samples.states, samples.rows), StopFlag()
 
     def work(piece: slice) -> int:
         given, part = p(piece), raw.part(piece)
-        engine.rollouts(given, grid, part, rows, flag)
+        engine.rollouts(given, grid, part, samples.rows, flag)
         part.judge_start(engine.kernel.closure, given)
         return raw.count(piece)
 
-    count = _threads(engine.backend, threads)
-    pieces = fair_pieces(total, engine.lanes, max(1, TASK_STEPS // grid.steps), count)
-    seconds = run_tasks(work, pieces, total, count, flag, progress, stop)
+    control = control.on(engine.backend)
+    pieces = fair_pieces(total, engine.lanes, max(1, TASK_STEPS // grid.steps), control.threads or 1)
+    seconds = run_tasks(work, pieces, total, flag, control)
     raw.cost[~raw.completed] = np.nan
-    return Done(raw, count, seconds)
+    return Done(raw, control.threads or 1, seconds)
 
 
 def run_gradients(
-    engine: AdjointEngine,
-    kernel: Kernel,
-    grid: TimeGrid,
-    p: Array,
-    seed: Array,
-    size: int,
-    threads: int | None,
-    progress: Progress | None,
-    stop: Stop | None,
+    engine: AdjointEngine, grid: TimeGrid, p: Array, seed: Array, control: Control
 ) -> tuple[Raw, Array]:
-    """Costs of every row of p (N, np), and gradients (N, size) of their sum weighted by ``seed`` (N, nj)."""
+    """Costs of every row of p (N, np), and gradients (N, k) of their sum weighted by ``seed`` (N, nj)."""
+    kernel, control = engine.kernel, control.on(engine.backend)
     raw, flag = Raw.empty(kernel, grid, len(p), False, ()), StopFlag()
-    gradient = np.full((len(p), size), np.nan)
+    gradient = np.full((len(p), kernel.size("setup_reverse", "pbar")), np.nan)
 
     def work(piece: slice) -> int:
         part = raw.part(piece)
@@ -131,15 +160,11 @@ def run_gradients(
         part.judge_start(kernel.closure, p[piece])
         return raw.count(piece)
 
-    count = _threads(engine.backend, threads)
-    run_tasks(work, fair_pieces(len(p), engine.lanes, 1, count), len(p), count, flag, progress, stop)
+    pieces = fair_pieces(len(p), engine.lanes, 1, control.threads or 1)
+    run_tasks(work, pieces, len(p), flag, control)
     lost = ~raw.completed
     raw.cost[lost], gradient[lost] = np.nan, np.nan
     return raw, gradient
-
-
-def _threads(backend: str, wanted: int | None) -> int:
-    return 1 if backend == "interpreted" else max(1, wanted or usable_cores())
 
 
 def fair_pieces(total: int, lanes: int, longest: int, threads: int) -> Iterator[slice]:
@@ -169,10 +194,8 @@ def run_tasks(
     work: Callable[[slice], int],
     pieces: Iterator[slice],
     total: int,
-    threads: int,
     flag: StopFlag,
-    progress: Progress | None,
-    stop: Stop | None,
+    control: Control,
 ) -> float:
     """Call ``work`` on pieces of ``range(total)`` from threads; the time taken in s.
 
@@ -182,13 +205,12 @@ def run_tasks(
         Does one piece, and returns how many rows of it it did.
     pieces, total
         The pieces in order, and rows in all.
-    threads
-        How many.
     flag
         Set when the rest shall be left out; pieces that run then leave early.
-    progress, stop
-        As for ``Rollout.batch``.
+    control
+        How many threads, who is told, and who may cancel.
     """
+    threads, progress, stop = control.threads or 1, control.progress, control.stop
     begin_s = time.perf_counter()
     done = 0
     with ThreadPoolExecutor(threads) as pool:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
-from typing import Literal
+from dataclasses import dataclass, replace
+from typing import Literal, TypedDict, Unpack
 
 from spacerobot.compiled import NO_COMPILER, find_toolchain
 from spacerobot.errors import CompileError, SpaceRobotError
@@ -20,25 +20,23 @@ from spacerobot.rollout.step import StepChoice
 Backend = Literal["auto", "compiled", "interpreted"]
 
 
-def build_rollout(
-    loop: ClosedLoopFunctions,
-    *,
-    duration_s: float,
-    step_s: float | None = None,
-    output_step_s: float | None = None,
-    tolerance: float = TOLERANCE,
-    measures: Measures | None = None,
-    method: str = DEFAULT,
-    backend: Backend = "auto",
-    many: bool = False,
-    progress: Callable[[str], None] | None = None,
-) -> Rollout:
-    """Make a closed loop ready to run: slow the first time (it compiles), quick from the cache.
+class Options(TypedDict, total=False):
+    """Keyword arguments of :func:`build_rollout`; see :class:`Settings`."""
 
-    Parameters
+    step_s: float | None
+    output_step_s: float | None
+    tolerance: float
+    method: str
+    backend: Backend
+    many: bool
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How rollouts are integrated and sampled, and by what.
+
+    Attributes
     ----------
-    loop, duration_s
-        The closed loop, and for how long it runs.
     step_s
         Longest step; it is taken a little shorter where it does not divide the output step. If None, it is
         chosen by :func:`choose_step`, and ``rollout.choice`` tells its error.
@@ -47,16 +45,48 @@ def build_rollout(
         the step is to be chosen.
     tolerance
         Error that a chosen step shall keep to.
-    measures
-        What to reduce each rollout to.
     method
         Name of the numerical method, one of ``METHODS``.
     backend
         ``auto`` compiles where a compiler is found and works, and interprets elsewhere.
     many
         Whether what batches need is compiled now, instead of what a single rollout needs.
+    """
+
+    step_s: float | None = None
+    output_step_s: float | None = None
+    tolerance: float = TOLERANCE
+    method: str = DEFAULT
+    backend: Backend = "auto"
+    many: bool = False
+
+    def sample_s(self, duration_s: float) -> float | None:
+        """Longest time between samples; None where each step is one."""
+        chosen = self.step_s is None and self.output_step_s is None
+        return duration_s / 100 if chosen else self.output_step_s
+
+
+def build_rollout(
+    loop: ClosedLoopFunctions,
+    *,
+    duration_s: float,
+    measures: Measures | None = None,
+    progress: Callable[[str], None] | None = None,
+    **options: Unpack[Options],
+) -> Rollout:
+    """Make a closed loop ready to run: slow the first time (it compiles), quick from the cache.
+
+    Parameters
+    ----------
+    loop, duration_s
+        The closed loop, and for how long it runs.
+    measures
+        What to reduce each rollout to.
     progress
         Called with a few words while something is compiled, also later, and before each pilot rollout.
+    **options
+        ``step_s``, ``output_step_s``, ``tolerance``, ``method``, ``backend`` and ``many``, as
+        :class:`Settings` has them.
 
     Raises
     ------
@@ -67,16 +97,17 @@ def build_rollout(
     SpaceRobotError
         A duration or a step is not positive, or there is no such method.
     """
-    sample_s = duration_s / 100 if step_s is None and output_step_s is None else output_step_s
+    settings = Settings(**options)
+    sample_s, step_s = settings.sample_s(duration_s), settings.step_s
     grid = time_grid(duration_s, sample_s or duration_s if step_s is None else step_s, sample_s)
-    if method not in METHODS:
-        raise SpaceRobotError(f"method '{method}', allowed: {', '.join(METHODS)}")
-    kernel = build_kernel(loop, measures, METHODS[method])
-    engines, fallback = _engines(kernel, backend, many, progress)
+    if settings.method not in METHODS:
+        raise SpaceRobotError(f"method '{settings.method}', allowed: {', '.join(METHODS)}")
+    kernel = build_kernel(loop, measures, METHODS[settings.method])
+    engines, fallback = _engines(kernel, settings.backend, settings.many, progress)
     rollout = Rollout(loop, kernel, grid, engines, fallback)
     if step_s is not None:
         return rollout
-    choice = rollout.choose_step(tolerance, progress=progress)
+    choice = rollout.choose_step(settings.tolerance, progress=progress)
     grid = time_grid(duration_s, choice.step_s, sample_s)
     return replace(rollout, grid=grid, choice=choice)
 
@@ -85,18 +116,15 @@ def choose_step(
     loop: ClosedLoopFunctions,
     *,
     duration_s: float,
-    output_step_s: float | None = None,
-    tolerance: float = TOLERANCE,
     parameters: Parameters = None,
-    method: str = DEFAULT,
-    backend: Backend = "auto",
+    **options: Unpack[Options],
 ) -> StepChoice:
     """Largest step whose error keeps to a tolerance, found by step doubling on pilot rollouts.
 
     Parameters
     ----------
-    loop, duration_s, output_step_s, tolerance, method, backend
-        As for :func:`build_rollout`.
+    loop, duration_s, **options
+        As for :func:`build_rollout`; ``step_s`` has no meaning here.
     parameters
         As for :meth:`Rollout.values`.
 
@@ -105,16 +133,10 @@ def choose_step(
     DivergedError
         No step keeps to the tolerance.
     """
-    sample_s = output_step_s or duration_s / 100
-    rollout = build_rollout(
-        loop,
-        duration_s=duration_s,
-        step_s=sample_s,
-        output_step_s=sample_s,
-        method=method,
-        backend=backend,
-    )
-    return rollout.choose_step(tolerance, parameters)
+    sample_s = options.get("output_step_s") or duration_s / 100
+    options["step_s"] = options["output_step_s"] = sample_s
+    tolerance = options.get("tolerance", TOLERANCE)
+    return build_rollout(loop, duration_s=duration_s, **options).choose_step(tolerance, parameters)
 
 
 def _engines(

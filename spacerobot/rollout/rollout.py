@@ -6,6 +6,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Unpack
 
 import numpy as np
 import numpy.typing as npt
@@ -13,7 +14,7 @@ import numpy.typing as npt
 from spacerobot.errors import SpaceRobotError, near_names
 from spacerobot.notebook import html_table
 from spacerobot.rollout.assemble import batch_of, gradient_of, split, statuses, trajectory_of
-from spacerobot.rollout.batch import Progress, Stop, run_batch, run_gradients, run_one
+from spacerobot.rollout.batch import Control, Controls, Samples, run_batch, run_gradients, run_one
 from spacerobot.rollout.factory import Engines
 from spacerobot.rollout.grid import TimeGrid, time_grid
 from spacerobot.rollout.kernel import Kernel
@@ -191,9 +192,7 @@ class Rollout:
         *,
         outputs: Sequence[str] = (),
         states: bool = False,
-        threads: int | None = None,
-        progress: Progress | None = None,
-        stop: Stop | None = None,
+        **control: Unpack[Controls],
     ) -> Batch:
         """Many rollouts; costs and measures always, samples only where asked for.
 
@@ -207,12 +206,8 @@ class Rollout:
             Names of outputs to sample.
         states
             Whether to sample the states.
-        threads
-            How many; one for each usable core if None. Results do not depend on it, not even by a bit.
-        progress
-            Called now and then with what is done; the batch is cancelled if it returns False.
-        stop
-            Event (``threading.Event``) that cancels the batch when set.
+        **control
+            ``threads``, ``progress`` and ``stop``, as :class:`~spacerobot.rollout.batch.Control` has them.
 
         Raises
         ------
@@ -225,7 +220,7 @@ class Rollout:
         def p(piece: slice) -> Array:
             return self._filled(places, given[piece])
 
-        done = run_batch(engine, self.grid, p, len(given), rows, states, threads, progress, stop)
+        done = run_batch(engine, self.grid, p, len(given), Samples(rows, states), Control(**control))
         return batch_of(done.raw, engine, self.grid, outputs, done.threads, done.wall_s)
 
     def value_and_gradient(
@@ -250,7 +245,7 @@ class Rollout:
         SpaceRobotError
             A path or a cost does not exist, or there is no cost.
         """
-        found = self._gradients(self.values(parameters)[None, :], tuple(wrt), costs, False)
+        found = self._gradients(self.values(parameters)[None, :], tuple(wrt), costs, False, Control())
         return replace(
             found,
             costs={name: value[0] for name, value in found.costs.items()},
@@ -267,21 +262,19 @@ class Rollout:
         *,
         wrt: Sequence[str] | None = None,
         costs: Sequence[str] | None = None,
-        threads: int | None = None,
-        progress: Progress | None = None,
-        stop: Stop | None = None,
+        **control: Unpack[Controls],
     ) -> Gradient:
         """Costs and gradients of many rollouts, in lanes and threads; for searches with several starts.
 
         Parameters
         ----------
-        paths, values, threads, progress, stop
+        paths, values, **control
             As for :meth:`batch`.
         wrt, costs
             As for :meth:`value_and_gradient`; ``wrt`` is ``paths`` if None.
         """
         p = self.rows(paths, values)
-        return self._gradients(p, tuple(wrt or paths), costs, True, threads, progress, stop)
+        return self._gradients(p, tuple(wrt or paths), costs, True, Control(**control))
 
     def jacobian(
         self, parameters: Parameters = None, *, wrt: Sequence[str], outputs: Sequence[str] = ()
@@ -307,7 +300,7 @@ class Rollout:
         rows = range(engine.kernel.size("outputs", "y"))
         directions = np.hstack([np.tile(p, (len(wrt), 1)), np.eye(len(wrt))])
         count = len(directions)
-        raw = run_batch(engine, self.grid, directions.__getitem__, count, rows, False, None, None, None).raw
+        raw = run_batch(engine, self.grid, directions.__getitem__, count, Samples(rows), Control()).raw
         blocks, named = split(raw, engine.kernel, self.grid, outputs), engine.kernel.measures
         return Jacobian(
             paths=tuple(wrt),
@@ -324,15 +317,13 @@ class Rollout:
         values: npt.ArrayLike,
         *,
         wrt: Sequence[str] | None = None,
-        threads: int | None = None,
-        progress: Progress | None = None,
-        stop: Stop | None = None,
+        **control: Unpack[Controls],
     ) -> Slopes:
         """Measures of many rollouts and their exact derivatives, by forward sensitivities, lanes kept full.
 
         Parameters
         ----------
-        paths, values, threads, progress, stop
+        paths, values, **control
             As for :meth:`batch`.
         wrt
             Paths of the k parameters to differentiate with respect to; ``paths`` if None.
@@ -350,7 +341,7 @@ class Rollout:
             row, direction = np.divmod(np.arange(piece.start, piece.stop), k)
             return np.hstack([p[row], np.eye(k)[direction]])
 
-        done = run_batch(engine, self.grid, directions, k * len(p), (), False, threads, progress, stop)
+        done = run_batch(engine, self.grid, directions, k * len(p), Samples(), Control(**control))
         r = done.raw.r.reshape(len(p), k, -1)
         names, named = tuple(self.kernel.measures), engine.kernel.measures
         return Slopes(
@@ -368,9 +359,7 @@ class Rollout:
         wrt: tuple[str, ...],
         costs: Sequence[str] | None,
         many: bool,
-        threads: int | None = None,
-        progress: Progress | None = None,
-        stop: Stop | None = None,
+        control: Control,
     ) -> Gradient:
         """One row for each parameter set and cost."""
         begin = time.perf_counter()
@@ -384,9 +373,7 @@ class Rollout:
         rows = np.repeat(p, len(wanted), axis=0)
         weights = np.eye(len(self.kernel.costs))[[self.kernel.costs.index(name) for name in wanted]]
         seed = np.tile(weights, (len(p), 1))
-        raw, gradient = run_gradients(
-            engine, self.kernel, self.grid, rows, seed, len(wrt), threads, progress, stop
-        )
+        raw, gradient = run_gradients(engine, self.grid, rows, seed, control)
         found = gradient_of(raw, gradient, self.kernel, wrt, wanted)
         return replace(found, backend=engine.backend, wall_s=time.perf_counter() - begin)
 

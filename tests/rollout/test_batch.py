@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from spacerobot.errors import SpaceRobotError
 from spacerobot.rollout import Measures, Signals, build_rollout, final, integral, peak
-from spacerobot.rollout.batch import fair_pieces, run_batch, run_gradients
+from spacerobot.rollout.batch import Control, Samples, fair_pieces, run_batch, run_gradients
 
 PATHS = ("arm.kp", "arm.kd", "rotor.spin")
 GRID = {"duration_s": 2.0, "step_s": 0.01, "output_step_s": 0.2}
@@ -182,7 +182,7 @@ def test_a_population_keeps_every_thread_busy(rollout, values, rows, threads):
         pytest.skip("wider vectors than this population is for")
     engine, p = rollout.engines.batch, rollout.rows(PATHS, np.resize(values, (rows, 3)))
     meeting = Meeting(engine, threading.Barrier(threads, timeout=30), engine.kernel, engine.lanes, [])
-    done = run_batch(meeting, rollout.grid, p.__getitem__, rows, (), False, threads, None, None)
+    done = run_batch(meeting, rollout.grid, p.__getitem__, rows, Samples(), Control(threads))
     assert sum(meeting.sizes) == rows
     assert max(meeting.sizes) <= engine.lanes * -(-rows // (engine.lanes * threads))
     again = rollout.batch(PATHS, np.resize(values, (rows, 3)), threads=1)
@@ -195,7 +195,7 @@ def test_gradients_keep_every_thread_busy_and_no_bit_depends_on_it(rollout, valu
     threads = min(2, -(-rows // engine.lanes))
     meeting = Meeting(engine, threading.Barrier(threads, timeout=30), engine.kernel, engine.lanes, [])
     seed = np.ones((rows, 1))
-    _, found = run_gradients(meeting, rollout.kernel, rollout.grid, p, seed, 2, threads, None, None)
+    _, found = run_gradients(meeting, rollout.grid, p, seed, Control(threads))
     assert sum(meeting.sizes) == rows
     one = rollout.gradient_batch(PATHS, np.resize(values, (rows, 3)), wrt=PATHS[:2], threads=1)
     np.testing.assert_array_equal(found, one.gradients["sum"])
@@ -211,7 +211,7 @@ def test_an_error_in_a_thread_is_raised_and_the_rest_left_out(rollout, values):
     broken = Broken(engine, threading.Barrier(1), engine.kernel, engine.lanes, [])
     p = rollout.rows(PATHS, np.tile(values[:1], (20_000, 1)))
     with pytest.raises(OSError, match="no memory"):
-        run_batch(broken, rollout.grid, p.__getitem__, len(p), (), False, 2, None, None)
+        run_batch(broken, rollout.grid, p.__getitem__, len(p), Samples(), Control(2))
     assert len(broken.sizes) < 20
 
 
