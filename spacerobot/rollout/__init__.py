@@ -9,13 +9,15 @@ from spacerobot.rollout.measures import Measure, Measures, Signals, final, integ
 from spacerobot.rollout.protocol import ClosedLoopFunctions, EventRule
 from spacerobot.rollout.rollout import Rollout
 from spacerobot.rollout.step import StepChoice
-from spacerobot.rollout.trajectory import Batch, Gradient, Jacobian, Slopes, Trajectory
+from spacerobot.rollout.trajectory import Batch, BatchEvents, Fired, Gradient, Jacobian, Slopes, Trajectory
 
 __all__ = [
     "Backend",
     "Batch",
+    "BatchEvents",
     "ClosedLoopFunctions",
     "EventRule",
+    "Fired",
     "Gradient",
     "Jacobian",
     "Measure",
