@@ -202,6 +202,12 @@ def check_phases(phases: Phases, grasps: Mapping[str, Any], bodies: list[str]) -
                     f"phases.{name}.until.released: {grasp!r} never lets go; give it a `release`, or name it "
                     "in a phase's `releases`"
                 )
+    for grasp, section in grasps.items():
+        lets = any(phase.captures is None or grasp in phase.captures for phase in phases.values())
+        if section.begins == "open" and not lets:
+            raise ValueError(
+                f"grasps.{grasp}.capture: never holds, for no phase names {grasp!r} in `captures`"
+            )
     _check_reached(phases)
     _check_cycles(phases)
 

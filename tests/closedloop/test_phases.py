@@ -252,3 +252,10 @@ def test_numbers_of_a_phase_are_set_and_read_by_their_paths():
     assert loop.parameter_values[loop.index(path)] == 70
     assert unit_at(scene.scenario, path) == "N s/m"
     assert unit_at(scene.scenario, "phases.one.robots.two.tips.tip.reference.duration") == "s"
+
+
+def test_a_grasp_that_no_phase_lets_close_is_refused(tmp_path):
+    with pytest.raises(ScenarioError, match=r"grasps\.left\.capture: never holds, for no phase names 'left'"):
+        free_bodies(
+            tmp_path, FLAT, {"capture": {"distance": 0.1}, "kind": "weld"}, phases={"one": {"captures": []}}
+        )
