@@ -126,6 +126,8 @@ def _reached(finest: Trajectory, error: float, tolerance: float) -> str:
     """How far the pilot rollouts came, in words."""
     if finest.status == "diverged":
         return f"even with that one the rollout diverged, after {finest.diverged_at_s or 0:.3g} s"
+    if finest.status == "chattering":
+        return f"too many events come in too short a time, after {finest.diverged_at_s or 0:.3g} s"
     if error <= tolerance:
         return f"an error of {finest.step_error:.3g} was left in a single step"
     if np.isfinite(error):
@@ -148,7 +150,9 @@ def _lengthen(
 
 
 def _error(coarse: Trajectory, fine: Trajectory, order: int) -> float:
-    """Richardson's estimate of the error of the coarser one."""
+    """Richardson's estimate of the error of the coarser one, at the samples that both have."""
     scale = np.maximum(1.0, np.abs(fine.state).max(axis=0))
     shrink = (coarse.step_s / fine.step_s) ** order
-    return float((np.abs(coarse.state - fine.state) / scale).max() * shrink / (shrink - 1))
+    common = min(len(coarse.state), len(fine.state))  # an event may end them on either side of a sample
+    apart = np.abs(coarse.state[:common] - fine.state[:common])
+    return float((apart / scale).max() * shrink / (shrink - 1))

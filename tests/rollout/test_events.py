@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from spacerobot.rollout import build_rollout
+from spacerobot.errors import DivergedError
+from spacerobot.rollout import build_rollout, choose_step
 from spacerobot.rollout.methods import METHODS
 from tests.rollout.hybrid_loops import Hybrid, Rule, bouncing_ball, dwell, latch, spring_wall, two_balls
 
@@ -321,3 +322,12 @@ def test_a_loop_without_events_has_none(loop):
     rollout = build_rollout(loop, duration_s=1.0, step_s=0.05)
     assert rollout.run().events == ()
     assert rollout.batch(("arm.kp",), [[4.0]]).events is None
+
+
+def test_a_step_is_chosen_though_an_event_ends_rollouts_about_a_sample():
+    loop = latch()
+    ended = run(loop, 6.0, 0.001).ended_at_s
+    choice = choose_step(loop, duration_s=6.0, output_step_s=ended / 5, tolerance=1e-6)
+    assert choice.error < 1e-6
+    with pytest.raises(DivergedError, match="too many events come in too short a time, after"):
+        choose_step(bouncing_ball(), duration_s=3.0)
