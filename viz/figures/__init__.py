@@ -1,5 +1,6 @@
 """Figures: functions that return matplotlib figures, in one style, without a display."""
 
+from viz.figures.approach import approach
 from viz.figures.bands import Bands, bands, moving_components
 from viz.figures.bodies import base_motion, grip_forces, object_motion
 from viz.figures.campaign import Spread, distributions, robustness
@@ -17,6 +18,7 @@ __all__ = [
     "Bands",
     "Drawing",
     "Spread",
+    "approach",
     "bands",
     "base_motion",
     "contact_forces",

@@ -9,6 +9,7 @@ from pathlib import Path
 from spacerobot.errors import ResultError, near_names
 from spacerobot.files import write_bytes
 from spacerobot.result import Result, note_derived
+from viz.figures.approach import approach
 from viz.figures.bodies import base_motion, grip_forces, object_motion
 from viz.figures.contacts import contact_forces
 from viz.figures.docking import docking
@@ -59,6 +60,10 @@ def _may_touch(result: Result) -> bool:
     return "contact" in result.data.dims
 
 
+def _is_caught(result: Result) -> bool:
+    return any(grasp.begins == "open" for grasp in result.scenario.grasps.values())
+
+
 def _has_target(result: Result) -> bool:
     return result.scenario.target is not None
 
@@ -69,6 +74,12 @@ KINDS = (
     Kind("tip_errors", "Tip errors (Fig. 7 and 10)", tip_errors, True, _has_tips),
     Kind("orientation_errors", "Orientation errors of tips", orientation_errors, True, _controls_orientation),
     Kind("docking", "The docking, frame by frame (Fig. 8)", docking),
+    Kind(
+        "approach",
+        "The approach: lateral error and speeds over the distance to go",
+        approach,
+        applies=_is_caught,
+    ),
     Kind("base_motion", "Motion of the bases", base_motion),
     Kind(
         "joints", "Joint angles and actuator torques", joints, applies=lambda r: bool(r.data.sizes["joint"])

@@ -20,6 +20,7 @@ from spacerobot.simulation import simulate
 from tests.oracles import one_arm
 from viz.figures import (
     KINDS,
+    approach,
     base_motion,
     convergence,
     data_profiles,
@@ -42,7 +43,7 @@ from viz.figures.style import drawn_for, labels_of, to_bytes
 from viz.figures.tips import enlargement
 from viz.page.signals import quantities
 
-UNIT = re.compile(r"\[(m|mm|s|deg|N|N m|N s|N m s|J|%|rollouts)\]$")
+UNIT = re.compile(r"\[(m|mm|mm/s|s|deg|N|N m|N s|N m s|J|%|rollouts)\]$")
 PURE = {"relative to the largest"}
 """What has no unit."""
 
@@ -62,7 +63,7 @@ def _check_units(figure):
             assert told or not any(tick.get_visible() for tick in axis.get_ticklabels()), label
 
 
-@pytest.mark.parametrize("name", ["paper", "spatial", "diverged"])
+@pytest.mark.parametrize("name", ["paper", "spatial", "diverged", "docked"])
 def test_every_axis_has_a_unit_and_every_figure_draws(name, request):
     result = request.getfixturevalue(name)
     drawn = list(draw_all(result))
@@ -216,6 +217,25 @@ def test_joints_and_grips_are_the_results(paper):
     np.testing.assert_allclose(drawn, paper.data.joint_torque.values[:, 8:].T)
     force = _lines(grip_forces(paper), "grasp left, force")["x"][:, 1]
     np.testing.assert_allclose(force, paper.data.grasp_force.sel(grasp="left", axis="x"))
+
+
+def test_an_approach_ends_in_its_envelope_with_the_velocity_of_the_capture(docked, paper):
+    captured = next(event for event in docked.summary["events"] if event["kind"] == "captured")
+    figure = approach(docked)
+    ends = {
+        text: _lines(figure, text)["grasp left"][-1]
+        for text in ("lateral error", "closing speed", "lateral speed")
+    }
+    assert np.hypot(*ends["lateral error"]) == pytest.approx(50, abs=1e-4)
+    speeds = [ends["closing speed"][1], ends["lateral speed"][1]]
+    assert np.hypot(*speeds) == pytest.approx(1e3 * np.linalg.norm(captured["relative_velocity_m_s"]))
+    to_go, lateral = _lines(figure, "lateral error")["grasp left"].T
+    apart = np.linalg.norm(docked.data.grasp_gap.sel(grasp="left").values, axis=1)
+    np.testing.assert_allclose(np.hypot(to_go, lateral)[:-1], 1e3 * apart[: len(to_go) - 1])
+    closing = _lines(figure, "closing speed")["grasp left"][:, 1]
+    rates = -np.diff(to_go)[:-1] / np.diff(docked.data.time.values[: len(to_go) - 1])
+    np.testing.assert_allclose(rates, ((closing[1:] + closing[:-1]) / 2)[:-1], atol=1e-3)
+    assert "approach" not in [name for name, _, _ in draw_all(paper)]
 
 
 def test_the_ledgers_drift_is_the_summarys(paper):

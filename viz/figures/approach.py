@@ -1,0 +1,172 @@
+"""The approach of tips that are to catch something: the corridor they come in by, and how fast."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from matplotlib.axes import Axes
+from matplotlib.patches import Ellipse, Rectangle
+
+from spacerobot.arrays import Array
+from spacerobot.elements.capture import Capture
+from spacerobot.result import Result
+from spacerobot.result.events import relative_velocity
+from spacerobot.scene import Scene, SceneGrasp
+from viz.figures.style import (
+    Drawing,
+    below_last,
+    is_narrow,
+    legend_above,
+    line,
+    panels,
+    shown_axes,
+    styled,
+)
+
+ENVELOPE = "#DCE3EA"
+_CLOSE = 2.5  # greatest distances of the widest envelope that the close view reaches
+
+
+class Approach(NamedTuple):
+    """How a tip comes to its mating frame, up to its first capture or to the end of the result.
+
+    Attributes
+    ----------
+    to_go, lateral
+        Distance to the mating frame along the axis of the capture and across it (n,) [m].
+    closing, sliding
+        Speed along the axis, towards the mating frame, and across it (n,) [m/s].
+    captured
+        Whether the last of them is the capture.
+    """
+
+    to_go: Array
+    lateral: Array
+    closing: Array
+    sliding: Array
+    captured: bool
+
+
+def approach_of(result: Result, scene: Scene, grasp: SceneGrasp, capture: Capture) -> Approach:
+    """Approach of a grasp that begins open.
+
+    All is seen from the mating frame, turned into its axes as configurations say: the gap is ``grasp_gap``,
+    its rate the velocity of the tip relative to the target's point at the tip, from configurations and
+    velocities. The axis is ``capture.axis``, signed so that the distance to go is positive at first. The last
+    row is at the capture's own time: the velocity as the event tells it, before the impact, and the gap that
+    it and the row before lead to.
+    """
+    data, time = result.data, result.data.time.values
+    told = (e for e in result.summary.get("events", ()) if (e["kind"], e["who"]) == ("captured", grasp.name))
+    event: Mapping[str, Any] | None = next(told, None)
+    rows = len(time) if event is None else max(1, int(np.searchsorted(time, event["time_s"])))
+    q, v = data.q.values, data.v.values
+    gap = data.grasp_gap.sel(grasp=grasp.name).values[:rows] * np.isin(data.axis.values, shown_axes(result))
+    velocity = np.array(
+        [relative_velocity(scene, grasp, np.hstack(x))[0] for x in zip(q[:rows], v[:rows], strict=True)]
+    )
+    turned = _mating_axes(scene, grasp, q[:rows])
+    gap, velocity = (np.einsum("tji,tj->ti", turned, part) for part in (gap, velocity))
+    if event is not None:
+        after = min(rows, len(time) - 1)
+        passed = event["time_s"] - time[rows - 1]
+        share = passed / ((time[after] - time[rows - 1]) or 1.0)
+        (then,) = _mating_axes(scene, grasp, [pin.interpolate(scene.model, q[rows - 1], q[after], share)])
+        velocity = np.vstack([velocity, then.T @ event["relative_velocity_m_s"]])
+        gap = np.vstack([gap, gap[-1] + passed * (velocity[-2] + velocity[-1]) / 2])
+    axis = np.array(capture.axis) / np.linalg.norm(capture.axis)
+    axis *= 1.0 if gap[0] @ axis <= 0 else -1.0
+    to_go, closing = -gap @ axis, velocity @ axis
+    lateral, sliding = (
+        np.linalg.norm(part - np.outer(size, axis), axis=1)
+        for part, size in ((gap, -to_go), (velocity, closing))
+    )
+    return Approach(to_go, lateral, closing, sliding, event is not None)
+
+
+def _mating_axes(scene: Scene, grasp: SceneGrasp, q: Iterable[Array]) -> Array:
+    """Rotations (nt, 3, 3) of a mating frame to the world."""
+    model, data = scene.model, scene.model.createData()
+    found = []
+    for configuration in q:
+        pin.framesForwardKinematics(model, data, configuration)
+        found.append(data.oMf[grasp.frame].rotation.copy())
+    return np.array(found)
+
+
+@styled
+def approach(result: Result) -> Drawing:
+    """Lateral error, closing and lateral speed over the distance to go, of each grasp that begins open.
+
+    From the start to the capture, a dot, or to the end where there is none; at the right once more, near the
+    mating frame. Shaded is the capture envelope: a ball about the mating frame, and in it speeds up to their
+    limits.
+    """
+    scene = result.scene()
+    grasps = [(g, g.config.capture) for g in scene.grasps if g.config.begins == "open" and g.config.capture]
+    captures = [capture for _, capture in grasps]
+    curves = [approach_of(result, scene, grasp, capture) for grasp, capture in grasps]
+    ends = [float(np.hypot(curve.to_go[-1], curve.lateral[-1])) for curve in curves]
+    reach = max((c.distance for c in captures if c.distance), default=max(ends)) * _CLOSE * 1e3
+    figure, axes = panels(len(_ROWS), 2)
+    for row, (name, (text, unit, key)) in zip(axes, _ROWS.items(), strict=True):
+        limits = [limit * 1e3 for c in captures if (limit := getattr(c, key)) is not None]
+        for panel in row:
+            for capture in captures:
+                _envelope(panel, capture, key)
+            for k, ((grasp, _), curve) in enumerate(zip(grasps, curves, strict=True)):
+                _curve(panel, curve, name, {**line(k), "label": f"grasp {grasp.name}"})
+            panel.set_xlabel("distance to go [mm]")
+            panel.set_ylabel(f"{text} [{unit}]")
+            panel.invert_xaxis()
+        row[0].set_title(text)
+        row[1].set_title(f"{text}, close")
+        row[1].set_xlim(reach, -reach / 2)
+        row[1].set_ylim(*_near(curves, name, reach, max(limits, default=np.inf)))
+    if not is_narrow():
+        below_last(axes)
+    legend_above(figure, axes[0, 0])
+    return figure
+
+
+_ROWS = {
+    "lateral": ("lateral error", "mm", "distance"),
+    "closing": ("closing speed", "mm/s", "closing_speed"),
+    "sliding": ("lateral speed", "mm/s", "lateral_speed"),
+}
+"""What is drawn: its name, its unit, and the limit of the envelope that it has."""
+
+
+def _curve(panel: Axes, curve: Approach, name: str, look: Mapping[str, Any]) -> None:
+    values = getattr(curve, name) * 1e3
+    panel.plot(curve.to_go * 1e3, values, **look)
+    if curve.captured:
+        dot: dict[str, Any] = {"color": look["color"], "markersize": 5, "linestyle": "", "zorder": 5}
+        panel.plot(curve.to_go[-1] * 1e3, values[-1], "o", label="captured", **dot)
+
+
+def _envelope(panel: Axes, capture: Capture, key: str) -> None:
+    """What a capture allows, where it limits it."""
+    limit = getattr(capture, key)
+    if limit is None:
+        return
+    look: dict[str, Any] = {"facecolor": ENVELOPE, "edgecolor": "#8796A5", "linewidth": 0.7, "zorder": 0.5}
+    look |= {"label": "capture envelope"}
+    half, high = (capture.distance or 1e3) * 1e3, limit * 1e3
+    if key == "distance":
+        panel.add_artist(Ellipse((0, 0), 2 * half, 2 * high, **look))
+    else:
+        panel.add_artist(Rectangle((-half, -high), 2 * half, 2 * high, **look))
+
+
+def _near(curves: Sequence[Approach], name: str, reach: float, limit: float) -> tuple[float, float]:
+    """Least and greatest value that the close view shows: what lies in it, and the envelope."""
+    close = [getattr(c, name)[np.abs(c.to_go) * 1e3 <= reach] * 1e3 for c in curves]
+    values = np.clip(np.concatenate([*close, [0.0]]), -_CLOSE * limit, _CLOSE * limit)
+    seen = limit if np.isfinite(limit) else 0.0
+    low, high = min(float(values.min()), -seen), max(float(values.max()), seen)
+    margin = 0.06 * (high - low) or 1.0
+    return (0.0 if name != "closing" else low - margin), high + margin
