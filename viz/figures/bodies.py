@@ -9,11 +9,13 @@ from matplotlib.axes import Axes
 
 from spacerobot.arrays import Array
 from spacerobot.result import Result
+from viz.figures.phases import mark_phases
 from viz.figures.style import (
     COLOURS,
     DASHES,
     Drawing,
     below_last,
+    is_narrow,
     labels_of,
     legend_above,
     legend_over,
@@ -64,7 +66,8 @@ def base_motion(result: Result) -> Drawing:
         row[0].set_title(f"base of {robot}, rotation")
         row[1].set_title(f"base of {robot}, translation")
         for panel in row:
-            legend_over(panel, columns=3)
+            mark_phases(panel, result, named=panel is axes[0, 0])
+            legend_over(panel, columns=3 if is_narrow() else 5)
     below_last(axes)
     return figure
 
@@ -106,6 +109,7 @@ def grip_forces(result: Result) -> Drawing:
                 values = data[variable].sel(grasp=grasp, axis=name).values * scale
                 panel.plot(data.time.values, values, **look, label=name)
             until(panel, result)
+            mark_phases(panel, result, named=panel is axes[0, 0])
             panel.set_title(f"grasp {grasp}, {text}")
             panel.set_ylabel(f"{text} [{unit}]")
             panel.set_xlabel("time [s]")

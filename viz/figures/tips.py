@@ -13,6 +13,7 @@ from matplotlib.ticker import NullFormatter
 from spacerobot.arrays import Array
 from spacerobot.paper import AXES, FIGURE_7_MM, FIGURE_10_MM
 from spacerobot.result import Result
+from viz.figures.phases import mark_phases
 from viz.figures.style import (
     DASHES,
     PAPER_FILL,
@@ -156,6 +157,9 @@ def _draw(results: Sequence[Result], error: _Error, names: Sequence[str]) -> Dra
             panel.label_outer()
         if several:
             _sizes(row[-1], results, error, tip)
+    if not several:
+        for panel in axes.flat:
+            mark_phases(panel, results[0], named=panel is axes[0, 0])
     below_last(axes)
     _limit(signed, results, error)
     legend_above(figure, axes[0, 0], columns=3)

@@ -238,6 +238,20 @@ def test_an_approach_ends_in_its_envelope_with_the_velocity_of_the_capture(docke
     assert "approach" not in [name for name, _, _ in draw_all(paper)]
 
 
+@pytest.mark.parametrize("draw", [tip_errors, grip_forces, base_motion])
+def test_phases_are_named_and_captures_marked_once_in_a_figure(draw, docked, paper):
+    figure = draw(docked)
+    phases = [text.get_text() for axes in figure.axes for text in axes.texts]
+    assert phases == ["approach", "carry", "part"]
+    captured = next(event for event in docked.summary["events"] if event["kind"] == "captured")
+    for axes in figure.axes:
+        marked = [line.get_xdata()[0] for line in axes.get_lines() if len(line.get_xdata()) == 2]
+        assert captured["time_s"] in marked
+    labels = [label for axes in figure.axes for label in axes.get_legend_handles_labels()[1]]
+    assert labels.count("captured") == labels.count("released") == 1
+    assert not [text for axes in draw(paper).axes for text in axes.texts]
+
+
 def test_the_ledgers_drift_is_the_summarys(paper):
     drawn = _lines(ledger(paper), "momentum drift, open energy")
     kept = paper.summary["ledger"]

@@ -1,0 +1,40 @@
+"""Phases and captures behind what is drawn over time."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any
+
+from matplotlib.axes import Axes
+
+from spacerobot.result import Result
+
+_SHADE, _TEXT = "#F1F3F6", "#7A8794"
+_MARKS = {"captured": "#4F8F77", "released": "#8C96A0", "slipped": "#B05A4A"}
+
+
+def phases_of(result: Result) -> list[tuple[str, float, float]]:
+    """Name, begin and end [s] of each phase in turn; none where the scenario has none."""
+    begun = [(name, 0.0) for name in list(result.scenario.phases)[:1]]
+    begun += [(e["who"], e["time_s"]) for e in result.summary.get("events", ()) if e["kind"] == "phase"]
+    ends = [*begun, ("", float(result.data.time.values[-1]))]
+    return [(name, begin, end) for (name, begin), (_, end) in pairwise(ends)]
+
+
+def mark_phases(axes: Axes, result: Result, *, named: bool = False) -> None:
+    """Shade every second phase, and mark where grasps close and let go; ``named`` says in words what is what.
+
+    Name them in one panel of a figure, before its legend is made.
+    """
+    for k, (name, begin, end) in enumerate(phases_of(result)):
+        if k % 2:
+            axes.axvspan(begin, end, color=_SHADE, linewidth=0, zorder=0)
+        if named:
+            place: dict[str, Any] = {"xytext": (1, -2), "textcoords": "offset points", "va": "top"}
+            look: dict[str, Any] = {"rotation": 90, "fontsize": 6.5, "color": _TEXT, "zorder": 1}
+            axes.annotate(name, (begin, 1.0), xycoords=("data", "axes fraction"), **place, **look)
+    for kind, colour in _MARKS.items():
+        times = {e["time_s"] for e in result.summary.get("events", ()) if e["kind"] == kind}
+        for k, time in enumerate(sorted(times)):
+            label = ("slipped off" if kind == "slipped" else kind) if named and k == 0 else None
+            axes.axvline(time, color=colour, linewidth=0.9, linestyle=(0, (1, 1.5)), zorder=1, label=label)
