@@ -150,7 +150,7 @@ class Frames:
     @cached_property
     def newtons(self) -> float:
         """Force of the longest arrow, N."""
-        return greatest_force(self.result, self.motion)
+        return greatest_force(self.result)
 
     def _say(self, panel: Axes, index: int) -> None:
         """Time, tip errors, what is drawn, and whether it ended here."""
@@ -163,7 +163,9 @@ class Frames:
             text = f"{tip} error {error:.2f} mm"
             panel.text(0.015, 0.89 - 0.055 * k, text, fontsize=9, color=COLOURS[k % 2], **at)
         drawn = "dashed: where bodies began" + (" and references of tips" if data.sizes["tip"] else "")
-        arrows = f"; arrows: grip forces, at most {self.newtons:.3g} N" if self.newtons > 0 else ""
+        kinds = [kind for kind in ("grasp", "contact") if data.sizes.get(kind)]
+        what = " and ".join(kinds).replace("grasp", "grip")
+        arrows = f"; arrows: {what} forces, at most {self.newtons:.3g} N" if self.newtons > 0 else ""
         panel.text(0.015, 0.045, drawn + arrows, fontsize=7.5, color="0.35", **at)
         if not self.result.completed and index == len(self) - 1:
             end: dict[str, Any] = {"ha": "center", "color": "#B00020", "fontsize": 20}

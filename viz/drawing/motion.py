@@ -218,11 +218,14 @@ def bounds(motion: Motion, *, farthest: float = 3.0) -> tuple[Array, Array]:
     return np.maximum(low.min(axis=0), low[0] - margin), np.minimum(high.max(axis=0), high[0] + margin)
 
 
-def greatest_force(result: Result, motion: Motion) -> float:
-    """Greatest grip force, N; of a diverged rollout, before its last instants."""
-    force = np.linalg.norm(result.data.grasp_force.values[motion.rows], axis=-1)
-    kept = force if result.completed else force[: max(1, int(0.8 * len(force)))]
-    return float(kept.max(initial=0.0))
+def greatest_force(result: Result) -> float:
+    """Greatest force of a grip or contact, N; of a diverged rollout, before its last instants."""
+    rows = len(result.data.time)
+    kept = rows if result.completed else max(1, int(0.8 * rows))
+    found = [
+        result.data[name].values[:kept] for name in ("grasp_force", "contact_force") if name in result.data
+    ]
+    return max((float(np.linalg.norm(forces, axis=-1).max(initial=0.0)) for forces in found), default=0.0)
 
 
 def extremes(motion: Motion, low: Array, high: Array) -> Array:

@@ -82,12 +82,16 @@ def draw_names(panel: Axes, motion: Motion, frame: int, view: View) -> None:
 
 
 def draw_forces(panel: Axes, result: Result, motion: Motion, frame: int, view: View, scale: float) -> None:
-    """Forces of the grasps on the object, arrows at their mating points; ``scale`` is in m/N."""
-    forces = view.flat(result.data.grasp_force.values[int(motion.rows[frame])]) * scale
-    for start, force in zip(view.flat(motion.mates[frame]), forces, strict=True):
-        arrow = {"arrowstyle": "-|>", "color": "#C2185B", "linewidth": 1.6, "shrinkA": 0, "shrinkB": 0}
-        if np.linalg.norm(force) > 0:
-            panel.annotate("", tuple(start + force), tuple(start), arrowprops=arrow, zorder=8)
+    """Forces of grasps and contacts, arrows at mating and contact points; ``scale`` is in m/N."""
+    data, row = result.data, int(motion.rows[frame])
+    acting = [("#C2185B", motion.mates[frame], data.grasp_force.values[row])]
+    if "contact_force" in data:
+        acting.append(("#7B3FB5", data.contact_point.values[row], data.contact_force.values[row]))
+    for colour, points, forces in acting:
+        arrow = {"arrowstyle": "-|>", "color": colour, "linewidth": 1.6, "shrinkA": 0, "shrinkB": 0}
+        for start, force in zip(view.flat(points), view.flat(forces) * scale, strict=True):
+            if np.linalg.norm(force) > 0:
+                panel.annotate("", tuple(start + force), tuple(start), arrowprops=arrow, zorder=8)
 
 
 def seen_points(result: Result, motion: Motion) -> Array:

@@ -25,6 +25,7 @@ from viz.drawing.motion import (
 from viz.drawing.view import first_view, view_of
 from viz.figures.collect import check_comparable
 from viz.figures.style import labels_of
+from viz.page.contacts import contact_data, grip_data, no_contacts
 from viz.page.events import event_data
 from viz.page.masses import mass_data, no_masses
 from viz.page.meshcat_scene import Meshes, changed_descriptions, packed, poses, rounded
@@ -80,7 +81,7 @@ def _data(shown: Sequence[_Shown], meshes: Meshes, title: str | None, autoplay: 
     boxes = [_box(one) for one in shown]
     low, high = np.min([box[0] for box in boxes], axis=0), np.max([box[1] for box in boxes], axis=0)
     scale = float(np.linalg.norm(high - low))
-    force = max(greatest_force(one.result, one.motion) for one in shown)
+    force = max(greatest_force(one.result) for one in shown)
     return {
         "title": title or " and ".join(one.label for one in shown),
         "about": _about(shown),
@@ -132,6 +133,8 @@ def still(scene: Scene, *, about: str | None = None) -> dict[str, Any]:
         "grasp_tips": [],
         "forces": "",
         "mates": "",
+        "grips": {"held": "", "captures": []},
+        "contacts": no_contacts(),
         "masses": no_masses(),
         "fine_time": packed(motion.time),
         "errors": [],
@@ -176,6 +179,8 @@ def _run_data(shown: _Shown, meshes: Meshes) -> dict[str, Any]:
         "grasp_tips": [tips.index(grasp.tip.label) for grasp in shown.scene.grasps],
         "forces": packed(data.grasp_force.values[rows]),
         "mates": packed(motion.mates),
+        "grips": grip_data(result, rows),
+        "contacts": contact_data(result, rows),
         "masses": mass_data(result, shown.scene, rows),
         "events": event_data(result),
         "fine_time": packed(data.time.values[finer]),

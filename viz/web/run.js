@@ -1,4 +1,6 @@
 // One run in the scene: bodies, ghosts, paths, forces, at any time.
+const FLASH_S = 1; // of simulated time
+
 class Run {
   // ``sizes``: of the scene, of arrows a newton and a newton second, all in metres; ``closeness`` shrinks what marks.
   constructor(data, sizes, closeness) {
@@ -8,6 +10,9 @@ class Run {
     this.tips = floats(data.tips);
     this.forces = floats(data.forces);
     this.mates = floats(data.mates);
+    this.held = floats(data.grips.held);
+    this.touching = floats(data.contacts.forces);
+    this.touched = floats(data.contacts.points);
     this.fineTime = floats(data.fine_time);
     this.errors = data.errors.map(floats);
     this.centres = floats(data.masses.centres);
@@ -17,7 +22,7 @@ class Run {
     this.metresPerNewtonSecond = sizes.newtonSecond * closeness;
     this.root = new THREE.Group();
     this.layers = {
-      ghosts: [], reference: [], traces: [], forces: [], mates: [], frames: [], centres: [], momenta: [],
+      ghosts: [], reference: [], traces: [], forces: [], contacts: [], mates: [], frames: [], centres: [], momenta: [],
     };
     this.vector = new THREE.Vector3();
     this.from = new THREE.Vector3();
@@ -78,6 +83,9 @@ class Run {
     const grips = this.data.grasp_tips;
     this.arrows = grips.map(() => this.put("forces", arrow(0.0028 * this.scale, COLOURS.force)));
     this.mateBalls = grips.map(() => this.put("mates", ball(0.0072 * this.scale, COLOURS.mate, 20)));
+    this.flashes = grips.map((tip) => this.tipBalls[tip].add(ball(0.0052 * this.scale, COLOURS.mate, 19)).children.at(-1));
+    const touches = Array.from({ length: this.data.contacts.count });
+    this.contactArrows = touches.map(() => this.put("contacts", arrow(0.0028 * this.scale, COLOURS.contact)));
   }
 
   // Centres of mass of bodies and, last, of all together; momenta at them.
@@ -125,10 +133,21 @@ class Run {
     for (const trace of this.growing) trace.geometry.setDrawRange(0, i * trace.perSegment);
     const tips = this.tipBalls.length, grips = this.arrows.length, masses = this.centreBalls.length;
     this.tipBalls.forEach((dot, k) => this.between(this.tips, tips, k, i, share, dot.position));
-    this.mateBalls.forEach((dot, k) => this.between(this.mates, grips, k, i, share, dot.position));
+    this.mateBalls.forEach((dot, k) => {
+      this.between(this.mates, grips, k, i, share, dot.position);
+      // where nothing is held yet, smaller than a tip: no ring around one that passes
+      dot.scale.setScalar(this.held[i * grips + k] ? 1 : 0.5);
+      this.flash(this.flashes[k], this.data.grips.captures[k], time);
+    });
     this.arrows.forEach((shown, k) => {
       this.between(this.tips, tips, this.data.grasp_tips[k], i, share, this.from);
       this.between(this.forces, grips, k, i, share, this.vector).multiplyScalar(this.metresPerNewton);
+      this.point(shown);
+    });
+    const touches = this.contactArrows.length;
+    this.contactArrows.forEach((shown, k) => {
+      this.between(this.touched, touches, k, i, share, this.from);
+      this.between(this.touching, touches, k, i, share, this.vector).multiplyScalar(this.metresPerNewton);
       this.point(shown);
     });
     this.centreBalls.forEach((dot, k) => {
@@ -137,6 +156,15 @@ class Run {
       this.between(this.momenta, masses, k, i, share, this.vector).multiplyScalar(this.metresPerNewtonSecond);
       this.point(this.momentumArrows[k]);
     });
+  }
+
+  // A disc that grows and fades for a second after a capture.
+  flash(disc, captures, time) {
+    const passed = Math.min(...captures.map((at) => (time >= at ? time - at : Infinity)));
+    disc.visible = passed < FLASH_S;
+    if (!disc.visible) return;
+    disc.scale.setScalar(1 + (5 * passed) / FLASH_S);
+    disc.material.opacity = 0.8 * (1 - passed / FLASH_S);
   }
 
   // What a diverged run does in its last instants would leave the picture.

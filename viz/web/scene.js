@@ -107,7 +107,7 @@ class Scene {
     const { greatest_force: force, runs } = this.payload;
     const momentum = Math.max(...runs.map(({ masses }) => masses.greatest));
     const parts = [`grid ${this.spacing} m`];
-    if (force > 0 && this.shown.forces) parts.push(`longest force ${force.toPrecision(3)} N`);
+    if (force > 0 && (this.shown.forces || this.shown.contacts)) parts.push(`longest force ${force.toPrecision(3)} N`);
     if (momentum > 0 && this.shown.momenta) parts.push(`longest momentum ${momentum.toPrecision(3)} N s`);
     return parts.join("; ");
   }
@@ -160,7 +160,7 @@ class Scene {
     this.time = time;
     for (const run of this.runs) {
       run.seek(time);
-      for (const layer of ["forces", "momenta"]) if (!this.shown[layer]) run.show(layer, false);
+      for (const layer of ["forces", "contacts", "momenta"]) if (!this.shown[layer]) run.show(layer, false);
     }
     this.eye.follow(this.followedPoint);
     this.viewer.set_dirty();

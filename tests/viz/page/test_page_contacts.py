@@ -1,0 +1,98 @@
+"""The page tells grips from contacts: arrows, rings around tips that hold, and the moment of capture."""
+
+import base64
+
+import numpy as np
+import pytest
+
+from spacerobot.result.result import Result
+from spacerobot.scene import load_scene
+from spacerobot.simulation import simulate
+from viz.page.animation import animation
+from viz.page.page import animation_page
+from viz.record import frames
+
+VIOLET = np.array([0xC7, 0x7D, 0xFF])
+READY = "document.body?.dataset.ready === 'true'"
+
+
+@pytest.fixture(scope="module")
+def bounce():
+    return simulate(load_scene("bounce"), backend="interpreted")
+
+
+def _open(browser, path, result, time):
+    path.write_text(animation_page(result), encoding="utf-8")
+    browser.open(f"{path.as_uri()}#t={time:.3f}&layers=names traces magnifier")
+    browser.wait_for(READY)
+    picture = browser.picture()
+    assert browser.errors == []
+    return picture[60:500, 250:]  # the scene, right of what is told
+
+
+def _floats(text, *shape):
+    return np.frombuffer(base64.b64decode(text), dtype="<f4").reshape(shape)
+
+
+def test_contact_forces_are_arrows_of_their_own(browser, bounce, tmp_path):
+    pictures = [_open(browser, tmp_path / "page.html", bounce, time) for time in (1.0, 2.17)]
+    before, touching = ((np.abs(picture - VIOLET).max(axis=2) < 12).sum() for picture in pictures)
+    assert before == 0
+    assert touching > 60
+    named = "[...document.querySelectorAll('label')].map((label) => label.textContent)"
+    assert "contact forces" in browser.evaluate(named)
+    assert "grip forces on the object" not in browser.evaluate(named)
+
+
+def test_a_touch_between_two_frames_is_shown(bounce):
+    begin = int(np.argmax(bounce.data.contact_normal_force.values[:, 0]))
+    data = bounce.data.copy(deep=True)
+    kept = np.arange(data.sizes["time"]) == begin
+    data["contact_force"] = data.contact_force * kept[:, None, None]
+    payload = animation(Result(bounce.scenario, data, bounce.summary))
+    contacts = payload["runs"][0]["contacts"]
+    greatest = np.linalg.norm(_floats(contacts["forces"], -1, contacts["count"], 3), axis=-1).max()
+    assert greatest == pytest.approx(np.linalg.norm(data.contact_force.values, axis=-1).max(), rel=1e-6)
+    assert payload["greatest_force"] == pytest.approx(greatest, rel=1e-6)
+
+
+def test_grasps_hold_from_capture_to_release(docked, paper):
+    run = animation(docked)["runs"][0]
+    (capture,), (release,) = (
+        [event["time_s"] for event in docked.summary["events"] if event["kind"] == kind]
+        for kind in ("captured", "released")
+    )
+    time, held = _floats(run["time"], -1), _floats(run["grips"]["held"], -1, 1)[:, 0]
+    clear = np.minimum(np.abs(time - capture), np.abs(time - release)) > 1e-6
+    np.testing.assert_array_equal(held[clear], ((time > capture) & (time < release))[clear])
+    assert run["grips"]["captures"] == [[capture]]
+    always = animation(paper)["runs"][0]["grips"]
+    assert _floats(always["held"], -1).all()
+    assert always["captures"] == [[], []]
+
+
+def test_the_moment_of_capture_flashes_and_then_the_tip_is_ringed(browser, docked, tmp_path):
+    (capture,) = (event["time_s"] for event in docked.summary["events"] if event["kind"] == "captured")
+    shown = [
+        _open(browser, tmp_path / "page.html", docked, time)
+        for time in (capture - 0.05, capture + 0.05, capture + 0.55)
+    ]
+    white = [(picture.min(axis=2) > 200).sum() for picture in shown]
+    assert white[1] > white[0] + 20
+    assert white[2] > white[0]
+
+
+def test_a_recording_shows_contact_forces_and_says_so(bounce):
+    film = frames(bounce, rate_hz=100, size_px=(480, 300))
+    times = bounce.data.time.values[film.motion.rows]
+    violet = [
+        (
+            np.abs(
+                np.asarray(film.picture(int(np.searchsorted(times, time)))).astype(int) - (0x7B, 0x3F, 0xB5)
+            ).max(axis=2)
+            < 25
+        ).sum()
+        for time in (1.0, 2.17)
+    ]
+    assert violet[0] == 0
+    assert violet[1] > 10

@@ -1,0 +1,50 @@
+"""What grips and touches, for the page: contact forces, which grasps hold, and when they were captured."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from spacerobot.result import Result
+from viz.drawing.motion import Rows
+from viz.page.meshcat_scene import packed
+
+_CAPTURED = 2  # a grasp's state
+
+
+def contact_data(result: Result, rows: Rows) -> dict[str, Any]:
+    """Contacts near rows of a result: ``count``, ``forces`` [N] and ``points`` [m], packed (nt, count, 3).
+
+    Of the rows that are nearest to one of these, that with the largest force: a touch may be shorter than the
+    time between frames.
+    """
+    data = result.data
+    if "contact" not in data.dims:
+        return no_contacts()
+    forces, points = data.contact_force.values, data.contact_point.values
+    edges = [0, *((rows[1:] + rows[:-1]) // 2 + 1), len(forces)]
+    size = np.linalg.norm(forces, axis=-1)
+    most = np.array([begin + size[begin:end].argmax(axis=0) for begin, end in pairwise(edges)])
+    own = np.arange(data.sizes["contact"])
+    return {"count": len(own), "forces": packed(forces[most, own]), "points": packed(points[most, own])}
+
+
+def no_contacts() -> dict[str, Any]:
+    """The same where nothing can touch."""
+    return {"count": 0, "forces": "", "points": ""}
+
+
+def grip_data(result: Result, rows: Rows) -> dict[str, Any]:
+    """Grasps at rows of a result: ``held``, packed (nt, grasps), 1 or 0; times [s] of their ``captures``."""
+    data, events = result.data, result.summary.get("events", ())
+    held = np.ones((len(rows), data.sizes["grasp"]))
+    if "grasp_state" in data:  # not a number for one that is always closed
+        state = data.grasp_state.values[rows]
+        held = np.where(np.isnan(state), 1.0, state == _CAPTURED)
+    captures = [
+        [e["time_s"] for e in events if (e["kind"], e["who"]) == ("captured", name)]
+        for name in data.grasp.values
+    ]
+    return {"held": packed(held), "captures": captures}
