@@ -2,6 +2,7 @@
 
 from optim.campaign.analysis.bands import Bands, read_bands
 from optim.campaign.analysis.samples import command_of, simulate_sample
+from optim.campaign.analysis.statistics import Estimate, share
 from optim.campaign.analysis.summary import summarise, told_of
 from optim.campaign.rollouts.evaluator import Evaluator, Table, all_draws, build_evaluator
 from optim.campaign.run import ROLLING_OUT, Campaigned, Executor, Here, Progress, run_campaign
@@ -13,6 +14,7 @@ __all__ = [
     "ROLLING_OUT",
     "Bands",
     "Campaigned",
+    "Estimate",
     "Evaluator",
     "Executor",
     "Here",
@@ -26,6 +28,7 @@ __all__ = [
     "read_bands",
     "reopen",
     "run_campaign",
+    "share",
     "simulate_sample",
     "summarise",
     "told_of",

@@ -16,10 +16,12 @@ MARK = {
     "tip_error": "E",
     "target_rotation_deg": "R",
     "base_rotation_deg": "B",
+    "capture_time": "C",
+    "impulse": "I",
 }
 MARKS = (
     "+ it does; O open at the start; D diverged; limits: T torque, G grip, E tip error, R target's, "
-    "B base's rotation"
+    "B base's rotation, C time of capture, I impulse"
 )
 
 
@@ -65,6 +67,8 @@ def _why(worst: Mapping[str, Any]) -> str:
         return str(worst["unclosed"])
     if worst["diverged_at_s"] is not None:
         return f"diverged after {worst['diverged_at_s']:.3g} s"
+    if worst["missed"]:
+        return "a capture missed"
     return f"by its {quantity_of(worst['metric'])}"
 
 
@@ -77,7 +81,12 @@ def _failures(summary: Mapping[str, Any]) -> Rows:
         [name, *(_estimate(told["failure"][cause], "%", 100) for cause in causes)]
         for name, told in summary["gains"].items()
     ]
-    return ["gains", *(f"{cause} [%]" for cause in causes)], rows
+    head = ["gains", *(f"{cause} [%]" for cause in causes)]
+    captured = [told["captured"] for told in summary["gains"].values()]
+    if None not in captured:
+        head.append("P(capture) [%]")
+        rows = [[*row, _estimate(one, "%", 100)] for row, one in zip(rows, captured, strict=True)]
+    return head, rows
 
 
 def _percentiles(told: Mapping[str, Any]) -> Rows:

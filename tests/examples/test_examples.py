@@ -19,6 +19,7 @@ SMALL = {
     "05_tune": ({"duration_s": 1.0}, "'ge': "),
     "06_campaign": ({"samples": 12, "changes": {"simulation.duration": 0.5}}, "worst sample"),
     "07_own_element": ({"duration_s": 0.2, "backend": "interpreted"}, "soft.stiffness"),
+    "08_where_is_it_captured": ({"samples": 16}, "tuned"),
 }
 
 

@@ -18,6 +18,7 @@ from viz.figures.style import Drawing, unit_scale
 from viz.page.notebook import frame
 from viz.page.page import choice_page
 from viz.report.campaign_words import (
+    capturing,
     depends,
     drawn,
     failing,
@@ -37,6 +38,7 @@ LIMITS = {
     "grip_force_peak": "grip_force",
     "target_rotation_peak": "target_rotation_deg",
     "base_rotation_peak": "base_rotation_deg",
+    "capture_time": "capture_time",
 }
 """Metrics that are drawn, and the limit of each."""
 
@@ -110,8 +112,10 @@ def campaign_report(shown: Shown) -> str:
 
 
 def _in_short(summary: Mapping[str, Any]) -> str:
-    sentences = [failing(name, told, summary) for name, told in summary["gains"].items()]
-    text = "".join(f"<p>{escape(sentence)}</p>" for sentence in sentences)
+    sentences = [
+        say(name, told, summary) for say in (failing, capturing) for name, told in summary["gains"].items()
+    ]
+    text = "".join(f"<p>{escape(sentence)}</p>" for sentence in sentences if sentence)
     warnings = [unfinished(summary), *summary["doubts"]]
     items = "".join(f"<li>{escape(warning)}</li>" for warning in warnings if warning)
     if items:
@@ -287,6 +291,8 @@ def _reason(row: Mapping[str, Any], summary: Mapping[str, Any]) -> str:
         return str(row["unclosed"])
     if row["diverged_at_s"] is not None:
         return f"diverged after {row['diverged_at_s']:.3g} s"
+    if row["missed"]:
+        return "a capture missed"
     metric = row["metric"]
     rows = next(iter(summary["gains"].values()))["metrics"]
     factor, unit = unit_scale(next(one["unit"] for one in rows if one["metric"] == metric))

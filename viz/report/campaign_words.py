@@ -15,6 +15,7 @@ QUANTITIES = {
     "capture_time": "time of capture",
     "miss_distance": "least distance",
     "event_energy": "energy lost at events",
+    "missed": "probability of a miss",
 }
 """Metrics in plain words."""
 
@@ -53,6 +54,19 @@ def failing(name: str, told: Mapping[str, Any], summary: Mapping[str, Any]) -> s
         head += f": the probability of failure lies between {low} and {high} %, with {sure} confidence"
     parts = [f"{c['count']} {_cause(k)}" for k, c in causes.items() if k != "any" and c["count"]]
     return f"{head}. Of them: {', '.join(parts)}." if parts else f"{head}."
+
+
+def capturing(name: str, told: Mapping[str, Any], summary: Mapping[str, Any]) -> str | None:
+    """How often every grasp that begins open was captured under a set of gains; None where there is none."""
+    captured = told["captured"]
+    if captured is None:
+        return None
+    text = f"{with_gains(name)}, {captured['count']} of {summary['samples']} samples capture"
+    if captured["low"] is None:
+        return f"{text}."
+    low, high = (f"{100 * captured[end]:.3g}" for end in ("low", "high"))
+    sure = f"{100 * summary['confidence']:g} %"
+    return f"{text}: P(capture) lies between {low} and {high} %, with {sure} confidence."
 
 
 def _cause(cause: str) -> str:

@@ -47,6 +47,9 @@ class Sampled:
         By cause, whether each sample failed (n,).
     unclosed
         Which grasp of each sample did not close at the start, in words (n of them); empty where all did.
+    missed
+        Whether each sample left a grasp that begins open uncaptured, or was not completed (n,); None where
+        times of capture are not kept.
     """
 
     metrics: Mapping[str, Array]
@@ -54,6 +57,7 @@ class Sampled:
     units: Mapping[str, str]
     failed: Mapping[str, np.typing.NDArray[np.bool_]]
     unclosed: tuple[str, ...]
+    missed: np.typing.NDArray[np.bool_] | None
 
     def largest(self, metric: str) -> Array:
         """Greatest value over the columns of a metric (n,)."""
@@ -74,9 +78,9 @@ class Sampled:
         return np.asarray(np.logical_or.reduce(list(self.failed.values())), dtype=np.bool_)
 
 
-def sampled_of(data: xr.Dataset, campaign: Campaign) -> dict[str, Sampled]:
+def sampled_of(data: xr.Dataset, evaluator: Evaluator) -> dict[str, Sampled]:
     """Numbers of a store by set of gains."""
-    found = {}
+    campaign, found = evaluator.campaign, {}
     for name in map(str, data.gains.values):
         chosen = data.sel(gains=name)
         lost, told = np.isfinite(chosen.diverged_at.values), _unclosed(chosen)
@@ -91,7 +95,10 @@ def sampled_of(data: xr.Dataset, campaign: Campaign) -> dict[str, Sampled]:
                 failed[limit] = (metrics[metric].max(axis=1) > most) & ~lost
         places = {m: tuple(map(str, chosen[f"{m}_of"].values)) for m in kept}
         units = {m: str(chosen[m].attrs["units"]) for m in kept}
-        found[name] = Sampled(metrics, places, units, failed, told)
+        duration = evaluator.member(name).scene.scenario.simulation.duration
+        times = metrics.get("capture_time")  # as late as the simulation where a grasp was missed
+        missed = None if times is None else np.asarray(times.max(axis=1) >= duration)
+        found[name] = Sampled(metrics, places, units, failed, told, missed)
     return found
 
 
@@ -144,7 +151,7 @@ def told_of(folder: Path, evaluator: Evaluator, named: Named | None = None) -> d
     named = named or named_in(load_head(folder)["notes"])
     if len(data.sample) == 0:
         raise ResultError("holds no sample yet", source=folder)
-    found = sampled_of(data, campaign)
+    found = sampled_of(data, evaluator)
     draws = data.draw.values
     trust = untrusted(data, {name: sampled.any_failure for name, sampled in found.items()})
     return {
@@ -163,13 +170,9 @@ def told_of(folder: Path, evaluator: Evaluator, named: Named | None = None) -> d
         "gains": {
             name: {
                 "failure": _failures(sampled, campaign),
+                "captured": _captured(sampled, campaign),
                 "metrics": _percentiles(sampled, campaign),
-                "matters": {
-                    metric: what_matters(
-                        draws, sampled.largest(metric), campaign, complete=len(data.sample) == campaign.count
-                    )
-                    for metric in sampled.metrics
-                },
+                "matters": _matters(sampled, draws, campaign),
                 "map": _map(sampled, draws, campaign),
                 "worst": _worst(sampled, data, evaluator, index, named),
             }
@@ -189,6 +192,23 @@ def _failures(sampled: Sampled, campaign: Campaign) -> dict[str, Any]:
         | _interval(share(int(hits.sum()), len(hits), campaign.confidence), campaign)
         for cause, hits in causes.items()
     }
+
+
+def _captured(sampled: Sampled, campaign: Campaign) -> dict[str, Any] | None:
+    """How often every grasp that begins open was captured in a rollout that was completed."""
+    if sampled.missed is None:
+        return None
+    count = int((~sampled.missed).sum())
+    return {"count": count} | _interval(share(count, len(sampled.missed), campaign.confidence), campaign)
+
+
+def _matters(sampled: Sampled, draws: Array, campaign: Campaign) -> dict[str, Any]:
+    """What each metric depends on, and whether a capture is missed."""
+    values = {metric: sampled.largest(metric) for metric in sampled.metrics}
+    if sampled.missed is not None:
+        values["missed"] = sampled.missed.astype(float)
+    complete = len(draws) == campaign.count
+    return {name: what_matters(draws, of, campaign, complete=complete) for name, of in values.items()}
 
 
 def _percentiles(sampled: Sampled, campaign: Campaign) -> list[dict[str, Any]]:
@@ -230,12 +250,14 @@ def _worst(
     sampled: Sampled, data: xr.Dataset, evaluator: Evaluator, index: int, named: Named
 ) -> list[dict[str, Any]]:
     """Worst samples: those that diverged, the earliest first, then by what comes nearest to its limit or
-    passes it furthest; by the first metric kept where there is no limit; last those that did not begin.
+    passes it furthest, those that missed a capture first; by the first metric kept where there is no limit;
+    last those that did not begin.
     """
     name, times = str(data.gains.values[index]), data.diverged_at.values[:, index]
     metrics, badness = sampled.badness(evaluator.campaign)
     open_ = np.array([bool(words) for words in sampled.unclosed])
-    order = np.lexsort((np.where(np.isnan(times), np.inf, times), -badness, open_))[:WORST]
+    missed = np.zeros(len(open_), dtype=np.bool_) if sampled.missed is None else sampled.missed
+    order = np.lexsort((np.where(np.isnan(times), np.inf, times), -badness, ~missed, open_))[:WORST]
     rows = []
     for i in order:
         draw, metric = data.draw.values[i], metrics[i]
@@ -246,6 +268,7 @@ def _worst(
                 "value": _plain(sampled.largest(metric)[i]),
                 "diverged_at_s": None if open_[i] else _plain(times[i]),
                 "unclosed": sampled.unclosed[i] or None,
+                "missed": bool(missed[i]),
                 "failed": [cause for cause, hits in sampled.failed.items() if hits[i]],
                 "draw": dict(zip(evaluator.campaign.parameters, map(float, draw), strict=True)),
                 "command": command_of(evaluator, draw, name, named.scenario, named.changes),

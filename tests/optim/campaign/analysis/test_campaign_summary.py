@@ -138,7 +138,7 @@ def test_divergence_counts_as_the_worst(told):
     lost = data.copy(deep=True)
     lost.diverged_at[7, 0] = 0.5
     lost.tip_error_peak[7, 0] = np.nan
-    found = sampled_of(lost, ran.evaluator.campaign)["soft"]
+    found = sampled_of(lost, ran.evaluator)["soft"]
     assert found.failed["diverged"].sum() == 1
     assert found.largest("tip_error_peak")[7] == np.inf
     assert not found.failed["grip_force"][7]

@@ -1,0 +1,60 @@
+"""Where is it captured? The paper's gains and tuned ones over tumble rate, lateral offset and sensor bias."""
+
+from itertools import pairwise
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+import spacerobot as sr
+from optim.campaign import load_campaign, run_campaign, share
+
+DURATION_S = 20.0  # until shortly after both grips close
+CHANGES = {  # the scenario's own campaign, with an object that turns faster
+    "simulation.duration": DURATION_S,
+    "campaign.parameters.tumble.lower": -30,
+    "campaign.parameters.tumble.upper": 30,
+    "campaign.parameters.lateral.lower": -0.3,
+    "campaign.parameters.lateral.upper": 0.3,
+    "campaign.metrics": ["capture_time", "miss_distance", "joint_torque_peak"],
+    "campaign.limits": {},
+    "campaign.step": 0.01,
+}
+EDGES_DEG = np.array([0, 6, 12, 18, 24, 30])  # of the tumble rate, per second
+MOST_DRIFT = 0.01  # of the total momentum; beyond it steps were too long, and the capture is not believed
+MOST_NM = 100.0  # captures that ask for more torque are told apart
+
+
+def main(folder: Path = Path("out/examples/capture"), samples: int = 512) -> None:
+    """P(capture) by tumble rate for each set of gains: a table, and a figure with its intervals."""
+    scene = sr.load_scene("docking", CHANGES | {"campaign.samples": samples})
+    run_campaign(scene, folder)  # run again after a kill, it goes on where it was
+    data = load_campaign(folder)
+    rate = abs(data.draw.sel(parameter="tumble").values)
+    figure, axes = plt.subplots(figsize=(6, 3.5))
+    print(f"tumble [deg/s]  gains      P(capture), 95 % interval    and at most {MOST_NM:g} N m")
+    for shift, gains in enumerate(map(str, data.gains.values)):
+        own = data.sel(gains=gains)
+        # a missed grasp's time is the simulation's duration; where a rollout diverged it is NaN
+        captured = own.capture_time.max("capture_time_of", skipna=False).values < DURATION_S
+        captured &= (own.momentum_drift.values < MOST_DRIFT).all(axis=1)
+        within = captured & (own.joint_torque_peak.max("joint_torque_peak_of").values <= MOST_NM)
+        told = []
+        for low, high in pairwise(EDGES_DEG):
+            these = (rate >= low) & (rate < high)
+            p = share(int(captured[these].sum()), int(these.sum()), 0.95)
+            told.append((p.value, p.low, p.high))
+            print(
+                f"{low:2} to {high:2}        {gains:9}  {p.value:.1%} ({p.low:.1%} to {p.high:.1%})", end=""
+            )
+            print(f"      {within[these].mean():.1%}")
+        value, lower, upper = np.array(told).T
+        middle = (EDGES_DEG[:-1] + EDGES_DEG[1:]) / 2 + 0.3 * shift  # so that intervals stand side by side
+        axes.errorbar(middle, value, [value - lower, upper - value], fmt="o-", capsize=3, label=gains)
+    axes.set(xlabel="tumble rate [deg/s]", ylabel="P(capture)", ylim=(0, 1.05))
+    axes.legend()
+    figure.savefig(folder / "capture.svg")
+
+
+if __name__ == "__main__":
+    main()
