@@ -228,8 +228,8 @@ class _Life:
 
     def _opened(self, kind: str, guard: ca.SX, armed: ca.SX, loss: ca.SX | None) -> Event:
         """It lets go, and what its springs hold is lost."""
+        # what is drawn in stays so: the loss is what its springs store where they are at rest just then
         sets = {self.closed.name(): False, self.released.name(): True}
-        sets |= {self.drawn.name(): False} if self._is_drawn else {}
         return dataclasses.replace(self._event(kind, guard, both(armed, self.closed), sets), loss=loss)
 
     def _opening(self, loss: ca.SX | None) -> Iterator[Event]:

@@ -10,22 +10,25 @@ import numpy as np
 import pinocchio as pin
 
 from spacerobot.arrays import Array
-from spacerobot.pinocchio_engine.actuation import torque_limits
 from spacerobot.pinocchio_engine.contacts import Pressure, contact_of, touches
 from spacerobot.pinocchio_engine.dynamics import Loads, Solution, Wrench, solve
 from spacerobot.pinocchio_engine.grasps import (
     Constraint,
     Coupling,
     Relative,
+    Rest,
     grasp_of,
     relative_motion,
     rest_orientation,
 )
-from spacerobot.pinocchio_engine.joint_control import JointController, joint_controllers, null_space
+from spacerobot.pinocchio_engine.joint_control import JointController, null_space
 from spacerobot.pinocchio_engine.kinematics import Kinematics, configuration_rate, coordinates
-from spacerobot.pinocchio_engine.references import Begins, Leads, Motion, leading
-from spacerobot.pinocchio_engine.tip_control import Channel, Command, tip_law
-from spacerobot.scene import Scene
+from spacerobot.pinocchio_engine.laws import has_writing, refusal
+from spacerobot.pinocchio_engine.life import first_lives, mated_orientation, works_of
+from spacerobot.pinocchio_engine.mode import Laws, Mode, led, laws_of
+from spacerobot.pinocchio_engine.references import Motion
+from spacerobot.pinocchio_engine.tip_control import Channel, Command
+from spacerobot.scene import Scene, SceneGrasp
 
 WORKS = ("actuator", "joint", "grasp", "constraint")
 """Works that are booked whatever there is; those of contacts follow where there are any."""
@@ -76,41 +79,57 @@ class Engine:
         Names of the works.
     x0
         Initial state (nx,).
-    breakpoints
-        Times at which the pieces of references meet [s], rising.
+    laws
+        Of the controllers, by the phase's name.
+    mode
+        What is open and closed, and what leads; events replace it.
+    mated
+        Tip's orientation where mated (3, 3), axes of the mating frame, by the grasp's name.
     """
 
     def __init__(self, scene: Scene) -> None:
+        for grasp in scene.grasps:
+            if not has_writing(grasp_of, type(grasp.config)):
+                raise refusal(grasp.config)
         self.scene, self.model = scene, scene.model
         self._places = coordinates(scene.model)
         start = Kinematics(scene.model, np.array(scene.q), np.array(scene.v))
-        self.references = _references(scene, start)
-        self.channels: list[Channel] = [
-            tip_law(controller, scene, tip, key)
-            for tip in scene.tips
-            for key, controller in tip.config.elements()
-        ]
-        self.controllers: list[JointController] = joint_controllers(scene)
-        self.rest = [rest_orientation(start, grasp) for grasp in scene.grasps]
+        self.laws = laws_of(scene)
+        phase = next(iter(self.laws))
+        self.mode = Mode(phase, first_lives(scene), led(scene, phase, start, 0.0, {}))
+        self.mated = {g.name: mated_orientation(g, rest_orientation(start, g)) for g in scene.grasps}
         self.root_rotations = [start.frame(body.root_frame).rotation for body in scene.bodies]
-        self.resistance, self.limits = _resistance(scene), torque_limits(scene)
-        blocks: list[Channel | JointController] = [*self.channels, *self.controllers]
-        names = [name for block in blocks for name in block.state_names]
-        self.works = (*WORKS, "contact") if scene.contacts else WORKS
-        names += [
+        self.resistance = _resistance(scene)
+        blocks = self.now.blocks
+        self.works = (*WORKS, *(["contact"] if scene.contacts else []), *works_of(scene))
+        booked = [
             f"{contact.name}.{part}"
             for contact in scene.contacts
             for part in ("impulse[0]", "impulse[1]", "impulse[2]", "loss[0]")
         ]
-        self.state_names = (*names, *(f"work.{name}[0]" for name in self.works))
+        names = [name for block in blocks for name in block.state_names]
+        self.state_names = (*names, *booked, *(f"work.{name}[0]" for name in self.works))
         self._cuts = np.cumsum([len(block.state_names) for block in blocks])
-        motions = self._motions(0.0, 0.0, start)
-        z0 = [c.initial(start, motions[c.tip.label]) for c in self.channels]
-        z0 += [c.positions(start.q) for c in self.controllers]
         self.x0: Array = np.concatenate(
-            [scene.q, scene.v, *z0, np.zeros(4 * len(scene.contacts) + len(self.works))]
+            [scene.q, scene.v, self.first_states(start), np.zeros(len(booked) + len(self.works))]
         )
-        self.breakpoints = tuple(sorted({t for tip in scene.tips for t in tip.reference.jumps()}))
+
+    @property
+    def now(self) -> Laws:
+        """Laws of the present phase."""
+        return self.laws[self.mode.phase]
+
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        """Times at which the pieces of the present references meet [s], rising."""
+        return tuple(sorted({t for lead in self.mode.leads.values() for t in lead.breakpoints}))
+
+    def first_states(self, kinematics: Kinematics, t: float = 0.0) -> Array:
+        """States of the controllers as they begin at time t [s], of all phases' alike."""
+        motions = self._motions(t, t, kinematics)
+        parts = [c.initial(kinematics, motions[c.tip.label]) for c in self.now.channels]
+        parts += [c.positions(kinematics.q) for c in self.now.controllers]
+        return np.concatenate([np.empty(0), *parts])
 
     def derivative(self, t: float, x: Array, within: float | None = None) -> Array:
         """Rate x' (nx,) of the state at time t [s].
@@ -148,19 +167,18 @@ class Engine:
         q, v, z = self.split(x)
         kinematics = Kinematics(self.model, pin.normalize(self.model, q), v)
         motions = self._motions(t, t if within is None else within, kinematics)
-        states = np.split(z, self._cuts)
-        commands = [
+        states = np.split(z, self._cuts)[:-1]
+        channels = self.now.channels
+        asking = [
             (channel, channel.evaluate(kinematics, motions[channel.tip.label], own))
-            for channel, own in zip(self.channels, states, strict=False)
+            for channel, own in zip(channels, states, strict=False)
         ]
+        commands = [pair for pair, rests in zip(asking, self.now.rest, strict=False) if not rests]
         torque, desired_rates = self._joint_control(
-            kinematics, motions, commands, states[len(self.channels) : -1]
+            kinematics, motions, commands, states[len(channels) :]
         )
-        relatives = [
-            relative_motion(kinematics, grasp, rest)
-            for grasp, rest in zip(self.scene.grasps, self.rest, strict=True)
-        ]
         asked = [command for _, command in commands]
+        relatives = [self.relative(kinematics, grasp, t) for grasp in self.now.scene.grasps]
         couplings, loads = self._loads(torque, asked, relatives)
         pressures = {
             contact.name: [contact_of(contact.config, touch) for touch in touches(kinematics, contact)]
@@ -168,12 +186,26 @@ class Engine:
         }
         pressing = [pressure for several in pressures.values() for pressure in several]
         solution = solve(kinematics, replace(loads, pressures=pressing))
-        powers = self._powers(v, solution, couplings, pressing)
+        powers = self._powers(v, solution, (couplings, loads.wrenches), pressing)
+        own_rates = [
+            command.rates * (not rests)
+            for (_, command), rests in zip(asking, self.now.rest, strict=False)
+        ]
         booked = [
             np.sum([[*p.force, p.dissipation] for p in several], axis=0) for several in pressures.values()
         ]
-        rates = np.concatenate([*(command.rates for command in asked), *desired_rates, *booked, powers])
+        rates = np.concatenate([*own_rates, *desired_rates, *booked, powers])
         return Instant(kinematics, motions, relatives, couplings, pressures, solution, rates)
+
+    def is_closed(self, name: str) -> bool:
+        """Whether a grasp holds."""
+        return name not in self.mode.lives or self.mode.lives[name].closed
+
+    def relative(self, kinematics: Kinematics, grasp: SceneGrasp, t: float) -> Relative:
+        """Relative motion of a grasp, open or closed, at time t [s]."""
+        mated, life = self.mated[grasp.name], self.mode.lives.get(grasp.name)
+        rest = Rest(mated) if life is None else life.rest(grasp.config.capture, mated, t)
+        return relative_motion(kinematics, grasp, rest)
 
     def _joint_control(
         self,
@@ -184,13 +216,16 @@ class Engine:
     ) -> tuple[Array, list[Array]]:
         """Torques (nv,) of the joint controllers, and the rates of their states."""
         torque = np.zeros(self.model.nv)
-        for controller, own in zip(self.controllers, desired, strict=True):
+        rates, rest = [], self.now.rest[len(self.now.channels) :]
+        for controller, own, rests in zip(self.now.controllers, desired, rest, strict=True):
+            rates.append(controller.desired_rate(own, motions) * (not rests))
+            if rests:
+                continue
             part = controller.torque(kinematics, own)
             if controller.config.null_space:
                 part = null_space(kinematics, part, controller.body, commands, self.scene.spread)
             torque = torque + part
-        pairs = zip(self.controllers, desired, strict=True)
-        return torque, [controller.desired_rate(own, motions) for controller, own in pairs]
+        return torque, rates
 
     def _loads(
         self, torque: Array, asked: Sequence[Command], relatives: Sequence[Relative]
@@ -199,26 +234,37 @@ class Engine:
         couplings: list[Coupling] = []
         wrenches: list[Wrench] = []
         constraints: list[Constraint] = []
-        for grasp, relative in zip(self.scene.grasps, relatives, strict=True):
+        for grasp, relative in zip(self.now.scene.grasps, relatives, strict=True):
+            if not self.is_closed(grasp.name):
+                continue
             found = grasp_of(grasp.config, self.scene, grasp, relative)
             if isinstance(found, Coupling):
                 couplings.append(found)
                 wrenches.append((grasp, relative, found.force, found.torque))
             else:
                 constraints.append(found)
-        limits, spread = self.limits, self.scene.spread
+        limits, spread = self.now.limits, self.scene.spread
         return couplings, Loads(torque, self.resistance, wrenches, asked, constraints, limits, spread)
 
     def _motions(self, t: float, within: float, kinematics: Kinematics) -> dict[str, Motion]:
-        return {label: reference.at(t, within, kinematics) for label, reference in self.references.items()}
+        return {label: lead.at(t, within, kinematics) for label, lead in self.mode.leads.items()}
 
     def _powers(
-        self, v: Array, solution: Solution, couplings: list[Coupling], pressing: list[Pressure]
+        self,
+        v: Array,
+        solution: Solution,
+        springs: tuple[list[Coupling], Sequence[Wrench]],
+        pressing: list[Pressure],
     ) -> Array:
         """Rates of the works, in their order [W]."""
+        couplings, wrenches = springs
         by_constraints = -sum(
-            float(force @ relative.velocity[:3] + torque @ relative.velocity[3:])
+            float(np.concatenate([force, torque]) @ relative.velocity)
             for _, relative, force, torque in solution.wrenches
+        )
+        drawn_in = -sum(
+            float(np.concatenate([force, torque]) @ relative.rest_velocity)
+            for _, relative, force, torque in [*wrenches, *solution.wrenches]
         )
         powers = {
             "actuator": solution.torque @ v,
@@ -226,18 +272,10 @@ class Engine:
             "grasp": sum(coupling.dissipation for coupling in couplings),
             "constraint": by_constraints,
             "contact": sum(pressure.dissipation for pressure in pressing),
+            "draw_in": drawn_in,
+            "event": 0.0,
         }
         return np.array([powers[name] for name in self.works])
-
-
-def _references(scene: Scene, start: Kinematics) -> dict[str, Leads]:
-    references = {}
-    for tip in scene.tips:
-        pivot = None
-        if tip.from_target and scene.target is not None:
-            pivot = start.frame(scene.target.root_frame).position
-        references[tip.label] = leading(tip.reference, Begins(scene, tip, start, pivot))
-    return references
 
 
 def _resistance(scene: Scene) -> Array:

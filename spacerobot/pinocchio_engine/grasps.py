@@ -13,8 +13,9 @@ from spacerobot.elements import Grasp
 from spacerobot.elements.grasps.compliant import Compliant
 from spacerobot.elements.grasps.point import Point
 from spacerobot.elements.grasps.weld import Weld
-from spacerobot.pinocchio_engine.kinematics import Kinematics, rotation_vector
+from spacerobot.pinocchio_engine.kinematics import Kinematics, cross, rotation_vector
 from spacerobot.pinocchio_engine.laws import refusal
+from spacerobot.pinocchio_engine.references import Jet
 from spacerobot.scene import Scene, SceneGrasp
 
 
@@ -26,39 +27,77 @@ class Relative:
     ----------
     point
         The tip's origin (3,) [m].
-    gap, twist
-        From mating frame to tip (3,) [m]; rotation vector since the start (3,) [rad].
-    velocity
-        Of the tip relative to the target's material point there, then angular (6,).
+    apart, turned
+        From mating frame to tip (3,) [m]; rotation vector from where mated to the tip (3,) [rad].
+    slip
+        Velocity of the tip relative to the target's material point there, then angular (6,).
     jacobian
         Its Jacobian (6, nv).
-    drift
-        Its rate at zero joint acceleration (6,).
+    gap, twist, velocity, drift
+        The same less the rest's own, and the rate of the velocity at zero joint acceleration (6,).
+    rest_velocity
+        Of the rest, then angular (6,).
+    mate_rotation
+        Of the mating frame (3, 3).
     """
 
     point: Array
+    apart: Array
+    turned: Array
+    slip: Array
+    jacobian: Array
     gap: Array
     twist: Array
     velocity: Array
-    jacobian: Array
     drift: Array
+    rest_velocity: Array
+    mate_rotation: Array
 
 
-def relative_motion(kinematics: Kinematics, grasp: SceneGrasp, rest: Array) -> Relative:
-    """Relative motion of a grasp; ``rest`` (3, 3) is the tip's initial orientation in the mating frame."""
+@dataclass(frozen=True)
+class Rest:
+    """Where a tip is at rest, axes of the mating frame.
+
+    Attributes
+    ----------
+    mated
+        Its orientation where mated (3, 3).
+    gap, turn
+        From there to the rest (3,) [m], and the rotation vector (3,) [rad], of a constant direction; each
+        with its first two derivatives.
+    """
+
+    mated: Array
+    gap: Jet = (np.zeros(3), np.zeros(3), np.zeros(3))
+    turn: Jet = (np.zeros(3), np.zeros(3), np.zeros(3))
+
+
+def relative_motion(kinematics: Kinematics, grasp: SceneGrasp, rest: Rest) -> Relative:
+    """Relative motion of a grasp."""
     tip, mate = kinematics.frame(grasp.tip.frame), kinematics.frame(grasp.frame)
     gap = tip.position - mate.position
     # velocity of the target's material point at the tip: shift the mating frame's by the gap
     shift, shift_rate = np.eye(6), np.zeros((6, 6))
     shift[:3, 3:] = -pin.skew(gap)
     shift_rate[:3, 3:] = -pin.skew(tip.velocity[:3] - mate.velocity[:3])
+    place, moving, bend = (mate.rotation @ part for part in rest.gap)
+    _, turning, gain = (mate.rotation @ part for part in rest.turn)
+    spin, slip = mate.velocity[3:], tip.velocity - shift @ mate.velocity
+    own = np.concatenate([moving, turning])
+    own_rate = np.concatenate([cross(spin, moving) + bend, cross(spin, turning) + gain])
+    wanted = mate.rotation @ pin.exp3(rest.turn[0]) @ rest.mated
     return Relative(
         point=tip.position,
-        gap=gap,
-        twist=rotation_vector(tip.rotation, mate.rotation @ rest),
-        velocity=tip.velocity - shift @ mate.velocity,
+        apart=gap,
+        turned=rotation_vector(tip.rotation, mate.rotation @ rest.mated),
+        slip=slip,
         jacobian=tip.jacobian - shift @ mate.jacobian,
-        drift=tip.drift - shift @ mate.drift - shift_rate @ mate.velocity,
+        gap=gap - place,
+        twist=rotation_vector(tip.rotation, wanted),
+        velocity=slip - own,
+        drift=tip.drift - shift @ mate.drift - shift_rate @ mate.velocity - own_rate,
+        rest_velocity=own,
+        mate_rotation=mate.rotation,
     )
 
 
@@ -102,7 +141,7 @@ def grasp_of(config: Grasp, scene: Scene, grasp: SceneGrasp, relative: Relative)
 def _(config: Compliant, scene: Scene, grasp: SceneGrasp, relative: Relative) -> Coupling:
     """Springs and dampers."""
     del grasp
-    along, about = _mask(scene.translation_axes), _mask(scene.rotation_axes)
+    along, about = mask(scene.translation_axes), mask(scene.rotation_axes)
     gap, velocity = along * relative.gap, along * relative.velocity[:3]
     twist, spin = about * relative.twist, about * relative.velocity[3:]
     stiffness, damping = config.rotational_stiffness or 0.0, config.rotational_damping or 0.0
@@ -139,7 +178,8 @@ def rest_orientation(kinematics: Kinematics, grasp: SceneGrasp) -> Array:
     return rest
 
 
-def _mask(axes: tuple[int, ...]) -> Array:
-    mask = np.zeros(3)
-    mask[list(axes)] = 1.0
-    return mask
+def mask(axes: tuple[int, ...]) -> Array:
+    """Ones at some of three axes (3,)."""
+    found = np.zeros(3)
+    found[list(axes)] = 1.0
+    return found

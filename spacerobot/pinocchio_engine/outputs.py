@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -18,7 +19,7 @@ def outputs_at(engine: Engine, t: float, x: Array, within: float | None = None) 
     found = _tips(engine, instant) | _bodies(engine, instant)
     columns = sorted(engine.model.idx_vs[joint] for body in engine.scene.bodies for joint in body.joints)
     found["joint_torque"] = instant.solution.torque[columns]
-    found |= _grasps(engine, instant) | _contacts(engine, instant, x) | _energies(engine, instant)
+    found |= _grasps(engine, instant) | _lives(engine, instant) | _contacts(engine, instant, x) | _energies(engine, instant)
     works = engine.split(x)[2][-len(engine.works) :]
     return found | {f"work_{name}": works[i : i + 1] for i, name in enumerate(engine.works)}
 
@@ -69,20 +70,50 @@ def _total_momentum(model: pin.Model, q: Array, v: Array) -> Array:
 
 
 def _grasps(engine: Engine, instant: Instant) -> dict[str, Array]:
+    none = np.zeros(3), np.zeros(3)
     rigid = {grasp.name: (force, torque) for grasp, _, force, torque in instant.solution.wrenches}
     compliant = iter(instant.couplings)
     wrenches = []
     for grasp in engine.scene.grasps:
-        if grasp.name in rigid:
-            wrenches.append(rigid[grasp.name])
+        if grasp.name in rigid or not engine.is_closed(grasp.name):
+            wrenches.append(rigid.get(grasp.name, none))
         else:
             coupling = next(compliant)
             wrenches.append((coupling.force, coupling.torque))
     return {
         "grasp_force": _stack(force for force, _ in wrenches),
         "grasp_torque": _stack(torque for _, torque in wrenches),
-        "grasp_gap": _stack(relative.gap for relative in instant.relatives),
+        "grasp_gap": _stack(relative.apart for relative in instant.relatives),
     }
+
+
+def _lives(engine: Engine, instant: Instant) -> dict[str, Array]:
+    """States of grasps and what is remembered of captures, not a number where a grasp has none; the phase."""
+    lives, found = engine.mode.lives, dict[str, Array]()
+    if engine.mode.phase:
+        found["phase"] = np.array([float(list(engine.laws).index(engine.mode.phase))])
+    caught = {grasp.name for grasp in engine.scene.grasps if grasp.config.capture is not None}
+    struck = {grasp.name for grasp in engine.scene.grasps if grasp.config.is_rigid}
+    turned = {g.name: r.turned for g, r in zip(engine.scene.grasps, instant.relatives, strict=True)}
+    shown: dict[str, tuple[set[str], Callable[[str], Any]]] = {
+        "grasp_state": (set(lives), lambda name: lives[name].state),
+        "grasp_misalignment": (set(lives), lambda name: turned[name]),
+        "grasp_captured_at": (caught, lambda name: lives[name].captured_at),
+        "grasp_capture_velocity": (caught, lambda name: lives[name].velocity),
+        "grasp_capture_spin": (caught, lambda name: lives[name].spin),
+        "grasp_impulse": (struck, lambda name: lives[name].impulse),
+        "grasp_impulse_couple": (struck, lambda name: lives[name].couple),
+    }
+    for key, (declaring, value) in shown.items():
+        if declaring & set(lives):
+            size = 1 if key in ("grasp_state", "grasp_captured_at") else 3
+            found[key] = _stack(
+                np.atleast_1d(value(g.name)).astype(float)
+                if g.name in declaring & set(lives)
+                else np.full(size, np.nan)
+                for g in engine.scene.grasps
+            )
+    return found
 
 
 def _contacts(engine: Engine, instant: Instant, x: Array) -> dict[str, Array]:

@@ -63,6 +63,8 @@ class TipReference:
         From the pivot to the tip at the start (3,) [m]; turns with the reference.
     rotation
         The tip's orientation at the start (3, 3).
+    ends
+        Times since the start at which it is not smooth, beside those that its section tells [s].
     """
 
     path: Path
@@ -70,6 +72,7 @@ class TipReference:
     pivot: Array
     lever: Array
     rotation: Array
+    ends: tuple[float, ...] = ()
 
     def at(self, t: float, within: float, kinematics: Kinematics) -> Motion:
         """Motion at time t [s], by the piece that holds at ``within`` [s]."""
@@ -90,7 +93,11 @@ class TipReference:
 
 
 class Leads(Protocol):
-    """What leads a tip."""
+    """What leads a tip; ``ends`` as of a :class:`TipReference`."""
+
+    @property
+    def ends(self) -> tuple[float, ...]:
+        """Times since it began at which it is not smooth, beside those that its section tells [s]."""
 
     def at(self, t: float, within: float, kinematics: Kinematics) -> Motion:
         """Motion at time t [s], by the piece that holds at ``within`` [s]."""
@@ -122,11 +129,11 @@ def leading(reference: Reference, begins: Begins) -> Leads:
     return _carried(begins, path_of(reference), turn_of(reference))
 
 
-def _carried(begins: Begins, path: Path, turn: Path) -> TipReference:
+def _carried(begins: Begins, path: Path, turn: Path, ends: tuple[float, ...] = ()) -> TipReference:
     """A tip that is carried on a way."""
     frame = begins.start.frame(begins.tip.frame)
     centre = frame.position if begins.pivot is None else begins.pivot
-    return TipReference(path, turn, centre, frame.position - centre, frame.rotation)
+    return TipReference(path, turn, centre, frame.position - centre, frame.rotation, ends)
 
 
 @leading.register
@@ -153,7 +160,7 @@ def _(brake: Brake, begins: Begins) -> Leads:
 
         return jet
 
-    return _carried(begins, fading(linear), fading(spin))
+    return _carried(begins, fading(linear), fading(spin), (end,) if end else ())
 
 
 def cubic_blend(t: float, within: float, duration: float) -> tuple[float, float, float]:

@@ -38,6 +38,8 @@ def _(rendezvous: Rendezvous, begins: Begins) -> Leads:
 class _Follower:
     """A tip's way relative to a mating frame."""
 
+    ends: tuple[float, ...] = ()
+
     def __init__(self, config: Rendezvous, begins: Begins) -> None:
         self.config, self.scene, self.tip = config, begins.scene, begins.tip
         model = begins.scene.model

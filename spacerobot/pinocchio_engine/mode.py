@@ -1,0 +1,189 @@
+"""What holds between two events: the phase, the laws of its controllers, and what leads each tip."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+
+from spacerobot.arrays import Array
+from spacerobot.errors import ScenarioError
+from spacerobot.pinocchio_engine.actuation import torque_limits
+from spacerobot.pinocchio_engine.joint_control import JointController, joint_controllers
+from spacerobot.pinocchio_engine.kinematics import Kinematics
+from spacerobot.pinocchio_engine.life import Life
+from spacerobot.pinocchio_engine.references import Begins, Leads, Motion, leading
+from spacerobot.pinocchio_engine.tip_control import Channel, tip_law
+from spacerobot.scenario import Scenario
+from spacerobot.scene import Scene
+from spacerobot.scene.scene import SceneReference
+
+
+@dataclass(frozen=True)
+class Lead:
+    """What leads a tip since a time [s]."""
+
+    reference: SceneReference
+    since: float
+    leads: Leads
+
+    def at(self, t: float, within: float, kinematics: Kinematics) -> Motion:
+        """Motion at time t [s], by the piece that holds at ``within`` [s]."""
+        return self.leads.at(t - self.since, within - self.since, kinematics)
+
+    @property
+    def breakpoints(self) -> Iterator[float]:
+        """Times at which it is not smooth [s]."""
+        for end in (*self.reference.config.jumps(), *self.leads.ends):
+            yield self.since + end
+
+
+@dataclass(frozen=True)
+class Mode:
+    """What holds between two events.
+
+    Attributes
+    ----------
+    phase
+        Its name, empty where there are no phases.
+    lives
+        Of the grasps that open or close, by name.
+    leads
+        What leads the tips, by label.
+    began_at
+        When the phase began [s].
+    settling, settled_at
+        Whether what the phase waits for moves slowly, and since when [s].
+    """
+
+    phase: str
+    lives: Mapping[str, Life]
+    leads: Mapping[str, Lead]
+    began_at: float = 0.0
+    settling: bool = False
+    settled_at: float = 0.0
+
+    def with_life(self, name: str, life: Life) -> Mode:
+        """Another life of one grasp."""
+        return replace(self, lives={**self.lives, name: life})
+
+
+@dataclass(frozen=True)
+class Laws:
+    """Controllers as they are in one phase; the states of all phases' are the same.
+
+    Attributes
+    ----------
+    scene
+        The scene with the numbers of the phase.
+    rest
+        Which of the channels and controllers, in this order, rest.
+    limits
+        Greatest torques (nv,).
+    """
+
+    scene: Scene
+    channels: tuple[Channel, ...]
+    controllers: tuple[JointController, ...]
+    rest: tuple[bool, ...]
+    limits: Array
+
+    @property
+    def blocks(self) -> tuple[Channel | JointController, ...]:
+        """Channels and controllers."""
+        return (*self.channels, *self.controllers)
+
+
+def laws_of(scene: Scene) -> dict[str, Laws]:
+    """Laws by the phase's name; under no name where there are no phases.
+
+    Raises
+    ------
+    ScenarioError
+        If an element, or what a phase asks for, has no second writing.
+    """
+    base = _laws(scene)
+    if not scene.scenario.phases:
+        return {"": base}
+    found = {}
+    for name, phase in scene.scenario.phases.items():
+        if phase.begins_at != "pose":
+            raise _refused(scene, f"phases.{name}.begins_at", phase.begins_at)
+        own = _laws(_during(scene, scene.scenario.during(name)))
+        found[name] = _completed(own, base, name)
+    return found
+
+
+def _completed(own: Laws, base: Laws, phase: str) -> Laws:
+    """Laws of a phase with the scenario's own blocks, at rest, for those that the phase does without."""
+    channels = {block.state_names: block for block in own.channels}
+    controllers = {block.state_names: block for block in own.controllers}
+    names = [block.state_names for block in base.blocks]
+    if not {*channels, *controllers} <= set(names):
+        raise _refused(base.scene, f"phases.{phase}.robots", "other states of a controller")
+    return replace(
+        own,
+        channels=tuple(channels.get(block.state_names, block) for block in base.channels),
+        controllers=tuple(controllers.get(block.state_names, block) for block in base.controllers),
+        rest=tuple(name not in {*channels, *controllers} for name in names),
+    )
+
+
+def _refused(scene: Scene, where: str, what: str) -> ScenarioError:
+    return ScenarioError(
+        f"found {what!r}, which has no second writing, so the pinocchio engine cannot check it; simulate with "
+        "`simulation.engine: casadi`",
+        source=scene.source,
+        where=where,
+    )
+
+
+def _laws(scene: Scene) -> Laws:
+    channels = tuple(
+        tip_law(controller, scene, tip, key)
+        for tip in scene.tips
+        for key, controller in tip.config.elements()
+    )
+    controllers = tuple(joint_controllers(scene))
+    return Laws(
+        scene, channels, controllers, (False,) * (len(channels) + len(controllers)), torque_limits(scene)
+    )
+
+
+def _during(scene: Scene, scenario: Scenario) -> Scene:
+    """Scene with the sections of another scenario of the same bodies, tips and grasps."""
+    bodies = {}
+    for body in scene.bodies:
+        own = scenario.target if body.path == "target" else scenario.robots[body.name]
+        if own is None:  # a target that a phase takes away cannot be written
+            raise ScenarioError("found none", source=scene.source, where="target")
+        bodies[body.name] = replace(body, config=own)
+    tips = {
+        tip.label: replace(
+            tip,
+            body=bodies[tip.body.name],
+            config=scenario.robots[tip.body.name].tips[tip.label.partition("/")[2]],
+        )
+        for tip in scene.tips
+    }
+    grasps = tuple(
+        replace(grasp, tip=tips[grasp.tip.label], config=scenario.grasps[grasp.name])
+        for grasp in scene.grasps
+    )
+    return replace(scene, bodies=tuple(bodies.values()), tips=tuple(tips.values()), grasps=grasps)
+
+
+def led(
+    scene: Scene, phase: str, now: Kinematics, t: float, before: Mapping[str, Lead]
+) -> dict[str, Lead]:
+    """What leads each tip in a phase that begins at time t [s]; a reference that led before goes on."""
+    found = {}
+    for tip in scene.tips:
+        reference = next(r for r in tip.references if not phase or phase in r.phases)
+        if tip.label in before and before[tip.label].reference is reference:
+            found[tip.label] = before[tip.label]
+            continue
+        pivot = None
+        if reference.from_target and scene.target is not None:
+            pivot = now.frame(scene.target.root_frame).position
+        found[tip.label] = Lead(reference, t, leading(reference.config, Begins(scene, tip, now, pivot)))
+    return found

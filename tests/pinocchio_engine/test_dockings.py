@@ -1,0 +1,136 @@
+"""Dockings by both engines: the same events at the same times, the same states between and behind them."""
+
+import numpy as np
+import pytest
+
+from spacerobot.closedloop import build_closed_loop
+from spacerobot.pinocchio_engine import simulate
+from spacerobot.rollout import build_rollout
+from tests.oracles.free_bodies import DEEP, FLAT, free_bodies
+
+BASES = pytest.mark.parametrize("bases", [FLAT, DEEP], ids=["planar", "spatial"])
+INNER = ("reference",)
+
+
+def both(scene, duration, step=0.005):
+    """Trajectories by the casadi engine and by this one."""
+    loop = build_closed_loop(scene)
+    ours = build_rollout(
+        loop, duration_s=duration, step_s=step, output_step_s=0.1, backend="interpreted"
+    ).run()
+    found = simulate(scene, duration_s=duration, output_step_s=0.1, rtol=1e-10, atol=1e-12)
+    return loop, ours, found
+
+
+def hold_together(scene, duration, step=0.005):
+    """The names of the events, once both engines agree to 1e-6 in everything."""
+    loop, ours, found = both(scene, duration, step)
+    told = [(f.time_s, loop.events[f.event], f) for f in ours.events]
+    told = [one for one in told if one[1].kind not in INNER]
+    names = [rule.name for _, rule, _ in told]
+    assert [event.name for event in found.happened] == names
+    assert [(e.kind, e.who) for e in found.happened] == [(rule.kind, rule.who) for _, rule, _ in told]
+    times = [event.time_s for event in found.happened]
+    np.testing.assert_allclose(times, [time for time, *_ in told], atol=1e-6, rtol=0)
+    size = scene.model.nq + scene.model.nv
+    places = [loop.state_names.index(name) for name in found.state_names]
+    for event, (*_, fired) in zip(found.happened, told, strict=True):
+        for one, other in ((event.before, fired.before), (event.after, fired.after)):
+            np.testing.assert_allclose(one[:size], other[:size], atol=1e-6, rtol=0)
+            np.testing.assert_allclose(one[size:], other[places], atol=1e-6, rtol=1e-6)
+    assert found.status == ours.status
+    assert (found.ended_at_s is None) == (ours.ended_at_s is None)
+    assert found.outputs.keys() == ours.outputs.keys()
+    np.testing.assert_allclose(found.time, ours.time, atol=1e-12)
+    for name, value in ours.outputs.items():
+        np.testing.assert_allclose(found.outputs[name], value, atol=1e-6, rtol=1e-6, err_msg=name)
+    return names
+
+
+@BASES
+@pytest.mark.parametrize("kind", ["compliant", "point", "weld"])
+@pytest.mark.parametrize("draws", [False, True], ids=["as_captured", "drawn_in"])
+def test_a_grasp_is_captured_and_released(tmp_path, bases, kind, draws):
+    capture = {"distance": 0.05, "dwell": 0.05}
+    if draws:
+        capture |= {"draw_in": 0.4} | ({"draw_in_deg": 120} if kind != "point" else {})
+    grasp = {"kind": kind, "capture": capture, "release": {"at": 2.2}}
+    names = hold_together(free_bodies(tmp_path, bases, grasp), 2.6)
+    assert names == ["left.entered", "left.captured", *["left.drawn"] * draws, "left.released"]
+
+
+ENVELOPE = {
+    "distance": 0.09,
+    "misalignment_deg": 8,
+    "closing_speed": 0.2,
+    "lateral_speed": 0.15,
+    "spin_deg": 20,
+    "axis": [1, 0.3, 0],
+    "mated_deg": [0, 0, 5],
+}
+
+
+@BASES
+@pytest.mark.parametrize(
+    ("grasp", "names"),
+    {
+        "an envelope of all limits": (
+            {"kind": "weld", "capture": ENVELOPE},
+            ["left.captured"],
+        ),
+        "a time": ({"kind": "point", "capture": {"at": 0.37}}, ["left.captured"]),
+        "pulled off": (
+            {"kind": "compliant", "stiffness": 300, "capture": {"at": 0.33}, "release": {"force": 1.5}},
+            ["left.captured", "left.slipped_by_force"],
+        ),
+        "twisted off": (
+            {
+                "kind": "weld",
+                "capture": {"at": 0.33, "draw_in_deg": 40},
+                "release": {"torque": 1e-2},
+            },
+            ["left.captured", "left.slipped_by_torque"],
+        ),
+        "let go while drawn in": (
+            {"kind": "compliant", "capture": {"at": 0.33, "draw_in": 0.05}, "release": {"at": 0.93}},
+            ["left.captured", "left.released"],
+        ),
+    }.values(),
+    ids=str,
+)
+def test_ways_to_close_and_to_let_go(tmp_path, bases, grasp, names):
+    assert hold_together(free_bodies(tmp_path, bases, grasp), 1.4) == names
+
+
+PHASES = {
+    "approach": {"until": {"captured": ["left"]}, "at_most": 2.5, "otherwise": "end"},
+    "carry": {
+        "until": {"time": 0.6},
+        "at_most": 1.0,
+        "grasps": {"left": {"stiffness": 150}},
+    },
+    "part": {"releases": ["left"], "captures": [], "at_most": 0.5},
+}
+
+
+@BASES
+def test_phases_follow_each_other_and_end(tmp_path, bases):
+    grasp = {"kind": "compliant", "capture": {"distance": 0.05, "dwell": 0.05}}
+    names = hold_together(free_bodies(tmp_path, bases, grasp, phases=PHASES), 3.0)
+    expected = ["left.entered", "left.captured", "approach.captured", "carry.time", "left.told"]
+    assert names == [*expected, "part.at_most"]
+
+
+SETTLING = {
+    "settled": {"settled": {"of": "target", "speed": 0.08, "spin_deg": 10, "dwell": 0.1}},
+    "limit": {"limit": {"output": "grasp_gap", "of": "left", "above": 0.06}},
+    "whole": {"limit": {"output": "energy_spring", "above": 0.02}},
+}
+
+
+@pytest.mark.parametrize("until", SETTLING.values(), ids=SETTLING)
+def test_a_phase_ends_as_something_settles_or_passes_a_limit(tmp_path, until):
+    phases = {"approach": {"until": until, "at_most": 2.0}, "second": {"captures": []}}
+    grasp = {"kind": "compliant", "stiffness": 40, "damping": 5, "capture": {"at": 0.63}}
+    names = hold_together(free_bodies(tmp_path, DEEP, grasp, phases=phases), 2.4)
+    assert names
