@@ -7,7 +7,7 @@ import math
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from spacerobot.result.metrics import fastest_joint
 from spacerobot.result.summary import build_summary
 from spacerobot.result.trust import fast_words
 from spacerobot.rollout import (
+    Fired,
     Rollout,
     TimeGrid,
     Trajectory,
@@ -31,6 +32,9 @@ from spacerobot.rollout import (
 from spacerobot.rollout.step import NoStepError
 from spacerobot.scene import Scene, build_scene
 from spacerobot.scene.size import check_size
+
+if TYPE_CHECKING:
+    from spacerobot.pinocchio_engine import Checked
 
 Progress = Callable[[str], None]
 LOCAL_TOLERANCE = 1e-3
@@ -150,11 +154,17 @@ def _check_events(scene: Scene, loop: ClosedLoop) -> None:
         Naming the engine, and what may happen.
     """
     engine = scene.scenario.simulation.engine
+    if engine == "casadi":
+        return
     jumps = [rule for rule in loop.events if not rule.kink]
-    if jumps and engine != "casadi":
+    if engine == "pinocchio" and jumps:
+        from spacerobot.pinocchio_engine import EVENTS
+
+        jumps = [rule for rule in jumps if rule.kind not in EVENTS]
+    if jumps:
         kinds = ", ".join(dict.fromkeys(rule.kind for rule in jumps))
         raise ScenarioError(
-            f"found {engine!r}, which finds no events ({kinds}), allowed for this scenario: 'casadi'",
+            f"found {engine!r}, which finds no such events ({kinds}), allowed for this scenario: 'casadi'",
             source=scene.source,
             where="simulation.engine",
         )
@@ -205,7 +215,7 @@ class _Run:
 def _run(scene: Scene, loop: ClosedLoop, backend: Backend, tell: Progress) -> _Run:
     simulation = scene.scenario.simulation
     if simulation.engine == "pinocchio":
-        return _check(scene, tell)
+        return _check(scene, loop, tell)
     if simulation.engine == "cvodes":
         tell("integrating with CVODES")
         ready, grid = time.perf_counter(), time_grid(simulation.duration, simulation.output_step)
@@ -263,14 +273,38 @@ def _warned(scene: Scene, step_error: float) -> Scene:
     return dataclasses.replace(scene, warnings=(*scene.warnings, told))
 
 
-def _check(scene: Scene, tell: Progress) -> _Run:
+def _check(scene: Scene, loop: ClosedLoop, tell: Progress) -> _Run:
     """The independent engine, which takes long enough to say how far it is."""
     from spacerobot.pinocchio_engine import simulate as check
 
     words = "simulating with Pinocchio's own algorithms"
     tell(words)
     ready = time.perf_counter()
-    return _Run(scene, ready, check(scene, progress=lambda part: tell(f"{words}: {part:.0%}")))
+    checked = check(scene, progress=lambda part: tell(f"{words}: {part:.0%}"))
+    return _Run(scene, ready, dataclasses.replace(checked, events=_fired(scene, loop, checked)))
+
+
+def _fired(scene: Scene, loop: ClosedLoop, checked: Checked) -> tuple[Fired, ...]:
+    """Events of the independent engine as the closed loop's, whose memory it has only in part."""
+    names = list(loop.state_names)
+    first, c = (value.full().ravel() for value in loop.setup(loop.parameter_values))
+    own = [*range(scene.model.nq + scene.model.nv), *(names.index(name) for name in checked.state_names)]
+    rules = {rule.name: place for place, rule in enumerate(loop.events)}
+    axes = {"impulse": scene.translation_axes, "couple": tuple(3 + i for i in scene.rotation_axes)}
+    before, switches, found = first, c[list(loop.switches)], []
+    for event in checked.happened:
+        after = before.copy()
+        before[own], after[own] = event.before, event.after
+        for grasp, impulse in event.impulses.items():
+            for key, rows in axes.items():
+                if f"{grasp}.{key}[0]" in names:
+                    place = names.index(f"{grasp}.{key}[0]")
+                    after[place : place + len(rows)] = impulse[list(rows)]
+        for place, value in loop.events[rules[event.name]].sets:
+            switches[place] = float(value)
+        found.append(Fired(event.time_s, rules[event.name], before, after, switches.copy()))
+        before = after.copy()
+    return tuple(found)
 
 
 def _ready(scene: Scene, loop: ClosedLoop, backend: Backend, tell: Progress) -> Rollout:

@@ -3,13 +3,16 @@
 from spacerobot.pinocchio_engine import rendezvous as _rendezvous  # noqa: F401 (a writing of its own)
 from spacerobot.pinocchio_engine.contacts import contact_of
 from spacerobot.pinocchio_engine.engine import Engine
+from spacerobot.pinocchio_engine.events import KINDS as EVENTS
 from spacerobot.pinocchio_engine.grasps import grasp_of
 from spacerobot.pinocchio_engine.joint_control import robot_law
 from spacerobot.pinocchio_engine.references import leading, path_of, turn_of
-from spacerobot.pinocchio_engine.simulate import simulate
+from spacerobot.pinocchio_engine.simulate import Checked, simulate
 from spacerobot.pinocchio_engine.tip_control import reading_of, tip_law
 
 __all__ = [
+    "EVENTS",
+    "Checked",
     "Engine",
     "contact_of",
     "grasp_of",

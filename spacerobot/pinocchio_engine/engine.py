@@ -21,11 +21,11 @@ from spacerobot.pinocchio_engine.grasps import (
     relative_motion,
     rest_orientation,
 )
-from spacerobot.pinocchio_engine.joint_control import JointController, null_space
+from spacerobot.pinocchio_engine.joint_control import null_space
 from spacerobot.pinocchio_engine.kinematics import Kinematics, configuration_rate, coordinates
 from spacerobot.pinocchio_engine.laws import has_writing, refusal
 from spacerobot.pinocchio_engine.life import first_lives, mated_orientation, works_of
-from spacerobot.pinocchio_engine.mode import Laws, Mode, led, laws_of
+from spacerobot.pinocchio_engine.mode import Laws, Mode, laws_of, led
 from spacerobot.pinocchio_engine.references import Motion
 from spacerobot.pinocchio_engine.tip_control import Channel, Command
 from spacerobot.scene import Scene, SceneGrasp
@@ -174,9 +174,7 @@ class Engine:
             for channel, own in zip(channels, states, strict=False)
         ]
         commands = [pair for pair, rests in zip(asking, self.now.rest, strict=False) if not rests]
-        torque, desired_rates = self._joint_control(
-            kinematics, motions, commands, states[len(channels) :]
-        )
+        torque, desired_rates = self._joint_control(kinematics, motions, commands, states[len(channels) :])
         asked = [command for _, command in commands]
         relatives = [self.relative(kinematics, grasp, t) for grasp in self.now.scene.grasps]
         couplings, loads = self._loads(torque, asked, relatives)
@@ -188,8 +186,7 @@ class Engine:
         solution = solve(kinematics, replace(loads, pressures=pressing))
         powers = self._powers(v, solution, (couplings, loads.wrenches), pressing)
         own_rates = [
-            command.rates * (not rests)
-            for (_, command), rests in zip(asking, self.now.rest, strict=False)
+            command.rates * (not rests) for (_, command), rests in zip(asking, self.now.rest, strict=False)
         ]
         booked = [
             np.sum([[*p.force, p.dissipation] for p in several], axis=0) for several in pressures.values()

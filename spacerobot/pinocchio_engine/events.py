@@ -21,6 +21,12 @@ from spacerobot.pinocchio_engine.outputs import outputs_at
 from spacerobot.scenario.phases import END, Limit, Settled, successors
 from spacerobot.scene import SceneGrasp
 
+KINDS = (
+    *("captured", "entered", "left", "drawn", "released", "slipped"),
+    *("phase", "end", "settling", "moving", "reference"),
+)
+"""Kinds of events that have a second writing; instants at which references jump are known beforehand."""
+
 
 @dataclass(frozen=True)
 class Moment:
@@ -206,7 +212,10 @@ def _load(moment: Moment, grasp: SceneGrasp) -> tuple[Array, Array]:
 def _phase(engine: Engine) -> Iterator[Event]:
     """How the present phase ends."""
     name, mode = engine.mode.phase, engine.mode
-    phase, (then, otherwise) = engine.scene.scenario.phases[name], successors(engine.scene.scenario.phases)[name]
+    phase, (then, otherwise) = (
+        engine.scene.scenario.phases[name],
+        successors(engine.scene.scenario.phases)[name],
+    )
     until = phase.until
     if until is not None and until.settled is not None and until.settled.dwell:
         settled, room_left = until.settled, _slowly(engine, until.settled)
@@ -256,9 +265,10 @@ def _conditions(engine: Engine) -> Iterator[tuple[str, Callable[[Moment], float]
     elif until is not None and until.captured:
         if all(engine.is_closed(grasp) for grasp in until.captured):
             yield "captured", lambda _: 1.0
-    elif until is not None and until.released:
-        if all(grasp in mode.lives and mode.lives[grasp].released for grasp in until.released):
-            yield "released", lambda _: 1.0
+    elif until is not None and all(
+        grasp in mode.lives and mode.lives[grasp].released for grasp in until.released or ()
+    ):
+        yield "released", lambda _: 1.0
     if latest is not None:
         yield "at_most", lambda m: m.t - mode.began_at - latest
 

@@ -32,7 +32,7 @@ class Impact:
 
 
 def strike(engine: Engine, kinematics: Kinematics, t: float) -> Impact:
-    """Impact on all rigid grasps that hold in the engine's present mode: ``M dv + G^T w = 0``, ``G v+ = 0``."""
+    """Impact on all rigid grasps that hold in the present mode: ``M dv + G^T w = 0``, ``G v+ = 0``."""
     held = []
     for grasp in engine.now.scene.grasps:
         if grasp.config.is_rigid and engine.is_closed(grasp.name):

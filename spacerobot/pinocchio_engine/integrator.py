@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import itertools
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.integrate import DOP853
-from scipy.integrate import DenseOutput
+from scipy.integrate import DOP853, DenseOutput
 from scipy.optimize import brentq
 
 from spacerobot.arrays import Array
@@ -31,7 +31,19 @@ CHATTER, CHATTER_S = 100, 1e-3
 
 @dataclass(frozen=True)
 class Happened:
-    """An event: when it was [s], what it was, and the states before and after it (nx,)."""
+    """An event.
+
+    Attributes
+    ----------
+    time_s
+        When it was [s].
+    name, kind, who
+        What it was, as the other engine calls it.
+    before, after
+        States (nx,).
+    impulses
+        Of all impacts so far on the target, force and couple (6,), by the grasp's name [N s, N m s].
+    """
 
     time_s: float
     name: str
@@ -39,6 +51,7 @@ class Happened:
     who: str
     before: Array
     after: Array
+    impulses: Mapping[str, Array]
 
 
 class Integrator:
@@ -102,7 +115,9 @@ class Integrator:
         moment = Moment(self._engine, self.t, self.x, self.t)
         before = self.x
         self.x = happen(self._engine, event, moment)
-        self.events.append(Happened(self.t, event.name, event.kind, event.who, before, self.x))
+        lives = self._engine.mode.lives.items()
+        impulses = {name: np.concatenate([life.impulse, life.couple]) for name, life in lives}
+        self.events.append(Happened(self.t, event.name, event.kind, event.who, before, self.x, impulses))
         self.ended = event.then is None
         recent = self.events[-CHATTER - 1 :]
         self.chattering = len(recent) > CHATTER and self.t - recent[0].time_s < CHATTER_S
@@ -122,7 +137,7 @@ class Integrator:
         )
 
     def _interval(self, until: float, within: float) -> bool:
-        """Integrate to a time, without breakpoints on the way, or to an event; whether the state stays good."""
+        """Integrate to a time or an event, without breakpoints on the way; whether the state stays good."""
         solver, watched = self._solver(until, within), armed(self._engine)
         if not np.isfinite(solver.f).all():
             return False
@@ -144,7 +159,7 @@ class Integrator:
     ) -> tuple[Event, float] | None:
         """The first event of a step that ends at a time, and about when it is."""
         looks = np.linspace(self.t, end, 2 + int((end - self.t) / LOOK_S))
-        for early, late in zip(looks[:-1], looks[1:], strict=True):
+        for early, late in itertools.pairwise(looks):
             moment = Moment(self._engine, late, dense(late), within)
             roots = []
             for event in watched:

@@ -83,7 +83,10 @@ class Life:
         lines, turns = mask(scene.translation_axes), mask(scene.rotation_axes)
         back = relative.mate_rotation.T
         way, angle = lines * relative.apart, turns * relative.turned
-        rates = (capture.draw_in, np.linalg.norm(way)), (capture.draw_in_deg, np.degrees(np.linalg.norm(angle)))
+        rates = (
+            (capture.draw_in, np.linalg.norm(way)),
+            (capture.draw_in_deg, np.degrees(np.linalg.norm(angle))),
+        )
         least = SHORTEST, np.degrees(SHORTEST)
         times = [
             1.5 * float(np.hypot(length, short)) / rate

@@ -130,7 +130,7 @@ def _completed(own: Laws, base: Laws, phase: str) -> Laws:
 
 def _refused(scene: Scene, where: str, what: str) -> ScenarioError:
     return ScenarioError(
-        f"found {what!r}, which has no second writing, so the pinocchio engine cannot check it; simulate with "
+        f"found {what!r}, which has no second writing, so the pinocchio engine cannot check it; take "
         "`simulation.engine: casadi`",
         source=scene.source,
         where=where,
@@ -172,9 +172,7 @@ def _during(scene: Scene, scenario: Scenario) -> Scene:
     return replace(scene, bodies=tuple(bodies.values()), tips=tuple(tips.values()), grasps=grasps)
 
 
-def led(
-    scene: Scene, phase: str, now: Kinematics, t: float, before: Mapping[str, Lead]
-) -> dict[str, Lead]:
+def led(scene: Scene, phase: str, now: Kinematics, t: float, before: Mapping[str, Lead]) -> dict[str, Lead]:
     """What leads each tip in a phase that begins at time t [s]; a reference that led before goes on."""
     found = {}
     for tip in scene.tips:

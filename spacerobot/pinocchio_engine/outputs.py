@@ -19,7 +19,12 @@ def outputs_at(engine: Engine, t: float, x: Array, within: float | None = None) 
     found = _tips(engine, instant) | _bodies(engine, instant)
     columns = sorted(engine.model.idx_vs[joint] for body in engine.scene.bodies for joint in body.joints)
     found["joint_torque"] = instant.solution.torque[columns]
-    found |= _grasps(engine, instant) | _lives(engine, instant) | _contacts(engine, instant, x) | _energies(engine, instant)
+    found |= (
+        _grasps(engine, instant)
+        | _lives(engine, instant)
+        | _contacts(engine, instant, x)
+        | _energies(engine, instant)
+    )
     works = engine.split(x)[2][-len(engine.works) :]
     return found | {f"work_{name}": works[i : i + 1] for i, name in enumerate(engine.works)}
 

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from spacerobot.arrays import Array
-from spacerobot.errors import SpaceRobotError
 from spacerobot.pinocchio_engine.engine import Engine
 from spacerobot.pinocchio_engine.integrator import Happened, Integrator
 from spacerobot.pinocchio_engine.outputs import outputs_at
@@ -29,12 +28,9 @@ class Checked(Trajectory):
     ----------
     happened
         Its events; ``events`` is empty, for it holds those of a closed loop.
-    state_names
-        Names of the states behind q and v, as the other engine calls them.
     """
 
     happened: tuple[Happened, ...] = ()
-    state_names: tuple[str, ...] = ()
 
 
 def simulate(
@@ -66,8 +62,9 @@ def simulate(
     -------
     Checked
         State, outputs, status and events; no measures and costs. A sample on the end of a reference shows
-        what led up to it, one on an event what is behind it. Cut short, with status ``diverged``, where the state leaves its bounds, becomes singular
-        or cannot be integrated.
+        what led up to it, one on an event what is behind it; the first one is where everything begins. Cut
+        short, with status ``diverged``, where the state leaves its bounds, becomes singular or cannot be
+        integrated; with ``chattering`` where too much happens at once; and where an event ends it.
 
     Raises
     ------

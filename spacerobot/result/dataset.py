@@ -66,7 +66,7 @@ def build_dataset(scene: Scene, trajectory: Trajectory, loop: ClosedLoop) -> xr.
         "quaternion": ["x", "y", "z", "w"],
         "configuration": list(names[:nq]),
         "velocity": list(names[nq : nq + nv]),
-        "controller": list(names[nq + nv :]),
+        "controller": list(trajectory.state_names or names[nq + nv :]),
     }
     if scene.contacts:
         coordinates["contact"] = [contact.name for contact in scene.contacts]

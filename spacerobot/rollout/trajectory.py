@@ -99,6 +99,8 @@ class Trajectory:
         The events that fired, in turn.
     ended_at_s
         When an event ended the rollout [s]; None if none did.
+    state_names
+        Names of the states behind q and v where they are not the closed loop's; else none.
     """
 
     time: Array
@@ -116,6 +118,7 @@ class Trajectory:
     cause: str = ""
     events: tuple[Fired, ...] = ()
     ended_at_s: float | None = None
+    state_names: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         """How it ended and how large it is, in one line."""

@@ -1,11 +1,16 @@
 """Dockings by both engines: the same events at the same times, the same states between and behind them."""
 
+import copy
+
 import numpy as np
 import pytest
 
 from spacerobot.closedloop import build_closed_loop
+from spacerobot.errors import ScenarioError
 from spacerobot.pinocchio_engine import simulate
 from spacerobot.rollout import build_rollout
+from spacerobot.scenario import Scenario
+from spacerobot.scene import build_scene
 from tests.oracles.free_bodies import DEEP, FLAT, free_bodies
 
 BASES = pytest.mark.parametrize("bases", [FLAT, DEEP], ids=["planar", "spatial"])
@@ -134,3 +139,75 @@ def test_a_phase_ends_as_something_settles_or_passes_a_limit(tmp_path, until):
     grasp = {"kind": "compliant", "stiffness": 40, "damping": 5, "capture": {"at": 0.63}}
     names = hold_together(free_bodies(tmp_path, DEEP, grasp, phases=phases), 2.4)
     assert names
+
+
+PID = {"kp": 150, "ki": 60, "kd": 20, "feedback": "inertial"}
+LED = {
+    "name": "led",
+    "robots": {
+        "arm": {
+            "urdf": "planar_arm.urdf",
+            "base": {"joint": "planar", "position": [-0.5, 0, 0]},
+            "joints": {f"joint_{i}": {"angle_deg": 40 if i < 5 else -40} for i in range(1, 9)},
+            "tips": {"tip": {"pid": PID, "amnesia": {"ge": 4, "ta": 3}}},
+            "joint_pd": {"kp": 0, "kd": 20},
+        }
+    },
+    "target": {
+        "urdf": "rectangle.urdf",
+        "base": {
+            "joint": "planar",
+            "position": [0.88, 1.84, 0],
+            "velocity": [0.01, 0.01, 0],
+            "spin_deg": [0, 0, 2],
+        },
+    },
+    "grasps": {"hand": {"tip": "arm/tip", "frame": "mate_1", "begins": "open", "capture": {"at": 1.13}}},
+    "phases": {
+        "come": {
+            "robots": {"arm": {"tips": {"tip": {"reference": {"kind": "rendezvous", "frame": "mate_1"}}}}},
+            "until": {"captured": ["hand"]},
+        },
+        "stop": {
+            "target": {"reference": {"kind": "brake", "deceleration": 0.2, "spin_deceleration_deg": 8}},
+            "robots": {"arm": {"tips": {"tip": {"pid": {"kp": 300}}}}},
+            "until": {"time": 0.52},
+        },
+        "carry": {
+            "target": {"reference": {"kind": "circle", "radius": 0.02, "duration": 0.4}},
+            "until": {"time": 0.5},
+            "reset": True,
+        },
+        "part": {
+            "releases": ["hand"],
+            "captures": [],
+            "robots": {
+                "arm": {
+                    "joint_pd": None,
+                    "tips": {
+                        "tip": {"reference": {"kind": "line", "displacement": [-0.02, 0, 0], "duration": 0.3}}
+                    },
+                }
+            },
+        },
+    },
+    "simulation": {"duration": 2.6, "step": 0.005},
+}
+
+
+@pytest.mark.parametrize("kind", ["compliant", "weld"])
+def test_references_and_numbers_differ_by_phase(kind):
+    document = copy.deepcopy(LED)
+    document["grasps"]["hand"]["kind"] = kind
+    reference = document["phases"]["come"]["robots"]["arm"]["tips"]["tip"]["reference"]
+    reference |= {"standoff": 0.1, "approach_time": 0.47, "duration": 1.0}
+    scene = build_scene(Scenario.model_validate(document))
+    names = hold_together(scene, 2.6, step=0.0025)
+    assert names == ["hand.captured", "come.captured", "stop.time", "carry.time", "hand.told"]
+
+
+def test_what_has_no_second_writing_is_refused(tmp_path):
+    phases = {"first": {"until": {"time": 0.1}}, "second": {"begins_at": "reference"}}
+    scene = free_bodies(tmp_path, FLAT, {"capture": {"at": 0.3}}, phases=phases)
+    with pytest.raises(ScenarioError, match=r"phases.second.begins_at: found 'reference'"):
+        simulate(scene, duration_s=0.2, output_step_s=0.1)
