@@ -208,6 +208,6 @@ def test_references_and_numbers_differ_by_phase(kind):
 
 def test_what_has_no_second_writing_is_refused(tmp_path):
     phases = {"first": {"until": {"time": 0.1}}, "second": {"begins_at": "reference"}}
-    scene = free_bodies(tmp_path, FLAT, {"capture": {"at": 0.3}}, phases=phases)
+    scene = free_bodies(tmp_path, FLAT, {"kind": "point", "capture": {"at": 0.3}}, phases=phases)
     with pytest.raises(ScenarioError, match=r"phases.second.begins_at: found 'reference'"):
         simulate(scene, duration_s=0.2, output_step_s=0.1)
