@@ -61,10 +61,8 @@ def simulate(
     Returns
     -------
     Checked
-        State, outputs, status and events; no measures and costs. A sample on the end of a reference shows
-        what led up to it, one on an event what is behind it; the first one is where everything begins. Cut
-        short, with status ``diverged``, where the state leaves its bounds, becomes singular or cannot be
-        integrated; with ``chattering`` where too much happens at once; and where an event ends it.
+        No measures and costs. A sample on the end of a reference shows what led up to it. Cut short, with
+        status ``diverged``, where the state leaves its bounds, becomes singular or cannot be integrated.
 
     Raises
     ------
@@ -79,14 +77,13 @@ def simulate(
     engine = Engine(scene)
     integrator = Integrator(engine, rtol, atol)
     states, outputs, bad = _roll_out(engine, integrator, samples, progress or (lambda _: None))
-    chattering = integrator.chattering
     return Checked(
         time=frozen(samples[: len(states)]),
         state=frozen(np.array(states)),
         outputs={name: frozen(np.array([y[name] for y in outputs])) for name in outputs[0]},
         measures={},
         costs={},
-        status="chattering" if chattering else "completed" if bad is None else "diverged",
+        status="chattering" if integrator.chattering else "completed" if bad is None else "diverged",
         diverged_at_s=bad,
         steps=0,
         step_s=float("nan"),
