@@ -156,15 +156,16 @@ def _check_events(scene: Scene, loop: ClosedLoop) -> None:
     engine = scene.scenario.simulation.engine
     if engine == "casadi":
         return
-    jumps = [rule for rule in loop.events if not rule.kink]
+    allowed, jumps = "'casadi', 'pinocchio'", [rule for rule in loop.events if not rule.kink]
     if engine == "pinocchio" and jumps:
+        allowed = "'casadi'"
         from spacerobot.pinocchio_engine import EVENTS
 
         jumps = [rule for rule in jumps if rule.kind not in EVENTS]
     if jumps:
         kinds = ", ".join(dict.fromkeys(rule.kind for rule in jumps))
         raise ScenarioError(
-            f"found {engine!r}, which finds no such events ({kinds}), allowed for this scenario: 'casadi'",
+            f"found {engine!r}, which finds no such events ({kinds}), allowed for this scenario: {allowed}",
             source=scene.source,
             where="simulation.engine",
         )

@@ -64,8 +64,8 @@ def test_what_lies_before_a_number_that_is_none_is_kept(worst, monkeypatch):
 
     run = job.Rollout.run
 
-    def spoilt(rollout, **asked):
-        whole = run(rollout, **asked)
+    def spoilt(rollout, *given, **asked):
+        whole = run(rollout, *given, **asked)
         error = whole.outputs["tip_error"].copy()
         error[9:, 0] = worst  # every step of 5 ms is one
         return dataclasses.replace(whole, outputs={**whole.outputs, "tip_error": error})
