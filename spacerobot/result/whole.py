@@ -76,13 +76,18 @@ def _other_names(data: xr.Dataset, scenario: Scenario) -> str | None:
 
 def missing_summary(summary: Mapping[str, Any], data: xr.Dataset) -> str | None:
     """What a summary lacks, in words; None if nothing."""
-    return _missing(_expected(data), summary, "")
+    told = _missing(_expected(data), summary, "")
+    if told is not None:
+        return told
+    events = enumerate(summary["events"])
+    return next(filter(None, (_missing(_EVENT, event, f"events.{k}") for k, event in events)), None)
 
 
 def _expected(data: xr.Dataset) -> dict[str, Any]:
     """Keys of a summary with the types of what they hold."""
     bodies = [str(body) for body in data.body.values]
     span = dict.fromkeys(("min_m", "max_m", "rms_m", "final_m"), Number)
+    contact = {"force_n": Number, "contact": Name, "time_s": Maybe}
     motion = dict.fromkeys(("max_rotation_deg", "max_travel_m"), Number)
     return {
         "name": str,
@@ -93,12 +98,16 @@ def _expected(data: xr.Dataset) -> dict[str, Any]:
             "trusted": bool,
             "open": list,
             "advice": Name,
+            "cause": Name,
         },
+        "outcome": Name,
+        "events": list,
         "tip_error": {str(tip): dict.fromkeys((*"xyz", "norm"), span) for tip in data.tip.values},
         "target": motion if "target" in bodies else type(None),
         "bases": {body: motion for body in bodies if body != "target"},
         "greatest_torque": {"torque_n_m": Number, "unit": str, "joint": Name, "time_s": Maybe},
         "greatest_grip": {"force_n": Number, "grasp": Name, "time_s": Maybe},
+        **({"greatest_contact": contact} if "contact" in data.coords else {}),
         "fastest_joint": {"rate": Number, "unit": str, "joint": Name, "time_s": Maybe},
         "ledger": {"momentum": _momentum(bool(data.attrs["outside"])), "energy": _ENERGY},
         "engine": {"name": str, "backend": str, "step_s": Maybe, "steps": Number},
@@ -110,6 +119,7 @@ def _expected(data: xr.Dataset) -> dict[str, Any]:
     }
 
 
+_EVENT = {"time_s": Number, "kind": str, "who": str}
 _ENERGY = dict.fromkeys(
     (
         *("actuator_work_j", "stored_change_j", "joint_loss_j", "grasp_loss_j", "constraint_work_j"),

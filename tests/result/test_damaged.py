@@ -65,11 +65,22 @@ def test_every_key_of_a_summary_that_is_missing_or_something_else_is_named(damag
             else:
                 del node[path[-1]]
             file.write_text(json.dumps(found))
-            if replaced and path[-1] in ("joint", "grasp", "advice"):
+            if replaced and path[-1] in ("joint", "grasp", "advice", "cause", "outcome"):
                 continue  # a text or nothing
             with pytest.raises(ResultError) as raised:
                 load(damaged)
             assert f"summary.json: damaged: {'' if replaced else 'no '}{'.'.join(path)}" in str(raised.value)
+
+
+@pytest.mark.parametrize("key", ["time_s", "kind", "who"])
+def test_an_event_that_lacks_a_key_is_named(damaged, key):
+    file = damaged / "summary.json"
+    summary = json.loads(file.read_text())
+    event = {"time_s": 0.5, "kind": "captured", "who": "left"}
+    summary["events"] = [event, {name: value for name, value in event.items() if name != key}]
+    file.write_text(json.dumps(summary))
+    with pytest.raises(ResultError, match=rf"summary\.json: damaged: no events\.1\.{key}"):
+        load(damaged)
 
 
 def test_a_truncated_scenario_that_is_one_still_does_not_fit(damaged):
