@@ -1,6 +1,11 @@
 """What every test has: a cache of compiled code of this test run's own, and markers for what tests need."""
 
+import signal
+
 import pytest
+
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as a shell has it for what it runs in the background
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 FIXTURES = {"browser": {"browser"}, "dask": {"dask", "cluster"}}
 """Fixtures whose tests have a marker."""
