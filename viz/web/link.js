@@ -3,11 +3,13 @@ class Link {
   // ``read`` gives what is shown as pairs of name and text; ``apply`` shows such pairs again.
   constructor({ read, apply }) {
     [this.read, this.apply] = [read, apply];
-    window.addEventListener("hashchange", () => this.follow());
+    // the address may have been written anew since, by what was noted before
+    window.addEventListener("hashchange", (event) => this.follow(event.newURL));
   }
 
-  follow() {
-    this.apply(new URLSearchParams(location.hash.slice(1)));
+  follow(address = location.href) {
+    clearTimeout(this.timer);
+    this.apply(new URLSearchParams(new URL(address).hash.slice(1)));
   }
 
   // Soon, and once for many changes: browsers refuse to note too many.
