@@ -45,6 +45,7 @@ def _(reference: Lemniscate) -> Path:
     """The same written again with double angles, for the pinocchio engine."""
 
     def jet(t: float, within: float) -> Jet:
+        """Offset, its rate and its acceleration (3,) each."""
         if within >= reference.duration:
             return np.zeros(3), np.zeros(3), np.zeros(3)
         s, T = t / reference.duration, reference.duration

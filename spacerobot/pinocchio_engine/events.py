@@ -301,6 +301,7 @@ def _passing(engine: Engine, limit: Limit) -> Callable[[Moment], float]:
     place = labels.index(limit.of) if limit.of is not None else 0
 
     def guard(moment: Moment) -> float:
+        """A number against the limit, or the square of a vector's size against that of the limit."""
         value = outputs_at(engine, moment.t, moment.x, moment.within)[limit.output]
         own = value.reshape(len(labels), -1)[place] if limit.of is not None else value
         if limit.above is not None:

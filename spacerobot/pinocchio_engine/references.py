@@ -147,6 +147,8 @@ def _(brake: Brake, begins: Begins) -> Leads:
     end = 1.5 * max(float(np.linalg.norm(v)) / limit for v, limit in zip((linear, spin), limits, strict=True))
 
     def fading(first: Array) -> Path:
+        """What a velocity (3,) that fades leads along, with its first two derivatives."""
+
         def jet(t: float, within: float) -> Jet:
             """Until it rests, and there."""
             if within >= end:

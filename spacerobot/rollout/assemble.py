@@ -117,6 +117,7 @@ def statuses(raw: Raw, kernel: Kernel) -> tuple[str, ...]:
     """Whether the derivatives of each rollout hold, in words."""
 
     def told(whole: bool, doubt: int, event: int) -> str:
+        """One rollout, and the event that its derivatives are doubted for."""
         name = kernel.events[event].name if kernel.events else ""
         if not whole:
             return "lost"

@@ -48,6 +48,7 @@ class _Finder:
         self.model, self.bodies, self.scenario, self.source = model, bodies, scenario, source
 
     def contact(self, name: str, config: Contact) -> SceneContact:
+        """A contact with every pair of shapes of its two sides, each pair one that has a law."""
         path = f"contacts.{name}"
         ones, others = (
             list(self._side(side, config.wrap, f"{path}.between.{i}"))

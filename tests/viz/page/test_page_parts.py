@@ -311,3 +311,9 @@ def test_phases_and_events_stand_above_the_seek_bar_and_lead_there(shown, docked
 
 def test_a_result_without_events_has_no_strip(shown, paper):
     assert shown(paper).evaluate("document.getElementById('events').hidden")
+
+
+def test_a_link_is_followed_although_the_address_was_written_anew_since(shown, paper):
+    page = shown(paper, fragment="#t=1&play=0")
+    page.evaluate("location.hash = '#t=4&play=0'; history.replaceState(null, '', '#t=1&play=0')")
+    page.wait_for("document.body.dataset.time === '4.000'", timeout_s=5)
