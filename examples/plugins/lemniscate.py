@@ -48,13 +48,12 @@ def _(reference: Lemniscate) -> Path:
         """Offset, its rate and its acceleration (3,) each."""
         if within >= reference.duration:
             return np.zeros(3), np.zeros(3), np.zeros(3)
-        s, T = t / reference.duration, reference.duration
+        s, T, size = t / reference.duration, reference.duration, reference.size
         angle = 2 * np.pi * (3 * s**2 - 2 * s**3)
         rate, acceleration = 12 * np.pi * (s - s**2) / T, 12 * np.pi * (1 - 2 * s) / T**2
         value = np.array([np.sin(angle), np.sin(2 * angle) / 2, 0.0])
         first = np.array([np.cos(angle), np.cos(2 * angle), 0.0])
         second = np.array([-np.sin(angle), -2 * np.sin(2 * angle), 0.0])
-        size = reference.size
         return size * value, size * first * rate, size * (second * rate**2 + first * acceleration)
 
     return jet
