@@ -14,7 +14,7 @@ from spacerobot.closedloop.energy import Work, build_works, plant_powers, stored
 from spacerobot.closedloop.events import booked, guards_of, rules_of, update_of
 from spacerobot.closedloop.forward_dynamics import solve_accelerations
 from spacerobot.closedloop.impulse import strike
-from spacerobot.closedloop.outputs import combine, core_outputs
+from spacerobot.closedloop.outputs import added_up, combine, core_outputs
 from spacerobot.closedloop.phases import phased
 from spacerobot.closedloop.plant import build_plant
 from spacerobot.closedloop.start import initial_state
@@ -85,13 +85,14 @@ def _evaluate(builder: Builder) -> _Evaluated:
     events = (*acting.events, *answers.events)
     powers = (*plant_powers(plant, solution.torque), *acting.powers, *answers.powers, *booked(events))
     works = build_works(powers)
-    seen = [
+    declared = [
         *core_outputs(builder, solution.torque, acting.stored),
         *acting.outputs,
         *answers.outputs,
         *stored_energies(scene, plant, acting),
         *(work.output for work in works),
     ]
+    seen = added_up(declared)
     phases = phased(builder, seen)
     variables, outputs = combine(scene, [*seen, *phases.outputs])
     states = (*acting.states, *(work.state for work in works), *phases.states)

@@ -22,15 +22,19 @@ class Variable:
     name
         Of the output.
     dims
-        Its dimensions behind time: ``tip``, ``body``, ``grasp`` or ``joint``, then ``axis`` of a vector.
+        Its dimensions behind time: ``tip``, ``body``, ``grasp``, ``joint`` or another one, then ``axis`` of a
+        vector.
     unit, text
         SI unit, and what it is.
+    labels
+        Along the first dimension; empty for joints, for what has no dimension, and where there is nothing.
     """
 
     name: str
     dims: tuple[str, ...]
     unit: str
     text: str
+    labels: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

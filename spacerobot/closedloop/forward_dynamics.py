@@ -17,14 +17,15 @@ few numbers, those of the joints that both loads pass through.
 
 A constraint that is not active now keeps its place: its loads are masked, and its rows say ``w = 0``.
 
-Where actuators take over, u is the controllers' command as if they delivered what they are asked for; what
-they deliver then acts, and the wrenches are solved for once more.
+Where actuators take over what u acts on, u is the controllers' command as if they delivered what they are
+asked for; what they deliver then acts, and the wrenches are solved for once more. Others deliver first: those
+of a base, or of joints that are no arm's.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -68,7 +69,6 @@ def solve_accelerations(plant: Plant, acting: Contribution) -> Solution:
     acting
         What all elements contribute.
     """
-    wrenches = [*acting.wrenches, *acting.outside]
     ideal = [channel for channel in acting.channels if channel.derivative_gain is not None]
     torque = ca.SX(plant.v.size1(), 1)
     for channel in acting.channels:
@@ -76,6 +76,9 @@ def solve_accelerations(plant: Plant, acting: Contribution) -> Solution:
             torque = torque + ca.mtimes(channel.actuation, channel.command)
     for asked in acting.torques:
         torque = torque + _projected(plant, asked, acting.channels)
+    first, then = _in_turn(acting.drives, ideal)
+    torque, early = _deliver(torque, first, {column for drive in then for column in drive.columns})
+    wrenches = [*acting.wrenches, *acting.outside, *early.wrenches, *early.outside]
     driven = plant.reduced_moving(torque, wrenches)
     held = [_Held.of(constraint) for constraint in acting.constraints]
     if plant.ties.size2():
@@ -85,8 +88,8 @@ def solve_accelerations(plant: Plant, acting: Contribution) -> Solution:
     for channel, output in zip(ideal, outputs, strict=True):
         torque = torque + ca.mtimes(channel.actuation, output)
         driven = driven + ca.mtimes(channel.drive, output)
-    torque, answer = _deliver(torque, acting.drives)
-    if acting.drives:
+    torque, answer = _deliver(torque, then)
+    if then:
         driven = plant.reduced_moving(torque, [*wrenches, *answer.wrenches, *answer.outside])
         _, reactions = _solve(plant, driven, [], held)
     for connection, reaction in zip(held, reactions, strict=True):
@@ -94,7 +97,7 @@ def solve_accelerations(plant: Plant, acting: Contribution) -> Solution:
     acceleration = plant.articulated.motion(driven)
     own = zip(acting.constraints, reactions[: len(acting.constraints)], strict=True)
     on_targets = tuple(constraint.on_target(along) for constraint, along in own)
-    return Solution(acceleration, torque, on_targets, answer)
+    return Solution(acceleration, torque, on_targets, concatenate([early, answer]))
 
 
 @dataclass(frozen=True)
@@ -188,13 +191,35 @@ def eliminate(matrix: ca.SX, right: ca.SX) -> ca.SX:
     return ca.vertcat(*b)
 
 
-def _deliver(torque: ca.SX, drives: Sequence[Drive]) -> tuple[ca.SX, Contribution]:
-    """Generalized forces that actuators deliver, one after the other, and what else they bring."""
-    delivered, answers = ca.SX(torque), []
+def _in_turn(drives: Sequence[Drive], ideal: Sequence[Channel]) -> tuple[list[Drive], list[Drive]]:
+    """Actuators of places on which no output that is still to be solved for acts, and the others."""
+    acting = {row for channel in ideal for row in channel.actuation.sparsity().row()}
+    first: list[Drive] = []
+    then: list[Drive] = []
+    for drive in drives:
+        if acting.isdisjoint(drive.columns):
+            first.append(drive)
+        else:
+            then.append(drive)
+            acting |= set(drive.columns)  # the next one of these places comes after it
+    return first, then
+
+
+def _deliver(
+    torque: ca.SX, drives: Sequence[Drive], later: Collection[int] = ()
+) -> tuple[ca.SX, Contribution]:
+    """Generalized forces that actuators deliver, one after the other, and what else they bring.
+
+    What is left at the places of ``later`` is for actuators that come after them.
+    """
+    delivered, answers, left = ca.SX(torque), [], set[int]()
     for drive in drives:
         columns = list(drive.columns)
         asked = delivered[columns]
         delivered[columns] = drive.deliver(asked)
+        left = left | set(columns) if drive.passes_on else left - set(columns)
         if drive.answer is not None:
             answers.append(drive.answer(asked))
+    for column in left.difference(later):
+        delivered[column] = ca.SX(1, 1)
     return delivered, concatenate(answers)

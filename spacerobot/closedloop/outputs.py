@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 
 import casadi as ca
 
@@ -10,11 +11,10 @@ from spacerobot.closedloop.closed_loop import Variable
 from spacerobot.closedloop.elements import Builder
 from spacerobot.dynamics import momentum
 from spacerobot.elements import Output, Stored
-from spacerobot.elements.contribution import Dimension
 from spacerobot.elements.grasp import OBSERVED
 from spacerobot.scene import Scene
 
-VECTORS: dict[str, tuple[Dimension, str, str]] = {
+VECTORS: dict[str, tuple[str, str, str]] = {
     "tip_position": ("tip", "m", "position of tips"),
     "tip_velocity": ("tip", "m/s", "velocity of tips"),
     "tip_reference": ("tip", "m", "reference position of tips"),
@@ -95,6 +95,16 @@ def _bodies(builder: Builder) -> dict[tuple[str, str], ca.SX]:
     return found
 
 
+def added_up(outputs: Iterable[Output]) -> list[Output]:
+    """Outputs, those of one name and label as one."""
+    found: dict[tuple[str, str], Output] = {}
+    for output in outputs:
+        key = (output.name, output.label)
+        known = found.get(key)
+        found[key] = output if known is None else replace(known, value=known.value + output.value)
+    return list(found.values())
+
+
 def combine(scene: Scene, outputs: Iterable[Output]) -> tuple[tuple[Variable, ...], dict[str, ca.SX]]:
     """Variables of the result, and their expressions: outputs of one name stacked in the scene's order.
 
@@ -109,18 +119,22 @@ def combine(scene: Scene, outputs: Iterable[Output]) -> tuple[tuple[Variable, ..
     named: dict[str, list[Output]] = {}
     for output in outputs:
         named.setdefault(output.name, []).append(output)
+        if output.dimension and output.dimension != "joint":
+            known = labels.setdefault(output.dimension, [])
+            known += [output.label] * (bool(output.label) and output.label not in known)
     variables, expressions = [], {}
     for name, parts in named.items():
         first = parts[0]
         size, axes = first.value.size1(), (first.dimension,) if first.dimension else ()
+        own = labels.get(first.dimension or "", [])
         if first.dimension in labels:
             by_label = {part.label: part.value for part in parts}
             missing = ca.SX.nan(size, 1)
-            stacked = [by_label.get(label, missing) for label in labels[first.dimension]]
+            stacked = [by_label.get(label, missing) for label in own]
             expressions[name] = ca.densify(ca.vertcat(*stacked)) if stacked else ca.SX(0, 1)
         else:
             expressions[name] = ca.densify(first.value)
         if first.dimension != "joint" and size == 3:
             axes = (*axes, "axis")
-        variables.append(Variable(name, axes, first.unit, first.text))
+        variables.append(Variable(name, axes, first.unit, first.text, tuple(own)))
     return tuple(variables), expressions

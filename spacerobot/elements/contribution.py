@@ -12,9 +12,6 @@ import casadi as ca
 from spacerobot.dynamics import Wrench
 from spacerobot.elements.event import Event, both
 
-Dimension = Literal["tip", "body", "grasp", "contact", "joint"]
-"""What outputs are of."""
-
 Item = TypeVar("Item", "State", "Torque", "Power", "Output", Wrench)
 
 
@@ -86,11 +83,15 @@ class Drive:
         From what is asked for at these places (n x 1) to what is delivered there (n x 1) [N m or N].
     answer
         From what is asked for to what else it brings: states, wrenches, what it stores, powers, outputs.
+    passes_on
+        Whether what ``deliver`` gives is not delivered but left for the next actuator of these places; what
+        is then still left acts nowhere.
     """
 
     columns: tuple[int, ...]
     deliver: Callable[[ca.SX], ca.SX]
     answer: Callable[[ca.SX], Contribution] | None = None
+    passes_on: bool = False
 
 
 @dataclass(frozen=True)
@@ -171,7 +172,8 @@ class Output:
     Attributes
     ----------
     name
-        Variable of the result; outputs of one name are put together over their labels.
+        Variable of the result; outputs of one name are put together over their labels, those of one name and
+        label added up.
     value
         Vector in world axes (3x1), or number (1x1).
     unit
@@ -180,14 +182,15 @@ class Output:
         What it is, for axes, tables and the documentation.
     dimension, label
         What it is of: ``tip``, ``body``, ``grasp`` or ``contact``, and which one; ``joint`` for a number of
-        each joint (n x 1); none for the whole scene.
+        each joint (n x 1); none for the whole scene. Any other word is a dimension of its own, along which
+        the labels stand in the order of their outputs.
     """
 
     name: str
     value: ca.SX
     unit: str
     text: str
-    dimension: Dimension | None = None
+    dimension: str | None = None
     label: str = ""
 
 

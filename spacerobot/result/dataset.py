@@ -2,8 +2,8 @@
 
 Every variable carries ``units`` and ``long_name``. Dimensions: ``time`` [s], ``tip`` (``rpr1/tip``),
 ``body`` (robots, then ``target``), ``joint`` (``rpr1/joint_1``, its ``joint_kind`` beside it: units of a
-prismatic one are m, m/s and N), ``grasp``, ``contact`` where there are any, ``axis`` (x, y, z of the world),
-``quaternion`` (x, y, z, w), and the components of the state.
+prismatic one are m, m/s and N), ``grasp``, ``contact`` and others where there are any (``wheel``), ``axis``
+(x, y, z of the world), ``quaternion`` (x, y, z, w), and the components of the state.
 """
 
 from __future__ import annotations
@@ -68,8 +68,9 @@ def build_dataset(scene: Scene, trajectory: Trajectory, loop: ClosedLoop) -> xr.
         "velocity": list(names[nq : nq + nv]),
         "controller": list(trajectory.state_names or names[nq + nv :]),
     }
-    if scene.contacts:
-        coordinates["contact"] = [contact.name for contact in scene.contacts]
+    for variable in loop.variables:
+        if variable.labels:
+            coordinates.setdefault(variable.dims[0], list(variable.labels))
     return xr.Dataset(variables, coordinates, {"outside": ", ".join(loop.outside)})
 
 

@@ -130,15 +130,8 @@ def check_size(recording: Recording, samples: int, sets: int) -> None:
 
 def _described(variable: Variable, scene: Scene) -> tuple[list[str], str]:
     """Names of the components of an output, and their unit."""
-    labels: Mapping[str, list[str]] = {
-        "tip": [tip.label for tip in scene.tips],
-        "body": [body.name for body in scene.bodies],
-        "grasp": [grasp.name for grasp in scene.grasps],
-        "contact": [contact.name for contact in scene.contacts],
-        "joint": _joints(scene),
-        "axis": list(AXES),
-    }
-    parts = itertools.product(*(labels[dimension] for dimension in variable.dims))
+    labels: Mapping[str, Sequence[str]] = {"joint": _joints(scene), "axis": AXES}
+    parts = itertools.product(*(labels.get(dimension, variable.labels) for dimension in variable.dims))
     unit = torque_unit(scene) if variable.name == "joint_torque" else variable.unit
     return [" ".join(part) for part in parts], unit
 
