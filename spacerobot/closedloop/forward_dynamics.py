@@ -217,7 +217,7 @@ def _deliver(
         columns = list(drive.columns)
         asked = delivered[columns]
         delivered[columns] = drive.deliver(asked)
-        left = left | set(columns) if drive.passes_on else left - set(columns)
+        left = left.difference(columns).union(drive.passes_on)
         if drive.answer is not None:
             answers.append(drive.answer(asked))
     for column in left.difference(later):

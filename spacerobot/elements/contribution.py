@@ -84,14 +84,14 @@ class Drive:
     answer
         From what is asked for to what else it brings: states, wrenches, what it stores, powers, outputs.
     passes_on
-        Whether what ``deliver`` gives is not delivered but left for the next actuator of these places; what
-        is then still left acts nowhere.
+        Those of its places at which what ``deliver`` gives is not delivered but left for the next actuator;
+        what the last of these leaves acts nowhere.
     """
 
     columns: tuple[int, ...]
     deliver: Callable[[ca.SX], ca.SX]
     answer: Callable[[ca.SX], Contribution] | None = None
-    passes_on: bool = False
+    passes_on: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)
