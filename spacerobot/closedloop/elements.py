@@ -144,6 +144,8 @@ class Builder:
             columns=tuple(int(self.plant.model.idx_vs[joint]) for joint in body.driven_joints),
             positions=functools.partial(_positions, body),
             sensors=self._sensors(body),
+            base_frame=body.root_frame,
+            arm=tuple(int(self.plant.model.idx_vs[joint]) for joint in body.arm_joints),
             tips=tuple(self._tip(tip, "") for tip in self.scene.tips if tip.body.name == body.name),
         )
 

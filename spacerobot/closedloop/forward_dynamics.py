@@ -124,7 +124,7 @@ def _projected(plant: Plant, asked: Torque, channels: Sequence[Channel]) -> ca.S
 
     Subtracted is ``J^T F`` with the tip force F that cancels the acceleration the tips' feedback would see.
     """
-    own = [channel for channel in channels if channel.robot == asked.robot]
+    own = [channel for channel in channels if channel.robot == asked.robot and channel.moves_tip]
     if not asked.null_space or not own:
         return asked.value
     sense = ca.horzcat(*(channel.sense for channel in own), plant.ties)

@@ -171,12 +171,14 @@ class SymmetricFactors:
     def __init__(self, matrix: ca.SX) -> None:
         size = matrix.size1()
         lower = ca.SX(size, size)  # -L below the diagonal
+        pivots = ca.SX(size, 1)  # D
         inverse = ca.SX(size, size)  # -D^-1
         scaled = ca.SX(size, size)  # L D
         for j in range(size):
             pivot = matrix[j, j]
             for k in range(j):
                 pivot = pivot + scaled[j, k] * lower[j, k]
+            pivots[j] = pivot
             inverse[j, j] = -1 / pivot
             for i in range(j + 1, size):
                 entry = matrix[i, j]
@@ -186,6 +188,7 @@ class SymmetricFactors:
                     scaled[i, j] = entry
                     lower[i, j] = entry * inverse[j, j]
         self._lower = lower
+        self._pivots = pivots
         self._inverse = inverse
 
     @property
@@ -208,6 +211,14 @@ class SymmetricFactors:
             for k in range(i):
                 rows[i] = rows[i] + self._lower[i, k] * rows[k]
         return ca.vertcat(*rows)
+
+    def unreduced(self, right: ca.SX) -> ca.SX:
+        """``D L^T B``: what :meth:`reduced` and a division by D make ``restored`` give B back, nxm."""
+        rows = [right[i, :] for i in range(self._lower.size1())]
+        for i in range(len(rows)):
+            for k in range(i + 1, len(rows)):
+                rows[i] = rows[i] - self._lower[k, i] * rows[k]
+        return ca.mtimes(ca.diag(self._pivots), ca.vertcat(*rows))
 
     def restored(self, right: ca.SX) -> ca.SX:
         """``L^-T B``, nxm."""

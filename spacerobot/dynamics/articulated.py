@@ -173,6 +173,52 @@ class ArticulatedBody:
             result.append(ca.mtimes(elimination.turn.T, rate))
         return ca.vertcat(*result)
 
+    def resistance(self, acceleration: ca.SX) -> ca.SX:
+        """Loads that an acceleration from rest takes, reduced: ``N M a``, nv, the inverse of :meth:`motion`.
+
+        Parameters
+        ----------
+        acceleration
+            v-dot in velocity coordinates, nv; may be sparse.
+        """
+        carried = [ca.SX(6, 1)] * self.model.njoints
+        result: list[ca.SX] = []
+        for joint in self.kinematics.joints:
+            elimination = self.eliminations[joint.index - 1]
+            motion = self.kinematics.local[joint.index]
+            linear, angular = carried[joint.parent][:3], carried[joint.parent][3:]
+            linear = motion.inward(linear + cross(angular, motion.arm))
+            passed = ca.vertcat(linear, motion.inward(angular))
+            own = ca.mtimes(elimination.turn, joint.rates(acceleration))
+            carried[joint.index] = passed + ca.mtimes(elimination.axes, own)
+            if elimination.rows is not None:
+                own = own + passed[list(elimination.rows)]
+            driven = own - ca.mtimes(elimination.gain.T, passed)
+            result.append(elimination.factors.unreduced(driven))
+        return ca.vertcat(*result)
+
+    def inertia_force(self, joints: Iterable[int]) -> tuple[ca.SX, ca.SX]:
+        """Force and torque that bodies take to move as they do at zero joint acceleration, gravity removed.
+
+        Parameters
+        ----------
+        joints
+            Their joints, each behind its parent. The first carries all others, and the torque is about its
+            origin; 3x1 each, world axes.
+        """
+        loads = [ca.SX(6, 1)] * self.model.njoints
+        root, *behind = joints
+        for index in reversed((root, *behind)):
+            motion = self.kinematics.local[index]
+            loads[index] = loads[index] + inertia_force(self.model, motion, self.bodies[index])
+            if index != root:
+                parent = self.kinematics.joints[index - 1].parent
+                force = motion.outward(loads[index][:3])
+                torque = motion.outward(loads[index][3:]) + cross(motion.arm, force)
+                loads[parent] = loads[parent] + ca.vertcat(force, torque)
+        axes = self.kinematics.local[root].axes
+        return ca.mtimes(axes, loads[root][:3]), ca.mtimes(axes, loads[root][3:])
+
     def negated_mobility(self, rows: ca.SX, columns: ca.SX) -> ca.SX:
         """``-B^T M^-1 A``, the motion along loads B (m of them) that loads A (n) cause, negated, mxn.
 

@@ -40,6 +40,10 @@ class RobotContext:
         From positions of its free joints (n x 1) to those of all its joints, by id.
     sensors
         From a signal's name to its sensor's offset and scale.
+    base_frame
+        Of its root link in the model.
+    arm
+        Places in v of all its joints that no actuator owns, those that mimic others included.
     tips
         Its tips.
     """
@@ -52,7 +56,19 @@ class RobotContext:
     columns: tuple[int, ...]
     positions: Callable[[ca.SX], Mapping[int, ca.SX]]
     sensors: Callable[[str], Affine]
+    base_frame: int
+    arm: tuple[int, ...]
     tips: tuple[TipContext, ...] = ()
+
+    @property
+    def key(self) -> str:
+        """Last part of the section's path, by which the element is told from others of its kind."""
+        return self.context.path.rpartition(".")[2]
+
+    @property
+    def base_joint(self) -> int:
+        """Id of the floating base's joint; 0 for a fixed base."""
+        return joint_of(self.plant, self.base_frame)
 
     def torque(self, values: ca.SX, *, null_space: bool = False) -> Torque:
         """Torques of the robot's free joints (n x 1), in their order [N m or N]."""

@@ -131,6 +131,8 @@ class Channel:
         u without the part that depends on v' (n x 1).
     derivative_gain
         K_d; none where u does not depend on v' (n x 1 or None).
+    moves_tip
+        Whether it moves a tip, whose motion the null space of the robot's joints leaves alone.
     """
 
     robot: str
@@ -139,6 +141,7 @@ class Channel:
     sense: ca.SX
     command: ca.SX
     derivative_gain: ca.SX | None
+    moves_tip: bool = True
 
     @property
     def size(self) -> int:

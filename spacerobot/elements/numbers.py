@@ -69,6 +69,12 @@ class Context:
                 found = ca.if_else(active, self.constants.hoist(own, self.parameters(own)), found)
         return found
 
+    def is_zero(self, key: str) -> bool:
+        """Whether a number of the section is exactly zero, always: neither varied nor another in a phase."""
+        path, own = f"{self.path}.{key}", self.parameters
+        phases = (f"phases.{name}.{path}" in own for name in self.phases)
+        return own.value(path) == 0 and not own.varies(path) and not any(phases)
+
     def vector(self, key: str, factor: float = 1.0) -> ca.SX:
         """Three numbers of the section times a factor (3x1); exact zeros are structural."""
         found = self.parameters.sparse_vector(f"{self.path}.{key}")

@@ -5,11 +5,15 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from typing import ClassVar, Literal
 
 import numpy as np
 
 from spacerobot.arrays import Array
 from spacerobot.elements.element import Element
+
+Part = Literal["force", "torque"]
+"""Part of a wrench on a base."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +52,15 @@ class RobotFacts:
 
 
 class RobotElement(Element):
-    """An element of a whole robot."""
+    """An element of a whole robot.
+
+    Attributes
+    ----------
+    base_wrench
+        Parts of a wrench on the robot's base that a controller asks for, or an actuator takes over.
+    """
+
+    base_wrench: ClassVar[frozenset[Part]] = frozenset()
 
     def faults(self, robot: RobotFacts) -> Iterable[tuple[str, str]]:
         """Why it cannot act on this robot: the key of its section, empty for all of it, and a sentence."""

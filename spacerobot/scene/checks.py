@@ -15,7 +15,7 @@ from spacerobot.arrays import Array
 from spacerobot.description.bodies import Body, check_bodies, welded_bodies
 from spacerobot.description.parts import Link
 from spacerobot.description.read import Description
-from spacerobot.elements import RobotElement, RobotFacts
+from spacerobot.elements import Actuator, RobotElement, RobotFacts, kinds
 from spacerobot.errors import DescriptionError, ScenarioError
 from spacerobot.scenario import Robot, Scenario, Target
 from spacerobot.scene.closing import begun, find_closings, is_rigid
@@ -233,6 +233,8 @@ def check_elements(scene: Scene) -> None:
         for key, message in element.faults(robot_facts(scene, body)):
             where = f"{path}.{key}" if key else path
             raise ScenarioError(message, source=scene.source, where=where)
+    for body in scene.robots:
+        _check_base(scene, body)
     for tip in scene.tips:
         carriers = [joint for joint in tip.body.owned if joint in scene.model.supports[tip.joint]]
         if carriers:
@@ -242,6 +244,26 @@ def check_elements(scene: Scene) -> None:
                 source=scene.source,
                 where=f"{tip.body.path}.actuators",
             )
+
+
+def _check_base(scene: Scene, body: SceneBody) -> None:
+    """Refuse what acts on a fixed base, and controllers whose wrench on a base no actuator delivers."""
+    own = [found for found in robot_elements(scene) if found[0] is body]
+    delivered = {part for _, _, element in own if isinstance(element, Actuator) for part in element.base_wrench}
+    for _, path, element in own:
+        if element.base_wrench and not body.root_joint:
+            message = "acts on the base, which is fixed; leave it out, or give `base: {joint: free_flyer}`"
+            raise ScenarioError(message, source=scene.source, where=path)
+        if isinstance(element, Actuator) or element.base_wrench <= delivered:
+            continue
+        part = min(element.base_wrench - delivered)
+        able = [name for name, kind in kinds("actuator").items() if part in getattr(kind, "base_wrench", ())]
+        raise ScenarioError(
+            f"asks for a {part} on the base, which no actuator of the robot delivers; give one of kind "
+            f"{', '.join(able)} at {body.path}.actuators",
+            source=scene.source,
+            where=path,
+        )
 
 
 def robot_elements(scene: Scene) -> Iterator[tuple[SceneBody, str, RobotElement]]:

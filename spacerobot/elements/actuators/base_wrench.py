@@ -1,0 +1,47 @@
+"""An ideal actuator of a base: a bounded wrench from outside."""
+
+from __future__ import annotations
+
+from typing import ClassVar, Literal
+
+import casadi as ca
+
+from spacerobot.elements.actuator import Actuator
+from spacerobot.elements.context import ActuatorContext
+from spacerobot.elements.contribution import Contribution, Drive
+from spacerobot.elements.registry import register
+from spacerobot.elements.robot_element import Part
+from spacerobot.section import quantity
+
+
+@register
+class BaseWrench(Actuator):
+    """Ideal actuator of the base: delivers from outside what is asked of it, up to a force and a torque."""
+
+    base_wrench: ClassVar[frozenset[Part]] = frozenset({"force", "torque"})
+
+    kind: Literal["base_wrench"] = "base_wrench"
+    force: float | None = quantity(
+        "N", "greatest force along each axis of the root link; not limited if not given", default=None, gt=0
+    )
+    torque: float | None = quantity(
+        "N m", "greatest torque about each axis of the root link; not limited if not given", default=None, gt=0
+    )
+
+    def build(self, actuator: ActuatorContext) -> Contribution:
+        """Wrench clipped axis by axis."""
+        columns, limits = actuator.base_columns, []
+        linear = len(columns) - (3 if len(columns) == 6 else 1)
+        for key, given, count in (
+            ("force", self.force, linear),
+            ("torque", self.torque, len(columns) - linear),
+        ):
+            limit = ca.SX(ca.inf) if given is None else actuator.context.number(key)
+            limits.append(ca.repmat(limit, count, 1))
+        most = ca.vertcat(*limits)
+        return Contribution(drives=(Drive(columns, lambda asked: ca.fmin(ca.fmax(asked, -most), most)),))
+
+    def words(self) -> str:
+        """The limits."""
+        force, torque = ("any" if most is None else f"{most:g}" for most in (self.force, self.torque))
+        return f"base_wrench of at most {force} N, {torque} N m"

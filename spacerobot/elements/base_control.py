@@ -1,0 +1,101 @@
+"""What controllers of a floating base have in common.
+
+    u = K_p e + K_i int(e) - K_d w + k (h' - J w')
+
+e is the base's error, w its velocity, and h the robot's momentum: the linear one with the mass for J, or the
+angular one about the centre of mass, with J the inertia of the robot as it begins. What h' - J w' says is what
+the motion of the arm, and the turning of the base itself, take beside the base's own acceleration. With k = 1
+
+    J w' = K_p e + K_i int(e) - K_d w + (what grasps and contacts do)
+
+whatever the arm does. By the model, h' = H v' + H' v: u depends on the acceleration that it causes. That loop is
+closed exactly, like that of an ideal derivative, as if everything asked for were delivered.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import casadi as ca
+
+from spacerobot.elements.context import RobotContext
+from spacerobot.elements.contribution import Channel, Contribution, Output, State
+
+
+@dataclass(frozen=True)
+class Reaction:
+    """``h' - J w'``: loads along which v' gives it, reduced (nv x 3), and what remains of it (3x1)."""
+
+    sense: ca.SX
+    drift: ca.SX
+
+
+def held(
+    robot: RobotContext,
+    motion: Literal["translation", "rotation"],
+    error: ca.SX,
+    actuation: ca.SX,
+    reaction: Reaction | None,
+) -> Contribution:
+    """What holds a base: its error is driven to zero.
+
+    Parameters
+    ----------
+    robot
+        Whose base; the section has the gains ``kp``, ``ki``, ``kd`` and ``feed_forward``.
+    motion
+        What is held.
+    error
+        Position error [m] or rotation vector [rad] (3x1), world axes.
+    actuation
+        Force [N] or torque [N m] in world axes to generalized forces (nv x 3).
+    reaction
+        What is fed forward, if anything.
+    """
+    plant, context, turns = robot.plant, robot.context, motion == "rotation"
+    axes = list(plant.rotation_axes if turns else plant.translation_axes)
+    name = f"{robot.name}/{robot.key}.integral"
+    integral = ca.SX.sym(name, len(axes))
+    velocity = plant.velocity(robot.base_frame)[turns][axes]
+    kp, ki, kd = (context.number(gain) for gain in ("kp", "ki", "kd"))
+    command, gain = kp * error[axes] + ki * integral - kd * velocity, None
+    sense = ca.SX(plant.v.size1(), len(axes))
+    if reaction is not None:
+        part = context.number("feed_forward")
+        command, gain = command + part * reaction.drift[axes], ca.repmat(-part, len(axes), 1)
+        sense = reaction.sense[:, axes]
+    actuation = actuation[:, axes]
+    drive = reduced(robot, actuation)
+    channel = Channel(robot.name, actuation, drive, sense, command, gain, moves_tip=False)
+    called, unit, text = (
+        ("base_attitude_error", "rad", "rotation vector from bases to the attitudes they shall have")
+        if turns
+        else ("base_position_error", "m", "from bases to the positions they shall have")
+    )
+    return Contribution(
+        states=(State(name, integral, ca.SX.zeros(len(axes)), error[axes]),),
+        channels=(channel,),
+        outputs=(Output(called, error, unit, text, "body", robot.name),),
+    )
+
+
+def reduced(robot: RobotContext, efforts: ca.SX) -> ca.SX:
+    """Generalized forces (nv x n), reduced."""
+    return ca.horzcat(*(robot.plant.reduced(effort) for effort in ca.horzsplit(efforts)))
+
+
+def resistance(robot: RobotContext, motions: ca.SX) -> ca.SX:
+    """Loads, reduced (nv x n), along which v' is the rate of the momentum in motions of the whole robot.
+
+    The motions (6 x n) are those of the base, of its origin and angular, world axes.
+    """
+    plant, base = robot.plant, robot.base_joint
+    first, count = int(plant.model.idx_vs[base]), int(plant.model.nvs[base])
+    jacobian = plant.jacobian(robot.base_frame)[:, first : first + count]
+    found = ca.SX(plant.v.size1(), 0)
+    for motion in ca.horzsplit(motions):
+        rates = ca.SX(plant.v.size1(), 1)
+        rates[first : first + count] = ca.mtimes(jacobian.T, motion)  # whose columns are orthonormal
+        found = ca.horzcat(found, plant.articulated.resistance(ca.sparsify(rates)))
+    return found

@@ -1,0 +1,83 @@
+"""Attitude control of a floating base; see :mod:`spacerobot.elements.base_control`."""
+
+from __future__ import annotations
+
+from typing import ClassVar, Literal
+
+import casadi as ca
+
+from spacerobot.dynamics import FreeFloating, centre_of_mass, subtree, total_mass
+from spacerobot.dynamics.algebra import cross, cross_columns
+from spacerobot.dynamics.rotations import rotation_from_rpy
+from spacerobot.elements.base_control import Reaction, held, reduced, resistance
+from spacerobot.elements.context import RobotContext
+from spacerobot.elements.contribution import Contribution
+from spacerobot.elements.controller import RobotController
+from spacerobot.elements.reference import DEGREE
+from spacerobot.elements.registry import register
+from spacerobot.elements.robot_element import Part
+from spacerobot.section import Vector, quantity
+
+
+@register
+class BaseAttitude(RobotController):
+    """PID on the base's attitude, with feed-forward of the arm's reaction; actuators of the base deliver."""
+
+    base_wrench: ClassVar[frozenset[Part]] = frozenset({"torque"})
+
+    kind: Literal["base_attitude"] = "base_attitude"
+    kp: float = quantity("N m/rad", "proportional gain K_p", default=0.0, ge=0)
+    ki: float = quantity("N m/(rad s)", "integral gain K_i", default=0.0, ge=0)
+    kd: float = quantity("N m s/rad", "rate gain K_d", default=0.0, ge=0)
+    feed_forward: float = quantity(
+        "1", "part that is added of what the arm's motion takes, the rate of its angular momentum", default=1.0, ge=0
+    )
+    attitude_deg: Vector | None = quantity(
+        "deg", "roll, pitch, yaw to be held; those of the start if not given", default=None
+    )
+
+    def build(self, robot: RobotContext) -> Contribution:
+        """Torque on the base that turns it back."""
+        plant, context = robot.plant, robot.context
+        if self.attitude_deg is None:
+            wanted = context.once("attitude", robot.start.placement(robot.base_frame)[0])
+        else:
+            angles = context.parameters.sparse_vector(f"{context.path}.attitude_deg") * DEGREE
+            wanted = context.once("attitude", rotation_from_rpy(angles))
+        error = plant.orientation_error(wanted, plant.placement(robot.base_frame)[0])
+        turning = plant.jacobian(robot.base_frame)[3:, :].T
+        reaction = None if context.is_zero("feed_forward") else _reaction(robot, turning)
+        return held(robot, "rotation", error, turning, reaction)
+
+    def assumptions(self) -> list[str]:
+        """Of what it knows."""
+        return ["knows the attitude and the spin of the base, and the motion of the arm, without errors"]
+
+    def words(self) -> str:
+        """Its gains."""
+        return f"base_attitude {self.kp:g} / {self.ki:g} / {self.kd:g}, feed-forward {self.feed_forward:g}"
+
+
+def _reaction(robot: RobotContext, turning: ca.SX) -> Reaction:
+    """Rate of the angular momentum about the centre of mass that is not the base's own."""
+    plant, joints = robot.plant, subtree(robot.plant.model, robot.base_joint)
+    rotation, origin = plant.placement(robot.base_frame)
+    lever = centre_of_mass(plant.model, plant.kinematics, plant.inertias, joints) - origin
+    force, torque = plant.articulated.inertia_force(joints)
+    about_centre = ca.vertcat(cross_columns(lever, ca.SX.eye(3)), ca.SX.eye(3))
+    own = ca.mtimes(rotation, ca.mtimes(_inertia(robot), rotation.T))
+    sense = resistance(robot, about_centre) - reduced(robot, ca.mtimes(turning, own))
+    return Reaction(sense, torque - cross(lever, force))
+
+
+def _inertia(robot: RobotContext) -> ca.SX:
+    """Inertia of the robot about its centre of mass as it begins (3x3), axes of the base; once computed."""
+    plant, constants = robot.plant, robot.context.constants
+    split = FreeFloating.split(plant.model, robot.start.kinematics, plant.inertias, robot.base_joint)
+    linear = split.base_inertia.size1() - (3 if split.base_inertia.size1() == 6 else 1)
+    whole, coupling = split.base_inertia[linear:, linear:], split.base_inertia[:linear, linear:]
+    mass = total_mass(plant.model, plant.inertias, subtree(plant.model, robot.base_joint))
+    central = whole - ca.mtimes(coupling.T, coupling) / mass
+    found = ca.SX(3, 3)
+    found[3 - central.size1() :, 3 - central.size1() :] = central
+    return robot.context.once("inertia", ca.sparsify(constants.expanded(found)))

@@ -1,0 +1,72 @@
+"""Position control of a floating base; see :mod:`spacerobot.elements.base_control`."""
+
+from __future__ import annotations
+
+from typing import ClassVar, Literal
+
+import casadi as ca
+
+from spacerobot.dynamics import centre_of_mass, subtree, total_mass
+from spacerobot.dynamics.algebra import cross_columns
+from spacerobot.elements.base_control import Reaction, held, reduced, resistance
+from spacerobot.elements.context import RobotContext
+from spacerobot.elements.contribution import Contribution
+from spacerobot.elements.controller import RobotController
+from spacerobot.elements.registry import register
+from spacerobot.elements.robot_element import Part
+from spacerobot.section import Vector, quantity
+
+
+@register
+class BasePosition(RobotController):
+    """PID on the base's position, with feed-forward of the arm's reaction; actuators of the base deliver.
+
+    The force is asked for at the robot's centre of mass, where it does not turn the robot.
+    """
+
+    base_wrench: ClassVar[frozenset[Part]] = frozenset({"force", "torque"})
+
+    kind: Literal["base_position"] = "base_position"
+    kp: float = quantity("N/m", "proportional gain K_p", default=0.0, ge=0)
+    ki: float = quantity("N/(m s)", "integral gain K_i", default=0.0, ge=0)
+    kd: float = quantity("N s/m", "rate gain K_d", default=0.0, ge=0)
+    feed_forward: float = quantity(
+        "1", "part that is added of what the arm's motion takes, the rate of its linear momentum", default=1.0, ge=0
+    )
+    position: Vector | None = quantity(
+        "m", "of the root link, world axes, to be held; that of the start if not given", default=None
+    )
+
+    def build(self, robot: RobotContext) -> Contribution:
+        """Force on the base that pushes it back."""
+        plant, context = robot.plant, robot.context
+        here = plant.placement(robot.base_frame)[1]
+        if self.position is None:
+            wanted = context.once("position", robot.start.placement(robot.base_frame)[1])
+        else:
+            wanted = context.vector("position")
+        bodies = subtree(plant.model, robot.base_joint)
+        lever = centre_of_mass(plant.model, plant.kinematics, plant.inertias, bodies) - here
+        jacobian = plant.jacobian(robot.base_frame)
+        actuation = jacobian[:3, :] - cross_columns(lever, jacobian[3:, :])
+        # the point at the lever moves with v + omega x lever
+        reaction = None if context.is_zero("feed_forward") else _reaction(robot, jacobian[:3, :].T)
+        return held(robot, "translation", wanted - here, ca.sparsify(actuation).T, reaction)
+
+    def assumptions(self) -> list[str]:
+        """Of what it knows."""
+        return ["knows the position and the velocity of the base, and the motion of the arm, without errors"]
+
+    def words(self) -> str:
+        """Its gains."""
+        return f"base_position {self.kp:g} / {self.ki:g} / {self.kd:g}, feed-forward {self.feed_forward:g}"
+
+
+def _reaction(robot: RobotContext, moving: ca.SX) -> Reaction:
+    """Rate of the linear momentum that is not the base's own."""
+    plant, joints = robot.plant, subtree(robot.plant.model, robot.base_joint)
+    mass = total_mass(plant.model, plant.inertias, joints)
+    along = ca.vertcat(ca.SX.eye(3), ca.SX(3, 3))
+    sense = resistance(robot, along) - reduced(robot, mass * moving)
+    drift = plant.articulated.inertia_force(joints)[0] - mass * plant.drift(robot.base_frame)[0]
+    return Reaction(sense, drift)
