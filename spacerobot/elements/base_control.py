@@ -3,13 +3,13 @@
     u = K_p e + K_i int(e) - K_d w + k (h' - J w')
 
 e is the base's error, w its velocity, and h the robot's momentum: the linear one with the mass for J, or the
-angular one about the centre of mass, with J the inertia of the robot as it begins. What h' - J w' says is what
-the motion of the arm, and the turning of the base itself, take beside the base's own acceleration. With k = 1
+angular one about the centre of mass, with J the inertia of the robot as it begins. So h' - J w' is what the
+motion of the arm, and the turning of the base itself, take beside the base's own acceleration. With k = 1
 
     J w' = K_p e + K_i int(e) - K_d w + (what grasps and contacts do)
 
-whatever the arm does. By the model, h' = H v' + H' v: u depends on the acceleration that it causes. That loop is
-closed exactly, like that of an ideal derivative, as if everything asked for were delivered.
+whatever the arm does. By the model, h' = H v' + H' v: u depends on the acceleration that it causes. That
+loop is closed exactly, like that of an ideal derivative, as if everything asked for were delivered.
 """
 
 from __future__ import annotations

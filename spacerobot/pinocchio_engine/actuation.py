@@ -1,41 +1,126 @@
-"""What actuators of joints deliver."""
+"""What actuators deliver of the generalized forces that controllers ask for."""
 
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 
 from spacerobot.arrays import Array
 from spacerobot.elements import Actuator
+from spacerobot.elements.actuators.base_wrench import BaseWrench
 from spacerobot.elements.actuators.torque_limit import TorqueLimit
+from spacerobot.pinocchio_engine.kinematics import Kinematics
 from spacerobot.pinocchio_engine.laws import refusal
 from spacerobot.scenario import Robot
 from spacerobot.scene import Scene, SceneBody
 
 
+@dataclass(frozen=True)
+class Push:
+    """Force [N] at a point [m] and torque [N m] on a joint's body (3,) each, world axes."""
+
+    joint: int
+    force: Array
+    torque: Array
+    point: Array
+
+
+@dataclass(frozen=True)
+class Delivered:
+    """What an actuator makes of what it is asked for.
+
+    Attributes
+    ----------
+    torque
+        Generalized forces that are delivered, or left to the next one (nv,).
+    inner, outside
+        Wrenches against what it stores, and from outside.
+    rates
+        Of its states.
+    power
+        Put in beside that of the generalized forces [W].
+    """
+
+    torque: Array
+    inner: Sequence[Push] = ()
+    outside: Sequence[Push] = ()
+    rates: Array = field(default_factory=lambda: np.empty(0))
+    power: float = 0.0
+
+
+class Delivery(Protocol):
+    """An actuator of one robot."""
+
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        """Names of its states."""
+
+    def initial(self, kinematics: Kinematics) -> Array:
+        """Its states at the start."""
+
+    def deliver(self, kinematics: Kinematics, asked: Array, states: Array) -> Delivered:
+        """What it makes of the generalized forces (nv,) that it is asked for."""
+
+
+@dataclass(frozen=True)
+class Clip:
+    """An actuator without states that bounds forces, (nv,), infinite where it has no part."""
+
+    limits: Array
+    state_names: tuple[str, ...] = ()
+
+    def initial(self, kinematics: Kinematics) -> Array:
+        """None."""
+        del kinematics
+        return np.empty(0)
+
+    def deliver(self, kinematics: Kinematics, asked: Array, states: Array) -> Delivered:
+        """What is asked for, clipped."""
+        del kinematics, states
+        return Delivered(np.clip(asked, -self.limits, self.limits))
+
+
 @functools.singledispatch
-def greatest_torques(actuator: Actuator, scene: Scene, body: SceneBody) -> Array:
-    """Greatest torque that an actuator delivers at each place of v (nv,), infinite where it has no part."""
+def delivery_of(actuator: Actuator, scene: Scene, body: SceneBody) -> Delivery:
+    """What an actuator delivers, of each kind."""
     del scene, body
     raise refusal(actuator)
 
 
-@greatest_torques.register
-def _(actuator: TorqueLimit, scene: Scene, body: SceneBody) -> Array:
+@delivery_of.register
+def _(actuator: TorqueLimit, scene: Scene, body: SceneBody) -> Delivery:
     found = np.full(scene.model.nv, np.inf)
     by_name = {body.joint_name(scene.model, joint): joint for joint in body.free_joints}
     for name in actuator.limits(tuple(by_name)):
         most = body.config.joints[name].torque_limit if actuator.limit is None else actuator.limit
         found[scene.model.idx_vs[by_name[name]]] = np.inf if most is None else most
-    return found
+    return Clip(found)
 
 
-def torque_limits(scene: Scene) -> Array:
-    """Greatest torque of each velocity component (nv,), infinite where there is none."""
-    found = [np.full(scene.model.nv, np.inf)]
-    for body in scene.robots:
-        if isinstance(body.config, Robot):
-            found += [greatest_torques(actuator, scene, body) for _, actuator in body.config.driven_by()]
-    limits: Array = np.min(found, axis=0)
-    return limits
+@delivery_of.register
+def _(actuator: BaseWrench, scene: Scene, body: SceneBody) -> Delivery:
+    found, own = np.full(scene.model.nv, np.inf), base_columns(scene, body)
+    turning = 3 if len(own) == 6 else 1
+    found[own[:-turning]] = actuator.force or np.inf
+    found[own[-turning:]] = actuator.torque or np.inf
+    return Clip(found)
+
+
+def base_columns(scene: Scene, body: SceneBody) -> list[int]:
+    """Places of a body's floating base in v."""
+    joint = scene.model.joints[body.root_joint]
+    return list(range(joint.idx_v, joint.idx_v + joint.nv)) if body.root_joint else []
+
+
+def deliveries(scene: Scene) -> tuple[Delivery, ...]:
+    """Actuators of all robots, in the order in which they act."""
+    return tuple(
+        delivery_of(actuator, scene, body)
+        for body in scene.robots
+        if isinstance(body.config, Robot)
+        for _, actuator in body.config.driven_by()
+    )

@@ -11,13 +11,14 @@ acceleration itself is then the articulated-body algorithm's, under the torques 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
 
 from spacerobot.arrays import Array
+from spacerobot.pinocchio_engine.actuation import Delivered, Push
 from spacerobot.pinocchio_engine.contacts import Pressure
 from spacerobot.pinocchio_engine.grasps import Constraint, Relative
 from spacerobot.pinocchio_engine.kinematics import Kinematics, joint_space_inertia
@@ -44,12 +45,15 @@ class Loads:
         Of the tips' channels.
     constraints
         Of rigid grasps.
-    limits
-        Greatest torque of each velocity component (nv,), infinite where there is none.
+    deliveries
+        From the generalized forces (nv,) that actuators are asked for to what they deliver, each after the
+        one before.
     spread
         Velocities of all joints from those of the free ones (nv, nv).
     pressures
         Of contacts.
+    outside
+        Wrenches from outside.
     """
 
     torque: Array
@@ -57,9 +61,10 @@ class Loads:
     wrenches: Sequence[Wrench]
     commands: Sequence[Command]
     constraints: Sequence[Constraint]
-    limits: Array
+    deliveries: Sequence[Callable[[Array], Delivered]]
     spread: Array
     pressures: Sequence[Pressure] = ()
+    outside: Sequence[Push] = ()
 
     @property
     def ties(self) -> Array:
@@ -70,15 +75,16 @@ class Loads:
 
 @dataclass(frozen=True)
 class Solution:
-    """Acceleration (nv,), actuator torques (nv,), and wrenches of rigid grasps."""
+    """Acceleration (nv,), actuator torques (nv,), wrenches of rigid grasps, and what each actuator does."""
 
     acceleration: Array
     torque: Array
     wrenches: list[Wrench]
+    delivered: list[Delivered]
 
 
 def solve(kinematics: Kinematics, loads: Loads) -> Solution:
-    """Solve the closed loop at one instant; limits clip the torques it would take without them.
+    """Solve the closed loop at one instant; actuators are asked as if they delivered everything.
 
     Raises
     ------
@@ -90,8 +96,13 @@ def solve(kinematics: Kinematics, loads: Loads) -> Solution:
         (command.jacobian.T @ u for command, u in zip(loads.commands, outputs, strict=True)),
         np.zeros(kinematics.model.nv),
     )
-    if np.isfinite(loads.limits).any():
-        torque = np.clip(torque, -loads.limits, loads.limits)
+    delivered: list[Delivered] = []
+    for deliver in loads.deliveries:
+        delivered.append(deliver(torque))
+        torque = delivered[-1].torque
+    if delivered:
+        pushes = [push for one in delivered for push in (*one.inner, *one.outside)]
+        loads = replace(loads, outside=[*loads.outside, *pushes])
         _, reactions = _implicit(kinematics, loads, torque, [])
     wrenches = []
     *reactions, ties = reactions
@@ -106,9 +117,9 @@ def solve(kinematics: Kinematics, loads: Loads) -> Solution:
         kinematics.q,
         kinematics.v,
         torque - loads.resistance * kinematics.v - loads.ties.T @ ties,
-        _external(kinematics, [*loads.wrenches, *wrenches], loads.pressures),
+        _external(kinematics, [*loads.wrenches, *wrenches], loads),
     )
-    return Solution(np.array(acceleration), torque, wrenches)
+    return Solution(np.array(acceleration), torque, wrenches, delivered)
 
 
 def _implicit(
@@ -122,7 +133,7 @@ def _implicit(
         kinematics.q,
         kinematics.v,
         np.zeros(nv),
-        _external(kinematics, loads.wrenches, loads.pressures),
+        _external(kinematics, loads.wrenches, loads),
     )
     jacobian = np.vstack([np.empty((0, nv)), *(c.jacobian for c in commands)])
     fixed = np.vstack([np.empty((0, nv)), *(c.jacobian for c in loads.constraints), loads.ties])
@@ -145,16 +156,17 @@ def _implicit(
     return parts[: len(commands)], parts[len(commands) :]
 
 
-def _external(
-    kinematics: Kinematics, wrenches: Sequence[Wrench], pressures: Sequence[Pressure]
-) -> pin.StdVec_Force:
+def _external(kinematics: Kinematics, wrenches: Sequence[Wrench], loads: Loads) -> pin.StdVec_Force:
     """Forces on each joint's body in its own axes: on the target or second as given, else opposite."""
     total = [pin.Force.Zero() for _ in range(kinematics.model.njoints)]
     for grasp, relative, force, torque in wrenches:
         at = relative.point
         total[grasp.joint] += kinematics.local_wrench(grasp.joint, force, torque, at)
         total[grasp.tip.joint] += kinematics.local_wrench(grasp.tip.joint, -force, -torque, at)
-    for pressure in pressures:
+    for wrench in loads.outside:
+        own = kinematics.local_wrench(wrench.joint, wrench.force, wrench.torque, wrench.point)
+        total[wrench.joint] += own
+    for pressure in loads.pressures:
         (first, second), at = pressure.touch.pair, pressure.touch.point
         total[second.joint] += kinematics.local_wrench(second.joint, pressure.force, np.zeros(3), at)
         total[first.joint] += kinematics.local_wrench(first.joint, -pressure.force, np.zeros(3), at)

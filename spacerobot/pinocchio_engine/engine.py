@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import functools
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -10,6 +11,8 @@ import numpy as np
 import pinocchio as pin
 
 from spacerobot.arrays import Array
+from spacerobot.pinocchio_engine.actuation import Delivered
+from spacerobot.pinocchio_engine.base_control import BaseController
 from spacerobot.pinocchio_engine.contacts import Pressure, contact_of, touches
 from spacerobot.pinocchio_engine.dynamics import Loads, Solution, Wrench, solve
 from spacerobot.pinocchio_engine.grasps import (
@@ -83,6 +86,8 @@ class Engine:
         Of the controllers, by the phase's name.
     mode
         What is open and closed, and what leads; events replace it.
+    touched
+        Places in z of impulse and loss of the contacts.
     mated
         Tip's orientation where mated (3, 3), axes of the mating frame, by the grasp's name.
     """
@@ -108,10 +113,22 @@ class Engine:
             for part in ("impulse[0]", "impulse[1]", "impulse[2]", "loss[0]")
         ]
         names = [name for block in blocks for name in block.state_names]
-        self.state_names = (*names, *booked, *(f"work.{name}[0]" for name in self.works))
+        driven = [name for one in self.now.deliveries for name in one.state_names]
+        self.touched = slice(len(names), len(names) + len(booked))
+        sizes = [self.touched.stop, *(len(one.state_names) for one in self.now.deliveries)]
+        self._driven_cuts = np.cumsum(sizes)
+        first = [one.initial(start) for one in self.now.deliveries]
+        self.state_names = (*names, *booked, *driven, *(f"work.{name}[0]" for name in self.works))
         self._cuts = np.cumsum([len(block.state_names) for block in blocks])
         self.x0: Array = np.concatenate(
-            [scene.q, scene.v, self.first_states(start), np.zeros(len(booked) + len(self.works))]
+            [
+                scene.q,
+                scene.v,
+                self.first_states(start),
+                np.zeros(len(booked)),
+                *first,
+                np.zeros(len(self.works)),
+            ]
         )
 
     @property
@@ -128,7 +145,7 @@ class Engine:
         """States of the controllers as they begin at time t [s], of all phases' alike."""
         motions = self._motions(t, t, kinematics)
         parts = [c.initial(kinematics, motions[c.tip.label]) for c in self.now.channels]
-        parts += [c.positions(kinematics.q) for c in self.now.controllers]
+        parts += [c.initial(kinematics) for c in self.now.controllers]
         return np.concatenate([np.empty(0), *parts])
 
     def derivative(self, t: float, x: Array, within: float | None = None) -> Array:
@@ -174,8 +191,10 @@ class Engine:
             for channel, own in zip(channels, states, strict=False)
         ]
         commands = [pair for pair, rests in zip(asking, self.now.rest, strict=False) if not rests]
-        torque, desired_rates = self._joint_control(kinematics, motions, commands, states[len(channels) :])
-        asked = [command for _, command in commands]
+        torque, of_bases, own_rates = self._robot_control(
+            kinematics, motions, commands, states[len(channels) :]
+        )
+        asked = [*(command for _, command in commands), *of_bases]
         relatives = [self.relative(kinematics, grasp, t) for grasp in self.now.scene.grasps]
         couplings, loads = self._loads(torque, asked, relatives)
         pressures = {
@@ -183,15 +202,18 @@ class Engine:
             for contact in self.scene.contacts
         }
         pressing = [pressure for several in pressures.values() for pressure in several]
-        solution = solve(kinematics, replace(loads, pressures=pressing))
+        solution = solve(
+            kinematics, replace(loads, pressures=pressing, deliveries=self._deliveries(kinematics, z))
+        )
         powers = self._powers(v, solution, (couplings, loads.wrenches), pressing)
-        own_rates = [
+        tip_rates = [
             command.rates * (not rests) for (_, command), rests in zip(asking, self.now.rest, strict=False)
         ]
         booked = [
             np.sum([[*p.force, p.dissipation] for p in several], axis=0) for several in pressures.values()
         ]
-        rates = np.concatenate([*own_rates, *desired_rates, *booked, powers])
+        driven = [one.rates for one in solution.delivered]
+        rates = np.concatenate([*tip_rates, *own_rates, *booked, *driven, powers])
         return Instant(kinematics, motions, relatives, couplings, pressures, solution, rates)
 
     def is_closed(self, name: str) -> bool:
@@ -204,17 +226,23 @@ class Engine:
         rest = Rest(mated) if life is None else life.rest(grasp.config.capture, mated, t)
         return relative_motion(kinematics, grasp, rest)
 
-    def _joint_control(
+    def _robot_control(
         self,
         kinematics: Kinematics,
         motions: Mapping[str, Motion],
         commands: Sequence[tuple[Channel, Command]],
-        desired: Sequence[Array],
-    ) -> tuple[Array, list[Array]]:
-        """Torques (nv,) of the joint controllers, and the rates of their states."""
+        states: Sequence[Array],
+    ) -> tuple[Array, list[Command], list[Array]]:
+        """Torques (nv,) of the joint controllers, commands of those of bases, and rates of their states."""
         torque = np.zeros(self.model.nv)
-        rates, rest = [], self.now.rest[len(self.now.channels) :]
-        for controller, own, rests in zip(self.now.controllers, desired, rest, strict=True):
+        rates, of_bases = list[Array](), list[Command]()
+        rest = self.now.rest[len(self.now.channels) :]
+        for controller, own, rests in zip(self.now.controllers, states, rest, strict=True):
+            if isinstance(controller, BaseController):
+                command = controller.evaluate(kinematics, own)
+                rates.append(command.rates * (not rests))
+                of_bases += [] if rests else [command]
+                continue
             rates.append(controller.desired_rate(own, motions) * (not rests))
             if rests:
                 continue
@@ -222,7 +250,15 @@ class Engine:
             if controller.config.null_space:
                 part = null_space(kinematics, part, controller.body, commands, self.scene.spread)
             torque = torque + part
-        return torque, rates
+        return torque, of_bases, rates
+
+    def _deliveries(self, kinematics: Kinematics, z: Array) -> list[Callable[[Array], Delivered]]:
+        """What each actuator makes of what it is asked for, in the order in which they act."""
+        states = np.split(z, self._driven_cuts)[1:]
+        return [
+            functools.partial(one.deliver, kinematics, states=own)
+            for one, own in zip(self.now.deliveries, states, strict=False)
+        ]
 
     def _loads(
         self, torque: Array, asked: Sequence[Command], relatives: Sequence[Relative]
@@ -240,8 +276,8 @@ class Engine:
                 wrenches.append((grasp, relative, found.force, found.torque))
             else:
                 constraints.append(found)
-        limits, spread = self.now.limits, self.scene.spread
-        return couplings, Loads(torque, self.resistance, wrenches, asked, constraints, limits, spread)
+        spread = self.scene.spread
+        return couplings, Loads(torque, self.resistance, wrenches, asked, constraints, (), spread)
 
     def _motions(self, t: float, within: float, kinematics: Kinematics) -> dict[str, Motion]:
         return {label: lead.at(t, within, kinematics) for label, lead in self.mode.leads.items()}
@@ -264,7 +300,7 @@ class Engine:
             for _, relative, force, torque in [*wrenches, *solution.wrenches]
         )
         powers = {
-            "actuator": solution.torque @ v,
+            "actuator": solution.torque @ v + sum(one.power for one in solution.delivered),
             "joint": self.resistance @ v**2,
             "grasp": sum(coupling.dissipation for coupling in couplings),
             "constraint": by_constraints,

@@ -21,7 +21,6 @@ from spacerobot.pinocchio_engine.kinematics import Kinematics, joint_space_inert
 from spacerobot.pinocchio_engine.laws import refusal
 from spacerobot.pinocchio_engine.references import Motion
 from spacerobot.pinocchio_engine.tip_control import Channel, Command, reading_of, sensors_of
-from spacerobot.scenario import Robot
 from spacerobot.scene import Scene, SceneBody
 
 
@@ -42,6 +41,10 @@ class JointController:
     def _columns(self) -> list[int]:
         """Places of its free joints in v."""
         return [int(self.scene.model.idx_vs[joint]) for joint in self.body.driven_joints]
+
+    def initial(self, kinematics: Kinematics) -> Array:
+        """Joint positions, as they are."""
+        return self.positions(kinematics.q)
 
     def positions(self, q: Array) -> Array:
         """Joint positions (n,) [rad or m]; of an unbounded joint between -pi and pi."""
@@ -115,25 +118,16 @@ def _set_position(joint: Any, value: float, q: Array) -> None:
 
 
 @functools.singledispatch
-def robot_law(controller: RobotController, scene: Scene, body: SceneBody) -> JointController:
-    """What a controller of a robot's joints asks for, of each kind."""
-    del scene, body
+def robot_law(controller: RobotController, scene: Scene, body: SceneBody, key: str) -> Any:
+    """What a controller of a robot asks for, of each kind; ``key`` is its own in the robot's section."""
+    del scene, body, key
     raise refusal(controller)
 
 
 @robot_law.register
-def _(controller: JointPd, scene: Scene, body: SceneBody) -> JointController:
+def _(controller: JointPd, scene: Scene, body: SceneBody, key: str) -> JointController:
+    del key
     return JointController(scene, body, controller)
-
-
-def joint_controllers(scene: Scene) -> list[JointController]:
-    """Joint controllers of the robots that have one."""
-    return [
-        robot_law(controller, scene, body)
-        for body in scene.robots
-        if isinstance(body.config, Robot)
-        for _, controller in body.config.elements()
-    ]
 
 
 def null_space(

@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
-from spacerobot.arrays import Array
 from spacerobot.errors import ScenarioError
-from spacerobot.pinocchio_engine.actuation import torque_limits
-from spacerobot.pinocchio_engine.joint_control import JointController, joint_controllers
+from spacerobot.pinocchio_engine.actuation import Delivery, deliveries
+from spacerobot.pinocchio_engine.base_control import BaseController
+from spacerobot.pinocchio_engine.joint_control import JointController, robot_law
 from spacerobot.pinocchio_engine.kinematics import Kinematics
 from spacerobot.pinocchio_engine.life import Life
 from spacerobot.pinocchio_engine.references import Begins, Leads, Motion, leading
 from spacerobot.pinocchio_engine.tip_control import Channel, tip_law
-from spacerobot.scenario import Scenario
+from spacerobot.scenario import Robot, Scenario
 from spacerobot.scene import Scene
 from spacerobot.scene.scene import SceneReference
 
@@ -77,18 +77,18 @@ class Laws:
         The scene with the numbers of the phase.
     rest
         Which of the channels and controllers, in this order, rest.
-    limits
-        Greatest torques (nv,).
+    deliveries
+        Actuators, in the order in which they act.
     """
 
     scene: Scene
     channels: tuple[Channel, ...]
-    controllers: tuple[JointController, ...]
+    controllers: tuple[JointController | BaseController, ...]
     rest: tuple[bool, ...]
-    limits: Array
+    deliveries: tuple[Delivery, ...]
 
     @property
-    def blocks(self) -> tuple[Channel | JointController, ...]:
+    def blocks(self) -> tuple[Channel | JointController | BaseController, ...]:
         """Channels and controllers."""
         return (*self.channels, *self.controllers)
 
@@ -143,10 +143,14 @@ def _laws(scene: Scene) -> Laws:
         for tip in scene.tips
         for key, controller in tip.config.elements()
     )
-    controllers = tuple(joint_controllers(scene))
-    return Laws(
-        scene, channels, controllers, (False,) * (len(channels) + len(controllers)), torque_limits(scene)
+    controllers = tuple(
+        robot_law(controller, scene, body, key)
+        for body in scene.robots
+        if isinstance(body.config, Robot)
+        for key, controller in body.config.elements()
     )
+    rest = (False,) * (len(channels) + len(controllers))
+    return Laws(scene, channels, controllers, rest, deliveries(scene))
 
 
 def _during(scene: Scene, scenario: Scenario) -> Scene:

@@ -9,6 +9,9 @@ import numpy as np
 import pinocchio as pin
 
 from spacerobot.arrays import Array
+from spacerobot.elements.controllers.base_attitude import BaseAttitude
+from spacerobot.elements.controllers.base_position import BasePosition
+from spacerobot.pinocchio_engine.base_control import BaseController
 from spacerobot.pinocchio_engine.engine import Engine, Instant
 from spacerobot.pinocchio_engine.kinematics import rotation_vector
 
@@ -19,6 +22,7 @@ def outputs_at(engine: Engine, t: float, x: Array, within: float | None = None) 
     found = _tips(engine, instant) | _bodies(engine, instant)
     columns = sorted(engine.model.idx_vs[joint] for body in engine.scene.bodies for joint in body.joints)
     found["joint_torque"] = instant.solution.torque[columns]
+    found |= _bases(engine, instant)
     found |= (
         _grasps(engine, instant)
         | _lives(engine, instant)
@@ -64,6 +68,21 @@ def _bodies(engine: Engine, instant: Instant) -> dict[str, Array]:
         "momentum_linear": whole[:3],
         "momentum_angular": whole[3:],
     }
+
+
+def _bases(engine: Engine, instant: Instant) -> dict[str, Array]:
+    """Errors of the bases that are held, not a number of the others."""
+    named = {"base_attitude_error": BaseAttitude, "base_position_error": BasePosition}
+    held = [law for law in engine.now.controllers if isinstance(law, BaseController)]
+    found = {}
+    for name, kind in named.items():
+        errors = {
+            law.body.name: law.error(instant.kinematics) for law in held if isinstance(law.config, kind)
+        }
+        if errors:
+            none = np.full(3, np.nan)
+            found[name] = _stack(errors.get(body.name, none) for body in engine.scene.bodies)
+    return found
 
 
 def _total_momentum(model: pin.Model, q: Array, v: Array) -> Array:
@@ -126,8 +145,7 @@ def _contacts(engine: Engine, instant: Instant, x: Array) -> dict[str, Array]:
     found = list(instant.pressures.values())
     if not found:
         return {}
-    z, works = engine.split(x)[2], len(engine.works)
-    since = z[len(z) - works - 4 * len(found) : len(z) - works].reshape(-1, 4)
+    since = engine.split(x)[2][engine.touched].reshape(-1, 4)
     nearest = [min((p.touch for p in several), key=lambda touch: touch.gap) for several in found]
     return {
         "contact_force": np.concatenate([sum(p.force for p in several) for several in found]),

@@ -249,7 +249,9 @@ def check_elements(scene: Scene) -> None:
 def _check_base(scene: Scene, body: SceneBody) -> None:
     """Refuse what acts on a fixed base, and controllers whose wrench on a base no actuator delivers."""
     own = [found for found in robot_elements(scene) if found[0] is body]
-    delivered = {part for _, _, element in own if isinstance(element, Actuator) for part in element.base_wrench}
+    delivered = {
+        part for _, _, element in own if isinstance(element, Actuator) for part in element.base_wrench
+    }
     for _, path, element in own:
         if element.base_wrench and not body.root_joint:
             message = "acts on the base, which is fixed; leave it out, or give `base: {joint: free_flyer}`"

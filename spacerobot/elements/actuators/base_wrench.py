@@ -25,7 +25,10 @@ class BaseWrench(Actuator):
         "N", "greatest force along each axis of the root link; not limited if not given", default=None, gt=0
     )
     torque: float | None = quantity(
-        "N m", "greatest torque about each axis of the root link; not limited if not given", default=None, gt=0
+        "N m",
+        "greatest torque about each axis of the root link; not limited if not given",
+        default=None,
+        gt=0,
     )
 
     def build(self, actuator: ActuatorContext) -> Contribution:

@@ -30,7 +30,10 @@ class BaseAttitude(RobotController):
     ki: float = quantity("N m/(rad s)", "integral gain K_i", default=0.0, ge=0)
     kd: float = quantity("N m s/rad", "rate gain K_d", default=0.0, ge=0)
     feed_forward: float = quantity(
-        "1", "part that is added of what the arm's motion takes, the rate of its angular momentum", default=1.0, ge=0
+        "1",
+        "part that is added of what the arm's motion takes, the rate of its angular momentum",
+        default=1.0,
+        ge=0,
     )
     attitude_deg: Vector | None = quantity(
         "deg", "roll, pitch, yaw to be held; those of the start if not given", default=None

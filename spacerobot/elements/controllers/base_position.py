@@ -31,7 +31,10 @@ class BasePosition(RobotController):
     ki: float = quantity("N/(m s)", "integral gain K_i", default=0.0, ge=0)
     kd: float = quantity("N s/m", "rate gain K_d", default=0.0, ge=0)
     feed_forward: float = quantity(
-        "1", "part that is added of what the arm's motion takes, the rate of its linear momentum", default=1.0, ge=0
+        "1",
+        "part that is added of what the arm's motion takes, the rate of its linear momentum",
+        default=1.0,
+        ge=0,
     )
     position: Vector | None = quantity(
         "m", "of the root link, world axes, to be held; that of the start if not given", default=None

@@ -9,7 +9,7 @@ import pytest
 import spacerobot as sr
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.errors import ScenarioError
-from tests.oracles.small_scenes import PLANAR, random_x, small_scene
+from tests.oracles.small_scenes import random_x, small_scene
 
 ALONE = """
 robots:
@@ -24,11 +24,26 @@ simulation: {{duration: 2, step: 0.004, output_step: 0.1}}
 """
 """One arm that moves its tip, with nothing in its hand."""
 
+LONE = """
+robots:
+  one:
+    urdf: plate.urdf
+    base: {joint: planar}
+    controllers: {turn: {kind: base_attitude, kp: 1.575, kd: 2.1, attitude_deg: [0, 0, 25]}}
+    actuators: {ideal: {kind: base_wrench}}
+simulation: {duration: 3}
+"""
 FLAT = ALONE.format(
-    urdf="arm.urdf", base="planar", spin=[0, 0, 2], joints="{joint_1: {angle_deg: 50}, joint_2: {angle_deg: -70}}"
+    urdf="arm.urdf",
+    base="planar",
+    spin=[0, 0, 2],
+    joints="{joint_1: {angle_deg: 50}, joint_2: {angle_deg: -70}}",
 )
 DEEP = ALONE.format(
-    urdf="odd_arm.urdf", base="free_flyer", spin=[2, -1, 3], joints="{slant: {angle_deg: 20}, round: {angle_deg: -50}}"
+    urdf="odd_arm.urdf",
+    base="free_flyer",
+    spin=[2, -1, 3],
+    joints="{slant: {angle_deg: 20}, round: {angle_deg: -50}}",
 )
 
 
@@ -59,7 +74,6 @@ def test_a_base_feels_its_pid_alone_whatever_the_arm_does(text):
         loop, model = build_closed_loop(scene), scene.model
         flat = scene.planar
         inertia, mass = inertia_at_start(scene), pin.computeTotalMass(model)
-        base = model.joints[1]
         for seed in range(2):
             x = random_x(scene, np.random.default_rng(seed), loop.nx)
             rate, named = motion_at(scene, loop, x)
@@ -83,4 +97,65 @@ def test_a_base_feels_its_pid_alone_whatever_the_arm_does(text):
                 pid = 70 * named["base_position_error"][:3] + 5 * own[1] - 90 * moving.linear
                 scale = mass * np.abs(going.linear).max() + np.abs(pid).max()
                 np.testing.assert_allclose(mass * going.linear / scale, pid / scale, atol=1e-10)
-        
+
+
+def test_a_lone_body_turns_as_a_damped_oscillator_does():
+    """I e'' + K_d e' + K_p e = 0, here critically damped with s = K_d / 2 I: e = e_0 (1 + s t) exp(-s t)."""
+    scene = small_scene(LONE)  # a plate of 0.7 kg m^2
+    rollout = sr.build_rollout(build_closed_loop(scene), duration_s=3, step_s=0.01, backend="interpreted")
+    run = rollout.run()
+    error = np.radians(25) * (1 + 1.5 * run.time) * np.exp(-1.5 * run.time)
+    np.testing.assert_allclose(run.outputs["base_attitude_error"][:, 2], error, atol=1e-9)
+
+
+def test_an_ideal_wrench_is_clipped_axis_by_axis():
+    text = DEEP.replace("{kind: base_wrench}", "{kind: base_wrench, force: 2, torque: 0.5}")
+    scene = small_scene(text)
+    loop, free = build_closed_loop(scene), build_closed_loop(small_scene(DEEP))
+    x = random_x(scene, np.random.default_rng(1), loop.nx)
+    bounded, whole = (motion_at(scene, one, x)[0] for one in (loop, free))
+    assert np.abs(bounded - whole).max() > 1e-2
+    assert "robots.one.actuators.ideal.torque" in loop.parameter_paths
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (
+            {"robots.one.actuators": {}},
+            "robots.one.controllers.turn: asks for a torque on the base, which no actuator of the robot "
+            "delivers; give one of kind base_wrench",
+        ),
+        (
+            {"robots.one.base": {"joint": "fixed"}},
+            "robots.one.controllers.turn: acts on the base, which is fixed",
+        ),
+        ({"robots.one.controllers.turn.kp": -1}, "robots.one.controllers.turn.kp: found -1"),
+    ],
+)
+def test_what_cannot_hold_a_base_is_refused_in_one_line(change, told):
+    with pytest.raises(ScenarioError) as fault:
+        small_scene(DEEP, change)
+    assert told in str(fault.value)
+    assert "\n" not in str(fault.value)
+
+
+def test_a_base_without_a_controller_costs_nothing():
+    free = {"robots.one.controllers": {}, "robots.one.actuators": {}}
+    idle = {"robots.one.controllers": {}}
+    counts = [
+        build_closed_loop(small_scene(FLAT, changes)).dynamics.n_instructions() for changes in (free, idle)
+    ]
+    assert counts[1] == counts[0]
+
+
+def test_gains_and_feed_forward_have_exact_gradients():
+    scene = small_scene(FLAT)
+    rollout = sr.build_rollout(build_closed_loop(scene), duration_s=0.4, step_s=0.01, backend="interpreted")
+    for path, value in (("kp", 50.0), ("feed_forward", 1.0)):
+        path = f"robots.one.controllers.turn.{path}"
+        found = rollout.jacobian(wrt=[path], outputs=["base_attitude_error"]).outputs["base_attitude_error"]
+        step = 1e-4 * value
+        ends = [rollout.run({path: value + s * step}).outputs["base_attitude_error"] for s in (1, -1)]
+        slope = (ends[0] - ends[1]) / (2 * step)
+        np.testing.assert_allclose(found[..., 0], slope, atol=1e-6 * np.abs(slope).max())

@@ -1,0 +1,124 @@
+"""Control of a floating base: PID, and the rate of momentum that is not the base's own.
+
+    u = K_p e + K_i int(e) - K_d w + k (h' - J w')
+
+The robot's momentum changes by what acts on its base: h' are the base's rows of ``M v' + n``, by Pinocchio's
+composite-rigid-body and recursive Newton-Euler algorithms, about the centre of mass.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from spacerobot.arrays import Array
+from spacerobot.elements.controllers.base_attitude import BaseAttitude
+from spacerobot.elements.controllers.base_position import BasePosition
+from spacerobot.pinocchio_engine.actuation import base_columns
+from spacerobot.pinocchio_engine.joint_control import robot_law
+from spacerobot.pinocchio_engine.kinematics import Kinematics, joint_space_inertia, rotation_vector
+from spacerobot.pinocchio_engine.tip_control import Command
+from spacerobot.scene import Scene, SceneBody
+
+
+@dataclass(frozen=True)
+class BaseController:
+    """Controller of one base's rotation or translation; its states are the integral of the error."""
+
+    scene: Scene
+    body: SceneBody
+    config: BaseAttitude | BasePosition
+    key: str
+
+    @property
+    def axes(self) -> list[int]:
+        """World axes of what it holds."""
+        turns = isinstance(self.config, BaseAttitude)
+        return list(self.scene.rotation_axes if turns else self.scene.translation_axes)
+
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        """Names of its states."""
+        name = f"{self.body.name}/{self.key.rpartition('.')[2]}.integral"
+        return tuple(f"{name}[{i}]" for i in range(len(self.axes)))
+
+    def initial(self, kinematics: Kinematics) -> Array:
+        """No error yet."""
+        del kinematics
+        return np.zeros(len(self.axes))
+
+    def error(self, kinematics: Kinematics) -> Array:
+        """Rotation vector [rad] or way [m] to where the base shall be (3,), world axes."""
+        now = kinematics.frame(self.body.root_frame)
+        first = Kinematics(self.scene.model, np.array(self.scene.q), np.array(self.scene.v))
+        start = first.frame(self.body.root_frame)
+        if isinstance(self.config, BasePosition):
+            given = self.config.position
+            return np.array(start.position if given is None else given) - now.position
+        if self.config.attitude_deg is None:
+            return rotation_vector(start.rotation, now.rotation)
+        return rotation_vector(pin.rpy.rpyToMatrix(np.radians(self.config.attitude_deg)), now.rotation)
+
+    def evaluate(self, kinematics: Kinematics, states: Array) -> Command:
+        """Command and rates of the states at one instant."""
+        config, axes, nv = self.config, self.axes, kinematics.model.nv
+        now, error = kinematics.frame(self.body.root_frame), self.error(kinematics)[axes]
+        turns = isinstance(config, BaseAttitude)
+        own = base_columns(self.scene, self.body)
+        jacobian = np.zeros((6, nv))
+        jacobian[:, own] = now.jacobian[:, own]
+        whole, drift = self._momentum_rate(kinematics, jacobian)
+        lever = self._lever(kinematics)
+        about = np.hstack([-pin.skew(lever), np.eye(3)])
+        if turns:
+            inertia = now.rotation @ self._first_inertia() @ now.rotation.T
+            actuation, felt = jacobian[3:], about @ whole - inertia @ now.jacobian[3:]
+            drift = about @ drift
+        else:
+            mass = self._mass(kinematics)
+            actuation, felt = (
+                jacobian[:3] - pin.skew(lever) @ jacobian[3:],
+                whole[:3] - mass * now.jacobian[:3],
+            )
+            drift = drift[:3] - mass * now.drift[:3]
+        part = config.feed_forward
+        velocity = (now.velocity[3:] if turns else now.velocity[:3])[axes]
+        command = config.kp * error + config.ki * states - config.kd * velocity + part * drift[axes]
+        return Command(actuation[axes], felt[axes], command, -part, -velocity, error)
+
+    def _momentum_rate(self, kinematics: Kinematics, jacobian: Array) -> tuple[Array, Array]:
+        """Rate of the robot's momentum about the base's origin: by v' (6, nv), and the rest (6,)."""
+        model, own = kinematics.model, base_columns(self.scene, self.body)
+        bias = pin.nonLinearEffects(model, model.createData(), kinematics.q, kinematics.v)
+        return jacobian[:, own] @ joint_space_inertia(kinematics)[own], jacobian[:, own] @ bias[own]
+
+    def _mass(self, kinematics: Kinematics) -> float:
+        """Of the robot."""
+        return float(sum(kinematics.model.inertias[joint].mass for joint in self.body.subtree))
+
+    def _lever(self, kinematics: Kinematics) -> Array:
+        """From the base's origin to the robot's centre of mass (3,), world axes."""
+        data, model = kinematics.data, kinematics.model
+        total = np.zeros(3)
+        for joint in self.body.subtree:
+            total += model.inertias[joint].mass * data.oMi[joint].act(model.inertias[joint].lever)
+        centre: Array = total / self._mass(kinematics) - kinematics.frame(self.body.root_frame).position
+        return centre
+
+    def _first_inertia(self) -> Array:
+        """Of the robot about its centre of mass as it begins (3, 3), axes of the base."""
+        first = Kinematics(self.scene.model, np.array(self.scene.q), np.array(self.scene.v))
+        total = pin.Inertia.Zero()
+        for joint in self.body.subtree:
+            total += first.data.oMi[joint].act(first.model.inertias[joint])
+        rotation = first.frame(self.body.root_frame).rotation
+        inertia: Array = rotation.T @ total.inertia @ rotation
+        return inertia
+
+
+@robot_law.register(BaseAttitude)
+@robot_law.register(BasePosition)
+def _(controller: BaseAttitude | BasePosition, scene: Scene, body: SceneBody, key: str) -> BaseController:
+    return BaseController(scene, body, controller, key)
