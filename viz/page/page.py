@@ -37,9 +37,19 @@ SCRIPTS = (
     "picture.js",
     "link.js",
     "player.js",
+    "studio/wire.js",
+    "studio/rollouts.js",
+    "studio/designs.js",
+    "studio/numbers.js",
+    "studio/slider.js",
+    "studio/metrics.js",
+    "studio/studio.js",
     "main.js",
 )
 """Parts of the player, in order."""
+
+STYLES = ("page.css", "studio/studio.css")
+"""How it looks, in order."""
 
 
 def animation_page(*results: Result, title: str | None = None, autoplay: bool = True) -> str:
@@ -85,7 +95,7 @@ def page(payload: Mapping[str, Any], *, connect: str = "'none'") -> str:
     parts = {
         "policy": policy(connect),
         "title": html.escape(str(payload["title"])),
-        "style": _web("page.css"),
+        "style": "".join(map(_web, STYLES)),
         "payload": json_text(payload),
         "meshcat": meshcat_script(),
         "player": player_script(),

@@ -145,6 +145,7 @@ class Chart {
       pen.strokeStyle = signal.colour;
       pen.lineWidth = 1.5;
       pen.setLineDash(r === 0 ? [] : [5, 3]);
+      pen.globalAlpha = this.signals.runs[r].pale ? 0.5 : 1;
       pen.beginPath();
       for (let i = 0; i < time.length; i++) pen.lineTo(this.xOf(time[i], left, right), y(values[Math.min(i, values.length - 1)]));
       pen.stroke();

@@ -35,8 +35,9 @@ function bytes(text) {
   return Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer;
 }
 
-function floats(text) {
-  return new Float32Array(bytes(text));
+// Numbers in base 64, or as they are.
+function floats(packed) {
+  return packed instanceof Float32Array ? packed : new Float32Array(bytes(packed));
 }
 
 // Sample before a time and the share of the way to the next one.

@@ -10,6 +10,7 @@ class Labels {
   }
 
   load(runs) {
+    runs = runs.filter(({ data }) => !data.pale);
     this.bodies = runs.flatMap((run) => run.data.nodes.flatMap((node, k) => (
       node.base ? [{ object: run.nodes[k], span: element("span", called(node.body), "name"), above: this.radius(node) }] : []
     )));

@@ -22,6 +22,7 @@ function start() {
     player.timeline.enable(false);
   }
   if (payload.live) follow(player);
+  if (payload.studio) new Studio(player, `ws://${location.host}/studio${location.search}`);
   document.body.dataset.ready = "true";
 }
 

@@ -35,8 +35,7 @@ class Player {
     this.signals = new Signals(payload.runs);
     this.scene.load(payload, this.legend.shown);
     this.magnifier.load(this.scene.runs);
-    const present = { names: true, magnifier: this.magnifier.useful };
-    this.legend.load((layer) => present[layer] ?? this.scene.has(layer));
+    this.legend.load((layer) => this.present(layer));
     this.picker.load(this.signals);
     this.chart.load(this.signals, this.scene.end);
     this.offer();
@@ -46,6 +45,32 @@ class Player {
     this.toggled("magnifier");
     this.timeline.seek(0);
     this.chart.resize();
+  }
+
+  // Other motions of the same bodies: time, view and the choice of signals stay.
+  renew(runs, notices) {
+    const chosen = this.signals.text, { end } = this.scene, count = this.scene.runs.length;
+    this.payload = { ...this.payload, runs, notices };
+    this.words();
+    this.scene.renew(runs);
+    this.signals = new Signals(runs);
+    this.signals.text = chosen;
+    this.magnifier.load(this.scene.runs);
+    this.legend.load((layer) => this.present(layer));
+    this.picker.load(this.signals);
+    this.chart.load(this.signals, this.scene.end);
+    this.readout.load(this.scene.runs, this.scene.colours);
+    this.labels.load(this.scene.runs);
+    this.events.load(runs[0].events, this.scene.end);
+    if (this.scene.end !== end) this.timeline.stretch(this.scene.end);
+    this.magnifier.show(this.legend.shown.magnifier);
+    if (runs.length !== count) this.scene.refit(); // the words take another room
+    this.timeline.seek(this.timeline.time);
+  }
+
+  // Whether there is anything of a layer to show.
+  present(layer) {
+    return { names: true, magnifier: this.magnifier.useful }[layer] ?? this.scene.has(layer);
   }
 
   words() {
@@ -197,7 +222,7 @@ class Player {
   }
 
   key(event) {
-    if (event.ctrlKey || event.metaKey || event.altKey) return;
+    if (event.ctrlKey || event.metaKey || event.altKey || event.target.closest?.("#panel")) return;
     const { tagName } = event.target, ends = ["Home", "End"].includes(event.key);
     if (event.target === $("pane")) {
       if (this.scene.eye.key(event.key)) { event.preventDefault(); return; }
@@ -227,7 +252,7 @@ class Player {
     if (wanted.has("layers")) {
       this.legend.text = wanted.get("layers");
       scene.shown = this.legend.shown;
-      this.legend.load((layer) => ({ names: true, magnifier: this.magnifier.useful })[layer] ?? scene.has(layer));
+      this.legend.load((layer) => this.present(layer));
       for (const [layer] of LAYERS) scene.show(layer);
       this.magnifier.show(this.legend.shown.magnifier);
     }

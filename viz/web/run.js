@@ -1,22 +1,11 @@
 // One run in the scene: bodies, ghosts, paths, forces, at any time.
 const FLASH_S = 1; // of simulated time
+const PALE = "#dfe6ee"; // the design before
 
 class Run {
   // ``sizes``: of the scene, of arrows a newton and a newton second, all in metres; ``closeness`` shrinks what marks.
   constructor(data, sizes, closeness) {
-    this.data = data;
-    this.time = floats(data.time);
-    this.poses = floats(data.poses);
-    this.tips = floats(data.tips);
-    this.forces = floats(data.forces);
-    this.mates = floats(data.mates);
-    this.held = floats(data.grips.held);
-    this.touching = floats(data.contacts.forces);
-    this.touched = floats(data.contacts.points);
-    this.fineTime = floats(data.fine_time);
-    this.errors = data.errors.map(floats);
-    this.centres = floats(data.masses.centres);
-    this.momenta = floats(data.masses.momenta);
+    this.read(data);
     this.scale = sizes.scene * closeness;
     this.metresPerNewton = sizes.newton * closeness;
     this.metresPerNewtonSecond = sizes.newtonSecond * closeness;
@@ -31,6 +20,41 @@ class Run {
     this.addPaths();
     this.addGrips();
     this.addMasses();
+    if (data.pale) this.fade();
+  }
+
+  read(data) {
+    this.data = data;
+    this.time = floats(data.time);
+    this.poses = floats(data.poses);
+    this.tips = floats(data.tips);
+    this.forces = floats(data.forces);
+    this.mates = floats(data.mates);
+    this.held = floats(data.grips.held);
+    this.touching = floats(data.contacts.forces);
+    this.touched = floats(data.contacts.points);
+    this.fineTime = floats(data.fine_time);
+    this.errors = data.errors.map(floats);
+    this.centres = floats(data.masses.centres);
+    this.momenta = floats(data.masses.momenta);
+  }
+
+  // Another motion of the same bodies.
+  renew(data) {
+    this.read(data);
+    for (const { mesh, points, radius } of this.paths) {
+      mesh.geometry.dispose();
+      mesh.geometry = tubeGeometry(points(), radius);
+    }
+    this.ghosts.forEach(([ghost, k]) => setPose(ghost, this.poses.subarray(7 * k, 7 * k + 7)));
+  }
+
+  // The design before: its bodies and paths, pale, and nothing else of it.
+  fade() {
+    for (const objects of Object.values(this.layers)) for (const object of objects) object.removeFromParent();
+    for (const key of Object.keys(this.layers)) this.layers[key] = [];
+    this.layers.before = [...this.nodes, ...this.growing];
+    this.root.add(...this.growing);
   }
 
   put(layer, object, order) {
@@ -41,12 +65,15 @@ class Run {
   }
 
   addBodies() {
+    this.ghosts = [];
     this.nodes = this.data.nodes.map((node, k) => {
       const group = new THREE.Group();
       for (const solid of node.solids) group.add(solidMesh(solid));
       this.root.add(group);
       if (node.base) {
-        this.put("ghosts", ghostOf(node, this.poses.slice(7 * k, 7 * k + 7)));
+        const ghost = this.put("ghosts", ghostOf(node));
+        setPose(ghost, this.poses.subarray(7 * k, 7 * k + 7));
+        this.ghosts.push([ghost, k]);
         const axes = triad(0.06 * this.scale);
         this.layers.frames.push(axes);
         group.add(axes);
@@ -57,26 +84,33 @@ class Run {
 
   addPaths() {
     const thin = 0.0011 * this.scale, thick = 0.0021 * this.scale;
-    this.growing = [];
-    this.data.references.forEach((path) => {
-      this.put("reference", tube(floats(path), thin, overlay(COLOURS.reference, 0.75)), 10);
+    [this.growing, this.paths] = [[], []];
+    this.data.references.forEach((_, k) => {
+      this.path("reference", () => floats(this.data.references[k]), thin, overlay(COLOURS.reference, 0.75), 10);
     });
     const count = this.data.tip_names.length;
     this.tipBalls = this.data.tip_names.map((_, k) => {
-      const points = this.column(this.tips, count, k), colour = tipColour(k);
-      this.grow(points, thick, colour, 12);
+      const colour = tipColour(k);
+      this.grow(() => this.column(this.tips, count, k), thick, colour, 12);
       return this.put("mates", ball(0.0052 * this.scale, colour, 21));
     });
     if (this.data.target) {
-      this.grow(floats(this.data.target), thick, COLOURS.target, 11);
+      this.grow(() => floats(this.data.target), thick, COLOURS.target, 11);
     }
   }
 
   // A path that grows with time.
   grow(points, radius, colour, order) {
-    const path = this.put("traces", tube(points, radius, overlay(colour, 1)), order);
+    const path = this.path("traces", points, radius, overlay(colour, 1), order);
     path.userData.colour = colour;
     this.growing.push(path);
+  }
+
+  // ``points`` gives those of the run's present data.
+  path(layer, points, radius, material, order) {
+    const mesh = this.put(layer, tube(points(), radius, material), order);
+    this.paths.push({ mesh, points, radius });
+    return mesh;
   }
 
   addGrips() {
@@ -186,12 +220,13 @@ class Run {
 
   // Over another run: in a colour of its own, and where ``faint`` half transparent; as it is without a colour.
   tint(colour, faint) {
+    if (this.data.pale) [colour, faint] = [PALE, true];
     for (const node of this.nodes) {
       for (const mesh of node.children.filter((child) => child.userData.opacity !== undefined)) {
         const { opacity, colour: own } = mesh.userData;
         mesh.material.color.copy(own);
         if (colour) mesh.material.color.lerp(new THREE.Color(colour), 0.7);
-        mesh.material.opacity = faint ? 0.55 * opacity : opacity;
+        mesh.material.opacity = (this.data.pale ? 0.3 : faint ? 0.55 : 1) * opacity;
         mesh.material.transparent = faint || opacity < 1;
         // two runs of one planar scene lie in the same planes: the faint one is drawn over the other
         Object.assign(mesh.material, { polygonOffset: faint, polygonOffsetFactor: -1, polygonOffsetUnits: -8 });

@@ -53,6 +53,17 @@ class Scene {
     for (const [name] of LAYERS) this.show(name);
   }
 
+  // Other motions of the same bodies: camera, layers and time stay.
+  renew(runs) {
+    this.payload = { ...this.payload, runs };
+    if (runs.length === this.runs.length) this.runs.forEach((run, k) => run.renew(runs[k]));
+    else {
+      this.build();
+      this.runs.forEach((run, k) => run.tint(this.colours && this.colours[k], k > 0));
+    }
+    this.seek(this.time);
+  }
+
   // How much smaller the close view is than the whole.
   closeness() {
     const spans = [0, 1, 2].map((c) => {
@@ -73,7 +84,7 @@ class Scene {
 
   // Colours of runs that lie over each other.
   get colours() {
-    return this.over && this.runs.length > 1 ? this.runs.map((_, k) => RUN_COLOURS[k % RUN_COLOURS.length]) : null;
+    return this.over && this.runs.filter(({ data }) => !data.pale).length > 1 ? this.runs.map((_, k) => RUN_COLOURS[k % RUN_COLOURS.length]) : null;
   }
 
   // Close up, or everything.

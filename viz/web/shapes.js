@@ -60,7 +60,7 @@ function solidMesh(solid) {
   return mesh;
 }
 
-function ghostOf(node, pose) {
+function ghostOf(node) {
   const ghost = new THREE.Group();
   const fill = new THREE.MeshBasicMaterial({ color: "#ffffff", opacity: 0.1, transparent: true, depthWrite: false,
     polygonOffset: true, polygonOffsetFactor: 4, polygonOffsetUnits: 4 });
@@ -74,18 +74,31 @@ function ghostOf(node, pose) {
       ghost.add(part);
     }
   }
-  ghost.position.fromArray(pose, 0);
-  ghost.quaternion.fromArray(pose, 3);
   return ghost;
+}
+
+// Position and quaternion (x, y, z, w).
+function setPose(object, pose) {
+  object.position.fromArray(pose, 0);
+  object.quaternion.fromArray(pose, 3);
 }
 
 function overlay(colour, opacity) {
   return new THREE.MeshBasicMaterial({ color: colour, opacity, transparent: true, depthTest: false, depthWrite: false });
 }
 
+const SIDES = 6; // of a tube
+
 // A round line through n points; six triangles pairs a segment, so that a draw range shows a part of it.
 function tube(points, radius, material) {
-  const sides = 6, n = points.length / 3;
+  const mesh = new THREE.Mesh(tubeGeometry(points, radius), material);
+  mesh.frustumCulled = false;
+  mesh.perSegment = 6 * SIDES;
+  return mesh;
+}
+
+function tubeGeometry(points, radius) {
+  const sides = SIDES, n = points.length / 3;
   const positions = new Float32Array(n * sides * 3), index = [];
   const tangent = new THREE.Vector3(1, 0, 0), normal = new THREE.Vector3(0, 0, 1), other = new THREE.Vector3();
   const here = new THREE.Vector3(), next = new THREE.Vector3();
@@ -110,10 +123,7 @@ function tube(points, radius, material) {
   const geometry = new THREE.BufferGeometry();
   geometry.setAttribute("position", new THREE.BufferAttribute(positions, 3));
   geometry.setIndex(index);
-  const mesh = new THREE.Mesh(geometry, material);
-  mesh.frustumCulled = false;
-  mesh.perSegment = 6 * sides;
-  return mesh;
+  return geometry;
 }
 
 function arrow(size, colour) {

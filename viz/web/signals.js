@@ -2,7 +2,7 @@
 class Signals {
   // A signal has a name, a colour and, for each run, its values; those of a run that has none are null.
   constructor(runs) {
-    this.runs = runs.map((run) => ({ label: run.label, time: floats(run.fine_time), completed: run.completed }));
+    this.runs = runs.map((run) => ({ label: run.label, time: floats(run.fine_time), completed: run.completed, pale: run.pale }));
     const quantities = new Map();
     runs.forEach((run, r) => run.quantities.forEach(({ title, unit, signals }) => {
       if (!quantities.has(title)) quantities.set(title, { title, unit, signals: [] });

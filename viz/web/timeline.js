@@ -26,6 +26,12 @@ class Timeline {
     this.pause();
   }
 
+  // It lasts longer or shorter than before; all else stays.
+  stretch(duration) {
+    this.duration = duration;
+    this.scrub.max = duration;
+  }
+
   setSpeed(speed) {
     if (!(speed > 0 && Number.isFinite(speed))) return;
     this.speed = speed;

@@ -1,0 +1,53 @@
+// The metrics of the design in the hand, beside those of the one before; one of them is chosen.
+class Metrics {
+  constructor(table, onChoose) {
+    [this.table, this.onChoose] = [table, onChoose];
+    this.rows = [];
+  }
+
+  load(metrics, chosen) {
+    this.metrics = metrics;
+    this.rows = metrics.map((metric) => {
+      const row = element("tr"), head = element("th"), label = element("label"), box = element("input");
+      Object.assign(box, { type: "radio", name: "metric", value: metric.key, checked: metric.key === chosen });
+      box.addEventListener("change", () => this.onChoose(metric.key));
+      label.append(box, metric.label);
+      label.title = metric.text || "";
+      head.append(label);
+      head.scope = "row";
+      const cells = [0, 1, 2].map(() => element("td"));
+      row.append(head, ...cells);
+      row.dataset.metric = metric.key;
+      return { row, box, cells, metric };
+    });
+    this.table.tBodies[0].replaceChildren(...this.rows.map(({ row }) => row));
+  }
+
+  // ``now`` and ``before``: values by key; nothing where there is no such design.
+  show(now, before) {
+    this.table.classList.toggle("alone", !before);
+    for (const { row, cells, metric } of this.rows) {
+      const value = now?.[metric.key], other = before?.[metric.key];
+      cells[0].textContent = amountOf(value, metric);
+      cells[1].textContent = before ? amountOf(other, metric) : "";
+      cells[2].textContent = before ? changeWords(value, other) : "";
+      row.dataset.value = value ?? "";
+    }
+  }
+
+  choose(name) {
+    for (const { box, metric } of this.rows) box.checked = metric.key === name;
+  }
+}
+
+function amountOf(value, { unit }) {
+  return typeof value === "number" ? amount(value, unit).trim() : "–";
+}
+
+// Change against the design before, lower is better.
+function changeWords(value, other) {
+  if (typeof value !== "number" || typeof other !== "number") return "–";
+  if (value === other) return "same";
+  const share = other ? (100 * (value - other)) / Math.abs(other) : NaN;
+  return Number.isFinite(share) ? `${share > 0 ? "+" : "−"}${Number(Math.abs(share).toPrecision(2))} %` : "from zero";
+}

@@ -1,0 +1,217 @@
+// The studio: joins the player, the server and the panel's parts. Whatever changes, ``show`` says it everywhere.
+class Studio {
+  constructor(player, address) {
+    this.player = player;
+    this.panel = $("panel");
+    this.metrics = new Metrics($("metrics"), (name) => { this.metric = name; this.slopes = {}; this.show(); });
+    this.numbers = new Numbers($("numbers"), {
+      onPin: (path, wanted) => this.pin(path, wanted),
+      onValue: (path, value) => { this.designs.set({ [path]: value }); this.designs.settle(); },
+    });
+    this.sliders = new Map();
+    this.slopes = {};
+    this.rollouts = new Rollouts((message) => this.wire.send(message), (values, entry) => this.arrived(values, entry));
+    this.wire = new Wire(address, (message) => this.hear(message), () => this.say("the studio's program has ended; this page keeps what it has"));
+    player.link.join({ read: () => this.state(), apply: (wanted) => this.become(wanted) });
+    this.listen();
+  }
+
+  hear(message) {
+    const act = {
+      hello: () => this.load(message),
+      rollout: () => this.rollouts.answer({ ...message, metrics: this.named(message.metrics), hello: this.hello }),
+      failed: () => this.failed(message),
+      compiling: () => { if (message.why) this.say(`compiling: ${message.why}`, true); },
+      gradient: () => this.sloped(message),
+    }[message.type];
+    if (act) act();
+  }
+
+  // Values of metrics by their keys.
+  named(values) {
+    return Object.fromEntries(this.hello.metrics.map(({ key }, k) => [key, values[k]]));
+  }
+
+  // What there is to change. A second one tells of another structure: sliders stay where their numbers do.
+  load(hello) {
+    this.hello = hello;
+    const own = Object.fromEntries(hello.numbers.map(({ path, value }) => [path, value]));
+    const first = !this.designs;
+    if (first) this.designs = new Designs(own, () => this.show()); else this.designs.own = { ...own, ...this.designs.own };
+    this.wear(hello);
+    if (!first) return;
+    for (const path of hello.suggested) this.pinned(path);
+    this.panel.hidden = false;
+    this.player.link.follow();
+    this.lay();
+    document.body.dataset.studio = "true";
+  }
+
+  // The page shows this structure: its bodies and its numbers.
+  wear(hello) {
+    this.worn = hello;
+    this.drawn = null;
+    this.byPath = new Map(hello.numbers.map((number) => [number.path, number]));
+    if (!hello.metrics.some(({ key }) => key === this.metric)) this.metric = hello.metrics[0]?.key;
+    for (const path of this.sliders.keys()) if (!this.byPath.get(path)?.free) this.sliders.delete(path);
+    this.metrics.load(hello.metrics, this.metric);
+    this.numbers.load(hello.numbers);
+    const shown = new URLSearchParams(this.player.payload ? this.player.state().filter(([, value]) => value) : []);
+    this.player.load(hello.show);
+    this.player.scene.over = true; // the design before lies under the one in the hand
+    this.player.become(shown);
+  }
+
+  // Sliders.
+  pinned(path, range) {
+    const number = this.byPath.get(path);
+    if (!number?.free || !number.slider || this.sliders.has(path)) return;
+    const [low, high, scale] = number.slider;
+    this.sliders.set(path, new Slider(number, range || { low, high, log: scale === "log" }, {
+      onValue: (name, value) => this.designs.set({ [name]: value }),
+      onSettle: () => this.designs.settle(),
+      onRange: () => this.player.note(),
+      onRemove: (name) => this.pin(name, false),
+    }));
+  }
+
+  pin(path, wanted) {
+    if (wanted) this.pinned(path); else this.sliders.delete(path);
+    this.lay();
+  }
+
+  lay() {
+    $("sliders").replaceChildren(...[...this.sliders.values()].map(({ whole }) => whole));
+    $("nosliders").hidden = this.sliders.size > 0;
+    this.show();
+  }
+
+  // The whole page says what the design in the hand is, and what is known of it.
+  show() {
+    const { designs, rollouts } = this, known = rollouts.known(designs.now), before = rollouts.known(designs.before);
+    for (const [path, slider] of this.sliders) slider.update(designs.value(path));
+    this.numbers.update((path) => designs.value(path), (path) => this.sliders.has(path));
+    if (known?.run) this.metrics.show(known.metrics, before?.metrics);
+    if (known) this.draw(known, before);
+    $("undo").disabled = !designs.canUndo;
+    $("redo").disabled = !designs.canRedo;
+    $("restore").disabled = Object.keys(designs.now).length === 0;
+    rollouts.want(designs.now, [designs.before, ...designs.kept.map(({ values }) => values)]);
+    this.status(known);
+    this.slope();
+    this.player.note();
+  }
+
+  draw(known, before) {
+    if (!known.run) return; // the motion before stays
+    if (known.hello !== this.worn) this.wear(known.hello);
+    const other = before?.run && before.hello === known.hello ? before.run : undefined; // of the same bodies
+    const pair = [known.run, other, this.beforeName];
+    if (pair.every((one, k) => one === this.drawn?.[k])) return;
+    this.drawn = pair;
+    const { nodes } = known.hello.show.runs[0];
+    const runs = [{ ...known.run, nodes, label: "this design" }];
+    if (other) runs.push({ ...other, nodes, label: this.beforeName, pale: true });
+    this.player.renew(runs, known.warnings);
+    document.body.dataset.drawn = String(Number(document.body.dataset.drawn || 0) + 1);
+  }
+
+  get beforeName() {
+    return this.designs.kept.includes(this.designs.chosen) ? this.designs.chosen.name : "before";
+  }
+
+  status(known) {
+    if (known?.message) this.say(`Nothing to show of this design: ${known.message} What was shown before stays.`);
+    else if (known) this.say(known.words || `rolled out in ${digits(1e3 * known.seconds.rollout)} ms`);
+    else this.say("rolling out", true);
+  }
+
+  say(text, busy = false) {
+    $("status").textContent = text;
+    $("status").classList.toggle("busy", busy);
+  }
+
+  // While the hand moves, each answer is shown, although it is no longer the newest.
+  arrived(values, entry) {
+    if (keyOf(values) === keyOf(this.designs.now) || !this.designs.moving) { this.show(); return; }
+    if (keyOf(values) !== keyOf(this.designs.before)) this.draw(entry, this.rollouts.known(this.designs.before));
+    if (entry.run) this.metrics.show(entry.metrics, this.rollouts.known(this.designs.before)?.metrics);
+  }
+
+  failed(message) {
+    if (message.seq !== undefined) this.rollouts.answer(message);
+    else this.say(message.message);
+  }
+
+  // Asks for the metric's slopes once the hand rests.
+  slope() {
+    clearTimeout(this.resting);
+    const { designs } = this, paths = [...this.sliders.keys()], asked = `${this.metric} ${keyOf(designs.now)}`;
+    if (this.slopes.of !== asked) this.slopes = { of: asked, d: {} };
+    this.point();
+    if (!this.metric || designs.moving || !this.rollouts.known(designs.now)?.run || paths.every((path) => path in this.slopes.d)) return;
+    this.resting = setTimeout(() => {
+      this.asked = asked;
+      this.wire.send({ type: "gradient", seq: this.rollouts.seq, metric: this.metric, paths, values: designs.now });
+    }, 120);
+  }
+
+  sloped({ metric, d, status }) {
+    if (this.asked !== this.slopes.of || metric !== this.metric) return;
+    if (status !== "exact") this.say(`slopes: ${status}`);
+    Object.assign(this.slopes.d, d);
+    this.point();
+  }
+
+  point() {
+    const metric = this.hello.metrics.find(({ key }) => key === this.metric), { d } = this.slopes;
+    const size = (path) => Math.abs((d[path] || 0) * (Math.abs(this.designs.value(path)) / 10 || 1));
+    const largest = Math.max(0, ...[...this.sliders.keys()].map(size));
+    for (const [path, slider] of this.sliders) slider.point(d[path], metric, largest);
+  }
+
+  listen() {
+    $("undo").addEventListener("click", () => this.designs.go(-1));
+    $("redo").addEventListener("click", () => this.designs.go(1));
+    $("restore").addEventListener("click", () => this.designs.take({}));
+    window.addEventListener("keydown", (event) => this.key(event));
+  }
+
+  key(event) {
+    if (!(event.ctrlKey || event.metaKey) || event.altKey || !this.designs) return;
+    if (["search", "text"].includes(event.target.type)) return; // these undo their own letters
+    const name = event.key.toLowerCase(), steps = name === "y" || (name === "z" && event.shiftKey) ? 1 : name === "z" ? -1 : 0;
+    if (!steps) return;
+    event.preventDefault();
+    this.designs.settle();
+    this.designs.go(steps);
+  }
+
+  // For the page's address.
+  state() {
+    if (!this.designs) return [];
+    const pins = [...this.sliders].map(([path, { range }]) => [path, range.low, range.high, range.log ? "log" : "lin"].join(":"));
+    return [
+      ["set", JSON.stringify(this.designs.now)], ["pins", pins.join(";")], ["metric", this.metric],
+      ...this.designs.kept.map(({ name, values }) => ["design", JSON.stringify({ name, values })]),
+    ];
+  }
+
+  become(wanted) {
+    if (!this.designs) return;
+    if (wanted.has("pins")) {
+      this.sliders.clear();
+      for (const pin of wanted.get("pins").split(";").filter(Boolean)) {
+        const [path, low, high, kind] = pin.split(":");
+        const range = { low: Number(low), high: Number(high), log: kind === "log" };
+        this.pinned(path, range.low < range.high ? range : undefined);
+      }
+    }
+    if (this.hello.metrics.some(({ key }) => key === wanted.get("metric"))) this.metrics.choose(this.metric = wanted.get("metric"));
+    for (const { name, values } of wanted.getAll("design").map(parsed)) {
+      if (!this.designs.kept.some((one) => one.name === name)) this.designs.keep(String(name), Designs.plain(values));
+    }
+    if (wanted.has("set")) this.designs.take(Designs.plain(parsed(wanted.get("set"))));
+    this.lay();
+  }
+}
