@@ -19,8 +19,10 @@ from viz.page.meshcat_scene import script_hash
 
 SCRIPTS = (
     "format.js",
+    "theme.js",
     "shapes.js",
     "run.js",
+    "blind.js",
     "camera.js",
     "legend.js",
     "scene.js",
@@ -43,6 +45,10 @@ SCRIPTS = (
     "studio/numbers.js",
     "studio/slider.js",
     "studio/metrics.js",
+    "studio/bookmarks.js",
+    "studio/plots.js",
+    "studio/jobs.js",
+    "studio/keep.js",
     "studio/studio.js",
     "main.js",
 )

@@ -49,7 +49,7 @@ class Chart {
         if (several) names.append(element("span", `${label}${r ? " (dashed)" : ""}:`, "run"));
         for (const signal of quantity.signals) {
           const one = element("span"), value = element("b");
-          one.append(mark(signal.colour), `${signal.name} `, value);
+          one.append(mark(inked(signal.colour)), `${signal.name} `, value);
           values.push([value, signal, r]);
           names.append(one);
         }
@@ -126,7 +126,7 @@ class Chart {
     pen.scale(ratio, ratio);
     pen.translate(-box.left, 0);
     pen.font = "11px system-ui, 'DejaVu Sans', sans-serif";
-    pen.fillStyle = "#9aa8b8";
+    pen.fillStyle = themed("--dim");
     return pen;
   }
 
@@ -142,7 +142,7 @@ class Chart {
     signals.forEach((signal) => signal.values.forEach((values, r) => {
       if (!values) return;
       const { time } = this.signals.runs[r];
-      pen.strokeStyle = signal.colour;
+      pen.strokeStyle = inked(signal.colour);
       pen.lineWidth = 1.5;
       pen.setLineDash(r === 0 ? [] : [5, 3]);
       pen.globalAlpha = this.signals.runs[r].pale ? 0.5 : 1;
@@ -156,7 +156,7 @@ class Chart {
 
   levels(pen, [least, greatest], y) {
     const [left, right] = this.span, small = 0.25 * (greatest - least);
-    pen.strokeStyle = "#2c3947";
+    pen.strokeStyle = themed("--line");
     pen.textAlign = "right";
     pen.textBaseline = "middle";
     const marks = [least, 0, greatest].filter((value) => value === 0 || Math.abs(value) > small);

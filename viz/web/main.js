@@ -1,16 +1,7 @@
 // Start, or say why not.
 function start() {
   const payload = JSON.parse($("payload").textContent);
-  let player;
-  try {
-    player = new Player();
-  } catch (fault) {
-    document.querySelector("footer").hidden = true;
-    $("title").textContent = payload.title;
-    $("stage").replaceChildren(element("div", `This browser cannot draw in three dimensions (WebGL): ${fault.message}`, "fault"));
-    return;
-  }
-  const choices = payload.choices || [payload];
+  const player = new Player(), choices = payload.choices || [payload];
   if (choices[0].runs.length) {
     player.load({ meshes: payload.meshes, ...choices[0] });
     listChoices(player, choices, payload.meshes);

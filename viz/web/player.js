@@ -68,6 +68,12 @@ class Player {
     this.timeline.seek(this.timeline.time);
   }
 
+  // Paths of a campaign's tips: ``points`` (samples, times, tips, 3); none if null.
+  cloud(points, shape) {
+    this.scene.setCloud(points && cloudOf(points, shape));
+    this.legend.load((layer) => this.present(layer));
+  }
+
   // Whether there is anything of a layer to show.
   present(layer) {
     return { names: true, magnifier: this.magnifier.useful }[layer] ?? this.scene.has(layer);
@@ -212,6 +218,7 @@ class Player {
       if (this.scene.eye.moved && !this.timeline.playing) this.note();
     });
     window.addEventListener("resize", () => this.laidOut());
+    LIGHT.addEventListener("change", () => { if (this.payload) this.picked(); });
     window.addEventListener("keydown", (event) => this.key(event));
   }
 

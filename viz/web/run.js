@@ -221,6 +221,7 @@ class Run {
   // Over another run: in a colour of its own, and where ``faint`` half transparent; as it is without a colour.
   tint(colour, faint) {
     if (this.data.pale) [colour, faint] = [PALE, true];
+    const side = this.data.pale ? 1 : -1;
     for (const node of this.nodes) {
       for (const mesh of node.children.filter((child) => child.userData.opacity !== undefined)) {
         const { opacity, colour: own } = mesh.userData;
@@ -228,8 +229,8 @@ class Run {
         if (colour) mesh.material.color.lerp(new THREE.Color(colour), 0.7);
         mesh.material.opacity = (this.data.pale ? 0.3 : faint ? 0.55 : 1) * opacity;
         mesh.material.transparent = faint || opacity < 1;
-        // two runs of one planar scene lie in the same planes: the faint one is drawn over the other
-        Object.assign(mesh.material, { polygonOffset: faint, polygonOffsetFactor: -1, polygonOffsetUnits: -8 });
+        // two runs of one planar scene lie in the same planes: the faint one is drawn over the other, the pale one under it
+        Object.assign(mesh.material, { polygonOffset: faint, polygonOffsetFactor: side, polygonOffsetUnits: 8 * side });
       }
     }
     for (const trace of this.growing) trace.material.color.set(colour || trace.userData.colour);

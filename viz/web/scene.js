@@ -2,7 +2,7 @@
 class Scene {
   constructor(pane, side, onResize) {
     this.pane = pane;
-    this.viewer = new MeshCat.Viewer(pane);
+    this.viewer = viewerIn(pane);
     this.viewer.gui.domElement.style.display = "none";
     this.viewer.hide_background();
     this.eye = new Eye(this.viewer, pane, side, () => { this.refit(); onResize(); });
@@ -75,7 +75,15 @@ class Scene {
 
   get end() { return Math.max(...this.runs.map((run) => run.end), 1e-9); }
 
-  has(layer) { return this.runs.some((run) => run.layers[layer]?.length > 0); }
+  // Paths of many samples, as one object; none if null.
+  setCloud(object) {
+    this.viewer.delete_path(["Cloud"]);
+    this.cloud = object;
+    if (object) this.viewer.set_object(["Cloud"], object);
+    this.show("cloud");
+  }
+
+  has(layer) { return layer === "cloud" ? Boolean(this.cloud) : this.runs.some((run) => run.layers[layer]?.length > 0); }
 
   // Bodies that a camera can follow.
   get bodies() {
@@ -163,6 +171,7 @@ class Scene {
   }
 
   show(layer) {
+    if (layer === "cloud" && this.cloud) this.cloud.visible = this.shown.cloud;
     for (const run of this.runs) if (run.layers[layer]) run.show(layer, this.shown[layer]);
     this.viewer.set_dirty();
   }

@@ -153,6 +153,30 @@ function ball(radius, colour, order) {
   return mesh;
 }
 
+// Thin lines, one for each tip of each sample: points (samples, times, tips, 3).
+function cloudOf(points, [samples, times, tips]) {
+  const places = [], colours = [];
+  for (let s = 0; s < samples; s++) {
+    for (let k = 0; k < tips; k++) {
+      const { r, g, b } = new THREE.Color(tipColour(k)), at = (i) => 3 * ((s * times + i) * tips + k);
+      for (let i = 0; i + 1 < times; i++) {
+        for (const j of [at(i), at(i + 1)]) {
+          places.push(points[j], points[j + 1], points[j + 2]);
+          colours.push(r, g, b);
+        }
+      }
+    }
+  }
+  const geometry = new THREE.BufferGeometry();
+  geometry.setAttribute("position", new THREE.Float32BufferAttribute(places, 3));
+  geometry.setAttribute("color", new THREE.Float32BufferAttribute(colours, 3));
+  const material = new THREE.LineBasicMaterial({ vertexColors: true, transparent: true, opacity: 0.35, depthTest: false });
+  const lines = new THREE.LineSegments(geometry, material);
+  lines.renderOrder = 9;
+  lines.frustumCulled = false;
+  return lines;
+}
+
 // A body's own axes: x red, y green, z blue.
 function triad(length) {
   const group = new THREE.Group();

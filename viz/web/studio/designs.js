@@ -1,11 +1,11 @@
-// Designs: values that differ from the scenario's, by path. The one in the hand, the steps to it, those kept by name.
+// Designs: values that differ from the scenario's, by path. The one in the hand, those kept by name, the steps to here.
 class Designs {
   // ``own``: the scenario's values by path; more may come with another structure.
   constructor(own, onChange) {
     [this.own, this.onChange] = [own, onChange];
-    [this.now, this.steps, this.at] = [{}, [{}], 0];
-    this.kept = [];
-    this.chosen = null; // kept design that the one in the hand is compared with
+    [this.now, this.kept] = [{}, []];
+    [this.steps, this.at] = [[{ now: this.now, kept: this.kept }], 0];
+    this.chosen = null; // name of the kept one that the one in the hand is compared with
   }
 
   value(path) {
@@ -21,10 +21,7 @@ class Designs {
   }
 
   settle() {
-    if (!this.moving) return;
-    this.steps.splice(this.at + 1, Infinity, this.now);
-    this.at += 1;
-    this.onChange();
+    if (this.moving) this.step({});
   }
 
   // All values at once, as one step.
@@ -33,12 +30,22 @@ class Designs {
     if (this.moving) this.settle(); else this.onChange();
   }
 
-  get moving() { return keyOf(this.now) !== keyOf(this.steps[this.at]); }
+  // A step that can be undone.
+  step({ kept = this.kept }) {
+    this.kept = kept;
+    this.steps.splice(this.at + 1, Infinity, { now: this.now, kept });
+    this.at += 1;
+    this.onChange();
+  }
 
-  // The design that the one in the hand is compared with; nothing at the first.
+  get moving() { return keyOf(this.now) !== keyOf(this.steps[this.at].now); }
+
+  // Name and values of the design that the one in the hand is compared with; nothing at the first.
   get before() {
-    if (this.kept.includes(this.chosen)) return this.chosen.values;
-    return this.moving ? this.steps[this.at] : this.steps[this.at - 1];
+    const own = this.kept.find(({ name }) => name === this.chosen);
+    if (own) return own;
+    const here = keyOf(this.now), last = this.steps.slice(0, this.at + 1).findLast(({ now }) => keyOf(now) !== here);
+    return last && { name: "before", values: last.now };
   }
 
   get canUndo() { return this.at > 0; }
@@ -49,22 +56,24 @@ class Designs {
     const at = this.at + steps;
     if (!(at in this.steps)) return;
     this.at = at;
-    this.now = this.steps[at];
+    ({ now: this.now, kept: this.kept } = this.steps[at]);
     this.onChange();
   }
 
-  keep(name, values = this.now) {
-    this.kept.push({ name, values: { ...values } });
-    this.onChange();
+  // Under a name of its own: a number is added to one that is taken.
+  keep(wanted, values = this.now) {
+    let name = wanted, count = 2;
+    while (this.kept.some((one) => one.name === name)) name = `${wanted} ${count++}`;
+    this.step({ kept: [...this.kept, { name, values: { ...values } }] });
   }
 
-  drop(kept) {
-    this.kept = this.kept.filter((one) => one !== kept);
-    this.onChange();
+  drop(name) {
+    this.step({ kept: this.kept.filter((one) => one.name !== name) });
   }
 
-  choose(kept) {
-    this.chosen = kept;
+  // Compare with a kept one, or with the design before.
+  choose(name) {
+    this.chosen = name;
     this.onChange();
   }
 

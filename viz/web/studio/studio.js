@@ -6,7 +6,16 @@ class Studio {
     this.metrics = new Metrics($("metrics"), (name) => { this.metric = name; this.slopes = {}; this.show(); });
     this.numbers = new Numbers($("numbers"), {
       onPin: (path, wanted) => this.pin(path, wanted),
-      onValue: (path, value) => { this.designs.set({ [path]: value }); this.designs.settle(); },
+      onValue: (path, value) => this.hand(() => { this.designs.set({ [path]: value }); this.designs.settle(); }),
+    });
+    const ask = (message) => this.wire.send({ ...message, values: this.designs.now });
+    this.bookmarks = new Bookmarks($("designs"), (values) => this.rollouts.known(values)?.metrics);
+    this.keep = new Keep($("keep"), ask);
+    this.jobs = new Jobs($("jobs"), {
+      ask,
+      brief: (key) => this.brief(key),
+      onBest: (values, settled) => { this.designs.set(values); if (settled) this.designs.settle(); },
+      onCloud: (points, shape) => player.cloud(points, shape),
     });
     this.sliders = new Map();
     this.slopes = {};
@@ -23,6 +32,9 @@ class Studio {
       failed: () => this.failed(message),
       compiling: () => { if (message.why) this.say(`compiling: ${message.why}`, true); },
       gradient: () => this.sloped(message),
+      job: () => this.jobs.hear(message),
+      saved: () => this.keep.saved(message),
+      command: () => this.keep.show(message.text, true),
     }[message.type];
     if (act) act();
   }
@@ -51,11 +63,15 @@ class Studio {
   wear(hello) {
     this.worn = hello;
     this.drawn = null;
+    this.player.cloud(null);
     this.byPath = new Map(hello.numbers.map((number) => [number.path, number]));
     if (!hello.metrics.some(({ key }) => key === this.metric)) this.metric = hello.metrics[0]?.key;
     for (const path of this.sliders.keys()) if (!this.byPath.get(path)?.free) this.sliders.delete(path);
     this.metrics.load(hello.metrics, this.metric);
     this.numbers.load(hello.numbers);
+    this.bookmarks.load(this.designs);
+    this.jobs.load(hello.methods);
+    this.keep.load(hello);
     const shown = new URLSearchParams(this.player.payload ? this.player.state().filter(([, value]) => value) : []);
     this.player.load(hello.show);
     this.player.scene.over = true; // the design before lies under the one in the hand
@@ -68,11 +84,23 @@ class Studio {
     if (!number?.free || !number.slider || this.sliders.has(path)) return;
     const [low, high, scale] = number.slider;
     this.sliders.set(path, new Slider(number, range || { low, high, log: scale === "log" }, {
-      onValue: (name, value) => this.designs.set({ [name]: value }),
+      onValue: (name, value) => this.hand(() => this.designs.set({ [name]: value })),
       onSettle: () => this.designs.settle(),
       onRange: () => this.player.note(),
       onRemove: (name) => this.pin(name, false),
     }));
+  }
+
+  // The user's own change: a search that is under way no longer leads the design.
+  hand(change) {
+    this.jobs.letGo();
+    change();
+  }
+
+  brief(key = this.metric) {
+    const metric = this.worn.metrics.find((one) => one.key === key), { designs } = this;
+    const ranges = [...this.sliders].map(([path, { range, least, greatest }]) => ({ path, value: designs.value(path), ...range, least, greatest }));
+    return { values: designs.now, metric, ranges, now: this.rollouts.known(designs.now)?.metrics?.[key] };
   }
 
   pin(path, wanted) {
@@ -88,7 +116,7 @@ class Studio {
 
   // The whole page says what the design in the hand is, and what is known of it.
   show() {
-    const { designs, rollouts } = this, known = rollouts.known(designs.now), before = rollouts.known(designs.before);
+    const { designs, rollouts } = this, known = rollouts.known(designs.now), before = rollouts.known(designs.before?.values);
     for (const [path, slider] of this.sliders) slider.update(designs.value(path));
     this.numbers.update((path) => designs.value(path), (path) => this.sliders.has(path));
     if (known?.run) this.metrics.show(known.metrics, before?.metrics);
@@ -96,7 +124,9 @@ class Studio {
     $("undo").disabled = !designs.canUndo;
     $("redo").disabled = !designs.canRedo;
     $("restore").disabled = Object.keys(designs.now).length === 0;
-    rollouts.want(designs.now, [designs.before, ...designs.kept.map(({ values }) => values)]);
+    this.bookmarks.show(this.worn.metrics, (path) => this.byPath.get(path)?.unit);
+    this.jobs.enable(this.sliders.size > 0);
+    rollouts.want(designs.now, [designs.before?.values, ...designs.kept.map(({ values }) => values)]);
     this.status(known);
     this.slope();
     this.player.note();
@@ -106,18 +136,14 @@ class Studio {
     if (!known.run) return; // the motion before stays
     if (known.hello !== this.worn) this.wear(known.hello);
     const other = before?.run && before.hello === known.hello ? before.run : undefined; // of the same bodies
-    const pair = [known.run, other, this.beforeName];
+    const pair = [known.run, other, this.designs.before?.name];
     if (pair.every((one, k) => one === this.drawn?.[k])) return;
     this.drawn = pair;
     const { nodes } = known.hello.show.runs[0];
     const runs = [{ ...known.run, nodes, label: "this design" }];
-    if (other) runs.push({ ...other, nodes, label: this.beforeName, pale: true });
+    if (other) runs.push({ ...other, nodes, label: this.designs.before.name, pale: true });
     this.player.renew(runs, known.warnings);
     document.body.dataset.drawn = String(Number(document.body.dataset.drawn || 0) + 1);
-  }
-
-  get beforeName() {
-    return this.designs.kept.includes(this.designs.chosen) ? this.designs.chosen.name : "before";
   }
 
   status(known) {
@@ -134,13 +160,19 @@ class Studio {
   // While the hand moves, each answer is shown, although it is no longer the newest.
   arrived(values, entry) {
     if (keyOf(values) === keyOf(this.designs.now) || !this.designs.moving) { this.show(); return; }
-    if (keyOf(values) !== keyOf(this.designs.before)) this.draw(entry, this.rollouts.known(this.designs.before));
-    if (entry.run) this.metrics.show(entry.metrics, this.rollouts.known(this.designs.before)?.metrics);
+    const before = this.designs.before?.values, other = this.rollouts.known(before);
+    if (!entry.run || keyOf(values) === keyOf(before)) return;
+    this.draw(entry, other);
+    this.metrics.show(entry.metrics, other?.metrics);
   }
 
   failed(message) {
-    if (message.seq !== undefined) this.rollouts.answer(message);
-    else this.say(message.message);
+    const act = {
+      set: () => this.rollouts.answer(message),
+      save: () => this.keep.say(message.message),
+      command: () => this.keep.say(message.message),
+    }[message.what] || (() => (this.jobs.running ? this.jobs.refused(message.message) : this.say(message.message)));
+    act();
   }
 
   // Asks for the metric's slopes once the hand rests.
@@ -171,9 +203,9 @@ class Studio {
   }
 
   listen() {
-    $("undo").addEventListener("click", () => this.designs.go(-1));
-    $("redo").addEventListener("click", () => this.designs.go(1));
-    $("restore").addEventListener("click", () => this.designs.take({}));
+    $("undo").addEventListener("click", () => this.hand(() => this.designs.go(-1)));
+    $("redo").addEventListener("click", () => this.hand(() => this.designs.go(1)));
+    $("restore").addEventListener("click", () => this.hand(() => this.designs.take({})));
     window.addEventListener("keydown", (event) => this.key(event));
   }
 
@@ -183,8 +215,7 @@ class Studio {
     const name = event.key.toLowerCase(), steps = name === "y" || (name === "z" && event.shiftKey) ? 1 : name === "z" ? -1 : 0;
     if (!steps) return;
     event.preventDefault();
-    this.designs.settle();
-    this.designs.go(steps);
+    this.hand(() => { this.designs.settle(); this.designs.go(steps); });
   }
 
   // For the page's address.

@@ -1,0 +1,37 @@
+// A viewer where the browser cannot draw in three dimensions: a sentence stands for the scene, all else works.
+function viewerIn(pane) {
+  try {
+    return new MeshCat.Viewer(pane);
+  } catch (fault) {
+    const words = `This browser cannot draw in three dimensions (WebGL): ${fault.message}. Time, curves and numbers work without.`;
+    pane.replaceChildren(element("p", words, "fault"));
+    document.body.classList.add("blind");
+    return new BlindViewer();
+  }
+}
+
+class BlindViewer {
+  constructor() {
+    this.camera = new THREE.PerspectiveCamera();
+    this.gui = { domElement: { style: {} } };
+    this.renderer = { setSize() {} };
+    const target = new THREE.Vector3(), { camera } = this;
+    this.controls = {
+      target,
+      addEventListener() {},
+      update() { camera.lookAt(target); camera.updateMatrixWorld(); },
+    };
+  }
+
+  hide_background() {}
+
+  set_property() {}
+
+  set_object() {}
+
+  delete_path() {}
+
+  set_dirty() {}
+
+  render() {}
+}

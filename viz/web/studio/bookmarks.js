@@ -1,0 +1,60 @@
+// Kept designs side by side: their metrics, and the numbers in which they differ.
+class Bookmarks {
+  // ``designs``: whose; ``metricsOf`` gives a design's metrics once they are known.
+  constructor(root, metricsOf) {
+    [this.root, this.metricsOf] = [root, metricsOf];
+    this.name = root.querySelector("input");
+    const keep = () => {
+      this.designs.keep(this.name.value.trim() || `design ${this.designs.kept.length + 1}`);
+      this.name.value = "";
+    };
+    root.querySelector("button").addEventListener("click", keep);
+    this.name.addEventListener("keydown", (event) => { if (event.key === "Enter") keep(); });
+  }
+
+  load(designs) {
+    this.designs = designs;
+  }
+
+  show(metrics, units) {
+    const { designs } = this, table = this.root.querySelector("table");
+    table.hidden = designs.kept.length === 0;
+    if (table.hidden) { this.shown = undefined; return; }
+    const columns = [{ name: "this design", values: designs.now, own: true }, ...designs.kept];
+    const known = columns.map(({ values }) => this.metricsOf(values));
+    const text = JSON.stringify([columns, known, designs.chosen]);
+    if (text === this.shown) return; // the focus stays where it is
+    this.shown = text;
+    const focused = table.contains(document.activeElement) && document.activeElement.getAttribute("aria-label");
+    const paths = [...new Set(columns.flatMap(({ values }) => Object.keys(values)))].sort();
+    const value = (values, path) => values[path] ?? designs.own[path];
+    table.tHead.replaceChildren(this.row("", columns.map((one) => this.head(one)), "th"));
+    table.tBodies[0].replaceChildren(
+      ...metrics.map((metric) => this.row(metric.label, known.map((own) => amountOf(own?.[metric.key], metric)))),
+      ...paths.map((path) => this.row(`${path}${units(path) ? ` [${units(path)}]` : ""}`, columns.map(({ values }) => short(value(values, path))))),
+    );
+    if (focused) table.querySelector(`[aria-label="${CSS.escape(focused)}"]`)?.focus();
+  }
+
+  row(title, cells, kind = "td") {
+    const row = element("tr"), head = element(title ? "th" : "td", title);
+    if (title) head.scope = "row";
+    row.append(head, ...cells.map((cell) => {
+      const made = element(kind);
+      made.append(cell);
+      return made;
+    }));
+    return row;
+  }
+
+  head({ name, values, own }) {
+    const whole = element("div", name), { designs } = this;
+    if (own) return whole;
+    const compare = button("compare", `Compare with ${name}`, () => designs.choose(designs.chosen === name ? null : name));
+    compare.setAttribute("aria-pressed", String(designs.chosen === name));
+    const buttons = element("div", undefined, "row");
+    buttons.append(compare, button("take", `Take ${name}`, () => designs.take(values)), button("delete", `Delete ${name}`, () => designs.drop(name)));
+    whole.append(buttons);
+    return whole;
+  }
+}

@@ -1,0 +1,95 @@
+// What runs in the background: steps along the gradient, a search, a campaign. One at a time; it can be stopped.
+class Jobs {
+  // ``ask`` sends a request; ``brief`` gives what the design in the hand is: values, ranges, the metric of a key (else
+  // the chosen one) and its value now.
+  constructor(root, { ask, brief, onBest, onCloud }) {
+    Object.assign(this, { root, ask, brief, onBest, onCloud });
+    this.part = (name) => root.querySelector(`.${name}`);
+    this.part("improve").addEventListener("click", () => this.start("improve"));
+    this.part("tune").addEventListener("click", () => this.start("tune", { method: this.part("method").value }));
+    this.part("campaign").addEventListener("click", () => this.campaign());
+    this.part("stop").addEventListener("click", () => this.ask({ type: "stop", job: this.id }));
+    this.part("best").addEventListener("click", () => this.take(true));
+    this.enable();
+  }
+
+  load(methods) {
+    const names = { nlp: "NLP (gradients)", ga: "GA (evolution)" };
+    options(this.part("method"), methods.map((method) => [method, names[method] || method]));
+    this.enable();
+  }
+
+  start(type, more = {}) {
+    const { values, metric, ranges } = this.brief();
+    const bounds = Object.fromEntries(ranges.map(({ path, low, high }) => [path, [low, high]]));
+    this.begin({ type, values, metric: metric.key, bounds, ...more });
+  }
+
+  // Each number with a slider spreads evenly about its value.
+  campaign() {
+    const { values, metric, ranges } = this.brief(), share = Number(this.part("spread").value) / 100;
+    const spreads = Object.fromEntries(ranges.map(({ path, value, low, high, least, greatest }) => {
+      const half = share * (Math.abs(value) || high - low);
+      return [path, { kind: "uniform", lower: Math.max(least, value - half), upper: Math.min(greatest, value + half) }];
+    }));
+    this.begin({ type: "campaign", values, metric: metric.key, spreads, samples: Number(this.part("samples").value) });
+  }
+
+  begin(request) {
+    [this.id, this.following, this.last] = [undefined, true, null];
+    this.say("begins");
+    this.running = true;
+    this.onCloud(null);
+    this.enable();
+    this.ask(request);
+  }
+
+  hear(job) {
+    [this.id, this.last, this.running] = [job.id, job, job.state === "running"];
+    this.part("progress").value = job.progress;
+    this.say([{ done: "done", stopped: "stopped", failed: "failed" }[job.state], job.message].filter(Boolean).join(": "));
+    if (job.paths) this.onCloud(job.paths, job.binary.find(({ name }) => name === "paths").shape);
+    if (job.best && this.following) this.take(!this.running);
+    this.enable();
+    this.draw();
+  }
+
+  // The design in the hand becomes the best one so far; ``settled``: as a step.
+  take(settled) {
+    if (this.last?.best) this.onBest(this.last.best.values, settled);
+  }
+
+  // The hand is on the numbers itself now.
+  letGo() {
+    this.following = false;
+    this.enable();
+  }
+
+  refused(message) {
+    this.running = false;
+    this.say(message);
+    this.enable();
+  }
+
+  say(text) {
+    this.part("words").textContent = text;
+  }
+
+  draw() {
+    const canvas = this.part("plot"), { last } = this, { metric, now } = this.brief(last?.metric);
+    canvas.hidden = !last || !(last.values || last.curve)?.length;
+    if (canvas.hidden) return;
+    if (last.kind === "campaign") plotHistogram(canvas, last.values, now, metric);
+    else plotConvergence(canvas, last.curve, metric);
+    const best = last.best ? `best ${metric.label}: ${amount(last.best.objective, metric.unit)}` : "";
+    canvas.setAttribute("aria-label", last.kind === "campaign" ? `distribution of ${metric.label} over ${last.done} samples` : `convergence, ${best}`);
+  }
+
+  enable(able = true) {
+    this.able = able;
+    for (const name of ["improve", "tune", "campaign"]) this.part(name).disabled = this.running || !able;
+    this.part("stop").disabled = !this.running || !this.id;
+    this.part("progress").hidden = !this.running;
+    this.part("best").hidden = this.following || !this.last?.best;
+  }
+}
