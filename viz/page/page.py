@@ -31,6 +31,8 @@ SCRIPTS = (
     "signals.js",
     "picker.js",
     "chart.js",
+    "portrait.js",
+    "export.js",
     "magnifier.js",
     "readout.js",
     "labels.js",

@@ -3,7 +3,7 @@ function viewerIn(pane) {
   try {
     return new MeshCat.Viewer(pane);
   } catch (fault) {
-    const words = `This browser cannot draw in three dimensions (WebGL): ${fault.message}. Time, curves and numbers work without.`;
+    const words = `This browser cannot draw in three dimensions (${fault.message.replace(/\.+$/, "")}). Time, curves and numbers work without.`;
     pane.replaceChildren(element("p", words, "fault"));
     document.body.classList.add("blind");
     return new BlindViewer();

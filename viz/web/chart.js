@@ -9,6 +9,7 @@ class Chart {
     [this.onSeek, this.onRemove] = [onSeek, onRemove];
     this.drawn = [];
     this.duration = 1;
+    this.window = [0, 1]; // the times that are seen
     for (const part of [this.panels, this.axis]) this.listen(part);
   }
 
@@ -26,6 +27,12 @@ class Chart {
       this.hover(this.over(event) && event.pointerType !== "touch" ? this.timeAt(event.clientX) : undefined);
     });
     part.addEventListener("pointerleave", () => this.hover(undefined));
+    part.addEventListener("wheel", (event) => {
+      if (!this.over(event) || !event.deltaY) return;
+      event.preventDefault();
+      if (event.shiftKey) this.pan(Math.sign(event.deltaY) / 10);
+      else this.zoom(event.deltaY < 0 ? 1.25 : 0.8, this.timeAt(event.clientX));
+    }, { passive: false });
   }
 
   over(event) {
@@ -33,8 +40,30 @@ class Chart {
   }
 
   load(signals, duration) {
+    const whole = this.window[1] - this.window[0] >= this.duration * 0.999;
     [this.signals, this.duration] = [signals, duration];
+    this.window = whole || this.window[1] > duration ? [0, duration] : this.window;
     this.choose();
+  }
+
+  // Nearer (above 1) or farther, about a time; that of the cursor if none is given.
+  zoom(factor, about = this.time) {
+    const [begin, end] = this.window, wide = Math.min(this.duration, Math.max(this.duration / 1e4, (end - begin) / factor));
+    const share = Math.min(1, Math.max(0, (about - begin) / (end - begin)));
+    this.look(about - share * wide, wide);
+  }
+
+  // By a share of what is seen.
+  pan(share) {
+    const [begin, end] = this.window;
+    this.look(begin + share * (end - begin), end - begin);
+  }
+
+  look(begin, wide) {
+    const from = Math.min(this.duration - wide, Math.max(0, begin));
+    this.window = [from, from + wide];
+    for (const one of this.drawn) one.range = this.signals.range(one.signals, this.window);
+    this.resize();
   }
 
   // The choice of signals has changed.
@@ -55,7 +84,7 @@ class Chart {
         }
       });
       panel.append(names, canvas);
-      return { ...quantity, panel, canvas, values, range: this.signals.range(quantity.signals) };
+      return { ...quantity, panel, canvas, values, range: this.signals.range(quantity.signals, this.window) };
     });
     this.panels.replaceChildren(this.cursor, this.pointer, ...this.drawn.map(({ panel }) => panel));
     this.root.hidden = this.drawn.length === 0;
@@ -72,12 +101,12 @@ class Chart {
 
   timeAt(x) {
     const [left, right] = this.span;
-    return Math.min(1, Math.max(0, (x - left) / (right - left))) * this.duration;
+    const [begin, end] = this.window;
+    return begin + Math.min(1, Math.max(0, (x - left) / (right - left))) * (end - begin);
   }
 
   xAt(time) {
-    const [left, right] = this.span;
-    return left + (time / this.duration) * (right - left);
+    return this.xOf(time, ...this.span);
   }
 
   // The cursor and the values in the names.
@@ -107,6 +136,7 @@ class Chart {
   }
 
   place(line, time) {
+    line.style.visibility = time < this.window[0] || time > this.window[1] ? "hidden" : "";
     line.style.left = `${this.xAt(time) - this.panels.getBoundingClientRect().left}px`;
     line.style.height = `${this.panels.scrollHeight}px`;
   }
@@ -139,6 +169,11 @@ class Chart {
       return bottom - Math.min(1.1, Math.max(-0.1, share)) * (bottom - top);
     };
     this.levels(pen, [least, greatest], y);
+    pen.save();
+    pen.beginPath();
+    pen.rect(left, 0, right - left, height);
+    pen.clip();
+    for (const signal of signals) this.limits(pen, signal, [least, greatest], y);
     signals.forEach((signal) => signal.values.forEach((values, r) => {
       if (!values) return;
       const { time } = this.signals.runs[r];
@@ -150,9 +185,28 @@ class Chart {
       for (let i = 0; i < time.length; i++) pen.lineTo(this.xOf(time[i], left, right), y(values[Math.min(i, values.length - 1)]));
       pen.stroke();
     }));
+    pen.restore();
   }
 
-  xOf(time, left, right) { return left + (time / this.duration) * (right - left); }
+  xOf(time, left, right) {
+    const [begin, end] = this.window;
+    return left + ((time - begin) / (end - begin)) * (right - left);
+  }
+
+  // Where a signal may not go, dashed in its colour.
+  limits(pen, { colour, limits }, [least, greatest], y) {
+    const [left, right] = this.span;
+    for (const limit of limits || []) {
+      if (limit === null || limit < least || limit > greatest) continue;
+      pen.strokeStyle = inked(colour);
+      pen.setLineDash([2, 4]);
+      pen.beginPath();
+      pen.moveTo(left, y(limit));
+      pen.lineTo(right, y(limit));
+      pen.stroke();
+    }
+    pen.setLineDash([]);
+  }
 
   levels(pen, [least, greatest], y) {
     const [left, right] = this.span, small = 0.25 * (greatest - least);
@@ -172,11 +226,12 @@ class Chart {
   times() {
     if (!this.drawn.length) return;
     const pen = this.pen(this.axis), [left, right] = this.span;
-    const step = niceStep(this.duration / Math.min(10, Math.max(2, (right - left) / 60)));
+    const [begin, end] = this.window, step = niceStep((end - begin) / Math.min(10, Math.max(2, (right - left) / 60)));
     pen.textBaseline = "top";
-    for (let t = 0; t <= this.duration * 1.0001; t += step) {
-      pen.textAlign = t === 0 ? "left" : t > this.duration * 0.97 ? "right" : "center";
-      pen.fillText(`${Number(t.toPrecision(6))} s`, this.xAt(t), 2);
+    for (let k = Math.ceil(begin / step - 1e-6); k * step <= end + 1e-6 * step; k++) {
+      const share = (k * step - begin) / (end - begin);
+      pen.textAlign = share < 0.03 ? "left" : share > 0.97 ? "right" : "center";
+      pen.fillText(`${Number((k * step).toPrecision(6))} s`, this.xAt(k * step), 2);
     }
   }
 }

@@ -62,10 +62,18 @@ class Camera {
       await new Promise((resume) => setTimeout(resume, 0));
       if (!going()) return;
     }
-    const address = URL.createObjectURL(gif.finish());
-    save(address, `${name}.gif`);
-    setTimeout(() => URL.revokeObjectURL(address), 60000);
+    saveBlob(gif.finish(), `${name}.gif`);
   }
+}
+
+function saveText(text, name, type) {
+  saveBlob(new Blob([text], { type }), name);
+}
+
+function saveBlob(blob, name) {
+  const address = URL.createObjectURL(blob);
+  save(address, name);
+  setTimeout(() => URL.revokeObjectURL(address), 60000);
 }
 
 function save(address, name) {

@@ -12,6 +12,7 @@ class Player {
       onRemove: (title) => { this.signals.choose(title, undefined, false); this.picked(); },
     });
     this.picker = new SignalPicker($("picker"), $("signals"), () => this.picked());
+    this.portrait = new Portrait($("portrait"), $("portraying"), () => this.note());
     this.magnifier = new Magnifier($("magnifier"), this.scene.eye);
     this.readout = new Readout($("readout"));
     this.labels = new Labels($("labels"));
@@ -37,6 +38,7 @@ class Player {
     this.magnifier.load(this.scene.runs);
     this.legend.load((layer) => this.present(layer));
     this.picker.load(this.signals);
+    this.portrait.load(this.signals);
     this.chart.load(this.signals, this.scene.end);
     this.offer();
     this.speak();
@@ -58,6 +60,7 @@ class Player {
     this.magnifier.load(this.scene.runs);
     this.legend.load((layer) => this.present(layer));
     this.picker.load(this.signals);
+    this.portrait.load(this.signals);
     this.chart.load(this.signals, this.scene.end);
     this.readout.load(this.scene.runs, this.scene.colours);
     this.labels.load(this.scene.runs);
@@ -143,6 +146,7 @@ class Player {
     this.readout.seek(time, this.events.at(time));
     this.chart.seek(time);
     this.magnifier.draw(time);
+    this.portrait.seek(time);
     document.body.dataset.time = time.toFixed(3);
   }
 
@@ -209,6 +213,12 @@ class Player {
     $("reset").addEventListener("click", () => this.view(() => this.scene.arrange()));
     $("picture").addEventListener("click", () => this.camera.savePicture(this.fileName));
     $("film").addEventListener("click", () => this.film());
+    $("nearer").addEventListener("click", () => this.chart.zoom(1.5));
+    $("farther").addEventListener("click", () => this.chart.zoom(1 / 1.5));
+    $("earlier").addEventListener("click", () => this.chart.pan(-0.25));
+    $("later").addEventListener("click", () => this.chart.pan(0.25));
+    $("table").addEventListener("click", () => saveText(curvesTable(this.chart), `${this.fileName}.csv`, "text/csv"));
+    $("plot").addEventListener("click", () => save(curvesPicture(this.chart), `${this.fileName}-curves.png`));
     $("about").addEventListener("click", () => $("about").classList.toggle("whole"));
     $("more").addEventListener("click", () => this.more(!$("looks").classList.contains("open")));
     $("looks").addEventListener("keydown", (event) => { if (event.key === "Escape") this.more(false); });
@@ -246,7 +256,7 @@ class Player {
       ["t", timeline.time.toFixed(3)], ["play", timeline.playing ? "1" : ""],
       ["speed", timeline.speed === 1 ? "" : String(timeline.speed)],
       ["arrange", scene.over ? "over" : ""], ["look", scene.near ? "near" : ""], ["follow", scene.followed],
-      ["signals", this.signals.text], ["layers", this.legend.text],
+      ["signals", this.signals.text], ["phase", this.portrait.text], ["layers", this.legend.text],
       ["eye", pose && pose.map((value) => Number(value.toPrecision(6))).join(" ")],
     ];
   }
@@ -266,6 +276,7 @@ class Player {
     if (wanted.has("arrange")) scene.lay(wanted.get("arrange") === "over");
     if (wanted.has("look")) scene.look(wanted.get("look") === "near");
     if (wanted.has("signals")) { this.signals.text = wanted.get("signals"); this.picked(); }
+    if (wanted.has("phase")) this.portrait.text = wanted.get("phase");
     if (wanted.has("t")) timeline.seek(Number(wanted.get("t")));
     if (wanted.has("follow")) scene.follow(wanted.get("follow"));
     const pose = (wanted.get("eye") || "").split(" ").map(Number);

@@ -7,6 +7,7 @@ class Readout {
 
   // ``colours``: of the runs, where they lie over each other.
   load(runs, colours) {
+    runs = runs.filter(({ data }) => !data.pale);
     this.clock = element("div", "", "time");
     this.phase = element("div", "", "phase");
     this.values = [];

@@ -7,10 +7,10 @@ class Signals {
     runs.forEach((run, r) => run.quantities.forEach(({ title, unit, signals }) => {
       if (!quantities.has(title)) quantities.set(title, { title, unit, signals: [] });
       const quantity = quantities.get(title);
-      signals.forEach(({ name, colour, values }, k) => {
+      signals.forEach(({ name, colour, values, limits }, k) => {
         let signal = quantity.signals.find((one) => one.name === name);
         if (!signal) {
-          signal = { name, colour: signalColour(colour || ["own", k]), values: runs.map(() => null) };
+          signal = { name, colour: signalColour(colour || ["own", k]), limits, values: runs.map(() => null) };
           quantity.signals.push(signal);
         }
         signal.values[r] = floats(values);
@@ -69,18 +69,24 @@ class Signals {
     return share > 0 ? values[i] + share * (values[i + 1] - values[i]) : values[i];
   }
 
-  // Least and greatest value of signals, zero among them; a diverged run's last instants would hide all before.
-  range(signals) {
+  // Least and greatest value of signals between two times, zero among them, and limits that are not far; a diverged
+  // run's last instants would hide all before.
+  range(signals, [begin, end]) {
     let least = 0, greatest = 0;
     for (const { values } of signals) {
       values.forEach((own, r) => {
         if (!own) return;
-        const last = this.runs[r].completed ? own.length : Math.max(2, 0.8 * own.length);
+        const { time, completed } = this.runs[r], last = completed ? own.length : Math.max(2, 0.8 * own.length);
         for (let i = 0; i < Math.min(own.length, last); i++) {
+          if (own.length > 1 && (time[i] < begin || time[i] > end)) continue;
           least = Math.min(least, own[i] || 0);
           greatest = Math.max(greatest, own[i] || 0);
         }
       });
+    }
+    for (const limit of signals.flatMap(({ limits }) => limits || [])) {
+      if (limit > greatest && limit < 2 * greatest) greatest = limit;
+      if (limit < least && limit > 2 * least) least = limit;
     }
     return greatest - least < 1e-9 ? [least, least + 1e-3] : [least, greatest];
   }

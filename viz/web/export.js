@@ -1,0 +1,38 @@
+// The curves that are seen, as files: a table (CSV) or a picture (PNG).
+function curvesTable({ signals, window: [begin, end] }) {
+  const columns = signals.runs.flatMap(({ label, time }, r) => {
+    const rows = [...time.keys()].filter((i) => time[i] >= begin && time[i] <= end), who = signals.runs.length > 1 ? `${label}: ` : "";
+    const shown = signals.shown.flatMap(({ title, unit, signals: own }) => own.filter(({ values }) => values[r]).map(({ name, values }) => (
+      [`${who}${title} ${name} [${unit}]`, rows.map((i) => values[r][Math.min(i, values[r].length - 1)])]
+    )));
+    return [[`${who}time [s]`, rows.map((i) => time[i])], ...shown];
+  });
+  const quoted = (text) => `"${text.replace(/"/g, '""')}"`, most = Math.max(0, ...columns.map(([, values]) => values.length));
+  const lines = [columns.map(([name]) => quoted(name)).join(",")];
+  for (let i = 0; i < most; i++) lines.push(columns.map(([, values]) => (i < values.length ? Number(values[i].toPrecision(7)) : "")).join(","));
+  return `${lines.join("\n")}\n`;
+}
+
+// Names above each panel, and the axis of time below the last.
+function curvesPicture({ drawn, axis, signals }) {
+  const ratio = window.devicePixelRatio || 1, line = 18, parts = drawn.map(({ canvas }) => canvas.clientHeight + line);
+  const canvas = element("canvas"), width = axis.clientWidth, height = parts.reduce((sum, part) => sum + part, 0) + axis.clientHeight;
+  [canvas.width, canvas.height] = [Math.round(width * ratio), Math.round(height * ratio)];
+  const pen = canvas.getContext("2d");
+  pen.scale(ratio, ratio);
+  pen.fillStyle = themed("--bar");
+  pen.fillRect(0, 0, width, height);
+  pen.font = "12px system-ui, 'DejaVu Sans', sans-serif";
+  let top = 0;
+  drawn.forEach((one, k) => {
+    let left = 8;
+    const say = (text, colour) => { pen.fillStyle = colour; pen.fillText(text, left, top + 13); left += pen.measureText(text).width + 12; };
+    say(`${one.title} [${one.unit}]`, themed("--ink"));
+    for (const signal of one.signals) say(`— ${signal.name}`, inked(signal.colour));
+    signals.runs.forEach(({ label }, r) => { if (r) say(`dashed: ${label}`, themed("--dim")); });
+    pen.drawImage(one.canvas, 0, top + line, one.canvas.clientWidth, one.canvas.clientHeight);
+    top += parts[k];
+  });
+  pen.drawImage(axis, 0, top, width, axis.clientHeight);
+  return canvas.toDataURL("image/png");
+}
