@@ -27,6 +27,7 @@ from viz.figures.collect import check_comparable
 from viz.figures.style import labels_of
 from viz.page.contacts import contact_data, grip_data, no_contacts
 from viz.page.events import event_data
+from viz.page.limits import joint_limits
 from viz.page.masses import mass_data, no_masses
 from viz.page.meshcat_scene import Meshes, changed_descriptions, packed, poses, rounded
 from viz.page.signals import chart_rows, quantities, signal_data
@@ -185,7 +186,7 @@ def _run_data(shown: _Shown, meshes: Meshes) -> dict[str, Any]:
         "events": event_data(result),
         "fine_time": packed(data.time.values[finer]),
         "errors": [packed(error[:, k]) for k in range(len(tips))],
-        "quantities": signal_data(shown_over_time, finer),
+        "quantities": signal_data(shown_over_time, finer, joint_limits(shown.scene)),
     }
 
 

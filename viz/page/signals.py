@@ -14,7 +14,10 @@ from spacerobot.result.ledger import work_text, works_of
 from viz.drawing.motion import Rows, pick_rows
 from viz.figures.bodies import rotation_deg, translation_mm
 from viz.figures.style import called, shown_axes
+from viz.page.limits import Limits
 from viz.page.meshcat_scene import packed
+
+NO_LIMITS: Limits = {}
 
 MOST_SAMPLES = 1200
 """Samples over time, beside the extremes of each signal; a chart has about as many pixels."""
@@ -62,7 +65,7 @@ def chart_rows(result: Result, shown: Iterable[Quantity]) -> Rows:
     return np.unique(np.concatenate(rows))
 
 
-def signal_data(shown: Iterable[Quantity], rows: Rows) -> list[dict[str, Any]]:
+def signal_data(shown: Iterable[Quantity], rows: Rows, limits: Limits = NO_LIMITS) -> list[dict[str, Any]]:
     """Plain data of signals at some rows.
 
     Returns
@@ -70,7 +73,8 @@ def signal_data(shown: Iterable[Quantity], rows: Rows) -> list[dict[str, Any]]:
     list of dict
         ``title``, ``unit`` and ``signals``, each with its ``name``, ``colour`` and packed ``values``: one
         value where it never changes. A colour is ``[kind, k]``: that of the tip number k, of the body number
-        k, or of all together; null for one of its own.
+        k, or of all together; null for one of its own. One with limits tells its
+        ``limits``, least and greatest, null where there is none.
     """
     return [
         {
@@ -78,6 +82,7 @@ def signal_data(shown: Iterable[Quantity], rows: Rows) -> list[dict[str, Any]]:
             "unit": quantity.unit,
             "signals": [
                 {"name": signal.name, "colour": signal.colour, "values": _packed(signal.values[rows])}
+                | ({"limits": limits[place]} if (place := (quantity.title, signal.name)) in limits else {})
                 for signal in quantity.signals
             ],
         }
