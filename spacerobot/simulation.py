@@ -161,7 +161,6 @@ def _check_events(scene: Scene, loop: ClosedLoop) -> None:
         allowed = "'casadi'"
         from spacerobot.pinocchio_engine import EVENTS
 
-        # outcomes of dockings are told by contacts too, which it does not locate
         jumps = [rule for rule in loop.events if rule.kind not in EVENTS]
     if jumps:
         kinds = ", ".join(dict.fromkeys(rule.kind for rule in jumps))

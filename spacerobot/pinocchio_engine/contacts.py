@@ -42,6 +42,11 @@ class Touch:
     point: Array
     velocity: Array
 
+    @property
+    def opening(self) -> float:
+        """Rate of the gap [m/s]."""
+        return float(self.normal @ self.velocity)
+
 
 @dataclass(frozen=True)
 class Pressure:
@@ -76,18 +81,25 @@ def _(config: HuntCrossley, touch: Touch) -> Pressure:
     """Hunt and Crossley's normal force and regularised friction."""
     if touch.gap >= 0:
         return Pressure(touch, np.zeros(3), 0.0, 0.0, 0.0)
-    depth, rate = -touch.gap, -float(touch.normal @ touch.velocity)
+    depth, rate = -touch.gap, -touch.opening
     elastic = config.stiffness * depth**config.exponent
-    pressed = max(elastic * (1 + _dissipation(config) * rate), 0.0)
-    across = touch.velocity - (touch.normal @ touch.velocity) * touch.normal
+    pressed = max(elastic * (1 + dissipation_of(config) * rate), 0.0)
+    across = touch.velocity - touch.opening * touch.normal
     regular = np.sqrt(across @ across + config.slip_velocity**2)
     force = pressed * (touch.normal - config.friction * across / regular)
     stored = config.stiffness * depth ** (config.exponent + 1) / (config.exponent + 1)
     return Pressure(touch, force, pressed, stored, -float(force @ touch.velocity) - elastic * rate)
 
 
-def _dissipation(config: HuntCrossley) -> float:
-    """The coefficient a [s/m], of a coefficient of restitution by bisection of its closed form."""
+@functools.singledispatch
+def dissipation_of(config: Contact) -> float:
+    """Reciprocal of the speed of parting at which a force would begin to pull [s/m]; 0 if it never does."""
+    raise refusal(config)
+
+
+@dissipation_of.register
+def _(config: HuntCrossley) -> float:
+    """The coefficient a, of a coefficient of restitution by bisection of its closed form."""
     if config.restitution is None or config.restitution_speed is None:
         return config.dissipation or 0.0
     return _speed_ratio(config.restitution) / config.restitution_speed

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,18 +11,21 @@ import pinocchio as pin
 
 from spacerobot.arrays import Array
 from spacerobot.errors import ScenarioError, near_names
+from spacerobot.pinocchio_engine.contacts import Touch, dissipation_of, touches
 from spacerobot.pinocchio_engine.engine import Engine, Instant
 from spacerobot.pinocchio_engine.grasps import Coupling, Relative, grasp_of
 from spacerobot.pinocchio_engine.impact import strike
 from spacerobot.pinocchio_engine.kinematics import Kinematics
 from spacerobot.pinocchio_engine.life import Life, draws, room
-from spacerobot.pinocchio_engine.mode import Mode, led
+from spacerobot.pinocchio_engine.mode import Mode, Touching, led
 from spacerobot.pinocchio_engine.outputs import outputs_at
 from spacerobot.scenario.phases import END, Limit, Settled, successors
 from spacerobot.scene import SceneGrasp
+from spacerobot.scene.scene import SceneContact
 
 KINDS = (
     *("captured", "entered", "left", "drawn", "released", "slipped"),
+    *("touched", "parted", "loosened", "pressed"),
     *("phase", "end", "settling", "moving", "reference"),
 )
 """Kinds of events that have a second writing; instants at which references jump are known beforehand."""
@@ -47,6 +50,13 @@ class Moment:
     def instant(self) -> Instant:
         """Everything."""
         return self.engine.instant(self.t, self.x, self.within)
+
+    @functools.cached_property
+    def touches(self) -> Mapping[str, list[Touch]]:
+        """Every pair of shapes of the contacts, by the contact's name."""
+        return {
+            contact.name: list(touches(self.kinematics, contact)) for contact in self.engine.scene.contacts
+        }
 
     def relative(self, grasp: SceneGrasp) -> Relative:
         """Relative motion of a grasp."""
@@ -84,7 +94,13 @@ def armed(engine: Engine) -> tuple[Event, ...]:
     """What may happen in the engine's present mode, in the order in which it does at one instant."""
     living = [grasp for grasp in engine.now.scene.grasps if grasp.name in engine.mode.lives]
     lives = [event for grasp in living for event in _life(engine, grasp)]
-    return (*lives, *(_phase(engine) if engine.mode.phase else ()))
+    contacts = [
+        event
+        for contact in engine.scene.contacts
+        for place in range(len(contact.pairs))
+        for event in _pair(engine, contact, place)
+    ]
+    return (*lives, *contacts, *(_phase(engine) if engine.mode.phase else ()))
 
 
 def happen(engine: Engine, event: Event, moment: Moment) -> Array:
@@ -209,6 +225,31 @@ def _load(moment: Moment, grasp: SceneGrasp) -> tuple[Array, Array]:
     return next((force, torque) for own, _, force, torque in wrenches if own.name == grasp.name)
 
 
+def _pair(engine: Engine, contact: SceneContact, place: int) -> Iterator[Event]:
+    """Where a pair of shapes touches and parts, and where its force ends because it would pull."""
+    name = f"{contact.name}.{place + 1}" if len(contact.pairs) > 1 else contact.name
+    now, taken = engine.mode.touching.get(name), dissipation_of(contact.config)
+
+    def event(kind: str, becomes: Touching | None, guard: Callable[[Touch], float]) -> Event:
+        after = engine.mode.with_touching(name, becomes)
+        return Event(
+            f"{name}.{kind}",
+            kind,
+            contact.name,
+            lambda moment: guard(moment.touches[contact.name][place]),
+            lambda _: after,
+        )
+
+    if now is None:
+        yield event("touched", "pressed", lambda touch: -touch.gap)
+        return
+    yield event("parted", None, lambda touch: touch.gap)
+    if taken and now == "pressed":
+        yield event("loosened", "loose", lambda touch: taken * touch.opening - 1)
+    elif taken:
+        yield event("pressed", "pressed", lambda touch: 1 - taken * touch.opening)
+
+
 def _phase(engine: Engine) -> Iterator[Event]:
     """How the present phase ends."""
     name, mode = engine.mode.phase, engine.mode
@@ -243,7 +284,9 @@ def _next(engine: Engine, name: str, moment: Moment) -> Mode:
         if grasp in lives:
             lives[grasp] = replace(lives[grasp], released=False)
     leads = led(engine.scene, name, moment.kinematics, moment.t, mode.leads)
-    return Mode(name, lives, leads, began_at=moment.t)
+    return replace(
+        mode, phase=name, lives=lives, leads=leads, began_at=moment.t, settling=False, settled_at=0.0
+    )
 
 
 def _conditions(engine: Engine) -> Iterator[tuple[str, Callable[[Moment], float]]]:

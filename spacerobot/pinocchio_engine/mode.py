@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from typing import Literal
 
 from spacerobot.errors import ScenarioError
 from spacerobot.pinocchio_engine.actuation import Delivery, deliveries
@@ -37,6 +38,10 @@ class Lead:
             yield self.since + end
 
 
+Touching = Literal["pressed", "loose"]
+"""Whether shapes that overlap press on each other; they do not while they part too fast."""
+
+
 @dataclass(frozen=True)
 class Mode:
     """What holds between two events.
@@ -53,6 +58,8 @@ class Mode:
         When the phase began [s].
     settling, settled_at
         Whether what the phase waits for moves slowly, and since when [s].
+    touching
+        Pairs of shapes that overlap, by the contact's name and the pair's number.
     """
 
     phase: str
@@ -61,6 +68,12 @@ class Mode:
     began_at: float = 0.0
     settling: bool = False
     settled_at: float = 0.0
+    touching: Mapping[str, Touching] = field(default_factory=dict)
+
+    def with_touching(self, pair: str, touching: Touching | None) -> Mode:
+        """Another state of one pair of shapes; None where they are apart."""
+        others = {name: value for name, value in self.touching.items() if name != pair}
+        return replace(self, touching=others if touching is None else {**others, pair: touching})
 
     def with_life(self, name: str, life: Life) -> Mode:
         """Another life of one grasp."""
@@ -105,9 +118,7 @@ def laws_of(scene: Scene) -> dict[str, Laws]:
     if not scene.scenario.phases:
         return {"": base}
     found = {}
-    for name, phase in scene.scenario.phases.items():
-        if phase.begins_at != "pose":
-            raise _refused(scene, f"phases.{name}.begins_at", phase.begins_at)
+    for name in scene.scenario.phases:
         own = _laws(_during(scene, scene.scenario.during(name)))
         found[name] = _completed(own, base, name)
     return found
@@ -179,13 +190,16 @@ def _during(scene: Scene, scenario: Scenario) -> Scene:
 def led(scene: Scene, phase: str, now: Kinematics, t: float, before: Mapping[str, Lead]) -> dict[str, Lead]:
     """What leads each tip in a phase that begins at time t [s]; a reference that led before goes on."""
     found = {}
+    from_reference = bool(phase) and scene.scenario.phases[phase].begins_at == "reference"
     for tip in scene.tips:
-        reference = next(r for r in tip.references if not phase or phase in r.phases)
-        if tip.label in before and before[tip.label].reference is reference:
-            found[tip.label] = before[tip.label]
+        reference, old = (
+            next(r for r in tip.references if not phase or phase in r.phases),
+            before.get(tip.label),
+        )
+        if old is not None and old.reference is reference:
+            found[tip.label] = old
             continue
-        pivot = None
-        if reference.from_target and scene.target is not None:
-            pivot = now.frame(scene.target.root_frame).position
-        found[tip.label] = Lead(reference, t, leading(reference.config, Begins(scene, tip, now, pivot)))
+        ahead = old.at(t, t, now) if old is not None and from_reference else None
+        begins = Begins(scene, tip, now, reference.from_target, ahead)
+        found[tip.label] = Lead(reference, t, leading(reference.config, begins))
     return found

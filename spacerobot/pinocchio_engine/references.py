@@ -113,14 +113,35 @@ class Begins:
         The scene, and the tip.
     start
         Where everything is, and how it moves.
-    pivot
-        Position (3,) [m] of the object that the reference belongs to, if not to the tip itself.
+    carried
+        Whether the reference belongs to the target, whose centre it then moves, and not to the tip itself.
+    ahead
+        What led the tip until now, where the reference begins there and not at the tip's pose.
     """
 
     scene: Scene
     tip: SceneTip
     start: Kinematics
-    pivot: Array | None
+    carried: bool
+    ahead: Motion | None = None
+
+    @property
+    def frame(self) -> Motion:
+        """Where the reference begins and how that moves; its accelerations count for nothing."""
+        if self.ahead is not None:
+            return self.ahead
+        own, none = self.start.frame(self.tip.frame), np.zeros(3)
+        return Motion(own.position, own.velocity[:3], none, own.rotation, own.velocity[3:], none)
+
+    @property
+    def pivot(self) -> Array | None:
+        """Position (3,) [m] of the target, placed at the tip's reference as it is at the tip."""
+        if not self.carried or self.scene.target is None:
+            return None
+        own, frame = self.start.frame(self.tip.frame), self.frame
+        apart = self.start.frame(self.scene.target.root_frame).position - own.position
+        place: Array = frame.position + frame.rotation @ own.rotation.T @ apart
+        return place
 
 
 @functools.singledispatch
@@ -131,18 +152,18 @@ def leading(reference: Reference, begins: Begins) -> Leads:
 
 def _carried(begins: Begins, path: Path, turn: Path, ends: tuple[float, ...] = ()) -> TipReference:
     """A tip that is carried on a way."""
-    frame = begins.start.frame(begins.tip.frame)
-    centre = frame.position if begins.pivot is None else begins.pivot
+    frame, pivot = begins.frame, begins.pivot
+    centre = frame.position if pivot is None else pivot
     return TipReference(path, turn, centre, frame.position - centre, frame.rotation, ends)
 
 
 @leading.register
 def _(brake: Brake, begins: Begins) -> Leads:
     """Velocities fall by 1 - 3 u^2 + 2 u^3."""
-    frame = begins.start.frame(begins.tip.frame)
-    linear, spin = frame.velocity[:3], frame.velocity[3:]
-    if begins.pivot is not None:
-        linear = linear + cross(spin, begins.pivot - frame.position)
+    frame, pivot = begins.frame, begins.pivot
+    linear, spin = frame.velocity, frame.angular_velocity
+    if pivot is not None:
+        linear = linear + cross(spin, pivot - frame.position)
     limits = brake.deceleration, np.radians(brake.spin_deceleration_deg)
     end = 1.5 * max(float(np.linalg.norm(v)) / limit for v, limit in zip((linear, spin), limits, strict=True))
 

@@ -45,10 +45,10 @@ class _Follower:
         model = begins.scene.model
         self.frame = int(model.getFrameId(f"target/{config.frame}", pin.FrameType.BODY))
         self.mated = pin.rpy.rpyToMatrix(np.radians(config.mated_deg))
-        first, own = self._seen(begins.start), begins.start.frame(begins.tip.frame)
+        first, own = self._seen(begins.start), begins.frame
         back, apart = first.rotation.T, own.position - first.position
         self.offset = back @ apart
-        self.drift = back @ (own.velocity[:3] - first.velocity - cross(first.spin, apart))
+        self.drift = back @ (own.velocity - first.velocity - cross(first.spin, apart))
         self.turn = rotation_vector(back @ own.rotation, self.mated)
         axis = np.array(config.axis) / np.linalg.norm(config.axis)
         self.standoff, self.end = -config.standoff * axis, -config.end_distance * axis

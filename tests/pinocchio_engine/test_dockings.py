@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from spacerobot.closedloop import build_closed_loop
-from spacerobot.errors import ScenarioError
 from spacerobot.pinocchio_engine import simulate
 from spacerobot.rollout import build_rollout
 from spacerobot.scenario import Scenario
@@ -175,6 +174,7 @@ LED = {
         },
         "carry": {
             "target": {"reference": {"kind": "circle", "radius": 0.02, "duration": 0.4}},
+            "begins_at": "reference",
             "until": {"time": 0.5},
             "reset": True,
         },
@@ -206,8 +206,20 @@ def test_references_and_numbers_differ_by_phase(kind):
     assert names == ["hand.captured", "come.captured", "stop.time", "carry.time", "hand.told"]
 
 
-def test_what_has_no_second_writing_is_refused(tmp_path):
-    phases = {"first": {"until": {"time": 0.1}}, "second": {"begins_at": "reference"}}
-    scene = free_bodies(tmp_path, FLAT, {"kind": "point", "capture": {"at": 0.3}}, phases=phases)
-    with pytest.raises(ScenarioError, match=r"phases.second.begins_at: found 'reference'"):
-        simulate(scene, duration_s=0.2, output_step_s=0.1)
+@BASES
+def test_a_target_is_pushed_away_and_captured_later(tmp_path, bases):
+    pads = {
+        "nose": {"link": "one/tip", "shape": "sphere", "radius": 0.05},
+        "side": {"link": "target/mate", "shape": "sphere", "radius": 0.03},
+        "hook": {"link": "one/tip", "shape": "sphere", "radius": 0.05, "position": [0.17, 0, 0]},
+    }
+    bump = {"stiffness": 4000, "exponent": 2, "dissipation": 40, "friction": 0.2, "slip_velocity": 0.01}
+    contacts = {
+        "bump": {"between": ["nose", "side"], **bump},
+        "slip": {"between": ["hook", "side"], **bump, "may_overlap": True},
+    }
+    grasp = {"kind": "compliant", "capture": {"at": 2.3}}
+    names = hold_together(free_bodies(tmp_path, bases, grasp, pads=pads, contacts=contacts), 2.5)
+    assert names[:3] == ["slip.touched", "slip.loosened", "slip.parted"]
+    assert names[3:5] == ["bump.touched", "bump.parted"]
+    assert names[-1] == "left.captured"
