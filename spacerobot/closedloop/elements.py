@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import casadi as ca
@@ -20,8 +20,10 @@ from spacerobot.elements import (
     GraspContext,
     Motion,
     RobotContext,
+    State,
     TipContext,
     either,
+    memory,
     negated,
 )
 from spacerobot.elements.context import Affine, Surface
@@ -48,12 +50,15 @@ class Builder:
         Time, and the scenario's numbers.
     plant, start
         Mechanics now, and where everything begins.
+    remembered
+        What is remembered of phases, by a short name.
     """
 
     scene: Scene
     context: Context
     plant: Plant
     start: Start
+    remembered: dict[str, State] = field(default_factory=dict)
 
     @functools.cached_property
     def leads(self) -> Mapping[str, Lead]:
@@ -103,6 +108,17 @@ class Builder:
         constants, path = self.context.constants, f"grasps.{name}.{kind}"
         return constants.switch(path) if path in constants.switches else ca.SX(kind == "closed")
 
+    def memory(self, name: str) -> State:
+        """What is remembered of phases under a name, a number."""
+        if name not in self.remembered:
+            self.remembered[name] = memory(f"phase.{name}", ca.SX.zeros(1))
+        return self.remembered[name]
+
+    def passed(self) -> ca.SX:
+        """Time since the present phase began (1x1) [s], since the start where there are no phases."""
+        time = self.context.time
+        return time - self.memory("began_at").symbol if self.context.phases else time
+
     def _resting(self, path: str, contribution: Contribution) -> Contribution:
         """Contribution of a controller that rests in some phases."""
         rests = [
@@ -142,7 +158,9 @@ class Builder:
             name=body.name,
             joints=body.driven_joints,
             columns=tuple(int(self.plant.model.idx_vs[joint]) for joint in body.driven_joints),
+            joint_names=tuple(body.joint_name(self.plant.model, joint) for joint in body.driven_joints),
             positions=functools.partial(_positions, body),
+            passed=self.passed,
             sensors=self._sensors(body),
             base_frame=body.root_frame,
             arm=tuple(int(self.plant.model.idx_vs[joint]) for joint in body.arm_joints),

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import casadi as ca
 import numpy as np
 
 from spacerobot.closedloop.elements import Builder
-from spacerobot.elements import Context, Contribution, Event, Output, State, both, memory, negated
+from spacerobot.elements import Context, Contribution, Event, Output, both, negated
 from spacerobot.errors import ScenarioError, near_names
 from spacerobot.scenario.phases import END, Limit, Phase, Settled, successors
 
@@ -41,11 +41,10 @@ def phased(builder: Builder, outputs: Sequence[Output]) -> Contribution:
 
 @dataclass(frozen=True)
 class _Phases:
-    """The phases of one closed loop; ``kept`` are their states."""
+    """The phases of one closed loop."""
 
     builder: Builder
     outputs: Sequence[Output]
-    kept: dict[str, State] = field(default_factory=dict)
 
     @property
     def context(self) -> Context:
@@ -63,17 +62,12 @@ class _Phases:
         leads = self.builder.leads.values()
         number = sum((i * switch for i, switch in enumerate(self.context.phases.values())), ca.SX(0))
         names = ", ".join(f"{i} {name}" for i, name in enumerate(self.phases))
-        states = [*self.kept.values(), *(state for lead in leads for state in lead.states)]
+        states = [*self.builder.remembered.values(), *(state for lead in leads for state in lead.states)]
         return Contribution(
             states=tuple(states),
             events=(*events, *(event for lead in leads for event in lead.events)),
             outputs=(Output("phase", number, "1", f"phase: {names}"),),
         )
-
-    def _memory(self, name: str) -> State:
-        if name not in self.kept:
-            self.kept[name] = memory(f"phase.{name}", ca.SX.zeros(1))
-        return self.kept[name]
 
     def _events(self, name: str) -> Iterator[Event]:
         """How a phase ends, and whether it settles meanwhile."""
@@ -87,7 +81,7 @@ class _Phases:
         """Ways in which a phase ends, apart from being the phase."""
         context, until, always = self.context.at(f"phases.{name}"), phase.until, ca.SX(1)
         if until is not None and until.time is not None:
-            yield "time", self._passed() - context.number("until.time"), always
+            yield "time", self.builder.passed() - context.number("until.time"), always
         elif until is not None and until.settled is not None:
             yield "settled", *self._settled(name, until.settled)
         elif until is not None and until.limit is not None:
@@ -98,11 +92,7 @@ class _Phases:
             armed = both(*(switch(grasp, kind) for grasp in names))
             yield "captured" if until.captured else "released", always, armed
         if phase.at_most is not None:
-            yield "at_most", self._passed() - context.number("at_most"), always
-
-    def _passed(self) -> ca.SX:
-        """Time since the phase began (1x1) [s]."""
-        return self.context.time - self._memory("began_at").symbol
+            yield "at_most", self.builder.passed() - context.number("at_most"), always
 
     def _room(self, name: str, settled: Settled) -> ca.SX:
         """Above zero where a body hardly moves (1x1)."""
@@ -121,7 +111,7 @@ class _Phases:
         if not settled.dwell:
             return self._room(name, settled), ca.SX(1)
         dwell = self.context.at(f"phases.{name}").number("until.settled.dwell")
-        since = self._memory("settled_at").symbol
+        since = self.builder.memory("settled_at").symbol
         return self.context.time - since - dwell, self._settling_switch(name)
 
     def _settling(self, name: str, settled: Settled) -> Iterator[Event]:
@@ -132,7 +122,7 @@ class _Phases:
             self.context.phases[name],
         )
         turned, waiting = switch.name(), both(active, negated(switch))
-        updates = {self._memory("settled_at").name: self.context.time}
+        updates = {self.builder.memory("settled_at").name: self.context.time}
         yield Event(f"{name}.settling", "settling", settled.of, room, waiting, {turned: True}, updates)
         yield Event(f"{name}.moving", "moving", settled.of, -room, both(active, switch), {turned: False})
 
@@ -166,7 +156,7 @@ class _Phases:
         for grasp in phase.captures or ():
             if f"grasps.{grasp}.released" in self.context.constants.switches:
                 sets[f"grasps.{grasp}.released"] = False
-        updates[self._memory("began_at").name] = self.context.time
+        updates[self.builder.memory("began_at").name] = self.context.time
         for lead in self.builder.leads.values():
             turned, values = lead.begin(name, follows, at_pose=phase.begins_at == "pose")
             sets |= turned

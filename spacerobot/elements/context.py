@@ -36,8 +36,12 @@ class RobotContext:
         Of the robot.
     joints, columns
         Ids of its free joints, and their places in v; the floating base and joints that mimic are left out.
+    joint_names
+        Of its free joints, in the URDF.
     positions
         From positions of its free joints (n x 1) to those of all its joints, by id.
+    passed
+        Gives the time (1x1) [s] since the present phase began, since the start where there are no phases.
     sensors
         From a signal's name to its sensor's offset and scale.
     base_frame
@@ -54,7 +58,9 @@ class RobotContext:
     name: str
     joints: tuple[int, ...]
     columns: tuple[int, ...]
+    joint_names: tuple[str, ...]
     positions: Callable[[ca.SX], Mapping[int, ca.SX]]
+    passed: Callable[[], ca.SX]
     sensors: Callable[[str], Affine]
     base_frame: int
     arm: tuple[int, ...]

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, ClassVar
 
 from spacerobot.section import Section
 
@@ -19,11 +21,25 @@ class Element(Section):
     family
         Which elements it stands beside: ``reference``, ``grasp``, ``contact``, ``tip_controller``,
         ``robot_controller``, ``actuator`` or ``sensor``.
+    fills
+        Key of the section that what stands in its ``file`` fills in, if it has one.
     """
 
     family: ClassVar[str]
+    fills: ClassVar[str | None] = None
 
     kind: str
+
+    @classmethod
+    def read(cls, file: Path, where: str) -> Mapping[str, Any]:
+        """What a file says, as :attr:`fills` takes it, for the section at a dotted path.
+
+        Raises
+        ------
+        ScenarioError
+            If it is not such a file, or has nothing for that section.
+        """
+        raise NotImplementedError
 
     def assumptions(self) -> list[str]:
         """What is assumed where it acts, a sentence each."""

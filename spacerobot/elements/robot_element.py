@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -32,6 +32,8 @@ class RobotFacts:
         The URDF's effort of each joint [N m or N] by name.
     find_moved
         Finds :attr:`moved`, which takes time.
+    begins
+        Where each joint begins [rad or m] by name, as far as the scenario says.
     """
 
     name: str
@@ -39,6 +41,7 @@ class RobotFacts:
     limits: Mapping[str, float | None]
     efforts: Mapping[str, float]
     find_moved: Callable[[], Array]
+    begins: Mapping[str, float] = field(default_factory=dict)
 
     @functools.cached_property
     def moved(self) -> Array:

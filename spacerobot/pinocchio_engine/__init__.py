@@ -1,12 +1,14 @@
 """The second opinion: the same closed loop, written again over Pinocchio's own algorithms."""
 
+from spacerobot.pinocchio_engine import base_control as _base_control  # noqa: F401 (a writing of its own)
+from spacerobot.pinocchio_engine import planned as _planned  # noqa: F401 (a writing of its own)
 from spacerobot.pinocchio_engine import rendezvous as _rendezvous  # noqa: F401 (a writing of its own)
 from spacerobot.pinocchio_engine.contacts import contact_of
 from spacerobot.pinocchio_engine.engine import Engine
 from spacerobot.pinocchio_engine.events import KINDS as EVENTS
 from spacerobot.pinocchio_engine.grasps import grasp_of
-from spacerobot.pinocchio_engine.joint_control import robot_law
 from spacerobot.pinocchio_engine.references import leading, path_of, turn_of
+from spacerobot.pinocchio_engine.robot_law import robot_law
 from spacerobot.pinocchio_engine.simulate import Checked, simulate
 from spacerobot.pinocchio_engine.tip_control import reading_of, tip_law
 

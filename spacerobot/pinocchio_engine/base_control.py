@@ -9,6 +9,7 @@ composite-rigid-body and recursive Newton-Euler algorithms, about the centre of 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 import pinocchio as pin
@@ -17,8 +18,8 @@ from spacerobot.arrays import Array
 from spacerobot.elements.controllers.base_attitude import BaseAttitude
 from spacerobot.elements.controllers.base_position import BasePosition
 from spacerobot.pinocchio_engine.actuation import base_columns
-from spacerobot.pinocchio_engine.joint_control import robot_law
 from spacerobot.pinocchio_engine.kinematics import Kinematics, joint_space_inertia, rotation_vector
+from spacerobot.pinocchio_engine.robot_law import Asked, Asking, robot_law
 from spacerobot.pinocchio_engine.tip_control import Command
 from spacerobot.scene import Scene, SceneBody
 
@@ -31,6 +32,8 @@ class BaseController:
     body: SceneBody
     config: BaseAttitude | BasePosition
     key: str
+
+    ends: ClassVar[tuple[float, ...]] = ()
 
     @property
     def axes(self) -> list[int]:
@@ -61,7 +64,12 @@ class BaseController:
             return rotation_vector(start.rotation, now.rotation)
         return rotation_vector(pin.rpy.rpyToMatrix(np.radians(self.config.attitude_deg)), now.rotation)
 
-    def evaluate(self, kinematics: Kinematics, states: Array) -> Command:
+    def ask(self, now: Asking, states: Array) -> Asked:
+        """Command, and rates of the states."""
+        command = self._evaluate(now.kinematics, states)
+        return Asked(np.zeros(len(now.kinematics.v)), command.rates, command=command)
+
+    def _evaluate(self, kinematics: Kinematics, states: Array) -> Command:
         """Command and rates of the states at one instant."""
         config, axes, nv = self.config, self.axes, kinematics.model.nv
         now, error = kinematics.frame(self.body.root_frame), self.error(kinematics)[axes]

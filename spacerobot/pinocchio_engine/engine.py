@@ -12,7 +12,6 @@ import pinocchio as pin
 
 from spacerobot.arrays import Array
 from spacerobot.pinocchio_engine.actuation import Delivered
-from spacerobot.pinocchio_engine.base_control import BaseController
 from spacerobot.pinocchio_engine.contacts import Pressure, contact_of, touches
 from spacerobot.pinocchio_engine.dynamics import Loads, Solution, Wrench, solve
 from spacerobot.pinocchio_engine.grasps import (
@@ -30,6 +29,7 @@ from spacerobot.pinocchio_engine.laws import has_writing, refusal
 from spacerobot.pinocchio_engine.life import first_lives, mated_orientation, works_of
 from spacerobot.pinocchio_engine.mode import Laws, Mode, laws_of, led
 from spacerobot.pinocchio_engine.references import Motion
+from spacerobot.pinocchio_engine.robot_law import Asking
 from spacerobot.pinocchio_engine.tip_control import Channel, Command
 from spacerobot.scene import Scene, SceneGrasp
 
@@ -139,7 +139,9 @@ class Engine:
     @property
     def breakpoints(self) -> tuple[float, ...]:
         """Times at which the pieces of the present references meet [s], rising."""
-        return tuple(sorted({t for lead in self.mode.leads.values() for t in lead.breakpoints}))
+        found = {t for lead in self.mode.leads.values() for t in lead.breakpoints}
+        since = self.mode.began_at
+        return tuple(sorted(found | {since + t for law in self.now.controllers for t in law.ends}))
 
     def first_states(self, kinematics: Kinematics, t: float = 0.0) -> Array:
         """States of the controllers as they begin at time t [s], of all phases' alike."""
@@ -191,9 +193,11 @@ class Engine:
             for channel, own in zip(channels, states, strict=False)
         ]
         commands = [pair for pair, rests in zip(asking, self.now.rest, strict=False) if not rests]
-        torque, of_bases, own_rates = self._robot_control(
-            kinematics, motions, commands, states[len(channels) :]
+        since = self.mode.began_at
+        now = Asking(
+            t - since, (t if within is None else within) - since, self.mode.phase, kinematics, motions
         )
+        torque, of_bases, own_rates = self._robot_control(now, commands, states[len(channels) :])
         asked = [*(command for _, command in commands), *of_bases]
         relatives = [self.relative(kinematics, grasp, t) for grasp in self.now.scene.grasps]
         couplings, loads = self._loads(torque, asked, relatives)
@@ -227,28 +231,23 @@ class Engine:
         return relative_motion(kinematics, grasp, rest)
 
     def _robot_control(
-        self,
-        kinematics: Kinematics,
-        motions: Mapping[str, Motion],
-        commands: Sequence[tuple[Channel, Command]],
-        states: Sequence[Array],
+        self, now: Asking, commands: Sequence[tuple[Channel, Command]], states: Sequence[Array]
     ) -> tuple[Array, list[Command], list[Array]]:
-        """Torques (nv,) of the joint controllers, commands of those of bases, and rates of their states."""
+        """Generalized forces (nv,) of the robots' controllers, their commands, and rates of their states."""
         torque = np.zeros(self.model.nv)
         rates, of_bases = list[Array](), list[Command]()
         rest = self.now.rest[len(self.now.channels) :]
         for controller, own, rests in zip(self.now.controllers, states, rest, strict=True):
-            if isinstance(controller, BaseController):
-                command = controller.evaluate(kinematics, own)
-                rates.append(command.rates * (not rests))
-                of_bases += [] if rests else [command]
-                continue
-            rates.append(controller.desired_rate(own, motions) * (not rests))
+            asked = controller.ask(now, own)
+            rates.append(asked.rates * (not rests))
             if rests:
                 continue
-            part = controller.torque(kinematics, own)
-            if controller.config.null_space:
-                part = null_space(kinematics, part, controller.body, commands, self.scene.spread)
+            if asked.command is not None:
+                of_bases.append(asked.command)
+                continue
+            part = asked.torque
+            if asked.null_space:
+                part = null_space(now.kinematics, part, controller.body, commands, self.scene.spread)
             torque = torque + part
         return torque, of_bases, rates
 

@@ -7,48 +7,57 @@ The robot finds theta_d by resolved rates in a model of itself whose base stands
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
+from scipy.interpolate import KroghInterpolator
 
 from spacerobot.arrays import Array
-from spacerobot.elements import RobotController
 from spacerobot.elements.controllers.joint_pd import JointPd
+from spacerobot.elements.controllers.joint_tracking import JointTracking
 from spacerobot.pinocchio_engine.kinematics import Kinematics, joint_space_inertia, rotation_vector
-from spacerobot.pinocchio_engine.laws import refusal
+from spacerobot.pinocchio_engine.planned import hermite, interval
 from spacerobot.pinocchio_engine.references import Motion
+from spacerobot.pinocchio_engine.robot_law import Asked, Asking, RobotLaw, robot_law
 from spacerobot.pinocchio_engine.tip_control import Channel, Command, reading_of, sensors_of
 from spacerobot.scene import Scene, SceneBody
 
 
 @dataclass(frozen=True)
-class JointController:
-    """Joint PD of one robot; its states are the desired joint positions."""
+class _Joints:
+    """A controller of the joints of one robot."""
 
     scene: Scene
     body: SceneBody
-    config: JointPd
 
-    @property
-    def state_names(self) -> tuple[str, ...]:
-        """Names of its states."""
-        return tuple(f"{self.body.name}/joint_pd.theta_d[{i}]" for i in range(len(self.body.driven_joints)))
+    ends: ClassVar[tuple[float, ...]] = ()
 
     @property
     def _columns(self) -> list[int]:
         """Places of its free joints in v."""
         return [int(self.scene.model.idx_vs[joint]) for joint in self.body.driven_joints]
 
-    def initial(self, kinematics: Kinematics) -> Array:
-        """Joint positions, as they are."""
-        return self.positions(kinematics.q)
-
     def positions(self, q: Array) -> Array:
         """Joint positions (n,) [rad or m]; of an unbounded joint between -pi and pi."""
         return np.array([_position(self.scene.model.joints[j], q) for j in self.body.driven_joints])
+
+    def _read(self, kinematics: Kinematics, wanted: Array) -> tuple[Array, Array]:
+        """Measured positions and rates of its joints (n,), unbounded ones nearest to the wanted positions."""
+        sensors = sensors_of(self.body)
+        angles, rates = reading_of(sensors.joint_position), reading_of(sensors.joint_rate)
+        position = self._nearest_positions(kinematics.q, wanted)
+        return (
+            angles.offset + angles.scale * position,
+            rates.offset + rates.scale * kinematics.v[self._columns],
+        )
+
+    def _effort(self, values: Array) -> Array:
+        """Generalized forces (nv,) of those of its joints (n,)."""
+        torque = np.zeros(self.scene.model.nv)
+        torque[self._columns] = values
+        return torque
 
     def _nearest_positions(self, q: Array, desired: Array) -> Array:
         """Joint positions (n,), unbounded ones by whole turns as near as may be to the desired ones."""
@@ -60,18 +69,30 @@ class JointController:
         nearest: Array = found + np.where(unbounded, 2 * np.pi * turns, 0.0)
         return nearest
 
-    def torque(self, kinematics: Kinematics, desired: Array) -> Array:
-        """Generalized forces (nv,) of Eq. 34."""
-        sensors, columns = sensors_of(self.body), self._columns
-        position = self._nearest_positions(kinematics.q, desired)
-        angles, rates = reading_of(sensors.joint_position), reading_of(sensors.joint_rate)
-        angle = angles.offset + angles.scale * position
-        rate = rates.offset + rates.scale * kinematics.v[columns]
-        torque = np.zeros(self.scene.model.nv)
-        torque[columns] = self.config.kp * (desired - angle) - self.config.kd * rate
-        return torque
 
-    def desired_rate(self, desired: Array, motions: Mapping[str, Motion]) -> Array:
+@dataclass(frozen=True)
+class JointController(_Joints):
+    """Joint PD of one robot; its states are the desired joint positions."""
+
+    config: JointPd
+
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        """Names of its states."""
+        return tuple(f"{self.body.name}/joint_pd.theta_d[{i}]" for i in range(len(self.body.driven_joints)))
+
+    def initial(self, kinematics: Kinematics) -> Array:
+        """Joint positions (n,)."""
+        return self.positions(kinematics.q)
+
+    def ask(self, now: Asking, states: Array) -> Asked:
+        """Torques of Eq. 34, and rates of the desired joint positions (n,)."""
+        angle, rate = self._read(now.kinematics, states)
+        torque = self.config.kp * (states - angle) - self.config.kd * rate
+        rates = self._desired_rate(states, now.motions)
+        return Asked(self._effort(torque), rates, self.config.null_space)
+
+    def _desired_rate(self, desired: Array, motions: Mapping[str, Motion]) -> Array:
         """Rate of the desired joint positions (n,), by damped least squares."""
         scene, model = self.scene, self.scene.model
         kinematics = Kinematics(model, self._imagined(desired), np.zeros(model.nv))
@@ -117,17 +138,65 @@ def _set_position(joint: Any, value: float, q: Array) -> None:
     q[joint.idx_q : joint.idx_q + joint.nq] = [np.cos(value), np.sin(value)] if joint.nq == 2 else value
 
 
-@functools.singledispatch
-def robot_law(controller: RobotController, scene: Scene, body: SceneBody, key: str) -> Any:
-    """What a controller of a robot asks for, of each kind; ``key`` is its own in the robot's section."""
-    del scene, body, key
-    raise refusal(controller)
+@dataclass(frozen=True)
+class JointTracker(_Joints):
+    """A robot that follows a planned motion of its joints."""
+
+    config: JointTracking
+    state_names: ClassVar[tuple[str, ...]] = ()
+
+    @property
+    def ends(self) -> tuple[float, ...]:  # type: ignore[override]
+        """Knots of the plan behind the first one, of each of its phases."""
+        plan = self.config.planned
+        knots = plan.times[:: plan.points - 1]
+        windows = [*plan.phases.values()] if self.scene.scenario.phases else []
+        windows = windows or [(0.0, plan.times[-1])]
+        return tuple(t - begin for begin, end in windows for t in knots if begin < t <= end)
+
+    def initial(self, kinematics: Kinematics) -> Array:
+        """No states."""
+        del kinematics
+        return np.empty(0)
+
+    def ask(self, now: Asking, states: Array) -> Asked:
+        """Torques along the plan."""
+        wanted, wanted_rate, planned = self._planned(now)
+        angle, rate = self._read(now.kinematics, wanted)
+        torque = self.config.feed_forward * planned
+        torque = torque + self.config.kp * (wanted - angle) + self.config.kd * (wanted_rate - rate)
+        return Asked(self._effort(torque), states)
+
+    def _planned(self, now: Asking) -> tuple[Array, Array, Array]:
+        """Positions, rates and torques (n,), joints in the robot's order."""
+        plan, t, within = self.config.planned, now.t, now.within
+        names = [self.body.joint_name(self.scene.model, joint) for joint in self.body.driven_joints]
+        order = [plan.joints.index(name) for name in names]
+        times, position, rate = (np.array(rows) for rows in (plan.times, plan.position, plan.rate))
+        if now.phase and plan.phases:
+            begin, end = plan.phases.get(now.phase, (times[-1], times[-1]))
+            t, within = min(begin + t, end), min(begin + within, end)
+        none = np.zeros(len(order))
+        if within >= times[-1]:
+            return position[-1][order], none, none
+        piece = interval(times, plan.points, within)
+        found, found_rate = hermite(times[piece], position[piece], rate[piece]).derivatives(t, 2)
+        effort = none
+        if plan.effort is not None:
+            effort = KroghInterpolator(times[piece], np.array(plan.effort[piece]))(t)[order]
+        return found[order], found_rate[order], effort
 
 
 @robot_law.register
-def _(controller: JointPd, scene: Scene, body: SceneBody, key: str) -> JointController:
+def _(controller: JointPd, scene: Scene, body: SceneBody, key: str) -> RobotLaw:
     del key
     return JointController(scene, body, controller)
+
+
+@robot_law.register
+def _(controller: JointTracking, scene: Scene, body: SceneBody, key: str) -> RobotLaw:
+    del key
+    return JointTracker(scene, body, controller)
 
 
 def null_space(

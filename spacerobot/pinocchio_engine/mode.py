@@ -8,11 +8,10 @@ from typing import Literal
 
 from spacerobot.errors import ScenarioError
 from spacerobot.pinocchio_engine.actuation import Delivery, deliveries
-from spacerobot.pinocchio_engine.base_control import BaseController
-from spacerobot.pinocchio_engine.joint_control import JointController, robot_law
 from spacerobot.pinocchio_engine.kinematics import Kinematics
 from spacerobot.pinocchio_engine.life import Life
 from spacerobot.pinocchio_engine.references import Begins, Leads, Motion, leading
+from spacerobot.pinocchio_engine.robot_law import RobotLaw, robot_law
 from spacerobot.pinocchio_engine.tip_control import Channel, tip_law
 from spacerobot.scenario import Robot, Scenario
 from spacerobot.scene import Scene
@@ -96,12 +95,12 @@ class Laws:
 
     scene: Scene
     channels: tuple[Channel, ...]
-    controllers: tuple[JointController | BaseController, ...]
+    controllers: tuple[RobotLaw, ...]
     rest: tuple[bool, ...]
     deliveries: tuple[Delivery, ...]
 
     @property
-    def blocks(self) -> tuple[Channel | JointController | BaseController, ...]:
+    def blocks(self) -> tuple[Channel | RobotLaw, ...]:
         """Channels and controllers."""
         return (*self.channels, *self.controllers)
 

@@ -33,7 +33,7 @@ from spacerobot.scene.contacts import check_overlap, find_contacts
 from spacerobot.scene.model import build_model
 from spacerobot.scene.reach import check_followed, check_in_plane
 from spacerobot.scene.references import references_of
-from spacerobot.scene.resolve import fill, locate, read_descriptions, settle
+from spacerobot.scene.resolve import fill, forget_files, locate, read_descriptions, read_files, settle
 from spacerobot.scene.scene import Scene, SceneBody, SceneGrasp, SceneTip
 
 
@@ -107,27 +107,29 @@ def resolve(
     pairs = list(changes.items()) if isinstance(changes, Mapping) else list(changes)
     document = to_document(scenario)
     for pattern, value in pairs:
-        if _names_urdfs(pattern):
-            document = _change(document, pattern, value, source)
+        if _names_files(pattern):
+            document = forget_files(_change(document, pattern, value, source), document)
     validate(document, source=source)
     locate(document, source=source)
+    read_files(document, source=source)
     descriptions = read_descriptions(document, source=source)
     document = fill(document, descriptions, source=source)
     for pattern, value in pairs:
-        if not _names_urdfs(pattern):
+        if not _names_files(pattern):
             document = _change(document, pattern, value, source)
             for link in _links_given_inertia(pattern):
                 document = _change(document, f"{link}.inertia_at_mass", None, source)
     changed = to_document(validate(document, source=source))
+    read_files(changed, source=source)
     # once more, for sections that a change replaced, and names that it brought in
     resolved = validate(fill(changed, descriptions, source=source), source=source)
     return resolved, settle(resolved, descriptions, source=source)
 
 
-def _names_urdfs(pattern: str) -> bool:
-    """Whether a change decides which URDFs there are, or how they are mounted."""
+def _names_files(pattern: str) -> bool:
+    """Whether a change decides which files are read, or how URDFs are mounted."""
     segments = pattern.split(".")
-    return segments[-1] == "urdf" or "mounts" in segments[2:3]
+    return segments[-1] in ("urdf", "file") or "mounts" in segments[2:3]
 
 
 def _links_given_inertia(pattern: str) -> list[str]:

@@ -20,6 +20,7 @@ from spacerobot.errors import DescriptionError, ScenarioError
 from spacerobot.scenario import Robot, Scenario, Target
 from spacerobot.scene.closing import begun, find_closings, is_rigid
 from spacerobot.scene.configure import relative_jacobian
+from spacerobot.scene.resolve import position
 from spacerobot.scene.scene import Scene, SceneBody, SceneGrasp
 
 MOST_VELOCITIES = 300
@@ -285,6 +286,7 @@ def robot_facts(scene: Scene, body: SceneBody) -> RobotFacts:
         {name: body.config.joints[name].torque_limit for name in names},
         {joint.name: joint.effort for joint in body.description.joints},
         functools.partial(_moved, scene, body),
+        {name: begin for name in names if (begin := position(body.config.joints[name])) is not None},
     )
 
 

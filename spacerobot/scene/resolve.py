@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
-from spacerobot.description.find import find_urdf
+from spacerobot.description.find import find_urdf, is_file
 from spacerobot.description.mount import mounted
 from spacerobot.description.parts import Joint as UrdfJoint
 from spacerobot.description.read import Description, read_description
+from spacerobot.elements import FAMILIES, Element, kinds
 from spacerobot.errors import DescriptionError, ScenarioError, near_names
 from spacerobot.scenario import Joint, Scenario
 from spacerobot.scenario.paths import Document
@@ -60,6 +62,70 @@ def _with_urdfs(document: Document) -> dict[str, Document]:
         found[path] = body
         found |= {f"{path}.mounts.{name}": mount for name, mount in body.get("mounts", {}).items()}
     return found
+
+
+def read_files(document: Document, *, source: Path | None) -> None:
+    """Fill in, in place, what the files of elements say, such as a plan's; what is there already stays.
+
+    Raises
+    ------
+    ScenarioError
+        If a file lies outside the scenario's folder, is not there, or is not what the element reads.
+    """
+    for where, section, kind in _reading(document):
+        if section.get("file") is None or section.get(str(kind.fills)) is not None:
+            continue
+        try:
+            section[str(kind.fills)] = kind.read(_inside(section["file"], source), where)
+        except ScenarioError as fault:
+            found = (
+                f"{fault.source.name}: {fault.message}" if isinstance(fault.source, Path) else fault.message
+            )
+            raise ScenarioError(found, source=source, where=f"{where}.file") from None
+
+
+def forget_files(document: Document, before: Document) -> Document:
+    """Document without what was read of files, where it names others than before."""
+    old = {where: section.get("file") for where, section, _ in _reading(before)}
+    for where, section, kind in _reading(document):
+        if section.get("file") is not None and where in old and section["file"] != old[where]:
+            section[str(kind.fills)] = None
+    return document
+
+
+def _reading(document: Document) -> list[tuple[str, Document, type[Element]]]:
+    """Sections of elements that read files, with their dotted paths."""
+    readers = {
+        name: kind for family in FAMILIES for name, kind in kinds(family).items() if kind.fills is not None
+    }
+    found = (
+        (where, section, readers.get(str(section.get("kind")))) for where, section in _sections(document)
+    )
+    return [(where, section, kind) for where, section, kind in found if kind is not None]
+
+
+def _sections(node: Any, path: str = "") -> Iterator[tuple[str, Document]]:
+    """Mappings in a document with their dotted paths."""
+    if isinstance(node, dict):
+        yield path, node
+        for key, value in node.items():
+            yield from _sections(value, f"{path}.{key}" if path else str(key))
+
+
+def _inside(name: str, source: Path | None) -> Path:
+    """File that a scenario names, in the scenario's folder."""
+    if source is None:
+        raise ScenarioError(f"found {name!r}, but there is no scenario file in whose folder it could be")
+    folder = source.resolve().parent
+    try:
+        file = (folder / name).resolve()
+    except (OSError, ValueError, RuntimeError):
+        raise ScenarioError(f"found {name!r}, which is no path") from None
+    if not file.is_relative_to(folder):
+        raise ScenarioError(f"found {name!r}, which leads out of the scenario's folder; put it into that")
+    if not is_file(file):
+        raise ScenarioError(f"no such file: {name!r} in the scenario's folder")
+    return file
 
 
 def read_descriptions(document: Document, *, source: Path | None) -> dict[str, Description]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -14,9 +16,9 @@ from spacerobot.pinocchio_engine import Engine
 from spacerobot.pinocchio_engine.actuation import delivery_of
 from spacerobot.pinocchio_engine.contacts import contact_of
 from spacerobot.pinocchio_engine.grasps import grasp_of
-from spacerobot.pinocchio_engine.joint_control import robot_law
 from spacerobot.pinocchio_engine.laws import has_writing
 from spacerobot.pinocchio_engine.references import leading, path_of
+from spacerobot.pinocchio_engine.robot_law import robot_law
 from spacerobot.pinocchio_engine.tip_control import reading_of, tip_law
 from tests.oracles.small_scenes import PLANAR, SPATIAL, random_x, small_scene
 
@@ -58,9 +60,36 @@ NEEDS: dict[tuple[str, str], dict[str, object]] = {
         "slip_velocity": 0.05,
     },
     ("tip_controller", "pid"): {"kp": 20, "ki": 5, "kd": 3},
+    ("reference", "plan"): {
+        "knots": {
+            "times": [0, 0.4, 1, 1.6],
+            "position": [[1.2, 0.1, 0], [1.21, 0.12, 0], [1.3, 0, 0], [1.2, 0.1, 0]],
+            "velocity": [[0, 0, 0], [0.05, 0.02, 0], [0, -0.1, 0], [0, 0, 0]],
+            "rotation": [[0, 0, 0.1], [0, 0, 0.2], [0, 0, 0], [0, 0, -0.1]],
+            "spin": [[0, 0, 0], [0, 0, 0.1], [0, 0, -0.2], [0, 0, 0]],
+        }
+    },
     ("robot_controller", "joint_pd"): {"kp": 20, "kd": 3},
     ("robot_controller", "base_attitude"): {"kp": 40, "ki": 5, "kd": 20, "attitude_deg": [0, 0, 8]},
     ("robot_controller", "base_position"): {"kp": 30, "ki": 4, "kd": 25, "feed_forward": 0.8},
+    ("robot_controller", "joint_tracking"): {
+        "kp": 20,
+        "kd": 3,
+        "knots": {
+            "times": [0, 0.2, 0.4, 0.8, 1.2],
+            "points": 3,
+            "joints": ["joint_3", "joint_1", "joint_2"],
+            "position": [
+                [0.6, 0.8, -1.2],
+                [0.5, 0.9, -1.1],
+                [0.7, 0.7, -1],
+                [0.6, 0.7, -1],
+                [0.8, 0.8, -1.2],
+            ],
+            "rate": [[0, 0, 0], [0.1, 0.2, 0.1], [0.2, -0.1, 0.3], [0.1, 0, 0], [0, 0, 0]],
+            "effort": [[1, 2, 3], [0.5, -1, 2], [1, 1, -2], [1, 2, 0], [1, 0.5, 0.5]],
+        },
+    },
     ("actuator", "torque_limit"): {"limit": 2.5},
     ("actuator", "base_wrench"): {"force": 3, "torque": 2},
     ("sensor", "linear"): {"offset": 0.01, "scale": 1.1},
@@ -103,11 +132,20 @@ def changes(family, kind):
 
 
 def scene_of(family, kind, text=PLANAR):
-    found = changes(family, kind)
+    found = copy.deepcopy(changes(family, kind))
     if text is SPATIAL and kind == "rendezvous":
         found["robots.one.tips.tip.reference"] |= {"frame": "right", "mated_deg": [10, -20, 30]}
         found |= {"robots.one.sensors.target_position": {"offset": 0.01, "scale": 1.02}}
         found |= {"robots.one.sensors.target_spin": {"offset": 0.01, "scale": 0.9}}
+    if text is SPATIAL and kind == "plan":
+        turned = [[0.1, 0.2, 0.1], [0.5, -0.2, 0.2], [0.3, 0.2, 0.0], [0.1, 0.1, -0.1]]
+        found["robots.one.tips.tip.reference"]["knots"] |= {"rotation": turned, "spin": turned[::-1]}
+    if text is SPATIAL and kind == "joint_tracking":
+        knots = found["robots.one.controllers"]["own"]["knots"] | {
+            "joints": ["slide", "round", "slant", "wrist"]
+        }
+        rows = {key: [[*row, 0.3] for row in knots[key]] for key in ("position", "rate", "effort")}
+        found["robots.one.controllers"]["own"]["knots"] = knots | rows
     if text is SPATIAL and family == "grasp":
         found["grasps.left"]["frame"] = "left"
     if family == "grasp" and elements.kinds("grasp")[kind].fixes_position:
@@ -203,7 +241,7 @@ def bounded_fields():
 
 @pytest.mark.parametrize(("family", "kind", "key", "bad"), list(bounded_fields()))
 def test_a_number_out_of_range_is_refused_by_its_path(family, kind, key, bad):
-    found = changes(family, kind)
+    found = copy.deepcopy(changes(family, kind))
     place = next(path for path in found if "base" not in path and path != "pads")
     section = found[place].get("own", found[place])
     section[key] = bad

@@ -11,7 +11,7 @@ references by closed-loop resolved rates, as a robot would that believes its bas
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any, Literal
+from typing import Literal
 
 import casadi as ca
 from pydantic import Field
@@ -21,6 +21,7 @@ from spacerobot.dynamics.algebra import SymmetricFactors
 from spacerobot.elements.context import RobotContext
 from spacerobot.elements.contribution import Contribution, State
 from spacerobot.elements.controller import RobotController
+from spacerobot.elements.joint_position import joint_position, nearest_position
 from spacerobot.elements.registry import register
 from spacerobot.elements.robot_element import RobotFacts
 from spacerobot.elements.sensor import measured
@@ -52,10 +53,12 @@ class JointPd(RobotController):
         rate = _inverse_kinematics(robot, desired)
         torques = []
         for i, (joint, column) in enumerate(zip(robot.joints, robot.columns, strict=True)):
-            position = measured(robot.sensors("joint_position"), _nearest(model, joint, plant.q, desired[i]))
+            position = measured(
+                robot.sensors("joint_position"), nearest_position(model, joint, plant.q, desired[i])
+            )
             speed = measured(robot.sensors("joint_rate"), plant.v[column])
             torques.append(kp * (desired[i] - position) - kd * speed)  # Eq. 34
-        initial = ca.vertcat(*(_joint_position(model, joint, plant.q) for joint in robot.joints))
+        initial = ca.vertcat(*(joint_position(model, joint, plant.q) for joint in robot.joints))
         state = State(f"{robot.name}/joint_pd.theta_d", desired, initial, rate)
         torque = robot.torque(ca.vertcat(*torques), null_space=self.null_space)
         return Contribution(states=(state,), torques=(torque,))
@@ -87,29 +90,6 @@ class JointPd(RobotController):
                 f"without effect, for its {joints} joints move as many controlled directions of its tips; "
                 "`null_space` leaves nothing"
             )
-
-
-def _joint_position(model: Any, joint: int, q: ca.SX) -> ca.SX:
-    """Position of a one-degree-of-freedom joint [rad or m]; an unbounded one is read from its cos and sin."""
-    pin_joint = model.joints[joint]
-    if pin_joint.nq == 2:
-        return ca.atan2(q[pin_joint.idx_q + 1], q[pin_joint.idx_q])
-    return q[pin_joint.idx_q]
-
-
-def _nearest(model: Any, joint: int, q: ca.SX, desired: ca.SX) -> ca.SX:
-    """Position of a joint; of an unbounded one that which is nearest to the desired position.
-
-    The desired position may pass half a turn, where the angle read from cos and sin jumps by a whole one.
-    """
-    pin_joint = model.joints[joint]
-    if pin_joint.nq == 1:
-        return _joint_position(model, joint, q)
-    cos, sin = q[pin_joint.idx_q], q[pin_joint.idx_q + 1]
-    behind = ca.atan2(
-        sin * ca.cos(desired) - cos * ca.sin(desired), cos * ca.cos(desired) + sin * ca.sin(desired)
-    )
-    return desired + behind
 
 
 def _inverse_kinematics(robot: RobotContext, desired: ca.SX) -> ca.SX:

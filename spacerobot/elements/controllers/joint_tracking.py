@@ -1,0 +1,141 @@
+"""Following a planned motion of the joints.
+
+    tau = f tau_p + K_p (theta_p - theta) + K_d (theta_p' - theta')
+
+with the plan's torque, positions and rates (index p); the base gives way as it does. Behind its end the plan
+rests at its last positions, without torque.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any, ClassVar, Literal
+
+import casadi as ca
+import numpy as np
+from pydantic import Field, model_validator
+
+from spacerobot.elements.context import RobotContext
+from spacerobot.elements.contribution import Contribution
+from spacerobot.elements.controller import RobotController
+from spacerobot.elements.joint_position import nearest_position
+from spacerobot.elements.knots import Knots
+from spacerobot.elements.planned import JointMotion
+from spacerobot.elements.registry import register
+from spacerobot.elements.robot_element import RobotFacts
+from spacerobot.elements.sensor import measured
+from spacerobot.section import quantity
+
+APART = 1e-3
+"""Distance from the plan's beginning [rad or m] from which on a user is told."""
+
+
+@register
+class JointTracking(RobotController):
+    """Torques of a planned motion, and joint PD towards its positions and rates."""
+
+    kind: Literal["joint_tracking"] = "joint_tracking"
+    fills: ClassVar[str | None] = "knots"
+    file: str | None = Field(
+        default=None,
+        min_length=1,
+        max_length=4096,
+        description="plan.nc of `spacerobot plan`: a path in the scenario's folder; fills in `knots`",
+    )
+    knots: JointMotion | None = Field(default=None, description="the planned motion, if not in a file")
+    kp: float = quantity("N m/rad or N/m", "proportional gain", default=0.0, ge=0)
+    kd: float = quantity("N m s/rad or N s/m", "derivative gain", default=0.0, ge=0)
+    feed_forward: float = quantity("1", "part of the planned torque that is asked for", default=1.0, ge=0)
+
+    @model_validator(mode="after")
+    def _check(self) -> JointTracking:
+        if self.file is None and self.knots is None:
+            raise ValueError("file: which plan? give `file` or `knots`")
+        return self
+
+    @classmethod
+    def read(cls, file: Path, where: str) -> Mapping[str, Any]:
+        """Motion of the robot's joints."""
+        from spacerobot.elements.plan_file import read_joints
+
+        return read_joints(file, where)
+
+    def build(self, robot: RobotContext) -> Contribution:
+        """Torques."""
+        motion, number = self.planned, robot.context.number
+        knots = Knots.at(robot.context, np.array(motion.times), motion.points, self._time(robot))
+        wanted = knots.motion(self._table(robot, "position"), self._table(robot, "rate"))
+        efforts = ca.SX(len(robot.joints), 1)
+        if motion.effort is not None:
+            efforts = number("feed_forward") * knots.force(self._table(robot, "effort"))
+        kp, kd, model, torques = number("kp"), number("kd"), robot.plant.model, []
+        for i, (joint, column) in enumerate(zip(robot.joints, robot.columns, strict=True)):
+            place = nearest_position(model, joint, robot.plant.q, wanted.value[i])
+            position = measured(robot.sensors("joint_position"), place)
+            speed = measured(robot.sensors("joint_rate"), robot.plant.v[column])
+            torques.append(efforts[i] + kp * (wanted.value[i] - position) + kd * (wanted.rate[i] - speed))
+        return Contribution(torques=(robot.torque(ca.vertcat(*torques)),))
+
+    @property
+    def planned(self) -> JointMotion:
+        """The planned motion, which was given or read."""
+        if self.knots is None:
+            raise ValueError("a plan that was not read")
+        return self.knots
+
+    def _table(self, robot: RobotContext, key: str) -> ca.SX:
+        """What stands at the points (n x joints), joints in the robot's order."""
+        context, motion = robot.context, self.planned
+        columns = [motion.joints.index(name) for name in robot.joint_names]
+        rows = [
+            [context.parameters(f"{context.path}.knots.{key}.{k}.{j}") for j in columns]
+            for k in range(len(motion.times))
+        ]
+        return context.once(key, ca.vertcat(*(ca.horzcat(*row) for row in rows)))
+
+    def _time(self, robot: RobotContext) -> ca.SX | None:
+        """Time in the plan (1x1) [s]: in its phase of the present name, else its end."""
+        motion, phases = self.planned, robot.context.phases
+        if not phases:
+            return None
+        if not motion.phases:
+            return robot.passed()
+        end = motion.times[-1]
+        found = ca.SX(end)
+        for name, (begin, last) in motion.phases.items():
+            if name in phases:
+                within = begin + ca.fmin(robot.passed(), last - begin)
+                found = found + phases[name] * (within - end)
+        return found
+
+    def reads(self) -> set[str]:
+        """Joint positions and rates."""
+        return {"joint_position", "joint_rate"}
+
+    def faults(self, robot: RobotFacts) -> Iterable[tuple[str, str]]:
+        """Joints that are not the robot's."""
+        given, wanted = set(self.planned.joints), set(robot.joints)
+        for what, names in (("no joint", given - wanted), ("no motion of joint", wanted - given)):
+            if names:
+                told = ", ".join(sorted(names))
+                yield "knots.joints", f"{what} {told}; {robot.name} has {', '.join(robot.joints)}"
+
+    def cautions(self, robot: RobotFacts) -> Iterable[str]:
+        """A plan that begins elsewhere than the robot."""
+        motion = self.planned
+        if motion.phases:
+            return
+        apart = {
+            name: abs(motion.position[0][motion.joints.index(name)] - begin)
+            for name, begin in robot.begins.items()
+            if name in motion.joints
+        }
+        name = max(apart, key=lambda joint: apart[joint], default="")
+        if name and apart[name] > APART:
+            yield f"the plan begins {apart[name]:.4g} rad or m from where {name} begins"
+
+    def words(self) -> str:
+        """Its gains and its plan."""
+        motion = self.planned
+        return f"{len(motion.times)} points over {motion.times[-1]:g} s, {self.kp:g} / {self.kd:g}"

@@ -1,0 +1,136 @@
+"""A plan's file: what it says of the joints of a robot and of a tip, as sections of a scenario hold it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from spacerobot.arrays import Array
+from spacerobot.errors import ScenarioError, near_names
+
+MOST_BYTES = 100_000_000
+JOINTS = ("joint_position", "joint_rate", "torque")
+TIPS = ("tip_position", "tip_velocity", "tip_rotation", "tip_spin")
+
+
+def read_joints(file: Path, where: str) -> Mapping[str, Any]:
+    """Joint motion, plain, of the robot that a dotted path belongs to.
+
+    Raises
+    ------
+    ScenarioError
+        If the file is no plan or has no joints of that robot.
+    """
+    plan, robot = _opened(file, JOINTS), _keys(where)[1]
+    owners = {str(label).partition("/")[0] for label in plan.joint.values}
+    if robot not in owners:
+        raise ScenarioError(f"a plan without robot {robot!r}; {near_names(robot, owners)}", source=file)
+    own = plan.sel(joint=[label for label in plan.joint.values if str(label).startswith(f"{robot}/")])
+    position, rate, effort = (_rows(own, name, ("time", "joint")) for name in JOINTS)
+    phases = {name: [own.time.values[a], own.time.values[b]] for name, (a, b) in _phases(plan).items()}
+    return {
+        "times": own.time.values.tolist(),
+        "points": _points(plan),
+        "joints": [str(label).partition("/")[2] for label in own.joint.values],
+        "position": position.tolist(),
+        "rate": rate.tolist(),
+        "effort": effort.tolist(),
+        "phases": {name: [float(end) for end in ends] for name, ends in phases.items()},
+    }
+
+
+def read_tip(file: Path, where: str) -> Mapping[str, Any]:
+    """Motion, plain, of the tip that a dotted path belongs to; that of a phase where the path is in one.
+
+    Raises
+    ------
+    ScenarioError
+        If the file is no plan, or does not have that tip.
+    """
+    plan, keys = _opened(file, TIPS), _keys(where)
+    if keys[2:3] != ["tips"]:
+        raise ScenarioError("a plan leads tips, so it is no reference of the target", where=where)
+    label = f"{keys[1]}/{keys[3]}"
+    known = [str(name) for name in plan.tip.values]
+    if label not in known:
+        raise ScenarioError(f"a plan without tip {label!r}; {near_names(label, known)}", source=file)
+    first, last = 0, plan.sizes["time"] - 1
+    if where.startswith("phases.") and _phases(plan):
+        first, last = _phases(plan).get(where.split(".")[1], (first, last))
+    own = plan.sel(tip=label).isel(time=slice(first, last + 1))
+    position, velocity, rotation, spin = (_rows(own, name, ("time", "axis")).tolist() for name in TIPS)
+    times = (own.time.values - own.time.values[0]).tolist()
+    return {
+        "times": times,
+        "points": _points(plan),
+        "position": position,
+        "velocity": velocity,
+        "rotation": rotation,
+        "spin": spin,
+    }
+
+
+def _keys(where: str) -> list[str]:
+    """Keys of a dotted path, without the phase."""
+    keys = where.split(".")
+    return keys[2:] if keys[0] == "phases" else keys
+
+
+def _opened(file: Path, names: tuple[str, ...]) -> xr.Dataset:
+    """Content of a plan's file that has these variables.
+
+    Raises
+    ------
+    ScenarioError
+        If it cannot be read or lacks one.
+    """
+    try:
+        if file.stat().st_size > MOST_BYTES:
+            raise ScenarioError(f"larger than {MOST_BYTES // 1_000_000} MB, so not a plan", source=file)
+        plan = xr.load_dataset(file, engine="netcdf4")
+    except FileNotFoundError:
+        raise ScenarioError("no such file", source=file) from None
+    except (OSError, ValueError, RuntimeError, KeyError, AttributeError, TypeError, IndexError):
+        raise ScenarioError("not a plan: it cannot be read as netCDF", source=file) from None
+    lacking = [name for name in ("time", *names) if name not in plan.variables]
+    if lacking:
+        raise ScenarioError(f"not a plan: no {', '.join(lacking)}; `spacerobot plan` writes one", source=file)
+    return plan
+
+
+def _rows(plan: xr.Dataset, name: str, dims: tuple[str, str]) -> Array:
+    """Numbers of a variable, (n, m).
+
+    Raises
+    ------
+    ScenarioError
+        If they are not of these dimensions, or not finite.
+    """
+    found = plan[name]
+    if set(found.dims) != set(dims):
+        told = ", ".join(map(str, found.dims))
+        raise ScenarioError(f"{name}: found dimensions {told}, allowed: {', '.join(dims)}")
+    values = np.asarray(found.transpose(*dims).values, dtype=float)
+    if not np.isfinite(values).all():
+        raise ScenarioError(f"{name}: holds what is no number; plan again")
+    return values
+
+
+def _points(plan: xr.Dataset) -> int:
+    """Points of an interval between two knots."""
+    found = plan.attrs.get("points", 2)
+    return int(found) if isinstance(found, int | np.integer) else 0
+
+
+def _phases(plan: xr.Dataset) -> dict[str, tuple[int, int]]:
+    """First and last knot of each phase of a plan, by name; none where it tells no phases."""
+    if "phase" not in plan.variables:
+        return {}
+    names = [str(name) for name in plan.phase.values]
+    starts = [i for i, name in enumerate(names) if i == 0 or names[i - 1] != name]
+    ends = [*starts[1:], len(names) - 1]
+    return {names[a]: (a, b) for a, b in zip(starts, ends, strict=True) if names[a]}

@@ -1,0 +1,75 @@
+"""Planned motions of the joints of a robot and of a tip, as sections of a scenario."""
+
+from __future__ import annotations
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from spacerobot.elements.knots import nodes_of
+from spacerobot.section import Name, Section, Vector, quantity
+
+MOST_POINTS = 2000
+Row = tuple[float, ...]
+
+
+class Timed(Section):
+    """Points in time, the same number in each interval between two knots."""
+
+    times: Row = Field(
+        min_length=2, max_length=MOST_POINTS, description="times of the points, rising, the first one 0 [s]"
+    )
+    points: int = Field(
+        default=2,
+        ge=2,
+        le=8,
+        description="points of an interval between two knots, both ends included",
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> Timed:
+        if self.times[0] != 0:
+            raise ValueError(f"times: must start at 0, found {self.times[0]:g}")
+        if any(b <= a for a, b in zip(self.times, self.times[1:], strict=False)):
+            raise ValueError("times: must rise strictly")
+        nodes_of(np.array(self.times), self.points)
+        for key, rows in self:
+            if key != "times" and isinstance(rows, tuple) and isinstance(rows[0], tuple):
+                self._check_rows(key, rows)
+        return self
+
+    def _check_rows(self, key: str, rows: tuple[Row, ...]) -> None:
+        if len(rows) != len(self.times):
+            raise ValueError(f"{key}: found {len(rows)} points, and {len(self.times)} times")
+        wanted = self._width()
+        for i, row in enumerate(rows):
+            if len(row) != wanted:
+                raise ValueError(f"{key}.{i}: found {len(row)} numbers, allowed: {wanted}")
+
+    def _width(self) -> int:
+        return 3
+
+
+class JointMotion(Timed):
+    """How joints shall move: what stands at points, polynomials in between."""
+
+    joints: tuple[str, ...] = Field(min_length=1, description="names of joints, in the order of each row")
+    position: tuple[Row, ...] = Field(description="positions at each point [rad or m]")
+    rate: tuple[Row, ...] = Field(description="rates at each point [rad/s or m/s]")
+    effort: tuple[Row, ...] | None = Field(
+        default=None, description="torques or forces at each point [N m or N]; none if not given"
+    )
+    phases: dict[Name, tuple[float, float]] = quantity(
+        "s", "when each phase of the plan begins and ends, by name; one phase if none", default={}
+    )
+
+    def _width(self) -> int:
+        return len(self.joints)
+
+
+class TipMotion(Timed):
+    """How a tip shall move, world axes: what stands at points, polynomials in between."""
+
+    position: tuple[Vector, ...] = Field(description="at each point [m]")
+    velocity: tuple[Vector, ...] = Field(description="at each point [m/s]")
+    rotation: tuple[Vector, ...] = Field(description="rotation vector of the tip's axes at each point [rad]")
+    spin: tuple[Vector, ...] = Field(description="angular velocity at each point [rad/s]")

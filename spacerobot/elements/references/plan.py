@@ -1,0 +1,132 @@
+"""A planned motion of a tip."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, ClassVar, Literal
+
+import casadi as ca
+import numpy as np
+import pinocchio as pin
+from pydantic import Field, model_validator
+
+from spacerobot.arrays import Array
+from spacerobot.dynamics.joints import sparse
+from spacerobot.dynamics.rotations import rotation_exp
+from spacerobot.elements.context import ReferenceContext
+from spacerobot.elements.knots import Knots
+from spacerobot.elements.motion import Beginning, Motion, Profile
+from spacerobot.elements.planned import TipMotion
+from spacerobot.elements.reference import PLANE_TOLERANCE, Reference
+from spacerobot.elements.registry import register
+
+
+@register
+class Plan(Reference):
+    """Where a plan leads the tip, in the world, wherever the tip is when it begins."""
+
+    kind: Literal["plan"] = "plan"
+    fills: ClassVar[str | None] = "knots"
+    file: str | None = Field(
+        default=None,
+        min_length=1,
+        max_length=4096,
+        description="plan.nc of `spacerobot plan`: a path in the scenario's folder; fills in `knots`",
+    )
+    knots: TipMotion | None = Field(default=None, description="the planned motion, if not in a file")
+
+    @model_validator(mode="after")
+    def _check(self) -> Plan:
+        if self.file is None and self.knots is None:
+            raise ValueError("file: which plan? give `file` or `knots`")
+        return self
+
+    @classmethod
+    def read(cls, file: Path, where: str) -> Mapping[str, Any]:
+        """Motion of the tip."""
+        from spacerobot.elements.plan_file import read_tip
+
+        return read_tip(file, where)
+
+    @property
+    def planned(self) -> TipMotion:
+        """The planned motion, which was given or read."""
+        if self.knots is None:
+            raise ValueError("a plan that was not read")
+        return self.knots
+
+    def motion(self, context: ReferenceContext, start: Beginning, pivot: ca.SX | None = None) -> Motion:
+        """Through the points; the rotation is one from the knot behind, whose vector is a polynomial."""
+        del start, pivot
+        planned = self.planned
+        knots = Knots.at(context, np.array(planned.times), planned.points)
+        moved = knots.motion(sparse(np.array(planned.position)), sparse(np.array(planned.velocity)))
+        firsts, turns, rates = turning(planned)
+        last = sparse(pin.exp3(np.array(planned.rotation[-1])).T.reshape(1, 9))
+        behind = ca.reshape(knots.here(sparse(firsts)) + last.T * knots.after, 3, 3)
+        turned = knots.between(*([knots.here(sparse(each)) for each in both] for both in (turns, rates)))
+        spin, gain = _spin(turned)
+        return Motion(
+            position=moved.value,
+            velocity=moved.rate,
+            acceleration=moved.acceleration,
+            rotation=ca.mtimes(rotation_exp(turned.value), behind),
+            angular_velocity=spin,
+            angular_acceleration=gain,
+        )
+
+    def jumps(self) -> tuple[float, ...]:
+        """Its knots behind the first one."""
+        return self.planned.times[:: self.planned.points - 1][1:]
+
+    def way(self) -> tuple[Array, Array]:
+        """What stands at the points, relative to the first one."""
+        position, rotation = np.array(self.planned.position), np.array(self.planned.rotation)
+        first = pin.exp3(rotation[0])
+        return position - position[0], np.array([pin.log3(pin.exp3(r) @ first.T) for r in rotation])
+
+    def leaves_plane(self) -> Iterator[tuple[str, list[float]]]:
+        """Knots that move or turn out of the x-y plane."""
+        moved, turned = self.way()
+        found = [float(np.abs(moved[:, 2]).max()), *(float(x) for x in np.abs(turned[:, :2]).max(axis=0))]
+        if max(found) > PLANE_TOLERANCE:
+            yield "knots", found
+
+    def words(self) -> str:
+        """How long it is."""
+        return f"plan of {len(self.planned.times)} points over {self.planned.times[-1]:g} s"
+
+
+def turning(planned: TipMotion) -> tuple[Array, Array, Array]:
+    """Rotations at the knot behind each interval (n, 9), column by column; rotation vectors from there to the
+    points of the interval and their rates (s, n, 3) each.
+    """
+    step = planned.points - 1
+    rotations, spins = [pin.exp3(np.array(vector)) for vector in planned.rotation], np.array(planned.spin)
+    starts = range(0, len(rotations) - 1, step)
+    turns = np.array([[pin.log3(rotations[k + j] @ rotations[k].T) for k in starts] for j in range(step + 1)])
+    # spin = J(turn) rate with the left Jacobian, which is the right one of the opposite vector
+    rates = np.array(
+        [
+            [np.linalg.solve(pin.Jexp3(-turns[j, i]), spins[k + j]) for i, k in enumerate(starts)]
+            for j in range(step + 1)
+        ]
+    )
+    return np.array([rotations[k].T.ravel() for k in starts]), turns, rates
+
+
+def _spin(turned: Profile) -> tuple[ca.SX, ca.SX]:
+    """Spin and its rate (3x1 each) of a rotation whose vector changes."""
+    if turned.value.nnz() <= 1:
+        return turned.rate, turned.acceleration
+    vector, rate = ca.SX.sym("vector", 3), ca.SX.sym("rate", 3)
+    turning = ca.mtimes(
+        ca.reshape(ca.jtimes(ca.vec(rotation_exp(vector)), vector, rate), 3, 3), rotation_exp(vector).T
+    )
+    spin = ca.vertcat(turning[2, 1], turning[0, 2], turning[1, 0])
+    both, change = ca.vertcat(vector, rate), ca.SX.sym("change", 6)
+    gain = ca.jtimes(spin, both, change)
+    found = ca.Function("spin", [vector, rate, change], [spin, gain])
+    now, growing = found(turned.value, turned.rate, ca.vertcat(turned.rate, turned.acceleration))
+    return now, growing
