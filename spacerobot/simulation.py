@@ -22,6 +22,7 @@ from spacerobot.result.summary import build_summary
 from spacerobot.result.trust import fast_words
 from spacerobot.rollout import (
     Fired,
+    Measures,
     Rollout,
     TimeGrid,
     Trajectory,
@@ -119,14 +120,56 @@ def simulate_designs(
     DivergedError
         As :func:`simulate`.
     """
-    begin = built = time.perf_counter()
-    rollout = _ready(scene, loop, "auto", lambda _: None)
+    ready = make_ready(scene, loop)
     for name, design in designs.items():
         own = build_scene(scene.scenario, design, source=scene.source)
+        yield name, ready.simulate(own, design)[0]
+
+
+@dataclass(frozen=True)
+class Ready:
+    """A scene, its closed loop, and what rolls that out at any values of its parameters, by fixed steps."""
+
+    scene: Scene
+    loop: ClosedLoop
+    rollout: Rollout
+
+    def simulate(self, scene: Scene, design: Mapping[str, float]) -> tuple[Result, Trajectory]:
+        """Result at other values of parameters, by dotted path, and the trajectory that it was made of.
+
+        ``scene`` is the one that has these values.
+
+        Raises
+        ------
+        DivergedError
+            As :func:`simulate`.
+        """
+        begin = time.perf_counter()
         with np.errstate(over="ignore", invalid="ignore"):
-            run = _rolled(own, rollout, design)
-        yield name, _result(run, loop, begin, built)
-        begin = built = time.perf_counter()
+            run = _rolled(scene, self.rollout, design)
+        return _result(run, self.loop, begin, begin), run.trajectory
+
+
+def make_ready(
+    scene: Scene, loop: ClosedLoop, measures: Measures | None = None, progress: Progress | None = None
+) -> Ready:
+    """Compile a closed loop of a scene, or find it compiled.
+
+    Parameters
+    ----------
+    scene, loop
+        The scene, and a closed loop of it.
+    measures
+        What each rollout is reduced to beside its result.
+    progress
+        As for :func:`simulate`.
+
+    Raises
+    ------
+    DivergedError
+        If the step was to be chosen and none keeps to the tolerance.
+    """
+    return Ready(scene, loop, _ready(scene, loop, "auto", progress or (lambda _: None), measures))
 
 
 def _result(run: _Run, loop: ClosedLoop, begin: float, built: float) -> Result:
@@ -308,7 +351,9 @@ def _fired(scene: Scene, loop: ClosedLoop, checked: Checked) -> tuple[Fired, ...
     return tuple(found)
 
 
-def _ready(scene: Scene, loop: ClosedLoop, backend: Backend, tell: Progress) -> Rollout:
+def _ready(
+    scene: Scene, loop: ClosedLoop, backend: Backend, tell: Progress, measures: Measures | None = None
+) -> Rollout:
     """Compiled or interpreted rollout, its step chosen if the scenario gives none."""
     simulation = scene.scenario.simulation
     tell("compiling the closed loop, or finding it compiled")
@@ -321,6 +366,7 @@ def _ready(scene: Scene, loop: ClosedLoop, backend: Backend, tell: Progress) -> 
             tolerance=simulation.tolerance,
             method=simulation.method,
             backend=backend,
+            measures=measures,
             progress=tell,
         )
     except NoStepError as fault:

@@ -30,6 +30,7 @@ from spacerobot.cli import (
     run,
     scenarios,
     schema,
+    studio,
     sweep,
     tune,
 )
@@ -48,6 +49,7 @@ app = typer.Typer(
 MODULES = (
     run,
     check,
+    studio,
     animate,
     figures,
     report,

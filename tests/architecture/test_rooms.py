@@ -83,6 +83,15 @@ BUILT_ON = {
     "viz.page": {"viz.drawing", "viz.figures"},
     "viz.record": {"viz.drawing", "viz.figures"},
     "viz.readme_picture": {"viz.record"},
+    "viz.studio": {
+        "viz.page",
+        "viz.record",
+        "optim.problem",
+        "optim.search",
+        "optim.methods",
+        "optim.campaign.draws",
+        "optim.campaign.rollouts",
+    },
     "viz.report": {"viz.page", "viz.figures", "optim.comparison"},
 }
 """What each room of tuning and of pictures may import beside the library."""

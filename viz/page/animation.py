@@ -59,7 +59,12 @@ def animation(*results: Result, title: str | None = None, autoplay: bool = True)
         If the results cannot be compared.
     """
     check_comparable(results)
-    shown = [_look_at(result, label) for result, label in zip(results, labels_of(results), strict=True)]
+    labels = labels_of(results)
+    return shown_data([look_at(r, name) for r, name in zip(results, labels, strict=True)], title, autoplay)
+
+
+def shown_data(shown: Sequence[Shown], title: str | None = None, autoplay: bool = False) -> dict[str, Any]:
+    """The same of results as they were looked at."""
     meshes = Meshes(node for one in shown for node in one.motion.nodes)
     return _data(shown, meshes, title, autoplay) | {"meshes": meshes.data()}
 
@@ -72,13 +77,13 @@ def choice(named: Mapping[str, Result]) -> dict[str, Any]:
     named
         Results by what they are called.
     """
-    shown = [_look_at(result, name) for name, result in named.items()]
+    shown = [look_at(result, name) for name, result in named.items()]
     meshes = Meshes(node for one in shown for node in one.motion.nodes)
     choices = [_data([one], meshes, None, False) for one in shown]
     return {"title": " or ".join(named), "meshes": meshes.data(), "choices": choices}
 
 
-def _data(shown: Sequence[_Shown], meshes: Meshes, title: str | None, autoplay: bool) -> dict[str, Any]:
+def _data(shown: Sequence[Shown], meshes: Meshes, title: str | None, autoplay: bool) -> dict[str, Any]:
     boxes = [_box(one) for one in shown]
     low, high = np.min([box[0] for box in boxes], axis=0), np.max([box[1] for box in boxes], axis=0)
     scale = float(np.linalg.norm(high - low))
@@ -96,12 +101,12 @@ def _data(shown: Sequence[_Shown], meshes: Meshes, title: str | None, autoplay: 
         "longest_arrow": _ARROW_SHARE,
         "greatest_force": force,
         "autoplay": autoplay,
-        "runs": [_run_data(one, meshes) for one in shown],
+        "runs": [run_data(one) | {"nodes": meshes.node_data(one.motion.nodes)} for one in shown],
     }
 
 
 @dataclass(frozen=True, eq=False)
-class _Shown:
+class Shown:
     """A result, the scene it ran in, how that moved, and what to call it."""
 
     result: Result
@@ -110,10 +115,16 @@ class _Shown:
     label: str
 
 
-def _look_at(result: Result, label: str) -> _Shown:
-    scene = result.scene()
-    rows = pick_rows(result.data.time.values, rate_hz=FRAMES_PER_S, most=MOST_FRAMES)
-    return _Shown(result, scene, sample_motion(result, scene, rows), label)
+def look_at(
+    result: Result, label: str, scene: Scene | None = None, *, rate_hz: float = FRAMES_PER_S
+) -> Shown:
+    """A result as a page shows it, so many frames to a second of simulated time.
+
+    ``scene`` is the result's own, built anew if not given.
+    """
+    scene = scene or result.scene()
+    rows = pick_rows(result.data.time.values, rate_hz=rate_hz, most=MOST_FRAMES)
+    return Shown(result, scene, sample_motion(result, scene, rows), label)
 
 
 def still(scene: Scene, *, about: str | None = None) -> dict[str, Any]:
@@ -159,7 +170,8 @@ def still(scene: Scene, *, about: str | None = None) -> dict[str, Any]:
     }
 
 
-def _run_data(shown: _Shown, meshes: Meshes) -> dict[str, Any]:
+def run_data(shown: Shown) -> dict[str, Any]:
+    """Everything of a run that changes with its numbers: all but its nodes."""
     result, motion, data = shown.result, shown.motion, shown.result.data
     rows = motion.rows
     tips = [str(tip) for tip in data.tip.values]
@@ -170,7 +182,6 @@ def _run_data(shown: _Shown, meshes: Meshes) -> dict[str, Any]:
     return {
         "label": shown.label,
         "completed": result.completed,
-        "nodes": meshes.node_data(motion.nodes),
         "time": packed(motion.time),
         "poses": poses(motion),
         "tip_names": tips,
@@ -190,7 +201,7 @@ def _run_data(shown: _Shown, meshes: Meshes) -> dict[str, Any]:
     }
 
 
-def _box(shown: _Shown) -> tuple[Array, Array]:
+def _box(shown: Shown) -> tuple[Array, Array]:
     """Box around bodies and references, m."""
     result, motion = shown.result, shown.motion
     low, high = bounds(motion)
@@ -200,7 +211,7 @@ def _box(shown: _Shown) -> tuple[Array, Array]:
     return low, high
 
 
-def _near(shown: _Shown, low: Array, high: Array) -> Array:
+def _near(shown: Shown, low: Array, high: Array) -> Array:
     """Points (k, 3) around what the tips do: the object, tips and references; none without tips."""
     data, motion = shown.result.data, shown.motion
     points = [data[name].values[motion.rows].reshape(-1, 3) for name in ("tip_reference", "tip_position")]
@@ -216,7 +227,7 @@ def _near(shown: _Shown, low: Array, high: Array) -> Array:
     return np.stack(corners).reshape(3, -1).T
 
 
-def _about(shown: Sequence[_Shown]) -> str:
+def _about(shown: Sequence[Shown]) -> str:
     """What is shown, for a reader who does not know the scenario."""
     first, engine = shown[0], shown[0].result.summary["engine"]["name"]
     scenario, kind = first.result.scenario, "planar" if first.scene.planar else "spatial"
@@ -226,7 +237,7 @@ def _about(shown: Sequence[_Shown]) -> str:
     return f"{about} ({text})" if about else text
 
 
-def _notices(shown: Sequence[_Shown]) -> list[str]:
+def _notices(shown: Sequence[Shown]) -> list[str]:
     """Warnings that belong beside the picture."""
     found = []
     for one in shown:

@@ -5,12 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
 from spacerobot.arrays import Array
 from spacerobot.result import Result
 from spacerobot.scene import Scene
-from viz.drawing.motion import Rows
+from viz.drawing.motion import Rows, joint_placements
 from viz.page.meshcat_scene import packed
 
 _ROUNDING = 1e-6
@@ -33,16 +32,14 @@ def centres_of_mass(scene: Scene, q: Array) -> tuple[Array, Array]:
     masses
         Of them (bodies,), kg.
     """
-    model, data = scene.model, scene.model.createData()
-    tops = [[joint for joint in body.subtree if model.parents[joint] == 0] for body in scene.bodies]
+    model, joints = scene.model, joint_placements(scene, q)
+    tops = [[joint for joint in body.subtree if joint] for body in scene.bodies]
+    masses = np.array([sum(model.inertias[joint].mass for joint in own) for own in tops])
     centres = np.full((len(q), len(tops), 3), np.nan)
-    masses = np.zeros(len(tops))
-    for i, configuration in enumerate(q):
-        pin.centerOfMass(model, data, configuration, True)  # of each joint's subtree, in the joint's axes
-        for k, joints in enumerate(tops):
-            masses[k] = sum(data.mass[joint] for joint in joints)
-            if masses[k] > 0:
-                centres[i, k] = sum(data.mass[j] * data.oMi[j].act(data.com[j]) for j in joints) / masses[k]
+    for k, own in enumerate(tops):
+        if masses[k] > 0:
+            parts = [(model.inertias[j].mass, joints.points(j, model.inertias[j].lever)) for j in own]
+            centres[:, k] = sum(mass * points for mass, points in parts) / masses[k]
     return centres, masses
 
 

@@ -19,9 +19,18 @@ DIGITS = 7
 """Significant digits of numbers that are written as text: those of single precision."""
 
 
-def packed(values: ArrayLike) -> str:
-    """Numbers in single precision, row by row, little-endian, in base 64."""
-    return base64.b64encode(np.ascontiguousarray(values, dtype="<f4").tobytes()).decode("ascii")
+Packed = np.ndarray[Any, np.dtype[np.float32]]
+"""Numbers as they are sent: in single precision, row by row, little-endian."""
+
+
+def packed(values: ArrayLike) -> Packed:
+    """Numbers to be sent."""
+    return np.ascontiguousarray(values, dtype="<f4")
+
+
+def encoded(array: np.ndarray[Any, Any]) -> str:
+    """Bytes of an array in base 64."""
+    return base64.b64encode(array.tobytes()).decode("ascii")
 
 
 def rounded(values: ArrayLike) -> list[float]:
@@ -47,8 +56,8 @@ class Meshes:
         """Vertices and triangles of each."""
         return [
             {
-                "vertices": packed(surface.vertices),
-                "triangles": base64.b64encode(surface.triangles.astype("<u4").tobytes()).decode("ascii"),
+                "vertices": encoded(packed(surface.vertices)),
+                "triangles": encoded(surface.triangles.astype("<u4")),
             }
             for surface in self._surfaces.values()
         ]
@@ -74,7 +83,7 @@ class Meshes:
         return data
 
 
-def poses(motion: Motion) -> str:
+def poses(motion: Motion) -> Packed:
     """Position and quaternion (x, y, z, w) of each node at each time, packed (nt, nodes, 7)."""
     return packed(np.concatenate([motion.position, motion.quaternion], axis=-1))
 

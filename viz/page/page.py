@@ -15,7 +15,7 @@ from spacerobot.errors import SpaceRobotError
 from spacerobot.files import write_text
 from spacerobot.result import Result, note_derived
 from viz.page.animation import animation, choice
-from viz.page.meshcat_scene import script_hash
+from viz.page.meshcat_scene import encoded, script_hash
 
 SCRIPTS = (
     "format.js",
@@ -127,8 +127,8 @@ def fill(template: str, parts: Mapping[str, str]) -> str:
 
 
 def json_text(data: Any) -> str:
-    """JSON that may stand inside a script element, whatever texts it holds."""
-    text = json.dumps(data, allow_nan=False, separators=(",", ":"))
+    """JSON that may stand inside a script element, whatever texts it holds; arrays in base 64."""
+    text = json.dumps(data, allow_nan=False, separators=(",", ":"), default=encoded)
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
 

@@ -15,7 +15,7 @@ from viz.drawing.motion import Rows, pick_rows
 from viz.figures.bodies import rotation_deg, translation_mm
 from viz.figures.style import called, shown_axes
 from viz.page.limits import Limits
-from viz.page.meshcat_scene import packed
+from viz.page.meshcat_scene import Packed, packed
 
 NO_LIMITS: Limits = {}
 
@@ -90,7 +90,7 @@ def signal_data(shown: Iterable[Quantity], rows: Rows, limits: Limits = NO_LIMIT
     ]
 
 
-def _packed(values: Array) -> str:
+def _packed(values: Array) -> Packed:
     return packed(values[:1] if (values == values[0]).all() else values)
 
 

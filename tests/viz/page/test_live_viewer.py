@@ -14,7 +14,8 @@ from typer.testing import CliRunner
 
 from spacerobot.cli import animate, run
 from spacerobot.scene import load_scene
-from viz.page.live import ADDRESS, LiveViewer
+from viz.page.live import LiveViewer
+from viz.page.loopback import ADDRESS
 from viz.page.notebook import embed
 
 

@@ -1,0 +1,190 @@
+"""Server that only this computer reaches: bound to the loopback address, and asked for by its name alone."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import threading
+import webbrowser
+from contextlib import suppress
+from typing import Any, Self
+
+import tornado.httpserver
+import tornado.netutil
+import tornado.web
+import tornado.websocket
+
+from spacerobot.errors import SpaceRobotError
+
+ADDRESS = "127.0.0.1"
+"""The only address listened on: this computer's own."""
+
+FIRST_PORT, PORTS = 7000, 200
+
+
+class Loopback:
+    """A server in a thread of its own.
+
+    Only this computer can reach it: the server is bound to the loopback address, and answers only requests
+    that name that address, so that no foreign web page can read it through the browser either.
+
+    Parameters
+    ----------
+    port
+        First port to try; a busy one is stepped over.
+
+    Raises
+    ------
+    SpaceRobotError
+        If no port is free.
+    """
+
+    largest_message = 4096
+    """Bytes that a page's message may have; a longer one ends its connection."""
+
+    def __init__(self, port: int = FIRST_PORT) -> None:
+        self._sockets, self.port = _bind(port)
+        self._streams: set[Stream] = set()
+        started = threading.Event()
+        self._loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(target=self._serve, args=(started,), name="viewer", daemon=True)
+        self._thread.start()
+        started.wait()
+
+    @property
+    def url(self) -> str:
+        """Address of the page."""
+        return f"http://{ADDRESS}:{self.port}/"
+
+    def handlers(self) -> list[Any]:
+        """What is served, as tornado takes it; each a :class:`Guarded`."""
+        raise NotImplementedError
+
+    def allows(self, host: str) -> bool:
+        """Whether a request may name this host."""
+        return host in (f"{ADDRESS}:{self.port}", f"localhost:{self.port}")
+
+    def admit(self, stream: Stream) -> None:
+        """A page has connected."""
+        self._streams.add(stream)
+
+    def leave(self, stream: Stream) -> None:
+        """A page has gone."""
+        self._streams.discard(stream)
+
+    def open(self) -> bool:
+        """Open the page in the user's browser; whether one was found.
+
+        One that would take over the terminal is not opened, unless the user chose it by ``BROWSER``.
+        """
+        try:
+            browser = webbrowser.get()
+        except webbrowser.Error:
+            return False
+        if type(browser) is webbrowser.GenericBrowser and "BROWSER" not in os.environ:
+            return False
+        return browser.open(self.url, new=2)
+
+    def wait(self) -> None:
+        """Serve until interrupted, by Ctrl-C for example, which is then done with."""
+        with suppress(KeyboardInterrupt):
+            while self._thread.is_alive():
+                self._thread.join(0.5)
+
+    def close(self) -> None:
+        """Stop serving; pages keep what they have."""
+        if self._thread.is_alive():
+            self._loop.call_soon_threadsafe(self._loop.stop)
+            self._thread.join(5)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _repr_html_(self) -> str:
+        return f'<iframe src="{self.url}" style="width:100%;height:600px;border:0"></iframe>'
+
+    def _serve(self, started: threading.Event) -> None:
+        asyncio.set_event_loop(self._loop)
+        elsewhere: dict[str, Any] = {
+            "default_handler_class": _Nowhere,
+            "default_handler_args": {"server": self},
+            "websocket_max_message_size": self.largest_message,
+            "log_function": _quiet,
+        }
+        server = tornado.httpserver.HTTPServer(tornado.web.Application(self.handlers(), **elsewhere))
+        server.add_sockets(self._sockets)
+        self._loop.call_soon(started.set)
+        self._loop.run_forever()
+        server.stop()
+        for stream in list(self._streams):
+            stream.close()
+        self._loop.run_until_complete(asyncio.sleep(0.05))  # lets the pages hear of it
+        # a browser would keep what is left open for the next viewer at this port, and wait there in vain
+        self._loop.run_until_complete(server.close_all_connections())
+        self._loop.close()
+
+
+class Guarded(tornado.web.RequestHandler):
+    """Answers requests that name this computer only.
+
+    A foreign web page whose own name has been made to lead here (DNS rebinding) is one origin with this
+    server in the browser's eyes; the name it was asked for by is what gives it away.
+    """
+
+    def initialize(self, server: Any) -> None:
+        """Keep the server."""
+        self.server = server
+
+    def prepare(self) -> None:
+        """Refuse what names another computer."""
+        if not self.server.allows(self.request.host):
+            raise tornado.web.HTTPError(403)
+
+
+class Stream(Guarded, tornado.websocket.WebSocketHandler):
+    """A page's connection."""
+
+    def check_origin(self, origin: str) -> bool:
+        """Whether a page of this origin may connect."""
+        return bool(self.server.allows(origin.removeprefix("http://")))
+
+    def open(self, *_: str, **__: str) -> None:
+        """Let the server know."""
+        self.server.admit(self)
+
+    def send(self, message: str | bytes) -> Any:
+        """Send; returns what tells when that is done, None if the page has gone."""
+        try:
+            return self.write_message(message, binary=isinstance(message, bytes))
+        except tornado.websocket.WebSocketClosedError:
+            return None
+
+    def on_message(self, message: str | bytes) -> None:
+        """Messages from pages are ignored."""
+
+    def on_close(self) -> None:
+        """Let the server know."""
+        self.server.leave(self)
+
+
+class _Nowhere(Guarded):
+    def prepare(self) -> None:
+        super().prepare()
+        raise tornado.web.HTTPError(404)
+
+
+def _bind(first: int) -> tuple[list[Any], int]:
+    for port in range(first, min(first + PORTS, 65536)):
+        try:
+            sockets = tornado.netutil.bind_sockets(port, address=ADDRESS)
+            return sockets, int(sockets[0].getsockname()[1])
+        except OSError:
+            continue
+    raise SpaceRobotError(f"no free port from {first} to {first + PORTS - 1} for the live viewer")
+
+
+def _quiet(_: tornado.web.RequestHandler) -> None:
+    """Log nothing, so that the command's output stays readable."""

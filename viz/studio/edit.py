@@ -1,0 +1,83 @@
+"""A scenario's text with some values changed, everything else left as it stands."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+from typing import Any
+
+import yaml
+
+from spacerobot.scenario.yaml_text import Loader
+
+PLAIN = re.compile(r"[A-Za-z_]\w*")
+"""Texts that need no quotes, those of ``WORDS`` aside."""
+
+WORDS = ("true", "false", "null", "yes", "no", "on", "off", "y", "n")
+
+
+def edited(text: str, changes: Mapping[str, Any]) -> str | None:
+    """Text with values at dotted paths; None where one cannot be put in without rewriting more.
+
+    What stands there is replaced; what does not yet is put at the beginning of the section that it belongs
+    to, or at the end of one in braces. Where an anchor is shared the text may say too much: read it again.
+    """
+    for path, value in changes.items():
+        found = _put(text, path.split("."), value)
+        if found is None:
+            return None
+        text = found
+    return text
+
+
+def _put(text: str, keys: list[str], value: Any) -> str | None:
+    try:
+        node: Any = yaml.compose(text, Loader=Loader)
+    except yaml.YAMLError:
+        return None
+    while keys:
+        child = _child(node, keys[0])
+        if child is None:
+            return _added(text, node, keys, value) if isinstance(node, yaml.MappingNode) else None
+        node, keys = child, keys[1:]
+    begin, end = node.start_mark.index, node.end_mark.index
+    if begin == end or text[begin] in "*&":
+        return None
+    if isinstance(node, yaml.CollectionNode):
+        end = len(text[:end].rstrip())
+    return text[:begin] + flow(value) + text[end:]
+
+
+def _child(node: Any, key: str) -> Any:
+    """Node of a key or index; None if there is none."""
+    if isinstance(node, yaml.MappingNode):
+        return next((child for name, child in node.value if name.value == key), None)
+    if isinstance(node, yaml.SequenceNode) and key.isdecimal() and int(key) < len(node.value):
+        return node.value[int(key)]
+    return None
+
+
+def _added(text: str, node: yaml.MappingNode, keys: list[str], value: Any) -> str | None:
+    """Text with a new key in a mapping, and sections behind it."""
+    for key in reversed(keys[1:]):
+        value = {key: value}
+    entry = f"{flow(keys[0])}: {flow(value)}"
+    if node.flow_style:
+        close = node.end_mark.index - 1
+        return f"{text[:close]}{', ' if node.value else ''}{entry}{text[close:]}"
+    if not node.value:
+        return None
+    first = node.value[0][0].start_mark
+    return f"{text[: first.index]}{entry}\n{' ' * first.column}{text[first.index :]}"
+
+
+def flow(value: Any) -> str:
+    """A value on one line of YAML."""
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{flow(key)}: {flow(each)}" for key, each in value.items()) + "}"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(map(flow, value)) + "]"
+    if isinstance(value, str) and PLAIN.fullmatch(value) and value.lower() not in WORDS:
+        return value
+    return json.dumps(value, ensure_ascii=False)

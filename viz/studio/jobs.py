@@ -1,0 +1,77 @@
+"""What takes a while beside the designs: improving, tuning and campaigns, told as they go, stoppable."""
+
+from __future__ import annotations
+
+import itertools
+import threading
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from spacerobot.errors import SpaceRobotError
+from viz.studio.campaign import cloud
+from viz.studio.job import Job, Send
+from viz.studio.messages import Request
+from viz.studio.plant import Plants
+from viz.studio.search import METHODS, improve, tune
+
+
+class Jobs:
+    """Jobs of a session, one at a time.
+
+    Parameters
+    ----------
+    plants
+        The structures that designs have.
+    send
+        Sends a message to a page.
+    """
+
+    methods = METHODS
+
+    def __init__(self, plants: Plants, send: Send) -> None:
+        self._plants, self._send = plants, send
+        self._names = map(str, itertools.count(1))
+        self._job: Job | None = None
+        self._thread: threading.Thread | None = None
+
+    def begin(self, page: Any, request: Request) -> None:
+        """Begin a job.
+
+        Raises
+        ------
+        SpaceRobotError
+            If another one is running.
+        """
+        if self._thread is not None and self._thread.is_alive():
+            raise SpaceRobotError("another job is running; stop it first")
+        self._job = Job(next(self._names), page, request, self._send)
+        self._thread = threading.Thread(target=self._run, args=(self._job,), name="studio job", daemon=True)
+        self._thread.start()
+
+    def stop(self, name: str) -> None:
+        """Stop a job; one that is over is no fault."""
+        if self._job is not None and self._job.id == name:
+            self._job.stop.set()
+
+    def stop_all(self, page: Any = None) -> None:
+        """Stop the jobs of a page, or of all."""
+        if self._job is not None and page in (None, self._job.page):
+            self._job.stop.set()
+
+    def _run(self, job: Job) -> None:
+        job.tell(always=True, progress=0.0, message="building and compiling")
+        try:
+            found = self._plants.find(job.request.values)
+            if found is None:
+                self._plants.make(job.request.values)
+                found = self._plants.find(job.request.values)
+            assert found is not None
+            DO[job.request.kind](self._plants, *found, job)
+            self._send(None, {"type": "compiling", "why": ""})
+        except SpaceRobotError as fault:
+            self._send(None, {"type": "compiling", "why": ""})
+            job.tell("failed", progress=1.0, message=fault.message if not fault.where else str(fault))
+
+
+DO: Mapping[str, Callable[..., None]] = {"improve": improve, "tune": tune, "campaign": cloud}
+"""What does each kind of job."""

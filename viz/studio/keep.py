@@ -1,0 +1,162 @@
+"""Keeping a design: as a scenario file, a result, a page, a recording, a table, and as a command line."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+import shlex
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from spacerobot.errors import ResultError, ScenarioError
+from spacerobot.files import write_text
+from spacerobot.result import Result, save
+from spacerobot.scenario.load import parse_yaml, to_document, to_yaml, validate
+from spacerobot.scene import Scene, build_scene
+from spacerobot.simulation import simulate
+from viz.page.page import write_animation
+from viz.page.signals import quantities
+from viz.record import write_recording
+from viz.studio.edit import edited, flow
+from viz.studio.plant import Origin
+
+NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")
+"""What a file may be called."""
+
+RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)
+"""What no file may be called on Windows."""
+
+
+def keep(what: str, name: str, folder: Path, origin: Origin, changes: Mapping[str, Any]) -> Path:
+    """Write a design into a folder.
+
+    Parameters
+    ----------
+    what
+        One of ``KINDS``.
+    name
+        Of the file, without its ending, or of the result's folder.
+    folder
+        Where; nothing is written elsewhere.
+    origin, changes
+        The design.
+
+    Raises
+    ------
+    ResultError
+        If the name is none, or the file cannot be written.
+    ScenarioError, DescriptionError, DivergedError
+        If the design cannot be simulated.
+    """
+    path = place(folder, name, "" if what == "result" else "yaml" if what == "scenario" else _ending(what))
+    scene = origin.build(changes)
+    KINDS[what](path, scene, origin, changes)
+    return path
+
+
+def place(folder: Path, name: str, ending: str) -> Path:
+    """Path of a new file directly inside a folder.
+
+    Raises
+    ------
+    ResultError
+        If the name could lead elsewhere.
+    """
+    stem = name.removesuffix(f".{ending}") if ending else name
+    if not NAME.fullmatch(stem) or RESERVED.fullmatch(stem) or stem.endswith("."):
+        raise ResultError(f"found the name {name!r}, allowed: letters, digits, _, - and . between them")
+    path = folder / (f"{stem}.{ending}" if ending else stem)
+    if path.is_symlink() or not path.resolve().is_relative_to(folder.resolve()):
+        raise ResultError("leads out of the studio's folder", source=path)
+    return path
+
+
+def command_line(origin: Origin, changes: Mapping[str, Any], step_s: float | None = None) -> str:
+    """Command that simulates a design; ``step_s`` is the step that the studio chose."""
+    name = origin.name or (str(origin.scene.source) if origin.scene.source else origin.scene.scenario.name)
+    pairs = [*origin.given, *changes.items()]
+    if step_s is not None:
+        pairs.append(("simulation.step", step_s))
+    words = ["spacerobot", "run", name]
+    for path, value in pairs:
+        words += ["--set", f"{path}={as_yaml(value)}"]
+    return shlex.join(words)
+
+
+def as_yaml(value: Any) -> str:
+    """A value on one line that YAML reads back as the same."""
+    plain = str(value)
+    if isinstance(value, str):
+        try:
+            if plain == plain.strip() and parse_yaml(plain) == value:
+                return plain
+        except ScenarioError:
+            pass
+    return flow(value)
+
+
+def _ending(what: str) -> str:
+    return "html" if what == "page" else what
+
+
+def _scenario(path: Path, scene: Scene, origin: Origin, changes: Mapping[str, Any]) -> None:
+    """The file that the scenario came from with what changed, if that reads back to the same scene."""
+    pairs = dict([*origin.given, *changes.items()])
+    source = origin.scene.source
+    if source is not None and source.is_file():
+        text = edited(source.read_text(encoding="utf-8"), pairs)
+        if text is not None and _same(text, path, scene):
+            write_text(path, text)
+            return
+    write_text(path, f"# Written by spacerobot studio, every value given.\n{to_yaml(scene.scenario)}")
+
+
+def _same(text: str, path: Path, scene: Scene) -> bool:
+    """Whether a text is the scenario of a scene, read from where it will stand."""
+    try:
+        document = {"name": scene.scenario.name} | parse_yaml(text)
+        found = build_scene(validate(document), source=path)
+    except (ScenarioError, TypeError):
+        return False
+    return to_document(found.scenario) == to_document(scene.scenario)
+
+
+def _result(path: Path, scene: Scene, *_: Any) -> None:
+    save(simulate(scene), path)
+
+
+def _page(path: Path, scene: Scene, *_: Any) -> None:
+    write_animation(path, simulate(scene))
+
+
+def _recording(path: Path, scene: Scene, *_: Any) -> None:
+    write_recording(path, simulate(scene))
+
+
+def _csv(path: Path, scene: Scene, *_: Any) -> None:
+    write_text(path, table(simulate(scene)))
+
+
+def table(result: Result) -> str:
+    """All curves of a result as comma-separated values, a row for each sample."""
+    columns = [("time [s]", result.data.time.values)]
+    for quantity in quantities(result):
+        columns += [(f"{quantity.title} {s.name} [{quantity.unit}]", s.values) for s in quantity.signals]
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow([name for name, _ in columns])
+    writer.writerows(zip(*(map(repr, values.tolist()) for _, values in columns), strict=True))
+    return text.getvalue()
+
+
+KINDS: Mapping[str, Callable[..., None]] = {
+    "scenario": _scenario,
+    "result": _result,
+    "page": _page,
+    "gif": _recording,
+    "mp4": _recording,
+    "csv": _csv,
+}
+"""What writes each kind of file."""

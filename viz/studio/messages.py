@@ -1,0 +1,136 @@
+"""What the studio's page and server say to each other, as JSON and arrays; docs/studio.md lists it."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from spacerobot.errors import SpaceRobotError
+
+MOST_BYTES = 256 * 1024
+"""Of a message from the page."""
+
+MOST_VALUES = 2000
+"""That a design may have."""
+
+KINDS = ("set", "gradient", "improve", "tune", "campaign", "stop", "save", "command")
+"""What a page may ask."""
+
+
+@dataclass(frozen=True)
+class Request:
+    """What a page asks.
+
+    Attributes
+    ----------
+    kind
+        One of ``KINDS``.
+    values
+        The design that it is about: what differs from the scenario, by dotted path.
+    seq
+        Its number, which answers name.
+    more
+        All else that it says.
+    """
+
+    kind: str
+    values: Mapping[str, Any] = field(default_factory=dict)
+    seq: int = 0
+    more: Mapping[str, Any] = field(default_factory=dict)
+
+    def text(self, name: str, allowed: tuple[str, ...] = ()) -> str:
+        """A word of the request.
+
+        Raises
+        ------
+        SpaceRobotError
+            If it is not there, or not one of those allowed.
+        """
+        value = self.more.get(name)
+        if not isinstance(value, str) or (allowed and value not in allowed):
+            raise SpaceRobotError(f"found {value!r}, allowed: {', '.join(allowed) or 'a text'}", where=name)
+        return value
+
+    def pairs(self, name: str) -> dict[str, Any]:
+        """A mapping of the request; empty if it is not there.
+
+        Raises
+        ------
+        SpaceRobotError
+            If it is something else.
+        """
+        value = self.more.get(name, {})
+        if not isinstance(value, dict) or len(value) > MOST_VALUES:
+            raise SpaceRobotError("allowed: a mapping of dotted paths", where=name)
+        return value
+
+    def count(self, name: str, default: int, most: int) -> int:
+        """A whole number of the request.
+
+        Raises
+        ------
+        SpaceRobotError
+            If it is none, or out of its range.
+        """
+        value = self.more.get(name, default)
+        if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= most:
+            raise SpaceRobotError(f"found {value!r}, allowed: 1 to {most}", where=name)
+        return value
+
+
+def read(text: str | bytes) -> Request:
+    """Request of a message.
+
+    Raises
+    ------
+    SpaceRobotError
+        If it is none.
+    """
+    try:
+        found = json.loads(text)
+    except (ValueError, RecursionError):
+        raise SpaceRobotError("a message that is no JSON") from None
+    if not isinstance(found, dict) or found.get("type") not in KINDS:
+        raise SpaceRobotError(f"a message of no known type, allowed: {', '.join(KINDS)}")
+    kind, values, seq = found.pop("type"), found.pop("values", {}), found.pop("seq", 0)
+    if not isinstance(values, dict) or len(values) > MOST_VALUES:
+        raise SpaceRobotError(f"allowed: a mapping of at most {MOST_VALUES} dotted paths", where="values")
+    if isinstance(seq, bool) or not isinstance(seq, int):
+        raise SpaceRobotError("allowed: a whole number", where="seq")
+    return Request(kind, values, seq, found)
+
+
+def packets(message: Mapping[str, Any]) -> list[str | bytes]:
+    """A message as it is sent: JSON, and behind it the arrays that stood in it, if any did.
+
+    The JSON's ``binary`` names the dotted path and the shape of each array, in single precision.
+    """
+    arrays: dict[str, np.ndarray[Any, Any]] = {}
+    plain = _without(message, "", arrays)
+    if not arrays:
+        return [_text(plain)]
+    plain["binary"] = [{"name": name, "shape": array.shape} for name, array in arrays.items()]
+    return [_text(plain), b"".join(np.ascontiguousarray(a, "<f4").tobytes() for a in arrays.values())]
+
+
+def _text(plain: Any) -> str:
+    return json.dumps(plain, allow_nan=False, separators=(",", ":"))
+
+
+def _without(node: Any, path: str, arrays: dict[str, np.ndarray[Any, Any]]) -> Any:
+    """Plain data without its arrays, which are collected; what is no finite number becomes null."""
+    if isinstance(node, Mapping):
+        return {key: _without(value, f"{path}.{key}" if path else key, arrays) for key, value in node.items()}
+    if isinstance(node, list | tuple):
+        return [_without(value, f"{path}.{i}", arrays) for i, value in enumerate(node)]
+    if isinstance(node, np.ndarray):
+        arrays[path] = node
+        return None
+    if isinstance(node, np.generic):
+        node = node.item()
+    return None if isinstance(node, float) and not math.isfinite(node) else node

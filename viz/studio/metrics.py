@@ -1,0 +1,192 @@
+"""What each rollout of the studio is measured by: the columns of campaigns, and totals of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import casadi as ca
+import numpy as np
+
+from optim.campaign.rollouts.metrics import Column, build_kept
+from optim.campaign.rollouts.trust import DRIFT, RESIDUAL
+from spacerobot.closedloop import ClosedLoop
+from spacerobot.errors import SpaceRobotError, near_names
+from spacerobot.rollout import Measure, Measures, Signals
+from spacerobot.scene import Scene
+
+MILLIMETRES = 1e3
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A quantity that campaigns keep: its name for people, what it is, and how its places become one."""
+
+    label: str
+    text: str
+    total: Callable[[ca.SX], ca.SX] = ca.mmax
+
+
+def _together(parts: ca.SX) -> ca.SX:
+    return ca.sqrt(ca.sumsqr(parts))
+
+
+KINDS = {
+    "tip_error_peak": Kind("largest tip error", "largest error of a tip along an axis, at any time"),
+    "tip_error_rms": Kind("RMS tip error", "root of the time's mean of the squared tip error", _together),
+    "target_rotation_peak": Kind("object rotation", "largest rotation of the object since the start"),
+    "base_rotation_peak": Kind("base rotation", "largest rotation of a base since the start"),
+    "joint_torque_peak": Kind("joint torque", "largest torque or force of an actuator"),
+    "grip_force_peak": Kind("grip force", "largest force of a grip"),
+    "capture_time": Kind("capture time", "time of the last capture of a grasp that begins open", ca.sum1),
+    "miss_distance": Kind("miss distance", "least distance of a tip from what it shall grip"),
+    "impulse": Kind("impulse", "what all impacts together gave the target", ca.sum1),
+    "event_energy": Kind("energy lost in events", "energy that impacts and springs let go take"),
+}
+"""Quantities, in the order in which they are told."""
+
+
+@dataclass(frozen=True)
+class Metric:
+    """A number of each rollout, the smaller the better.
+
+    Attributes
+    ----------
+    key
+        Its name: that of a quantity, or that and of what.
+    label, text
+        What people call it, and what it is.
+    unit
+        In which it is told.
+    factor
+        Of a unit told in the rollout's own: 1000 for mm.
+    kind
+        The quantity.
+    places
+        Places in the quantity's measure that it is made of.
+    duration_s
+        Of a rollout.
+    """
+
+    key: str
+    label: str
+    text: str
+    unit: str
+    factor: float
+    kind: str
+    places: tuple[int, ...]
+    duration_s: float
+
+    def told(self, objective: float) -> float:
+        """Value for the page of what a search makes small; see :meth:`Metrics.objective`."""
+        value = np.sqrt(max(0.0, objective) / self.duration_s) if self.kind == "tip_error_rms" else objective
+        return float(self.factor * value)
+
+    def plain(self) -> dict[str, str]:
+        """What the page is told."""
+        return {"key": self.key, "label": self.label, "unit": self.unit, "text": self.text}
+
+    def expression(self, measured: ca.SX) -> ca.SX:
+        """Its value, in the rollout's own unit, of the quantity's measure."""
+        parts = measured[list(self.places)]
+        if self.kind == "tip_error_rms":
+            parts = ca.sqrt(parts / self.duration_s)
+        if self.kind == "miss_distance":
+            parts = -parts
+        return KINDS[self.kind].total(parts) if len(self.places) > 1 else parts
+
+
+@dataclass(frozen=True)
+class Metrics:
+    """All metrics of a scene, and the measures that they are made of, each metric being a cost.
+
+    Attributes
+    ----------
+    metrics
+        In the order in which they are told.
+    measures
+        For the rollout.
+    """
+
+    metrics: tuple[Metric, ...]
+    measures: Measures
+
+    def __getitem__(self, key: str) -> Metric:
+        """The metric of a key.
+
+        Raises
+        ------
+        SpaceRobotError
+            If there is none.
+        """
+        named = {metric.key: metric for metric in self.metrics}
+        if key not in named:
+            raise SpaceRobotError(f"no metric {key!r}; {near_names(key, named)}")
+        return named[key]
+
+    def values(self, costs: Mapping[str, float]) -> list[float | None]:
+        """What the page is told of a rollout's costs; None where there is no number."""
+        found = [metric.factor * float(costs[metric.key]) for metric in self.metrics]
+        return [value if np.isfinite(value) else None for value in found]
+
+    def objective(self, metric: Metric) -> Callable[[Signals], Measure]:
+        """What a search makes small: the metric, or what rises with it and is smoother.
+
+        Raises
+        ------
+        SpaceRobotError
+            If no search can.
+        """
+        if metric.kind == "miss_distance":
+            raise SpaceRobotError("a miss distance is not tuned; choose another metric, or improve it")
+        measure, own = self.measures.named[metric.kind], self.measures.signals
+        known = ca.vertcat(own.t, own.x, *own.outputs.values())
+
+        def objective(signals: Signals) -> Measure:
+            """The same over other symbols."""
+            given = ca.vertcat(signals.t, signals.x, *signals.outputs.values())
+            parts = ca.substitute(measure.expression[list(metric.places)], known, given)
+            whole = ca.sum1 if measure.kind == "integral" else KINDS[metric.kind].total
+            return Measure(measure.kind, ca.densify(whole(parts)))
+
+        return objective
+
+
+def build_metrics(loop: ClosedLoop, scene: Scene) -> Metrics:
+    """Metrics of a scene's closed loop: totals first, then what they are made of."""
+    kept = build_kept(loop, scene, list(KINDS))
+    columns = [column for column in kept.columns if column.metric not in (DRIFT, RESIDUAL)]
+    metrics = (*_totals(columns, kept.duration_s), *_singles(columns, kept.duration_s))
+
+    def costs(r: Mapping[str, ca.SX], _: Mapping[str, ca.SX]) -> dict[str, ca.SX]:
+        return {m.key: m.expression(r[m.kind]) for m in metrics}
+
+    named = {name: measure for name, measure in kept.measures.named.items() if name in KINDS}
+    return Metrics(metrics, replace(kept.measures, named=named, costs=costs))
+
+
+def _totals(columns: Sequence[Column], duration_s: float) -> list[Metric]:
+    found = []
+    for kind, about in KINDS.items():
+        own = [column for column in columns if column.metric == kind]
+        if own:
+            unit, factor = _told(own[0].unit)
+            places = tuple(range(len(own)))
+            found.append(Metric(kind, about.label, about.text, unit, factor, kind, places, duration_s))
+    return found
+
+
+def _singles(columns: Sequence[Column], duration_s: float) -> list[Metric]:
+    """Parts of the totals that have several."""
+    found = []
+    for kind, about in KINDS.items():
+        own = [column for column in columns if column.metric == kind]
+        for place, column in enumerate(own if len(own) > 1 else ()):
+            unit, factor = _told(column.unit)
+            label = f"{about.label}, {column.where}"
+            found.append(Metric(column.name, label, about.text, unit, factor, kind, (place,), duration_s))
+    return found
+
+
+def _told(unit: str) -> tuple[str, float]:
+    return ("mm", MILLIMETRES) if unit == "m" else (unit, 1.0)

@@ -1,0 +1,202 @@
+"""Leaves of a scenario that the studio lets change: numbers and words, with what the schema says of them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any, Literal, get_args
+
+import annotated_types
+from pydantic.fields import FieldInfo
+
+from spacerobot.elements.element import Element
+from spacerobot.elements.registry import kinds
+from spacerobot.errors import ScenarioError, near_names
+from spacerobot.scenario import Scenario
+from spacerobot.scenario.load import to_document
+from spacerobot.scenario.paths import expand
+from spacerobot.scenario.units import unit_at
+from spacerobot.scene import Scene
+from spacerobot.section import Section, leaves
+
+Value = float | int | bool | str | None
+LEFT_OUT = ("name", "description", "tuning", "campaign")
+"""Parts of a scenario that say nothing of the motion."""
+
+REACH = {"deg": 45.0, "deg/s": 10.0, "m": 0.1, "m/s": 0.1}
+"""How far a slider of a number that is zero, or an angle, reaches to both sides, by unit; else 1."""
+
+DECADES = 10.0  # a slider of a positive number reaches so many times lower and higher
+
+
+@dataclass(frozen=True)
+class Leaf:
+    """One number or word of a scenario.
+
+    Attributes
+    ----------
+    path, value
+        Where it stands, and what stands there.
+    kind
+        ``number``, ``choice``, ``truth`` or ``text``.
+    unit, text
+        Of the schema.
+    low, high
+        Least and greatest value that is allowed; None where there is no limit.
+    open_ends
+        Whether these limits themselves are refused.
+    choices
+        What else may stand there.
+    """
+
+    path: str
+    value: Value
+    kind: Literal["number", "choice", "truth", "text"]
+    unit: str
+    text: str
+    low: float | None = None
+    high: float | None = None
+    open_ends: tuple[bool, bool] = (False, False)
+    choices: tuple[str, ...] = ()
+
+    def check(self, value: Any) -> None:
+        """Refuse what may not stand here.
+
+        Raises
+        ------
+        ScenarioError
+            Saying what was found and what is allowed.
+        """
+        if self.kind == "number" and not isinstance(value, dict | list | None):
+            told = self._fault(value)
+        else:
+            told = f"{near_names(str(value), self.choices)}" if self._is_strange(value) else ""
+        if told:
+            raise ScenarioError(f"found {value!r}, {told}", where=self.path)
+
+    def _is_strange(self, value: Any) -> bool:
+        return bool(self.choices) and isinstance(value, str) and value not in self.choices
+
+    def _fault(self, value: Any) -> str:
+        if isinstance(value, bool | str) or not abs(value) < float("inf"):
+            return "allowed: a finite number"
+        low, high = self.low, self.high
+        if low is not None and (value < low or (self.open_ends[0] and value == low)):
+            return f"allowed: {'above' if self.open_ends[0] else 'at least'} {low:g}"
+        if high is not None and (value > high or (self.open_ends[1] and value == high)):
+            return f"allowed: {'below' if self.open_ends[1] else 'at most'} {high:g}"
+        return ""
+
+    def plain(self, ends: tuple[float, float, str] | None, free: bool) -> dict[str, Any]:
+        """What the page is told; ``ends`` of its slider where the tuning section gives them."""
+        told = {"path": self.path, "value": self.value, "kind": self.kind, "text": self.text, "free": free}
+        if self.kind != "number":
+            return told | ({"choices": list(self.choices)} if self.choices else {})
+        limits = {"unit": self.unit, "low": self.low, "high": self.high}
+        return told | limits | {"slider": list(ends or self.slider)}
+
+    @property
+    def slider(self) -> tuple[float, float, str]:
+        """Ends of a slider, and its scale."""
+        value = float(self.value) if isinstance(self.value, int | float) else 0.0
+        if value > 0 and self.low is not None and self.low >= 0:
+            high = DECADES * value if self.high is None else min(self.high, DECADES * value)
+            return value / DECADES, high, "log"
+        reach = REACH.get(self.unit, 0.0) if self.unit == "deg" or not value else abs(value)
+        reach = reach or 1.0
+        low, high = value - reach, value + reach
+        low = low if self.low is None else max(low, self.low)
+        return low, high if self.high is None else min(high, self.high), "linear"
+
+
+def find_leaves(scenario: Scenario) -> dict[str, Leaf]:
+    """Leaves of a resolved scenario by dotted path, in its order."""
+    found = {}
+    for path, value, field, owner in _walk(scenario, "", None, scenario):
+        if value is not None and path.partition(".")[0] not in (*LEFT_OUT, "phases"):
+            found[path] = _leaf(path, value, field, owner, unit_at(scenario, path))
+    for name in scenario.phases:
+        own = {path for path, _ in leaves(to_document(scenario)["phases"][name])}
+        during = scenario.during(name)
+        for path, value, field, owner in _walk(during, "", None, during):
+            if path in own and isinstance(value, int | float) and not isinstance(value, bool):
+                whole = f"phases.{name}.{path}"
+                found[whole] = _leaf(whole, value, field, owner, unit_at(during, path))
+    return found
+
+
+def suggested(scene: Scene, free: Collection[str]) -> dict[str, tuple[float, float, str] | None]:
+    """Paths that are worth a slider from the start, with the ends that the tuning section gives them."""
+    document = to_document(scene.scenario)
+    found: dict[str, tuple[float, float, str] | None] = {}
+    for variable in scene.scenario.tuning.variables.values() if scene.scenario.tuning else ():
+        for pattern in variable.paths:
+            with suppress(ScenarioError):  # it may need changes of the section
+                ends = (variable.lower, variable.upper, variable.scale)
+                found |= dict.fromkeys((path for path in expand(document, pattern) if path in free), ends)
+    ending = re.compile(r"\.tips\..*\.(kp|ki|kd)$|^grasps\..*\.(stiffness|damping)$")
+    gains = [path for path, _ in leaves(document) if path in free and ending.search(path)]
+    return found or dict.fromkeys(gains[:12])
+
+
+def _walk(
+    node: Any, path: str, field: FieldInfo | None, owner: Section
+) -> Iterator[tuple[str, Value, FieldInfo | None, Section]]:
+    """Every leaf with its field, and the section that has it."""
+    if isinstance(node, Section):
+        for name, info in type(node).model_fields.items():
+            yield from _walk(getattr(node, name), _join(path, name), info, node)
+    elif isinstance(node, Mapping):
+        for name, child in node.items():
+            yield from _walk(child, _join(path, str(name)), field, owner)
+    elif isinstance(node, list | tuple):
+        for index, child in enumerate(node):
+            yield from _walk(child, _join(path, str(index)), field, owner)
+    elif isinstance(node, int | float | str | None):
+        yield path, node, field, owner
+
+
+def _join(path: str, name: str) -> str:
+    return f"{path}.{name}" if path else name
+
+
+def _leaf(path: str, value: Value, field: FieldInfo | None, owner: Section, unit: str) -> Leaf:
+    text = re.sub(r" \[[^\]]*\]$", "", (field.description or "") if field else "")
+    if isinstance(value, bool):
+        return Leaf(path, value, "truth", "", text)
+    if isinstance(value, int | float):
+        limits = _limits(field)
+        return Leaf(path, value, "number", unit, text, *limits)
+    choices = _choices(path, field, owner)
+    return Leaf(path, value, "choice" if choices else "text", "", text, choices=choices)
+
+
+def _limits(field: FieldInfo | None) -> tuple[float | None, float | None, tuple[bool, bool]]:
+    low: float | None = None
+    high: float | None = None
+    open_low = open_high = False
+    for rule in field.metadata if field else ():
+        if isinstance(rule, annotated_types.Ge | annotated_types.Gt):
+            open_low = isinstance(rule, annotated_types.Gt)
+            low = float(rule.gt if isinstance(rule, annotated_types.Gt) else rule.ge)  # type: ignore[arg-type]
+        elif isinstance(rule, annotated_types.Le | annotated_types.Lt):
+            open_high = isinstance(rule, annotated_types.Lt)
+            high = float(rule.lt if isinstance(rule, annotated_types.Lt) else rule.le)  # type: ignore[arg-type]
+    return low, high, (open_low, open_high)
+
+
+def _choices(path: str, field: FieldInfo | None, owner: Section) -> tuple[str, ...]:
+    if isinstance(owner, Element) and path.endswith(".kind"):
+        return tuple(kinds(owner.family))
+    return tuple(_words(field.annotation)) if field else ()
+
+
+def _words(annotation: Any) -> Iterator[str]:
+    """Words of a ``Literal``, also inside a union."""
+    for part in get_args(annotation):
+        if isinstance(part, str):
+            yield part
+        else:
+            yield from _words(part)

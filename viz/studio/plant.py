@@ -1,0 +1,322 @@
+"""A scene made ready for the studio: it rolls out any design of one structure by milliseconds."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from optim.problem.vary import PLACES
+from spacerobot.closedloop import ClosedLoop
+from spacerobot.elements.registry import FAMILIES, kinds
+from spacerobot.errors import ScenarioError
+from spacerobot.kept import kept_closed_loop
+from spacerobot.result import Result
+from spacerobot.rollout import Trajectory
+from spacerobot.scenario.load import to_document
+from spacerobot.scenario.paths import get
+from spacerobot.scene import Scene, build_scene, load_scene
+from spacerobot.section import numbers
+from spacerobot.simulation import Ready, make_ready
+from viz.page.animation import Shown, look_at
+from viz.studio.metrics import Metric, Metrics, build_metrics
+from viz.studio.numbers import Leaf, find_leaves
+
+Values = Mapping[str, Any]
+"""What differs from the scenario, by dotted path: a design."""
+
+Tell = Callable[[str], None]
+
+FRAMES_PER_S = 60.0
+"""Of simulated time, that are sent."""
+
+MOST_KEPT = 4
+"""Structures that are kept ready: designs are compared, and their structures may differ."""
+
+
+@dataclass(frozen=True, eq=False)
+class Plant:
+    """One structure, ready.
+
+    Attributes
+    ----------
+    scene
+        With what needed another compilation changed.
+    ready
+        What rolls it out.
+    metrics
+        What is measured of a rollout.
+    varied
+        Paths of numbers that follow because they were asked for: exact zeros, inertias.
+    """
+
+    scene: Scene
+    ready: Ready
+    metrics: Metrics
+    varied: frozenset[str]
+
+    @property
+    def loop(self) -> ClosedLoop:
+        """Its closed loop."""
+        return self.ready.loop
+
+    @cached_property
+    def leaves(self) -> dict[str, Leaf]:
+        """What of it can be changed, by dotted path."""
+        return find_leaves(self.scene.scenario)
+
+    @cached_property
+    def free(self) -> frozenset[str]:
+        """Paths of the numbers that follow without another compilation."""
+        return self.varied | {path for path in self.loop.parameter_paths if _link(path) is None}
+
+    def roll(self, numbers: Mapping[str, float]) -> tuple[Result, Trajectory]:
+        """One rollout.
+
+        Raises
+        ------
+        DivergedError
+            If nothing of it can be kept.
+        """
+        return self.ready.simulate(self.scene, numbers)
+
+    @property
+    def chosen_step(self) -> float | None:
+        """Step [s] that was chosen; None where the scenario gives it."""
+        rollout = self.ready.rollout
+        return None if rollout.choice is None else rollout.choice.step_s
+
+    @property
+    def nominal(self) -> dict[str, float]:
+        """The structure's own numbers, by path."""
+        return dict(zip(self.loop.parameter_paths, map(float, self.loop.parameter_values), strict=True))
+
+    def metric(self, key: str) -> Metric:
+        """Metric of a key.
+
+        Raises
+        ------
+        SpaceRobotError
+            If there is none.
+        """
+        return self.metrics[key]
+
+    def cost(self, numbers: Mapping[str, float], metric: Metric) -> float | None:
+        """A metric, without anything else; None where the rollout diverged."""
+        return _finite(metric.factor * self.ready.rollout.run(numbers).costs[metric.key])
+
+    @property
+    def has_gradients(self) -> bool:
+        """Whether gradients take no compilation any more."""
+        return "_wrt" in self.__dict__
+
+    def prepare_gradients(self) -> None:
+        """Compile what gradients take, all numbers that follow at once."""
+        rollout = self.ready.rollout
+        rollout.engines.adjoint(tuple(rollout.indices(sorted(self.free))), many=False)
+        _ = self._wrt
+
+    @cached_property
+    def _wrt(self) -> tuple[str, ...]:
+        return tuple(sorted(self.free))
+
+    def gradient(
+        self, numbers: Mapping[str, float], metric: Metric
+    ) -> tuple[float | None, dict[str, float | None], str]:
+        """A metric, its derivative by the path of each number that follows, and whether that is exact."""
+        found = self.ready.rollout.value_and_gradient(numbers, wrt=self._wrt, costs=[metric.key])
+        slopes = (_finite(metric.factor * slope) for slope in found.gradients[metric.key])
+        value = _finite(metric.factor * float(found.costs[metric.key]))
+        return value, dict(zip(self._wrt, slopes, strict=True)), found.status[0]
+
+    def look(self, result: Result) -> Shown:
+        """A rollout as the page shows it."""
+        return look_at(result, self.scene.scenario.name, self.scene, rate_hz=FRAMES_PER_S)
+
+
+@dataclass(frozen=True)
+class Origin:
+    """What designs differ from: a scene, and how the command line names it.
+
+    Attributes
+    ----------
+    scene
+        The scene.
+    name
+        The scenario's file or name; None for a scene that was made otherwise.
+    given
+        Changes that it was loaded with.
+    """
+
+    scene: Scene
+    name: str | None = None
+    given: tuple[tuple[str, Any], ...] = ()
+
+    def build(self, changes: Mapping[str, Any]) -> Scene:
+        """The scene with further changes, as the command line would load it.
+
+        Raises
+        ------
+        ScenarioError, DescriptionError
+            If it cannot be simulated.
+        """
+        if self.name is None:
+            return build_scene(self.scene.scenario, changes, source=self.scene.source)
+        return load_scene(self.name, [*self.given, *changes.items()])
+
+
+class Plants:
+    """Structures of a scene, made ready when first asked for.
+
+    Parameters
+    ----------
+    origin
+        What designs differ from.
+    tell
+        Told in words what takes a while, and nothing when it is done.
+    """
+
+    def __init__(self, origin: Origin, tell: Tell = lambda _: None) -> None:
+        self.origin = origin
+        self._tell = tell
+        self._document = to_document(origin.scene.scenario)
+        self._numbers = dict(numbers(self._document))
+        self._kept: dict[str, Plant] = {}
+        self._fixed: set[str] = set()
+        self._free: frozenset[str] = frozenset()
+        self.base = self.make({})
+        self._free = self.base.free
+
+    def find(self, values: Values) -> tuple[Plant, dict[str, float]] | None:
+        """The structure that a design has, if it is ready, and the design's numbers.
+
+        Raises
+        ------
+        ScenarioError
+            If a value may not stand where it does.
+        """
+        inner, others, asked = self._split(values)
+        plant = self._kept.get(_key(others, asked))
+        if plant is None:
+            return None
+        for path, value in inner.items():
+            if path in plant.leaves:
+                plant.leaves[path].check(value)
+        return plant, inner
+
+    def make(self, values: Values) -> Plant:
+        """Make the structure of a design ready.
+
+        Raises
+        ------
+        ScenarioError, DescriptionError
+            If it is none.
+        DivergedError
+            If no step keeps to the tolerance.
+        """
+        self._tell("building the closed loop")
+        try:
+            _, others, asked = self._split(values)
+            try:
+                plant = self._made(others, asked)
+            except UnknownParameterError:
+                self._fixed.update(asked)
+                _, others, asked = self._split(values)
+                plant = self._made(others, asked)
+        finally:
+            self._tell("")
+        self._kept[_key(others, asked)] = plant
+        if len(self._kept) > MOST_KEPT:
+            del self._kept[next(key for key, kept in self._kept.items() if kept is not self.base)]
+        return plant
+
+    def changes(self, values: Values) -> dict[str, Any]:
+        """Values as changes to the scenario: another kind is a section that keeps what it knows."""
+        found = {}
+        for path, value in values.items():
+            head, _, key = path.rpartition(".")
+            section = _section(self._document, head) if key == "kind" else None
+            if section is None or section["kind"] == value:
+                found[path] = value
+            else:
+                found[head] = _of_kind(section, value, path)
+        return found
+
+    def _split(self, values: Values) -> tuple[dict[str, float], dict[str, Any], list[str]]:
+        """Numbers that the closed loop may depend on, all else, and those numbers that must be asked for."""
+        inner: dict[str, float] = {}
+        others: dict[str, Any] = {}
+        for path, value in self.changes(values).items():
+            follows = path in self._numbers and path not in self._fixed
+            if follows and path.partition(".")[0] in (*PLACES, "phases") and _is_number(value):
+                inner[path] = value
+            else:
+                others[path] = value
+        return inner, others, sorted(path for path in inner if path not in self._free)
+
+    def _made(self, others: Mapping[str, Any], asked: Sequence[str]) -> Plant:
+        scene = self.origin.build(others) if others else self.origin.scene
+        engine = scene.scenario.simulation.engine
+        if engine != "casadi":
+            raise ScenarioError(f"found {engine!r}, allowed in the studio: casadi", where="simulation.engine")
+        vary = set(asked) | {f"{link}.mass" for link in map(_link, asked) if link}
+        try:
+            loop = kept_closed_loop(scene, sorted(vary))
+        except ScenarioError as fault:
+            if asked:
+                raise UnknownParameterError from fault
+            raise
+        metrics = build_metrics(loop, scene)
+        ready = make_ready(scene, loop, metrics.measures, self._tell)
+        return Plant(scene, ready, metrics, frozenset(vary))
+
+
+class UnknownParameterError(Exception):
+    """No closed loop depends on some of the numbers that it was asked for."""
+
+
+def _key(others: Mapping[str, Any], asked: Sequence[str]) -> str:
+    return json.dumps([others, asked])
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _link(path: str) -> str | None:
+    """Path of the link whose inertia a path is part of."""
+    head, found, _ = path.partition(".inertia")
+    return head if found and ".links." in head else None
+
+
+def _section(document: Mapping[str, Any], path: str) -> Mapping[str, Any] | None:
+    """Section with a kind at a path, if there is one."""
+    try:
+        found = get(document, path)
+    except ScenarioError:
+        return None
+    return found if isinstance(found, dict) and "kind" in found else None
+
+
+def _of_kind(section: Mapping[str, Any], kind: Any, path: str) -> dict[str, Any]:
+    """A section as one of another kind: keys that this does not know are left out.
+
+    Raises
+    ------
+    ScenarioError
+        If there is no such kind.
+    """
+    for family in FAMILIES:
+        known = kinds(family)
+        if section["kind"] in known and kind in known:
+            fields = known[kind].model_fields
+            return {key: value for key, value in section.items() if key in fields} | {"kind": kind}
+    raise ScenarioError(f"found {kind!r}, which is no kind of what stands here", where=path)

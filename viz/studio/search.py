@@ -1,0 +1,267 @@
+"""Better designs: a few steps along the gradient, or a whole search by any method of tuning."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from scipy.optimize import minimize
+
+from optim.methods.by_name import effort_of, run_method
+from optim.problem.problem import Cost, Evaluation, Linearisation
+from optim.problem.scenes import tuning_of
+from optim.problem.tuning_problem import TuningProblem, build_problem
+from optim.problem.vary import LARGE_RATIO
+from spacerobot.arrays import Array
+from spacerobot.errors import ScenarioError
+from spacerobot.scene import build_scene
+from viz.studio.job import Found, Job
+from viz.studio.messages import Request
+from viz.studio.metrics import Metric
+from viz.studio.plant import Plant, Plants
+
+METHODS = ("nlp", "ga", "cmaes", "de", "pso", "sobol", "random")
+"""Methods that the page offers."""
+
+STEPS = 12
+"""That *improve* takes at most."""
+
+MOST_ROLLOUTS = 100_000
+
+
+@dataclass(frozen=True)
+class Box:
+    """Numbers that are searched, within bounds; where these are far apart, equal ratios are equal distances.
+
+    Attributes
+    ----------
+    paths
+        Of the k numbers.
+    lower, upper
+        Bounds (k,).
+    """
+
+    paths: tuple[str, ...]
+    lower: Array
+    upper: Array
+
+    @classmethod
+    def of(cls, request: Request, plant: Plant) -> Box:
+        """What a request asks for.
+
+        Raises
+        ------
+        ScenarioError
+            If a path is no number that follows at once, or bounds are none.
+        """
+        bounds = request.pairs("bounds")
+        if not bounds:
+            raise ScenarioError("pin the numbers that may change first")
+        for path, ends in bounds.items():
+            if path not in plant.free:
+                raise ScenarioError("no number that can be searched", where=path)
+            if not (isinstance(ends, list) and len(ends) == 2 and all(_is_finite(end) for end in ends)):
+                raise ScenarioError(f"found {ends!r}, allowed: two bounds", where=path)
+            if not ends[0] < ends[1]:
+                raise ScenarioError(f"lower must be below upper, found {ends[0]:g}, {ends[1]:g}", where=path)
+            for end in ends:
+                plant.leaves[path].check(end)
+        ends = np.array(list(bounds.values()), dtype=float)
+        return cls(tuple(bounds), ends[:, 0], ends[:, 1])
+
+    @cached_property
+    def log(self) -> np.typing.NDArray[np.bool_]:
+        """Whether equal ratios are equal distances (k,)."""
+        return (self.lower > 0) & (self.upper >= LARGE_RATIO * np.where(self.lower > 0, self.lower, 1.0))
+
+    def values(self, u: Array) -> Array:
+        """Values (k,) at a point of the unit cube."""
+        low = np.where(self.log, self.lower, 1.0)
+        ratio = np.where(self.log, self.upper / low, 1.0)
+        found = np.where(self.log, low * ratio**u, self.lower + (self.upper - self.lower) * u)
+        return np.clip(found, self.lower, self.upper)
+
+    def slope(self, u: Array) -> Array:
+        """Derivative (k,) of each value."""
+        low = np.where(self.log, self.lower, 1.0)
+        logs = self.values(u) * np.log(np.where(self.log, self.upper / low, 1.0))
+        return np.where(self.log, logs, self.upper - self.lower)
+
+    def unit(self, values: Sequence[float]) -> Array:
+        """Point of the unit cube with some values, at its faces where they are beyond."""
+        inside = np.clip(np.array(values, dtype=float), self.lower, self.upper)
+        low = np.where(self.log, self.lower, 1.0)
+        ratio = np.where(self.log, self.upper / low, np.e)
+        logs = np.log(np.where(self.log, inside, 1.0) / low) / np.log(ratio)
+        return np.where(self.log, logs, (inside - self.lower) / (self.upper - self.lower))
+
+    def plain(self, u: Array) -> dict[str, float]:
+        """Values by path."""
+        return dict(zip(self.paths, map(float, self.values(u)), strict=True))
+
+    def variables(self) -> dict[str, dict[str, Any]]:
+        """The numbers as variables of a tuning section."""
+        scales = ("log" if log else "linear" for log in self.log)
+        each = zip(self.paths, self.lower, self.upper, scales, strict=True)
+        return {
+            f"n{i}": {"paths": [path], "lower": float(low), "upper": float(high), "scale": scale}
+            for i, (path, low, high, scale) in enumerate(each)
+        }
+
+
+def _is_finite(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and bool(np.isfinite(value))
+
+
+class _StoppedError(Exception):
+    """The page wants no more."""
+
+
+def improve(_: Plants, plant: Plant, numbers: Mapping[str, float], job: Job) -> None:
+    """A few quasi-Newton steps within the bounds, each along exact gradients with a line search.
+
+    Raises
+    ------
+    SpaceRobotError
+        If the request asks for what there is not.
+    """
+    box, metric = Box.of(job.request, plant), plant.metric(job.request.text("metric"))
+    if not plant.has_gradients:
+        job.tell(always=True, progress=0.0, message="compiling gradients")
+        plant.prepare_gradients()
+    nominal = plant.nominal | dict(numbers)
+    begin = box.unit([nominal[path] for path in box.paths])
+    start = plant.gradient(numbers, metric)[0]
+    far = 1e3 * (abs(start or 0.0) + 1.0)  # a diverged rollout counts as this: nearer, please
+    track = _Track(box, begin, np.nan if start is None else start)
+
+    def ask(u: Array) -> tuple[float, Array]:
+        if job.stop.is_set():
+            raise _StoppedError
+        value, slopes, _ = plant.gradient({**numbers, **box.plain(u)}, metric)
+        track.note(u, np.inf if value is None else value, 1.0)
+        job.found(track.found(min(0.95, len(track.curve) / (2 * STEPS))))
+        slope = np.array([slopes[path] or 0.0 for path in box.paths]) * box.slope(u)
+        return (far, np.zeros(len(u))) if value is None else (value, slope)
+
+    limits: Any = {"maxiter": STEPS, "maxfun": 4 * STEPS}
+    try:
+        ended = minimize(
+            ask, begin, jac=True, method="L-BFGS-B", bounds=[(0.0, 1.0)] * len(begin), options=limits
+        )
+        job.found(track.found(1.0, str(ended.message).lower()), "done")
+    except _StoppedError:
+        job.found(track.found(1.0, "stopped"), "stopped")
+
+
+class _Track:
+    """The best point of a search, and how it came to it."""
+
+    def __init__(self, box: Box, begin: Array, start: float) -> None:
+        self._box, self._start = box, start
+        self._at, self._best, self._spent = begin, np.inf, 0.0
+        self.curve: list[tuple[float, float]] = []
+
+    def note(self, u: Array, value: float, rollouts: float) -> None:
+        """A point that cost so many rollouts."""
+        self._spent += rollouts
+        if value < self._best:
+            self._best, self._at = float(value), np.clip(np.array(u), 0.0, 1.0)
+        if np.isfinite(self._best):
+            self.curve.append((self._spent, self._best))
+
+    def share(self, budget: float) -> float:
+        """Part of a budget that is spent."""
+        return self._spent / budget
+
+    def found(self, progress: float, message: str = "") -> Found:
+        """How far it is."""
+        return Found(progress, self._box.plain(self._at), self._best, self._start, self.curve, message)
+
+
+def tune(plants: Plants, plant: Plant, numbers: Mapping[str, float], job: Job) -> None:
+    """A search by a method of tuning.
+
+    Raises
+    ------
+    SpaceRobotError
+        If the request asks for what there is not.
+    """
+    request = job.request
+    box, metric = Box.of(request, plant), plant.metric(request.text("metric"))
+    method = request.text("method", METHODS)
+    budget = request.count("budget", 2500, MOST_ROLLOUTS)
+    problem = _problem(plants, plant, box, metric, request)
+    start = plant.cost(numbers, metric)
+    track = _Track(box, np.array(problem.start), np.nan if start is None else start)
+    watched = Watched(problem, metric, job, track, budget)
+    effort = effort_of(tuning_of(problem.scene), budget=budget, rival_budget=budget, runs=1)
+    effort = replace(effort, nlp=replace(effort.nlp, budget=budget))
+    outcome = run_method(watched, method, effort)
+    state = "stopped" if outcome.interrupted else "done"
+    job.found(track.found(1.0, outcome.best.message or outcome.best.status), state)
+
+
+def _problem(plants: Plants, plant: Plant, box: Box, metric: Metric, request: Request) -> TuningProblem:
+    """Tuning problem of a design: these numbers within their bounds, this metric."""
+    scene = plants.origin.build(plants.changes(request.values))
+    section = {"variables": box.variables(), "step": plant.ready.rollout.grid.step_s}
+    if metric.key == "tip_error_peak":
+        section["objective"] = {"kind": "minimax"}
+        objective = None
+    else:
+        objective = plant.metrics.objective(metric)
+    scene = build_scene(scene.scenario, {"tuning": section}, source=scene.source)
+    return build_problem(scene, objective=objective)
+
+
+class Watched:
+    """A problem whose evaluations are told to a page, and end where it wants no more.
+
+    Parameters
+    ----------
+    problem, metric
+        The problem, and what the page calls its objective.
+    job, track
+        Who is told, and what is noted.
+    budget
+        Rollouts that it may spend.
+    """
+
+    def __init__(self, problem: TuningProblem, metric: Metric, job: Job, track: _Track, budget: int) -> None:
+        self._problem, self._metric, self._job = problem, metric, job
+        self._track, self._budget = track, budget
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._problem, name)
+
+    def evaluate(self, u: Array) -> Evaluation:
+        """As the problem does."""
+        return self._noted(u, self._problem.evaluate(u), Cost(rollouts=1))
+
+    def sample(self, u: Array) -> Evaluation:
+        """As the problem does."""
+        return self._noted(u, self._problem.sample(u), self._problem.sample_cost)
+
+    def linearise(self, u: Array) -> Linearisation:
+        """As the problem does."""
+        return self.linearise_all(u[None])[0]
+
+    def linearise_all(self, u: Array) -> list[Linearisation]:
+        """As the problem does."""
+        found = self._problem.linearise_all(u)
+        objective = np.array([at.objective for at in found])
+        self._noted(u, Evaluation(objective, np.zeros((len(u), 0))), self._problem.linear_cost)
+        return found
+
+    def _noted(self, u: Array, found: Evaluation, each: Cost) -> Evaluation:
+        for point, value in zip(np.atleast_2d(u), found.objective, strict=True):
+            told = self._metric.told(value) if np.isfinite(value) else np.inf
+            self._track.note(point, told, each.equivalent(4.0))
+        self._job.found(self._track.found(min(0.99, self._track.share(self._budget))))
+        if self._job.stop.is_set():
+            raise KeyboardInterrupt  # as Ctrl-C does: methods end with what they have
+        return found

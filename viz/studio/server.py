@@ -1,0 +1,180 @@
+"""The studio's server: the page and its session, for this computer and whoever knows the token."""
+
+from __future__ import annotations
+
+import hmac
+import secrets
+import threading
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import tornado.web
+
+from spacerobot.scene import Scene
+from viz.page.loopback import FIRST_PORT, Guarded, Loopback, Stream
+from viz.page.page import page
+from viz.studio.messages import MOST_BYTES
+from viz.studio.plant import Origin
+from viz.studio.session import Session
+
+FOLDER = Path("out/studio")
+"""Where files are kept if nothing else is said."""
+
+MOST_BEHIND = 2
+"""Messages on their way to a page before it is left to catch up."""
+
+
+class Studio(Loopback):
+    """A page in the browser on which every number of a scene can be changed.
+
+    Beside what :class:`~viz.page.loopback.Loopback` asks of a request, it must name the token that stands in
+    the page's address, which no other program on this computer knows.
+
+    Parameters
+    ----------
+    origin
+        What designs differ from.
+    folder
+        The only place where anything is written.
+    port
+        First port to try; a busy one is stepped over.
+    tell
+        Told in words what takes a while before the page can be opened.
+
+    Raises
+    ------
+    SpaceRobotError
+        If the scene cannot be rolled out, or no port is free.
+    """
+
+    largest_message = MOST_BYTES
+
+    def __init__(
+        self,
+        origin: Origin,
+        folder: Path = FOLDER,
+        port: int = FIRST_PORT,
+        tell: Callable[[str], None] = lambda _: None,
+    ) -> None:
+        self.token = secrets.token_urlsafe(24)
+        self.session = Session(origin, folder, tell)
+        self._title = origin.scene.scenario.name
+        super().__init__(port)
+
+    @property
+    def url(self) -> str:
+        """Address of the page, the token in it."""
+        return f"{super().url}?token={self.token}"
+
+    def handlers(self) -> list[Any]:
+        """The page and its connection."""
+        given = {"server": self}
+        return [(r"/", _Page, given), (r"/studio", _Connection, given)]
+
+    def knows(self, token: str) -> bool:
+        """Whether a token is the studio's."""
+        return hmac.compare_digest(token.encode(), self.token.encode())
+
+    def later(self, call: Callable[[], None]) -> None:
+        """Call something in the server's thread."""
+        if self._thread.is_alive():
+            self._loop.call_soon_threadsafe(call)
+
+    def close(self) -> None:
+        """Stop serving and working; pages keep what they have."""
+        self.session.close()
+        super().close()
+
+    def payload(self) -> dict[str, Any]:
+        """What the page begins with."""
+        return {"title": self._title, "about": "connecting", "runs": [], "studio": True}
+
+
+def studio(scene: Scene, *, folder: Path = FOLDER, port: int = FIRST_PORT) -> Studio:
+    """Studio of a scene, which shows itself as the last line of a notebook's cell.
+
+    It serves until it is closed or Python ends.
+
+    Parameters
+    ----------
+    scene
+        What designs differ from.
+    folder
+        The only place where anything is written.
+    port
+        First port to try; a busy one is stepped over.
+
+    Raises
+    ------
+    SpaceRobotError
+        If the scene cannot be rolled out, or no port is free.
+    """
+    return Studio(Origin(scene), folder, port)
+
+
+class _Known(Guarded):
+    """Answers who knows the token."""
+
+    def prepare(self) -> None:
+        super().prepare()
+        if not self.server.knows(self.get_query_argument("token", "")):
+            raise tornado.web.HTTPError(403)
+
+
+class _Page(_Known):
+    def get(self) -> None:
+        self.set_header("Cache-Control", "no-store")
+        self.set_header("Referrer-Policy", "no-referrer")
+        self.write(page(self.server.payload(), connect=f"ws://{self.request.host}"))
+
+
+class Peer:
+    """A connected page, as the session's thread sees it."""
+
+    def __init__(self, server: Studio, stream: Stream) -> None:
+        self._server, self._stream = server, stream
+        self._sending = 0
+        self._lock = threading.Lock()
+
+    @property
+    def behind(self) -> bool:
+        """Whether it has not taken what was sent to it before."""
+        return self._sending >= MOST_BEHIND
+
+    def send(self, parts: Sequence[str | bytes]) -> None:
+        """Send a message; from any thread."""
+        with self._lock:
+            self._sending += 1
+        self._server.later(lambda: self._write(parts))
+
+    def _write(self, parts: Sequence[str | bytes]) -> None:
+        written = [self._stream.send(part) for part in parts]
+        if written[-1] is None:
+            self._taken()
+        else:
+            written[-1].add_done_callback(self._taken)
+
+    def _taken(self, done: Any = None) -> None:
+        if done is not None and not done.cancelled():
+            done.exception()  # a page that went meanwhile
+        with self._lock:
+            self._sending -= 1
+        self._server.session.wake()
+
+
+class _Connection(_Known, Stream):
+    peer: Peer
+
+    def open(self, *_: str, **__: str) -> None:
+        super().open()
+        self.peer = Peer(self.server, self)
+        self.server.session.greet(self.peer)
+
+    def on_message(self, message: str | bytes) -> None:
+        self.server.session.ask(self.peer, message)
+
+    def on_close(self) -> None:
+        super().on_close()
+        if hasattr(self, "peer"):
+            self.server.session.leave(self.peer)
