@@ -143,6 +143,7 @@ def _facts(kernel: Kernel) -> list[str]:
         "int JUMP_SLOPE": kernel.jump_slopes,
         "int SWITCH": kernel.switches,
         "int ENDS": [event.ends for event in kernel.events],
+        "int KINK": [event.kink for event in kernel.events],
         "int FINE": [place for place, _ in kernel.fine],
         "double FINE_STEP": [step_s for _, step_s in kernel.fine],
     }

@@ -143,6 +143,7 @@ class HybridRun:
     def __post_init__(self) -> None:
         kernel = self.engine.kernel
         self._begin, self._level = self.x, np.zeros(len(kernel.events))
+        self._kinks = np.array([event.kink for event in kernel.events], bool)
         self._fresh, self._last = True, -1
         self._burst, self._since = 0, -np.inf
         self._slope = 0.0  # of the time at which a segment begins that an event began
@@ -290,7 +291,7 @@ class HybridRun:
             s = -rate / bend / 2
             high = (s > SHORTEST) & (s < 1 - GRAZES) & (first + rate * s * h / 2 > margin * h * bend)
             if margin == GRAZES:
-                self._doubt(GRAZING, np.flatnonzero(-g < -(GRAZES**2) * h * bend)[:1])
+                self._doubt(GRAZING, np.flatnonzero(-g < -(GRAZES**2) * h * bend))
         return float((s[high] * h).min(initial=h))
 
     def _located(self, t: float, bracket: _Bracket, done: _Done, g: Array) -> tuple[_Done, Array]:
@@ -319,9 +320,11 @@ class HybridRun:
         if h > GRAZES * turn and abs(self._rates[event] + rise * h) < turn * abs(rise):
             self._doubt(GRAZING, np.array([event]))
         near = g + TOGETHER * np.maximum(self._rates, 0.0) > 0
-        self._doubt(COINCIDENT, np.flatnonzero(near & (np.arange(len(g)) != event))[:1])
+        if not self._kinks[event]:
+            self._doubt(COINCIDENT, np.flatnonzero(near & (np.arange(len(g)) != event)))
 
     def _doubt(self, why: int, events: Array | np.ndarray[tuple[int], np.dtype[np.int64]]) -> None:
+        events = events[~self._kinks[events]]
         if len(events) and self.doubt[0] == 0:
             self.doubt = (why, int(events[0]))
 

@@ -33,6 +33,10 @@ class EventRule(Protocol):
     def ends(self) -> bool:
         """Whether the rollout is over with it."""
 
+    @property
+    def kink(self) -> bool:
+        """Whether it only marks where a law is not smooth: neither state nor rate jumps there."""
+
 
 class ClosedLoopFunctions(Protocol):
     """A closed loop as SX functions without free variables.

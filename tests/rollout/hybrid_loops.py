@@ -19,6 +19,7 @@ class Rule:
     name: str
     sets: tuple[tuple[int, bool], ...] = ()
     ends: bool = False
+    kink: bool = False
     kind: str = "kind"
     who: str = "who"
 

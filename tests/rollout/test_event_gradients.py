@@ -156,6 +156,12 @@ def test_checkpoints_change_no_bit_of_gradients_through_events(steps, many):
         np.testing.assert_array_equal(again.gradients[name], gradient)
 
 
+def marked(loop):
+    """A closed loop whose events only mark where its law is not smooth."""
+    loop.events = [replace(rule, kink=True) for rule in loop.events]
+    return loop
+
+
 @pytest.mark.parametrize("backend", ["compiled", "interpreted"])
 def test_what_grazes_or_coincides_is_told(backend):
     def status(loop, **changes):
@@ -174,3 +180,5 @@ def test_what_grazes_or_coincides_is_told(backend):
     assert status(two_balls()) == "coincident"
     assert status(two_balls(), second=1.0 + 1e-10) == "coincident"
     assert status(bouncing_ball(), height=0.05) == "lost"
+    assert status(marked(spring_wall()), start=-0.6 - 1e-11) == "exact"
+    assert status(marked(two_balls())) == "exact"

@@ -1,7 +1,7 @@
 // Events of hybrid motion: where each fires, and what it changes. An event fires where its guard is above zero, and a
 // guard that is not armed is minus infinity. SWITCH lists the places in c of the switches, which are constant between
-// events; SETS holds what each event makes of them (-1: leaves it), ENDS whether the rollout is over with it. FINE
-// lists switches, FINE_STEP the longest step while one is on.
+// events; SETS holds what each event makes of them (-1: leaves it), ENDS whether the rollout is over with it,
+// KINK whether it only marks where a law is not smooth. FINE lists switches, FINE_STEP the longest step while one is on.
 //
 // Every step is tried. Where no guard is above zero at its end, it is done; else the lane takes it once more, with other
 // lengths, until the end lies behind the earliest root by less than TOLERANCE. Then the event fires, and the rest of the
@@ -63,8 +63,9 @@ static void cut_segment(const Job& job, Trajectory& at, int l, double t, bool an
   forget(at.now.watch, l);
 }
 
+// A kink changes neither state nor rate at its instant: derivatives are the same with and without it.
 static void doubt(Trajectory& at, int l, Doubt why, int event) {
-  if (at.doubt[l] == NONE) at.doubt[l] = why, at.doubted[l] = event;
+  if (at.doubt[l] == NONE && !KINK[event]) at.doubt[l] = why, at.doubted[l] = event;
 }
 
 // A guard along the step of a lane: value and rate at its beginning, values at the bracket's ends.
@@ -94,7 +95,7 @@ static void judge_root(const Job& job, Trajectory& at, int l, int e, double h, c
   const double slope = lane(rate[e], l) + rise * h, turn = GRAZES * job.h;
   if (h > GRAZES * turn && ::fabs(slope) < turn * ::fabs(rise)) doubt(at, l, GRAZING, e);
   for (int i = 0; i < EVENTS; ++i)
-    if (i != e && lane(g1[i], l) + TOGETHER * ::fmax(lane(rate[i], l), 0.) > 0) doubt(at, l, COINCIDENT, i);
+    if (i != e && !KINK[e] && lane(g1[i], l) + TOGETHER * ::fmax(lane(rate[i], l), 0.) > 0) doubt(at, l, COINCIDENT, i);
 }
 
 // How long a step of lane l must be to end at the first peak of a guard that may rise above its level within it.
