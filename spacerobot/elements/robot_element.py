@@ -34,6 +34,11 @@ class RobotFacts:
         Finds :attr:`moved`, which takes time.
     begins
         Where each joint begins [rad or m] by name, as far as the scenario says.
+    base
+        How its base is connected to the world: ``planar``, ``free_flyer`` or ``fixed``.
+    spinning
+        Axis (3,), root link's axes, of each joint by name that turns without end on that link and carries no
+        other joint.
     """
 
     name: str
@@ -42,6 +47,8 @@ class RobotFacts:
     efforts: Mapping[str, float]
     find_moved: Callable[[], Array]
     begins: Mapping[str, float] = field(default_factory=dict)
+    base: str = "free_flyer"
+    spinning: Mapping[str, Array] = field(default_factory=dict)
 
     @functools.cached_property
     def moved(self) -> Array:

@@ -12,8 +12,9 @@ from spacerobot.arrays import Array
 from spacerobot.closedloop import ClosedLoop
 from spacerobot.scene import Scene, SceneGrasp
 
-INNER = ("reference", "settling", "moving")
-"""Kinds of events that are not told: a motion's time has come, a body moves slowly while a phase waits."""
+INNER = ("reference", "settling", "moving", "control", "cut")
+"""Kinds of events that are not told: a motion's time has come, a body moves slowly while a phase waits, a
+decision on pulses, the end of one."""
 
 
 class Happened(Protocol):
@@ -59,11 +60,13 @@ def build_events(scene: Scene, loop: ClosedLoop, happened: Sequence[Happened]) -
         rule = loop.events[one.event]
         for place, when in jumps.items():
             c[place] = np.inf if one.time_s < when else -np.inf
-        before = _outputs(loop, one.time_s, one.before, c)
-        c[list(loop.switches)] = one.switches
-        after = _outputs(loop, one.time_s, one.after, c)
+        switches, c[list(loop.switches)] = c[list(loop.switches)], one.switches
         if rule.kind in INNER:
             continue
+        after = _outputs(loop, one.time_s, one.after, c)
+        c[list(loop.switches)] = switches
+        before = _outputs(loop, one.time_s, one.before, c)
+        c[list(loop.switches)] = one.switches
         told = {"time_s": float(one.time_s), "kind": rule.kind, "who": rule.who, "name": rule.name}
         if rule.who in grasps:
             velocity, spin = relative_velocity(scene, grasps[rule.who], one.before)

@@ -28,6 +28,8 @@ def list_assumptions(scene: Scene) -> tuple[str, ...]:
         found += _of_body(scene, body)
     for tip in scene.tips:
         found += _of_tip(tip)
+    for _, path, element in robot_elements(scene):
+        found += [f"{path}: {assumed}" for assumed in element.assumptions()]
     let_go = {name for phase in scene.scenario.phases.values() for name in phase.releases}
     for grasp in scene.grasps:
         found += [

@@ -287,7 +287,24 @@ def robot_facts(scene: Scene, body: SceneBody) -> RobotFacts:
         {joint.name: joint.effort for joint in body.description.joints},
         functools.partial(_moved, scene, body),
         {name: begin for name in names if (begin := position(body.config.joints[name])) is not None},
+        body.base.joint,
+        {
+            name: axis
+            for name, joint in zip(names, body.free_joints, strict=True)
+            if (axis := _spinning(scene.model, body, joint)) is not None
+        },
     )
+
+
+def _spinning(model: Any, body: SceneBody, joint: int) -> Array | None:
+    """Axis of a joint, root link's axes, that turns without end on that link and carries no other joint."""
+    alone = len(model.subtrees[joint]) == 1 and model.parents[joint] == body.root_joint
+    if not alone or model.joints[joint].nq != 2:
+        return None
+    data = model.joints[joint].createData()
+    model.joints[joint].calc(data, pin.neutral(model))
+    axis: Array = model.jointPlacements[joint].rotation @ np.asarray(data.S).ravel()[3:]
+    return axis
 
 
 def _moved(scene: Scene, body: SceneBody) -> Array:

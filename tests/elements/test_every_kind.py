@@ -31,7 +31,7 @@ SECOND = {
     "actuator": delivery_of,
     "sensor": reading_of,
 }
-CLOSED_FORMS: dict[tuple[str, str], str] = {}
+CLOSED_FORMS: dict[tuple[str, str], str] = {("actuator", "thrusters"): "tests/elements/test_thrusters.py"}
 """Kinds without a second writing, and the test that holds them to a closed form instead."""
 
 NEEDS: dict[tuple[str, str], dict[str, object]] = {
@@ -92,6 +92,14 @@ NEEDS: dict[tuple[str, str], dict[str, object]] = {
     },
     ("actuator", "torque_limit"): {"limit": 2.5},
     ("actuator", "base_wrench"): {"force": 3, "torque": 2},
+    ("actuator", "thrusters"): {
+        "thrust": 4,
+        "nozzles": {
+            "a": {"position": [0.3, 0.2, 0.1], "direction": [-1, 0, 0]},
+            "b": {"position": [-0.3, 0.2, 0], "direction": [2, 1, 0], "thrust": 5},
+            "c": {"position": [0.1, -0.2, 0.1], "direction": [0, -1, 0]},
+        },
+    },
     ("sensor", "linear"): {"offset": 0.01, "scale": 1.1},
 }
 """Values without which a section is not valid or does nothing."""
@@ -196,7 +204,7 @@ def test_momentum_and_energy_are_accounted_for_at_every_instant(family, kind, te
     flow = ca.jtimes(kept, x, loop.dynamics(t, x, c))
     powers = ca.vertcat(*(ca.jtimes(named[f"work_{n}"], x, loop.dynamics(t, x, c)) for n in loop.works))
     evaluate = ca.Function("kept", [t, x], [flow, powers])
-    assert bool(loop.outside) == ("base_" in kind)
+    assert bool(loop.outside) == ("base_" in kind or kind == "thrusters")
     for seed in range(3):
         # springs hold their rest in c, so t enters only through references, which do no work by themselves
         found, works = (value.full().ravel() for value in evaluate(0.4, state_of(scene, loop, seed)))

@@ -1,0 +1,265 @@
+"""Thrusters of a floating base: throttled, or in pulses.
+
+The wrench that the base is asked for is shared among them by bounded least squares
+(:mod:`spacerobot.elements.allocation`). In pulses, that is done once in each period: the part of the thrust
+becomes a time for which a thruster is on, from the beginning of the period. The end of that time is an event,
+so steps end there and derivatives go through it.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Annotated, ClassVar, Literal
+
+import casadi as ca
+import numpy as np
+from pydantic import AfterValidator, Field
+from scipy.optimize import nnls
+
+from spacerobot.dynamics.algebra import cross
+from spacerobot.elements.actuator import Actuator
+from spacerobot.elements.allocation import SMALL, allocate
+from spacerobot.elements.context import ActuatorContext
+from spacerobot.elements.contribution import Contribution, Drive, Output, Power, State, memory
+from spacerobot.elements.event import Event
+from spacerobot.elements.registry import register
+from spacerobot.elements.robot_element import Part, RobotFacts
+from spacerobot.section import Name, Section, Vector, quantity
+
+GRAVITY = 9.80665
+"""Standard gravity [m/s^2], by which specific impulse in seconds is defined."""
+AT_ONCE = 1e-12
+"""Before the start [s], so that the first period begins with it."""
+
+
+def _not_zero(value: Vector) -> Vector:
+    if not any(value):
+        raise ValueError("a direction is wanted, not all zeros")
+    return value
+
+
+class Nozzle(Section):
+    """One thruster; what is not given is that of the whole set."""
+
+    position: Vector = quantity("m", "where its force acts, root link's axes")
+    direction: Annotated[Vector, AfterValidator(_not_zero)] = quantity(
+        "1", "of its force on the base, root link's axes, of any length; the plume goes the other way"
+    )
+    thrust: float | None = quantity("N", "its greatest force", default=None, gt=0)
+    minimum_on_time: float | None = quantity("s", "shortest pulse", default=None, ge=0)
+    resolution: float | None = quantity("s", "step of on-times", default=None, ge=0)
+    specific_impulse: float | None = quantity("s", "specific impulse", default=None, gt=0)
+
+
+@register
+class Thrusters(Actuator):
+    """Thrusters on the base, throttled or in pulses; the wrench asked for is shared by least squares."""
+
+    base_wrench: ClassVar[frozenset[Part]] = frozenset({"force", "torque"})
+
+    kind: Literal["thrusters"] = "thrusters"
+    nozzles: dict[Name, Nozzle] = Field(
+        min_length=1, description="each `position`, `direction`, and what differs from the set, by name"
+    )
+    mode: Literal["proportional", "pulsed"] = Field(
+        default="proportional",
+        description="proportional: throttled from nothing to full thrust; pulsed: full thrust, for a part of "
+        "each period",
+    )
+    thrust: float = quantity("N", "greatest force of each", default=1.0, gt=0)
+    period: float = quantity("s", "time between two decisions, where pulsed", default=0.5, gt=0)
+    minimum_on_time: float = quantity(
+        "s", "shortest pulse; half of it and more is given as the whole", default=0.0, ge=0
+    )
+    resolution: float = quantity("s", "step of on-times; 0: any", default=0.0, ge=0)
+    specific_impulse: float = quantity("s", "impulse by weight of propellant", default=220.0, gt=0)
+    sweeps: int = Field(default=30, ge=1, le=1000, description="sweeps of the least squares [1]")
+
+    def build(self, actuator: ActuatorContext) -> Contribution:
+        """Wrench from outside, propellant, and the pulses' events."""
+        jets, columns = _Jets(self, actuator), actuator.base_columns
+        if self.mode == "proportional":
+            return Contribution(drives=(Drive(columns, jets.left, jets.throttled, passes_on=columns),))
+        return Contribution(drives=(Drive(columns, lambda asked: ca.SX(*asked.shape), jets.pulsed),))
+
+    def faults(self, robot: RobotFacts) -> Iterable[tuple[str, str]]:
+        """Nozzles that push a planar base out of its plane."""
+        for name, nozzle in self.nozzles.items():
+            if robot.base == "planar" and nozzle.direction[2]:
+                yield (
+                    f"nozzles.{name}.direction",
+                    f"found {nozzle.direction[2]:g} along z; the base moves in its x-y plane alone",
+                )
+
+    def cautions(self, robot: RobotFacts) -> Iterable[str]:
+        """Wrenches that no combination gives."""
+        rows = {"force along x": 0, "force along y": 1, "torque about z": 5}
+        if robot.base != "planar":
+            rows = {"force along z": 2, "torque about x": 3, "torque about y": 4} | rows
+        lines = []
+        for nozzle in self.nozzles.values():
+            along = np.array(nozzle.direction) / np.linalg.norm(nozzle.direction)
+            lines.append(np.r_[along, np.cross(nozzle.position, along)][sorted(rows.values())])
+        matrix = np.array(lines).T
+        for what, row in sorted(rows.items(), key=lambda item: item[1]):
+            unit = (np.array(sorted(rows.values())) == row).astype(float)
+            lacking = [sign for sign in (1, -1) if nnls(matrix, sign * unit)[1] > 1e-6]
+            if lacking:
+                way = (
+                    " either way" if len(lacking) == 2 else f" in the {'+' if lacking[0] > 0 else '-'} sense"
+                )
+                yield f"no combination of its nozzles gives a {what} alone{way}"
+
+    def assumptions(self) -> list[str]:
+        """Of the mass."""
+        return ["the propellant that thrusters spend is counted, but the robot's mass stays as it is"]
+
+    def words(self) -> str:
+        """How many, and their thrust."""
+        return f"{len(self.nozzles)} thrusters, {self.mode}, of {self.thrust:g} N"
+
+
+@dataclass(frozen=True)
+class _Jets:
+    """The thrusters of one base as expressions."""
+
+    config: Thrusters
+    actuator: ActuatorContext
+
+    @property
+    def name(self) -> str:
+        """The set's."""
+        return f"{self.actuator.robot}/{self.actuator.context.path.rpartition('.')[2]}"
+
+    def number(self, name: str, key: str) -> ca.SX:
+        """A number of one nozzle (1x1), its own or the set's; exact zeros are structural."""
+        path, own = self.actuator.context.path, getattr(self.config.nozzles[name], key)
+        where = key if own is None else f"nozzles.{name}.{key}"
+        return self.actuator.context.parameters.sparse(f"{path}.{where}")
+
+    def numbers(self, key: str) -> ca.SX:
+        """A number of each nozzle (n x 1), once computed."""
+        found = ca.vertcat(*(self.number(name, key) for name in self.config.nozzles))
+        return self.actuator.context.once(f"all.{key}", found)
+
+    def vectors(self, key: str) -> list[ca.SX]:
+        """A vector of each nozzle (3x1 each), root link's axes, an expression of the parameters."""
+        path = self.actuator.context.path
+        parameters = self.actuator.context.parameters
+        return [parameters.sparse_vector(f"{path}.nozzles.{name}.{key}") for name in self.config.nozzles]
+
+    @functools.cached_property
+    def pushes(self) -> list[ca.SX]:
+        """Forces at full thrust (3x1 each), root link's axes, expressions of the parameters."""
+        thrusts = [self.number(name, "thrust") for name in self.config.nozzles]
+        lines = [ca.sparsify(line / ca.norm_2(ca.densify(line))) for line in self.vectors("direction")]
+        return [thrust * line for thrust, line in zip(thrusts, lines, strict=True)]
+
+    @functools.cached_property
+    def full(self) -> ca.SX:
+        """Force, then torque about the root link's origin, of each at full thrust (6 x n), its axes."""
+        levers = self.vectors("position")
+        wrenches = [
+            ca.vertcat(push, cross(lever, push)) for lever, push in zip(levers, self.pushes, strict=True)
+        ]
+        return self.actuator.context.once("full", ca.sparsify(ca.horzcat(*wrenches)))
+
+    @functools.cached_property
+    def rows(self) -> list[int]:
+        """Those of a wrench that the base's columns stand for."""
+        return [0, 1, 5] if len(self.actuator.base_columns) == 3 else list(range(6))
+
+    @functools.cached_property
+    def share(self) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """Matrix whose rows are of the same size, weights, and the rows' scales, once computed."""
+        context = self.actuator.context
+        own = context.constants.expanded(self.full)[self.rows, :]
+        sizes = ca.sqrt(ca.densify(ca.sum2(own * own)))
+        scales = ca.if_else(sizes > 0, 1 / sizes, 0)
+        matrix = ca.sparsify(ca.mtimes(ca.diag(scales), own))
+        weights = 1 / (ca.densify(ca.sum1(matrix * matrix)).T + SMALL)
+        parts = {"matrix": matrix, "weights": weights, "scales": scales}
+        found = [context.once(f"share.{name}", part) for name, part in parts.items()]
+        return found[0], found[1], found[2]
+
+    def parts(self, asked: ca.SX) -> ca.SX:
+        """Parts of their thrust (n x 1) that come nearest to what is asked for."""
+        matrix, weights, scales = self.share
+        return allocate(matrix, weights, scales * asked, self.config.sweeps)
+
+    def left(self, asked: ca.SX) -> ca.SX:
+        """What throttled thrusters leave to the next actuator."""
+        return asked - ca.mtimes(self.full[self.rows, :], self.parts(asked))
+
+    def throttled(self, asked: ca.SX) -> Contribution:
+        """Thrusters that give parts of their thrust."""
+        return self._acting(self.parts(asked))
+
+    def pulsed(self, asked: ca.SX) -> Contribution:
+        """Thrusters that give all of their thrust for times decided at the beginning of each period."""
+        context, names = self.actuator.context, list(self.config.nozzles)
+        firing = [context.switch(f"firing.{name}") for name in names]
+        due = memory(f"{self.name}.due", ca.SX(-AT_ONCE))
+        off_at = memory(f"{self.name}.off_at", ca.SX(len(names), 1))
+        period = context.number("period")
+        part = self.parts(asked)
+        # what is on for all of the period is not switched off at its end, but goes on as decided then
+        until = due.symbol + ca.if_else(part < 1, self._on_times(part * period), 2 * period)
+        sets = {switch.name(): True for switch in firing}
+        updates = {due.name: due.symbol + period, off_at.name: until}
+        guard, armed = context.time - due.symbol, ca.SX(1)
+        events = [Event(f"{self.name}.control", "control", self.name, guard, armed, sets, updates)]
+        for i, (name, switch) in enumerate(zip(names, firing, strict=True)):
+            label = f"{self.name}.{name}"
+            over = context.time - off_at.symbol[i]
+            events.append(Event(f"{label}.cut", "cut", label, over, switch, {switch.name(): False}))
+        acting = self._acting(ca.vertcat(*firing))
+        return Contribution(
+            states=(*acting.states, due, off_at),
+            outside=acting.outside,
+            powers=acting.powers,
+            outputs=acting.outputs,
+            events=tuple(events),
+        )
+
+    def _on_times(self, wanted: ca.SX) -> ca.SX:
+        """On-times (n x 1) [s] that there are, next to those that are wanted."""
+        shortest, step = self.numbers("minimum_on_time"), self.numbers("resolution")
+        found = []
+        for i, time in enumerate(ca.vertsplit(wanted)):
+            own = step[i] * ca.floor(time / step[i] + 0.5) if step[i].nnz() else time
+            if shortest[i].nnz():
+                own = ca.if_else(time < shortest[i] / 2, 0, ca.fmax(own, shortest[i]))
+            found.append(own)
+        return ca.vertcat(*found)
+
+    def _acting(self, parts: ca.SX) -> Contribution:
+        """Wrench, power, propellant and what is seen of thrusters that give parts of their thrust (n x 1)."""
+        actuator = self.actuator
+        rotation, origin = actuator.plant.placement(actuator.base_frame)
+        velocity, spin = actuator.plant.velocity(actuator.base_frame)
+        whole = ca.SX(6, 1)
+        whole[self.rows] = ca.mtimes(self.full[self.rows, :], parts)
+        force, torque = (ca.sparsify(ca.mtimes(rotation, part)) for part in (whole[:3], whole[3:]))
+        flow = ca.dot(self.numbers("thrust") / (GRAVITY * self.numbers("specific_impulse")), parts)
+        spent = ca.SX.sym(f"{self.name}.propellant")
+        power = ca.dot(force, velocity) + ca.dot(torque, spin)
+        text = "propellant that thrusters have spent"
+        outputs = [Output("propellant", spent, "kg", text, "body", actuator.robot)]
+        levers = [actuator.context.once(f"lever.{i}", v) for i, v in enumerate(self.vectors("position"))]
+        for i, name in enumerate(self.config.nozzles):
+            label = f"{self.name}.{name}"
+            push = ca.mtimes(rotation, self.full[:3, i]) * parts[i]
+            at = origin + ca.mtimes(rotation, levers[i])
+            outputs += [
+                Output("thruster_force", push, "N", "forces of thrusters", "thruster", label),
+                Output("thruster_position", at, "m", "where thrusters push", "thruster", label),
+            ]
+        return Contribution(
+            states=(State(f"{self.name}.propellant", spent, ca.SX.zeros(1), flow),),
+            outside=(actuator.on_base(force=force, torque=torque),),
+            powers=(Power("thruster", power, "in"),),
+            outputs=tuple(outputs),
+        )

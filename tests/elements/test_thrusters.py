@@ -1,0 +1,185 @@
+"""Thrusters: how a wrench is shared, what pulses give, and what they spend."""
+
+from __future__ import annotations
+
+import itertools
+
+import casadi as ca
+import numpy as np
+import pytest
+from scipy.optimize import lsq_linear, nnls
+
+import spacerobot as sr
+from spacerobot.closedloop import build_closed_loop
+from spacerobot.elements.allocation import SMALL, allocate
+from spacerobot.errors import ScenarioError
+from tests.oracles.hybrid import roll
+from tests.oracles.small_scenes import small_scene
+
+NOZZLES = """
+          a: {position: [0.3, 0.2, 0], direction: [-1, 0, 0]}
+          b: {position: [0.3, -0.2, 0], direction: [-2, 0, 0]}
+          c: {position: [-0.3, 0.2, 0], direction: [1, 0, 0]}
+          d: {position: [-0.3, -0.2, 0], direction: [1, 0, 0]}
+          e: {position: [0.3, 0, 0], direction: [0, -1, 0]}
+          f: {position: [-0.3, 0, 0], direction: [0, -1, 0]}
+          g: {position: [0.3, 0, 0], direction: [0, 1, 0]}
+          h: {position: [-0.3, 0, 0], direction: [0, 3, 0], thrust: 0.8}
+"""
+PLATE = (
+    """
+robots:
+  one:
+    urdf: plate.urdf
+    base: {joint: planar, velocity: [0.05, -0.02, 0]}
+    controllers:
+      turn: {kind: base_attitude, kp: 1.575, kd: 2.1, attitude_deg: [0, 0, 25]}
+      stay: {kind: base_position, kp: 4, kd: 8}
+    actuators:
+      jets:
+        kind: thrusters
+        thrust: 0.6
+        period: 0.4
+        nozzles:"""
+    + NOZZLES
+    + "simulation: {duration: 2, step: 0.02}\n"
+)
+"""A plate of 8 kg and 0.7 kg m^2 with eight thrusters."""
+
+JETS = "robots.one.actuators.jets"
+PULSED = {f"{JETS}.mode": "pulsed"}
+
+
+def rolled(changes, duration_s=2.0):
+    """Loop of a plate, and its rollout."""
+    loop = build_closed_loop(small_scene(PLATE, changes))
+    return loop, sr.build_rollout(loop, duration_s=duration_s, step_s=0.02, backend="interpreted")
+
+
+def corners(planar):
+    """Wrenches of thrusters at the corners of a square, or of a box (m, n), rows of one size."""
+    found = []
+    for x, y, z in itertools.product((1, -1), repeat=3):
+        for axis in range(3):
+            push = -np.eye(3)[axis] * [x, y, z][axis]
+            found.append(np.r_[push, np.cross([0.5 * x, 0.4 * y, 0.6 * z], push)])
+    matrix = np.array(found).T
+    matrix = matrix[[0, 1, 5]][:, [i for i in range(24) if i % 3 < 2 and i % 6 < 3]] if planar else matrix
+    return matrix / np.linalg.norm(matrix, axis=1)[:, None]
+
+
+@pytest.mark.parametrize("planar", [True, False])
+def test_a_wrench_is_shared_as_bounded_least_squares_would(planar):
+    rng, matrix = np.random.default_rng(4), corners(planar)
+    rows = len(matrix)
+    weights = 1 / ((matrix**2).sum(0) + SMALL)
+    w = ca.SX.sym("w", rows)
+    share = ca.Function("share", [w], [allocate(ca.SX(matrix), ca.SX(weights), w, 30)])
+    for size in (0.1, 0.5, 3.0):
+        for _ in range(5):
+            wanted = size * rng.normal(size=rows)
+            parts = share(wanted).full().ravel()
+            assert parts.min() >= 0
+            assert parts.max() <= 1
+            best = lsq_linear(matrix, wanted, (0, 1), tol=1e-12).x
+            missed, least = (np.linalg.norm(matrix @ a - wanted) for a in (parts, best))
+            assert missed - least < 1e-5 * np.linalg.norm(wanted)
+            if size == 0.1:  # no bound above matters
+                assert missed - nnls(matrix, wanted)[1] < 1e-5 * np.linalg.norm(wanted)
+
+
+def test_throttled_thrusters_that_suffice_do_as_an_ideal_wrench_does():
+    strong = {f"{JETS}.thrust": 50.0, f"{JETS}.nozzles.h.thrust": None}
+    ends = [rolled(changes)[1].run() for changes in (strong, {f"{JETS}": {"kind": "base_wrench"}})]
+    for name in ("base_attitude_error", "base_position_error"):
+        np.testing.assert_allclose(ends[0].outputs[name], ends[1].outputs[name], atol=2e-6)
+
+
+def test_what_thrusters_leave_goes_to_the_next_actuator():
+    weak = {f"{JETS}.thrust": 0.01, "robots.one.actuators.rest": {"kind": "base_wrench"}}
+    ends = [rolled(changes)[1].run() for changes in (weak, {f"{JETS}": {"kind": "base_wrench"}})]
+    for name in ("base_attitude_error", "base_position_error"):
+        np.testing.assert_allclose(ends[0].outputs[name], ends[1].outputs[name], atol=1e-9)
+
+
+def test_pulses_give_their_impulse_and_spend_their_propellant():
+    """A plate pushed through its centre of mass alone: thrust times on-time, as the events tell."""
+    along = {"a": [-1, 0, 0], "c": [1, 0, 0], "e": [0, -1, 0], "g": [0, 1, 0]}
+    nozzles = {name: {"position": [0, 0, 0], "direction": line} for name, line in along.items()}
+    stay = {"kind": "base_position", "kp": 4, "kd": 8}
+    changes = PULSED | {f"{JETS}.nozzles": nozzles, "robots.one.controllers": {"stay": stay}}
+    loop, rollout = rolled(changes)
+    run = rollout.run()
+    on_time, since = dict.fromkeys(along, 0.0), {}
+    for event in run.events:
+        rule = loop.events[event.event]
+        if rule.kind == "control":
+            since = dict.fromkeys(along, event.time_s) | since
+        else:
+            name = rule.name.partition(".")[2].partition(".")[0]
+            on_time[name] += event.time_s - since.pop(name)
+    for name, begun in since.items():
+        on_time[name] += run.time[-1] - begun
+    given = sum(0.6 * on_time[name] * np.array(line) for name, line in along.items())
+    gained = run.outputs["momentum_linear"][-1] - run.outputs["momentum_linear"][0]
+    assert np.abs(given).max() > 0.1
+    np.testing.assert_allclose(gained, given, atol=1e-10)
+    spent = 0.6 * sum(on_time.values()) / (9.80665 * 220)
+    np.testing.assert_allclose(run.outputs["propellant"][-1], [spent], rtol=1e-9)
+
+
+def test_on_times_keep_to_the_shortest_pulse_and_to_steps():
+    loop, rollout = rolled(PULSED | {f"{JETS}.minimum_on_time": 0.05, f"{JETS}.resolution": 0.03})
+    run, begun = rollout.run(), 0.0
+    for event in run.events:
+        if loop.events[event.event].kind == "control":
+            begun = event.time_s
+            continue
+        on = event.time_s - begun
+        assert on < 1e-11 or on > 0.05 - 1e-11
+        assert on < 1e-11 or abs(on - 0.05) < 1e-11 or abs(on / 0.03 - round(on / 0.03)) < 1e-9
+    assert len(run.events) > 20
+
+
+def test_pulses_agree_with_scipys_root_finding():
+    loop, rollout = rolled(PULSED, 0.8)
+    own, other = rollout.run(), roll(loop, 0.8)
+    assert len(own.events) > 15
+    np.testing.assert_allclose(own.state[-1], other.x, atol=1e-8)
+
+
+def test_derivatives_go_through_switching_times():
+    _, rollout = rolled(PULSED, 1.0)
+    for path, value in ((f"{JETS}.thrust", 0.6), ("robots.one.controllers.stay.kd", 8.0)):
+        found = rollout.jacobian(wrt=[path], outputs=["base_position_error"])
+        step = 1e-6 * value
+        ends = [rollout.run({path: value + s * step}).outputs["base_position_error"] for s in (1, -1)]
+        slope = (ends[0] - ends[1]) / (2 * step)
+        own = found.outputs["base_position_error"][..., 0]
+        assert np.abs(slope).max() > 1e-4
+        np.testing.assert_allclose(own, slope, atol=1e-5 * np.abs(slope).max())
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({f"{JETS}.nozzles": {}}, f"{JETS}.nozzles: "),
+        ({f"{JETS}.nozzles.a.direction": [0, 0, 0]}, f"{JETS}.nozzles.a.direction: a direction is wanted"),
+        (
+            {f"{JETS}.nozzles.a.direction": [0, 0, 1]},
+            f"{JETS}.nozzles.a.direction: found 1 along z; the base moves",
+        ),
+        ({f"{JETS}.period": 0}, f"{JETS}.period: found 0, allowed: above 0"),
+    ],
+)
+def test_what_no_thruster_can_be_is_refused(change, told):
+    with pytest.raises(ScenarioError) as fault:
+        small_scene(PLATE, change)
+    assert told in str(fault.value)
+    assert "\n" not in str(fault.value)
+
+
+def test_a_set_that_cannot_push_one_way_is_warned_of():
+    assert not small_scene(PLATE).warnings
+    told = small_scene(PLATE, {f"{JETS}.nozzles.{name}.direction": [0, -1, 0] for name in "gh"}).warnings
+    assert f"{JETS}: no combination of its nozzles gives a force along y alone in the + sense" in told
