@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from spacerobot.scene import Scene as Scene
     from spacerobot.scene import load_scene as load_scene
     from spacerobot.simulation import simulate as simulate
+    from viz.studio.server import studio as studio
 
 __version__ = "0.1.0"
 
@@ -44,6 +45,7 @@ _HOME = {
     "register": "spacerobot.elements",
     "save": "spacerobot.result",
     "simulate": "spacerobot.simulation",
+    "studio": "viz.studio.server",
 }
 """Where each name of the front door lives."""
 

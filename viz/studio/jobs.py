@@ -68,9 +68,9 @@ class Jobs:
             assert found is not None
             DO[job.request.kind](self._plants, *found, job)
             self._send(None, {"type": "compiling", "why": ""})
-        except SpaceRobotError as fault:
+        except Exception as fault:  # a defect is told as well, instead of a job that never ends
             self._send(None, {"type": "compiling", "why": ""})
-            job.tell("failed", progress=1.0, message=fault.message if not fault.where else str(fault))
+            job.tell("failed", progress=1.0, message=str(fault) or type(fault).__name__)
 
 
 DO: Mapping[str, Callable[..., None]] = {"improve": improve, "tune": tune, "campaign": cloud}

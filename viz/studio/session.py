@@ -6,7 +6,6 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, Protocol
@@ -26,11 +25,11 @@ from viz.studio.plant import Origin, Plant, Plants
 REST_S = 0.2
 """After so long without another design the last one is judged as ``spacerobot run`` would judge it."""
 
-MOST_WAITING = 64
-"""Requests other than designs and gradients that wait at most; one more is refused."""
+MOST_WAITING = 16
+"""Files that wait at most to be written; one more is refused."""
 
-NEWEST = ("set", "gradient")
-"""Requests of which only a page's newest counts."""
+NEWEST = ("set", "gradient", "command")
+"""Requests of which only a page's newest counts, the more urgent ones first."""
 
 
 class Page(Protocol):
@@ -69,126 +68,179 @@ class Session:
         self.plants = Plants(origin, self._say)
         self._tell = lambda _: None
         self._newest: dict[tuple[Page, str], Request] = {}
-        self._waiting: deque[tuple[Page, Request]] = deque()
+        self._held: dict[tuple[Page, str], Request] = {}
+        self._making: set[tuple[Page, str]] = set()
         self._resting: dict[Page, Request] = {}
+        self._waiting: deque[tuple[Page, Request]] = deque()
         self._change = threading.Condition()
-        self._closed = False
-        self._beside = ThreadPoolExecutor(1, thread_name_prefix="studio beside")
+        self._closed = self._prepared = False
         self._jobs = Jobs(self.plants, self._broadcast)
-        self._thread = threading.Thread(target=self._work, name="studio", daemon=True)
-        self._thread.start()
-        self._beside.submit(self._prepare_base)  # nobody waits for them yet
+        self._thread = _begin(self._work)
+        _begin(self._write)
 
     def greet(self, page: Page) -> None:
         """A page has connected; it is told what there is."""
         with self._change:
             self._pages[page] = self.plants.base
             self._newest[page, "set"] = Request("hello")
-            self._change.notify()
+            self._change.notify_all()
 
     def leave(self, page: Page) -> None:
-        """A page has gone; what it asked is forgotten, its jobs are stopped."""
+        """A page has gone; what it asked is forgotten, its job is stopped."""
         with self._change:
             self._pages.pop(page, None)
             self._resting.pop(page, None)
             for kind in NEWEST:
                 self._newest.pop((page, kind), None)
-            self._waiting = deque(pair for pair in self._waiting if pair[0] is not page)
+                self._held.pop((page, kind), None)
         self._jobs.stop_all(page)
 
     def ask(self, page: Page, text: str | bytes) -> None:
         """A page asks something; returns at once."""
+        request = Request("message")
         try:
             request = read(text)
             if request.kind == "stop":
                 self._jobs.stop(request.text("job"))
-                return
-            with self._change:
-                if request.kind in NEWEST:
+            elif request.kind in NEWEST:
+                with self._change:
+                    self._held.pop((page, request.kind), None)
                     self._newest[page, request.kind] = request
-                elif len(self._waiting) < MOST_WAITING:
+                    self._change.notify_all()
+            elif request.kind == "save":
+                with self._change:
+                    if len(self._waiting) >= MOST_WAITING:
+                        raise SpaceRobotError(f"{MOST_WAITING} files wait to be written; ask again later")
                     self._waiting.append((page, request))
-                else:
-                    raise SpaceRobotError(f"{MOST_WAITING} requests are waiting; this one was not taken")
-                self._change.notify()
+                    self._change.notify_all()
+            else:
+                self._jobs.begin(page, request)
         except SpaceRobotError as fault:
-            self._fail(page, Request("message"), fault)
+            self._fail(page, request, fault)
 
     def wake(self) -> None:
         """A page has taken what was sent to it."""
         with self._change:
-            self._change.notify()
+            self._change.notify_all()
 
     def close(self) -> None:
         """Stop working."""
         with self._change:
             self._closed = True
-            self._change.notify()
+            self._change.notify_all()
         self._jobs.stop_all()
-        self._thread.join(10)
-        self._beside.shutdown(wait=False, cancel_futures=True)
+        self._thread.join(5)
 
     def _work(self) -> None:
-        while not self._closed:
+        """Answer what is newest; between, judge designs at which the hand rests."""
+        while True:
             with self._change:
-                if not self._change.wait_for(self._has_work, REST_S if self._resting else None):
+                work = self._change.wait_for(self._has_work, REST_S if self._resting else None)
+                if self._closed:
+                    return
+                if work:
+                    page, request = self._take()
+                elif self._resting:  # else its page has gone meanwhile
                     page, request = self._resting.popitem()
                     request = Request("check", request.values, request.seq)
-                elif self._closed:
-                    return
                 else:
-                    page, request = self._take()
+                    continue
             self._attempt(self._answer, page, request)
 
     def _has_work(self) -> bool:
-        return self._closed or bool(self._waiting) or any(not page.behind for page, _ in self._newest)
+        return self._closed or any(not page.behind for page, _ in self._newest)
 
     def _take(self) -> tuple[Page, Request]:
-        """Designs before gradients, and both before all else; a page that is behind waits."""
-        for kind in NEWEST:
-            for page, asked in list(self._newest):
-                if asked == kind and not page.behind:
-                    # to the end, so that pages take turns
-                    return page, self._newest.pop((page, asked))
-        return self._waiting.popleft()
+        """The most urgent request; a page that is behind waits, and pages take turns."""
+        urgent = sorted(self._newest, key=lambda asked: NEWEST.index(asked[1]))
+        page, kind = next(asked for asked in urgent if not asked[0].behind)
+        return page, self._newest.pop((page, kind))
+
+    def _write(self) -> None:
+        """Write files, one after the other."""
+        while True:
+            with self._change:
+                self._change.wait_for(lambda: self._closed or self._waiting)
+                if self._closed:
+                    return
+                page, request = self._waiting.popleft()
+            self._attempt(self._save, page, request)
 
     def _attempt(self, do: Callable[[Page, Request], None], page: Page, request: Request) -> None:
         try:
             do(page, request)
         except SpaceRobotError as fault:
             self._fail(page, request, fault)
+        except Exception as fault:  # a defect must not end the session for all pages
+            self._fail(page, request, SpaceRobotError(f"a defect: {type(fault).__name__}: {fault}"))
 
     def _answer(self, page: Page, request: Request) -> None:
         if request.kind in ("hello", "set"):
             self._roll(page, request)
         elif request.kind == "check":
+            self._prepare_early()
             self.origin.build(self.plants.changes(request.values))
         elif request.kind == "gradient":
             self._gradient(page, request)
-        elif request.kind == "command":
-            self._send(page, {"type": "command", "text": self._command(request)})
-        elif request.kind == "save":
-            self._beside.submit(self._attempt, self._save, page, request)
         else:
-            self._jobs.begin(page, request)
+            self._send(page, {"type": "command", "text": self._command(request)})
 
-    def _plant(self, page: Page, request: Request) -> tuple[Plant, dict[str, float]] | None:
-        """Structure and numbers of a design; None while it is made, after which the request comes again."""
+    def _plant(
+        self, page: Page, request: Request, *, gradients: bool = False
+    ) -> tuple[Plant, dict[str, float]] | None:
+        """Structure and numbers of a design; None while it is compiled, whereupon the request comes again."""
         found = self.plants.find(request.values)
-        if found is None:
-            self._beside.submit(self._attempt, self._make, page, request)
-        return found
+        if found is not None and (found[0].has_gradients or not gradients):
+            return found
+        asked = page, request.kind
+        with self._change:
+            self._held[asked] = request
+            if asked not in self._making:
+                self._making.add(asked)
+                _begin(lambda: self._attempt(self._make, page, request))
+        return None
 
     def _make(self, page: Page, request: Request) -> None:
-        with self._change:
-            if (page, request.kind) in self._newest:
-                return  # a newer one has come
-        if self.plants.find(request.values) is None:
-            self.plants.make(request.values)
-        with self._change:
-            if page in self._pages:
-                self._newest.setdefault((page, request.kind), request)
-                self._change.notify()
+        """Compile what a request takes, then ask again what was asked last."""
+        try:
+            if self.plants.find(request.values) is None:
+                self.plants.make(request.values)
+            if request.kind == "gradient":
+                self._say("compiling gradients")
+                self._prepare(request)
+        except SpaceRobotError:
+            with self._change:
+                newest = self._held.get((page, request.kind)) is request
+                if newest:
+                    del self._held[page, request.kind]
+            if newest:
+                raise
+        finally:
+            with self._change:
+                self._making.discard((page, request.kind))
+                again = self._held.pop((page, request.kind), None)
+                if again is not None and page in self._pages:
+                    self._newest.setdefault((page, request.kind), again)
+                    self._change.notify_all()
+
+    def _prepare(self, request: Request) -> None:
+        found = self.plants.find(request.values)
+        try:
+            if found is not None:
+                found[0].prepare_gradients()
+        finally:
+            self._say("")
+
+    def _prepare_early(self) -> None:
+        """Compile gradients of the scene itself once a page shows it, before anyone asks for them."""
+
+        def prepare() -> None:
+            with suppress(SpaceRobotError):  # who asks is told
+                self._prepare(Request("gradient"))
+
+        if not self._prepared:
+            self._prepared = True
+            _begin(prepare)
 
     def _roll(self, page: Page, request: Request) -> None:
         begin = time.perf_counter()
@@ -225,13 +277,16 @@ class Session:
 
     def _hello(self, plant: Plant) -> dict[str, Any]:
         sliders = suggested(plant.scene, plant.free)
-        scenario = plant.scene.scenario
+        scenario, own = plant.scene.scenario, self.plants.base.leaves  # what designs differ from
         return {
             "type": "hello",
             "scenario": scenario.name,
             "about": scenario.description,
             "folder": str(self.folder),
-            "numbers": [leaf.plain(sliders.get(p), p in plant.free) for p, leaf in plant.leaves.items()],
+            "numbers": [
+                leaf.plain(sliders.get(path), path in plant.free) | {"value": own.get(path, leaf).value}
+                for path, leaf in plant.leaves.items()
+            ],
             "metrics": [metric.plain() for metric in plant.metrics.metrics],
             "methods": list(self._jobs.methods),
             "saves": list(SAVED),
@@ -239,38 +294,16 @@ class Session:
         }
 
     def _gradient(self, page: Page, request: Request) -> None:
-        found = self._plant(page, request)
+        found = self._plant(page, request, gradients=True)
         if found is None:
             return
         plant, numbers = found
-        if not plant.has_gradients:
-            self._beside.submit(self._attempt, self._prepare, page, request)
-            return
         metric = plant.metric(request.text("metric"))
         value, slopes, status = plant.gradient(numbers, metric)
         wanted = request.more.get("paths", ())
         told = {path: slopes.get(path) for path in wanted if isinstance(path, str)}
         answer = {"type": "gradient", "seq": request.seq, "metric": metric.key, "value": value}
         self._send(page, {**answer, "d": told, "status": status})
-
-    def _prepare_base(self) -> None:
-        with suppress(SpaceRobotError):  # who asks for a gradient is told
-            self.plants.base.prepare_gradients()
-        self._say("")
-
-    def _prepare(self, page: Page, request: Request) -> None:
-        """Compile what gradients need, then ask again."""
-        found = self.plants.find(request.values)
-        if found is not None:
-            self._say("compiling gradients")
-            try:
-                found[0].prepare_gradients()
-            finally:
-                self._say("")
-            with self._change:
-                if page in self._pages:
-                    self._newest.setdefault((page, request.kind), request)
-                    self._change.notify()
 
     def _command(self, request: Request) -> str:
         found = self.plants.find(request.values)
@@ -298,6 +331,13 @@ class Session:
     def _say(self, words: str) -> None:
         self._tell(words)
         self._broadcast(None, {"type": "compiling", "why": words})
+
+
+def _begin(work: Callable[[], None]) -> threading.Thread:
+    """A thread that does not keep the program from ending."""
+    thread = threading.Thread(target=work, name="studio", daemon=True)
+    thread.start()
+    return thread
 
 
 def _words(result: Result, trajectory: Trajectory) -> str:
