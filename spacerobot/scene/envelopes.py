@@ -1,0 +1,103 @@
+"""Capture envelopes that no motion can bring a tip into."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from spacerobot.arrays import Array
+from spacerobot.scenario import Robot
+from spacerobot.scene.scene import Scene, SceneBody, SceneGrasp
+
+
+def envelope_warnings(scene: Scene) -> list[str]:
+    """Warnings about envelopes that can never hold, whatever the controllers do.
+
+    Until something is captured, or acts from outside, the centres of mass of a robot and of the target move
+    uniformly. A tip stays within a distance of its robot's that its links' lengths bound, and a mating frame
+    within one of the target's.
+    """
+    living = [grasp for grasp in scene.grasps if grasp.config.begins == "open"]
+    if len(living) < len(scene.grasps) or not _undisturbed(scene):
+        return []
+    distant = [told for told in (_too_far(scene, grasp) for grasp in living) if told]
+    # one that captures moves what the others reach for
+    return distant if len(distant) == len(living) else []
+
+
+def _undisturbed(scene: Scene) -> bool:
+    """Whether nothing acts from outside or between bodies that has not been captured."""
+    acted_on = any(isinstance(body.config, Robot) and body.config.actuators for body in scene.bodies)
+    return not (scene.contacts or any(scene.scenario.gravity) or acted_on)
+
+
+def _too_far(scene: Scene, grasp: SceneGrasp) -> str | None:
+    """Why a tip never comes as near as its envelope asks; None if it may."""
+    capture, target = grasp.config.capture, scene.target
+    if target is None or capture is None or capture.distance is None:
+        return None
+    data = scene.model.createData()
+    pin.forwardKinematics(scene.model, data, scene.q, scene.v)
+    pin.updateFramePlacements(scene.model, data)
+    robot, own = _centre(scene, data, grasp.tip.body), _within(scene, grasp.tip.body, grasp.tip.frame)
+    aim, other = _centre(scene, data, target), _within(scene, target, grasp.frame)
+    apart, speed = aim[0] - robot[0], aim[1] - robot[1]
+    square, duration = float(speed @ speed), scene.scenario.simulation.duration
+    nearest_at = float(np.clip(-(apart @ speed) / square, 0, duration)) if square else 0.0
+    nearest = float(np.linalg.norm(apart + nearest_at * speed))
+    if nearest <= own + other + capture.distance:
+        return None
+    return (
+        f"{grasp.path}.capture.distance: never holds: in {duration:g} s the centres of mass of "
+        f"{grasp.tip.body.name} and the target come no nearer than {nearest:.4g} m, and the tip reaches "
+        f"{own:.4g} m from the one, the mating frame {other:.4g} m from the other"
+    )
+
+
+def _centre(scene: Scene, data: pin.Data, body: SceneBody) -> tuple[Array, Array]:
+    """Centre of mass of a body [m] and its velocity [m/s]; of a body that is held, its root link and none."""
+    if not body.root_joint:
+        return np.array(data.oMf[body.root_frame].translation), np.zeros(3)
+    masses = np.array([scene.model.inertias[joint].mass for joint in body.subtree])
+    places, speeds = [], []
+    for joint in body.subtree:
+        lever = data.oMi[joint].rotation @ scene.model.inertias[joint].lever
+        motion = data.oMi[joint].act(data.v[joint])
+        places.append(data.oMi[joint].translation + lever)
+        speeds.append(motion.linear + np.cross(motion.angular, places[-1]))
+    total = masses.sum()
+    return masses @ np.array(places) / total, masses @ np.array(speeds) / total
+
+
+def _within(scene: Scene, body: SceneBody, frame: int) -> float:
+    """Greatest distance [m] of a frame from what :func:`_centre` takes of its body: lengths, end to end."""
+    model, tip = scene.model, scene.model.frames[frame]
+    own = _chain(scene, body, int(tip.parentJoint), np.array(tip.placement.translation))
+    if not body.root_joint:
+        root = model.frames[body.root_frame]
+        length, point = own[root.parentJoint]
+        return length + float(np.linalg.norm(point - root.placement.translation))
+    weighed, total = 0.0, 0.0
+    for joint in body.subtree:
+        inertia = model.inertias[joint]
+        other = _chain(scene, body, joint, np.array(inertia.lever))
+        meets = next(ancestor for ancestor in own if ancestor in other)
+        (one, here), (two, there) = own[meets], other[meets]
+        weighed += inertia.mass * (one + two + float(np.linalg.norm(here - there)))
+        total += inertia.mass
+    return weighed / total
+
+
+def _chain(scene: Scene, body: SceneBody, joint: int, point: Array) -> dict[int, tuple[float, Array]]:
+    """Of each joint towards the root: greatest length [m] up to a point fixed in it, and that point (3,)."""
+    model, by_name = scene.model, {own.name: own for own in body.description.joints}
+    found, length = {joint: (0.0, point)}, 0.0
+    while joint in body.joints:
+        length += float(np.linalg.norm(point))
+        own = by_name[model.names[joint].removeprefix(f"{body.name}/")]
+        if own.kind == "prismatic":
+            length += max(abs(own.lower), abs(own.upper))
+        point = np.array(model.jointPlacements[joint].translation)
+        joint = int(model.parents[joint])
+        found[joint] = (length, point)
+    return found
