@@ -11,7 +11,7 @@ from spacerobot.scenario.paths import expand
 from spacerobot.scene import Scene, build_scene
 from spacerobot.section import numbers
 
-PLACES = ("robots", "target", "grasps", "gravity")
+PLACES = ("robots", "target", "grasps", "gravity", "environment")
 """Parts of a scenario whose numbers may vary."""
 LARGE_RATIO = 10.0
 """Of upper to lower bound, from which on equal ratios count as equal distances."""

@@ -77,6 +77,8 @@ def scene_tree(scene: Scene) -> Tree:
         _add_body(root, scene, body)
     _add_grasps(root, scene)
     _add_contacts(root, scene)
+    for name, environment in scene.scenario.environment.items():
+        root.add(f"environment [bold]{escape(name)}[/]: {escape(environment.words())}")
     return root
 
 

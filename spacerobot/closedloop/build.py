@@ -15,6 +15,7 @@ from spacerobot.closedloop.events import booked, guards_of, rules_of, update_of
 from spacerobot.closedloop.forward_dynamics import solve_accelerations
 from spacerobot.closedloop.impulse import strike
 from spacerobot.closedloop.outputs import added_up, combine, core_outputs
+from spacerobot.closedloop.outside import impulse_of, on_bases, unbooked
 from spacerobot.closedloop.phases import phased
 from spacerobot.closedloop.plant import build_plant
 from spacerobot.closedloop.start import initial_state
@@ -83,6 +84,7 @@ def _evaluate(builder: Builder) -> _Evaluated:
     )
     acting = concatenate([acting, solution.driven])
     events = (*acting.events, *answers.events)
+    impulse = impulse_of(plant, [*acting.outside, *on_bases(scene, plant, solution.torque)])
     powers = (*plant_powers(plant, solution.torque), *acting.powers, *answers.powers, *booked(events))
     works = build_works(powers)
     declared = [
@@ -91,27 +93,14 @@ def _evaluate(builder: Builder) -> _Evaluated:
         *answers.outputs,
         *stored_energies(scene, plant, acting),
         *(work.output for work in works),
+        *impulse.outputs,
     ]
     seen = added_up(declared)
     phases = phased(builder, seen)
     variables, outputs = combine(scene, [*seen, *phases.outputs])
-    states = (*acting.states, *(work.state for work in works), *phases.states)
+    states = (*acting.states, *impulse.states, *(work.state for work in works), *phases.states)
     acting = replace(acting, states=states, events=(*events, *phases.events))
     return _Evaluated(acting, solution.acceleration, solution.torque, works, variables, outputs)
-
-
-def _outside(scene: Scene, wrenches: Sequence[Any], torque: ca.SX) -> tuple[str, ...]:
-    """What acts on the scene from outside, so that momentum is not conserved, in words."""
-    found = []
-    if any(body.base.joint == "fixed" for body in scene.bodies):
-        found.append("a base is fixed")
-    if any(scene.scenario.gravity):
-        found.append("gravity acts")
-    joints = [scene.model.joints[body.root_joint] for body in scene.bodies if body.root_joint]
-    on_bases = any(torque[joint.idx_v : joint.idx_v + joint.nv].nnz() for joint in joints)
-    if wrenches or on_bases:
-        found.append("an element acts from outside")
-    return tuple(found)
 
 
 def _beginning(builder: Builder, acting: Contribution, x: ca.SX) -> tuple[Start, ca.SX]:
@@ -172,7 +161,7 @@ def _assemble(builder: Builder, found: _Evaluated) -> ClosedLoop:
         gaps=_function("gaps", {"p": parameters.symbols}, {"gap": ca.densify(gaps)}),
         max_gaps=max_gaps,
         works={work.name: 1 if work.sign == "in" else -1 for work in found.works},
-        outside=_outside(builder.scene, acting.outside, found.torque),
+        outside=unbooked(builder.scene),
         jumps=constants.jumps,
         **_hybrid(builder, acting, arguments),
     )

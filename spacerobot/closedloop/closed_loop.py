@@ -71,7 +71,8 @@ class ClosedLoop:
         Names of the works in the energy balance, with their signs: 1 for what is put in, -1 for what is
         taken.
     outside
-        Why momentum is not conserved, in words; empty where nothing acts from outside.
+        Why momentum is not conserved, in words; empty where all that acts from outside is booked: the
+        outputs ``impulse_linear`` and ``impulse_angular`` are then what it gave.
     jumps
         Places in c of the times [s] at which the dynamics jump: where a reference ends or two pieces of it
         meet. They are compared with t and used for nothing else.

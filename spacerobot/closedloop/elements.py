@@ -17,6 +17,7 @@ from spacerobot.elements import (
     ContactContext,
     Context,
     Contribution,
+    EnvironmentContext,
     GraspContext,
     Motion,
     RobotContext,
@@ -92,7 +93,7 @@ class Builder:
         return found
 
     def contributions(self) -> list[Contribution]:
-        """Of controllers of tips and robots, grasps, contacts and actuators, in the scene's order."""
+        """Of controllers, grasps, contacts, actuators and environments, in the scene's order."""
         found = [*self.controllers]
         found += [living(grasp.config, self._grasp(grasp)) for grasp in self.scene.grasps]
         found += [contact.config.build(self._contact(contact)) for contact in self.scene.contacts]
@@ -101,6 +102,10 @@ class Builder:
                 found += [
                     actuator.build(self._actuator(body, key)) for key, actuator in body.config.driven_by()
                 ]
+        roots = {body.name: body.root_frame for body in self.scene.bodies}
+        for name, element in self.scene.scenario.environment.items():
+            context = self.context.at(f"environment.{name}")
+            found.append(element.build(EnvironmentContext(context, self.plant, roots)))
         return found
 
     def grasp_switch(self, name: str, kind: Literal["closed", "released"]) -> ca.SX:

@@ -1,4 +1,4 @@
-"""Elements: references, grasps, controllers, actuators and sensors; a kind is one file, section and law."""
+"""Elements: references, grasps, actuators, environments, ...; a kind is one file, section and law."""
 
 from spacerobot.elements.actuator import Actuator
 from spacerobot.elements.contact import Contact
@@ -23,6 +23,7 @@ from spacerobot.elements.contribution import (
 )
 from spacerobot.elements.controller import RobotController, TipController
 from spacerobot.elements.element import Element
+from spacerobot.elements.environment import Environment, EnvironmentContext
 from spacerobot.elements.event import Event, both, either, negated
 from spacerobot.elements.grasp import Grasp
 from spacerobot.elements.motion import Beginning, Motion, Profile, cubic_blend
@@ -45,6 +46,8 @@ __all__ = [
     "Contribution",
     "Drive",
     "Element",
+    "Environment",
+    "EnvironmentContext",
     "Event",
     "Family",
     "Grasp",

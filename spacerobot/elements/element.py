@@ -20,7 +20,7 @@ class Element(Section):
     ----------
     family
         Which elements it stands beside: ``reference``, ``grasp``, ``contact``, ``tip_controller``,
-        ``robot_controller``, ``actuator`` or ``sensor``.
+        ``robot_controller``, ``actuator``, ``sensor`` or ``environment``.
     fills
         Key of the section that what stands in its ``file`` fills in, if it has one.
     """

@@ -33,6 +33,7 @@ FAMILIES = {
     "robot_controller": "spacerobot.elements.controllers",
     "actuator": "spacerobot.elements.actuators",
     "sensor": "spacerobot.elements.sensors",
+    "environment": "spacerobot.elements.environments",
 }
 """Families, and the package whose modules hold the kinds that ship."""
 

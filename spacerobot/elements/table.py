@@ -17,6 +17,7 @@ PLACES = {
     "robot_controller": "`robots.*.controllers.*`, `joint_pd`",
     "actuator": "`robots.*.actuators.*`; `robots.*.torque_limits: true` is a `torque_limit` of all joints",
     "sensor": "`robots.*.sensors.*`",
+    "environment": "`environment.*`",
 }
 """Where a kind of each family stands in a scenario."""
 

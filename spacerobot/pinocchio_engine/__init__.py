@@ -5,6 +5,7 @@ from spacerobot.pinocchio_engine import planned as _planned  # noqa: F401 (a wri
 from spacerobot.pinocchio_engine import rendezvous as _rendezvous  # noqa: F401 (a writing of its own)
 from spacerobot.pinocchio_engine.contacts import contact_of
 from spacerobot.pinocchio_engine.engine import Engine
+from spacerobot.pinocchio_engine.environments import environment_of
 from spacerobot.pinocchio_engine.events import KINDS as EVENTS
 from spacerobot.pinocchio_engine.grasps import grasp_of
 from spacerobot.pinocchio_engine.references import leading, path_of, turn_of
@@ -17,6 +18,7 @@ __all__ = [
     "Checked",
     "Engine",
     "contact_of",
+    "environment_of",
     "grasp_of",
     "leading",
     "path_of",

@@ -56,6 +56,10 @@ class Delivery(Protocol):
     """An actuator of one robot."""
 
     @property
+    def from_outside(self) -> bool:
+        """Whether what it delivers to a base, or beside it, comes from outside."""
+
+    @property
     def state_names(self) -> tuple[str, ...]:
         """Names of its states."""
 
@@ -71,6 +75,7 @@ class Clip:
     """An actuator without states that bounds forces, (nv,), infinite where it has no part."""
 
     limits: Array
+    from_outside: bool = False
     state_names: tuple[str, ...] = ()
 
     def initial(self, kinematics: Kinematics) -> Array:
@@ -107,7 +112,7 @@ def _(actuator: BaseWrench, scene: Scene, body: SceneBody) -> Delivery:
     turning = 3 if len(own) == 6 else 1
     found[own[:-turning]] = actuator.force or np.inf
     found[own[-turning:]] = actuator.torque or np.inf
-    return Clip(found)
+    return Clip(found, from_outside=True)
 
 
 def base_columns(scene: Scene, body: SceneBody) -> list[int]:

@@ -14,6 +14,7 @@ from spacerobot.arrays import Array
 from spacerobot.pinocchio_engine.actuation import Delivered
 from spacerobot.pinocchio_engine.contacts import Pressure, contact_of, touches
 from spacerobot.pinocchio_engine.dynamics import Loads, Solution, Wrench, solve
+from spacerobot.pinocchio_engine.environments import Surroundings, environment_of
 from spacerobot.pinocchio_engine.grasps import (
     Constraint,
     Coupling,
@@ -28,6 +29,7 @@ from spacerobot.pinocchio_engine.kinematics import Kinematics, configuration_rat
 from spacerobot.pinocchio_engine.laws import has_writing, refusal
 from spacerobot.pinocchio_engine.life import first_lives, mated_orientation, works_of
 from spacerobot.pinocchio_engine.mode import Laws, Mode, laws_of, led
+from spacerobot.pinocchio_engine.outside import IMPULSE, impulse_rate, on_bases
 from spacerobot.pinocchio_engine.references import Motion
 from spacerobot.pinocchio_engine.robot_law import Asking
 from spacerobot.pinocchio_engine.tip_control import Channel, Command
@@ -53,6 +55,8 @@ class Instant:
         Of the compliant grasps.
     pressures
         Of every pair of shapes of the contacts, by the contact's name.
+    surroundings
+        What the environments do, in the scenario's order.
     solution
         Acceleration, actuator torques, wrenches of rigid grasps.
     rates
@@ -64,6 +68,7 @@ class Instant:
     relatives: list[Relative]
     couplings: list[Coupling]
     pressures: Mapping[str, list[Pressure]]
+    surroundings: list[Surroundings]
     solution: Solution
     rates: Array
 
@@ -86,6 +91,8 @@ class Engine:
         Of the controllers, by the phase's name.
     mode
         What is open and closed, and what leads; events replace it.
+    impulse
+        Names of the states that hold the impulse from outside, none where nothing acts from there.
     touched
         Places in z of impulse and loss of the contacts.
     mated
@@ -93,9 +100,14 @@ class Engine:
     """
 
     def __init__(self, scene: Scene) -> None:
-        for grasp in scene.grasps:
-            if not has_writing(grasp_of, type(grasp.config)):
-                raise refusal(grasp.config)
+        environments = list(scene.scenario.environment.values())
+        for family, elements in (
+            (grasp_of, [g.config for g in scene.grasps]),
+            (environment_of, environments),
+        ):
+            for element in elements:
+                if not has_writing(family, type(element)):
+                    raise refusal(element)
         self.scene, self.model = scene, scene.model
         self._places = coordinates(scene.model)
         start = Kinematics(scene.model, np.array(scene.q), np.array(scene.v))
@@ -106,7 +118,8 @@ class Engine:
         self.root_rotations = [start.frame(body.root_frame).rotation for body in scene.bodies]
         self.resistance = _resistance(scene)
         blocks = self.now.blocks
-        self.works = (*WORKS, *(["contact"] if scene.contacts else []), *works_of(scene))
+        outside = ["environment"] if environments else []
+        self.works = (*WORKS, *(["contact"] if scene.contacts else []), *outside, *works_of(scene))
         booked = [
             f"{contact.name}.{part}"
             for contact in scene.contacts
@@ -118,7 +131,10 @@ class Engine:
         sizes = [self.touched.stop, *(len(one.state_names) for one in self.now.deliveries)]
         self._driven_cuts = np.cumsum(sizes)
         first = [one.initial(start) for one in self.now.deliveries]
-        self.state_names = (*names, *booked, *driven, *(f"work.{name}[0]" for name in self.works))
+        given = any(one.from_outside for one in self.now.deliveries)
+        self.impulse = IMPULSE if environments or given else ()
+        works = [f"work.{name}[0]" for name in self.works]
+        self.state_names = (*names, *booked, *driven, *self.impulse, *works)
         self._cuts = np.cumsum([len(block.state_names) for block in blocks])
         self.x0: Array = np.concatenate(
             [
@@ -127,7 +143,7 @@ class Engine:
                 self.first_states(start),
                 np.zeros(len(booked)),
                 *first,
-                np.zeros(len(self.works)),
+                np.zeros(len(self.impulse) + len(works)),
             ]
         )
 
@@ -206,10 +222,13 @@ class Engine:
             for contact in self.scene.contacts
         }
         pressing = [pressure for several in pressures.values() for pressure in several]
-        solution = solve(
-            kinematics, replace(loads, pressures=pressing, deliveries=self._deliveries(kinematics, z))
-        )
+        around = self.scene.scenario.environment.values()
+        surroundings = [environment_of(config, self.scene, kinematics, t) for config in around]
+        pulls = [wrench for found in surroundings for wrench in found.wrenches]
+        actuators = self._deliveries(kinematics, z)
+        solution = solve(kinematics, replace(loads, pressures=pressing, deliveries=actuators, outside=pulls))
         powers = self._powers(v, solution, (couplings, loads.wrenches), pressing)
+        powers["environment"] = sum(found.power for found in surroundings)
         tip_rates = [
             command.rates * (not rests) for (_, command), rests in zip(asking, self.now.rest, strict=False)
         ]
@@ -217,8 +236,12 @@ class Engine:
             np.sum([[*p.force, p.dissipation] for p in several], axis=0) for several in pressures.values()
         ]
         driven = [one.rates for one in solution.delivered]
-        rates = np.concatenate([*tip_rates, *own_rates, *booked, *driven, powers])
-        return Instant(kinematics, motions, relatives, couplings, pressures, solution, rates)
+        given = [push for one in solution.delivered for push in one.outside]
+        given += [*pulls, *on_bases(self.scene, kinematics, solution.torque)]
+        impulse = impulse_rate(given, self.scene.planar) if self.impulse else np.empty(0)
+        works = [powers[name] for name in self.works]
+        rates = np.concatenate([*tip_rates, *own_rates, *booked, *driven, impulse, works])
+        return Instant(kinematics, motions, relatives, couplings, pressures, surroundings, solution, rates)
 
     def is_closed(self, name: str) -> bool:
         """Whether a grasp holds."""
@@ -287,8 +310,8 @@ class Engine:
         solution: Solution,
         springs: tuple[list[Coupling], Sequence[Wrench]],
         pressing: list[Pressure],
-    ) -> Array:
-        """Rates of the works, in their order [W]."""
+    ) -> dict[str, float]:
+        """Rates of the works of what is within the scene, by name [W]."""
         couplings, wrenches = springs
         by_constraints = -sum(
             float(np.concatenate([force, torque]) @ relative.velocity)
@@ -298,16 +321,15 @@ class Engine:
             float(np.concatenate([force, torque]) @ relative.rest_velocity)
             for _, relative, force, torque in [*wrenches, *solution.wrenches]
         )
-        powers = {
-            "actuator": solution.torque @ v + sum(one.power for one in solution.delivered),
-            "joint": self.resistance @ v**2,
+        return {
+            "actuator": float(solution.torque @ v) + sum(one.power for one in solution.delivered),
+            "joint": float(self.resistance @ v**2),
             "grasp": sum(coupling.dissipation for coupling in couplings),
             "constraint": by_constraints,
             "contact": sum(pressure.dissipation for pressure in pressing),
             "draw_in": drawn_in,
             "event": 0.0,
         }
-        return np.array([powers[name] for name in self.works])
 
 
 def _resistance(scene: Scene) -> Array:

@@ -2,7 +2,7 @@
 
 Each family has a ``functools.singledispatch`` function over its kinds: ``path_of`` and ``turn_of`` for
 references, ``grasp_of`` for grasps, ``contact_of`` for contacts, ``tip_law`` and ``robot_law`` for
-controllers, ``delivery_of`` for actuators.
+controllers, ``delivery_of`` for actuators, ``environment_of`` for environments.
 """
 
 from __future__ import annotations

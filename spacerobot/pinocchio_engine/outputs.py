@@ -29,7 +29,12 @@ def outputs_at(engine: Engine, t: float, x: Array, within: float | None = None) 
         | _contacts(engine, instant, x)
         | _energies(engine, instant)
     )
-    works = engine.split(x)[2][-len(engine.works) :]
+    for around in instant.surroundings:
+        found |= around.seen
+    z, count = engine.split(x)[2], len(engine.works)
+    works = z[-count:]
+    if engine.impulse:
+        found |= {"impulse_linear": z[-count - 6 : -count - 3], "impulse_angular": z[-count - 3 : -count]}
     return found | {f"work_{name}": works[i : i + 1] for i, name in enumerate(engine.works)}
 
 

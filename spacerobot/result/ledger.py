@@ -20,12 +20,19 @@ INNER_PART = 1e-3
 def build_ledger(data: xr.Dataset, scenario: Scenario) -> dict[str, Any]:
     """Momentum drift and energy balance of a result.
 
-    Momentum is of robots and target together, about the world's origin; its drift is compared with the
-    largest momentum of a single body or, where bodies have hardly any (as a robot that holds nothing), with
-    a part of what moves inside them. Where something acts from outside it is not conserved, and said to be
-    so. The energy balance compares what the balance leaves open with the largest energy in it.
+    Momentum is of robots and target together, about the world's origin, less the impulse that elements give
+    from outside; its drift is compared with the largest of a single body or, where bodies have hardly
+    any (as a robot that holds nothing), with a part of what moves inside them. Where a fixed base or gravity
+    acts it is not conserved, and said to be so. The energy balance compares what the balance leaves open with
+    the largest energy in it.
     """
     return {"momentum": _momentum(data, scenario), "energy": _energy(data)}
+
+
+def kept_momentum(data: xr.Dataset, kind: str) -> xr.DataArray:
+    """Momentum ``linear`` or ``angular`` of everything less the impulse from outside, which is constant."""
+    total, impulse = data[f"momentum_{kind}"], f"impulse_{kind}"
+    return total - data[impulse] if impulse in data else total
 
 
 def works_of(data: xr.Dataset) -> list[xr.DataArray]:
@@ -46,7 +53,8 @@ def _momentum(data: xr.Dataset, scenario: Scenario) -> dict[str, Any]:
     inner = _inner_momentum(data, bodies)
     for kind, unit in KINDS:
         total, partial = data[f"momentum_{kind}"].values, data[f"body_momentum_{kind}"].values
-        drift = float(np.linalg.norm(total - total[0], axis=-1).max())
+        kept = kept_momentum(data, kind).values
+        drift = float(np.linalg.norm(kept - kept[0], axis=-1).max())
         largest = max(float(np.linalg.norm(partial, axis=-1).max()), INNER_PART * inner[kind])
         found[kind] = {
             f"initial_{unit}": [float(x) for x in total[0]],

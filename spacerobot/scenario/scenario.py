@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, ValidationError, model_validator
 
-from spacerobot.elements import Contact, Family, Grasp
+from spacerobot.elements import Contact, Environment, Family, Grasp
 from spacerobot.elements.registry import on_change
 from spacerobot.errors import near_names
 from spacerobot.scenario.bodies import Base, Robot, Target, Tip
@@ -64,6 +64,9 @@ class Scenario(Section):
     name: Name = Field(default="scenario", description="name of the scenario; that of its file if not given")
     description: str = Field(default="", description="what it shows, for people")
     gravity: Vector = quantity("m/s^2", "gravity; none in orbit", default=(0.0, 0.0, 0.0))
+    environment: dict[Name, Annotated[Environment, Family("environment")]] = Field(
+        default={}, description="what acts from outside on everything that moves, by name"
+    )
     robots: dict[Name, Robot] = Field(min_length=1, description="robots by name")
     target: Target | None = Field(default=None, description="the object that is held")
     grasps: dict[Name, Annotated[Grasp, Family("grasp")]] = Field(default={}, description="grasps by name")
@@ -96,6 +99,17 @@ class Scenario(Section):
             if base.close_grasp is not None and base.close_grasp not in self.grasps:
                 hint = near_names(base.close_grasp, self.grasps)
                 raise ValueError(f"{path}.base.close_grasp: no grasp {base.close_grasp!r}; {hint}")
+        return self
+
+    @model_validator(mode="after")
+    def _check_fall(self) -> Scenario:
+        falling = [f"environment.{name}" for name, found in self.environment.items() if found.falls]
+        if len(falling) > 1:
+            raise ValueError(f"{falling[1]}: the world's origin falls with {falling[0]}; give one of them")
+        if falling and any(self.gravity):
+            raise ValueError(
+                f"gravity: the world's origin falls freely with {falling[0]}; give one of the two"
+            )
         return self
 
     @model_validator(mode="after")

@@ -23,8 +23,10 @@ SLIP = 1e-9  # [m/s, rad/s, deg/s] that a described velocity may differ from the
 def list_assumptions(scene: Scene) -> tuple[str, ...]:
     """Every assumption taken, in the order of the scenario."""
     found = ["nothing can leave the x-y plane: two translations and one rotation"] if scene.planar else []
-    if not any(scene.scenario.gravity):
+    if not any(scene.scenario.gravity) and not scene.scenario.environment:
         found.append("no gravity, no orbital motion: the world frame is inertial")
+    for name, environment in scene.scenario.environment.items():
+        found += [f"environment.{name}: {assumed}" for assumed in environment.assumptions()]
     for body in scene.bodies:
         found += _of_body(scene, body)
     for tip in scene.tips:

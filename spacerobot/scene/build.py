@@ -20,6 +20,7 @@ from spacerobot.scene.assumptions import list_assumptions, list_warnings
 from spacerobot.scene.checks import (
     check_alignment,
     check_elements,
+    check_environment,
     check_gaps,
     check_inertia,
     check_masses,
@@ -84,6 +85,7 @@ def build_scene(
     check_gaps(scene)
     check_rank(scene)
     check_elements(scene)
+    check_environment(scene)
     check_followed(scene)
     check_in_plane(scene)
     check_overlap(scene)

@@ -269,6 +269,24 @@ def _check_base(scene: Scene, body: SceneBody) -> None:
         )
 
 
+def check_environment(scene: Scene) -> None:
+    """Refuse planar bases in a scene that is not planar, where an environment pulls out of their plane.
+
+    Raises
+    ------
+    ScenarioError
+        Naming the base.
+    """
+    for body in scene.bodies if scene.scenario.environment and not scene.planar else ():
+        if body.base.joint == "planar":
+            raise ScenarioError(
+                "found planar, allowed beside an environment: free_flyer, fixed, or planar where nothing "
+                "can leave the x-y plane (no base free in space, all joints in the plane)",
+                source=scene.source,
+                where=f"{body.path}.base.joint",
+            )
+
+
 def robot_elements(scene: Scene) -> Iterator[tuple[SceneBody, str, RobotElement]]:
     """Controllers and actuators of whole robots, with their dotted paths."""
     for body in scene.robots:

@@ -8,7 +8,7 @@ from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from spacerobot.arrays import Array
 from spacerobot.result import Result
-from spacerobot.result.ledger import SMALLEST, work_text, works_of
+from spacerobot.result.ledger import SMALLEST, kept_momentum, work_text, works_of
 from viz.figures.style import Drawing, called, legend_over, line, panels, styled, until
 
 _ALWAYS = ("work_actuator", "work_joint")
@@ -38,6 +38,9 @@ def _momentum(panel: Axes, result: Result, kind: str) -> None:
         values = bodies.sel(body=body).values[:, axis]
         panel.plot(data.time.values, values, **line(k), label=called(str(body)))
     panel.plot(data.time.values, total.values[:, axis], color="black", linewidth=2, label="all together")
+    if f"impulse_{kind}" in data:
+        given = data[f"impulse_{kind}"].values[:, axis]
+        panel.plot(data.time.values, given, **line(data.sizes["body"]), label="given from outside")
     name = str(data.axis.values[axis])
     panel.set_title(f"{kind} momentum, {name}")
     panel.set_ylabel(f"{kind} momentum {name} [{total.attrs['units']}]")
@@ -101,7 +104,7 @@ def _astray(panel: Axes, result: Result) -> None:
 
 def relative_drift(result: Result, kind: str) -> Array:
     """Drift of the ``linear`` or ``angular`` momentum, over what the summary's ledger divides it by."""
-    total, told = result.data[f"momentum_{kind}"].values, result.summary["ledger"]["momentum"][kind]
+    total, told = kept_momentum(result.data, kind).values, result.summary["ledger"]["momentum"][kind]
     (largest,) = (value for key, value in told.items() if key.startswith("largest_partial_"))
     drift = np.linalg.norm(total - total[0], axis=-1)
     return np.asarray(drift / max(largest, SMALLEST), dtype=np.float64)

@@ -183,11 +183,13 @@ def _bodies(result: Result) -> list[Quantity]:
     turned = [rotation_deg(result, name)[1] for name in names]
     moved = [translation_mm(result, name)[1] for name in names]
     rotations = [v[:, 0] if len(about) == 1 else np.linalg.norm(v, axis=-1) for v in turned]
-    momenta = {}
+    momenta, given = {}, "impulse_linear" in data
     for kind in ("linear", "angular"):
         own, total = data[f"body_momentum_{kind}"].values, data[f"momentum_{kind}"].values
-        momenta[kind] = np.concatenate([own, total[:, None]], axis=1)
-    everyone, together = [*said, "all together"], [*colours, ("all", 0)]
+        outside = [data[f"impulse_{kind}"].values[:, None]] if given else []
+        momenta[kind] = np.concatenate([own, total[:, None], *outside], axis=1)
+    everyone = [*said, "all together", *(["given from outside"] if given else [])]
+    together = [*colours, ("all", 0), *([("body", len(names))] if given else [])]
     return [
         Quantity(
             "rotation since the start",

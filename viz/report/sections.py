@@ -180,8 +180,8 @@ def ledger(subject: Subject) -> str | None:
     ]
     note = (
         "<p>Drifts are the greatest change of the total since the start and, in brackets, that relative to "
-        "the largest momentum of a single body. Energy: what actuators and rigid grasps put in is stored, or "
-        "taken by joints and grips; the greatest difference stays open.</p>"
+        "the largest momentum of a single body; impulse from outside is taken off. Energy: what is put in is "
+        "stored, or taken by joints and grips; the greatest difference stays open.</p>"
     )
     return table(headings, rows) + note
 

@@ -35,7 +35,10 @@ def drift_measure(loop: ClosedLoop, signals: Signals) -> Measure:
     for kind in KINDS:
         bodies = ca.vertcat(*(named[f"body_momentum_{kind}"] for named in (begin, signals.outputs)))
         sizes = [ca.sqrt(ca.sumsqr(bodies[i : i + 3])) for i in range(0, bodies.numel(), 3)]
-        parts += [signals[f"momentum_{kind}"] - begin[f"momentum_{kind}"], ca.mmax(ca.vertcat(*sizes))]
+        change = signals[f"momentum_{kind}"] - begin[f"momentum_{kind}"]
+        if f"impulse_{kind}" in begin:
+            change = change - signals[f"impulse_{kind}"]
+        parts += [change, ca.mmax(ca.vertcat(*sizes))]
     return final(ca.vertcat(*parts))
 
 

@@ -1,0 +1,77 @@
+"""What acts from outside: its impulse is booked, so that the momentum less the impulse is constant."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+
+from spacerobot.dynamics import Wrench
+from spacerobot.dynamics.algebra import cross
+from spacerobot.elements import Output, State
+from spacerobot.scene import Scene
+from spacerobot.symbolic import Plant
+
+KINDS = {
+    "linear": ("N s", "impulse from outside since the start"),
+    "angular": ("N m s", "angular impulse from outside about the world's origin since the start"),
+}
+
+
+@dataclass(frozen=True)
+class Impulse:
+    """Impulse from outside since the start: states and outputs, none where nothing acts."""
+
+    states: tuple[State, ...] = ()
+    outputs: tuple[Output, ...] = ()
+
+
+def impulse_of(plant: Plant, wrenches: Sequence[Wrench]) -> Impulse:
+    """Impulse of wrenches from outside, linear and angular about the world's origin."""
+    if not wrenches:
+        return Impulse()
+    rates = {"linear": ca.SX(3, 1), "angular": ca.SX(3, 1)}
+    for wrench in wrenches:
+        rates["linear"] = rates["linear"] + wrench.force
+        rates["angular"] = rates["angular"] + wrench.torque + cross(wrench.point, wrench.force)
+    if plant.planar:
+        rates["linear"][2] = 0
+        rates["angular"][:2] = 0
+    states, outputs = [], []
+    for kind, (unit, text) in KINDS.items():
+        symbol = ca.SX.sym(f"impulse.{kind}", 3)
+        states.append(State(f"impulse.{kind}", symbol, ca.SX.zeros(3), ca.densify(rates[kind])))
+        outputs.append(Output(f"impulse_{kind}", symbol, unit, text))
+    return Impulse(tuple(states), tuple(outputs))
+
+
+def on_bases(scene: Scene, plant: Plant, torque: ca.SX) -> Iterator[Wrench]:
+    """Wrenches of the generalized forces (nv x 1) that are delivered to floating bases."""
+    for body in scene.bodies:
+        if not body.root_joint:
+            continue
+        first = int(plant.model.idx_vs[body.root_joint])
+        own = ca.sparsify(torque[first : first + int(plant.model.nvs[body.root_joint])])
+        if not own.nnz():
+            continue
+        rotation, none = plant.kinematics.rotation[body.root_joint], ca.SX(1, 1)
+        flat = own.size1() == 3
+        force = ca.vertcat(own[:2], none) if flat else own[:3]
+        couple = ca.vertcat(none, none, own[2]) if flat else own[3:]
+        yield Wrench(
+            body.root_joint,
+            ca.mtimes(rotation, force),
+            ca.mtimes(rotation, couple),
+            plant.kinematics.origin[body.root_joint],
+        )
+
+
+def unbooked(scene: Scene) -> tuple[str, ...]:
+    """Why momentum is not conserved although the impulse from outside is booked, in words."""
+    found = []
+    if any(body.base.joint == "fixed" for body in scene.bodies):
+        found.append("a base is fixed")
+    if any(scene.scenario.gravity):
+        found.append("gravity acts")
+    return tuple(found)

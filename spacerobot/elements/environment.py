@@ -1,0 +1,109 @@
+"""Environments: what acts from outside on everything that moves, wherever the scene is."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+from typing import ClassVar
+
+import casadi as ca
+
+from spacerobot.dynamics import Wrench
+from spacerobot.dynamics.algebra import cross
+from spacerobot.elements.contribution import Contribution, Power
+from spacerobot.elements.element import Element
+from spacerobot.elements.numbers import Context
+from spacerobot.symbolic import Plant
+
+
+@dataclass(frozen=True)
+class Load:
+    """What one joint carries, rigid in itself: the links welded to it; world axes.
+
+    Attributes
+    ----------
+    joint
+        Its id.
+    mass, com
+        [kg] (1x1), and where its centre of mass is [m] (3x1).
+    rotation
+        Its own axes to world axes (3x3).
+    inertia
+        About its centre of mass, its own axes (3x3) [kg m^2].
+    velocity, spin
+        Of its centre of mass [m/s], and angular [rad/s] (3x1 each).
+    """
+
+    joint: int
+    mass: ca.SX
+    com: ca.SX
+    rotation: ca.SX
+    inertia: ca.SX
+    velocity: ca.SX
+    spin: ca.SX
+
+
+@dataclass(frozen=True)
+class EnvironmentContext:
+    """A scene as its environments see it; everything in world axes.
+
+    Attributes
+    ----------
+    context
+        Time and the numbers of the environment's section.
+    plant
+        Mechanics now.
+    roots
+        Frames of the bodies' root links, by the bodies' names.
+    """
+
+    context: Context
+    plant: Plant
+    roots: dict[str, int]
+
+    @functools.cached_property
+    def loads(self) -> tuple[Load, ...]:
+        """Everything that moves and has mass."""
+        masses = self.plant.inertias.mass
+        return tuple(self._load(joint) for joint in range(1, len(masses)) if masses[joint].nnz())
+
+    def _load(self, joint: int) -> Load:
+        inertias, kinematics = self.plant.inertias, self.plant.kinematics
+        mass, moment = inertias.mass[joint], inertias.moment[joint]
+        own, about_origin = moment / mass, inertias.rotational[joint]
+        steiner = ca.dot(moment, own) * ca.SX.eye(3) - ca.mtimes(moment, own.T)
+        constants = self.context.constants
+        central = self.context.once(f"inertia.{joint}", constants.expanded(about_origin - steiner))
+        rotation, spin = kinematics.rotation[joint], kinematics.angular_velocity[joint]
+        lever = ca.mtimes(rotation, self.context.once(f"com.{joint}", constants.expanded(own)))
+        velocity = kinematics.linear_velocity[joint] + cross(spin, lever)
+        return Load(joint, mass, kinematics.origin[joint] + lever, rotation, central, velocity, spin)
+
+    def acting(self, load: Load, force: ca.SX, torque: ca.SX) -> tuple[Wrench, Power]:
+        """Force at a centre of mass [N] and torque [N m] (3x1 each), and the work that they do.
+
+        Where nothing can leave the plane, what would act out of it is left out.
+        """
+        force, torque = ca.SX(force), ca.SX(torque)
+        if self.plant.planar:
+            force[2], torque[:2] = 0, 0
+        force, torque = ca.sparsify(force), ca.sparsify(torque)
+        power = ca.dot(force, load.velocity) + ca.dot(torque, load.spin)
+        return Wrench(load.joint, force, torque, load.com), Power("environment", power, "in")
+
+
+class Environment(Element):
+    """Something that acts from outside on all bodies alike; it knows nothing of arms and bases.
+
+    Attributes
+    ----------
+    falls
+        Whether the world's origin falls freely with it: uniform gravity, or a second one, has then no place.
+    """
+
+    family: ClassVar[str] = "environment"
+    falls: ClassVar[bool] = False
+
+    def build(self, environment: EnvironmentContext) -> Contribution:
+        """What it adds to the closed loop: wrenches from outside, works, outputs."""
+        raise NotImplementedError

@@ -1,0 +1,1 @@
+"""Kinds of environments that ship, one file each."""

@@ -1,0 +1,210 @@
+"""The neighbourhood of a reference orbit, in axes that do not rotate."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+import casadi as ca
+from pydantic import Field, model_validator
+
+from spacerobot.dynamics.algebra import cross
+from spacerobot.elements.contribution import Contribution, Output
+from spacerobot.elements.environment import Environment, EnvironmentContext
+from spacerobot.elements.numbers import Context
+from spacerobot.elements.reference import DEGREE
+from spacerobot.elements.registry import register
+from spacerobot.section import quantity
+
+_ITERATIONS = 7  # exact to rounding up to an eccentricity of 0.999
+
+
+@dataclass(frozen=True)
+class OrbitNow:
+    """The reference orbit at one instant; its plane is x-y of the world.
+
+    Attributes
+    ----------
+    direction
+        Radial unit vector of the origin, world axes (3x1).
+    radius
+        Distance of the origin from the planet's centre [m].
+    rate, strength
+        Of the radial direction's turning [rad/s]; mu / r^3 [1/s^2].
+    anomaly
+        True anomaly [rad], between -pi and pi.
+    """
+
+    direction: ca.SX
+    radius: ca.SX
+    rate: ca.SX
+    strength: ca.SX
+    anomaly: ca.SX
+
+    def hill(self, vector: ca.SX) -> ca.SX:
+        """World axes to radial, along-track and cross-track (3x1 each)."""
+        cos, sin = self.direction[0], self.direction[1]
+        x, y = vector[0], vector[1]
+        return ca.vertcat(cos * x + sin * y, cos * y - sin * x, vector[2])
+
+
+@register
+class Orbit(Environment):
+    """Gravity near a point on a reference orbit relative to that point, and gravity gradient torques."""
+
+    kind: Literal["orbit"] = "orbit"
+    falls: ClassVar[bool] = True
+    altitude: float | None = quantity(
+        "m", "of the periapsis above the planet's surface; give it or `semi_major_axis`", default=None, gt=0
+    )
+    semi_major_axis: float | None = quantity("m", "of the reference orbit", default=None, gt=0)
+    eccentricity: float = quantity("1", "of the reference orbit; 0 is a circle", default=0.0, ge=0, le=0.999)
+    true_anomaly_deg: float = quantity("deg", "true anomaly at the start", default=0.0)
+    gravitational_parameter: float = quantity(
+        "m^3/s^2", "mu of the planet; the Earth's if not given", default=3.986004418e14, gt=0
+    )
+    planet_radius: float = quantity(
+        "m", "of the planet's surface; the Earth's equator if not given", default=6378137.0, gt=0
+    )
+    model: Literal["exact", "linear"] = Field(
+        default="exact",
+        description="exact: difference of two inverse squares; linear: its first order in the distance "
+        "(Clohessy and Wiltshire's on a circle)",
+    )
+    gravity_gradient: bool = Field(default=True, description="whether gravity turns bodies, each by itself")
+
+    @model_validator(mode="after")
+    def _check(self) -> Orbit:
+        if (self.altitude is None) == (self.semi_major_axis is None):
+            raise ValueError("give either `altitude` or `semi_major_axis`")
+        if self.semi_major_axis is not None:
+            nearest = self.semi_major_axis * (1 - self.eccentricity)
+            if nearest <= self.planet_radius:
+                raise ValueError(
+                    f"semi_major_axis: the periapsis is {nearest:g} m from the planet's centre, allowed: "
+                    f"above its surface, {self.planet_radius:g} m; raise it or lower `eccentricity`"
+                )
+        return self
+
+    def build(self, environment: EnvironmentContext) -> Contribution:
+        """Force and torque on everything that moves, and the bodies' motion in Hill axes."""
+        now = self._now(environment.context)
+        pairs = []
+        for load in environment.loads:
+            pull, line, strength = self._pull(now, load.com)
+            torque = ca.SX(3, 1)
+            if self.gravity_gradient:
+                own = ca.mtimes(load.rotation.T, line)
+                couple = cross(own, ca.mtimes(load.inertia, own))
+                torque = 3 * strength * ca.mtimes(load.rotation, couple)
+            pairs.append(environment.acting(load, load.mass * pull, torque))
+        return Contribution(
+            outside=tuple(wrench for wrench, _ in pairs),
+            powers=tuple(power for _, power in pairs),
+            outputs=(*_outputs(now), *_relative(now, environment)),
+        )
+
+    def _now(self, context: Context) -> OrbitNow:
+        number, path = context.parameters, context.path
+        mu, e = number(f"{path}.gravitational_parameter"), number.sparse(f"{path}.eccentricity")
+        if self.semi_major_axis is not None:
+            axis = number(f"{path}.semi_major_axis")
+        else:
+            axis = (number(f"{path}.planet_radius") + number(f"{path}.altitude")) / (1 - e)
+        first = number(f"{path}.true_anomaly_deg") * DEGREE
+        rate, a = context.once("rate", ca.sqrt(mu / axis) / axis), context.once("axis", axis)
+        if not e.nnz():
+            angle = rate * context.time
+            now = context.once("anomaly", first) + angle
+            anomaly = ca.atan2(ca.sin(now), ca.cos(now))
+            line = ca.vertcat(ca.cos(angle), ca.sin(angle), 0)
+            return OrbitNow(line, a, rate, context.once("strength", mu / axis**3), anomaly)
+        narrow = ca.sqrt((1 - e) * (1 + e))
+        swept = ca.atan2(narrow * ca.sin(first), e + ca.cos(first))
+        mean = context.once("mean", swept - e * ca.sin(swept))
+        e, narrow = context.once("eccentricity", e), context.once("narrow", narrow)
+        swept = eccentric_anomaly(mean + rate * context.time, e)
+        near = 1 - e * ca.cos(swept)
+        cos, sin = (ca.cos(swept) - e) / near, narrow * ca.sin(swept) / near
+        cos0, sin0 = context.once("cos", ca.cos(first)), context.once("sin", ca.sin(first))
+        line = ca.vertcat(cos * cos0 + sin * sin0, sin * cos0 - cos * sin0, 0)
+        turning = rate * narrow / near**2
+        return OrbitNow(line, a * near, turning, rate**2 / near**3, ca.atan2(sin, cos))
+
+    def _pull(self, now: OrbitNow, place: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """Acceleration relative to the origin's at a place (3x1), the vertical there and mu / r^3.
+
+        Exact without the cancellation of two large accelerations: with R of the origin and |R + p|^2 =
+        R^2 (1 + s), the difference is -mu/R^3 (1 + s)^(-3/2) (p - f R), f = (1 + s)^(3/2) - 1 (Battin).
+        """
+        if self.model == "linear":
+            up = ca.dot(now.direction, place)
+            return -now.strength * (place - 3 * up * now.direction), now.direction, now.strength
+        at = now.radius * now.direction
+        s = ca.dot(place, place + 2 * at) / now.radius**2
+        length = ca.sqrt(1 + s)
+        power = (1 + s) * length
+        strength, f = now.strength / power, s * (3 + 3 * s + s**2) / (1 + power)
+        return -strength * (place - f * at), (at + place) / (now.radius * length), strength
+
+    def assumptions(self) -> list[str]:
+        """Where the world is."""
+        return [
+            "the world's origin moves along the reference orbit and its axes do not rotate: x radial, y "
+            "along-track, z cross-track, as they are at the start",
+            "a spherical planet and nothing else; the planet does not feel the scene",
+        ]
+
+    def words(self) -> str:
+        """Its size, its rate and its model."""
+        periapsis, axis = self.ends()
+        period = 2 * math.pi * math.sqrt(axis**3 / self.gravitational_parameter)
+        shape = f"e = {self.eccentricity:g}, " if self.eccentricity else ""
+        rate = math.sqrt(self.gravitational_parameter * periapsis * (1 + self.eccentricity))
+        rate /= (periapsis * (1 + self.eccentricity) / (1 + self._cos())) ** 2
+        return (
+            f"{self.model} orbit, a = {axis / 1e3:.7g} km, {shape}period {period:.6g} s, turns by "
+            f"{math.degrees(rate):.6g} deg/s at the start"
+        )
+
+    def ends(self) -> tuple[float, float]:
+        """Distance of the periapsis from the planet's centre, and semi-major axis [m]."""
+        if self.semi_major_axis is not None:
+            return self.semi_major_axis * (1 - self.eccentricity), self.semi_major_axis
+        nearest = self.planet_radius + (self.altitude or 0.0)
+        return nearest, nearest / (1 - self.eccentricity)
+
+    def _cos(self) -> float:
+        return self.eccentricity * math.cos(math.radians(self.true_anomaly_deg))
+
+
+def eccentric_anomaly(mean: ca.SX, eccentricity: ca.SX) -> ca.SX:
+    """Eccentric anomaly E [rad] of a mean anomaly: E - e sin E = M (1x1 each), between -pi and pi.
+
+    Newton's method with the next order (Halley), a fixed number of times.
+    """
+    mean = mean - 2 * ca.pi * ca.floor(mean / (2 * ca.pi) + 0.5)
+    e, swept = eccentricity, mean + 0.85 * eccentricity * ca.sign(mean)
+    for _ in range(_ITERATIONS):
+        sin, slope = e * ca.sin(swept), 1 - e * ca.cos(swept)
+        open_ = swept - sin - mean
+        swept = swept - open_ * slope / (slope**2 - 0.5 * open_ * sin)
+    return swept
+
+
+def _outputs(now: OrbitNow) -> Iterator[Output]:
+    yield Output("orbit_anomaly", now.anomaly, "rad", "true anomaly of the reference orbit")
+    yield Output("orbit_radius", now.radius, "m", "distance of the world's origin from the planet's centre")
+
+
+def _relative(now: OrbitNow, environment: EnvironmentContext) -> Iterator[Output]:
+    """Bodies' root links as seen in Hill axes, which turn."""
+    axis = ca.vertcat(ca.SX(2, 1), now.rate)
+    axes = "radial, along-track, cross-track"
+    for name, frame in environment.roots.items():
+        place, speed = environment.plant.placement(frame)[1], environment.plant.velocity(frame)[0]
+        seen = now.hill(speed - cross(axis, place))
+        yield Output("hill_position", now.hill(place), "m", f"position of bodies: {axes}", "body", name)
+        yield Output("hill_velocity", seen, "m/s", f"velocity of bodies: {axes}", "body", name)
