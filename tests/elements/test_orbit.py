@@ -76,7 +76,7 @@ def two_body(scene, times):
     v[:3] += turn.T @ speed
     x0 = np.concatenate([centre, speed, q, v])
     # steps of their own length: at orbital speed rounding is above any tolerance that would matter
-    found = solve_ivp(rate, (0, times[-1]), x0, "DOP853", times, rtol=1, atol=1, max_step=40).y
+    found = solve_ivp(rate, (0, times[-1]), x0, "DOP853", times, rtol=1, atol=1, max_step=15).y
     assert 2 * np.pi * np.sqrt(axis**3 / MU) < times[-1]
     return (found[6:9] - found[:3]).T
 
