@@ -73,10 +73,11 @@ def held(
         if turns
         else ("base_position_error", "m", "from bases to the positions they shall have")
     )
+    brakes_only = context.is_zero("kp") and context.is_zero("ki")
     return Contribution(
         states=(State(name, integral, ca.SX.zeros(len(axes)), error[axes]),),
         channels=(channel,),
-        outputs=(Output(called, error, unit, text, "body", robot.name),),
+        outputs=() if brakes_only else (Output(called, error, unit, text, "body", robot.name),),
     )
 
 

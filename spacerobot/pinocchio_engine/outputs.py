@@ -78,7 +78,8 @@ def _bodies(engine: Engine, instant: Instant) -> dict[str, Array]:
 def _bases(engine: Engine, instant: Instant) -> dict[str, Array]:
     """Errors of the bases that are held, not a number of the others."""
     named = {"base_attitude_error": BaseAttitude, "base_position_error": BasePosition}
-    held = [law for law in engine.now.controllers if isinstance(law, BaseController)]
+    laws = (law for law in engine.now.controllers if isinstance(law, BaseController))
+    held = [law for law in laws if law.config.kp or law.config.ki]
     found = {}
     for name, kind in named.items():
         errors = {

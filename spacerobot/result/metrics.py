@@ -99,6 +99,22 @@ def greatest_contact(data: xr.Dataset) -> dict[str, Any]:
     return _greatest(force.transpose("time", "contact"), "contact", "force_n")
 
 
+def attitude_errors(data: xr.Dataset) -> dict[str, dict[str, float]]:
+    """Greatest and final attitude error [deg] of each base that is held."""
+    size = np.degrees(np.sqrt((data.base_attitude_error**2).sum("axis", skipna=False)))
+    held = size.dropna("body", how="all")
+    return {
+        str(body): {"max_deg": float(held.sel(body=body).max()), "final_deg": float(held.sel(body=body)[-1])}
+        for body in held.body.values
+    }
+
+
+def propellant(data: xr.Dataset) -> dict[str, float]:
+    """Propellant that the thrusters of each body have spent [kg]."""
+    spent = data.propellant.dropna("body", how="all").isel(time=-1)
+    return {str(body): float(spent.sel(body=body)) for body in spent.body.values}
+
+
 def _greatest(values: xr.DataArray, dimension: str, key: str) -> dict[str, Any]:
     size = np.abs(values.values)
     if size.size == 0:

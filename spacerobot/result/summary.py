@@ -13,11 +13,13 @@ import spacerobot
 from spacerobot.result.events import outcome_of
 from spacerobot.result.ledger import build_ledger
 from spacerobot.result.metrics import (
+    attitude_errors,
     body_motion,
     fastest_joint,
     greatest_contact,
     greatest_grip,
     greatest_torque,
+    propellant,
     tip_errors,
 )
 from spacerobot.result.trust import advise, judge
@@ -62,6 +64,8 @@ def build_summary(
         "greatest_torque": greatest_torque(data),
         "greatest_grip": greatest_grip(data),
         **({"greatest_contact": greatest_contact(data)} if scene.contacts else {}),
+        **({"attitude_error": attitude_errors(data)} if "base_attitude_error" in data else {}),
+        **({"propellant_kg": propellant(data)} if "propellant" in data else {}),
         "fastest_joint": fastest,
         "ledger": ledger,
         "engine": engine,

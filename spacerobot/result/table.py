@@ -32,6 +32,10 @@ def headline(summary: Mapping[str, Any], data: xr.Dataset) -> list[Row]:
     for base, motion in summary["bases"].items():
         moved = f"{motion['max_rotation_deg']:.4g} deg, {motion['max_travel_m'] * 1e3:.4g} mm"
         rows.append((f"base {base} moved by at most", moved))
+    for base, error in summary.get("attitude_error", {}).items():
+        told = f"at most {error['max_deg']:.4g} deg, {error['final_deg']:.4g} deg at the end"
+        rows.append((f"attitude error {base}", told))
+    rows += [(f"propellant {base}", f"{kg * 1e3:.4g} g") for base, kg in summary.get("propellant_kg", {}).items()]
     torque, grip = summary["greatest_torque"], summary["greatest_grip"]
     rows.append(("greatest joint torque", _peak(torque, "torque_n_m", torque.get("unit", "N m"), "joint")))
     rows.append(("greatest grip force", _peak(grip, "force_n", "N", "grasp")))

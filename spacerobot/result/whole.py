@@ -108,6 +108,8 @@ def _expected(data: xr.Dataset) -> dict[str, Any]:
         "greatest_torque": {"torque_n_m": Number, "unit": str, "joint": Name, "time_s": Maybe},
         "greatest_grip": {"force_n": Number, "grasp": Name, "time_s": Maybe},
         **({"greatest_contact": contact} if "contact" in data.coords else {}),
+        **({"attitude_error": dict} if "base_attitude_error" in data else {}),
+        **({"propellant_kg": dict} if "propellant" in data else {}),
         "fastest_joint": {"rate": Number, "unit": str, "joint": Name, "time_s": Maybe},
         "ledger": {"momentum": _momentum(bool(data.attrs["outside"])), "energy": _ENERGY},
         "engine": {"name": str, "backend": str, "step_s": Maybe, "steps": Number},

@@ -183,3 +183,16 @@ def test_a_set_that_cannot_push_one_way_is_warned_of():
     assert not small_scene(PLATE).warnings
     told = small_scene(PLATE, {f"{JETS}.nozzles.{name}.direction": [0, -1, 0] for name in "gh"}).warnings
     assert f"{JETS}: no combination of its nozzles gives a force along y alone in the + sense" in told
+
+
+def test_propellant_and_attitude_stand_in_the_summary_and_the_table():
+    result = sr.simulate(small_scene(PLATE, {"simulation.duration": 0.4}), backend="interpreted")
+    spent = float(result.data.propellant.sel(body="one")[-1])
+    assert spent > 0
+    assert result.summary["propellant_kg"] == {"one": spent}
+    assert result.summary["attitude_error"]["one"]["max_deg"] == pytest.approx(25)
+    rows = dict(result.headline())
+    assert rows["propellant one"] == f"{spent * 1e3:.4g} g"
+    assert rows["attitude error one"].startswith("at most 25 deg")
+    assert list(result.data.thruster.values)[:2] == ["one/jets.a", "one/jets.b"]
+    assert any("mass stays" in told for told in result.summary["assumptions"])

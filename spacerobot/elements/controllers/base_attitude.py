@@ -21,7 +21,10 @@ from spacerobot.section import Vector, quantity
 
 @register
 class BaseAttitude(RobotController):
-    """PID on the base's attitude, with feed-forward of the arm's reaction; actuators of the base deliver."""
+    """PID on the base's attitude, with feed-forward of the arm's reaction; actuators of the base deliver.
+
+    Without K_p and K_i it brings the base to rest, whatever the attitude.
+    """
 
     base_wrench: ClassVar[frozenset[Part]] = frozenset({"torque"})
 
