@@ -35,7 +35,8 @@ def headline(summary: Mapping[str, Any], data: xr.Dataset) -> list[Row]:
     for base, error in summary.get("attitude_error", {}).items():
         told = f"at most {error['max_deg']:.4g} deg, {error['final_deg']:.4g} deg at the end"
         rows.append((f"attitude error {base}", told))
-    rows += [(f"propellant {base}", f"{kg * 1e3:.4g} g") for base, kg in summary.get("propellant_kg", {}).items()]
+    spent = summary.get("propellant_kg", {})
+    rows += [(f"propellant {base}", f"{mass * 1e3:.4g} g") for base, mass in spent.items()]
     torque, grip = summary["greatest_torque"], summary["greatest_grip"]
     rows.append(("greatest joint torque", _peak(torque, "torque_n_m", torque.get("unit", "N m"), "joint")))
     rows.append(("greatest grip force", _peak(grip, "force_n", "N", "grasp")))

@@ -21,8 +21,8 @@ from spacerobot.section import Vector, quantity
 class BasePosition(RobotController):
     """PID on the base's position, with feed-forward of the arm's reaction; actuators of the base deliver.
 
-    The force is asked for at the robot's centre of mass, where it does not turn the robot. Without K_p and K_i
-    it brings the base to rest, wherever that is.
+    The force is asked for at the robot's centre of mass, where it does not turn the robot. Without K_p and
+    K_i it brings the base to rest, wherever that is.
     """
 
     base_wrench: ClassVar[frozenset[Part]] = frozenset({"force", "torque"})
