@@ -1,0 +1,225 @@
+"""Resolved rates by the generalized Jacobian, with or without the base kept still.
+
+A free base reacts to the joints. At zero wrench on it, the velocities of base and tip that joint rates r
+entail are
+
+    v_base = v_0 + W r,   W = -H_b^-1 H_bm;      v_tip = v_1 + J* r,   J* = J_m + J_b W,
+
+with J* the generalized Jacobian (Umetani and Yoshida 1989) and v_0, v_1 what momentum and other bodies bring.
+The rates wanted lead the tips; before that, if asked for, they keep the base (W r = -v_0): then the tips move
+in the reaction null space (Nenchev, Yoshida and Uchiyama 1992). Joints then accelerate by
+
+    a = a_ref + g (r_wanted - r),
+
+a_ref being the accelerations that the same tasks want, and torques follow from the inverse dynamics.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+import casadi as ca
+from pydantic import Field
+
+from spacerobot.dynamics import inverse_dynamics, mass_matrix
+from spacerobot.dynamics.algebra import SymmetricFactors
+from spacerobot.elements.context import RobotContext, TipContext
+from spacerobot.elements.contribution import Contribution
+from spacerobot.elements.controller import RobotController
+from spacerobot.elements.registry import register
+from spacerobot.elements.robot_element import RobotFacts
+from spacerobot.elements.sensor import measured
+from spacerobot.section import quantity
+
+
+@register
+class ResolvedRate(RobotController):
+    """Joint rates that lead the tips with the base's reaction in them; they may keep the base still first."""
+
+    kind: Literal["resolved_rate"] = "resolved_rate"
+    keeps: Literal["nothing", "attitude", "base"] = Field(
+        default="nothing",
+        description="what of the floating base the joints keep still (reaction null space): nothing, its "
+        "attitude, or its position too",
+    )
+    orientation: bool = Field(default=True, description="whether the tips' orientation is led too")
+    gain: float = quantity("1/s", "rate at which the tips' errors are removed", default=2.0, ge=0)
+    rate_gain: float = quantity(
+        "1/s", "rate at which errors of the joint rates are removed", default=20.0, ge=0
+    )
+    damping: float = quantity("m", "damping of the pseudo-inverse of the tips' tasks", default=1e-3, ge=0)
+
+    def build(self, robot: RobotContext) -> Contribution:
+        """Torques."""
+        number, columns = robot.context.number, list(robot.columns)
+        free = _FreeBase.of(robot)
+        rates = robot.plant.v[columns]
+        tasks = []
+        if self.keeps != "nothing":
+            tasks.append(_base_task(robot, free, turning_alone=self.keeps == "attitude"))
+        led = [task for tip in robot.tips for task in self._tip_tasks(robot, tip, free)]
+        if led:
+            tasks.append(_Task.of(led, number("damping")))
+        wanted = _resolved(tasks, [task.wanted - task.velocity for task in tasks], rates)
+        ahead = _resolved(tasks, [task.acceleration for task in tasks], ca.SX(rates.shape[0], 1))
+        read = measured(robot.sensors("joint_rate"), rates)
+        torque = free.torque(ahead + number("rate_gain") * (wanted - read))
+        return Contribution(torques=(robot.torque(torque + robot.plant.damping[columns] * rates),))
+
+    def _tip_tasks(self, robot: RobotContext, tip: TipContext, free: _FreeBase) -> Iterator[_Task]:
+        """The tip follows its reference, in position and, if asked for, in orientation."""
+        plant, motion, gain = robot.plant, tip.motion, robot.context.number("gain")
+        jacobian = plant.gathered(plant.jacobian(tip.frame).T).T
+        rows, drift = jacobian[:, list(robot.columns)], ca.vertcat(*plant.drift(tip.frame))
+        if free.base:
+            on_base = jacobian[:, free.base]
+            rows, drift = rows + ca.mtimes(on_base, free.reaction), drift + ca.mtimes(on_base, free.falling)
+        now = measured(tip.sensors("tip_velocity"), tip.velocity)
+        error = motion.position - measured(tip.sensors("tip_position"), tip.position)
+        bend = motion.acceleration + gain * (motion.velocity - now) - drift[:3]
+        axes = list(plant.translation_axes)
+        yield _Task(rows[axes, :], now[axes], (motion.velocity + gain * error)[axes], bend[axes])
+        if not self.orientation:
+            return
+        now = measured(tip.sensors("tip_angular_velocity"), tip.angular_velocity)
+        error = -measured(tip.sensors("tip_orientation"), -tip.orientation_error)
+        bend = motion.angular_acceleration + gain * (motion.angular_velocity - now) - drift[3:]
+        axes = list(plant.rotation_axes)
+        wanted = (motion.angular_velocity + gain * error)[axes]
+        yield _Task(rows[3:, :][axes, :], now[axes], wanted, bend[axes])
+
+    def reads(self) -> set[str]:
+        """Joint rates, and where the tips are and how they move."""
+        turning = {"tip_orientation", "tip_angular_velocity"} if self.orientation else set()
+        return {"joint_rate", "tip_position", "tip_velocity"} | turning
+
+    def faults(self, robot: RobotFacts) -> Iterable[tuple[str, str]]:
+        """A base that is fixed, or more to do than there are joints."""
+        if self.keeps == "nothing":
+            return
+        if robot.base == "fixed":
+            yield "keeps", f"the base of {robot.name} is fixed; leave `keeps` out"
+            return
+        turning, moving = (1, 2) if robot.base == "planar" else (3, 3)
+        kept = turning + moving * (self.keeps == "base")
+        if kept >= len(robot.joints):
+            yield (
+                "keeps",
+                f"its {len(robot.joints)} joints cannot keep {kept} velocities of the base and still move; "
+                "allowed: nothing" + (", attitude" if turning < len(robot.joints) else ""),
+            )
+
+    def words(self) -> str:
+        """What it keeps."""
+        still = {"nothing": "", "attitude": ", base attitude kept", "base": ", base kept"}[self.keeps]
+        return f"{self.gain:g} / {self.rate_gain:g} 1/s{still}"
+
+
+@dataclass(frozen=True)
+class _Task:
+    """Velocities linear in the joint rates, and what is wanted of them.
+
+    Attributes
+    ----------
+    rows
+        Velocity per joint rate (k x n).
+    velocity
+        Now (k x 1).
+    wanted
+        Velocity (k x 1).
+    acceleration
+        Wanted, less what there is at zero joint acceleration (k x 1).
+    damping
+        Of the pseudo-inverse (1x1); none where the task comes first.
+    """
+
+    rows: ca.SX
+    velocity: ca.SX
+    wanted: ca.SX
+    acceleration: ca.SX
+    damping: ca.SX | None = None
+
+    @classmethod
+    def of(cls, several: list[_Task], damping: ca.SX) -> _Task:
+        """Several as one."""
+        names = ("rows", "velocity", "wanted", "acceleration")
+        parts = {name: ca.vertcat(*(getattr(task, name) for task in several)) for name in names}
+        return cls(**parts, damping=damping)
+
+
+@dataclass(frozen=True)
+class _FreeBase:
+    """A robot whose base reacts to its n joints.
+
+    Attributes
+    ----------
+    base
+        Places of the base in v (k); none where it is fixed.
+    reaction
+        W (k x n).
+    falling
+        Base acceleration at zero joint acceleration (k x 1).
+    inertia, bias
+        Of the joints, with the base's reaction in both (n x n and n x 1).
+    """
+
+    base: list[int]
+    reaction: ca.SX
+    falling: ca.SX
+    inertia: ca.SX
+    bias: ca.SX
+
+    @classmethod
+    def of(cls, robot: RobotContext) -> _FreeBase:
+        """With no wrench on the base."""
+        plant, columns = robot.plant, list(robot.columns)
+        joint = plant.model.joints[robot.base_joint]
+        base = list(range(joint.idx_v, joint.idx_v + joint.nv)) if robot.base_joint else []
+        gathered = plant.gathered
+        inertia = gathered(gathered(mass_matrix(plant.model, plant.kinematics, plant.inertias)).T)
+        none = ca.SX(plant.v.size1(), 1)
+        bias = gathered(inverse_dynamics(plant.model, plant.kinematics, plant.inertias, none))
+        if not base:
+            nothing = ca.SX(0, len(columns)), ca.SX(0, 1)
+            return cls(base, *nothing, inertia[columns, columns], bias[columns])
+        factors, coupling = SymmetricFactors(inertia[base, base]), inertia[base, columns]
+        reaction, falling = factors.solve_negated(coupling), factors.solve_negated(bias[base])
+        return cls(
+            base,
+            reaction,
+            falling,
+            inertia[columns, columns] + ca.mtimes(coupling.T, reaction),
+            bias[columns] + ca.mtimes(coupling.T, falling),
+        )
+
+    def torque(self, acceleration: ca.SX) -> ca.SX:
+        """Generalized forces (n x 1) of joint accelerations."""
+        return ca.mtimes(self.inertia, acceleration) + self.bias
+
+
+def _base_task(robot: RobotContext, free: _FreeBase, *, turning_alone: bool) -> _Task:
+    """The base keeps still, or does not turn."""
+    planar = len(free.base) == 3
+    rows = [2] if planar and turning_alone else [3, 4, 5] if turning_alone else list(range(len(free.base)))
+    velocity = robot.plant.v[free.base]
+    return _Task(free.reaction[rows, :], velocity[rows], ca.SX(len(rows), 1), -free.falling[rows])
+
+
+def _resolved(tasks: list[_Task], missing: list[ca.SX], rates: ca.SX) -> ca.SX:
+    """Joint rates (n x 1) that give each task what is missing (k x 1) beside what present ones (n x 1) give.
+
+    Each task is solved in the null space of those before it.
+    """
+    found, free = ca.SX(rates.shape[0], 1), ca.SX.eye(rates.shape[0])
+    for task, lacks in zip(tasks, missing, strict=True):
+        right = lacks + ca.mtimes(task.rows, rates - found)
+        rows = ca.mtimes(task.rows, free)
+        gram = ca.mtimes(rows, rows.T)
+        if task.damping is not None:
+            gram = gram + task.damping**2 * ca.SX.eye(gram.size1())
+        factors = SymmetricFactors(gram)
+        found = found + ca.mtimes(rows.T, factors.solve(right))
+        free = free - ca.mtimes(rows.T, factors.solve(rows))
+    return found

@@ -1,0 +1,123 @@
+"""Resolved rates with a base that reacts, and in the reaction null space, against Pinocchio's momenta."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from spacerobot.description.planar import PlanarBase, PlanarLink, planar_arm_urdf
+from spacerobot.errors import ScenarioError
+from spacerobot.scene import load_scene
+from tests.oracles.small_scenes import ODD_ARM
+from tests.oracles.two_engines import Symbolic
+
+PLANAR = """
+robots:
+  arm:
+    urdf: arm.urdf
+    base: {joint: planar}
+    joints: {joint_1: {angle_deg: 60}, "joint_*": {angle_deg: -40}}
+    tips: {tip: {reference: {kind: line, displacement: [0.1, -0.06, 0], duration: 2}}}
+    controllers: {lead: {kind: resolved_rate, orientation: false, damping: 1e-6, OPTIONS}}
+simulation: {duration: 3, output_step: 0.5, step: 0.02}
+"""
+SPATIAL = """
+robots:
+  arm:
+    urdf: odd_arm.urdf
+    joints: {slant: {angle_deg: 20}, round: {angle_deg: -50}, slide: {offset: 0.05}, wrist: {angle_deg: 30}}
+    tips: {tip: {reference: {kind: line, displacement: [0.03, 0.02, 0], duration: 1}}}
+    controllers: {lead: {kind: resolved_rate, orientation: false, damping: 0.1, OPTIONS}}
+simulation: {duration: 1, output_step: 0.25, step: 0.02}
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    place = tmp_path_factory.mktemp("resolved")
+    link = PlanarLink(length_m=0.35, mass_kg=4.0, inertia_kg_m2=(0.06, 0.05))
+    base = PlanarBase(mass_kg=40.0, inertia_kg_m2=6.0, radius_m=0.3)
+    (place / "arm.urdf").write_text(planar_arm_urdf(links=6, link=link, base=base, damping=0.2))
+    (place / "odd_arm.urdf").write_text(ODD_ARM)
+    return place
+
+
+def scene_of(folder, options="gain: 2", text=PLANAR):
+    file = folder / "scenario.yaml"
+    file.write_text(text.replace("OPTIONS", options))
+    return load_scene(file)
+
+
+def flown(folder, options="gain: 2", text=PLANAR):
+    """Scene and trajectory."""
+    scene = scene_of(folder, options, text)
+    settings = scene.scenario.simulation
+    return scene, Symbolic(scene).run(settings.duration, settings.output_step, settings.step)
+
+
+def parts(scene, state):
+    """q and v of a state."""
+    return state[: scene.model.nq], state[scene.model.nq : scene.model.nq + scene.model.nv]
+
+
+@pytest.mark.parametrize("text", [PLANAR, SPATIAL], ids=["planar", "spatial"])
+def test_the_base_reacts_as_momentum_tells(folder, text):
+    scene, run = flown(folder, text=text)
+    size = scene.model.joints[scene.bodies[0].root_joint].nv
+    for state in run.state[1:]:
+        q, v = parts(scene, state)
+        matrix = pin.ccrba(scene.model, scene.model.createData(), q, v)
+        base = -np.linalg.lstsq(matrix[:, :size], matrix[:, size:] @ v[size:], rcond=None)[0]
+        np.testing.assert_allclose(base, v[:size], atol=1e-9)
+
+
+def test_the_tip_comes_to_its_reference_though_the_base_gives_way(folder):
+    _, run = flown(folder)
+    error, moved = run.outputs["tip_error"], run.outputs["body_position"][-1]
+    assert np.linalg.norm(moved) > 5e-3  # or nothing is tested
+    assert np.linalg.norm(error, axis=1).max() < 2e-5
+    assert np.abs(run.outputs["body_rotation"]).max() > 1e-3
+
+
+@pytest.mark.parametrize("text", [PLANAR, SPATIAL], ids=["planar", "spatial"])
+def test_the_attitude_is_kept_in_the_reaction_null_space(folder, text):
+    _, run = flown(folder, "keeps: attitude", text)
+    assert np.abs(run.outputs["body_rotation"]).max() < 1e-9
+    assert np.abs(run.outputs["body_position"][-1]).max() > 2e-5
+    if text is PLANAR:
+        assert np.linalg.norm(run.outputs["tip_error"], axis=1).max() < 2e-5
+
+
+def test_the_whole_base_is_kept_and_has_no_momentum(folder):
+    scene, run = flown(folder, "keeps: base")
+    inertia = scene.model.inertias[1]
+    for state in run.state:
+        _, v = parts(scene, state)
+        motion = pin.Motion(np.array([v[0], v[1], 0]), np.array([0, 0, v[2]]))
+        np.testing.assert_allclose((inertia * motion).vector, 0, atol=1e-9)
+    assert np.linalg.norm(run.outputs["tip_error"], axis=1).max() < 2e-5
+    assert np.abs(run.outputs["tip_position"][-1] - run.outputs["tip_position"][0]).max() > 0.09
+
+
+def test_momentum_that_there_is_does_not_turn_a_base_whose_attitude_is_kept(folder):
+    scene_of(folder, "keeps: attitude")
+    scene = load_scene(folder / "scenario.yaml", {"robots.arm.joints.joint_2.rate_deg": 4.0})
+    run = Symbolic(scene).run(1.0, 0.25, 0.02)
+    assert np.abs(run.outputs["body_momentum_angular"]).max() > 0.1
+    assert np.abs(run.outputs["body_rotation"]).max() < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("options", "change", "told"),
+    [
+        ("keeps: base", {"robots.arm.joints.joint_*.locked": True}, "cannot keep 3 velocities of the base"),
+        ("keeps: attitude", {"robots.arm.base.joint": "fixed"}, "the base of arm is fixed"),
+    ],
+)
+def test_what_cannot_be_kept_is_refused(folder, options, change, told):
+    scene_of(folder, options)
+    if "locked" in next(iter(change)):
+        change = {f"robots.arm.joints.joint_{i}.locked": True for i in range(3, 7)}
+    with pytest.raises(ScenarioError, match=told):
+        load_scene(folder / "scenario.yaml", change)
