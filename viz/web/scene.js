@@ -56,8 +56,9 @@ class Scene {
   // Other motions of the same bodies: camera, layers and time stay.
   renew(runs) {
     this.payload = { ...this.payload, runs };
-    if (runs.length === this.runs.length) this.runs.forEach((run, k) => run.renew(runs[k]));
-    else {
+    if (runs.length === this.runs.length) {
+      this.runs.forEach((run, k) => { if (run.data.poses === runs[k].poses) run.data = runs[k]; else run.renew(runs[k]); });
+    } else {
       this.build();
       this.runs.forEach((run, k) => run.tint(this.colours && this.colours[k], k > 0));
     }

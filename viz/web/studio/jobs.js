@@ -47,7 +47,8 @@ class Jobs {
   hear(job) {
     [this.id, this.last, this.running] = [job.id, job, job.state === "running"];
     this.part("progress").value = job.progress;
-    this.say([{ done: "done", stopped: "stopped", failed: "failed" }[job.state], job.message].filter(Boolean).join(": "));
+    const spent = job.kind === "campaign" ? `${job.done} of ${job.samples} samples` : `${Math.round(job.curve?.at(-1)?.[0] ?? 0)} rollouts`;
+    this.say([this.running ? "" : job.state, job.message, spent].filter(Boolean).join(": "));
     if (job.paths) this.onCloud(job.paths, job.binary.find(({ name }) => name === "paths").shape);
     if (job.best && this.following) this.take(!this.running);
     this.enable();

@@ -1,8 +1,22 @@
 // The metrics of the design in the hand, beside those of the one before; one of them is chosen.
+const FIRST_METRICS = 6; // shown at first: those of everything together come before those of each tip and body
+
 class Metrics {
-  constructor(table, onChoose) {
-    [this.table, this.onChoose] = [table, onChoose];
+  constructor(table, more, onChoose) {
+    [this.table, this.more, this.onChoose] = [table, more, onChoose];
     this.rows = [];
+    more.addEventListener("click", () => {
+      more.setAttribute("aria-expanded", String(!this.whole));
+      this.fold();
+    });
+  }
+
+  get whole() { return this.more.getAttribute("aria-expanded") === "true"; }
+
+  fold() {
+    this.rows.forEach(({ row, box }, k) => { row.hidden = !this.whole && k >= FIRST_METRICS && !box.checked; });
+    this.more.hidden = this.rows.length <= FIRST_METRICS;
+    this.more.textContent = this.whole ? "fewer metrics" : `all ${this.rows.length} metrics`;
   }
 
   load(metrics, chosen) {
@@ -21,6 +35,7 @@ class Metrics {
       return { row, box, cells, metric };
     });
     this.table.tBodies[0].replaceChildren(...this.rows.map(({ row }) => row));
+    this.fold();
   }
 
   // ``now`` and ``before``: values by key; nothing where there is no such design.
@@ -37,6 +52,7 @@ class Metrics {
 
   choose(name) {
     for (const { box, metric } of this.rows) box.checked = metric.key === name;
+    this.fold();
   }
 }
 

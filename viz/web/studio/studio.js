@@ -3,7 +3,7 @@ class Studio {
   constructor(player, address) {
     this.player = player;
     this.panel = $("panel");
-    this.metrics = new Metrics($("metrics"), (name) => { this.metric = name; this.slopes = {}; this.show(); });
+    this.metrics = new Metrics($("metrics"), $("moremetrics"), (name) => { this.metric = name; this.slopes = {}; this.show(); });
     this.numbers = new Numbers($("numbers"), {
       onPin: (path, wanted) => this.pin(path, wanted),
       onValue: (path, value) => this.hand(() => { this.designs.set({ [path]: value }); this.designs.settle(); }),

@@ -1,0 +1,118 @@
+"""Curves of the page: zoom, limits, phase portraits, tables, pictures; and a browser without WebGL."""
+
+import base64
+import csv
+import io
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from spacerobot.scene import load_scene
+from viz.page.limits import joint_limits
+from viz.page.page import animation_page
+
+SAVED = "HTMLAnchorElement.prototype.click = function () { window.saved = [this.download, this.href]; }"
+BLIND = """
+HTMLCanvasElement.prototype.getContext = ((own) => function (kind, ...more) {
+  return /webgl/.test(kind) ? null : own.call(this, kind, ...more);
+})(HTMLCanvasElement.prototype.getContext);
+"""
+TEXTS = """
+URL.createObjectURL = (blob) => {
+  blob.text().then((text) => { window.lastText = text; });
+  return 'blob:x';
+}
+"""
+SPAN = """
+((b, s) => [
+  b.left + parseFloat(s.getPropertyValue('--axis')), b.right - parseFloat(s.getPropertyValue('--edge')),
+  b.top + 40,
+])(document.querySelector('.panel canvas').getBoundingClientRect(), getComputedStyle(chart))
+"""
+
+
+@pytest.fixture
+def shown(browser, tmp_path, paper):
+    """Function that opens the paper's page."""
+
+    def show(fragment="#t=5&play=0&signals=tip error", size=(1280, 800)):
+        path = tmp_path / "page.html"
+        path.write_text(animation_page(paper), encoding="utf-8")
+        browser.open(f"{path.as_uri()}{fragment}", *size)
+        browser.wait_for("document.body?.dataset.ready === 'true'")
+        browser.evaluate(SAVED)
+        return browser
+
+    return show
+
+
+def test_what_is_seen_of_the_curves_is_saved_as_a_table(shown, paper):
+    page = shown()
+    page.evaluate(TEXTS)
+    page.evaluate("document.getElementById('table').click()")
+    page.wait_for("window.lastText")
+    rows = list(csv.reader(io.StringIO(page.evaluate("window.lastText"))))
+    assert rows[0] == ["time [s]", "tip error rpr1/tip [mm]", "tip error rpr2/tip [mm]"]
+    values = np.array(rows[1:], dtype=float)
+    error = np.linalg.norm(paper.data.tip_error.values, axis=-1) * 1e3
+    assert values[:, 0] == pytest.approx(paper.data.time.values, abs=1e-6)
+    assert values[:, 1:] == pytest.approx(error, rel=1e-6, abs=1e-9)
+    for _ in range(3):
+        page.evaluate("document.getElementById('nearer').click()")
+    page.evaluate("window.lastText = ''; document.getElementById('table').click()")
+    page.wait_for("window.lastText")
+    seen = np.array(list(csv.reader(io.StringIO(page.evaluate("window.lastText"))))[1:], dtype=float)[:, 0]
+    wide = 10 / 1.5**3
+    assert (seen[0], seen[-1]) == pytest.approx((5 - wide / 2, 5 + wide / 2), abs=0.03)
+    assert page.errors == []
+
+
+def test_the_wheel_zooms_about_the_pointer_and_clicks_still_lead_to_their_time(shown):
+    page = shown()
+    left, right, y = page.evaluate(SPAN)
+    x = left + 0.3 * (right - left)
+    for _ in range(4):
+        page.call("Input.dispatchMouseEvent", type="mouseWheel", x=x, y=y, deltaX=0, deltaY=-100)
+    page.picture()
+    for kind, at in (("mousePressed", x), ("mouseReleased", x)):
+        page.call("Input.dispatchMouseEvent", type=kind, x=at, y=y, button="left", buttons=1, clickCount=1)
+    assert float(page.evaluate("document.body.dataset.time")) == pytest.approx(3.0, abs=0.02)
+    x = left + 0.8 * (right - left)
+    for kind in ("mousePressed", "mouseReleased"):
+        page.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", buttons=1, clickCount=1)
+    assert float(page.evaluate("document.body.dataset.time")) == pytest.approx(3 + 5 / 1.25**4, abs=0.02)
+
+
+def test_one_signal_over_another_and_a_picture_of_the_curves(shown):
+    page = shown("#t=5&play=0&phase=joint angle: rpr1/joint_1|joint rate: rpr1/joint_1")
+    assert not page.evaluate("portrait.hidden")
+    pen = "document.querySelector('#portrait canvas').getContext('2d')"
+    assert page.evaluate(f"new Set({pen}.getImageData(0, 0, 280, 220).data).size") > 10
+    page.evaluate("document.getElementById('plot').click()")
+    kind, data = page.evaluate("window.saved[1]").split(",", 1)
+    image = np.asarray(Image.open(io.BytesIO(base64.b64decode(data))).convert("RGB"))
+    assert kind == "data:image/png;base64"
+    assert np.ptp(image.astype(int), axis=(0, 1)).min() > 60
+    page.evaluate("document.querySelector('#portrait .close').click()")
+    page.wait_for("!location.hash.includes('phase')")
+    assert page.errors == []
+
+
+def test_limits_of_joints_are_those_of_the_urdf():
+    limits = joint_limits(load_scene("servicer"))
+    assert limits["joint torque", "servicer/left_joint_1"] == (-200.0, 200.0)
+    assert limits["joint angle", "servicer/left_joint_2"] == pytest.approx((-120.0, 120.0), abs=1e-3)
+
+
+def test_without_webgl_all_but_the_scene_works(shown, browser):
+    script = browser.call("Page.addScriptToEvaluateOnNewDocument", source=BLIND)["identifier"]
+    try:
+        page = shown()
+        assert "cannot draw in three dimensions" in page.evaluate("pane.innerText")
+        assert "t = 5.00 s" in page.evaluate("readout.innerText")
+        page.evaluate("document.getElementById('play').click()")
+        page.wait_for("Number(document.body.dataset.time) > 5.1")
+        assert page.evaluate("document.querySelectorAll('.panel canvas').length") == 1
+    finally:
+        browser.call("Page.removeScriptToEvaluateOnNewDocument", identifier=script)
