@@ -1,0 +1,223 @@
+"""The studio in a real browser: numbers are changed by hand, and everything that is seen follows."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+
+from spacerobot.scene import load_scene
+from spacerobot.simulation import simulate
+from tests.oracles import one_arm
+from tests.viz.page.test_page_sizes import CONTRAST
+from viz.studio.plant import Origin
+from viz.studio.server import Studio
+
+KP = "robots.arm.tips.tip.pid.kp"
+KEY = (
+    "((key, shiftKey) => document.body.dispatchEvent("
+    "new KeyboardEvent('keydown', {key, shiftKey, ctrlKey: true, bubbles: true})))"
+)
+METRIC = "Number(document.querySelector('#metrics tbody tr').dataset.value)"
+WORDS = "document.querySelector('#jobs .words').textContent"
+FIELD = f"document.querySelector('.slider input[type=number][aria-label^=\"{KP}\"]')"
+BAR = f"document.querySelector('.slider input[type=range][aria-label=\"{KP}\"]')"
+PANE = "((b) => [b.x, b.y, b.width, b.height])(document.getElementById('pane').getBoundingClientRect())"
+
+
+@pytest.fixture(scope="module")
+def studio(tmp_path_factory):
+    """A small arm's studio; what it keeps goes to ``folder``."""
+    folder = tmp_path_factory.mktemp("studio")
+    file = one_arm.write(folder)
+    with Studio(Origin(load_scene(file), str(file)), folder / "kept", 7620) as served:
+        served.file = file
+        yield served
+
+
+@pytest.fixture
+def opened(studio, browser):
+    """Function that opens the studio's page and waits for its first motion."""
+
+    def show(fragment="#t=0.5&play=0", size=(1280, 800)):
+        browser.open(f"{studio.url}{fragment}", *size)
+        browser.wait_for("Number(document.body?.dataset.drawn) >= 1")
+        return browser
+
+    return show
+
+
+def _slide(page, value, bar=BAR):
+    """Move a slider to a notch and let it go; wait for what follows."""
+    drawn = int(page.evaluate("document.body.dataset.drawn"))
+    page.evaluate(f"{bar}.value = {value}")
+    for kind in ("input", "change"):
+        page.evaluate(f"{bar}.dispatchEvent(new Event('{kind}'))")
+    page.wait_for(f"Number(document.body.dataset.drawn) > {drawn}")
+    page.wait_for("!document.getElementById('status').classList.contains('busy')")
+
+
+def _bookmark(page, name):
+    page.evaluate(f"document.querySelector('#designs input').value = '{name}'")
+    page.evaluate("document.querySelector('#designs button').click()")
+
+
+def test_a_slider_moves_picture_curves_and_metrics(opened, studio):
+    page = opened("#t=1&play=0")
+    metric, words, before = page.evaluate(METRIC), page.evaluate("readout.innerText"), page.picture()
+    _slide(page, 40)
+    gain = float(page.evaluate(f"{FIELD}.value"))
+    assert gain < 150
+    x, y, width, height = map(int, page.evaluate(PANE))
+    changed = np.abs(page.picture() - before).sum(axis=2)[y : y + height, x : x + width]
+    assert (changed > 60).sum() > 50
+    assert page.evaluate(METRIC) != metric
+    result = simulate(load_scene(studio.file, {KP: gain}))
+    said = page.evaluate("readout.innerText")
+    error = float(np.linalg.norm(result.data.tip_error.values[-1, 0]) * 1e3)
+    assert said != words
+    assert float(re.search(r"error ([\d.]+) mm", said)[1]) == pytest.approx(error, rel=6e-3)
+    assert "the design before" in page.evaluate("legend.innerText")
+    assert "before (dashed)" in page.evaluate("document.querySelector('#chart').innerText")
+    page.wait_for(
+        f"{BAR}.closest('.slider').querySelector('.gradient').textContent.includes('for +10 %')", 60
+    )
+    assert page.errors == []
+    own = ("http://127.0.0.1:", "ws://127.0.0.1:", "data:", "blob:")
+    assert [url for url in page.requests if not url.startswith(own)] == []
+
+
+def test_steps_are_undone_and_a_link_carries_all(opened):
+    page = opened()
+    first = page.evaluate(METRIC)
+    _slide(page, 30)
+    changed, gain = page.evaluate(METRIC), page.evaluate(f"{FIELD}.value")
+    page.evaluate(f"{KEY}('z', false)")
+    page.wait_for(f"{METRIC} === {first!r}")
+    page.evaluate(f"{KEY}('Z', true)")
+    page.wait_for(f"{METRIC} === {changed!r}")
+    page.evaluate("document.querySelector('#designs button').click()")
+    page.wait_for("location.hash.includes('design+1')")
+    fragment = page.evaluate("location.hash")
+    page = opened(fragment)
+    page.wait_for(f"{METRIC} === {changed!r}")
+    assert page.evaluate(f"{FIELD}.value") == gain
+    assert "design 1" in page.evaluate("document.querySelector('#designs table').innerText")
+
+
+def test_designs_are_kept_side_by_side_compared_and_deleted(opened):
+    page = opened()
+    _bookmark(page, "soft")
+    _slide(page, 390)
+    _bookmark(page, "stiff")
+    head = "[...document.querySelectorAll('#designs thead th')].map((e) => e.firstChild.firstChild.data)"
+    assert page.evaluate(head) == ["this design", "soft", "stiff"]
+    rows = page.evaluate("[...document.querySelectorAll('#designs tbody tr')].map((e) => e.innerText)")
+    assert next(row for row in rows if KP in row).split("\t")[2] == "150"
+    page.evaluate("document.querySelector('[aria-label=\"Compare with soft\"]').click()")
+    page.wait_for("document.querySelector('#chart').innerText.includes('soft (dashed)')")
+    page.evaluate("document.querySelector('[aria-label=\"Delete soft\"]').click()")
+    assert page.evaluate(head) == ["this design", "stiff"]
+    page.evaluate(f"{KEY}('z', false)")
+    assert page.evaluate(head) == ["this design", "soft", "stiff"]
+    page.evaluate("document.querySelector('[aria-label=\"Take soft\"]').click()")
+    assert page.evaluate(f"{FIELD}.value") == "150"
+    assert page.errors == []
+
+
+def test_a_search_is_started_and_stopped(opened):
+    page = opened()
+    start = page.evaluate(METRIC)
+    page.evaluate("document.querySelector('#jobs .method').value = 'ga'")
+    page.evaluate("document.querySelector('#jobs .tune').click()")
+    page.wait_for("!document.querySelector('#jobs .stop').disabled", 60)
+    page.wait_for(f"!document.querySelector('#jobs .plot').hidden && {METRIC} < {start!r}", 60)
+    page.evaluate("document.querySelector('#jobs .stop').click()")
+    page.wait_for(f"/^(stopped|done)/.test({WORDS})", 60)
+    assert page.evaluate(METRIC) < start
+    assert not page.evaluate("document.querySelector('#jobs .tune').disabled")
+    page.evaluate(f"{KEY}('z', false)")  # the whole search is one step
+    page.wait_for(f"{METRIC} === {start!r}")
+    assert page.errors == []
+
+
+def test_a_campaign_draws_its_samples(opened):
+    page = opened()
+    page.evaluate("document.querySelector('#jobs .samples').value = 16")
+    page.evaluate("document.querySelector('#jobs .campaign').click()")
+    page.wait_for(f"{WORDS}.startsWith('done')", 60)
+    assert "16 of 16 samples" in page.evaluate(WORDS)
+    assert "over 16 samples" in page.evaluate(
+        "document.querySelector('#jobs .plot').getAttribute('aria-label')"
+    )
+    assert "campaign's samples" in page.evaluate("legend.innerText")
+
+
+def test_a_design_is_saved_and_runs_again_to_the_same_numbers(opened, studio):
+    page = opened()
+    _slide(page, 120)
+    peak = page.evaluate(METRIC)
+    page.evaluate("document.querySelector('#keep input').value = 'mine'")
+    page.evaluate("document.querySelector('#keep .saves button').click()")
+    page.wait_for("document.querySelector('#keep .words').textContent.startsWith('saved')")
+    file = next(studio.session.folder.rglob("mine*.yaml"))
+    again = simulate(load_scene(file))
+    assert np.abs(again.data.tip_error.values).max() * 1e3 <= peak * (1 + 1e-9)
+    changed = json.loads(page.evaluate("new URLSearchParams(location.hash.slice(1)).get('set')"))
+    same = simulate(load_scene(studio.file, changed))
+    assert np.array_equal(again.data.tip_error.values, same.data.tip_error.values)
+    assert page.evaluate("document.querySelector('#keep textarea').value").startswith("spacerobot run")
+
+
+def test_what_cannot_be_is_said_and_the_motion_stays(opened):
+    page = opened()
+    metric = page.evaluate(METRIC)
+    typed = "((f) => {{ f.value = '{}'; f.dispatchEvent(new Event('change')); }})({})"
+    page.evaluate(typed.format("-5", FIELD))
+    assert not page.evaluate(f"{FIELD}.validity.valid")
+    assert page.evaluate("document.body.dataset.drawn") == "1"
+    assert page.evaluate(METRIC) == metric
+    page.evaluate(typed.format("1e12", FIELD))
+    page.wait_for("!/^(rolled out|rolling out)/.test(document.getElementById('status').textContent)")
+    assert page.evaluate("document.querySelectorAll('#pane canvas').length") == 1
+    page.evaluate(f"{KEY}('z', false)")
+    page.wait_for(f"{METRIC} === {metric!r}")
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_it_fits_every_size_and_is_readable(opened, browser, scheme):
+    browser.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": scheme}])
+    try:
+        for size in ((390, 844), (1280, 720)):
+            page = opened(size=size)
+            page.evaluate(
+                "for (const part of document.querySelectorAll('#panel > details')) part.open = true"
+            )
+            _slide(page, 30)
+            assert page.evaluate("document.documentElement.scrollWidth <= window.innerWidth"), size
+            assert page.evaluate("panel.scrollWidth <= panel.clientWidth"), size
+            assert page.evaluate(CONTRAST) == [], size
+    finally:
+        browser.call("Emulation.setEmulatedMedia", features=[])
+    assert browser.errors == []
+
+
+def test_numbers_are_found_and_pinned_by_keys(opened):
+    page = opened()
+    page.evaluate("document.getElementById('numbers').open = true")
+    page.evaluate("document.querySelector('#numbers input[type=search]').focus()")
+    page.call("Input.insertText", text="amnesia.ge")
+    found = "[...document.querySelectorAll('#numbers .number')].filter((e) => e.checkVisibility())"
+    assert len(page.evaluate(f"{found}.map((e) => e.innerText)")) == 1
+    box = f"{found}[0].querySelector('input')"
+    sliders = page.evaluate("document.querySelectorAll('.slider').length")
+    page.evaluate(f"{box}.focus()")
+    page.call("Input.dispatchKeyEvent", type="keyDown", key=" ", windowsVirtualKeyCode=32, text=" ")
+    page.call("Input.dispatchKeyEvent", type="keyUp", key=" ", windowsVirtualKeyCode=32)
+    assert page.evaluate("document.querySelectorAll('.slider').length") == sliders + 1
+    page.evaluate("document.querySelector('.slider:last-child input[type=range]').focus()")
+    assert page.evaluate("getComputedStyle(document.activeElement).outlineStyle") != "none"
+    page.call("Input.dispatchKeyEvent", type="keyDown", key="ArrowRight", windowsVirtualKeyCode=39)
+    page.call("Input.dispatchKeyEvent", type="keyUp", key="ArrowRight", windowsVirtualKeyCode=39)
+    page.wait_for("Number(document.body.dataset.drawn) > 1")
+    assert page.evaluate("Number(document.body.dataset.time)") == 0.5  # the key was the slider's alone
