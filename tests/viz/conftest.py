@@ -51,6 +51,9 @@ def blind(tmp_path_factory):
     return save(simulate(scene), tmp_path_factory.mktemp("blind") / "pid")
 
 
+CAPTURE = {"distance": 0.05, "spin_deg": 60}
+
+
 @pytest.fixture(scope="session")
 def docked(tmp_path_factory):
     """Two free bodies that meet, go on together and part, in phases."""
@@ -60,7 +63,7 @@ def docked(tmp_path_factory):
         "part": {"releases": ["left"], "captures": [], "at_most": 0.5},
     }
     folder = tmp_path_factory.mktemp("docked")
-    scene = free_bodies(folder, FLAT, {"kind": "weld", "capture": {"distance": 0.05}}, phases=phases)
+    scene = free_bodies(folder, FLAT, {"kind": "weld", "capture": CAPTURE}, phases=phases)
     return save(simulate(scene, backend="interpreted"), folder / "result")
 
 

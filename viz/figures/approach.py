@@ -39,6 +39,9 @@ class Approach(NamedTuple):
         Distance to the mating frame along the axis of the capture and across it (n,) [m].
     closing, sliding
         Speed along the axis, towards the mating frame, and across it (n,) [m/s].
+    misaligned, turning
+        Angle from where the tip is mated (n,) [rad], NaN where the result does not tell it, and relative
+        spin (n,) [rad/s].
     captured
         Whether the last of them is the capture.
     """
@@ -47,6 +50,8 @@ class Approach(NamedTuple):
     lateral: Array
     closing: Array
     sliding: Array
+    misaligned: Array
+    turning: Array
     captured: bool
 
 
@@ -65,9 +70,11 @@ def approach_of(result: Result, scene: Scene, grasp: SceneGrasp, capture: Captur
     rows = len(time) if event is None else max(1, int(np.searchsorted(time, event["time_s"])))
     q, v = data.q.values, data.v.values
     gap = data.grasp_gap.sel(grasp=grasp.name).values[:rows] * np.isin(data.axis.values, shown_axes(result))
-    velocity = np.array(
-        [relative_velocity(scene, grasp, np.hstack(x))[0] for x in zip(q[:rows], v[:rows], strict=True)]
-    )
+    motion = [relative_velocity(scene, grasp, np.hstack(x)) for x in zip(q[:rows], v[:rows], strict=True)]
+    velocity = np.array([linear for linear, _ in motion])
+    turning = np.array([np.linalg.norm(spin) for _, spin in motion])
+    whole = _misalignment(result, grasp)
+    misaligned = whole[:rows]
     turned = _mating_axes(scene, grasp, q[:rows])
     gap, velocity = (np.einsum("tji,tj->ti", turned, part) for part in (gap, velocity))
     if event is not None:
@@ -77,6 +84,8 @@ def approach_of(result: Result, scene: Scene, grasp: SceneGrasp, capture: Captur
         (then,) = _mating_axes(scene, grasp, [pin.interpolate(scene.model, q[rows - 1], q[after], share)])
         velocity = np.vstack([velocity, then.T @ event["relative_velocity_m_s"]])
         gap = np.vstack([gap, gap[-1] + passed * (velocity[-2] + velocity[-1]) / 2])
+        turning = np.append(turning, np.linalg.norm(event["relative_spin_rad_s"]))
+        misaligned = np.append(misaligned, whole[rows - 1] + share * (whole[after] - whole[rows - 1]))
     axis = np.array(capture.axis) / np.linalg.norm(capture.axis)
     axis *= 1.0 if gap[0] @ axis <= 0 else -1.0
     to_go, closing = -gap @ axis, velocity @ axis
@@ -84,7 +93,15 @@ def approach_of(result: Result, scene: Scene, grasp: SceneGrasp, capture: Captur
         np.linalg.norm(part - np.outer(size, axis), axis=1)
         for part, size in ((gap, -to_go), (velocity, closing))
     )
-    return Approach(to_go, lateral, closing, sliding, event is not None)
+    return Approach(to_go, lateral, closing, sliding, misaligned, turning, event is not None)
+
+
+def _misalignment(result: Result, grasp: SceneGrasp) -> Array:
+    """Angle (nt,) [rad] of a tip from where it is mated."""
+    if "grasp_misalignment" not in result.data:
+        return np.full(result.data.sizes["time"], np.nan)
+    angles: Array = np.linalg.norm(result.data.grasp_misalignment.sel(grasp=grasp.name).values, axis=-1)
+    return angles
 
 
 def _mating_axes(scene: Scene, grasp: SceneGrasp, q: Iterable[Array]) -> Array:
@@ -99,7 +116,7 @@ def _mating_axes(scene: Scene, grasp: SceneGrasp, q: Iterable[Array]) -> Array:
 
 @styled
 def approach(result: Result) -> Drawing:
-    """Lateral error, closing and lateral speed over the distance to go, of each grasp that begins open.
+    """Lateral error, speeds and, where limited, angle and spin over the distance to go, of each open grasp.
 
     From the start to the capture, a dot, or to the end where there is none; at the right once more, near the
     mating frame. Shaded is the capture envelope: a ball about the mating frame, and in it speeds up to their
@@ -111,12 +128,17 @@ def approach(result: Result) -> Drawing:
     curves = [approach_of(result, scene, grasp, capture) for grasp, capture in grasps]
     ends = [float(np.hypot(curve.to_go[-1], curve.lateral[-1])) for curve in curves]
     reach = max((c.distance for c in captures if c.distance), default=max(ends)) * _CLOSE * 1e3
-    figure, axes = panels(len(_ROWS), 2)
-    for row, (name, (text, unit, key)) in zip(axes, _ROWS.items(), strict=True):
-        limits = [limit * 1e3 for c in captures if (limit := getattr(c, key)) is not None]
+    rows = {
+        name: told
+        for name, told in _ROWS.items()
+        if told[2] in _ALWAYS or any(getattr(c, told[2]) for c in captures)
+    }
+    figure, axes = panels(len(rows), 2)
+    for row, (name, (text, unit, key)) in zip(axes, rows.items(), strict=True):
+        limits = [limit * _FACTORS[unit][0] for c in captures if (limit := getattr(c, key)) is not None]
         for panel in row:
             for capture in captures:
-                _envelope(panel, capture, key)
+                _envelope(panel, capture, key, unit)
             for k, ((grasp, _), curve) in enumerate(zip(grasps, curves, strict=True)):
                 _curve(panel, curve, name, {**line(k), "label": f"grasp {grasp.name}"})
             panel.set_xlabel("distance to go [mm]")
@@ -136,26 +158,34 @@ _ROWS = {
     "lateral": ("lateral error", "mm", "distance"),
     "closing": ("closing speed", "mm/s", "closing_speed"),
     "sliding": ("lateral speed", "mm/s", "lateral_speed"),
+    "misaligned": ("misalignment", "deg", "misalignment_deg"),
+    "turning": ("relative spin", "deg/s", "spin_deg"),
 }
 """What is drawn: its name, its unit, and the limit of the envelope that it has."""
 
+_ALWAYS = ("distance", "closing_speed", "lateral_speed")
+"""Limits whose row is drawn whether they are given or not."""
+
+_FACTORS = {"mm": (1e3, 1e3), "mm/s": (1e3, 1e3), "deg": (1.0, np.degrees(1)), "deg/s": (1.0, np.degrees(1))}
+"""From the scenario's unit of a limit, and from that of a value, to the unit that is drawn."""
+
 
 def _curve(panel: Axes, curve: Approach, name: str, look: Mapping[str, Any]) -> None:
-    values = getattr(curve, name) * 1e3
+    values = getattr(curve, name) * _FACTORS[_ROWS[name][1]][1]
     panel.plot(curve.to_go * 1e3, values, **look)
     if curve.captured:
         dot: dict[str, Any] = {"color": look["color"], "markersize": 5, "linestyle": "", "zorder": 5}
         panel.plot(curve.to_go[-1] * 1e3, values[-1], "o", label="captured", **dot)
 
 
-def _envelope(panel: Axes, capture: Capture, key: str) -> None:
+def _envelope(panel: Axes, capture: Capture, key: str, unit: str) -> None:
     """What a capture allows, where it limits it."""
     limit = getattr(capture, key)
     if limit is None:
         return
     look: dict[str, Any] = {"facecolor": ENVELOPE, "edgecolor": "#8796A5", "linewidth": 0.7, "zorder": 0.5}
     look |= {"label": "capture envelope"}
-    half, high = (capture.distance or 1e3) * 1e3, limit * 1e3
+    half, high = (capture.distance or 1e3) * 1e3, limit * _FACTORS[unit][0]
     if key == "distance":
         panel.add_artist(Ellipse((0, 0), 2 * half, 2 * high, **look))
     else:
@@ -164,7 +194,8 @@ def _envelope(panel: Axes, capture: Capture, key: str) -> None:
 
 def _near(curves: Sequence[Approach], name: str, reach: float, limit: float) -> tuple[float, float]:
     """Least and greatest value that the close view shows: what lies in it, and the envelope."""
-    close = [getattr(c, name)[np.abs(c.to_go) * 1e3 <= reach] * 1e3 for c in curves]
+    factor = _FACTORS[_ROWS[name][1]][1]
+    close = [getattr(c, name)[np.abs(c.to_go) * 1e3 <= reach] * factor for c in curves]
     values = np.clip(np.concatenate([*close, [0.0]]), -_CLOSE * limit, _CLOSE * limit)
     seen = limit if np.isfinite(limit) else 0.0
     low, high = min(float(values.min()), -seen), max(float(values.max()), seen)

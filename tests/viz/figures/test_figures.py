@@ -235,6 +235,9 @@ def test_an_approach_ends_in_its_envelope_with_the_velocity_of_the_capture(docke
     closing = _lines(figure, "closing speed")["grasp left"][:, 1]
     rates = -np.diff(to_go)[:-1] / np.diff(docked.data.time.values[: len(to_go) - 1])
     np.testing.assert_allclose(rates, ((closing[1:] + closing[:-1]) / 2)[:-1], atol=1e-3)
+    spin = _lines(figure, "relative spin")["grasp left"][-1, 1]
+    assert spin == pytest.approx(np.degrees(np.linalg.norm(captured["relative_spin_rad_s"])))
+    assert "misalignment" not in [axes.get_title("left") for axes in figure.axes]
     assert "approach" not in [name for name, _, _ in draw_all(paper)]
 
 
