@@ -28,7 +28,7 @@ def envelope_warnings(scene: Scene) -> list[str]:
 def _undisturbed(scene: Scene) -> bool:
     """Whether nothing acts from outside or between bodies that has not been captured."""
     acted_on = any(isinstance(body.config, Robot) and body.config.actuators for body in scene.bodies)
-    return not (scene.contacts or any(scene.scenario.gravity) or acted_on)
+    return not (scene.contacts or any(scene.scenario.gravity) or scene.scenario.environment or acted_on)
 
 
 def _too_far(scene: Scene, grasp: SceneGrasp) -> str | None:
