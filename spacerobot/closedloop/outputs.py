@@ -56,7 +56,7 @@ def core_outputs(builder: Builder, torque: ca.SX, stored: Sequence[Stored]) -> I
     about = "angular momentum of everything about the world's origin"
     yield Output("momentum_angular", total["angular"], "N m s", about)
     model = builder.plant.model
-    columns = sorted(int(model.idx_vs[joint]) for body in builder.scene.bodies for joint in body.joints)
+    columns = sorted(int(model.idx_vs[joint]) for body in builder.scene.bodies for joint in body.arm_joints)
     yield Output("joint_torque", torque[columns], "N m or N", "actuator torques", "joint")
     for name, (unit, text) in OBSERVED.items():
         yield Output(name, ca.SX(3, 1), unit, text, "grasp")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -30,6 +30,37 @@ class Push:
 
 
 @dataclass(frozen=True)
+class Turn:
+    """An event that turns a switch of an actuator; armed while that has not the value.
+
+    Attributes
+    ----------
+    name, kind, who
+        As the other engine calls it.
+    guard
+        Above zero it happens.
+    switch, value
+        Name of the switch, and whether it is on afterwards.
+    """
+
+    name: str
+    kind: str
+    who: str
+    guard: float
+    switch: str
+    value: bool
+
+
+@dataclass(frozen=True)
+class Stored:
+    """Angular momentum (3,) [N m s], world axes, and energy [J] beside those of a body's links."""
+
+    body: str
+    momentum: Array
+    energy: float
+
+
+@dataclass(frozen=True)
 class Delivered:
     """What an actuator makes of what it is asked for.
 
@@ -43,6 +74,14 @@ class Delivered:
         Of its states.
     power
         Put in beside that of the generalized forces [W].
+    taken
+        Powers by the name of their work [W].
+    stored
+        What it holds.
+    seen
+        Outputs by name and label.
+    turns
+        What may happen to its switches.
     """
 
     torque: Array
@@ -50,6 +89,10 @@ class Delivered:
     outside: Sequence[Push] = ()
     rates: Array = field(default_factory=lambda: np.empty(0))
     power: float = 0.0
+    taken: Mapping[str, float] = field(default_factory=dict)
+    stored: Sequence[Stored] = ()
+    seen: Mapping[tuple[str, str], Array] = field(default_factory=dict)
+    turns: Sequence[Turn] = ()
 
 
 class Delivery(Protocol):
@@ -60,14 +103,26 @@ class Delivery(Protocol):
         """Whether what it delivers to a base, or beside it, comes from outside."""
 
     @property
+    def columns(self) -> Sequence[int]:
+        """Places in v that it takes over."""
+
+    @property
+    def passes_on(self) -> Sequence[int]:
+        """Those of them at which it leaves what it does not deliver to the next one."""
+
+    @property
+    def works(self) -> Sequence[str]:
+        """Names of works that it books beside those that there always are."""
+
+    @property
     def state_names(self) -> tuple[str, ...]:
         """Names of its states."""
 
     def initial(self, kinematics: Kinematics) -> Array:
         """Its states at the start."""
 
-    def deliver(self, kinematics: Kinematics, asked: Array, states: Array) -> Delivered:
-        """What it makes of the generalized forces (nv,) that it is asked for."""
+    def deliver(self, kinematics: Kinematics, asked: Array, states: Array, on: frozenset[str]) -> Delivered:
+        """What it makes of the generalized forces (nv,) that it is asked for, with these switches on."""
 
 
 @dataclass(frozen=True)
@@ -75,6 +130,9 @@ class Clip:
     """An actuator without states that bounds forces, (nv,), infinite where it has no part."""
 
     limits: Array
+    columns: tuple[int, ...]
+    passes_on: tuple[int, ...] = ()
+    works: tuple[str, ...] = ()
     from_outside: bool = False
     state_names: tuple[str, ...] = ()
 
@@ -83,36 +141,38 @@ class Clip:
         del kinematics
         return np.empty(0)
 
-    def deliver(self, kinematics: Kinematics, asked: Array, states: Array) -> Delivered:
+    def deliver(self, kinematics: Kinematics, asked: Array, states: Array, on: frozenset[str]) -> Delivered:
         """What is asked for, clipped."""
-        del kinematics, states
+        del kinematics, states, on
         return Delivered(np.clip(asked, -self.limits, self.limits))
 
 
 @functools.singledispatch
-def delivery_of(actuator: Actuator, scene: Scene, body: SceneBody) -> Delivery:
-    """What an actuator delivers, of each kind."""
-    del scene, body
+def delivery_of(actuator: Actuator, scene: Scene, body: SceneBody, key: str) -> Delivery:
+    """What an actuator delivers, of each kind; ``key`` is its place in the robot's section."""
+    del scene, body, key
     raise refusal(actuator)
 
 
 @delivery_of.register
-def _(actuator: TorqueLimit, scene: Scene, body: SceneBody) -> Delivery:
+def _(actuator: TorqueLimit, scene: Scene, body: SceneBody, key: str) -> Delivery:
+    del key
     found = np.full(scene.model.nv, np.inf)
     by_name = {body.joint_name(scene.model, joint): joint for joint in body.free_joints}
     for name in actuator.limits(tuple(by_name)):
         most = body.config.joints[name].torque_limit if actuator.limit is None else actuator.limit
         found[scene.model.idx_vs[by_name[name]]] = np.inf if most is None else most
-    return Clip(found)
+    return Clip(found, tuple(map(int, np.flatnonzero(np.isfinite(found)))))
 
 
 @delivery_of.register
-def _(actuator: BaseWrench, scene: Scene, body: SceneBody) -> Delivery:
+def _(actuator: BaseWrench, scene: Scene, body: SceneBody, key: str) -> Delivery:
+    del key
     found, own = np.full(scene.model.nv, np.inf), base_columns(scene, body)
     turning = 3 if len(own) == 6 else 1
     found[own[:-turning]] = actuator.force or np.inf
     found[own[-turning:]] = actuator.torque or np.inf
-    return Clip(found, from_outside=True)
+    return Clip(found, tuple(own), from_outside=True)
 
 
 def base_columns(scene: Scene, body: SceneBody) -> list[int]:
@@ -124,8 +184,8 @@ def base_columns(scene: Scene, body: SceneBody) -> list[int]:
 def deliveries(scene: Scene) -> tuple[Delivery, ...]:
     """Actuators of all robots, in the order in which they act."""
     return tuple(
-        delivery_of(actuator, scene, body)
+        delivery_of(actuator, scene, body, key)
         for body in scene.robots
         if isinstance(body.config, Robot)
-        for _, actuator in body.config.driven_by()
+        for key, actuator in body.config.driven_by()
     )

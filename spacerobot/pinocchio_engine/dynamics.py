@@ -30,6 +30,15 @@ Wrench = tuple[SceneGrasp, Relative, Array, Array]
 
 
 @dataclass(frozen=True)
+class Drive:
+    """An actuator: its places in v, where it leaves the rest to the next one, and from asked to delivered."""
+
+    columns: Sequence[int]
+    passes_on: Sequence[int]
+    deliver: Callable[[Array], Delivered]
+
+
+@dataclass(frozen=True)
 class Loads:
     """What acts on the plant and what it must obey.
 
@@ -45,9 +54,8 @@ class Loads:
         Of the tips' channels.
     constraints
         Of rigid grasps.
-    deliveries
-        From the generalized forces (nv,) that actuators are asked for to what they deliver, each after the
-        one before.
+    drives
+        Of actuators, each after the one before.
     spread
         Velocities of all joints from those of the free ones (nv, nv).
     pressures
@@ -61,7 +69,7 @@ class Loads:
     wrenches: Sequence[Wrench]
     commands: Sequence[Command]
     constraints: Sequence[Constraint]
-    deliveries: Sequence[Callable[[Array], Delivered]]
+    drives: Sequence[Drive]
     spread: Array
     pressures: Sequence[Pressure] = ()
     outside: Sequence[Push] = ()
@@ -84,25 +92,26 @@ class Solution:
 
 
 def solve(kinematics: Kinematics, loads: Loads) -> Solution:
-    """Solve the closed loop at one instant; actuators are asked as if they delivered everything.
+    """Solve the closed loop at one instant.
+
+    Actuators of what implicit outputs act on are asked as if they delivered everything; the others deliver
+    before these are solved for.
 
     Raises
     ------
     numpy.linalg.LinAlgError
         In a posture in which rigid grasps fix a freedom twice.
     """
-    outputs, reactions = _implicit(kinematics, loads, loads.torque, loads.commands)
-    torque = loads.torque + sum(
-        (command.jacobian.T @ u for command, u in zip(loads.commands, outputs, strict=True)),
-        np.zeros(kinematics.model.nv),
-    )
-    delivered: list[Delivered] = []
-    for deliver in loads.deliveries:
-        delivered.append(deliver(torque))
-        torque = delivered[-1].torque
-    if delivered:
-        pushes = [push for one in delivered for push in (*one.inner, *one.outside)]
-        loads = replace(loads, outside=[*loads.outside, *pushes])
+    implicit = [command for command in loads.commands if np.any(command.gain)]
+    explicit = [command for command in loads.commands if not np.any(command.gain)]
+    first, then = _in_turn(loads.drives, implicit)
+    delivered: dict[int, Delivered] = {}
+    torque = loads.torque + _summed(explicit, [command.command for command in explicit], len(loads.torque))
+    torque, loads = _delivered(torque, loads, first, delivered)
+    outputs, reactions = _implicit(kinematics, loads, torque, implicit)
+    torque = torque + _summed(implicit, outputs, len(torque))
+    if then:
+        torque, loads = _delivered(torque, loads, then, delivered)
         _, reactions = _implicit(kinematics, loads, torque, [])
     wrenches = []
     *reactions, ties = reactions
@@ -119,7 +128,43 @@ def solve(kinematics: Kinematics, loads: Loads) -> Solution:
         torque - loads.resistance * kinematics.v - loads.ties.T @ ties,
         _external(kinematics, [*loads.wrenches, *wrenches], loads),
     )
-    return Solution(np.array(acceleration), torque, wrenches, delivered)
+    return Solution(np.array(acceleration), torque, wrenches, [delivered[k] for k in sorted(delivered)])
+
+
+def _summed(commands: Sequence[Command], outputs: Sequence[Array], size: int) -> Array:
+    """Torques (nv,) that outputs of channels come to."""
+    found = np.zeros(size)
+    for command, output in zip(commands, outputs, strict=True):
+        found += command.jacobian.T @ output
+    return found
+
+
+def _in_turn(drives: Sequence[Drive], implicit: Sequence[Command]) -> tuple[list[int], list[int]]:
+    """Numbers of the actuators of places on which no implicit output acts, and of the others."""
+    acting = {int(column) for command in implicit for column in np.flatnonzero(command.jacobian.any(axis=0))}
+    first, then = list[int](), list[int]()
+    for k, drive in enumerate(drives):
+        if acting.isdisjoint(drive.columns):
+            first.append(k)
+        else:
+            then.append(k)
+            acting |= set(drive.columns)
+    return first, then
+
+
+def _delivered(
+    torque: Array, loads: Loads, chosen: Sequence[int], found: dict[int, Delivered]
+) -> tuple[Array, Loads]:
+    """Torque (nv,) that some actuators deliver, and the loads with their wrenches; notes what each does."""
+    left, pushes = set[int](), list(loads.outside)
+    for k in chosen:
+        drive = loads.drives[k]
+        found[k] = drive.deliver(torque)
+        torque, left = found[k].torque, left.difference(drive.columns).union(drive.passes_on)
+        pushes += [*found[k].inner, *found[k].outside]
+    torque = np.array(torque)
+    torque[sorted(left)] = 0.0
+    return torque, replace(loads, outside=pushes)
 
 
 def _implicit(

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
+import spacerobot.pinocchio_engine.wheels  # noqa: F401 (registers its kinds)
 from spacerobot.arrays import Array
-from spacerobot.pinocchio_engine.actuation import Delivered
 from spacerobot.pinocchio_engine.contacts import Pressure, contact_of, touches
-from spacerobot.pinocchio_engine.dynamics import Loads, Solution, Wrench, solve
+from spacerobot.pinocchio_engine.dynamics import Drive, Loads, Solution, Wrench, solve
 from spacerobot.pinocchio_engine.environments import Surroundings, environment_of
 from spacerobot.pinocchio_engine.grasps import (
     Constraint,
@@ -119,7 +119,8 @@ class Engine:
         self.resistance = _resistance(scene)
         blocks = self.now.blocks
         outside = ["environment"] if environments else []
-        self.works = (*WORKS, *(["contact"] if scene.contacts else []), *outside, *works_of(scene))
+        own = dict.fromkeys(name for one in self.now.deliveries for name in one.works)
+        self.works = (*WORKS, *(["contact"] if scene.contacts else []), *outside, *own, *works_of(scene))
         booked = [
             f"{contact.name}.{part}"
             for contact in scene.contacts
@@ -225,8 +226,8 @@ class Engine:
         around = self.scene.scenario.environment.values()
         surroundings = [environment_of(config, self.scene, kinematics, t) for config in around]
         pulls = [wrench for found in surroundings for wrench in found.wrenches]
-        actuators = self._deliveries(kinematics, z)
-        solution = solve(kinematics, replace(loads, pressures=pressing, deliveries=actuators, outside=pulls))
+        drives = self._drives(kinematics, z)
+        solution = solve(kinematics, replace(loads, pressures=pressing, drives=drives, outside=pulls))
         powers = self._powers(v, solution, (couplings, loads.wrenches), pressing)
         powers["environment"] = sum(found.power for found in surroundings)
         tip_rates = [
@@ -274,11 +275,15 @@ class Engine:
             torque = torque + part
         return torque, of_bases, rates
 
-    def _deliveries(self, kinematics: Kinematics, z: Array) -> list[Callable[[Array], Delivered]]:
+    def _drives(self, kinematics: Kinematics, z: Array) -> list[Drive]:
         """What each actuator makes of what it is asked for, in the order in which they act."""
         states = np.split(z, self._driven_cuts)[1:]
         return [
-            functools.partial(one.deliver, kinematics, states=own)
+            Drive(
+                one.columns,
+                one.passes_on,
+                functools.partial(one.deliver, kinematics, states=own, on=self.mode.on),
+            )
             for one, own in zip(self.now.deliveries, states, strict=False)
         ]
 
@@ -321,7 +326,11 @@ class Engine:
             float(np.concatenate([force, torque]) @ relative.rest_velocity)
             for _, relative, force, torque in [*wrenches, *solution.wrenches]
         )
-        return {
+        taken: dict[str, float] = {}
+        for one in solution.delivered:
+            for name, power in one.taken.items():
+                taken[name] = taken.get(name, 0.0) + power
+        return taken | {
             "actuator": float(solution.torque @ v) + sum(one.power for one in solution.delivered),
             "joint": float(self.resistance @ v**2),
             "grasp": sum(coupling.dissipation for coupling in couplings),

@@ -27,6 +27,7 @@ KINDS = (
     *("captured", "entered", "left", "drawn", "released", "slipped"),
     *("touched", "parted", "loosened", "pressed"),
     *("phase", "end", "settling", "moving", "reference"),
+    *("saturated", "freed"),
 )
 """Kinds of events that have a second writing; instants at which references jump are known beforehand."""
 
@@ -100,7 +101,7 @@ def armed(engine: Engine) -> tuple[Event, ...]:
         for place in range(len(contact.pairs))
         for event in _pair(engine, contact, place)
     ]
-    return (*lives, *contacts, *(_phase(engine) if engine.mode.phase else ()))
+    return (*lives, *contacts, *_turns(engine), *(_phase(engine) if engine.mode.phase else ()))
 
 
 def happen(engine: Engine, event: Event, moment: Moment) -> Array:
@@ -133,6 +134,26 @@ def happen(engine: Engine, event: Event, moment: Moment) -> Array:
 def _stored(moment: Moment, grasp: SceneGrasp) -> float:
     found = grasp_of(grasp.config, moment.engine.scene, grasp, moment.relative(grasp))
     return found.energy if isinstance(found, Coupling) else 0.0
+
+
+def _turns(engine: Engine) -> Iterator[Event]:
+    """Switches of actuators that may turn; which there are does not depend on the state."""
+    first = engine.x0 if engine.now.deliveries else None
+    if first is None:
+        return
+    for k, one in enumerate(engine.instant(0.0, first).solution.delivered):
+        for j, turn in enumerate(one.turns):
+            if (turn.switch in engine.mode.on) == turn.value:
+                continue
+            on = engine.mode.on.symmetric_difference({turn.switch})
+
+            def guard(moment: Moment, k: int = k, j: int = j) -> float:
+                return moment.instant.solution.delivered[k].turns[j].guard
+
+            def then(_: Moment, on: frozenset[str] = on) -> Mode:
+                return replace(engine.mode, on=on)
+
+            yield Event(turn.name, turn.kind, turn.who, guard, then)
 
 
 def _life(engine: Engine, grasp: SceneGrasp) -> Iterator[Event]:

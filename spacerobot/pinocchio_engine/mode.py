@@ -55,6 +55,8 @@ class Mode:
         What leads the tips, by label.
     began_at
         When the phase began [s].
+    on
+        Switches of actuators that are on.
     settling, settled_at
         Whether what the phase waits for moves slowly, and since when [s].
     touching
@@ -65,6 +67,7 @@ class Mode:
     lives: Mapping[str, Life]
     leads: Mapping[str, Lead]
     began_at: float = 0.0
+    on: frozenset[str] = frozenset()
     settling: bool = False
     settled_at: float = 0.0
     touching: Mapping[str, Touching] = field(default_factory=dict)

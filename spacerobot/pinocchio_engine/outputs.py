@@ -20,9 +20,9 @@ def outputs_at(engine: Engine, t: float, x: Array, within: float | None = None) 
     """Named outputs, each (n,); arguments and errors as for :meth:`Engine.derivative`."""
     instant = engine.instant(t, x, within)
     found = _tips(engine, instant) | _bodies(engine, instant)
-    columns = sorted(engine.model.idx_vs[joint] for body in engine.scene.bodies for joint in body.joints)
+    columns = sorted(engine.model.idx_vs[joint] for body in engine.scene.bodies for joint in body.arm_joints)
     found["joint_torque"] = instant.solution.torque[columns]
-    found |= _bases(engine, instant)
+    found |= _bases(engine, instant) | _driven(engine, instant)
     found |= (
         _grasps(engine, instant)
         | _lives(engine, instant)
@@ -62,6 +62,9 @@ def _bodies(engine: Engine, instant: Instant) -> dict[str, Array]:
             total += kinematics.data.oMi[joint].act(own).vector
         momenta.append(total)
     whole = np.array(_total_momentum(kinematics.model, kinematics.q, kinematics.v))
+    for stored in (part for one in instant.solution.delivered for part in one.stored):
+        momenta[[body.name for body in bodies].index(stored.body)][3:] += stored.momentum
+        whole[3:] += stored.momentum
     return {
         "body_position": _stack(frame.position for frame in frames),
         "body_rotation": _stack(
@@ -88,6 +91,20 @@ def _bases(engine: Engine, instant: Instant) -> dict[str, Array]:
         if errors:
             none = np.full(3, np.nan)
             found[name] = _stack(errors.get(body.name, none) for body in engine.scene.bodies)
+    return found
+
+
+def _driven(engine: Engine, instant: Instant) -> dict[str, Array]:
+    """What actuators show; of those of bodies, not a number where there is none."""
+    named: dict[str, dict[str, Array]] = {}
+    for (name, label), value in (pair for one in instant.solution.delivered for pair in one.seen.items()):
+        own = named.setdefault(name, {})
+        own[label] = own.get(label, 0.0) + value
+    bodies, found = [body.name for body in engine.scene.bodies], {}
+    for name, values in named.items():
+        none = np.full(len(next(iter(values.values()))), np.nan)
+        of_bodies = set(values) <= set(bodies)
+        found[name] = _stack(values.get(label, none) for label in (bodies if of_bodies else values))
     return found
 
 
@@ -167,8 +184,11 @@ def _contacts(engine: Engine, instant: Instant, x: Array) -> dict[str, Array]:
 def _energies(engine: Engine, instant: Instant) -> dict[str, Array]:
     model, kinematics = engine.model, instant.kinematics
     data = model.createData()
+    held = sum(part.energy for one in instant.solution.delivered for part in one.stored)
     return {
-        "energy_kinetic": np.array([pin.computeKineticEnergy(model, data, kinematics.q, kinematics.v)]),
+        "energy_kinetic": np.array(
+            [pin.computeKineticEnergy(model, data, kinematics.q, kinematics.v) + held]
+        ),
         "energy_spring": np.array(
             [
                 sum(coupling.energy for coupling in instant.couplings)

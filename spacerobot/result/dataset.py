@@ -1,9 +1,9 @@
 """Labelled data of a trajectory.
 
 Every variable carries ``units`` and ``long_name``. Dimensions: ``time`` [s], ``tip`` (``rpr1/tip``),
-``body`` (robots, then ``target``), ``joint`` (``rpr1/joint_1``, its ``joint_kind`` beside it: units of a
-prismatic one are m, m/s and N), ``grasp``, ``contact`` and others where there are any (``wheel``), ``axis``
-(x, y, z of the world), ``quaternion`` (x, y, z, w), and the components of the state.
+``body`` (robots, then ``target``), ``joint`` (``rpr1/joint_1``, those of arms; ``joint_kind`` beside it:
+units of a prismatic one are m, m/s and N), ``grasp``, ``contact`` and others where there are any (``wheel``),
+``axis`` (x, y, z of the world), ``quaternion`` (x, y, z, w), and the components of the state.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ def _array(values: Array, dims: tuple[str, ...], unit: str, text: str) -> xr.Dat
 
 
 def _arm_joints(scene: Scene) -> list[int]:
-    return sorted(joint for body in scene.bodies for joint in body.joints)
+    return sorted(joint for body in scene.bodies for joint in body.arm_joints)
 
 
 def _joint_labels(scene: Scene) -> list[str]:

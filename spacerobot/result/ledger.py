@@ -21,10 +21,10 @@ def build_ledger(data: xr.Dataset, scenario: Scenario) -> dict[str, Any]:
     """Momentum drift and energy balance of a result.
 
     Momentum is of robots and target together, about the world's origin, less the impulse that elements give
-    from outside; its drift is compared with the largest of a single body or, where bodies have hardly
-    any (as a robot that holds nothing), with a part of what moves inside them. Where a fixed base or gravity
-    acts it is not conserved, and said to be so. The energy balance compares what the balance leaves open with
-    the largest energy in it.
+    from outside; its drift is compared with the largest of a single body, or of its wheels, or, where bodies
+    have hardly any (a robot that holds nothing), with a part of what moves inside them. Where a fixed base
+    or gravity acts it is not conserved, and said so. The energy balance compares what the balance leaves
+    open with the largest energy in it.
     """
     return {"momentum": _momentum(data, scenario), "energy": _energy(data)}
 
@@ -56,6 +56,8 @@ def _momentum(data: xr.Dataset, scenario: Scenario) -> dict[str, Any]:
         kept = kept_momentum(data, kind).values
         drift = float(np.linalg.norm(kept - kept[0], axis=-1).max())
         largest = max(float(np.linalg.norm(partial, axis=-1).max()), INNER_PART * inner[kind])
+        if kind == "angular" and "wheel_momentum" in data:
+            largest = max(largest, float(np.nanmax(np.linalg.norm(data.wheel_momentum.values, axis=-1))))
         found[kind] = {
             f"initial_{unit}": [float(x) for x in total[0]],
             f"drift_{unit}": drift,

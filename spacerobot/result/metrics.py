@@ -115,6 +115,14 @@ def propellant(data: xr.Dataset) -> dict[str, float]:
     return {str(body): float(spent.sel(body=body)) for body in spent.body.values}
 
 
+def fastest_wheel(data: xr.Dataset) -> dict[str, Any]:
+    """Greatest speed of a reaction wheel [rad/s], where and when, and the least part left of a limit."""
+    left = np.array(data["wheel_margin"].values if "wheel_margin" in data else np.nan)
+    known = left[np.isfinite(left)]
+    found = _greatest(data.wheel_speed, "wheel", "speed_rad_s")
+    return found | {"least_margin": float(known.min()) if known.size else None}
+
+
 def _greatest(values: xr.DataArray, dimension: str, key: str) -> dict[str, Any]:
     size = np.abs(values.values)
     if size.size == 0:

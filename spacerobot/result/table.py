@@ -42,6 +42,11 @@ def headline(summary: Mapping[str, Any], data: xr.Dataset) -> list[Row]:
     rows.append(("greatest grip force", _peak(grip, "force_n", "N", "grasp")))
     if "greatest_contact" in summary:
         rows.append(("greatest contact force", _peak(summary["greatest_contact"], "force_n", "N", "contact")))
+    if "fastest_wheel" in summary:
+        wheel = summary["fastest_wheel"]
+        left = wheel["least_margin"]
+        margin = "" if left is None else f", {max(left, 0):.0%} of its speed limit left"
+        rows.append(("fastest wheel", _peak(wheel, "speed_rad_s", "rad/s", "wheel") + margin))
     return rows + ledger_rows(summary["ledger"]) + [("engine", _engine(summary))]
 
 

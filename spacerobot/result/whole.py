@@ -88,6 +88,7 @@ def _expected(data: xr.Dataset) -> dict[str, Any]:
     bodies = [str(body) for body in data.body.values]
     span = dict.fromkeys(("min_m", "max_m", "rms_m", "final_m"), Number)
     contact = {"force_n": Number, "contact": Name, "time_s": Maybe}
+    wheel = {"speed_rad_s": Number, "wheel": Name, "time_s": Maybe, "least_margin": Maybe}
     motion = dict.fromkeys(("max_rotation_deg", "max_travel_m"), Number)
     return {
         "name": str,
@@ -110,6 +111,7 @@ def _expected(data: xr.Dataset) -> dict[str, Any]:
         **({"greatest_contact": contact} if "contact" in data.coords else {}),
         **({"attitude_error": dict} if "base_attitude_error" in data else {}),
         **({"propellant_kg": dict} if "propellant" in data else {}),
+        **({"fastest_wheel": wheel} if "wheel" in data.dims else {}),
         "fastest_joint": {"rate": Number, "unit": str, "joint": Name, "time_s": Maybe},
         "ledger": {"momentum": _momentum(bool(data.attrs["outside"])), "energy": _ENERGY},
         "engine": {"name": str, "backend": str, "step_s": Maybe, "steps": Number},

@@ -103,6 +103,16 @@ NEEDS: dict[tuple[str, str], dict[str, object]] = {
             "c": {"position": [0.1, -0.2, 0.1], "direction": [0, -1, 0]},
         },
     },
+    ("actuator", "reaction_wheels"): {
+        "axes": [[0, 0, 1]],
+        "inertia": 0.05,
+        "torque_limit": 2,
+        "speed_limit": 80,
+        "viscous": 0.01,
+        "coulomb": 0.02,
+        "speeds": [3],
+    },
+    ("actuator", "wheel_joints"): {"joints": "rotor*", "torque_limit": 2, "speed_limit": 80, "coulomb": 0.02},
     ("sensor", "linear"): {"offset": 0.01, "scale": 1.1},
     ("environment", "orbit"): {
         "semi_major_axis": 8.0,
@@ -166,6 +176,11 @@ def scene_of(family, kind, text=PLANAR):
         }
         rows = {key: [[*row, 0.3] for row in knots[key]] for key in ("position", "rate", "effort")}
         found["robots.one.controllers"]["own"]["knots"] = knots | rows
+    if text is SPATIAL and kind == "reaction_wheels":
+        own = found["robots.one.actuators"]["own"]
+        own |= {"axes": [[1, 0, 0.5], [0, 1, 0], [0.2, 0.3, 2], [1, 1, 1]], "speeds": [3, -2, 1, 0]}
+    if kind == "wheel_joints":
+        found["robots.one.urdf"] = "rotors.urdf" if text is PLANAR else "odd_rotors.urdf"
     if text is SPATIAL and family == "grasp":
         found["grasps.left"]["frame"] = "left"
     if family == "grasp" and elements.kinds("grasp")[kind].fixes_position:

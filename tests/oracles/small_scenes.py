@@ -146,10 +146,24 @@ def folder() -> Path:
         "plate": rectangle_urdf(mass_kg=8.0, inertia_kg_m2=0.7),
         "odd_arm": ODD_ARM,
         "flapped_box": FLAPPED_BOX,
+        "rotors": _with_rotors(arm, "base", "0 0 1"),
+        "odd_rotors": _with_rotors(ODD_ARM, "base", "0 0 1", "0.6 0 -0.8", "0 1 0"),
     }
     for name, text in parts.items():
         (place / f"{name}.urdf").write_text(text, encoding="utf-8")
     return place
+
+
+def _with_rotors(urdf: str, root: str, *axes: str) -> str:
+    """A URDF with rotors about these axes on its root link."""
+    parts = "".join(
+        f'<link name="disc{i}"><inertial><mass value="0.5"/>'
+        '<inertia ixx="0.03" iyy="0.03" izz="0.05" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        f'<joint name="rotor{i}" type="continuous"><parent link="{root}"/><child link="disc{i}"/>'
+        f'<origin xyz="0.1 0.05 0"/><axis xyz="{axis}"/><dynamics damping="0.02"/></joint>'
+        for i, axis in enumerate(axes)
+    )
+    return urdf.replace("</robot>", f"{parts}</robot>")
 
 
 @functools.cache

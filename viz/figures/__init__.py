@@ -12,6 +12,7 @@ from viz.figures.ledger import ledger
 from viz.figures.style import Drawing, to_bytes
 from viz.figures.tips import orientation_errors, tip_errors, tip_paths
 from viz.figures.tuning import convergence, data_profiles, running_times, sensitivities
+from viz.figures.wheels import momentum_budget, wheels
 
 __all__ = [
     "KINDS",
@@ -30,6 +31,7 @@ __all__ = [
     "grip_forces",
     "joints",
     "ledger",
+    "momentum_budget",
     "moving_components",
     "object_motion",
     "orientation_errors",
@@ -40,4 +42,5 @@ __all__ = [
     "tip_errors",
     "tip_paths",
     "to_bytes",
+    "wheels",
 ]

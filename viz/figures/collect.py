@@ -17,6 +17,7 @@ from viz.figures.joints import joints
 from viz.figures.ledger import ledger
 from viz.figures.style import Drawing, drawn_for, to_bytes
 from viz.figures.tips import orientation_errors, tip_errors, tip_paths
+from viz.figures.wheels import momentum_budget, wheels
 
 FORMATS = ("pdf", "svg", "png")
 """Kinds of files a figure can be written as."""
@@ -60,6 +61,10 @@ def _may_touch(result: Result) -> bool:
     return "contact" in result.data.dims
 
 
+def _has_wheels(result: Result) -> bool:
+    return "wheel" in result.data.dims
+
+
 def _is_caught(result: Result) -> bool:
     return any(grasp.begins == "open" for grasp in result.scenario.grasps.values())
 
@@ -86,6 +91,13 @@ KINDS = (
     ),
     Kind("grip_forces", "Grip forces", grip_forces, applies=lambda r: bool(r.data.sizes["grasp"])),
     Kind("contact_forces", "Contact forces and gaps", contact_forces, applies=_may_touch),
+    Kind("wheels", "Reaction wheels: speeds and torques", wheels, applies=_has_wheels),
+    Kind(
+        "momentum_budget",
+        "Where the momentum is: robots, wheels, object, outside",
+        momentum_budget,
+        applies=lambda r: _has_wheels(r) or "impulse_angular" in r.data,
+    ),
     Kind("ledger", "The ledger: momentum and energy", ledger),
 )
 """Every kind of figure that a single result can show, in the order a reader wants them."""

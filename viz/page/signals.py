@@ -46,7 +46,7 @@ class Quantity:
 def quantities(result: Result) -> list[Quantity]:
     """All signals of a result at all its times, by quantity; the tip error comes first."""
     found = [*_tips(result), *_grasps(result), *_contacts(result), *_joints(result), *_bodies(result)]
-    found += _energies(result)
+    found += [*_wheels(result), *_energies(result)]
     return [quantity for quantity in found if quantity.signals]
 
 
@@ -208,6 +208,28 @@ def _bodies(result: Result) -> list[Quantity]:
         Quantity("linear momentum", "N s", _size(momenta["linear"], everyone, together)),
         Quantity("linear momentum by axis", "N s", _along(momenta["linear"], everyone, axes)),
         Quantity("angular momentum by axis", "N m s", _along(momenta["angular"], everyone, about)),
+    ]
+
+
+def _wheels(result: Result) -> list[Quantity]:
+    data = result.data
+    if "wheel" not in data.dims:
+        return []
+    names, about = [str(wheel) for wheel in data.wheel.values], _about(result)
+    kinds = (
+        ("wheel speed", "rad/s", "wheel_speed", 1.0),
+        ("wheel torque", "N m", "wheel_torque", 1.0),
+        ("speed limit left to wheels", "%", "wheel_margin", 100.0),
+    )
+    carried = data.wheel_momentum.dropna("body", how="all")
+    bodies = [called(str(body)) for body in carried.body.values]
+    return [
+        *(
+            Quantity(title, unit, [Signal(n, data[key].values[:, k] * scale) for k, n in enumerate(names)])
+            for title, unit, key, scale in kinds
+            if key in data
+        ),
+        Quantity("angular momentum of wheels by axis", "N m s", _along(carried.values, bodies, about)),
     ]
 
 

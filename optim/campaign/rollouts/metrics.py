@@ -154,9 +154,11 @@ def _rotations(signals: Signals, scene: Scene, *, target: bool) -> Made:
 
 def _torques(signals: Signals, scene: Scene) -> Made:
     """Largest torque or force of any joint of each body that has joints."""
-    joints = sorted((scene.model.idx_vs[joint], body.name) for body in scene.bodies for joint in body.joints)
+    joints = sorted(
+        (scene.model.idx_vs[joint], body.name) for body in scene.bodies for joint in body.arm_joints
+    )
     size = ca.fabs(signals["joint_torque"])
-    places = [body.name for body in scene.bodies if body.joints]
+    places = [body.name for body in scene.bodies if body.arm_joints]
     if size.numel() != len(joints):
         raise ValueError("every joint has one torque")
     rows = {name: [i for i, (_, owner) in enumerate(joints) if owner == name] for name in places}

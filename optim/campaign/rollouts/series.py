@@ -141,11 +141,11 @@ def torque_unit(scene: Scene) -> str:
     kinds = {
         scene.model.joints[joint].shortname().startswith("JointModelP")
         for body in scene.bodies
-        for joint in body.joints
+        for joint in body.arm_joints
     }
     return {(False,): "N m", (True,): "N"}.get(tuple(kinds), "N m or N")
 
 
 def _joints(scene: Scene) -> list[str]:
-    joints = sorted(joint for body in scene.bodies for joint in body.joints)
+    joints = sorted(joint for body in scene.bodies for joint in body.arm_joints)
     return [str(scene.model.names[joint]) for joint in joints]

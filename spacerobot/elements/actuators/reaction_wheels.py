@@ -1,0 +1,162 @@
+"""Reaction wheels of a base; see :mod:`spacerobot.elements.wheels`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import Literal
+
+import casadi as ca
+import numpy as np
+from pydantic import Field, model_validator
+
+from spacerobot.dynamics.algebra import cross
+from spacerobot.elements.context import ActuatorContext
+from spacerobot.elements.contribution import Contribution, Drive, Power, State, Stored
+from spacerobot.elements.reference import DEGREE
+from spacerobot.elements.registry import register
+from spacerobot.elements.robot_element import RobotFacts
+from spacerobot.elements.wheels import Motors, Wheels, are_independent, shares, turning
+from spacerobot.section import Section, Vector, quantity
+
+
+class Pyramid(Section):
+    """Wheels evenly around the root link's z axis."""
+
+    wheels: int = Field(default=4, ge=3, le=16, description="how many; the first above the x axis")
+    tilt_deg: float = quantity(
+        "deg",
+        "of the axes out of the x-y plane; at 35.26 all directions are alike",
+        default=35.26,
+        gt=0,
+        lt=90,
+    )
+
+    def directions(self) -> Iterator[tuple[float, float]]:
+        """Cosine and sine of each wheel's direction about z, exact where it is along an axis."""
+        for i in range(self.wheels):
+            angle = 2 * np.pi * i / self.wheels
+            yield (float(np.round(np.cos(angle), 15)), float(np.round(np.sin(angle), 15)))
+
+
+@register
+class ReactionWheels(Wheels):
+    """A set of equal reaction wheels on the base that deliver the torque asked of it, until they saturate."""
+
+    kind: Literal["reaction_wheels"] = "reaction_wheels"
+    axes: tuple[Vector, ...] = quantity(
+        "1", "direction of each wheel's axis, root link's axes, of any length", default=(), max_length=64
+    )
+    pyramid: Pyramid | None = Field(default=None, description="in place of `axes`: wheels evenly around z")
+    inertia: float = quantity("kg m^2", "of each about its axis, in addition to the root link's", gt=0)
+    viscous: float = quantity("N m s/rad", "friction by speed", default=0.0, ge=0)
+    speeds: tuple[float, ...] = quantity(
+        "rad/s", "speed of each at the start, relative to the base; at rest if not given", default=()
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> ReactionWheels:
+        if bool(self.axes) == (self.pyramid is not None):
+            raise ValueError("give either `axes` or `pyramid`" + ", not both" * bool(self.axes))
+        for i, axis in enumerate(self.axes):
+            if not any(axis):
+                raise ValueError(f"axes.{i}: found the zero vector, allowed: any direction")
+        if self.axes and not are_independent(self.axes):
+            raise ValueError(
+                "axes: found directions that depend on each other, so that torque cannot be shared out; "
+                "leave one out, or make two sets"
+            )
+        if self.speeds and len(self.speeds) != self.count:
+            raise ValueError(f"speeds: found {len(self.speeds)}, allowed: {self.count}, one for each wheel")
+        fast = [speed for speed in self.speeds if self.speed_limit and abs(speed) > self.speed_limit]
+        if fast:
+            raise ValueError(f"speeds: found {fast[0]:g}, allowed: up to speed_limit, {self.speed_limit:g}")
+        return self
+
+    @property
+    def count(self) -> int:
+        """How many wheels."""
+        return self.pyramid.wheels if self.pyramid else len(self.axes)
+
+    def build(self, actuator: ActuatorContext) -> Contribution:
+        """The wheels' angular momenta are states; motors press on wheels and base alike."""
+        context, name = actuator.context, f"{actuator.robot}/{actuator.context.path.rpartition('.')[2]}"
+        columns, about = turning(actuator)
+        axes, inverse = self._geometry(actuator, about)
+        spin = ca.SX(3, 1)
+        spin[about] = actuator.plant.v[list(columns)]
+        inertia, carried = context.number("inertia"), ca.mtimes(axes.T, spin)
+        momentum = ca.SX.sym(f"{name}.momentum", self.count)
+        speed, rotation = momentum / inertia - carried, actuator.plant.placement(actuator.base_frame)[0]
+        friction = self.rub(actuator, speed)
+        viscous = context.once("viscous", context.parameters.sparse(f"{context.path}.viscous"))
+        friction = friction + viscous * speed
+        lost = (Power("wheel_friction", ca.dot(friction, speed)),) if friction.nnz() else ()
+        whole = ca.mtimes(axes, momentum)
+        began = ca.vertcat(
+            *(context.parameters(f"{context.path}.speeds.{i}") for i in range(len(self.speeds)))
+        )
+        first = inertia * (carried + (context.once("speeds", began) if self.speeds else 0))
+
+        def motors(asked: ca.SX) -> Motors:
+            return self.motors(actuator, -ca.mtimes(inverse[:, about], asked), speed, friction)
+
+        def answer(asked: ca.SX) -> Contribution:
+            found = motors(asked)
+            torque = ca.mtimes(rotation, -ca.mtimes(axes, found.net) - cross(spin, whole))
+            return Contribution(
+                states=(State(f"{name}.momentum", momentum, first, found.net),),
+                wrenches=(actuator.on_base(torque=torque),),
+                powers=(Power("actuator", ca.dot(found.net + found.friction, speed), "in"), *lost),
+                outputs=self.observed(actuator, found, speed, ca.mtimes(rotation, whole)),
+                events=found.events,
+            )
+
+        def left(asked: ca.SX) -> ca.SX:
+            return asked + ca.mtimes(axes[about, :], motors(asked).command)
+
+        stored = Stored(
+            actuator.robot, ca.mtimes(rotation, whole), ca.dot(momentum, momentum) / (2 * inertia)
+        )
+        return Contribution(drives=(Drive(columns, left, answer, passes_on=columns),), stored=(stored,))
+
+    def _geometry(self, actuator: ActuatorContext, about: list[int]) -> tuple[ca.SX, ca.SX]:
+        """Axes (3 x n) and their pseudo-inverse (n x 3), of those parts that can turn the base."""
+        context = actuator.context
+        if self.pyramid is not None:
+            tilt = context.parameters(f"{context.path}.pyramid.tilt_deg") * DEGREE
+            across, up = ca.cos(tilt), ca.sin(tilt)
+            axes, inverse = ca.SX(3, self.count), ca.SX(self.count, 3)
+            for i, around in enumerate(self.pyramid.directions()):
+                for row, part in enumerate(around):
+                    if part:
+                        axes[row, i] = across * part
+                        inverse[i, row] = 2 * part / (self.count * across)
+                axes[2, i], inverse[i, 2] = up, 1 / (self.count * up)
+        else:
+            vectors = [
+                context.parameters.sparse_vector(f"{context.path}.axes.{i}") for i in range(self.count)
+            ]
+            axes = ca.horzcat(*(vector / ca.norm_2(vector) for vector in vectors))
+            inverse = ca.SX(self.count, 3)
+            inverse[:, about] = shares(axes[about, :])
+        return context.once("axes", axes), context.once("shares", inverse)
+
+    def faults(self, robot: RobotFacts) -> Iterable[tuple[str, str]]:
+        """Axes across which a planar base cannot turn."""
+        if robot.base != "planar":
+            return
+        tilted = [i for i, axis in enumerate(self.axes) if axis[0] or axis[1]]
+        if self.pyramid is not None:
+            yield "pyramid", "a planar base turns about z alone; give `axes: [[0, 0, 1]]`"
+        elif tilted:
+            yield f"axes.{tilted[0]}", "a planar base turns about z alone, so its wheels' axes are [0, 0, 1]"
+
+    def assumptions(self) -> list[str]:
+        """What of the wheels is the root link's."""
+        return ["mass of the wheels, and their inertia across their axes, are part of the root link's"]
+
+    def words(self) -> str:
+        """The wheels and their limits."""
+        shape = f" in a pyramid tilted by {self.pyramid.tilt_deg:g} deg" if self.pyramid else ""
+        wheels = f"{self.count} reaction wheel{'s' * (self.count > 1)}{shape}"
+        return f"{wheels}, {self.inertia:g} kg m^2, {self.within()}"

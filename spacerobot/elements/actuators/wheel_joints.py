@@ -1,0 +1,83 @@
+"""Joints of the URDF as reaction wheels; see :mod:`spacerobot.elements.wheels`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Literal
+
+import casadi as ca
+from pydantic import Field
+
+from spacerobot.elements.context import ActuatorContext
+from spacerobot.elements.contribution import Contribution, Drive, Power
+from spacerobot.elements.registry import register
+from spacerobot.elements.robot_element import RobotFacts
+from spacerobot.elements.wheels import Motors, Wheels, are_independent, shares, turning
+from spacerobot.errors import near_names
+from spacerobot.section import matching
+
+
+@register
+class WheelJoints(Wheels):
+    """Continuous joints of the URDF as reaction wheels: none of the arm's, they deliver the base's torque."""
+
+    kind: Literal["wheel_joints"] = "wheel_joints"
+    joints: str = Field(description="joint by name; `*` stands for any letters")
+
+    def build(self, actuator: ActuatorContext) -> Contribution:
+        """Torques of the joints, whose momentum is their links' and viscous friction their damping."""
+        plant, columns = actuator.plant, actuator.columns
+        places = [columns[name] for name in self.owns(tuple(columns))]
+        base, about = turning(actuator)
+        joints = [joint for joint in plant.kinematics.joints if joint.idx_v in places]
+        axes = ca.horzcat(*(ca.mtimes(joint.rotation, joint.angular) for joint in joints))
+        inverse, speed, spin = shares(axes[about, :]), plant.v[places], ca.SX(3, 1)
+        spin[about] = plant.v[list(base)]
+        rub = self.rub(actuator, speed)
+        friction = rub + plant.damping[places] * speed
+        own = (ca.mtimes(plant.inertias.rotational[j.index], j.angular) for j in joints)
+        inertia = ca.vertcat(*(ca.dot(turned, j.angular) for turned, j in zip(own, joints, strict=True)))
+        rotation = plant.placement(actuator.base_frame)[0]
+        whole = ca.mtimes(rotation, ca.mtimes(axes, inertia * (speed + ca.mtimes(axes.T, spin))))
+
+        def motors(asked: ca.SX) -> Motors:
+            return self.motors(actuator, -ca.mtimes(inverse, asked[: len(base)]), speed, friction)
+
+        def deliver(asked: ca.SX) -> ca.SX:
+            found = motors(asked)
+            left = asked[: len(base)] + ca.mtimes(axes[about, :], found.command)
+            return ca.vertcat(left, found.net + friction - rub)
+
+        def answer(asked: ca.SX) -> Contribution:
+            found, taken = motors(asked), ca.dot(rub, speed)
+            lost = (Power("actuator", taken, "in"), Power("wheel_friction", taken)) if rub.nnz() else ()
+            return Contribution(
+                powers=lost, outputs=self.observed(actuator, found, speed, whole), events=found.events
+            )
+
+        return Contribution(drives=(Drive((*base, *places), deliver, answer, passes_on=base),))
+
+    def owns(self, joints: Sequence[str]) -> list[str]:
+        """Joints that the pattern stands for."""
+        return matching(joints, self.joints)
+
+    def faults(self, robot: RobotFacts) -> Iterable[tuple[str, str]]:
+        """Joints that are no wheels, or that there are none of."""
+        names = self.owns(robot.joints)
+        if not names:
+            yield "joints", f"no joint {self.joints!r}; {near_names(self.joints, robot.joints)}"
+        for name in names:
+            if name not in robot.spinning:
+                able = ", ".join(robot.spinning) or "there is none"
+                told = "continuous joints on the root link that carry no other joint"
+                yield "joints", f"found {name}, allowed: {told} ({able})"
+                return
+        if names and not are_independent([robot.spinning[name] for name in names]):
+            yield (
+                "joints",
+                f"the axes of {', '.join(names)} depend on each other, so that torque cannot be shared out",
+            )
+
+    def words(self) -> str:
+        """The joints and their limits."""
+        return f"{self.joints} as reaction wheels, {self.within()}"

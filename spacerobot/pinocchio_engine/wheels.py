@@ -1,0 +1,187 @@
+"""Reaction wheels, written again: torques by numpy's pseudo-inverse, momentum and wrenches in world axes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from spacerobot.arrays import Array
+from spacerobot.elements.actuators.reaction_wheels import ReactionWheels
+from spacerobot.elements.actuators.wheel_joints import WheelJoints
+from spacerobot.elements.wheels import SLACK, Wheels
+from spacerobot.pinocchio_engine.actuation import (
+    Delivered,
+    Push,
+    Stored,
+    Turn,
+    base_columns,
+    delivery_of,
+)
+from spacerobot.pinocchio_engine.kinematics import Kinematics
+from spacerobot.scene import Scene, SceneBody
+
+
+@dataclass(frozen=True)
+class WheelSet:
+    """Wheels of one section; those that are joints have columns of their own, the others states.
+
+    Attributes
+    ----------
+    axes
+        Of the wheels (n, 3), root link's axes.
+    inertia, resistance
+        Of each about its axis (n,) [kg m^2], and by its joint (n,) [N m s/rad].
+    """
+
+    scene: Scene
+    body: SceneBody
+    config: Wheels
+    key: str
+    axes: Array
+    inertia: Array
+    own: tuple[int, ...]
+    resistance: Array
+
+    @property
+    def from_outside(self) -> bool:
+        """Nothing of it: what the base takes, the wheels lose."""
+        return False
+
+    @property
+    def passes_on(self) -> tuple[int, ...]:
+        """Places in v of the base's angular velocity."""
+        columns = base_columns(self.scene, self.body)
+        return tuple(columns[-1:] if len(columns) == 3 else columns[3:])
+
+    @property
+    def columns(self) -> tuple[int, ...]:
+        """Those and the wheels' own."""
+        return (*self.passes_on, *self.own)
+
+    @property
+    def works(self) -> tuple[str, ...]:
+        """The work of friction, where there is any that is not a joint's resistance."""
+        return ("wheel_friction",) if self.config.coulomb or self._viscous else ()
+
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        """Angular momenta of wheels that are no joints."""
+        return () if self.own else tuple(f"{self._name}.momentum[{i}]" for i in range(len(self.axes)))
+
+    @property
+    def _name(self) -> str:
+        return f"{self.body.name}/{self.key.rpartition('.')[2]}"
+
+    @property
+    def _viscous(self) -> float:
+        return self.config.viscous if isinstance(self.config, ReactionWheels) else 0.0
+
+    def _carried(self, kinematics: Kinematics) -> Array:
+        """Part of the base's spin about each wheel's axis (n,) [rad/s]."""
+        frame = kinematics.frame(self.body.root_frame)
+        found: Array = self.axes @ frame.rotation.T @ frame.velocity[3:]
+        return found
+
+    def initial(self, kinematics: Kinematics) -> Array:
+        """Angular momenta at the start."""
+        if not isinstance(self.config, ReactionWheels):
+            return np.empty(0)
+        speeds = np.array(self.config.speeds or np.zeros(len(self.axes)))
+        first: Array = self.inertia * (speeds + self._carried(kinematics))
+        return first
+
+    def deliver(self, kinematics: Kinematics, asked: Array, states: Array, on: frozenset[str]) -> Delivered:
+        """Torques on wheels and base."""
+        carried = self._carried(kinematics)
+        speed = kinematics.v[list(self.own)] if self.own else states / self.inertia - carried
+        momentum = self.inertia * (speed + carried)
+        about, config = list(self.passes_on), self.config
+        turned = self.axes[:, -len(about) :]
+        wanted = -np.linalg.pinv(turned.T, rcond=1e-9) @ asked[about]
+        most = np.inf if config.torque_limit is None else config.torque_limit
+        command = np.clip(wanted, -most, most)
+        rub = config.coulomb * speed / np.hypot(speed, config.coulomb_speed) + self._viscous * speed
+        friction = rub + self.resistance * speed
+        turns = list(self._turns(command, friction, speed))
+        held = np.array([f"{self._name}.{i}" in on for i in range(len(speed))])
+        command = np.where(held, 0.0, command)
+        net = np.where(held, 0.0, command - friction)
+        torque = asked.copy()
+        torque[about] += turned.T @ command
+        torque[list(self.own)] = (net + friction - rub)[: len(self.own)]
+        rotation = kinematics.frame(self.body.root_frame).rotation
+        whole = rotation @ self.axes.T @ momentum
+        lost, seen = float(rub @ speed), self._seen(net + friction, speed, whole)
+        taken = dict.fromkeys(self.works, lost)
+        if self.own:
+            return Delivered(torque, power=lost, taken=taken, seen=seen, turns=turns)
+        spin = kinematics.frame(self.body.root_frame).velocity[3:]
+        push = -rotation @ self.axes.T @ net - np.cross(spin, whole)
+        frame = kinematics.frame(self.body.root_frame)
+        return Delivered(
+            torque,
+            inner=[Push(self.body.root_joint, np.zeros(3), push, frame.position)],
+            rates=net,
+            power=float((net + friction) @ speed),
+            taken=taken,
+            stored=[Stored(self.body.name, whole, float(momentum @ (momentum / self.inertia)) / 2)],
+            seen=seen,
+            turns=turns,
+        )
+
+    def _turns(self, command: Array, friction: Array, speed: Array) -> Sequence[Turn]:
+        """At which wheels come to their limit, and are free of it."""
+        most = self.config.speed_limit
+        if most is None:
+            return []
+        found = []
+        for i, (motor, rub, fast) in enumerate(zip(command, friction, speed, strict=True)):
+            name, over, faster = f"{self._name}.{i}", abs(fast) / most - 1, (motor - rub) * fast / most
+            found += [
+                Turn(f"{name}.saturated", "saturated", name, min(over, faster), name, value=True),
+                Turn(f"{name}.freed", "freed", name, max(-faster, -SLACK - over), name, value=False),
+            ]
+        return found
+
+    def _seen(self, torque: Array, speed: Array, momentum: Array) -> dict[tuple[str, str], Array]:
+        """What is observed."""
+        found = {("wheel_momentum", self.body.name): momentum}
+        for i in range(len(speed)):
+            name = f"{self._name}.{i}"
+            found |= {("wheel_speed", name): speed[i : i + 1], ("wheel_torque", name): torque[i : i + 1]}
+            if self.config.speed_limit is not None:
+                found["wheel_margin", name] = 1 - np.abs(speed[i : i + 1]) / self.config.speed_limit
+        return found
+
+
+@delivery_of.register
+def _(actuator: ReactionWheels, scene: Scene, body: SceneBody, key: str) -> WheelSet:
+    if actuator.pyramid is None:
+        axes = np.array([np.array(axis) / np.linalg.norm(axis) for axis in actuator.axes])
+    else:
+        tilt, count = np.radians(actuator.pyramid.tilt_deg), actuator.count
+        around = 2 * np.pi / count * np.arange(count)
+        axes = np.column_stack(
+            [np.cos(tilt) * np.cos(around), np.cos(tilt) * np.sin(around), np.full(count, np.sin(tilt))]
+        )
+    inertia = np.full(len(axes), actuator.inertia)
+    return WheelSet(scene, body, actuator, key, axes, inertia, (), np.zeros(len(axes)))
+
+
+@delivery_of.register
+def _(actuator: WheelJoints, scene: Scene, body: SceneBody, key: str) -> WheelSet:
+    by_name = {body.joint_name(scene.model, joint): joint for joint in body.free_joints}
+    names = actuator.owns(tuple(by_name))
+    axes, inertia = [], []
+    for name in names:
+        joint, data = by_name[name], scene.model.createData()
+        motion = pin.computeJointJacobian(scene.model, data, pin.neutral(scene.model), joint)
+        axis = motion[3:, scene.model.idx_vs[joint]]
+        axes.append(scene.model.jointPlacements[joint].rotation @ axis)
+        inertia.append(axis @ scene.model.inertias[joint].matrix()[3:, 3:] @ axis)
+    damping = np.array([body.config.joints[name].damping or 0.0 for name in names])
+    own = tuple(int(scene.model.idx_vs[by_name[name]]) for name in names)
+    return WheelSet(scene, body, actuator, key, np.array(axes), np.array(inertia), own, damping)

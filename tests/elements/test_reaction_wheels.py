@@ -1,0 +1,249 @@
+"""Reaction wheels, and joints of the URDF as such: closed forms, saturation, momentum, what is refused."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from spacerobot import build_rollout, simulate
+from spacerobot.closedloop import build_closed_loop
+from spacerobot.errors import ScenarioError
+from spacerobot.scenario.load import validate
+from spacerobot.scene import build_scene
+from tests.oracles.small_scenes import PLANAR, small_scene
+
+MASS, TURN, WHEEL = 20.0, 2.0, 0.05
+"""Mass and inertia of the body, inertia of a wheel about its axis [kg, kg m^2]."""
+LINK = (
+    '<link name="{}"><inertial><mass value="{}"/>'
+    '<inertia ixx="{}" iyy="{}" izz="{}" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+)
+JOINT = (
+    '<joint name="{0}" type="continuous"><parent link="bus"/><child link="{0}_rotor"/>'
+    '<axis xyz="{1}"/><dynamics damping="{2}"/></joint>'
+)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """URDFs of a lone body, and of one with three rotors about the axes of its own."""
+    place = tmp_path_factory.mktemp("bus")
+    (place / "bus.urdf").write_text(f'<robot name="bus">{LINK.format("bus", MASS, 1.5, 1.8, TURN)}</robot>')
+    rotors = ""
+    for name, axis in (("x", "1 0 0"), ("y", "0 1 0"), ("z", "0 0 1")):
+        about = [WHEEL if own == name else 0.03 for own in "xyz"]
+        rotors += LINK.format(f"{name}_rotor", 1, *about) + JOINT.format(name, axis, 1e-4)
+    bare = LINK.format(
+        "bus", MASS - 3, 1.5 - 0.06, 1.8 - 0.06, TURN - 0.06
+    )  # what is across the axes goes with it
+    (place / "rotors.urdf").write_text(f'<robot name="bus">{bare}{rotors}</robot>')
+    return place
+
+
+def scene_of(folder, wheels, base=None, control=None, *, urdf="bus", duration=4.0):
+    """A lone body with wheels, whose attitude is controlled or not."""
+    robot = {
+        "urdf": str(folder / f"{urdf}.urdf"),
+        "base": {"joint": "planar"} | (base or {}),
+        "actuators": {"wheels": {"kind": "reaction_wheels"} | wheels},
+        "controllers": {"hold": {"kind": "base_attitude", "feed_forward": 0} | control} if control else {},
+    }
+    simulation = {"duration": duration, "step": 0.01, "output_step": 0.02}
+    return build_scene(validate({"robots": {"bus": robot}, "simulation": simulation}))
+
+
+ONE = {"axes": [[0, 0, 1]], "inertia": WHEEL}
+
+
+def conserved(result, parts=1e-10):
+    """Momentum of everything, in parts of its largest in a body, and the energy balance."""
+    ledger = result.summary["ledger"]
+    assert ledger["momentum"]["linear"]["relative_drift"] < parts
+    assert ledger["momentum"]["angular"]["relative_drift"] < parts
+    assert ledger["energy"]["relative_residual"] < parts
+
+
+def test_a_body_under_pd_is_a_second_order_system(folder):
+    """I theta'' + kd theta' + kp theta = 0, whatever the wheel's inertia."""
+    kp, kd, spin = 3.0, 1.2, np.radians(8)
+    scene = scene_of(folder, ONE, {"spin_deg": [0, 0, 8]}, {"kp": kp, "kd": kd})
+    result = simulate(scene, backend="interpreted")
+    t = result.data.time.values
+    decay = kd / (2 * TURN)
+    beat = np.sqrt(kp / TURN - decay**2)
+    angle = spin / beat * np.exp(-decay * t) * np.sin(beat * t)
+    np.testing.assert_allclose(result.data.body_angle.sel(body="bus"), angle, atol=1e-10)
+    rate = spin * np.exp(-decay * t) * (np.cos(beat * t) - decay / beat * np.sin(beat * t))
+    speed = (TURN + WHEEL) / WHEEL * (spin - rate)  # from rest relative to the body
+    np.testing.assert_allclose(result.data.wheel_speed[:, 0], speed, atol=1e-8)
+    assert result.data.wheel_speed.attrs["units"] == "rad/s"
+    conserved(result)
+
+
+def test_a_wheel_that_rubs_spins_its_body_up(folder):
+    """Free of torque from outside: speed s' = -c s (1/J + 1/I), and the body takes what the wheel loses."""
+    c, speed = 0.02, 40.0
+    scene = scene_of(folder, ONE | {"viscous": c, "speeds": [speed]})
+    result = simulate(scene, backend="interpreted")
+    found = speed * np.exp(-c * (1 / WHEEL + 1 / TURN) * result.data.time.values)
+    np.testing.assert_allclose(result.data.wheel_speed[:, 0], found, atol=1e-9)
+    spin = result.data.v.sel(velocity="v.bus/root[2]")
+    np.testing.assert_allclose(spin, WHEEL * (speed - found) / (WHEEL + TURN), atol=1e-11)
+    conserved(result)
+
+
+LIMITED = ONE | {"speed_limit": 8.0, "viscous": 1e-3, "coulomb": 2e-3}
+TURNED = {"kp": 3.0, "kd": 5.0, "attitude_deg": [0, 0, 40]}
+
+
+def test_a_wheel_at_its_limit_keeps_its_momentum_until_what_is_asked_leads_back(folder):
+    result = simulate(scene_of(folder, LIMITED, control=TURNED), backend="interpreted")
+    events = result.summary["events"]
+    assert [(event["kind"], event["who"]) for event in events] == [
+        ("saturated", "bus/wheels.0"),
+        ("freed", "bus/wheels.0"),
+    ]
+    assert all(event["momentum_change"] < 1e-12 for event in events)
+    first, last = (event["time_s"] for event in events)
+    data = result.data.sel(time=slice(first, last))
+    assert data.sizes["time"] > 20
+    np.testing.assert_allclose(data.wheel_speed, -8.0, rtol=1e-10)
+    np.testing.assert_allclose(data.wheel_margin, 0.0, atol=1e-10)
+    spin = data.v.sel(velocity="v.bus/root[2]").values
+    np.testing.assert_allclose(spin, WHEEL * 8 / (WHEEL + TURN), rtol=1e-10)
+    rub = -1e-3 * 8 - 2e-3 * 8 / np.sqrt(8**2 + 1)
+    np.testing.assert_allclose(data.wheel_torque, rub, rtol=1e-8)  # the motor balances friction
+    angle = float(data.body_angle[-1, 0]) + spin[-1] * (last - float(data.time[-1]))
+    assert 3 * (np.radians(40) - angle) - 5 * spin[-1] == pytest.approx(
+        -rub, abs=1e-9
+    )  # as when it was freed
+    assert (np.abs(result.data.wheel_speed.sel(time=slice(last + 0.02, None))) < 8).all()
+    conserved(result)
+
+
+def test_the_second_engine_tells_the_same_saturation(folder):
+    scene = scene_of(folder, LIMITED, control=TURNED, duration=1.6)
+    simulation = scene.scenario.simulation.model_copy(update={"engine": "pinocchio", "output_step": 0.4})
+    scenario = scene.scenario.model_copy(update={"simulation": simulation})
+    one, other = (
+        simulate(scene, backend="interpreted"),
+        simulate(dataclasses.replace(scene, scenario=scenario)),
+    )
+    told = [[(e["name"], e["time_s"]) for e in result.summary["events"]] for result in (one, other)]
+    assert [name for name, _ in told[0]] == [name for name, _ in told[1]]
+    np.testing.assert_allclose([t for _, t in told[0]], [t for _, t in told[1]], atol=1e-8)
+    for name in ("wheel_speed", "wheel_torque", "wheel_margin", "wheel_momentum", "body_rotation"):
+        seen = one.data[name].sel(time=other.data.time, method="nearest")
+        np.testing.assert_allclose(seen, other.data[name], atol=1e-8, err_msg=name)
+    conserved(other, 1e-9)
+
+
+def test_a_wheel_whose_base_turns_after_it_is_free_before_what_is_asked_leads_back(folder):
+    """What turns the base the way a held wheel turns makes it slower relative to the base."""
+    scene = scene_of(folder, LIMITED, {"spin_deg": [0, 0, 8]}, {"kd": 2.0})
+    loop = build_closed_loop(scene)
+    x, c = (value.full().ravel() for value in loop.setup(loop.parameter_values))
+    c[loop.switches[0]] = 1.0
+    spin, own = loop.state_names.index("v.bus/root[2]"), loop.state_names.index("bus/wheels.momentum[0]")
+    x[spin], x[own] = 0.2, WHEEL * (8.0 + 0.2)
+    guard = loop.guards(0, x, c, np.zeros(loop.nx))[0].full().ravel()
+    assert np.isneginf(guard[0])
+    assert guard[1] < 0
+    x[spin] += 0.03  # beyond a thousandth of the limit
+    assert loop.guards(0, x, c, np.zeros(loop.nx))[0].full().ravel()[1] > 0
+
+
+@pytest.mark.parametrize("path", ["inertia", "speed_limit"])
+def test_gradients_go_through_saturation(folder, path):
+    loop = build_closed_loop(scene_of(folder, LIMITED, control=TURNED, duration=3.0))
+    rollout = build_rollout(loop, duration_s=3.0, step_s=0.01, output_step_s=1.0, backend="interpreted")
+    name = f"robots.bus.actuators.wheels.{path}"
+    value = loop.parameters()[loop.index(name)]
+    slopes = rollout.jacobian(wrt=[name], outputs=["wheel_speed", "body_rotation"])
+    assert len(rollout.run().events) == 2
+    ends = [rollout.run({name: value * (1 + sign * 1e-5)}).outputs for sign in (1, -1)]
+    for output, slope in slopes.outputs.items():
+        difference = (ends[0][output] - ends[1][output]) / (2e-5 * value)
+        np.testing.assert_allclose(slope[..., 0], difference, atol=1e-5 * np.abs(difference).max())
+
+
+def test_joints_as_wheels_do_what_wheels_of_a_section_do(folder):
+    """The same body, its rotors as links and about its axes as numbers: the same motion in space."""
+    base = {"joint": "free_flyer", "spin_deg": [6, -9, 12]}
+    control = {"kp": 2.0, "kd": 1.5}
+    limits = {"torque_limit": 0.5, "speed_limit": 6.5, "coulomb": 1e-3}
+    axes = {"axes": [[2, 0, 0], [0, 1, 0], [0, 0, 1]], "inertia": WHEEL, "viscous": 1e-4}
+    plain = scene_of(folder, limits | axes, base, control)
+    joints = {"kind": "wheel_joints", "joints": "*"} | limits
+    jointed = scene_of(folder, joints, base, control, urdf="rotors")
+    one, other = (simulate(scene, backend="interpreted") for scene in (plain, jointed))
+    assert [e["name"] for e in one.summary["events"]] == [e["name"] for e in other.summary["events"]]
+    assert one.summary["events"]
+    for name in ("body_rotation", "wheel_speed", "wheel_torque", "wheel_momentum", "wheel_margin"):
+        np.testing.assert_allclose(one.data[name], other.data[name], atol=1e-8, err_msg=name)
+    for result in (one, other):
+        conserved(result)
+    assert other.data.sizes["joint"] == 0
+
+
+def test_a_pyramid_shares_torque_out_evenly(folder):
+    wheels = {"pyramid": {"tilt_deg": 25}, "inertia": WHEEL}
+    scene = scene_of(folder, wheels, {"joint": "free_flyer"}, {"kp": 1.0, "attitude_deg": [10, -20, 30]})
+    loop = build_closed_loop(scene)
+    x, c = loop.setup(loop.parameter_values)
+    named = dict(zip(loop.outputs.name_out(), loop.outputs(0, x, c), strict=True))
+    torque = named["wheel_torque"].full().ravel()
+    around, tilt = np.radians([0, 90, 180, 270]), np.radians(25)
+    axes = np.array([np.cos(tilt) * np.cos(around), np.cos(tilt) * np.sin(around), np.full(4, np.sin(tilt))])
+    asked = named["base_attitude_error"].full().ravel()[:3]
+    np.testing.assert_allclose(torque, -np.linalg.pinv(axes) @ asked, atol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("wheels", "told"),
+    [
+        ({"axes": []}, "give either `axes` or `pyramid`"),
+        ({"pyramid": {}}, "not both"),
+        ({"axes": [[0, 0, 0]]}, "axes.0: found the zero vector"),
+        ({"axes": [[0, 0, 1], [0, 0, 2], [1, 0, 1]]}, "axes.2: a planar base turns about z alone"),
+        ({"axes": [[1, 0, 1], [2, 0, 2]]}, "depend on each other"),
+        ({"axes": [[0, 1, 0]]}, "axes.0: a planar base turns about z alone"),
+        ({"axes": [], "pyramid": {}}, "pyramid: a planar base turns about z alone"),
+        ({"axes": [], "pyramid": {"tilt_deg": 90}}, "tilt_deg: found 90, allowed: "),
+        ({"speeds": [1, 2]}, "speeds: found 2, allowed: 1"),
+        ({"speeds": [5], "speed_limit": 4}, "speeds: found 5, allowed: up to speed_limit, 4"),
+        ({"kind": "wheel_joints", "joints": "x"}, "unknown key 'axes'"),
+    ],
+)
+def test_what_wheels_cannot_be_is_told_in_one_line(folder, wheels, told):
+    with pytest.raises(ScenarioError) as fault:
+        scene_of(folder, ONE | wheels)
+    assert told in str(fault.value)
+    assert "robots.bus.actuators.wheels" in str(fault.value)
+    assert "\n" not in fault.value.message
+
+
+@pytest.mark.parametrize(
+    ("joints", "told"),
+    [
+        ("wheel*", "no joint 'wheel*'"),
+        ("joint_1", "found joint_1, allowed: continuous joints on the root link"),
+    ],
+)
+def test_joints_that_are_no_wheels_are_refused(joints, told):
+    motors = {"robots.one.actuators": {"w": {"kind": "wheel_joints", "joints": joints}}}
+    with pytest.raises(ScenarioError) as fault:
+        small_scene(PLANAR, motors)
+    assert f"robots.one.actuators.w.joints: {told}" in str(fault.value)
+
+
+def test_headline_and_words_name_the_wheels(folder):
+    scene = scene_of(folder, LIMITED, control=TURNED, duration=1.0)
+    result = simulate(scene, backend="interpreted")
+    fastest = result.summary["fastest_wheel"]
+    assert fastest["wheel"] == "bus/wheels.0"
+    assert fastest["least_margin"] == pytest.approx(1 - fastest["speed_rad_s"] / 8)
+    (words,) = (actuator.words() for _, actuator in scene.robots[0].config.driven_by())
+    assert words == "1 reaction wheel, 0.05 kg m^2, each up to 8 rad/s (76 rpm)"

@@ -1,0 +1,81 @@
+"""Reaction wheels, and where momentum is: the budget of robots, wheels, object and outside."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from spacerobot.arrays import Array
+from spacerobot.result import Result
+from viz.figures.style import Drawing, below_last, legend_above, line, panels, shown_axes, styled, until
+
+
+@styled
+def wheels(result: Result) -> Drawing:
+    """Speed and motor torque of each reaction wheel."""
+    data, time = result.data, result.data.time.values
+    figure, axes = panels(1, 2, sharex=True)
+    for panel, name, text in zip(
+        axes.flat, ("wheel_speed", "wheel_torque"), ("wheel speeds", "wheel torques"), strict=True
+    ):
+        for k, wheel in enumerate(data.wheel.values):
+            panel.plot(time, data[name].sel(wheel=wheel).values, **line(k), label=str(wheel))
+        panel.set_title(text)
+        panel.set_ylabel(f"{text} [{data[name].attrs['units']}]")
+        panel.set_xlabel("time [s]")
+        until(panel, result)
+    legend_above(figure, axes[0, 0])
+    below_last(axes)
+    return figure
+
+
+@styled
+def momentum_budget(result: Result) -> Drawing:
+    """Change of momentum of robots, wheels and object, and the impulse from outside that it all comes to."""
+    shown = [("angular", axis) for axis in (["z"] if "body_angle" in result.data else ["x", "y", "z"])]
+    if "impulse_linear" in result.data:
+        shown = [*(("linear", axis) for axis in shown_axes(result)), *shown]
+    columns = min(3, len(shown))
+    rows = -(-len(shown) // columns)
+    figure, axes = panels(rows, columns, sharex=True)
+    for panel, (kind, axis) in zip(axes.flat, shown, strict=False):
+        for k, (name, values) in enumerate(shares(result, kind, axis)):
+            panel.plot(result.data.time.values, values, **line(k), label=name)
+        total = result.data[f"momentum_{kind}"]
+        along = total.sel(axis=axis).values
+        panel.plot(
+            result.data.time.values, along - along[0], color="black", linewidth=2, label="all together"
+        )
+        panel.set_title(f"{kind} momentum {axis}")
+        panel.set_ylabel(f"change {axis} [{total.attrs['units']}]")
+        panel.set_xlabel("time [s]")
+        until(panel, result)
+    for panel in axes.flat[len(shown) :]:
+        panel.set_axis_off()
+    legend_above(figure, axes[0, 0])
+    below_last(axes)
+    return figure
+
+
+def shares(result: Result, kind: str, axis: str) -> Iterator[tuple[str, Array]]:
+    """Change since the start of the ``linear`` or ``angular`` momentum (nt,) of each part, along an axis.
+
+    Robots without their wheels, wheels, the object, and what came from outside; what there is of them.
+    """
+    data = result.data.sel(axis=axis)
+    bodies, robots = data[f"body_momentum_{kind}"], list(result.scenario.robots)
+    held: Array = np.zeros(len(data.time))
+    if kind == "angular" and "wheel_momentum" in data:
+        held = data.wheel_momentum.fillna(0.0).sum("body").values
+    parts = {
+        "robots without wheels" if held.any() else "robots": bodies.sel(body=robots).sum("body").values - held
+    }
+    if held.any():
+        parts["wheels"] = held
+    if "target" in data.body.values:
+        parts["object"] = bodies.sel(body="target").values
+    if f"impulse_{kind}" in data:
+        parts["impulse from outside"] = data[f"impulse_{kind}"].values
+    for name, values in parts.items():
+        yield name, values - values[0]
