@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import csv
 import io
+import os
 import re
 import shlex
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from spacerobot.errors import ResultError, ScenarioError
+from spacerobot.errors import ResultError, ScenarioError, SpaceRobotError
 from spacerobot.files import write_text
 from spacerobot.result import Result, save
 from spacerobot.scenario.load import parse_yaml, to_document, to_yaml, validate
 from spacerobot.scene import Scene, build_scene
+from spacerobot.section import leaves
 from spacerobot.simulation import simulate
 from viz.page.page import write_animation
 from viz.page.signals import quantities
@@ -52,6 +54,10 @@ def keep(what: str, name: str, folder: Path, origin: Origin, changes: Mapping[st
     """
     path = place(folder, name, "" if what == "result" else "yaml" if what == "scenario" else _ending(what))
     scene = origin.build(changes)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as fault:
+        raise ResultError(f"cannot be made: {fault.strerror}", source=folder) from None
     KINDS[what](path, scene, origin, changes)
     return path
 
@@ -106,11 +112,22 @@ def _scenario(path: Path, scene: Scene, origin: Origin, changes: Mapping[str, An
     pairs = dict([*origin.given, *changes.items()])
     source = origin.scene.source
     if source is not None and source.is_file():
-        text = edited(source.read_text(encoding="utf-8"), pairs)
+        text = edited(source.read_text(encoding="utf-8"), pairs | _urdfs(scene, path.parent))
         if text is not None and _same(text, path, scene):
             write_text(path, text)
             return
     write_text(path, f"# Written by spacerobot studio, every value given.\n{to_yaml(scene.scenario)}")
+
+
+def _urdfs(scene: Scene, folder: Path) -> dict[str, str]:
+    """URDFs by dotted path as a scenario in a folder names them: those that do not ship, relative to it."""
+    document, start = to_document(scene.scenario), folder.resolve()
+    files = {path: file for path, file in leaves(document) if path.endswith(".urdf") and file}
+    return {
+        path: Path(os.path.relpath(file, start)).as_posix()
+        for path, file in files.items()
+        if Path(file).is_absolute() and Path(file).anchor == start.anchor
+    }
 
 
 def _same(text: str, path: Path, scene: Scene) -> bool:
@@ -118,7 +135,7 @@ def _same(text: str, path: Path, scene: Scene) -> bool:
     try:
         document = {"name": scene.scenario.name} | parse_yaml(text)
         found = build_scene(validate(document), source=path)
-    except (ScenarioError, TypeError):
+    except (SpaceRobotError, TypeError):
         return False
     return to_document(found.scenario) == to_document(scene.scenario)
 

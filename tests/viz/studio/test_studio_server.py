@@ -1,0 +1,95 @@
+"""The studio's server: for this computer, and for who knows the token, alone."""
+
+import asyncio
+import http.client
+import json
+
+import pytest
+from tornado.httpclient import HTTPClientError, HTTPRequest
+from tornado.websocket import websocket_connect
+
+import spacerobot as sr
+from spacerobot.errors import SpaceRobotError
+from tests.viz.page.test_live_viewer import UPGRADE
+from viz.page.loopback import ADDRESS
+from viz.studio.messages import MOST_BYTES, MOST_VALUES, read
+
+
+@pytest.fixture(scope="module")
+def studio(arm):
+    with sr.studio(sr.load_scene(arm), folder=arm.parent / "kept", port=7700) as served:
+        yield served
+
+
+def _get(studio, path, headers=None):
+    connection = http.client.HTTPConnection(ADDRESS, studio.port, timeout=10)
+    connection.request("GET", path, headers=headers or {})
+    return connection.getresponse()
+
+
+def test_who_does_not_know_the_token_gets_nothing(studio):
+    own = {"Origin": f"http://{ADDRESS}:{studio.port}"}
+    for query in ("", "?token=", "?token=%C3%A4", f"?token={studio.token[:-1]}", f"?token={studio.token}x"):
+        assert _get(studio, f"/{query}").status == 403
+        assert _get(studio, f"/studio{query}", UPGRADE | own).status == 403
+    assert _get(studio, f"/?token={studio.token}").status == 200
+    assert _get(studio, f"/studio?token={studio.token}", UPGRADE | own).status == 101
+
+
+def test_who_knows_it_must_be_this_computer_and_this_page(studio):
+    known = f"token={studio.token}"
+    for host in ("evil.example", f"evil.example:{studio.port}", f"{ADDRESS}:{studio.port}.evil.example"):
+        named = {"Host": host, "Origin": f"http://{host}"}
+        assert _get(studio, f"/?{known}", named).status == 403
+        assert _get(studio, f"/studio?{known}", UPGRADE | named).status == 403
+    for origin in ("http://evil.example", f"http://{ADDRESS}:{studio.port + 1}", "null"):
+        assert _get(studio, f"/studio?{known}", UPGRADE | {"Origin": origin}).status == 403
+    assert _get(studio, f"/../../etc/passwd?{known}").status == 404
+
+
+def test_a_page_goes_on_after_nonsense_and_ends_with_what_is_too_large(studio):
+    async def talk():
+        address = f"ws://{ADDRESS}:{studio.port}/studio?token={studio.token}"
+        page = await websocket_connect(address, max_message_size=10**8)
+        told = []
+        for text in ("{", '{"type": "eval"}', '{"type": "set", "values": [1]}', "[" * 5000):
+            await page.write_message(text)
+        while len(told) < 4:
+            message = await asyncio.wait_for(page.read_message(), 60)
+            if isinstance(message, str) and json.loads(message)["type"] == "failed":
+                told.append(json.loads(message)["message"])
+        await page.write_message('{"type": "command"}')
+        while isinstance(message, bytes) or json.loads(message)["type"] != "command":
+            message = await asyncio.wait_for(page.read_message(), 60)
+        await page.write_message("x" * (MOST_BYTES + 1))
+        while message is not None:
+            message = await asyncio.wait_for(page.read_message(), 60)
+        return told
+
+    told = asyncio.run(talk())
+    assert "no JSON" in told[0]
+    assert "no known type" in told[1]
+    assert _get(studio, f"/?token={studio.token}").status == 200
+
+
+def test_a_foreign_page_cannot_connect(studio):
+    async def connect():
+        request = HTTPRequest(
+            f"ws://{ADDRESS}:{studio.port}/studio?token={studio.token}",
+            headers={"Origin": "http://evil.example"},
+        )
+        await websocket_connect(request)
+
+    with pytest.raises(HTTPClientError, match="403"):
+        asyncio.run(connect())
+
+
+def test_messages_hold_no_more_than_is_sane():
+    with pytest.raises(SpaceRobotError, match="at most"):
+        read(json.dumps({"type": "set", "values": dict.fromkeys(map(str, range(MOST_VALUES + 1)), 1)}))
+    with pytest.raises(SpaceRobotError, match="seq"):
+        read('{"type": "set", "seq": true}')
+
+
+def test_a_notebook_shows_it_in_a_cell(studio):
+    assert f'<iframe src="{studio.url}"' in studio._repr_html_()

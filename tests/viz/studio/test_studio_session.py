@@ -1,0 +1,178 @@
+"""The session of a studio: what a page asks, and what it is told."""
+
+import shlex
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from spacerobot.cli.options import parse_changes
+from spacerobot.scene import load_scene
+from spacerobot.simulation import simulate
+
+PID = "robots.arm.tips.tip.pid"
+KP, KI, STIFFNESS = f"{PID}.kp", f"{PID}.ki", "grasps.left.stiffness"
+ZERO, WORD = "robots.arm.links.link_1.com.1", f"{PID}.feedback"
+
+
+def _metric(page, message, key="tip_error_peak"):
+    return message["metrics"][[metric["key"] for metric in page.hello["metrics"]].index(key)]
+
+
+def test_a_page_is_told_every_number_with_what_the_schema_says(page):
+    numbers = {number["path"]: number for number in page.hello["numbers"]}
+    kp, zero, word = numbers[KP], numbers[ZERO], numbers[WORD]
+    assert (kp["value"], kp["unit"], kp["low"], kp["free"]) == (150.0, "N s/m", 0.0, True)
+    assert kp["text"] == "proportional gain K_p"
+    assert kp["slider"] == [15.0, 1500.0, "log"]
+    assert not zero["free"]  # a structural zero
+    assert (word["kind"], word["choices"], word["free"]) == ("choice", ["base", "inertial"], False)
+    assert KP in page.hello["suggested"]
+    assert {metric["unit"] for metric in page.hello["metrics"]} == {"mm", "deg", "N m", "N"}
+
+
+def test_a_changed_number_gives_another_motion(page, arm):
+    page.ask("set", seq=1, values={KP: 300.0})
+    told = page.take("rollout")
+    assert (told["seq"], told["status"], told["trusted"]) == (1, "completed", True)
+    assert _metric(page, told) < _metric(page, page.first)
+    scene = load_scene(arm, {KP: 300.0})
+    data, last = scene.model.createData(), simulate(scene).data.q.values[-1]
+    pin.forwardKinematics(scene.model, data, last)
+    expected = {tuple(np.round(data.oMi[j].translation, 5)) for j in range(1, scene.model.njoints)}
+    found = {tuple(np.round(pose[:3].astype(float), 5)) for pose in told["arrays"]["run.poses"][-1]}
+    assert found <= expected
+
+
+def test_of_many_designs_only_the_newest_is_rolled_out(page):
+    page.behind = True
+    for k in range(500):
+        page.ask("set", seq=k, values={KP: 150.0 + k})
+    assert len(page.session._newest) == 1
+    page.behind = False
+    page.session.wake()
+    assert page.take("rollout")["seq"] == 499
+
+
+@pytest.mark.parametrize(
+    ("values", "path", "words"),
+    [
+        ({KP: -1}, KP, "found -1, allowed: at least 0"),
+        ({KP: 1e400}, KP, "allowed: a finite number"),
+        ({"robots.arm.tips.tap.pid.kp": 3}, "--set robots.arm.tips.tap.pid.kp", "did you mean tip"),
+        ({WORD: "bass"}, WORD, "'base' or 'inertial'"),
+        ({"simulation.engine": "cvodes"}, "simulation.engine", "allowed in the studio: casadi"),
+    ],
+)
+def test_what_cannot_be_is_told_and_the_page_goes_on(page, values, path, words):
+    page.ask("set", seq=7, values=values)
+    told = page.take("failed")
+    assert (told["seq"], told["path"]) == (7, path)
+    assert words in told["message"]
+    page.ask("set", seq=8, values={})
+    assert _metric(page, page.take("rollout")) == _metric(page, page.first)
+
+
+def test_a_rollout_that_diverges_is_told_as_far_as_it_went(page):
+    page.ask("set", seq=1, values={KP: 1e7})
+    told = page.take("rollout")
+    assert (told["status"], told["words"]) == ("diverged", "the rollout diverged")
+    assert told["metrics"][0] is None
+    assert "shown up to there" in told["warnings"][0]
+
+
+def test_a_design_that_run_refuses_is_told_when_the_hand_rests(page):
+    """No body has such an inertia, though its rollout goes on."""
+    values = {"target.links.body.inertia.2": -0.01}
+    page.ask("set", seq=3, values=values)
+    told = page.take("failed")
+    assert (told["what"], told["seq"]) == ("check", 3)
+    assert "inertia" in told["message"]
+
+
+def test_numbers_shown_are_those_of_the_command_line(page, arm):
+    values = {KP: 211.3, STIFFNESS: 140.0}
+    page.ask("set", seq=1, values=values)
+    shown = page.take("rollout")
+    page.ask("command", values=values)
+    words = shlex.split(page.take("command")["text"])
+    assert words[:3] == ["spacerobot", "run", str(arm)]
+    result = simulate(load_scene(arm, parse_changes(words[4::2])))
+    plant, numbers = page.session.plants.find(values)
+    studied, _ = plant.roll(numbers)
+    np.testing.assert_allclose(studied.data.q.values, result.data.q.values, rtol=0, atol=1e-12)
+    tips = result.summary["tip_error"]["arm/tip"]
+    peak = max(abs(tips[axis][end]) for axis in "xy" for end in ("min_m", "max_m"))
+    assert _metric(page, shown) == pytest.approx(1e3 * peak, rel=1e-12)
+    assert shown["ledger"]["energy"]["actuator_work_j"] == pytest.approx(
+        result.summary["ledger"]["energy"]["actuator_work_j"], rel=1e-9
+    )
+
+
+def test_another_structure_is_compiled_and_then_follows(page):
+    values = {WORD: "inertial", ZERO: 0.01}
+    page.ask("set", seq=1, values=values)
+    assert page.take("compiling")["why"]
+    hello = page.take("hello")
+    told = {number["path"]: number for number in hello["numbers"]}
+    assert hello["seq"] == 1
+    assert (told[ZERO]["free"], told[ZERO]["value"], told[WORD]["value"]) == (True, 0.0, "base")
+    first = _metric(page, page.take("rollout"))
+    page.ask("set", seq=2, values=values | {ZERO: 0.02})
+    again = page.take("rollout", "hello", "compiling")
+    assert again["type"] == "rollout"
+    assert _metric(page, again) != first
+
+
+def test_gradients_are_those_of_differences(page):
+    nominal, h = {KP: 150.0, STIFFNESS: 100.0}, 1e-3
+    page.ask("gradient", seq=4, values=nominal, metric="tip_error_rms", paths=[KP, STIFFNESS, "no.such"])
+    told = page.take("gradient")
+    assert (told["seq"], told["status"], told["d"]["no.such"]) == (4, "exact", None)
+    for path in (KP, STIFFNESS):
+        found = []
+        for sign in (1, -1):
+            page.ask("set", seq=1, values=nominal | {path: nominal[path] + sign * h})
+            found.append(_metric(page, page.take("rollout"), "tip_error_rms"))
+        assert told["d"][path] == pytest.approx((found[0] - found[1]) / (2 * h), rel=1e-4)
+
+
+def test_improving_goes_down_within_the_bounds(page):
+    page.ask("improve", values={}, metric="tip_error_rms", bounds={KP: [100, 180], KI: [10, 100]})
+    done = page.take("job", until=lambda job: job["state"] != "running")
+    best = done["best"]
+    assert done["state"] == "done"
+    assert best["objective"] < done["start"] == pytest.approx(_metric(page, page.first, "tip_error_rms"))
+    assert all(
+        low - 1e-9 <= best["values"][p] <= high + 1e-9 for p, low, high in ((KP, 100, 180), (KI, 10, 100))
+    )
+    page.ask("set", seq=1, values=best["values"])
+    assert _metric(page, page.take("rollout"), "tip_error_rms") == pytest.approx(best["objective"], rel=1e-9)
+
+
+def test_a_search_is_told_as_it_goes_and_can_be_stopped(page):
+    asked = {"values": {}, "metric": "tip_error_peak", "method": "ga", "bounds": {KP: [50, 500]}}
+    page.ask("tune", budget=100_000, **asked)
+    running = page.take("job", until=lambda job: job.get("curve"))
+    page.ask("tune", **asked)
+    assert "another job is running" in page.take("failed")["message"]
+    page.ask("stop", job=running["id"])
+    ended = page.take("job", until=lambda job: job["state"] != "running")
+    assert ended["state"] == "stopped"
+    assert ended["best"]["objective"] <= running["curve"][0][1]
+    assert 50 <= ended["best"]["values"][KP] <= 500
+
+
+def test_a_campaign_grows_and_ends(page):
+    spreads = {KP: {"kind": "normal", "std": 10.0}, STIFFNESS: {"kind": "uniform", "lower": 80, "upper": 120}}
+    page.ask("campaign", values={KI: 70.0}, metric="tip_error_peak", spreads=spreads, samples=96)
+    first = page.take("job", until=lambda job: "done" in job)
+    last = page.take("job", until=lambda job: job["state"] == "done")
+    assert (first["done"], last["done"], last["lost"]) == (64, 96, 0)
+    arrays = last["arrays"]
+    np.testing.assert_array_equal(first["arrays"]["values"], arrays["values"][:64])
+    assert arrays["bands"].shape == (1, 5, len(arrays["time"]))
+    assert (np.diff(arrays["bands"], axis=1) >= 0).all()
+    assert arrays["paths"].shape == (96, len(arrays["time"]), 1, 3)
+    page.ask("campaign", values={}, metric="tip_error_peak", spreads={KP: {"kind": "normal", "std": 1e3}})
+    assert "at least 0" in page.take("job", until=lambda job: job["state"] == "failed")["message"]
