@@ -4,10 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 
 import casadi as ca
 import numpy as np
 
+from optim.problem.bases import (
+    attitude_peaks,
+    attitude_squares,
+    jitters,
+    propellants,
+    wheel_peaks,
+    wheel_squares,
+    with_jitter,
+)
 from optim.problem.docking import Measured, capture_times, event_energy, impulses
 from optim.problem.problem import Form
 from optim.problem.tied import extend
@@ -57,7 +67,7 @@ class Terms:
 
 
 def extended_loop(loop: ClosedLoopFunctions, scene: Scene, objective: Objective) -> ClosedLoopFunctions:
-    """The closed loop with the memories that Eq. 45 integrates, where the objective asks for them.
+    """The closed loop with the memories that jitter and Eq. 45 need, where the objective asks for them.
 
     Eq. 45 reads e = exp(-t_a t) int exp(+-t_a s) (e_x + e_y) ds: a state e' = -t_a e + k (e_x + e_y), with
     k = 1 as it must be for a leaky integral, and k = exp(-2 t_a t) as printed.
@@ -67,6 +77,8 @@ def extended_loop(loop: ClosedLoopFunctions, scene: Scene, objective: Objective)
     ScenarioError
         If a tip has no amnesia controller, and so no t_a.
     """
+    if objective.jitter and scene.tips:
+        loop = with_jitter(loop, scene, objective.jitter_frequency)
     if objective.kind not in EQ45:
         return loop
     for tip in scene.tips:
@@ -120,14 +132,21 @@ def build_terms(
             ("joint_torque_peak", constraints.max_joint_torque),
             ("grip_force_peak", constraints.max_grip_force),
             ("base_rotation_peak_deg", constraints.max_base_rotation_deg),
-            ("impulse", constraints.max_impulse),
         )
         if limit is not None
     }
-    if constraints.max_impulse is not None:
-        named["impulse"] = _of_docking(impulses, signals, scene, "constraints.max_impulse")
+    for name, limit, make in (
+        ("impulse", "max_impulse", impulses),
+        ("attitude_error_peak_deg", "max_attitude_error_deg", partial(attitude_peaks, loop)),
+        ("wheel_momentum_peak", "max_wheel_momentum", partial(wheel_peaks, loop)),
+        ("propellant", "max_propellant", partial(propellants, loop)),
+    ):
+        if getattr(constraints, limit) is not None:
+            limits[name] = getattr(constraints, limit)
+            named[name] = _found(make, signals, scene, f"constraints.{limit}")
     if isinstance(objective, Objective):
-        return _standard(signals, scene, objective, named, limits)
+        extras = _extras(loop, signals, scene, objective)
+        return _standard(signals, scene, objective, (named, extras), limits)
     measure = objective(signals)
     if not isinstance(measure, Measure) or measure.expression.numel() != 1:
         raise ScenarioError("an objective is one scalar measure: integral(...), peak(...) or final(...)")
@@ -139,25 +158,22 @@ def _standard(
     signals: Signals,
     scene: Scene,
     objective: Objective,
-    named: dict[str, Measure],
+    measured: tuple[dict[str, Measure], dict[str, Measure]],
     limits: dict[str, float],
 ) -> Terms:
+    """Terms of a scenario's objective; measured are what is watched, and what counts once at its weight."""
     if objective.object_rotation and scene.target is None:
         raise ScenarioError(
             "there is no target whose rotation could count",
             source=scene.source,
             where="tuning.objective.object_rotation",
         )
+    watched, extras = measured
+    named = watched | extras
     weights = _penalties(signals, scene, objective)
     for name, (weight, factor) in weights.items():
         if weight:
             named[f"{name}_squared"] = integral(ca.sumsqr(ca.DM(factor) * signals[name]))
-    docking = {
-        name: _of_docking(make, signals, scene, f"objective.{name}")
-        for name, make in (("capture_time", capture_times), ("event_energy", event_energy))
-        if getattr(objective, name)
-    }
-    named |= docking
     track = _track(signals, scene, objective.kind)
     if track is not None:
         named["track"] = track
@@ -168,7 +184,7 @@ def _standard(
         total = objective.weight * tracking
         for name, weight in counted.items():
             total = total + weight * r[f"{name}_squared"]
-        for name in docking:
+        for name in extras:
             total = total + getattr(objective, name) * ca.sum1(r[name])
         return {OBJECTIVE: total}
 
@@ -176,14 +192,46 @@ def _standard(
     residuals = {name: weights[name] for name in counted}
     if objective.kind == "ise":
         residuals["tip_error"] = (objective.weight, np.ones(3 * len(scene.tips)))
-    form = "smooth" if docking else forms.get(objective.kind, "smooth")
+    form = "smooth" if extras else forms.get(objective.kind, "smooth")
     return Terms(Measures(signals, named, costs), form, limits, residuals)
 
 
-def _of_docking(
-    make: Callable[[Signals, Scene], Measured], signals: Signals, scene: Scene, where: str
-) -> Measure:
-    """Measure of a docking that a key of the tuning section asks for.
+def _extras(
+    loop: ClosedLoopFunctions, signals: Signals, scene: Scene, objective: Objective
+) -> dict[str, Measure]:
+    """What an objective counts beside errors and penalties, by its key.
+
+    Raises
+    ------
+    ScenarioError
+        If the scene has nothing for it.
+    """
+    makers: dict[str, Callable[[Signals, Scene], Measured]] = {
+        "capture_time": capture_times,
+        "event_energy": event_energy,
+        "base_attitude": partial(attitude_squares, loop),
+        "wheel_momentum": partial(wheel_squares, loop),
+        "propellant": partial(propellants, loop),
+        "jitter": partial(jitters, loop),
+    }
+    return {
+        name: _found(make, signals, scene, f"objective.{name}")
+        for name, make in makers.items()
+        if getattr(objective, name)
+    }
+
+
+NOTHING = {
+    "attitude": "no robot of this scene holds its base's attitude by a controller of kind base_attitude",
+    "wheel": "no robot of this scene has wheels, an actuator of kind reaction_wheels",
+    "propellant": "no robot of this scene has thrusters, an actuator of kind thrusters",
+    "jitter": "no robot of this scene has a tip",
+}
+"""Why a scene has nothing for a key that holds a word; elsewhere it lacks a grasp."""
+
+
+def _found(make: Callable[[Signals, Scene], Measured], signals: Signals, scene: Scene, key: str) -> Measure:
+    """Measure that a key of the tuning section asks for.
 
     Raises
     ------
@@ -192,9 +240,9 @@ def _of_docking(
     """
     found = make(signals, scene)
     if not found.places:
-        raise ScenarioError(
-            "no grasp of this scene is captured so", source=scene.source, where=f"tuning.{where}"
-        )
+        reasons = (why for word, why in NOTHING.items() if word in key)
+        why = next(reasons, "no grasp of this scene is captured so")
+        raise ScenarioError(why, source=scene.source, where=f"tuning.{key}")
     return found.measure
 
 

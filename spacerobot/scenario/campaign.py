@@ -25,6 +25,10 @@ Metric = Literal[
     "miss_distance",
     "impulse",
     "event_energy",
+    "attitude_error_peak",
+    "wheel_momentum_peak",
+    "propellant",
+    "jitter",
 ]
 METRICS: tuple[Metric, ...] = get_args(Metric)
 
@@ -44,6 +48,10 @@ LIMITED: dict[str, Metric] = {
     "base_rotation_deg": "base_rotation_peak",
     "capture_time": "capture_time",
     "impulse": "impulse",
+    "attitude_error_deg": "attitude_error_peak",
+    "wheel_momentum": "wheel_momentum_peak",
+    "propellant": "propellant",
+    "jitter": "jitter",
 }
 """Metric that each limit is held against."""
 
@@ -121,6 +129,10 @@ class Limits(Section):
         "s", "of any grasp that begins open; missed ones are as late as the simulation", default=None, gt=0
     )
     impulse: float | None = quantity("N s", "of all impacts in any grasp", default=None, gt=0)
+    attitude_error_deg: float | None = quantity("deg", "of any base that is held", default=None, gt=0)
+    wheel_momentum: float | None = quantity("N m s", "of all wheels of a base together", default=None, gt=0)
+    propellant: float | None = quantity("kg", "that any robot's thrusters spend", default=None, gt=0)
+    jitter: float | None = quantity("m", "of any tip, root mean square", default=None, gt=0)
 
 
 class Campaign(Section):
@@ -152,7 +164,13 @@ class Campaign(Section):
         "the scenario's own gains alone if not given",
     )
     metrics: tuple[Metric, ...] = Field(
-        default=METRICS, min_length=1, description="which numbers are kept of each rollout"
+        default=tuple(metric for metric in METRICS if metric != "jitter"),
+        min_length=1,
+        description="which numbers are kept of each rollout; all but jitter, which takes states of its own, "
+        "if not given",
+    )
+    jitter_frequency: float = quantity(
+        "Hz", "corner frequency of the high pass whose output is the tips' jitter", default=1.0, gt=0
     )
     series: tuple[Name, ...] = Field(
         default=(),

@@ -84,6 +84,28 @@ class Objective(Section):
     event_energy: float = quantity(
         "objective/J", "weight of the energy that impacts and springs let go take", default=0.0, ge=0
     )
+    base_attitude: float = quantity(
+        "objective/(rad^2 s)",
+        "weight of the integral of the squared attitude errors of bases that are held",
+        default=0.0,
+        ge=0,
+    )
+    wheel_momentum: float = quantity(
+        "objective/(N^2 m^2 s^3)",
+        "weight of the integral of the squared momentum of each base's wheels together",
+        default=0.0,
+        ge=0,
+    )
+    propellant: float = quantity(
+        "objective/kg", "weight of the propellant that thrusters spend", default=0.0, ge=0
+    )
+    jitter: float = quantity(
+        "objective/(m^2 s)",
+        "weight of the integral of the tips' squared jitter: their error behind a high pass of first order",
+        default=0.0,
+        ge=0,
+    )
+    jitter_frequency: float = quantity("Hz", "corner frequency of that high pass", default=1.0, gt=0)
 
 
 class Constraints(Section):
@@ -93,6 +115,11 @@ class Constraints(Section):
     max_grip_force: float | None = quantity("N", "of any grasp", default=None, gt=0)
     max_base_rotation_deg: float | None = quantity("deg", "of any robot's base", default=None, gt=0)
     max_impulse: float | None = quantity("N s", "of all impacts in any grasp", default=None, gt=0)
+    max_attitude_error_deg: float | None = quantity("deg", "of any base that is held", default=None, gt=0)
+    max_wheel_momentum: float | None = quantity(
+        "N m s", "of all wheels of a base together", default=None, gt=0
+    )
+    max_propellant: float | None = quantity("kg", "that any robot's thrusters spend", default=None, gt=0)
 
 
 class Robustness(Section):

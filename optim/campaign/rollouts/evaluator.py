@@ -15,6 +15,7 @@ from optim.campaign.draws.sampling import draw
 from optim.campaign.draws.space import Space, campaign_of, check_range, gain_set, resolve_space
 from optim.campaign.rollouts.metrics import Column, Kept, build_kept
 from optim.campaign.rollouts.series import Recording, build_recording, check_size, series_step
+from optim.problem.bases import with_jitter
 from optim.problem.scenes import SceneRecipe
 from spacerobot.arrays import Array
 from spacerobot.errors import ScenarioError
@@ -279,7 +280,9 @@ def all_draws(evaluator: Evaluator) -> Array:
 def _member(scene: Scene, campaign: Campaign, sets: int, compiled: bool) -> Member:
     space = resolve_space(scene, campaign)
     loop = kept_closed_loop(scene, vary=space.paths)
-    kept = build_kept(loop, scene, campaign.metrics)
+    jittering = "jitter" in campaign.metrics and bool(scene.tips)
+    rolled = with_jitter(loop, scene, campaign.jitter_frequency) if jittering else loop
+    kept = build_kept(loop, scene, campaign.metrics, rolled)
     if not kept.columns:
         raise ScenarioError("none of the metrics fits this scene", where="campaign.metrics")
     kinds = {column.metric for column in kept.columns}
@@ -292,7 +295,7 @@ def _member(scene: Scene, campaign: Campaign, sets: int, compiled: bool) -> Memb
     recording = build_recording(loop, scene, campaign.series, time)
     check_size(recording, campaign.count, sets)
     rollout = build_rollout(
-        loop,
+        rolled,
         duration_s=duration,
         step_s=campaign.step,
         output_step_s=sample_s,

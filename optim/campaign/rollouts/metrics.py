@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import casadi as ca
 import numpy as np
@@ -18,10 +19,11 @@ from optim.campaign.rollouts.trust import (
     residual_measure,
     residual_of,
 )
+from optim.problem.bases import attitude_peaks, jitters, propellants, wheel_peaks
 from optim.problem.docking import Measured, capture_times, event_energy, impulses, nearness
 from spacerobot.arrays import Array
 from spacerobot.closedloop import ClosedLoop
-from spacerobot.rollout import Measure, Measures, Signals, integral, peak
+from spacerobot.rollout import ClosedLoopFunctions, Measure, Measures, Signals, integral, peak
 from spacerobot.scene import Scene
 
 AXES = "xyz"
@@ -79,13 +81,15 @@ class Kept:
         parts = []
         for name in dict.fromkeys(column.metric for column in self.columns):
             values = np.asarray(measured[name])
-            if name == "tip_error_rms":
+            if name in ("tip_error_rms", "jitter"):
                 values = np.sqrt(values / self.duration_s)
             parts.append(DERIVED[name](values) if name in DERIVED else values)
         return np.column_stack(parts)
 
 
-def build_kept(loop: ClosedLoop, scene: Scene, wanted: Sequence[str]) -> Kept:
+def build_kept(
+    loop: ClosedLoop, scene: Scene, wanted: Sequence[str], extended: ClosedLoopFunctions | None = None
+) -> Kept:
     """What is kept of rollouts of a closed loop; a metric that a scene has nothing for is left out.
 
     The residual of the energy is kept besides, and the drift of the momenta where they are constant: they say
@@ -93,14 +97,15 @@ def build_kept(loop: ClosedLoop, scene: Scene, wanted: Sequence[str]) -> Kept:
 
     Parameters
     ----------
-    loop
-        The closed loop.
+    loop, extended
+        The closed loop, and the one that is rolled out where it has states beside for what is measured.
     scene
         Its scene.
     wanted
         Metrics by the names of the scenario's campaign section.
     """
-    signals = Signals.of(loop)
+    rolled = extended or loop
+    signals = Signals.of(rolled)
     duration = scene.scenario.simulation.duration
     named: dict[str, Measure] = {}
     columns: list[Column] = []
@@ -111,10 +116,14 @@ def build_kept(loop: ClosedLoop, scene: Scene, wanted: Sequence[str]) -> Kept:
         "base_rotation_peak": lambda signals, scene: _rotations(signals, scene, target=False),
         "joint_torque_peak": _torques,
         "grip_force_peak": _grips,
-        "capture_time": _docking(capture_times),
-        "miss_distance": _docking(nearness),
-        "impulse": _docking(impulses),
-        "event_energy": _docking(event_energy),
+        "capture_time": _measured(capture_times),
+        "miss_distance": _measured(nearness),
+        "impulse": _measured(impulses),
+        "event_energy": _measured(event_energy),
+        "attitude_error_peak": _measured(partial(attitude_peaks, rolled)),
+        "wheel_momentum_peak": _measured(partial(wheel_peaks, rolled)),
+        "propellant": _measured(partial(propellants, rolled)),
+        "jitter": _measured(partial(jitters, rolled)),
     }
     for name, make in makers.items():
         places, unit, measure = make(signals, scene)
@@ -170,8 +179,8 @@ def _grips(signals: Signals, scene: Scene) -> Made:
     return [grasp.name for grasp in scene.grasps], "N", peak(ca.vertcat(*sizes))
 
 
-def _docking(make: Callable[[Signals, Scene], Measured]) -> Callable[[Signals, Scene], Made]:
-    """A measure of a docking as columns."""
+def _measured(make: Callable[[Signals, Scene], Measured]) -> Callable[[Signals, Scene], Made]:
+    """A measure as columns."""
 
     def made(signals: Signals, scene: Scene) -> Made:
         found = make(signals, scene)
