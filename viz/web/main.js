@@ -5,7 +5,7 @@ function start() {
   if (choices[0].runs.length) {
     player.load({ meshes: payload.meshes, ...choices[0] });
     listChoices(player, choices, payload.meshes);
-    if (payload.autoplay && !window.matchMedia("(prefers-reduced-motion: reduce)").matches) player.timeline.play();
+    if (payload.autoplay && !STILL.matches) player.timeline.play();
     player.link.follow();
   } else {
     $("title").textContent = payload.title;

@@ -1,5 +1,6 @@
 // Colours of the page's scheme, for what is drawn by hand.
 const LIGHT = window.matchMedia("(prefers-color-scheme: light)");
+const STILL = window.matchMedia("(prefers-reduced-motion: reduce)");
 
 function themed(name) {
   return getComputedStyle(document.documentElement).getPropertyValue(name).trim();

@@ -221,3 +221,16 @@ def test_numbers_are_found_and_pinned_by_keys(opened):
     page.call("Input.dispatchKeyEvent", type="keyUp", key="ArrowRight", windowsVirtualKeyCode=39)
     page.wait_for("Number(document.body.dataset.drawn) > 1")
     assert page.evaluate("Number(document.body.dataset.time)") == 0.5  # the key was the slider's alone
+
+
+def test_another_structure_is_compiled_and_undone(opened):
+    page = opened()
+    metric, kind = page.evaluate(METRIC), "document.querySelector('[aria-label=\"grasps.left.kind\"]')"
+    page.evaluate(f"{kind}.value = 'weld'")
+    page.evaluate(f"{kind}.dispatchEvent(new Event('change'))")
+    page.wait_for(f"{METRIC} > 0 && {METRIC} !== {metric!r}", 60)
+    assert page.evaluate("document.body.dataset.time") == "0.500"
+    page.evaluate("document.getElementById('undo').click()")
+    page.wait_for(f"{METRIC} === {metric!r}")
+    assert page.evaluate(f"{kind}.value") == "compliant"
+    assert page.errors == []

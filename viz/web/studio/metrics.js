@@ -65,5 +65,7 @@ function changeWords(value, other) {
   if (typeof value !== "number" || typeof other !== "number") return "–";
   if (value === other) return "same";
   const share = other ? (100 * (value - other)) / Math.abs(other) : NaN;
-  return Number.isFinite(share) ? `${share > 0 ? "+" : "−"}${Number(Math.abs(share).toPrecision(2))} %` : "from zero";
+  if (!Number.isFinite(share)) return "from zero";
+  const size = Math.abs(share) < 1 ? Math.abs(share).toFixed(1) : String(Number(Math.abs(share).toPrecision(2)));
+  return size === "0.0" ? "0 %" : `${share > 0 ? "+" : "−"}${size} %`;
 }

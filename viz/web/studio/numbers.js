@@ -106,5 +106,5 @@ function rangeWords(low, high) {
 
 // A number as a field shows it.
 function short(value) {
-  return typeof value === "number" ? String(Number(value.toPrecision(6))) : "–";
+  return typeof value === "number" ? String(Number(value.toPrecision(6))) : String(value ?? "–");
 }

@@ -102,3 +102,9 @@ class Slider {
     this.arrow.title = `${label}: ${digits(slope)} ${unit} per ${number.unit || "1"}`;
   }
 }
+
+// What the server says, wider where the number itself lies outside.
+function firstRange({ value, slider: [least, most, scale] }) {
+  const low = Math.min(least, value), high = Math.max(most, value), wider = low < least || high > most;
+  return { low, high, log: scale === "log" || (wider && low > 0 && high / low > 20) };
+}

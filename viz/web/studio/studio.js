@@ -30,7 +30,7 @@ class Studio {
       hello: () => this.load(message),
       rollout: () => this.rollouts.answer({ ...message, metrics: this.named(message.metrics), hello: this.hello }),
       failed: () => this.failed(message),
-      compiling: () => { if (message.why) this.say(`compiling: ${message.why}`, true); },
+      compiling: () => (message.why ? this.say(message.why, true) : this.status()),
       gradient: () => this.sloped(message),
       job: () => this.jobs.hear(message),
       saved: () => this.keep.saved(message),
@@ -54,6 +54,7 @@ class Studio {
     if (!first) return;
     for (const path of hello.suggested) this.pinned(path);
     this.panel.hidden = false;
+    if (!STILL.matches) this.player.timeline.play();
     this.player.link.follow();
     this.lay();
     document.body.dataset.studio = "true";
@@ -82,8 +83,7 @@ class Studio {
   pinned(path, range) {
     const number = this.byPath.get(path);
     if (!number?.free || !number.slider || this.sliders.has(path)) return;
-    const [low, high, scale] = number.slider;
-    this.sliders.set(path, new Slider(number, range || { low, high, log: scale === "log" }, {
+    this.sliders.set(path, new Slider(number, range || firstRange(number), {
       onValue: (name, value) => this.hand(() => this.designs.set({ [name]: value })),
       onSettle: () => this.designs.settle(),
       onRange: () => this.player.note(),
@@ -117,6 +117,7 @@ class Studio {
   // The whole page says what the design in the hand is, and what is known of it.
   show() {
     const { designs, rollouts } = this, known = rollouts.known(designs.now), before = rollouts.known(designs.before?.values);
+    if (known?.run && known.hello !== this.worn) this.wear(known.hello);
     for (const [path, slider] of this.sliders) slider.update(designs.value(path));
     this.numbers.update((path) => designs.value(path), (path) => this.sliders.has(path));
     if (known?.run) this.metrics.show(known.metrics, before?.metrics);
@@ -127,14 +128,13 @@ class Studio {
     this.bookmarks.show(this.worn.metrics, (path) => this.byPath.get(path)?.unit);
     this.jobs.enable(this.sliders.size > 0);
     rollouts.want(designs.now, [designs.before?.values, ...designs.kept.map(({ values }) => values)]);
-    this.status(known);
+    this.status();
     this.slope();
     this.player.note();
   }
 
   draw(known, before) {
     if (!known.run) return; // the motion before stays
-    if (known.hello !== this.worn) this.wear(known.hello);
     const other = before?.run && before.hello === known.hello ? before.run : undefined; // of the same bodies
     const pair = [known.run, other, this.designs.before?.name];
     if (pair.every((one, k) => one === this.drawn?.[k])) return;
@@ -146,9 +146,10 @@ class Studio {
     document.body.dataset.drawn = String(Number(document.body.dataset.drawn || 0) + 1);
   }
 
-  status(known) {
+  status() {
+    const known = this.rollouts.known(this.designs?.now);
     if (known?.message) this.say(`Nothing to show of this design: ${known.message} What was shown before stays.`);
-    else if (known) this.say(known.words || `rolled out in ${digits(1e3 * known.seconds.rollout)} ms`);
+    else if (known) this.say(known.words || `rolled out in ${amount(1e3 * known.seconds.rollout, "ms")}`);
     else this.say("rolling out", true);
   }
 
@@ -161,7 +162,7 @@ class Studio {
   arrived(values, entry) {
     if (keyOf(values) === keyOf(this.designs.now) || !this.designs.moving) { this.show(); return; }
     const before = this.designs.before?.values, other = this.rollouts.known(before);
-    if (!entry.run || keyOf(values) === keyOf(before)) return;
+    if (!entry.run || entry.hello !== this.worn || keyOf(values) === keyOf(before)) return;
     this.draw(entry, other);
     this.metrics.show(entry.metrics, other?.metrics);
   }
