@@ -8,11 +8,12 @@ from functools import cached_property
 
 import numpy as np
 
+from optim.problem.formulation import rollout_of
 from optim.problem.objectives import OBJECTIVE, build_terms, extended_loop
 from optim.problem.scenes import changed_scene, tuning_of
 from spacerobot.arrays import Array
 from spacerobot.kept import kept_closed_loop
-from spacerobot.rollout import Rollout, build_rollout
+from spacerobot.rollout import Rollout
 from spacerobot.scenario import Robustness
 from spacerobot.scene import Scene, build_scene
 
@@ -96,15 +97,7 @@ def build_judge(scene: Scene, *, variant: str | None = None, threads: int | None
     loop = kept_closed_loop(scene, vary=[path for path in known if f"{path}.".startswith(prefixes)])
     extended = extended_loop(loop, scene, tuning.objective)
     terms = build_terms(extended, scene, tuning.objective, tuning.constraints)
-    rollout = build_rollout(
-        extended,
-        duration_s=scene.scenario.simulation.duration,
-        step_s=tuning.step,
-        method=scene.scenario.simulation.method,
-        measures=terms.measures,
-        many=True,
-    )
-    return Judge(scene, rollout, tuning.robustness, threads)
+    return Judge(scene, rollout_of(scene, extended, terms), tuning.robustness, threads)
 
 
 def _groups(scene: Scene, spread: Robustness) -> list[tuple[list[str], float, float]]:

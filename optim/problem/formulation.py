@@ -10,10 +10,12 @@ import numpy as np
 
 from optim.problem.objectives import OBJECTIVE, Terms
 from optim.problem.problem import Form
+from optim.problem.scenes import tuning_of
 from optim.problem.variables import Variables
 from spacerobot.arrays import Array
 from spacerobot.closedloop import ClosedLoop
-from spacerobot.rollout import Rollout
+from spacerobot.rollout import Rollout, build_rollout
+from spacerobot.rollout.protocol import ClosedLoopFunctions
 from spacerobot.scene import Scene
 
 
@@ -70,3 +72,26 @@ class Formulation:
         p = ca.SX.sym("p", objective.numel_in(1))
         row = self.rollout.kernel.costs.index(OBJECTIVE)
         return ca.Function("slope", [r, p], [ca.densify(ca.jacobian(objective(r, p)[row], r))])
+
+
+def rollout_of(scene: Scene, loop: ClosedLoopFunctions, terms: Terms) -> Rollout:
+    """Rollout of a closed loop by the step of the scene's tuning section, which gathers what is measured.
+
+    Parameters
+    ----------
+    scene
+        Gives the duration, the method and the step.
+    loop
+        Closed loop of the scene, variables tied or not.
+    terms
+        What is measured.
+    """
+    simulation = scene.scenario.simulation
+    return build_rollout(
+        loop,
+        duration_s=simulation.duration,
+        step_s=tuning_of(scene).step,
+        method=simulation.method,
+        measures=terms.measures,
+        many=True,
+    )

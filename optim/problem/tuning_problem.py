@@ -12,7 +12,7 @@ from functools import cached_property, partial
 import numpy as np
 
 from optim.problem import operations
-from optim.problem.formulation import Formulation
+from optim.problem.formulation import Formulation, rollout_of
 from optim.problem.objectives import OBJECTIVE, UserObjective, build_terms, extended_loop
 from optim.problem.problem import Cost, Evaluation, Linearisation
 from optim.problem.scenes import NewVariables, SceneRecipe, changed_scene, tuning_of, with_variables
@@ -22,7 +22,6 @@ from optim.workers import Arrays, Threads, Workers
 from optim.workers.workers import LANES
 from spacerobot.arrays import Array
 from spacerobot.kept import kept_closed_loop
-from spacerobot.rollout import build_rollout
 from spacerobot.scene import Scene
 from spacerobot.scene.size import check_size
 
@@ -203,12 +202,5 @@ def build_problem(
     extended = extended_loop(loop, scene, tuning.objective)
     tied = tie(extended, dict(zip(free.names, free.paths, strict=True)), list(free.start))
     terms = build_terms(tied, scene, objective or tuning.objective, tuning.constraints)
-    rollout = build_rollout(
-        tied,
-        duration_s=scene.scenario.simulation.duration,
-        step_s=tuning.step,
-        method=scene.scenario.simulation.method,
-        measures=terms.measures,
-        many=True,
-    )
+    rollout = rollout_of(scene, tied, terms)
     return TuningProblem(scene, loop, free, terms, rollout, recipe, workers or Threads())

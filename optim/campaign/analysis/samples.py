@@ -60,12 +60,8 @@ def simulate_sample(evaluator: Evaluator, draw: Sequence[float], gains: str) -> 
 
     Parameters
     ----------
-    evaluator
-        Of the campaign.
-    draw
-        Values of the uncertain parameters (k,).
-    gains
-        Which set of gains.
+    evaluator, draw, gains
+        As for :func:`command_of`.
     """
     member = evaluator.member(gains)
     values = member.space.values(np.asarray(draw, dtype=float))[0]
