@@ -15,7 +15,7 @@ from spacerobot.errors import CompileError
 from spacerobot.rollout.engines import StopFlag, make_job
 from spacerobot.rollout.grid import TimeGrid
 from spacerobot.rollout.interpreted import InterpretedEngine
-from spacerobot.rollout.kernel import Kernel, sx_function
+from spacerobot.rollout.kernel import Kernel, entries, slices, sx_function
 from spacerobot.rollout.protocol import Array
 from spacerobot.rollout.raw import Raw
 from spacerobot.rollout.segments import FEWEST
@@ -43,7 +43,7 @@ def adjoint_kernel(kernel: Kernel, wrt: Sequence[int]) -> Kernel:
     sizes = {name: kernel.size("dynamics", name) for name in ("x", "c", "m")}
     t, x, c = ca.SX.sym("t"), ca.SX.sym("x", sizes["x"]), ca.SX.sym("c", sizes["c"])
     ends, reached = _ends_reverse(kernel, wrt)
-    constants = c[reached]
+    constants = entries(c, reached)
     at = {"t": t, "x": x, "c": c}
     xdot, m = kernel.functions["dynamics"](t, x, c)
     final = ca.SX(kernel.functions["final"](t, x, c))
@@ -55,8 +55,8 @@ def adjoint_kernel(kernel: Kernel, wrt: Sequence[int]) -> Kernel:
         seed = ca.SX.sym(bar, value.numel())
         parts = {"xbar": x, "cbar": constants, "tbar": time}
         back = _transposed(value, ca.vertcat(*parts.values()), seed)
-        cuts = np.cumsum([0, *(part.numel() for part in parts.values())])
-        split = {n: back[int(a) : int(b)] for n, a, b in zip(parts, cuts[:-1], cuts[1:], strict=True)}
+        places = slices({name: part.numel() for name, part in parts.items()})
+        split = {name: entries(back, where) for name, where in places.items()}
         return sx_function(name, {**at, **given, bar: seed}, split)
 
     functions = {**kernel.functions, **ends} | {
@@ -86,8 +86,8 @@ def _ends_reverse(kernel: Kernel, wrt: Sequence[int]) -> tuple[dict[str, ca.Func
     cost = ca.SX(kernel.functions["objective"](r, p))
     jbar = ca.SX.sym("Jbar", cost.numel())
     toward = _transposed(cost, ca.vertcat(r, wanted), jbar)
-    back = _transposed(ca.vertcat(x0, c0[reached]), wanted, ca.vertcat(xbar, cbar))
-    bars = {"rbar": toward[: r.numel()], "pbar": toward[r.numel() :]}
+    back = _transposed(ca.vertcat(x0, entries(c0, reached)), wanted, ca.vertcat(xbar, cbar))
+    bars = {"rbar": entries(toward, slice(r.numel())), "pbar": entries(toward, slice(r.numel(), None))}
     return {
         "objective_reverse": sx_function("objective_reverse", {"r": r, "p": p, "Jbar": jbar}, bars),
         "setup_reverse": sx_function("setup_reverse", {"p": p, "xbar": xbar, "cbar": cbar}, {"pbar": back}),

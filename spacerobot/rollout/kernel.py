@@ -174,6 +174,11 @@ def _scale(loop: ClosedLoopFunctions, integrals: int) -> Array:
     return 1 / np.array(limits + [CONTROLLER_LIMIT] * (loop.nz + integrals))
 
 
+def entries(column: ca.SX, places: slice | Sequence[int]) -> ca.SX:
+    """Some entries of a column; of a column of one, ``column[places]`` may be a row."""
+    return column[places, 0]
+
+
 def slices(sizes: Mapping[str, int]) -> dict[str, slice]:
     """Consecutive slices for named vectors of given lengths."""
     ends = np.cumsum([0, *sizes.values()])
@@ -182,7 +187,7 @@ def slices(sizes: Mapping[str, int]) -> dict[str, slice]:
 
 def _objective(measures: Measures, paths: Sequence[str], p: ca.SX) -> tuple[ca.Function, tuple[str, ...]]:
     r = ca.SX.sym("r", sum(measures.sizes.values()))
-    named = {name: r[where] for name, where in slices(measures.sizes).items()}
+    named = {name: entries(r, where) for name, where in slices(measures.sizes).items()}
     costs = measures.cost_expressions(named, dict(zip(paths, ca.vertsplit(p), strict=True)))
     stack = ca.vertcat(ca.SX(0, 1), *costs.values())
     return sx_function("objective", {"r": r, "p": p}, {"J": stack}), tuple(costs)

@@ -14,7 +14,7 @@ from itertools import pairwise
 import casadi as ca
 import numpy as np
 
-from spacerobot.rollout.kernel import Kernel, slices, sx_function
+from spacerobot.rollout.kernel import Kernel, entries, slices, sx_function
 
 DERIVATIVE = "d "  # prefix of the names of measures' derivatives
 
@@ -76,24 +76,24 @@ def _functions(
     nc = kernel.size("setup", "c")
     t, state = ca.SX.sym("t"), ca.SX.sym("x", 2 * (n + count))
     prepared = ca.SX.sym("c", setup.numel_out("c"))
-    x = ca.vertcat(state[:n], state[2 * n : 2 * n + count])
-    dx = ca.vertcat(state[n : 2 * n], state[2 * n + count :])
-    c, dc = prepared[:nc], prepared[nc : nc + len(reached)]
-    rate = prepared[nc + len(reached) :]  # of time, if it moves
+    x, dx = _unpaired(state, n, count)
+    end = nc + len(reached)
+    c, dc = entries(prepared, slice(nc)), entries(prepared, slice(nc, end))
+    rate = entries(prepared, slice(end, None))  # of time, if it moves
     at = {"t": t, "x": state, "c": prepared}
 
     def along(value: ca.SX) -> ca.SX:
         moving = t if rate.numel() else ca.SX(0, 1)
-        return _along(value, ca.vertcat(x, c[reached], moving), ca.vertcat(dx, dc, rate))
+        return _along(value, ca.vertcat(x, entries(c, reached), moving), ca.vertcat(dx, dc, rate))
 
     xdot, m = f["dynamics"](t, x, c)
     normal, e, y = f["normalise"](x), f["final"](t, x, c), f["outputs"](t, x, c)
-    wanted = ca.vertcat(ca.SX(0, 1), *[y[kernel.outputs[name]] for name in outputs])
+    wanted = ca.vertcat(ca.SX(0, 1), *[entries(y, kernel.outputs[name]) for name in outputs])
     moved = {"xdot": _paired(xdot, along(xdot), n), "m": ca.vertcat(m, along(m))}
     hybrid = {}
     if kernel.events:
         slope, event = ca.SX.sym("xdot", state.numel()), ca.SX.sym("e")
-        g, g_rate = f["guards"](t, x, c, ca.vertcat(slope[:n], slope[2 * n : 2 * n + count]))
+        g, g_rate = f["guards"](t, x, c, _unpaired(slope, n, count)[0])
         after = f["update"](t, x, c, event)
         told = {"g": g, "rate": g_rate, "slope": along(g)}
         hybrid["guards"] = sx_function("guards", {**at, "xdot": slope}, told)
@@ -115,7 +115,7 @@ def _setup(kernel: Kernel, wrt: Sequence[int]) -> tuple[ca.Function, list[int]]:
     wanted, n = p[list(wrt)], kernel.nx
     x0, c0 = kernel.functions["setup"](p)
     reached = sorted(set(ca.jacobian_sparsity(c0, wanted).row()))
-    slope, c_slope = _along(x0, wanted, w), _along(c0[reached], wanted, w)
+    slope, c_slope = _along(x0, wanted, w), _along(entries(c0, reached), wanted, w)
     rate = ca.SX.zeros(1 if _moves(kernel, reached) else 0)
     prepared = {"x0": _paired(x0, slope, n), "c": ca.vertcat(c0, c_slope, rate)}
     return sx_function("setup", {"p": ca.vertcat(p, w)}, prepared), reached
@@ -123,7 +123,15 @@ def _setup(kernel: Kernel, wrt: Sequence[int]) -> tuple[ca.Function, list[int]]:
 
 def _paired(value: ca.SX, slope: ca.SX, n: int) -> ca.SX:
     """State, its derivative, integrals, their derivatives; n entries are the state's."""
-    return ca.vertcat(value[:n], slope[:n], value[n:], slope[n:])
+    head, tail = slice(n), slice(n, None)
+    return ca.vertcat(*(entries(part, where) for where in (head, tail) for part in (value, slope)))
+
+
+def _unpaired(pair: ca.SX, n: int, count: int) -> tuple[ca.SX, ca.SX]:
+    """State and ``count`` integrals, and their derivatives."""
+    cuts = (slice(n), slice(n, 2 * n), slice(2 * n, 2 * n + count), slice(2 * n + count, None))
+    x, dx, sums, dsums = (entries(pair, cut) for cut in cuts)
+    return ca.vertcat(x, sums), ca.vertcat(dx, dsums)
 
 
 def _along(value: ca.SX, variables: ca.SX, direction: ca.SX) -> ca.SX:

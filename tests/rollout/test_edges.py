@@ -12,6 +12,7 @@ from spacerobot.closedloop import build_closed_loop
 from spacerobot.errors import SpaceRobotError
 from spacerobot.rollout import Measures, Signals, build_rollout, final, integral, peak
 from tests.oracles.small_scenes import PLANAR, small_scene
+from tests.rollout.hybrid_loops import Hybrid, Rule
 
 GRID = {"duration_s": 2.0, "step_s": 0.02, "output_step_s": 0.2}
 LOST = {"arm.kp": -1e9, "arm.kd": -1e9}
@@ -122,3 +123,26 @@ def test_rows_are_made_piece_by_piece(rollout, monkeypatch):
     short.batch(("arm.kp",), np.linspace(1, 2, 100)[:, None])
     assert sum(sizes) == 100
     assert max(sizes) <= 16
+
+
+@pytest.mark.parametrize("wrt", [("rate", "start"), ("rate",), ("start",)])
+def test_derivatives_of_a_single_state_with_a_single_constant(wrt):
+    laws = {
+        "rates": lambda t, x, c: [-c[0] * x[0]],
+        "guards": lambda t, x, c: [(1, 0.5 - x[0])],
+        "updates": lambda t, x, c: [[x[0] + 1]],
+    }
+    start = {"rate": 1.3, "start": 1.0}
+    made = Hybrid(start, lambda rate, start: ([start], [rate]), rules=[Rule("up")], **laws).loop()
+    for events in (made.events, ()):
+        made.events = events
+        signals = Signals.of(made)
+        measures = Measures(signals, {"end": final(signals.x)}, lambda r, p: {"end": r["end"]})
+        rollout = build_rollout(
+            made, duration_s=1.0, step_s=0.1, output_step_s=0.5, measures=measures, backend="interpreted"
+        )
+        adjoint, forward = rollout.value_and_gradient(wrt=wrt), rollout.jacobian(wrt=wrt)
+        np.testing.assert_allclose(forward.measures["end"][0], adjoint.gradients["end"], rtol=1e-12)
+        assert len(forward.trajectory.events) == len(events)
+    closed = np.array([{"rate": -1.0, "start": 1.0}[name] for name in wrt]) * np.exp(-1.3)
+    np.testing.assert_allclose(adjoint.gradients["end"], closed, rtol=1e-3)
