@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -22,6 +23,7 @@ from spacerobot.closedloop.start import initial_state
 from spacerobot.dynamics import configuration_derivative, normalise
 from spacerobot.elements import Context, Contribution, State
 from spacerobot.elements.contribution import concatenate
+from spacerobot.errors import SpaceRobotError
 from spacerobot.scenario.load import to_document
 from spacerobot.scene import Scene
 from spacerobot.scene.closing import has_loops, open_grasps
@@ -44,6 +46,8 @@ def build_closed_loop(scene: Scene, vary: Collection[str] = ()) -> ClosedLoop:
     ------
     ScenarioError
         If ``vary`` names what the closed loop does not depend on.
+    SpaceRobotError
+        If two elements give states the same name.
     """
     parameters = Parameters(dict(numbers(to_document(scene.scenario))), vary)
     constants, names = Constants(), list(scene.scenario.phases)
@@ -198,4 +202,11 @@ def _state_names(model: Any, states: Sequence[State]) -> tuple[str, ...]:
             names += [f"{kind}.{model.names[joint]}" + (f"[{i}]" if size > 1 else "") for i in range(size)]
         if [*starts[1:]] != sorted(starts[1:]):
             raise ValueError("joints are not stored in the order of their coordinates")
-    return tuple(names) + tuple(name for state in states for name in state.names)
+    names += [name for state in states for name in state.names]
+    shared = sorted(name for name, count in Counter(names).items() if count > 1)
+    if shared:
+        raise SpaceRobotError(
+            f"more than one element has a state '{shared[0]}'; name states after the element's place: "
+            "the robot, tip or grasp, and its key there"
+        )
+    return tuple(names)

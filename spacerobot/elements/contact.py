@@ -176,7 +176,7 @@ def booked(contact: ContactContext, touching: Sequence[Touch], presses: Sequence
     taken = sum((press.taken for press in presses), ca.SX(1, 1))
     impulse, loss = (
         State(
-            f"{contact.name}.{name}",
+            f"contacts.{contact.name}.{name}",
             ca.SX.sym(name, rate.size1()),
             ca.SX.zeros(rate.size1()),
             ca.densify(rate),

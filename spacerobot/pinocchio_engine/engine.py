@@ -122,7 +122,7 @@ class Engine:
         own = dict.fromkeys(name for one in self.now.deliveries for name in one.works)
         self.works = (*WORKS, *(["contact"] if scene.contacts else []), *outside, *own, *works_of(scene))
         booked = [
-            f"{contact.name}.{part}"
+            f"contacts.{contact.name}.{part}"
             for contact in scene.contacts
             for part in ("impulse[0]", "impulse[1]", "impulse[2]", "loss[0]")
         ]

@@ -74,12 +74,14 @@ class _Joints:
 class JointController(_Joints):
     """Joint PD of one robot; its states are the desired joint positions."""
 
+    key: str
     config: JointPd
 
     @property
     def state_names(self) -> tuple[str, ...]:
         """Names of its states."""
-        return tuple(f"{self.body.name}/joint_pd.theta_d[{i}]" for i in range(len(self.body.driven_joints)))
+        name = f"{self.body.name}/{self.key.rpartition('.')[2]}.theta_d"
+        return tuple(f"{name}[{i}]" for i in range(len(self.body.driven_joints)))
 
     def initial(self, kinematics: Kinematics) -> Array:
         """Joint positions (n,)."""
@@ -189,8 +191,7 @@ class JointTracker(_Joints):
 
 @robot_law.register
 def _(controller: JointPd, scene: Scene, body: SceneBody, key: str) -> RobotLaw:
-    del key
-    return JointController(scene, body, controller)
+    return JointController(scene, body, key, controller)
 
 
 @robot_law.register

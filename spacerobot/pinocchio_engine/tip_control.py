@@ -67,6 +67,7 @@ class Channel:
     """
 
     tip: SceneTip
+    key: str
     pid: Pid
     amnesia: Amnesia | None
     sensors: Sensors
@@ -82,12 +83,13 @@ class Channel:
     @property
     def state_names(self) -> tuple[str, ...]:
         """Names of its states."""
-        prefix = "orientation_" if self.rotation else ""
         label, n = self.tip.label, range(len(self.rows))
-        blocks = [f"{label}/{prefix}amnesia"] if self.amnesia else []
-        blocks.append(f"{label}/{prefix}pid.integral")
+        memory = "orientation_amnesia" if self.rotation else "amnesia"
+        further = f"{self.key}." if self.key.startswith("controllers.") else ""
+        blocks = [f"{label}/{further}{memory}"] if self.amnesia else []
+        blocks.append(f"{label}/{self.key}.integral")
         if self.pid.derivative == "filtered":
-            blocks.append(f"{label}/{prefix}pid.filter")
+            blocks.append(f"{label}/{self.key}.filter")
         return tuple(f"{block}[{i}]" for block in blocks for i in n)
 
     def initial(self, kinematics: Kinematics, motion: Motion) -> Array:
@@ -197,4 +199,4 @@ def _(controller: Pid, scene: Scene, tip: SceneTip, key: str) -> Channel:
         memory = tip.config.orientation_amnesia
     else:
         rows, memory = scene.translation_axes, tip.config.amnesia
-    return Channel(tip, controller, memory, sensors, rows, columns, scene.spread)
+    return Channel(tip, key, controller, memory, sensors, rows, columns, scene.spread)

@@ -25,7 +25,9 @@ def correct(tip: TipContext, key: str, error: ca.SX) -> tuple[State, Profile]:
     section = tip.context.at(f"{tip.path}.{key}")
     ge, ta = section.number("ge"), section.number("ta")
     size = error.size1()
-    memory = ca.SX.sym(f"{tip.label}/{key}", size)
+    further = f"{tip.key}." if tip.key.startswith("controllers.") else ""
+    name = f"{tip.label}/{further}{key}"
+    memory = ca.SX.sym(name, size)
     rate = error - ta * memory
-    state = State(f"{tip.label}/{key}", memory, ca.SX.zeros(size), rate)
+    state = State(name, memory, ca.SX.zeros(size), rate)
     return state, Profile(ge * memory, ge * rate, ca.SX(size, 1))

@@ -49,7 +49,8 @@ class JointPd(RobotController):
         """Torques, and the desired joint positions as states."""
         plant, model = robot.plant, robot.plant.model
         kp, kd = robot.context.number("kp"), robot.context.number("kd")
-        desired = ca.SX.sym(f"{robot.name}/theta_d", len(robot.joints))
+        name = f"{robot.name}/{robot.key}.theta_d"
+        desired = ca.SX.sym(name, len(robot.joints))
         rate = _inverse_kinematics(robot, desired)
         torques = []
         for i, (joint, column) in enumerate(zip(robot.joints, robot.columns, strict=True)):
@@ -59,7 +60,7 @@ class JointPd(RobotController):
             speed = measured(robot.sensors("joint_rate"), plant.v[column])
             torques.append(kp * (desired[i] - position) - kd * speed)  # Eq. 34
         initial = ca.vertcat(*(joint_position(model, joint, plant.q) for joint in robot.joints))
-        state = State(f"{robot.name}/joint_pd.theta_d", desired, initial, rate)
+        state = State(name, desired, initial, rate)
         torque = robot.torque(ca.vertcat(*torques), null_space=self.null_space)
         return Contribution(states=(state,), torques=(torque,))
 
