@@ -66,7 +66,13 @@ class Builder:
         """The references of each tip, by the tip's label."""
         return {
             tip.label: Lead(
-                tip, self.context, self.plant, self.start, self.scene.target, self._sensors(tip.body)
+                tip,
+                self.context,
+                self.plant,
+                self.start,
+                self.scene.target,
+                self._sensors(tip.body),
+                self._holding(tip.body),
             )
             for tip in self.scene.tips
         }
@@ -138,6 +144,14 @@ class Builder:
         if sensors is None:
             return ideal
         return lambda signal: sensors[signal].affine(self.context.at(f"{body.path}.sensors.{signal}"))
+
+    def _holding(self, body: SceneBody) -> dict[str, Context]:
+        sensors = body.config.sensors if isinstance(body.config, Robot) else None
+        return {
+            signal: self.context.at(f"{body.path}.sensors.{signal}")
+            for signal in (type(sensors).model_fields if sensors is not None else ())
+            if sensors is not None and sensors[signal].holds
+        }
 
     def _tip(self, tip: SceneTip, key: str) -> TipContext:
         return TipContext(

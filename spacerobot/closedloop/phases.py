@@ -35,7 +35,11 @@ def phased(builder: Builder, outputs: Sequence[Output]) -> Contribution:
         If a phase ends by an output that there is not.
     """
     if not builder.context.phases:
-        return Contribution()
+        leads = builder.leads.values()
+        return Contribution(
+            states=tuple(state for lead in leads for state in lead.states),
+            events=tuple(event for lead in leads for event in lead.events),
+        )
     return _Phases(builder, outputs).contribution()
 
 

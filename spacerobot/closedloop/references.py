@@ -18,6 +18,34 @@ from spacerobot.symbolic import Plant, Start
 
 
 @dataclass(frozen=True)
+class Held:
+    """What a sensor measured last.
+
+    Attributes
+    ----------
+    shown
+        What it shows now, of the components that can change (n x 1).
+    value, next
+        What it showed then, and when it measures again [s].
+    event
+        That it measures.
+    """
+
+    shown: ca.SX
+    value: State
+    next: State
+    event: Event
+
+    @classmethod
+    def of(cls, name: str, who: str, time: ca.SX, period: ca.SX, shown: ca.SX) -> Held:
+        """A sensor that measures at the start and then once in each period."""
+        value, then = memory(f"{name}.measured", shown), memory(f"{name}.next", period)
+        updates = {value.name: shown, then.name: then.symbol + period}
+        due = Event(f"{name}.measured", "measured", who, time - then.symbol, ca.SX(1), updates=updates)
+        return cls(shown, value, then, due)
+
+
+@dataclass(frozen=True)
 class Lead:
     """A tip and the references that lead it.
 
@@ -31,10 +59,14 @@ class Lead:
         The target, None if there is none.
     sensors
         Of the tip's robot.
+    holding
+        Sections of those sensors that hold what they measured, by signal.
     kept
         What is remembered of the instant at which the present reference began, by a short name.
     seen
         What else is remembered, by the state's name, with its expression at that instant.
+    held
+        What sensors measured last, by the state's name.
     """
 
     tip: SceneTip
@@ -43,8 +75,10 @@ class Lead:
     start: Start
     target: SceneBody | None
     sensors: Callable[[str], Affine]
+    holding: Mapping[str, Context]
     kept: dict[str, State] = field(default_factory=dict)
     seen: dict[str, tuple[State, ca.SX]] = field(default_factory=dict)
+    held: dict[str, Held] = field(default_factory=dict)
 
     @property
     def root(self) -> int | None:
@@ -102,27 +136,35 @@ class Lead:
             links=frames,
             target=() if target is None or not target.root_joint else target.subtree,
             sensors=self.sensors,
+            held=functools.partial(self._measured_last, context.path),
         )
 
+    def _measured_last(self, path: str, signal: str, shown: ca.SX) -> ca.SX:
+        """What a sensor shows, or showed when it measured last; what is constant of it stays so."""
+        if signal not in self.holding:
+            return shown
+        name = f"{self.tip.label}.{path}.{signal}"
+        if name not in self.held:
+            period = self.holding[signal].number("period")
+            self.held[name] = Held.of(name, self.tip.label, self.context.time, period, _changing(shown))
+        return _filled(shown, self.held[name].value.symbol)
+
     def _at_start(self, name: str, value: ca.SX) -> ca.SX:
-        """An expression of the state where everything begins."""
+        """An expression of the state where everything begins, where every sensor measures."""
         del name
+        for held in self.held.values():
+            value = ca.substitute(value, held.value.symbol, held.shown)
         constants, plant = self.context.constants, self.plant
         found = ca.Function("first", [plant.q, plant.v, constants.symbols], [value])
         return found(self.start.q, self.start.v, constants.expressions)
 
     def _remembered(self, path: str, name: str, value: ca.SX) -> ca.SX:
         """An expression of the state when the present reference began; what is constant of it stays so."""
-        rows, columns = value.sparsity().row(), value.sparsity().get_col()
-        places = [place for place in zip(rows, columns, strict=True) if not value[place].is_constant()]
         label = f"{self.tip.label}.begun.{path}.{name}"
         if label not in self.seen:
-            changing = ca.vertcat(ca.SX(0, 1), *(value[place] for place in places))
+            changing = _changing(value)
             self.seen[label] = memory(label, changing), changing
-        found = ca.SX(value)
-        for place, symbol in zip(places, ca.vertsplit(self.seen[label][0].symbol), strict=True):
-            found[place] = symbol
-        return found
+        return _filled(value, self.seen[label][0].symbol)
 
     def _first_twist(self) -> tuple[ca.SX, ca.SX]:
         """Velocity and spin of the tip at the start (3x1 each)."""
@@ -211,9 +253,30 @@ class Lead:
     @property
     def states(self) -> tuple[State, ...]:
         """What it remembers."""
-        return (*self.kept.values(), *(state for state, _ in self.seen.values()))
+        held = (state for one in self.held.values() for state in (one.value, one.next))
+        return (*self.kept.values(), *(state for state, _ in self.seen.values()), *held)
 
     @property
     def events(self) -> tuple[Event, ...]:
-        """Instants at which a reference jumps."""
-        return tuple(event for since in self.sinces for event in since.jumps.values())
+        """Instants at which a reference jumps, or a sensor measures."""
+        jumps = (event for since in self.sinces for event in since.jumps.values())
+        return (*jumps, *(one.event for one in self.held.values()))
+
+
+def _places(value: ca.SX) -> list[tuple[int, int]]:
+    """Places in a matrix of what is no constant."""
+    rows, columns = value.sparsity().row(), value.sparsity().get_col()
+    return [place for place in zip(rows, columns, strict=True) if not value[place].is_constant()]
+
+
+def _changing(value: ca.SX) -> ca.SX:
+    """What is no constant of a matrix (n x 1)."""
+    return ca.vertcat(ca.SX(0, 1), *(value[place] for place in _places(value)))
+
+
+def _filled(value: ca.SX, changing: ca.SX) -> ca.SX:
+    """A matrix with other values (n x 1) of what is no constant."""
+    found = ca.SX(value)
+    for place, other in zip(_places(value), ca.vertsplit(changing), strict=True):
+        found[place] = other
+    return found

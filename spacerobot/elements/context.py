@@ -317,6 +317,9 @@ class ReferenceContext(Context):
         Joints of the target, its root first; none where its base is fixed.
     sensors
         From a signal's name to the offset and scale of the robot's sensor.
+    held
+        From a signal's name and what its sensor shows of something now (n x 1) to what is known of it: the
+        same, or what was shown when the sensor measured last.
     """
 
     plant: Plant
@@ -324,6 +327,7 @@ class ReferenceContext(Context):
     links: Mapping[str, int]
     target: tuple[int, ...]
     sensors: Callable[[str], Affine]
+    held: Callable[[str, ca.SX], ca.SX]
 
 
 @dataclass(frozen=True)

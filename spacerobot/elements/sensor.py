@@ -12,9 +12,16 @@ from spacerobot.elements.numbers import Context
 
 
 class Sensor(Element):
-    """A sensor of one signal, the same for every component; its reading is linear in the signal."""
+    """A sensor of one signal, the same for every component; its reading is linear in the signal.
+
+    Attributes
+    ----------
+    holds
+        Whether it measures only now and then, by its number ``period`` [s], and holds what it measured.
+    """
 
     family: ClassVar[str] = "sensor"
+    holds: ClassVar[bool] = False
 
     def affine(self, context: Context) -> Affine:
         """Offset a and scale b of the reading a + b s."""

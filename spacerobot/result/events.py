@@ -12,9 +12,9 @@ from spacerobot.arrays import Array
 from spacerobot.closedloop import ClosedLoop
 from spacerobot.scene import Scene, SceneGrasp
 
-INNER = ("reference", "settling", "moving", "control", "cut")
+INNER = ("reference", "settling", "moving", "control", "cut", "measured")
 """Kinds of events that are not told: a motion's time has come, a body moves slowly while a phase waits, a
-decision on pulses, the end of one."""
+decision on pulses, the end of one, a sensor measures."""
 
 
 class Happened(Protocol):

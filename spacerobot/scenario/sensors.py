@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Annotated
 
+from pydantic import model_validator
+
 from spacerobot.elements import Family, Sensor
 from spacerobot.elements.sensors.linear import Linear
 from spacerobot.section import Section, quantity
@@ -35,6 +37,16 @@ class Sensors(Section):
     )
     target_velocity: AnySensor = quantity("m/s", "velocities of mating frames, likewise", default=Linear())
     target_spin: AnySensor = quantity("rad/s", "angular velocity of the target, likewise", default=Linear())
+
+    @model_validator(mode="after")
+    def _check(self) -> Sensors:
+        for signal in type(self).model_fields:
+            if self[signal].holds and not signal.startswith("target_"):
+                raise ValueError(
+                    f"{signal}: found kind '{self[signal].kind}', allowed where only a reference reads it: "
+                    "target_position, target_velocity, target_spin"
+                )
+        return self
 
     def __getitem__(self, signal: str) -> Sensor:
         """Sensor of a signal."""

@@ -175,16 +175,18 @@ class _Seen:
         (rotation, place), (velocity, spin) = plant.placement(frame), plant.velocity(frame)
         tip = plant.placement(context.tip)[1]
 
-        def read(signal: str, value: ca.SX, axes: tuple[int, ...]) -> ca.SX:
+        def read(signal: str, known: ca.SX, value: ca.SX, axes: tuple[int, ...]) -> ca.SX:
             sensor = context.sensors(signal)
-            return ca.SX(3, 1) if sensor[0] is None else only(measured(sensor, value) - value, axes)
+            if sensor[0] is None:
+                return known
+            return context.held(signal, known + only(measured(sensor, value) - value, axes))
 
         along = plant.translation_axes
         return cls(
             rotation,
-            place + read("target_position", place - tip, along),
-            velocity + read("target_velocity", velocity, along),
-            spin + read("target_spin", spin, plant.rotation_axes),
+            read("target_position", place, place - tip, along),
+            read("target_velocity", velocity, velocity, along),
+            read("target_spin", spin, spin, plant.rotation_axes),
         )
 
     def at(self, start: Beginning) -> _Seen:

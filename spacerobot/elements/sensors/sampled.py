@@ -1,0 +1,31 @@
+"""A sensor that measures at instants."""
+
+from __future__ import annotations
+
+from typing import ClassVar, Literal
+
+from spacerobot.elements.context import Affine
+from spacerobot.elements.numbers import Context
+from spacerobot.elements.registry import register
+from spacerobot.elements.sensor import Sensor
+from spacerobot.section import SIGNALS_UNIT, quantity
+
+
+@register
+class Sampled(Sensor):
+    """Measures a + b s at the start and then once in each period, and holds the value until the next one."""
+
+    kind: Literal["sampled"] = "sampled"
+    holds: ClassVar[bool] = True
+    period: float = quantity("s", "time between two measurements", default=0.1, gt=0)
+    offset: float = quantity(SIGNALS_UNIT, "a", default=0.0)
+    scale: float = quantity("1", "b", default=1.0)
+
+    def affine(self, context: Context) -> Affine:
+        """Of the measurement itself; both are numbers of the section."""
+        return context.number("offset"), context.number("scale")
+
+    @property
+    def is_ideal(self) -> bool:
+        """Never: what it gives is old."""
+        return False
