@@ -19,7 +19,7 @@ demo: $(VENV)/installed  ## Run the main jobs: a docking, and the paper's scenar
 	@echo "Open out/docking/docking.html and out/paper/paper.html to see them move, report.html beside each to read about it."
 
 test: $(VENV)/installed-all  ## Pass the tests
-	$(BIN)/python -m pytest -n auto
+	$(BIN)/python -m pytest -n auto --dist worksteal
 
 check: $(VENV)/installed-all  ## Lint and type-check
 	$(BIN)/ruff check .

@@ -50,6 +50,22 @@ def pytest_collection_modifyitems(items):
             item.add_marker(marker)
 
 
+@pytest.fixture
+def undrawn(monkeypatch):
+    """No figure of a report is drawn: what pages say is what is tested."""
+    for home in ("sections", "campaign_section"):
+        monkeypatch.setattr(f"viz.report.{home}.to_bytes", lambda *_: b"<svg/>")
+
+
+@pytest.fixture(scope="session")
+def bounce():
+    """The shipped scene with contact, simulated."""
+    from spacerobot.scene import load_scene
+    from spacerobot.simulation import simulate
+
+    return simulate(load_scene("bounce"))
+
+
 @pytest.fixture(scope="session", autouse=True)
 def _own_cache(tmp_path_factory, request):
     place = tmp_path_factory.getbasetemp()

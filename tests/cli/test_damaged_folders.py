@@ -99,7 +99,9 @@ def told(monkeypatch, capsys, *arguments):
 
 
 @pytest.mark.parametrize(("kind", "name"), [(kind, name) for kind, names in FILES.items() for name in names])
-def test_every_reader_of_a_damaged_file_ends_in_one_line(whole, tmp_path, monkeypatch, capsys, kind, name):
+def test_every_reader_of_a_damaged_file_ends_in_one_line(
+    whole, tmp_path, monkeypatch, capsys, undrawn, kind, name
+):
     folder = shutil.copytree(whole / kind, tmp_path / kind)
     codes = []
     for content in damages(folder / name):
@@ -112,7 +114,7 @@ def test_every_reader_of_a_damaged_file_ends_in_one_line(whole, tmp_path, monkey
 
 
 def test_a_comparison_that_lacks_a_key_or_holds_something_else_ends_in_one_line(
-    whole, tmp_path, monkeypatch, capsys
+    whole, tmp_path, monkeypatch, capsys, undrawn
 ):
     folder = shutil.copytree(whole / "comparison", tmp_path / "c")
     data = json.loads((folder / "comparison.json").read_text())
@@ -128,7 +130,7 @@ def test_a_comparison_that_lacks_a_key_or_holds_something_else_ends_in_one_line(
 
 @pytest.mark.parametrize("kind", WRITERS)
 def test_what_goes_on_in_a_damaged_folder_ends_in_one_line_or_does_its_work(
-    whole, tmp_path, monkeypatch, capsys, kind
+    whole, tmp_path, monkeypatch, capsys, undrawn, kind
 ):
     folder = shutil.copytree(whole / kind, tmp_path / kind)
     files = [folder / name for name in FILES[kind]]

@@ -7,15 +7,13 @@ import pytest
 
 from spacerobot.pinocchio_engine import simulate as checked_by
 from spacerobot.scene import load_scene
-from spacerobot.simulation import simulate
 from viz.drawing.motion import PAD, scene_nodes
 from viz.figures import draw_all
 from viz.page.signals import quantities
 
 
-def test_a_ball_bounces_off_and_everything_shows_it():
-    result = simulate(load_scene("bounce"), backend="interpreted")
-    data, summary = result.data, result.summary
+def test_a_ball_bounces_off_and_everything_shows_it(bounce):
+    data, summary = bounce.data, bounce.summary
     assert data.contact_force.dims == ("time", "contact", "axis")
     assert data.contact_normal_force.dims == data.contact_gap.dims == ("time", "contact")
     assert data.contact_gap.min() < 0 < data.contact_gap[-1]
@@ -31,8 +29,8 @@ def test_a_ball_bounces_off_and_everything_shows_it():
     assert max(summary["ledger"]["momentum"][k]["relative_drift"] for k in ("linear", "angular")) < 1e-12
     assert data.work_contact[-1] > 0
     assert data.body_momentum_linear.sel(body="target", axis="x")[-1] > 0  # it came from there
-    assert "contact_forces" in [name for name, _, _ in draw_all(result)]
-    shown = {quantity.title: [s.name for s in quantity.signals] for quantity in quantities(result)}
+    assert "contact_forces" in [name for name, _, _ in draw_all(bounce)]
+    shown = {quantity.title: [s.name for s in quantity.signals] for quantity in quantities(bounce)}
     assert shown["contact force along the normal"] == ["bump"]
     assert "taken: contact" in shown["work since the start"]
 
@@ -48,8 +46,8 @@ def test_pads_are_drawn_where_they_are():
     np.testing.assert_allclose(heights, [-0.1, 0, 0.1])
 
 
-def test_the_second_engine_sees_the_same():
+def test_the_second_engine_sees_the_same(bounce):
     scene = load_scene("bounce", {"simulation.duration": 2.3})
-    ours = simulate(scene, backend="interpreted").data
     found = checked_by(scene, output_step_s=0.1, rtol=1e-9, atol=1e-10)
-    assert np.abs(ours.q.values[::10] - found.state[:, : scene.model.nq]).max() < 1e-6
+    ours = bounce.data.q.values[: 10 * len(found.state) : 10]
+    assert np.abs(ours - found.state[:, : scene.model.nq]).max() < 1e-6

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -201,7 +203,7 @@ def test_momentum_and_energy_are_kept_through_a_collision_of_tumbling_bodies(see
 
 def test_the_second_engine_sees_the_same_collision():
     found = tumbling(0)
-    ours, checked = rolled(found, 1.0, 1e-4, 0.25), simulate(found, duration_s=1.0, output_step_s=0.25)
+    ours, checked = rolled(found, 1.0, 5e-4, 0.25), simulate(found, duration_s=1.0, output_step_s=0.25)
     assert np.abs(ours.state - checked.state).max() < 1e-6
     assert list(ours.outputs) == list(checked.outputs)
 
@@ -266,20 +268,26 @@ def test_an_overlap_that_is_asked_for_is_taken():
     assert build_scene(plain.scenario, {"target.base.position": [0.15, 0, 0]}).contacts
 
 
-@pytest.mark.parametrize(("method", "order"), [("rk4", 4), ("tanaka6", 6)])
-@pytest.mark.parametrize("exponent", [1.0, 2.0])
-def test_the_methods_order_holds_through_a_contact(exponent, method, order):
+@functools.cache
+def touching(exponent):
     stiffness = 2e3 if exponent == 1 else 2e4
     changes = {"contacts.bump.exponent": exponent, "contacts.bump.stiffness": stiffness}
-    loop = build_closed_loop(build_scene(tumbling(0).scenario, changes))
+    return build_closed_loop(build_scene(tumbling(0).scenario, changes))
 
-    def end(step, method):
-        steps = {"duration_s": 1.0, "step_s": step, "output_step_s": 1.0}
-        return build_rollout(loop, **steps, method=method, backend="interpreted").run()
 
-    found = end(1e-4, "tanaka6")
+@functools.cache
+def end(exponent, step, method):
+    steps = {"duration_s": 1.0, "step_s": step, "output_step_s": 1.0}
+    return build_rollout(touching(exponent), **steps, method=method).run()
+
+
+@pytest.mark.parametrize("exponent", [1.0, 2.0])
+@pytest.mark.parametrize(("method", "order"), [("rk4", 4), ("tanaka6", 6)])
+def test_the_methods_order_holds_through_a_contact(exponent, method, order):
+    loop = touching(exponent)
+    found = end(exponent, 1e-4, "tanaka6")
     assert [loop.events[event.event].kind for event in found.events] == ["touched", "parted"]
     steps = np.array([4e-3, 2e-3, 1e-3])
-    errors = [np.abs(end(step, method).state[-1] - found.state[-1]).max() for step in steps]
+    errors = [np.abs(end(exponent, step, method).state[-1] - found.state[-1]).max() for step in steps]
     slope = np.polyfit(np.log(steps), np.log(errors), 1)[0]
     assert order - 0.6 < slope < order + 1

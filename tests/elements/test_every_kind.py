@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import functools
 
 import casadi as ca
 import numpy as np
@@ -33,7 +34,10 @@ SECOND = {
     "sensor": reading_of,
     "environment": environment_of,
 }
-CLOSED_FORMS: dict[tuple[str, str], str] = {("actuator", "thrusters"): "tests/elements/test_thrusters.py"}
+CLOSED_FORMS: dict[tuple[str, str], str] = {
+    ("actuator", "thrusters"): "tests/elements/test_thrusters.py",
+    ("sensor", "sampled"): "tests/elements/test_sampled_sensors.py",
+}
 """Kinds without a second writing, and the test that holds them to a closed form instead."""
 
 NEEDS: dict[tuple[str, str], dict[str, object]] = {
@@ -146,7 +150,8 @@ def changes(family, kind):
     if family == "tip_controller":
         return {"robots.one.tips.tip.controllers": {"own": section}}
     if family == "sensor":
-        return {"robots.one.sensors.joint_rate": section}
+        held = elements.kinds("sensor")[kind].holds
+        return {f"robots.one.sensors.{'target_position' if held else 'joint_rate'}": section}
     if family == "robot_controller":
         ideal = {"robots.one.actuators": {"ideal": {"kind": "base_wrench"}}}
         return {"robots.one.controllers": {"own": section}} | (ideal if kind.startswith("base_") else {})
@@ -191,6 +196,13 @@ def scene_of(family, kind, text=PLANAR):
     return small_scene(text, found)
 
 
+@functools.cache
+def built(family, kind, text=PLANAR):
+    """Scene and closed loop, which no test changes."""
+    scene = scene_of(family, kind, text)
+    return scene, build_closed_loop(scene)
+
+
 def state_of(scene, loop, seed):
     return random_x(scene, np.random.default_rng(seed), loop.nx)
 
@@ -207,8 +219,8 @@ def test_a_kind_has_a_second_writing_or_a_closed_form(family, kind):
 def test_the_two_engines_agree(family, kind, text):
     if (family, kind) in CLOSED_FORMS:
         pytest.skip(f"held to a closed form by {CLOSED_FORMS[family, kind]}")
-    scene = scene_of(family, kind, text)
-    loop, engine = build_closed_loop(scene), Engine(scene)
+    scene, loop = built(family, kind, text)
+    engine = Engine(scene)
     _, c = loop.setup(loop.parameter_values)
     for seed in range(3):
         x, t = state_of(scene, loop, seed), 0.3 + 0.5 * seed
@@ -219,8 +231,7 @@ def test_the_two_engines_agree(family, kind, text):
 @pytest.mark.parametrize("text", SCENES.values(), ids=SCENES)
 @pytest.mark.parametrize(("family", "kind"), KINDS)
 def test_momentum_and_energy_are_accounted_for_at_every_instant(family, kind, text):
-    scene = scene_of(family, kind, text)
-    loop = build_closed_loop(scene)
+    scene, loop = built(family, kind, text)
     _, c = loop.setup(loop.parameter_values)
     t, x = ca.SX.sym("t"), ca.SX.sym("x", loop.nx)
     named = dict(zip(loop.outputs.name_out(), loop.outputs(t, x, c), strict=True))
@@ -241,8 +252,7 @@ def test_momentum_and_energy_are_accounted_for_at_every_instant(family, kind, te
 
 @pytest.mark.parametrize(("family", "kind"), KINDS)
 def test_derivatives_are_exact(family, kind):
-    scene = scene_of(family, kind)
-    loop = build_closed_loop(scene)
+    scene, loop = built(family, kind)
     p = ca.SX.sym("p", len(loop.parameter_paths))
     x = state_of(scene, loop, 5)
     _, c = loop.setup(p)

@@ -19,7 +19,6 @@ def paper():
         duration_s=simulation.duration,
         step_s=simulation.step,
         output_step_s=simulation.output_step,
-        backend="interpreted",
     )
     # tolerances that leave an error of some 1e-9: the default ones take three times as long
     checked = simulate(scene, output_step_s=0.1, rtol=1e-7, atol=1e-9)

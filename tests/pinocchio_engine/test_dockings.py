@@ -16,19 +16,18 @@ BASES = pytest.mark.parametrize("bases", [FLAT, DEEP], ids=["planar", "spatial"]
 INNER = ("reference",)
 
 
-def both(scene, duration, step=0.005):
-    """Trajectories by the casadi engine and by this one."""
+def both(scene, duration, step, backend):
+    """Trajectories by the casadi engine and by this one, each within some 1e-8."""
     loop = build_closed_loop(scene)
-    ours = build_rollout(
-        loop, duration_s=duration, step_s=step, output_step_s=0.1, backend="interpreted"
-    ).run()
-    found = simulate(scene, duration_s=duration, output_step_s=0.1, rtol=1e-10, atol=1e-12)
+    steps = {"duration_s": duration, "step_s": step, "output_step_s": 0.1}
+    ours = build_rollout(loop, **steps, backend=backend).run()
+    found = simulate(scene, duration_s=duration, output_step_s=0.1, rtol=1e-9, atol=1e-11)
     return loop, ours, found
 
 
-def hold_together(scene, duration, step=0.005):
+def hold_together(scene, duration, step=0.005, backend="interpreted"):
     """The names of the events, once both engines agree to 1e-6 in everything."""
-    loop, ours, found = both(scene, duration, step)
+    loop, ours, found = both(scene, duration, step, backend)
     told = [(f.time_s, loop.events[f.event], f) for f in ours.events]
     told = [one for one in told if one[1].kind not in INNER]
     names = [rule.name for _, rule, _ in told]
@@ -202,7 +201,7 @@ def test_references_and_numbers_differ_by_phase(kind):
     reference = document["phases"]["come"]["robots"]["arm"]["tips"]["tip"]["reference"]
     reference |= {"standoff": 0.1, "approach_time": 0.47, "duration": 1.0}
     scene = build_scene(Scenario.model_validate(document))
-    names = hold_together(scene, 2.6, step=0.0025)
+    names = hold_together(scene, 2.6, step=0.0025, backend="compiled")
     assert names == ["hand.captured", "come.captured", "stop.time", "carry.time", "hand.told"]
 
 

@@ -86,7 +86,7 @@ def test_an_event_that_lacks_a_key_is_named(damaged, key):
 def test_a_truncated_scenario_that_is_one_still_does_not_fit(damaged):
     file = damaged / "scenario.yaml"
     lines = file.read_text().splitlines(keepends=True)
-    for count in range(len(lines)):
+    for count in range(0, len(lines), 3):
         file.write_text("".join(lines[:count]))
         try:
             result = load(damaged)

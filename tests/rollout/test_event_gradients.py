@@ -164,21 +164,24 @@ def marked(loop):
 
 @pytest.mark.parametrize("backend", ["compiled", "interpreted"])
 def test_what_grazes_or_coincides_is_told(backend):
-    def status(loop, **changes):
-        options = {"duration_s": 1.9, **GRID, "measures": measured(loop), "backend": backend}
-        rollout = build_rollout(loop, **options)
-        found = rollout.value_and_gradient(changes, wrt=loop.parameter_paths[:2])
-        assert rollout.jacobian(changes, wrt=loop.parameter_paths[:2]).status == found.status[0]
+    def made(loop):
+        return build_rollout(loop, duration_s=1.9, **GRID, measures=measured(loop), backend=backend)
+
+    def status(rollout, **changes):
+        wrt = rollout.loop.parameter_paths[:2]
+        found = rollout.value_and_gradient(changes, wrt=wrt)
+        assert rollout.jacobian(changes, wrt=wrt).status == found.status[0]
         return found.status[0].split(":")[0]
 
-    assert status(spring_wall()) == "exact"
-    assert status(spring_wall(), start=-0.6 - 1e-11) == "grazing"
-    assert status(spring_wall(), start=-0.6 + 1e-11) == "grazing"
-    assert status(spring_wall(), start=-0.601) == "exact"
-    assert status(spring_wall(), start=-0.599) == "exact"
-    assert status(two_balls(), second=1.01) == "exact"
-    assert status(two_balls()) == "coincident"
-    assert status(two_balls(), second=1.0 + 1e-10) == "coincident"
-    assert status(bouncing_ball(), height=0.05) == "lost"
-    assert status(marked(spring_wall()), start=-0.6 - 1e-11) == "exact"
-    assert status(marked(two_balls())) == "exact"
+    wall, balls = made(spring_wall()), made(two_balls())
+    assert status(wall) == "exact"
+    assert status(wall, start=-0.6 - 1e-11) == "grazing"
+    assert status(wall, start=-0.6 + 1e-11) == "grazing"
+    assert status(wall, start=-0.601) == "exact"
+    assert status(wall, start=-0.599) == "exact"
+    assert status(balls, second=1.01) == "exact"
+    assert status(balls) == "coincident"
+    assert status(balls, second=1.0 + 1e-10) == "coincident"
+    assert status(made(bouncing_ball()), height=0.05) == "lost"
+    assert status(made(marked(spring_wall())), start=-0.6 - 1e-11) == "exact"
+    assert status(made(marked(two_balls()))) == "exact"

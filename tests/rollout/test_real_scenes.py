@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from spacerobot.closedloop import build_closed_loop
-from spacerobot.compiled import pieces, toolchain
+from spacerobot.compiled import pieces
 from spacerobot.rollout import Measures, Signals, build_rollout, final, integral, peak
 from spacerobot.scene import load_scene
 from tests.oracles.small_scenes import PLANAR, SPATIAL, small_scene
@@ -26,13 +26,10 @@ def choose(paths):
 def _compile_in_a_hurry():
     """Spatial loops have 8500 operations, their adjoints 22 000; how fast they run is not asked here."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(toolchain, "FLAGS", tuple("-O1" if f == "-O2" else f for f in toolchain.FLAGS))
-        patch.setattr(toolchain, "GCC_FLAGS", ())
+        patch.setenv("SPACEROBOT_COMPILER_FLAGS", "-O0")
         patch.setattr(pieces, "LONGEST", 500)
         patch.setattr(pieces, "PIECE", 500)
-        toolchain._toolchain.cache_clear()
         yield
-    toolchain._toolchain.cache_clear()
 
 
 @pytest.fixture(scope="module", params=[PLANAR, SPATIAL], ids=["planar", "spatial"])

@@ -2,6 +2,7 @@
 
 import asyncio
 import base64
+import functools
 import io
 import json
 import shutil
@@ -106,10 +107,14 @@ def _method(best, gains, active):
     }
 
 
+@functools.cache
+def _short():
+    return simulate(load_scene("paper", {"simulation.duration": 0.2}))
+
+
 def _comparison(folder, gains, active):
-    result = simulate(load_scene("paper", {"simulation.duration": 0.2}))
     for name in ("baseline", "nlp"):
-        save(result, folder / "base-five" / name)
+        save(_short(), folder / "base-five" / name)
     contest = {
         "name": "base-five",
         "objective": {"kind": "minimax"},
@@ -178,14 +183,12 @@ class Page:
         elif method in ("Network.requestWillBeSent", "Network.webSocketCreated"):
             self.requests.append(params.get("url") or params["request"]["url"])
 
+    def resize(self, width, height):
+        size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
+        self.call("Emulation.setDeviceMetricsOverride", **size)
+
     def open(self, url, width=1000, height=700):
-        self.call(
-            "Emulation.setDeviceMetricsOverride",
-            width=width,
-            height=height,
-            deviceScaleFactor=1,
-            mobile=False,
-        )
+        self.resize(width, height)
         self.call("Page.navigate", url="about:blank")
         self.errors, self.requests = [], []
         self.call("Page.navigate", url=url)

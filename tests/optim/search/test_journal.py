@@ -96,7 +96,7 @@ SCRIPT = """
     from pathlib import Path
     from optim import Effort, NlpSettings, Protocol, build_problem, tune
     from spacerobot.scene import load_scene
-    protocol = Protocol(population=10, budget=1500)
+    protocol = Protocol(population=10, budget=600)
     effort = Effort(protocol, protocol, runs=2, nlp=NlpSettings(iterations=40), starts=3)
     scene = load_scene(sys.argv[1])
     problem = build_problem(scene, variables=["kp", "ta"])

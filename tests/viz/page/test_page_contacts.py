@@ -4,19 +4,12 @@ import numpy as np
 import pytest
 
 from spacerobot.result.result import Result
-from spacerobot.scene import load_scene
-from spacerobot.simulation import simulate
 from viz.page.animation import animation
 from viz.page.page import animation_page
 from viz.record import frames
 
 VIOLET = np.array([0xC7, 0x7D, 0xFF])
 READY = "document.body?.dataset.ready === 'true'"
-
-
-@pytest.fixture(scope="module")
-def bounce():
-    return simulate(load_scene("bounce"), backend="interpreted")
 
 
 def _open(browser, path, result, time):

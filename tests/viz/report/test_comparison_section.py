@@ -2,7 +2,7 @@
 
 import html
 import json
-from shutil import rmtree
+from shutil import copytree, rmtree
 
 import pytest
 
@@ -11,12 +11,17 @@ from spacerobot.errors import ResultError
 from viz.report.comparison_section import comparison_report, comparison_section
 
 
+@pytest.fixture(scope="module")
+def whole(make_comparison, tmp_path_factory):
+    return make_comparison(tmp_path_factory.mktemp("whole"), {"kp": 7.0}, ["kp"])
+
+
 @pytest.fixture
-def folder(make_comparison, tmp_path):
-    return make_comparison(tmp_path, {"kp": 7.0}, ["kp"])
+def folder(whole, tmp_path):
+    return copytree(whole, tmp_path / "comparison")
 
 
-def test_the_verdict_comes_first_and_then_what_each_method_found(folder):
+def test_the_verdict_comes_first_and_then_what_each_method_found(undrawn, folder):
     page = comparison_report(folder)
     for text in (
         "untuned and nlp",
@@ -38,20 +43,20 @@ def test_the_verdict_comes_first_and_then_what_each_method_found(folder):
     assert "How far the objective moves" not in page
 
 
-def test_without_designs_it_is_a_page_of_its_own(folder):
+def test_without_designs_it_is_a_page_of_its_own(undrawn, folder):
     rmtree(folder / "base-five" / "nlp")
     page = comparison_report(folder)
     assert "nlp is ahead" in page
     assert "Headline numbers" not in page
 
 
-def test_names_from_files_are_escaped(folder):
+def test_names_from_files_are_escaped(undrawn, folder):
     for text in (comparison_section(folder).body(None), comparison_report(folder)):
         assert "ahead <b>" not in text
         assert "ahead &lt;b&gt;" in text
 
 
-def test_a_best_design_whose_ledger_is_open_is_marked_in_tables_and_on_the_page(folder):
+def test_a_best_design_whose_ledger_is_open_is_marked_in_tables_and_on_the_page(undrawn, folder):
     file = folder / "comparison.json"
     data = json.loads(file.read_text())
     data["contests"][0]["methods"]["nlp"]["best"] |= {
@@ -68,7 +73,7 @@ def test_a_best_design_whose_ledger_is_open_is_marked_in_tables_and_on_the_page(
 
 
 @pytest.mark.parametrize("content", ["", "{}", '{"contests": [{}]}', '{"contests": 3}'])
-def test_a_broken_comparison_is_one_clear_line(folder, content):
+def test_a_broken_comparison_is_one_clear_line(undrawn, folder, content):
     (folder / "comparison.json").write_text(content)
     with pytest.raises(
         ResultError, match=r"comparison\.json: damaged: .*run `spacerobot compare` with the same"

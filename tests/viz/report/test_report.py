@@ -66,7 +66,7 @@ def _share_of_gold(picture):
     return ((picture[:, :, 0] - picture[:, :, 2] > 90) & (picture[:, :, 1] > 110)).mean()
 
 
-def test_texts_from_files_are_escaped(paper):
+def test_texts_from_files_are_escaped(paper, undrawn):
     evil = "<script>alert(1)</script>"
     scenario = paper.scenario.model_copy(update={"description": evil})
     summary = dict(paper.summary) | {"assumptions": [evil]}
@@ -81,7 +81,7 @@ def test_a_diverged_result_says_so_first(diverged):
     assert text.index('id="warnings"') < text.index('id="run"')
 
 
-def test_events_have_a_table_where_there_are_any(docked, paper):
+def test_events_have_a_table_where_there_are_any(docked, paper, undrawn):
     rows = re.findall(r"<td>left ([^<]*)</td>", report_page(docked))
     assert [row for row in rows if row in ("captured", "released")] == ["captured", "released"]
     assert 'id="events"' not in report_page(paper)
@@ -107,13 +107,13 @@ def test_folders_of_results_are_found(paper, blind, tmp_path):
         find_results([tmp_path / "none"])
 
 
-def test_a_folder_that_cannot_be_written_is_one_clear_line(paper, tmp_path):
+def test_a_folder_that_cannot_be_written_is_one_clear_line(paper, tmp_path, undrawn):
     (tmp_path / "file").write_text("")
     with pytest.raises(ResultError, match=r"file.report\.html: cannot be written"):
         write_report(tmp_path / "file" / "report.html", dataclasses.replace(paper))
 
 
-def test_the_commands_write_what_they_say(paper, blind, tmp_path):
+def test_the_commands_write_what_they_say(paper, blind, tmp_path, undrawn):
     app = typer.Typer()
     for module in (animate, figures, report):
         module.register(app)

@@ -15,19 +15,11 @@ from spacerobot.cli.campaign_page import campaign_page
 from spacerobot.errors import DivergedError, ResultError
 from spacerobot.scenario import Uncertain
 from spacerobot.scene import load_scene
-from viz.report import campaign_section, sections
 from viz.report.campaign_words import stepping
 
 
 def quiet(_):
     pass
-
-
-@pytest.fixture
-def undrawn(monkeypatch):
-    """No figure is written as a file: what pages say is what is tested."""
-    for home in (sections, campaign_section):
-        monkeypatch.setattr(home, "to_bytes", lambda *_: b"<svg/>")
 
 
 @pytest.fixture(scope="module")
@@ -59,7 +51,9 @@ def test_the_page_says_what_the_summary_says(told, page):
 
 
 @pytest.mark.parametrize("which", [["soft"], None])
-def test_a_worst_sample_that_cannot_begin_is_told_by_its_fault_and_the_page_goes_on(told, monkeypatch, which):
+def test_a_worst_sample_that_cannot_begin_is_told_by_its_fault_and_the_page_goes_on(
+    told, monkeypatch, which, undrawn
+):
     folder, evaluator, summary = told
 
     def simulate(own, draw, gains):
@@ -207,7 +201,7 @@ def test_a_changed_urdf_is_refused_and_a_missing_one(small_file, tmp_path):
         reopen(tmp_path / "store")
 
 
-def test_every_sample_diverged(small, tmp_path):
+def test_every_sample_diverged(small, tmp_path, undrawn):
     wild = {"wild": {"robots.*.joint_pd": {"kp": 1e7, "kd": 0}}}
     scene = small(**{"campaign.samples": 9, "campaign.series": ["joint_torque"]})
     found = run_campaign(scene, tmp_path / "store", gains=wild)
@@ -219,7 +213,7 @@ def test_every_sample_diverged(small, tmp_path):
     assert "diverged after" in text
 
 
-def test_one_sample(small, tmp_path):
+def test_one_sample(small, tmp_path, undrawn):
     found = run_campaign(small(**{"campaign.samples": 1}), tmp_path / "store")
     summary = summarise(tmp_path / "store", found.evaluator)
     row = summary["gains"]["soft"]["metrics"][0]
