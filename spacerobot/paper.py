@@ -18,22 +18,33 @@ FIGURE_7_MM = ((-1.18, 1.1), (-1.19, 2.0), (-1.17, 1.5), (-2.0, 1.99))
 FIGURE_10_MM = ((-1.1, 1.12), (-0.89, 1.10), (-1.19, 1.12), (-1.8, 1.02))
 """The same, tuned by the paper's genetic algorithm (Fig. 10)."""
 
+HELD: dict[str, Any] = {
+    "robots.*.controllers": {
+        "attitude": {"kind": "base_attitude", "kp": 2000, "kd": 1300},
+        "position": {"kind": "base_position", "kp": 2700, "kd": 1800},
+    },
+    "robots.*.actuators": {"ideal": {"kind": "base_wrench"}},
+}
+"""What holds both bases where they begin: about 3 rad/s, well damped, by ideal wrenches from outside."""
+
 PID_ONLY_MM = 5.0
 """Trajectory error with PID alone (section 5); the paper does not say of which tip or axis."""
 
 
 @dataclass(frozen=True)
 class Variant:
-    """One way to run the paper's scenario: velocity feedback, controllers and radius."""
+    """One way to run the paper's scenario: velocity feedback, controllers, radius, and what holds the bases."""
 
     feedback: str
     amnesia: bool
     radius_m: float
+    held: bool = False
 
     @property
     def name(self) -> str:
         """Name of its result folder."""
-        return f"{self.feedback}-{'amnesia' if self.amnesia else 'pid'}-R{self.radius_m:.2f}"
+        controller = "amnesia" if self.amnesia else "pid"
+        return f"{self.feedback}-{controller}-R{self.radius_m:.2f}" + "-held" * self.held
 
     @property
     def changes(self) -> dict[str, Any]:
@@ -42,6 +53,7 @@ class Variant:
             "robots.*.tips.tip.pid.feedback": self.feedback,
             "robots.*.tips.tip.reference.radius": self.radius_m,
         }
+        changes |= HELD if self.held else {}
         return changes if self.amnesia else changes | {"robots.*.tips.tip.amnesia": None}
 
     def scene(self) -> Scene:
@@ -49,11 +61,14 @@ class Variant:
         return load_scene("paper", self.changes)
 
 
-VARIANTS = tuple(
-    Variant(feedback, amnesia, radius)
-    for radius in (0.10, 0.15)
-    for feedback in ("base", "inertial")
-    for amnesia in (False, True)
+VARIANTS = (
+    *(
+        Variant(feedback, amnesia, radius)
+        for radius in (0.10, 0.15)
+        for feedback in ("base", "inertial")
+        for amnesia in (False, True)
+    ),
+    *(Variant("base", amnesia, 0.10, held=True) for amnesia in (False, True)),
 )
 
 
