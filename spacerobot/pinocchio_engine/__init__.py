@@ -4,6 +4,7 @@ from spacerobot.pinocchio_engine import base_control as _base_control  # noqa: F
 from spacerobot.pinocchio_engine import planned as _planned  # noqa: F401 (a writing of its own)
 from spacerobot.pinocchio_engine import rendezvous as _rendezvous  # noqa: F401 (a writing of its own)
 from spacerobot.pinocchio_engine import resolved_rate as _resolved_rate  # noqa: F401 (a writing of its own)
+from spacerobot.pinocchio_engine import thrusters as _thrusters  # noqa: F401 (a writing of its own)
 from spacerobot.pinocchio_engine.contacts import contact_of
 from spacerobot.pinocchio_engine.engine import Engine
 from spacerobot.pinocchio_engine.environments import environment_of

@@ -35,7 +35,6 @@ SECOND = {
     "environment": environment_of,
 }
 CLOSED_FORMS: dict[tuple[str, str], str] = {
-    ("actuator", "thrusters"): "tests/elements/test_thrusters.py",
     ("sensor", "sampled"): "tests/elements/test_sampled_sensors.py",
 }
 """Kinds without a second writing, and the test that holds them to a closed form instead."""
