@@ -33,7 +33,7 @@ PID_ONLY_MM = 5.0
 
 @dataclass(frozen=True)
 class Variant:
-    """One way to run the paper's scenario: velocity feedback, controllers, radius, and what holds the bases."""
+    """One way to run the paper's scenario: velocity feedback, controllers, radius, and held bases or not."""
 
     feedback: str
     amnesia: bool

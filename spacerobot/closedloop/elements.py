@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import casadi as ca
@@ -13,6 +13,7 @@ from spacerobot.closedloop.references import Lead
 from spacerobot.dynamics.joints import sparse
 from spacerobot.dynamics.rotations import rotation_from_rpy
 from spacerobot.elements import (
+    Actuator,
     ActuatorContext,
     ContactContext,
     Context,
@@ -105,9 +106,7 @@ class Builder:
         found += [contact.config.build(self._contact(contact)) for contact in self.scene.contacts]
         for body in self.scene.robots:
             if isinstance(body.config, Robot):
-                found += [
-                    actuator.build(self._actuator(body, key)) for key, actuator in body.config.driven_by()
-                ]
+                found += self._actuators(body, dict(body.config.driven_by()))
         roots = {body.name: body.root_frame for body in self.scene.bodies}
         for name, element in self.scene.scenario.environment.items():
             context = self.context.at(f"environment.{name}")
@@ -185,6 +184,15 @@ class Builder:
             arm=tuple(int(self.plant.model.idx_vs[joint]) for joint in body.arm_joints),
             tips=tuple(self._tip(tip, "") for tip in self.scene.tips if tip.body.name == body.name),
         )
+
+    def _actuators(self, body: SceneBody, own: Mapping[str, Actuator]) -> list[Contribution]:
+        """Of a robot's actuators, in their order; what unloads wheels sees the momentum of the others'."""
+        built = {key: one.build(self._actuator(body, key)) for key, one in own.items() if not one.unloads}
+        wheels = sum((momentum for part in built.values() for momentum in part.wheels), ca.SX(3, 1))
+        for key, one in own.items():
+            if one.unloads:
+                built[key] = one.build(replace(self._actuator(body, key), wheels=wheels))
+        return [built[key] for key in own]
 
     def _actuator(self, body: SceneBody, key: str) -> ActuatorContext:
         model = self.plant.model

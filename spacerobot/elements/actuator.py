@@ -17,9 +17,20 @@ class Actuator(RobotElement):
     what controllers ask for there, and says what is delivered. What none takes over is delivered as asked.
     A wheel brings a state, a wrench on the base and the momentum it stores; a thruster a wrench from outside.
     Several actuators of one joint act one after the other, in the scenario's order.
+
+    Attributes
+    ----------
+    has_wheels
+        Whether it has wheels, whose momentum another actuator may unload.
     """
 
     family: ClassVar[str] = "actuator"
+    has_wheels: ClassVar[bool] = False
+
+    @property
+    def unloads(self) -> bool:
+        """Whether it drives the momentum of the robot's wheels to a goal."""
+        return False
 
     def build(self, actuator: ActuatorContext) -> Contribution:
         """What it adds to the closed loop."""

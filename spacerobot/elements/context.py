@@ -223,6 +223,8 @@ class ActuatorContext:
         Of the robot's root link in the model.
     base_columns
         Places in v of the floating base, of its linear and then its angular velocity in the root link's axes.
+    wheels
+        Angular momentum (3x1) of the robot's wheels about their axes.
     """
 
     context: Context
@@ -233,6 +235,7 @@ class ActuatorContext:
     columns: Mapping[str, int]
     base_frame: int
     base_columns: tuple[int, ...]
+    wheels: ca.SX = field(default_factory=lambda: ca.SX(3, 1))
 
     @property
     def base_joint(self) -> int:

@@ -262,6 +262,8 @@ class Contribution:
         Of actuators, in the order in which they act.
     stored
         Momenta and kinetic energies beside those of the links.
+    wheels
+        Angular momenta (3x1) of sets of wheels about their axes, world axes, for what unloads them.
     constraints
         Of rigid connections.
     energy
@@ -281,6 +283,7 @@ class Contribution:
     channels: tuple[Channel, ...] = ()
     drives: tuple[Drive, ...] = ()
     stored: tuple[Stored, ...] = ()
+    wheels: tuple[ca.SX, ...] = ()
     constraints: tuple[Constraint, ...] = ()
     energy: ca.SX | None = None
     powers: tuple[Power, ...] = ()

@@ -37,6 +37,7 @@ class Wheels(Actuator):
     """A set of equal wheels that take over the torque that is asked for at their robot's base."""
 
     base_wrench: ClassVar[frozenset[Part]] = frozenset({"torque"})
+    has_wheels: ClassVar[bool] = True
 
     torque_limit: float | None = quantity("N m", "greatest torque of each motor", default=None, gt=0)
     speed_limit: float | None = quantity(

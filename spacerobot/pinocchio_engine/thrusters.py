@@ -110,11 +110,12 @@ def _shared(full: Array, asked: Array, sweeps: int) -> Array:
 
 @delivery_of.register
 def _(actuator: Thrusters, scene: Scene, body: SceneBody, key: str) -> Jets:
-    if actuator.mode == "pulsed":
-        raise ScenarioError(
-            "found 'pulsed', which has no second writing, so the pinocchio engine cannot check it; take "
-            "`simulation.engine: casadi`, or `mode: proportional`",
-            source=scene.source,
-            where=f"{body.path}.{key}.mode",
-        )
+    for what, found in (("mode", actuator.mode == "pulsed"), ("unload", actuator.unloads)):
+        if found:
+            raise ScenarioError(
+                f"{'pulses have' if what == 'mode' else 'has'} no second writing, so the pinocchio engine "
+                "cannot check it; take `simulation.engine: casadi`",
+                source=scene.source,
+                where=f"{body.path}.{key}.{what}",
+            )
     return Jets(scene, body, actuator, key)

@@ -253,9 +253,14 @@ def _check_base(scene: Scene, body: SceneBody) -> None:
     delivered = {
         part for _, _, element in own if isinstance(element, Actuator) for part in element.base_wrench
     }
+    wheels = [element for _, _, element in own if isinstance(element, Actuator) and element.has_wheels]
     for _, path, element in own:
         if element.base_wrench and not body.root_joint:
             message = "acts on the base, which is fixed; leave it out, or give `base: {joint: free_flyer}`"
+            raise ScenarioError(message, source=scene.source, where=path)
+        if isinstance(element, Actuator) and element.unloads and not wheels:
+            able = [name for name, kind in kinds("actuator").items() if getattr(kind, "has_wheels", False)]
+            message = f"the robot has no wheels to unload; give it some, of kind {' or '.join(able)}"
             raise ScenarioError(message, source=scene.source, where=path)
         if isinstance(element, Actuator) or element.base_wrench <= delivered:
             continue

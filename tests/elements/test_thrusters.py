@@ -196,3 +196,51 @@ def test_propellant_and_attitude_stand_in_the_summary_and_the_table():
     assert rows["attitude error one"].startswith("at most 25 deg")
     assert list(result.data.thruster.values)[:2] == ["one/jets.a", "one/jets.b"]
     assert any("mass stays" in told for told in result.summary["assumptions"])
+
+
+@pytest.mark.parametrize("mode", ["proportional", "pulsed"])
+def test_momentum_less_the_impulse_given_stays(mode):
+    """While the plate turns and thrusters switch."""
+    run = rolled({f"{JETS}.mode": mode})[1].run()
+    for kind in ("linear", "angular"):
+        total, given = run.outputs[f"momentum_{kind}"], run.outputs[f"impulse_{kind}"]
+        assert np.abs(given[-1]).max() > 0.02
+        np.testing.assert_allclose(total - given, np.broadcast_to(total[0], total.shape), atol=1e-10)
+
+
+UNLOADING = {
+    "robots.one.base.velocity": [0, 0, 0],
+    "robots.one.controllers.turn.attitude_deg": None,
+    f"{JETS}.unload": {"rate": 0.5, "goal": [0, 0, 0.2]},
+    "robots.one.actuators.wheels": {
+        "kind": "reaction_wheels",
+        "axes": [[0, 0, 1]],
+        "inertia": 0.02,
+        "speeds": [50.0],
+    },
+}
+"""A wheel that holds 1 N m s at the start and shall hold 0.2."""
+
+
+def test_wheels_are_unloaded_at_the_rate_while_they_hold_the_attitude():
+    """h' = -k (h - h_goal), so h - h_goal falls as exp(-k t), and the base does not turn."""
+    run = rolled(UNLOADING)[1].run()
+    held = run.outputs["wheel_momentum"].reshape(-1, 3)[:, 2]
+    np.testing.assert_allclose(held, 0.2 + 0.8 * np.exp(-0.5 * run.time), atol=1e-6)
+    assert np.abs(run.outputs["base_attitude_error"]).max() < 1e-12
+    given = run.outputs["impulse_angular"][:, 2]
+    np.testing.assert_allclose(given, held - held[0], atol=1e-10)
+
+
+def test_pulses_unload_wheels_too_and_the_wheels_take_them_up():
+    run = rolled(UNLOADING | PULSED | {"simulation.duration": 4}, 4.0)[1].run()
+    held = run.outputs["wheel_momentum"].reshape(-1, 3)[:, 2]
+    assert abs(held[-1] - 0.2) < 0.15
+    assert np.abs(run.outputs["base_attitude_error"]).max() < 1e-12
+
+
+def test_unloading_without_wheels_is_refused():
+    with pytest.raises(ScenarioError) as fault:
+        small_scene(PLATE, {f"{JETS}.unload": {"rate": 0.5}})
+    told = f"{JETS}: the robot has no wheels to unload; give it some, of kind reaction_wheels or wheel_joints"
+    assert told in str(fault.value)

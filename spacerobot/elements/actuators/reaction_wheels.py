@@ -117,7 +117,8 @@ class ReactionWheels(Wheels):
         stored = Stored(
             actuator.robot, ca.mtimes(rotation, whole), ca.dot(momentum, momentum) / (2 * inertia)
         )
-        return Contribution(drives=(Drive(columns, left, answer, passes_on=columns),), stored=(stored,))
+        drive = Drive(columns, left, answer, passes_on=columns)
+        return Contribution(drives=(drive,), stored=(stored,), wheels=(ca.mtimes(rotation, whole),))
 
     def _geometry(self, actuator: ActuatorContext, about: list[int]) -> tuple[ca.SX, ca.SX]:
         """Axes (3 x n) and their pseudo-inverse (n x 3), of those parts that can turn the base."""

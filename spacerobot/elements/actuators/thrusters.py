@@ -53,6 +53,15 @@ class Nozzle(Section):
     specific_impulse: float | None = quantity("s", "specific impulse", default=None, gt=0)
 
 
+class Unload(Section):
+    """Unloading of wheels: thrusters turn the base, and the wheels, which turn it back, lose momentum."""
+
+    rate: float = quantity("1/s", "at which the wheels' momentum goes to its goal", gt=0)
+    goal: Vector = quantity(
+        "N m s", "momentum of the wheels together, root link's axes", default=(0.0, 0.0, 0.0)
+    )
+
+
 @register
 class Thrusters(Actuator):
     """Thrusters on the base, throttled or in pulses; the wrench asked for is shared by least squares."""
@@ -75,6 +84,11 @@ class Thrusters(Actuator):
     )
     resolution: float = quantity("s", "step of on-times; 0: any", default=0.0, ge=0)
     specific_impulse: float = quantity("s", "impulse by weight of propellant", default=220.0, gt=0)
+    unload: Unload | None = Field(
+        default=None,
+        description="unload the robot's wheels, in place of the torque that is asked for, which is left to "
+        "actuators that come after it: the wheels",
+    )
     sweeps: int = Field(default=30, ge=1, le=1000, description="sweeps of the least squares [1]")
 
     def build(self, actuator: ActuatorContext) -> Contribution:
@@ -82,7 +96,14 @@ class Thrusters(Actuator):
         jets, columns = _Jets(self, actuator), actuator.base_columns
         if self.mode == "proportional":
             return Contribution(drives=(Drive(columns, jets.left, jets.throttled, passes_on=columns),))
+        if self.unloads:
+            return Contribution(drives=(Drive(columns, jets.less_pulses, jets.pulsed, passes_on=columns),))
         return Contribution(drives=(Drive(columns, lambda asked: ca.SX(*asked.shape), jets.pulsed),))
+
+    @property
+    def unloads(self) -> bool:
+        """Whether it unloads wheels."""
+        return self.unload is not None
 
     def faults(self, robot: RobotFacts) -> Iterable[tuple[str, str]]:
         """Nozzles that push a planar base out of its plane."""
@@ -187,11 +208,31 @@ class _Jets:
     def parts(self, asked: ca.SX) -> ca.SX:
         """Parts of their thrust (n x 1) that come nearest to what is asked for."""
         matrix, weights, scales = self.share
-        return allocate(matrix, weights, scales * asked, self.config.sweeps)
+        return allocate(matrix, weights, scales * self.wanted(asked), self.config.sweeps)
+
+    def wanted(self, asked: ca.SX) -> ca.SX:
+        """Of what is asked for all, or the force, and the torque that takes the wheels' momentum away."""
+        if not self.config.unloads:
+            return asked
+        actuator = self.actuator
+        section = actuator.context.at(f"{actuator.context.path}.unload")
+        turns = [row - 3 for row in self.rows if row > 2]
+        rotation = actuator.plant.placement(actuator.base_frame)[0]
+        over = ca.mtimes(rotation.T, actuator.wheels) - section.vector("goal")
+        return ca.vertcat(asked[: len(self.rows) - len(turns)], -section.number("rate") * over[turns])
 
     def left(self, asked: ca.SX) -> ca.SX:
         """What throttled thrusters leave to the next actuator."""
         return asked - ca.mtimes(self.full[self.rows, :], self.parts(asked))
+
+    def less_pulses(self, asked: ca.SX) -> ca.SX:
+        """What pulses leave to the next actuator."""
+        return asked - ca.mtimes(self.full[self.rows, :], ca.vertcat(*self.firing))
+
+    @functools.cached_property
+    def firing(self) -> list[ca.SX]:
+        """Switch of each (1x1): it is on."""
+        return [self.actuator.context.switch(f"firing.{name}") for name in self.config.nozzles]
 
     def throttled(self, asked: ca.SX) -> Contribution:
         """Thrusters that give parts of their thrust."""
@@ -200,7 +241,7 @@ class _Jets:
     def pulsed(self, asked: ca.SX) -> Contribution:
         """Thrusters that give all of their thrust for times decided at the beginning of each period."""
         context, names = self.actuator.context, list(self.config.nozzles)
-        firing = [context.switch(f"firing.{name}") for name in names]
+        firing = self.firing
         due = memory(f"{self.name}.due", ca.SX(-AT_ONCE))
         off_at = memory(f"{self.name}.off_at", ca.SX(len(names), 1))
         period = context.number("period")

@@ -55,7 +55,8 @@ class WheelJoints(Wheels):
                 powers=lost, outputs=self.observed(actuator, found, speed, whole), events=found.events
             )
 
-        return Contribution(drives=(Drive((*base, *places), deliver, answer, passes_on=base),))
+        drive = Drive((*base, *places), deliver, answer, passes_on=base)
+        return Contribution(drives=(drive,), wheels=(whole,))
 
     def owns(self, joints: Sequence[str]) -> list[str]:
         """Joints that the pattern stands for."""
