@@ -64,6 +64,12 @@ class DivergedError(SpaceRobotError):
     exit_code = 3
 
 
+class NoPlanError(SpaceRobotError):
+    """No motion that meets its goal and its limits was found, or none that holds when it is replayed."""
+
+    exit_code = 4
+
+
 def near_names(name: str, allowed: Iterable[str]) -> str:
     """Sentence that helps after a wrong name: near ones first, else all (at most twelve).
 

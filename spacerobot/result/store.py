@@ -34,6 +34,7 @@ JOBS = {
     "sweep.json": "a sweep",
     "tuning.json": "a tuning",
     "robust.json": "a robust tuning",
+    "plan.json": "a plan",
 }
 """Files by which the folders of other jobs are known, which may hold results as well."""
 WITH_RESULT = ("tuning.json", "robust.json")

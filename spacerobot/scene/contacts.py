@@ -41,6 +41,31 @@ def find_contacts(
     return tuple(finder.contact(name, config) for name, config in scenario.contacts.items())
 
 
+def find_pairs(
+    scene: Scene, between: tuple[str, str], wrap: Wrap | None, where: str
+) -> tuple[tuple[SceneShape, SceneShape], ...]:
+    """Every shape of one side with every one of the other.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    between
+        The two sides, as a contact names them.
+    wrap
+        Shape that stands in for meshes and cylinders.
+    where
+        Dotted path of the section that names them.
+
+    Raises
+    ------
+    ScenarioError
+        As :func:`find_contacts`.
+    """
+    bodies = {body.name: body for body in scene.bodies}
+    return _Finder(scene.model, bodies, scene.scenario, scene.source).pairs(between, wrap, where)
+
+
 class _Finder:
     def __init__(
         self, model: Any, bodies: dict[str, SceneBody], scenario: Scenario, source: Path | None
@@ -50,14 +75,19 @@ class _Finder:
     def contact(self, name: str, config: Contact) -> SceneContact:
         """A contact with every pair of shapes of its two sides, each pair one that has a law."""
         path = f"contacts.{name}"
+        return SceneContact(name, path, config, self.pairs(config.between, config.wrap, path))
+
+    def pairs(
+        self, between: tuple[str, str], wrap: Wrap | None, path: str
+    ) -> tuple[tuple[SceneShape, SceneShape], ...]:
+        """Every shape of one side with every one of the other, each pair one whose distance is known."""
         ones, others = (
-            list(self._side(side, config.wrap, f"{path}.between.{i}"))
-            for i, side in enumerate(config.between)
+            list(self._side(side, wrap, f"{path}.between.{i}")) for i, side in enumerate(between)
         )
         pairs = tuple(itertools.product(ones, others))
         for first, second in pairs:
             self._check(first, second, path)
-        return SceneContact(name, path, config, pairs)
+        return pairs
 
     def _fault(self, message: str, where: str) -> ScenarioError:
         return ScenarioError(message, source=self.source, where=where)

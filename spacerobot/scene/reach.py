@@ -77,11 +77,11 @@ def out_of_reach(scene: Scene) -> list[str]:
             pivot = data.oMf[scene.target.root_frame].translation
         points = _points(tip.reference, pivot, begin - pivot)
         farthest = float(np.linalg.norm(points - base, axis=1).max())
-        reach = _reach(scene, tip)
-        if farthest > reach * (1 + 1e-9):
+        longest = reach(scene, tip)
+        if farthest > longest * (1 + 1e-9):
             found.append(
                 f"{tip.references[0].path}: leads {tip.label} {farthest:.4g} m from where its base begins, "
-                f"the arm reaches {reach:.4g} m"
+                f"the arm reaches {longest:.4g} m"
             )
     return found
 
@@ -93,7 +93,7 @@ def _points(reference: Reference, pivot: Array, lever: Array) -> Array:
     return points
 
 
-def _reach(scene: Scene, tip: SceneTip) -> float:
+def reach(scene: Scene, tip: SceneTip) -> float:
     """Greatest distance [m] of a tip from its robot's root link: the lengths along the chain, end to end."""
     model, by_name = scene.model, {joint.name: joint for joint in tip.body.description.joints}
     placement, joint, reach = model.frames[tip.frame].placement, tip.joint, 0.0

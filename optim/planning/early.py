@@ -1,0 +1,146 @@
+"""What is refused before a solver runs: a start that violates its own limits, a goal that no arm reaches."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import pinocchio as pin
+
+from optim.planning.guess import drift
+from optim.planning.limits import urdf_joint
+from optim.planning.lobatto import Lobatto
+from optim.planning.stage import Problem
+from spacerobot.errors import ScenarioError
+from spacerobot.scenario.plan import Goal, Plan
+from spacerobot.scene.reach import reach
+from spacerobot.scene.scene import SceneTip
+
+SLACK = 1e-9
+"""Violation of a start that is rounding."""
+INSTANTS = 100
+"""Instants of a free duration at which a moving goal is looked for."""
+
+
+def check_start(problem: Problem) -> None:
+    """Refuse a start that violates its own limits.
+
+    Raises
+    ------
+    ScenarioError
+        Naming the limit.
+    """
+    scene, driven = problem.stage.scene, problem.stage.driven
+    model = scene.model
+    for joint in driven.joints:
+        own, name = model.joints[joint], str(model.names[joint])
+        checked = [("rate", model.nq + own.idx_v, "rad/s or m/s")]
+        if own.nq == 1:
+            checked.append(("position", own.idx_q, "rad or m"))
+        for what, place, unit in checked:
+            least, greatest = problem.lower[place], problem.upper[place]
+            if not least - SLACK <= problem.fixed[place] <= greatest + SLACK:
+                raise ScenarioError(
+                    f"the start violates a limit: the {what} of {name} is {problem.fixed[place]:.4g}, allowed "
+                    f"{least:.4g} to {greatest:.4g} {unit}; begin elsewhere or change the limit",
+                    source=scene.source,
+                    where="plan",
+                )
+    rows = [row for row in problem.path if row.last == 1.0]
+    if not rows:
+        return
+    rest = np.zeros(problem.stage.z.numel() - len(problem.fixed))
+    values = ca.Function("start", [problem.stage.z], [ca.densify(ca.vertcat(*(row.value for row in rows)))])
+    found = np.array(values(np.concatenate([problem.fixed, rest]))).ravel()
+    for row, value in zip(rows, found, strict=True):
+        if not row.lower - SLACK <= value <= row.upper + SLACK:
+            over = max(row.lower - value, value - row.upper) * row.scale
+            raise ScenarioError(
+                f"the start violates a limit: {row.name} is passed by {over:.4g} {row.unit}; begin elsewhere or "
+                "change the limit",
+                source=scene.source,
+                where="plan",
+            )
+
+
+def check_reach(problem: Problem, plan: Plan, tips: dict[str, SceneTip]) -> None:
+    """Refuse a goal farther from a robot's centre of mass than its tip can ever be.
+
+    The centre of mass of a floating robot that nothing drives moves uniformly. Its base is never farther from it
+    than the arm is long times the arm's part of the mass, so the bound needs no solver.
+
+    Raises
+    ------
+    ScenarioError
+        With both distances.
+    """
+    if any(plan.limits.base_force for _ in (0,)):
+        return
+    scene = problem.stage.scene
+    least, greatest, _ = problem.duration
+    lobatto = Lobatto.of_order(2)
+    data = scene.model.createData()
+    for name, goal in plan.goals.items():
+        if goal.joints or goal.tip is None:
+            continue
+        tip = tips[goal.tip]
+        qs, vs = drift(problem, lobatto, INSTANTS, greatest)
+        first = int(INSTANTS * least / greatest)
+        nearest = np.inf
+        allowed = _greatest_distance(problem, tip)
+        for q, v in zip(qs[first:], vs[first:], strict=True):
+            pin.framesForwardKinematics(scene.model, data, q)
+            nearest = min(nearest, float(np.linalg.norm(_place(problem, goal, data) - _centre(problem, tip, data, q, v))))
+        if nearest > allowed * (1 + 1e-6):
+            raise ScenarioError(
+                f"out of reach: at its nearest the goal is {nearest:.4g} m from the centre of {tip.body.name}'s "
+                f"mass, and {tip.label} is never more than {allowed:.4g} m from it",
+                source=scene.source,
+                where=f"plan.goals.{name}",
+            )
+
+
+def _greatest_distance(problem: Problem, tip: SceneTip) -> float:
+    """Bound of the distance of a tip from what does not move of its robot [m]."""
+    scene = problem.stage.scene
+    length = reach(scene, tip)
+    if not tip.body.root_joint:
+        return length
+    masses = {joint: float(scene.model.inertias[joint].mass) for joint in tip.body.subtree}
+    whole, behind = sum(masses.values()), 0.0
+    for joint in tip.body.joints:  # the farthest that its body can be from the base's origin
+        distance = _length(problem, tip, joint) + float(np.linalg.norm(scene.model.inertias[joint].lever))
+        behind += masses[joint] * distance
+    behind += masses[tip.body.root_joint] * float(np.linalg.norm(scene.model.inertias[tip.body.root_joint].lever))
+    return length + behind / whole
+
+
+def _length(problem: Problem, tip: SceneTip, joint: int) -> float:
+    """Greatest distance of a joint's origin from the base's [m]."""
+    scene, found = problem.stage.scene, 0.0
+    while joint in tip.body.joints:
+        found += float(np.linalg.norm(scene.model.jointPlacements[joint].translation))
+        urdf = urdf_joint(scene, tip.body, joint)
+        if urdf.kind == "prismatic":
+            found += max(abs(urdf.lower), abs(urdf.upper))
+        joint = scene.model.parents[joint]
+    return found
+
+
+def _place(problem: Problem, goal: Goal, data: object) -> np.ndarray:
+    """Where a tip shall be [m]."""
+    if goal.position is not None:
+        return np.array(goal.position)
+    frame = problem.stage.scene.model.getFrameId(f"target/{goal.frame}", pin.FrameType.BODY)
+    placement = data.oMf[frame]  # type: ignore[attr-defined]
+    axis = np.array(goal.axis) / np.linalg.norm(goal.axis)
+    return np.asarray(placement.act(-goal.standoff * axis))
+
+
+def _centre(problem: Problem, tip: SceneTip, data: object, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Centre of mass of a floating robot, or origin of a fixed one's root link [m]."""
+    scene = problem.stage.scene
+    if not tip.body.root_joint:
+        return np.asarray(data.oMf[tip.body.root_frame].translation)  # type: ignore[attr-defined]
+    pin.centerOfMass(scene.model, data, q)
+    root = tip.body.root_joint
+    return np.asarray(data.oMi[root].act(data.com[root]))  # type: ignore[attr-defined]

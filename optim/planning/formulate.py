@@ -1,0 +1,70 @@
+"""From a scene's plan section to a planning problem."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from optim.planning.costs import cost_terms
+from optim.planning.goals import goal_rows
+from optim.planning.limits import instant_limits, path_rows, what_drives
+from optim.planning.stage import Problem, Stage
+from spacerobot.errors import ScenarioError
+from spacerobot.scenario.plan import Plan
+from spacerobot.scene import Scene
+from spacerobot.scene.closing import begun
+
+
+def plan_of(scene: Scene) -> Plan:
+    """The plan section of a scene.
+
+    Raises
+    ------
+    ScenarioError
+        If there is none.
+    """
+    if scene.scenario.plan is None:
+        raise ScenarioError(
+            "no such section: it says what to plan (docs/planning.md)", source=scene.source, where="plan"
+        )
+    return scene.scenario.plan
+
+
+def formulate(scene: Scene) -> Problem:
+    """Planning problem of a scene.
+
+    Raises
+    ------
+    ScenarioError
+        If the section asks for what there is not.
+    """
+    plan = plan_of(scene)
+    if begun(scene.grasps):
+        raise ScenarioError(
+            f"grasp {begun(scene.grasps)[0].name!r} begins closed; plans begin with open grasps: give "
+            "`begins: open`, or a robot whose URDF contains what it holds",
+            source=scene.source,
+            where="plan",
+        )
+    stage = Stage.of(scene, what_drives(scene, plan.limits))
+    lower, upper = instant_limits(stage, plan.limits)
+    goals = [row for name, goal in plan.goals.items() for row in goal_rows(stage, name, goal)]
+    terms = cost_terms(stage, plan.costs)
+    span = plan.span
+    if span is None:
+        duration = (float(plan.duration),) * 3  # type: ignore[arg-type]
+    else:
+        duration = (span.lower, span.upper, span.guess or (span.lower + span.upper) / 2)
+    return Problem(
+        stage=stage,
+        path=tuple(path_rows(stage, plan)),
+        goal=tuple(goals),
+        cost=sum(terms.values(), ca.SX(0)),
+        time_weight=plan.costs.time,
+        lower=lower,
+        upper=upper,
+        duration=duration,
+        fixed=np.concatenate([scene.q, scene.v]),
+        tolerance=plan.tolerance,
+        terms=terms,
+    )

@@ -1,0 +1,155 @@
+"""Values and derivatives of a planning problem's instants: compiled in lanes, or by CasADi's virtual machine."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from optim.planning.stage import Problem
+from spacerobot.arrays import Array
+from spacerobot.compiled import compile_functions, find_toolchain
+from spacerobot.errors import CompileError
+
+Pattern = tuple[Array, Array]
+"""Rows and columns of the entries of a sparse matrix."""
+
+
+@dataclass(frozen=True, eq=False)
+class Instants:
+    """Functions of all instants at once, one column for each, and of the last one.
+
+    Attributes
+    ----------
+    symbolic
+        ``values(z -> F)``, ``slopes(z -> J's entries)`` and ``bends(z, weights -> H's entries)`` of one instant,
+        with F = (q', what is left of the equations of motion, path rows, cost) and H the upper triangle of
+        the second derivatives of weights . F; ``goal...`` the same of the goal rows.
+    slopes, bends, goal_slopes, goal_bends
+        Where the entries stand.
+    call
+        Evaluates one of them for many columns.
+    backend
+        ``compiled`` or ``interpreted``.
+    """
+
+    symbolic: Mapping[str, ca.Function]
+    slopes: Pattern
+    bends: Pattern
+    goal_slopes: Pattern
+    goal_bends: Pattern
+    call: Callable[..., Array]
+    backend: str
+
+
+def build_instants(problem: Problem, backend: str = "auto") -> Instants:
+    """Functions of a problem.
+
+    Parameters
+    ----------
+    problem
+        What they are of.
+    backend
+        ``auto``, ``compiled`` or ``interpreted``.
+
+    Raises
+    ------
+    CompileError
+        If ``compiled`` cannot be had.
+    """
+    stage = problem.stage
+    rows = ca.vertcat(stage.rate, stage.balance, *(row.value for row in problem.path), problem.cost)
+    goal = ca.vertcat(*(row.value for row in problem.goal))
+    functions: dict[str, ca.Function] = {}
+    patterns = []
+    for prefix, expression in (("", rows), ("goal_", goal)):
+        found, where = _derived(stage.z, ca.densify(expression), prefix)
+        functions |= found
+        patterns += where
+    call, used = _caller(functions, backend)
+    return Instants(functions, *patterns, call, used)
+
+
+def _derived(z: ca.SX, rows: ca.SX, prefix: str) -> tuple[dict[str, ca.Function], list[Pattern]]:
+    """Values and first and second derivatives of rows, and where the derivatives' entries stand."""
+    weights = ca.SX.sym("weights", rows.numel())
+    slopes = ca.jacobian(rows, z)
+    bends = ca.triu(ca.hessian(ca.dot(weights, rows), z)[0])
+    functions = {
+        f"{prefix}values": _function(f"{prefix}values", [z], rows),
+        f"{prefix}slopes": _function(f"{prefix}slopes", [z], _entries(slopes)),
+        f"{prefix}bends": _function(f"{prefix}bends", [z, weights], _entries(bends)),
+    }
+    return functions, [_pattern(slopes), _pattern(bends)]
+
+
+def _function(name: str, inputs: list[ca.SX], output: ca.SX) -> ca.Function:
+    names = ["z", "weights"][: len(inputs)]
+    return ca.Function(name, inputs, [ca.densify(output)], names, ["found"], {"cse": True})
+
+
+def _entries(matrix: ca.SX) -> ca.SX:
+    """Entries of a sparse matrix as a dense column."""
+    return ca.vertcat(*matrix.nonzeros()) if matrix.nnz() else ca.SX(0, 1)
+
+
+def _pattern(matrix: ca.SX) -> Pattern:
+    rows, columns = matrix.sparsity().get_triplet()
+    return np.array(rows, dtype=int), np.array(columns, dtype=int)
+
+
+def _caller(functions: Mapping[str, ca.Function], backend: str) -> tuple[Callable[..., Array], str]:
+    """What evaluates the functions for columns (n, N), and how."""
+    toolchain = None if backend == "interpreted" else find_toolchain()
+    if toolchain is not None or backend == "compiled":
+        try:
+            lanes = 1 if toolchain is None else toolchain.lanes
+            used = {name: f for name, f in functions.items() if f.numel_out(0)}
+            library = compile_functions(used, lanes=lanes, toolchain=toolchain)
+        except CompileError:
+            if backend == "compiled":
+                raise
+        else:
+            return _in_lanes(library, functions), "compiled"
+    return _in_turn(functions), "interpreted"
+
+
+def _in_lanes(library: object, functions: Mapping[str, ca.Function]) -> Callable[..., Array]:
+    """Groups of columns as wide as the lanes; the last column fills up the last group."""
+    from spacerobot.compiled import Library
+
+    assert isinstance(library, Library)
+    lanes = library.lanes
+
+    def call(name: str, *given: Array) -> Array:
+        count, size = given[0].shape[1], functions[name].numel_out(0)
+        out = np.empty((size, count))
+        if not size:
+            return out
+        for begin in range(0, count, lanes):
+            end = min(begin + lanes, count)
+            wide = [_filled(array[:, begin:end], lanes) for array in given]
+            out[:, begin:end] = library(name, *wide)[0][:, : end - begin]
+        return out
+
+    return call
+
+
+def _filled(columns: Array, lanes: int) -> Array:
+    """As many columns as there are lanes."""
+    missing = lanes - columns.shape[1]
+    return np.hstack([columns, np.tile(columns[:, -1:], missing)]) if missing else columns
+
+
+def _in_turn(functions: Mapping[str, ca.Function]) -> Callable[..., Array]:
+    mapped: dict[tuple[str, int], ca.Function] = {}
+
+    def call(name: str, *given: Array) -> Array:
+        count = given[0].shape[1]
+        if (name, count) not in mapped:
+            mapped[name, count] = functions[name].map(count)
+        return np.array(mapped[name, count](*given).full()).reshape(-1, count)
+
+    return call

@@ -1,0 +1,81 @@
+"""Lobatto collocation as data: nodes and integration weights on the interval from 0 to 1.
+
+The method Lobatto IIIA with s points: a motion's rates at the nodes make a polynomial of degree s - 1, which is
+integrated exactly. Its order is 2 s - 2; with s = 3 it is Hermite and Simpson's.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.polynomial import polynomial
+
+from spacerobot.arrays import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Lobatto:
+    """Collocation on one interval.
+
+    Attributes
+    ----------
+    nodes
+        Where rates are taken (s,), both ends among them.
+    integral
+        Integral from 0 to each node of the polynomial that is one at another (s, s); its last row holds the
+        weights of the quadrature.
+    """
+
+    nodes: Array
+    integral: Array
+
+    @classmethod
+    def of_order(cls, order: int) -> Lobatto:
+        """Collocation of an even order from 2 on."""
+        points = order // 2 + 1
+        legendre = np.polynomial.Legendre.basis(points - 1)
+        inner = np.sort(legendre.deriv().roots().real) if points > 2 else np.empty(0)
+        nodes = np.concatenate([[0.0], (inner + 1) / 2, [1.0]])
+        basis = _basis(nodes)
+        integral = np.array(
+            [[polynomial.polyval(x, polynomial.polyint(b)) for b in basis] for x in nodes], dtype=float
+        )
+        integral[0] = 0.0
+        for array in (nodes, integral):
+            array.setflags(write=False)
+        return cls(nodes, integral)
+
+    @property
+    def points(self) -> int:
+        """How many nodes, s."""
+        return len(self.nodes)
+
+    @property
+    def weights(self) -> Array:
+        """Weights of the quadrature (s,)."""
+        return np.array(self.integral[-1])
+
+    def times(self, intervals: int, duration_s: float) -> Array:
+        """Times of all points of equal intervals (intervals (s - 1) + 1,) [s]."""
+        inside = (np.arange(intervals)[:, None] + self.nodes[None, :-1]).ravel()
+        return np.append(inside, intervals) * (duration_s / intervals)
+
+    def values_at(self, place: Array) -> Array:
+        """Values at places (n,) in an interval of the polynomials that are one at a node: (n, s)."""
+        basis = _basis(self.nodes)
+        return np.stack([polynomial.polyval(np.asarray(place, dtype=float), b) for b in basis], axis=-1)
+
+    def primitives_at(self, place: Array) -> Array:
+        """Their integrals from 0 to places (n,): (n, s)."""
+        basis = [polynomial.polyint(b) for b in _basis(self.nodes)]
+        return np.stack([polynomial.polyval(np.asarray(place, dtype=float), b) for b in basis], axis=-1)
+
+
+def _basis(nodes: Array) -> list[Array]:
+    """Coefficients of the polynomials that are one at a node and zero at the others, lowest first."""
+    found = []
+    for k, node in enumerate(nodes):
+        others = np.delete(nodes, k)
+        found.append(polynomial.polyfromroots(others) / np.prod(node - others))
+    return found

@@ -1,0 +1,119 @@
+"""A planned motion: instants at the points of a mesh, and the polynomials between them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from optim.planning.lobatto import Lobatto
+from optim.planning.stage import Problem
+from spacerobot.arrays import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """A motion on a mesh of equal intervals.
+
+    Attributes
+    ----------
+    problem
+        What it is a motion of.
+    lobatto, intervals
+        The mesh.
+    duration_s
+        From its beginning to its end [s].
+    z
+        Instants at all points (points, nz): configuration, velocity, acceleration, drive.
+    """
+
+    problem: Problem
+    lobatto: Lobatto
+    intervals: int
+    duration_s: float
+    z: Array
+
+    @property
+    def time(self) -> Array:
+        """Times of the points (points,) [s]."""
+        return self.lobatto.times(self.intervals, self.duration_s)
+
+    @property
+    def q(self) -> Array:
+        """Configurations at the points (points, nq), on their manifold."""
+        return normalised(self.problem.stage.scene.model, self.parts(self.z)[0])
+
+    @property
+    def v(self) -> Array:
+        """Velocities (points, nv)."""
+        return self.parts(self.z)[1]
+
+    @property
+    def a(self) -> Array:
+        """Accelerations (points, nv)."""
+        return self.parts(self.z)[2]
+
+    @property
+    def u(self) -> Array:
+        """What drives it (points, nu) [N m or N]."""
+        return self.parts(self.z)[3]
+
+    @property
+    def unknowns(self) -> Array:
+        """Instants and duration as a program has them."""
+        return np.append(self.z.ravel(), self.duration_s)
+
+    def parts(self, z: Array) -> list[Array]:
+        """Configuration, velocity, acceleration and drive of instants (n, nz)."""
+        model = self.problem.stage.scene.model
+        return np.split(z, [model.nq, model.nq + model.nv, model.nq + 2 * model.nv], axis=1)
+
+    def at(self, intervals: int, place: Array) -> Array:
+        """Instants (intervals len(place), nz) at places in 0 .. 1 of each of so many equal intervals.
+
+        Velocities and configurations are the integrals of the polynomials of their rates, which they equal at
+        the points.
+        """
+        share = ((np.arange(intervals)[:, None] + place) / intervals).ravel() * self.intervals
+        n = np.minimum(share.astype(int), self.intervals - 1)
+        local = share - n
+        of = n[:, None] * (self.lobatto.points - 1) + np.arange(self.lobatto.points)
+        values, primitives = self.lobatto.values_at(local), self.lobatto.primitives_at(local)
+        q, v, a, u = self.parts(self.z)
+        rate = np.array(_rates(self.problem)(self.z.T).full()).T
+        step, first = self.duration_s / self.intervals, of[:, 0]
+        return np.hstack(
+            [
+                q[first] + step * np.einsum("pk,pkx->px", primitives, rate[of]),
+                v[first] + step * np.einsum("pk,pkx->px", primitives, a[of]),
+                np.einsum("pk,pkx->px", values, a[of]),
+                np.einsum("pk,pkx->px", values, u[of]),
+            ]
+        )
+
+    def on(self, lobatto: Lobatto, intervals: int) -> Motion:
+        """The same motion on another mesh."""
+        inner = self.at(intervals, lobatto.nodes[:-1])
+        z = np.vstack([inner, self.at(1, np.array([1.0]))])
+        z[0, : self.problem.fixed.size] = self.problem.fixed
+        return Motion(self.problem, lobatto, intervals, self.duration_s, z)
+
+
+def normalised(model: Any, q: Array) -> Array:
+    """Configurations (n, nq) with unit cosine and sine pairs and unit quaternions."""
+    q = q.copy()
+    for joint in list(model.joints)[1:]:
+        first, size = joint.idx_q, joint.nq - joint.nv
+        if not size:
+            continue
+        pair = slice(first + joint.nq - (4 if joint.nv == 6 else 2), first + joint.nq)
+        q[:, pair] /= np.linalg.norm(q[:, pair], axis=1, keepdims=True)
+    return q
+
+
+def _rates(problem: Problem) -> ca.Function:
+    """Rates of the configuration of instants."""
+    count = ca.Function("rate", [problem.stage.z], [ca.densify(problem.stage.rate)])
+    return count

@@ -1,0 +1,203 @@
+"""What a plan leaves behind: ``plan.nc``, its summary, and the scenario that follows it."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import xarray as xr
+
+import spacerobot
+from optim.planning.make import Planned, statistics
+from optim.plain import plain
+from spacerobot.arrays import Array
+from spacerobot.errors import ResultError
+from spacerobot.files import staged, write_text
+from spacerobot.interrupts import uninterrupted
+from spacerobot.result.store import check_folder
+from spacerobot.scenario import Scenario
+from spacerobot.scenario.load import to_document, to_yaml, validate
+from spacerobot.scene import Scene
+
+PLAN, SUMMARY, FOLLOWED = "plan.nc", "plan.json", "followed.yaml"
+AXES = ["x", "y", "z"]
+GAINS = {"kp": 100.0, "kd": 100.0}
+"""Of the joint PD that follows a plan [N m/rad, N m s/rad], where the scenario has none."""
+
+
+def check_plan_folder(folder: Path) -> None:
+    """Refuse, before any work is done, a folder that cannot be written or holds something else.
+
+    Raises
+    ------
+    ResultError
+        With the reason.
+    """
+    check_folder(folder, SUMMARY)
+
+
+def dataset(planned: Planned) -> xr.Dataset:
+    """A plan as labelled arrays; :mod:`docs/planning.md <optim.planning>` tells what lies between its rows."""
+    motion, scene = planned.motion, planned.scene
+    model, driven = scene.model, motion.problem.stage.driven
+    q, v, a, u = motion.q, motion.v, motion.a, motion.u
+    count = len(driven.joints)
+    columns = list(driven.columns[:count])
+    tips = _tips(scene, q, v)
+    variables: dict[str, Any] = {
+        "q": (("time", "configuration"), q, _told("m, rad or 1", "configuration in Pinocchio's coordinates")),
+        "v": (("time", "velocity"), v, _told("m/s or rad/s", "velocity, of a base in its own axes")),
+        "acceleration": (("time", "velocity"), a, _told("m/s^2 or rad/s^2", "acceleration, likewise")),
+        "torque": (("time", "joint"), u[:, :count], _told("N m or N", "torques and forces of the joints")),
+        "joint_position": (("time", "joint"), _positions(scene, driven.joints, q), _told("rad or m", "positions")),
+        "joint_rate": (("time", "joint"), v[:, columns], _told("rad/s or m/s", "joint rates")),
+        "joint_acceleration": (("time", "joint"), a[:, columns], _told("rad/s^2 or m/s^2", "their rates")),
+    }
+    for name, unit, text in TIP_MOTION:
+        variables[name] = (("time", "tip", "axis"), tips[name], _told(unit, text))
+    if len(driven.names) > count:
+        told = _told("N or N m", "ideal forces and torques on bases, in their own axes")
+        variables["base_wrench"] = (("time", "drive"), u[:, count:], told)
+    coordinates: dict[str, Any] = {
+        "time": ("time", motion.time, {"units": "s", "long_name": "time"}),
+        "configuration": _entries(model, "nq"),
+        "velocity": _entries(model, "nv"),
+        "joint": list(driven.names[:count]),
+        "tip": [tip.label for tip in scene.tips],
+        "axis": AXES,
+    }
+    if len(driven.names) > count:
+        coordinates["drive"] = list(driven.names[count:])
+    return xr.Dataset(variables, coordinates, _attributes(planned))
+
+
+TIP_MOTION = (
+    ("tip_position", "m", "tip positions, world axes"),
+    ("tip_velocity", "m/s", "tip velocities, world axes"),
+    ("tip_rotation", "rad", "rotation vectors of the tips' axes, world axes"),
+    ("tip_spin", "rad/s", "angular velocities of the tips, world axes"),
+)
+
+
+def summary(planned: Planned) -> dict[str, Any]:
+    """What is known of a plan, plain."""
+    motion, verdict = planned.motion, planned.verdict
+    return {
+        "scenario": planned.scene.scenario.name,
+        "duration_s": motion.duration_s,
+        "intervals": motion.intervals,
+        "order": 2 * motion.lobatto.points - 2,
+        "unknowns": len(motion.unknowns),
+        "cost": planned.cost,
+        "terms": dict(planned.terms),
+        "verdict": {
+            "residual": verdict.residual,
+            "replay_error_m": dict(verdict.replay_errors_m),
+            "tolerance_m": verdict.tolerance_m,
+            "violations": [vars(violation) for violation in verdict.violations],
+        },
+        "evaluation": planned.backend,
+        "solves": statistics(planned),
+    }
+
+
+def following(planned: Planned) -> Scenario:
+    """The scenario with robots that follow the plan, for its duration."""
+    document = to_document(planned.scene.scenario)
+    document["plan"] = None
+    document["phases"] = {}
+    document["simulation"]["duration"] = planned.motion.duration_s
+    owners = {name.partition("/")[0] for name in planned.motion.problem.stage.driven.names}
+    for name in owners:
+        robot = document["robots"][name]
+        robot["controllers"] = {"plan": {"kind": "joint_tracking", "file": PLAN, **GAINS}}
+        robot["joint_pd"] = None
+        for tip in robot["tips"].values():
+            tip |= {"pid": None, "amnesia": None, "orientation_pid": None, "orientation_amnesia": None}
+            tip |= {"controllers": {}, "reference": {"kind": "plan", "file": PLAN}}
+    return validate(document)
+
+
+def write(planned: Planned, folder: Path) -> None:
+    """Write a plan; one that is there already is replaced.
+
+    Raises
+    ------
+    ResultError
+        If the folder cannot be written; what was there before is then still there.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with uninterrupted(), staged(folder) as stage:
+            found = dataset(planned)
+            encoding = {str(name): {"zlib": True, "complevel": 1} for name in found.data_vars}
+            found.to_netcdf(stage / PLAN, engine="netcdf4", encoding=encoding)
+            (stage / PLAN).replace(folder / PLAN)
+            text = json.dumps(plain(summary(planned)), indent=1, allow_nan=False)
+            write_text(folder / SUMMARY, text + "\n")
+            write_text(folder / FOLLOWED, to_yaml(following(planned)))
+    except (OSError, RuntimeError) as fault:
+        raise ResultError(f"cannot be written: {fault}", source=folder) from None
+
+
+def _attributes(planned: Planned) -> dict[str, Any]:
+    motion, verdict = planned.motion, planned.verdict
+    text = to_yaml(planned.scene.scenario)
+    return {
+        "scenario": hashlib.sha256(text.encode()).hexdigest(),
+        "spacerobot": spacerobot.__version__,
+        "status": "solved",
+        "interpolation": "lobatto",
+        "points": motion.lobatto.points,
+        "intervals": motion.intervals,
+        "order": 2 * motion.lobatto.points - 2,
+        "duration_s": motion.duration_s,
+        "cost": planned.cost,
+        "residual": verdict.residual,
+        "replay_error_m": verdict.replay_error_m,
+    }
+
+
+def _positions(scene: Scene, joints: tuple[int, ...], q: Array) -> Array:
+    """Positions of joints, unbounded ones unwound (n, joints)."""
+    found = np.empty((len(q), len(joints)))
+    for k, joint in enumerate(joints):
+        own = scene.model.joints[joint]
+        angle = own.nq == 2
+        column = np.unwrap(np.arctan2(q[:, own.idx_q + 1], q[:, own.idx_q])) if angle else q[:, own.idx_q]
+        found[:, k] = column
+    return found
+
+
+def _tips(scene: Scene, q: Array, v: Array) -> dict[str, Array]:
+    """Motion of all tips (n, tips, 3), world axes."""
+    model, data = scene.model, scene.model.createData()
+    found = {name: np.zeros((len(q), len(scene.tips), 3)) for name, _, _ in TIP_MOTION}
+    world = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+    for i, (at, rate) in enumerate(zip(q, v, strict=True)):
+        pin.forwardKinematics(model, data, np.array(at), np.array(rate))
+        pin.updateFramePlacements(model, data)
+        for k, tip in enumerate(scene.tips):
+            motion = pin.getFrameVelocity(model, data, tip.frame, world)
+            found["tip_position"][i, k] = data.oMf[tip.frame].translation
+            found["tip_velocity"][i, k] = motion.linear
+            found["tip_rotation"][i, k] = pin.log3(data.oMf[tip.frame].rotation)
+            found["tip_spin"][i, k] = motion.angular
+    return found
+
+
+def _entries(model: Any, size: str) -> list[str]:
+    """A name for each coordinate of configuration or velocity."""
+    found = []
+    for name, joint in zip(list(model.names)[1:], list(model.joints)[1:], strict=True):
+        count = getattr(joint, size)
+        found += [str(name)] if count == 1 else [f"{name}[{k}]" for k in range(count)]
+    return found
+
+
+def _told(unit: str, text: str) -> dict[str, str]:
+    return {"units": unit, "long_name": text}

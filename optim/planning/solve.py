@@ -1,0 +1,278 @@
+"""A program solved by IPOPT, with exact first and second derivatives."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from scipy import sparse
+
+from optim.planning.program import Program
+from spacerobot.arrays import Array
+
+INFINITE = 1e20
+"""What IPOPT takes for no limit."""
+
+Told = Callable[[int, float, float], None]
+"""Called at each iteration with its number, the cost and the greatest violation."""
+
+
+@dataclass(frozen=True, eq=False)
+class Solved:
+    """Where IPOPT ended.
+
+    Attributes
+    ----------
+    w
+        Unknowns.
+    multipliers, bound_multipliers
+        Of the constraints and of the limits of the unknowns, positive where an upper one holds.
+    status
+        IPOPT's word for it.
+    converged
+        Whether it is a solution by IPOPT's judgement.
+    iterations, evaluations_s, seconds
+        Its steps, time [s] spent in the problem's functions and altogether.
+    """
+
+    w: Array
+    multipliers: Array
+    bound_multipliers: Array
+    status: str
+    converged: bool
+    iterations: int
+    evaluations_s: float
+    seconds: float
+
+
+def solve(
+    program: Program,
+    first: Array,
+    warm: Solved | None = None,
+    *,
+    scale: float = 1.0,
+    iterations: int = 500,
+    told: Told | None = None,
+) -> Solved:
+    """Solve a program.
+
+    Parameters
+    ----------
+    program
+        What is solved.
+    first
+        Unknowns to begin with.
+    warm
+        A solution of this program, or one brought to its mesh, whose multipliers are near.
+    scale
+        Size of the cost: residuals are taken relative to it.
+    iterations
+        At most.
+    told
+        Called at each iteration.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        If Ctrl-C came meanwhile.
+    """
+    begin = time.perf_counter()
+    bridge = _Bridge(program)
+    watch = _Watch(program, bridge, told)
+    options = {
+        "grad_f": bridge.gradient,
+        "jac_g": bridge.jacobian,
+        "hess_lag": bridge.hessian,
+        "iteration_callback": watch,
+        "no_nlp_grad": True,
+        "print_time": False,
+        "ipopt": _options(iterations, scale, warm is not None),
+    }
+    solver = ca.nlpsol("plan", "ipopt", bridge.problem, options)
+    (low, high), (least, greatest) = program.bounds(), program.limits()
+    given: dict[str, Any] = {"x0": first, "lbx": low, "ubx": high, "lbg": least, "ubg": greatest}
+    if warm is not None:
+        given |= {"lam_g0": warm.multipliers, "lam_x0": warm.bound_multipliers}
+    found = solver(**given)
+    if bridge.interrupted:
+        raise KeyboardInterrupt
+    if bridge.fault is not None:
+        raise bridge.fault
+    stats = solver.stats()
+    return Solved(
+        np.array(found["x"]).ravel(),
+        np.array(found["lam_g"]).ravel(),
+        np.array(found["lam_x"]).ravel(),
+        str(stats["return_status"]),
+        bool(stats["success"]),
+        int(stats["iter_count"]),
+        bridge.seconds,
+        time.perf_counter() - begin,
+    )
+
+
+def _options(iterations: int, scale: float, warm: bool) -> dict[str, Any]:
+    options: dict[str, Any] = {
+        "print_level": 0,
+        "sb": "yes",
+        "linear_solver": "mumps",
+        "mumps_mem_percent": 200,
+        "max_iter": iterations,
+        "tol": 1e-8,
+        "obj_scaling_factor": 1 / scale,
+        "constr_viol_tol": 1e-9,
+        "acceptable_iter": 0,
+        "mu_strategy": "monotone",
+        "honor_original_bounds": "yes",
+    }
+    if warm:
+        options |= {
+            "warm_start_init_point": "yes",
+            "mu_init": 1e-6,
+            "warm_start_bound_push": 1e-8,
+            "warm_start_bound_frac": 1e-8,
+            "warm_start_slack_bound_push": 1e-8,
+            "warm_start_slack_bound_frac": 1e-8,
+            "warm_start_mult_bound_push": 1e-8,
+            "mu_strategy": "monotone",
+        }
+    return options
+
+
+class _Bridge:
+    """A program as the functions that CasADi's interface to IPOPT asks for."""
+
+    def __init__(self, program: Program) -> None:
+        self.interrupted, self.seconds = False, 0.0
+        self.fault: Exception | None = None
+        n, m = program.size, program.rows
+        x, p = ca.Sparsity.dense(n), ca.Sparsity(0, 0)
+        one, g = ca.Sparsity.dense(1), ca.Sparsity.dense(m)
+        jacobian, hessian = _sparsity(program.jacobian_pattern), _sparsity(program.hessian_pattern)
+
+        def both(w: Array) -> list[Any]:
+            return [program.objective(w), program.constraints(w)]
+
+        def gradient(w: Array) -> list[Any]:
+            return [program.objective(w), program.gradient(w)]
+
+        def slopes(w: Array) -> list[Any]:
+            return [program.constraints(w), ca.DM(jacobian, program.jacobian(w))]
+
+        def bends(w: Array, factor: Array, multipliers: Array) -> list[Any]:
+            return [ca.DM(hessian, program.hessian(w, float(factor[0]), multipliers))]
+
+        self.problem = _Called(self, "nlp", both, {"x": x, "p": p}, {"f": one, "g": g})
+        self.gradient = _Called(self, "nlp_grad_f", gradient, {"x": x, "p": p}, {"f": one, "grad_f_x": x})
+        self.jacobian = _Called(self, "nlp_jac_g", slopes, {"x": x, "p": p}, {"g": g, "jac_g_x": jacobian})
+        self.hessian = _Called(
+            self,
+            "nlp_hess_l",
+            bends,
+            {"x": x, "p": p, "lam_f": one, "lam_g": g},
+            {"triu_hess_gamma_x_x": hessian},
+        )
+
+
+class _Called(ca.Callback):  # type: ignore[misc]
+    """A Python function of arrays as a CasADi function; Ctrl-C and faults end the solver and are kept."""
+
+    def __init__(
+        self,
+        bridge: _Bridge,
+        name: str,
+        function: Callable[..., list[Any]],
+        inputs: dict[str, ca.Sparsity],
+        outputs: dict[str, ca.Sparsity],
+    ) -> None:
+        ca.Callback.__init__(self)
+        self._bridge, self._function = bridge, function
+        self._inputs, self._outputs = inputs, outputs
+        self.construct(name, {})
+
+    def get_n_in(self) -> int:
+        """How many inputs."""
+        return len(self._inputs)
+
+    def get_n_out(self) -> int:
+        """How many outputs."""
+        return len(self._outputs)
+
+    def get_name_in(self, i: int) -> str:
+        """Name of an input."""
+        return list(self._inputs)[i]
+
+    def get_name_out(self, i: int) -> str:
+        """Name of an output."""
+        return list(self._outputs)[i]
+
+    def get_sparsity_in(self, i: int) -> ca.Sparsity:
+        """Where an input has entries."""
+        return list(self._inputs.values())[i]
+
+    def get_sparsity_out(self, i: int) -> ca.Sparsity:
+        """Where an output has entries."""
+        return list(self._outputs.values())[i]
+
+    def eval(self, given: list[ca.DM]) -> list[Any]:
+        """Evaluate."""
+        begin = time.perf_counter()
+        try:
+            arrays = [np.array(value.nonzeros()) for k, value in enumerate(given) if k != 1]
+            return self._function(*arrays)
+        except KeyboardInterrupt:
+            self._bridge.interrupted = True
+        except Exception as fault:  # noqa: BLE001 (raised again behind the solver, which would hide it)
+            self._bridge.fault = fault
+        finally:
+            self._bridge.seconds += time.perf_counter() - begin
+        return [ca.DM(sparsity, np.nan) for sparsity in self._outputs.values()]
+
+
+class _Watch(ca.Callback):  # type: ignore[misc]
+    """Tells of each iteration, and ends the solver where it was interrupted."""
+
+    def __init__(self, program: Program, bridge: _Bridge, told: Told | None) -> None:
+        ca.Callback.__init__(self)
+        self._bridge, self._told, self._count = bridge, told, -1
+        self._sizes = {"x": program.size, "f": 1, "g": program.rows, "lam_x": program.size}
+        self._sizes |= {"lam_g": program.rows, "lam_p": 0}
+        self._limits = program.limits()
+        self.construct("watch", {})
+
+    def get_n_in(self) -> int:
+        """What a solver gives."""
+        return int(ca.nlpsol_n_out())
+
+    def get_n_out(self) -> int:
+        """Whether to end."""
+        return 1
+
+    def get_name_in(self, i: int) -> str:
+        """Name of what it gives."""
+        return str(ca.nlpsol_out(i))
+
+    def get_sparsity_in(self, i: int) -> ca.Sparsity:
+        """Length of what it gives."""
+        size = self._sizes[ca.nlpsol_out(i)]
+        return ca.Sparsity.dense(size) if size else ca.Sparsity(0, 0)
+
+    def eval(self, given: list[ca.DM]) -> list[Any]:
+        """Tell."""
+        try:
+            self._count += 1
+            if self._told is not None:
+                g = np.array(given[2].nonzeros())
+                over = np.maximum(self._limits[0] - g, g - self._limits[1])
+                self._told(self._count, float(given[1]), max(float(over.max(initial=0.0)), 0.0))
+        except KeyboardInterrupt:
+            self._bridge.interrupted = True
+        return [int(self._bridge.interrupted or self._bridge.fault is not None)]
+
+
+def _sparsity(pattern: sparse.csc_matrix) -> ca.Sparsity:
+    return ca.Sparsity(*pattern.shape, pattern.indptr.tolist(), pattern.indices.tolist())

@@ -1,0 +1,190 @@
+"""One instant of a motion as expressions: what it is made of, how it moves, what must hold, what it costs.
+
+An instant is z = (q, v, a, u): Pinocchio's configuration and velocity of the whole scene, acceleration, and what
+drives it. Accelerations are unknowns, so that the mechanics enter by inverse dynamics, whose derivatives are a
+tenth as long as those of forward dynamics:
+
+    M(q) a + h(q, v) + R v = B u.
+
+Rows in which B is zero are a floating base on which nothing acts, and the free target.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import casadi as ca
+import numpy as np
+
+from spacerobot.arrays import Array
+from spacerobot.dynamics import (
+    Inertias,
+    Kinematics,
+    configuration_derivative,
+    forward_kinematics,
+    frame_placement,
+    frame_velocity,
+    inverse_dynamics,
+    rotation_log,
+)
+from spacerobot.dynamics.joints import sparse
+from spacerobot.scene import Scene
+
+
+@dataclass(frozen=True, eq=False)
+class Driven:
+    """What drives a scene: generalized forces on some velocities.
+
+    Attributes
+    ----------
+    names
+        Of joints (robot/joint) and of axes of driven bases, one for each entry of u.
+    columns
+        Velocity of each.
+    limits
+        Greatest magnitude of each [N m or N]; infinite where there is none.
+    joints
+        Ids in the model of the joints among them, which come first.
+    """
+
+    names: tuple[str, ...]
+    columns: tuple[int, ...]
+    limits: Array
+    joints: tuple[int, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """A scene at one instant.
+
+    Attributes
+    ----------
+    scene, driven
+        The scene, and what drives it.
+    q, v, a, u
+        Symbols (nq, nv, nv, nu).
+    kinematics
+        At (q, v).
+    """
+
+    scene: Scene
+    driven: Driven
+    q: ca.SX
+    v: ca.SX
+    a: ca.SX
+    u: ca.SX
+    kinematics: Kinematics
+
+    @classmethod
+    def of(cls, scene: Scene, driven: Driven) -> Stage:
+        """Symbols of a scene."""
+        model = scene.model
+        q, v, a = (ca.SX.sym(n, size) for n, size in (("q", model.nq), ("v", model.nv), ("a", model.nv)))
+        u = ca.SX.sym("u", len(driven.columns))
+        return cls(scene, driven, q, v, a, u, forward_kinematics(model, q, v))
+
+    @property
+    def z(self) -> ca.SX:
+        """The instant (nz x 1)."""
+        return ca.vertcat(self.q, self.v, self.a, self.u)
+
+    @property
+    def rate(self) -> ca.SX:
+        """q' (nq x 1)."""
+        return configuration_derivative(self.scene.model, self.q, self.v)
+
+    @property
+    def balance(self) -> ca.SX:
+        """What is left of the equations of motion (nv x 1) [N, N m]."""
+        model = self.scene.model
+        force = inverse_dynamics(model, self.kinematics, Inertias.from_model(model), self.a)
+        force = force + sparse(np.asarray(model.damping)) * self.v
+        for k, column in enumerate(self.driven.columns):
+            force[column] -= self.u[k]
+        return force
+
+    def placement(self, frame: int) -> tuple[ca.SX, ca.SX]:
+        """Rotation (3x3) and origin (3x1) [m] of a frame."""
+        return frame_placement(self.scene.model, self.kinematics, frame)
+
+    def velocity(self, frame: int) -> tuple[ca.SX, ca.SX]:
+        """Linear and angular velocity of a frame's origin (3x1 each) [m/s, rad/s]."""
+        return frame_velocity(self.scene.model, self.kinematics, frame)
+
+    def turned(self, wanted: ca.SX, found: ca.SX) -> ca.SX:
+        """Rotation vector from one orientation to another (3x1, or about z alone in a plane) [rad]."""
+        relative = ca.mtimes(wanted.T, found)
+        if self.scene.planar:
+            return ca.atan2(relative[1, 0], relative[0, 0])
+        return rotation_log(relative)
+
+
+@dataclass(frozen=True, eq=False)
+class Row:
+    """Something that must stay between limits.
+
+    Attributes
+    ----------
+    name
+        What a user calls it.
+    unit
+        Of its values times its scale.
+    value
+        Expression (1x1).
+    lower, upper
+        Limits.
+    last
+        Part of the duration, at its end, for which it must hold.
+    scale
+        What a violation of one means in that unit.
+    """
+
+    name: str
+    unit: str
+    value: ca.SX
+    lower: float = -np.inf
+    upper: float = np.inf
+    last: float = 1.0
+    scale: float = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """A planning problem over a scene, before it is cut into intervals.
+
+    Attributes
+    ----------
+    stage
+        One instant.
+    path
+        What must hold at all instants, besides the limits of z.
+    goal
+        What must hold at the last one.
+    cost
+        Integrand of the cost (1x1) [1/s].
+    time_weight
+        Cost of the duration [1/s].
+    lower, upper
+        Limits of z (nz,).
+    duration
+        Least, greatest and first guess of the duration [s].
+    fixed
+        Where the motion begins: q and v (nq + nv,).
+    tolerance
+        Greatest replay error of a tip [m].
+    terms
+        Parts of the integrand by name.
+    """
+
+    stage: Stage
+    path: tuple[Row, ...]
+    goal: tuple[Row, ...]
+    cost: ca.SX
+    time_weight: float
+    lower: Array
+    upper: Array
+    duration: tuple[float, float, float]
+    fixed: Array
+    tolerance: float
+    terms: Mapping[str, ca.SX] = field(default_factory=dict)

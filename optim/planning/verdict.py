@@ -1,0 +1,185 @@
+"""Whether a plan may be trusted: judged anew, whatever the solver said of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from optim.planning.functions import build_instants
+from optim.planning.motion import Motion
+from optim.planning.program import Program
+from optim.planning.replay import replay, tip_errors
+from optim.planning.solve import Solved
+from spacerobot.arrays import Array
+
+RESIDUAL = 1e-6
+"""Greatest residual of the first-order conditions."""
+FINER = 10
+"""Instants that are looked at for each interval."""
+RELATIVE = 1e-3
+"""Violation allowed between the points, of a limit's size."""
+ABSOLUTE = 1e-4
+"""[m, rad] Violation allowed where a limit has no size."""
+
+
+@dataclass(frozen=True)
+class Violation:
+    """How far a limit is passed, at most.
+
+    Attributes
+    ----------
+    name, unit
+        What, and the unit of the amounts.
+    amount, allowed
+        By how much it is passed, and by how much it may be.
+    time_s
+        When [s].
+    """
+
+    name: str
+    unit: str
+    amount: float
+    allowed: float
+    time_s: float
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What is known of a plan.
+
+    Attributes
+    ----------
+    residual
+        Of the first-order conditions, relative to the cost.
+    violations
+        Of each limit that is passed between the points, the greatest first.
+    replay_errors_m
+        Greatest distance of each tip from the plan when its torques are replayed [m].
+    tolerance_m
+        What is allowed of these.
+    """
+
+    residual: float
+    violations: tuple[Violation, ...]
+    replay_errors_m: Mapping[str, float]
+    tolerance_m: float
+
+    @property
+    def replay_error_m(self) -> float:
+        """The greatest replay error [m]."""
+        return max(self.replay_errors_m.values(), default=0.0)
+
+    @property
+    def fine_enough(self) -> bool:
+        """Whether a finer mesh is not needed."""
+        return self.replay_error_m <= self.tolerance_m and not self.passed
+
+    @property
+    def passed(self) -> tuple[Violation, ...]:
+        """Violations that are too great."""
+        return tuple(v for v in self.violations if v.amount > v.allowed)
+
+    def faults(self) -> list[str]:
+        """Why the plan is refused, a clause each; none where it is not."""
+        found = []
+        if not self.residual <= RESIDUAL:
+            found.append(f"the first-order residual is {self.residual:.1e}, allowed {RESIDUAL:g}")
+        if not self.replay_error_m <= self.tolerance_m:
+            label = max(self.replay_errors_m, key=lambda tip: self.replay_errors_m[tip])
+            found.append(
+                f"replayed, {label} ends up to {self.replay_error_m:.1e} m off the plan, allowed "
+                f"{self.tolerance_m:g} m"
+            )
+        found += [
+            f"{v.name} is passed by {v.amount:.3g} {v.unit} at {v.time_s:.3g} s, allowed {v.allowed:.3g}"
+            for v in self.passed[:3]
+        ]
+        return found
+
+
+def judge(motion: Motion, solved: Solved, scale: float) -> Verdict:
+    """Verdict on a motion and the multipliers found with it.
+
+    Parameters
+    ----------
+    motion, solved
+        The motion, and where the solver ended.
+    scale
+        Cost that the residual is taken relative to.
+    """
+    problem = motion.problem
+    program = Program(problem, build_instants(problem, "interpreted"), motion.lobatto, motion.intervals)
+    errors = {label: float(found.max()) for label, found in tip_errors(motion, replay(motion)).items()}
+    violations = sorted(between_points(motion), key=lambda v: -v.amount / v.allowed)
+    tolerance = problem.tolerance
+    return Verdict(residual(program, solved, scale), tuple(violations), errors, tolerance)
+
+
+def residual(program: Program, solved: Solved, scale: float) -> float:
+    """Greatest residual of the first-order conditions: stationarity and complementarity relative to a cost,
+    and the constraints' violation.
+
+    Limits of the unknowns need no multipliers: a step along the Lagrangian's descent that the limits cut off
+    must have no length.
+    """
+    w, multipliers = solved.w, solved.multipliers
+    jacobian = program.jacobian_pattern.copy()
+    jacobian.data = program.jacobian(w)
+    slope = (program.gradient(w) + jacobian.T @ multipliers) / scale
+    low, high = program.bounds()
+    stationary = w - np.clip(w - slope, low, high)
+    g, (least, greatest) = program.constraints(w), program.limits()
+    feasible = np.maximum(least - g, g - greatest)
+    one_sided = least < greatest
+    complementary = (g - np.clip(g + multipliers / scale, least, greatest))[one_sided]
+    parts = (np.abs(stationary), feasible, np.abs(complementary))
+    return float(max(np.max(part, initial=0.0) for part in parts))
+
+
+def between_points(motion: Motion) -> Iterator[Violation]:
+    """How far each limit is passed on a grid ten times finer than the intervals."""
+    problem = motion.problem
+    places = np.arange(FINER) / FINER
+    z = np.vstack([motion.at(motion.intervals, places), motion.z[-1:]])
+    time = np.append(
+        ((np.arange(motion.intervals)[:, None] + places) * motion.duration_s / motion.intervals).ravel(),
+        motion.duration_s,
+    )
+    names = _limit_names(motion)
+    for k, (name, unit) in names.items():
+        size = np.nanmax(np.abs([x for x in (problem.lower[k], problem.upper[k]) if np.isfinite(x)]), initial=0.0)
+        yield from _worst(name, unit, z[:, k], (problem.lower[k], problem.upper[k]), time, RELATIVE * float(size))
+    if problem.path:
+        rows = ca.densify(ca.vertcat(*(row.value for row in problem.path)))
+        values = np.array(ca.Function("path", [problem.stage.z], [rows])(z.T).full())
+        for row, found in zip(problem.path, values, strict=True):
+            held = time >= (1 - row.last) * motion.duration_s - 1e-12
+            limits = (row.lower * row.scale, row.upper * row.scale)
+            yield from _worst(row.name, row.unit, found[held] * row.scale, limits, time[held], ABSOLUTE)
+
+
+def _worst(
+    name: str, unit: str, values: Array, limits: tuple[float, float], time: Array, allowed: float
+) -> Iterator[Violation]:
+    over = np.maximum(limits[0] - values, values - limits[1])
+    at = int(np.argmax(over))
+    if over[at] > 0:
+        yield Violation(name, unit, float(over[at]), max(allowed, 1e-12), float(time[at]))
+
+
+def _limit_names(motion: Motion) -> Mapping[int, tuple[str, str]]:
+    """What a user calls each entry of an instant that has a limit, and its unit."""
+    stage, problem = motion.problem.stage, motion.problem
+    model, found = stage.scene.model, {}
+    for joint in stage.driven.joints:
+        own = model.joints[joint]
+        if own.nq == 1:
+            found[own.idx_q] = (f"range of {model.names[joint]}", "rad or m")
+        found[model.nq + own.idx_v] = (f"rate of {model.names[joint]}", "rad/s or m/s")
+    first = model.nq + 2 * model.nv
+    for k, name in enumerate(stage.driven.names):
+        found[first + k] = (f"torque of {name}", "N m or N")
+    return {k: v for k, v in found.items() if np.isfinite([problem.lower[k], problem.upper[k]]).any()}

@@ -1,0 +1,214 @@
+"""The planning problem: what a motion shall come to, what is small on the way, and what must hold."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field, model_validator
+
+from spacerobot.elements.contact import Wrap
+from spacerobot.section import Name, Section, Vector, quantity
+
+Source = Literal["position", "rate", "torque"]
+
+
+class Span(Section):
+    """A time that is free between two limits."""
+
+    lower: float = quantity("s", "least", gt=0)
+    upper: float = quantity("s", "greatest", gt=0, le=1e5)
+    guess: float | None = quantity("s", "where the search begins; halfway if not given", default=None, gt=0)
+
+    @model_validator(mode="after")
+    def _check(self) -> Span:
+        if not self.lower < self.upper:
+            raise ValueError(f"lower must be below upper, found {self.lower:g} and {self.upper:g}")
+        if self.guess is not None and not self.lower <= self.guess <= self.upper:
+            raise ValueError(f"guess: found {self.guess:g}, allowed: {self.lower:g} to {self.upper:g}")
+        return self
+
+
+class End(Section):
+    """Where one joint shall be at the end."""
+
+    angle_deg: float | None = quantity("deg", "of a revolute or continuous joint", default=None)
+    offset: float | None = quantity("m", "of a prismatic joint", default=None)
+
+    @model_validator(mode="after")
+    def _check(self) -> End:
+        if (self.angle_deg is None) == (self.offset is None):
+            raise ValueError("give either `angle_deg` or `offset`")
+        return self
+
+
+class Goal(Section):
+    """What holds at the end: a tip mated with a moving frame, a tip somewhere in the world, or a posture."""
+
+    tip: str | None = Field(default=None, description="which tip, as robot/tip")
+    frame: str | None = Field(
+        default=None, description="mating frame, a link of the target's URDF: pose and motion are matched"
+    )
+    standoff: float = quantity("m", "distance before the mating frame, against `axis`", default=0.0, ge=0)
+    axis: Vector = quantity("1", "direction of approach in the mating frame", default=(1.0, 0.0, 0.0))
+    mated_deg: Vector = quantity(
+        "deg", "roll, pitch, yaw of the tip in the mating frame where mated", default=(0.0, 0.0, 0.0)
+    )
+    closing_speed: float = quantity(
+        "m/s", "speed along `axis` relative to the mating frame", default=0.0, ge=0
+    )
+    position: Vector | None = quantity("m", "of the tip at the end, world axes", default=None)
+    rotation_deg: Vector | None = quantity(
+        "deg", "roll, pitch, yaw of the tip at the end, world axes; free if not given", default=None
+    )
+    orientation: bool = Field(
+        default=True, description="with `frame`: whether orientation and spin are matched too"
+    )
+    robot: Name | None = Field(default=None, description="robot whose joints come to `joints`")
+    joints: dict[str, End] = Field(
+        default={}, description="where joints are at the end, by name; `*` stands for any letters"
+    )
+    rest: bool | None = Field(
+        default=None,
+        description="whether the robot's joints are at rest at the end; if not given they are, but for `frame`",
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> Goal:
+        given = [key for key in ("frame", "position", "joints") if getattr(self, key)]
+        if len(given) != 1:
+            found = ", ".join(given) or "none"
+            raise ValueError(f"found {found}, allowed: one of frame, position, joints")
+        if (self.tip is None) == (not self.joints):
+            raise ValueError("`frame` and `position` take a `tip`, `joints` take a `robot` instead")
+        if (self.robot is None) == bool(self.joints):
+            raise ValueError("`joints` take a `robot`, and nothing else does")
+        if not any(self.axis):
+            raise ValueError("axis: found 0 0 0, allowed: a direction")
+        return self
+
+    @property
+    def rests(self) -> bool:
+        """Whether the robot's joints are at rest at the end."""
+        return self.frame is None if self.rest is None else self.rest
+
+
+class Costs(Section):
+    """What is to become small: a sum of these, each with its weight."""
+
+    torque: float = quantity(
+        "1/(N^2 m^2 s)", "weight of the integral of squared joint torques and forces", default=0.0, ge=0
+    )
+    joint_rate: float = quantity(
+        "s/rad^2", "weight of the integral of squared joint rates and speeds", default=0.0, ge=0
+    )
+    base_rotation: float = quantity(
+        "1/(rad^2 s)",
+        "weight of the integral of the robots' squared base rotations since the start",
+        default=0.0,
+        ge=0,
+    )
+    base_translation: float = quantity(
+        "1/(m^2 s)",
+        "weight of the integral of the robots' squared base displacements since the start",
+        default=0.0,
+        ge=0,
+    )
+    base_wrench: float = quantity(
+        "1/(N^2 s)",
+        "weight of the integral of squared forces [N] and torques [N m] on the bases",
+        default=0.0,
+        ge=0,
+    )
+    time: float = quantity("1/s", "weight of the duration", default=0.0, ge=0)
+
+    @model_validator(mode="after")
+    def _check(self) -> Costs:
+        if not any(weight for _, weight in self):
+            names = ", ".join(type(self).model_fields)
+            raise ValueError(f"nothing is to become small; give one of {names} a weight above 0")
+        return self
+
+
+class Bounds(Section):
+    """What must hold at all times; ranges, rates and efforts of the URDFs do where they are given there."""
+
+    urdf: tuple[Source, ...] = Field(
+        default=(), description="limits that every planned joint must have in its URDF"
+    )
+    joint_rate_deg: float | None = quantity(
+        "deg/s", "greatest rate of any revolute or continuous joint", default=None, gt=0
+    )
+    joint_speed: float | None = quantity("m/s", "greatest speed of any prismatic joint", default=None, gt=0)
+    torque: float | None = quantity("N m or N", "greatest torque or force of any joint", default=None, gt=0)
+    base_rotation_deg: float | None = quantity(
+        "deg", "greatest rotation of any robot's base since the start", default=None, gt=0, lt=180
+    )
+    base_translation: float | None = quantity(
+        "m", "greatest displacement of any robot's base since the start", default=None, gt=0
+    )
+    base_force: float = quantity(
+        "N", "greatest force along each axis that drives a floating base, by an ideal actuator",
+        default=0.0, ge=0,
+    )
+    base_torque: float = quantity("N m", "greatest torque about each axis, likewise", default=0.0, ge=0)
+
+
+class KeepOut(Section):
+    """Two shapes, or groups of them, that stay apart."""
+
+    between: tuple[str, str] = Field(
+        description="the two, each the name of a pad, or robot/link or target/link for all collision shapes "
+        "of a link; `*` in a link's name stands for any letters"
+    )
+    distance: float = quantity("m", "least distance", default=0.0, ge=0)
+    wrap: Wrap | None = Field(
+        default=None, description="shape of the same extents that stands in for meshes and cylinders"
+    )
+
+
+class Cone(Section):
+    """A tip that comes to a mating frame inside a cone about its axis of approach."""
+
+    tip: str = Field(description="which tip, as robot/tip")
+    frame: str = Field(description="mating frame, a link of the target's URDF")
+    axis: Vector = quantity("1", "direction of approach in the mating frame", default=(1.0, 0.0, 0.0))
+    half_angle_deg: float = quantity("deg", "between its axis and its surface", gt=0, lt=90)
+    radius: float = quantity("m", "of its cut in the mating frame's plane", default=0.01, gt=0)
+    last: float = quantity("1", "part of the duration, at its end, for which it holds", default=0.2, gt=0, le=1)
+
+
+class Plan(Section):
+    """The planning problem, and how well it is to be solved."""
+
+    duration: float | Span = Field(description="duration [s], or the limits between which it is free")
+    goals: dict[Name, Goal] = Field(min_length=1, description="what holds at the end, by name")
+    costs: Costs = Field(description="what is to become small")
+    limits: Bounds = Field(default=Bounds(), description="what must hold at all times")
+    keep_out: dict[Name, KeepOut] = Field(default={}, description="what stays apart, by name")
+    cones: dict[Name, Cone] = Field(default={}, description="approach cones, by name")
+    intervals: int = Field(default=16, ge=2, le=2000, description="intervals of the first mesh")
+    most_intervals: int = Field(default=256, ge=2, le=4000, description="intervals of the finest mesh allowed")
+    order: Literal[4, 6, 8] = Field(
+        default=6, description="order of the collocation: 4 is Hermite and Simpson's, 6 and 8 go on from it"
+    )
+    tolerance: float = quantity(
+        "m", "greatest error of a tip when the plan's torques are replayed", default=1e-5, gt=0
+    )
+    starts: int = Field(default=1, ge=1, le=1000, description="from how many guesses the search begins")
+    iterations: int = Field(default=500, ge=1, description="of one search, at most")
+    seed: int = Field(default=0, ge=0, description="everything random follows from it")
+
+    @model_validator(mode="after")
+    def _check(self) -> Plan:
+        if self.most_intervals < self.intervals:
+            raise ValueError(
+                f"most_intervals: found {self.most_intervals}, allowed: at least `intervals`, {self.intervals}"
+            )
+        if not isinstance(self.duration, Span) and not 0 < self.duration <= 1e5:
+            raise ValueError(f"duration: found {self.duration:g}, allowed: above 0, at most 1e5 s")
+        return self
+
+    @property
+    def span(self) -> Span | None:
+        """Limits of a free duration."""
+        return self.duration if isinstance(self.duration, Span) else None
