@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import casadi as ca
 import numpy as np
 import pinocchio as pin
@@ -10,6 +12,7 @@ from optim.planning.guess import drift
 from optim.planning.limits import urdf_joint
 from optim.planning.lobatto import Lobatto
 from optim.planning.stage import Problem
+from spacerobot.arrays import Array
 from spacerobot.errors import ScenarioError
 from spacerobot.scenario.plan import Goal, Plan
 from spacerobot.scene.reach import reach
@@ -40,8 +43,8 @@ def check_start(problem: Problem) -> None:
             least, greatest = problem.lower[place], problem.upper[place]
             if not least - SLACK <= problem.fixed[place] <= greatest + SLACK:
                 raise ScenarioError(
-                    f"the start violates a limit: the {what} of {name} is {problem.fixed[place]:.4g}, allowed "
-                    f"{least:.4g} to {greatest:.4g} {unit}; begin elsewhere or change the limit",
+                    f"the start violates a limit: the {what} of {name} is {problem.fixed[place]:.4g}, "
+                    f"allowed {least:.4g} to {greatest:.4g} {unit}; begin elsewhere or change the limit",
                     source=scene.source,
                     where="plan",
                 )
@@ -55,8 +58,8 @@ def check_start(problem: Problem) -> None:
         if not row.lower - SLACK <= value <= row.upper + SLACK:
             over = max(row.lower - value, value - row.upper) * row.scale
             raise ScenarioError(
-                f"the start violates a limit: {row.name} is passed by {over:.4g} {row.unit}; begin elsewhere or "
-                "change the limit",
+                f"the start violates a limit: {row.name} is passed by {over:.4g} {row.unit}; begin elsewhere "
+                "or change the limit",
                 source=scene.source,
                 where="plan",
             )
@@ -65,34 +68,32 @@ def check_start(problem: Problem) -> None:
 def check_reach(problem: Problem, plan: Plan, tips: dict[str, SceneTip]) -> None:
     """Refuse a goal farther from a robot's centre of mass than its tip can ever be.
 
-    The centre of mass of a floating robot that nothing drives moves uniformly. Its base is never farther from it
-    than the arm is long times the arm's part of the mass, so the bound needs no solver.
+    The centre of mass of a floating robot that nothing drives moves uniformly, and its base is never far from
+    it, so that the bound needs no solver.
 
     Raises
     ------
     ScenarioError
         With both distances.
     """
-    if any(plan.limits.base_force for _ in (0,)):
+    if plan.limits.base_force:
         return
     scene = problem.stage.scene
     least, greatest, _ = problem.duration
-    lobatto = Lobatto.of_order(2)
     data = scene.model.createData()
+    qs = drift(problem, Lobatto.of_order(2), INSTANTS, greatest)[0][int(INSTANTS * least / greatest) :]
     for name, goal in plan.goals.items():
-        if goal.joints or goal.tip is None:
+        if goal.tip is None:
             continue
-        tip = tips[goal.tip]
-        qs, vs = drift(problem, lobatto, INSTANTS, greatest)
-        first = int(INSTANTS * least / greatest)
-        nearest = np.inf
+        tip, nearest = tips[goal.tip], np.inf
         allowed = _greatest_distance(problem, tip)
-        for q, v in zip(qs[first:], vs[first:], strict=True):
+        for q in qs:
             pin.framesForwardKinematics(scene.model, data, q)
-            nearest = min(nearest, float(np.linalg.norm(_place(problem, goal, data) - _centre(problem, tip, data, q, v))))
+            away = _place(problem, goal, data) - _centre(problem, tip, data, q)
+            nearest = min(nearest, float(np.linalg.norm(away)))
         if nearest > allowed * (1 + 1e-6):
             raise ScenarioError(
-                f"out of reach: at its nearest the goal is {nearest:.4g} m from the centre of {tip.body.name}'s "
+                f"out of reach: at its nearest the goal is {nearest:.4g} m from {tip.body.name}'s centre of "
                 f"mass, and {tip.label} is never more than {allowed:.4g} m from it",
                 source=scene.source,
                 where=f"plan.goals.{name}",
@@ -110,7 +111,9 @@ def _greatest_distance(problem: Problem, tip: SceneTip) -> float:
     for joint in tip.body.joints:  # the farthest that its body can be from the base's origin
         distance = _length(problem, tip, joint) + float(np.linalg.norm(scene.model.inertias[joint].lever))
         behind += masses[joint] * distance
-    behind += masses[tip.body.root_joint] * float(np.linalg.norm(scene.model.inertias[tip.body.root_joint].lever))
+    behind += masses[tip.body.root_joint] * float(
+        np.linalg.norm(scene.model.inertias[tip.body.root_joint].lever)
+    )
     return length + behind / whole
 
 
@@ -126,21 +129,21 @@ def _length(problem: Problem, tip: SceneTip, joint: int) -> float:
     return found
 
 
-def _place(problem: Problem, goal: Goal, data: object) -> np.ndarray:
+def _place(problem: Problem, goal: Goal, data: Any) -> Array:
     """Where a tip shall be [m]."""
     if goal.position is not None:
         return np.array(goal.position)
     frame = problem.stage.scene.model.getFrameId(f"target/{goal.frame}", pin.FrameType.BODY)
-    placement = data.oMf[frame]  # type: ignore[attr-defined]
+    placement = data.oMf[frame]
     axis = np.array(goal.axis) / np.linalg.norm(goal.axis)
     return np.asarray(placement.act(-goal.standoff * axis))
 
 
-def _centre(problem: Problem, tip: SceneTip, data: object, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+def _centre(problem: Problem, tip: SceneTip, data: Any, q: Array) -> Array:
     """Centre of mass of a floating robot, or origin of a fixed one's root link [m]."""
     scene = problem.stage.scene
     if not tip.body.root_joint:
-        return np.asarray(data.oMf[tip.body.root_frame].translation)  # type: ignore[attr-defined]
+        return np.asarray(data.oMf[tip.body.root_frame].translation)
     pin.centerOfMass(scene.model, data, q)
     root = tip.body.root_joint
-    return np.asarray(data.oMi[root].act(data.com[root]))  # type: ignore[attr-defined]
+    return np.asarray(data.oMi[root].act(data.com[root]))

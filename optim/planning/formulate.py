@@ -39,6 +39,12 @@ def formulate(scene: Scene) -> Problem:
         If the section asks for what there is not.
     """
     plan = plan_of(scene)
+    if scene.scenario.environment:
+        raise ScenarioError(
+            f"found {next(iter(scene.scenario.environment))!r}; plans know gravity alone, and no environment",
+            source=scene.source,
+            where="environment",
+        )
     if begun(scene.grasps):
         raise ScenarioError(
             f"grasp {begun(scene.grasps)[0].name!r} begins closed; plans begin with open grasps: give "
@@ -50,11 +56,7 @@ def formulate(scene: Scene) -> Problem:
     lower, upper = instant_limits(stage, plan.limits)
     goals = [row for name, goal in plan.goals.items() for row in goal_rows(stage, name, goal)]
     terms = cost_terms(stage, plan.costs)
-    span = plan.span
-    if span is None:
-        duration = (float(plan.duration),) * 3  # type: ignore[arg-type]
-    else:
-        duration = (span.lower, span.upper, span.guess or (span.lower + span.upper) / 2)
+    span = plan.duration
     return Problem(
         stage=stage,
         path=tuple(path_rows(stage, plan)),
@@ -63,7 +65,7 @@ def formulate(scene: Scene) -> Problem:
         time_weight=plan.costs.time,
         lower=lower,
         upper=upper,
-        duration=duration,
+        duration=(span.lower, span.upper, span.guess or (span.lower + span.upper) / 2),
         fixed=np.concatenate([scene.q, scene.v]),
         tolerance=plan.tolerance,
         terms=terms,

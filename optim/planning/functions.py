@@ -1,4 +1,4 @@
-"""Values and derivatives of a planning problem's instants: compiled in lanes, or by CasADi's virtual machine."""
+"""Values and derivatives of a planning problem's instants: compiled in lanes, or interpreted by CasADi."""
 
 from __future__ import annotations
 
@@ -7,13 +7,15 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
+import numpy.typing as npt
 
 from optim.planning.stage import Problem
 from spacerobot.arrays import Array
-from spacerobot.compiled import compile_functions, find_toolchain
+from spacerobot.compiled import Library, compile_functions, find_toolchain
 from spacerobot.errors import CompileError
 
-Pattern = tuple[Array, Array]
+Places = npt.NDArray[np.int64]
+Pattern = tuple[Places, Places]
 """Rows and columns of the entries of a sparse matrix."""
 
 
@@ -24,24 +26,24 @@ class Instants:
     Attributes
     ----------
     symbolic
-        ``values(z -> F)``, ``slopes(z -> J's entries)`` and ``bends(z, weights -> H's entries)`` of one instant,
-        with F = (q', what is left of the equations of motion, path rows, cost) and H the upper triangle of
-        the second derivatives of weights . F; ``goal...`` the same of the goal rows.
-    slopes, bends, goal_slopes, goal_bends
-        Where the entries stand.
+        ``values(z -> F)``, ``slopes(z -> J's entries)`` and ``bends(z, weights -> H's entries)`` of one
+        instant, with F = (q', what is left of the equations of motion, path rows, cost) and H the upper
+        triangle of the second derivatives of weights . F; ``goal...`` the same of the goal rows.
     call
         Evaluates one of them for many columns.
     backend
         ``compiled`` or ``interpreted``.
+    slopes, bends, goal_slopes, goal_bends
+        Where the entries stand.
     """
 
     symbolic: Mapping[str, ca.Function]
+    call: Callable[..., Array]
+    backend: str
     slopes: Pattern
     bends: Pattern
     goal_slopes: Pattern
     goal_bends: Pattern
-    call: Callable[..., Array]
-    backend: str
 
 
 def build_instants(problem: Problem, backend: str = "auto") -> Instants:
@@ -69,7 +71,7 @@ def build_instants(problem: Problem, backend: str = "auto") -> Instants:
         functions |= found
         patterns += where
     call, used = _caller(functions, backend)
-    return Instants(functions, *patterns, call, used)
+    return Instants(functions, call, used, *patterns)
 
 
 def _derived(z: ca.SX, rows: ca.SX, prefix: str) -> tuple[dict[str, ca.Function], list[Pattern]]:
@@ -92,12 +94,12 @@ def _function(name: str, inputs: list[ca.SX], output: ca.SX) -> ca.Function:
 
 def _entries(matrix: ca.SX) -> ca.SX:
     """Entries of a sparse matrix as a dense column."""
-    return ca.vertcat(*matrix.nonzeros()) if matrix.nnz() else ca.SX(0, 1)
+    return ca.vertcat(ca.SX(0, 1), matrix.nz[:])
 
 
 def _pattern(matrix: ca.SX) -> Pattern:
     rows, columns = matrix.sparsity().get_triplet()
-    return np.array(rows, dtype=int), np.array(columns, dtype=int)
+    return np.array(rows, dtype=np.int64), np.array(columns, dtype=np.int64)
 
 
 def _caller(functions: Mapping[str, ca.Function], backend: str) -> tuple[Callable[..., Array], str]:
@@ -116,11 +118,8 @@ def _caller(functions: Mapping[str, ca.Function], backend: str) -> tuple[Callabl
     return _in_turn(functions), "interpreted"
 
 
-def _in_lanes(library: object, functions: Mapping[str, ca.Function]) -> Callable[..., Array]:
+def _in_lanes(library: Library, functions: Mapping[str, ca.Function]) -> Callable[..., Array]:
     """Groups of columns as wide as the lanes; the last column fills up the last group."""
-    from spacerobot.compiled import Library
-
-    assert isinstance(library, Library)
     lanes = library.lanes
 
     def call(name: str, *given: Array) -> Array:

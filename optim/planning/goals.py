@@ -37,8 +37,10 @@ def goal_rows(stage: Stage, name: str, goal: Goal) -> list[Row]:
         body = tip.body
         rows = list(_mated(stage, tip, goal, where) if goal.frame else _placed(stage, tip, goal))
     if goal.rests:
-        rows += [_zero(f"rate of {scene.model.names[j]}", "rad/s or m/s", stage.v[scene.model.idx_vs[j]])
-                 for j in body.driven_joints]
+        rows += [
+            _zero(f"rate of {scene.model.names[j]}", "rad/s or m/s", stage.v[scene.model.idx_vs[j]])
+            for j in body.driven_joints
+        ]
     return [Row(f"{name}: {row.name}", row.unit, row.value, row.lower, row.upper) for row in rows]
 
 
@@ -52,9 +54,7 @@ def find_tip(scene: Scene, label: str, where: str) -> SceneTip:
     """
     tips = {tip.label: tip for tip in scene.tips}
     if label not in tips:
-        raise ScenarioError(
-            f"no tip {label!r}; {near_names(label, tips)}", source=scene.source, where=where
-        )
+        raise ScenarioError(f"no tip {label!r}; {near_names(label, tips)}", source=scene.source, where=where)
     return tips[label]
 
 
@@ -141,7 +141,7 @@ def _posture(stage: Stage, body: SceneBody, goal: Goal, where: str) -> Iterator[
 
 def _joint_row(stage: Stage, name: str, joint: int, end: End) -> Row:
     pin_joint = stage.scene.model.joints[joint]
-    wanted = np.radians(end.angle_deg) if end.angle_deg is not None else end.offset
+    wanted = float(np.radians(end.angle_deg or 0.0)) + (end.offset or 0.0)
     q = stage.q[pin_joint.idx_q]
     if pin_joint.nq == 2:  # an unbounded joint: the angle that is left
         s = stage.q[pin_joint.idx_q + 1]

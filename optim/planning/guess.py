@@ -1,6 +1,8 @@
-"""Where a search begins: joints on their way to a posture that meets the goal, everything else as it drifts."""
+"""Where a search begins: joints on their way to a posture that meets the goal, all else as it drifts."""
 
 from __future__ import annotations
+
+import itertools
 
 import casadi as ca
 import numpy as np
@@ -21,7 +23,9 @@ SPREAD = 0.7
 """[rad or m] Standard deviation by which further starts' postures differ from the scenario's."""
 
 
-def guess(problem: Problem, lobatto: Lobatto, intervals: int, rng: np.random.Generator | None = None) -> Motion:
+def guess(
+    problem: Problem, lobatto: Lobatto, intervals: int, rng: np.random.Generator | None = None
+) -> Motion:
     """A motion to begin with.
 
     Parameters
@@ -75,12 +79,14 @@ def drift(problem: Problem, lobatto: Lobatto, intervals: int, duration: float) -
     free[list(problem.stage.driven.columns[: len(problem.stage.driven.joints)])] = 0.0
     v = v * free
     times, found = lobatto.times(intervals, duration), [(q, v)]
-    for begin, end in zip(times[:-1], times[1:], strict=True):
+    for begin, end in itertools.pairwise(times):
         steps = max(1, round(STEPS * (end - begin) / duration))
         h = (end - begin) / steps
         for _ in range(steps):  # Heun's method on the manifold
             one = free * pin.aba(model, data, q, v, np.zeros(model.nv))
-            other = free * pin.aba(model, data, pin.integrate(model, q, h * v), v + h * one, np.zeros(model.nv))
+            other = free * pin.aba(
+                model, data, pin.integrate(model, q, h * v), v + h * one, np.zeros(model.nv)
+            )
             q, v = pin.integrate(model, q, h * (v + h / 4 * (one + other))), v + h / 2 * (one + other)
         found.append((q, v))
     qs, vs = zip(*found, strict=True)

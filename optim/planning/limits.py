@@ -33,8 +33,8 @@ def what_drives(scene: Scene, bounds: Bounds) -> Driven:
     """
     if scene.ties:
         raise ScenarioError(
-            f"{scene.model.names[scene.ties[0].joint]} mimics another joint, which plans do not know; lock it "
-            "by `locked: true`",
+            f"{scene.model.names[scene.ties[0].joint]} mimics another joint, which plans do not know; lock "
+            "it by `locked: true`",
             source=scene.source,
             where="plan",
         )
@@ -131,7 +131,9 @@ def _base_rows(stage: Stage, bounds: Bounds) -> Iterator[Row]:
     if bounds.base_rotation_deg is not None:
         limit = np.radians(bounds.base_rotation_deg)
         for name, turn in base_turns(stage).items():
-            yield Row(f"rotation of {name}'s base", "rad", ca.sumsqr(turn) / limit**2, upper=1.0, scale=limit / 2)
+            yield Row(
+                f"rotation of {name}'s base", "rad", ca.sumsqr(turn) / limit**2, upper=1.0, scale=limit / 2
+            )
     if bounds.base_translation is not None:
         limit = bounds.base_translation
         for name, shift in base_shifts(stage).items():

@@ -1,7 +1,7 @@
 """Lobatto collocation as data: nodes and integration weights on the interval from 0 to 1.
 
-The method Lobatto IIIA with s points: a motion's rates at the nodes make a polynomial of degree s - 1, which is
-integrated exactly. Its order is 2 s - 2; with s = 3 it is Hermite and Simpson's.
+The method Lobatto IIIA with s points: a motion's rates at the nodes make a polynomial of degree s - 1, which
+is integrated exactly. Its order is 2 s - 2; with s = 3 it is Hermite and Simpson's.
 """
 
 from __future__ import annotations

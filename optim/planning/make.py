@@ -101,7 +101,7 @@ def make_plan(scene: Scene, *, backend: str = "auto", progress: Progress | None 
     check_reach(problem, plan, {tip.label: tip for tip in scene.tips})
     tell("compiling the problem's functions, or finding them compiled")
     instants = build_instants(problem, backend)
-    search = _Search(problem, plan, instants, tell)
+    search = _Search(problem, plan, instants, backend, tell)
     search.from_starts()
     planned = search.refined(scene)
     faults = planned.verdict.faults()
@@ -113,8 +113,11 @@ def make_plan(scene: Scene, *, backend: str = "auto", progress: Progress | None 
 class _Search:
     """Runs of the solver over one problem."""
 
-    def __init__(self, problem: Problem, plan: Plan, instants: Instants, tell: Progress) -> None:
-        self.problem, self.plan, self.instants, self.tell = problem, plan, instants, tell
+    def __init__(
+        self, problem: Problem, plan: Plan, instants: Instants, backend: str, tell: Progress
+    ) -> None:
+        self.problem, self.plan, self.instants = problem, plan, instants
+        self.backend, self.tell = backend, tell
         self.lobatto = Lobatto.of_order(plan.order)
         self.solves: list[Solve] = []
         self.motion: Motion | None = None
@@ -148,12 +151,12 @@ class _Search:
             )
 
     def refined(self, scene: Scene) -> Planned:
-        """Best motion on meshes that become finer until its verdict is good, or the mesh as fine as allowed."""
+        """Best motion on meshes that become finer until its verdict is good, or as fine as is allowed."""
         while True:
             assert self.motion is not None
             assert self.last is not None
             self.tell("replaying the plan")
-            verdict = judge(self.motion, self.last, self.cost)
+            verdict = judge(self.motion, self.last, self.cost, self.backend)
             finer = 2 * self.motion.intervals
             if verdict.fine_enough or finer > self.plan.most_intervals:
                 break
@@ -192,7 +195,9 @@ def blame(program: Program, solved: Solved) -> str:
     g, (least, greatest) = program.constraints(solved.w), program.limits()
     over = np.maximum(np.maximum(least - g, g - greatest), 0.0)
     problem, found = program.problem, dict[str, tuple[float, str]]()
-    inside = over[program.defects : program.rows - len(problem.goal)].reshape(program.points, program.per_point)
+    inside = over[program.defects : program.rows - len(problem.goal)].reshape(
+        program.points, program.per_point
+    )
     found["equations of motion"] = (float(inside[:, : program.nv].max()), "N or N m")
     found["continuity"] = (float(over[: program.defects].max()), "m or rad")
     for k, row in enumerate(problem.path):
@@ -215,7 +220,9 @@ def _terms(motion: Motion) -> dict[str, float]:
     for n in range(motion.intervals):
         weights[n * inner : n * inner + inner + 1] += motion.lobatto.weights
     for name, term in problem.terms.items():
-        values = np.array(ca.Function("term", [problem.stage.z], [ca.densify(term)])(motion.z.T).full()).ravel()
+        values = np.array(
+            ca.Function("term", [problem.stage.z], [ca.densify(term)])(motion.z.T).full()
+        ).ravel()
         found[name] = float(weights @ values) * motion.duration_s / motion.intervals
     if problem.time_weight:
         found["time"] = problem.time_weight * motion.duration_s

@@ -115,5 +115,4 @@ def normalised(model: Any, q: Array) -> Array:
 
 def _rates(problem: Problem) -> ca.Function:
     """Rates of the configuration of instants."""
-    count = ca.Function("rate", [problem.stage.z], [ca.densify(problem.stage.rate)])
-    return count
+    return ca.Function("rate", [problem.stage.z], [ca.densify(problem.stage.rate)])

@@ -12,8 +12,8 @@ import pinocchio as pin
 import xarray as xr
 
 import spacerobot
-from optim.planning.make import Planned, statistics
 from optim.plain import plain
+from optim.planning.make import Planned, statistics
 from spacerobot.arrays import Array
 from spacerobot.errors import ResultError
 from spacerobot.files import staged, write_text
@@ -41,7 +41,7 @@ def check_plan_folder(folder: Path) -> None:
 
 
 def dataset(planned: Planned) -> xr.Dataset:
-    """A plan as labelled arrays; :mod:`docs/planning.md <optim.planning>` tells what lies between its rows."""
+    """A plan as labelled arrays, one row for each point of its mesh."""
     motion, scene = planned.motion, planned.scene
     model, driven = scene.model, motion.problem.stage.driven
     q, v, a, u = motion.q, motion.v, motion.a, motion.u
@@ -53,7 +53,11 @@ def dataset(planned: Planned) -> xr.Dataset:
         "v": (("time", "velocity"), v, _told("m/s or rad/s", "velocity, of a base in its own axes")),
         "acceleration": (("time", "velocity"), a, _told("m/s^2 or rad/s^2", "acceleration, likewise")),
         "torque": (("time", "joint"), u[:, :count], _told("N m or N", "torques and forces of the joints")),
-        "joint_position": (("time", "joint"), _positions(scene, driven.joints, q), _told("rad or m", "positions")),
+        "joint_position": (
+            ("time", "joint"),
+            _positions(scene, driven.joints, q),
+            _told("rad or m", "positions"),
+        ),
         "joint_rate": (("time", "joint"), v[:, columns], _told("rad/s or m/s", "joint rates")),
         "joint_acceleration": (("time", "joint"), a[:, columns], _told("rad/s^2 or m/s^2", "their rates")),
     }

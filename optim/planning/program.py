@@ -10,11 +10,12 @@ and at every point the equations of motion and the path's rows, at the last one 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy import sparse
 
-from optim.planning.functions import Instants
+from optim.planning.functions import Instants, Places
 from optim.planning.lobatto import Lobatto
 from optim.planning.stage import Problem
 from spacerobot.arrays import Array
@@ -33,10 +34,10 @@ class Sums:
     """
 
     matrix: sparse.csc_matrix
-    place: Array
+    place: Places
 
     @classmethod
-    def of(cls, rows: Array, columns: Array, shape: tuple[int, int]) -> Sums:
+    def of(cls, rows: Places, columns: Places, shape: tuple[int, int]) -> Sums:
         """Sums for entries in rows and columns."""
         keys, place = np.unique(columns * np.int64(shape[0]) + rows, return_inverse=True)
         own_rows, own_columns = keys % shape[0], keys // shape[0]
@@ -46,7 +47,7 @@ class Sums:
 
     def entries(self, values: Array) -> Array:
         """Numbers of the matrix's entries."""
-        return np.bincount(self.place, weights=values, minlength=self.matrix.nnz)
+        return np.asarray(np.bincount(self.place, weights=values, minlength=self.matrix.nnz), dtype=float)
 
 
 class Program:
@@ -70,7 +71,9 @@ class Program:
         self.points = intervals * self.inner + 1
         self.size = self.points * self.nz + 1
         self.ncost = self.nq + self.nv + len(problem.path)
-        self._of = np.arange(intervals)[:, None] * self.inner + np.arange(lobatto.points)  # points by interval
+        self._of = np.arange(intervals)[:, None] * self.inner + np.arange(
+            lobatto.points
+        )  # points by interval
         weights = np.zeros(self.points)
         np.add.at(weights, self._of, np.broadcast_to(lobatto.weights, self._of.shape))
         self.weights = weights / intervals  # of the quadrature, for a duration of one
@@ -160,7 +163,8 @@ class Program:
 
     def hessian(self, w: Array, factor: float, multipliers: Array) -> Array:
         """Entries of the upper triangle of the second derivatives of factor times cost plus multipliers times
-        constraints, as :attr:`hessian_pattern` has them."""
+        constraints, as :attr:`hessian_pattern` has them.
+        """
         z, duration = self.split(w)
         weights = self._weights(factor, multipliers)  # per unit of duration, for rates and cost
         scaled = weights.copy()
@@ -169,7 +173,9 @@ class Program:
         bends = self.instants.call("bends", z.T, scaled.T).T
         goal = multipliers[self.rows - len(self.problem.goal) :]
         last = self.instants.call("goal_bends", z[-1:].T, goal[:, None])[:, 0]
-        return self._hessian.entries(np.concatenate([bends.ravel(), last, self._crossed(w, weights, multipliers)]))
+        return self._hessian.entries(
+            np.concatenate([bends.ravel(), last, self._crossed(w, weights, multipliers)])
+        )
 
     def _crossed(self, w: Array, weights: Array, multipliers: Array) -> Array:
         """Second derivatives by the duration and each instant (points nz,)."""
@@ -192,11 +198,13 @@ class Program:
 
     def _weights(self, factor: float, multipliers: Array) -> Array:
         """Weights of F's rows at each point; those of rates and cost per unit of duration."""
-        own = multipliers[self.defects : self.rows - len(self.problem.goal)].reshape(self.points, self.per_point)
+        own = multipliers[self.defects : self.rows - len(self.problem.goal)].reshape(
+            self.points, self.per_point
+        )
         return np.hstack([self._pulled(multipliers)[:, : self.nq], own, factor * self.weights[:, None]])
 
     def _rates(self, z: Array, found: Array) -> Array:
-        """x' at each point (points, nx)."""
+        """X' at each point (points, nx)."""
         return np.hstack([found[:, : self.nq], z[:, self.nx : self.nx + self.nv]])
 
     def _values(self, w: Array) -> Array:
@@ -206,7 +214,7 @@ class Program:
         return self._at(w)[1]
 
     def _at(self, w: Array) -> tuple[Array, Array]:
-        """F (points, rows) and the entries of its derivatives (points, entries), kept for the last unknowns."""
+        """F (points, rows) and its derivatives' entries (points, entries), kept for the last unknowns."""
         key = w.tobytes()
         if self._seen is None or self._seen[0] != key:
             z = self.split(w)[0].T
@@ -229,7 +237,10 @@ class Program:
         inside = (rows >= self.nq) & (rows < self.ncost)
         point = np.arange(self.points)[:, None]
         found.append(
-            (self.defects + point * self.per_point + rows[inside] - self.nq, point * self.nz + columns[inside])
+            (
+                self.defects + point * self.per_point + rows[inside] - self.nq,
+                point * self.nz + columns[inside],
+            )
         )
         goal_rows, goal_columns = self.instants.goal_slopes
         first = self.rows - len(self.problem.goal)
@@ -257,7 +268,7 @@ class Program:
         return _sums(found, (self.size, self.size))
 
 
-def _sums(found: list[tuple[Array, Array]], shape: tuple[int, int]) -> Sums:
+def _sums(found: list[tuple[Any, Any]], shape: tuple[int, int]) -> Sums:
     rows = np.concatenate([np.asarray(r).ravel() for r, _ in found])
     columns = np.concatenate([np.asarray(c).ravel() for _, c in found])
     return Sums.of(rows.astype(np.int64), columns.astype(np.int64), shape)

@@ -91,13 +91,17 @@ class OpenLoop:
 
 
 def replay(motion: Motion, backend: str = "auto") -> Array:
-    """States (intervals + 1, nq + nv) at the knots when a plan's drive acts on the scene, without feedback."""
+    """States (intervals + 1, nq + nv) at the knots when a plan's drive acts without feedback."""
     problem, scene = motion.problem, motion.problem.stage.scene
     length, points = motion.duration_s / motion.intervals, motion.lobatto.points
     loop = OpenLoop.of(scene, problem.stage.driven, motion.lobatto.nodes)
     steps = max(4, math.ceil(length / LONGEST_STEP))
     rollout = build_rollout(
-        loop, duration_s=length, step_s=length / steps, output_step_s=length, backend=backend  # type: ignore[arg-type]
+        loop,
+        duration_s=length,
+        step_s=length / steps,
+        output_step_s=length,
+        backend=backend,  # type: ignore[arg-type]
     )
     x, u = problem.fixed, motion.u
     found = [x]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -83,16 +83,8 @@ def solve(
     begin = time.perf_counter()
     bridge = _Bridge(program)
     watch = _Watch(program, bridge, told)
-    options = {
-        "grad_f": bridge.gradient,
-        "jac_g": bridge.jacobian,
-        "hess_lag": bridge.hessian,
-        "iteration_callback": watch,
-        "no_nlp_grad": True,
-        "print_time": False,
-        "ipopt": _options(iterations, scale, warm is not None),
-    }
-    solver = ca.nlpsol("plan", "ipopt", bridge.problem, options)
+    ipopt = _options(iterations, scale, warm is not None)
+    solver = ca.nlpsol("plan", "ipopt", bridge.problem, bridge.options(watch) | {"ipopt": ipopt})
     (low, high), (least, greatest) = program.bounds(), program.limits()
     given: dict[str, Any] = {"x0": first, "lbx": low, "ubx": high, "lbg": least, "ubg": greatest}
     if warm is not None:
@@ -177,8 +169,19 @@ class _Bridge:
             {"triu_hess_gamma_x_x": hessian},
         )
 
+    def options(self, watch: ca.Callback) -> dict[str, Any]:
+        """What CasADi's interface is given beside the problem."""
+        return {
+            "grad_f": self.gradient,
+            "jac_g": self.jacobian,
+            "hess_lag": self.hessian,
+            "iteration_callback": watch,
+            "no_nlp_grad": True,
+            "print_time": False,
+        }
 
-class _Called(ca.Callback):  # type: ignore[misc]
+
+class _Called(ca.Callback):
     """A Python function of arrays as a CasADi function; Ctrl-C and faults end the solver and are kept."""
 
     def __init__(
@@ -218,7 +221,7 @@ class _Called(ca.Callback):  # type: ignore[misc]
         """Where an output has entries."""
         return list(self._outputs.values())[i]
 
-    def eval(self, given: list[ca.DM]) -> list[Any]:
+    def eval(self, given: Sequence[ca.DM]) -> list[Any]:
         """Evaluate."""
         begin = time.perf_counter()
         try:
@@ -226,14 +229,14 @@ class _Called(ca.Callback):  # type: ignore[misc]
             return self._function(*arrays)
         except KeyboardInterrupt:
             self._bridge.interrupted = True
-        except Exception as fault:  # noqa: BLE001 (raised again behind the solver, which would hide it)
+        except Exception as fault:
             self._bridge.fault = fault
         finally:
             self._bridge.seconds += time.perf_counter() - begin
         return [ca.DM(sparsity, np.nan) for sparsity in self._outputs.values()]
 
 
-class _Watch(ca.Callback):  # type: ignore[misc]
+class _Watch(ca.Callback):
     """Tells of each iteration, and ends the solver where it was interrupted."""
 
     def __init__(self, program: Program, bridge: _Bridge, told: Told | None) -> None:
@@ -261,7 +264,7 @@ class _Watch(ca.Callback):  # type: ignore[misc]
         size = self._sizes[ca.nlpsol_out(i)]
         return ca.Sparsity.dense(size) if size else ca.Sparsity(0, 0)
 
-    def eval(self, given: list[ca.DM]) -> list[Any]:
+    def eval(self, given: Sequence[ca.DM]) -> list[Any]:
         """Tell."""
         try:
             self._count += 1
@@ -275,4 +278,5 @@ class _Watch(ca.Callback):  # type: ignore[misc]
 
 
 def _sparsity(pattern: sparse.csc_matrix) -> ca.Sparsity:
-    return ca.Sparsity(*pattern.shape, pattern.indptr.tolist(), pattern.indices.tolist())
+    rows, columns = pattern.shape
+    return ca.Sparsity(int(rows), int(columns), pattern.indptr.tolist(), pattern.indices.tolist())

@@ -1,8 +1,8 @@
 """One instant of a motion as expressions: what it is made of, how it moves, what must hold, what it costs.
 
-An instant is z = (q, v, a, u): Pinocchio's configuration and velocity of the whole scene, acceleration, and what
-drives it. Accelerations are unknowns, so that the mechanics enter by inverse dynamics, whose derivatives are a
-tenth as long as those of forward dynamics:
+An instant is z = (q, v, a, u): Pinocchio's configuration and velocity of the whole scene, acceleration, and
+what drives it. Accelerations are unknowns, so that the mechanics enter by inverse dynamics, whose derivatives
+are much shorter than those of forward dynamics:
 
     M(q) a + h(q, v) + R v = B u.
 
@@ -91,7 +91,7 @@ class Stage:
 
     @property
     def rate(self) -> ca.SX:
-        """q' (nq x 1)."""
+        """Q' (nq x 1)."""
         return configuration_derivative(self.scene.model, self.q, self.v)
 
     @property

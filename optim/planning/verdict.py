@@ -100,7 +100,7 @@ class Verdict:
         return found
 
 
-def judge(motion: Motion, solved: Solved, scale: float) -> Verdict:
+def judge(motion: Motion, solved: Solved, scale: float, backend: str = "auto") -> Verdict:
     """Verdict on a motion and the multipliers found with it.
 
     Parameters
@@ -109,10 +109,14 @@ def judge(motion: Motion, solved: Solved, scale: float) -> Verdict:
         The motion, and where the solver ended.
     scale
         Cost that the residual is taken relative to.
+    backend
+        What replays: ``auto``, ``compiled`` or ``interpreted``.
     """
     problem = motion.problem
     program = Program(problem, build_instants(problem, "interpreted"), motion.lobatto, motion.intervals)
-    errors = {label: float(found.max()) for label, found in tip_errors(motion, replay(motion)).items()}
+    errors = {
+        label: float(found.max()) for label, found in tip_errors(motion, replay(motion, backend)).items()
+    }
     violations = sorted(between_points(motion), key=lambda v: -v.amount / v.allowed)
     tolerance = problem.tolerance
     return Verdict(residual(program, solved, scale), tuple(violations), errors, tolerance)
@@ -150,8 +154,12 @@ def between_points(motion: Motion) -> Iterator[Violation]:
     )
     names = _limit_names(motion)
     for k, (name, unit) in names.items():
-        size = np.nanmax(np.abs([x for x in (problem.lower[k], problem.upper[k]) if np.isfinite(x)]), initial=0.0)
-        yield from _worst(name, unit, z[:, k], (problem.lower[k], problem.upper[k]), time, RELATIVE * float(size))
+        size = np.nanmax(
+            np.abs([x for x in (problem.lower[k], problem.upper[k]) if np.isfinite(x)]), initial=0.0
+        )
+        yield from _worst(
+            name, unit, z[:, k], (problem.lower[k], problem.upper[k]), time, RELATIVE * float(size)
+        )
     if problem.path:
         rows = ca.densify(ca.vertcat(*(row.value for row in problem.path)))
         values = np.array(ca.Function("path", [problem.stage.z], [rows])(z.T).full())

@@ -18,8 +18,8 @@ Backend = Annotated[
 ]
 HELP = """Plan the motion that a scenario's `plan` section asks for, and judge it.
 
-The plan is replayed by the simulator before it is kept: plan.nc, plan.json and followed.yaml, the scenario that
-follows it. Exit code 4 where no plan was found that holds.
+The plan is replayed by the simulator before it is kept: plan.nc, plan.json and followed.yaml, the scenario
+that follows it. Exit code 4 where no plan was found that holds.
 
 Examples:
 

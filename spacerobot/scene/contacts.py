@@ -81,9 +81,7 @@ class _Finder:
         self, between: tuple[str, str], wrap: Wrap | None, path: str
     ) -> tuple[tuple[SceneShape, SceneShape], ...]:
         """Every shape of one side with every one of the other, each pair one whose distance is known."""
-        ones, others = (
-            list(self._side(side, wrap, f"{path}.between.{i}")) for i, side in enumerate(between)
-        )
+        ones, others = (list(self._side(side, wrap, f"{path}.between.{i}")) for i, side in enumerate(between))
         pairs = tuple(itertools.product(ones, others))
         for first, second in pairs:
             self._check(first, second, path)
