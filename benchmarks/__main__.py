@@ -13,7 +13,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks import aba, campaign, compilation, events, methods, process, rollouts
+from benchmarks import aba, campaign, compilation, events, methods, process, rollouts, wheels
 from benchmarks.row import Row
 from spacerobot.compiled import find_toolchain
 from spacerobot.files import write_text
@@ -35,6 +35,7 @@ JOBS: dict[str, Callable[[], list[Row]]] = {
     "batch": rollouts.batch,
     "gradient": rollouts.gradient,
     "events": lambda: [events.row()],
+    "wheels": wheels.rows,
     "campaign": lambda: [campaign.row()],
     "aba": aba.rows,
     "compilation": compilation.rows,

@@ -1,0 +1,50 @@
+"""What four reaction wheels and the attitude control that uses them cost, one rollout and a batch."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from benchmarks.row import Row
+from benchmarks.timing import paired
+from spacerobot.closedloop import build_closed_loop
+from spacerobot.rollout import Rollout, build_rollout
+from spacerobot.scene import load_scene
+
+COUNT, MOST, STEP = 32, 1.2, 0.02
+VARIED = "target.links.body.mass"
+FREE = {"robots.servicer.actuators": {}, "robots.servicer.controllers": {}}
+
+
+def rows() -> list[Row]:
+    """The shipped servicer with wheels against the same with a base that floats freely."""
+    held, free = (load_scene("servicer-wheels", changes) for changes in ({}, FREE))
+    duration_s = held.scenario.simulation.duration
+
+    def built(*, many: bool) -> list[Rollout]:
+        loops = (build_closed_loop(scene) for scene in (held, free))
+        settings = {"duration_s": duration_s, "step_s": STEP, "output_step_s": duration_s / 50}
+        return [build_rollout(loop, **settings, many=many) for loop in loops]
+
+    found = []
+    single, batch = built(many=False), built(many=True)
+    mass = batch[0].values()[batch[0].indices([VARIED])[0]]
+    values = mass * np.linspace(0.9, 1.1, COUNT)[:, None]
+    for what, calls, jobs in (
+        ("one rollout", 1, [rollout.run for rollout in single]),
+        (f"a batch of {COUNT}", COUNT, [lambda r=r: r.batch((VARIED,), values, threads=1) for r in batch]),
+    ):
+        times = paired(jobs[0], jobs[1], calls=(calls, calls))
+        ratio = times.first_s / times.second_s
+        found.append(
+            Row(
+                f"{what} of the servicer with four wheels and attitude control",
+                "the same without",
+                f"{times.first_s * 1e3:.1f} ms",
+                f"{times.second_s * 1e3:.1f} ms",
+                ratio,
+                f"at most {MOST:g} times",
+                ratio <= MOST,
+                f"tanaka6 at {STEP * 1e3:g} ms, one thread, {duration_s:g} s",
+            )
+        )
+    return found
