@@ -21,6 +21,7 @@ SMALL = {
     "06_campaign": ({"samples": 8, "changes": {"simulation.duration": 0.5}}, "worst sample"),
     "07_own_element": ({"duration_s": 0.2, "backend": "interpreted"}, "soft.stiffness"),
     "08_where_is_it_captured": ({"samples": 16}, "tuned"),
+    "09_least_disturbance": ({"duration_s": 0.2, "names": ["reaction null space, base"]}, " mm"),
 }
 OWN = "07_own_element"
 

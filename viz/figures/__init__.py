@@ -6,6 +6,7 @@ from viz.figures.bodies import base_motion, grip_forces, object_motion
 from viz.figures.campaign import Spread, distributions, robustness
 from viz.figures.collect import KINDS, draw_all, save_figures
 from viz.figures.contacts import contact_forces
+from viz.figures.disturbance import disturbance
 from viz.figures.docking import docking
 from viz.figures.joints import joints
 from viz.figures.ledger import ledger
@@ -26,6 +27,7 @@ __all__ = [
     "convergence",
     "data_profiles",
     "distributions",
+    "disturbance",
     "docking",
     "draw_all",
     "grip_forces",

@@ -68,6 +68,10 @@ class JointPd(RobotController):
         """Joint positions and rates."""
         return {"joint_position", "joint_rate"}
 
+    def words(self) -> str:
+        """Its gains."""
+        return f"{self.kp:g} / {self.kd:g}" + (", in the null space" if self.null_space else "")
+
     def faults(self, robot: RobotFacts) -> Iterable[tuple[str, str]]:
         """A null space that does not exist."""
         if not self.null_space:

@@ -137,5 +137,5 @@ class JointTracking(RobotController):
 
     def words(self) -> str:
         """Its gains and its plan."""
-        motion = self.planned
-        return f"{len(motion.times)} points over {motion.times[-1]:g} s, {self.kp:g} / {self.kd:g}"
+        plan = f"a plan of {len(self.planned.times)} points over {self.planned.times[-1]:g} s"
+        return f"{self.kp:g} / {self.kd:g} along {plan}"

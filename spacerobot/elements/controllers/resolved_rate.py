@@ -114,7 +114,7 @@ class ResolvedRate(RobotController):
     def words(self) -> str:
         """What it keeps."""
         still = {"nothing": "", "attitude": ", base attitude kept", "base": ", base kept"}[self.keeps]
-        return f"{self.gain:g} / {self.rate_gain:g} 1/s{still}"
+        return f"resolved rates, {self.gain:g} / {self.rate_gain:g} 1/s{still}"
 
 
 @dataclass(frozen=True)
