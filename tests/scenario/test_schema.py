@@ -114,7 +114,8 @@ def faulty(changes: dict[str, object], text: str = PLANAR) -> str:
         ({"grasps.left.kind": "weld"}, r"grasps.left: unknown key 'stiffness'; allowed: .* \(kind: weld\)$"),
         (
             {f"{ONE}.reference.kind": "helix"},
-            f"{ONE}.reference.kind: found 'helix', allowed: brake, circle, hold, line, rendezvous, spline",
+            f"{ONE}.reference.kind: found 'helix', allowed: brake, circle, hold, line, plan, rendezvous, "
+            "spline",
         ),
         ({"grasps.left.tip": "one"}, "grasps.left.tip: found 'one', allowed: robot/tip"),
         ({"grasps.left.tip": "one/tap"}, "grasps.left.tip: no tip 'one/tap'; did you mean one/tip"),
