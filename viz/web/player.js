@@ -65,6 +65,7 @@ class Player {
     this.readout.load(this.scene.runs, this.scene.colours);
     this.labels.load(this.scene.runs);
     this.events.load(runs[0].events, this.scene.end);
+    $("placing").hidden = runs.length < 2;
     if (this.scene.end !== end) this.timeline.stretch(this.scene.end);
     this.magnifier.show(this.legend.shown.magnifier);
     if (runs.length !== count) this.scene.refit(); // the words take another room

@@ -18,7 +18,14 @@ class Keep {
     this.root.querySelector(".folder").textContent = `Files go to ${folder}.`;
     this.root.querySelector(".saves").replaceChildren(...saves.map((what) => (
       button(SAVES[what] || what, `Save as ${SAVES[what] || what}`, () => this.save(what))
-    )));
+    )), ...["picture", "plot"].map((own) => this.own(own)));
+  }
+
+  // What the page saves by itself, by the button that does so elsewhere on it.
+  own(id) {
+    const text = { picture: "PNG of the view", plot: "PNG of the curves" }[id], made = button(text, `Save a ${text}`, () => $(id).click());
+    made.dataset.saves = id;
+    return made;
   }
 
   save(what) {

@@ -149,7 +149,7 @@ class Studio {
   status() {
     const known = this.rollouts.known(this.designs?.now);
     if (known?.message) this.say(`Nothing to show of this design: ${known.message} What was shown before stays.`);
-    else if (known) this.say(known.words || `rolled out in ${amount(1e3 * known.seconds.rollout, "ms")}`);
+    else if (known) this.say(known.words || `rolled out in ${lasted(known.seconds.rollout)}`);
     else this.say("rolling out", true);
   }
 
@@ -191,19 +191,32 @@ class Studio {
 
   sloped({ metric, d, status }) {
     if (this.asked !== this.slopes.of || metric !== this.metric) return;
-    if (status !== "exact") this.say(`slopes: ${status}`);
     Object.assign(this.slopes.d, d);
+    this.slopes.doubt = status === "exact" ? "" : `These changes for +10 % may not hold: ${status}.`;
     this.point();
   }
 
   point() {
-    const metric = this.hello.metrics.find(({ key }) => key === this.metric), { d } = this.slopes;
-    const size = (path) => Math.abs((d[path] || 0) * (Math.abs(this.designs.value(path)) / 10 || 1));
-    const largest = Math.max(0, ...[...this.sliders.keys()].map(size));
+    const metric = this.worn.metrics.find(({ key }) => key === this.metric), { d } = this.slopes;
+    const largest = Math.max(0, ...[...this.sliders.keys()].map((path) => this.effect(path)));
     for (const [path, slider] of this.sliders) slider.point(d[path], metric, largest);
+    $("doubt").textContent = this.slopes.doubt || "";
+    $("doubt").hidden = !this.slopes.doubt;
+    $("sort").disabled = !(largest > 0);
+  }
+
+  // How much the metric changes, as the slider's arrow says it.
+  effect(path) {
+    return Math.abs((this.slopes.d[path] || 0) * (Math.abs(this.designs.value(path)) / 10 || 1));
+  }
+
+  sort() {
+    this.sliders = new Map([...this.sliders].sort(([a], [b]) => this.effect(b) - this.effect(a)));
+    this.lay();
   }
 
   listen() {
+    $("sort").addEventListener("click", () => this.sort());
     $("undo").addEventListener("click", () => this.hand(() => this.designs.go(-1)));
     $("redo").addEventListener("click", () => this.hand(() => this.designs.go(1)));
     $("restore").addEventListener("click", () => this.hand(() => this.designs.take({})));
@@ -246,4 +259,8 @@ class Studio {
     if (wanted.has("set")) this.designs.take(Designs.plain(parsed(wanted.get("set"))));
     this.lay();
   }
+}
+
+function lasted(seconds) {
+  return seconds < 1 ? `${digits(1e3 * seconds)} ms` : `${digits(seconds)} s`;
 }
