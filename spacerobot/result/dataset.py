@@ -34,7 +34,7 @@ def build_dataset(scene: Scene, trajectory: Trajectory, loop: ClosedLoop) -> xr.
     """
     nq, nv, names = scene.model.nq, scene.model.nv, loop.state_names
     q, v, z = np.split(trajectory.state, [nq, nq + nv], axis=1)
-    variables: dict[str, xr.DataArray] = {
+    variables: dict[str, xr.Variable] = {
         "q": _array(q, ("time", "configuration"), "m, rad or 1", "configuration in Pinocchio's coordinates"),
         "v": _array(
             v,
@@ -74,8 +74,8 @@ def build_dataset(scene: Scene, trajectory: Trajectory, loop: ClosedLoop) -> xr.
     return xr.Dataset(variables, coordinates, {"outside": ", ".join(loop.outside)})
 
 
-def _array(values: Array, dims: tuple[str, ...], unit: str, text: str) -> xr.DataArray:
-    return xr.DataArray(np.ascontiguousarray(values), dims=dims, attrs={"units": unit, "long_name": text})
+def _array(values: Array, dims: tuple[str, ...], unit: str, text: str) -> xr.Variable:
+    return xr.Variable(dims, np.ascontiguousarray(values), {"units": unit, "long_name": text})
 
 
 def _arm_joints(scene: Scene) -> list[int]:
@@ -96,7 +96,7 @@ def _joint_kinds(scene: Scene) -> list[str]:
     return [kinds[label] for label in _joint_labels(scene)]
 
 
-def _orientations(scene: Scene, q: Array) -> dict[str, xr.DataArray]:
+def _orientations(scene: Scene, q: Array) -> dict[str, xr.Variable]:
     """Quaternions of the root links and, in a planar scene, their unwrapped angle about z."""
     count, bodies = len(q), scene.bodies
     quaternion = np.empty((count, len(bodies), 4))
@@ -125,7 +125,7 @@ def _unit(scene: Scene, unit: str) -> str:
     return unit if "prismatic" in _joint_kinds(scene) else unit.partition(" or ")[0]
 
 
-def _joints(scene: Scene, q: Array, v: Array) -> dict[str, xr.DataArray]:
+def _joints(scene: Scene, q: Array, v: Array) -> dict[str, xr.Variable]:
     joints = [scene.model.joints[j] for j in _arm_joints(scene)]
     position = np.empty((len(q), len(joints)))
     for i, joint in enumerate(joints):

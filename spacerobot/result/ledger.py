@@ -37,7 +37,7 @@ def kept_momentum(data: xr.Dataset, kind: str) -> xr.DataArray:
 
 def works_of(data: xr.Dataset) -> list[xr.DataArray]:
     """Works since the start [J]; ``attrs["sign"]`` is 1 where one adds to what is stored, else -1."""
-    return [data[name] for name in data if "sign" in data[name].attrs]
+    return [data[name] for name, variable in data.variables.items() if "sign" in variable.attrs]
 
 
 def work_text(work: xr.DataArray) -> str:
@@ -70,18 +70,18 @@ def _momentum(data: xr.Dataset, scenario: Scenario) -> dict[str, Any]:
 def _inner_momentum(data: xr.Dataset, bodies: Sequence[Body]) -> dict[str, float]:
     """Momentum [N s, N m s] that the kinetic energy could carry at most: no part moves with more."""
     mass = sum(link.mass or 0.0 for body in bodies for link in body.links.values())
-    linear = float(np.sqrt(2 * mass * data.energy_kinetic.max()))
-    extent = float(np.sqrt((data.body_position**2).sum("axis")).max())
+    linear = float(np.sqrt(2 * mass * data.energy_kinetic.values.max()))
+    extent = float(np.linalg.norm(data.body_position.values, axis=-1).max())
     return {"linear": linear, "angular": linear * extent}
 
 
 def _energy(data: xr.Dataset) -> dict[str, Any]:
     """What is put in = change of kinetic, spring and potential energy + what is taken."""
-    stored = data.energy_kinetic + data.energy_spring + data.energy_potential
-    change = (stored - stored[0]).values
+    stored = data.energy_kinetic.values + data.energy_spring.values + data.energy_potential.values
+    change = stored - stored[0]
     works = works_of(data)
     residual = change - sum(work.attrs["sign"] * work.values for work in works)
-    largest = max(float(np.abs(x).max()) for x in (change, stored.values, *(work.values for work in works)))
+    largest = max(float(np.abs(x).max()) for x in (change, stored, *(work.values for work in works)))
     worst = float(np.abs(residual).max())
     return {
         "actuator_work_j": float(data["work_actuator"][-1]),

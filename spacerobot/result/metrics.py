@@ -12,12 +12,11 @@ from spacerobot.result.dataset import AXES
 
 def tip_errors(data: xr.Dataset) -> dict[str, dict[str, dict[str, float]]]:
     """Minimum, maximum, RMS and final tip error [m] by tip and axis, and of its norm."""
-    found = {}
-    for tip in data.tip.values:
-        error = data.tip_error.sel(tip=tip)
-        norm = np.sqrt((error**2).sum("axis"))
-        found[str(tip)] = {axis: _statistics(error.sel(axis=axis).values) for axis in AXES} | {
-            "norm": _statistics(norm.values)
+    found, errors = {}, data.tip_error.values
+    for k, tip in enumerate(data.tip.values):
+        error = errors[:, k]
+        found[str(tip)] = {axis: _statistics(error[:, i]) for i, axis in enumerate(AXES)} | {
+            "norm": _statistics(np.sqrt((error**2).sum(axis=1)))
         }
     return found
 
@@ -37,20 +36,16 @@ def body_motion(data: xr.Dataset) -> dict[str, dict[str, float]]:
     The rotation is the net one, from the attitude at the start to the present one, whole turns counted: in
     space, the length of the rotation vector that follows without a jump. A body that turns back loses angle.
     """
-    moved = data.body_position - data.body_position.isel(time=0)
-    travel = np.sqrt((moved**2).sum("axis")).max("time")
-    turned = data.body_rotation.isel(axis=0).copy()
-    for body in data.body.values:
-        turned.loc[{"body": body}] = _turned(data.body_rotation.sel(body=body).values)
+    position, rotation = data.body_position.values, data.body_rotation.values
+    travel = np.sqrt(((position - position[0]) ** 2).sum(axis=-1)).max(axis=0)
     if "body_angle" in data:
-        turned = np.abs(data.body_angle - data.body_angle.isel(time=0))
-    rotation = np.degrees(turned.max("time"))
+        angle = data.body_angle.values
+        turned = np.abs(angle - angle[0]).max(axis=0)
+    else:
+        turned = np.array([_turned(rotation[:, k]).max() for k in range(rotation.shape[1])])
     return {
-        str(body): {
-            "max_rotation_deg": float(rotation.sel(body=body)),
-            "max_travel_m": float(travel.sel(body=body)),
-        }
-        for body in data.body.values
+        str(body): {"max_rotation_deg": float(np.degrees(turned[k])), "max_travel_m": float(travel[k])}
+        for k, body in enumerate(data.body.values)
     }
 
 

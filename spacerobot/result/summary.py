@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import platform
 from collections.abc import Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
@@ -75,7 +76,7 @@ def build_summary(
         "assumptions": list(scene.assumptions),
         "warnings": list(scene.warnings),
         "urdf_sha256": {body.name: body.description.sha256 for body in scene.bodies},
-        "versions": _versions(),
+        "versions": dict(_versions()),
     }
 
 
@@ -89,7 +90,8 @@ def _status(trajectory: Trajectory) -> dict[str, Any]:
     }
 
 
-def _versions() -> dict[str, str]:
+@functools.cache
+def _versions() -> Mapping[str, str]:
     found = {"spacerobot": spacerobot.__version__, "python": platform.python_version()}
     for package in ("pin", "casadi", "numpy", "yourdfpy"):
         try:

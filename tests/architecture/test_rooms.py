@@ -85,6 +85,7 @@ BUILT_ON = {
     "viz.record": {"viz.drawing", "viz.figures"},
     "viz.readme_picture": {"viz.record"},
     "viz.studio": {
+        "viz.drawing",
         "viz.page",
         "viz.record",
         "optim.problem",

@@ -87,6 +87,8 @@ class Motion:
         From node to world (nt, nodes, 4), x y z w; neighbours in time lie on the same side.
     mates
         Mating frames of the grasps in the world (nt, grasps, 3), m.
+    joints
+        Of all joints' frames.
     """
 
     nodes: tuple[Node, ...]
@@ -95,6 +97,7 @@ class Motion:
     position: Array
     quaternion: Array
     mates: Array
+    joints: JointPlacements
 
     def placements(self, frame: int) -> list[Array]:
         """Node to world at a frame, homogeneous (4, 4) each."""
@@ -180,20 +183,44 @@ def pick_rows(time: Array, *, rate_hz: float, most: int) -> Rows:
     return np.unique(nearer)
 
 
-def sample_motion(result: Result, scene: Scene, rows: Sequence[int] | Rows) -> Motion:
-    """Placements at rows of a result's data."""
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """What of a scene moves, read once to be placed many times: nodes and joints.
+
+    Attributes
+    ----------
+    nodes
+        What can be seen.
+    joints
+        Of the scene's model, the universe left out.
+    """
+
+    nodes: tuple[Node, ...]
+    joints: tuple[Joint, ...]
+
+    @classmethod
+    def of(cls, scene: Scene) -> Stage:
+        """Of a scene."""
+        return cls(scene_nodes(scene), read_joints(scene.model))
+
+
+def sample_motion(
+    result: Result, scene: Scene, rows: Sequence[int] | Rows, stage: Stage | None = None
+) -> Motion:
+    """Placements at rows of a result's data; ``stage`` is the scene's, read anew if not given."""
     rows = np.asarray(rows, dtype=np.int64)
     q = result.data.q.values[rows]
-    return _place(scene, q, result.data.time.values[rows], rows)
+    return _place(scene, stage or Stage.of(scene), q, result.data.time.values[rows], rows)
 
 
 def initial_motion(scene: Scene) -> Motion:
     """Placements of a scene that has not been simulated yet: one frame at 0 s."""
-    return _place(scene, scene.q[None], np.zeros(1), np.zeros(1, dtype=np.int64))
+    rows = np.zeros(1, dtype=np.int64)
+    return _place(scene, Stage.of(scene), scene.q[None], np.zeros(1), rows)
 
 
-def _place(scene: Scene, q: Array, time: Array, rows: Rows) -> Motion:
-    nodes, joints = scene_nodes(scene), joint_placements(scene, q)
+def _place(scene: Scene, stage: Stage, q: Array, time: Array, rows: Rows) -> Motion:
+    nodes, joints = stage.nodes, joint_placements(scene, stage.joints, q)
     moving = [node.joint for node in nodes]
     quaternion = Rotation.from_matrix(joints.rotation[:, moving].reshape(-1, 3, 3)).as_quat()
     quaternion = quaternion.reshape(len(q), len(nodes), 4)
@@ -202,7 +229,7 @@ def _place(scene: Scene, q: Array, time: Array, rows: Rows) -> Motion:
     mates = [scene.model.frames[grasp.frame] for grasp in scene.grasps]
     points = [joints.points(frame.parentJoint, frame.placement.translation) for frame in mates]
     places = np.stack(points, axis=1) if points else np.zeros((len(q), 0, 3))
-    return Motion(nodes, rows, time, joints.origin[:, moving], quaternion, places)
+    return Motion(nodes, rows, time, joints.origin[:, moving], quaternion, places, joints)
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,12 +252,12 @@ class JointPlacements:
         return self.origin[:, joint] + self.rotation[:, joint] @ point
 
 
-def joint_placements(scene: Scene, q: Array) -> JointPlacements:
-    """Placements of all joints at configurations q (nt, nq), all at once."""
+def joint_placements(scene: Scene, joints: Sequence[Joint], q: Array) -> JointPlacements:
+    """Placements of all joints of a scene's model at configurations q (nt, nq), all at once."""
     model = scene.model
     rotation, origin = np.zeros((len(q), model.njoints, 3, 3)), np.zeros((len(q), model.njoints, 3))
     rotation[:, 0] = np.eye(3)
-    for joint in read_joints(model):
+    for joint in joints:
         resting, own = model.jointPlacements[joint.index], q[:, joint.idx_q : joint.idx_q + joint.nq]
         before, turned = rotation[:, joint.parent], rotation[:, joint.parent] @ resting.rotation
         moved = resting.translation + _moved(joint, own) @ resting.rotation.T

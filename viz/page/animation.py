@@ -14,6 +14,7 @@ from spacerobot.result.trust import warning
 from spacerobot.scene import Scene
 from viz.drawing.motion import (
     Motion,
+    Stage,
     bounds,
     extremes,
     greatest_force,
@@ -116,15 +117,20 @@ class Shown:
 
 
 def look_at(
-    result: Result, label: str, scene: Scene | None = None, *, rate_hz: float = FRAMES_PER_S
+    result: Result,
+    label: str,
+    scene: Scene | None = None,
+    stage: Stage | None = None,
+    *,
+    rate_hz: float = FRAMES_PER_S,
 ) -> Shown:
     """A result as a page shows it, so many frames to a second of simulated time.
 
-    ``scene`` is the result's own, built anew if not given.
+    ``scene`` is the result's own, and ``stage`` the scene's; they are made anew if not given.
     """
     scene = scene or result.scene()
     rows = pick_rows(result.data.time.values, rate_hz=rate_hz, most=MOST_FRAMES)
-    return Shown(result, scene, sample_motion(result, scene, rows), label)
+    return Shown(result, scene, sample_motion(result, scene, rows, stage), label)
 
 
 def still(scene: Scene, *, about: str | None = None) -> dict[str, Any]:
@@ -193,7 +199,7 @@ def run_data(shown: Shown) -> dict[str, Any]:
         "mates": packed(motion.mates),
         "grips": grip_data(result, rows),
         "contacts": contact_data(result, rows),
-        "masses": mass_data(result, shown.scene, rows),
+        "masses": mass_data(result, shown.scene, motion),
         "events": event_data(result),
         "fine_time": packed(data.time.values[finer]),
         "errors": [packed(error[:, k]) for k in range(len(tips))],

@@ -9,21 +9,21 @@ import numpy as np
 from spacerobot.arrays import Array
 from spacerobot.result import Result
 from spacerobot.scene import Scene
-from viz.drawing.motion import Rows, joint_placements
+from viz.drawing.motion import JointPlacements, Motion
 from viz.page.meshcat_scene import packed
 
 _ROUNDING = 1e-6
 
 
-def centres_of_mass(scene: Scene, q: Array) -> tuple[Array, Array]:
+def centres_of_mass(scene: Scene, joints: JointPlacements) -> tuple[Array, Array]:
     """Centres of mass of what moves.
 
     Parameters
     ----------
     scene
         The scene.
-    q
-        Configurations in Pinocchio's coordinates (nt, nq).
+    joints
+        Where they are (nt).
 
     Returns
     -------
@@ -32,10 +32,10 @@ def centres_of_mass(scene: Scene, q: Array) -> tuple[Array, Array]:
     masses
         Of them (bodies,), kg.
     """
-    model, joints = scene.model, joint_placements(scene, q)
+    model, times = scene.model, len(joints.origin)
     tops = [[joint for joint in body.subtree if joint] for body in scene.bodies]
     masses = np.array([sum(model.inertias[joint].mass for joint in own) for own in tops])
-    centres = np.full((len(q), len(tops), 3), np.nan)
+    centres = np.full((times, len(tops), 3), np.nan)
     for k, own in enumerate(tops):
         if masses[k] > 0:
             parts = [(model.inertias[j].mass, joints.points(j, model.inertias[j].lever)) for j in own]
@@ -43,8 +43,8 @@ def centres_of_mass(scene: Scene, q: Array) -> tuple[Array, Array]:
     return centres, masses
 
 
-def mass_data(result: Result, scene: Scene, rows: Rows) -> dict[str, Any]:
-    """Centres of mass and linear momenta of moving bodies, then of all together, at rows of a result.
+def mass_data(result: Result, scene: Scene, motion: Motion) -> dict[str, Any]:
+    """Centres of mass and linear momenta of moving bodies, then of all together, at times of a motion.
 
     Returns
     -------
@@ -53,7 +53,8 @@ def mass_data(result: Result, scene: Scene, rows: Rows) -> dict[str, Any]:
         ``greatest`` [N s], of the momenta (of a diverged result before its last instants), 0 if it is
         rounding.
     """
-    centres, masses = centres_of_mass(scene, result.data.q.values[rows])
+    rows = motion.rows
+    centres, masses = centres_of_mass(scene, motion.joints)
     moving = masses > 0
     if not moving.any():
         return no_masses()

@@ -22,6 +22,7 @@ from spacerobot.scenario.paths import get
 from spacerobot.scene import Scene, build_scene, load_scene
 from spacerobot.section import numbers
 from spacerobot.simulation import Ready, make_ready
+from viz.drawing.motion import Stage
 from viz.page.animation import Shown, look_at
 from viz.studio.metrics import Metric, Metrics, build_metrics
 from viz.studio.numbers import Leaf, find_leaves
@@ -135,7 +136,12 @@ class Plant:
 
     def look(self, result: Result) -> Shown:
         """A rollout as the page shows it."""
-        return look_at(result, self.scene.scenario.name, self.scene, rate_hz=FRAMES_PER_S)
+        name = self.scene.scenario.name
+        return look_at(result, name, self.scene, self._stage, rate_hz=FRAMES_PER_S)
+
+    @cached_property
+    def _stage(self) -> Stage:
+        return Stage.of(self.scene)
 
 
 @dataclass(frozen=True)

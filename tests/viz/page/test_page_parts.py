@@ -8,8 +8,10 @@ import pinocchio as pin
 import pytest
 from PIL import Image, ImageSequence
 
+from spacerobot.dynamics.joints import read_joints
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
+from viz.drawing.motion import joint_placements
 from viz.page.animation import animation
 from viz.page.masses import centres_of_mass
 from viz.page.page import animation_page
@@ -141,13 +143,13 @@ def test_extremes_of_every_signal_reach_the_chart(paper):
 
 def test_centres_of_mass_are_pinocchios_and_momentum_is_their_motion(paper):
     scene, data = paper.scene(), paper.data
-    q = data.q.values[[0, 250, 500]]
-    centres, masses = centres_of_mass(scene, q)
+    joints, q = read_joints(scene.model), data.q.values[[0, 250, 500]]
+    centres, masses = centres_of_mass(scene, joint_placements(scene, joints, q))
     for configuration, found in zip(q, centres, strict=True):
         whole = pin.centerOfMass(scene.model, scene.model.createData(), configuration)
         np.testing.assert_allclose(masses @ found / masses.sum(), whole, atol=1e-12)
     both = slice(200, 202)
-    moved, _ = centres_of_mass(scene, data.q.values[both])
+    moved, _ = centres_of_mass(scene, joint_placements(scene, joints, data.q.values[both]))
     velocity = np.diff(moved, axis=0)[0] / np.diff(data.time.values[both])
     momentum = data.body_momentum_linear.values[both].mean(axis=0)
     np.testing.assert_allclose(masses[:, None] * velocity, momentum, atol=1e-3 * np.abs(momentum).max())
