@@ -4,7 +4,7 @@ import numpy as np
 
 from spacerobot.description import Geometry
 from spacerobot.scene import load_scene
-from viz.drawing.motion import GREY, Motion, Node, Solid
+from viz.drawing.motion import GREY, JointPlacements, Motion, Node, Solid
 from viz.drawing.view import TOP, _clearest, first_view, oblique, view_of
 from viz.figures import docking
 from viz.page.animation import animation, still
@@ -20,7 +20,9 @@ def motion(*places):
     nodes = (box("arm", 0.1), *(box("target", 1.0, is_base=True) for _ in places))
     position = np.array([[[0.0, 0.0, 0.0], *places]])
     quaternion = np.tile([0.0, 0.0, 0.0, 1.0], (1, len(nodes), 1))
-    return Motion(nodes, np.zeros(1, dtype=np.int64), np.zeros(1), position, quaternion, np.zeros((1, 0, 3)))
+    nothing = JointPlacements(np.zeros((1, 0, 3, 3)), np.zeros((1, 0, 3)))
+    rows, none = np.zeros(1, dtype=np.int64), np.zeros((1, 0, 3))
+    return Motion(nodes, rows, np.zeros(1), position, quaternion, none, nothing)
 
 
 def test_an_arm_behind_the_object_is_seen_from_another_side():
