@@ -37,7 +37,7 @@ def test_an_arm_behind_the_object_is_seen_from_another_side():
 def test_a_mate_on_the_far_face_is_behind_the_object():
     shown = motion([0.0, 0.6, 0.0])  # the link touches a face that looks along -y, towards the usual eye
     mates = np.array([[[0.0, 1.1, 0.0]]])  # the other face
-    moved = Motion(shown.nodes, shown.rows, shown.time, shown.position, shown.quaternion, mates)
+    moved = Motion(shown.nodes, shown.rows, shown.time, shown.position, shown.quaternion, mates, shown.joints)
     assert (_clearest(shown).towards == oblique().towards).all()
     assert _clearest(moved).towards[1] > -0.6
 
