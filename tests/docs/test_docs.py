@@ -85,3 +85,13 @@ def test_the_docking_pages_scenario_is_caught_carried_and_let_go(tmp_path):
         "part.at_most",
     ]
     assert told == carried
+
+
+def test_the_scenario_of_the_page_on_bases_holds_the_servicer():
+    from spacerobot.scene import load_scene
+
+    for text in blocks(ROOT / "docs" / "bases.md", "yaml"):
+        own = yaml.safe_load(text)["robots"]["servicer"]
+        scene = load_scene("servicer", {f"robots.servicer.{key}": value for key, value in own.items()})
+        assert any("robots.servicer.controllers.attitude" in told for told in scene.assumptions)
+        assert not [told for told in scene.warnings if "nozzles" in told]
