@@ -10,6 +10,7 @@ from spacerobot.errors import ResultError, near_names
 from spacerobot.files import write_bytes
 from spacerobot.result import Result, note_derived
 from viz.figures.approach import approach
+from viz.figures.bases import acting_bases, base_control, relative_orbit
 from viz.figures.bodies import base_motion, grip_forces, object_motion
 from viz.figures.contacts import contact_forces
 from viz.figures.docking import docking
@@ -91,6 +92,18 @@ KINDS = (
     ),
     Kind("grip_forces", "Grip forces", grip_forces, applies=lambda r: bool(r.data.sizes["grasp"])),
     Kind("contact_forces", "Contact forces and gaps", contact_forces, applies=_may_touch),
+    Kind(
+        "base_control",
+        "Attitude errors of bases, and what their actuators do",
+        base_control,
+        applies=lambda r: bool(acting_bases(r)),
+    ),
+    Kind(
+        "relative_orbit",
+        "Motion relative to the reference orbit",
+        relative_orbit,
+        applies=lambda r: "hill_position" in r.data,
+    ),
     Kind("wheels", "Reaction wheels: speeds and torques", wheels, applies=_has_wheels),
     Kind(
         "momentum_budget",

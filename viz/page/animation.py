@@ -31,6 +31,7 @@ from viz.page.events import event_data
 from viz.page.limits import joint_limits
 from viz.page.masses import mass_data, no_masses
 from viz.page.meshcat_scene import Meshes, changed_descriptions, packed, poses, rounded
+from viz.page.plumes import no_plumes, plume_data
 from viz.page.signals import chart_rows, quantities, signal_data
 
 FRAMES_PER_S = 25.0
@@ -153,6 +154,7 @@ def still(scene: Scene, *, about: str | None = None) -> dict[str, Any]:
         "mates": "",
         "grips": {"held": "", "captures": []},
         "contacts": no_contacts(),
+        "plumes": no_plumes(),
         "masses": no_masses(),
         "fine_time": packed(motion.time),
         "errors": [],
@@ -199,6 +201,7 @@ def run_data(shown: Shown) -> dict[str, Any]:
         "mates": packed(motion.mates),
         "grips": grip_data(result, rows),
         "contacts": contact_data(result, rows),
+        "plumes": plume_data(result, rows),
         "masses": mass_data(result, shown.scene, motion),
         "events": event_data(result),
         "fine_time": packed(data.time.values[finer]),

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from spacerobot.arrays import Array
 from spacerobot.result import Result
 from viz.drawing.motion import Rows
 from viz.page.meshcat_scene import packed
@@ -15,20 +16,24 @@ _CAPTURED = 2  # a grasp's state
 
 
 def contact_data(result: Result, rows: Rows) -> dict[str, Any]:
-    """Contacts near rows of a result: ``count``, ``forces`` [N] and ``points`` [m], packed (nt, count, 3).
-
-    Of the rows that are nearest to one of these, that with the largest force: a touch may be shorter than the
-    time between frames.
-    """
+    """Contacts near rows of a result: ``count``, ``forces`` [N] and ``points`` [m], packed (nt, count, 3)."""
     data = result.data
     if "contact" not in data.dims:
         return no_contacts()
-    forces, points = data.contact_force.values, data.contact_point.values
+    forces, points = strongest(data.contact_force.values, data.contact_point.values, rows)
+    return {"count": data.sizes["contact"], "forces": packed(forces), "points": packed(points)}
+
+
+def strongest(forces: Array, points: Array, rows: Rows) -> tuple[Array, Array]:
+    """Forces and where they act (nt, n, 3) near rows: of the rows nearest to each, that with the largest.
+
+    What acts may be shorter than the time between frames.
+    """
     edges = [0, *((rows[1:] + rows[:-1]) // 2 + 1), len(forces)]
     size = np.linalg.norm(forces, axis=-1)
     most = np.array([begin + size[begin:end].argmax(axis=0) for begin, end in pairwise(edges)])
-    own = np.arange(data.sizes["contact"])
-    return {"count": len(own), "forces": packed(forces[most, own]), "points": packed(points[most, own])}
+    own = np.arange(forces.shape[1])
+    return forces[most, own], points[most, own]
 
 
 def no_contacts() -> dict[str, Any]:

@@ -46,7 +46,7 @@ class Quantity:
 def quantities(result: Result) -> list[Quantity]:
     """All signals of a result at all its times, by quantity; the tip error comes first."""
     found = [*_tips(result), *_grasps(result), *_contacts(result), *_joints(result), *_bodies(result)]
-    found += [*_wheels(result), *_energies(result)]
+    found += [*_wheels(result), *_held(result), *_orbit(result), *_energies(result)]
     return [quantity for quantity in found if quantity.signals]
 
 
@@ -231,6 +231,44 @@ def _wheels(result: Result) -> list[Quantity]:
         ),
         Quantity("angular momentum of wheels by axis", "N m s", _along(carried.values, bodies, about)),
     ]
+
+
+def _held(result: Result) -> list[Quantity]:
+    """Of bases that act: their errors, what their thrusters give and spend."""
+    data, axes, found = result.data, shown_axes(result), list[Quantity]()
+    kinds = (
+        ("attitude error of bases by axis", "deg", "base_attitude_error", np.degrees(1.0), _about(result)),
+        ("position error of bases by axis", "mm", "base_position_error", 1e3, axes),
+    )
+    for title, unit, key, factor, along in kinds:
+        if key in data:
+            held = data[key].dropna("body", how="all")
+            names = [called(str(body)) for body in held.body.values]
+            found.append(Quantity(title, unit, _along(held.values * factor, names, along)))
+    if "thruster" in data.dims:
+        size = np.linalg.norm(data.thruster_force.values, axis=-1)
+        forces = [Signal(str(name), size[:, k]) for k, name in enumerate(data.thruster.values)]
+        spent = data.propellant.dropna("body", how="all") * 1e3
+        masses = [Signal(called(str(body)), spent.sel(body=body).values) for body in spent.body.values]
+        found += [Quantity("thruster force", "N", forces), Quantity("propellant", "g", masses)]
+    return found
+
+
+def _orbit(result: Result) -> list[Quantity]:
+    """Motion of bodies in radial, along-track and cross-track axes."""
+    data, found = result.data, list[Quantity]()
+    if "hill_position" not in data:
+        return found
+    axes = ("radial", "along-track", "cross-track")[: len(shown_axes(result))]
+    for title, unit, factor in (("position", "m", 1.0), ("velocity", "mm/s", 1e3)):
+        values = data[f"hill_{title}"].values * factor
+        signals = [
+            Signal(f"{called(str(body))} {axis}", values[:, k, i])
+            for k, body in enumerate(data.body.values)
+            for i, axis in enumerate(axes)
+        ]
+        found.append(Quantity(f"{title} in Hill axes", unit, signals))
+    return found
 
 
 def _energies(result: Result) -> list[Quantity]:

@@ -3,15 +3,16 @@ const FLASH_S = 1; // of simulated time
 const PALE = "#dfe6ee"; // the design before
 
 class Run {
-  // ``sizes``: of the scene, of arrows a newton and a newton second, all in metres; ``closeness`` shrinks what marks.
+  // ``sizes``: of the scene, of arrows a newton, of thrust a newton, and a newton second, all in metres; ``closeness`` shrinks what marks.
   constructor(data, sizes, closeness) {
     this.read(data);
     this.scale = sizes.scene * closeness;
     this.metresPerNewton = sizes.newton * closeness;
+    this.metresPerThrust = sizes.thrust * closeness;
     this.metresPerNewtonSecond = sizes.newtonSecond * closeness;
     this.root = new THREE.Group();
     this.layers = {
-      ghosts: [], reference: [], traces: [], forces: [], contacts: [], mates: [], frames: [], centres: [], momenta: [],
+      ghosts: [], reference: [], traces: [], forces: [], contacts: [], plumes: [], mates: [], frames: [], centres: [], momenta: [],
     };
     this.vector = new THREE.Vector3();
     this.from = new THREE.Vector3();
@@ -20,6 +21,7 @@ class Run {
     this.addPaths();
     this.addGrips();
     this.addMasses();
+    this.plumes = Array.from({ length: data.plumes.count }, () => this.put("plumes", plume(COLOURS.plume)));
     if (data.pale) this.fade();
   }
 
@@ -33,6 +35,8 @@ class Run {
     this.held = floats(data.grips.held);
     this.touching = floats(data.contacts.forces);
     this.touched = floats(data.contacts.points);
+    this.thrusts = floats(data.plumes.forces);
+    this.nozzles = floats(data.plumes.points);
     this.fineTime = floats(data.fine_time);
     this.errors = data.errors.map(floats);
     this.centres = floats(data.masses.centres);
@@ -183,6 +187,12 @@ class Run {
       this.between(this.touched, touches, k, i, share, this.from);
       this.between(this.touching, touches, k, i, share, this.vector).multiplyScalar(this.metresPerNewton);
       this.point(shown);
+    });
+    const nozzles = this.plumes.length;
+    this.plumes.forEach((shown, k) => {
+      this.between(this.nozzles, nozzles, k, i, share, this.from);
+      this.between(this.thrusts, nozzles, k, i, share, this.vector).multiplyScalar(this.metresPerThrust);
+      shown.fire(this.from, this.vector, 0.001 * this.scale);
     });
     this.centreBalls.forEach((dot, k) => {
       this.between(this.centres, masses, k, i, share, dot.position);

@@ -44,7 +44,8 @@ class Scene {
     const { scale, longest_arrow: longest, greatest_force: force, runs } = this.payload;
     const momentum = Math.max(...runs.map(({ masses }) => masses.greatest));
     const each = (greatest) => (greatest > 0 ? (longest * scale) / greatest : 0);
-    const sizes = { scene: scale, newton: each(force), newtonSecond: each(momentum) };
+    const thrust = Math.max(...runs.map(({ plumes }) => plumes.greatest));
+    const sizes = { scene: scale, newton: each(force), thrust: each(thrust), newtonSecond: each(momentum) };
     this.runs = runs.map((data, k) => {
       const run = new Run(data, sizes, this.near ? this.closeness() : 1);
       this.viewer.set_object([`run${k}`], run.root);
@@ -126,8 +127,10 @@ class Scene {
   get scale() {
     const { greatest_force: force, runs } = this.payload;
     const momentum = Math.max(...runs.map(({ masses }) => masses.greatest));
+    const thrust = Math.max(...runs.map(({ plumes }) => plumes.greatest));
     const parts = [`grid ${this.spacing} m`];
     if (force > 0 && (this.shown.forces || this.shown.contacts)) parts.push(`longest force ${force.toPrecision(3)} N`);
+    if (thrust > 0 && this.shown.plumes) parts.push(`longest plume ${thrust.toPrecision(3)} N`);
     if (momentum > 0 && this.shown.momenta) parts.push(`longest momentum ${momentum.toPrecision(3)} N s`);
     return parts.join("; ");
   }
@@ -181,7 +184,7 @@ class Scene {
     this.time = time;
     for (const run of this.runs) {
       run.seek(time);
-      for (const layer of ["forces", "contacts", "momenta"]) if (!this.shown[layer]) run.show(layer, false);
+      for (const layer of ["forces", "contacts", "plumes", "momenta"]) if (!this.shown[layer]) run.show(layer, false);
     }
     this.eye.follow(this.followedPoint);
     this.viewer.set_dirty();

@@ -4,7 +4,7 @@ const TIP_COLOURS = ["#56b4e9", "#ffb000", "#f29ad0", "#f0e442", "#9be564", "#c9
 const AXIS_COLOURS = ["#ff5c5c", "#5ee05e", "#6fa8ff"];
 const COLOURS = {
   target: "#35e0a1", force: "#ff5c6c", contact: "#c77dff", reference: "#ffffff", mate: "#ffffff", grid: "#8fa3b8",
-  centre: "#ffd23f", momentum: "#7df9ff",
+  centre: "#ffd23f", momentum: "#7df9ff", plume: "#ffdca8",
 };
 const RUN_COLOURS = ["#56b4e9", "#ff8c42", "#9be564", "#f29ad0", "#f0e442", "#c9b6ff"];
 
@@ -175,6 +175,24 @@ function cloudOf(points, [samples, times, tips]) {
   lines.renderOrder = 9;
   lines.frustumCulled = false;
   return lines;
+}
+
+// A cone of gas that leaves a nozzle against the force on the body.
+function plume(colour) {
+  const material = new THREE.MeshBasicMaterial({
+    color: colour, opacity: 0.6, transparent: true, depthWrite: false, side: THREE.DoubleSide,
+  });
+  const cone = new THREE.Mesh(new THREE.ConeGeometry(0.22, 1, 20, 1, true).translate(0, -0.5, 0), material);
+  cone.renderOrder = 15;
+  cone.fire = (from, force, shortest) => {
+    const length = force.length();
+    cone.visible = length > shortest;
+    if (!cone.visible) return;
+    cone.position.copy(from);
+    cone.quaternion.setFromUnitVectors(new THREE.Vector3(0, 1, 0), force.clone().divideScalar(length));
+    cone.scale.setScalar(length);
+  };
+  return cone;
 }
 
 // A body's own axes: x red, y green, z blue.

@@ -1,0 +1,83 @@
+"""Bases that act are seen: plumes, errors, propellant and motion in orbit, on the page and in figures."""
+
+import numpy as np
+import pytest
+
+from spacerobot.result.result import Result
+from spacerobot.simulation import simulate
+from tests.oracles.small_scenes import PLANAR, small_scene
+from viz.figures.collect import draw_all
+from viz.page.animation import animation
+from viz.page.page import animation_page
+
+NOZZLES = {
+    "ahead": {"position": [0.3, 0.3, 0], "direction": [1, 0, 0]},
+    "back": {"position": [-0.3, 0.3, 0], "direction": [-1, 0, 0]},
+}
+TURN = {"kind": "base_attitude", "kp": 60, "kd": 5, "attitude_deg": [0, 0, 40]}
+PALE = np.array([0xFF, 0xDC, 0xA8])
+
+
+@pytest.fixture(scope="module")
+def fired():
+    """Two robots near an orbit; one turns its base back by two thrusters."""
+    changes = {
+        "environment": {"leo": {"kind": "orbit", "altitude": 500e3}},
+        "robots.one.controllers": {"turn": TURN},
+        "robots.one.actuators": {"jets": {"kind": "thrusters", "thrust": 20, "nozzles": NOZZLES}},
+        "simulation.duration": 0.5,
+        "simulation.step": 0.01,
+    }
+    return simulate(small_scene(PLANAR, changes), backend="interpreted")
+
+
+def test_the_page_has_them_as_signals_and_forces(fired):
+    run = animation(fired)["runs"][0]
+    greatest = np.linalg.norm(fired.data.thruster_force.values, axis=-1).max()
+    assert greatest > 1
+    assert run["plumes"]["greatest"] == pytest.approx(greatest)
+    assert run["plumes"]["forces"].shape[1] == run["plumes"]["count"] == 2
+    told = {quantity["title"]: [s["name"] for s in quantity["signals"]] for quantity in run["quantities"]}
+    assert told["propellant"] == ["one"]
+    assert told["thruster force"] == ["one/jets.ahead", "one/jets.back"]
+    assert told["attitude error of bases by axis"] == ["one z"]
+    assert told["position in Hill axes"][:2] == ["one radial", "one along-track"]
+
+
+def test_a_pulse_between_two_frames_is_shown(fired):
+    data = fired.data.copy(deep=True)
+    size = np.linalg.norm(data.thruster_force.values, axis=-1).max(axis=1)
+    kept = np.arange(len(size)) == size.argmax()
+    data["thruster_force"] = data.thruster_force * kept[:, None, None]
+    run = animation(Result(fired.scenario, data, fired.summary))["runs"][0]
+    assert run["plumes"]["greatest"] == pytest.approx(size.max())
+
+
+def test_plumes_are_seen_while_a_thruster_fires_and_can_be_hidden(browser, fired, tmp_path):
+    path = tmp_path / "page.html"
+    path.write_text(animation_page(fired), encoding="utf-8")
+    counts = []
+    for layers in ("plumes", ""):
+        # the address names layers that differ from the beginning
+        browser.open(
+            f"{path.as_uri()}#t=0.1&play=0&layers=names traces forces mates ghosts magnifier {layers}"
+        )
+        browser.wait_for("document.body?.dataset.ready === 'true'")
+        picture = browser.picture()[60:500, 250:].astype(float)
+        ratio = picture[..., 0] - picture[..., 2]
+        counts.append(int(((ratio > 40) & (np.abs(picture - 0.75 * PALE).max(axis=2) < 60)).sum()))
+        assert browser.errors == []
+    assert counts[1] > counts[0] + 100
+
+
+def test_figures_are_drawn_where_they_apply(fired):
+    names = ["base_control", "relative_orbit"]
+    drawn = {name: drawing for name, _, drawing in draw_all(fired, names=names)}
+    assert list(drawn) == names
+    titles = [axes.get_title("left") for axes in drawn["base_control"].axes]
+    assert titles[0] == "one, attitude error"
+    assert "thrusters up to" in titles[1]
+    assert [axes.get_ylabel() for axes in drawn["relative_orbit"].axes] == ["radial [m]"]
+    bare = fired.data.drop_dims("thruster").drop_vars(["base_attitude_error", "hill_position"])
+    plain = Result(fired.scenario, bare, fired.summary)
+    assert not list(draw_all(plain, names=names))

@@ -1,0 +1,98 @@
+"""Bases that act: attitude errors and what their actuators do; motion relative to an orbit."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from spacerobot.result import Result
+from viz.figures.style import Drawing, called, legend_over, line, panels, shown_axes, styled, until
+
+
+@styled
+def base_control(result: Result) -> Drawing:
+    """Attitude error of each base that is held, and its thrusters or wheels: a row each."""
+    bodies = acting_bases(result)
+    figure, axes = panels(len(bodies), 2, sharex=True)
+    for row, body in zip(axes, bodies, strict=True):
+        _attitude(row[0], result, body)
+        _actuators(row[1], result, body)
+        for panel in row:
+            panel.set_xlabel("time [s]")
+            until(panel, result)
+    return figure
+
+
+def acting_bases(result: Result) -> list[str]:
+    """Bodies whose attitude a controller holds, or that have thrusters."""
+    found = list[str]()
+    for body in map(str, result.data.body.values):
+        if _is_held(result, body) or _labels(result, "thruster", body):
+            found.append(body)
+    return found
+
+
+def _is_held(result: Result, body: str) -> bool:
+    errors = result.data.get("base_attitude_error")
+    return errors is not None and bool(errors.sel(body=body).notnull().any())
+
+
+def _attitude(panel: Axes, result: Result, body: str) -> None:
+    """Attitude error by axis; where nothing is held (a controller of rates), rotation since the start."""
+    data, about = result.data, ["z"] if "body_angle" in result.data else ["x", "y", "z"]
+    held = _is_held(result, body)
+    text = "attitude error" if held else "rotation since the start"
+    panel.set_title(f"{called(body)}, {text}")
+    panel.set_ylabel(f"{text} [deg]")
+    angle = data["base_attitude_error" if held else "body_rotation"].sel(body=body)
+    for k, axis in enumerate(about):
+        values = np.degrees(angle.sel(axis=axis).values)
+        panel.plot(data.time.values, values, **line(k), label=f"about {axis}")
+    legend_over(panel, columns=3)
+
+
+def _actuators(panel: Axes, result: Result, body: str) -> None:
+    """Thrusters as bands over time, as high as their part of the greatest force; else torques of wheels."""
+    data, time = result.data, result.data.time.values
+    jets, wheels = (_labels(result, kind, body) for kind in ("thruster", "wheel"))
+    if jets:
+        force = np.sqrt((data.thruster_force.sel(thruster=jets) ** 2).sum("axis")).values
+        most = force.max(initial=0.0) or 1.0
+        for k, _ in enumerate(jets):
+            panel.fill_between(
+                time, k, k + 0.8 * force[:, k] / most, linewidth=0, step="post", color=line(k)["color"]
+            )
+        panel.set_yticks(np.arange(len(jets)) + 0.4, [name.partition(".")[2] for name in jets], fontsize=7)
+        spent = float(data.propellant.sel(body=body)[-1]) * 1e3
+        panel.set_title(f"{called(body)}, thrusters up to {most:.3g} N, {spent:.3g} g in all")
+        return
+    panel.set_title(f"{called(body)}, torques of wheels")
+    panel.set_ylabel("torque [N m]")
+    for k, wheel in enumerate(wheels):
+        panel.plot(time, data.wheel_torque.sel(wheel=wheel).values, **line(k), label=wheel.partition("/")[2])
+    if wheels:
+        legend_over(panel, columns=2)
+
+
+def _labels(result: Result, kind: str, body: str) -> list[str]:
+    """Thrusters or wheels of a body."""
+    own = result.data[kind].values if kind in result.data.dims else ()
+    return [str(label) for label in own if str(label).startswith(f"{body}/")]
+
+
+@styled
+def relative_orbit(result: Result) -> Drawing:
+    """Motion of the bodies in Hill axes: radial and, in space, cross-track over along-track position."""
+    data, flat = result.data, len(shown_axes(result)) == 2
+    figure, axes = panels(1, 1 if flat else 2)
+    sides = [(0, "radial")] if flat else [(0, "radial"), (2, "cross-track")]
+    for panel, (axis, name) in zip(axes.flat, sides, strict=True):
+        for k, body in enumerate(map(str, data.body.values)):
+            place = data.hill_position.sel(body=body).values
+            panel.plot(place[:, 1], place[:, axis], **line(k), label=called(body))
+            panel.plot(*place[0, [1, axis]], "o", color=line(k)["color"], markersize=4)
+        panel.set_xlabel("along-track [m]")
+        panel.set_ylabel(f"{name} [m]")
+        panel.set_title(f"{name}, from the dot on")
+        legend_over(panel)
+    return figure
