@@ -6,6 +6,8 @@ from typing import Any
 import numpy as np
 
 import spacerobot as sr
+from optim.planning.make import make_plan
+from optim.planning.plan_file import FOLLOWED, write
 from viz.figures import disturbance, to_bytes
 
 TASK = Path(__file__).with_name("reach.yaml")
@@ -32,16 +34,14 @@ WAYS: dict[str, dict[str, Any]] = {
 
 
 def main(
-    folder: Path = Path("out/examples/disturbance"),
-    duration_s: float = 14.0,
-    plan: Path | None = None,
-    names: tuple[str, ...] = tuple(WAYS),
+    folder: Path = Path("out/examples/disturbance"), duration_s: float = 14.0, names: Any = (*WAYS, "plan")
 ) -> None:
-    """A table and a figure; ``plan`` is a scenario that follows a planned motion of the same task."""
+    """A table and a figure; the plan is found first, of what the scenario's ``plan`` section asks for."""
     shared = {"simulation.duration": duration_s}
-    results = {name: sr.simulate(sr.load_scene(TASK, shared | WAYS[name])) for name in names}
-    if plan is not None:
-        results["plan"] = sr.simulate(sr.load_scene(plan, shared))
+    results = {name: sr.simulate(sr.load_scene(TASK, shared | WAYS[name])) for name in names if name in WAYS}
+    if "plan" in names:
+        write(make_plan(sr.load_scene(TASK)), folder / "plan")
+        results["plan"] = sr.simulate(sr.load_scene(folder / "plan" / FOLLOWED, shared))
     print(f"{'way':30s}base turns   base moves   torque rms   greatest   rest within 0.1 mm   tip at the end")
     for name, result in results.items():
         data = result.data
