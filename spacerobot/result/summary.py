@@ -61,6 +61,7 @@ def build_summary(
         "outcome": outcome_of(scene, events),
         "events": list(events),
         "tip_error": tip_errors(data),
+        **({"unled_tips": unled} if (unled := _unled(scene)) else {}),
         "target": bodies.get("target"),
         "bases": {body.name: bodies[body.name] for body in scene.robots},
         "greatest_torque": greatest_torque(data),
@@ -78,6 +79,18 @@ def build_summary(
         "urdf_sha256": {body.name: body.description.sha256 for body in scene.bodies},
         "versions": dict(_versions()),
     }
+
+
+def _unled(scene: Scene) -> list[str]:
+    """Tips without a reference and a controller of their own: nobody asked them to be anywhere."""
+    return [
+        tip.label
+        for tip in scene.tips
+        if len(tip.references) == 1
+        and not tip.from_target
+        and tip.config.reference is None
+        and not list(tip.config.elements())
+    ]
 
 
 def _status(trajectory: Trajectory) -> dict[str, Any]:

@@ -13,6 +13,7 @@ from spacerobot.rollout import Measures, Signals, build_rollout, integral
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
 from tests.oracles import one_arm
+from tests.oracles.free_bodies import FLAT, free_bodies
 
 
 @pytest.fixture(scope="module")
@@ -107,3 +108,11 @@ def test_a_wrong_variable_says_what_is_wanted(scene):
             ScenarioError, match=r"variables\.kp: found .*wanted: \(dotted path, lower, upper\)"
         ):
             build_problem(scene, variables={"kp": wrong})
+
+
+def test_a_tip_that_nothing_leads_has_no_row_of_errors(tmp_path):
+    grasp = {"kind": "point", "capture": {"distance": 0.001}}
+    scene = free_bodies(tmp_path, FLAT, grasp, simulation={"duration": 0.1, "step": 0.05})
+    result = simulate(scene, backend="interpreted")
+    assert result.summary["unled_tips"] == ["one/tip"]
+    assert not any(name.startswith("tip error") for name, _ in result.headline())
