@@ -185,6 +185,8 @@ WORDS = {
     "left": "out of its envelope",
     "slipped": "slipped off",
     "drawn": "drawn in",
+    "saturated": "at its speed limit",
+    "freed": "free of its speed limit",
     "phase": "begins",
     "end": "ends the simulation",
 }

@@ -18,6 +18,7 @@ from spacerobot.result.result import Result
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
 from tests.oracles import one_arm
+from tests.oracles.small_scenes import PLANAR, small_scene
 from viz.figures import (
     KINDS,
     approach,
@@ -29,6 +30,7 @@ from viz.figures import (
     grip_forces,
     joints,
     ledger,
+    momentum_budget,
     object_motion,
     orientation_errors,
     robustness,
@@ -37,10 +39,12 @@ from viz.figures import (
     sensitivities,
     tip_errors,
     tip_paths,
+    wheels,
 )
 from viz.figures.ledger import energy_astray
 from viz.figures.style import drawn_for, labels_of, to_bytes
 from viz.figures.tips import enlargement
+from viz.figures.wheels import shares
 from viz.page.signals import quantities
 
 UNIT = re.compile(r"\[(m|mm|mm/s|s|deg|N|N m|N s|N m s|J|%|rollouts)\]$")
@@ -415,3 +419,25 @@ def test_a_figure_is_laid_out_once_and_written_with_plain_fonts(paper, monkeypat
     assert opened
     assert not set().union(*opened) & {"GPOS", "GSUB", "GDEF"}
     assert Options._drop_tables_default == dropped
+
+
+def test_the_momentum_budget_adds_up():
+    """Robots without wheels, wheels and object come to what came from outside."""
+    held = {"turn": {"kind": "base_attitude", "kp": 40, "kd": 20}, "go": {"kind": "base_position", "kp": 20}}
+    actuators = {
+        "wheels": {"kind": "reaction_wheels", "axes": [[0, 0, 1]], "inertia": 0.05},
+        "pull": {"kind": "base_wrench", "force": 3},
+    }
+    changes = {"robots.one.controllers": held, "robots.one.actuators": actuators, "simulation.duration": 0.4}
+    result = simulate(small_scene(PLANAR, changes), backend="interpreted")
+    for kind, axis in (("angular", "z"), ("linear", "x")):
+        parts = dict(shares(result, kind, axis))
+        outside = parts.pop("impulse from outside")
+        assert ("wheels" in parts) == (kind == "angular")
+        assert np.ptp(outside) > 1e-3
+        np.testing.assert_allclose(sum(parts.values()), outside, atol=1e-12)
+    (panel,) = (a for a in momentum_budget(result).axes if "angular" in a.get_title("left"))
+    assert {"robots without wheels", "wheels", "object", "all together"} <= {
+        line.get_label() for line in panel.get_lines()
+    }
+    assert len(wheels(result).axes) == 2
