@@ -9,7 +9,8 @@ motion of the arm, and the turning of the base itself, take beside the base's ow
     J w' = K_p e + K_i int(e) - K_d w + (what grasps and contacts do)
 
 whatever the arm does. By the model, h' = H v' + H' v: u depends on the acceleration that it causes. That
-loop is closed exactly, like that of an ideal derivative, as if everything asked for were delivered.
+loop is closed exactly, like that of an ideal derivative, as if everything asked for were delivered. Or
+h - J w, which depends on velocities alone, goes through a lag of first order, whose rate is taken.
 """
 
 from __future__ import annotations
@@ -25,10 +26,14 @@ from spacerobot.elements.contribution import Channel, Contribution, Output, Stat
 
 @dataclass(frozen=True)
 class Reaction:
-    """``h' - J w'``: loads along which v' gives it, reduced (nv x 3), and what remains of it (3x1)."""
+    """``h' - J w'``: loads along which v' gives it, reduced (nv x 3), and what remains of it (3x1).
 
-    sense: ca.SX
+    Or, without loads, ``momentum`` (3x1) whose filtered rate it is, beside what remains.
+    """
+
+    sense: ca.SX | None
     drift: ca.SX
+    momentum: ca.SX | None = None
 
 
 def held(
@@ -60,11 +65,16 @@ def held(
     velocity = plant.velocity(robot.base_frame)[turns][axes]
     kp, ki, kd = (context.number(gain) for gain in ("kp", "ki", "kd"))
     command, gain = kp * error[axes] + ki * integral - kd * velocity, None
+    states = [State(name, integral, ca.SX.zeros(len(axes)), error[axes])]
     sense = ca.SX(plant.v.size1(), len(axes))
     if reaction is not None:
         part = context.number("feed_forward")
-        command, gain = command + part * reaction.drift[axes], ca.repmat(-part, len(axes), 1)
-        sense = reaction.sense[:, axes]
+        command = command + part * reaction.drift[axes]
+        if reaction.sense is not None:
+            gain, sense = ca.repmat(-part, len(axes), 1), reaction.sense[:, axes]
+        if reaction.momentum is not None:
+            states.append(_filter(robot, reaction.momentum[axes]))
+            command = command + part * states[-1].derivative
     actuation = actuation[:, axes]
     drive = reduced(robot, actuation)
     channel = Channel(robot.name, actuation, drive, sense, command, gain, moves_tip=False)
@@ -75,10 +85,17 @@ def held(
     )
     brakes_only = context.is_zero("kp") and context.is_zero("ki")
     return Contribution(
-        states=(State(name, integral, ca.SX.zeros(len(axes)), error[axes]),),
+        states=tuple(states),
         channels=(channel,),
         outputs=() if brakes_only else (Output(called, error, unit, text, "body", robot.name),),
     )
+
+
+def _filter(robot: RobotContext, value: ca.SX) -> State:
+    """State that follows a value (n x 1) with the time constant ``filter_time``, and begins at it."""
+    name = f"{robot.name}/{robot.key}.filter"
+    found = ca.SX.sym(name, value.size1())
+    return State(name, found, value, (value - found) / robot.context.number("filter_time"))
 
 
 def reduced(robot: RobotContext, efforts: ca.SX) -> ca.SX:

@@ -44,13 +44,19 @@ class BaseController:
     @property
     def state_names(self) -> tuple[str, ...]:
         """Names of its states."""
-        name = f"{self.body.name}/{self.key.rpartition('.')[2]}.integral"
-        return tuple(f"{name}[{i}]" for i in range(len(self.axes)))
+        name = f"{self.body.name}/{self.key.rpartition('.')[2]}"
+        kept = ("integral", "filter") if self._filters else ("integral",)
+        return tuple(f"{name}.{what}[{i}]" for what in kept for i in range(len(self.axes)))
+
+    @property
+    def _filters(self) -> bool:
+        return self.config.derivative == "filtered" and self.config.feed_forward != 0
 
     def initial(self, kinematics: Kinematics) -> Array:
-        """No error yet."""
-        del kinematics
-        return np.zeros(len(self.axes))
+        """No error yet, and the filter at what it follows."""
+        n = len(self.axes)
+        felt = self._reaction(kinematics)[0] @ kinematics.v if self._filters else np.empty(0)
+        return np.concatenate([np.zeros(n), felt[self.axes] if self._filters else felt])
 
     def error(self, kinematics: Kinematics) -> Array:
         """Rotation vector [rad] or way [m] to where the base shall be (3,), world axes."""
@@ -71,30 +77,43 @@ class BaseController:
 
     def _evaluate(self, kinematics: Kinematics, states: Array) -> Command:
         """Command and rates of the states at one instant."""
-        config, axes, nv = self.config, self.axes, kinematics.model.nv
+        config, axes = self.config, self.axes
+        turns, n = isinstance(config, BaseAttitude), len(axes)
         now, error = kinematics.frame(self.body.root_frame), self.error(kinematics)[axes]
-        turns = isinstance(config, BaseAttitude)
-        own = base_columns(self.scene, self.body)
-        jacobian = np.zeros((6, nv))
-        jacobian[:, own] = now.jacobian[:, own]
-        whole, drift = self._momentum_rate(kinematics, jacobian)
-        lever = self._lever(kinematics)
-        about = np.hstack([-pin.skew(lever), np.eye(3)])
-        if turns:
+        actuation = self._base_jacobian(kinematics)[3:]
+        if not turns:
+            actuation = self._base_jacobian(kinematics)[:3] - pin.skew(self._lever(kinematics)) @ actuation
+        felt, drift = self._reaction(kinematics)
+        part, rates = config.feed_forward, [error]
+        if self._filters:
+            follows = (felt @ kinematics.v)[axes]
+            rates.append((follows - states[n:]) / config.filter_time)
+            spin = now.velocity[3:]
             inertia = now.rotation @ self._first_inertia() @ now.rotation.T
-            actuation, felt = jacobian[3:], about @ whole - inertia @ now.jacobian[3:]
-            drift = about @ drift
+            carried = np.cross(spin, inertia @ spin) if turns else np.zeros(3)
+            drift, gain = carried[axes] + rates[1], 0.0
         else:
-            mass = self._mass(kinematics)
-            actuation, felt = (
-                jacobian[:3] - pin.skew(lever) @ jacobian[3:],
-                whole[:3] - mass * now.jacobian[:3],
-            )
-            drift = drift[:3] - mass * now.drift[:3]
-        part = config.feed_forward
+            drift, gain = drift[axes], -part
         velocity = (now.velocity[3:] if turns else now.velocity[:3])[axes]
-        command = config.kp * error + config.ki * states - config.kd * velocity + part * drift[axes]
-        return Command(actuation[axes], felt[axes], command, -part, -velocity, error)
+        command = config.kp * error + config.ki * states[:n] - config.kd * velocity + part * drift
+        return Command(actuation[axes], felt[axes], command, gain, -velocity, np.concatenate(rates))
+
+    def _base_jacobian(self, kinematics: Kinematics) -> Array:
+        """Of the root link, by the base's own columns alone (6, nv)."""
+        own, jacobian = base_columns(self.scene, self.body), np.zeros((6, kinematics.model.nv))
+        jacobian[:, own] = kinematics.frame(self.body.root_frame).jacobian[:, own]
+        return jacobian
+
+    def _reaction(self, kinematics: Kinematics) -> tuple[Array, Array]:
+        """Momentum that is not the base's own, by v (3, nv), and its rate without the part by v' (3,)."""
+        now = kinematics.frame(self.body.root_frame)
+        whole, drift = self._momentum_rate(kinematics, self._base_jacobian(kinematics))
+        if isinstance(self.config, BaseAttitude):
+            about = np.hstack([-pin.skew(self._lever(kinematics)), np.eye(3)])
+            inertia = now.rotation @ self._first_inertia() @ now.rotation.T
+            return about @ whole - inertia @ now.jacobian[3:], about @ drift
+        mass = self._mass(kinematics)
+        return whole[:3] - mass * now.jacobian[:3], drift[:3] - mass * now.drift[:3]
 
     def _momentum_rate(self, kinematics: Kinematics, jacobian: Array) -> tuple[Array, Array]:
         """Rate of the robot's momentum about the base's origin: by v' (6, nv), and the rest (6,)."""

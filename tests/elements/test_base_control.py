@@ -9,6 +9,7 @@ import pytest
 import spacerobot as sr
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.errors import ScenarioError
+from spacerobot.pinocchio_engine import Engine
 from tests.oracles.small_scenes import random_x, small_scene
 
 ALONE = """
@@ -159,3 +160,30 @@ def test_gains_and_feed_forward_have_exact_gradients():
         ends = [rollout.run({path: value + s * step}).outputs["base_attitude_error"] for s in (1, -1)]
         slope = (ends[0] - ends[1]) / (2 * step)
         np.testing.assert_allclose(found[..., 0], slope, atol=1e-6 * np.abs(slope).max())
+
+
+@pytest.mark.parametrize("text", [FLAT, DEEP], ids=["planar", "spatial"])
+def test_a_filtered_rate_comes_near_to_the_ideal_one_as_its_time_falls(text):
+    ways = {"derivative": "filtered", "filter_time": 0.004}
+    ends = []
+    for changes in ({}, ways, ways | {"filter_time": 0.002}, {"feed_forward": 0}):
+        scene = small_scene(text, {f"robots.one.controllers.turn.{k}": v for k, v in changes.items()})
+        rollout = sr.build_rollout(
+            build_closed_loop(scene), duration_s=0.3, step_s=0.002, backend="interpreted"
+        )
+        ends.append(rollout.run().outputs["base_attitude_error"][-1])
+    missed = [np.abs(end - ends[0]).max() for end in ends[1:]]
+    assert missed[1] < 0.6 * missed[0]
+    assert missed[0] < 0.1 * missed[2]
+
+
+def test_both_engines_agree_on_a_filtered_rate():
+    changes = {"robots.one.controllers.turn.derivative": "filtered"}
+    for text in (FLAT, DEEP):
+        scene = small_scene(text, changes)
+        loop, engine = build_closed_loop(scene), Engine(scene)
+        x = random_x(scene, np.random.default_rng(3), loop.nx)
+        first, second = motion_at(scene, loop, x)[0], engine.derivative(0.4, x)
+        np.testing.assert_allclose(first, second, atol=1e-9 * np.abs(second).max())
+        start = loop.setup(loop.parameter_values)[0].full().ravel()
+        np.testing.assert_allclose(start, engine.x0, atol=1e-12)

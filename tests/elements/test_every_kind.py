@@ -76,7 +76,13 @@ NEEDS: dict[tuple[str, str], dict[str, object]] = {
     },
     ("robot_controller", "joint_pd"): {"kp": 20, "kd": 3},
     ("robot_controller", "base_attitude"): {"kp": 40, "ki": 5, "kd": 20, "attitude_deg": [0, 0, 8]},
-    ("robot_controller", "base_position"): {"kp": 30, "ki": 4, "kd": 25, "feed_forward": 0.8},
+    ("robot_controller", "base_position"): {
+        "kp": 30,
+        "ki": 4,
+        "kd": 25,
+        "feed_forward": 0.8,
+        "derivative": "filtered",
+    },
     ("robot_controller", "resolved_rate"): {"gain": 3, "rate_gain": 12, "damping": 0.1, "keeps": "attitude"},
     ("robot_controller", "joint_tracking"): {
         "kp": 20,

@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import ClassVar, Literal
 
 import casadi as ca
+from pydantic import Field
 
-from spacerobot.dynamics import FreeFloating, centre_of_mass, subtree, total_mass
+from spacerobot.dynamics import FreeFloating, centre_of_mass, momentum, subtree, total_mass
 from spacerobot.dynamics.algebra import cross, cross_columns
 from spacerobot.dynamics.rotations import rotation_from_rpy
 from spacerobot.elements.base_control import Reaction, held, reduced, resistance
@@ -38,6 +39,12 @@ class BaseAttitude(RobotController):
         default=1.0,
         ge=0,
     )
+    derivative: Literal["ideal", "filtered"] = Field(
+        default="ideal",
+        description="how that rate is found; ideal: by the model, with the accelerations that follow; "
+        "filtered: by a first-order lag of the momentum, which costs less where wheels deliver",
+    )
+    filter_time: float = quantity("s", "time constant of the filtered rate", default=0.02, gt=0)
     attitude_deg: Vector | None = quantity(
         "deg", "roll, pitch, yaw to be held; those of the start if not given", default=None
     )
@@ -52,8 +59,25 @@ class BaseAttitude(RobotController):
             wanted = context.once("attitude", rotation_from_rpy(angles))
         error = plant.orientation_error(wanted, plant.placement(robot.base_frame)[0])
         turning = plant.jacobian(robot.base_frame)[3:, :].T
-        reaction = None if context.is_zero("feed_forward") else _reaction(robot, turning)
+        reaction = None if context.is_zero("feed_forward") else self._reaction(robot, turning)
         return held(robot, "rotation", error, turning, reaction)
+
+    def _reaction(self, robot: RobotContext, turning: ca.SX) -> Reaction:
+        """Rate of the angular momentum about the centre of mass that is not the base's own."""
+        plant, joints = robot.plant, subtree(robot.plant.model, robot.base_joint)
+        rotation, origin = plant.placement(robot.base_frame)
+        centre = centre_of_mass(plant.model, plant.kinematics, plant.inertias, joints)
+        own = ca.mtimes(rotation, ca.mtimes(_inertia(robot), rotation.T))
+        if self.derivative == "filtered":
+            spin = plant.velocity(robot.base_frame)[1]
+            carried = ca.mtimes(own, spin)
+            whole = momentum(plant.model, plant.kinematics, plant.inertias, joints, centre)[1]
+            return Reaction(None, cross(spin, carried), whole - carried)
+        lever = centre - origin
+        force, torque = plant.articulated.inertia_force(joints)
+        about_centre = ca.vertcat(cross_columns(lever, ca.SX.eye(3)), ca.SX.eye(3))
+        sense = resistance(robot, about_centre) - reduced(robot, ca.mtimes(turning, own))
+        return Reaction(sense, torque - cross(lever, force))
 
     def assumptions(self) -> list[str]:
         """Of what it knows."""
@@ -62,18 +86,6 @@ class BaseAttitude(RobotController):
     def words(self) -> str:
         """Its gains."""
         return f"base_attitude {self.kp:g} / {self.ki:g} / {self.kd:g}, feed-forward {self.feed_forward:g}"
-
-
-def _reaction(robot: RobotContext, turning: ca.SX) -> Reaction:
-    """Rate of the angular momentum about the centre of mass that is not the base's own."""
-    plant, joints = robot.plant, subtree(robot.plant.model, robot.base_joint)
-    rotation, origin = plant.placement(robot.base_frame)
-    lever = centre_of_mass(plant.model, plant.kinematics, plant.inertias, joints) - origin
-    force, torque = plant.articulated.inertia_force(joints)
-    about_centre = ca.vertcat(cross_columns(lever, ca.SX.eye(3)), ca.SX.eye(3))
-    own = ca.mtimes(rotation, ca.mtimes(_inertia(robot), rotation.T))
-    sense = resistance(robot, about_centre) - reduced(robot, ca.mtimes(turning, own))
-    return Reaction(sense, torque - cross(lever, force))
 
 
 def _inertia(robot: RobotContext) -> ca.SX:

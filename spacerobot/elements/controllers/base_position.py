@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import ClassVar, Literal
 
 import casadi as ca
+from pydantic import Field
 
-from spacerobot.dynamics import centre_of_mass, subtree, total_mass
+from spacerobot.dynamics import centre_of_mass, momentum, subtree, total_mass
 from spacerobot.dynamics.algebra import cross_columns
 from spacerobot.elements.base_control import Reaction, held, reduced, resistance
 from spacerobot.elements.context import RobotContext
@@ -37,6 +38,12 @@ class BasePosition(RobotController):
         default=1.0,
         ge=0,
     )
+    derivative: Literal["ideal", "filtered"] = Field(
+        default="ideal",
+        description="how that rate is found; ideal: by the model, with the accelerations that follow; "
+        "filtered: by a first-order lag of the momentum, which costs less where wheels deliver",
+    )
+    filter_time: float = quantity("s", "time constant of the filtered rate", default=0.02, gt=0)
     position: Vector | None = quantity(
         "m", "of the root link, world axes, to be held; that of the start if not given", default=None
     )
@@ -54,8 +61,20 @@ class BasePosition(RobotController):
         jacobian = plant.jacobian(robot.base_frame)
         actuation = jacobian[:3, :] - cross_columns(lever, jacobian[3:, :])
         # the point at the lever moves with v + omega x lever
-        reaction = None if context.is_zero("feed_forward") else _reaction(robot, jacobian[:3, :].T)
+        reaction = None if context.is_zero("feed_forward") else self._reaction(robot, jacobian[:3, :].T)
         return held(robot, "translation", wanted - here, ca.sparsify(actuation).T, reaction)
+
+    def _reaction(self, robot: RobotContext, moving: ca.SX) -> Reaction:
+        """Rate of the linear momentum that is not the base's own."""
+        plant, joints = robot.plant, subtree(robot.plant.model, robot.base_joint)
+        mass = total_mass(plant.model, plant.inertias, joints)
+        if self.derivative == "filtered":
+            whole = momentum(plant.model, plant.kinematics, plant.inertias, joints)[0]
+            return Reaction(None, ca.SX(3, 1), whole - mass * plant.velocity(robot.base_frame)[0])
+        along = ca.vertcat(ca.SX.eye(3), ca.SX(3, 3))
+        sense = resistance(robot, along) - reduced(robot, mass * moving)
+        drift = plant.articulated.inertia_force(joints)[0] - mass * plant.drift(robot.base_frame)[0]
+        return Reaction(sense, drift)
 
     def assumptions(self) -> list[str]:
         """Of what it knows."""
@@ -64,13 +83,3 @@ class BasePosition(RobotController):
     def words(self) -> str:
         """Its gains."""
         return f"base_position {self.kp:g} / {self.ki:g} / {self.kd:g}, feed-forward {self.feed_forward:g}"
-
-
-def _reaction(robot: RobotContext, moving: ca.SX) -> Reaction:
-    """Rate of the linear momentum that is not the base's own."""
-    plant, joints = robot.plant, subtree(robot.plant.model, robot.base_joint)
-    mass = total_mass(plant.model, plant.inertias, joints)
-    along = ca.vertcat(ca.SX.eye(3), ca.SX(3, 3))
-    sense = resistance(robot, along) - reduced(robot, mass * moving)
-    drift = plant.articulated.inertia_force(joints)[0] - mass * plant.drift(robot.base_frame)[0]
-    return Reaction(sense, drift)
