@@ -75,15 +75,26 @@ class Plant:
         """Paths of the numbers that follow without another compilation."""
         return self.varied | {path for path in self.loop.parameter_paths if _link(path) is None}
 
-    def roll(self, numbers: Mapping[str, float]) -> tuple[Result, Trajectory]:
-        """One rollout.
+    def roll(self, scene: Scene, numbers: Mapping[str, float]) -> tuple[Result, Trajectory]:
+        """One rollout; ``scene`` is the one that is drawn.
 
         Raises
         ------
         DivergedError
             If nothing of it can be kept.
         """
-        return self.ready.simulate(self.scene, numbers)
+        return self.ready.simulate(scene, numbers)
+
+    def drawn(self, numbers: Mapping[str, float]) -> Scene:
+        """The scene of a rollout, as far as pictures and the ledger see it: with other masses another one.
+
+        Raises
+        ------
+        ScenarioError
+            If no body has such masses.
+        """
+        masses = {path: value for path, value in numbers.items() if ".links." in path}
+        return build_scene(self.scene.scenario, masses, source=self.scene.source) if masses else self.scene
 
     @property
     def chosen_step(self) -> float | None:
@@ -134,10 +145,9 @@ class Plant:
         value = _finite(metric.factor * float(found.costs[metric.key]))
         return value, dict(zip(self._wrt, slopes, strict=True)), found.status[0]
 
-    def look(self, result: Result) -> Shown:
-        """A rollout as the page shows it."""
-        name = self.scene.scenario.name
-        return look_at(result, name, self.scene, self._stage, rate_hz=FRAMES_PER_S)
+    def look(self, scene: Scene, result: Result) -> Shown:
+        """A rollout as the page shows it; ``scene`` is the one that was drawn."""
+        return look_at(result, scene.scenario.name, scene, self._stage, rate_hz=FRAMES_PER_S)
 
     @cached_property
     def _stage(self) -> Stage:

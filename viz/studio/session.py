@@ -248,10 +248,11 @@ class Session:
         if found is None:
             return
         plant, numbers = found
-        result, trajectory = plant.roll(numbers)
+        scene = plant.drawn(numbers)
+        result, trajectory = plant.roll(scene, numbers)
         if trajectory.status == "unclosed":
             raise SpaceRobotError(trajectory.cause)
-        shown, summary = plant.look(result), result.summary
+        shown, summary = plant.look(scene, result), result.summary
         if request.kind == "hello" or self._pages.get(page) is not plant:
             self._pages[page] = plant
             self._send(page, {**self._hello(plant), "seq": request.seq, "show": shown_data([shown])})
@@ -264,7 +265,7 @@ class Session:
             "words": _words(result, trajectory),
             "metrics": plant.metrics.values(trajectory.costs),
             "trusted": summary["status"]["trusted"],
-            "warnings": notices(result, plant.scene),
+            "warnings": notices(result, scene),
             "outcome": summary["outcome"],
             "ledger": summary["ledger"],
             "events": summary["events"],

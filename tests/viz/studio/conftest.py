@@ -44,7 +44,7 @@ class Asker:
             return next((k for k, m in enumerate(self.heard) if m["type"] in kinds and until(m)), None)
 
         with self._change:
-            assert self._change.wait_for(lambda: place() is not None, 120), [m["type"] for m in self.heard]
+            assert self._change.wait_for(lambda: place() is not None, 60), [m["type"] for m in self.heard]
             found = self.heard[place()]
             del self.heard[: place() + 1]
             return found

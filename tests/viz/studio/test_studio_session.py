@@ -7,8 +7,10 @@ import pinocchio as pin
 import pytest
 
 from spacerobot.cli.options import parse_changes
+from spacerobot.errors import ScenarioError
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
+from viz.studio.plant import Origin
 
 PID = "robots.arm.tips.tip.pid"
 KP, KI, STIFFNESS = f"{PID}.kp", f"{PID}.ki", "grasps.left.stiffness"
@@ -42,6 +44,15 @@ def test_a_changed_number_gives_another_motion(page, arm):
     expected = {tuple(np.round(data.oMi[j].translation, 5)) for j in range(1, scene.model.njoints)}
     found = {tuple(np.round(pose[:3].astype(float), 5)) for pose in told["arrays"]["run.poses"][-1]}
     assert found <= expected
+
+
+def test_centres_of_mass_are_those_of_the_changed_masses(page, arm):
+    values = {"target.links.body.mass": 90.0, "target.links.body.com.0": 0.05}
+    page.ask("set", seq=1, values=values)
+    found = page.take("rollout")["arrays"]["run.masses.centres"][0]
+    scene = load_scene(arm, values)
+    expected = pin.centerOfMass(scene.model, scene.model.createData(), scene.q)
+    np.testing.assert_allclose(found[-1], expected, atol=1e-6)
 
 
 def test_of_many_designs_only_the_newest_is_rolled_out(page):
@@ -81,12 +92,21 @@ def test_a_rollout_that_diverges_is_told_as_far_as_it_went(page):
     assert "shown up to there" in told["warnings"][0]
 
 
-def test_a_design_that_run_refuses_is_told_when_the_hand_rests(page):
-    """No body has such an inertia, though its rollout goes on."""
-    values = {"target.links.body.inertia.2": -0.01}
-    page.ask("set", seq=3, values=values)
+def test_a_design_that_run_refuses_is_told_when_the_hand_rests(page, monkeypatch):
+    def refuse(*_):
+        raise ScenarioError("the chain cannot close", where="grasps.left")
+
+    monkeypatch.setattr(Origin, "build", refuse)
+    page.ask("set", seq=3, values={KP: 200.0})
+    assert page.take("rollout")["seq"] == 3
     told = page.take("failed")
-    assert (told["what"], told["seq"]) == ("check", 3)
+    assert (told["what"], told["seq"], told["path"]) == ("check", 3, "grasps.left")
+
+
+def test_masses_that_no_body_has_are_told(page):
+    page.ask("set", seq=3, values={"target.links.body.inertia.2": -0.01})
+    told = page.take("failed")
+    assert (told["what"], told["seq"]) == ("set", 3)
     assert "inertia" in told["message"]
 
 
@@ -99,7 +119,7 @@ def test_numbers_shown_are_those_of_the_command_line(page, arm):
     assert words[:3] == ["spacerobot", "run", str(arm)]
     result = simulate(load_scene(arm, parse_changes(words[4::2])))
     plant, numbers = page.session.plants.find(values)
-    studied, _ = plant.roll(numbers)
+    studied, _ = plant.roll(plant.drawn(numbers), numbers)
     np.testing.assert_allclose(studied.data.q.values, result.data.q.values, rtol=0, atol=1e-12)
     tips = result.summary["tip_error"]["arm/tip"]
     peak = max(abs(tips[axis][end]) for axis in "xy" for end in ("min_m", "max_m"))

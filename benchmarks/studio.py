@@ -1,0 +1,100 @@
+"""From a number changed on a studio's page to the motion sent back, and how many a second while dragging."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import statistics
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+from tornado.websocket import WebSocketClientConnection, websocket_connect
+
+from benchmarks.row import Row
+from spacerobot.scene import load_scene
+from viz.studio.plant import Origin
+from viz.studio.server import Studio
+
+MOST_S = 0.1
+WARM, COUNT = 20, 200
+DRAG_S, EVERY_S = 4.0, 1 / 120
+PATH = "robots.rpr1.tips.tip.pid.kp"
+
+
+def rows() -> list[Row]:
+    """The paper: one change after the other, then a hand that never rests, both over the real connection."""
+    with tempfile.TemporaryDirectory() as folder:
+        origin = Origin(load_scene("paper"), "paper")
+        with Studio(origin, Path(folder)) as studio:
+            found = asyncio.run(_measured(studio))
+    times, cpu_s, sent = found["times"], found["cpu_s"], found["bytes"]
+    median, late = statistics.median(times), statistics.quantiles(times, n=20)[-1]
+    each = f"median of {COUNT}, 95th percentile {late * 1e3:.0f} ms; {cpu_s * 1e3:.0f} ms of processor time"
+    return [
+        Row(
+            "the paper's studio: a number changed to its motion, curves and metrics received",
+            "the time in which a hand sees no delay",
+            f"{median * 1e3:.0f} ms",
+            f"{MOST_S * 1e3:.0f} ms",
+            late / MOST_S,
+            f"95 % within {MOST_S * 1e3:.0f} ms",
+            late <= MOST_S,
+            f"{each}; {sent / 1e3:.0f} kB, without the browser's drawing",
+            {"times_s": times, "cpu_s": cpu_s},
+        ),
+        Row(
+            "rollouts a second while a slider is dragged",
+            "",
+            f"{found['drag']:.0f}",
+            note=f"{1 / EVERY_S:.0f} changes a second sent for {DRAG_S:g} s; the last one answered last",
+        ),
+    ]
+
+
+async def _measured(studio: Studio) -> dict[str, Any]:
+    """Times of single changes [s], processor time of one, bytes of one, and rollouts a second of a drag."""
+    base, _, token = studio.url.partition("?")
+    address = f"{base.replace('http', 'ws')}studio?{token}"
+    page = await websocket_connect(address, max_message_size=2**30)
+    await _rollout(page)
+    times, used, size = [], 0.0, 0
+    for k in range(WARM + COUNT):
+        begin, cpu = time.perf_counter(), time.process_time()
+        await page.write_message(_change(k))
+        size = (await _rollout(page))[1]
+        times.append(time.perf_counter() - begin)
+        used += (time.process_time() - cpu) * (k >= WARM)
+    return {"times": times[WARM:], "cpu_s": used / COUNT, "bytes": size, "drag": await _drag(page)}
+
+
+async def _drag(page: WebSocketClientConnection) -> float:
+    """Rollouts a second while changes come faster than they can be rolled out."""
+    count, last = int(DRAG_S / EVERY_S), 0
+
+    async def send() -> None:
+        for k in range(count):
+            await page.write_message(_change(k))
+            await asyncio.sleep(EVERY_S)
+
+    begin, answered, hand = time.perf_counter(), 0, asyncio.create_task(send())
+    while last < count - 1:
+        last, answered = (await _rollout(page))[0], answered + 1
+    await hand
+    return answered / (time.perf_counter() - begin)
+
+
+def _change(k: int) -> str:
+    return json.dumps({"type": "set", "seq": k, "values": {PATH: 300.0 + 0.5 * k}})
+
+
+async def _rollout(page: WebSocketClientConnection) -> tuple[int, int]:
+    """Number and size [bytes] of the next rollout that is received, arrays and all."""
+    while True:
+        text = await page.read_message()
+        assert isinstance(text, str)
+        message = json.loads(text)
+        arrays = await page.read_message() if "binary" in message else b""
+        if message["type"] == "rollout":
+            return message["seq"], len(text) + len(arrays or b"")
