@@ -27,7 +27,7 @@ from spacerobot.errors import SpaceRobotError
 from spacerobot.scenario.load import to_document
 from spacerobot.scene import Scene
 from spacerobot.scene.closing import has_loops, open_grasps
-from spacerobot.section import numbers
+from spacerobot.section import leaves, numbers
 from spacerobot.symbolic import Constants, Parameters, Start
 
 
@@ -52,7 +52,9 @@ def build_closed_loop(scene: Scene, vary: Collection[str] = ()) -> ClosedLoop:
     parameters = Parameters(dict(numbers(to_document(scene.scenario))), vary)
     constants, names = Constants(), list(scene.scenario.phases)
     phases = {name: constants.switch(f"phases.{name}", name == names[0]) for name in names}
-    context = Context("", ca.SX.sym("t"), parameters, constants, phases)
+    differing = leaves({"phases": {name: p.changes for name, p in scene.scenario.phases.items()}})
+    words = {path: word for path, word in differing if isinstance(word, str)}
+    context = Context("", ca.SX.sym("t"), parameters, constants, phases, words=words)
     start = initial_state(scene, parameters)
     builder = Builder(scene, context, build_plant(scene, parameters, context.constants), start)
     loop = _assemble(builder, _evaluate(builder))

@@ -16,6 +16,8 @@ class TipController(Element):
     """A controller of one tip."""
 
     family: ClassVar[str] = "tip_controller"
+    by_phase: ClassVar[tuple[str, ...]] = ()
+    """Keys of words that may differ by phase, beside numbers; the law reads them by ``context.chosen``."""
 
     def build(self, tip: TipContext) -> Contribution:
         """What it adds to the closed loop."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import casadi as ca
 
-from spacerobot.elements.event import Event, both, negated
+from spacerobot.elements.event import Event, both, either, negated
 from spacerobot.symbolic import Constants, Parameters
 
 
@@ -47,6 +47,8 @@ class Context:
         Switch (1x1) of each phase, by name; none if there is one phase only.
     since
         What time counts from; None for the start.
+    words
+        Words that differ from the scenario's in phases, by dotted path, ``phases.NAME.`` ahead of it.
     """
 
     path: str
@@ -55,6 +57,7 @@ class Context:
     constants: Constants
     phases: Mapping[str, ca.SX] = field(default_factory=dict)
     since: Since | None = None
+    words: Mapping[str, str] = field(default_factory=dict)
 
     def at(self, path: str) -> Context:
         """The same for another section."""
@@ -68,6 +71,17 @@ class Context:
             if own in self.parameters:
                 found = ca.if_else(active, self.constants.hoist(own, self.parameters(own)), found)
         return found
+
+    def chosen(self, key: str, word: str) -> dict[str, ca.SX]:
+        """Words that stand at a key of the section, each with whether it does now (1x1).
+
+        ``word`` is the scenario's own, the only one where no phase has another.
+        """
+        found: dict[str, list[ca.SX]] = {}
+        for name, active in self.phases.items():
+            here = self.words.get(f"phases.{name}.{self.path}.{key}", word)
+            found.setdefault(here, []).append(active)
+        return {here: either(*active) for here, active in found.items()} or {word: ca.SX(1)}
 
     def is_zero(self, key: str) -> bool:
         """Whether a number of the section is exactly zero, always: neither varied nor another in a phase."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from spacerobot.elements import TipController, kinds
 from spacerobot.errors import near_names
 from spacerobot.scenario.paths import Document
 from spacerobot.section import leaves, matching
@@ -85,6 +86,8 @@ def check_changes(base: Document, changes: Document) -> None:
             )
         if value is None and _is_controller(path) and "amnesia" not in path[-1]:
             continue
+        if isinstance(value, str) and path[-1] in _words(base, path[:-1]):
+            continue
         same = [place for place, _ in leaves(value)] == [place for place, _ in leaves(old)]
         if (
             old is None
@@ -117,6 +120,17 @@ def _is_controller(path: tuple[str, ...]) -> bool:
     return (inside[0] in (*CONTROLLERS, "joint_pd") and len(inside) == 1) or (
         inside[0] == "controllers" and len(inside) == 2
     )
+
+
+def _words(base: Document, path: tuple[str, ...]) -> tuple[str, ...]:
+    """Keys of a tip controller's words that may differ by phase; none of anything else."""
+    if not (path[2:3] == ("tips",) and _is_controller(path)):
+        return ()
+    section: Any = base
+    for key in path:
+        section = section[key]
+    kind = kinds("tip_controller").get(section.get("kind", ""))
+    return kind.by_phase if kind is not None and issubclass(kind, TipController) else ()
 
 
 def _may_differ(path: tuple[str, ...]) -> bool:

@@ -11,8 +11,8 @@ The ideal derivative makes u depend on the acceleration, which depends on u. It 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, fields
+from typing import ClassVar, Literal
 
 import casadi as ca
 from pydantic import Field
@@ -34,6 +34,7 @@ class Pid(TipController):
     For an orientation PID units are those of torque per angular velocity: N m s/rad, N m/rad, N m s^2/rad.
     """
 
+    by_phase: ClassVar[tuple[str, ...]] = ("feedback",)
     kind: Literal["pid"] = "pid"
     kp: float = quantity("N s/m", "proportional gain K_p", default=0.0, ge=0)
     ki: float = quantity("N/m", "integral gain K_i", default=0.0, ge=0)
@@ -89,24 +90,14 @@ class Pid(TipController):
         return command + kd * (error - filtered) / lag, None, states
 
     def _fed_back(self, tip: TipContext, axes: list[int], *, turns: bool) -> _FedBack:
-        """The velocity that is fed back, sensors included (S = a + b s)."""
-        plant = tip.plant
-        drive, felt = tip.reduced_loads(axes, rotation=turns)
-        if self.feedback == "inertial":
-            offset, scale = tip.sensors("tip_angular_velocity" if turns else "tip_velocity")
-            velocity = measured((offset, scale), plant.velocity(tip.frame)[turns][axes])
-            return _FedBack(velocity, scale * plant.drift(tip.frame)[turns][axes], drive, scale * felt)
-        offset, scale = tip.sensors("joint_rate")
-        arm = tip.arm_jacobian[[axis + 3 * turns for axis in axes], :]
-        velocity = scale * ca.mtimes(arm, plant.v)
-        drift = scale * tip.relative_drift(rotation=turns)[axes]
-        if offset is not None:
-            ones = ca.SX(plant.v.size1(), 1)
-            ones[list(tip.columns)] = 1
-            seen = ca.mtimes(arm, ones)
-            turning = ca.jtimes(seen, plant.q, configuration_derivative(plant.model, plant.q, plant.v))
-            velocity, drift = velocity + offset * seen, drift + offset * turning
-        return _FedBack(velocity, drift, drive, scale * drive)
+        """The velocity that is fed back now."""
+        chosen = tip.context.chosen("feedback", self.feedback)
+        found = [(now, _seen_from(word, tip, axes, turns=turns)) for word, now in chosen.items()]
+        (_, fed_back), *others = found
+        for now, other in others:
+            parts = (f.name for f in fields(_FedBack))
+            fed_back = _FedBack(*(ca.if_else(now, getattr(other, n), getattr(fed_back, n)) for n in parts))
+        return fed_back
 
     def reads(self, key: str, siblings: Mapping[str, Section]) -> set[str]:
         """The velocity that it feeds back, and what its amnesia controller reads."""
@@ -143,6 +134,27 @@ class _FedBack:
     drift: ca.SX
     drive: ca.SX
     sense: ca.SX
+
+
+def _seen_from(feedback: str, tip: TipContext, axes: list[int], *, turns: bool) -> _FedBack:
+    """The velocity as seen from the base or the true one, sensors included (S = a + b s)."""
+    plant = tip.plant
+    drive, felt = tip.reduced_loads(axes, rotation=turns)
+    if feedback == "inertial":
+        offset, scale = tip.sensors("tip_angular_velocity" if turns else "tip_velocity")
+        velocity = measured((offset, scale), plant.velocity(tip.frame)[turns][axes])
+        return _FedBack(velocity, scale * plant.drift(tip.frame)[turns][axes], drive, scale * felt)
+    offset, scale = tip.sensors("joint_rate")
+    arm = tip.arm_jacobian[[axis + 3 * turns for axis in axes], :]
+    velocity = scale * ca.mtimes(arm, plant.v)
+    drift = scale * tip.relative_drift(rotation=turns)[axes]
+    if offset is not None:
+        ones = ca.SX(plant.v.size1(), 1)
+        ones[list(tip.columns)] = 1
+        seen = ca.mtimes(arm, ones)
+        turning = ca.jtimes(seen, plant.q, configuration_derivative(plant.model, plant.q, plant.v))
+        velocity, drift = velocity + offset * seen, drift + offset * turning
+    return _FedBack(velocity, drift, drive, scale * drive)
 
 
 def _position_error(tip: TipContext, axes: list[int], *, turns: bool) -> ca.SX:
