@@ -1,4 +1,7 @@
-"""What every test has: a cache of compiled code of this test run's own, and markers for what tests need."""
+"""What every test has: a cache of compiled code of this test run's own, and markers for what tests need.
+
+Code is compiled in a hurry, but as for users where compilers, rollouts, commands or documentation are tested.
+"""
 
 import signal
 
@@ -73,4 +76,15 @@ def _own_cache(tmp_path_factory, request):
         place = place.parent
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("SPACEROBOT_CACHE_DIR", str(place / "compiled"))
+        yield
+
+
+AS_FOR_USERS = ("tests/compiled/", "tests/rollout/", "tests/cli/", "tests/docs/")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _in_a_hurry(request):
+    with pytest.MonkeyPatch.context() as patch:
+        if not request.node.nodeid.startswith(AS_FOR_USERS):
+            patch.setenv("SPACEROBOT_COMPILER_FLAGS", "-O1")
         yield

@@ -15,6 +15,7 @@ from optim.search.session import Session
 from spacerobot.errors import ScenarioError, near_names
 from spacerobot.scenario import Tuning
 from spacerobot.scene import Scene
+from spacerobot.scene.size import check_size
 
 
 @dataclass(frozen=True)
@@ -69,9 +70,11 @@ def compare(
     Raises
     ------
     ScenarioError
-        If there is no tuning section, or it does not have what was asked for.
+        If there is no tuning section, or it does not have what was asked for, or the memory does not hold
+        what a design's result takes.
     """
     tuning, session = tuning_of(scene), session or Session()
+    check_size(scene)
     effort = effort or even_effort(tuning)
     chosen = [
         (variant, name)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import re
 
 import casadi as ca
@@ -86,9 +87,15 @@ SCENES["loop"] = (PLANAR, looped(3.0))
 BEND = "robots.two.joints.joint_2.angle_deg"
 
 
-def startable(scene) -> dict[str, float]:
+@functools.cache
+def built(case):
+    """Scene and closed loop, which no test changes."""
+    scene = small_scene(*SCENES[case])
+    return scene, build_closed_loop(scene)
+
+
+def startable(loop) -> dict[str, float]:
     """Parameters that the start depends on."""
-    loop = build_closed_loop(scene)
     kinds = ("angle_deg", "rate_deg", "offset", "speed", "position", "rotation_deg", "velocity", "spin_deg")
     values = dict(zip(loop.parameter_paths, loop.parameter_values, strict=True))
     return {
@@ -114,8 +121,8 @@ def assert_closed(scene, q, v):
 @pytest.mark.parametrize("case", SCENES)
 def test_any_start_is_closed_and_the_same_as_that_of_its_own_scene(case):
     text, changes = SCENES[case]
-    scene = small_scene(text, changes)
-    loop, rng, nominal = build_closed_loop(scene), np.random.default_rng(3), startable(scene)
+    scene, loop = built(case)
+    rng, nominal = np.random.default_rng(3), startable(loop)
     bent = [
         p
         for p in nominal
@@ -143,7 +150,7 @@ def test_an_aligned_grasp_begins_with_the_axes_that_were_asked_for(text, kind):
         changes["target.base"]["spin_deg"] = [0, 0, 4]
     scene = small_scene(text, changes)
     loop = build_closed_loop(scene)
-    rng, nominal = np.random.default_rng(2), startable(scene)
+    rng, nominal = np.random.default_rng(2), startable(loop)
     for _ in range(3):
         values = {p: x + 40 * rng.normal() for p, x in nominal.items() if p.endswith("angle_deg")}
         x0 = loop.setup(loop.parameters(values))[0].full().ravel()
@@ -179,9 +186,8 @@ def test_an_aligned_start_follows_a_joint_through_whole_turns_without_a_jump():
 
 @pytest.mark.parametrize("case", SCENES)
 def test_the_start_is_differentiated_exactly(case):
-    scene = small_scene(*SCENES[case])
-    loop = build_closed_loop(scene)
-    paths = list(startable(scene))
+    _, loop = built(case)
+    paths = list(startable(loop))
     rng, places = np.random.default_rng(1), [loop.index(path) for path in paths]
     p = ca.SX.sym("p", len(loop.parameter_paths))
     direction = np.zeros(len(loop.parameter_paths))
@@ -286,7 +292,11 @@ OPEN = r"grasps\.right does not close: its gap is 0\.0\d+ m, allowed max_gap 1e-
 
 def test_what_cannot_be_closed_is_that_samples_failure(loop_rollout):
     rollout, wrong = loop_rollout, {BEND: 62.0}
-    (nominal,) = (value for path, value in startable(small_scene(PLANAR, looped())).items() if path == BEND)
+    (nominal,) = (
+        value
+        for path, value in startable(build_closed_loop(small_scene(PLANAR, looped()))).items()
+        if path == BEND
+    )
     one = rollout.run(wrong)
     assert one.status == "unclosed"
     assert one.diverged_at_s == 0

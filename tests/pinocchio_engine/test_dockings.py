@@ -168,7 +168,7 @@ LED = {
         },
         "stop": {
             "target": {"reference": {"kind": "brake", "deceleration": 0.2, "spin_deceleration_deg": 8}},
-            "robots": {"arm": {"tips": {"tip": {"pid": {"kp": 300}}}}},
+            "robots": {"arm": {"tips": {"tip": {"pid": {"kp": 300, "feedback": "base"}}}}},
             "until": {"time": 0.52},
         },
         "carry": {
@@ -195,7 +195,7 @@ LED = {
 
 
 @pytest.mark.parametrize("kind", ["compliant", "weld"])
-def test_references_and_numbers_differ_by_phase(kind):
+def test_references_numbers_and_feedback_differ_by_phase(kind):
     document = copy.deepcopy(LED)
     document["grasps"]["hand"]["kind"] = kind
     reference = document["phases"]["come"]["robots"]["arm"]["tips"]["tip"]["reference"]
