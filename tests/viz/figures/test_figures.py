@@ -47,7 +47,7 @@ from viz.figures.tips import enlargement
 from viz.figures.wheels import shares
 from viz.page.signals import quantities
 
-UNIT = re.compile(r"\[(m|mm|mm/s|s|deg|N|N m|N s|N m s|J|%|rollouts)\]$")
+UNIT = re.compile(r"\[(m|mm|mm/s|s|deg|deg/s|N|N m|N s|N m s|J|%|rollouts)\]$")
 PURE = {"relative to the largest"}
 """What has no unit."""
 
