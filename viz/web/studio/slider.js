@@ -14,8 +14,10 @@ class Slider {
     this.field.addEventListener("change", () => this.typed());
     const head = element("div", undefined, "head"), name = element("span", number.path, "path");
     name.title = [number.path, number.text].filter(Boolean).join(": ");
-    head.append(name, this.field, element("span", number.unit || "", "unit"), button("×", `Remove the slider of ${number.path}`, () => hooks.onRemove(number.path)));
-    this.whole.append(head, this.bar, this.foot());
+    const row = element("div", undefined, "hand");
+    row.append(this.bar, this.field, element("span", number.unit || "", "unit"));
+    head.append(name, button("×", `Remove the slider of ${number.path}`, () => hooks.onRemove(number.path)));
+    this.whole.append(head, row, this.foot());
   }
 
   input(type, label, more) {

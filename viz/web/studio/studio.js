@@ -217,10 +217,15 @@ class Studio {
 
   listen() {
     $("sort").addEventListener("click", () => this.sort());
-    $("undo").addEventListener("click", () => this.hand(() => this.designs.go(-1)));
-    $("redo").addEventListener("click", () => this.hand(() => this.designs.go(1)));
+    $("undo").addEventListener("click", () => this.step(-1));
+    $("redo").addEventListener("click", () => this.step(1));
     $("restore").addEventListener("click", () => this.hand(() => this.designs.take({})));
     window.addEventListener("keydown", (event) => this.key(event));
+  }
+
+  // What a search has led to so far counts as a step of its own.
+  step(steps) {
+    this.hand(() => { this.designs.settle(); this.designs.go(steps); });
   }
 
   key(event) {
@@ -229,7 +234,7 @@ class Studio {
     const name = event.key.toLowerCase(), steps = name === "y" || (name === "z" && event.shiftKey) ? 1 : name === "z" ? -1 : 0;
     if (!steps) return;
     event.preventDefault();
-    this.hand(() => { this.designs.settle(); this.designs.go(steps); });
+    this.step(steps);
   }
 
   // For the page's address.
