@@ -62,9 +62,9 @@ def two_body(scene, times):
         far = np.linalg.norm(com)
         unit = data.oMi[1].rotation.T @ com / far  # the body's own axes
         force = -MU * body.mass * unit / far**2
-        torque = 3 * MU / far**3 * np.cross(unit, body.inertia @ unit)
+        torque = 3 * MU / far**3 * pin.skew(unit) @ body.inertia @ unit
         outer = pin.StdVec_Force()
-        outer.extend([pin.Force.Zero(), pin.Force(force, torque + np.cross(lever, force))])
+        outer.extend([pin.Force.Zero(), pin.Force(force, torque + pin.skew(lever) @ force)])
         spin = pin.Quaternion(q[3:]) * pin.Quaternion(np.array([*v[3:], 0.0]))
         turning = np.concatenate([data.oMi[1].rotation @ v[:3], 0.5 * spin.coeffs()])
         falling = -MU * place / np.linalg.norm(place) ** 3
