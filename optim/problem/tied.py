@@ -151,7 +151,7 @@ def _extended_events(loop: ClosedLoopFunctions, at: Mapping[str, ca.SX]) -> tupl
     after = ca.vertcat(loop.update(t, x[:nx], c[:nc], e), x[nx:])
     return (
         _function("guards", {**at, "xdot": xdot}, {"g": g, "rate": rate}),
-        _function("update", {**at, "e": e}, {"x": after}),
+        _function("update", {**at, "e": e}, {"x_after": after}),
     )
 
 

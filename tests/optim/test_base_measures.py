@@ -66,6 +66,7 @@ def test_jitter_is_the_error_behind_a_high_pass(held):
     row = kept.table({name: np.atleast_2d(value) for name, value in run.measures.items()})[0]
     told = dict(zip([column.name for column in kept.columns], row, strict=True))
     assert told["jitter one/tip"] == pytest.approx(np.sqrt(run.measures["jitter"][0] / kept.duration_s))
+    assert [column.unit for column in kept.columns if column.metric == "jitter"] == ["m", "m"]
     assert told["propellant one"] == pytest.approx(float(run.outputs["propellant"][-1][0]))
     error = np.degrees(np.abs(run.outputs["base_attitude_error"][:, 2]).max())
     assert told["attitude_error_peak one"] == pytest.approx(error)
@@ -85,3 +86,16 @@ def test_a_scene_without_them_refuses_them(objective, limits, told):
     scene = small_scene(PLANAR)
     with pytest.raises(ScenarioError, match=told):
         build_terms(build_closed_loop(scene), scene, Objective(**objective), Constraints(**limits))
+
+
+def test_an_event_leaves_what_is_slow_of_the_errors_as_it_is():
+    scene = small_scene(PLANAR, HELD | {"robots.one.actuators.jets.mode": "pulsed"})
+    loop = build_closed_loop(scene)
+    extended = with_jitter(loop, scene, 1.0)
+    x0, c = extended.setup(extended.parameter_values)
+    x = x0.full().ravel() + np.r_[np.zeros(len(loop.state_names)), np.arange(1, 7)]
+    for event in range(len(loop.events)):
+        after = extended.update(0.1, x, c, event).full().ravel()
+        np.testing.assert_array_equal(after[-6:], np.arange(1, 7))
+        own = loop.update(0.1, x[:-6], c, event).full().ravel()
+        np.testing.assert_array_equal(after[:-6], own)

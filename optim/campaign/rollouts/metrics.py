@@ -123,7 +123,7 @@ def build_kept(
         "attitude_error_peak": _measured(partial(attitude_peaks, rolled)),
         "wheel_momentum_peak": _measured(partial(wheel_peaks, rolled)),
         "propellant": _measured(partial(propellants, rolled)),
-        "jitter": _measured(partial(jitters, rolled)),
+        "jitter": _measured(partial(jitters, rolled), "m"),
     }
     for name, make in makers.items():
         places, unit, measure = make(signals, scene)
@@ -179,12 +179,14 @@ def _grips(signals: Signals, scene: Scene) -> Made:
     return [grasp.name for grasp in scene.grasps], "N", peak(ca.vertcat(*sizes))
 
 
-def _measured(make: Callable[[Signals, Scene], Measured]) -> Callable[[Signals, Scene], Made]:
-    """A measure as columns."""
+def _measured(
+    make: Callable[[Signals, Scene], Measured], unit: str | None = None
+) -> Callable[[Signals, Scene], Made]:
+    """A measure as columns; ``unit`` is that of what the table makes of it, if it does."""
 
     def made(signals: Signals, scene: Scene) -> Made:
         found = make(signals, scene)
-        return list(found.places), found.unit, found.measure
+        return list(found.places), unit or found.unit, found.measure
 
     return made
 
