@@ -7,6 +7,7 @@ The robot finds theta_d by resolved rates in a model of itself whose base stands
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -18,7 +19,7 @@ from spacerobot.arrays import Array
 from spacerobot.elements.controllers.joint_pd import JointPd
 from spacerobot.elements.controllers.joint_tracking import JointTracking
 from spacerobot.pinocchio_engine.kinematics import Kinematics, joint_space_inertia, rotation_vector
-from spacerobot.pinocchio_engine.planned import hermite, interval
+from spacerobot.pinocchio_engine.planned import Pieces, hermite
 from spacerobot.pinocchio_engine.references import Motion
 from spacerobot.pinocchio_engine.robot_law import Asked, Asking, RobotLaw, robot_law
 from spacerobot.pinocchio_engine.tip_control import Channel, Command, reading_of, sensors_of
@@ -172,21 +173,35 @@ class JointTracker(_Joints):
     def _planned(self, now: Asking) -> tuple[Array, Array, Array]:
         """Positions, rates and torques (n,), joints in the robot's order."""
         plan, t, within = self.config.planned, now.t, now.within
-        names = [self.body.joint_name(self.scene.model, joint) for joint in self.body.driven_joints]
-        order = [plan.joints.index(name) for name in names]
-        times, position, rate = (np.array(rows) for rows in (plan.times, plan.position, plan.rate))
+        end = plan.times[-1]
         if now.phase and plan.phases:
-            begin, end = plan.phases.get(now.phase, (times[-1], times[-1]))
-            t, within = min(begin + t, end), min(begin + within, end)
-        none = np.zeros(len(order))
-        if within >= times[-1]:
-            return position[-1][order], none, none
-        piece = interval(times, plan.points, within)
-        found, found_rate = hermite(times[piece], position[piece], rate[piece]).derivatives(t, 2)
-        effort = none
-        if plan.effort is not None:
-            effort = KroghInterpolator(times[piece], np.array(plan.effort[piece]))(t)[order]
-        return found[order], found_rate[order], effort
+            begin, last = plan.phases.get(now.phase, (end, end))
+            t, within = min(begin + t, last), min(begin + within, last)
+        none = np.zeros(len(self._order))
+        if within >= end:
+            return np.array(plan.position[-1])[self._order], none, none
+        motion, effort = self._pieces.at(within)
+        position, rate = motion.derivatives(t, 2)
+        return position, rate, none if effort is None else effort(t)
+
+    @functools.cached_property
+    def _order(self) -> list[int]:
+        """Columns of the plan's rows, joints in the robot's order."""
+        names = [self.body.joint_name(self.scene.model, joint) for joint in self.body.driven_joints]
+        return [self.config.planned.joints.index(name) for name in names]
+
+    @functools.cached_property
+    def _pieces(self) -> Pieces[tuple[KroghInterpolator, KroghInterpolator | None]]:
+        return Pieces(self.config.planned.times, self.config.planned.points, self._piece)
+
+    def _piece(self, piece: slice) -> tuple[KroghInterpolator, KroghInterpolator | None]:
+        """Positions and efforts of an interval."""
+        plan, times = self.config.planned, np.array(self.config.planned.times[piece])
+        position, rate = (np.array(rows[piece])[:, self._order] for rows in (plan.position, plan.rate))
+        if plan.effort is None:
+            return hermite(times, position, rate), None
+        effort = KroghInterpolator(times, np.array(plan.effort[piece])[:, self._order])
+        return hermite(times, position, rate), effort
 
 
 @robot_law.register

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 import numpy as np
 import pinocchio as pin
@@ -14,8 +17,31 @@ from spacerobot.elements.references.plan import Plan
 from spacerobot.pinocchio_engine.kinematics import Kinematics, cross
 from spacerobot.pinocchio_engine.references import Begins, Leads, Motion, leading
 
+Piece = TypeVar("Piece")
 SMALL = 1e-3
 """Angle [rad] below which closed forms are replaced by their series."""
+
+
+class Pieces(Generic[Piece]):
+    """What is made of the points of each interval, when first asked for."""
+
+    def __init__(self, times: Sequence[float], points: int, make: Callable[[slice], Piece]) -> None:
+        self._times, self._points, self._make = np.array(times), points, make
+        self._made: dict[int, Piece] = {}
+
+    def at(self, within: float) -> Piece:
+        """That of the interval that a time before the last one lies in."""
+        step = self._points - 1
+        k = int(np.searchsorted(self._times[::step], within, side="right")) - 1
+        if k not in self._made:
+            self._made[k] = self._make(slice(k * step, (k + 1) * step + 1))
+        return self._made[k]
+
+
+def hermite(times: Array, values: Array, rates: Array) -> KroghInterpolator:
+    """Polynomial with these values and rates (s, m) at times (s,)."""
+    both = np.stack([values, rates], axis=1).reshape(-1, values.shape[1])
+    return KroghInterpolator(np.repeat(times, 2), both)
 
 
 @dataclass(frozen=True)
@@ -29,32 +55,28 @@ class PlannedTip:
         """Motion at time t [s], by the piece that holds at ``within`` [s]."""
         del kinematics
         plan = self.planned
-        times = np.array(plan.times)
-        if within >= times[-1]:
+        if within >= plan.times[-1]:
             none, rotation = np.zeros(3), pin.exp3(np.array(plan.rotation[-1]))
             return Motion(np.array(plan.position[-1]), none, none, rotation, none, none)
-        piece = interval(times, plan.points, within)
-        way = hermite(times[piece], np.array(plan.position[piece]), np.array(plan.velocity[piece]))
+        way, turning, first = self._pieces.at(within)
+        position, velocity, bend = way.derivatives(t, 3)
+        vector, rate, acceleration = turning.derivatives(t, 3)
+        spin, gain = _spin(vector, rate, acceleration)
+        return Motion(position, velocity, bend, pin.exp3(vector) @ first, spin, gain)
+
+    @functools.cached_property
+    def _pieces(self) -> Pieces[tuple[KroghInterpolator, KroghInterpolator, Array]]:
+        return Pieces(self.planned.times, self.planned.points, self._piece)
+
+    def _piece(self, piece: slice) -> tuple[KroghInterpolator, KroghInterpolator, Array]:
+        """Position, rotation vector since the knot behind, and rotation there (3, 3)."""
+        plan, times = self.planned, np.array(self.planned.times[piece])
+        way = hermite(times, np.array(plan.position[piece]), np.array(plan.velocity[piece]))
         first, *others = (pin.exp3(np.array(vector)) for vector in plan.rotation[piece])
         turns = np.array([np.zeros(3), *(pin.log3(other @ first.T) for other in others)])
         # the left Jacobian is the transposed right one
         rates = [np.linalg.solve(pin.Jexp3(r).T, w) for r, w in zip(turns, plan.spin[piece], strict=True)]
-        vector, rate, acceleration = hermite(times[piece], turns, np.array(rates)).derivatives(t, 3)
-        spin, gain = _spin(vector, rate, acceleration)
-        position, velocity, bend = way.derivatives(t, 3)
-        return Motion(position, velocity, bend, pin.exp3(vector) @ first, spin, gain)
-
-
-def interval(times: Array, points: int, within: float) -> slice:
-    """Points of the interval that a time before the last one lies in."""
-    k = int(np.searchsorted(times[:: points - 1], within, side="right")) - 1
-    return slice(k * (points - 1), (k + 1) * (points - 1) + 1)
-
-
-def hermite(times: Array, values: Array, rates: Array) -> KroghInterpolator:
-    """Polynomial with these values and rates (s, m) at times (s,)."""
-    both = np.stack([values, rates], axis=1).reshape(-1, values.shape[1])
-    return KroghInterpolator(np.repeat(times, 2), both)
+        return way, hermite(times, turns, np.array(rates)), first
 
 
 def _spin(vector: Array, rate: Array, acceleration: Array) -> tuple[Array, Array]:

@@ -19,6 +19,7 @@ from spacerobot.simulation import simulate
 from spacerobot.symbolic import Constants, Parameters
 from tests.oracles.plans import plan_of, write_plan
 from tests.oracles.two_engines import Numeric, Symbolic
+from viz.studio.numbers import find_leaves
 
 DURATION, KNOTS = 2.0, 21
 TURNS = {"arm/joint_1": 0.9, "arm/joint_2": -0.6}
@@ -225,3 +226,9 @@ def test_neither_file_nor_motion_is_refused(folder):
 def test_a_plan_that_begins_elsewhere_is_warned_of(folder):
     scene = load_scene(folder / "follow.yaml", {"robots.arm.joints.joint_2.angle_deg": -45})
     assert any("the plan begins 0.08727 rad" in warning for warning in scene.warnings)
+
+
+def test_the_studio_offers_gains_and_not_the_points_of_a_plan(folder):
+    leaves = find_leaves(load_scene(folder / "follow.yaml").scenario)
+    assert "robots.arm.controllers.follow.kp" in leaves
+    assert not [path for path in leaves if "knots" in path]

@@ -147,6 +147,8 @@ def _walk(
     """Every leaf with its field, and the section that has it."""
     if isinstance(node, Section):
         for name, info in type(node).model_fields.items():
+            if isinstance(node, Element) and name == node.fills:
+                continue  # points of a plan, which a file holds
             yield from _walk(getattr(node, name), _join(path, name), info, node)
     elif isinstance(node, Mapping):
         for name, child in node.items():

@@ -73,7 +73,9 @@ class Plant:
     @cached_property
     def free(self) -> frozenset[str]:
         """Paths of the numbers that follow without another compilation."""
-        return self.varied | {path for path in self.loop.parameter_paths if _link(path) is None}
+        return self.varied | {
+            path for path in self.loop.parameter_paths if _link(path) is None and path in self.leaves
+        }
 
     def roll(self, scene: Scene, numbers: Mapping[str, float]) -> tuple[Result, Trajectory]:
         """One rollout; ``scene`` is the one that is drawn.
