@@ -7,7 +7,7 @@ from spacerobot.closedloop import build_closed_loop
 from spacerobot.errors import ScenarioError
 from tests.oracles.free_bodies import FLAT, free_bodies
 from tests.oracles.hybrid import roll
-from tests.oracles.small_scenes import PLANAR, SPATIAL, small_scene
+from tests.oracles.small_scenes import PLANAR, SPATIAL, random_x, small_scene
 
 LINE = {"kind": "line", "displacement": [0.06, 0.02, 0], "duration": 0.4}
 BACK = {"kind": "line", "displacement": [-0.03, 0.01, 0], "rotation_deg": [0, 0, 10], "duration": 0.5}
@@ -259,3 +259,24 @@ def test_a_grasp_that_no_phase_lets_close_is_refused(tmp_path):
         free_bodies(
             tmp_path, FLAT, {"capture": {"distance": 0.1}, "kind": "weld"}, phases={"one": {"captures": []}}
         )
+
+
+def test_of_a_controllers_words_only_those_that_its_law_reads_by_phase_may_differ():
+    def phased(**pid):
+        robots = {"one": {"tips": {"tip": {"pid": pid}}}}
+        phases = {"first": {"until": {"time": 1}}, "second": {"robots": robots}}
+        return small_scene(PLANAR, {"phases": phases})
+
+    scene = phased(feedback="inertial", kp=3)
+    loop = build_closed_loop(scene)
+    x, c = random_x(scene, np.random.default_rng(1), loop.nx), loop.setup(loop.parameter_values)[1]
+    second = c.full().ravel()
+    second[list(loop.switches[:2])] = 0, 1
+    plain = build_closed_loop(phased(kp=3))
+    told = [one.dynamics(0.3, x, second).full() for one in (loop, plain)]
+    assert np.abs(told[0] - told[1]).max() > 1e-3
+    np.testing.assert_array_equal(loop.dynamics(0.3, x, c), plain.dynamics(0.3, x, c))
+    with pytest.raises(
+        ScenarioError, match=r"phases\.second\.robots.*pid\.derivative: only a number may differ"
+    ):
+        phased(derivative="filtered")

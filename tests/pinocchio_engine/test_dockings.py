@@ -160,7 +160,7 @@ LED = {
             "spin_deg": [0, 0, 2],
         },
     },
-    "grasps": {"hand": {"tip": "arm/tip", "frame": "mate_1", "begins": "open", "capture": {"at": 1.13}}},
+    "grasps": {"hand": {"tip": "arm/tip", "frame": "mate_1", "begins": "open", "capture": {"at": 0.63}}},
     "phases": {
         "come": {
             "robots": {"arm": {"tips": {"tip": {"reference": {"kind": "rendezvous", "frame": "mate_1"}}}}},
@@ -169,12 +169,12 @@ LED = {
         "stop": {
             "target": {"reference": {"kind": "brake", "deceleration": 0.2, "spin_deceleration_deg": 8}},
             "robots": {"arm": {"tips": {"tip": {"pid": {"kp": 300, "feedback": "base"}}}}},
-            "until": {"time": 0.52},
+            "until": {"time": 0.32},
         },
         "carry": {
-            "target": {"reference": {"kind": "circle", "radius": 0.02, "duration": 0.4}},
+            "target": {"reference": {"kind": "circle", "radius": 0.01, "duration": 0.25}},
             "begins_at": "reference",
-            "until": {"time": 0.5},
+            "until": {"time": 0.3},
             "reset": True,
         },
         "part": {
@@ -184,13 +184,13 @@ LED = {
                 "arm": {
                     "joint_pd": None,
                     "tips": {
-                        "tip": {"reference": {"kind": "line", "displacement": [-0.02, 0, 0], "duration": 0.3}}
+                        "tip": {"reference": {"kind": "line", "displacement": [-0.01, 0, 0], "duration": 0.2}}
                     },
                 }
             },
         },
     },
-    "simulation": {"duration": 2.6, "step": 0.005},
+    "simulation": {"duration": 1.5, "step": 0.005},
 }
 
 
@@ -199,9 +199,9 @@ def test_references_numbers_and_feedback_differ_by_phase(kind):
     document = copy.deepcopy(LED)
     document["grasps"]["hand"]["kind"] = kind
     reference = document["phases"]["come"]["robots"]["arm"]["tips"]["tip"]["reference"]
-    reference |= {"standoff": 0.1, "approach_time": 0.47, "duration": 1.0}
+    reference |= {"standoff": 0.1, "approach_time": 0.27, "duration": 0.6}
     scene = build_scene(Scenario.model_validate(document))
-    names = hold_together(scene, 2.6, step=0.0025, backend="compiled")
+    names = hold_together(scene, 1.5, step=0.0025, backend="compiled")
     assert names == ["hand.captured", "come.captured", "stop.time", "carry.time", "hand.told"]
 
 
