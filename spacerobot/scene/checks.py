@@ -253,14 +253,10 @@ def _check_base(scene: Scene, body: SceneBody) -> None:
     delivered = {
         part for _, _, element in own if isinstance(element, Actuator) for part in element.base_wrench
     }
-    wheels = [element for _, _, element in own if isinstance(element, Actuator) and element.has_wheels]
+    _check_unloading(scene, [(path, part) for _, path, part in own if isinstance(part, Actuator)])
     for _, path, element in own:
         if element.base_wrench and not body.root_joint:
             message = "acts on the base, which is fixed; leave it out, or give `base: {joint: free_flyer}`"
-            raise ScenarioError(message, source=scene.source, where=path)
-        if isinstance(element, Actuator) and element.unloads and not wheels:
-            able = [name for name, kind in kinds("actuator").items() if getattr(kind, "has_wheels", False)]
-            message = f"the robot has no wheels to unload; give it some, of kind {' or '.join(able)}"
             raise ScenarioError(message, source=scene.source, where=path)
         if isinstance(element, Actuator) or element.base_wrench <= delivered:
             continue
@@ -290,6 +286,16 @@ def check_environment(scene: Scene) -> None:
                 source=scene.source,
                 where=f"{body.path}.base.joint",
             )
+
+
+def _check_unloading(scene: Scene, actuators: Sequence[tuple[str, Actuator]]) -> None:
+    """Refuse to unload wheels that are not there, or that stand before what unloads them."""
+    wheels = [actuator.has_wheels for _, actuator in actuators]
+    for place, (path, actuator) in enumerate(actuators):
+        if actuator.unloads and (any(wheels[:place]) or not any(wheels[place:])):
+            able = [name for name, kind in kinds("actuator").items() if getattr(kind, "has_wheels", False)]
+            message = f"unloads wheels, which must stand behind it; give some, of kind {' or '.join(able)}"
+            raise ScenarioError(message, source=scene.source, where=path)
 
 
 def robot_elements(scene: Scene) -> Iterator[tuple[SceneBody, str, RobotElement]]:

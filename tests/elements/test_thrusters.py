@@ -239,8 +239,12 @@ def test_pulses_unload_wheels_too_and_the_wheels_take_them_up():
     assert np.abs(run.outputs["base_attitude_error"]).max() < 1e-12
 
 
-def test_unloading_without_wheels_is_refused():
-    with pytest.raises(ScenarioError) as fault:
-        small_scene(PLATE, {f"{JETS}.unload": {"rate": 0.5}})
-    told = f"{JETS}: the robot has no wheels to unload; give it some, of kind reaction_wheels or wheel_joints"
-    assert told in str(fault.value)
+def test_unloading_without_wheels_behind_is_refused():
+    wheels = UNLOADING["robots.one.actuators.wheels"]
+    jets = {"kind": "thrusters", "nozzles": {"a": {"position": [0, 1, 0], "direction": [1, 0, 0]}}}
+    jets |= {"unload": {"rate": 0.5}}
+    for actuators in ({"jets": jets}, {"wheels": wheels, "jets": jets}):
+        with pytest.raises(ScenarioError) as fault:
+            small_scene(PLATE, {"robots.one.actuators": actuators})
+        told = f"{JETS}: unloads wheels, which must stand behind it; give some, of kind reaction_wheels or"
+        assert told in str(fault.value)
