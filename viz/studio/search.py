@@ -152,7 +152,7 @@ def improve(_: Plants, plant: Plant, numbers: Mapping[str, float], job: Job) -> 
         ended = minimize(
             ask, begin, jac=True, method="L-BFGS-B", bounds=[(0.0, 1.0)] * len(begin), options=limits
         )
-        job.found(track.found(1.0, str(ended.message).lower()), "done")
+        job.found(track.found(1.0, "converged" if ended.success else f"{ended.nit} steps taken"), "done")
     except _StoppedError:
         job.found(track.found(1.0, "stopped"), "stopped")
 
