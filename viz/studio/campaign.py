@@ -69,7 +69,7 @@ def _campaign(request: Request, plant: Plant, numbers: Mapping[str, float]) -> C
     nominal = plant.nominal | dict(numbers)
     parameters: dict[str, Any] = {}
     for i, (path, spread) in enumerate(spreads.items()):
-        if path not in plant.free or not isinstance(spread, dict):
+        if path not in plant.free or not isinstance(spread, dict) or not isinstance(spread.get("kind"), str):
             raise ScenarioError("no number that can be drawn", where=path)
         about = {"mean": float(nominal[path])} if spread.get("kind") in ("normal", "truncated_normal") else {}
         parameters[f"n{i}"] = {"paths": [path], **about, **spread}

@@ -22,11 +22,14 @@ from spacerobot.scene import Scene
 from spacerobot.section import Section, leaves
 
 Value = float | int | bool | str | None
-LEFT_OUT = ("name", "description", "tuning", "campaign")
+LEFT_OUT = ("name", "description", "tuning", "campaign", "plan")
 """Parts of a scenario that say nothing of the motion."""
 
 REACH = {"deg": 45.0, "deg/s": 10.0, "m": 0.1, "m/s": 0.1}
 """How far a slider of a number that is zero, or an angle, reaches to both sides, by unit; else 1."""
+
+LARGEST = 1e300
+"""Numbers from here on count as infinite."""
 
 DECADES = 10.0  # a slider of a positive number reaches so many times lower and higher
 
@@ -80,7 +83,7 @@ class Leaf:
         return bool(self.choices) and isinstance(value, str) and value not in self.choices
 
     def _fault(self, value: Any) -> str:
-        if isinstance(value, bool | str) or not abs(value) < float("inf"):
+        if isinstance(value, bool | str) or not abs(value) < LARGEST:
             return "allowed: a finite number"
         low, high = self.low, self.high
         if low is not None and (value < low or (self.open_ends[0] and value == low)):

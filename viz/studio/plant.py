@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path, PureWindowsPath
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,7 @@ from spacerobot.rollout import Trajectory
 from spacerobot.scenario.load import to_document
 from spacerobot.scenario.paths import get
 from spacerobot.scene import Scene, build_scene, load_scene
-from spacerobot.section import numbers
+from spacerobot.section import leaves, numbers
 from spacerobot.simulation import Ready, make_ready
 from viz.drawing.motion import Stage
 from viz.page.animation import Shown, look_at
@@ -253,9 +254,16 @@ class Plants:
         return plant
 
     def changes(self, values: Values) -> dict[str, Any]:
-        """Values as changes to the scenario: another kind is a section that keeps what it knows."""
+        """Values as changes to the scenario: another kind is a section that keeps what it knows.
+
+        Raises
+        ------
+        ScenarioError
+            If a path is a pattern, a URDF is one that a page may not name, or there is no such kind.
+        """
         found = {}
         for path, value in values.items():
+            _check_place(path, value)
             head, _, key = path.rpartition(".")
             section = _section(self._document, head) if key == "kind" else None
             if section is None or section["kind"] == value:
@@ -305,6 +313,19 @@ def _finite(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
+def _check_place(path: str, value: Any) -> None:
+    """Refuse what would reach beyond one place of the scenario, or to files that are not beside it."""
+    if "*" in path:
+        raise ScenarioError("a pattern, which is for the command line alone", where=path)
+    for place, text in leaves(value, path):
+        file = str(text)
+        if place.rpartition(".")[2] == "urdf" and (
+            Path(file).is_absolute() or PureWindowsPath(file).anchor or ".." in file or ":" in file
+        ):
+            message = f"found {file!r}, allowed on a page: a URDF that ships, or lies beside the scenario"
+            raise ScenarioError(message, where=place)
+
+
 def _is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
 
@@ -334,7 +355,7 @@ def _of_kind(section: Mapping[str, Any], kind: Any, path: str) -> dict[str, Any]
     """
     for family in FAMILIES:
         known = kinds(family)
-        if section["kind"] in known and kind in known:
+        if section["kind"] in known and isinstance(kind, str) and kind in known:
             fields = known[kind].model_fields
             return {key: value for key, value in section.items() if key in fields} | {"kind": kind}
     raise ScenarioError(f"found {kind!r}, which is no kind of what stands here", where=path)
