@@ -246,3 +246,17 @@ class Run {
     for (const trace of this.growing) trace.material.color.set(colour || trace.userData.colour);
   }
 }
+
+// Least and greatest place of any body of some runs at any time.
+function extentOf(runs) {
+  const low = [Infinity, Infinity, Infinity], high = low.map((v) => -v);
+  for (const { poses } of runs) {
+    for (let i = 0; i < poses.length; i += 7) {
+      for (let c = 0; c < 3; c++) {
+        low[c] = Math.min(low[c], poses[i + c]);
+        high[c] = Math.max(high[c], poses[i + c]);
+      }
+    }
+  }
+  return [low, high];
+}

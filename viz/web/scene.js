@@ -34,6 +34,8 @@ class Scene {
     this.time = 0;
     keepMeshes(payload.meshes);
     this.build();
+    this.first = extentOf(this.runs);
+    this.beyond = [[0, 0, 0], [0, 0, 0]]; // how far motions that came later leave that of the first, m
     this.grid();
     this.arrange();
   }
@@ -64,6 +66,24 @@ class Scene {
       this.runs.forEach((run, k) => run.tint(this.colours && this.colours[k], k > 0));
     }
     this.seek(this.time);
+    this.widen();
+  }
+
+  // The view is fitted to the first motion; another one that leaves it widens it, and it stays wide.
+  widen() {
+    const most = this.payload.scale, now = extentOf(this.runs.filter(({ data }) => data.completed));
+    const [low, high] = now.map((ends, k) => ends.map((end, c) => Math.max(-most, Math.min(most, end - this.first[k][c])) || 0));
+    const wider = [low.map((v, c) => Math.min(v, this.beyond[0][c])), high.map((v, c) => Math.max(v, this.beyond[1][c]))];
+    const grown = wider.flat().some((v, c) => Math.abs(v - this.beyond.flat()[c]) > 0.01 * most);
+    if (!grown) return;
+    this.beyond = wider;
+    this.refit();
+  }
+
+  // What the camera must see.
+  get reach() {
+    if (this.near) return this.payload.near;
+    return [[0, 0, 0], ...this.beyond].flatMap((by) => this.payload.reach.map((point) => point.map((v, c) => v + by[c])));
   }
 
   // How much smaller the close view is than the whole.
@@ -143,8 +163,7 @@ class Scene {
     if (!over) shifts[0] = [size[0] * 1.05, 0, 0];
     if (!over) shifts.push([0, -size[1] * 1.12, 0]);
     const moved = (shift) => this.runs.map((_, k) => shift.map((v) => k * v));
-    const points = this.near ? this.payload.near : this.payload.reach;
-    const fit = (shift) => this.eye.fit(points, moved(shift), this.payload);
+    const points = this.reach, fit = (shift) => this.eye.fit(points, moved(shift), this.payload);
     const best = shifts.map((shift) => [fit(shift), shift]).sort((a, b) => a[0] - b[0])[0][1];
     this.boxes = moved(best).map((shift) => [low, high].map((p) => p.map((v, c) => v + shift[c])));
     this.runs.forEach((run, k) => {

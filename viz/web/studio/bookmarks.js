@@ -22,7 +22,7 @@ class Bookmarks {
     if (table.hidden) { this.shown = undefined; return; }
     const columns = [{ name: "this design", values: designs.now, own: true }, ...designs.kept];
     const known = columns.map(({ values }) => this.metricsOf(values));
-    const text = JSON.stringify([columns, known, designs.chosen]);
+    const text = JSON.stringify([columns, known, designs.chosen, metrics.length]);
     if (text === this.shown) return; // the focus stays where it is
     this.shown = text;
     const focused = table.contains(document.activeElement) && document.activeElement.getAttribute("aria-label");

@@ -2,14 +2,18 @@
 const FIRST_METRICS = 6; // shown at first: those of everything together come before those of each tip and body
 
 class Metrics {
-  constructor(table, more, onChoose) {
+  constructor(table, more, { onChoose, onFold }) {
     [this.table, this.more, this.onChoose] = [table, more, onChoose];
     this.rows = [];
     more.addEventListener("click", () => {
       more.setAttribute("aria-expanded", String(!this.whole));
       this.fold();
+      onFold();
     });
   }
+
+  // Those that are in sight.
+  get seen() { return this.rows.filter(({ row }) => !row.hidden).map(({ metric }) => metric); }
 
   get whole() { return this.more.getAttribute("aria-expanded") === "true"; }
 

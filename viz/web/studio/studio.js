@@ -3,7 +3,10 @@ class Studio {
   constructor(player, address) {
     this.player = player;
     this.panel = $("panel");
-    this.metrics = new Metrics($("metrics"), $("moremetrics"), (name) => { this.metric = name; this.slopes = {}; this.show(); });
+    this.metrics = new Metrics($("metrics"), $("moremetrics"), {
+      onChoose: (name) => { this.metric = name; this.slopes = {}; this.show(); },
+      onFold: () => this.show(),
+    });
     this.numbers = new Numbers($("numbers"), {
       onPin: (path, wanted) => this.pin(path, wanted),
       onValue: (path, value) => this.hand(() => { this.designs.set({ [path]: value }); this.designs.settle(); }),
@@ -125,7 +128,7 @@ class Studio {
     $("undo").disabled = !designs.canUndo;
     $("redo").disabled = !designs.canRedo;
     $("restore").disabled = Object.keys(designs.now).length === 0;
-    this.bookmarks.show(this.worn.metrics, (path) => this.byPath.get(path)?.unit);
+    this.bookmarks.show(this.metrics.seen, (path) => this.byPath.get(path)?.unit);
     this.jobs.enable(this.sliders.size > 0);
     rollouts.want(designs.now, [designs.before?.values, ...designs.kept.map(({ values }) => values)]);
     this.status();
