@@ -97,7 +97,7 @@ def test_a_plan_is_followed(folder):
 
 def test_the_torque_alone_leads_there_as_knots_grow_closer(folder):
     errors = []
-    for count in (11, 21, 41):
+    for count in (6, 11, 21):
         still = load_scene(folder / "still.yaml")
         write_plan(plan_of(still, TURNS, DURATION, count), folder / f"plan_{count}.nc")
         name = f"plan_{count}.nc"
@@ -137,7 +137,7 @@ def test_time_counts_from_the_beginning_of_the_phase(folder):
     file = folder / "phased.yaml"
     file.write_text(text("hold") + "phases: {wait: {until: {time: 0.05}}, go: {}}\n")
     scene = load_scene(file)
-    ends = [engine(scene).run(0.2, 0.1).state[-1] for engine in (Symbolic, Numeric)]
+    ends = [engine(scene).run(0.1, 0.1).state[-1] for engine in (Symbolic, Numeric)]
     np.testing.assert_allclose(ends[0][:10], ends[1][:10], atol=1e-6)
     end = Symbolic(scene).run(2.2, 2.2, 0.01).state[-1]  # a plan that began at 0 was at its end for 0.2 s
     began = Symbolic(load_scene(folder / "follow.yaml")).run(2.15, 2.15, 0.01).state[-1]
@@ -156,7 +156,7 @@ def test_phases_of_the_plan_are_followed_by_name(folder):
     scene = load_scene(file)
     lead = scene.scenario.phases["far"].changes["robots"]["arm"]["tips"]["tip"]["reference"]
     assert lead["knots"]["times"][-1] == pytest.approx(1.8)
-    ends = [engine(scene).run(0.3, 0.1).state[-1] for engine in (Symbolic, Numeric)]
+    ends = [engine(scene).run(0.28, 0.14).state[-1] for engine in (Symbolic, Numeric)]
     np.testing.assert_allclose(ends[0][:10], ends[1][:10], atol=1e-6)
     end = Symbolic(scene).run(1.25, 1.25, 0.01)  # the second phase begins at 0.2 s of the plan
     wanted = CubicHermiteSpline(plan.time, plan.joint_position, plan.joint_rate)(1.2)

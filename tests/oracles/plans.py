@@ -10,7 +10,7 @@ import xarray as xr
 
 from spacerobot.scene import Scene
 
-STEPS = 20  # between two knots
+STEPS = 8  # between two knots
 AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
 
