@@ -91,7 +91,10 @@ def _opened(file: Path, names: tuple[str, ...]) -> xr.Dataset:
     try:
         if file.stat().st_size > MOST_BYTES:
             raise ScenarioError(f"larger than {MOST_BYTES // 1_000_000} MB, so not a plan", source=file)
-        plan = xr.load_dataset(file, engine="netcdf4")
+        with xr.open_dataset(file, engine="netcdf4") as opened:
+            if opened.nbytes > MOST_BYTES:  # before it is unpacked
+                raise ScenarioError(f"unfolds to {opened.nbytes / 1e6:.0f} MB, so not a plan", source=file)
+            plan = opened.load()
     except FileNotFoundError:
         raise ScenarioError("no such file", source=file) from None
     except (OSError, ValueError, RuntimeError, KeyError, AttributeError, TypeError, IndexError):

@@ -197,6 +197,11 @@ def damaged(kind, folder):
         plan.torque[2, 1], told = np.nan, "torque: holds what is no number"
     elif kind == "order":
         plan, told = plan.isel(time=[0, 2, 1, 3, 4]), "times: must rise strictly"
+    elif kind == "vast":
+        packed = {"more": {"zlib": True}}
+        plan["more"] = ("time", "many"), np.zeros((5, 4_000_000))
+        plan.to_netcdf(folder / "vast.nc", engine="netcdf4", encoding=packed)
+        return "vast.nc", "unfolds to 160 MB, so not a plan"
     elif kind == "dimensions":
         plan["joint_rate"] = plan.joint_rate.isel(joint=0)
         told = "joint_rate: found dimensions time, allowed: time, joint"
@@ -207,7 +212,7 @@ def damaged(kind, folder):
 KINDS = ("missing", "outside", "absolute", "linked", "cut", "text", "another", "robot", "joint", "number")
 
 
-@pytest.mark.parametrize("kind", [*KINDS, "order", "dimensions"])
+@pytest.mark.parametrize("kind", [*KINDS, "order", "dimensions", "vast"])
 def test_a_file_that_cannot_be_followed_is_one_clear_line(folder, kind):
     name, told = damaged(kind, folder)
     with pytest.raises(ScenarioError) as fault:
