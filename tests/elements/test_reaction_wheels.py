@@ -9,6 +9,7 @@ import pytest
 
 from spacerobot import build_rollout, simulate
 from spacerobot.closedloop import build_closed_loop
+from spacerobot.elements.actuators.reaction_wheels import ReactionWheels
 from spacerobot.errors import ScenarioError
 from spacerobot.scenario.load import validate
 from spacerobot.scene import build_scene, load_scene
@@ -80,6 +81,25 @@ def test_a_body_under_pd_is_a_second_order_system(folder):
     np.testing.assert_allclose(result.data.wheel_speed[:, 0], speed, atol=1e-8)
     assert result.data.wheel_speed.attrs["units"] == "rad/s"
     conserved(result)
+
+
+def test_what_one_set_leaves_is_taken_by_the_next(folder):
+    """The first motor gives little; together they give what is asked, and hold their momentum together."""
+    scene = scene_of(folder, ONE | {"torque_limit": 0.02}, {"spin_deg": [0, 0, 8]}, {"kd": 1.2})
+    body = scene.scenario.robots["bus"]
+    more = {"wheels": body.actuators["wheels"], "other": ReactionWheels(axes=((0, 0, -1),), inertia=0.1)}
+    robots = {"bus": body.model_copy(update={"actuators": more})}
+    scene = build_scene(scene.scenario.model_copy(update={"robots": robots}))
+    data = simulate(scene, backend="interpreted").data
+    spin = np.radians(8) * np.exp(-1.2 * data.time.values / TURN)
+    np.testing.assert_allclose(data.v.sel(velocity="v.bus/root[2]"), spin, atol=1e-11)
+    torque = data.wheel_torque
+    np.testing.assert_allclose(torque.sel(wheel="bus/wheels.0"), np.minimum(0.02, 1.2 * spin), atol=1e-11)
+    np.testing.assert_allclose(
+        data.wheel_momentum.sel(body="bus", axis="z"),
+        TURN * (np.radians(8) - spin) + 0.15 * np.radians(8),
+        atol=1e-11,
+    )
 
 
 def test_a_wheel_that_rubs_spins_its_body_up(folder):
