@@ -26,6 +26,7 @@ from spacerobot.result import Result, note_derived
 from viz.drawing.motion import Motion, greatest_force, pick_rows, sample_motion
 from viz.drawing.projection import fit
 from viz.drawing.view import View, view_of
+from viz.figures.bases import draw_plumes
 from viz.figures.docking import draw_forces, draw_frame, draw_names, seen_points
 from viz.figures.style import COLOURS, Drawing, styled
 
@@ -138,9 +139,10 @@ class Frames:
         panel = figure.add_axes((0, 0, 1, 1))
         fit(panel, self.points, self.view, shape=height / width)
         draw_frame(panel, self.result, self.motion, index, self.view, width / WIDTH_IN)
+        longest = _LONGEST_ARROW * float(np.linalg.norm(np.ptp(self.points, axis=0)))
+        draw_plumes(panel, self.result, self.motion, index, self.view, longest)
         if self.newtons > 0:
-            scale = _LONGEST_ARROW * float(np.linalg.norm(np.ptp(self.points, axis=0))) / self.newtons
-            draw_forces(panel, self.result, self.motion, index, self.view, scale)
+            draw_forces(panel, self.result, self.motion, index, self.view, longest / self.newtons)
         draw_names(panel, self.motion, index, self.view)
         panel.set_axis_off()
         self._say(panel, index)
@@ -166,7 +168,8 @@ class Frames:
         kinds = [kind for kind in ("grasp", "contact") if data.sizes.get(kind)]
         what = " and ".join(kinds).replace("grasp", "grip")
         arrows = f"; arrows: {what} forces, at most {self.newtons:.3g} N" if self.newtons > 0 else ""
-        panel.text(0.015, 0.045, drawn + arrows, fontsize=7.5, color="0.35", **at)
+        plumes = "; cones: plumes of thrusters" if "thruster" in data.dims else ""
+        panel.text(0.015, 0.045, drawn + arrows + plumes, fontsize=7.5, color="0.35", **at)
         if not self.result.completed and index == len(self) - 1:
             end: dict[str, Any] = {"ha": "center", "color": "#B00020", "fontsize": 20}
             panel.text(0.5, 0.5, "diverged", transform=panel.transAxes, **end)

@@ -5,7 +5,10 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.axes import Axes
 
+from spacerobot.arrays import Array
 from spacerobot.result import Result
+from viz.drawing.motion import Motion
+from viz.drawing.view import View
 from viz.figures.style import Drawing, called, legend_over, line, panels, shown_axes, styled, until
 
 
@@ -96,3 +99,17 @@ def relative_orbit(result: Result) -> Drawing:
         panel.set_title(f"{name}, from the dot on")
         legend_over(panel)
     return figure
+
+
+def draw_plumes(panel: Axes, result: Result, motion: Motion, frame: int, view: View, longest: float) -> None:
+    """Plumes of the thrusters that fire in a frame, against their forces; the longest is ``longest`` m."""
+    if "thruster" not in result.data.dims:
+        return
+    force, row = result.data.thruster_force.values, int(motion.rows[frame])
+    scale = longest / (np.linalg.norm(force, axis=-1).max(initial=0.0) or 1.0)
+    nozzles, ends = (result.data.thruster_position.values[row], -scale * force[row])
+    for nozzle, end in zip(view.flat(nozzles), view.flat(ends), strict=True):
+        across = 0.22 * np.array([-end[1], end[0]])
+        corners: Array = nozzle + np.array([0 * end, end + across, end - across])
+        if end.any():
+            panel.fill(*corners.T, color="#E8A33D", alpha=0.6, linewidth=0, zorder=7)

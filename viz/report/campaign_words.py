@@ -15,6 +15,8 @@ QUANTITIES = {
     "capture_time": "time of capture",
     "miss_distance": "least distance",
     "event_energy": "energy lost at events",
+    "attitude_error_peak": "largest attitude error",
+    "wheel_momentum_peak": "largest momentum of wheels",
     "missed": "probability of a miss",
 }
 """Metrics in plain words."""

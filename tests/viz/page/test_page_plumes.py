@@ -9,6 +9,7 @@ from tests.oracles.small_scenes import PLANAR, small_scene
 from viz.figures.collect import draw_all
 from viz.page.animation import animation
 from viz.page.page import animation_page
+from viz.record import frames
 
 NOZZLES = {
     "ahead": {"position": [0.3, 0.3, 0], "direction": [1, 0, 0]},
@@ -68,6 +69,16 @@ def test_plumes_are_seen_while_a_thruster_fires_and_can_be_hidden(browser, fired
         counts.append(int(((ratio > 40) & (np.abs(picture - 0.75 * PALE).max(axis=2) < 60)).sum()))
         assert browser.errors == []
     assert counts[1] > counts[0] + 100
+
+
+def test_a_recording_shows_plumes(fired):
+    data = fired.data.copy(deep=True)
+    data["thruster_force"] = 0 * data.thruster_force
+    orange = []
+    for result in (fired, Result(fired.scenario, data, fired.summary)):
+        picture = np.asarray(frames(result, rate_hz=20, size_px=(480, 300)).picture(2)).astype(float)
+        orange.append(int((picture[..., 0] - picture[..., 2] > 60).sum()))
+    assert orange[0] > orange[1] + 30
 
 
 def test_figures_are_drawn_where_they_apply(fired):
