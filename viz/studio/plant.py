@@ -277,8 +277,8 @@ class Plants:
         inner: dict[str, float] = {}
         others: dict[str, Any] = {}
         for path, value in self.changes(values).items():
-            follows = path in self._numbers and path not in self._fixed
-            if follows and path.partition(".")[0] in (*PLACES, "phases") and _is_number(value):
+            follows = path in self._numbers and path not in self._fixed and _is_number(value)
+            if follows and (path in self._free or path.partition(".")[0] in (*PLACES, "phases")):
                 inner[path] = value
             else:
                 others[path] = value

@@ -134,7 +134,7 @@ def test_numbers_shown_are_those_of_the_command_line(page, arm):
     )
 
 
-def test_another_structure_is_compiled_and_then_follows(page):
+def test_another_structure_is_compiled_and_then_follows(page, arm):
     values = {WORD: "inertial", ZERO: 0.01}
     page.ask("set", seq=1, values=values)
     assert page.take("compiling")["why"]
@@ -147,6 +147,17 @@ def test_another_structure_is_compiled_and_then_follows(page):
     again = page.take("rollout", "hello", "compiling")
     assert again["type"] == "rollout"
     assert _metric(page, again) != first
+    result = simulate(load_scene(arm, values | {ZERO: 0.02}), backend="interpreted")
+    tips = result.summary["tip_error"]["arm/tip"]
+    peak = max(abs(tips[axis][end]) for axis in "xy" for end in ("min_m", "max_m"))
+    assert _metric(page, again) == pytest.approx(1e3 * peak, rel=1e-9)
+
+
+def test_every_number_that_is_said_to_follow_does(page, monkeypatch):
+    """Whatever part of the scenario it stands in."""
+    monkeypatch.setattr("viz.studio.plant.PLACES", ())
+    plants = page.session.plants
+    assert all(plants.find({path: plants.base.nominal[path]}) for path in plants.base.free)
 
 
 def test_gradients_are_those_of_differences(page):
