@@ -50,7 +50,7 @@ def build_works(powers: Iterable[Power]) -> list[Work]:
     kinds = dict(WORKS)
     for power in powers:
         verb = "put in" if power.sign == "in" else "taken"
-        kinds.setdefault(power.name, (power.sign, f"work {verb}: {power.name}"))
+        kinds.setdefault(power.name, (power.sign, f"work {verb}: {power.name.replace('_', ' ')}"))
         totals[power.name] = totals.get(power.name, ca.SX(1, 1)) + power.value
     return [
         Work(
