@@ -51,6 +51,7 @@ PAIRS: dict[tuple[ShapeKind, ShapeKind], Callable[[Shape, Shape], Nearest]] = {
     ("capsule", "capsule"): segments.to_segment,
     ("capsule", "plane"): segments.to_plane,
     ("capsule", "box"): segments.to_box,
+    ("capsule", "cylinder"): segments.to_cylinder,
 }
 """From the first shape's core, a point or a segment, to the second's; both orders are allowed."""
 ROUND = ("sphere", "capsule")

@@ -1,4 +1,4 @@
-"""Signed distance from a capsule's segment to a convex core: a segment, a half-space, a box."""
+"""Signed distance from a capsule's segment to a convex core: a segment, a half-space, a box, a cylinder."""
 
 from __future__ import annotations
 
@@ -11,6 +11,10 @@ from spacerobot.shapes.shape import Shape
 
 _PARALLEL = 1e-12
 """Square of the sine of an angle below which two lines are treated as parallel."""
+_HALVINGS, _LEVEL, _TURNED = 26, 1e-9, 1e-6
+"""How often a segment is halved; slope that counts as none; longest last step [m]."""
+_BEYOND = 1.01
+"""How far beyond its ends a segment is looked at, so that an end is met exactly."""
 _APART = 1e9
 """[m] More than any depth."""
 
@@ -46,6 +50,41 @@ def to_box(segment: Shape, box: Shape) -> Nearest:
         ca.if_else(inside, box.outside(direction), apart[1]),
         ca.if_else(inside, nearest, apart[2]),
     )
+
+
+def to_cylinder(segment: Shape, cylinder: Shape) -> Nearest:
+    """From a segment to a cylinder; where the segment itself is inside, that of its deepest point."""
+    middle, axis = cylinder.inside(segment.position), ca.mtimes(cylinder.rotation.T, segment.axis)
+    along = _nearest_to_cylinder(middle, axis, segment.half, cylinder)
+    return points.to_cylinder(segment.position + along * segment.axis, cylinder)
+
+
+def _nearest_to_cylinder(middle: ca.SX, axis: ca.SX, half: ca.SX, cylinder: Shape) -> ca.SX:
+    """Place on a segment (1x1) [m] that is nearest to a cylinder, or deepest in it, in the cylinder's axes.
+
+    The signed distance is convex along the segment. Its slope is bisected from both sides, so that of a whole
+    stretch that is equally near the middle is taken; a step by Newton's method then makes it exact, and with
+    it the derivatives.
+    """
+    upright = Shape(ca.SX.eye(3), ca.SX(3, 1), cylinder.radius, cylinder.half)
+
+    def slope_at(place: ca.SX) -> ca.SX:
+        return ca.dot(axis, points.to_cylinder(middle + place * axis, upright)[1])
+
+    ends = []
+    for side in (-1, 1):
+        low, high = -_BEYOND * half, _BEYOND * half
+        for _ in range(_HALVINGS):
+            between = (low + high) / 2
+            rises = slope_at(between) > -side * _LEVEL
+            low, high = ca.if_else(rises, low, between), ca.if_else(rises, between, high)
+        ends.append(clamp((low + high) / 2, half))
+    found = (ends[0] + ends[1]) / 2
+    place = ca.SX.sym("place")
+    slope = slope_at(place)
+    value, bend = ca.substitute([slope, ca.jacobian(slope, place)], [place], [found])
+    unique = ca.logic_and(bend > _LEVEL, ca.fabs(value) < _TURNED * bend)
+    return clamp(found - ca.if_else(unique, value / ca.fmax(bend, _LEVEL), 0), half)
 
 
 def _nearest_to_box(middle: ca.SX, axis: ca.SX, half: ca.SX, size: ca.SX) -> ca.SX:

@@ -58,13 +58,20 @@ EVERY = [*PAIRS, *((b, a) for a, b in PAIRS if a != b)]
 
 @pytest.mark.parametrize("kinds", EVERY, ids=lambda kinds: "-".join(kinds))
 def test_distance_normal_and_point_are_those_of_coal(kinds):
-    near, inside = compiled(kinds), 0
+    near, inside, odd = compiled(kinds), 0, 0
     for one, other in poses(3, 300, 0.7):
         gap, normal, point = near(one.rotation, one.translation, other.rotation, other.translation)
         wanted, direction, middle = by_coal(kinds, one, other)
-        if "cylinder" in kinds and wanted < -SIZES["sphere"][0][0]:
-            # a centre inside a curved solid: coal's polytope ends at a way out that is not the shortest
+        core = SIZES["capsule" if "capsule" in kinds else "sphere"][0][0]
+        if "cylinder" in kinds and wanted < -core:
+            # a core inside a curved solid: coal's polytope ends at a way out that is not the shortest, and a
+            # segment's deepest point lies less deep than the whole
             assert float(gap) > wanted - PRECISE
+            continue
+        if set(kinds) == {"capsule", "cylinder"} and abs(float(gap) - wanted) > PRECISE:
+            odd += 1  # now and then coal's polytope ends millimetres off: points of the segment tell
+            inside += wanted < 0
+            assert abs(float(gap) - _by_points(kinds, one, other)) < 1e-8
             continue
         assert abs(float(gap) - wanted) < PRECISE
         inside += wanted < 0
@@ -72,6 +79,20 @@ def test_distance_normal_and_point_are_those_of_coal(kinds):
         assert normal.full().ravel() @ direction > 1 - 1e-6
         assert np.abs(point.full().ravel() - middle).max() < 1e-4
     assert 50 < inside < 300
+    assert odd < 6
+
+
+def _by_points(kinds, one, other):
+    """Gap of a capsule and a cylinder, by many points of the capsule's segment."""
+    capsule, cylinder = (one, other) if kinds[0] == "capsule" else (other, one)
+    (thick,), (half,) = SIZES["capsule"][:2]
+    (radius,), (high,) = SIZES["cylinder"][:2]
+    relative = cylinder.inverse() * capsule
+    along = np.linspace(-half, half, 200_001)[:, None]
+    x, y, z = (relative.translation + along * relative.rotation[:, 2]).T
+    over = np.array([np.hypot(x, y) - radius, np.abs(z) - high])
+    apart = np.where(over.max(axis=0) > 0, np.hypot(*np.maximum(over, 0)), over.max(axis=0))
+    return apart.min() - thick
 
 
 @pytest.mark.parametrize("kinds", EVERY, ids=lambda kinds: "-".join(kinds))
@@ -87,6 +108,8 @@ def test_the_gap_changes_with_the_velocity_of_the_shapes_points_along_the_normal
             near(a.rotation, a.translation, b.rotation, b.translation) for a, b in zip(*places, strict=True)
         ]
         _, normal, point = near(one.rotation, one.translation, other.rotation, other.translation)
+        if set(kinds) == {"capsule", "cylinder"} and ends[0][0] < -SIZES["capsule"][0][0]:
+            continue  # the segment itself is inside: its deepest point may lie where two directions meet
         n, p = normal.full().ravel(), point.full().ravel()
         speeds = [
             t[:3] + np.cross(t[3:], p - place.translation)
