@@ -234,3 +234,14 @@ def test_another_structure_is_compiled_and_undone(opened):
     page.wait_for(f"{METRIC} === {metric!r}")
     assert page.evaluate(f"{kind}.value") == "compliant"
     assert page.errors == []
+
+
+def test_an_address_that_holds_anything_does_no_harm(opened):
+    named = "design=garbage&design=%7B%22name%22:%22%3Cb%3E%22%7D"
+    page = opened(f"#t=0.5&play=0&pins=foo;bar:1:2:log&metric=none&set=7&{named}")
+    assert page.evaluate("[...document.querySelectorAll('#designs thead th')].length") == 2
+    assert "<b>" in page.evaluate("document.querySelector('#designs thead').innerText")
+    page.evaluate("location.hash = '#set=%7B%22nonsense.path%22:3%7D'")
+    page.wait_for("document.getElementById('status').textContent.includes('nonsense')")
+    assert page.evaluate(METRIC) > 0  # what was shown stays
+    assert page.errors == []

@@ -262,7 +262,8 @@ class Studio {
     }
     if (this.hello.metrics.some(({ key }) => key === wanted.get("metric"))) this.metrics.choose(this.metric = wanted.get("metric"));
     for (const { name, values } of wanted.getAll("design").map(parsed)) {
-      if (!this.designs.kept.some((one) => one.name === name)) this.designs.keep(String(name), Designs.plain(values));
+      const taken = this.designs.kept.some((one) => one.name === name);
+      if (typeof name === "string" && !taken) this.designs.keep(name, Designs.plain(values));
     }
     if (wanted.has("set")) this.designs.take(Designs.plain(parsed(wanted.get("set"))));
     this.lay();
