@@ -88,7 +88,7 @@ def test_another_source_of_this_package_is_another_entry(file, folder, builds, m
 
 
 def test_kinds_of_a_users_own_are_always_built(file, folder, builds, monkeypatch):
-    own = type("Own", (), {"__module__": "spacerobot_plugin_own"})
+    own = type("Own", (), {"__module__": "spacerobot_plugin_own", "fills": None})
     monkeypatch.setitem(registry._KINDS["reference"], "own", own)
     for _ in range(2):
         kept_closed_loop(load_scene(file))
