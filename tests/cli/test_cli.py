@@ -111,7 +111,7 @@ def test_paper_prints_every_variant_and_saves_each(spacerobot, tmp_path, monkeyp
     assert code == 0
     expected = {
         f"{f}-{c}-R{r}" for f in ("base", "inertial") for c in ("pid", "amnesia") for r in ("0.10", "0.15")
-    }
+    } | {"base-pid-R0.10-held", "base-amnesia-R0.10-held"}
     assert {path.name for path in tmp_path.iterdir()} == expected
     assert all(name in out for name in expected)
 
