@@ -8,6 +8,8 @@ import casadi as ca
 import numpy as np
 
 from optim.planning.stage import Stage
+from spacerobot.dynamics import forward_kinematics
+from spacerobot.dynamics.joints import exact_directions
 from spacerobot.scenario.plan import Costs
 from spacerobot.scene import Scene
 
@@ -39,9 +41,6 @@ def base_shifts(stage: Stage) -> dict[str, ca.SX]:
 
 def _start(scene: Scene) -> Sequence[tuple[ca.SX, ca.SX]]:
     """Rotation and origin of each joint at the start, as numbers."""
-    from spacerobot.dynamics import forward_kinematics
-    from spacerobot.dynamics.joints import exact_directions
-
     still = forward_kinematics(scene.model, ca.SX(np.asarray(scene.q)))
     return [
         (exact_directions(np.array(ca.DM(turn))), ca.SX(ca.DM(place)))
@@ -59,9 +58,15 @@ def _driven(stage: Stage, joints: bool) -> ca.SX:
     return stage.u[:count] if joints else stage.u[count:]
 
 
+def _columns(stage: Stage) -> list[int]:
+    """Velocities of the joints that are driven."""
+    return list(stage.driven.columns[: len(stage.driven.joints)])
+
+
 TERMS: Mapping[str, Callable[[Stage], ca.SX]] = {
     "torque": lambda stage: ca.sumsqr(_driven(stage, True)),
-    "joint_rate": lambda stage: ca.sumsqr(stage.v[list(stage.driven.columns[: len(stage.driven.joints)])]),
+    "joint_rate": lambda stage: ca.sumsqr(stage.v[_columns(stage)]),
+    "joint_acceleration": lambda stage: ca.sumsqr(stage.a[_columns(stage)]),
     "base_rotation": lambda stage: _squares(list(base_turns(stage).values())),
     "base_translation": lambda stage: _squares(list(base_shifts(stage).values())),
     "base_wrench": lambda stage: ca.sumsqr(_driven(stage, False)),

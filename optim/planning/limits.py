@@ -12,6 +12,7 @@ from optim.planning.goals import find_frame, find_tip, seen_from, unit
 from optim.planning.stage import Driven, Row, Stage
 from spacerobot.arrays import Array
 from spacerobot.description.parts import Joint as UrdfJoint
+from spacerobot.dynamics.joints import exact_directions, sparse
 from spacerobot.errors import ScenarioError
 from spacerobot.scenario.plan import Bounds, Cone, Plan
 from spacerobot.scene import Scene
@@ -84,8 +85,7 @@ def path_rows(stage: Stage, plan: Plan) -> list[Row]:
             near = proximity((first.kind, second.kind), _shape(stage, first), _shape(stage, second))
             pair = f"{name}: {first.label} to {second.label}"
             rows.append(Row(pair, "m", near.gap, lower=apart.distance))
-    for name, cone in plan.cones.items():
-        rows += _cone_rows(stage, name, cone)
+    rows += [_cone_row(stage, name, cone) for name, cone in plan.cones.items()]
     return rows
 
 
@@ -141,26 +141,25 @@ def _base_rows(stage: Stage, bounds: Bounds) -> Iterator[Row]:
             yield Row(f"displacement of {name}'s base", "m", square, upper=1.0, scale=limit / 2)
 
 
-def _cone_rows(stage: Stage, name: str, cone: Cone) -> list[Row]:
-    """Distance from the axis, squared, below the cone's radius there, squared; and before its apex."""
+def _cone_row(stage: Stage, name: str, cone: Cone) -> Row:
+    """Distance from the axis below the cone's radius there, smooth on the axis."""
     where = f"plan.cones.{name}"
     tip = find_tip(stage.scene, cone.tip, f"{where}.tip")
     place = seen_from(stage, tip, find_frame(stage.scene, cone.frame, f"{where}.frame"))[0]
-    before = -ca.dot(unit(cone.axis), place)
+    before, small = -ca.dot(unit(cone.axis), place), cone.radius / 10
+    across = ca.sqrt(ca.sumsqr(place + before * unit(cone.axis)) + small**2)
     slope = float(np.tan(np.radians(cone.half_angle_deg)))
-    across = ca.sumsqr(place) - before**2
-    allowed = cone.radius + slope * before
-    scale = 1 / (2 * cone.radius)
-    return [
-        Row(f"{name}: off axis", "m", across - allowed**2, upper=0.0, last=cone.last, scale=scale),
-        Row(f"{name}: before apex", "m", allowed, lower=0.0, last=cone.last, scale=1 / slope),
-    ]
+    return Row(
+        f"{name}: off the cone's axis",
+        "m",
+        across - slope * before,
+        upper=cone.radius + small,
+        last=cone.last,
+    )
 
 
 def _shape(stage: Stage, shape: SceneShape) -> Shape:
     """A shape where its link is."""
-    from spacerobot.dynamics.joints import exact_directions, sparse
-
     rotation, origin = stage.placement(shape.frame)
     radius, half = shape.measures
     return Shape(

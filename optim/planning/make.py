@@ -179,7 +179,8 @@ class _Search:
 
         first = motion.unknowns
         scale = self.cost if np.isfinite(self.cost) else max(program.objective(first), 1e-12)
-        solved = solve(program, first, scale=scale, iterations=self.plan.iterations, told=told)
+        near, limit = motion.intervals != self.plan.intervals, self.plan.iterations
+        solved = solve(program, first, near, scale=scale, iterations=limit, told=told)
         found = Solve(start, motion.intervals, program.objective(solved.w), solved)
         self.solves.append(found)
         return found, program

@@ -25,8 +25,8 @@ from spacerobot.scene import Scene
 
 PLAN, SUMMARY, FOLLOWED = "plan.nc", "plan.json", "followed.yaml"
 AXES = ["x", "y", "z"]
-GAINS = {"kp": 100.0, "kd": 100.0}
-"""Of the joint PD that follows a plan [N m/rad, N m s/rad], where the scenario has none."""
+BANDWIDTH = 5.0
+"""[rad/s] Of the joint PD that follows a plan, critically damped at the joint that moves least inertia."""
 
 
 def check_plan_folder(folder: Path) -> None:
@@ -110,20 +110,32 @@ def summary(planned: Planned) -> dict[str, Any]:
 
 
 def following(planned: Planned) -> Scenario:
-    """The scenario with robots that follow the plan, for its duration."""
-    document = to_document(planned.scene.scenario)
+    """The scenario with robots whose joints follow the plan, for its duration."""
+    scenario = planned.scene.scenario
+    document = to_document(scenario)
     document["plan"] = None
+    named = {side for contact in scenario.contacts.values() for side in contact.between}
+    document["pads"] = {name: pad for name, pad in document["pads"].items() if name in named}
+    owners = {name.partition("/")[0] for name in planned.motion.problem.stage.driven.names}
     document["phases"] = {}
     document["simulation"]["duration"] = planned.motion.duration_s
-    owners = {name.partition("/")[0] for name in planned.motion.problem.stage.driven.names}
     for name in owners:
         robot = document["robots"][name]
-        robot["controllers"] = {"plan": {"kind": "joint_tracking", "file": PLAN, **GAINS}}
+        robot["controllers"] = {"plan": {"kind": "joint_tracking", "file": PLAN, **_gains(planned, name)}}
         robot["joint_pd"] = None
         for tip in robot["tips"].values():
             tip |= {"pid": None, "amnesia": None, "orientation_pid": None, "orientation_amnesia": None}
             tip |= {"controllers": {}, "reference": {"kind": "plan", "file": PLAN}}
     return validate(document)
+
+
+def _gains(planned: Planned, robot: str) -> dict[str, float]:
+    """Gains that suit the joint of a robot that moves least inertia where it begins, its base floating."""
+    scene = planned.scene
+    inverse = pin.computeMinverse(scene.model, scene.model.createData(), np.array(scene.q))
+    columns = [scene.model.idx_vs[joint] for joint in scene.body(robot).driven_joints]
+    least = 1 / float(max(inverse[column, column] for column in columns))
+    return {"kp": float(f"{BANDWIDTH**2 * least:.3g}"), "kd": float(f"{2 * BANDWIDTH * least:.3g}")}
 
 
 def write(planned: Planned, folder: Path) -> None:

@@ -113,7 +113,8 @@ class Program:
             at = np.zeros((self.points, self.per_point))
             for k, row in enumerate(self.problem.path):
                 free = np.inf if key == "upper" else -np.inf
-                at[:, self.nv + k] = np.where(share >= 1 - row.last - 1e-12, getattr(row, key), free)
+                held = share >= first_held(self.lobatto, self.intervals, row.last) - 1e-12
+                at[:, self.nv + k] = np.where(held, getattr(row, key), free)
             goal = [getattr(row, key) for row in self.problem.goal]
             sides.append(np.concatenate([np.zeros(self.defects), at.ravel(), goal]))
         return sides[0], sides[1]
@@ -266,6 +267,12 @@ class Program:
             (every, np.full(every.shape, self.size - 1)),
         ]
         return _sums(found, (self.size, self.size))
+
+
+def first_held(lobatto: Lobatto, intervals: int, last: float) -> float:
+    """First point, as part of the duration, at which what holds for a last part of it must hold."""
+    share = lobatto.times(intervals, 1.0)
+    return float(share[share >= 1 - last - 1e-12][0])
 
 
 def _sums(found: list[tuple[Any, Any]], shape: tuple[int, int]) -> Sums:

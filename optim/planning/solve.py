@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
+import ctypes
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import casadi as ca
@@ -16,6 +19,15 @@ from spacerobot.arrays import Array
 
 INFINITE = 1e20
 """What IPOPT takes for no limit."""
+
+NEAR = {
+    "mu_init": 1e-5,
+    "bound_push": 1e-6,
+    "bound_frac": 1e-6,
+    "slack_bound_push": 1e-6,
+    "slack_bound_frac": 1e-6,
+}
+"""Options by which IPOPT does not leave a point that is nearly a solution."""
 
 Told = Callable[[int, float, float], None]
 """Called at each iteration with its number, the cost and the greatest violation."""
@@ -52,7 +64,7 @@ class Solved:
 def solve(
     program: Program,
     first: Array,
-    warm: Solved | None = None,
+    warm: Solved | bool = False,
     *,
     scale: float = 1.0,
     iterations: int = 500,
@@ -67,7 +79,8 @@ def solve(
     first
         Unknowns to begin with.
     warm
-        A solution of this program, or one brought to its mesh, whose multipliers are near.
+        A solution of this program or one like it, whose multipliers are near; true where the unknowns alone
+        are, as those of a coarser mesh.
     scale
         Size of the cost: residuals are taken relative to it.
     iterations
@@ -83,13 +96,15 @@ def solve(
     begin = time.perf_counter()
     bridge = _Bridge(program)
     watch = _Watch(program, bridge, told)
-    ipopt = _options(iterations, scale, warm is not None)
+    multipliers = warm if isinstance(warm, Solved) else None
+    ipopt = _options(iterations, scale, multipliers is not None) | (NEAR if warm is True else {})
     solver = ca.nlpsol("plan", "ipopt", bridge.problem, bridge.options(watch) | {"ipopt": ipopt})
     (low, high), (least, greatest) = program.bounds(), program.limits()
     given: dict[str, Any] = {"x0": first, "lbx": low, "ubx": high, "lbg": least, "ubg": greatest}
-    if warm is not None:
-        given |= {"lam_g0": warm.multipliers, "lam_x0": warm.bound_multipliers}
-    found = solver(**given)
+    if multipliers is not None:
+        given |= {"lam_g0": multipliers.multipliers, "lam_x0": multipliers.bound_multipliers}
+    with _one_thread():
+        found = solver(**given)
     if bridge.interrupted:
         raise KeyboardInterrupt
     if bridge.fault is not None:
@@ -133,6 +148,22 @@ def _options(iterations: int, scale: float, warm: bool) -> dict[str, Any]:
             "mu_strategy": "monotone",
         }
     return options
+
+
+@contextlib.contextmanager
+def _one_thread() -> Iterator[None]:
+    """Have CasADi's own BLAS use one thread, so that no sum depends on how many there are."""
+    library = next(Path(ca.__file__).parent.glob("libcasadi-tp-openblas*"), None)
+    if library is None:
+        yield
+        return
+    blas = ctypes.CDLL(str(library))
+    before = int(blas.openblas_get_num_threads())
+    blas.openblas_set_num_threads(1)
+    try:
+        yield
+    finally:
+        blas.openblas_set_num_threads(before)
 
 
 class _Bridge:

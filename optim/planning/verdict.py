@@ -10,7 +10,7 @@ import numpy as np
 
 from optim.planning.functions import build_instants
 from optim.planning.motion import Motion
-from optim.planning.program import Program
+from optim.planning.program import Program, first_held
 from optim.planning.replay import replay, tip_errors
 from optim.planning.solve import Solved
 from spacerobot.arrays import Array
@@ -23,6 +23,10 @@ RELATIVE = 1e-3
 """Violation allowed between the points, of a limit's size."""
 ABSOLUTE = 1e-4
 """[m, rad] Violation allowed where a limit has no size."""
+
+
+ROUNDING = 1e-8
+"""What is no violation: the solver's own tolerance."""
 
 
 @dataclass(frozen=True)
@@ -123,24 +127,32 @@ def judge(motion: Motion, solved: Solved, scale: float, backend: str = "auto") -
 
 
 def residual(program: Program, solved: Solved, scale: float) -> float:
-    """Greatest residual of the first-order conditions: stationarity and complementarity relative to a cost,
-    and the constraints' violation.
+    """Greatest residual of the first-order conditions, with the solver's multipliers and nothing else of it.
 
-    Limits of the unknowns need no multipliers: a step along the Lagrangian's descent that the limits cut off
-    must have no length.
+    That of the Lagrangian's slope, and the products of multipliers with the room that their limits leave, are
+    relative to a cost; to these comes the constraints' violation.
     """
-    w, multipliers = solved.w, solved.multipliers
+    w, (low, high) = solved.w, program.bounds()
     jacobian = program.jacobian_pattern.copy()
     jacobian.data = program.jacobian(w)
-    slope = (program.gradient(w) + jacobian.T @ multipliers) / scale
-    low, high = program.bounds()
-    stationary = w - np.clip(w - slope, low, high)
+    free = low < high
+    slope = program.gradient(w) + jacobian.T @ solved.multipliers + solved.bound_multipliers
     g, (least, greatest) = program.constraints(w), program.limits()
-    feasible = np.maximum(least - g, g - greatest)
-    one_sided = least < greatest
-    complementary = (g - np.clip(g + multipliers / scale, least, greatest))[one_sided]
-    parts = (np.abs(stationary), feasible, np.abs(complementary))
+    parts = [
+        np.abs(slope[free]) / scale,
+        _products(w, low, high, solved.bound_multipliers)[free] / scale,
+        _products(g, least, greatest, solved.multipliers)[least < greatest] / scale,
+        np.maximum(least - g, g - greatest),
+        np.maximum(low - w, w - high),
+    ]
     return float(max(np.max(part, initial=0.0) for part in parts))
+
+
+def _products(values: Array, least: Array, greatest: Array, multipliers: Array) -> Array:
+    """Multipliers times the room to the limit that they belong to: the upper one where they are positive."""
+    room = np.where(multipliers > 0, greatest - values, values - least)
+    held = np.where(np.isfinite(room), room, 1.0)  # without a limit, the multiplier itself must vanish
+    return np.asarray(np.abs(multipliers * held))
 
 
 def between_points(motion: Motion) -> Iterator[Violation]:
@@ -164,7 +176,7 @@ def between_points(motion: Motion) -> Iterator[Violation]:
         rows = ca.densify(ca.vertcat(*(row.value for row in problem.path)))
         values = np.array(ca.Function("path", [problem.stage.z], [rows])(z.T).full())
         for row, found in zip(problem.path, values, strict=True):
-            held = time >= (1 - row.last) * motion.duration_s - 1e-12
+            held = time >= first_held(motion.lobatto, motion.intervals, row.last) * motion.duration_s - 1e-12
             limits = (row.lower * row.scale, row.upper * row.scale)
             yield from _worst(row.name, row.unit, found[held] * row.scale, limits, time[held], ABSOLUTE)
 
@@ -174,7 +186,7 @@ def _worst(
 ) -> Iterator[Violation]:
     over = np.maximum(limits[0] - values, values - limits[1])
     at = int(np.argmax(over))
-    if over[at] > 0:
+    if over[at] > ROUNDING:
         yield Violation(name, unit, float(over[at]), max(allowed, 1e-12), float(time[at]))
 
 

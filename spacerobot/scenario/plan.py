@@ -108,6 +108,12 @@ class Costs(Section):
     joint_rate: float = quantity(
         "s/rad^2", "weight of the integral of squared joint rates and speeds", default=0.0, ge=0
     )
+    joint_acceleration: float = quantity(
+        "s^3/rad^2",
+        "weight of the integral of squared joint accelerations: keeps arms of many links from whipping",
+        default=0.0,
+        ge=0,
+    )
     base_rotation: float = quantity(
         "1/(rad^2 s)",
         "weight of the integral of the robots' squared base rotations since the start",

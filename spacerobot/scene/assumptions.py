@@ -100,8 +100,10 @@ def _never(scene: Scene) -> list[str]:
 
 
 def _unused_pads(scene: Scene) -> list[str]:
-    """Warnings about pads that no contact names."""
-    named = {side for contact in scene.scenario.contacts.values() for side in contact.between}
+    """Warnings about pads that neither a contact nor a plan names."""
+    plan = scene.scenario.plan
+    pairs = [*scene.scenario.contacts.values(), *(plan.keep_out.values() if plan is not None else ())]
+    named = {side for pair in pairs for side in pair.between}
     return [
         f"pads.{name}: without effect, no contact names it"
         for name in scene.scenario.pads
