@@ -94,7 +94,7 @@ class Box:
         """Point of the unit cube with some values, at its faces where they are beyond."""
         inside = np.clip(np.array(values, dtype=float), self.lower, self.upper)
         low = np.where(self.log, self.lower, 1.0)
-        ratio = np.where(self.log, self.upper / low, np.e)
+        ratio = np.where(self.log, self.upper / low, 2.0)  # any but 1 where it is not used
         logs = np.log(np.where(self.log, inside, 1.0) / low) / np.log(ratio)
         return np.where(self.log, logs, (inside - self.lower) / (self.upper - self.lower))
 
