@@ -14,7 +14,7 @@ from optim.planning.lobatto import Lobatto
 from optim.planning.stage import Problem
 from spacerobot.arrays import Array
 from spacerobot.errors import ScenarioError
-from spacerobot.scenario.plan import Goal, Plan
+from spacerobot.scenario.plan import Goal, Planning
 from spacerobot.scene.reach import reach
 from spacerobot.scene.scene import SceneTip
 
@@ -65,7 +65,7 @@ def check_start(problem: Problem) -> None:
             )
 
 
-def check_reach(problem: Problem, plan: Plan, tips: dict[str, SceneTip]) -> None:
+def check_reach(problem: Problem, plan: Planning, tips: dict[str, SceneTip]) -> None:
     """Refuse a goal farther from a robot's centre of mass than its tip can ever be.
 
     The centre of mass of a floating robot that nothing drives moves uniformly, and its base is never far from

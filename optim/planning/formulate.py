@@ -10,12 +10,12 @@ from optim.planning.goals import goal_rows
 from optim.planning.limits import instant_limits, path_rows, what_drives
 from optim.planning.stage import Problem, Stage
 from spacerobot.errors import ScenarioError
-from spacerobot.scenario.plan import Plan
+from spacerobot.scenario.plan import Planning
 from spacerobot.scene import Scene
 from spacerobot.scene.closing import begun
 
 
-def plan_of(scene: Scene) -> Plan:
+def plan_of(scene: Scene) -> Planning:
     """The plan section of a scene.
 
     Raises

@@ -14,7 +14,7 @@ from spacerobot.arrays import Array
 from spacerobot.description.parts import Joint as UrdfJoint
 from spacerobot.dynamics.joints import exact_directions, sparse
 from spacerobot.errors import ScenarioError
-from spacerobot.scenario.plan import Bounds, Cone, Plan
+from spacerobot.scenario.plan import Bounds, Cone, Planning
 from spacerobot.scene import Scene
 from spacerobot.scene.contacts import find_pairs
 from spacerobot.scene.scene import SceneBody, SceneShape
@@ -76,7 +76,7 @@ def instant_limits(stage: Stage, bounds: Bounds) -> tuple[Array, Array]:
     return lower, upper
 
 
-def path_rows(stage: Stage, plan: Plan) -> list[Row]:
+def path_rows(stage: Stage, plan: Planning) -> list[Row]:
     """What must hold at all instants beside the limits of z."""
     rows = list(_base_rows(stage, plan.limits))
     for name, apart in plan.keep_out.items():

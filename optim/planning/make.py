@@ -20,7 +20,7 @@ from optim.planning.stage import Problem
 from optim.planning.verdict import Verdict, judge
 from spacerobot.arrays import Array
 from spacerobot.errors import NoPlanError
-from spacerobot.scenario.plan import Plan
+from spacerobot.scenario.plan import Planning
 from spacerobot.scene import Scene
 
 Progress = Callable[[str], None]
@@ -114,7 +114,7 @@ class _Search:
     """Runs of the solver over one problem."""
 
     def __init__(
-        self, problem: Problem, plan: Plan, instants: Instants, backend: str, tell: Progress
+        self, problem: Problem, plan: Planning, instants: Instants, backend: str, tell: Progress
     ) -> None:
         self.problem, self.plan, self.instants = problem, plan, instants
         self.backend, self.tell = backend, tell

@@ -121,4 +121,6 @@ def json_schema() -> dict[str, Any]:
         if paths is not None:  # one path may stand without a list around it
             several = {key: paths.pop(key) for key in ("type", "items", "minItems") if key in paths}
             paths["anyOf"] = [{"type": "string"}, several]
+    duration = schema["$defs"]["Planning"]["properties"]["duration"]  # a number is a time that is given
+    duration["anyOf"] = [{"type": "number", "exclusiveMinimum": 0}, {"$ref": duration.pop("$ref")}]
     return schema

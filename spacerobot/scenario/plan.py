@@ -194,10 +194,10 @@ class Cone(Section):
     )
 
 
-class Plan(Section):
+class Planning(Section):
     """The planning problem, and how well it is to be solved."""
 
-    duration: Span = Field(description="duration [s], or the limits between which it is free")
+    duration: Span = quantity("s", "duration, or the limits between which it is free")
     goals: dict[Name, Goal] = Field(min_length=1, description="what holds at the end, by name")
     costs: Costs = Field(description="what is to become small")
     limits: Bounds = Field(default=Bounds(), description="what must hold at all times")
@@ -218,7 +218,7 @@ class Plan(Section):
     seed: int = Field(default=0, ge=0, description="everything random follows from it")
 
     @model_validator(mode="after")
-    def _check(self) -> Plan:
+    def _check(self) -> Planning:
         if self.most_intervals < self.intervals:
             raise ValueError(
                 f"most_intervals: found {self.most_intervals}, allowed: at least {self.intervals}"

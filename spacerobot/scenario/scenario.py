@@ -16,7 +16,7 @@ from spacerobot.scenario.merge import check_changes, expand_names, overlay, pick
 from spacerobot.scenario.pads import Pad
 from spacerobot.scenario.paths import Document
 from spacerobot.scenario.phases import Phase, check_phases
-from spacerobot.scenario.plan import Plan
+from spacerobot.scenario.plan import Planning
 from spacerobot.scenario.sensors import Sensors
 from spacerobot.scenario.tuning import Tuning
 from spacerobot.section import Name, Section, Vector, quantity
@@ -81,7 +81,7 @@ class Scenario(Section):
     simulation: Simulation = Field(default=Simulation(), description="how long, how finely, by which engine")
     tuning: Tuning | None = Field(default=None, description="the tuning problem")
     campaign: Campaign | None = Field(default=None, description="uncertain numbers, and rollouts over them")
-    plan: Plan | None = Field(default=None, description="the planning problem")
+    plan: Planning | None = Field(default=None, description="the planning problem")
 
     @model_validator(mode="after")
     def _check(self) -> Scenario:
