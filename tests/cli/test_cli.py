@@ -102,6 +102,7 @@ def test_every_shipped_scenario_is_listed(spacerobot):
 def test_paper_prints_every_variant_and_saves_each(spacerobot, tmp_path, monkeypatch):
     import spacerobot.paper as paper
 
+    monkeypatch.setenv("SPACEROBOT_COMPILER_FLAGS", "-O0")
     monkeypatch.setattr(
         paper.Variant,
         "scene",

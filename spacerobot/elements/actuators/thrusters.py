@@ -16,7 +16,6 @@ from typing import Annotated, ClassVar, Literal
 import casadi as ca
 import numpy as np
 from pydantic import AfterValidator, Field
-from scipy.optimize import nnls
 
 from spacerobot.dynamics.algebra import cross
 from spacerobot.elements.actuator import Actuator
@@ -116,6 +115,8 @@ class Thrusters(Actuator):
 
     def cautions(self, robot: RobotFacts) -> Iterable[str]:
         """Wrenches that no combination gives."""
+        from scipy.optimize import nnls  # takes time to load, and a run without thrusters needs none of it
+
         rows = {"force along x": 0, "force along y": 1, "torque about z": 5}
         if robot.base != "planar":
             rows = {"force along z": 2, "torque about x": 3, "torque about y": 4} | rows
