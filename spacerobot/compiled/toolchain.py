@@ -30,8 +30,9 @@ FLAGS = (
 
 GCC_FLAGS = (
     "-fschedule-insns",
-    "-fsched-pressure",
-)  # order 3000 operations in a row for few spilled registers
+    "-fsched-pressure",  # order 3000 operations in a row for few spilled registers
+    "-fno-gnu-unique",  # else a library that is loaded later would read the tables of the first one's method
+)
 
 ZIG_FLAGS = ("-fno-sanitize=all",)  # it adds run-time checks unless told otherwise
 

@@ -148,3 +148,18 @@ def test_a_compiler_that_fails_is_named_in_the_summary(loop, monkeypatch, tmp_pa
     rollout = build_rollout(loop, **GRID, step_s=0.01)
     assert rollout.backend == "interpreted"
     assert "broken failed with 3" in rollout.summary
+
+
+@pytest.mark.parametrize("flags", ["-O0", "-O1"])
+def test_methods_in_one_process_keep_their_own_tables(loop, monkeypatch, flags):
+    """Without optimisation a library reads its tableau from memory, and must find its own there."""
+    monkeypatch.setenv("SPACEROBOT_COMPILER_FLAGS", flags)
+    found = {}
+    for method in ("dop853", "rk4", "tanaka6"):
+        for backend in ("compiled", "interpreted"):
+            rollout = build_rollout(loop, **GRID, step_s=0.02, method=method, backend=backend)
+            found[method, backend] = rollout.run(estimate=True)
+    for method in ("dop853", "rk4", "tanaka6"):
+        compiled, other = found[method, "compiled"], found[method, "interpreted"]
+        np.testing.assert_allclose(compiled.state, other.state, rtol=1e-12, atol=1e-12)
+        assert compiled.step_error == pytest.approx(other.step_error, rel=1e-3, abs=1e-13)
