@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -31,7 +31,7 @@ class Push:
 
 @dataclass(frozen=True)
 class Turn:
-    """An event that turns a switch of an actuator; armed while that has not the value.
+    """An event that turns switches of an actuator; armed while one has not its value, or it sets states.
 
     Attributes
     ----------
@@ -39,16 +39,37 @@ class Turn:
         As the other engine calls it.
     guard
         Above zero it happens.
-    switch, value
-        Name of the switch, and whether it is on afterwards.
+    sets
+        Whether switches are on afterwards, by name.
+    states
+        The actuator's states (n,) afterwards, if they jump; only asked for when it happens.
     """
 
     name: str
     kind: str
     who: str
     guard: float
-    switch: str
-    value: bool
+    sets: Mapping[str, bool]
+    states: Callable[[], Array] | None = None
+
+
+@dataclass(frozen=True)
+class Now:
+    """What an actuator knows beside its states and what it is asked for.
+
+    Attributes
+    ----------
+    t
+        Time [s].
+    on
+        Names of the switches that are on.
+    wheels
+        Angular momentum (3,) [N m s] of each robot's wheels about their axes, world axes, by its name.
+    """
+
+    t: float
+    on: frozenset[str]
+    wheels: Mapping[str, Array]
 
 
 @dataclass(frozen=True)
@@ -121,8 +142,20 @@ class Delivery(Protocol):
     def initial(self, kinematics: Kinematics) -> Array:
         """Its states at the start."""
 
-    def deliver(self, kinematics: Kinematics, asked: Array, states: Array, on: frozenset[str]) -> Delivered:
-        """What it makes of the generalized forces (nv,) that it is asked for, with these switches on."""
+    def deliver(self, kinematics: Kinematics, asked: Array, states: Array, now: Now) -> Delivered:
+        """What it makes of the generalized forces (nv,) that it is asked for."""
+
+
+@runtime_checkable
+class Spinning(Protocol):
+    """An actuator with wheels."""
+
+    @property
+    def body(self) -> SceneBody:
+        """The robot."""
+
+    def momentum(self, kinematics: Kinematics, states: Array) -> Array:
+        """Angular momentum (3,) [N m s] of its wheels about their axes, world axes."""
 
 
 @dataclass(frozen=True)
@@ -141,9 +174,9 @@ class Clip:
         del kinematics
         return np.empty(0)
 
-    def deliver(self, kinematics: Kinematics, asked: Array, states: Array, on: frozenset[str]) -> Delivered:
+    def deliver(self, kinematics: Kinematics, asked: Array, states: Array, now: Now) -> Delivered:
         """What is asked for, clipped."""
-        del kinematics, states, on
+        del kinematics, states, now
         return Delivered(np.clip(asked, -self.limits, self.limits))
 
 

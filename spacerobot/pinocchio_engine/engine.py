@@ -12,6 +12,7 @@ import pinocchio as pin
 
 import spacerobot.pinocchio_engine.wheels  # noqa: F401 (registers its kinds)
 from spacerobot.arrays import Array
+from spacerobot.pinocchio_engine.actuation import Now, Spinning
 from spacerobot.pinocchio_engine.contacts import Pressure, contact_of, touches
 from spacerobot.pinocchio_engine.dynamics import Drive, Loads, Solution, Wrench, solve
 from spacerobot.pinocchio_engine.environments import Surroundings, environment_of
@@ -226,7 +227,7 @@ class Engine:
         around = self.scene.scenario.environment.values()
         surroundings = [environment_of(config, self.scene, kinematics, t) for config in around]
         pulls = [wrench for found in surroundings for wrench in found.wrenches]
-        drives = self._drives(kinematics, z)
+        drives = self._drives(t, kinematics, z)
         solution = solve(kinematics, replace(loads, pressures=pressing, drives=drives, outside=pulls))
         powers = self._powers(v, solution, (couplings, loads.wrenches), pressing)
         powers["environment"] = sum(found.power for found in surroundings)
@@ -275,14 +276,25 @@ class Engine:
             torque = torque + part
         return torque, of_bases, rates
 
-    def _drives(self, kinematics: Kinematics, z: Array) -> list[Drive]:
+    def driven(self, k: int) -> slice:
+        """Places in x of the states of actuator number k."""
+        first = self.model.nq + self.model.nv
+        return slice(first + self._driven_cuts[k], first + self._driven_cuts[k + 1])
+
+    def _drives(self, t: float, kinematics: Kinematics, z: Array) -> list[Drive]:
         """What each actuator makes of what it is asked for, in the order in which they act."""
         states = np.split(z, self._driven_cuts)[1:]
+        wheels: dict[str, Array] = {}
+        for one, own in zip(self.now.deliveries, states, strict=False):
+            if isinstance(one, Spinning):
+                before = wheels.get(one.body.name, np.zeros(3))
+                wheels[one.body.name] = before + one.momentum(kinematics, own)
+        now = Now(t, self.mode.on, wheels)
         return [
             Drive(
                 one.columns,
                 one.passes_on,
-                functools.partial(one.deliver, kinematics, states=own, on=self.mode.on),
+                functools.partial(one.deliver, kinematics, states=own, now=now),
             )
             for one, own in zip(self.now.deliveries, states, strict=False)
         ]

@@ -27,7 +27,7 @@ KINDS = (
     *("captured", "entered", "left", "drawn", "released", "slipped"),
     *("touched", "parted", "loosened", "pressed"),
     *("phase", "end", "settling", "moving", "reference"),
-    *("saturated", "freed"),
+    *("saturated", "freed", "control", "cut"),
 )
 """Kinds of events that have a second writing; instants at which references jump are known beforehand."""
 
@@ -80,6 +80,8 @@ class Event:
         Whether rigid grasps that hold afterwards stop what moves in them.
     springs
         Grasp whose springs lose what they store.
+    state
+        The state (nx,) afterwards, where an actuator's jumps, from that before with what holds afterwards.
     """
 
     name: str
@@ -89,6 +91,7 @@ class Event:
     then: Callable[[Moment], Mode] | None
     impact: bool = False
     springs: SceneGrasp | None = None
+    state: Callable[[Moment], Array] | None = None
 
 
 def armed(engine: Engine) -> tuple[Event, ...]:
@@ -111,6 +114,8 @@ def happen(engine: Engine, event: Event, moment: Moment) -> Array:
     x, before = moment.x.copy(), engine.mode
     taken = 0.0 if event.springs is None else _stored(moment, event.springs)
     engine.mode = event.then(moment)
+    if event.state is not None:
+        x = event.state(Moment(engine, moment.t, moment.x, moment.within))
     if event.impact:
         struck = strike(engine, moment.kinematics, moment.t)
         x[engine.model.nq : engine.model.nq + engine.model.nv] = struck.velocity
@@ -143,9 +148,10 @@ def _turns(engine: Engine) -> Iterator[Event]:
         return
     for k, one in enumerate(engine.instant(0.0, first).solution.delivered):
         for j, turn in enumerate(one.turns):
-            if (turn.switch in engine.mode.on) == turn.value:
+            turned = {name for name, value in turn.sets.items() if (name in engine.mode.on) != value}
+            if not turned and turn.states is None:
                 continue
-            on = engine.mode.on.symmetric_difference({turn.switch})
+            on = engine.mode.on.symmetric_difference(turned)
 
             def guard(moment: Moment, k: int = k, j: int = j) -> float:
                 return moment.instant.solution.delivered[k].turns[j].guard
@@ -153,7 +159,14 @@ def _turns(engine: Engine) -> Iterator[Event]:
             def then(_: Moment, on: frozenset[str] = on) -> Mode:
                 return replace(engine.mode, on=on)
 
-            yield Event(turn.name, turn.kind, turn.who, guard, then)
+            def state(moment: Moment, k: int = k, j: int = j) -> Array:
+                x, states = moment.x.copy(), moment.instant.solution.delivered[k].turns[j].states
+                if states is not None:
+                    x[engine.driven(k)] = states()
+                return x
+
+            jumps = state if turn.states is not None else None
+            yield Event(turn.name, turn.kind, turn.who, guard, then, state=jumps)
 
 
 def _life(engine: Engine, grasp: SceneGrasp) -> Iterator[Event]:

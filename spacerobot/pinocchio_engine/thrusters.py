@@ -1,23 +1,27 @@
-"""Throttled thrusters, written again: what each does in world axes, shared by coordinate descent in numpy."""
+"""Thrusters, written again: what each does in world axes, shared by coordinate descent in numpy."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from spacerobot.arrays import Array
-from spacerobot.elements.actuators.thrusters import GRAVITY, Nozzle, Thrusters
+from spacerobot.elements.actuators.thrusters import AT_ONCE, GRAVITY, Nozzle, Thrusters
 from spacerobot.elements.allocation import SMALL
-from spacerobot.errors import ScenarioError
-from spacerobot.pinocchio_engine.actuation import Delivered, Push, base_columns, delivery_of
+from spacerobot.pinocchio_engine.actuation import Delivered, Now, Push, Turn, base_columns, delivery_of
 from spacerobot.pinocchio_engine.kinematics import Kinematics
 from spacerobot.scene import Scene, SceneBody
 
 
 @dataclass(frozen=True)
 class Jets:
-    """Thrusters of one section; their state is the propellant that they have spent."""
+    """Thrusters of one section.
+
+    Their state is the propellant that they have spent; where they are pulsed, also when the next decision is
+    due and when each is cut off.
+    """
 
     scene: Scene
     body: SceneBody
@@ -33,8 +37,12 @@ class Jets:
 
     @property
     def passes_on(self) -> tuple[int, ...]:
-        """All of them."""
-        return self.columns
+        """All of them, but none where pulses are to do all that is asked."""
+        return () if self._pulsed and self.config.unload is None else self.columns
+
+    @property
+    def _pulsed(self) -> bool:
+        return self.config.mode == "pulsed"
 
     @property
     def _name(self) -> str:
@@ -42,26 +50,33 @@ class Jets:
 
     @property
     def state_names(self) -> tuple[str, ...]:
-        """The propellant."""
-        return (f"{self._name}.propellant[0]",)
+        """The propellant, and times."""
+        name, count = self._name, len(self.config.nozzles)
+        times = (f"{name}.due[0]", *(f"{name}.off_at[{i}]" for i in range(count)))
+        return (f"{name}.propellant[0]", *(times if self._pulsed else ()))
 
     def initial(self, kinematics: Kinematics) -> Array:
-        """Nothing spent."""
+        """Nothing spent, and a decision due."""
         del kinematics
-        return np.zeros(1)
+        return np.r_[0.0, -AT_ONCE, np.zeros(len(self.config.nozzles))] if self._pulsed else np.zeros(1)
 
-    def deliver(self, kinematics: Kinematics, asked: Array, states: Array, on: frozenset[str]) -> Delivered:
-        """Forces of all nozzles; what is missing is left to the next actuator."""
-        del on
+    def deliver(self, kinematics: Kinematics, asked: Array, states: Array, now: Now) -> Delivered:
+        """Forces of all nozzles; what is missing is left to the next actuator, if any."""
         frame, own = kinematics.frame(self.body.root_frame), list(self.columns)
         nozzles = list(self.config.nozzles.values())
         levers = [np.array(nozzle.position) for nozzle in nozzles]
         pushes = [self._given(n, "thrust") * _unit(n) for n in nozzles]
         rows = [0, 1, 5] if len(own) == 3 else list(range(6))
         full = np.array([np.r_[push, np.cross(r, push)] for r, push in zip(levers, pushes, strict=True)]).T
-        parts = _shared(full[rows], asked[own], self.config.sweeps)
+        wanted = self._wanted(frame.rotation, asked[own], now)
+
+        def shared() -> Array:
+            return _shared(full[rows], wanted, self.config.sweeps)
+
+        firing = [f"{self._name}.firing.{name}" in now.on for name in self.config.nozzles]
+        parts = np.array(firing, float) if self._pulsed else shared()
         torque = asked.copy()
-        torque[own] -= full[rows] @ parts
+        torque[own] = asked[own] - full[rows] @ parts if self.passes_on else 0.0
         held = np.zeros((6, len(parts)))
         held[rows] = full[rows] * parts
         force, couple = frame.rotation @ held[:3].sum(1), frame.rotation @ held[3:].sum(1)
@@ -69,7 +84,7 @@ class Jets:
             part * self._given(n, "thrust") / (GRAVITY * self._given(n, "specific_impulse"))
             for n, part in zip(nozzles, parts, strict=True)
         )
-        seen = {("propellant", self.body.name): states}
+        seen = {("propellant", self.body.name): states[:1]}
         for name, lever, push, part in zip(self.config.nozzles, levers, pushes, parts, strict=True):
             label = f"{self._name}.{name}"
             seen["thruster_force", label] = frame.rotation @ push * part
@@ -77,10 +92,45 @@ class Jets:
         return Delivered(
             torque,
             outside=[Push(self.body.root_joint, force, couple, frame.position)],
-            rates=np.array([flow]),
+            rates=np.r_[flow, np.zeros(len(states) - 1)],
             taken={"thruster": float(force @ frame.velocity[:3] + couple @ frame.velocity[3:])},
             seen=seen,
+            turns=list(self._turns(now.t, states, shared)) if self._pulsed else (),
         )
+
+    def _wanted(self, rotation: Array, asked: Array, now: Now) -> Array:
+        """Wrench at the base's columns that is to be shared."""
+        if self.config.unload is None:
+            return asked
+        turning = 1 if len(asked) == 3 else 3
+        over = rotation.T @ now.wheels[self.body.name] - np.array(self.config.unload.goal)
+        found: Array = np.r_[asked[:-turning], -self.config.unload.rate * over[-turning:]]
+        return found
+
+    def _turns(self, t: float, states: Array, shared: Callable[[], Array]) -> Iterator[Turn]:
+        """The next decision, which puts all on, and the end of each pulse."""
+        names, (spent, due, *off_at) = list(self.config.nozzles), states
+
+        def decided() -> Array:
+            ends = [due + self._on_time(n, part) for n, part in zip(names, shared(), strict=True)]
+            return np.array([spent, due + self.config.period, *ends])
+
+        switches = [f"{self._name}.firing.{name}" for name in names]
+        sets = dict.fromkeys(switches, True)
+        yield Turn(f"{self._name}.control", "control", self._name, t - due, sets, decided)
+        for name, switch, end in zip(names, switches, off_at, strict=True):
+            label = f"{self._name}.{name}"
+            yield Turn(f"{label}.cut", "cut", label, t - end, {switch: False})
+
+    def _on_time(self, name: str, part: float) -> float:
+        """On-time [s] for a part of the thrust; one of the whole period outlasts it, until decided anew."""
+        nozzle, wanted = self.config.nozzles[name], part * self.config.period
+        shortest, step = self._given(nozzle, "minimum_on_time"), self._given(nozzle, "resolution")
+        if part >= 1:
+            return 2 * self.config.period
+        if wanted < shortest / 2:
+            return 0.0
+        return max(shortest, step * np.floor(wanted / step + 0.5) if step else wanted)
 
     def _given(self, nozzle: Nozzle, key: str) -> float:
         """A number of a nozzle, its own or the set's."""
@@ -110,12 +160,4 @@ def _shared(full: Array, asked: Array, sweeps: int) -> Array:
 
 @delivery_of.register
 def _(actuator: Thrusters, scene: Scene, body: SceneBody, key: str) -> Jets:
-    for what, found in (("mode", actuator.mode == "pulsed"), ("unload", actuator.unloads)):
-        if found:
-            raise ScenarioError(
-                f"{'pulses have' if what == 'mode' else 'has'} no second writing, so the pinocchio engine "
-                "cannot check it; take `simulation.engine: casadi`",
-                source=scene.source,
-                where=f"{body.path}.{key}.{what}",
-            )
     return Jets(scene, body, actuator, key)

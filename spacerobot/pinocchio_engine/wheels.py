@@ -14,6 +14,7 @@ from spacerobot.elements.actuators.wheel_joints import WheelJoints
 from spacerobot.elements.wheels import SLACK, Wheels
 from spacerobot.pinocchio_engine.actuation import (
     Delivered,
+    Now,
     Push,
     Stored,
     Turn,
@@ -93,11 +94,21 @@ class WheelSet:
         first: Array = self.inertia * (speeds + self._carried(kinematics))
         return first
 
-    def deliver(self, kinematics: Kinematics, asked: Array, states: Array, on: frozenset[str]) -> Delivered:
-        """Torques on wheels and base."""
+    def _spins(self, kinematics: Kinematics, states: Array) -> tuple[Array, Array]:
+        """Speed [rad/s] and momentum [N m s] of each wheel (n,)."""
         carried = self._carried(kinematics)
         speed = kinematics.v[list(self.own)] if self.own else states / self.inertia - carried
-        momentum = self.inertia * (speed + carried)
+        return speed, self.inertia * (speed + carried)
+
+    def momentum(self, kinematics: Kinematics, states: Array) -> Array:
+        """Angular momentum (3,) of all wheels about their axes, world axes [N m s]."""
+        own = self._spins(kinematics, states)[1]
+        whole: Array = kinematics.frame(self.body.root_frame).rotation @ self.axes.T @ own
+        return whole
+
+    def deliver(self, kinematics: Kinematics, asked: Array, states: Array, now: Now) -> Delivered:
+        """Torques on wheels and base."""
+        speed, momentum = self._spins(kinematics, states)
         about, config = list(self.passes_on), self.config
         turned = self.axes[:, -len(about) :]
         wanted = -np.linalg.pinv(turned.T, rcond=1e-9) @ asked[about]
@@ -106,14 +117,14 @@ class WheelSet:
         rub = config.coulomb * speed / np.hypot(speed, config.coulomb_speed) + self._viscous * speed
         friction = rub + self.resistance * speed
         turns = list(self._turns(command, friction, speed))
-        held = np.array([f"{self._name}.{i}" in on for i in range(len(speed))])
+        held = np.array([f"{self._name}.{i}" in now.on for i in range(len(speed))])
         command = np.where(held, 0.0, command)
         net = np.where(held, 0.0, command - friction)
         torque = asked.copy()
         torque[about] += turned.T @ command
         torque[list(self.own)] = (net + friction - rub)[: len(self.own)]
         rotation = kinematics.frame(self.body.root_frame).rotation
-        whole = rotation @ self.axes.T @ momentum
+        whole = self.momentum(kinematics, states)
         lost, seen = float(rub @ speed), self._seen(net + friction, speed, whole)
         taken = dict.fromkeys(self.works, lost)
         if self.own:
@@ -141,8 +152,8 @@ class WheelSet:
         for i, (motor, rub, fast) in enumerate(zip(command, friction, speed, strict=True)):
             name, over, faster = f"{self._name}.{i}", abs(fast) / most - 1, (motor - rub) * fast / most
             found += [
-                Turn(f"{name}.saturated", "saturated", name, min(over, faster), name, value=True),
-                Turn(f"{name}.freed", "freed", name, max(-faster, -SLACK - over), name, value=False),
+                Turn(f"{name}.saturated", "saturated", name, min(over, faster), {name: True}),
+                Turn(f"{name}.freed", "freed", name, max(-faster, -SLACK - over), {name: False}),
             ]
         return found
 

@@ -13,8 +13,10 @@ import spacerobot as sr
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.elements.allocation import SMALL, allocate
 from spacerobot.errors import ScenarioError
+from spacerobot.pinocchio_engine import simulate as second
 from tests.oracles.hybrid import roll
 from tests.oracles.small_scenes import small_scene
+from tests.pinocchio_engine.test_dockings import hold_together
 
 NOZZLES = """
           a: {position: [0.3, 0.2, 0], direction: [-1, 0, 0]}
@@ -248,3 +250,44 @@ def test_unloading_without_wheels_behind_is_refused():
             small_scene(PLATE, {"robots.one.actuators": actuators})
         told = f"{JETS}: unloads wheels, which must stand behind it; give some, of kind reaction_wheels or"
         assert told in str(fault.value)
+
+
+ROUNDED = PULSED | {
+    f"{JETS}.minimum_on_time": 0.12,
+    f"{JETS}.resolution": 0.03,
+    f"{JETS}.nozzles.a.resolution": 0.0,
+}
+
+
+@pytest.mark.parametrize(
+    "changes", [ROUNDED, UNLOADING, UNLOADING | PULSED], ids=["pulsed", "unload", "pulsed_unload"]
+)
+def test_the_second_engine_switches_and_unloads_alike(changes):
+    """Events, states between and behind them, and outputs, among them momentum and impulse."""
+    scene = small_scene(PLATE, changes | {f"{JETS}.sweeps": 8})
+    names, pulsed = hold_together(scene, 0.5, step=0.02), f"{JETS}.mode" in changes
+    assert names.count("one/jets.control") == 2 * pulsed
+    assert (len([name for name in names if name.endswith(".cut")]) > 8) == pulsed
+
+
+def test_the_second_engine_gives_the_on_times_of_scipys_least_squares():
+    """Of nozzles through the centre of mass, whose wanted force is that of a spring and a damper."""
+    lines = {"a": [-1, 0, 0], "c": [1, 0, 0], "e": [0, -1, 0], "g": [0, 1, 0]}
+    nozzles = {name: {"position": [0, 0, 0], "direction": line} for name, line in lines.items()}
+    stay = {"kind": "base_position", "kp": 4, "kd": 8}
+    changes = PULSED | {f"{JETS}.nozzles": nozzles, "robots.one.controllers": {"stay": stay}}
+    found = second(small_scene(PLATE, changes), duration_s=0.85, output_step_s=0.1, rtol=1e-9)
+    decided = [event for event in found.happened if event.kind == "control"]
+    assert len(decided) == 3
+    matrix, first = 0.6 * np.array(list(lines.values()))[:, :2].T, decided[0].before
+    for event in decided[:2]:
+        place, speed = event.before[:2] - first[:2], event.before[4:6]
+        parts = lsq_linear(matrix, -4 * place - 8 * speed, (0, 1), tol=1e-12).x
+        parts -= np.minimum(parts, parts[[1, 0, 3, 2]])  # those that act against each other
+        cuts = [e for e in found.happened if e.kind == "cut" and 0 <= e.time_s - event.time_s < 0.4 - 1e-9]
+        on = {e.who[-1]: e.time_s - event.time_s for e in cuts}
+        assert len(cuts) == len(lines)
+        np.testing.assert_allclose([on[name] for name in lines], 0.4 * parts, atol=2e-6)
+    total, given = found.outputs["momentum_linear"], found.outputs["impulse_linear"]
+    assert np.abs(given[-1]).max() > 0.05
+    np.testing.assert_allclose(total - given, np.broadcast_to(total[0], total.shape), atol=1e-9)
