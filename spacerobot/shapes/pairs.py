@@ -8,7 +8,7 @@ from typing import Literal
 
 import casadi as ca
 
-from spacerobot.shapes import points, segments
+from spacerobot.shapes import boxes, cylinders, points, segments
 from spacerobot.shapes.points import Nearest
 from spacerobot.shapes.shape import Shape
 
@@ -52,8 +52,11 @@ PAIRS: dict[tuple[ShapeKind, ShapeKind], Callable[[Shape, Shape], Nearest]] = {
     ("capsule", "plane"): segments.to_plane,
     ("capsule", "box"): segments.to_box,
     ("capsule", "cylinder"): segments.to_cylinder,
+    ("box", "plane"): boxes.to_plane,
+    ("box", "box"): boxes.to_box,
+    ("cylinder", "plane"): cylinders.to_plane,
 }
-"""From the first shape's core, a point or a segment, to the second's; both orders are allowed."""
+"""From the first shape's core to the second's; both orders are allowed."""
 ROUND = ("sphere", "capsule")
 """Shapes that are a core with a radius around it."""
 
@@ -77,7 +80,9 @@ def proximity(kinds: tuple[ShapeKind, ShapeKind], one: Shape, other: Shape) -> P
         found = proximity((kinds[1], kinds[0]), other, one)
         return Proximity(found.gap, -found.normal, found.point)
     distance, away, nearest = PAIRS[kinds](one, other)
-    radius = other.radius if kinds[1] in ROUND else 0
-    gap = distance - one.radius - radius
+    own, radius = (
+        shape.radius if kind in ROUND else 0 for kind, shape in zip(kinds, (one, other), strict=True)
+    )
+    gap = distance - own - radius
     # the surface points are those of the cores, moved by the radii towards each other
     return Proximity(gap, -away, nearest + away * (radius + gap / 2))

@@ -15,7 +15,7 @@ _HALVINGS, _LEVEL, _TURNED = 26, 1e-9, 1e-6
 """How often a segment is halved; slope that counts as none; longest last step [m]."""
 _BEYOND = 1.01
 """How far beyond its ends a segment is looked at, so that an end is met exactly."""
-_APART = 1e9
+APART = 1e9
 """[m] More than any depth."""
 
 
@@ -40,7 +40,7 @@ def to_plane(segment: Shape, plane: Shape) -> Nearest:
 def to_box(segment: Shape, box: Shape) -> Nearest:
     """From a segment to a box; where the segment itself is inside, the way out is the shortest one."""
     middle, axis = box.inside(segment.position), ca.mtimes(box.rotation.T, segment.axis)
-    along = _nearest_to_box(middle, axis, segment.half, box.half)
+    along = nearest_to_box(middle, axis, segment.half, box.half)
     apart = points.to_box(segment.position + along * segment.axis, box)
     depth, direction, deepest = _way_out(middle, axis, segment.half, box.half)
     nearest = box.position + box.outside(deepest - depth * direction)
@@ -87,7 +87,7 @@ def _nearest_to_cylinder(middle: ca.SX, axis: ca.SX, half: ca.SX, cylinder: Shap
     return clamp(found - ca.if_else(unique, value / ca.fmax(bend, _LEVEL), 0), half)
 
 
-def _nearest_to_box(middle: ca.SX, axis: ca.SX, half: ca.SX, size: ca.SX) -> ca.SX:
+def nearest_to_box(middle: ca.SX, axis: ca.SX, half: ca.SX, size: ca.SX) -> ca.SX:
     """Place on a segment (1x1) [m] that is nearest to a box, in the box's axes.
 
     Half the squared distance is convex along the segment; its slope is piecewise linear with kinks where the
@@ -120,7 +120,7 @@ def _way_out(middle: ca.SX, axis: ca.SX, half: ca.SX, size: ca.SX) -> Nearest:
 
     It is the distance where it is negative; else a lower bound. Axes of the box.
     """
-    depth, direction, deepest = ca.SX(-_APART), ca.SX(3, 1), middle
+    depth, direction, deepest = ca.SX(-APART), ca.SX(3, 1), middle
     for i in range(3):
         unit = ca.SX.eye(3)[:, i]
         for edge in (False, True):
@@ -130,7 +130,7 @@ def _way_out(middle: ca.SX, axis: ca.SX, half: ca.SX, size: ca.SX) -> Nearest:
             reach = ca.dot(ca.fabs(normal), size) + half * ca.fabs(ca.dot(normal, axis))
             found = ca.dot(normal, middle) - reach
             if edge:
-                found = ca.if_else(length > _PARALLEL**0.5, found, -_APART)
+                found = ca.if_else(length > _PARALLEL**0.5, found, -APART)
                 corner = ca.sign(normal) * size + found * normal - middle
                 across = axis - axis[i] * unit
                 place = ca.dot(across, corner) / ca.fmax(ca.dot(across, across), _PARALLEL)
