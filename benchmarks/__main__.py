@@ -13,7 +13,18 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks import aba, campaign, compilation, events, methods, process, rollouts, studio, wheels
+from benchmarks import (
+    aba,
+    campaign,
+    compilation,
+    events,
+    methods,
+    planning,
+    process,
+    rollouts,
+    studio,
+    wheels,
+)
 from benchmarks.row import Row
 from spacerobot.compiled import find_toolchain
 from spacerobot.files import write_text
@@ -41,6 +52,7 @@ JOBS: dict[str, Callable[[], list[Row]]] = {
     "compilation": compilation.rows,
     "mujoco": passive_plant,
     "process": process.rows,
+    "planning": planning.rows,
     "studio": studio.rows,
 }
 

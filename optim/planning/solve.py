@@ -97,13 +97,13 @@ def solve(
     bridge = _Bridge(program)
     watch = _Watch(program, bridge, told)
     multipliers = warm if isinstance(warm, Solved) else None
-    ipopt = _options(iterations, scale, multipliers is not None) | (NEAR if warm is True else {})
+    ipopt = ipopt_options(iterations, scale, multipliers is not None) | (NEAR if warm is True else {})
     solver = ca.nlpsol("plan", "ipopt", bridge.problem, bridge.options(watch) | {"ipopt": ipopt})
     (low, high), (least, greatest) = program.bounds(), program.limits()
     given: dict[str, Any] = {"x0": first, "lbx": low, "ubx": high, "lbg": least, "ubg": greatest}
     if multipliers is not None:
         given |= {"lam_g0": multipliers.multipliers, "lam_x0": multipliers.bound_multipliers}
-    with _one_thread():
+    with one_thread():
         found = solver(**given)
     if bridge.interrupted:
         raise KeyboardInterrupt
@@ -122,7 +122,8 @@ def solve(
     )
 
 
-def _options(iterations: int, scale: float, warm: bool) -> dict[str, Any]:
+def ipopt_options(iterations: int, scale: float, warm: bool) -> dict[str, Any]:
+    """IPOPT's options, where ``warm`` tells that multipliers are given."""
     options: dict[str, Any] = {
         "print_level": 0,
         "sb": "yes",
@@ -151,7 +152,7 @@ def _options(iterations: int, scale: float, warm: bool) -> dict[str, Any]:
 
 
 @contextlib.contextmanager
-def _one_thread() -> Iterator[None]:
+def one_thread() -> Iterator[None]:
     """Have CasADi's own BLAS use one thread, so that no sum depends on how many there are."""
     library = next(Path(ca.__file__).parent.glob("libcasadi-tp-openblas*"), None)
     if library is None:

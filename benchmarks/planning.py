@@ -1,0 +1,307 @@
+"""A planned soft capture: our transcription against multiple shooting by RK4 with CasADi and IPOPT alone."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from benchmarks.row import Row
+from benchmarks.timing import paired
+from optim.planning.formulate import formulate
+from optim.planning.functions import Instants, Places, build_instants
+from optim.planning.guess import guess
+from optim.planning.lobatto import Lobatto
+from optim.planning.motion import Motion
+from optim.planning.program import Program, Sums
+from optim.planning.replay import replay
+from optim.planning.solve import ipopt_options, one_thread, solve
+from optim.planning.stage import Problem
+from spacerobot.dynamics import ArticulatedBody, Inertias
+from spacerobot.dynamics.joints import sparse
+from spacerobot.scenario.load import validate
+from spacerobot.scene import build_scene
+
+INTERVALS, LEAST, TURNS = 50, 10.0, 5
+MESHES = ((4, 50), (6, 16))
+"""Order and intervals of our transcription."""
+SAME_COST = 1e-3
+"""Difference of costs, relative, up to which two optima are called the same."""
+LEFT = {f"joint_{k}": {"angle_deg": 40 if k < 5 else -40} for k in range(1, 9)}
+CAPTURE: Mapping[str, Any] = {
+    "name": "capture",
+    "robots": {
+        "arm": {
+            "urdf": "planar_arm.urdf",
+            "base": {"joint": "planar", "position": [-0.5, 0, 0]},
+            "joints": LEFT,
+            "tips": {"tip": {}},
+        }
+    },
+    "target": {
+        "urdf": "rectangle.urdf",
+        "base": {
+            "joint": "planar",
+            "position": [0.88, 1.84, 0],
+            "velocity": [0.002, 0.003, 0],
+            "spin_deg": [0, 0, 0.5],
+        },
+    },
+    "pads": {
+        "object": {
+            "link": "target/body",
+            "shape": "capsule",
+            "radius": 0.1,
+            "length": 0.15,
+            "rotation_deg": [0, 90, 0],
+        },
+        "wrist": {
+            "link": "arm/link_7",
+            "shape": "capsule",
+            "radius": 0.05,
+            "length": 0.25,
+            "position": [0.175, 0, 0],
+            "rotation_deg": [0, 90, 0],
+        },
+    },
+    "plan": {
+        "duration": 12,
+        "goals": {"mate": {"tip": "arm/tip", "frame": "mate_1"}},
+        "costs": {"torque": 1e-3, "joint_acceleration": 1, "base_rotation": 1},
+        "limits": {"torque": 2.5, "base_rotation_deg": 10},
+        "keep_out": {"object": {"between": ["wrist", "object"], "distance": 0.1}},
+    },
+    "simulation": {"duration": 12, "output_step": 0.1},
+}
+"""The left half of the scenario ``docking``, without its cone."""
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Where one of the two ended."""
+
+    motion: Motion
+    cost: float
+    converged: bool
+    iterations: int
+
+    @property
+    def error(self) -> float:
+        """Greatest error of a configuration at the knots [m, rad] when the torques are replayed."""
+        nq, knots = self.motion.problem.stage.scene.model.nq, self.motion.lobatto.points - 1
+        return float(np.abs(replay(self.motion)[:, :nq] - self.motion.z[::knots, :nq]).max())
+
+
+def rows() -> list[Row]:
+    """One solve from the same guess, all functions built before, on each of our meshes."""
+    problem = formulate(build_scene(validate(dict(CAPTURE))))
+    instants, knots = build_instants(problem), Lobatto.of_order(2)
+    first = guess(problem, knots, INTERVALS)
+    scale = Program(problem, instants, knots, INTERVALS).objective(first.unknowns)
+    shooting = Shooting(problem, first, scale)
+    return [_row(problem, instants, shooting, order, intervals) for order, intervals in MESHES]
+
+
+def _row(problem: Problem, instants: Instants, shooting: Shooting, order: int, intervals: int) -> Row:
+    lobatto = Lobatto.of_order(order)
+    program = Program(problem, instants, lobatto, intervals)
+    first = guess(problem, lobatto, intervals).unknowns
+    found: dict[str, Solution] = {}
+
+    def ours() -> None:
+        solved = solve(program, first, scale=program.objective(first))
+        z, duration = program.split(solved.w)
+        motion = Motion(problem, lobatto, intervals, duration, z)
+        found["ours"] = Solution(motion, program.objective(solved.w), solved.converged, solved.iterations)
+
+    def theirs() -> None:
+        found["theirs"] = shooting.solve()
+
+    times = paired(ours, theirs, turns=TURNS)
+    one, other = found["ours"], found["theirs"]
+    apart = abs(one.cost - other.cost) / abs(other.cost)
+    same = one.converged and other.converged and apart <= SAME_COST
+    note = (
+        f"{one.iterations} and {other.iterations} iterations; costs {one.cost:.6f} and {other.cost:.6f}; "
+        f"replayed {one.error:.1e} and {other.error:.1e} off"
+    )
+    return Row(
+        f"soft capture planned, {intervals} intervals of order {order}, {program.size} unknowns",
+        f"RK4 multiple shooting by CasADi's virtual machine and IPOPT, {INTERVALS} intervals, "
+        f"{shooting.size} unknowns",
+        f"{times.first_s:.2f} s",
+        f"{times.second_s:.2f} s",
+        times.ratio,
+        f"at least {LEAST:g}",
+        same and times.ratio >= LEAST,
+        note if same else f"not the same optimum; {note}",
+        {"costs": (one.cost, other.cost), "operations_of_a_step": shooting.operations},
+    )
+
+
+class Shooting:
+    """Multiple shooting: a step of RK4 in each interval, torques straight lines between the knots.
+
+    Derivatives are exact; one step's are found as expressions without common parts twice, and mapped.
+
+    Parameters
+    ----------
+    problem
+        What is solved, for a given duration.
+    first
+        Motion to begin with, whose points are the knots.
+    scale
+        Size of the cost.
+    """
+
+    def __init__(self, problem: Problem, first: Motion, scale: float) -> None:
+        self._first = first
+        stage, count = problem.stage, first.intervals
+        nx, nu = len(problem.fixed), stage.u.numel()
+        wide = nx + nu
+        self.size = wide * (count + 1)
+        pair, step, goal = _one(problem, first.duration_s / count)
+        w = ca.MX.sym("w", self.size)
+        pairs = ca.reshape(w[_places(wide, count).ravel().tolist()], 2 * wide, count)
+        blocks = _Blocks(pair, step, goal, count)
+        self.operations = blocks.operations
+        problem_of, options = blocks.program(w, pairs)
+        own = np.r_[0:nx, nx + stage.a.numel() : stage.z.numel()]
+        self._own, guessed = own, first.z[:, own].ravel()
+        ipopt = ipopt_options(1000, scale, False)
+        self._solver = ca.nlpsol("shooting", "ipopt", problem_of, options | {"ipopt": ipopt})
+        low, high = (np.tile(side[own], (count + 1, 1)) for side in (problem.lower, problem.upper))
+        low[0, :nx] = high[0, :nx] = problem.fixed
+        sides = []
+        for key in ("lower", "upper"):
+            path, goals = ([getattr(row, key) for row in part] for part in (problem.path, problem.goal))
+            sides.append(np.r_[np.tile(np.r_[np.zeros(nx), path], count), goals])
+        self._given = {"x0": guessed, "lbx": low.ravel(), "ubx": high.ravel()}
+        self._given |= {"lbg": sides[0], "ubg": sides[1]}
+
+    def solve(self) -> Solution:
+        """Solve it from its guess."""
+        with one_thread():
+            found = self._solver(**self._given)
+        stats, z = self._solver.stats(), np.zeros_like(self._first.z)
+        z[:, self._own] = np.array(found["x"]).reshape(len(z), -1)
+        motion = dataclasses.replace(self._first, z=z)
+        return Solution(motion, float(found["f"]), bool(stats["success"]), int(stats["iter_count"]))
+
+
+class _Blocks:
+    """Rows of one interval and of the end, with derivatives, put together for all intervals."""
+
+    def __init__(self, pair: ca.SX, step: ca.SX, goal: ca.SX, count: int) -> None:
+        self._count, self._wide = count, pair.numel() // 2
+        self._size, self._inner, self._goals = self._wide * (count + 1), step.numel() - 1, goal.numel()
+        weights, ends = ca.SX.sym("weights", step.numel()), ca.SX.sym("ends", goal.numel())
+        self._parts = {}
+        for name, rows_of, by in (("step", step, weights), ("goal", goal, ends)):
+            slopes, bends = ca.jacobian(rows_of, pair), ca.triu(ca.hessian(ca.dot(by, rows_of), pair)[0])
+            self._parts[name] = (
+                ca.Function(name, [pair], [ca.densify(rows_of)], {"cse": True}),
+                ca.Function(f"{name}_slopes", [pair], [slopes.nz[:]], {"cse": True}),
+                ca.Function(f"{name}_bends", [pair, by], [bends.nz[:]], {"cse": True}),
+                [np.array(k) for k in slopes.sparsity().get_triplet()],
+                [np.array(k) for k in bends.sparsity().get_triplet()],
+            )
+
+    @property
+    def operations(self) -> int:
+        """Of the second derivatives of one step."""
+        return int(self._parts["step"][2].n_instructions())
+
+    def program(self, w: ca.MX, pairs: ca.MX) -> tuple[dict[str, ca.MX], dict[str, Any]]:
+        """What CasADi's interface to IPOPT asks for."""
+        (step, slopes, bends, at, bent), (goal, ends, end_bends, end_at, end_bent) = self._parts.values()
+        count, inner, goals, n = self._count, self._inner, self._goals, np.arange(self._count)[:, None]
+        last, shift, end_shift = pairs[:, -1], n * self._wide, (count - 1) * self._wide
+        found = step.map(count)(pairs)
+        f, g = ca.sum2(found[inner, :]), ca.vertcat(ca.vec(found[:inner, :]), goal(last))
+        by_pair = slopes.map(count)(pairs)
+        costs = np.flatnonzero(at[0] == inner).tolist()
+        others = np.flatnonzero(at[0] < inner).tolist()
+        gradient = _summed(
+            [(0 * n + 0 * at[1][costs], shift + at[1][costs])], (1, self._size), ca.vec(by_pair[costs, :])
+        ).T
+        jacobian = _summed(
+            [
+                (n * inner + at[0][others], shift + at[1][others]),
+                (count * inner + end_at[0], end_shift + end_at[1]),
+            ],
+            (g.numel(), self._size),
+            ca.vertcat(ca.vec(by_pair[others, :]), ends(last)),
+        )
+        factor, multipliers = ca.MX.sym("factor"), ca.MX.sym("multipliers", g.numel())
+        own = ca.reshape(multipliers[: count * inner], inner, count)
+        weighed = bends.map(count)(pairs, ca.vertcat(own, ca.repmat(factor, 1, count)))
+        hessian = _summed(
+            [(shift + bent[0], shift + bent[1]), (end_shift + end_bent[0], end_shift + end_bent[1])],
+            (self._size, self._size),
+            ca.vertcat(ca.vec(weighed), end_bends(last, multipliers[-goals:])),
+        )
+        p = ca.MX.sym("p", 0)
+        options = {
+            "grad_f": ca.Function("grad_f", [w, p], [f, ca.densify(gradient)], ["x", "p"], ["f", "grad_f_x"]),
+            "jac_g": ca.Function("jac_g", [w, p], [g, jacobian], ["x", "p"], ["g", "jac_g_x"]),
+            "hess_lag": ca.Function(
+                "hess_lag",
+                [w, p, factor, multipliers],
+                [hessian],
+                ["x", "p", "lam_f", "lam_g"],
+                ["triu_hess_gamma_x_x"],
+            ),
+            "no_nlp_grad": True,
+            "print_time": False,
+        }
+        return {"x": w, "p": p, "f": f, "g": g}, options
+
+
+def _one(problem: Problem, length: float) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """Both ends of an interval (x, u, x, u), its rows with its cost as the last one, and the goal's rows."""
+    stage, model = problem.stage, problem.stage.scene.model
+    force = -sparse(np.asarray(model.damping)) * stage.v
+    for k, column in enumerate(stage.driven.columns):
+        force[column] += stage.u[k]
+    body = ArticulatedBody.factorise(model, stage.kinematics, Inertias.from_model(model))
+    x, rate = ca.vertcat(stage.q, stage.v), ca.vertcat(stage.rate, body.acceleration(force))
+    path, goal, cost = ca.substitute(
+        [ca.vertcat(*(row.value for row in part)) for part in (problem.path, problem.goal)] + [problem.cost],
+        [stage.a],
+        [ca.densify(rate[model.nq :])],
+    )
+    moving = ca.Function("moving", [x, stage.u], [ca.densify(ca.vertcat(rate, cost))])
+    path = ca.Function("path", [x, stage.u], [ca.densify(path)])
+    goal = ca.Function("goal", [x, stage.u], [ca.densify(goal)])
+    nx, wide = x.numel(), x.numel() + stage.u.numel()
+    pair = ca.SX.sym("pair", 2 * wide)
+    begin, u, end, after = pair[:nx], pair[nx:wide], pair[wide : wide + nx], pair[wide + nx :]
+    middle = (u + after) / 2
+    one = moving(begin, u)
+    two = moving(begin + length / 2 * one[:nx], middle)
+    three = moving(begin + length / 2 * two[:nx], middle)
+    four = moving(begin + length * three[:nx], after)
+    step = length / 6 * (one + 2 * two + 2 * three + four)
+    rows_of = ca.vertcat(end - begin - step[:nx], path(end, after), step[nx] + length * problem.time_weight)
+    return pair, rows_of, goal(end, after)
+
+
+def _places(wide: int, count: int) -> Places:
+    """Unknowns of each interval's ends (count, 2 wide)."""
+    return np.arange(count)[:, None] * wide + np.arange(2 * wide)
+
+
+def _summed(places: list[tuple[Any, Any]], shape: tuple[int, int], values: ca.MX) -> ca.MX:
+    """Sparse matrix of entries, those in the same place summed."""
+    where = [tuple(np.ravel(k) for k in np.broadcast_arrays(*place)) for place in places]
+    at, columns = (np.concatenate(side) for side in zip(*where, strict=True))
+    sums = Sums.of(at, columns, shape)
+    matrix, given = sums.matrix, len(at)
+    adding = ca.Sparsity.triplet(matrix.nnz, given, sums.place.tolist(), list(range(given)))
+    pattern = ca.Sparsity(*shape, matrix.indptr.tolist(), matrix.indices.tolist())
+    return ca.MX(pattern, ca.mtimes(ca.DM(adding, 1.0), values))
