@@ -11,7 +11,7 @@ from __future__ import annotations
 import casadi as ca
 
 SMALL = 1e-6
-"""e: of all combinations that give the same wrench the one of least effort is taken."""
+"""e: draws combinations that give the same wrench towards the one of least effort, too slowly to reach it."""
 
 
 def allocate(matrix: ca.SX, weights: ca.SX, wanted: ca.SX, sweeps: int) -> ca.SX:
