@@ -123,6 +123,7 @@ def _in_lanes(library: Library, functions: Mapping[str, ca.Function]) -> Callabl
     lanes = library.lanes
 
     def call(name: str, *given: Array) -> Array:
+        """Values (n, count) of a function at columns of its arguments."""
         count, size = given[0].shape[1], functions[name].numel_out(0)
         out = np.empty((size, count))
         if not size:

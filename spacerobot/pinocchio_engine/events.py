@@ -265,6 +265,7 @@ def _pair(engine: Engine, contact: SceneContact, place: int) -> Iterator[Event]:
     now, taken = engine.mode.touching.get(name), dissipation_of(contact.config)
 
     def event(kind: str, becomes: Touching | None, guard: Callable[[Touch], float]) -> Event:
+        """One of this pair, and how it touches afterwards."""
         after = engine.mode.with_touching(name, becomes)
         return Event(
             f"{name}.{kind}",

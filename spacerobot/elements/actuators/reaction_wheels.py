@@ -101,6 +101,7 @@ class ReactionWheels(Wheels):
             return self.motors(actuator, -ca.mtimes(inverse[:, about], asked), speed, friction)
 
         def answer(asked: ca.SX) -> Contribution:
+            """Everything but what is left to the next actuator."""
             found = motors(asked)
             torque = ca.mtimes(rotation, -ca.mtimes(axes, found.net) - cross(spin, whole))
             return Contribution(
