@@ -40,8 +40,25 @@ UNITS = {
 """Factor and unit in which an objective reads well, by kind."""
 EQ45 = ("eq45", "eq45_printed")
 
-UserObjective = Callable[[Signals], Measure]
-"""A user's own objective: a scalar measure of an expression over the closed loop's outputs."""
+
+@dataclass(frozen=True)
+class Reduced:
+    """An objective made of a measure of several components.
+
+    Attributes
+    ----------
+    measure
+        Over the closed loop's outputs.
+    cost
+        Function of the measure's components, symbols (n,), that gives the objective.
+    """
+
+    measure: Measure
+    cost: Callable[[ca.SX], ca.SX]
+
+
+UserObjective = Callable[[Signals], Measure | Reduced]
+"""A user's own objective: a measure of an expression over the closed loop's outputs, a scalar or reduced."""
 
 
 @dataclass(frozen=True)
@@ -147,10 +164,13 @@ def build_terms(
     if isinstance(objective, Objective):
         extras = _extras(loop, signals, scene, objective)
         return _standard(signals, scene, objective, (named, extras), limits)
-    measure = objective(signals)
-    if not isinstance(measure, Measure) or measure.expression.numel() != 1:
+    own = objective(signals)
+    if isinstance(own, Measure) and own.expression.numel() == 1:
+        own = Reduced(own, lambda whole: whole)
+    if not isinstance(own, Reduced):
         raise ScenarioError("an objective is one scalar measure: integral(...), peak(...) or final(...)")
-    measures = Measures(signals, named | {"own": measure}, costs=lambda r, _: {OBJECTIVE: r["own"]})
+    cost = own.cost
+    measures = Measures(signals, named | {"own": own.measure}, costs=lambda r, _: {OBJECTIVE: cost(r["own"])})
     return Terms(measures, "smooth", limits)
 
 

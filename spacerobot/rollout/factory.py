@@ -15,6 +15,9 @@ from spacerobot.rollout.sensitivity import sensitivity_kernel
 
 Made = TypeVar("Made")
 
+ADJOINT = "the closed loop's adjoint"
+"""What it is called while it is compiled."""
+
 
 class Engines:
     """What evaluates a kernel: compiled with a toolchain, or interpreted without one.
@@ -36,7 +39,8 @@ class Engines:
         self.toolchain = toolchain
         self._progress = progress
         self._made: dict[tuple[object, ...], object] = {}
-        self._lock = threading.RLock()
+        self._lock = threading.Lock()
+        self._locks: dict[tuple[object, ...], threading.Lock] = {}
 
     @property
     def single(self) -> Engine:
@@ -79,7 +83,7 @@ class Engines:
 
     def _compiled(self, kernel: Kernel, lanes: int, *, adjoint: bool) -> Library:
         say = self._progress
-        what = "the closed loop's adjoint" if adjoint else "the closed loop"
+        what = ADJOINT if adjoint else "the closed loop"
 
         def told(done: int, total: int) -> None:
             if say is not None:
@@ -89,7 +93,10 @@ class Engines:
         return compile_kernel(kernel, lanes, self.toolchain, adjoint=adjoint, progress=progress)
 
     def _once(self, key: tuple[object, ...], make: Callable[[], Made]) -> Made:
+        """What a key stands for, made by the first who asks; others wait only if they ask for the same."""
         with self._lock:
+            own = self._locks.setdefault(key, threading.Lock())
+        with own:
             if key not in self._made:
                 self._made[key] = make()
             return self._made[key]  # type: ignore[return-value]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import threading
+
 import numpy as np
 import pytest
 
@@ -132,3 +134,29 @@ def test_time_comes_from_whole_numbers():
     assert time_grid(1.0, 0.3).step_s == 0.25
     with pytest.raises(SpaceRobotError, match=r"output step .* is -1"):
         time_grid(1.0, 0.1, -1.0)
+
+
+def test_what_is_compiled_holds_up_nothing_else(loop):
+    """A rollout goes on while gradients are compiled in another thread, and these are compiled once."""
+    engines = build_rollout(loop, duration_s=1.0, step_s=0.1, output_step_s=0.5).engines
+    begun, free, made = threading.Event(), threading.Event(), []
+
+    def slow():
+        begun.set()
+        assert free.wait(60)
+        made.append(object())
+        return made[-1]
+
+    threads = [threading.Thread(target=engines._once, args=(("slow",), slow)) for _ in range(2)]
+    for thread in threads:
+        thread.start()
+    assert begun.wait(60)
+    quick = threading.Thread(target=engines._once, args=(("quick",), object))
+    quick.start()
+    quick.join(60)
+    alive = quick.is_alive()
+    free.set()
+    for thread in threads:
+        thread.join(60)
+    assert not alive
+    assert len(made) == 1

@@ -10,6 +10,7 @@ import numpy as np
 
 from optim.campaign.rollouts.metrics import Column, build_kept
 from optim.campaign.rollouts.trust import DRIFT, RESIDUAL
+from optim.problem.objectives import Reduced
 from spacerobot.closedloop import ClosedLoop
 from spacerobot.errors import SpaceRobotError, near_names
 from spacerobot.rollout import Measure, Measures, Signals
@@ -77,11 +78,6 @@ class Metric:
     places: tuple[int, ...]
     duration_s: float
 
-    def told(self, objective: float) -> float:
-        """Value for the page of what a search makes small; see :meth:`Metrics.objective`."""
-        value = np.sqrt(max(0.0, objective) / self.duration_s) if self.kind == "tip_error_rms" else objective
-        return float(self.factor * value)
-
     def plain(self) -> dict[str, str]:
         """What the page is told."""
         return {"key": self.key, "label": self.label, "unit": self.unit, "text": self.text}
@@ -129,25 +125,16 @@ class Metrics:
         found = [metric.factor * float(costs[metric.key]) for metric in self.metrics]
         return [value if np.isfinite(value) else None for value in found]
 
-    def objective(self, metric: Metric) -> Callable[[Signals], Measure]:
-        """What a search makes small: the metric, or what rises with it and is smoother.
-
-        Raises
-        ------
-        SpaceRobotError
-            If no search can.
-        """
-        if metric.kind == "miss_distance":
-            raise SpaceRobotError("a miss distance is not tuned; choose another metric, or improve it")
+    def reduced(self, metric: Metric) -> Callable[[Signals], Reduced]:
+        """A metric as what a search makes small."""
         measure, own = self.measures.named[metric.kind], self.measures.signals
         known = ca.vertcat(own.t, own.x, *own.outputs.values())
 
-        def objective(signals: Signals) -> Measure:
+        def objective(signals: Signals) -> Reduced:
             """The same over other symbols."""
             given = ca.vertcat(signals.t, signals.x, *signals.outputs.values())
-            parts = ca.substitute(measure.expression[list(metric.places)], known, given)
-            whole = ca.sum1 if measure.kind == "integral" else KINDS[metric.kind].total
-            return Measure(measure.kind, ca.densify(whole(parts)))
+            parts = ca.densify(ca.substitute(measure.expression, known, given))
+            return Reduced(Measure(measure.kind, parts), metric.expression)
 
         return objective
 

@@ -22,6 +22,7 @@ from viz.studio.job import Found, Job
 from viz.studio.messages import Request
 from viz.studio.metrics import Metric
 from viz.studio.plant import Plant, Plants
+from viz.studio.slopes import differences
 
 METHODS = ("nlp", "ga", "cmaes", "de", "pso", "sobol", "random")
 """Methods that the page offers."""
@@ -121,7 +122,9 @@ class _StoppedError(Exception):
 
 
 def improve(_: Plants, plant: Plant, numbers: Mapping[str, float], job: Job) -> None:
-    """A few quasi-Newton steps within the bounds, each along exact gradients with a line search.
+    """A few quasi-Newton steps within the bounds, each along the gradient with a line search.
+
+    Gradients are exact where they are compiled, else differences of rollouts.
 
     Raises
     ------
@@ -129,22 +132,23 @@ def improve(_: Plants, plant: Plant, numbers: Mapping[str, float], job: Job) -> 
         If the request asks for what there is not.
     """
     box, metric = Box.of(job.request, plant), plant.metric(job.request.text("metric"))
-    if not plant.has_gradients:
-        job.tell(always=True, progress=0.0, message="compiling gradients")
-        plant.prepare_gradients()
     nominal = plant.nominal | dict(numbers)
     begin = box.unit([nominal[path] for path in box.paths])
-    start = plant.gradient(numbers, metric)[0]
+    start = plant.cost(numbers, metric)
     far = 1e3 * (abs(start or 0.0) + 1.0)  # a diverged rollout counts as this: nearer, please
     track = _Track(box, begin, np.nan if start is None else start)
 
     def ask(u: Array) -> tuple[float, Array]:
         if job.stop.is_set():
             raise _StoppedError
-        value, slopes, _ = plant.gradient({**numbers, **box.plain(u)}, metric)
+        design = {**numbers, **box.plain(u)}
+        if plant.has_gradients:
+            value, slopes, _ = plant.gradient(design, metric)
+        else:
+            value, slopes = plant.cost(design, metric), differences(plant, design, metric, box.paths) or {}
         track.note(u, np.inf if value is None else value, 1.0)
         job.found(track.found(min(0.95, len(track.curve) / (2 * STEPS))))
-        slope = np.array([slopes[path] or 0.0 for path in box.paths]) * box.slope(u)
+        slope = np.array([slopes.get(path) or 0.0 for path in box.paths]) * box.slope(u)
         return (far, np.zeros(len(u))) if value is None else (value, slope)
 
     limits: Any = {"maxiter": STEPS, "maxfun": 4 * STEPS}
@@ -213,7 +217,7 @@ def _problem(plants: Plants, plant: Plant, box: Box, metric: Metric, request: Re
         section["objective"] = {"kind": "minimax"}
         objective = None
     else:
-        objective = plant.metrics.objective(metric)
+        objective = plant.metrics.reduced(metric)
     scene = build_scene(scene.scenario, {"tuning": section}, source=scene.source)
     return build_problem(scene, objective=objective)
 
@@ -259,7 +263,7 @@ class Watched:
 
     def _noted(self, u: Array, found: Evaluation, each: Cost) -> Evaluation:
         for point, value in zip(np.atleast_2d(u), found.objective, strict=True):
-            told = self._metric.told(value) if np.isfinite(value) else np.inf
+            told = self._metric.factor * value if np.isfinite(value) else np.inf
             self._track.note(point, told, each.equivalent(4.0))
         self._job.found(self._track.found(min(0.99, self._track.share(self._budget))))
         if self._job.stop.is_set():

@@ -13,6 +13,7 @@ from typing import Any, Protocol
 from spacerobot.errors import SpaceRobotError
 from spacerobot.result import Result
 from spacerobot.rollout import Trajectory
+from spacerobot.rollout.factory import ADJOINT
 from spacerobot.simulation import STEP_ERROR_LIMIT
 from viz.page.animation import notices, run_data, shown_data
 from viz.studio.jobs import Jobs
@@ -21,6 +22,7 @@ from viz.studio.keep import command_line, keep
 from viz.studio.messages import Request, packets, read
 from viz.studio.numbers import suggested
 from viz.studio.plant import Origin, Plant, Plants
+from viz.studio.slopes import differences
 
 REST_S = 0.2
 """After so long without another design the last one is judged as ``spacerobot run`` would judge it."""
@@ -206,7 +208,6 @@ class Session:
             if self.plants.find(request.values) is None:
                 self.plants.make(request.values)
             if request.kind == "gradient":
-                self._say("compiling gradients")
                 self._prepare(request)
         except SpaceRobotError:
             with self._change:
@@ -229,7 +230,7 @@ class Session:
             if found is not None:
                 found[0].prepare_gradients()
         finally:
-            self._say("")
+            self._broadcast(None, {"type": "compiling", "what": "gradients", "why": ""})
 
     def _prepare_early(self) -> None:
         """Compile gradients of the scene itself once a page shows it, before anyone asks for them."""
@@ -295,16 +296,30 @@ class Session:
         }
 
     def _gradient(self, page: Page, request: Request) -> None:
+        """Slopes of a metric: by differences at once where exact ones take a compilation, which follow."""
+        given = request.more.get("paths", ())
+        wanted = [path for path in given if isinstance(path, str)] if isinstance(given, list) else []
+        quick = self.plants.find(request.values)
+        if quick is not None and not quick[0].has_gradients:
+            plant, numbers = quick
+            metric = plant.metric(request.text("metric"))
+            slopes = differences(plant, numbers, metric, wanted, self._is_hurried)
+            if slopes is not None:
+                answer = {"type": "gradient", "seq": request.seq, "metric": metric.key}
+                self._send(page, {**answer, "d": slopes, "status": "differences"})
         found = self._plant(page, request, gradients=True)
         if found is None:
             return
         plant, numbers = found
         metric = plant.metric(request.text("metric"))
-        value, slopes, status = plant.gradient(numbers, metric)
-        wanted = request.more.get("paths", ())
-        told = {path: slopes.get(path) for path in wanted if isinstance(path, str)}
+        value, exact, status = plant.gradient(numbers, metric)
         answer = {"type": "gradient", "seq": request.seq, "metric": metric.key, "value": value}
-        self._send(page, {**answer, "d": told, "status": status})
+        self._send(page, {**answer, "d": {path: exact.get(path) for path in wanted}, "status": status})
+
+    def _is_hurried(self) -> bool:
+        """Whether a design waits to be rolled out."""
+        with self._change:
+            return self._closed or any(kind == "set" for _, kind in self._newest)
 
     def _command(self, request: Request) -> str:
         found = self.plants.find(request.values)
@@ -331,7 +346,8 @@ class Session:
 
     def _say(self, words: str) -> None:
         self._tell(words)
-        self._broadcast(None, {"type": "compiling", "why": words})
+        what = "gradients" if ADJOINT in words else "loop"
+        self._broadcast(None, {"type": "compiling", "what": what, "why": words})
 
 
 def _begin(work: Callable[[], None]) -> threading.Thread:

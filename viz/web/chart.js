@@ -75,7 +75,7 @@ class Chart {
       const close = button("×", `Remove ${quantity.title}`, () => this.onRemove(quantity.title));
       names.append(close, element("span", `${quantity.title} [${quantity.unit}]`, "title"));
       this.signals.runs.forEach(({ label }, r) => {
-        if (several) names.append(element("span", `${label}${r ? " (dashed)" : ""}:`, "run"));
+        if (several) names.append(element("span", `${label}${r ? ` (${strokeOf(r)[0]})` : ""}:`, "run"));
         for (const signal of quantity.signals) {
           const one = element("span"), value = element("b");
           one.append(mark(inked(signal.colour)), `${signal.name} `, value);
@@ -179,7 +179,7 @@ class Chart {
       const { time } = this.signals.runs[r];
       pen.strokeStyle = inked(signal.colour);
       pen.lineWidth = 1.5;
-      pen.setLineDash(r === 0 ? [] : [5, 3]);
+      pen.setLineDash(strokeOf(r)[1]);
       pen.globalAlpha = this.signals.runs[r].pale ? 0.5 : 1;
       pen.beginPath();
       for (let i = 0; i < time.length; i++) pen.lineTo(this.xOf(time[i], left, right), y(values[Math.min(i, values.length - 1)]));

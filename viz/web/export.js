@@ -29,7 +29,7 @@ function curvesPicture({ drawn, axis, signals }) {
     const say = (text, colour) => { pen.fillStyle = colour; pen.fillText(text, left, top + 13); left += pen.measureText(text).width + 12; };
     say(`${one.title} [${one.unit}]`, themed("--ink"));
     for (const signal of one.signals) say(`— ${signal.name}`, inked(signal.colour));
-    signals.runs.forEach(({ label }, r) => { if (r) say(`dashed: ${label}`, themed("--dim")); });
+    signals.runs.forEach(({ label }, r) => { if (r) say(`${strokeOf(r)[0]}: ${label}`, themed("--dim")); });
     pen.drawImage(one.canvas, 0, top + line, one.canvas.clientWidth, one.canvas.clientHeight);
     top += parts[k];
   });

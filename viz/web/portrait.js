@@ -81,8 +81,8 @@ class Portrait {
     const [a, b] = chosen.map(({ signal }) => signal.values[r]);
     if (!a || !b) return;
     pen.globalAlpha = pale ? 0.5 : 1;
-    pen.setLineDash(r ? [5, 3] : []);
-    pen.strokeStyle = pen.fillStyle = chosen[1].signal.colour;
+    pen.setLineDash(strokeOf(r)[1]);
+    pen.strokeStyle = pen.fillStyle = chosen[1].signal.colour; // its ground is dark in either scheme
     pen.lineWidth = 1.5;
     pen.beginPath();
     for (let i = 0; i < time.length; i++) pen.lineTo(x(a[Math.min(i, a.length - 1)]), y(b[Math.min(i, b.length - 1)]));

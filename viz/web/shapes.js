@@ -1,6 +1,10 @@
 // Three.js objects from the page's plain data. MeshCat brings Three.js with it.
 const THREE = MeshCat.THREE;
-const TIP_COLOURS = ["#56b4e9", "#ffb000", "#f29ad0", "#f0e442", "#9be564", "#c9b6ff"];
+// Of tips, and of curves: far from each other, and from a dark page as well as, darkened, from a light one.
+const TIP_COLOURS = [
+  "#56b4e9", "#ffb000", "#f29ad0", "#f0e442", "#9be564", "#c9b6ff", "#dc28f0", "#f0503c", "#a08c50", "#28f0dc", "#28f028", "#f03cb4",
+  "#50a064", "#7878f0", "#788c8c", "#f0a08c", "#f05078", "#28f0a0", "#c87828", "#c8dca0", "#8ca028", "#dc78f0", "#28a028", "#f0c864",
+];
 const AXIS_COLOURS = ["#ff5c5c", "#5ee05e", "#6fa8ff"];
 const COLOURS = {
   target: "#35e0a1", force: "#ff5c6c", contact: "#c77dff", reference: "#ffffff", mate: "#ffffff", grid: "#8fa3b8",

@@ -6,6 +6,13 @@ function themed(name) {
   return getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 }
 
+// How curves of several runs are drawn, so that each signal keeps its colour.
+const STROKES = [["", []], ["dashed", [6, 3]], ["dotted", [2, 2]], ["dash-dotted", [9, 3, 2, 3]], ["long dashes", [14, 4]], ["sparse dots", [2, 6]]];
+
+function strokeOf(r) {
+  return STROKES[r % STROKES.length];
+}
+
 // A curve's colour: made for a dark page, darker on a light one.
 function inked(colour) {
   if (!LIGHT.matches) return colour;

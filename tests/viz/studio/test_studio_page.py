@@ -116,6 +116,12 @@ def test_designs_are_kept_side_by_side_compared_and_deleted(opened):
     assert next(row for row in rows if KP in row).split("\t")[2] == "150"
     page.evaluate("document.querySelector('[aria-label=\"Compare with soft\"]').click()")
     page.wait_for("document.querySelector('#chart').innerText.includes('soft (dashed)')")
+    page.evaluate("document.querySelector('[aria-label=\"Rename soft\"]').click()")
+    page.call("Input.insertText", text="stiff")
+    page.call("Input.dispatchKeyEvent", type="keyDown", key="Enter", windowsVirtualKeyCode=13, text="\r")
+    assert page.evaluate(head) == ["this design", "stiff 2", "stiff"]  # names stay different
+    assert "stiff 2 (dashed)" in page.evaluate("document.querySelector('#chart').innerText")
+    page.evaluate(f"{KEY}('z', false)")
     page.evaluate("document.querySelector('[aria-label=\"Delete soft\"]').click()")
     assert page.evaluate(head) == ["this design", "stiff"]
     page.evaluate(f"{KEY}('z', false)")

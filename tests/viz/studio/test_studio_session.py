@@ -1,6 +1,7 @@
 """The session of a studio: what a page asks, and what it is told."""
 
 import shlex
+import threading
 
 import numpy as np
 import pinocchio as pin
@@ -10,7 +11,8 @@ from spacerobot.cli.options import parse_changes
 from spacerobot.errors import ScenarioError
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
-from viz.studio.plant import Origin
+from viz.studio.plant import Origin, Plant
+from viz.studio.slopes import differences
 
 PID = "robots.arm.tips.tip.pid"
 KP, KI, STIFFNESS = f"{PID}.kp", f"{PID}.ki", "grasps.left.stiffness"
@@ -163,7 +165,7 @@ def test_every_number_that_is_said_to_follow_does(page, monkeypatch):
 def test_gradients_are_those_of_differences(page):
     nominal, h = {KP: 150.0, STIFFNESS: 100.0}, 1e-3
     page.ask("gradient", seq=4, values=nominal, metric="tip_error_rms", paths=[KP, STIFFNESS, "no.such"])
-    told = page.take("gradient")
+    told = page.take("gradient", until=lambda gradient: gradient["status"] != "differences")
     assert (told["seq"], told["status"], told["d"]["no.such"]) == (4, "exact", None)
     for path in (KP, STIFFNESS):
         found = []
@@ -171,6 +173,40 @@ def test_gradients_are_those_of_differences(page):
             page.ask("set", seq=1, values=nominal | {path: nominal[path] + sign * h})
             found.append(_metric(page, page.take("rollout"), "tip_error_rms"))
         assert told["d"][path] == pytest.approx((found[0] - found[1]) / (2 * h), rel=1e-4)
+
+
+def test_slopes_are_there_before_exact_ones_are_compiled(page, monkeypatch):
+    plant = page.session.plants.base
+    exact = plant.gradient({}, plant.metric("tip_error_rms"))[1]
+    monkeypatch.setattr(Plant, "has_gradients", property(lambda plant: not plant.waits))
+    monkeypatch.setattr(Plant, "waits", True, raising=False)
+    ready = threading.Event()
+
+    def prepare(plant):
+        assert ready.wait(60)
+        plant.__dict__["waits"] = False
+
+    monkeypatch.setattr(Plant, "prepare_gradients", prepare)
+    page.ask("gradient", seq=5, values={}, metric="tip_error_rms", paths=[KP, STIFFNESS])
+    quick = page.take("gradient")
+    assert quick["status"] == "differences"
+    for path in (KP, STIFFNESS):
+        assert quick["d"][path] == pytest.approx(exact[path], rel=1e-5)
+    page.ask("set", seq=6, values={KP: 301.0})
+    page.take("rollout")
+    ready.set()
+    told = page.take("gradient")
+    plant.__dict__.pop("waits")
+    assert (told["seq"], told["status"], told["d"][KP]) == (5, "exact", exact[KP])
+
+
+def test_differences_keep_to_what_is_allowed_and_give_way(page):
+    plant = page.session.plants.base
+    metric, damping = plant.metric("tip_error_rms"), "grasps.left.damping"
+    at_its_end = differences(plant, {damping: 0.0}, metric, [damping, "no.such"])
+    assert list(at_its_end) == [damping]
+    assert at_its_end[damping] == pytest.approx(plant.gradient({damping: 0.0}, metric)[1][damping], rel=1e-2)
+    assert differences(plant, {}, metric, [KP], lambda: True) is None
 
 
 def test_improving_goes_down_within_the_bounds(page):

@@ -47,13 +47,34 @@ class Bookmarks {
     return row;
   }
 
+  // A field stands for the name until Enter or Escape is pressed, or it is left.
+  rename(whole, name) {
+    const field = element("input"), heading = whole.firstChild;
+    Object.assign(field, { type: "text", value: name });
+    field.setAttribute("aria-label", `New name of ${name}`);
+    let ended = false; // a field that goes is left as well
+    const end = (wanted) => {
+      if (ended) return;
+      ended = true;
+      field.replaceWith(heading);
+      this.designs.rename(name, wanted);
+    };
+    field.addEventListener("keydown", ({ key }) => { if (key === "Enter") end(field.value.trim()); else if (key === "Escape") end(name); });
+    field.addEventListener("blur", () => end(field.value.trim()));
+    heading.replaceWith(field);
+    field.select();
+  }
+
   head({ name, values, own }) {
     const whole = element("div", name), { designs } = this;
     if (own) return whole;
     const compare = button("compare", `Compare with ${name}`, () => designs.choose(designs.chosen === name ? null : name));
     compare.setAttribute("aria-pressed", String(designs.chosen === name));
     const buttons = element("div", undefined, "row");
-    buttons.append(compare, button("take", `Take ${name}`, () => designs.take(values)), button("delete", `Delete ${name}`, () => designs.drop(name)));
+    buttons.append(
+      compare, button("take", `Take ${name}`, () => designs.take(values)),
+      button("rename", `Rename ${name}`, () => this.rename(whole, name)), button("delete", `Delete ${name}`, () => designs.drop(name)),
+    );
     whole.append(buttons);
     return whole;
   }

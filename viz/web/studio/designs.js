@@ -60,11 +60,16 @@ class Designs {
     this.onChange();
   }
 
-  // Under a name of its own: a number is added to one that is taken.
+  // Under a name of its own.
   keep(wanted, values = this.now) {
-    let name = wanted, count = 2;
-    while (this.kept.some((one) => one.name === name)) name = `${wanted} ${count++}`;
-    this.step({ kept: [...this.kept, { name, values: { ...values } }] });
+    this.step({ kept: [...this.kept, { name: freeName(wanted, this.kept), values: { ...values } }] });
+  }
+
+  rename(name, wanted) {
+    if (!wanted || wanted === name) return;
+    const others = this.kept.filter((one) => one.name !== name), free = freeName(wanted, others);
+    if (this.chosen === name) this.chosen = free;
+    this.step({ kept: this.kept.map((one) => (one.name === name ? { ...one, name: free } : one)) });
   }
 
   drop(name) {
@@ -82,6 +87,13 @@ class Designs {
     const fits = ([, value]) => ["number", "string", "boolean"].includes(typeof value);
     return Object.fromEntries(Object.entries(values || {}).filter(fits));
   }
+}
+
+// A number is added to a name that is taken.
+function freeName(wanted, kept) {
+  let name = wanted, count = 2;
+  while (kept.some((one) => one.name === name)) name = `${wanted} ${count++}`;
+  return name;
 }
 
 function parsed(text) {

@@ -33,7 +33,7 @@ class Studio {
       hello: () => this.load(message),
       rollout: () => this.rollouts.answer({ ...message, metrics: this.named(message.metrics), hello: this.hello }),
       failed: () => this.failed(message),
-      compiling: () => (message.why ? this.say(message.why, true) : this.status()),
+      compiling: () => this.compiles(message),
       gradient: () => this.sloped(message),
       job: () => this.jobs.hear(message),
       saved: () => this.keep.saved(message),
@@ -170,6 +170,14 @@ class Studio {
     this.metrics.show(entry.metrics, other?.metrics);
   }
 
+  // Gradients are compiled while all else goes on.
+  compiles({ what, why }) {
+    if (what === "gradients") {
+      this.pieces = why;
+      if (this.worn) this.point();
+    } else if (why) this.say(why, true); else this.status();
+  }
+
   failed(message) {
     const act = {
       set: () => this.rollouts.answer(message),
@@ -195,7 +203,7 @@ class Studio {
   sloped({ metric, d, status }) {
     if (this.asked !== this.slopes.of || metric !== this.metric) return;
     Object.assign(this.slopes.d, d);
-    this.slopes.doubt = status === "exact" ? "" : `These changes for +10 % may not hold: ${status}.`;
+    this.slopes.status = status;
     this.point();
   }
 
@@ -203,9 +211,17 @@ class Studio {
     const metric = this.worn.metrics.find(({ key }) => key === this.metric), { d } = this.slopes;
     const largest = Math.max(0, ...[...this.sliders.keys()].map((path) => this.effect(path)));
     for (const [path, slider] of this.sliders) slider.point(d[path], metric, largest);
-    $("doubt").textContent = this.slopes.doubt || "";
-    $("doubt").hidden = !this.slopes.doubt;
+    $("doubt").textContent = this.doubt;
+    $("doubt").hidden = !this.doubt;
     $("sort").disabled = !(largest > 0);
+  }
+
+  // What is to be said of the slopes.
+  get doubt() {
+    const { slopes: { status }, pieces } = this;
+    if (status === "differences") return `Changes for +10 % are differences of rollouts until exact ones are ready${pieces ? ` (${pieces})` : ""}.`;
+    if (!status) return "";
+    return status === "exact" ? "" : `These changes for +10 % may not hold: ${status}.`;
   }
 
   // How much the metric changes, as the slider's arrow says it.
