@@ -172,7 +172,7 @@ class Shooting:
         problem_of, options = blocks.program(w, pairs)
         own = np.r_[0:nx, nx + stage.a.numel() : stage.z.numel()]
         self._own, guessed = own, first.z[:, own].ravel()
-        ipopt = ipopt_options(1000, scale, False)
+        ipopt = ipopt_options(1000, scale)
         self._solver = ca.nlpsol("shooting", "ipopt", problem_of, options | {"ipopt": ipopt})
         low, high = (np.tile(side[own], (count + 1, 1)) for side in (problem.lower, problem.upper))
         low[0, :nx] = high[0, :nx] = problem.fixed

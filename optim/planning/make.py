@@ -15,6 +15,7 @@ from optim.planning.guess import guess
 from optim.planning.lobatto import Lobatto
 from optim.planning.motion import Motion
 from optim.planning.program import Program
+from optim.planning.refine import carried
 from optim.planning.solve import Solved, solve
 from optim.planning.stage import Problem
 from optim.planning.verdict import Verdict, judge
@@ -122,6 +123,7 @@ class _Search:
         self.solves: list[Solve] = []
         self.motion: Motion | None = None
         self.last: Solved | None = None
+        self.program: Program | None = None
         self.cost = np.inf
 
     def from_starts(self) -> None:
@@ -179,8 +181,10 @@ class _Search:
 
         first = motion.unknowns
         scale = self.cost if np.isfinite(self.cost) else max(program.objective(first), 1e-12)
-        near, limit = motion.intervals != self.plan.intervals, self.plan.iterations
-        solved = solve(program, first, near, scale=scale, iterations=limit, told=told)
+        warm = None
+        if self.last is not None and self.program is not None and motion.intervals != self.plan.intervals:
+            warm = carried(self.last, self.program, program)
+        solved = solve(program, first, warm, scale=scale, iterations=self.plan.iterations, told=told)
         found = Solve(start, motion.intervals, program.objective(solved.w), solved)
         self.solves.append(found)
         return found, program
@@ -188,7 +192,7 @@ class _Search:
     def _keep(self, program: Program, found: Solve) -> None:
         z, duration = program.split(found.solved.w)
         self.motion = Motion(self.problem, self.lobatto, found.intervals, duration, z)
-        self.last, self.cost = found.solved, found.cost
+        self.last, self.program, self.cost = found.solved, program, found.cost
 
 
 def blame(program: Program, solved: Solved) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import dataclasses
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -17,17 +18,10 @@ from scipy import sparse
 from optim.planning.program import Program
 from spacerobot.arrays import Array
 
-INFINITE = 1e20
-"""What IPOPT takes for no limit."""
-
-NEAR = {
-    "mu_init": 1e-5,
-    "bound_push": 1e-6,
-    "bound_frac": 1e-6,
-    "slack_bound_push": 1e-6,
-    "slack_bound_frac": 1e-6,
-}
-"""Options by which IPOPT does not leave a point that is nearly a solution."""
+PATIENCE = 30
+"""Iterations after which a search from multipliers that do not fit begins anew without them."""
+LEAST_BARRIER = 1e-8
+"""Barrier parameter with which a search goes on at least, in units of the cost's size."""
 
 Told = Callable[[int, float, float], None]
 """Called at each iteration with its number, the cost and the greatest violation."""
@@ -49,6 +43,8 @@ class Solved:
         Whether it is a solution by IPOPT's judgement.
     iterations, evaluations_s, seconds
         Its steps, time [s] spent in the problem's functions and altogether.
+    scale, barrier
+        Size of the cost that was taken, and the barrier parameter at the end in units of it.
     """
 
     w: Array
@@ -59,14 +55,16 @@ class Solved:
     iterations: int
     evaluations_s: float
     seconds: float
+    scale: float
+    barrier: float
 
 
 def solve(
     program: Program,
     first: Array,
-    warm: Solved | bool = False,
+    warm: Solved | None = None,
     *,
-    scale: float = 1.0,
+    scale: float | None = None,
     iterations: int = 500,
     told: Told | None = None,
 ) -> Solved:
@@ -79,12 +77,12 @@ def solve(
     first
         Unknowns to begin with.
     warm
-        A solution of this program or one like it, whose multipliers are near; true where the unknowns alone
-        are, as those of a coarser mesh.
+        A solution of a program of the same shape that is near: its multipliers, barrier parameter and scale
+        are gone on with. Where that leads nowhere, the search begins anew without them.
     scale
-        Size of the cost: residuals are taken relative to it.
+        Size of the cost: residuals are taken relative to it. That of ``warm``, or one, if not given.
     iterations
-        At most.
+        At most, in each of the two searches.
     told
         Called at each iteration.
 
@@ -93,16 +91,33 @@ def solve(
     KeyboardInterrupt
         If Ctrl-C came meanwhile.
     """
+    if scale is None:
+        scale = 1.0 if warm is None else warm.scale
+    if warm is None:
+        return _solve(program, first, None, ipopt_options(iterations, scale), told)
+    found = _solve(program, first, warm, ipopt_options(min(iterations, PATIENCE), scale, warm.barrier), told)
+    if found.converged or iterations <= PATIENCE:
+        return found
+    anew = _solve(program, first, None, ipopt_options(iterations, scale), told)
+    return dataclasses.replace(
+        anew,
+        iterations=found.iterations + anew.iterations,
+        evaluations_s=found.evaluations_s + anew.evaluations_s,
+        seconds=found.seconds + anew.seconds,
+    )
+
+
+def _solve(
+    program: Program, first: Array, warm: Solved | None, ipopt: dict[str, Any], told: Told | None
+) -> Solved:
     begin = time.perf_counter()
     bridge = _Bridge(program)
     watch = _Watch(program, bridge, told)
-    multipliers = warm if isinstance(warm, Solved) else None
-    ipopt = ipopt_options(iterations, scale, multipliers is not None) | (NEAR if warm is True else {})
     solver = ca.nlpsol("plan", "ipopt", bridge.problem, bridge.options(watch) | {"ipopt": ipopt})
     (low, high), (least, greatest) = program.bounds(), program.limits()
     given: dict[str, Any] = {"x0": first, "lbx": low, "ubx": high, "lbg": least, "ubg": greatest}
-    if multipliers is not None:
-        given |= {"lam_g0": multipliers.multipliers, "lam_x0": multipliers.bound_multipliers}
+    if warm is not None:
+        given |= {"lam_g0": warm.multipliers, "lam_x0": warm.bound_multipliers}
     with one_thread():
         found = solver(**given)
     if bridge.interrupted:
@@ -119,11 +134,13 @@ def solve(
         int(stats["iter_count"]),
         bridge.seconds,
         time.perf_counter() - begin,
+        1 / ipopt["obj_scaling_factor"],
+        float(stats["iterations"]["mu"][-1]) if stats.get("iterations") else ipopt.get("mu_init", 0.1),
     )
 
 
-def ipopt_options(iterations: int, scale: float, warm: bool) -> dict[str, Any]:
-    """IPOPT's options, where ``warm`` tells that multipliers are given."""
+def ipopt_options(iterations: int, scale: float, barrier: float | None = None) -> dict[str, Any]:
+    """IPOPT's options; with a barrier parameter to begin with where multipliers are given."""
     options: dict[str, Any] = {
         "print_level": 0,
         "sb": "yes",
@@ -137,16 +154,15 @@ def ipopt_options(iterations: int, scale: float, warm: bool) -> dict[str, Any]:
         "mu_strategy": "monotone",
         "honor_original_bounds": "yes",
     }
-    if warm:
+    if barrier is not None:
         options |= {
             "warm_start_init_point": "yes",
-            "mu_init": 1e-6,
+            "mu_init": max(barrier, LEAST_BARRIER),
             "warm_start_bound_push": 1e-8,
             "warm_start_bound_frac": 1e-8,
             "warm_start_slack_bound_push": 1e-8,
             "warm_start_slack_bound_frac": 1e-8,
             "warm_start_mult_bound_push": 1e-8,
-            "mu_strategy": "monotone",
         }
     return options
 

@@ -1,0 +1,53 @@
+"""A solution's multipliers on another mesh, so that the search there begins near its end."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from optim.planning.program import Program
+from optim.planning.solve import Solved
+from spacerobot.arrays import Array
+
+
+def carried(solved: Solved, source: Program, target: Program) -> Solved:
+    """What a solver found on one mesh, for the same problem on another.
+
+    Multipliers of what holds at points are densities over time times the weights of the quadrature; those of
+    the defects come from the costates p, of which an interval's multipliers are A^T lambda = b p.
+
+    Parameters
+    ----------
+    solved
+        Where it ended.
+    source, target
+        Its program, and the one that is to be solved. Unknowns are not carried over.
+    """
+    share, wanted = (at.lobatto.times(at.intervals, 1.0) for at in (source, target))
+    between = np.array([np.interp(wanted, share, unit) for unit in np.eye(len(share))]).T
+    weights = target.weights[:, None] * between / source.weights
+    last = source.rows - len(source.problem.goal)
+    held = weights @ solved.multipliers[source.defects : last].reshape(source.points, -1)
+    bounds = weights @ solved.bound_multipliers[:-1].reshape(source.points, -1)
+    bounds[0, : target.nx] = 0.0  # the start is no unknown
+    return dataclasses.replace(
+        solved,
+        multipliers=np.concatenate(
+            [_defects(solved, source, target).ravel(), held.ravel(), solved.multipliers[last:]]
+        ),
+        bound_multipliers=np.append(bounds, solved.bound_multipliers[-1]),
+    )
+
+
+def _defects(solved: Solved, source: Program, target: Program) -> Array:
+    """Multipliers of the target's defects (N, s - 1, nx)."""
+    found = solved.multipliers[: source.defects].reshape(source.intervals, source.inner, source.nx)
+    lobatto, other = source.lobatto, target.lobatto
+    costates = np.einsum("jk,njx->nkx", lobatto.integral[1:], found) / lobatto.weights[:, None]
+    ratio, n = source.intervals / target.intervals, np.arange(target.intervals)[:, None]
+    inside = np.minimum(((n + 0.5) * ratio).astype(int), source.intervals - 1)
+    values = lobatto.values_at((n + other.nodes) * ratio - inside)  # (N, s, points of the source)
+    p = np.einsum("nik,nkx->nix", values, costates[inside[:, 0]])
+    back = np.linalg.pinv(other.integral[1:].T)
+    return np.asarray(np.einsum("jk,nkx->njx", back, other.weights[:, None] * p))

@@ -1,0 +1,81 @@
+"""Searches that go on from a solution and its multipliers."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from optim.planning import solve as solving
+from optim.planning.formulate import formulate
+from optim.planning.functions import build_instants
+from optim.planning.guess import guess
+from optim.planning.lobatto import Lobatto
+from optim.planning.motion import Motion
+from optim.planning.program import Program
+from optim.planning.refine import carried
+from optim.planning.solve import solve
+
+
+@pytest.fixture(scope="module")
+def cold(reach):
+    """A program whose torque limit is active, and its solution."""
+    problem = formulate(reach(("plan.limits.torque", 0.13)))
+    lobatto = Lobatto.of_order(6)
+    program = Program(problem, build_instants(problem, "interpreted"), lobatto, 4)
+    first = guess(problem, lobatto, 4).unknowns
+    return program, solve(program, first, scale=program.objective(first))
+
+
+def test_a_solution_is_found_again_at_once(cold):
+    program, solution = cold
+    assert solution.converged
+    assert np.abs(solution.bound_multipliers).max() > 1e-3
+    again = solve(program, solution.w, solution)
+    assert again.converged
+    assert again.iterations <= 3
+    assert again.scale == solution.scale
+    np.testing.assert_allclose(again.w, solution.w, atol=1e-6)
+    np.testing.assert_allclose(again.multipliers, solution.multipliers, atol=1e-5)
+
+
+def test_another_start_takes_fewer_iterations_with_multipliers(cold):
+    program, solution = cold
+    start = program.problem.fixed.copy()
+    start[-program.nv :] += 1e-4
+    moved = Program(
+        dataclasses.replace(program.problem, fixed=start),
+        program.instants,
+        program.lobatto,
+        program.intervals,
+    )
+    without = solve(moved, solution.w, scale=solution.scale)
+    warm = solve(moved, solution.w, solution)
+    assert warm.converged
+    assert warm.iterations <= without.iterations / 2
+    assert moved.objective(warm.w) == pytest.approx(moved.objective(without.w), rel=1e-6)
+
+
+def test_multipliers_go_to_a_finer_mesh(cold):
+    program, solution = cold
+    same = carried(solution, program, program)
+    np.testing.assert_allclose(same.multipliers, solution.multipliers, atol=1e-9)
+    z, duration = program.split(solution.w)
+    motion = Motion(program.problem, program.lobatto, program.intervals, duration, z)
+    finer = Program(program.problem, program.instants, program.lobatto, 2 * program.intervals)
+    first = motion.on(program.lobatto, finer.intervals).unknowns
+    without = solve(finer, first, scale=solution.scale)
+    warm = solve(finer, first, carried(solution, program, finer))
+    assert warm.converged
+    assert warm.iterations <= without.iterations / 2
+    np.testing.assert_allclose(warm.w, without.w, atol=1e-6)
+
+
+def test_a_search_that_leads_nowhere_begins_anew(cold, monkeypatch):
+    program, solution = cold
+    monkeypatch.setattr(solving, "PATIENCE", 1)
+    wrong = dataclasses.replace(solution, multipliers=1e3 * np.ones_like(solution.multipliers))
+    first = guess(program.problem, program.lobatto, program.intervals).unknowns
+    found = solve(program, first, wrong)
+    assert found.converged
+    assert found.iterations > 1
+    assert program.objective(found.w) == pytest.approx(program.objective(solution.w), rel=1e-6)
