@@ -15,8 +15,8 @@ from spacerobot.scene import Scene
 
 
 def cost_terms(stage: Stage, costs: Costs) -> dict[str, ca.SX]:
-    """Integrands [1/s] by name, each with its weight; those whose weight is zero are left out."""
-    return {name: getattr(costs, name) * TERMS[name](stage) for name in TERMS if getattr(costs, name)}
+    """Integrands by name, without their weights; those whose weight is zero are left out."""
+    return {name: TERMS[name](stage) for name in TERMS if getattr(costs, name)}
 
 
 def base_turns(stage: Stage) -> dict[str, ca.SX]:

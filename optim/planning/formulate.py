@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import casadi as ca
 import numpy as np
 
 from optim.planning.costs import cost_terms
@@ -61,12 +60,11 @@ def formulate(scene: Scene) -> Problem:
         stage=stage,
         path=tuple(path_rows(stage, plan)),
         goal=tuple(goals),
-        cost=sum(terms.values(), ca.SX(0)),
-        time_weight=plan.costs.time,
+        terms=terms,
+        weights={name: getattr(plan.costs, name) for name in (*terms, "time")},
         lower=lower,
         upper=upper,
         duration=(span.lower, span.upper, span.guess or (span.lower + span.upper) / 2),
         fixed=np.concatenate([scene.q, scene.v]),
         tolerance=plan.tolerance,
-        terms=terms,
     )

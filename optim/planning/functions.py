@@ -27,8 +27,8 @@ class Instants:
     ----------
     symbolic
         ``values(z -> F)``, ``slopes(z -> J's entries)`` and ``bends(z, weights -> H's entries)`` of one
-        instant, with F = (q', what is left of the equations of motion, path rows, cost) and H the upper
-        triangle of the second derivatives of weights . F; ``goal...`` the same of the goal rows.
+        instant, with F = (q', what is left of the equations of motion, path rows, terms of the cost) and H
+        the upper triangle of the second derivatives of weights . F; ``goal...`` the same of the goal rows.
     call
         Evaluates one of them for many columns.
     backend
@@ -62,7 +62,7 @@ def build_instants(problem: Problem, backend: str = "auto") -> Instants:
         If ``compiled`` cannot be had.
     """
     stage = problem.stage
-    rows = ca.vertcat(stage.rate, stage.balance, *(row.value for row in problem.path), problem.cost)
+    rows = ca.vertcat(stage.rate, stage.balance, *(row.value for row in problem.path), *problem.terms.values())
     goal = ca.vertcat(*(row.value for row in problem.goal))
     functions: dict[str, ca.Function] = {}
     patterns = []

@@ -70,7 +70,8 @@ class Program:
         self.nx, self.inner = model.nq + model.nv, lobatto.points - 1
         self.points = intervals * self.inner + 1
         self.size = self.points * self.nz + 1
-        self.ncost = self.nq + self.nv + len(problem.path)
+        self.ncost = self.nq + self.nv + len(problem.path)  # rows from here on are terms of the cost
+        self.term_weights = np.array([problem.weights[name] for name in problem.terms])
         self._of = np.arange(intervals)[:, None] * self.inner + np.arange(
             lobatto.points
         )  # points by interval
@@ -122,18 +123,17 @@ class Program:
     def objective(self, w: Array) -> float:
         """Cost."""
         found, duration = self._values(w), float(w[-1])
-        running = float(self.weights @ found[:, self.ncost])
-        return duration * (running + self.problem.time_weight)
+        return duration * (self._running(found) + self.problem.time_weight)
 
     def gradient(self, w: Array) -> Array:
         """Of the cost (size,)."""
         entries, duration = self._slopes(w), float(w[-1])
         rows, columns = self.instants.slopes
-        own = rows == self.ncost
+        own = rows >= self.ncost
         out = np.zeros((self.points, self.nz))
-        out[:, columns[own]] = duration * self.weights[:, None] * entries[:, own]
-        running = float(self.weights @ self._values(w)[:, self.ncost])
-        return np.append(out, running + self.problem.time_weight)
+        weighted = self.term_weights[rows[own] - self.ncost] * entries[:, own]
+        np.add.at(out.T, columns[own], (duration * self.weights[:, None] * weighted).T)
+        return np.append(out, self._running(self._values(w)) + self.problem.time_weight)
 
     def constraints(self, w: Array) -> Array:
         """All constraints (rows,)."""
@@ -170,7 +170,7 @@ class Program:
         weights = self._weights(factor, multipliers)  # per unit of duration, for rates and cost
         scaled = weights.copy()
         scaled[:, : self.nq] *= duration
-        scaled[:, self.ncost] *= duration
+        scaled[:, self.ncost :] *= duration
         bends = self.instants.call("bends", z.T, scaled.T).T
         goal = multipliers[self.rows - len(self.problem.goal) :]
         last = self.instants.call("goal_bends", z[-1:].T, goal[:, None])[:, 0]
@@ -182,7 +182,7 @@ class Program:
         """Second derivatives by the duration and each instant (points nz,)."""
         rows, columns = self.instants.slopes
         entries = self._slopes(w)
-        timed = (rows < self.nq) | (rows == self.ncost)
+        timed = (rows < self.nq) | (rows >= self.ncost)
         out = np.zeros((self.points, self.nz))
         contributions = weights[:, rows[timed]] * entries[:, timed]
         np.add.at(out.T, columns[timed], contributions.T)
@@ -202,7 +202,12 @@ class Program:
         own = multipliers[self.defects : self.rows - len(self.problem.goal)].reshape(
             self.points, self.per_point
         )
-        return np.hstack([self._pulled(multipliers)[:, : self.nq], own, factor * self.weights[:, None]])
+        terms = factor * self.weights[:, None] * self.term_weights
+        return np.hstack([self._pulled(multipliers)[:, : self.nq], own, terms])
+
+    def _running(self, found: Array) -> float:
+        """The integral over a duration of one of the terms, each with its weight [1/s]."""
+        return float(self.weights @ (found[:, self.ncost :] @ self.term_weights))
 
     def _rates(self, z: Array, found: Array) -> Array:
         """X' at each point (points, nx)."""

@@ -12,7 +12,7 @@ Rows in which B is zero are a floating base on which nothing acts, and the free 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
@@ -161,10 +161,10 @@ class Problem:
         What must hold at all instants, besides the limits of z.
     goal
         What must hold at the last one.
-    cost
-        Integrand of the cost (1x1) [1/s].
-    time_weight
-        Cost of the duration [1/s].
+    terms
+        Integrands of the cost (1x1 each), by name.
+    weights
+        Of the terms, and of ``time``, the duration.
     lower, upper
         Limits of z (nz,).
     duration
@@ -173,18 +173,25 @@ class Problem:
         Where the motion begins: q and v (nq + nv,).
     tolerance
         Greatest replay error of a tip [m].
-    terms
-        Parts of the integrand by name.
     """
 
     stage: Stage
     path: tuple[Row, ...]
     goal: tuple[Row, ...]
-    cost: ca.SX
-    time_weight: float
+    terms: Mapping[str, ca.SX]
+    weights: Mapping[str, float]
     lower: Array
     upper: Array
     duration: tuple[float, float, float]
     fixed: Array
     tolerance: float
-    terms: Mapping[str, ca.SX] = field(default_factory=dict)
+
+    @property
+    def cost(self) -> ca.SX:
+        """Integrand of the cost (1x1) [1/s]."""
+        return sum((self.weights[name] * term for name, term in self.terms.items()), ca.SX(0))
+
+    @property
+    def time_weight(self) -> float:
+        """Cost of the duration [1/s]."""
+        return self.weights["time"]
