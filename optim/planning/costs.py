@@ -72,3 +72,14 @@ TERMS: Mapping[str, Callable[[Stage], ca.SX]] = {
     "base_wrench": lambda stage: ca.sumsqr(_driven(stage, False)),
 }
 """Integrand of each term without its weight; the duration's is none, for it is an unknown itself."""
+
+UNITS: Mapping[str, str] = {
+    "torque": "N m",
+    "joint_rate": "rad/s",
+    "joint_acceleration": "rad/s^2",
+    "base_rotation": "rad",
+    "base_translation": "m",
+    "base_wrench": "N",
+    "time": "s",
+}
+"""Unit of the root of each integrand."""

@@ -64,6 +64,24 @@ def guess(
     return Motion(problem, lobatto, intervals, duration, z)
 
 
+def stretched(motion: Motion, problem: Problem, duration: float) -> Motion:
+    """A motion to begin with: another problem's motion over the same scene, made to last as long.
+
+    What it adds to the free drift is taken over at the same parts of the duration.
+    """
+    model, share = problem.stage.scene.model, duration / motion.duration_s
+    before = drift(problem, motion.lobatto, motion.intervals, motion.duration_s)
+    after = drift(problem, motion.lobatto, motion.intervals, duration)
+    z = np.empty_like(motion.z)
+    for k, (q, v, a, u) in enumerate(zip(motion.q, motion.v, motion.a, motion.u, strict=True)):
+        q = pin.integrate(model, after[0][k], pin.difference(model, before[0][k], q))
+        v, a = after[1][k] + (v - before[1][k]) / share, a / share**2
+        z[k] = np.concatenate([q, v, a, u if share == 1.0 else _drive(problem, q, v, a)])
+    z = np.clip(z, problem.lower, problem.upper)
+    z[0, : problem.fixed.size] = problem.fixed
+    return Motion(problem, motion.lobatto, motion.intervals, duration, z)
+
+
 def _drive(problem: Problem, q: Array, v: Array, a: Array) -> Array:
     """What drives a motion, by Pinocchio's inverse dynamics; what floating bases would need is left out."""
     model = problem.stage.scene.model

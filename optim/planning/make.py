@@ -2,51 +2,27 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
-from optim.planning.early import check_reach, check_start
-from optim.planning.formulate import formulate, plan_of
-from optim.planning.functions import Instants, build_instants
-from optim.planning.guess import guess
-from optim.planning.lobatto import Lobatto
+from optim.planning.bench import Ask, Attempt, Bench, Solve
+from optim.planning.kept import Kept
 from optim.planning.motion import Motion
-from optim.planning.program import Program
-from optim.planning.refine import carried
-from optim.planning.solve import Solved, solve
-from optim.planning.stage import Problem
-from optim.planning.verdict import Verdict, judge
+from optim.planning.tasks import Task, carry_out
+from optim.planning.verdict import Verdict
 from spacerobot.arrays import Array
 from spacerobot.errors import NoPlanError
-from spacerobot.scenario.plan import Planning
 from spacerobot.scene import Scene
 
 Progress = Callable[[str], None]
-
-
-@dataclass(frozen=True, eq=False)
-class Solve:
-    """One run of the solver.
-
-    Attributes
-    ----------
-    start
-        Which start it came from.
-    intervals
-        Of its mesh.
-    cost
-        Where it ended.
-    solved
-        How.
-    """
-
-    start: int
-    intervals: int
-    cost: float
-    solved: Solved
+PLAN = "plan"
+"""Name of the task that ends with the plan."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +52,14 @@ class Planned:
     backend: str
 
 
-def make_plan(scene: Scene, *, backend: str = "auto", progress: Progress | None = None) -> Planned:
+def make_plan(
+    scene: Scene,
+    *,
+    backend: str = "auto",
+    progress: Progress | None = None,
+    folder: Path | None = None,
+    dask: str | None = None,
+) -> Planned:
     """Plan what a scene's ``plan`` section asks for.
 
     Parameters
@@ -87,6 +70,11 @@ def make_plan(scene: Scene, *, backend: str = "auto", progress: Progress | None 
         ``auto``, ``compiled`` or ``interpreted``.
     progress
         Called with a few words whenever something that may take a while begins.
+    folder
+        Where searches are kept as they end, so that a killed plan goes on where it was; nowhere if None.
+    dask
+        Address of a cluster, as for :func:`optim.workers.cluster.connect`, whose workers search from several
+        starts at once; this process alone if None. No number but times depends on it.
 
     Raises
     ------
@@ -95,129 +83,65 @@ def make_plan(scene: Scene, *, backend: str = "auto", progress: Progress | None 
     NoPlanError
         If no motion was found, naming what stands against it, or the one found does not hold.
     """
-    tell = progress or (lambda _: None)
-    plan = plan_of(scene)
-    problem = formulate(scene)
-    check_start(problem)
-    check_reach(problem, plan, {tip.label: tip for tip in scene.tips})
-    tell("compiling the problem's functions, or finding them compiled")
-    instants = build_instants(problem, backend)
-    search = _Search(problem, plan, instants, backend, tell)
-    search.from_starts()
-    planned = search.refined(scene)
-    faults = planned.verdict.faults()
-    if faults:
-        raise NoPlanError(f"the plan is refused: {'; '.join(faults)}", source=scene.source, where="plan")
-    return planned
+    bench = Bench.of(scene, backend, progress or (lambda _: None))
+    tasks = plan_tasks(bench, bench.asked())
+    found = carry_out(bench, tasks, kept_in(folder, bench), dask)
+    fault = fault_of(found[PLAN], bench.plan.starts)
+    if fault is not None:
+        raise NoPlanError(fault, source=scene.source, where="plan")
+    return planned(bench, bench.asked(), found)
 
 
-class _Search:
-    """Runs of the solver over one problem."""
+def plan_tasks(bench: Bench, ask: Ask, name: str = PLAN) -> dict[str, Task]:
+    """Searches from every start on the first mesh, and the one, of that name, that refines the best of them."""
+    starts = tuple(f"{name}, start {k + 1}" for k in range(bench.plan.starts))
+    tasks = {
+        start: Task(lambda _, k=k: dataclasses.replace(ask, start=k, refine=False))  # type: ignore[misc]
+        for k, start in enumerate(starts)
+    }
 
-    def __init__(
-        self, problem: Problem, plan: Planning, instants: Instants, backend: str, tell: Progress
-    ) -> None:
-        self.problem, self.plan, self.instants = problem, plan, instants
-        self.backend, self.tell = backend, tell
-        self.lobatto = Lobatto.of_order(plan.order)
-        self.solves: list[Solve] = []
-        self.motion: Motion | None = None
-        self.last: Solved | None = None
-        self.program: Program | None = None
-        self.cost = np.inf
+    def best(found: Mapping[str, Attempt]) -> Ask:
+        """Refine the start that ended best."""
+        k = min(range(len(starts)), key=lambda k: found[starts[k]].cost)
+        return dataclasses.replace(ask, start=k, near=found[starts[k]], solved=True)
 
-    def from_starts(self) -> None:
-        """Solve from every start on the first mesh, and keep the best.
-
-        Raises
-        ------
-        NoPlanError
-            If none ends feasible.
-        """
-        plan = self.plan
-        worst = ""
-        for k in range(plan.starts):
-            rng = np.random.default_rng([plan.seed, k]) if k else None
-            motion = guess(self.problem, self.lobatto, plan.intervals, rng)
-            found, program = self._solve(motion, k)
-            if found.solved.converged and found.cost < self.cost:
-                self._keep(program, found)
-            elif not found.solved.converged:
-                worst = worst or blame(program, found.solved)
-        if self.motion is None:
-            many = f" from {plan.starts} starts" if plan.starts > 1 else ""
-            raise NoPlanError(
-                f"no feasible plan was found{many}; what stands against it: {worst}",
-                source=self.problem.stage.scene.source,
-                where="plan",
-            )
-
-    def refined(self, scene: Scene) -> Planned:
-        """Best motion on meshes that become finer until its verdict is good, or as fine as is allowed."""
-        while True:
-            assert self.motion is not None
-            assert self.last is not None
-            self.tell("replaying the plan")
-            verdict = judge(self.motion, self.last, self.cost, self.backend)
-            finer = 2 * self.motion.intervals
-            if verdict.fine_enough or finer > self.plan.most_intervals:
-                break
-            found, program = self._solve(self.motion.on(self.lobatto, finer), self.solves[-1].start)
-            if not found.solved.converged:
-                break
-            self._keep(program, found)
-        terms = _terms(self.motion)
-        return Planned(
-            scene, self.motion, self.cost, terms, tuple(self.solves), verdict, self.instants.backend
-        )
-
-    def _solve(self, motion: Motion, start: int) -> tuple[Solve, Program]:
-        program = Program(self.problem, self.instants, self.lobatto, motion.intervals)
-        which = f"start {start + 1} of {self.plan.starts}, " if self.plan.starts > 1 else ""
-        words = f"solving: {which}{motion.intervals} intervals"
-
-        def told(iteration: int, cost: float, violation: float) -> None:
-            self.tell(f"{words}, iteration {iteration}, cost {cost:.4g}, violation {violation:.1e}")
-
-        first = motion.unknowns
-        scale = self.cost if np.isfinite(self.cost) else max(program.objective(first), 1e-12)
-        warm = None
-        if self.last is not None and self.program is not None and motion.intervals != self.plan.intervals:
-            warm = carried(self.last, self.program, program)
-        solved = solve(program, first, warm, scale=scale, iterations=self.plan.iterations, told=told)
-        found = Solve(start, motion.intervals, program.objective(solved.w), solved)
-        self.solves.append(found)
-        return found, program
-
-    def _keep(self, program: Program, found: Solve) -> None:
-        z, duration = program.split(found.solved.w)
-        self.motion = Motion(self.problem, self.lobatto, found.intervals, duration, z)
-        self.last, self.program, self.cost = found.solved, program, found.cost
+    return tasks | {name: Task(best, starts)}
 
 
-def blame(program: Program, solved: Solved) -> str:
-    """Constraints that are violated most where a search ended, by name with their violations."""
-    g, (least, greatest) = program.constraints(solved.w), program.limits()
-    over = np.maximum(np.maximum(least - g, g - greatest), 0.0)
-    problem, found = program.problem, dict[str, tuple[float, str]]()
-    inside = over[program.defects : program.rows - len(problem.goal)].reshape(
-        program.points, program.per_point
+def kept_in(folder: Path | None, bench: Bench) -> Kept:
+    """Where attempts of a problem are kept."""
+    return Kept(folder, bench.recipe.key)
+
+
+def fault_of(attempt: Attempt, starts: int = 1) -> str | None:
+    """Why there is no plan; None if there is one."""
+    if attempt.solved is None:
+        many = f" from {starts} starts" if starts > 1 else ""
+        return f"no feasible plan was found{many}; what stands against it: {attempt.blame}"
+    assert attempt.verdict is not None
+    faults = attempt.verdict.faults()
+    return f"the plan is refused: {'; '.join(faults)}" if faults else None
+
+
+def planned(bench: Bench, ask: Ask, found: Mapping[str, Attempt], name: str = PLAN) -> Planned:
+    """The plan that a task ended with."""
+    attempt = found[name]
+    assert attempt.verdict is not None
+    motion = bench.motion(ask, attempt)
+    solves = [one for task, a in found.items() if task.startswith(f"{name}, start") for one in a.solves]
+    return Planned(
+        bench.scene,
+        motion,
+        attempt.cost,
+        {name: motion.problem.weights[name] * value for name, value in integrals(motion).items()},
+        (*solves, *attempt.solves),
+        attempt.verdict,
+        bench.instants.backend,
     )
-    found["equations of motion"] = (float(inside[:, : program.nv].max()), "N or N m")
-    found["continuity"] = (float(over[: program.defects].max()), "m or rad")
-    for k, row in enumerate(problem.path):
-        found[row.name] = (float(inside[:, program.nv + k].max()) * row.scale, row.unit)
-    for row, value in zip(problem.goal, over[program.rows - len(problem.goal) :], strict=True):
-        found[row.name] = (float(value) * row.scale, row.unit)
-    worst = sorted(found.items(), key=lambda item: -item[1][0])
-    named = [f"{name} ({value:.2g} {unit})" for name, (value, unit) in worst if value > 1e-6][:4]
-    return ", ".join(named) or f"none is violated where the search ended ({solved.status})"
 
 
-def _terms(motion: Motion) -> dict[str, float]:
-    """Parts of the cost."""
-    import casadi as ca
-
+def integrals(motion: Motion) -> dict[str, float]:
+    """Integrals over the motion of the terms of the cost, and the duration, without their weights."""
     problem = motion.problem
     found: dict[str, float] = {}
     weights: Array = np.zeros(len(motion.z))
@@ -225,26 +149,11 @@ def _terms(motion: Motion) -> dict[str, float]:
     for n in range(motion.intervals):
         weights[n * inner : n * inner + inner + 1] += motion.lobatto.weights
     for name, term in problem.terms.items():
-        values = np.array(
-            ca.Function("term", [problem.stage.z], [ca.densify(term)])(motion.z.T).full()
-        ).ravel()
-        found[name] = float(weights @ values) * motion.duration_s / motion.intervals
-    if problem.time_weight:
-        found["time"] = problem.time_weight * motion.duration_s
-    return found
+        values = ca.Function("term", [problem.stage.z], [ca.densify(term)])(motion.z.T).full()
+        found[name] = float(weights @ np.array(values).ravel()) * motion.duration_s / motion.intervals
+    return found | ({"time": motion.duration_s} if problem.time_weight else {})
 
 
 def statistics(planned: Planned) -> list[dict[str, Any]]:
     """What each run of the solver took, plain."""
-    return [
-        {
-            "start": one.start,
-            "intervals": one.intervals,
-            "cost": one.cost,
-            "status": one.solved.status,
-            "iterations": one.solved.iterations,
-            "evaluations_s": one.solved.evaluations_s,
-            "seconds": one.solved.seconds,
-        }
-        for one in planned.solves
-    ]
+    return [dict(vars(one)) for one in planned.solves]

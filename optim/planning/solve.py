@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import dataclasses
+import os
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -22,6 +23,9 @@ PATIENCE = 30
 """Iterations after which a search from multipliers that do not fit begins anew without them."""
 LEAST_BARRIER = 1e-8
 """Barrier parameter with which a search goes on at least, in units of the cost's size."""
+
+THROWN = "NonIpopt_Exception_Thrown"
+"""IPOPT's word where something raised; faults of our own functions never reach it, so that only Ctrl-C is left."""
 
 Told = Callable[[int, float, float], None]
 """Called at each iteration with its number, the cost and the greatest violation."""
@@ -120,11 +124,11 @@ def _solve(
         given |= {"lam_g0": warm.multipliers, "lam_x0": warm.bound_multipliers}
     with one_thread():
         found = solver(**given)
-    if bridge.interrupted:
-        raise KeyboardInterrupt
+    stats = solver.stats()
     if bridge.fault is not None:
         raise bridge.fault
-    stats = solver.stats()
+    if bridge.interrupted or stats["return_status"] == THROWN:
+        raise KeyboardInterrupt
     return Solved(
         np.array(found["x"]).ravel(),
         np.array(found["lam_g"]).ravel(),
@@ -170,17 +174,19 @@ def ipopt_options(iterations: int, scale: float, barrier: float | None = None) -
 @contextlib.contextmanager
 def one_thread() -> Iterator[None]:
     """Have CasADi's own BLAS use one thread, so that no sum depends on how many there are."""
-    library = next(Path(ca.__file__).parent.glob("libcasadi-tp-openblas*"), None)
-    if library is None:
+    with contextlib.ExitStack() as stack:
+        for blas in loaded_blas():
+            stack.callback(blas.openblas_set_num_threads, int(blas.openblas_get_num_threads()))
+            blas.openblas_set_num_threads(1)
         yield
-        return
-    blas = ctypes.CDLL(str(library))
-    before = int(blas.openblas_get_num_threads())
-    blas.openblas_set_num_threads(1)
-    try:
-        yield
-    finally:
-        blas.openblas_set_num_threads(before)
+
+
+def loaded_blas() -> Iterator[ctypes.CDLL]:
+    """CasADi's own BLAS where it is loaded: of several copies in its folder, those that the solver is linked to."""
+    only_loaded = getattr(os, "RTLD_NOLOAD", None)
+    for file in sorted(Path(ca.__file__).parent.glob("libcasadi-tp-openblas*")) if only_loaded else ():
+        with contextlib.suppress(OSError):
+            yield ctypes.CDLL(str(file), mode=os.RTLD_NOW | only_loaded)
 
 
 class _Bridge:

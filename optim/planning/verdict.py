@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from optim.planning.functions import build_instants
+from optim.planning.functions import Instants
 from optim.planning.motion import Motion
 from optim.planning.program import Program, first_held
 from optim.planning.replay import replay, tip_errors
@@ -104,7 +104,7 @@ class Verdict:
         return found
 
 
-def judge(motion: Motion, solved: Solved, scale: float, backend: str = "auto") -> Verdict:
+def judge(motion: Motion, solved: Solved, scale: float, exact: Instants, backend: str = "auto") -> Verdict:
     """Verdict on a motion and the multipliers found with it.
 
     Parameters
@@ -113,11 +113,13 @@ def judge(motion: Motion, solved: Solved, scale: float, backend: str = "auto") -
         The motion, and where the solver ended.
     scale
         Cost that the residual is taken relative to.
+    exact
+        The problem's functions, interpreted: the residual is computed by these.
     backend
         What replays: ``auto``, ``compiled`` or ``interpreted``.
     """
     problem = motion.problem
-    program = Program(problem, build_instants(problem, "interpreted"), motion.lobatto, motion.intervals)
+    program = Program(problem, exact, motion.lobatto, motion.intervals)
     errors = {
         label: float(found.max()) for label, found in tip_errors(motion, replay(motion, backend)).items()
     }

@@ -2,32 +2,48 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Literal
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from spacerobot.cli.options import Changes, Out, ScenarioName, parse_changes
+from spacerobot.cli.options import Changes, Machines, Out, ScenarioName, parse_changes
 from spacerobot.cli.output import console, pairs, progress, table, warn
+from spacerobot.interrupts import keep
 
 if TYPE_CHECKING:
     from optim.planning.make import Planned
+    from spacerobot.scene import Scene
 
 Backend = Annotated[
     Literal["auto", "compiled", "interpreted"],
     typer.Option("--backend", help="How the problem's functions are evaluated; auto compiles where it can."),
 ]
+Pareto = Annotated[
+    str | None,
+    typer.Option(
+        "--pareto",
+        metavar="A,B",
+        help="Plan the front of two terms of the cost, such as time,base_rotation; see --points.",
+    ),
+]
+Points = Annotated[int, typer.Option("--points", min=2, metavar="N", help="Points of the front.")]
 HELP = """Plan the motion that a scenario's `plan` section asks for, and judge it.
 
 The plan is replayed by the simulator before it is kept: plan.nc, plan.json and followed.yaml, the scenario
-that follows it. Exit code 4 where no plan was found that holds.
+that follows it. Exit code 4 where no plan was found that holds. With --pareto two terms of the cost are weighed
+against each other: front.json, its figure, and a plan for each point. Killed, the same command goes on where it was.
 
 Examples:
 
-    spacerobot plan docking_planned --out out/plan
+    spacerobot plan docking --out out/plan
 
     spacerobot plan mine.yaml --set plan.duration=12 --out out/plan
 
     spacerobot run out/plan/followed.yaml --out out/flown
+
+    spacerobot plan mine.yaml --pareto time,base_rotation --points 9 --dask local:2 --out out/front
 """
 
 
@@ -41,25 +57,79 @@ def command(
     out: Out = None,
     changes: Changes = None,
     backend: Backend = "auto",
+    pareto: Pareto = None,
+    points: Points = 9,
+    dask: Machines = None,
 ) -> None:
-    """Plan, print what was found, and write it if a folder is given."""
-    from optim.planning.make import make_plan
-    from optim.planning.plan_file import FOLLOWED, PLAN, SUMMARY, check_plan_folder, write
+    """Plan, print what was found, and write it if a folder is given; exit code 130 after Ctrl-C."""
+    from spacerobot.result import JOURNALS
     from spacerobot.scene import load_scene
 
     scene = load_scene(scenario, parse_changes(changes))
     for warning in scene.warnings:
         warn(warning)
+    folder = None if out is None else out / JOURNALS
+    interrupted = False
+    with progress("formulating the problem") as tell:
+
+        def told(words: str) -> None:
+            """Say what is being done; searches that ended are kept."""
+            keep(folder is not None)
+            tell(words)
+
+        how: dict[str, Any] = {"backend": backend, "progress": told, "folder": folder, "dask": dask}
+        try:
+            show = _plan(scene, out, how) if pareto is None else _front(scene, (pareto, points), out, how)
+        except KeyboardInterrupt:
+            if folder is None:
+                raise
+            interrupted = True
+    if interrupted:
+        warn("interrupted: the same command goes on where it was")
+        raise typer.Exit(130)
+    show()
+
+
+def _plan(scene: Scene, out: Path | None, how: dict[str, Any]) -> Callable[[], None]:
+    """Make a plan, and write it if a folder is given; what shows it."""
+    from optim.planning.make import make_plan
+    from optim.planning.plan_file import FOLLOWED, PLAN, SUMMARY, check_plan_folder, write
+
     if out is not None:
         check_plan_folder(out)
-    with progress("formulating the problem") as tell:
-        planned = make_plan(scene, backend=backend, progress=tell)
-        if out is not None:
-            tell("writing the plan")
-            write(planned, out)
-    _show(planned)
+    planned = make_plan(scene, **how)
     if out is not None:
-        console().print(f"\n{PLAN}, {SUMMARY} and {FOLLOWED} in {out}", markup=False, soft_wrap=True)
+        write(planned, out)
+
+    def show() -> None:
+        """Print it."""
+        _show(planned)
+        if out is not None:
+            console().print(f"\n{PLAN}, {SUMMARY} and {FOLLOWED} in {out}", markup=False, soft_wrap=True)
+
+    return show
+
+
+def _front(
+    scene: Scene, asked: tuple[str, int], out: Path | None, how: dict[str, Any]
+) -> Callable[[], None]:
+    """Make a front, likewise."""
+    from optim.planning.front_file import FRONT, check_front_folder
+    from spacerobot.cli.front import make, show, wanted_front
+
+    wanted = wanted_front(*asked)
+    if out is not None:
+        check_front_folder(out)
+    data = make(scene, wanted, out, **how)
+
+    def shown() -> None:
+        """Print it."""
+        show(data)
+        if out is not None:
+            words = f"\n{FRONT}, figures/front.png and a plan for each point in {out}"
+            console().print(words, markup=False, soft_wrap=True)
+
+    return shown
 
 
 def _show(planned: Planned) -> None:
@@ -81,9 +151,9 @@ def _show(planned: Planned) -> None:
             f"{one.start + 1}",
             f"{one.intervals}",
             f"{one.cost:.6g}",
-            f"{one.solved.iterations}",
-            f"{one.solved.seconds:.3g}",
-            one.solved.status.replace("_", " ").lower(),
+            f"{one.iterations}",
+            f"{one.seconds:.3g}",
+            one.status.replace("_", " ").lower(),
         ]
         for one in planned.solves
     ]

@@ -35,6 +35,7 @@ JOBS = {
     "tuning.json": "a tuning",
     "robust.json": "a robust tuning",
     "plan.json": "a plan",
+    "front.json": "a front of plans",
 }
 """Files by which the folders of other jobs are known, which may hold results as well."""
 WITH_RESULT = ("tuning.json", "robust.json")

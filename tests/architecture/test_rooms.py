@@ -44,7 +44,7 @@ BUILT_ON = {
     "optim.problem": {"optim.workers"},
     "optim.search": {"optim.problem", "optim.workers"},
     "optim.methods": {"optim.problem", "optim.search", "optim.workers"},
-    "optim.planning": {"optim.plain"},
+    "optim.planning": {"optim.plain", "optim.problem", "optim.workers"},
     "optim.tuning": {"optim.problem", "optim.search", "optim.methods", "optim.workers"},
     "optim.campaign.draws": {"optim.problem"},
     "optim.campaign.rollouts": {"optim.problem", "optim.campaign.draws"},

@@ -1,0 +1,139 @@
+"""One search for a motion: solved from a guess or a motion nearby, refined, judged."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from optim.planning.bench import Ask, Attempt, Bench, Solve
+from optim.planning.guess import guess, stretched
+from optim.planning.motion import Motion
+from optim.planning.program import Program
+from optim.planning.refine import carried
+from optim.planning.solve import Solved, solve
+from optim.planning.verdict import Verdict, judge
+
+BARRIER = 1e-4
+"""Barrier parameter, in units of the cost's size, with which a search from another problem's solution begins."""
+
+
+def search(bench: Bench, ask: Ask) -> Attempt:
+    """Search for a motion.
+
+    Parameters
+    ----------
+    bench
+        The problem.
+    ask
+        What is asked for.
+    """
+    run, near = _Search(bench, ask), ask.near
+    if near is not None and ask.solved:
+        run.cost, run.blame = near.cost, near.blame
+        run.kept = None if near.solved is None else (near.solved, near.intervals)
+    else:
+        if near is not None and near.solved is not None:
+            run.warm(near)
+        if run.kept is None:
+            run.cold()
+    verdict = run.refined() if ask.refine and run.kept is not None else None
+    solved, intervals = run.kept or (None, bench.plan.intervals)
+    return Attempt(tuple(run.solves), solved, intervals, run.cost, verdict, run.blame)
+
+
+class _Search:
+    """Runs of the solver, one after the other."""
+
+    def __init__(self, bench: Bench, ask: Ask) -> None:
+        self.bench, self.ask, self.problem = bench, ask, bench.problem_of(ask)
+        self.solves: list[Solve] = []
+        self.kept: tuple[Solved, int] | None = None
+        self.cost, self.blame = np.inf, ""
+
+    def cold(self) -> None:
+        """Solve from a first guess, on the first mesh."""
+        plan, k = self.bench.plan, self.ask.start
+        rng = np.random.default_rng([plan.seed, k]) if k else None
+        self._solve(guess(self.problem, self.bench.lobatto, plan.intervals, rng))
+
+    def warm(self, near: Attempt) -> None:
+        """Solve from the solution of a problem with another duration or other weights, on its mesh."""
+        assert near.solved is not None
+        motion, (least, greatest, _) = self.bench.motion(self.ask, near), self.problem.duration
+        duration = float(np.clip(motion.duration_s, least, greatest))
+        barrier = max(near.solved.barrier, BARRIER)
+        self._solve(
+            stretched(motion, self.problem, duration), dataclasses.replace(near.solved, barrier=barrier)
+        )
+
+    def refined(self) -> Verdict:
+        """Verdict on the motion on meshes that become finer until it is good, or as fine as is allowed."""
+        bench = self.bench
+        while True:
+            assert self.kept is not None
+            solved, intervals = self.kept
+            motion = bench.motion(self.ask, Attempt((), solved, intervals, self.cost, None, ""))
+            bench.tell("replaying the plan")
+            verdict = judge(motion, solved, self.cost, bench.exact, bench.backend)
+            finer = 2 * intervals
+            if verdict.fine_enough or finer > bench.plan.most_intervals:
+                return verdict
+            program = Program(self.problem, bench.instants, bench.lobatto, finer)
+            coarse = Program(self.problem, bench.instants, bench.lobatto, intervals)
+            warm = carried(solved, coarse, program)
+            if not self._solve(motion.on(bench.lobatto, finer), warm):
+                return verdict
+
+    def _solve(self, motion: Motion, warm: Solved | None = None) -> bool:
+        bench, costs, violations = self.bench, list[float](), list[float]()
+        program = Program(self.problem, bench.instants, bench.lobatto, motion.intervals)
+        many = f"start {self.ask.start + 1} of {bench.plan.starts}, " if bench.plan.starts > 1 else ""
+        words = f"solving: {many}{motion.intervals} intervals"
+
+        def told(iteration: int, cost: float, violation: float) -> None:
+            """Note an iteration, and tell of it."""
+            costs.append(cost)
+            violations.append(violation)
+            bench.tell(f"{words}, iteration {iteration}, cost {cost:.4g}, violation {violation:.1e}")
+
+        first = motion.unknowns
+        scale = self.cost if np.isfinite(self.cost) else max(program.objective(first), 1e-12)
+        solved = solve(program, first, warm, scale=scale, iterations=bench.plan.iterations, told=told)
+        cost, converged = program.objective(solved.w), solved.converged
+        self.solves.append(
+            Solve(
+                self.ask.start,
+                motion.intervals,
+                cost,
+                solved.status,
+                converged,
+                solved.iterations,
+                solved.evaluations_s,
+                solved.seconds,
+                tuple(costs),
+                tuple(violations),
+            )
+        )
+        if converged:
+            self.kept, self.cost, self.blame = (solved, motion.intervals), cost, ""
+        elif self.kept is None:
+            self.blame = blame(program, solved)
+        return converged
+
+
+def blame(program: Program, solved: Solved) -> str:
+    """Constraints that are violated most where a search ended, by name with their violations."""
+    g, (least, greatest) = program.constraints(solved.w), program.limits()
+    over = np.maximum(np.maximum(least - g, g - greatest), 0.0)
+    problem, found = program.problem, dict[str, tuple[float, str]]()
+    inside = over[program.defects : program.rows - len(problem.goal)].reshape(program.points, program.per_point)
+    found["equations of motion"] = (float(inside[:, : program.nv].max()), "N or N m")
+    found["continuity"] = (float(over[: program.defects].max()), "m or rad")
+    for k, row in enumerate(problem.path):
+        found[row.name] = (float(inside[:, program.nv + k].max()) * row.scale, row.unit)
+    for row, value in zip(problem.goal, over[program.rows - len(problem.goal) :], strict=True):
+        found[row.name] = (float(value) * row.scale, row.unit)
+    worst = sorted(found.items(), key=lambda item: -item[1][0])
+    named = [f"{name} ({value:.2g} {unit})" for name, (value, unit) in worst if value > 1e-6][:4]
+    return ", ".join(named) or f"none is violated where the search ended ({solved.status})"

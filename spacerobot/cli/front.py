@@ -1,0 +1,79 @@
+"""``spacerobot plan --pareto``: the front of two terms of a plan's cost."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from spacerobot.cli.output import console, table
+
+if TYPE_CHECKING:
+    from optim.planning.front import Wanted
+    from spacerobot.scene import Scene
+
+
+def wanted_front(terms: str, points: int) -> Wanted:
+    """Which front is wanted, from two names between commas.
+
+    Raises
+    ------
+    ScenarioError
+        If these are not two.
+    """
+    from optim.planning.front import Wanted
+    from spacerobot.errors import ScenarioError
+
+    names = tuple(part.strip() for part in terms.split(","))
+    if len(names) != 2:
+        message = f"found {terms!r}, allowed: two terms of the cost, as time,base_rotation"
+        raise ScenarioError(message, where="--pareto")
+    return Wanted(names, points)
+
+
+def make(scene: Scene, wanted: Wanted, out: Path | None, **how: Any) -> dict[str, Any]:
+    """Plan all points; written and drawn if a folder is given."""
+    from optim.planning.front import make_front
+    from optim.planning.front_file import to_data, write
+
+    front = make_front(scene, wanted, **how)
+    if out is None:
+        return to_data(front)
+    from viz.figures.front import write_front
+
+    how["progress"]("writing the plans")
+    data = write(front, out)
+    write_front(data, out)
+    return data
+
+
+def show(data: dict[str, Any]) -> None:
+    """Print a row for each point, and why those that are refused are."""
+    heads = ["point", *(_head(name, data["units"][name]) for name in data["terms"]), "cost", "intervals"]
+    rows = []
+    for point in data["points"]:
+        found = point.get("plan")
+        cells = [_value(point["values"], name, data["units"][name]) for name in data["terms"]]
+        told = [f"{found['cost']:.6g}", f"{found['intervals']}"] if found else ["", ""]
+        rows.append([point["name"], *cells, *told, _words(point)])
+    title = f"front of {data['scenario']}"
+    console().print(table(title, [*heads, ""], rows))
+
+
+def _head(name: str, unit: str) -> str:
+    words = "duration" if name == "time" else f"{name.replace('_', ' ')}, rms"
+    return f"{words} [{'deg' if unit == 'rad' else unit}]"
+
+
+def _value(values: dict[str, float], name: str, unit: str) -> str:
+    import math
+
+    if name not in values:
+        return ""
+    return f"{math.degrees(values[name]) if unit == 'rad' else values[name]:.5g}"
+
+
+def _words(point: dict[str, Any]) -> str:
+    if point["status"] != "refused":
+        return "" if point["status"] == "efficient" else "dominated"
+    where = ", ".join(f"{path} {value:.4g}" for path, value in point["changes"].items())
+    return f"refused ({where}): {point['fault']}"
