@@ -1,4 +1,4 @@
-"""A planning problem on the bench: what is asked of a search for a motion, and what it leaves, as plain data."""
+"""A planning problem on the bench; what is asked of a search, and what it leaves, as plain data."""
 
 from __future__ import annotations
 
@@ -8,8 +8,6 @@ import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-
-import numpy as np
 
 from optim.planning.early import check_reach, check_start
 from optim.planning.formulate import formulate, plan_of
@@ -185,7 +183,11 @@ class Bench:
     @cached_property
     def exact(self) -> Instants:
         """The problem's functions by CasADi, to judge by."""
-        return self.instants if self.instants.backend == "interpreted" else build_instants(self.problem, "interpreted")
+        return (
+            self.instants
+            if self.instants.backend == "interpreted"
+            else build_instants(self.problem, "interpreted")
+        )
 
     def asked(self, **changes: object) -> Ask:
         """What the section asks for."""

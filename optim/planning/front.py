@@ -1,9 +1,9 @@
 """The Pareto front of two terms of a plan's cost: what less of one takes of the other.
 
-Where one of them is the time, durations are given, evenly between the limits of the section, and the rest of the cost
-becomes small: the constraint method. Elsewhere the weights of the two are swept against each other. Each point
-begins with the motion of one that lies near; which one is laid down, halving the way between two that are
-done, so that the points do not depend on who works on them.
+Where one of them is the time, durations are given, evenly between the limits of the section, and the rest of
+the cost becomes small: the constraint method. Elsewhere the weights of the two are swept against each other.
+Each point begins with the motion of one that lies near; which one is laid down, halving the way between two
+that are done, so that the points do not depend on who works on them.
 """
 
 from __future__ import annotations
@@ -133,7 +133,7 @@ def make_front(
 
 
 def halving(count: int) -> list[tuple[int, int | None]]:
-    """Numbers from 0 on, the one in the middle first, each with a number before it that is near; none for the first."""
+    """Numbers from 0 on, from the middle, each with a number before it that is near; none for the first."""
     found: list[tuple[int, int | None]] = []
     gaps = [(-1, count)]
     while gaps:
@@ -161,8 +161,7 @@ def _asks(bench: Bench, wanted: Wanted) -> list[Ask]:
             raise ScenarioError(f"no term {name!r}; {near_names(name, UNITS)}", where="--pareto")
         if name != "time" and not weights.get(name):
             raise ScenarioError(
-                "has no weight, so that nothing makes it small; give it one, and those terms a small one that are to be "
-                "kept from growing",
+                "has no weight, so that nothing makes it small; give it one",
                 source=bench.scene.source,
                 where=f"plan.costs.{name}",
             )

@@ -62,7 +62,9 @@ def build_instants(problem: Problem, backend: str = "auto") -> Instants:
         If ``compiled`` cannot be had.
     """
     stage = problem.stage
-    rows = ca.vertcat(stage.rate, stage.balance, *(row.value for row in problem.path), *problem.terms.values())
+    rows = ca.vertcat(
+        stage.rate, stage.balance, *(row.value for row in problem.path), *problem.terms.values()
+    )
     goal = ca.vertcat(*(row.value for row in problem.goal))
     functions: dict[str, ca.Function] = {}
     patterns = []

@@ -1,7 +1,7 @@
 """Attempts kept in files, so that a plan or a front that was killed goes on where it was.
 
-Each attempt is one file, written whole or not at all, named by all that it depends on: the scene, what was asked, and
-the motion that it began with. So nothing has to be in order, and what no longer fits is never found.
+Each attempt is one file, written whole or not at all, named by all that it depends on: the scene, what was
+asked, and the motion that it began with. Nothing has to be in order, and what no longer fits is never found.
 """
 
 from __future__ import annotations

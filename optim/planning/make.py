@@ -93,7 +93,7 @@ def make_plan(
 
 
 def plan_tasks(bench: Bench, ask: Ask, name: str = PLAN) -> dict[str, Task]:
-    """Searches from every start on the first mesh, and the one, of that name, that refines the best of them."""
+    """Searches from every start on the first mesh, and the one, so named, that refines the best of them."""
     starts = tuple(f"{name}, start {k + 1}" for k in range(bench.plan.starts))
     tasks = {
         start: Task(lambda _, k=k: dataclasses.replace(ask, start=k, refine=False))  # type: ignore[misc]

@@ -15,7 +15,7 @@ from optim.planning.solve import Solved, solve
 from optim.planning.verdict import Verdict, judge
 
 BARRIER = 1e-4
-"""Barrier parameter, in units of the cost's size, with which a search from another problem's solution begins."""
+"""Barrier parameter, in units of the cost's size, to begin with from another problem's solution."""
 
 
 def search(bench: Bench, ask: Ask) -> Attempt:
@@ -127,7 +127,9 @@ def blame(program: Program, solved: Solved) -> str:
     g, (least, greatest) = program.constraints(solved.w), program.limits()
     over = np.maximum(np.maximum(least - g, g - greatest), 0.0)
     problem, found = program.problem, dict[str, tuple[float, str]]()
-    inside = over[program.defects : program.rows - len(problem.goal)].reshape(program.points, program.per_point)
+    inside = over[program.defects : program.rows - len(problem.goal)].reshape(
+        program.points, program.per_point
+    )
     found["equations of motion"] = (float(inside[:, : program.nv].max()), "N or N m")
     found["continuity"] = (float(over[: program.defects].max()), "m or rad")
     for k, row in enumerate(problem.path):

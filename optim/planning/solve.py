@@ -25,7 +25,7 @@ LEAST_BARRIER = 1e-8
 """Barrier parameter with which a search goes on at least, in units of the cost's size."""
 
 THROWN = "NonIpopt_Exception_Thrown"
-"""IPOPT's word where something raised; faults of our own functions never reach it, so that only Ctrl-C is left."""
+"""IPOPT's word where something raised; our own functions' faults never reach it, which leaves Ctrl-C."""
 
 Told = Callable[[int, float, float], None]
 """Called at each iteration with its number, the cost and the greatest violation."""
@@ -182,11 +182,12 @@ def one_thread() -> Iterator[None]:
 
 
 def loaded_blas() -> Iterator[ctypes.CDLL]:
-    """CasADi's own BLAS where it is loaded: of several copies in its folder, those that the solver is linked to."""
-    only_loaded = getattr(os, "RTLD_NOLOAD", None)
-    for file in sorted(Path(ca.__file__).parent.glob("libcasadi-tp-openblas*")) if only_loaded else ():
+    """CasADi's own BLAS: of several copies in its folder, the one that the solver is linked to."""
+    if not hasattr(os, "RTLD_NOLOAD"):
+        return
+    for file in sorted(Path(ca.__file__).parent.glob("libcasadi-tp-openblas*")):
         with contextlib.suppress(OSError):
-            yield ctypes.CDLL(str(file), mode=os.RTLD_NOW | only_loaded)
+            yield ctypes.CDLL(str(file), mode=os.RTLD_NOW | os.RTLD_NOLOAD)
 
 
 class _Bridge:

@@ -1,7 +1,7 @@
 """Attempts that build on each other, made here or by Dask's workers, and kept as they come.
 
-Which attempt begins with which is laid down before anything is done. So what is found depends neither on how many
-work, nor on who is ready first, nor on how often it was interrupted.
+Which attempt begins with which is laid down before anything is done. So what is found depends neither on how
+many work, nor on who is ready first, nor on how often it was interrupted.
 """
 
 from __future__ import annotations

@@ -32,8 +32,9 @@ Points = Annotated[int, typer.Option("--points", min=2, metavar="N", help="Point
 HELP = """Plan the motion that a scenario's `plan` section asks for, and judge it.
 
 The plan is replayed by the simulator before it is kept: plan.nc, plan.json and followed.yaml, the scenario
-that follows it. Exit code 4 where no plan was found that holds. With --pareto two terms of the cost are weighed
-against each other: front.json, its figure, and a plan for each point. Killed, the same command goes on where it was.
+that follows it. Exit code 4 where no plan was found that holds. With --pareto two terms of the cost are
+weighed against each other: front.json, its figure, and a plan for each point. Killed, the same command goes
+on where it was.
 
 Examples:
 
@@ -110,9 +111,7 @@ def _plan(scene: Scene, out: Path | None, how: dict[str, Any]) -> Callable[[], N
     return show
 
 
-def _front(
-    scene: Scene, asked: tuple[str, int], out: Path | None, how: dict[str, Any]
-) -> Callable[[], None]:
+def _front(scene: Scene, asked: tuple[str, int], out: Path | None, how: dict[str, Any]) -> Callable[[], None]:
     """Make a front, likewise."""
     from optim.planning.front_file import FRONT, check_front_folder
     from spacerobot.cli.front import make, show, wanted_front

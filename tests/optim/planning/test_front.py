@@ -1,4 +1,4 @@
-"""Fronts of plans: their points, what is marked, and that they do not depend on who works, nor on interruptions."""
+"""Fronts of plans: their points, what is marked; who works, and interruptions, change nothing."""
 
 import contextlib
 import dataclasses
@@ -83,7 +83,9 @@ def test_a_killed_front_goes_on_where_it_was(reach, swept, tmp_path, monkeypatch
 def test_a_front_is_the_same_on_dask(reach, swept, monkeypatch):
     @contextlib.contextmanager
     def here(_):
-        with distributed.Client(processes=False, n_workers=1, threads_per_worker=1, dashboard_address=None) as c:
+        with distributed.Client(
+            processes=False, n_workers=1, threads_per_worker=1, dashboard_address=None
+        ) as c:
             yield c
 
     monkeypatch.setattr(tasks, "connect", here)
