@@ -13,20 +13,18 @@ import xarray as xr
 
 import spacerobot
 from optim.plain import plain
+from optim.planning.follow import PLAN, flown_phase, following
 from optim.planning.make import Planned, statistics
 from spacerobot.arrays import Array
 from spacerobot.errors import ResultError
 from spacerobot.files import staged, write_text
 from spacerobot.interrupts import uninterrupted
 from spacerobot.result.store import check_folder
-from spacerobot.scenario import Scenario
-from spacerobot.scenario.load import to_document, to_yaml, validate
+from spacerobot.scenario.load import to_yaml
 from spacerobot.scene import Scene
 
-PLAN, SUMMARY, FOLLOWED = "plan.nc", "plan.json", "followed.yaml"
+SUMMARY, FOLLOWED = "plan.json", "followed.yaml"
 AXES = ["x", "y", "z"]
-BANDWIDTH = 5.0
-"""[rad/s] Of the joint PD that follows a plan, critically damped at the joint that moves least inertia."""
 
 
 def check_plan_folder(folder: Path) -> None:
@@ -66,6 +64,9 @@ def dataset(planned: Planned) -> xr.Dataset:
     if len(driven.names) > count:
         told = _told("N or N m", "ideal forces and torques on bases, in their own axes")
         variables["base_wrench"] = (("time", "drive"), u[:, count:], told)
+    phase = flown_phase(scene.scenario)
+    if phase:
+        variables["phase"] = ("time", [phase] * len(motion.time), {"long_name": "phase of the scenario"})
     coordinates: dict[str, Any] = {
         "time": ("time", motion.time, {"units": "s", "long_name": "time"}),
         "configuration": _entries(model, "nq"),
@@ -107,35 +108,6 @@ def summary(planned: Planned) -> dict[str, Any]:
         "evaluation": planned.backend,
         "solves": statistics(planned),
     }
-
-
-def following(planned: Planned) -> Scenario:
-    """The scenario with robots whose joints follow the plan, for its duration."""
-    scenario = planned.scene.scenario
-    document = to_document(scenario)
-    document["plan"] = None
-    named = {side for contact in scenario.contacts.values() for side in contact.between}
-    document["pads"] = {name: pad for name, pad in document["pads"].items() if name in named}
-    owners = {name.partition("/")[0] for name in planned.motion.problem.stage.driven.names}
-    document["phases"] = {}
-    document["simulation"]["duration"] = planned.motion.duration_s
-    for name in owners:
-        robot = document["robots"][name]
-        robot["controllers"] = {"plan": {"kind": "joint_tracking", "file": PLAN, **_gains(planned, name)}}
-        robot["joint_pd"] = None
-        for tip in robot["tips"].values():
-            tip |= {"pid": None, "amnesia": None, "orientation_pid": None, "orientation_amnesia": None}
-            tip |= {"controllers": {}, "reference": {"kind": "plan", "file": PLAN}}
-    return validate(document)
-
-
-def _gains(planned: Planned, robot: str) -> dict[str, float]:
-    """Gains that suit the joint of a robot that moves least inertia where it begins, its base floating."""
-    scene = planned.scene
-    inverse = pin.computeMinverse(scene.model, scene.model.createData(), np.array(scene.q))
-    columns = [scene.model.idx_vs[joint] for joint in scene.body(robot).driven_joints]
-    least = 1 / float(max(inverse[column, column] for column in columns))
-    return {"kp": float(f"{BANDWIDTH**2 * least:.3g}"), "kd": float(f"{2 * BANDWIDTH * least:.3g}")}
 
 
 def write(planned: Planned, folder: Path) -> None:

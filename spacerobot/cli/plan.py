@@ -93,8 +93,9 @@ def command(
 
 def _plan(scene: Scene, out: Path | None, how: dict[str, Any]) -> Callable[[], None]:
     """Make a plan, and write it if a folder is given; what shows it."""
+    from optim.planning.follow import PLAN
     from optim.planning.make import make_plan
-    from optim.planning.plan_file import FOLLOWED, PLAN, SUMMARY, check_plan_folder, write
+    from optim.planning.plan_file import FOLLOWED, SUMMARY, check_plan_folder, write
 
     if out is not None:
         check_plan_folder(out)

@@ -17,6 +17,8 @@ from spacerobot.elements.motion import Profile
 from spacerobot.elements.numbers import Context
 
 Polynomial = np.polynomial.Polynomial
+ROUNDING = 1e-12
+"""Of a time."""
 
 
 @dataclass(frozen=True)
@@ -58,6 +60,8 @@ class Knots:
         behind = [ca.SX(1)]
         for i, knot in enumerate(ends[1:], start=1):
             behind.append(now >= (context.jump(f"knots.{i}", float(knot)) if stepped else float(knot)))
+        if not stepped:  # where a phase ends with the plan, its last step still belongs to it
+            behind[-1] = now > float(ends[-1]) * (1 + ROUNDING)
         widths = ca.DM(np.diff(ends))
         inside = ca.vertcat(*behind[:-1]) - ca.vertcat(*behind[1:])
         pace = ca.dot(inside, 1 / widths)

@@ -55,12 +55,22 @@ def overlay(base: Document, changes: Document) -> Document:
     return found
 
 
+def without_resting(document: Document) -> Document:
+    """Document whose mappings of named controllers lack those that are null, in place."""
+    for robot in document["robots"].values():
+        for holder in (robot, *robot["tips"].values()):
+            holder["controllers"] = {
+                name: section for name, section in holder["controllers"].items() if section is not None
+            }
+    return document
+
+
 def pick(merged: Document, changes: Document) -> Document:
     """What of a merged document changes name, references whole."""
     return {
         key: pick(merged[key], value)
         if isinstance(value, dict) and isinstance(merged[key], dict) and key != "reference"
-        else merged[key]
+        else merged.get(key)  # a named controller that rests is not there
         for key, value in changes.items()
     }
 
@@ -84,7 +94,7 @@ def check_changes(base: Document, changes: Document) -> None:
                 f"{where}: is the same in every phase; allowed to differ: references, numbers of "
                 "controllers, sensors and grasps, and null for a controller that rests"
             )
-        if value is None and _is_controller(path) and "amnesia" not in path[-1]:
+        if value is None and _is_controller(path) and _may_rest(changes, path):
             continue
         if isinstance(value, str) and path[-1] in _words(base, path[:-1]):
             continue
@@ -120,6 +130,14 @@ def _is_controller(path: tuple[str, ...]) -> bool:
     return (inside[0] in (*CONTROLLERS, "joint_pd") and len(inside) == 1) or (
         inside[0] == "controllers" and len(inside) == 2
     )
+
+
+def _may_rest(changes: Document, path: tuple[str, ...]) -> bool:
+    """Whether a controller may be null: an amnesia controller where the PID that it corrects rests too."""
+    section: Any = changes
+    for key in path[:-1]:
+        section = section[key]
+    return "amnesia" not in path[-1] or section.get(path[-1].replace("amnesia", "pid"), path) is None
 
 
 def _words(base: Document, path: tuple[str, ...]) -> tuple[str, ...]:

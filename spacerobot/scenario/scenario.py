@@ -12,7 +12,7 @@ from spacerobot.errors import near_names
 from spacerobot.scenario.bodies import Base, Robot, Target, Tip
 from spacerobot.scenario.campaign import Campaign
 from spacerobot.scenario.faults import explain
-from spacerobot.scenario.merge import check_changes, expand_names, overlay, pick
+from spacerobot.scenario.merge import check_changes, expand_names, overlay, pick, without_resting
 from spacerobot.scenario.pads import Pad
 from spacerobot.scenario.paths import Document
 from spacerobot.scenario.phases import Phase, check_phases
@@ -125,7 +125,7 @@ class Scenario(Section):
         for name, phase in self.phases.items():
             try:
                 changes = expand_names(phase.changes, base)
-                merged = Scenario.model_validate(overlay(base, changes)).model_dump(mode="json")
+                merged = self._laid_over(base, changes).model_dump(mode="json")
                 changes = pick(merged, changes)
                 check_changes(base, changes)
             except ValidationError as fault:
@@ -142,7 +142,12 @@ class Scenario(Section):
 
     def during(self, phase: str) -> Scenario:
         """Scenario as it is in a phase, which has no phases itself."""
-        return Scenario.model_validate(overlay(self._base(), self.phases[phase].changes))
+        return self._laid_over(self._base(), self.phases[phase].changes)
+
+    @staticmethod
+    def _laid_over(base: Document, changes: Document) -> Scenario:
+        """Scenario of a plain form with changes, without the controllers that rest."""
+        return Scenario.model_validate(without_resting(overlay(base, changes)))
 
     def _bases(self) -> list[tuple[str, Base]]:
         bodies: list[tuple[str, Base]] = [

@@ -114,6 +114,26 @@ def test_numbers_differ_by_phase_and_controllers_rest():
     assert not second[rests].any()
 
 
+def test_controllers_with_names_rest_and_an_amnesia_controller_with_its_pid():
+    tip = {"pid": None, "amnesia": None}
+    rest = {"robots": {"one": {"tips": {"tip": tip}, "controllers": {"still": None}}}}
+    base = {"robots.one.controllers.still": {"kind": "joint_pd", "kp": 5, "kd": 1}}
+    scene = with_phases(PLANAR, {"first": {"until": {"time": 1.0}}, "second": rest}, base)
+    assert not scene.scenario.during("second").robots["one"].controllers
+    loop = build_closed_loop(scene)
+    x, c = (value.full().ravel() for value in loop.setup(loop.parameter_values))
+    c[list(loop.switches)[:2]] = [0.0, 1.0]
+    torque = loop.outputs.call({"t": 0.2, "x": x, "c": c})["joint_torque"].full().reshape(2, 3)
+    assert not torque[0].any()
+    assert torque[1].all()
+
+
+def test_an_amnesia_controller_does_not_rest_alone():
+    alone = {"robots": {"one": {"tips": {"tip": {"amnesia": None}}}}}
+    with pytest.raises(ScenarioError, match="write `ge: 0`"):
+        with_phases(PLANAR, {"first": {"until": {"time": 1.0}}, "second": alone})
+
+
 def test_controllers_keep_their_states_unless_they_begin_anew():
     for reset in (False, True):
         phases = {"out": {"until": {"time": 0.3}, **tips(LINE)}, "back": {"reset": reset, **tips(BACK)}}

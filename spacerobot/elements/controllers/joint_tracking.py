@@ -95,18 +95,20 @@ class JointTracking(RobotController):
         return context.once(key, ca.vertcat(*(ca.horzcat(*row) for row in rows)))
 
     def _time(self, robot: RobotContext) -> ca.SX | None:
-        """Time in the plan (1x1) [s]: in its phase of the present name, else its end."""
+        """Time in the plan (1x1) [s]: in its phase of the present name, else behind its end."""
         motion, phases = self.planned, robot.context.phases
         if not phases:
             return None
         if not motion.phases:
             return robot.passed()
         end = motion.times[-1]
-        found = ca.SX(end)
+        behind = 2 * end
+        found = ca.SX(behind)
         for name, (begin, last) in motion.phases.items():
             if name in phases:
-                within = begin + ca.fmin(robot.passed(), last - begin)
-                found = found + phases[name] * (within - end)
+                passed = robot.passed()
+                within = begin + (passed if last == end else ca.fmin(passed, last - begin))
+                found = found + phases[name] * (within - behind)
         return found
 
     def reads(self) -> set[str]:

@@ -8,12 +8,13 @@ import pytest
 import scipy.sparse as sp
 import xarray as xr
 
+from optim.planning.follow import PLAN
 from optim.planning.formulate import formulate
 from optim.planning.functions import build_instants
 from optim.planning.lobatto import Lobatto
 from optim.planning.make import make_plan
 from optim.planning.motion import Motion
-from optim.planning.plan_file import FOLLOWED, PLAN, SUMMARY, write
+from optim.planning.plan_file import FOLLOWED, SUMMARY, write
 from optim.planning.program import Program
 from spacerobot.errors import NoPlanError, ScenarioError
 from spacerobot.scene import load_scene

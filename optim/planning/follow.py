@@ -1,0 +1,162 @@
+"""The scenario that follows a plan.
+
+Joints track the plan in the first phase. Where that phase has not ended with the plan it goes on as one of
+its own: the scenario's controllers take over, and tips that were to be mated stay with their mating frames.
+All that follows is as in the scenario.
+"""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pinocchio as pin
+
+from optim.planning.formulate import plan_of
+from optim.planning.make import Planned
+from spacerobot.elements import Reference
+from spacerobot.elements.references.rendezvous import Rendezvous
+from spacerobot.scenario import Scenario
+from spacerobot.scenario.load import to_document, validate
+from spacerobot.scenario.merge import CONTROLLERS, overlay
+from spacerobot.scenario.paths import Document
+from spacerobot.scenario.phases import Phase, successors
+from spacerobot.scenario.plan import Goal
+
+PLAN = "plan.nc"
+BANDWIDTH = 5.0
+"""[rad/s] Of the joint PD that follows a plan, critically damped at the joint that moves least inertia."""
+SETTLING = 1.0
+"""[s] In which a tip takes back what it is off its mating frame where the plan ends."""
+ALONE = "approach"
+"""Phase of a scenario that has none, and open grasps."""
+
+
+def flown_phase(scenario: Scenario) -> str:
+    """Name of the phase in which a plan is flown, the first one; none without phases and open grasps."""
+    opens = any(grasp.begins == "open" for grasp in scenario.grasps.values())
+    return next(iter(scenario.phases), ALONE if opens else "")
+
+
+def following(planned: Planned) -> Scenario:
+    """The scenario with joints that track a plan, and what comes behind it."""
+    scenario = planned.scene.scenario
+    document = to_document(scenario)
+    document["plan"] = None
+    named = {side for contact in scenario.contacts.values() for side in contact.between}
+    document["pads"] = {name: pad for name, pad in document["pads"].items() if name in named}
+    if flown_phase(scenario):
+        return validate(_in_phases(planned, document))
+    document["simulation"]["duration"] = planned.motion.duration_s
+    for name, robot in document["robots"].items():
+        robot |= overlay(robot, _resting(robot)) | {"controllers": {"plan": _tracking(planned, name)}}
+        for tip in robot["tips"].values():
+            tip["controllers"] = {}
+    return validate(document)
+
+
+def _in_phases(planned: Planned, document: Document) -> Document:
+    """The plan in the first phase, what is left of that phase behind it, and the phases that follow."""
+    scenario, flown = planned.scene.scenario, flown_phase(planned.scene.scenario)
+    own = scenario.phases or {flown: Phase()}
+    phases = {name: phase.model_dump(mode="json") for name, phase in own.items()}
+    first, left = phases.pop(flown), _unused(f"{flown}_wait", set(phases))
+    first["then"], first["otherwise"] = successors(own)[flown]
+    first, rest = _parted(first, planned.motion.duration_s, left)
+    document["simulation"]["duration"] = max(planned.motion.duration_s, scenario.simulation.duration)
+    if rest is not None:
+        rest["robots"] = overlay(rest["robots"], _waiting(planned, flown))
+        phases = {left: rest, **phases}
+        if scenario.simulation.duration > planned.motion.duration_s:
+            first["captures"] = []  # behind the plan's end, where motions match
+    key = _unused("plan", {name for robot in scenario.robots.values() for name in robot.controllers})
+    for name, robot in document["robots"].items():
+        first["robots"] = overlay(first["robots"], {name: _resting(robot)})
+        if _has_controllers(robot):  # joints of one that has none stay where the plan leaves them
+            for phase in phases.values():
+                phase["robots"] = overlay(phase["robots"], {name: {"controllers": {key: None}}})
+        robot["controllers"][key] = _tracking(planned, name)
+    document["phases"] = {flown: first, **phases}
+    return document
+
+
+def _parted(own: Document, duration: float, left: str) -> tuple[Document, Document | None]:
+    """A phase that names its successors, for as long as the plan lasts, and what is left of it, if any."""
+    timed = (own["until"] or {}).get("time")
+    end = min(time for time in (timed, own["at_most"], np.inf) if time is not None)
+    first = own | {"until": None if timed else own["until"], "at_most": duration}
+    if end <= duration:
+        return first | {"otherwise": own["then"] if timed == end else own["otherwise"]}, None
+    rest = own | {"releases": [], "reset": False}
+    if timed:
+        rest["until"] = own["until"] | {"time": timed - duration}
+    if own["at_most"] is None:
+        rest["otherwise"] = None
+    else:
+        rest["at_most"] = own["at_most"] - duration
+    if end == np.inf and own["until"] is None:
+        rest["then"] = None
+    return first | {"otherwise": left}, rest
+
+
+def _resting(robot: Document) -> Document:
+    """What differs of a robot while its joints track the plan: its own controllers rest."""
+    tips = {
+        name: {
+            **dict.fromkeys(CONTROLLERS),
+            "controllers": dict.fromkeys(tip["controllers"]),
+            "reference": {"kind": "plan", "file": PLAN},
+        }
+        for name, tip in robot["tips"].items()
+    }
+    return {"tips": tips, "joint_pd": None, "controllers": dict.fromkeys(robot["controllers"])}
+
+
+def _waiting(planned: Planned, flown: str) -> Document:
+    """What differs of the robots behind the plan: tips stay where it brought them."""
+    scenario = planned.scene.scenario
+    now = scenario.during(flown) if scenario.phases else scenario
+    found: Document = {}
+    for goal in plan_of(planned.scene).goals.values():
+        if goal.tip is not None:
+            robot, _, tip = goal.tip.partition("/")
+            reference = now.robots[robot].tips[tip].reference
+            found = overlay(found, {robot: {"tips": {tip: {"reference": _kept(goal, reference)}}}})
+    return found
+
+
+def _kept(goal: Goal, own: Reference | None) -> Document:
+    """Reference that keeps a goal met: at the mating frame, and on as the scenario's own, or in the world."""
+    if goal.frame is None:
+        return {"kind": "hold"}
+    document = {"kind": "rendezvous", "frame": goal.frame, "end_distance": goal.standoff}
+    document |= {"axis": goal.axis, "mated_deg": goal.mated_deg}
+    if isinstance(own, Rendezvous) and own.frame == goal.frame:
+        document = own.model_dump(mode="json") | {"wait": 0.0}
+        if own.end_distance >= goal.standoff:
+            document |= {"closing_speed": None, "end_distance": goal.standoff}
+    settling = {"approach_time": SETTLING} if goal.orientation else {}
+    return document | settling | {"standoff": goal.standoff}
+
+
+def _has_controllers(robot: Document) -> bool:
+    tips = robot["tips"].values()
+    led = any(tip["controllers"] or any(tip[key] for key in CONTROLLERS) for tip in tips)
+    return led or bool(robot["joint_pd"] or robot["controllers"])
+
+
+def _unused(name: str, taken: set[str]) -> str:
+    """A name that is not taken."""
+    return next(
+        found for found in itertools.accumulate(itertools.repeat("_"), initial=name) if found not in taken
+    )
+
+
+def _tracking(planned: Planned, robot: str) -> Document:
+    """Controller of a robot; its gains suit the joint that moves least inertia where it begins."""
+    scene = planned.scene
+    inverse = pin.computeMinverse(scene.model, scene.model.createData(), np.array(scene.q))
+    columns = [scene.model.idx_vs[joint] for joint in scene.body(robot).driven_joints]
+    least = 1 / float(max(inverse[column, column] for column in columns))
+    gains = {"kp": BANDWIDTH**2 * least, "kd": 2 * BANDWIDTH * least}
+    return {"kind": "joint_tracking", "file": PLAN} | {k: float(f"{gain:.3g}") for k, gain in gains.items()}
