@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
-from optim.planning.early import check_reach, check_start
+from optim.planning.early import check_momentum, check_reach, check_start
 from optim.planning.formulate import formulate, plan_of
 from optim.planning.functions import Instants, build_instants
 from optim.planning.lobatto import Lobatto
@@ -170,6 +170,7 @@ class Bench:
         """
         plan, problem = plan_of(scene), formulate(scene)
         check_start(problem)
+        check_momentum(problem, plan)
         check_reach(problem, plan, {tip.label: tip for tip in scene.tips})
         tell("compiling the problem's functions, or finding them compiled")
         instants = build_instants(problem, backend)

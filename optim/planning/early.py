@@ -8,6 +8,7 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 
+from optim.planning.goals import find_still
 from optim.planning.guess import drift
 from optim.planning.limits import urdf_joint
 from optim.planning.lobatto import Lobatto
@@ -15,8 +16,9 @@ from optim.planning.stage import Problem
 from spacerobot.arrays import Array
 from spacerobot.errors import ScenarioError
 from spacerobot.scenario.plan import Goal, Planning
+from spacerobot.scene import Scene
 from spacerobot.scene.reach import reach
-from spacerobot.scene.scene import SceneTip
+from spacerobot.scene.scene import SceneBody, SceneTip
 
 SLACK = 1e-9
 """Violation of a start that is rounding."""
@@ -63,6 +65,47 @@ def check_start(problem: Problem) -> None:
                 source=scene.source,
                 where="plan",
             )
+
+
+def check_momentum(problem: Problem, plan: Planning) -> None:
+    """Refuse that a free body comes to rest whose momentum nothing takes.
+
+    Raises
+    ------
+    ScenarioError
+        With that momentum.
+    """
+    scene, limits = problem.stage.scene, plan.limits
+    for name, goal in plan.goals.items():
+        if goal.still is None or not goal.rests:
+            continue
+        body = find_still(scene, goal, f"plan.goals.{name}")
+        robot = body in scene.robots
+        linear, angular = (float(np.linalg.norm(found)) for found in _momenta(scene, body))
+        for size, told, key, able in (
+            (linear, "N s", "base_force", limits.base_force > 0),
+            (angular, "N m s", "base_torque", limits.base_force + limits.base_torque > 0),
+        ):
+            if size > SLACK and not (robot and able):
+                raise ScenarioError(
+                    f"{body.name} cannot come to rest, for nothing takes its momentum of {size:.4g} {told}"
+                    + (f"; give `limits.{key}`" if robot else ""),
+                    source=scene.source,
+                    where=f"plan.goals.{name}",
+                )
+
+
+def _momenta(scene: Scene, body: SceneBody) -> tuple[Array, Array]:
+    """Linear and angular momentum of a body at the start, the latter about its centre of mass (3,) each."""
+    model, data = scene.model, scene.model.createData()
+    pin.forwardKinematics(model, data, np.array(scene.q), np.array(scene.v))
+    linear, angular, moment, mass = np.zeros(3), np.zeros(3), np.zeros(3), 0.0
+    for joint in body.subtree:
+        inertia, place = model.inertias[joint], data.oMi[joint]
+        momentum = place.act(inertia * data.v[joint])
+        linear, angular = linear + momentum.linear, angular + momentum.angular
+        moment, mass = moment + inertia.mass * place.act(inertia.lever), mass + inertia.mass
+    return linear, angular - np.cross(moment / mass, linear)
 
 
 def check_reach(problem: Problem, plan: Planning, tips: dict[str, SceneTip]) -> None:

@@ -29,7 +29,10 @@ def goal_rows(stage: Stage, name: str, goal: Goal) -> list[Row]:
         If it names what there is not.
     """
     where, scene = f"plan.goals.{name}", stage.scene
-    if goal.joints:
+    if goal.still is not None:
+        body = find_still(scene, goal, where)
+        rows = list(_at_rest(stage, body))
+    elif goal.joints:
         body = _robot(scene, str(goal.robot), where)
         rows = list(_posture(stage, body, goal, where))
     else:
@@ -90,6 +93,39 @@ def seen_from(stage: Stage, tip: SceneTip, frame: int) -> tuple[ca.SX, ca.SX, ca
 def unit(axis: tuple[float, float, float]) -> ca.SX:
     """Sparse unit vector (3x1)."""
     return sparse(np.array(axis) / np.linalg.norm(axis))
+
+
+def find_still(scene: Scene, goal: Goal, where: str) -> SceneBody:
+    """Body that a goal has come to rest.
+
+    Raises
+    ------
+    ScenarioError
+        If there is none of that name, or its base is fixed.
+    """
+    bodies, name = {body.name: body for body in scene.bodies}, str(goal.still)
+    if name not in bodies:
+        raise ScenarioError(
+            f"no body {name!r}; {near_names(name, bodies)}", source=scene.source, where=f"{where}.still"
+        )
+    if not bodies[name].root_joint:
+        raise ScenarioError(
+            f"the base of {name!r} is fixed, so it is always at rest",
+            source=scene.source,
+            where=f"{where}.still",
+        )
+    return bodies[name]
+
+
+def _at_rest(stage: Stage, body: SceneBody) -> Iterator[Row]:
+    """Velocity and spin of a root link, its own axes."""
+    model = stage.scene.model
+    first, size = int(model.idx_vs[body.root_joint]), int(model.nvs[body.root_joint])
+    linear = size - (3 if size == 6 else 1)
+    for k, axis in enumerate("xyz"[:linear]):
+        yield _zero(f"velocity {axis}", "m/s", stage.v[first + k])
+    for k, axis in enumerate("xyz" if size == 6 else "z"):
+        yield _zero(f"spin {axis}", "rad/s", stage.v[first + linear + k])
 
 
 def _mated(stage: Stage, tip: SceneTip, goal: Goal, where: str) -> Iterator[Row]:

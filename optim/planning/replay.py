@@ -114,18 +114,26 @@ def replay(motion: Motion, backend: str = "auto") -> Array:
 
 
 def tip_errors(motion: Motion, states: Array) -> Mapping[str, Array]:
-    """Distance [m] of each planned robot's tips from the plan at each knot (intervals + 1,)."""
+    """Distance [m] of each planned robot's tips from the plan at each knot (intervals + 1,).
+
+    A robot without tips counts by its root link, whose turning by a radian counts as a metre.
+    """
     scene = motion.problem.stage.scene
     model, data = scene.model, scene.model.createData()
     knots = motion.q[:: motion.lobatto.points - 1]
-    errors: dict[str, list[float]] = {tip.label: [] for tip in scene.tips}
+    led = {tip.body.name for tip in scene.tips}
+    tips = {tip.label: tip.frame for tip in scene.tips}
+    roots = {body.name: body.root_frame for body in scene.robots if body.name not in led}
+    errors: dict[str, list[float]] = {label: [] for label in (*tips, *roots)}
     for planned, found in zip(knots, states[:, : model.nq], strict=True):
-        places = []
+        placements = []
         for q in (planned, found):
             pin.framesForwardKinematics(model, data, np.array(q))
-            places.append({tip.label: data.oMf[tip.frame].translation.copy() for tip in scene.tips})
+            placements.append({label: data.oMf[frame].copy() for label, frame in (tips | roots).items()})
         for label, values in errors.items():
-            values.append(float(np.linalg.norm(places[0][label] - places[1][label])))
+            one, other = (placed[label] for placed in placements)
+            turned = pin.log3(one.rotation.T @ other.rotation) if label in roots else np.zeros(3)
+            values.append(float(np.linalg.norm(one.translation - other.translation) + np.linalg.norm(turned)))
     return {label: np.array(values) for label, values in errors.items()}
 
 

@@ -49,7 +49,7 @@ class End(Section):
 
 
 class Goal(Section):
-    """What holds at the end: a tip mated with a moving frame, a tip somewhere in the world, or a posture."""
+    """What holds at the end: a tip with a moving frame or somewhere in the world, a posture, or rest."""
 
     tip: str | None = Field(default=None, description="which tip, as robot/tip")
     frame: str | None = Field(
@@ -74,6 +74,9 @@ class Goal(Section):
     joints: dict[str, End] = Field(
         default={}, description="where joints are at the end, by name; `*` stands for any letters"
     )
+    still: Name | None = Field(
+        default=None, description="robot, or target, whose root link is at rest at the end"
+    )
     rest: bool | None = Field(
         default=None,
         description="whether the robot's joints rest at the end; they do if not given, but for `frame`",
@@ -81,12 +84,12 @@ class Goal(Section):
 
     @model_validator(mode="after")
     def _check(self) -> Goal:
-        given = [key for key in ("frame", "position", "joints") if getattr(self, key)]
+        given = [key for key in ("frame", "position", "joints", "still") if getattr(self, key)]
         if len(given) != 1:
             found = ", ".join(given) or "none"
-            raise ValueError(f"found {found}, allowed: one of frame, position, joints")
-        if (self.tip is None) == (not self.joints):
-            raise ValueError("`frame` and `position` take a `tip`, `joints` take a `robot` instead")
+            raise ValueError(f"found {found}, allowed: one of frame, position, joints, still")
+        if (self.tip is None) == (given[0] in ("frame", "position")):
+            raise ValueError("`frame` and `position` take a `tip`, and nothing else does")
         if (self.robot is None) == bool(self.joints):
             raise ValueError("`joints` take a `robot`, and nothing else does")
         if not any(self.axis):
