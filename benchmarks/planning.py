@@ -18,7 +18,7 @@ from optim.planning.guess import guess
 from optim.planning.lobatto import Lobatto
 from optim.planning.motion import Motion
 from optim.planning.program import Program, Sums
-from optim.planning.replay import replay
+from optim.planning.replay import replays
 from optim.planning.solve import ipopt_options, one_thread, solve
 from optim.planning.stage import Problem
 from spacerobot.dynamics import ArticulatedBody, Inertias
@@ -93,7 +93,7 @@ class Solution:
     def error(self) -> float:
         """Greatest error of a configuration at the knots [m, rad] when the torques are replayed."""
         nq, knots = self.motion.problem.stage.scene.model.nq, self.motion.lobatto.points - 1
-        return float(np.abs(replay(self.motion)[:, :nq] - self.motion.z[::knots, :nq]).max())
+        return float(np.abs(replays(self.motion)[0][:, :nq] - self.motion.z[::knots, :nq]).max())
 
 
 def rows() -> list[Row]:

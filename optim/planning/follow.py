@@ -10,9 +10,9 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
-import pinocchio as pin
 
 from optim.planning.formulate import plan_of
+from optim.planning.gains import tracking_gains
 from optim.planning.make import Planned
 from spacerobot.elements import Reference
 from spacerobot.elements.references.rendezvous import Rendezvous
@@ -24,8 +24,6 @@ from spacerobot.scenario.phases import Phase, successors
 from spacerobot.scenario.plan import Goal
 
 PLAN = "plan.nc"
-BANDWIDTH = 5.0
-"""[rad/s] Of the joint PD that follows a plan, critically damped at the joint that moves least inertia."""
 SETTLING = 1.0
 """[s] In which a tip takes back what it is off its mating frame where the plan ends."""
 ALONE = "approach"
@@ -153,10 +151,5 @@ def _unused(name: str, taken: set[str]) -> str:
 
 
 def _tracking(planned: Planned, robot: str) -> Document:
-    """Controller of a robot; its gains suit the joint that moves least inertia where it begins."""
-    scene = planned.scene
-    inverse = pin.computeMinverse(scene.model, scene.model.createData(), np.array(scene.q))
-    columns = [scene.model.idx_vs[joint] for joint in scene.body(robot).driven_joints]
-    least = 1 / float(max(inverse[column, column] for column in columns))
-    gains = {"kp": BANDWIDTH**2 * least, "kd": 2 * BANDWIDTH * least}
-    return {"kind": "joint_tracking", "file": PLAN} | {k: float(f"{gain:.3g}") for k, gain in gains.items()}
+    """Controller of a robot."""
+    return {"kind": "joint_tracking", "file": PLAN, **tracking_gains(planned.scene, robot)}

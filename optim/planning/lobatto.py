@@ -56,6 +56,16 @@ class Lobatto:
         """Weights of the quadrature (s,)."""
         return np.array(self.integral[-1])
 
+    @property
+    def basis(self) -> list[Array]:
+        """Coefficients of the polynomials that are one at a node and zero at the others, lowest first."""
+        return _basis(self.nodes)
+
+    @property
+    def primitives(self) -> list[Array]:
+        """Coefficients of their integrals from 0."""
+        return [np.asarray(polynomial.polyint(b)) for b in self.basis]
+
     def times(self, intervals: int, duration_s: float) -> Array:
         """Times of all points of equal intervals (intervals (s - 1) + 1,) [s]."""
         inside = (np.arange(intervals)[:, None] + self.nodes[None, :-1]).ravel()
@@ -63,17 +73,16 @@ class Lobatto:
 
     def values_at(self, place: Array) -> Array:
         """Values at places (n,) in an interval of the polynomials that are one at a node: (n, s)."""
-        basis = _basis(self.nodes)
-        return np.stack([polynomial.polyval(np.asarray(place, dtype=float), b) for b in basis], axis=-1)
+        return np.stack([polynomial.polyval(np.asarray(place, dtype=float), b) for b in self.basis], axis=-1)
 
     def primitives_at(self, place: Array) -> Array:
         """Their integrals from 0 to places (n,): (n, s)."""
-        basis = [polynomial.polyint(b) for b in _basis(self.nodes)]
-        return np.stack([polynomial.polyval(np.asarray(place, dtype=float), b) for b in basis], axis=-1)
+        at = np.asarray(place, dtype=float)
+        return np.stack([polynomial.polyval(at, b) for b in self.primitives], axis=-1)
 
 
 def _basis(nodes: Array) -> list[Array]:
-    """Coefficients of the polynomials that are one at a node and zero at the others, lowest first."""
+    """See :attr:`Lobatto.basis`."""
     found = []
     for k, node in enumerate(nodes):
         others = np.delete(nodes, k)

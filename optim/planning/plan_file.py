@@ -102,6 +102,7 @@ def summary(planned: Planned) -> dict[str, Any]:
         "verdict": {
             "residual": verdict.residual,
             "replay_error_m": dict(verdict.replay_errors_m),
+            "followed_error_m": dict(verdict.followed_errors_m),
             "tolerance_m": verdict.tolerance_m,
             "violations": [vars(violation) for violation in verdict.violations],
         },
@@ -147,6 +148,7 @@ def _attributes(planned: Planned) -> dict[str, Any]:
         "cost": planned.cost,
         "residual": verdict.residual,
         "replay_error_m": verdict.replay_error_m,
+        "followed_error_m": verdict.followed_error_m,
     }
 
 

@@ -1,17 +1,19 @@
-"""A plan's torques, replayed by the rollouts' own methods over forward dynamics."""
+"""A plan replayed by the rollouts' own methods: its torques alone, and with feedback."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import casadi as ca
 import numpy as np
 import pinocchio as pin
-from numpy.polynomial import polynomial
 
+from optim.planning.gains import tracking_gains
+from optim.planning.lobatto import Lobatto
 from optim.planning.motion import Motion
 from optim.planning.stage import Driven
 from spacerobot.arrays import Array
@@ -31,10 +33,11 @@ LONGEST_STEP = 0.01
 
 
 @dataclass(frozen=True)
-class OpenLoop:
-    """A scene whose drive is a polynomial of time, as rollouts know closed loops.
+class Replayed:
+    """A scene whose drive is a polynomial of time, with joint PD to the plan, as rollouts know closed loops.
 
-    Parameters are the state at the beginning, the interval's length, and the drive at each of its points.
+    Parameters are the state at the beginning, and for one interval of the plan: its length, gains of joints
+    and their positions at its beginning, and at each of its points the drive, joint rates and accelerations.
     """
 
     parameter_paths: tuple[str, ...]
@@ -57,16 +60,28 @@ class OpenLoop:
     max_gaps: Mapping[str, float] = dataclasses.field(default_factory=dict)
 
     @classmethod
-    def of(cls, scene: Scene, driven: Driven, nodes: Array) -> OpenLoop:
-        """Loop of a scene over one interval with these nodes."""
+    def of(cls, scene: Scene, driven: Driven, lobatto: Lobatto) -> Replayed:
+        """Loop of a scene over one interval of this collocation."""
         model = scene.model
         nx, nu = model.nq + model.nv, len(driven.columns)
-        t, x, given = ca.SX.sym("t"), ca.SX.sym("x", nx), ca.SX.sym("c", 1 + nu * len(nodes))
+        joints, points = len(driven.joints), lobatto.points
+        count = 1 + 3 * joints + (nu + 2 * joints) * points
+        t, x, given = ca.SX.sym("t"), ca.SX.sym("x", nx), ca.SX.sym("c", count)
         q, v = x[: model.nq], x[model.nq :]
-        drive = _between(nodes, t / given[0], ca.reshape(given[1:], nu, len(nodes)))
+        sizes = [1, joints, joints, joints, points * nu, points * joints, points * joints]
+        length, kp, kd, first, *rest = _parts(given, sizes)
+        drive, rates, accelerations = (ca.reshape(part, part.numel() // points, points) for part in rest)
+        place = t / length
+        torque = _summed(lobatto.basis, place, drive)
+        wanted = first + length * _summed(lobatto.primitives, place, rates)
+        rate = rates[:, 0] + length * _summed(lobatto.primitives, place, accelerations)
         force = -sparse(np.asarray(model.damping)) * v
         for k, column in enumerate(driven.columns):
-            force[column] += drive[k]
+            force[column] += torque[k]
+        for k, joint in enumerate(driven.joints):
+            column = driven.columns[k]
+            behind = _behind(model.joints[joint], q, wanted[k])
+            force[column] += kp[k] * behind + kd[k] * (rate[k] - v[column])
         kinematics = forward_kinematics(model, q, v)
         body = ArticulatedBody.factorise(model, kinematics, Inertias.from_model(model))
         rate = ca.vertcat(configuration_derivative(model, q, v), body.acceleration(force))
@@ -90,27 +105,45 @@ class OpenLoop:
         )
 
 
-def replay(motion: Motion, backend: str = "auto") -> Array:
-    """States (intervals + 1, nq + nv) at the knots when a plan's drive acts without feedback."""
+def replays(motion: Motion, backend: str = "auto") -> tuple[Array, Array]:
+    """States (intervals + 1, nq + nv) at the knots when a plan's drive acts without feedback, and with it."""
     problem, scene = motion.problem, motion.problem.stage.scene
-    length, points = motion.duration_s / motion.intervals, motion.lobatto.points
-    loop = OpenLoop.of(scene, problem.stage.driven, motion.lobatto.nodes)
+    driven, length = problem.stage.driven, motion.duration_s / motion.intervals
     steps = max(4, math.ceil(length / LONGEST_STEP))
     rollout = build_rollout(
-        loop,
+        Replayed.of(scene, driven, motion.lobatto),
         duration_s=length,
         step_s=length / steps,
         output_step_s=length,
         backend=backend,  # type: ignore[arg-type]
     )
-    x, u = problem.fixed, motion.u
-    found = [x]
-    for n in range(motion.intervals):
-        first = n * (points - 1)
-        p = np.concatenate([x, [length], u[first : first + points].ravel()])
-        x = np.array(rollout.run(p).state[-1])
-        found.append(x)
-    return np.array(found)
+    robots = [name.partition("/")[0] for name in driven.names[: len(driven.joints)]]
+    gains = {name: tracking_gains(scene, name) for name in dict.fromkeys(robots)}
+    feedback = np.array([[gains[robot][key] for robot in robots] for key in ("kp", "kd")]).ravel()
+    found = []
+    for given in (0 * feedback, feedback):
+        states = [problem.fixed]
+        for n in range(motion.intervals):
+            p = np.concatenate([states[-1], [length], given, _interval(motion, n)])
+            states.append(np.array(rollout.run(p).state[-1]))
+        found.append(np.array(states))
+    return found[0], found[1]
+
+
+def _interval(motion: Motion, n: int) -> Array:
+    """Joint positions where an interval begins; drive, joint rates and accelerations at its points."""
+    driven, model = motion.problem.stage.driven, motion.problem.stage.scene.model
+    own = slice(n * (motion.lobatto.points - 1), (n + 1) * (motion.lobatto.points - 1) + 1)
+    columns = list(driven.columns[: len(driven.joints)])
+    q, v, a, u = (part[own] for part in motion.parts(motion.z))
+    first = [joint_angle(model.joints[joint], q[0]) for joint in driven.joints]
+    return np.concatenate([first, u.ravel(), v[:, columns].ravel(), a[:, columns].ravel()])
+
+
+def joint_angle(joint: Any, q: Array) -> float:
+    """Position of a joint of one degree of freedom [rad or m]; between minus and plus pi if unbounded."""
+    at = joint.idx_q
+    return float(np.arctan2(q[at + 1], q[at]) if joint.nq == 2 else q[at])
 
 
 def tip_errors(motion: Motion, states: Array) -> Mapping[str, Array]:
@@ -137,12 +170,24 @@ def tip_errors(motion: Motion, states: Array) -> Mapping[str, Array]:
     return {label: np.array(values) for label, values in errors.items()}
 
 
-def _between(nodes: Array, place: ca.SX, values: ca.SX) -> ca.SX:
-    """Value (nu x 1) at a place in 0 .. 1 of the polynomials through values (nu x s) at nodes."""
+def _parts(values: ca.SX, sizes: Sequence[int]) -> list[ca.SX]:
+    return ca.vertsplit(values, np.cumsum([0, *sizes]).tolist())
+
+
+def _behind(joint: Any, q: ca.SX, wanted: ca.SX) -> ca.SX:
+    """How far a joint is behind a position [rad or m], the short way round if it is unbounded."""
+    at = q[joint.idx_q]
+    if joint.nq == 1:
+        return wanted - at
+    c, s = ca.cos(wanted), ca.sin(wanted)
+    other = q[joint.idx_q + 1]
+    return ca.atan2(s * at - c * other, c * at + s * other)
+
+
+def _summed(polynomials: Sequence[Array], place: ca.SX, values: ca.SX) -> ca.SX:
+    """Values (n x s) times polynomials of a place in 0 .. 1, coefficients lowest first: (n x 1)."""
     found = ca.SX(values.size1(), 1)
-    for k, node in enumerate(nodes):
-        others = np.delete(nodes, k)
-        row = polynomial.polyfromroots(others) / np.prod(node - others)
+    for k, row in enumerate(polynomials):
         weight = ca.SX(0)
         for coefficient in row[::-1]:
             weight = weight * place + coefficient

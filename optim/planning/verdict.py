@@ -11,7 +11,7 @@ import numpy as np
 from optim.planning.functions import Instants
 from optim.planning.motion import Motion
 from optim.planning.program import Program, first_held
-from optim.planning.replay import replay, tip_errors
+from optim.planning.replay import replays, tip_errors
 from optim.planning.solve import Solved
 from spacerobot.arrays import Array
 
@@ -60,8 +60,9 @@ class Verdict:
         Of the first-order conditions, relative to the cost.
     violations
         Of each limit that is passed between the points, the greatest first.
-    replay_errors_m
-        Greatest distance of each tip from the plan when its torques are replayed [m].
+    replay_errors_m, followed_errors_m
+        Greatest distance of each tip from the plan when its torques are replayed [m]: alone, and with the
+        feedback by which joints follow it.
     tolerance_m
         What is allowed of these.
     """
@@ -69,6 +70,7 @@ class Verdict:
     residual: float
     violations: tuple[Violation, ...]
     replay_errors_m: Mapping[str, float]
+    followed_errors_m: Mapping[str, float]
     tolerance_m: float
 
     @property
@@ -77,9 +79,15 @@ class Verdict:
         return max(self.replay_errors_m.values(), default=0.0)
 
     @property
+    def followed_error_m(self) -> float:
+        """The greatest error with feedback [m]."""
+        return max(self.followed_errors_m.values(), default=0.0)
+
+    @property
     def fine_enough(self) -> bool:
         """Whether a finer mesh is not needed."""
-        return self.replay_error_m <= self.tolerance_m and not self.passed
+        errors = (*self.replay_errors_m.values(), *self.followed_errors_m.values())
+        return all(error <= self.tolerance_m for error in errors) and not self.passed
 
     @property
     def passed(self) -> tuple[Violation, ...]:
@@ -91,12 +99,12 @@ class Verdict:
         found = []
         if not self.residual <= RESIDUAL:
             found.append(f"the first-order residual is {self.residual:.1e}, allowed {RESIDUAL:g}")
-        if not self.replay_error_m <= self.tolerance_m:
-            label = max(self.replay_errors_m, key=lambda tip: self.replay_errors_m[tip])
-            found.append(
-                f"replayed, {label} ends up to {self.replay_error_m:.1e} m off the plan, allowed "
-                f"{self.tolerance_m:g} m"
-            )
+        for how, errors in (("replayed", self.replay_errors_m), ("followed", self.followed_errors_m)):
+            label, error = max(errors.items(), key=lambda item: item[1], default=("", 0.0))
+            if not error <= self.tolerance_m:
+                found.append(
+                    f"{how}, {label} ends up to {error:.1e} m off the plan, allowed {self.tolerance_m:g} m"
+                )
         found += [
             f"{v.name} is passed by {v.amount:.3g} {v.unit} at {v.time_s:.3g} s, allowed {v.allowed:.3g}"
             for v in self.passed[:3]
@@ -120,12 +128,13 @@ def judge(motion: Motion, solved: Solved, scale: float, exact: Instants, backend
     """
     problem = motion.problem
     program = Program(problem, exact, motion.lobatto, motion.intervals)
-    errors = {
-        label: float(found.max()) for label, found in tip_errors(motion, replay(motion, backend)).items()
-    }
+    alone, followed = (
+        {label: float(found.max()) for label, found in tip_errors(motion, states).items()}
+        for states in replays(motion, backend)
+    )
     violations = sorted(between_points(motion), key=lambda v: -v.amount / v.allowed)
     tolerance = problem.tolerance
-    return Verdict(residual(program, solved, scale), tuple(violations), errors, tolerance)
+    return Verdict(residual(program, solved, scale), tuple(violations), alone, followed, tolerance)
 
 
 def residual(program: Program, solved: Solved, scale: float) -> float:

@@ -142,7 +142,8 @@ def _show(planned: Planned) -> None:
         ("cost", f"{planned.cost:.6g}"),
         *((f"  {name.replace('_', ' ')}", f"{value:.6g}") for name, value in planned.terms.items()),
         ("first-order residual", f"{verdict.residual:.1e}"),
-        ("replay error", f"{verdict.replay_error_m:.1e} m (allowed {verdict.tolerance_m:g} m)"),
+        ("replay error, open loop", f"{verdict.replay_error_m:.1e} m (allowed {verdict.tolerance_m:g} m)"),
+        ("  with feedback", f"{verdict.followed_error_m:.1e} m"),
         ("greatest violation", _violation(planned)),
     ]
     console().print(pairs(f"plan of {planned.scene.scenario.name}", rows))

@@ -1,5 +1,6 @@
 """Plans from a scenario to a motion that is flown."""
 
+import dataclasses
 import json
 
 import numpy as np
@@ -16,6 +17,7 @@ from optim.planning.make import make_plan
 from optim.planning.motion import Motion
 from optim.planning.plan_file import FOLLOWED, SUMMARY, write
 from optim.planning.program import Program
+from optim.planning.replay import replays, tip_errors
 from spacerobot.errors import NoPlanError, ScenarioError
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
@@ -121,6 +123,19 @@ def test_what_is_written_is_flown(planned, tmp_path):
     flown = simulate(load_scene(tmp_path / "out" / FOLLOWED), backend="interpreted")
     wanted = plan.tip_position.isel(time=-1).sel(tip="one/tip").values
     np.testing.assert_allclose(flown.data.tip_position.isel(time=-1, tip=0).values, wanted, atol=1e-5)
+
+
+def test_feedback_takes_back_torques_that_are_wrong_as_the_follower_does(planned, tmp_path):
+    z = planned.motion.z.copy()
+    z[:, -3:] *= 1.2
+    wrong = dataclasses.replace(planned, motion=dataclasses.replace(planned.motion, z=z))
+    alone, followed = replays(wrong.motion, "interpreted")
+    errors = [tip_errors(wrong.motion, states)["one/tip"][-1] for states in (alone, followed)]
+    assert errors[0] > 0.02
+    assert errors[1] < errors[0] / 4
+    write(wrong, tmp_path / "out")
+    flown = simulate(load_scene(tmp_path / "out" / FOLLOWED), backend="interpreted")
+    np.testing.assert_allclose(np.linalg.norm(flown.data.tip_error.values[-1, 0]), errors[1], rtol=1e-4)
 
 
 def test_a_plan_goes_to_another_mesh_and_back(planned):
