@@ -201,27 +201,23 @@ class _Bridge:
         one, g = ca.Sparsity.dense(1), ca.Sparsity.dense(m)
         jacobian, hessian = _sparsity(program.jacobian_pattern), _sparsity(program.hessian_pattern)
 
-        def both(w: Array) -> list[Any]:
-            return [program.objective(w), program.constraints(w)]
+        def bends(w: Array, _: Array, factor: Array, multipliers: Array) -> Array:
+            return program.hessian(w, float(factor[0]), multipliers)
 
-        def gradient(w: Array) -> list[Any]:
-            return [program.objective(w), program.gradient(w)]
-
-        def slopes(w: Array) -> list[Any]:
-            return [program.constraints(w), ca.DM(jacobian, program.jacobian(w))]
-
-        def bends(w: Array, factor: Array, multipliers: Array) -> list[Any]:
-            return [ca.DM(hessian, program.hessian(w, float(factor[0]), multipliers))]
-
-        self.problem = _Called(self, "nlp", both, {"x": x, "p": p}, {"f": one, "g": g})
-        self.gradient = _Called(self, "nlp_grad_f", gradient, {"x": x, "p": p}, {"f": one, "grad_f_x": x})
-        self.jacobian = _Called(self, "nlp_jac_g", slopes, {"x": x, "p": p}, {"g": g, "jac_g_x": jacobian})
-        self.hessian = _Called(
+        cost, constraints = (lambda w, _: program.objective(w)), (lambda w, _: program.constraints(w))
+        at = {"x": x, "p": p}
+        self.problem = _Called(self, "nlp", at, {"f": (one, cost), "g": (g, constraints)})
+        self.gradient = _Called(
+            self, "nlp_grad_f", at, {"f": (one, cost), "grad_f_x": (x, lambda w, _: program.gradient(w))}
+        )
+        self.jacobian = _Called(
             self,
-            "nlp_hess_l",
-            bends,
-            {"x": x, "p": p, "lam_f": one, "lam_g": g},
-            {"triu_hess_gamma_x_x": hessian},
+            "nlp_jac_g",
+            at,
+            {"g": (g, constraints), "jac_g_x": (jacobian, lambda w, _: program.jacobian(w))},
+        )
+        self.hessian = _Called(
+            self, "nlp_hess_l", at | {"lam_f": one, "lam_g": g}, {"triu_hess_gamma_x_x": (hessian, bends)}
         )
 
     def options(self, watch: ca.Callback) -> dict[str, Any]:
@@ -237,18 +233,20 @@ class _Bridge:
 
 
 class _Called(ca.Callback):
-    """A Python function of arrays as a CasADi function; Ctrl-C and faults end the solver and are kept."""
+    """Python functions of arrays as a CasADi function; Ctrl-C and faults end the solver and are kept.
+
+    An output has its entries' places and the function that gives them; it is called where it is wanted.
+    """
 
     def __init__(
         self,
         bridge: _Bridge,
         name: str,
-        function: Callable[..., list[Any]],
         inputs: dict[str, ca.Sparsity],
-        outputs: dict[str, ca.Sparsity],
+        outputs: dict[str, tuple[ca.Sparsity, Callable[..., Any]]],
     ) -> None:
         ca.Callback.__init__(self)
-        self._bridge, self._function = bridge, function
+        self._bridge = bridge
         self._inputs, self._outputs = inputs, outputs
         self.construct(name, {})
 
@@ -274,21 +272,30 @@ class _Called(ca.Callback):
 
     def get_sparsity_out(self, i: int) -> ca.Sparsity:
         """Where an output has entries."""
-        return list(self._outputs.values())[i]
+        return list(self._outputs.values())[i][0]
 
-    def eval(self, given: Sequence[ca.DM]) -> list[Any]:
-        """Evaluate."""
+    def has_eval_buffer(self) -> bool:
+        """Whether :meth:`eval_buffer` is called."""
+        return True
+
+    def eval_buffer(self, given: Sequence[Any], wanted: Sequence[Any]) -> int:
+        """Evaluate, from and into CasADi's own memory."""
         begin = time.perf_counter()
         try:
-            arrays = [np.array(value.nonzeros()) for k, value in enumerate(given) if k != 1]
-            return self._function(*arrays)
+            arrays = [
+                np.zeros(place.nnz()) if one is None else np.frombuffer(one)
+                for place, one in zip(self._inputs.values(), given, strict=True)
+            ]
+            for (_, function), found in zip(self._outputs.values(), wanted, strict=True):
+                if found is not None:
+                    np.frombuffer(found)[:] = function(*arrays)
         except KeyboardInterrupt:
             self._bridge.interrupted = True
         except Exception as fault:
             self._bridge.fault = fault
         finally:
             self._bridge.seconds += time.perf_counter() - begin
-        return [ca.DM(sparsity, np.nan) for sparsity in self._outputs.values()]
+        return int(self._bridge.interrupted or self._bridge.fault is not None)
 
 
 class _Watch(ca.Callback):
