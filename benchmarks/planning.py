@@ -18,6 +18,7 @@ from optim.planning.guess import guess
 from optim.planning.lobatto import Lobatto
 from optim.planning.motion import Motion
 from optim.planning.program import Program, Sums
+from optim.planning.refine import solve_from
 from optim.planning.replay import replays
 from optim.planning.solve import ipopt_options, one_thread, solve
 from optim.planning.stage import Problem
@@ -27,8 +28,8 @@ from spacerobot.scenario.load import validate
 from spacerobot.scene import build_scene
 
 INTERVALS, LEAST, TURNS = 50, 10.0, 5
-MESHES = ((4, 50), (6, 16))
-"""Order and intervals of our transcription."""
+MESHES = ((4, 50, 50), (4, 50, 10), (6, 16, 16), (6, 16, 5))
+"""Order and intervals of our transcription, and intervals of the mesh on which the search begins."""
 SAME_COST = 1e-3
 """Difference of costs, relative, up to which two optima are called the same."""
 LEFT = {f"joint_{k}": {"angle_deg": 40 if k < 5 else -40} for k in range(1, 9)}
@@ -82,12 +83,12 @@ CAPTURE: Mapping[str, Any] = {
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """Where one of the two ended."""
+    """Where one of the two ended, after how many iterations, on each mesh."""
 
     motion: Motion
     cost: float
     converged: bool
-    iterations: int
+    iterations: str
 
     @property
     def error(self) -> float:
@@ -97,26 +98,34 @@ class Solution:
 
 
 def rows() -> list[Row]:
-    """One solve from the same guess, all functions built before, on each of our meshes."""
+    """One solve from the same guess, all functions built before, on each of our meshes.
+
+    Ours also begins on a coarser mesh, from which unknowns and multipliers are interpolated.
+    """
     problem = formulate(build_scene(validate(dict(CAPTURE))))
     instants, knots = build_instants(problem), Lobatto.of_order(2)
     first = guess(problem, knots, INTERVALS)
     scale = Program(problem, instants, knots, INTERVALS).objective(first.unknowns)
     shooting = Shooting(problem, first, scale)
-    return [_row(problem, instants, shooting, order, intervals) for order, intervals in MESHES]
+    return [_row(problem, instants, shooting, scale, *mesh) for mesh in MESHES]
 
 
-def _row(problem: Problem, instants: Instants, shooting: Shooting, order: int, intervals: int) -> Row:
+def _row(problem: Problem, instants: Instants, shooting: Shooting, scale: float, *mesh: int) -> Row:
+    order, intervals, coarse = mesh
     lobatto = Lobatto.of_order(order)
     program = Program(problem, instants, lobatto, intervals)
-    first = guess(problem, lobatto, intervals).unknowns
+    first = guess(problem, lobatto, coarse)
     found: dict[str, Solution] = {}
 
     def ours() -> None:
-        solved = solve(program, first, scale=program.objective(first))
-        z, duration = program.split(solved.w)
+        if coarse == intervals:
+            solves = (solve(program, first.unknowns, scale=scale),)
+        else:
+            solves = solve_from(first, program, scale=scale)
+        z, duration = program.split(solves[-1].w)
         motion = Motion(problem, lobatto, intervals, duration, z)
-        found["ours"] = Solution(motion, program.objective(solved.w), solved.converged, solved.iterations)
+        many = " + ".join(str(one.iterations) for one in solves)
+        found["ours"] = Solution(motion, program.objective(solves[-1].w), solves[-1].converged, many)
 
     def theirs() -> None:
         found["theirs"] = shooting.solve()
@@ -130,7 +139,8 @@ def _row(problem: Problem, instants: Instants, shooting: Shooting, order: int, i
         f"replayed {one.error:.1e} and {other.error:.1e} off"
     )
     return Row(
-        f"soft capture planned, {intervals} intervals of order {order}, {program.size} unknowns",
+        f"soft capture planned, {intervals} intervals of order {order}, {program.size} unknowns"
+        + (f", begun on {coarse}" if coarse < intervals else ""),
         f"RK4 multiple shooting by CasADi's virtual machine and IPOPT, {INTERVALS} intervals, "
         f"{shooting.size} unknowns",
         f"{times.first_s:.2f} s",
@@ -190,7 +200,7 @@ class Shooting:
         stats, z = self._solver.stats(), np.zeros_like(self._first.z)
         z[:, self._own] = np.array(found["x"]).reshape(len(z), -1)
         motion = dataclasses.replace(self._first, z=z)
-        return Solution(motion, float(found["f"]), bool(stats["success"]), int(stats["iter_count"]))
+        return Solution(motion, float(found["f"]), bool(stats["success"]), str(stats["iter_count"]))
 
 
 class _Blocks:
@@ -201,6 +211,8 @@ class _Blocks:
         self._size, self._inner, self._goals = self._wide * (count + 1), step.numel() - 1, goal.numel()
         weights, ends = ca.SX.sym("weights", step.numel()), ca.SX.sym("ends", goal.numel())
         self._parts = {}
+        gradient = ca.densify(ca.jacobian(step[-1], pair))
+        self._gradient = ca.Function("step_gradient", [pair], [gradient], {"cse": True})
         for name, rows_of, by in (("step", step, weights), ("goal", goal, ends)):
             slopes, bends = ca.jacobian(rows_of, pair), ca.triu(ca.hessian(ca.dot(by, rows_of), pair)[0])
             self._parts[name] = (
@@ -224,11 +236,10 @@ class _Blocks:
         found = step.map(count)(pairs)
         f, g = ca.sum2(found[inner, :]), ca.vertcat(ca.vec(found[:inner, :]), goal(last))
         by_pair = slopes.map(count)(pairs)
-        costs = np.flatnonzero(at[0] == inner).tolist()
         others = np.flatnonzero(at[0] < inner).tolist()
-        gradient = _summed(
-            [(0 * n + 0 * at[1][costs], shift + at[1][costs])], (1, self._size), ca.vec(by_pair[costs, :])
-        ).T
+        own = np.arange(2 * self._wide)
+        of_cost = self._gradient.map(count)(pairs)
+        gradient = _summed([(0 * n + 0 * own, shift + own)], (1, self._size), ca.vec(of_cost)).T
         jacobian = _summed(
             [
                 (n * inner + at[0][others], shift + at[1][others]),
@@ -238,8 +249,8 @@ class _Blocks:
             ca.vertcat(ca.vec(by_pair[others, :]), ends(last)),
         )
         factor, multipliers = ca.MX.sym("factor"), ca.MX.sym("multipliers", g.numel())
-        own = ca.reshape(multipliers[: count * inner], inner, count)
-        weighed = bends.map(count)(pairs, ca.vertcat(own, ca.repmat(factor, 1, count)))
+        held = ca.reshape(multipliers[: count * inner], inner, count)
+        weighed = bends.map(count)(pairs, ca.vertcat(held, ca.repmat(factor, 1, count)))
         hessian = _summed(
             [(shift + bent[0], shift + bent[1]), (end_shift + end_bent[0], end_shift + end_bent[1])],
             (self._size, self._size),

@@ -1,4 +1,4 @@
-"""A solution's multipliers on another mesh, so that the search there begins near its end."""
+"""From one mesh to another: a search on a fine mesh begins near its end, at the solution on a coarse one."""
 
 from __future__ import annotations
 
@@ -6,9 +6,37 @@ import dataclasses
 
 import numpy as np
 
+from optim.planning.motion import Motion
 from optim.planning.program import Program
-from optim.planning.solve import Solved
+from optim.planning.solve import Solved, Told, solve
 from spacerobot.arrays import Array
+
+
+def solve_from(
+    motion: Motion, program: Program, *, scale: float, iterations: int = 500, told: Told | None = None
+) -> tuple[Solved, Solved]:
+    """Solve a problem on a motion's mesh first, and then on the program's from what was found there.
+
+    Parameters
+    ----------
+    motion
+        Where the search begins, on a coarse mesh.
+    program
+        What is to be solved.
+    scale, iterations, told
+        As for :func:`solve`; iterations on each mesh.
+
+    Returns
+    -------
+    tuple
+        What was found on the coarse mesh, and on the program's.
+    """
+    coarse = Program(program.problem, program.instants, motion.lobatto, motion.intervals)
+    found = solve(coarse, motion.unknowns, scale=scale, iterations=iterations, told=told)
+    z, duration = coarse.split(found.w)
+    near = dataclasses.replace(motion, z=z, duration_s=duration).on(program.lobatto, program.intervals)
+    warm = carried(found, coarse, program) if found.converged else None
+    return found, solve(program, near.unknowns, warm, scale=scale, iterations=iterations, told=told)
 
 
 def carried(solved: Solved, source: Program, target: Program) -> Solved:

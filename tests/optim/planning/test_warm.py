@@ -12,7 +12,7 @@ from optim.planning.guess import guess
 from optim.planning.lobatto import Lobatto
 from optim.planning.motion import Motion
 from optim.planning.program import Program
-from optim.planning.refine import carried
+from optim.planning.refine import carried, solve_from
 from optim.planning.solve import solve
 
 
@@ -79,3 +79,12 @@ def test_a_search_that_leads_nowhere_begins_anew(cold, monkeypatch):
     assert found.converged
     assert found.iterations > 1
     assert program.objective(found.w) == pytest.approx(program.objective(solution.w), rel=1e-6)
+
+
+def test_a_search_that_begins_on_a_coarse_mesh_ends_at_the_same_motion(cold):
+    program, solution = cold
+    motion = guess(program.problem, program.lobatto, 2)
+    _, found = solve_from(motion, program, scale=solution.scale)
+    assert found.converged
+    assert found.iterations < solution.iterations
+    np.testing.assert_allclose(found.w, solution.w, atol=1e-6)
