@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated, Any
 
 import typer
 
 from spacerobot.cli.options import Port
 from spacerobot.cli.output import console, progress
+from spacerobot.cli.playing import to_play
 from spacerobot.interrupts import keep
 
-if TYPE_CHECKING:
-    from spacerobot.result import Result
-
-ResultFolder = Annotated[Path, typer.Argument(metavar="RESULT", help="Folder of a result.")]
+Folders = Annotated[
+    list[Path],
+    typer.Argument(metavar="DIR...", help="Results; or one comparison, campaign or plan."),
+]
 Compare = Annotated[
-    Path | None, typer.Option("--compare", metavar="OTHER", help="Another result, shown beside or over it.")
+    Path | None, typer.Option("--compare", metavar="OTHER", help="Another result, as if named with DIR.")
 ]
 Html = Annotated[
     Path | None,
@@ -37,7 +38,11 @@ def register(app: typer.Typer) -> None:
     app.command("animate", help=HELP)(command)
 
 
-HELP = """Play a result in the browser, or write a page or a recording of it.
+HELP = """Play results in the browser, or write a page or a recording.
+
+Several results stand side by side with their metrics and whatever differs. The folder of a comparison gives
+the untuned design and each method's best, that of a campaign the worst samples among all others, that of a
+plan the planned motion, followed.
 
 Examples:
 
@@ -45,12 +50,14 @@ Examples:
 
     spacerobot animate out/paper --record docking.mp4 --speed 2
 
-    spacerobot animate out/before --compare out/after --html docking.html
+    spacerobot animate out/before out/after --html docking.html
+
+    spacerobot animate out/campaign
 """
 
 
 def command(
-    result: ResultFolder,
+    folders: Folders,
     compare: Compare = None,
     html: Html = None,
     record: Record = None,
@@ -59,32 +66,35 @@ def command(
     no_browser: NoBrowser = False,
 ) -> None:
     """Play, write or record."""
-    from spacerobot.result import load
+    from spacerobot.files import write_text
+    from spacerobot.result import note_derived
+    from viz.page.page import page
 
-    results = [load(folder) for folder in (result, compare) if folder is not None]
+    with progress("reading") as tell:
+        shown = to_play([*folders, *([compare] if compare else [])], tell)
     if html is not None:
-        from viz.page.page import write_animation
-
         with progress("writing the page"):
-            write_animation(html, *results)
+            write_text(html, page(shown.data))
+            note_derived(shown.results, [html])
         console().print(f"page in {html}", markup=False, soft_wrap=True)
     if record is not None:
         from viz.record import write_recording
 
         with progress("recording") as tell:
-            write_recording(record, results[0], speed=speed, progress=tell)
+            write_recording(record, shown.results[0], speed=speed, progress=tell)
         console().print(f"recording in {record}", markup=False, soft_wrap=True)
     if html is None and record is None:
-        _serve(results, port, no_browser)
+        serve(shown.data, port, open_browser=not no_browser)
 
 
-def _serve(results: list[Result], port: int, no_browser: bool) -> None:
+def serve(data: dict[str, Any], port: int, *, open_browser: bool = True) -> None:
+    """Play a page's data until Ctrl-C."""
     from viz.page.live import LiveViewer
 
     with LiveViewer(port) as viewer:
-        viewer.show(*results)
+        viewer.show_data(data)
         console().print(f"playing at {viewer.url} (Ctrl-C ends it)", markup=False, soft_wrap=True)
-        if not no_browser:
+        if open_browser:
             viewer.open()
         keep()
         viewer.wait()

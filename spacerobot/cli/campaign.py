@@ -7,9 +7,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from spacerobot.cli import playing
+from spacerobot.cli.animate import serve
 from spacerobot.cli.campaign_page import campaign_page
 from spacerobot.cli.campaign_tables import show
-from spacerobot.cli.options import Changes, Machines, ScenarioName, Threads, parse_changes
+from spacerobot.cli.options import Changes, Machines, Port, ScenarioName, Threads, View, parse_changes
 from spacerobot.cli.output import console, progress, warn
 from spacerobot.interrupts import keep
 
@@ -72,6 +74,8 @@ def command(
     threads: Threads = None,
     dask: Machines = None,
     page: Page = False,
+    view: View = False,
+    port: Port = 7000,
 ) -> None:
     """Run a campaign; exit code 130 after Ctrl-C, with what was found until then."""
     from optim.campaign import ROLLING_OUT, Named, run_campaign, summarise
@@ -115,6 +119,10 @@ def command(
     if found.interrupted:
         warn("interrupted: the same command goes on where it was")
         raise typer.Exit(130)
+    if view:
+        with progress("simulating the worst samples") as tell:
+            played = playing.campaign(out, tell, found.evaluator)
+        serve(played.data, port)
 
 
 def _with_samples(scene: Scene, samples: int | None) -> Scene:

@@ -6,13 +6,25 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from spacerobot.cli.campaign_spread import spreads
+
 if TYPE_CHECKING:
     from optim.campaign import Evaluator
     from spacerobot.result import Result
+    from viz.report.campaign_section import Shown
 
 
 def campaign_page(folder: Path, tell: Callable[[str], object], evaluator: Evaluator | None = None) -> str:
-    """HTML of the report about a campaign.
+    """HTML of the report about a campaign; as for :func:`campaign_shown`."""
+    from viz.report.campaign_section import campaign_report
+
+    shown = campaign_shown(folder, tell, evaluator)
+    tell("writing the page")
+    return campaign_report(shown)
+
+
+def campaign_shown(folder: Path, tell: Callable[[str], object], evaluator: Evaluator | None = None) -> Shown:
+    """What pages show of a campaign.
 
     Parameters
     ----------
@@ -31,7 +43,7 @@ def campaign_page(folder: Path, tell: Callable[[str], object], evaluator: Evalua
     """
     from optim.campaign import load_campaign, read_bands, reopen, simulate_sample, told_of
     from spacerobot.errors import ResultError, SpaceRobotError
-    from viz.report.campaign_section import Shown, campaign_report
+    from viz.report.campaign_section import Shown
 
     if evaluator is None:
         tell("opening the campaign")
@@ -57,5 +69,6 @@ def campaign_page(folder: Path, tell: Callable[[str], object], evaluator: Evalua
     if not results and not faults:
         cause = next(iter(worst.values()))["unclosed"]
         raise ResultError(f"no sample begins, so there is nothing to show: {cause}", source=folder)
-    tell("writing the page")
-    return campaign_report(Shown(summary, load_campaign(folder), results, bands, faults))
+    tell("rolling out some samples for the cloud")
+    data = load_campaign(folder)
+    return Shown(summary, data, results, bands, spreads(evaluator, data) if results else (), faults)

@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.markup import escape
 
-from spacerobot.cli.options import Changes, Machines, Out, Threads, parse_changes
+from spacerobot.cli import playing
+from spacerobot.cli.animate import serve
+from spacerobot.cli.options import Changes, Machines, Out, Port, Threads, View, parse_changes
 from spacerobot.cli.output import console, table, warn
 from spacerobot.cli.tuning_options import Budget, Runs, Seed, Starts, journals, parts, shown
 
@@ -90,6 +92,8 @@ def command(
     dask: Machines = None,
     full: Full = False,
     page: Page = False,
+    view: View = False,
+    port: Port = 7000,
 ) -> None:
     """Compare methods; exit code 130 after Ctrl-C, with what was found until then."""
     from optim.comparison import Session, compare
@@ -100,8 +104,9 @@ def command(
     from optim.workers.dask import open_workers
     from spacerobot.scene import load_scene
 
-    if page and out is None:
-        raise typer.BadParameter("needs --out DIR, where the page is written", param_hint="--report")
+    for asked_for, name in ((page, "--report"), (view, "--view")):
+        if asked_for and out is None:
+            raise typer.BadParameter("needs --out DIR, where what it shows is written", param_hint=name)
     asked = {"budget": budget, "runs": runs, "starts": starts, "seed": seed}
     with shown() as (tell, report), open_workers(threads, dask) as workers:
         session = Session(journals(out, "comparison.json"), workers, report, tell)
@@ -129,6 +134,8 @@ def command(
     if found.interrupted:
         warn("interrupted: what was found until then is kept")
         raise typer.Exit(130)
+    if view and out is not None:
+        serve(playing.comparison(out, print).data, port)
 
 
 SUITE = "suite"

@@ -7,9 +7,12 @@ from typing import Annotated, Literal
 
 import typer
 
-from spacerobot.cli.animate import Compare, ResultFolder
 from spacerobot.cli.output import console, progress
 
+ResultFolder = Annotated[Path, typer.Argument(metavar="RESULT", help="Folder of a result.")]
+Compare = Annotated[
+    Path | None, typer.Option("--compare", metavar="OTHER", help="Another result, drawn over it.")
+]
 Folder = Annotated[
     Path | None,
     typer.Option("--out", metavar="DIR", help="Folder for the files; else RESULT/figures."),

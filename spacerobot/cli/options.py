@@ -34,6 +34,7 @@ Machines = Annotated[
         help="Work on Dask: local:N, tcp://HOST:PORT, or a scheduler file. The numbers stay the same.",
     ),
 ]
+View = Annotated[bool, typer.Option("--view", help="Then play it in the browser, until Ctrl-C.")]
 Port = Annotated[
     int,
     typer.Option(

@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from spacerobot.cli.options import Changes, Machines, Out, ScenarioName, parse_changes
+from spacerobot.cli import playing
+from spacerobot.cli.animate import serve
+from spacerobot.cli.options import Changes, Machines, Out, Port, ScenarioName, View, parse_changes
 from spacerobot.cli.output import console, pairs, progress, table, warn
 from spacerobot.interrupts import keep
 
@@ -61,11 +63,17 @@ def command(
     pareto: Pareto = None,
     points: Points = 9,
     dask: Machines = None,
+    view: View = False,
+    port: Port = 7000,
 ) -> None:
     """Plan, print what was found, and write it if a folder is given; exit code 130 after Ctrl-C."""
     from spacerobot.result import JOURNALS
     from spacerobot.scene import load_scene
 
+    if view and out is None:
+        raise typer.BadParameter("needs --out DIR, where the plan is written", param_hint="--view")
+    if view and pareto is not None:
+        raise typer.BadParameter("does not go with --pareto, which makes many plans", param_hint="--view")
     scene = load_scene(scenario, parse_changes(changes))
     for warning in scene.warnings:
         warn(warning)
@@ -89,6 +97,10 @@ def command(
         warn("interrupted: the same command goes on where it was")
         raise typer.Exit(130)
     show()
+    if view and out is not None:
+        with progress("following the plan") as tell:
+            played = playing.plan(out, tell)
+        serve(played.data, port)
 
 
 def _plan(scene: Scene, out: Path | None, how: dict[str, Any]) -> Callable[[], None]:

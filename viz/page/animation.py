@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -31,6 +31,7 @@ from viz.page.events import event_data
 from viz.page.limits import joint_limits
 from viz.page.masses import mass_data, no_masses
 from viz.page.meshcat_scene import Meshes, changed_descriptions, packed, poses, rounded
+from viz.page.panel import panel_data
 from viz.page.plumes import no_plumes, plume_data
 from viz.page.signals import chart_rows, quantities, signal_data
 
@@ -39,11 +40,20 @@ FRAMES_PER_S = 25.0
 
 MOST_FRAMES = 1500
 
+FIRST_SHOWN = 2
+"""Of several results, when a page opens."""
+
 _ARROW_SHARE = 0.07  # the longest arrow, as a share of the scene's size
 _NEAREST_SHARE = 0.06  # half of what the close view shows at the least, likewise
 
 
-def animation(*results: Result, title: str | None = None, autoplay: bool = True) -> dict[str, Any]:
+def animation(
+    *results: Result,
+    title: str | None = None,
+    autoplay: bool = True,
+    names: Sequence[str] | None = None,
+    first: int = FIRST_SHOWN,
+) -> dict[str, Any]:
     """Data of a page that plays one result, or compares several.
 
     Parameters
@@ -51,9 +61,13 @@ def animation(*results: Result, title: str | None = None, autoplay: bool = True)
     results
         What to show; unfinished ones are shown up to where they went.
     title
-        Heading of the page; the scenarios' names if not given.
+        Heading of the page; the results' names if not given.
     autoplay
         Whether it plays at once.
+    names
+        What the results are called; after their folders or scenarios if not given.
+    first
+        So many are shown when it opens; the others by a tick in its panel.
 
     Raises
     ------
@@ -61,37 +75,20 @@ def animation(*results: Result, title: str | None = None, autoplay: bool = True)
         If the results cannot be compared.
     """
     check_comparable(results)
-    labels = labels_of(results)
-    return shown_data([look_at(r, name) for r, name in zip(results, labels, strict=True)], title, autoplay)
+    labels = list(names or labels_of(results))
+    data = shown_data([look_at(r, name) for r, name in zip(results, labels, strict=True)], title, autoplay)
+    return data | {"panel": panel_data(results, labels) | {"first": first}}
 
 
 def shown_data(shown: Sequence[Shown], title: str | None = None, autoplay: bool = False) -> dict[str, Any]:
-    """The same of results as they were looked at."""
+    """The same of results as they were looked at, without the panel."""
     meshes = Meshes(node for one in shown for node in one.motion.nodes)
-    return _data(shown, meshes, title, autoplay) | {"meshes": meshes.data()}
-
-
-def choice(named: Mapping[str, Result]) -> dict[str, Any]:
-    """Data of a page that shows one of several results, to be chosen by name; what they share is kept once.
-
-    Parameters
-    ----------
-    named
-        Results by what they are called.
-    """
-    shown = [look_at(result, name) for name, result in named.items()]
-    meshes = Meshes(node for one in shown for node in one.motion.nodes)
-    choices = [_data([one], meshes, None, False) for one in shown]
-    return {"title": " or ".join(named), "meshes": meshes.data(), "choices": choices}
-
-
-def _data(shown: Sequence[Shown], meshes: Meshes, title: str | None, autoplay: bool) -> dict[str, Any]:
     boxes = [_box(one) for one in shown]
     low, high = np.min([box[0] for box in boxes], axis=0), np.max([box[1] for box in boxes], axis=0)
     scale = float(np.linalg.norm(high - low))
     force = max(greatest_force(one.result) for one in shown)
     return {
-        "title": title or " and ".join(one.label for one in shown),
+        "title": title or _title([one.label for one in shown]),
         "about": _about(shown),
         "notices": _notices(shown),
         "planar": shown[0].scene.planar,
@@ -103,6 +100,7 @@ def _data(shown: Sequence[Shown], meshes: Meshes, title: str | None, autoplay: b
         "longest_arrow": _ARROW_SHARE,
         "greatest_force": force,
         "autoplay": autoplay,
+        "meshes": meshes.data(),
         "runs": [run_data(one) | {"nodes": meshes.node_data(one.motion.nodes)} for one in shown],
     }
 
@@ -234,6 +232,10 @@ def _near(shown: Shown, low: Array, high: Array) -> Array:
     half = np.maximum(half, np.minimum(_NEAREST_SHARE * np.linalg.norm(high - low), (high - low) / 2))
     corners = np.meshgrid(*np.stack([middle - half, middle + half]).T)
     return np.stack(corners).reshape(3, -1).T
+
+
+def _title(labels: Sequence[str]) -> str:
+    return " and ".join(labels) if len(labels) <= FIRST_SHOWN else f"{labels[0]} and {len(labels) - 1} others"
 
 
 def _about(shown: Sequence[Shown]) -> str:

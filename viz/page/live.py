@@ -56,7 +56,11 @@ class LiveViewer(Loopback):
         ResultError
             If the results cannot be compared.
         """
-        self._send({"show": animation(*results)})
+        self.show_data(animation(*results))
+
+    def show_data(self, data: dict[str, Any]) -> None:
+        """Show what :func:`viz.page.animation.animation` makes."""
+        self._send({"show": data})
 
     def wait_for_page(self, timeout_s: float | None = None) -> bool:
         """Wait until a browser shows the page; whether one does."""

@@ -14,7 +14,7 @@ from typing import Any
 from spacerobot.errors import SpaceRobotError
 from spacerobot.files import write_text
 from spacerobot.result import Result, note_derived
-from viz.page.animation import animation, choice
+from viz.page.animation import animation
 from viz.page.meshcat_scene import encoded, script_hash
 
 SCRIPTS = (
@@ -41,6 +41,13 @@ SCRIPTS = (
     "picture.js",
     "link.js",
     "player.js",
+)
+"""Parts of the player, in order."""
+
+OFFLINE = ("studio/plots.js", "studio/spread.js", "studio/results.js", "main.js")
+"""What a page without a server has besides."""
+
+SERVED = (
     "studio/wire.js",
     "studio/rollouts.js",
     "studio/designs.js",
@@ -54,7 +61,7 @@ SCRIPTS = (
     "studio/studio.js",
     "main.js",
 )
-"""Parts of the player, in order."""
+"""What a studio's page has besides."""
 
 STYLES = ("page.css", "studio/studio.css")
 """How it looks, in order."""
@@ -71,11 +78,6 @@ def animation_page(*results: Result, title: str | None = None, autoplay: bool = 
         If the results cannot be compared.
     """
     return page(animation(*results, title=title, autoplay=autoplay))
-
-
-def choice_page(named: Mapping[str, Result]) -> str:
-    """HTML of a page that plays one of several results, to be chosen by name."""
-    return page(choice(named))
 
 
 def write_animation(path: Path, *results: Result, title: str | None = None) -> None:
@@ -96,24 +98,27 @@ def page(payload: Mapping[str, Any], *, connect: str = "'none'") -> str:
     Parameters
     ----------
     payload
-        As :func:`viz.page.animation.animation` or :func:`viz.page.animation.choice` makes it.
+        As :func:`viz.page.animation.animation` makes it.
     connect
         What the page may connect to, as a source expression; nothing by default.
     """
+    more = SERVED if payload.get("studio") else OFFLINE
     parts = {
-        "policy": policy(connect),
+        "policy": policy(connect, more=more),
         "title": html.escape(str(payload["title"])),
         "style": "".join(map(_web, STYLES)),
         "payload": json_text(payload),
         "meshcat": meshcat_script(),
-        "player": player_script(),
+        "player": player_script(more),
     }
     return fill(_web("page.html"), parts)
 
 
-def policy(connect: str = "'none'", *, style: str = "'unsafe-inline'") -> str:
+def policy(
+    connect: str = "'none'", *, style: str = "'unsafe-inline'", more: tuple[str, ...] = OFFLINE
+) -> str:
     """Content Security Policy: only the player's own scripts run, and nothing is fetched."""
-    scripts = f"{script_hash(meshcat_script())} {script_hash(player_script())}"
+    scripts = f"{script_hash(meshcat_script())} {script_hash(player_script(more))}"
     return (
         f"default-src 'none'; script-src {scripts}; style-src {style}; img-src data: blob:; "
         f"connect-src {connect}; base-uri 'none'; form-action 'none'"
@@ -143,9 +148,9 @@ def meshcat_script() -> str:
 
 
 @cache
-def player_script() -> str:
-    """Our player, in a scope of its own."""
-    return '"use strict";\n(() => {\n' + "\n".join(map(_web, SCRIPTS)) + "\n})();\n"
+def player_script(more: tuple[str, ...] = OFFLINE) -> str:
+    """Our player, in a scope of its own; ``more``: what this page has besides."""
+    return '"use strict";\n(() => {\n' + "\n".join(map(_web, (*SCRIPTS, *more))) + "\n})();\n"
 
 
 @cache

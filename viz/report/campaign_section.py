@@ -15,8 +15,9 @@ from spacerobot.arrays import Array
 from spacerobot.result import Result
 from viz.figures import Bands, Spread, bands, distributions, moving_components, sensitivities, to_bytes
 from viz.figures.style import Drawing, unit_scale
+from viz.page.animation import animation
 from viz.page.notebook import frame
-from viz.page.page import choice_page
+from viz.page.page import page as animated
 from viz.report.campaign_words import (
     capturing,
     depends,
@@ -62,6 +63,9 @@ class Shown:
         By set of gains: its worst sample, simulated.
     bands
         By kept signal: how it spreads over time, for each set of gains by name.
+    spreads
+        What the animated page tells of all samples, one for each set of gains; see
+        :func:`viz.page.spread.spread_data`.
     faults
         By set of gains: why its worst sample cannot be simulated.
     """
@@ -70,6 +74,7 @@ class Shown:
     data: xr.Dataset
     worst: Mapping[str, Result]
     bands: Mapping[str, Mapping[str, Bands]]
+    spreads: Sequence[Mapping[str, Any]] = ()
     faults: Mapping[str, str] = field(default_factory=dict)
 
 
@@ -300,13 +305,20 @@ def _reason(row: Mapping[str, Any], summary: Mapping[str, Any]) -> str:
     return f"{quantity_of(metric)}, {factor * row['value']:.4g} {unit}{failed}"
 
 
-def _animations(shown: Shown, _: Subject) -> str:
-    text = '<p class="onpaper">The animation plays on a screen; its frames stand among the figures.</p>'
+def animated_worst(shown: Shown) -> dict[str, Any]:
+    """Data of the page that plays the worst sample of each set of gains, all samples beside it."""
     named = {
         f"Gains {name}, sample {shown.summary['gains'][name]['worst'][0]['sample']}": result
         for name, result in list(shown.worst.items())[:MOST_ANIMATED]
     }
-    text += frame(choice_page(named), 640)
+    title = f"Campaign of {shown.summary['name']}: worst samples"
+    data = animation(*named.values(), names=list(named), title=title, autoplay=False, first=1)
+    return data | {"panel": data["panel"] | {"spreads": list(shown.spreads)}}
+
+
+def _animations(shown: Shown, _: Subject) -> str:
+    text = '<p class="onpaper">The animation plays on a screen; its frames stand among the figures.</p>'
+    text += frame(animated(animated_worst(shown)), 640)
     left = list(shown.worst)[MOST_ANIMATED:]
     return text + (f"<p>Not animated: the worst samples of {escape(', '.join(left))}.</p>" if left else "")
 

@@ -90,6 +90,26 @@ def comparison_report(folder: Path) -> str:
     return report(*results, title=title, sections=[section, *SECTIONS])
 
 
+def designs_of(folder: Path) -> tuple[str, dict[str, Result]]:
+    """Title, and the results of the first contest that was judged, the untuned design first, the best next.
+
+    Raises
+    ------
+    ResultError
+        If the folder holds no comparison that can be shown, or none of its designs was judged.
+    """
+    with _whole(folder):
+        data = _read(folder)
+        contest = data["contests"][0]
+        ranked = sorted(contest["methods"], key=lambda name: _objective(contest["methods"][name]))
+        title = f"Tuning methods compared: {data['name']}, {contest['name']}"
+        places = {name: folder / contest["name"] / name for name in ("baseline", *ranked)}
+    found = {name: load(place) for name, place in places.items() if (place / DATA).is_file()}
+    if not found:
+        raise ResultError("none of its designs was judged, so there is no motion to play", source=folder)
+    return title, found
+
+
 def _objective(method: Mapping[str, Any]) -> float:
     best = method["objective"]["best"]
     return float("inf") if best is None else float(best)

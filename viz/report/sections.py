@@ -18,6 +18,7 @@ from viz.figures.style import labels_of
 from viz.page.animation import notices
 from viz.page.notebook import frame
 from viz.page.page import animation_page
+from viz.page.panel import differences
 
 MOST_COMPARED = 4
 """More results than these are listed in tables, but not drawn over each other."""
@@ -208,30 +209,6 @@ def origins(subject: Subject) -> str | None:
         yaml = escape(to_yaml(result.scenario))
         parts.append(f"<details><summary>resolved scenario</summary><pre>{yaml}</pre></details>")
     return "".join(parts)
-
-
-def differences(documents: Sequence[Any]) -> list[tuple[str, list[str]]]:
-    """Dotted paths at which documents differ, with the value of each as text."""
-    flat = [dict(_leaves(document, "")) for document in documents]
-    paths = list(dict.fromkeys(path for leaves in flat for path in leaves))
-    found = [(path, [_value(leaves[path]) if path in leaves else "-" for leaves in flat]) for path in paths]
-    return [(path, values) for path, values in found if len(set(values)) > 1]
-
-
-def _value(value: Any) -> str:
-    """A scenario's value as text, numbers in no more digits than tell them apart for a reader."""
-    if value is None:
-        return "none"
-    return f"{value:.10g}" if isinstance(value, float) else str(value)
-
-
-def _leaves(node: Any, path: str) -> list[tuple[str, Any]]:
-    if isinstance(node, dict):
-        found: list[tuple[str, Any]] = []
-        for key, value in node.items():
-            found += _leaves(value, f"{path}.{key}" if path else str(key))
-        return found
-    return [(path, node)]
 
 
 def table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

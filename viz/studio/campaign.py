@@ -9,20 +9,17 @@ import numpy as np
 from pydantic import ValidationError
 
 from optim.campaign.draws.sampling import draw
-from spacerobot.arrays import Array
 from spacerobot.errors import ScenarioError
 from spacerobot.rollout import Batch
 from spacerobot.scenario import Campaign
 from spacerobot.scenario.faults import explain
+from viz.page.spread import spread_data
 from viz.studio.job import Job
 from viz.studio.messages import Request
 from viz.studio.metrics import Metric
 from viz.studio.plant import Plant, Plants
 
-QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 MOST_SAMPLES = 4096
-MOST_TIMES = 201
-MOST_PATHS = 100
 CHUNK = 64  # rollouts between two messages
 OUTPUTS = ("tip_error", "tip_position")
 
@@ -83,41 +80,14 @@ def _campaign(request: Request, plant: Plant, numbers: Mapping[str, float]) -> C
 
 def _told(plant: Plant, metric: Metric, parts: list[Batch], done: int, total: int) -> dict[str, Any]:
     """What samples say so far: the metric of each, quantiles of tip errors over time, paths of some."""
-    every = max(1, len(parts[0].time) // (MOST_TIMES - 1))
     values = metric.factor * np.concatenate([part.costs[metric.key] for part in parts])
-    tips = [tip.label for tip in plant.scene.tips]
+    outputs = {name: np.concatenate([part.outputs[name] for part in parts]) for name in OUTPUTS}
     return {
         "progress": done / total,
         "message": "",
         "done": done,
         "samples": total,
         "lost": int(np.isnan(values).sum()),
-        "quantiles": list(QUANTILES),
-        "signals": [{"name": tip, "unit": "mm"} for tip in tips],
         "values": values,
-        "time": parts[0].time[::every],
-        "bands": _bands(parts, every, len(tips)),
-        "paths": _paths(parts, every, len(tips)),
+        **spread_data(parts[0].time, outputs, [tip.label for tip in plant.scene.tips]),
     }
-
-
-def _bands(parts: list[Batch], every: int, tips: int) -> Array:
-    """Quantiles (tips, quantiles, nt) of the sizes of tip errors [mm]."""
-    sizes = [
-        np.linalg.norm(part.outputs["tip_error"][:, ::every].reshape(len(part.done), -1, tips, 3), axis=-1)
-        for part in parts
-    ]
-    together = 1e3 * np.concatenate(sizes)
-    good = together[np.isfinite(together).all(axis=(1, 2))]
-    if not len(good):
-        return np.full((tips, len(QUANTILES), together.shape[1]), np.nan)
-    return np.asarray(np.quantile(good, QUANTILES, axis=0).transpose(2, 0, 1))
-
-
-def _paths(parts: list[Batch], every: int, tips: int) -> Array:
-    """Where the tips of the first samples go (shown, nt, tips, 3) [m]."""
-    found: list[Array] = []
-    for part in parts:
-        if sum(map(len, found)) < MOST_PATHS:
-            found.append(part.outputs["tip_position"][:, ::every].reshape(len(part.done), -1, tips, 3))
-    return np.concatenate(found)[:MOST_PATHS]

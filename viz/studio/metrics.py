@@ -15,36 +15,21 @@ from spacerobot.closedloop import ClosedLoop
 from spacerobot.errors import SpaceRobotError, near_names
 from spacerobot.rollout import Measure, Measures, Signals
 from spacerobot.scene import Scene
+from viz.page.panel import LABELS
 
 MILLIMETRES = 1e3
-
-
-@dataclass(frozen=True)
-class Kind:
-    """A quantity that campaigns keep: its name for people, what it is, and how its places become one."""
-
-    label: str
-    text: str
-    total: Callable[[ca.SX], ca.SX] = ca.mmax
 
 
 def _together(parts: ca.SX) -> ca.SX:
     return ca.sqrt(ca.sumsqr(parts))
 
 
-KINDS = {
-    "tip_error_peak": Kind("largest tip error", "largest error of a tip along an axis, at any time"),
-    "tip_error_rms": Kind("RMS tip error", "root of the time's mean of the squared tip error", _together),
-    "target_rotation_peak": Kind("object rotation", "largest rotation of the object since the start"),
-    "base_rotation_peak": Kind("base rotation", "largest rotation of a base since the start"),
-    "joint_torque_peak": Kind("joint torque", "largest torque or force of an actuator"),
-    "grip_force_peak": Kind("grip force", "largest force of a grip"),
-    "capture_time": Kind("capture time", "time of the last capture of a grasp that begins open", ca.sum1),
-    "miss_distance": Kind("miss distance", "least distance of a tip from what it shall grip"),
-    "impulse": Kind("impulse", "what all impacts together gave the target", ca.sum1),
-    "event_energy": Kind("energy lost in events", "energy that impacts and springs let go take"),
+TOTALS: Mapping[str, Callable[[ca.SX], ca.SX]] = {
+    "tip_error_rms": _together,
+    "impulse": ca.sum1,
+    "event_energy": ca.sum1,
 }
-"""Quantities, in the order in which they are told."""
+"""How the places of a quantity become one, where that is not the largest."""
 
 
 @dataclass(frozen=True)
@@ -89,7 +74,7 @@ class Metric:
             parts = ca.sqrt(parts / self.duration_s)
         if self.kind == "miss_distance":
             parts = -parts
-        return KINDS[self.kind].total(parts) if len(self.places) > 1 else parts
+        return TOTALS.get(self.kind, ca.mmax)(parts) if len(self.places) > 1 else parts
 
 
 @dataclass(frozen=True)
@@ -141,37 +126,37 @@ class Metrics:
 
 def build_metrics(loop: ClosedLoop, scene: Scene) -> Metrics:
     """Metrics of a scene's closed loop: totals first, then what they are made of."""
-    kept = build_kept(loop, scene, list(KINDS))
+    kept = build_kept(loop, scene, list(LABELS))
     columns = [column for column in kept.columns if column.metric not in (DRIFT, RESIDUAL)]
     metrics = (*_totals(columns, kept.duration_s), *_singles(columns, kept.duration_s))
 
     def costs(r: Mapping[str, ca.SX], _: Mapping[str, ca.SX]) -> dict[str, ca.SX]:
         return {m.key: m.expression(r[m.kind]) for m in metrics}
 
-    named = {name: measure for name, measure in kept.measures.named.items() if name in KINDS}
+    named = {name: measure for name, measure in kept.measures.named.items() if name in LABELS}
     return Metrics(metrics, replace(kept.measures, named=named, costs=costs))
 
 
 def _totals(columns: Sequence[Column], duration_s: float) -> list[Metric]:
     found = []
-    for kind, about in KINDS.items():
+    for kind, (label, text) in LABELS.items():
         own = [column for column in columns if column.metric == kind]
         if own:
             unit, factor = _told(own[0].unit)
             places = tuple(range(len(own)))
-            found.append(Metric(kind, about.label, about.text, unit, factor, kind, places, duration_s))
+            found.append(Metric(kind, label, text, unit, factor, kind, places, duration_s))
     return found
 
 
 def _singles(columns: Sequence[Column], duration_s: float) -> list[Metric]:
     """Parts of the totals that have several."""
     found = []
-    for kind, about in KINDS.items():
+    for kind, (label, text) in LABELS.items():
         own = [column for column in columns if column.metric == kind]
         for place, column in enumerate(own if len(own) > 1 else ()):
             unit, factor = _told(column.unit)
-            label = f"{about.label}, {column.where}"
-            found.append(Metric(column.name, label, about.text, unit, factor, kind, (place,), duration_s))
+            name = f"{label}, {column.where}"
+            found.append(Metric(column.name, name, text, unit, factor, kind, (place,), duration_s))
     return found
 
 

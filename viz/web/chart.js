@@ -46,6 +46,26 @@ class Chart {
     this.choose();
   }
 
+  // Quantiles of a quantity's signals over many samples, drawn under its curves; none if null.
+  band(spread) {
+    this.bands = spread && { ...spread, time: floats(spread.time), bands: floats(spread.bands) };
+    if (this.signals) this.choose();
+  }
+
+  // Rows of quantiles of a signal, the lowest first; none where nothing is known.
+  quantilesOf(title, name) {
+    const { bands } = this, k = bands?.quantity === title ? bands.signals.indexOf(name) : -1, count = bands?.time.length;
+    if (k < 0) return [];
+    return bands.quantiles.map((_, q) => bands.bands.subarray((k * bands.quantiles.length + q) * count, (k * bands.quantiles.length + q + 1) * count));
+  }
+
+  rangeOf({ title, signals }) {
+    const [least, greatest] = this.signals.range(signals, this.window), [begin, end] = this.window;
+    const tops = signals.map(({ name }) => this.quantilesOf(title, name).at(-1) || []);
+    const seen = tops.flatMap((top) => [...top].filter((value, i) => this.bands.time[i] >= begin && this.bands.time[i] <= end));
+    return [least, seen.reduce((most, value) => (value > most ? value : most), greatest)];
+  }
+
   // Nearer (above 1) or farther, about a time; that of the cursor if none is given.
   zoom(factor, about = this.time) {
     const [begin, end] = this.window, wide = Math.min(this.duration, Math.max(this.duration / 1e4, (end - begin) / factor));
@@ -62,7 +82,7 @@ class Chart {
   look(begin, wide) {
     const from = Math.min(this.duration - wide, Math.max(0, begin));
     this.window = [from, from + wide];
-    for (const one of this.drawn) one.range = this.signals.range(one.signals, this.window);
+    for (const one of this.drawn) one.range = this.rangeOf(one);
     this.resize();
   }
 
@@ -83,8 +103,12 @@ class Chart {
           names.append(one);
         }
       });
+      if (this.bands?.quantity === quantity.title) {
+        const share = this.bands.quantiles.map((q) => `${Math.round(100 * q)}`).join(", ");
+        names.append(element("span", `bands: ${share} % of samples`, "run"));
+      }
       panel.append(names, canvas);
-      return { ...quantity, panel, canvas, values, range: this.signals.range(quantity.signals, this.window) };
+      return { ...quantity, panel, canvas, values, range: this.rangeOf(quantity) };
     });
     this.panels.replaceChildren(this.cursor, this.pointer, ...this.drawn.map(({ panel }) => panel));
     this.root.hidden = this.drawn.length === 0;
@@ -160,7 +184,7 @@ class Chart {
     return pen;
   }
 
-  curves({ canvas, signals, range: [least, greatest] }) {
+  curves({ canvas, title, signals, range: [least, greatest] }) {
     const height = canvas.clientHeight, top = 7, bottom = height - 7, [left, right] = this.span;
     if (right - left < 20 || !height) return;
     const pen = this.pen(canvas);
@@ -173,7 +197,10 @@ class Chart {
     pen.beginPath();
     pen.rect(left, 0, right - left, height);
     pen.clip();
-    for (const signal of signals) this.limits(pen, signal, [least, greatest], y);
+    for (const signal of signals) {
+      this.limits(pen, signal, [least, greatest], y);
+      this.shade(pen, this.quantilesOf(title, signal.name), signal.colour, y);
+    }
     signals.forEach((signal) => signal.values.forEach((values, r) => {
       if (!values) return;
       const { time } = this.signals.runs[r];
@@ -186,6 +213,28 @@ class Chart {
       pen.stroke();
     }));
     pen.restore();
+  }
+
+  // Between the outermost two quantiles pale, between the next less so; the middle one thin.
+  shade(pen, rows, colour, y) {
+    if (!rows.length) return;
+    const [left, right] = this.span, { time } = this.bands, middle = rows.length >> 1;
+    const points = (row, order) => { for (const i of order) pen.lineTo(this.xOf(time[i], left, right), y(row[i])); };
+    const forth = [...time.keys()], back = [...forth].reverse();
+    pen.fillStyle = pen.strokeStyle = inked(colour);
+    for (let k = 0; k < middle; k++) {
+      pen.globalAlpha = 0.18;
+      pen.beginPath();
+      points(rows[k], forth);
+      points(rows[rows.length - 1 - k], back);
+      pen.fill();
+    }
+    [pen.globalAlpha, pen.lineWidth] = [0.8, 0.8];
+    pen.setLineDash([]);
+    pen.beginPath();
+    points(rows[middle], forth);
+    pen.stroke();
+    pen.globalAlpha = 1;
   }
 
   xOf(time, left, right) {

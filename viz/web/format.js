@@ -73,3 +73,19 @@ function errorSize(mm) {
   if (mm >= 1) return `${mm.toPrecision(3)} mm`;
   return mm >= 5e-4 || mm === 0 ? `${mm.toFixed(3)} mm` : "< 0.001 mm";
 }
+
+// A metric's value; a dash where there is none.
+function amountOf(value, { unit }) {
+  return typeof value === "number" ? amount(value, unit).trim() : "–";
+}
+
+function tableRow(title, cells, kind = "td") {
+  const row = element("tr"), head = element(title ? "th" : "td", title);
+  if (title) head.scope = "row";
+  row.append(head, ...cells.map((cell) => {
+    const made = element(kind);
+    made.append(cell);
+    return made;
+  }));
+  return row;
+}

@@ -72,10 +72,17 @@ class Player {
     this.timeline.seek(this.timeline.time);
   }
 
-  // Paths of a campaign's tips: ``points`` (samples, times, tips, 3); none if null.
-  cloud(points, shape) {
-    this.scene.setCloud(points && cloudOf(points, shape));
+  // A campaign: ``paths`` of its tips, of that ``shape`` (samples, times, tips, 3), and ``bands`` of a signal; none if null.
+  cloud(spread) {
+    this.scene.setCloud(spread && cloudOf(floats(spread.paths), spread.shape));
     this.legend.load((layer) => this.present(layer));
+    this.chart.band(spread);
+  }
+
+  // Open or close the numbers beside the scene.
+  panel(open) {
+    $("panel").hidden = !open;
+    $("paneling").setAttribute("aria-expanded", String(open));
   }
 
   // Whether there is anything of a layer to show.
@@ -220,6 +227,7 @@ class Player {
     $("later").addEventListener("click", () => this.chart.pan(0.25));
     $("table").addEventListener("click", () => saveText(curvesTable(this.chart), `${this.fileName}.csv`, "text/csv"));
     $("plot").addEventListener("click", () => save(curvesPicture(this.chart), `${this.fileName}-curves.png`));
+    $("paneling").addEventListener("click", () => this.panel($("panel").hidden));
     $("about").addEventListener("click", () => $("about").classList.toggle("whole"));
     $("more").addEventListener("click", () => this.more(!$("looks").classList.contains("open")));
     $("looks").addEventListener("keydown", (event) => { if (event.key === "Escape") this.more(false); });

@@ -16,7 +16,8 @@ from spacerobot.simulation import simulate
 from viz.drawing.motion import pick_rows, scene_nodes
 from viz.figures import KINDS, draw_all
 from viz.page.animation import animation
-from viz.page.page import animation_page, choice_page, json_text, meshcat_script, write_animation
+from viz.page.page import animation_page, json_text, meshcat_script, write_animation
+from viz.page.page import page as to_html
 from viz.record import write_recording
 
 BOX = (
@@ -229,31 +230,41 @@ def test_a_diverged_result_is_shown_up_to_where_it_went(browser, diverged, tmp_p
     assert page.errors == []
 
 
-def test_one_of_several_results_is_chosen_at_the_same_time_and_view(browser, paper, blind, tmp_path):
-    text = choice_page({"with: sample 3": paper, "without: sample 5": blind})
-    page = _show(browser, tmp_path / "page.html", text, "#t=4.2&look=near")
-    chosen = "document.getElementById('choose')"
-    assert page.evaluate(f"[...{chosen}.options].map((o) => o.text)") == [
-        "with: sample 3",
-        "without: sample 5",
+def test_several_results_stand_side_by_side_and_are_shown_by_a_tick(browser, paper, blind, tmp_path):
+    shown = animation(paper, blind, names=["with", "without"], title="two", autoplay=False, first=1)
+    page = _show(browser, tmp_path / "page.html", to_html(shown), "#t=4.2&look=near", (1400, 800))
+    rows = page.evaluate(
+        "[...document.querySelectorAll('#results tr')].map((row) => row.innerText.split('\\t'))"
+    )
+    assert [cell.strip() for cell in rows[0][1:]] == ["with", "without"]
+    peaks = [
+        max(
+            max(-tip[axis]["min_m"], tip[axis]["max_m"])
+            for tip in r.summary["tip_error"].values()
+            for axis in "xy"
+        )
+        for r in (paper, blind)
     ]
-    before = page.evaluate("document.getElementById('readout').innerText")
-    page.evaluate(f"{chosen}.value = 1; {chosen}.dispatchEvent(new Event('change'))")
-    after = page.evaluate("document.getElementById('readout').innerText")
-    assert before != after
-    assert page.evaluate("[document.body.dataset.time, document.getElementById('look').value]") == [
-        "4.200",
-        "near",
-    ]
-    assert page.evaluate("document.title") == "without: sample 5"
+    assert rows[1] == ["largest tip error", *(f"{float(f'{1e3 * peak:.3g}'):g} mm" for peak in peaks)]
+    assert any(row[0].endswith("tip.amnesia") and row[2] == "none" for row in rows)
+    before = page.evaluate("readout.innerText")
+    page.evaluate("document.querySelector('[aria-label=\"Show without\"]').click()")
+    assert "without (dashed)" in page.evaluate(CURVES)
+    page.evaluate("document.querySelector('[aria-label=\"Show with\"]').click()")
+    assert page.evaluate("readout.innerText") != before
+    page.wait_for("location.hash.includes('shown=1')")
+    assert page.evaluate("[document.body.dataset.time, look.value]") == ["4.200", "near"]
+    page.evaluate("document.querySelector('[aria-label=\"Show without\"]').click()")  # one stays
+    assert page.evaluate("document.querySelector('[aria-label=\"Show without\"]').checked")
+    page.evaluate("paneling.click()")
+    assert page.evaluate("panel.hidden && paneling.getAttribute('aria-expanded') === 'false'")
     assert page.errors == []
 
 
-def test_what_results_share_is_kept_once_where_one_is_chosen(paper, blind):
-    both = len(choice_page({"with": paper, "without": blind}))
-    alone = [len(choice_page({"it": result})) for result in (paper, blind)]
+def test_what_results_share_is_kept_once(paper, blind):
+    both = len(animation_page(paper, blind))
+    alone = [len(animation_page(result)) for result in (paper, blind)]
     assert both + len(meshcat_script()) < sum(alone)
-    assert both < len(animation_page(paper, blind)) * 1.05
 
 
 def test_changed_descriptions_are_told(paper):

@@ -28,23 +28,12 @@ class Bookmarks {
     const focused = table.contains(document.activeElement) && document.activeElement.getAttribute("aria-label");
     const paths = [...new Set(columns.flatMap(({ values }) => Object.keys(values)))].sort();
     const value = (values, path) => values[path] ?? designs.own[path];
-    table.tHead.replaceChildren(this.row("", columns.map((one) => this.head(one)), "th"));
+    table.tHead.replaceChildren(tableRow("", columns.map((one) => this.head(one)), "th"));
     table.tBodies[0].replaceChildren(
-      ...metrics.map((metric) => this.row(metric.label, known.map((own) => amountOf(own?.[metric.key], metric)))),
-      ...paths.map((path) => this.row(`${path}${units(path) ? ` [${units(path)}]` : ""}`, columns.map(({ values }) => short(value(values, path))))),
+      ...metrics.map((metric) => tableRow(metric.label, known.map((own) => amountOf(own?.[metric.key], metric)))),
+      ...paths.map((path) => tableRow(`${path}${units(path) ? ` [${units(path)}]` : ""}`, columns.map(({ values }) => short(value(values, path))))),
     );
     if (focused) table.querySelector(`[aria-label="${CSS.escape(focused)}"]`)?.focus();
-  }
-
-  row(title, cells, kind = "td") {
-    const row = element("tr"), head = element(title ? "th" : "td", title);
-    if (title) head.scope = "row";
-    row.append(head, ...cells.map((cell) => {
-      const made = element(kind);
-      made.append(cell);
-      return made;
-    }));
-    return row;
   }
 
   // A field stands for the name until Enter or Escape is pressed, or it is left.

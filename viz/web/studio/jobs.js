@@ -49,7 +49,7 @@ class Jobs {
     this.part("progress").value = job.progress;
     const spent = job.kind === "campaign" ? `${job.done} of ${job.samples} samples` : `${Math.round(job.curve?.at(-1)?.[0] ?? 0)} rollouts`;
     this.say([this.running ? "" : job.state, job.message, spent].filter(Boolean).join(": "));
-    if (job.paths) this.onCloud(job.paths, job.binary.find(({ name }) => name === "paths").shape);
+    if (job.paths) this.onCloud(job);
     if (job.best && this.following) this.take(!this.running);
     this.enable();
     this.draw();

@@ -60,10 +60,6 @@ class Metrics {
   }
 }
 
-function amountOf(value, { unit }) {
-  return typeof value === "number" ? amount(value, unit).trim() : "–";
-}
-
 // Change against the design before, lower is better.
 function changeWords(value, other) {
   if (typeof value !== "number" || typeof other !== "number") return "–";

@@ -55,7 +55,7 @@ function plotHistogram(canvas, values, mark, { unit }) {
     pen.stroke();
   }
   pen.fillStyle = style.getPropertyValue("--dim");
-  caption(pen, `median ${amount(finite[finite.length >> 1], unit)}; line: this design`, left, 11, "left");
+  caption(pen, `median ${amount(finite[finite.length >> 1], unit)}${Number.isFinite(mark) ? "; line: this design" : ""}`, left, 11, "left");
   caption(pen, amount(least, unit), left, bottom + 13, "left");
   caption(pen, amount(most, unit), right, bottom + 13, "right");
 }

@@ -2,7 +2,6 @@
 class Studio {
   constructor(player, address) {
     this.player = player;
-    this.panel = $("panel");
     this.metrics = new Metrics($("metrics"), $("moremetrics"), {
       onChoose: (name) => { this.metric = name; this.slopes = {}; this.show(); },
       onFold: () => this.show(),
@@ -18,7 +17,7 @@ class Studio {
       ask,
       brief: (key) => this.brief(key),
       onBest: (values, settled) => { this.designs.set(values); if (settled) this.designs.settle(); },
-      onCloud: (points, shape) => player.cloud(points, shape),
+      onCloud: (spread) => player.cloud(spread),
     });
     this.sliders = new Map();
     this.slopes = {};
@@ -56,7 +55,8 @@ class Studio {
     this.wear(hello);
     if (!first) return;
     for (const path of hello.suggested) this.pinned(path);
-    this.panel.hidden = false;
+    $("paneling").hidden = false;
+    this.player.panel(true);
     if (!STILL.matches) this.player.timeline.play();
     this.player.link.follow();
     this.lay();

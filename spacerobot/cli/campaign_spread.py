@@ -1,0 +1,49 @@
+"""All samples of a campaign for its animated page: their metrics, and some of them rolled out again."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from optim.campaign import Evaluator
+
+MOST_AGAIN = 100
+"""Samples that are rolled out again."""
+
+
+def spreads(evaluator: Evaluator, data: xr.Dataset) -> list[dict[str, Any]]:
+    """What the page tells of all samples, one for each set of gains.
+
+    Parameters
+    ----------
+    evaluator
+        Of the campaign.
+    data
+        Its draws and metrics.
+    """
+    if evaluator.members[0].rollout.engines.toolchain is None:  # opened again without its rollouts
+        evaluator = evaluator.recipe.build()
+    return [_spread(evaluator, data, name) for name in evaluator.gains if evaluator.member(name).scene.tips]
+
+
+def _spread(evaluator: Evaluator, data: xr.Dataset, gains: str) -> dict[str, Any]:
+    from viz.figures.style import unit_scale
+    from viz.page.meshcat_scene import packed
+    from viz.page.panel import LABELS
+    from viz.page.spread import spread_data
+
+    member = evaluator.member(gains)
+    draws = data.draw.values[:MOST_AGAIN]
+    batch = member.rollout.batch(
+        member.space.paths, member.space.values(draws), outputs=("tip_error", "tip_position")
+    )
+    told = spread_data(batch.time, batch.outputs, [tip.label for tip in member.scene.tips])
+    metrics = []
+    for key, (label, _) in LABELS.items():
+        if key in data:
+            factor, unit = unit_scale(str(data[key].attrs["units"]))
+            values = factor * data[key].sel(gains=gains).max(f"{key}_of", skipna=False)
+            metrics.append({"key": key, "label": label, "unit": unit, "values": packed(values.values)})
+    return {"name": gains, "metrics": metrics, "drawn": len(draws), **told}

@@ -1,0 +1,80 @@
+"""What the animated page plays of a folder, whatever command wrote it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from spacerobot.cli.campaign_page import campaign_shown
+
+if TYPE_CHECKING:
+    from optim.campaign import Evaluator
+    from spacerobot.result import Result
+
+Tell = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Played:
+    """Data of the page, and the results in it."""
+
+    data: dict[str, Any]
+    results: Sequence[Result]
+
+
+def to_play(folders: Sequence[Path], tell: Tell) -> Played:
+    """What to play of folders of results, or of one comparison, campaign or plan.
+
+    Raises
+    ------
+    ResultError
+        If a folder holds none of these, or the results cannot be compared.
+    """
+    from optim.campaign.store.folder import HEAD
+    from optim.planning.plan_file import FOLLOWED
+    from spacerobot.result import load
+    from viz.page.animation import animation
+    from viz.report.comparison_section import COMPARISON
+
+    if len(folders) == 1:
+        for file, play in ((COMPARISON, comparison), (HEAD, campaign), (FOLLOWED, plan)):
+            if (folders[0] / file).is_file():
+                return play(folders[0], tell)
+    results = [load(folder) for folder in folders]
+    return Played(animation(*results), results)
+
+
+def comparison(folder: Path, tell: Tell) -> Played:
+    """The first contest's untuned design and each method's best."""
+    from viz.page.animation import animation
+    from viz.report.comparison_section import designs_of
+
+    del tell
+    title, named = designs_of(folder)
+    return Played(animation(*named.values(), names=list(named), title=title), list(named.values()))
+
+
+def campaign(folder: Path, tell: Tell, evaluator: Evaluator | None = None) -> Played:
+    """The worst sample of each set of gains, all samples beside it."""
+    from spacerobot.errors import ResultError
+    from viz.report.campaign_section import animated_worst
+
+    shown = campaign_shown(folder, tell, evaluator)
+    if not shown.worst:
+        raise ResultError(
+            f"no worst sample can be simulated: {next(iter(shown.faults.values()))}", source=folder
+        )
+    return Played(animated_worst(shown), list(shown.worst.values()))
+
+
+def plan(folder: Path, tell: Tell) -> Played:
+    """The motion of a plan: the scenario that follows it, its references those of the plan."""
+    from optim.planning.plan_file import FOLLOWED
+    from spacerobot.scene import load_scene
+    from spacerobot.simulation import simulate
+    from viz.page.animation import animation
+
+    result = simulate(load_scene(folder / FOLLOWED), progress=tell)
+    return Played(animation(result, title=f"{result.scenario.name}: the plan, followed"), [result])

@@ -1,0 +1,58 @@
+"""What the animated page plays of each kind of folder."""
+
+import json
+
+import pytest
+
+from spacerobot.cli.playing import to_play
+from spacerobot.errors import ResultError
+from spacerobot.result import save
+from spacerobot.scene import load_scene
+from spacerobot.simulation import simulate
+from tests.oracles import one_arm
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory):
+    """A folder with a scenario as a plan leaves it, and its result."""
+    folder = tmp_path_factory.mktemp("played")
+    file = one_arm.write(folder)
+    file.rename(folder / "followed.yaml")
+    result = simulate(load_scene(folder / "followed.yaml"))
+    save(result, folder / "alone")
+    return folder, result
+
+
+def test_a_plan_is_played_as_it_is_followed(arm):
+    folder, result = arm
+    played = to_play([folder], lambda _: None)
+    assert played.data["title"] == "small: the plan, followed"
+    values = played.data["panel"]["designs"][0]["values"]
+    peak = max(max(-axis["min_m"], axis["max_m"]) for axis in result.summary["tip_error"]["arm/tip"].values())
+    assert played.data["panel"]["metrics"][0]["key"] == "tip_error_peak"
+    assert values[0] <= 1e3 * peak
+
+
+def test_a_comparison_is_played_by_its_designs_the_untuned_one_first(arm, tmp_path):
+    _, result = arm
+    methods = {"ga": 0.3, "nlp": 0.25, "lost": None}
+    contest = {
+        "name": "base",
+        "methods": {name: {"objective": {"best": best}} for name, best in methods.items()},
+    }
+    (tmp_path / "comparison.json").write_text(json.dumps({"name": "small", "contests": [contest]}))
+    with pytest.raises(ResultError, match="no motion to play"):
+        to_play([tmp_path], lambda _: None)
+    for name in ("baseline", "ga", "nlp"):
+        save(result, tmp_path / "base" / name)
+    played = to_play([tmp_path], lambda _: None)
+    assert [design["name"] for design in played.data["panel"]["designs"]] == ["baseline", "nlp", "ga"]
+    assert len(played.data["runs"]) == 3
+    assert played.data["panel"]["first"] == 2
+
+
+def test_results_are_played_together(arm):
+    folder, _ = arm
+    played = to_play([folder / "alone", folder / "alone"], lambda _: None)
+    assert [design["name"] for design in played.data["panel"]["designs"]] == ["alone (1)", "alone (2)"]
+    assert played.data["panel"]["designs"][0]["numbers"] == {}

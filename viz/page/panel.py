@@ -1,0 +1,112 @@
+"""What stands beside the motion on a page without a server: metrics of results, and where these differ."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from spacerobot.result import Result
+from spacerobot.scenario.load import to_document
+
+LABELS = {
+    "tip_error_peak": ("largest tip error", "largest error of a tip along an axis, at any time"),
+    "tip_error_rms": ("RMS tip error", "root of the time's mean of the squared tip error"),
+    "target_rotation_peak": ("object rotation", "largest rotation of the object since the start"),
+    "base_rotation_peak": ("base rotation", "largest rotation of a base since the start"),
+    "joint_torque_peak": ("joint torque", "largest torque or force of an actuator"),
+    "grip_force_peak": ("grip force", "largest force of a grip"),
+    "capture_time": ("capture time", "time of the last capture of a grasp that begins open"),
+    "miss_distance": ("miss distance", "least distance of a tip from what it shall grip"),
+    "impulse": ("impulse", "what all impacts together gave the target"),
+    "event_energy": ("energy lost in events", "energy that impacts and springs let go take"),
+}
+"""Quantities of results, in the order in which they are told: what people call each, and what it is."""
+
+MOST_DIFFERENCES = 60
+
+
+def panel_data(results: Sequence[Result], names: Sequence[str]) -> dict[str, Any]:
+    """Metrics of results and the numbers in which their scenarios differ.
+
+    Returns
+    -------
+    dict
+        ``metrics``, each with ``key``, ``label``, ``unit`` and ``text``; ``designs``, one for each result,
+        with its ``name``, its ``values`` of the metrics, None where there is none, and ``numbers``: texts by
+        dotted path.
+    """
+    found = [dict(_metrics(result)) for result in results]
+    keys = [key for key in LABELS if any(key in one for one in found)]
+    units = {key: next(one[key][1] for one in found if key in one) for key in keys}
+    told = [{"key": key, "label": LABELS[key][0], "unit": units[key], "text": LABELS[key][1]} for key in keys]
+    differing = differences([to_document(result.scenario) for result in results])[:MOST_DIFFERENCES]
+    designs = [
+        {
+            "name": name,
+            "values": [one[key][0] if key in one else None for key in keys],
+            "numbers": {path: texts[k] for path, texts in differing},
+        }
+        for k, (name, one) in enumerate(zip(names, found, strict=True))
+    ]
+    return {"metrics": told, "designs": designs}
+
+
+def _metrics(result: Result) -> Iterator[tuple[str, tuple[float | None, str]]]:
+    """Value and unit of each quantity that a result has; of a diverged one no value."""
+    summary, done = result.summary, result.completed
+    rows: list[tuple[str, float, str]] = []
+    errors = summary["tip_error"].values()
+    if errors:
+        peaks = [
+            max(-axis["min_m"], axis["max_m"]) for tip in errors for k, axis in tip.items() if k != "norm"
+        ]
+        rows.append(("tip_error_peak", 1e3 * max(peaks), "mm"))
+        rows.append(("tip_error_rms", 1e3 * _rms(result), "mm"))
+    if summary["target"]:
+        rows.append(("target_rotation_peak", summary["target"]["max_rotation_deg"], "deg"))
+    if summary["bases"]:
+        turned = max(base["max_rotation_deg"] for base in summary["bases"].values())
+        rows.append(("base_rotation_peak", turned, "deg"))
+    if summary["greatest_torque"]["joint"] is not None:
+        torque = summary["greatest_torque"]
+        rows.append(("joint_torque_peak", torque["torque_n_m"], torque["unit"]))
+    if summary["greatest_grip"]["grasp"] is not None:
+        rows.append(("grip_force_peak", summary["greatest_grip"]["force_n"], "N"))
+    captured = [event["time_s"] for event in summary.get("events", ()) if event["kind"] == "captured"]
+    if captured:
+        rows.append(("capture_time", max(captured), "s"))
+    for key, value, unit in rows:
+        yield key, (float(value) if done and np.isfinite(value) else None, unit)
+
+
+def _rms(result: Result) -> float:
+    """Root of the time's mean of the squared errors of all tips together, m."""
+    time = result.data.time.values
+    squares = (result.data.tip_error.values**2).sum(axis=(1, 2))
+    return float(np.sqrt(np.trapezoid(squares, time) / (time[-1] - time[0]))) if len(time) > 1 else 0.0
+
+
+def differences(documents: Sequence[Any]) -> list[tuple[str, list[str]]]:
+    """Dotted paths at which documents differ, with the value of each as text."""
+    flat = [dict(_leaves(document, "")) for document in documents]
+    paths = list(dict.fromkeys(path for leaves in flat for path in leaves))
+    found = [(path, [_value(leaves[path]) if path in leaves else "-" for leaves in flat]) for path in paths]
+    return [(path, values) for path, values in found if len(set(values)) > 1]
+
+
+def _value(value: Any) -> str:
+    """A scenario's value as text, numbers in no more digits than tell them apart for a reader."""
+    if value is None:
+        return "none"
+    return f"{value:.10g}" if isinstance(value, float) else str(value)
+
+
+def _leaves(node: Any, path: str) -> list[tuple[str, Any]]:
+    if isinstance(node, dict):
+        found: list[tuple[str, Any]] = []
+        for key, value in node.items():
+            found += _leaves(value, f"{path}.{key}" if path else key)
+        return found
+    return [(path, node)]
