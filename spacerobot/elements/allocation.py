@@ -1,39 +1,211 @@
-"""Which thrusters give a wanted wrench: bounded least squares by coordinate descent of fixed length.
+"""Which thrusters give a wrench with the least propellant: an exact optimum, by a path of fixed length.
 
-    min |A a - w|^2 + e |a|^2,    0 <= a <= 1
+    min |A a - w|^2 / (2 e) + sum_i c_i (a_i + d a_i^2 / 2),    0 <= a <= 1
 
-Each sweep brings every component to its own minimum, the others held, and cuts it to its bounds. That never
-increases what is minimised, needs no division, has no branches and so compiles and can be differentiated.
+e is so small that the nearest wrench comes first and the least propellant second; d shares the work evenly
+among thrusters of which several would do. With B_i = A_i / c_i, the optimum has
+
+    a_i = s_i cut to 0 and 1,    s_i = (B_i . y - 1) / d,    e y = w - A a,
+
+so y is the propellant that a unit of wrench is worth, and a thruster opens where its wrench is worth more
+than it spends. All of it is piecewise linear in w. It is followed along a straight line that ends at w, from
+a y whose wrench is known: at each kink one thruster changes between shut, throttled and open, and between
+kinks
+
+    s' = B^T y' / d,    (e 1 + sum over the throttled of A_i B_i^T / d) y' = w'.
+
+Only which thrusters are throttled and which are open is taken from that path; their parts are then those of
+one linear system. So derivatives go through that system alone, and are exact where no thruster is at a kink.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+
 import casadi as ca
+import numpy as np
 
-SMALL = 1e-6
-"""e: draws combinations that give the same wrench towards the one of least effort, too slowly to reach it."""
+from spacerobot.arrays import Array
+
+NEAREST = 1e-8
+"""e: a wrench is missed by about as much of itself to save propellant."""
+EVEN = 1e-2
+"""d: what is spent is at most 1 + d/2 times the least."""
+FAR = 100.0
+"""Length of y where a path begins at thrusters that are open."""
+SHUT, THROTTLED, OPEN = 0, 1, 2
+_GRID = 2.0**20
+_NO_ZERO = 1e-300
 
 
-def allocate(matrix: ca.SX, weights: ca.SX, wanted: ca.SX, sweeps: int) -> ca.SX:
+@dataclass(frozen=True)
+class Layout:
+    """What thrusters do and spend at full thrust.
+
+    Attributes
+    ----------
+    matrix
+        A (m x n): wrench of each, all rows of about the same size.
+    gains
+        B (m x n): the same by propellant, which is 1 on average.
+    squares
+        ``A_i B_i^T / d`` of each (m x m).
+    """
+
+    matrix: ca.SX
+    gains: ca.SX
+    squares: tuple[ca.SX, ...]
+
+    @classmethod
+    def of(cls, matrix: ca.SX, propellant: ca.SX) -> Layout:
+        """Of wrenches (m x n) and flows of propellant (n x 1), in any unit."""
+        gains = ca.sparsify(
+            ca.mtimes(matrix, ca.diag(ca.sum1(propellant) / (propellant.numel() * propellant)))
+        )
+        pairs = zip(ca.horzsplit(matrix), ca.horzsplit(gains), strict=True)
+        return cls(matrix, gains, tuple(ca.mtimes(a, b.T) / EVEN for a, b in pairs))
+
+
+@dataclass(frozen=True)
+class _Path:
+    """A place on the way.
+
+    Attributes
+    ----------
+    levels
+        Of each thruster (n x 1): `SHUT`, `THROTTLED` or `OPEN`.
+    values
+        s (n x 1).
+    wrench
+        From the wrench at the beginning to the wanted one (m x 1).
+    part
+        Of the way, 0 to 1 (1x1).
+    ended
+        Whether it is all of it (1x1).
+    """
+
+    levels: ca.SX
+    values: ca.SX
+    wrench: ca.SX
+    part: ca.SX
+    ended: ca.SX
+
+
+def allocate(layout: Layout, wanted: ca.SX, steps: int) -> ca.SX:
     """Parts a (n x 1) of the thrusters' thrust.
+
+    Where the steps do not suffice they are those of the last kink, near to those of a lesser or greater
+    wrench, with derivatives of zero.
 
     Parameters
     ----------
-    matrix
-        A (m x n): what each does at full thrust, all rows of about the same size.
-    weights
-        ``1 / (|A_i|^2 + e)`` of each column (n x 1).
+    layout
+        What the thrusters do.
     wanted
         w (m x 1), its rows scaled like those of A.
-    sweeps
-        How many; from zero.
+    steps
+        How many kinks may be passed.
     """
-    columns, parts = ca.horzsplit(matrix), [ca.SX(0)] * matrix.size2()
-    left = wanted
-    for _ in range(sweeps):
-        for i, column in enumerate(columns):
-            step = (ca.dot(column, left) - SMALL * parts[i]) * weights[i]
-            part = ca.fmin(ca.fmax(parts[i] + step, 0), 1)
-            left = left - column * (part - parts[i])
-            parts[i] = part
-    return ca.vertcat(*parts)
+    path = _begin(layout, wanted)
+    for _ in range(steps):
+        path = _step(layout, path)
+    rough = ca.floor(_cut(path.values) * _GRID) / _GRID
+    return ca.if_else(path.ended, _cut(_solved(layout, wanted, path.levels)), rough)
+
+
+def steps_needed(matrix: Array, propellant: Array) -> int:
+    """How many kinks paths to random wrenches within and beyond reach pass: a multiple of m + n.
+
+    Parameters
+    ----------
+    matrix, propellant
+        As for :meth:`Layout.of`, numbers.
+    """
+    size, most = sum(matrix.shape), 3
+    layout = Layout.of(ca.sparsify(ca.SX(matrix)), ca.SX(propellant))
+    wanted = np.random.default_rng(0).normal(size=(len(matrix), 100))
+    reach = np.maximum(matrix.T @ wanted, 0).sum(0) / (wanted**2).sum(0)
+    wanted = np.hstack([wanted * reach * part for part in (0.1, 0.4, 0.6, 1.0, 2.0)])
+    w = ca.SX.sym("w", len(matrix))
+    begun = _begin(layout, w)
+    names = ("levels", "values", "wrench", "part", "ended")
+    place = _Path(*(ca.SX.sym(name, *getattr(begun, name).shape) for name in names))
+    begin = ca.Function("begin", [w], [getattr(begun, name) for name in names])
+    after = _step(layout, place)
+    step = ca.Function("step", [getattr(place, n) for n in names], [getattr(after, n) for n in names])
+    now = begin.map(wanted.shape[1])(wanted)
+    for count in range(most * size):
+        if bool(ca.mmin(now[-1])):
+            return size * int(np.ceil((1.25 * count + 1) / size))
+        now = step.map(wanted.shape[1])(*now)
+    return most * size
+
+
+def _begin(layout: Layout, wanted: ca.SX) -> _Path:
+    """At no wrench; for one that is far out of reach or nearly so, where all that help are open."""
+    square = ca.dot(wanted, wanted)
+    reached = ca.sum1(ca.fmax(ca.densify(ca.mtimes(layout.matrix.T, wanted)), 0))
+    size = ca.if_else(square > reached / 2, FAR / ca.sqrt(square + _NO_ZERO), 0)
+    values = (ca.densify(ca.mtimes(layout.gains.T, size * wanted)) - 1) / EVEN
+    wrench = wanted - ca.mtimes(layout.matrix, _cut(values)) - NEAREST * size * wanted
+    return _Path((values > 0) + (values >= 1), values, wrench, ca.SX(0), ca.SX(0))
+
+
+def _step(layout: Layout, path: _Path) -> _Path:
+    """To the next kink, or to the end."""
+    moves = _worth(layout, _system(layout, path.levels), path.wrench) / EVEN
+    levels, values, left = [], [], 1 - path.part
+    kinks, ways = [], []
+    for i, level in enumerate(ca.vertsplit(path.levels)):
+        move = moves[i] + _NO_ZERO
+        up = move > 0
+        border = level + up - 1  # of s: 0 or 1, else there is none on that side
+        none = border * border != border
+        kinks.append(ca.fmax((border - path.values[i]) / move, 0) + 2 * none)
+        ways.append(2 * up - 1)
+    way = left
+    for kink in kinks:
+        way = ca.fmin(way, kink)
+    free = ca.SX(1)  # until one is found: of several at the same kink the first
+    for i, (kink, up) in enumerate(zip(kinks, ways, strict=True)):
+        hit = free * (kink == way)
+        free = free - hit
+        levels.append(path.levels[i] + hit * up)
+        values.append(path.values[i] + way * moves[i])
+    return replace(
+        path, levels=ca.vertcat(*levels), values=ca.vertcat(*values), part=path.part + way, ended=free
+    )
+
+
+def _solved(layout: Layout, wanted: ca.SX, levels: ca.SX) -> ca.SX:
+    """Parts (n x 1) that are optimal if no level changes.
+
+    The second round takes away what rounding leaves of a system that is singular but for e.
+    """
+    throttled, parts, worth = levels == THROTTLED, levels == OPEN, ca.SX.zeros(wanted.numel())
+    system = _system(layout, levels)
+    for _ in range(2):
+        lacking = throttled * (1 + EVEN * parts - ca.mtimes(layout.gains.T, worth))
+        missed = wanted - ca.mtimes(layout.matrix, parts) - NEAREST * worth
+        change = ca.ldl_solve(missed + ca.mtimes(layout.matrix, lacking) / EVEN, *system)
+        parts = parts + (throttled * ca.mtimes(layout.gains.T, change) - lacking) / EVEN
+        worth = worth + change
+    return parts
+
+
+def _system(layout: Layout, levels: ca.SX) -> tuple[ca.SX, ca.SX, list[int]]:
+    """Factors of the system of those that are throttled (m x m)."""
+    system = NEAREST * ca.SX.eye(layout.matrix.size1())
+    for level, square in zip(ca.vertsplit(levels), layout.squares, strict=True):
+        system += (level == THROTTLED) * square
+    diagonal, factor, order = ca.ldl(system)
+    return diagonal, factor, order
+
+
+def _worth(layout: Layout, system: tuple[ca.SX, ca.SX, list[int]], wrench: ca.SX) -> ca.SX:
+    """``B^T y`` (n x 1) of a wrench."""
+    return ca.densify(ca.mtimes(layout.gains.T, ca.ldl_solve(wrench, *system)))
+
+
+def _cut(values: ca.SX) -> ca.SX:
+    return ca.fmin(ca.fmax(values, 0), 1)

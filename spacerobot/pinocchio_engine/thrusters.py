@@ -1,4 +1,4 @@
-"""Thrusters, written again: what each does in world axes, shared by coordinate descent in numpy."""
+"""Thrusters, written again: what each does in world axes, shared by an active set of scipy."""
 
 from __future__ import annotations
 
@@ -6,10 +6,11 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import lsq_linear
 
 from spacerobot.arrays import Array
-from spacerobot.elements.actuators.thrusters import AT_ONCE, GRAVITY, Nozzle, Thrusters
-from spacerobot.elements.allocation import SMALL
+from spacerobot.elements.actuators.thrusters import AT_ONCE, GRAVITY, WHOLE, Nozzle, Thrusters
+from spacerobot.elements.allocation import EVEN, NEAREST
 from spacerobot.pinocchio_engine.actuation import Delivered, Now, Push, Turn, base_columns, delivery_of
 from spacerobot.pinocchio_engine.kinematics import Kinematics
 from spacerobot.scene import Scene, SceneBody
@@ -68,10 +69,13 @@ class Jets:
         pushes = [self._given(n, "thrust") * _unit(n) for n in nozzles]
         rows = [0, 1, 5] if len(own) == 3 else list(range(6))
         full = np.array([np.r_[push, np.cross(r, push)] for r, push in zip(levers, pushes, strict=True)]).T
+        flows = np.array(
+            [self._given(n, "thrust") / (GRAVITY * self._given(n, "specific_impulse")) for n in nozzles]
+        )
         wanted = self._wanted(frame.rotation, asked[own], now)
 
         def shared() -> Array:
-            return _shared(full[rows], wanted, self.config.sweeps)
+            return _shared(full[rows], flows, wanted)
 
         firing = [f"{self._name}.firing.{name}" in now.on for name in self.config.nozzles]
         parts = np.array(firing, float) if self._pulsed else shared()
@@ -80,10 +84,6 @@ class Jets:
         held = np.zeros((6, len(parts)))
         held[rows] = full[rows] * parts
         force, couple = frame.rotation @ held[:3].sum(1), frame.rotation @ held[3:].sum(1)
-        flow = sum(
-            part * self._given(n, "thrust") / (GRAVITY * self._given(n, "specific_impulse"))
-            for n, part in zip(nozzles, parts, strict=True)
-        )
         seen = {("propellant", self.body.name): states[:1]}
         for name, lever, push, part in zip(self.config.nozzles, levers, pushes, parts, strict=True):
             label = f"{self._name}.{name}"
@@ -92,7 +92,7 @@ class Jets:
         return Delivered(
             torque,
             outside=[Push(self.body.root_joint, force, couple, frame.position)],
-            rates=np.r_[flow, np.zeros(len(states) - 1)],
+            rates=np.r_[flows @ parts, np.zeros(len(states) - 1)],
             taken={"thruster": float(force @ frame.velocity[:3] + couple @ frame.velocity[3:])},
             seen=seen,
             turns=list(self._turns(now.t, states, shared)) if self._pulsed else (),
@@ -126,7 +126,7 @@ class Jets:
         """On-time [s] for a part of the thrust; one of the whole period outlasts it, until decided anew."""
         nozzle, wanted = self.config.nozzles[name], part * self.config.period
         shortest, step = self._given(nozzle, "minimum_on_time"), self._given(nozzle, "resolution")
-        if part >= 1:
+        if part >= WHOLE:
             return 2 * self.config.period
         if wanted < shortest / 2:
             return 0.0
@@ -144,17 +144,14 @@ def _unit(nozzle: Nozzle) -> Array:
     return unit
 
 
-def _shared(full: Array, asked: Array, sweeps: int) -> Array:
-    """Parts of their thrust (n,), each in turn at its least squares within 0 and 1."""
+def _shared(full: Array, flows: Array, asked: Array) -> Array:
+    """Parts of their thrust (n,): nearest wrench, then least propellant, as one bounded least squares."""
     sizes = np.linalg.norm(full, axis=1)
     scales = np.divide(1.0, sizes, out=np.zeros_like(sizes), where=sizes > 0)
-    matrix, left = scales[:, None] * full, scales * asked
-    parts = np.zeros(full.shape[1])
-    for _ in range(sweeps):
-        for i, column in enumerate(matrix.T):
-            best = parts[i] + (column @ left - SMALL * parts[i]) / (column @ column + SMALL)
-            left = left - column * (np.clip(best, 0, 1) - parts[i])
-            parts[i] = np.clip(best, 0, 1)
+    costs = NEAREST * flows / flows.mean()
+    matrix = np.vstack([scales[:, None] * full, np.diag(np.sqrt(EVEN * costs))])
+    goal = np.r_[scales * asked, -np.sqrt(costs / EVEN)]
+    parts: Array = lsq_linear(matrix, goal, (0, 1), "bvls", tol=1e-15, max_iter=1000).x
     return parts
 
 

@@ -65,6 +65,11 @@ class Parameters:
         """Nominal value of one number."""
         return self._numbers[path]
 
+    def nominal(self, expression: ca.SX) -> Array:
+        """Nominal value of an expression of the numbers, of its shape."""
+        found: Array = ca.evalf(ca.substitute(expression, self.symbols, self.values)).full()
+        return found
+
     @property
     def paths(self) -> tuple[str, ...]:
         """Paths asked for so far: the parameter vector's order."""

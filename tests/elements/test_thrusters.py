@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import itertools
-
-import casadi as ca
 import numpy as np
 import pytest
-from scipy.optimize import lsq_linear, nnls
+from scipy.optimize import lsq_linear
 
 import spacerobot as sr
 from spacerobot.closedloop import build_closed_loop
-from spacerobot.elements.allocation import SMALL, allocate
 from spacerobot.errors import ScenarioError
 from spacerobot.pinocchio_engine import simulate as second
 from tests.oracles.hybrid import roll
@@ -56,38 +52,6 @@ def rolled(changes, duration_s=2.0):
     """Loop of a plate, and its rollout."""
     loop = build_closed_loop(small_scene(PLATE, changes))
     return loop, sr.build_rollout(loop, duration_s=duration_s, step_s=0.02, backend="interpreted")
-
-
-def corners(planar):
-    """Wrenches of thrusters at the corners of a square, or of a box (m, n), rows of one size."""
-    found = []
-    for x, y, z in itertools.product((1, -1), repeat=3):
-        for axis in range(3):
-            push = -np.eye(3)[axis] * [x, y, z][axis]
-            found.append(np.r_[push, np.cross([0.5 * x, 0.4 * y, 0.6 * z], push)])
-    matrix = np.array(found).T
-    matrix = matrix[[0, 1, 5]][:, [i for i in range(24) if i % 3 < 2 and i % 6 < 3]] if planar else matrix
-    return matrix / np.linalg.norm(matrix, axis=1)[:, None]
-
-
-@pytest.mark.parametrize("planar", [True, False])
-def test_a_wrench_is_shared_as_bounded_least_squares_would(planar):
-    rng, matrix = np.random.default_rng(4), corners(planar)
-    rows = len(matrix)
-    weights = 1 / ((matrix**2).sum(0) + SMALL)
-    w = ca.SX.sym("w", rows)
-    share = ca.Function("share", [w], [allocate(ca.SX(matrix), ca.SX(weights), w, 30)])
-    for size in (0.1, 0.5, 3.0):
-        for _ in range(5):
-            wanted = size * rng.normal(size=rows)
-            parts = share(wanted).full().ravel()
-            assert parts.min() >= 0
-            assert parts.max() <= 1
-            best = lsq_linear(matrix, wanted, (0, 1), tol=1e-12).x
-            missed, least = (np.linalg.norm(matrix @ a - wanted) for a in (parts, best))
-            assert missed - least < 1e-5 * np.linalg.norm(wanted)
-            if size == 0.1:  # no bound above matters
-                assert missed - nnls(matrix, wanted)[1] < 1e-5 * np.linalg.norm(wanted)
 
 
 def test_throttled_thrusters_that_suffice_do_as_an_ideal_wrench_does():
@@ -264,7 +228,8 @@ ROUNDED = PULSED | {
 )
 def test_the_second_engine_switches_and_unloads_alike(changes):
     """Events, states between and behind them, and outputs, among them momentum and impulse."""
-    scene = small_scene(PLATE, changes | {f"{JETS}.sweeps": 8})
+    unlike = {f"{JETS}.nozzles.b.specific_impulse": 200.0}  # else some stop at once, in either order
+    scene = small_scene(PLATE, changes | unlike)
     names, pulsed = hold_together(scene, 0.5, step=0.02), f"{JETS}.mode" in changes
     assert names.count("one/jets.control") == 2 * pulsed
     assert (len([name for name in names if name.endswith(".cut")]) > 8) == pulsed
@@ -283,7 +248,7 @@ def test_the_second_engine_gives_the_on_times_of_scipys_least_squares():
     for event in decided[:2]:
         place, speed = event.before[:2] - first[:2], event.before[4:6]
         parts = lsq_linear(matrix, -4 * place - 8 * speed, (0, 1), tol=1e-12).x
-        parts -= np.minimum(parts, parts[[1, 0, 3, 2]])  # those that act against each other
+        parts -= np.minimum(parts, parts[[1, 0, 3, 2]])  # none against each other, which spends less
         cuts = [e for e in found.happened if e.kind == "cut" and 0 <= e.time_s - event.time_s < 0.4 - 1e-9]
         on = {e.who[-1]: e.time_s - event.time_s for e in cuts}
         assert len(cuts) == len(lines)

@@ -1,6 +1,6 @@
 """Thrusters of a floating base: throttled, or in pulses.
 
-The wrench that the base is asked for is shared among them by bounded least squares
+The wrench that the base is asked for is shared among them so that the least propellant is spent
 (:mod:`spacerobot.elements.allocation`). In pulses, that is done once in each period: the part of the thrust
 becomes a time for which a thruster is on, from the beginning of the period. The end of that time is an event,
 so steps end there and derivatives go through it.
@@ -19,7 +19,7 @@ from pydantic import AfterValidator, Field
 
 from spacerobot.dynamics.algebra import cross
 from spacerobot.elements.actuator import Actuator
-from spacerobot.elements.allocation import SMALL, allocate
+from spacerobot.elements.allocation import Layout, allocate, steps_needed
 from spacerobot.elements.context import ActuatorContext
 from spacerobot.elements.contribution import Contribution, Drive, Output, Power, State, memory
 from spacerobot.elements.event import Event
@@ -31,6 +31,8 @@ GRAVITY = 9.80665
 """Standard gravity [m/s^2], by which specific impulse in seconds is defined."""
 AT_ONCE = 1e-12
 """Before the start [s], so that the first period begins with it."""
+WHOLE = 1 - 1e-9
+"""Part of the thrust from which on a pulse lasts for the whole period."""
 
 
 def _not_zero(value: Vector) -> Vector:
@@ -63,7 +65,7 @@ class Unload(Section):
 
 @register
 class Thrusters(Actuator):
-    """Thrusters on the base, throttled or in pulses; the wrench asked for is shared by least squares."""
+    """Thrusters on the base, throttled or in pulses; what is asked for is given with the least propellant."""
 
     base_wrench: ClassVar[frozenset[Part]] = frozenset({"force", "torque"})
 
@@ -88,7 +90,13 @@ class Thrusters(Actuator):
         description="unload the robot's wheels, in place of the torque that is asked for, which is left to "
         "actuators that come after it: the wheels",
     )
-    sweeps: int = Field(default=30, ge=1, le=1000, description="sweeps of the least squares [1]")
+    steps: int | None = Field(
+        default=None,
+        ge=1,
+        le=1000,
+        description="greatest number of steps by which the thrusters are chosen [1]; as many as their layout "
+        "needs where not given",
+    )
 
     def build(self, actuator: ActuatorContext) -> Contribution:
         """Wrench from outside, propellant, and the pulses' events."""
@@ -194,22 +202,32 @@ class _Jets:
         return [0, 1, 5] if len(self.actuator.base_columns) == 3 else list(range(6))
 
     @functools.cached_property
-    def share(self) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """Matrix whose rows are of the same size, weights, and the rows' scales, once computed."""
+    def layout(self) -> tuple[Layout, ca.SX, int]:
+        """Layout of rows of one size, the rows' scales, both computed once, and how many steps it takes."""
         context = self.actuator.context
         own = context.constants.expanded(self.full)[self.rows, :]
         sizes = ca.sqrt(ca.densify(ca.sum2(own * own)))
         scales = ca.if_else(sizes > 0, 1 / sizes, 0)
         matrix = ca.sparsify(ca.mtimes(ca.diag(scales), own))
-        weights = 1 / (ca.densify(ca.sum1(matrix * matrix)).T + SMALL)
-        parts = {"matrix": matrix, "weights": weights, "scales": scales}
-        found = [context.once(f"share.{name}", part) for name, part in parts.items()]
-        return found[0], found[1], found[2]
+        flows = context.constants.expanded(self.flows)
+        layout = Layout.of(matrix, flows)
+        squares = [context.once(f"layout.square.{i}", square) for i, square in enumerate(layout.squares)]
+        hoisted = Layout(
+            context.once("layout.matrix", matrix), context.once("layout.gains", layout.gains), tuple(squares)
+        )
+        numbers = context.parameters.nominal
+        steps = self.config.steps or steps_needed(numbers(matrix), numbers(flows))
+        return hoisted, context.once("layout.scales", scales), steps
+
+    @functools.cached_property
+    def flows(self) -> ca.SX:
+        """Propellant that each spends at full thrust (n x 1) [kg/s]."""
+        return self.numbers("thrust") / (GRAVITY * self.numbers("specific_impulse"))
 
     def parts(self, asked: ca.SX) -> ca.SX:
-        """Parts of their thrust (n x 1) that come nearest to what is asked for."""
-        matrix, weights, scales = self.share
-        return allocate(matrix, weights, scales * self.wanted(asked), self.config.sweeps)
+        """Parts of their thrust (n x 1) that come nearest to what is asked for, with the least propellant."""
+        layout, scales, steps = self.layout
+        return allocate(layout, scales * self.wanted(asked), steps)
 
     def wanted(self, asked: ca.SX) -> ca.SX:
         """Of what is asked for all, or the force, and the torque that takes the wheels' momentum away."""
@@ -248,7 +266,7 @@ class _Jets:
         period = context.number("period")
         part = self.parts(asked)
         # what is on for all of the period is not switched off at its end, but goes on as decided then
-        until = due.symbol + ca.if_else(part < 1, self._on_times(part * period), 2 * period)
+        until = due.symbol + ca.if_else(part < WHOLE, self._on_times(part * period), 2 * period)
         sets = {switch.name(): True for switch in firing}
         updates = {due.name: due.symbol + period, off_at.name: until}
         guard, armed = context.time - due.symbol, ca.SX(1)
@@ -285,7 +303,7 @@ class _Jets:
         whole = ca.SX(6, 1)
         whole[self.rows] = ca.mtimes(self.full[self.rows, :], parts)
         force, torque = (ca.sparsify(ca.mtimes(rotation, part)) for part in (whole[:3], whole[3:]))
-        flow = ca.dot(self.numbers("thrust") / (GRAVITY * self.numbers("specific_impulse")), parts)
+        flow = ca.dot(self.flows, parts)
         spent = ca.SX.sym(f"{self.name}.propellant")
         power = ca.dot(force, velocity) + ca.dot(torque, spin)
         text = "propellant that thrusters have spent"
