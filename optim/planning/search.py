@@ -17,6 +17,9 @@ from optim.planning.verdict import Verdict, judge
 BARRIER = 1e-4
 """Barrier parameter, in units of the cost's size, to begin with from another problem's solution."""
 
+MANY, COARSER = 40, 4
+"""Intervals from which on a first mesh is solved from one that is coarser by a factor."""
+
 
 def search(bench: Bench, ask: Ask) -> Attempt:
     """Search for a motion.
@@ -52,10 +55,13 @@ class _Search:
         self.cost, self.blame = np.inf, ""
 
     def cold(self) -> None:
-        """Solve from a first guess, on the first mesh."""
-        plan, k = self.bench.plan, self.ask.start
-        rng = np.random.default_rng([plan.seed, k]) if k else None
-        self._solve(guess(self.problem, self.bench.lobatto, plan.intervals, rng))
+        """Solve from a first guess, on the first mesh, and before on a coarser one where that is fine."""
+        wanted = self.bench.plan.intervals
+        if wanted < MANY:
+            self._guessed(wanted)
+        elif not self._guessed(wanted // COARSER) or not self._finer(wanted):
+            self.kept, self.cost = None, np.inf
+            self._guessed(wanted)
 
     def warm(self, near: Attempt) -> None:
         """Solve from the solution of a problem with another duration or other weights, on its mesh."""
@@ -77,13 +83,24 @@ class _Search:
             bench.tell("replaying the plan")
             verdict = judge(motion, solved, self.cost, bench.exact, bench.backend)
             finer = 2 * intervals
-            if verdict.fine_enough or finer > bench.plan.most_intervals:
+            if verdict.fine_enough or finer > bench.plan.most_intervals or not self._finer(finer):
                 return verdict
-            program = Program(self.problem, bench.instants, bench.lobatto, finer)
-            coarse = Program(self.problem, bench.instants, bench.lobatto, intervals)
-            warm = carried(solved, coarse, program)
-            if not self._solve(motion.on(bench.lobatto, finer), warm):
-                return verdict
+
+    def _guessed(self, intervals: int) -> bool:
+        """Solve from a first guess on a mesh."""
+        start = self.ask.start
+        rng = np.random.default_rng([self.bench.plan.seed, start]) if start else None
+        return self._solve(guess(self.problem, self.bench.lobatto, intervals, rng))
+
+    def _finer(self, wanted: int) -> bool:
+        """Solve on a finer mesh from what is kept."""
+        assert self.kept is not None
+        bench, (solved, intervals) = self.bench, self.kept
+        coarse, fine = (
+            Program(self.problem, bench.instants, bench.lobatto, many) for many in (intervals, wanted)
+        )
+        motion = bench.motion(self.ask, Attempt((), solved, intervals, self.cost, None, ""))
+        return self._solve(motion.on(bench.lobatto, wanted), carried(solved, coarse, fine))
 
     def _solve(self, motion: Motion, warm: Solved | None = None) -> bool:
         bench, costs, violations = self.bench, list[float](), list[float]()

@@ -5,11 +5,13 @@ import dataclasses
 import numpy as np
 import pytest
 
+from optim.planning import search as searching
 from optim.planning import solve as solving
 from optim.planning.formulate import formulate
 from optim.planning.functions import build_instants
 from optim.planning.guess import guess
 from optim.planning.lobatto import Lobatto
+from optim.planning.make import make_plan
 from optim.planning.motion import Motion
 from optim.planning.program import Program
 from optim.planning.refine import carried, solve_from
@@ -88,3 +90,13 @@ def test_a_search_that_begins_on_a_coarse_mesh_ends_at_the_same_motion(cold):
     assert found.converged
     assert found.iterations < solution.iterations
     np.testing.assert_allclose(found.w, solution.w, atol=1e-6)
+
+
+def test_a_fine_first_mesh_is_solved_from_a_coarse_one(reach, monkeypatch):
+    changes = [("plan.intervals", 8), ("plan.tolerance", 1.0)]
+    (direct,) = make_plan(reach(*changes), backend="interpreted").solves
+    monkeypatch.setattr(searching, "MANY", 8)
+    coarse, fine = make_plan(reach(*changes), backend="interpreted").solves
+    assert (coarse.intervals, fine.intervals) == (8 // searching.COARSER, 8)
+    assert fine.cost == pytest.approx(direct.cost, rel=1e-6)
+    assert fine.iterations < direct.iterations
