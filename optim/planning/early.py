@@ -50,7 +50,9 @@ def check_start(problem: Problem) -> None:
                     source=scene.source,
                     where="plan",
                 )
-    rows = [row for row in problem.path if row.last == 1.0]
+    stage = problem.stage
+    later = ca.vertcat(stage.a, stage.u, stage.w)
+    rows = [row for row in problem.path if row.last == 1.0 and not ca.depends_on(row.value, later)]
     if not rows:
         return
     rest = np.zeros(problem.stage.z.numel() - len(problem.fixed))
@@ -77,7 +79,7 @@ def check_momentum(problem: Problem, plan: Planning) -> None:
     """
     scene, limits = problem.stage.scene, plan.limits
     for name, goal in plan.goals.items():
-        if goal.still is None or not goal.rests:
+        if goal.still is None or not goal.rests or problem.stage.grips:
             continue
         body = find_still(scene, goal, f"plan.goals.{name}")
         robot = body in scene.robots
@@ -119,7 +121,7 @@ def check_reach(problem: Problem, plan: Planning, tips: dict[str, SceneTip]) -> 
     ScenarioError
         With both distances.
     """
-    if plan.limits.base_force:
+    if plan.limits.base_force or problem.stage.grips:
         return
     scene = problem.stage.scene
     least, greatest, _ = problem.duration

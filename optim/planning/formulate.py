@@ -11,7 +11,7 @@ from optim.planning.stage import Problem, Stage
 from spacerobot.errors import ScenarioError
 from spacerobot.scenario.plan import Planning
 from spacerobot.scene import Scene
-from spacerobot.scene.closing import begun
+from spacerobot.scene.configure import close_velocity
 
 
 def plan_of(scene: Scene) -> Planning:
@@ -44,13 +44,6 @@ def formulate(scene: Scene) -> Problem:
             source=scene.source,
             where="environment",
         )
-    if begun(scene.grasps):
-        raise ScenarioError(
-            f"grasp {begun(scene.grasps)[0].name!r} begins closed; plans begin with open grasps: give "
-            "`begins: open`, or a robot whose URDF contains what it holds",
-            source=scene.source,
-            where="plan",
-        )
     stage = Stage.of(scene, what_drives(scene, plan.limits))
     lower, upper = instant_limits(stage, plan.limits)
     goals = [row for name, goal in plan.goals.items() for row in goal_rows(stage, name, goal)]
@@ -65,6 +58,6 @@ def formulate(scene: Scene) -> Problem:
         lower=lower,
         upper=upper,
         duration=(span.lower, span.upper, span.guess or (span.lower + span.upper) / 2),
-        fixed=np.concatenate([scene.q, scene.v]),
+        fixed=np.concatenate([scene.q, close_velocity(scene) if stage.grips else scene.v]),
         tolerance=plan.tolerance,
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
 
 import casadi as ca
 import numpy as np
@@ -58,7 +59,7 @@ def guess(
     q = np.array([pin.integrate(model, at, way * b) for at, b in zip(drift_q, blend, strict=True)])
     v, a = drift_v + slope[:, None] * way, bend[:, None] * way
     u = np.array([_drive(problem, *at) for at in zip(q, v, a, strict=True)])
-    z = np.hstack([q, v, a, u])
+    z = np.hstack([q, v, a, u, np.zeros((len(q), stage.w.numel()))])
     z = np.clip(z, problem.lower, problem.upper)
     z[0, : problem.fixed.size] = problem.fixed
     return Motion(problem, lobatto, intervals, duration, z)
@@ -73,10 +74,11 @@ def stretched(motion: Motion, problem: Problem, duration: float) -> Motion:
     before = drift(problem, motion.lobatto, motion.intervals, motion.duration_s)
     after = drift(problem, motion.lobatto, motion.intervals, duration)
     z = np.empty_like(motion.z)
-    for k, (q, v, a, u) in enumerate(zip(motion.q, motion.v, motion.a, motion.u, strict=True)):
+    parts = zip(motion.q, motion.v, motion.a, motion.u, motion.w, strict=True)
+    for k, (q, v, a, u, w) in enumerate(parts):
         q = pin.integrate(model, after[0][k], pin.difference(model, before[0][k], q))
         v, a = after[1][k] + (v - before[1][k]) / share, a / share**2
-        z[k] = np.concatenate([q, v, a, u if share == 1.0 else _drive(problem, q, v, a)])
+        z[k] = np.concatenate([q, v, a, u if share == 1.0 else _drive(problem, q, v, a), w])
     z = np.clip(z, problem.lower, problem.upper)
     z[0, : problem.fixed.size] = problem.fixed
     return Motion(problem, motion.lobatto, motion.intervals, duration, z)
@@ -91,24 +93,47 @@ def _drive(problem: Problem, q: Array, v: Array, a: Array) -> Array:
 
 def drift(problem: Problem, lobatto: Lobatto, intervals: int, duration: float) -> tuple[Array, Array]:
     """Configuration and velocity at all points where nothing drives anything and joints stand still."""
-    model = problem.stage.scene.model
-    data, q, v = model.createData(), problem.fixed[: model.nq].copy(), problem.fixed[model.nq :].copy()
-    free = np.ones(model.nv)
-    free[list(problem.stage.driven.columns[: len(problem.stage.driven.joints)])] = 0.0
-    v = v * free
+    model, fall = problem.stage.scene.model, _falling(problem)
+    q, v = problem.fixed[: model.nq].copy(), problem.fixed[model.nq :] * _moving(problem)
     times, found = lobatto.times(intervals, duration), [(q, v)]
     for begin, end in itertools.pairwise(times):
         steps = max(1, round(STEPS * (end - begin) / duration))
         h = (end - begin) / steps
         for _ in range(steps):  # Heun's method on the manifold
-            one = free * pin.aba(model, data, q, v, np.zeros(model.nv))
-            other = free * pin.aba(
-                model, data, pin.integrate(model, q, h * v), v + h * one, np.zeros(model.nv)
-            )
+            one = fall(q, v)
+            other = fall(pin.integrate(model, q, h * v), v + h * one)
             q, v = pin.integrate(model, q, h * (v + h / 4 * (one + other))), v + h / 2 * (one + other)
         found.append((q, v))
     qs, vs = zip(*found, strict=True)
     return np.array(qs), np.array(vs)
+
+
+def _moving(problem: Problem) -> Array:
+    """1 for velocities that are free, 0 for those of joints (nv,)."""
+    free = np.ones(problem.stage.scene.model.nv)
+    free[list(problem.stage.driven.columns[: len(problem.stage.driven.joints)])] = 0.0
+    return free
+
+
+def _falling(problem: Problem) -> Callable[[Array, Array], Array]:
+    """Acceleration (nv,) where nothing drives anything and joints stand still."""
+    stage, free = problem.stage, _moving(problem)
+    model, data = stage.scene.model, stage.scene.model.createData()
+    if not stage.grips:
+        return lambda q, v: np.asarray(free * pin.aba(model, data, q, v, np.zeros(model.nv)))
+    rows = ca.vertcat(stage.parting, stage.a[np.flatnonzero(free == 0).tolist()])
+    held = ca.Function("held", [stage.q, stage.v, stage.a], [rows, ca.jacobian(rows, stage.a)])
+
+    def fall(q: Array, v: Array) -> Array:
+        """With what is held."""
+        bias, slopes = (np.array(x.full()) for x in held(q, v, np.zeros(model.nv)))
+        upper, none = np.triu(pin.crba(model, data, q)), np.zeros((len(slopes), len(slopes)))
+        inertia = upper + np.triu(upper, 1).T
+        matrix = np.block([[inertia, slopes.T], [slopes, none]])
+        right = -np.concatenate([pin.nle(model, data, q, v), bias.ravel()])
+        return np.asarray(np.linalg.lstsq(matrix, right, rcond=None)[0][: model.nv])
+
+    return fall
 
 
 def _inverse_kinematics(problem: Problem, q: Array, v: Array, columns: list[int]) -> Array:

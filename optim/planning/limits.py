@@ -9,6 +9,7 @@ import numpy as np
 
 from optim.planning.costs import base_shifts, base_turns
 from optim.planning.goals import find_frame, find_tip, seen_from, unit
+from optim.planning.grips import axes_of
 from optim.planning.stage import Driven, Row, Stage
 from spacerobot.arrays import Array
 from spacerobot.description.parts import Joint as UrdfJoint
@@ -72,13 +73,14 @@ def instant_limits(stage: Stage, bounds: Bounds) -> tuple[Array, Array]:
             upper[place] = min(urdf.velocity, asked)
             lower[place] = -upper[place]
     first = model.nq + 2 * model.nv
-    lower[first:], upper[first:] = -stage.driven.limits, stage.driven.limits
+    last = first + stage.u.numel()
+    lower[first:last], upper[first:last] = -stage.driven.limits, stage.driven.limits
     return lower, upper
 
 
 def path_rows(stage: Stage, plan: Planning) -> list[Row]:
     """What must hold at all instants beside the limits of z."""
-    rows = list(_base_rows(stage, plan.limits))
+    rows = [*_base_rows(stage, plan.limits), *_grip_rows(stage, plan.limits)]
     for name, apart in plan.keep_out.items():
         where = f"plan.keep_out.{name}"
         for first, second in find_pairs(stage.scene, apart.between, apart.wrap, where):
@@ -139,6 +141,20 @@ def _base_rows(stage: Stage, bounds: Bounds) -> Iterator[Row]:
         for name, shift in base_shifts(stage).items():
             square = ca.sumsqr(shift) / limit**2
             yield Row(f"displacement of {name}'s base", "m", square, upper=1.0, scale=limit / 2)
+
+
+def _grip_rows(stage: Stage, bounds: Bounds) -> Iterator[Row]:
+    """What grasps hold together, and their forces and torques."""
+    names = [f"{grip.name}.{axis}" for grip in stage.grips for axis in axes_of(stage.scene, grip)]
+    for name, value in zip(names, ca.vertsplit(stage.parting), strict=True):
+        yield Row(f"hold of {name}", "m/s^2 or rad/s^2", value, 0.0, 0.0)
+    for grip in stage.grips:
+        for key, unit_name, value in zip(("force", "torque"), ("N", "N m"), stage.wrench(grip), strict=True):
+            limit = getattr(bounds, f"grip_{key}")
+            if limit is not None and value.numel():
+                square = ca.sumsqr(value) / limit**2
+                name = f"grip {key} of {grip.name}"
+                yield Row(name, unit_name, square, upper=1.0, scale=limit / 2, size=limit)
 
 
 def _cone_row(stage: Stage, name: str, cone: Cone) -> Row:

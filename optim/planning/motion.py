@@ -26,7 +26,7 @@ class Motion:
     duration_s
         From its beginning to its end [s].
     z
-        Instants at all points (points, nz): configuration, velocity, acceleration, drive.
+        Instants at all points (points, nz): configuration, velocity, acceleration, drive, grips' wrenches.
     """
 
     problem: Problem
@@ -61,14 +61,20 @@ class Motion:
         return self.parts(self.z)[3]
 
     @property
+    def w(self) -> Array:
+        """Wrenches of the grasps that hold (points, nw) [N, N m]."""
+        return self.parts(self.z)[4]
+
+    @property
     def unknowns(self) -> Array:
         """Instants and duration as a program has them."""
         return np.append(self.z.ravel(), self.duration_s)
 
     def parts(self, z: Array) -> list[Array]:
-        """Configuration, velocity, acceleration and drive of instants (n, nz)."""
-        model = self.problem.stage.scene.model
-        return np.split(z, [model.nq, model.nq + model.nv, model.nq + 2 * model.nv], axis=1)
+        """Configuration, velocity, acceleration, drive and grips' wrenches of instants (n, nz)."""
+        stage = self.problem.stage
+        sizes = [part.numel() for part in (stage.q, stage.v, stage.a, stage.u)]
+        return np.split(z, np.cumsum(sizes), axis=1)
 
     def at(self, intervals: int, place: Array) -> Array:
         """Instants (intervals len(place), nz) at places in 0 .. 1 of each of so many equal intervals.
@@ -81,7 +87,7 @@ class Motion:
         local = share - n
         of = n[:, None] * (self.lobatto.points - 1) + np.arange(self.lobatto.points)
         values, primitives = self.lobatto.values_at(local), self.lobatto.primitives_at(local)
-        q, v, a, u = self.parts(self.z)
+        q, v, a, u, w = self.parts(self.z)
         rate = np.array(_rates(self.problem)(self.z.T).full()).T
         step, first = self.duration_s / self.intervals, of[:, 0]
         return np.hstack(
@@ -90,6 +96,7 @@ class Motion:
                 v[first] + step * np.einsum("pk,pkx->px", primitives, a[of]),
                 np.einsum("pk,pkx->px", values, a[of]),
                 np.einsum("pk,pkx->px", values, u[of]),
+                np.einsum("pk,pkx->px", values, w[of]),
             ]
         )
 

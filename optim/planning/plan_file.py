@@ -14,6 +14,7 @@ import xarray as xr
 import spacerobot
 from optim.plain import plain
 from optim.planning.follow import PLAN, flown_phase, following
+from optim.planning.grips import axes_of
 from optim.planning.make import Planned, statistics
 from spacerobot.arrays import Array
 from spacerobot.errors import ResultError
@@ -67,6 +68,10 @@ def dataset(planned: Planned) -> xr.Dataset:
     phase = flown_phase(scene.scenario)
     if phase:
         variables["phase"] = ("time", [phase] * len(motion.time), {"long_name": "phase of the scenario"})
+    gripped = motion.problem.stage.grips
+    if gripped:
+        told = _told("N or N m", "forces and torques of grasps on tips, world axes")
+        variables["grip_wrench"] = (("time", "grip"), motion.w, told)
     coordinates: dict[str, Any] = {
         "time": ("time", motion.time, {"units": "s", "long_name": "time"}),
         "configuration": _entries(model, "nq"),
@@ -77,6 +82,8 @@ def dataset(planned: Planned) -> xr.Dataset:
     }
     if len(driven.names) > count:
         coordinates["drive"] = list(driven.names[count:])
+    if gripped:
+        coordinates["grip"] = [f"{grip.name}.{axis}" for grip in gripped for axis in axes_of(scene, grip)]
     return xr.Dataset(variables, coordinates, _attributes(planned))
 
 

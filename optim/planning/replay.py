@@ -13,6 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from optim.planning.gains import tracking_gains
+from optim.planning.grips import held, slip
 from optim.planning.lobatto import Lobatto
 from optim.planning.motion import Motion
 from optim.planning.stage import Driven
@@ -24,6 +25,7 @@ from spacerobot.dynamics import (
     forward_kinematics,
     normalise,
 )
+from spacerobot.dynamics.algebra import SymmetricFactors
 from spacerobot.dynamics.joints import sparse
 from spacerobot.rollout import build_rollout
 from spacerobot.scene import Scene
@@ -82,9 +84,7 @@ class Replayed:
             column = driven.columns[k]
             behind = _behind(model.joints[joint], q, wanted[k])
             force[column] += kp[k] * behind + kd[k] * (rate[k] - v[column])
-        kinematics = forward_kinematics(model, q, v)
-        body = ArticulatedBody.factorise(model, kinematics, Inertias.from_model(model))
-        rate = ca.vertcat(configuration_derivative(model, q, v), body.acceleration(force))
+        change = ca.vertcat(configuration_derivative(model, q, v), _acceleration(scene, q, v, force))
         p, none = ca.SX.sym("p", nx + given.numel()), ca.SX(0, 1)
         names = tuple(f"p{i}" for i in range(p.numel()))
         xdot, e = ca.SX.sym("xdot", nx), ca.SX.sym("e")
@@ -96,13 +96,29 @@ class Replayed:
             model.nq,
             model.nv,
             ca.Function("setup", [p], [p[:nx], p[nx:]], ["p"], ["x0", "c"]),
-            ca.Function("dynamics", at, [ca.densify(rate)], at_names, ["xdot"]),
+            ca.Function("dynamics", at, [ca.densify(change)], at_names, ["xdot"]),
             ca.Function("normalise", [x], [ca.vertcat(normalise(model, q), v)], ["x"], ["n"]),
             ca.Function("outputs", at, [v], at_names, ["velocity"]),
             ca.Function("gaps", [p], [none], ["p"], ["gap"]),
             ca.Function("guards", [*at, xdot], [none, none], [*at_names, "xdot"], ["g", "rate"]),
             ca.Function("update", [*at, e], [x], [*at_names, "e"], ["x_after"]),
         )
+
+
+def _acceleration(scene: Scene, q: ca.SX, v: ca.SX, force: ca.SX) -> ca.SX:
+    """Forward dynamics (nv x 1) with the grasps that hold."""
+    model, grips = scene.model, held(scene)
+    kinematics = forward_kinematics(model, q, v)
+    body = ArticulatedBody.factorise(model, kinematics, Inertias.from_model(model))
+    free = body.acceleration(force)
+    if not grips:
+        return free
+    parting = slip(scene, kinematics, grips)
+    slopes = ca.jacobian(parting, v)
+    drift = ca.jtimes(parting, q, configuration_derivative(model, q, v))
+    response = ca.horzcat(*(body.response(row.T) for row in ca.vertsplit(slopes)))
+    wrench = SymmetricFactors(ca.mtimes(slopes, response)).solve_negated(ca.mtimes(slopes, free) + drift)
+    return free + ca.mtimes(response, wrench)
 
 
 def replays(motion: Motion, backend: str = "auto") -> tuple[Array, Array]:
@@ -135,7 +151,7 @@ def _interval(motion: Motion, n: int) -> Array:
     driven, model = motion.problem.stage.driven, motion.problem.stage.scene.model
     own = slice(n * (motion.lobatto.points - 1), (n + 1) * (motion.lobatto.points - 1) + 1)
     columns = list(driven.columns[: len(driven.joints)])
-    q, v, a, u = (part[own] for part in motion.parts(motion.z))
+    q, v, a, u, _ = (part[own] for part in motion.parts(motion.z))
     first = [joint_angle(model.joints[joint], q[0]) for joint in driven.joints]
     return np.concatenate([first, u.ravel(), v[:, columns].ravel(), a[:, columns].ravel()])
 
@@ -149,14 +165,16 @@ def joint_angle(joint: Any, q: Array) -> float:
 def tip_errors(motion: Motion, states: Array) -> Mapping[str, Array]:
     """Distance [m] of each planned robot's tips from the plan at each knot (intervals + 1,).
 
-    A robot without tips counts by its root link, whose turning by a radian counts as a metre.
+    A robot without tips, and an object that is held, count by their root links, whose turning by a radian
+    counts as a metre.
     """
     scene = motion.problem.stage.scene
     model, data = scene.model, scene.model.createData()
     knots = motion.q[:: motion.lobatto.points - 1]
     led = {tip.body.name for tip in scene.tips}
     tips = {tip.label: tip.frame for tip in scene.tips}
-    roots = {body.name: body.root_frame for body in scene.robots if body.name not in led}
+    bodies = scene.bodies if motion.problem.stage.grips else scene.robots
+    roots = {body.name: body.root_frame for body in bodies if body.name not in led}
     errors: dict[str, list[float]] = {label: [] for label in (*tips, *roots)}
     for planned, found in zip(knots, states[:, : model.nq], strict=True):
         placements = []

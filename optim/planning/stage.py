@@ -1,10 +1,10 @@
 """One instant of a motion as expressions: what it is made of, how it moves, what must hold, what it costs.
 
-An instant is z = (q, v, a, u): Pinocchio's configuration and velocity of the whole scene, acceleration, and
-what drives it. Accelerations are unknowns, so that the mechanics enter by inverse dynamics, whose derivatives
-are much shorter than those of forward dynamics:
+An instant is z = (q, v, a, u, w): Pinocchio's configuration and velocity of the whole scene, acceleration,
+what drives it, and the wrenches of rigid grasps that hold. Accelerations are unknowns, so that the mechanics
+enter by inverse dynamics, whose derivatives are much shorter than those of forward dynamics:
 
-    M(q) a + h(q, v) + R v = B u.
+    M(q) a + h(q, v) + R v = B u + A(q)' w,    d/dt (A v) = 0.
 
 Rows in which B is zero are a floating base on which nothing acts, and the free target.
 """
@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+from optim.planning.grips import axes_of, held, slip
 from spacerobot.arrays import Array
 from spacerobot.dynamics import (
     Inertias,
@@ -30,6 +31,7 @@ from spacerobot.dynamics import (
 )
 from spacerobot.dynamics.joints import sparse
 from spacerobot.scene import Scene
+from spacerobot.scene.scene import SceneGrasp
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,18 +64,22 @@ class Stage:
     ----------
     scene, driven
         The scene, and what drives it.
-    q, v, a, u
-        Symbols (nq, nv, nv, nu).
+    grips
+        Grasps that hold.
+    q, v, a, u, w
+        Symbols (nq, nv, nv, nu, nw).
     kinematics
         At (q, v).
     """
 
     scene: Scene
     driven: Driven
+    grips: tuple[SceneGrasp, ...]
     q: ca.SX
     v: ca.SX
     a: ca.SX
     u: ca.SX
+    w: ca.SX
     kinematics: Kinematics
 
     @classmethod
@@ -81,13 +87,14 @@ class Stage:
         """Symbols of a scene."""
         model = scene.model
         q, v, a = (ca.SX.sym(n, size) for n, size in (("q", model.nq), ("v", model.nv), ("a", model.nv)))
-        u = ca.SX.sym("u", len(driven.columns))
-        return cls(scene, driven, q, v, a, u, forward_kinematics(model, q, v))
+        u, grips = ca.SX.sym("u", len(driven.columns)), held(scene)
+        w = ca.SX.sym("w", sum(len(axes_of(scene, grip)) for grip in grips))
+        return cls(scene, driven, grips, q, v, a, u, w, forward_kinematics(model, q, v))
 
     @property
     def z(self) -> ca.SX:
         """The instant (nz x 1)."""
-        return ca.vertcat(self.q, self.v, self.a, self.u)
+        return ca.vertcat(self.q, self.v, self.a, self.u, self.w)
 
     @property
     def rate(self) -> ca.SX:
@@ -102,7 +109,19 @@ class Stage:
         force = force + sparse(np.asarray(model.damping)) * self.v
         for k, column in enumerate(self.driven.columns):
             force[column] -= self.u[k]
-        return force
+        return force - ca.jtimes(slip(self.scene, self.kinematics, self.grips), self.v, self.w, True)
+
+    @property
+    def parting(self) -> ca.SX:
+        """Relative acceleration of what the grasps hold together (nw x 1) [m/s^2, rad/s^2]."""
+        state, rate = ca.vertcat(self.q, self.v), ca.vertcat(self.rate, self.a)
+        return ca.jtimes(slip(self.scene, self.kinematics, self.grips), state, rate)
+
+    def wrench(self, grip: SceneGrasp) -> tuple[ca.SX, ca.SX]:
+        """Force and torque of a grasp on its tip, world axes."""
+        first = sum(len(axes_of(self.scene, own)) for own in self.grips[: self.grips.index(grip)])
+        linear, size = len(self.scene.translation_axes), len(axes_of(self.scene, grip))
+        return self.w[first : first + linear], self.w[first + linear : first + size]
 
     def placement(self, frame: int) -> tuple[ca.SX, ca.SX]:
         """Rotation (3x3) and origin (3x1) [m] of a frame."""
@@ -138,6 +157,8 @@ class Row:
         Part of the duration, at its end, for which it must hold.
     scale
         What a violation of one means in that unit.
+    size
+        Of the limit, in that unit, where violations between the points count relative to it.
     """
 
     name: str
@@ -147,6 +168,7 @@ class Row:
     upper: float = np.inf
     last: float = 1.0
     scale: float = 1.0
+    size: float | None = None
 
 
 @dataclass(frozen=True, eq=False)

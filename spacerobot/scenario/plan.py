@@ -135,6 +135,12 @@ class Costs(Section):
         default=0.0,
         ge=0,
     )
+    grip_force: float = quantity(
+        "1/(N^2 s)", "weight of the integral of squared forces of grasps that hold", default=0.0, ge=0
+    )
+    grip_torque: float = quantity(
+        "1/(N^2 m^2 s)", "weight of the integral of squared torques of grasps that hold", default=0.0, ge=0
+    )
     time: float = quantity("1/s", "weight of the duration", default=0.0, ge=0)
 
     @model_validator(mode="after")
@@ -169,6 +175,8 @@ class Bounds(Section):
         ge=0,
     )
     base_torque: float = quantity("N m", "greatest torque about each axis, likewise", default=0.0, ge=0)
+    grip_force: float | None = quantity("N", "greatest force of any grasp that holds", default=None, gt=0)
+    grip_torque: float | None = quantity("N m", "greatest torque of any grasp that holds", default=None, gt=0)
 
 
 class KeepOut(Section):

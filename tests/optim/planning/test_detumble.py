@@ -1,6 +1,7 @@
 """Bodies that come to rest, by a wrench on their base."""
 
 import numpy as np
+import pinocchio as pin
 import pytest
 import yaml
 
@@ -50,6 +51,61 @@ def test_time_and_effort_are_traded_by_their_weights(spinning):
     momentum = angular_momentum(found.scene)
     assert found.motion.duration_s == pytest.approx(momentum * np.sqrt(3e3 / 2), rel=1e-5)
     assert found.cost == pytest.approx(2 * momentum * np.sqrt(6e3), rel=1e-6)
+
+
+HOLDING = [
+    ("robots.one.base.spin_deg", [0, 0, 3]),
+    ("robots.one.base.velocity", [0.01, 0, 0]),
+    ("grasps", {"left": {"tip": "one/tip", "frame": "mate_1", "kind": "weld"}}),
+    ("plan.goals", {"rest": {"still": "one"}}),
+    ("plan.costs", {"time": 0.1, "torque": 0.01, "base_wrench": 1e-4}),
+    ("plan.duration", {"lower": 2, "upper": 40, "guess": 8}),
+    ("plan.intervals", 6),
+    ("plan.tolerance", 1e-4),
+    ("plan.limits", {"base_torque": 20, "base_force": 20}),
+]
+"""An arm that holds a rectangle by a weld, all turning together."""
+
+
+@pytest.fixture(scope="module")
+def holding(reach):
+    return [
+        make_plan(reach(*HOLDING, ("plan.limits.grip_force", limit)), backend="interpreted")
+        for limit in (None, 0.8)
+    ]
+
+
+def test_an_arm_brings_what_it_holds_to_rest_within_what_its_grip_bears(holding):
+    strong, weak = ([plan.motion, np.linalg.norm(plan.motion.w[:, :2], axis=1).max()] for plan in holding)
+    assert strong[1] > 1.5
+    assert weak[1] == pytest.approx(0.8, abs=1e-4)
+    assert weak[0].duration_s > strong[0].duration_s + 0.1
+    for motion, _ in (strong, weak):
+        assert np.abs(motion.v[0]).max() > 0.05
+        np.testing.assert_allclose(motion.v[-1], 0, atol=1e-6)
+
+
+def test_what_is_held_moves_with_the_tip_by_the_grips_wrench_alone(holding):
+    motion, scene = holding[1].motion, holding[1].scene
+    model, data = scene.model, scene.model.createData()
+    tip, mate = scene.tips[0].frame, model.getFrameId("target/mate_1")
+    columns = [model.idx_vs[scene.target.root_joint] + k for k in range(3)]
+    world, relative = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED, []
+    for q, v, a, w in zip(motion.q, motion.v, motion.a, motion.w, strict=True):
+        force = pin.rnea(model, data, q, v, a)
+        pin.framesForwardKinematics(model, data, q)
+        relative.append((data.oMf[tip].inverse() * data.oMf[mate]).homogeneous)
+        pin.computeJointJacobians(model, data, q)
+        jacobian = pin.getFrameJacobian(model, data, mate, world)[[0, 1, 5]][:, columns]
+        np.testing.assert_allclose(jacobian.T @ -w, force[columns], atol=1e-6)
+    np.testing.assert_allclose(relative, np.broadcast_to(relative[0], np.shape(relative)), atol=1e-6)
+
+
+def test_what_is_held_by_springs_is_refused(reach):
+    soft = {"tip": "one/tip", "frame": "mate_1", "kind": "compliant"}
+    changes = [*HOLDING, ("grasps.left", soft), ("target.base", {"joint": "planar", "close_grasp": "left"})]
+    with pytest.raises(ScenarioError, match=r"grasps.left: found 'compliant', closed from the start"):
+        make_plan(reach(*changes), backend="interpreted")
 
 
 @pytest.mark.parametrize(
