@@ -23,6 +23,7 @@ from benchmarks import (
     process,
     rollouts,
     studio,
+    studio_page,
     wheels,
 )
 from benchmarks.row import Row
@@ -53,7 +54,7 @@ JOBS: dict[str, Callable[[], list[Row]]] = {
     "mujoco": passive_plant,
     "process": process.rows,
     "planning": planning.rows,
-    "studio": studio.rows,
+    "studio": lambda: [*studio.rows(), *studio_page.rows()],
 }
 
 

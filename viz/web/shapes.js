@@ -92,6 +92,7 @@ function overlay(colour, opacity) {
 }
 
 const SIDES = 6; // of a tube
+const RING = Array.from({ length: SIDES }, (_, k) => [Math.cos((2 * Math.PI * k) / SIDES), Math.sin((2 * Math.PI * k) / SIDES)]);
 
 // A round line through n points; six triangles pairs a segment, so that a draw range shows a part of it.
 function tube(points, radius, material) {
@@ -101,33 +102,48 @@ function tube(points, radius, material) {
   return mesh;
 }
 
+// Rings of vertices, the first at the first point; each ring's normal is the one before it, turned as little as can be.
 function tubeGeometry(points, radius) {
-  const sides = SIDES, n = points.length / 3;
-  const positions = new Float32Array(n * sides * 3), index = [];
-  const tangent = new THREE.Vector3(1, 0, 0), normal = new THREE.Vector3(0, 0, 1), other = new THREE.Vector3();
-  const here = new THREE.Vector3(), next = new THREE.Vector3();
+  const n = points.length / 3, positions = new Float32Array(n * SIDES * 3);
+  let [tx, ty, tz, nx, ny, nz] = [1, 0, 0, 0, 0, 1], at = 0; // tangent and normal
   for (let i = 0; i < n; i++) {
-    here.fromArray(points, 3 * Math.max(0, i - 1));
-    next.fromArray(points, 3 * Math.min(n - 1, i + 1)).sub(here);
-    if (next.length() > 1e-9) tangent.copy(next).normalize();
-    normal.addScaledVector(tangent, -normal.dot(tangent));
-    if (normal.length() < 1e-3) normal.set(tangent.y, tangent.z, -tangent.x).cross(tangent);
-    normal.normalize();
-    other.crossVectors(tangent, normal);
-    for (let k = 0; k < sides; k++) {
-      const c = radius * Math.cos((2 * Math.PI * k) / sides), s = radius * Math.sin((2 * Math.PI * k) / sides);
-      here.fromArray(points, 3 * i).addScaledVector(normal, c).addScaledVector(other, s);
-      here.toArray(positions, 3 * (i * sides + k));
-      if (i < n - 1) {
-        const a = i * sides + k, b = i * sides + ((k + 1) % sides);
-        index.push(a, b, a + sides, b, b + sides, a + sides);
-      }
+    const a = 3 * Math.max(0, i - 1), b = 3 * Math.min(n - 1, i + 1);
+    const [dx, dy, dz] = [points[b] - points[a], points[b + 1] - points[a + 1], points[b + 2] - points[a + 2]];
+    const length = Math.hypot(dx, dy, dz);
+    if (length > 1e-9) [tx, ty, tz] = [dx / length, dy / length, dz / length];
+    let along = nx * tx + ny * ty + nz * tz;
+    [nx, ny, nz] = [nx - along * tx, ny - along * ty, nz - along * tz];
+    if (Math.hypot(nx, ny, nz) < 1e-3) [nx, ny, nz] = [tz * tz + tx * ty, -tx * tx - ty * tz, ty * ty - tz * tx]; // any across
+    along = Math.hypot(nx, ny, nz);
+    [nx, ny, nz] = [nx / along, ny / along, nz / along];
+    const [ox, oy, oz] = [ty * nz - tz * ny, tz * nx - tx * nz, tx * ny - ty * nx];
+    for (const [c, s] of RING) {
+      positions[at++] = points[3 * i] + radius * (c * nx + s * ox);
+      positions[at++] = points[3 * i + 1] + radius * (c * ny + s * oy);
+      positions[at++] = points[3 * i + 2] + radius * (c * nz + s * oz);
     }
   }
   const geometry = new THREE.BufferGeometry();
   geometry.setAttribute("position", new THREE.BufferAttribute(positions, 3));
-  geometry.setIndex(index);
+  geometry.setIndex(new THREE.BufferAttribute(tubeFaces(n), 1));
   return geometry;
+}
+
+// Corners of the triangles between n rings, the same for all such tubes.
+const facesOf = new Map();
+
+function tubeFaces(n) {
+  if (!facesOf.has(n)) {
+    const faces = new Uint32Array(Math.max(0, n - 1) * SIDES * 6);
+    for (let i = 0, at = 0; i < n - 1; i++) {
+      for (let k = 0; k < SIDES; k++, at += 6) {
+        const a = i * SIDES + k, b = i * SIDES + ((k + 1) % SIDES);
+        faces.set([a, b, a + SIDES, b, b + SIDES, a + SIDES], at);
+      }
+    }
+    facesOf.set(n, faces);
+  }
+  return facesOf.get(n);
 }
 
 function arrow(size, colour) {

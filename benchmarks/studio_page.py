@@ -1,0 +1,92 @@
+"""From a slider moved to the picture painted, and how often while dragging, in a headless Chromium."""
+
+from __future__ import annotations
+
+import os
+import statistics
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from benchmarks.browser import NO_3D, Browser, chromium
+from benchmarks.row import Row
+from spacerobot.scene import load_scene
+from viz.studio.plant import Origin
+from viz.studio.server import Studio
+
+MOST_S = 0.1
+WARM, COUNT = 10, 100
+DRAG_S = 4.0
+SLIDER = "document.querySelector('.slider input[type=range]')"
+PAINTED = """(async (count) => {
+  const bar = SLIDER, times = [], pause = (ms) => new Promise((ok) => setTimeout(ok, ms));
+  const painted = () => new Promise((ok) => requestAnimationFrame(() => {
+    const after = new MessageChannel(); // its turn comes when the frame is done
+    after.port1.onmessage = ok;
+    after.port2.postMessage(0);
+  }));
+  for (let k = 0; k < count; k++) {
+    const { drawn } = document.body.dataset, begin = performance.now();
+    bar.value = 100 + (7 * k) % 200;
+    bar.dispatchEvent(new Event("input"));
+    while (document.body.dataset.drawn === drawn) await pause(0);
+    await painted();
+    times.push((performance.now() - begin) / 1000);
+    bar.dispatchEvent(new Event("change"));
+    await pause(30);
+  }
+  return times;
+})(COUNT)"""
+DRAGGED = """(async (lasts) => {
+  const bar = SLIDER, begin = performance.now(), first = Number(document.body.dataset.drawn);
+  for (let k = 0; performance.now() - begin < 1000 * lasts; k++) {
+    bar.value = 100 + k % 250;
+    bar.dispatchEvent(new Event("input"));
+    await new Promise((ok) => requestAnimationFrame(ok));
+  }
+  const drawn = Number(document.body.dataset.drawn) - first, lasted = (performance.now() - begin) / 1000;
+  bar.dispatchEvent(new Event("change"));
+  return drawn / lasted;
+})(LASTS)"""
+
+
+def rows() -> list[Row]:
+    """The paper's studio with its three-dimensional view, drawn by the processor here, and without."""
+    with tempfile.TemporaryDirectory() as folder, chromium() as browser:
+        if browser is None:
+            return [Row("the paper's studio in a browser", "", "", note="not measured: no Chromium here")]
+        with Studio(Origin(load_scene("paper"), "paper"), Path(folder)) as studio:
+            whole = _measured(browser, studio)
+            browser.call("Page.enable")
+            browser.call("Page.addScriptToEvaluateOnNewDocument", source=NO_3D)
+            flat = _measured(browser, studio)
+    view = "three-dimensional view drawn in software, without a graphics processor"
+    return [_row(view, whole), _row("without the three-dimensional view", flat)]
+
+
+def _measured(browser: Browser, studio: Studio) -> dict[str, Any]:
+    """Times from a slider's event to the painted frame [s], and motions drawn a second while dragging."""
+    browser.call("Page.navigate", url="about:blank")
+    browser.call("Page.navigate", url=f"{studio.url}#t=5&play=0")
+    browser.wait_for("document.querySelector('.slider .gradient')?.textContent.includes('+10 %')")
+    browser.wait_for("document.getElementById('doubt').hidden")  # nothing is compiled any more
+    times = browser.evaluate(PAINTED.replace("SLIDER", SLIDER).replace("COUNT", str(WARM + COUNT)))[WARM:]
+    drag = browser.evaluate(DRAGGED.replace("SLIDER", SLIDER).replace("LASTS", str(DRAG_S)))
+    return {"times_s": times, "drag": drag, "load": os.getloadavg()[0]}
+
+
+def _row(how: str, found: dict[str, Any]) -> Row:
+    times = found["times_s"]
+    median, late = statistics.median(times), statistics.quantiles(times, n=20)[-1]
+    return Row(
+        f"the paper's studio: a slider moved to the frame painted, {how}",
+        "the time in which a hand sees no delay",
+        f"{median * 1e3:.0f} ms",
+        f"{MOST_S * 1e3:.0f} ms",
+        late / MOST_S,
+        f"95 % within {MOST_S * 1e3:.0f} ms",
+        late <= MOST_S,
+        f"median of {COUNT}, 95th percentile {late * 1e3:.0f} ms; while dragging {found['drag']:.0f} motions a "
+        f"second drawn; load {found['load']:.0f} on {os.cpu_count()} cores",
+        found,
+    )
