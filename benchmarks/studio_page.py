@@ -86,7 +86,7 @@ def _row(how: str, found: dict[str, Any]) -> Row:
         late / MOST_S,
         f"95 % within {MOST_S * 1e3:.0f} ms",
         late <= MOST_S,
-        f"median of {COUNT}, 95th percentile {late * 1e3:.0f} ms; while dragging {found['drag']:.0f} motions a "
+        f"median of {COUNT}, 95th percentile {late * 1e3:.0f} ms; dragging {found['drag']:.0f} motions a "
         f"second drawn; load {found['load']:.0f} on {os.cpu_count()} cores",
         found,
     )

@@ -89,15 +89,15 @@ class Plant:
         return self.ready.simulate(scene, numbers)
 
     def drawn(self, numbers: Mapping[str, float]) -> Scene:
-        """The scene of a rollout, as far as pictures and the ledger see it: with other masses another one.
+        """The scene of a rollout as pictures and the ledger see it: another one with other masses or pads.
 
         Raises
         ------
         ScenarioError
             If no body has such masses.
         """
-        masses = {path: value for path, value in numbers.items() if ".links." in path}
-        return build_scene(self.scene.scenario, masses, source=self.scene.source) if masses else self.scene
+        seen = {path: value for path, value in numbers.items() if ".links." in path or path[:5] == "pads."}
+        return build_scene(self.scene.scenario, seen, source=self.scene.source) if seen else self.scene
 
     @property
     def chosen_step(self) -> float | None:
@@ -150,7 +150,11 @@ class Plant:
 
     def look(self, scene: Scene, result: Result) -> Shown:
         """A rollout as the page shows it; ``scene`` is the one that was drawn."""
-        return look_at(result, scene.scenario.name, scene, self._stage, rate_hz=FRAMES_PER_S)
+        return look_at(result, scene.scenario.name, scene, self.stage(scene), rate_hz=FRAMES_PER_S)
+
+    def stage(self, scene: Scene) -> Stage:
+        """What of a scene moves: with other pads it has other shapes."""
+        return self._stage if scene.scenario.pads == self.scene.scenario.pads else Stage.of(scene)
 
     @cached_property
     def _stage(self) -> Stage:

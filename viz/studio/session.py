@@ -16,6 +16,7 @@ from spacerobot.rollout import Trajectory
 from spacerobot.rollout.factory import ADJOINT
 from spacerobot.simulation import STEP_ERROR_LIMIT
 from viz.page.animation import notices, run_data, shown_data
+from viz.page.meshcat_scene import Meshes
 from viz.studio.jobs import Jobs
 from viz.studio.keep import KINDS as SAVED
 from viz.studio.keep import command_line, keep
@@ -259,7 +260,7 @@ class Session:
             self._send(page, {**self._hello(plant), "seq": request.seq, "show": shown_data([shown])})
             if request.kind == "hello":
                 request = Request("set")
-        message = {
+        message: dict[str, Any] = {
             "type": "rollout",
             "seq": request.seq,
             "status": trajectory.status,
@@ -273,6 +274,9 @@ class Session:
             "seconds": {"rollout": trajectory.wall_s, "all": time.perf_counter() - begin},
             "run": run_data(shown),
         }
+        if scene.scenario.pads:  # their shapes may have changed
+            nodes = shown.motion.nodes
+            message["run"]["nodes"] = Meshes(nodes).node_data(nodes)
         self._send(page, message)
         with self._change:
             self._resting[page] = request

@@ -1,3 +1,8 @@
+// Whether bodies have the same shapes.
+function alike(nodes, others) {
+  return nodes === others || JSON.stringify(nodes) === JSON.stringify(others);
+}
+
 // The scene: runs beside or over each other, layers, camera.
 class Scene {
   constructor(pane, side, onResize) {
@@ -59,7 +64,7 @@ class Scene {
   // Other motions of the same bodies: camera, layers and time stay.
   renew(runs) {
     this.payload = { ...this.payload, runs };
-    if (runs.length === this.runs.length) {
+    if (runs.length === this.runs.length && runs.every(({ nodes }, k) => alike(nodes, this.runs[k].data.nodes))) {
       this.runs.forEach((run, k) => { if (run.data.poses === runs[k].poses) run.data = runs[k]; else run.renew(runs[k]); });
     } else {
       this.build();

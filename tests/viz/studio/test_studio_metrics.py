@@ -1,4 +1,4 @@
-"""What a search makes small is the metric that the page shows."""
+"""What a search makes small is the metric that the page shows; what is drawn has the shapes of the design."""
 
 import pytest
 
@@ -8,6 +8,7 @@ from spacerobot.rollout import build_rollout
 from spacerobot.scenario import Constraints
 from tests.oracles.free_bodies import FLAT, free_bodies
 from viz.studio.metrics import build_metrics
+from viz.studio.plant import Plant
 
 
 def test_a_search_makes_small_what_is_shown_a_miss_distance_too(tmp_path):
@@ -21,3 +22,28 @@ def test_a_search_makes_small_what_is_shown_a_miss_distance_too(tmp_path):
         found = build_rollout(loop, **grid, measures=terms.measures).run().costs[OBJECTIVE]
         assert found == pytest.approx(shown[key], rel=1e-12)
     assert 0.001 < shown["miss_distance"] < 0.1
+
+
+def test_a_changed_pad_has_another_shape_in_the_picture(tmp_path):
+    pads = {
+        "fist": {"link": "one/body", "shape": "sphere", "radius": 0.07},
+        "wall": {"link": "target/body", "shape": "plane"},
+    }
+    bump = {"between": ["fist", "wall"], "stiffness": 1e4, "may_overlap": True}
+    scene = free_bodies(
+        tmp_path, FLAT, {"kind": "weld", "capture": {"distance": 1e-3}}, pads=pads, contacts={"bump": bump}
+    )
+    plant = Plant(scene, None, None, frozenset())
+
+    def radii(numbers):
+        nodes = plant.stage(plant.drawn(numbers)).nodes
+        return [
+            float(solid.geometry.size[0])
+            for node in nodes
+            for solid in node.solids
+            if solid.geometry.kind == "sphere"
+        ]
+
+    assert radii({}) == [0.07]
+    assert radii({"pads.fist.radius": 0.11}) == [0.11]
+    assert plant.stage(plant.drawn({})) is plant.stage(scene)

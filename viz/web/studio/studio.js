@@ -143,8 +143,8 @@ class Studio {
     if (pair.every((one, k) => one === this.drawn?.[k])) return;
     this.drawn = pair;
     const { nodes } = known.hello.show.runs[0];
-    const runs = [{ ...known.run, nodes, label: "this design" }];
-    if (other) runs.push({ ...other, nodes, label: this.designs.before.name, pale: true });
+    const runs = [{ nodes, ...known.run, label: "this design" }];
+    if (other) runs.push({ nodes, ...other, label: this.designs.before.name, pale: true });
     this.player.renew(runs, known.warnings);
     document.body.dataset.drawn = String(Number(document.body.dataset.drawn || 0) + 1);
   }
@@ -173,7 +173,7 @@ class Studio {
   // Gradients are compiled while all else goes on.
   compiles({ what, why }) {
     if (what === "gradients") {
-      this.pieces = why;
+      this.pieces = why.match(/\d+ of \d+ pieces/)?.[0];
       if (this.worn) this.point();
     } else if (why) this.say(why, true); else this.status();
   }
@@ -219,7 +219,7 @@ class Studio {
   // What is to be said of the slopes.
   get doubt() {
     const { slopes: { status }, pieces } = this;
-    if (status === "differences") return `Changes for +10 % are differences of rollouts until exact ones are ready${pieces ? ` (${pieces})` : ""}.`;
+    if (status === "differences") return `Changes for +10 % are differences of rollouts until exact ones are compiled${pieces ? ` (${pieces})` : ""}.`;
     if (!status) return "";
     return status === "exact" ? "" : `These changes for +10 % may not hold: ${status}.`;
   }
