@@ -160,11 +160,11 @@ class Frames:
         pace = "" if self.speed == 1 else f"   {self.speed:g} × real time"
         panel.text(0.015, 0.97, f"t = {self.motion.time[index]:.1f} s{pace}", fontsize=12, **at)
         row, data = int(self.motion.rows[index]), self.result.data
-        for k, tip in enumerate(data.tip.values):
+        for k, tip in enumerate(self.result.led_tips):
             error = np.linalg.norm(data.tip_error.sel(tip=tip).values[row]) * 1e3
             text = f"{tip} error {error:.2f} mm"
             panel.text(0.015, 0.89 - 0.055 * k, text, fontsize=9, color=COLOURS[k % 2], **at)
-        drawn = "dashed: where bodies began" + (" and references of tips" if data.sizes["tip"] else "")
+        drawn = "dashed: where bodies began" + (" and references of tips" if self.result.led_tips else "")
         kinds = [kind for kind in ("grasp", "contact") if data.sizes.get(kind)]
         what = " and ".join(kinds).replace("grasp", "grip")
         arrows = f"; arrows: {what} forces, at most {self.newtons:.3g} N" if self.newtons > 0 else ""

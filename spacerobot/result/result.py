@@ -41,6 +41,12 @@ class Result:
         """Whether the rollout reached its end."""
         return bool(self.summary["status"]["state"] == "completed")
 
+    @property
+    def led_tips(self) -> list[str]:
+        """Labels of the tips that a reference or a controller of their own leads."""
+        unled = self.summary.get("unled_tips", ())
+        return [str(tip) for tip in self.data.tip.values if tip not in unled]
+
     def scene(self) -> Scene:
         """The scene it was simulated in, built anew from its scenario."""
         return build_scene(self.scenario, source=self.folder / "scenario.yaml" if self.folder else None)

@@ -49,8 +49,8 @@ class Kind:
     applies: Callable[[Result], bool] = lambda _: True
 
 
-def _has_tips(result: Result) -> bool:
-    return bool(result.data.sizes["tip"])
+def _leads_tips(result: Result) -> bool:
+    return bool(result.led_tips)
 
 
 def _controls_orientation(result: Result) -> bool:
@@ -75,9 +75,9 @@ def _has_target(result: Result) -> bool:
 
 
 KINDS = (
-    Kind("tip_paths", "Reference and actual tip paths (as the paper's Fig. 5)", tip_paths, True, _has_tips),
+    Kind("tip_paths", "Reference and actual tip paths (as the paper's Fig. 5)", tip_paths, True, _leads_tips),
     Kind("object_motion", "Object rotation and translation (Fig. 6)", object_motion, True, _has_target),
-    Kind("tip_errors", "Tip errors (Fig. 7 and 10)", tip_errors, True, _has_tips),
+    Kind("tip_errors", "Tip errors (Fig. 7 and 10)", tip_errors, True, _leads_tips),
     Kind("orientation_errors", "Orientation errors of tips", orientation_errors, True, _controls_orientation),
     Kind("docking", "The docking, frame by frame (Fig. 8)", docking),
     Kind(

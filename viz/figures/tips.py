@@ -41,7 +41,7 @@ def tip_paths(*results: Result) -> Drawing:
     seen in the plane in which the references reach farthest and, if they leave that, in one with the third
     axis. Errors too small to be seen are drawn once more, enlarged.
     """
-    tips = [str(tip) for tip in results[0].data.tip.values]
+    tips = _shown(results[0])
     shown = list(product(zip(results, labels_of(results), strict=True), planes(results)))
     figure, axes = panels(len(shown), len(tips), height_in=3.0)
     letters = iter(_FIGURE_5_PANELS * 4)
@@ -55,9 +55,14 @@ def tip_paths(*results: Result) -> Drawing:
     return figure
 
 
+def _shown(result: Result) -> list[str]:
+    """Tips that are led, all where none is."""
+    return result.led_tips or [str(tip) for tip in result.data.tip.values]
+
+
 def planes(results: Sequence[Result]) -> list[tuple[int, int]]:
     """Pairs of world axes in which references are seen: the largest, and a second if needed."""
-    every = [result.data.tip_reference.values for result in results]
+    every = [result.data.tip_reference.sel(tip=_shown(result)).values for result in results]
     reach = np.max([np.ptp(paths, axis=0).max(axis=0) for paths in every], axis=0)
     first, second, third = (int(k) for k in np.argsort(-reach, kind="stable"))
     found = [(first, second)]
@@ -146,7 +151,7 @@ _ORIENTATION = _Error("tip_orientation_error", 180 / np.pi, "orientation error",
 
 def _draw(results: Sequence[Result], error: _Error, names: Sequence[str]) -> Drawing:
     """Errors along (or about) axes: a row for each tip."""
-    tips, several = [str(tip) for tip in results[0].data.tip.values], len(results) > 1
+    tips, several = _shown(results[0]), len(results) > 1
     figure, axes = panels(len(tips), len(names) + several, sharex=True)
     signed = axes[:, : len(names)]
     for panel in signed.flat[1:]:

@@ -44,10 +44,17 @@ class Quantity:
 
 
 def quantities(result: Result) -> list[Quantity]:
-    """All signals of a result at all its times, by quantity; the tip error comes first."""
-    found = [*_tips(result), *_grasps(result), *_contacts(result), *_joints(result), *_bodies(result)]
-    found += [*_wheels(result), *_held(result), *_orbit(result), *_energies(result)]
-    return [quantity for quantity in found if quantity.signals]
+    """All signals of a result at all its times, by quantity; what it is about comes first.
+
+    That is the tip error; where nothing leads a tip the errors of bases, the orbit, and the momentum.
+    """
+    momenta, errors, orbit = _momenta(result), _base_errors(result), _orbit(result)
+    first = _tip_errors(result) or [*errors, *orbit, *momenta]
+    found = [*first, *_tips(result), *_grasps(result), *_contacts(result), *_joints(result)]
+    found += [*_bodies(result), *momenta, *_wheels(result), *errors, *_thrusters(result), *orbit]
+    found += _energies(result)
+    by_title = {quantity.title: quantity for quantity in found if quantity.signals}
+    return list(by_title.values())
 
 
 def chart_rows(result: Result, shown: Iterable[Quantity]) -> Rows:
@@ -114,17 +121,27 @@ def _about(result: Result) -> list[str]:
     return ["z"] if "body_angle" in result.data else ["x", "y", "z"]
 
 
-def _tips(result: Result) -> list[Quantity]:
-    data, axes = result.data, shown_axes(result)
-    names = [str(tip) for tip in data.tip.values]
-    colours = [("tip", k) for k in range(len(names))]
+def _tip_errors(result: Result) -> list[Quantity]:
+    """Of the tips that are led."""
+    tips, axes = [str(tip) for tip in result.data.tip.values], shown_axes(result)
+    led = result.led_tips
+    if not led:
+        return []
+    data, colours = result.data.sel(tip=led), [("tip", tips.index(tip)) for tip in led]
     error, turned = data.tip_error.values * 1e3, np.degrees(data.tip_orientation_error.values)
     return [
-        Quantity("tip error", "mm", _size(error, names, colours)),
-        Quantity("tip error by axis", "mm", _along(error, names, axes)),
-        Quantity("tip orientation error", "deg", _size(turned, names, colours)),
+        Quantity("tip error", "mm", _size(error, led, colours)),
+        Quantity("tip error by axis", "mm", _along(error, led, axes)),
+        Quantity("tip orientation error", "deg", _size(turned, led, colours)),
+    ]
+
+
+def _tips(result: Result) -> list[Quantity]:
+    data, axes, led = result.data, shown_axes(result), result.led_tips
+    names, references = [str(tip) for tip in data.tip.values], data.tip_reference.sel(tip=led)
+    return [
         Quantity("tip position", "m", _along(data.tip_position.values, names, axes)),
-        Quantity("tip reference", "m", _along(data.tip_reference.values, names, axes)),
+        Quantity("tip reference", "m", _along(references.values, led, axes)),
         Quantity("tip velocity", "mm/s", _along(data.tip_velocity.values * 1e3, names, axes)),
     ]
 
@@ -183,13 +200,6 @@ def _bodies(result: Result) -> list[Quantity]:
     turned = [rotation_deg(result, name)[1] for name in names]
     moved = [translation_mm(result, name)[1] for name in names]
     rotations = [v[:, 0] if len(about) == 1 else np.linalg.norm(v, axis=-1) for v in turned]
-    momenta, given = {}, "impulse_linear" in data
-    for kind in ("linear", "angular"):
-        own, total = data[f"body_momentum_{kind}"].values, data[f"momentum_{kind}"].values
-        outside = [data[f"impulse_{kind}"].values[:, None]] if given else []
-        momenta[kind] = np.concatenate([own, total[:, None], *outside], axis=1)
-    everyone = [*said, "all together", *(["given from outside"] if given else [])]
-    together = [*colours, ("all", 0), *([("body", len(names))] if given else [])]
     return [
         Quantity(
             "rotation since the start",
@@ -205,9 +215,25 @@ def _bodies(result: Result) -> list[Quantity]:
                 for k, axis in enumerate(axes)
             ],
         ),
+    ]
+
+
+def _momenta(result: Result) -> list[Quantity]:
+    """Of every body, of all together, and what came from outside."""
+    data, axes = result.data, shown_axes(result)
+    said = [called(str(name)) for name in data.body.values]
+    colours = [("body", k) for k in range(len(said))]
+    momenta, given = {}, "impulse_linear" in data
+    for kind in ("linear", "angular"):
+        own, total = data[f"body_momentum_{kind}"].values, data[f"momentum_{kind}"].values
+        outside = [data[f"impulse_{kind}"].values[:, None]] if given else []
+        momenta[kind] = np.concatenate([own, total[:, None], *outside], axis=1)
+    everyone = [*said, "all together", *(["given from outside"] if given else [])]
+    together = [*colours, ("all", 0), *([("body", len(said))] if given else [])]
+    return [
         Quantity("linear momentum", "N s", _size(momenta["linear"], everyone, together)),
         Quantity("linear momentum by axis", "N s", _along(momenta["linear"], everyone, axes)),
-        Quantity("angular momentum by axis", "N m s", _along(momenta["angular"], everyone, about)),
+        Quantity("angular momentum by axis", "N m s", _along(momenta["angular"], everyone, _about(result))),
     ]
 
 
@@ -233,25 +259,31 @@ def _wheels(result: Result) -> list[Quantity]:
     ]
 
 
-def _held(result: Result) -> list[Quantity]:
-    """Of bases that act: their errors, what their thrusters give and spend."""
-    data, axes, found = result.data, shown_axes(result), list[Quantity]()
+def _base_errors(result: Result) -> list[Quantity]:
+    """Of bases that are held."""
+    data, found = result.data, list[Quantity]()
     kinds = (
         ("attitude error of bases by axis", "deg", "base_attitude_error", np.degrees(1.0), _about(result)),
-        ("position error of bases by axis", "mm", "base_position_error", 1e3, axes),
+        ("position error of bases by axis", "mm", "base_position_error", 1e3, shown_axes(result)),
     )
     for title, unit, key, factor, along in kinds:
         if key in data:
             held = data[key].dropna("body", how="all")
             names = [called(str(body)) for body in held.body.values]
             found.append(Quantity(title, unit, _along(held.values * factor, names, along)))
-    if "thruster" in data.dims:
-        size = np.linalg.norm(data.thruster_force.values, axis=-1)
-        forces = [Signal(str(name), size[:, k]) for k, name in enumerate(data.thruster.values)]
-        spent = data.propellant.dropna("body", how="all") * 1e3
-        masses = [Signal(called(str(body)), spent.sel(body=body).values) for body in spent.body.values]
-        found += [Quantity("thruster force", "N", forces), Quantity("propellant", "g", masses)]
     return found
+
+
+def _thrusters(result: Result) -> list[Quantity]:
+    """What they give and spend."""
+    data = result.data
+    if "thruster" not in data.dims:
+        return []
+    size = np.linalg.norm(data.thruster_force.values, axis=-1)
+    forces = [Signal(str(name), size[:, k]) for k, name in enumerate(data.thruster.values)]
+    spent = data.propellant.dropna("body", how="all") * 1e3
+    masses = [Signal(called(str(body)), spent.sel(body=body).values) for body in spent.body.values]
+    return [Quantity("thruster force", "N", forces), Quantity("propellant", "g", masses)]
 
 
 def _orbit(result: Result) -> list[Quantity]:

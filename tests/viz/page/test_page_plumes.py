@@ -92,3 +92,17 @@ def test_figures_are_drawn_where_they_apply(fired):
     bare = fired.data.drop_dims("thruster").drop_vars(["base_attitude_error", "hill_position"])
     plain = Result(fired.scenario, bare, fired.summary)
     assert not list(draw_all(plain, names=names))
+
+
+def test_where_nothing_leads_a_tip_bases_come_first_and_no_tip_error_is_shown(fired):
+    unled = Result(fired.scenario, fired.data, {**fired.summary, "unled_tips": ["one/tip", "two/tip"]})
+    shown = [[q["title"] for q in animation(one)["runs"][0]["quantities"]] for one in (fired, unled)]
+    assert shown[0][0] == "tip error"
+    assert shown[1][0] == "attitude error of bases by axis"
+    assert set(shown[0]) - set(shown[1]) == {
+        "tip error",
+        "tip error by axis",
+        "tip orientation error",
+        "tip reference",
+    }
+    assert not {"tip_paths", "tip_errors"} & {name for name, *_ in draw_all(unled)}
