@@ -86,7 +86,7 @@ class _Job(ctypes.Structure):
     )
 
 
-HOT = {"dynamics", "normalise", "dynamics_reverse", "normalise_reverse"}
+HOT = {"dynamics", "normalise", "values", "dynamics_reverse", "normalise_reverse"}
 """Functions that every step evaluates."""
 
 
@@ -132,6 +132,7 @@ def _facts(kernel: Kernel) -> list[str]:
         "EVENTS": len(kernel.events),
         "SWITCHES": len(kernel.switches),
         "FINES": len(kernel.fine),
+        "SEEING": len(kernel.seen),
     }
     lines = [f"#define {name} {size}" for name, size in sizes.items()]
     if kernel.rate is not None:
@@ -144,6 +145,7 @@ def _facts(kernel: Kernel) -> list[str]:
         "int SWITCH": kernel.switches,
         "int ENDS": [event.ends for event in kernel.events],
         "int KINK": [event.kink for event in kernel.events],
+        "int SEEN": kernel.seen,
         "int FINE": [place for place, _ in kernel.fine],
         "double FINE_STEP": [step_s for _, step_s in kernel.fine],
     }

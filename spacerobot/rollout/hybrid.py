@@ -13,6 +13,7 @@ from spacerobot.rollout.grid import ROUNDING, TimeGrid
 from spacerobot.rollout.kernel import Kernel
 from spacerobot.rollout.protocol import Array
 from spacerobot.rollout.raw import CHATTERING, COINCIDENT, COMPLETED, DIVERGED, ENDED, GRAZING
+from spacerobot.rollout.roots import Bracket, Tried
 from spacerobot.rollout.segments import HERE, Plan, Segment, segments
 
 TOLERANCE, TOGETHER = 1e-12, 1e-9
@@ -22,7 +23,7 @@ SHORTEST, GRAZES = 1e-4, 1e-3
 """Part of a step after which a guard's peak is looked for; within which a guard that grazes turns back."""
 
 MARGIN = 0.05
-"""Part of its bend that a guard's parabola may be wrong."""
+"""Part of its bend that a guard's cubic may be wrong."""
 
 SECANTS, TRIES, BURST = 8, 60, 100
 """Lengths tried at peaks, or before they are halved; in all; events in a step that are not yet chattering."""
@@ -36,7 +37,7 @@ class Stepper(Protocol):
         """The kernel."""
 
     def steps(self, n: int, estimate: bool) -> Any:
-        """Function of so many steps, ``(x, t, h, dt, dh, c) -> (x, m, error)``."""
+        """Function of so many steps, ``(x, t, h, dt, dh, c) -> (x, m, error, inner states)``."""
 
 
 @dataclass(frozen=True)
@@ -84,30 +85,6 @@ class _Done:
 
 
 @dataclass
-class _Bracket:
-    """Lengths of a step without and with a guard above its level, and the guards there."""
-
-    low: float
-    before: Array
-    high: float
-    after: Array
-
-    def root(self, i: int, first: float, rate: float) -> float:
-        """Root of the polynomial through all that is known of guard i."""
-        low, high, before, after = self.low, self.high, self.before[i], self.after[i]
-        with np.errstate(all="ignore"):
-            chord = np.divide(before - first, low) if low > 0 else 0.0
-            rise = (chord - rate) / low if low > 0 else np.divide(np.divide(after - first, high) - rate, high)
-            third = ((np.divide(after - before, high - low) - chord) / high - rise) / high if low > 0 else 0.0
-            a, b = low, high
-            for _ in range(64):
-                s = a + (b - a) / 2
-                above = first + s * (rate + s * (rise + (s - low) * third)) > 0
-                a, b = (a, s) if above else (s, b)
-        return b
-
-
-@dataclass
 class HybridRun:
     """One rollout, while it goes on.
 
@@ -145,6 +122,7 @@ class HybridRun:
         self._begin, self._level = self.x, np.zeros(len(kernel.events))
         self._kinks = np.array([event.kink for event in kernel.events], bool)
         self._fresh, self._last = True, -1
+        self._crossed = np.zeros(len(kernel.events), bool)  # what rose in the last step, with an event
         self._burst, self._since = 0, -np.inf
         self._slope = 0.0  # of the time at which a segment begins that an event began
         self._times = self.c[list(kernel.jumps)].copy()
@@ -187,11 +165,12 @@ class HybridRun:
         while index < number and self.fate == COMPLETED:
             t = begin + index * h
             row = (index, number, first, part.last)
-            if (event := self._at_once(t)) >= 0:
+            event = self._at_once(t)
+            if event >= 0 and not self._crossed[event]:
                 self._fire(event, t, first, self._moved(row)[0])
                 done = None
             else:
-                done = self._step(t, h, row, part.end_s)
+                done = self._step(t, h, row, part.end_s, event)
             index += 1
             if self.fate == COMPLETED and (done is None or done.cut):
                 begin = t if done is None else self.end_s
@@ -221,19 +200,19 @@ class HybridRun:
         return (part.full().ravel() for part in found)
 
     def _at_once(self, t: float) -> int:
-        """The event that fires where a step begins, or -1."""
+        """The event that fires where a step begins, or -1: what another armed before what rose by itself."""
         rate = self.engine.kernel.functions["dynamics"](t, self.x, self.c)[0].full().ravel()
         self._first, self._rates = [*self._guards(t, self.x, rate)][:2]
         if self._last >= 0:
             self._level[self._last] = max(self._first[self._last], 0.0)
         self._first = self._first - self._level
-        above = np.flatnonzero(self._first > 0)
-        return int(above[0]) if self._fresh and above.size else -1
+        above = sorted(np.flatnonzero(self._first > 0), key=lambda i: (self._crossed[i], i))
+        return int(above[0]) if self._fresh and above else -1
 
-    def _step(self, t: float, h: float, row: tuple[int, int, int, int], until_s: float) -> _Done:
-        """One step of length h, or one cut short."""
+    def _step(self, t: float, h: float, row: tuple[int, int, int, int], until_s: float, own: int) -> _Done:
+        """One step of length h, or one cut short: to the root, where it begins, of the guard of event `own`."""
         dt, dh = self._moved(row)
-        done = self._tried(t, h, dt, dh)
+        done = self._tried(t, h, dt, dh) if own < 0 else self._at_root(t, dt, own)
         slope = dt
         if done.cut:
             done, slope = self._stretched(done, t, dt)
@@ -259,62 +238,72 @@ class HybridRun:
             far = np.sum(((x - self._begin) * self.engine.kernel.scale) ** 2)
         return bool(far < 1)  # false for a NaN as well
 
-    def _evaluated(self, t: float, h: float, dt: float, dh: float) -> tuple[_Done, Array]:
-        """A step of length h, and the guards at its end."""
+    def _evaluated(self, t: float, h: float, dt: float, dh: float) -> tuple[_Done, Tried]:
+        """A step of length h, and the guards along it."""
         found = self.engine.steps(1, self.estimate)(self.x, t, h, dt, dh, self.c)
-        end, m, error = (value.full().ravel() for value in found)
-        g = next(self._guards(t + h, end, np.zeros_like(end))) - self._level
-        return _Done(end, m, error, h), g
+        end, m, error = (value.full().ravel() for value in found[:3])
+        values, states = self.engine.kernel.functions["values"], [*found[3].full().T, end]
+        times = (t + h / 3, t + 2 * h / 3, t + h)
+        rows = [values(*at, self.c).full().ravel() for at in zip(times, states, strict=True)]
+        seen = np.array(rows) - self._level
+        return _Done(end, m, error, h), Tried(self._first, self._rates, seen[:2], seen[2])
+
+    def _at_root(self, t: float, dt: float, event: int) -> _Done:
+        """A step of length zero to an event's root."""
+        done, _ = self._evaluated(t, 0.0, dt, 0.0)
+        done.cut, done.event = True, event
+        self._crossed[event] = False
+        return done
 
     def _tried(self, t: float, h: float, dt: float, dh: float) -> _Done:
         """The step, taken with other lengths until no guard is above its level before its end."""
-        done, g = self._evaluated(t, h, dt, dh)
-        for peaks in range(SECANTS):
-            if (g > 0).any() or not self._sound(done.end):
+        done, seen = self._evaluated(t, h, dt, dh)
+        for peaks in range(SECANTS + 1):
+            if not self._sound(done.end):
+                return done
+            shorter = self._shortest_peak(seen, done.length, GRAZES if peaks else MARGIN)
+            if shorter == done.length or peaks == SECANTS:
                 break
-            shorter = self._shortest_peak(g, done.length, GRAZES if peaks else MARGIN)
-            if shorter == done.length:
-                break
-            done, g = self._evaluated(t, shorter, dt, dh)
+            done, seen = self._evaluated(t, shorter, dt, dh)
             done.cut = True
-        if (g > 0).any() and self._sound(done.end):
-            done, g = self._located(t, _Bracket(0.0, self._first, done.length, g), done, g)
-            self._judge(done.event, done.length, g)
-        self._level = np.minimum(self._level, np.maximum(g + self._level, 0.0))
+        if seen.rise:
+            done, seen = self._located(t, Bracket(0.0, self._first, done.length, seen.end), done, seen)
+            self._judge(done.event, done.length, seen)
+        self._crossed = seen.end > 0
+        self._crossed[done.event] &= done.event < 0
+        self._level = np.minimum(self._level, np.maximum(seen.end + self._level, 0.0))
         return done
 
-    def _shortest_peak(self, g: Array, h: float, margin: float) -> float:
+    def _shortest_peak(self, seen: Tried, h: float, margin: float) -> float:
         """How long a step must be to end at the first peak of a guard that may rise above its level."""
-        first, rate = self._first, self._rates
+        s, peak, bend = seen.peaks()
         with np.errstate(all="ignore"):
-            bend = (g - first) / h - rate
-            s = -rate / bend / 2
-            high = (s > SHORTEST) & (s < 1 - GRAZES) & (first + rate * s * h / 2 > margin * h * bend)
+            high = (s > SHORTEST) & (s < 1 - GRAZES) & (peak > -margin * bend)
+            ends = (abs(s - 1) < 10 * GRAZES) & (seen.end <= 0)
             if margin == GRAZES:
-                self._doubt(GRAZING, np.flatnonzero(-g < -(GRAZES**2) * h * bend))
+                self._doubt(GRAZING, np.flatnonzero(ends & (-seen.end < GRAZES**2 * bend)))
         return float((s[high] * h).min(initial=h))
 
-    def _located(self, t: float, bracket: _Bracket, done: _Done, g: Array) -> tuple[_Done, Array]:
+    def _located(self, t: float, bracket: Bracket, done: _Done, seen: Tried) -> tuple[_Done, Tried]:
         """The step up to the earliest root, where a guard is just above its level, and the guards there."""
         tries = 0
         while True:
             tries += 1
-            low, high = bracket.low, bracket.high
-            above = np.flatnonzero(bracket.after > 0)
-            root = min(bracket.root(int(i), self._first[i], self._rates[i]) for i in above)
+            low, high, root = bracket.low, bracket.high, bracket.earliest(seen)
             near = high - root <= TOLERANCE or high - low <= TOLERANCE or tries > TRIES
-            if near and (g > 0).any():
-                done.cut, done.event = True, int(np.flatnonzero(g > 0)[0])
-                return done, g
+            if near and seen.rise:
+                done.cut, done.event = True, int(np.flatnonzero(seen.end > 0)[0])
+                return done, seen
             tried = low + (high - low) / 2 if tries > SECANTS else min(high, max(root, low) + TOLERANCE / 2)
-            done, g = self._evaluated(t, high if near else tried, 0.0, 0.0)
-            if (g > 0).any():
-                bracket.high, bracket.after = done.length, g
+            done, seen = self._evaluated(t, high if near else tried, 0.0, 0.0)
+            if seen.rise:
+                bracket.high, bracket.after = done.length, seen.end
             else:
-                bracket.low, bracket.before = done.length, g
+                bracket.low, bracket.before = done.length, seen.end
 
-    def _judge(self, event: int, h: float, g: Array) -> None:
+    def _judge(self, event: int, h: float, seen: Tried) -> None:
         """Doubts in a gradient through an event at the end of a step of length h."""
+        g = seen.end
         rise = 2 * ((g[event] - self._first[event]) / h - self._rates[event]) / h if h > 0 else 0.0
         turn = GRAZES * self.grid.step_s
         if h > GRAZES * turn and abs(self._rates[event] + rise * h) < turn * abs(rise):
@@ -325,7 +314,7 @@ class HybridRun:
 
     def _doubt(self, why: int, events: Array | np.ndarray[tuple[int], np.dtype[np.int64]]) -> None:
         events = events[~self._kinks[events]]
-        if len(events) and self.doubt[0] == 0:
+        if len(events) and (self.doubt[0] == 0 or (self.doubt[0] == COINCIDENT and why == GRAZING)):
             self.doubt = (why, int(events[0]))
 
     def _stretched(self, done: _Done, t: float, dt: float) -> tuple[_Done, float]:

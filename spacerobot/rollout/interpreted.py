@@ -106,7 +106,7 @@ class InterpretedEngine:
                 dh[None, part],
             )
             found = self.steps(n, estimate)(*inputs, sides[k])
-            path, m, error = (value.full().T for value in found)
+            path, m, error = (value.full().T for value in found[:3])
             with np.errstate(over="ignore", invalid="ignore"):
                 good = np.sum(((path - begin) * kernel.scale) ** 2, axis=1) < 1  # false for a NaN as well
             first_bad = n if good.all() else int(np.argmin(good))
@@ -212,7 +212,9 @@ class InterpretedEngine:
         error = ca.MX(nx, 1)
         for weight, slope in zip(method.error, slopes, strict=False):
             error = error + (h * weight * slope if estimate else 0)
-        return ca.Function("step", [x, t, h, dt, dh, c], [end, peaks, error])
+        inside = [x + h * sum(float(w) * k for w, k in zip(row, slopes, strict=False)) for row in method.inner]
+        inner = ca.horzcat(*inside) if kernel.events else ca.MX(nx, 0)
+        return ca.Function("step", [x, t, h, dt, dh, c], [end, peaks, error, inner])
 
     def _combined(
         self, x: ca.MX, h: ca.MX, dh: ca.MX, weights: Sequence[float] | Array, slopes: Sequence[ca.MX]
@@ -238,7 +240,7 @@ class InterpretedEngine:
         return {}
 
     def steps(self, n: int, estimate: bool) -> ca.Function:
-        """So many steps with the same constants: states, peak quantities and errors."""
+        """So many steps with the same constants: states, peak quantities, errors, states inside."""
         if (n, estimate) not in self._made:
             self._made[n, estimate] = self._step(estimate).mapaccum("steps", n)
         return self._made[n, estimate]

@@ -25,8 +25,8 @@ class Kernel:
     Attributes
     ----------
     functions
-        ``setup``, ``dynamics``, ``normalise``, ``outputs``, ``final`` and ``objective``, and ``guards`` and
-        ``update`` where there are events, as ``loops/steps.hpp`` lists them.
+        ``setup``, ``dynamics``, ``normalise``, ``outputs``, ``final`` and ``objective``, and ``guards``,
+        ``values`` and ``update`` where there are events, as ``loops/steps.hpp`` lists them.
     nx
         Length of the closed loop's state; integrals follow it.
     integrals, peaks
@@ -48,6 +48,8 @@ class Kernel:
         each is on.
     jump_bars
         Adjoint: their places in cbar, -1 for one that the wanted parameters do not move.
+    seen
+        Places in x of what changes between events and guards depend on.
     jump_slopes, rate
         Forward sensitivities: places in c of the jumps' derivatives, -1 likewise, and of that of time, if
         any jump moves.
@@ -70,6 +72,7 @@ class Kernel:
     jump_bars: tuple[int, ...] = ()
     jump_slopes: tuple[int, ...] = ()
     rate: int | None = None
+    seen: tuple[int, ...] = ()
 
     def size(self, function: str, argument: str) -> int:
         """Length of an argument of a function."""
@@ -142,19 +145,30 @@ def build_kernel(
         tuple(loop.switches),
         tuple(loop.events),
         tuple(loop.fine),
+        seen=_seen(functions) if loop.events else (),
     )
+
+
+def _seen(functions: Mapping[str, ca.Function]) -> tuple[int, ...]:
+    """Places in x of what changes between events and guards depend on."""
+    values, dynamics = functions["values"], functions["dynamics"]
+    at = [ca.SX.sym(name, dynamics.numel_in(name)) for name in dynamics.name_in()]
+    rates = ca.sparsify(ca.SX(dynamics(*at)[0]))
+    used = set(values.jac_sparsity(0, 1).get_triplet()[1])
+    return tuple(sorted(used & set(rates.sparsity().row())))
 
 
 def _hybrid(
     loop: ClosedLoopFunctions, at: Mapping[str, ca.SX], state: ca.SX, sums: ca.SX, prepared: ca.SX
 ) -> dict[str, ca.Function]:
-    """Guards and updates, which leave the integrals ``sums`` as they are."""
+    """Guards, their values alone, and updates, which leave the integrals ``sums`` as they are."""
     t, xdot, e = at["t"], ca.SX.sym("xdot", state.numel()), ca.SX.sym("e")
     g, rate = loop.guards(t, state, prepared, xdot)
     after = ca.vertcat(loop.update(t, state, prepared, e), sums)
     slopes = ca.vertcat(xdot, ca.SX.sym("y", sums.numel()))
     return {
         "guards": sx_function("guards", {**at, "xdot": slopes}, {"g": g, "rate": rate}),
+        "values": sx_function("values", at, {"g": g}),
         "update": sx_function("update", {**at, "e": e}, {"x_after": after}),
     }
 

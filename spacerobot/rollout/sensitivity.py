@@ -60,6 +60,7 @@ def sensitivity_kernel(kernel: Kernel, wrt: Sequence[int], outputs: Sequence[str
         kernel.fine,
         jump_slopes=places,
         rate=rate,
+        seen=kernel.seen,
     )
 
 
@@ -97,6 +98,7 @@ def _functions(
         after = f["update"](t, x, c, event)
         told = {"g": g, "rate": g_rate, "slope": along(g)}
         hybrid["guards"] = sx_function("guards", {**at, "xdot": slope}, told)
+        hybrid["values"] = sx_function("values", at, {"g": g})
         updated = {"x_after": _paired(after, along(after), n)}
         hybrid["update"] = sx_function("update", {**at, "e": event}, updated)
     return hybrid | {

@@ -155,7 +155,7 @@ static void again(const Job& job, Trajectory& at, const Position& begin, Record*
     ready(job, at);  // a checkpoint was taken when a step was ready
     record_step(tape[k], at, m, next);
     std::memcpy(c, at.c, sizeof c);
-    settle(job, at, tape[k].slope, next, &tape[k], true);
+    settle<false>(job, at, tape[k].slope, next, &tape[k], true);
   }
   std::memcpy(at.c, c, sizeof c);  // the sides of jumps during the last step, where the sweep back goes on
 #if EVENTS

@@ -9,13 +9,20 @@
 //
 // A guard counts from its level. That is zero, but where an event fires and its guard stays above zero (a ball that
 // bounces is a rounding error within the floor), what the guard is then, until it was below zero.
+//
+// Within a step a guard is seen at a third and two thirds of it, where the slopes of its stages tell the state. The cubic
+// through these and both ends tells whether it may turn above its level in between: then the step is taken anew up to
+// there, so that of several roots the first is found, and none of a pair is missed.
+//
+// Of guards that rise within one and the same step, the second fires with a step of length zero that ends at its own
+// root, so that its time moves with the parameters as its own guard has it.
 static_assert(M::B[0] != 0, "the first slope of a step must be there at its end");
 
 constexpr double TOLERANCE = 1e-12;   // of an event's time, s
 constexpr double TOGETHER = 1e-9;     // two events so close may change places, s
 constexpr double SHORTEST = 1e-4;     // part of a step after which a guard's peak is looked for
 constexpr double GRAZES = 1e-3;       // part of a step within which a guard that grazes turns back
-constexpr double MARGIN = 0.05;       // part of its bend that a guard's parabola may be wrong
+constexpr double MARGIN = 0.05;       // part of its bend that a guard's cubic may be wrong
 enum { SECANTS = 8, TRIES = 60 };     // lengths tried at peaks, or before they are halved; in all
 enum { BURST = 100 };                 // more events than that within one step are chattering
 enum Doubt { NONE, GRAZING, COINCIDENT };
@@ -28,6 +35,12 @@ struct Happened {
   real slope;  // derivative of the event's time
 #endif
 };
+
+// The guards at a state.
+INLINE void values(Trajectory& at, real t, const real* x, real* g) {
+  const real instant[1] = {t};
+  G::values(instant, x, at.c, g);
+}
 
 // The guards at a state, their rates along xdot, and for sensitivities their derivatives along the lane's direction.
 INLINE void guards(Trajectory& at, real t, const real* x, const real* xdot, real* g, real* rate, real* slope) {
@@ -47,7 +60,7 @@ INLINE void forget(Watch& w, int l) {
 static void watch(Trajectory& at) {
   Watch& w = at.now.watch;
   for (int i = 0; i < SWITCHES; ++i) w.mode[i] = at.c[SWITCH[i]];
-  for (int i = 0; i < EVENTS; ++i) w.level[i] = w.before[i] = w.after[i] = 0.;
+  for (int i = 0; i < EVENTS; ++i) w.level[i] = w.first[i] = w.crossed[i] = w.before[i] = w.after[i] = 0.;
   w.last = -1., w.fresh = 1., w.burst = 0., w.since = -INFINITY;
   for (int l = 0; l < LANES; ++l) forget(w, l), at.fired[l] = at.doubt[l] = at.doubted[l] = 0;
 }
@@ -65,7 +78,8 @@ static void cut_segment(const Job& job, Trajectory& at, int l, double t, bool an
 
 // A kink changes neither state nor rate at its instant: derivatives are the same with and without it.
 static void doubt(Trajectory& at, int l, Doubt why, int event) {
-  if (at.doubt[l] == NONE && !KINK[event]) at.doubt[l] = why, at.doubted[l] = event;
+  const bool graver = at.doubt[l] == NONE || (at.doubt[l] == COINCIDENT && why == GRAZING);
+  if (graver && !KINK[event]) at.doubt[l] = why, at.doubted[l] = event;
 }
 
 // A guard along the step of a lane: value and rate at its beginning, values at the bracket's ends.
@@ -87,96 +101,171 @@ struct Guard {
   }
 };
 
+// The guards of a step that was tried, from their levels: at its beginning, with their rates, inside, and at its end.
+struct Tried {
+  real g0[EVENTS], rate[EVENTS], inner[2][EVENTS], g1[EVENTS];
+};
+
 // Doubts in a gradient through event e at the end of a step of length h: that the guard turns back soon, or that
 // another event is so close that they may change places.
-static void judge_root(const Job& job, Trajectory& at, int l, int e, double h, const real* g0, const real* rate,
-                       const real* g1) {
-  const double rise = 2 * ((lane(g1[e], l) - lane(g0[e], l)) / h - lane(rate[e], l)) / h;
-  const double slope = lane(rate[e], l) + rise * h, turn = GRAZES * job.h;
+static void judge_root(const Job& job, Trajectory& at, int l, int e, double h, const Tried& tried) {
+  const double rate = lane(tried.rate[e], l), rise = 2 * ((lane(tried.g1[e], l) - lane(tried.g0[e], l)) / h - rate) / h;
+  const double slope = rate + rise * h, turn = GRAZES * job.h;
   if (h > GRAZES * turn && ::fabs(slope) < turn * ::fabs(rise)) doubt(at, l, GRAZING, e);
-  for (int i = 0; i < EVENTS; ++i)
-    if (i != e && !KINK[e] && lane(g1[i], l) + TOGETHER * ::fmax(lane(rate[i], l), 0.) > 0) doubt(at, l, COINCIDENT, i);
+  for (int i = 0; i < EVENTS; ++i) {
+    const double soon = TOGETHER * ::fmax(lane(tried.rate[i], l), 0.);
+    if (i != e && !KINK[e] && lane(tried.g1[i], l) + soon > 0) doubt(at, l, COINCIDENT, i);
+  }
+}
+
+// The cubic of a guard along a step, 0 to 1, in Bernstein's form: it lies between the least and the largest of its four
+// coefficients, and bends by no more than `bend`.
+template <class T> struct Cubic {
+  T b[4];
+  INLINE Cubic of(T g0, T third, T two_thirds, T g1) {
+    return {{g0, 3. * third - 1.5 * two_thirds + (g1 * 2. - g0 * 5.) / 6.,
+             3. * two_thirds - 1.5 * third + (g0 * 2. - g1 * 5.) / 6., g1}};
+  }
+  T bend() const { return fmax(fabs(b[1] * 2. - b[0] - b[2]), fabs(b[2] * 2. - b[1] - b[3])); }
+  T at(T s) const {
+    const T r = 1. - s;
+    return r * r * (r * b[0] + 3. * s * b[1]) + s * s * (3. * r * b[2] + s * b[3]);
+  }
+};
+
+// Where a cubic has its maximum; NAN where it has none.
+static double peak_of(const Cubic<double>& g) {
+  const double first = g.b[1] - g.b[0], second = g.b[2] - g.b[1], third = g.b[3] - g.b[2];
+  const double a = first - 2 * second + third, b = first - second, root = ::sqrt(b * b - a * first);
+  return b > 0 ? first / (b + root) : (b - root) / a;
 }
 
 // How long a step of lane l must be to end at the first peak of a guard that may rise above its level within it.
-static double shortest_peak(Trajectory& at, int l, const real* g0, const real* rate, const real* g1) {
+static double shortest_peak(Trajectory& at, int l, const Tried& tried) {
   const double h = lane(at.now.step.h, l), margin = lane(at.now.watch.peak, l) != 0 ? GRAZES : MARGIN;
   double shortest = h;
   for (int i = 0; i < EVENTS; ++i) {
-    const double first = lane(g0[i], l), r = lane(rate[i], l), bend = (lane(g1[i], l) - first) / h - r;
-    const double s = -r / bend / 2;
-    if (margin == GRAZES && -lane(g1[i], l) < GRAZES * GRAZES * h * -bend) doubt(at, l, GRAZING, i);
-    if (s > SHORTEST && s < 1 - GRAZES && first + r * s * h / 2 > margin * h * bend)
-      shortest = ::fmin(shortest, s * h);
+    const Cubic<double> g = Cubic<double>::of(lane(tried.g0[i], l), lane(tried.inner[0][i], l),
+                                              lane(tried.inner[1][i], l), lane(tried.g1[i], l));
+    const double s = peak_of(g), bend = 3 * g.bend();
+    const bool ends = ::fabs(s - 1) < 10 * GRAZES && g.b[3] <= 0;
+    if (margin == GRAZES && ends && -g.b[3] < GRAZES * GRAZES * bend) doubt(at, l, GRAZING, i);
+    if (s > SHORTEST && s < 1 - GRAZES && g.at(s) > -margin * bend) shortest = ::fmin(shortest, s * h);
   }
   return shortest;
 }
 
+// The event that fires where lane l begins a step, or -1: what another one armed comes before what rose by itself.
+static int event_at_once(const Watch& w, int l, const Tried& at) {
+  int found = -1;
+  for (int i = EVENTS - 1; i >= 0; --i)
+    if (lane(at.g0[i], l) > 0 && (found < 0 || lane(w.crossed[i], l) <= lane(w.crossed[found], l))) found = i;
+  return found;
+}
+
 // Lane l tried a step of length h with a guard above its level at the end, or within, or at the beginning.
-static void judge_lane(const Job& job, Trajectory& at, int l, const real* g0, const real* rate, const real* g1,
-                       Happened& found) {
+static void judge_lane(const Job& job, Trajectory& at, int l, const Tried& tried, Happened& found) {
   Watch& w = at.now.watch;
   double& h = lane(at.now.step.h, l);
-  int at_once = -1, event = -1;
-  for (int i = EVENTS - 1; i >= 0; --i) {
-    if (lane(g0[i], l) > 0) at_once = i;
-    if (lane(g1[i], l) > 0) event = i;
-  }
+  int event = -1;
+  for (int i = EVENTS - 1; i >= 0; --i)
+    if (lane(tried.g1[i], l) > 0) event = i;
   lane(found.waits, l) = 1.;
-  if (at_once >= 0 && lane(w.fresh, l) != 0) {
-    lane(found.event, l) = at_once;
-    return;
+  if (lane(w.fresh, l) != 0) {
+    const int at_once = event_at_once(w, l, tried);
+    if (at_once >= 0) {
+      const bool own = lane(w.crossed[at_once], l) != 0;
+      if (own && h > 0) h = 0;
+      else lane(found.event, l) = at_once, lane(found.waits, l) = !own, lane(found.cut, l) = own;
+      return;
+    }
   }
-  if (event < 0 && lane(w.high, l) == INFINITY) {
-    const double shorter = shortest_peak(at, l, g0, rate, g1);
+  if (lane(w.high, l) == INFINITY) {
+    const double shorter = shortest_peak(at, l, tried);
     double& peaks = lane(w.peak, l);
-    if (shorter < h && peaks < SECANTS) ++peaks, h = shorter;
-    else lane(found.waits, l) = 0., lane(found.cut, l) = peaks > 0;
-    return;
+    if (shorter < h && peaks < SECANTS) {
+      ++peaks, h = shorter;
+      return;
+    }
+    if (event < 0) {
+      lane(found.waits, l) = 0., lane(found.cut, l) = peaks > 0;
+      return;
+    }
   }
   (event < 0 ? lane(w.low, l) : lane(w.high, l)) = h;
   const double low = lane(w.low, l), high = lane(w.high, l);
   double root = high;
   for (int i = 0; i < EVENTS; ++i) {
-    lane((event < 0 ? w.before : w.after)[i], l) = lane(g1[i], l);
-    const Guard guard = {lane(g0[i], l), lane(rate[i], l), low, lane(w.before[i], l), high, lane(w.after[i], l)};
+    lane((event < 0 ? w.before : w.after)[i], l) = lane(tried.g1[i], l);
+    const Guard guard = {lane(tried.g0[i], l),  lane(tried.rate[i], l), low,
+                         lane(w.before[i], l), high,                   lane(w.after[i], l)};
     if (guard.after > 0) root = ::fmin(root, guard.root());
   }
   const double tries = ++lane(w.tries, l);
   const bool near = high - root <= TOLERANCE || high - low <= TOLERANCE || tries > TRIES;
   if (event >= 0 && near) {
     lane(found.waits, l) = 0., lane(found.cut, l) = 1., lane(found.event, l) = event;
-    judge_root(job, at, l, event, h, g0, rate, g1);
+    judge_root(job, at, l, event, h, tried);
   } else {
     const double middle = low + (high - low) / 2;
     h = near ? high : tries > SECANTS ? middle : ::fmin(high, ::fmax(root, low) + TOLERANCE / 2);
   }
 }
 
+// The guards at a third (0) or two thirds (1) of a step, by the state that the slopes give there.
+template <bool SHARED, int PART> INLINE void look_inside(Trajectory& at, const real* k, real* g) {
+  const Step& s = at.now.step;
+  real x[NX];
+  std::memcpy(x, at.now.x, sizeof x);
+  for (int n = 0; n < SEEING; ++n) {
+    real sum = 0.;
+#pragma GCC unroll 16
+    for (int j = 0; j < M::STAGES; ++j)
+      if (M::B[j] != 0) sum = sum + M::INNER[PART][j] * k[place_of<SHARED>(j) + SEEN[n]];
+    x[SEEN[n]] = x[SEEN[n]] + s.h * sum;
+  }
+  values(at, s.t + (PART + 1) / 3. * s.h, x, g);
+}
+
 // Find out in which lanes that `count` the step to `next` is done, and what happens with it.
-static void judge(const Job& job, Trajectory& at, const real* k, const real* next, real count, Happened& found) {
+template <bool SHARED>
+INLINE void judge(const Job& job, Trajectory& at, const real* k, const real* next, real count, Happened& found) {
   Watch& w = at.now.watch;
   const Step& s = at.now.step;
-  real g0[EVENTS], rate[EVENTS], g1[EVENTS], ignored[EVENTS], slope[EVENTS], stirs = 0.;
-  guards(at, s.t, at.now.x, k, g0, rate, slope);
-  guards(at, s.t + s.h, next, k, g1, ignored, slope);
+  Tried tried;
+  real end[EVENTS], stirs = 0.;
+  if (any(w.fresh)) {
+    values(at, s.t, at.now.x, end);
+    for (int i = 0; i < EVENTS; ++i) w.first[i] = select(w.fresh, end[i], w.first[i]);
+  }
+  look_inside<SHARED, 0>(at, k, tried.inner[0]);
+  look_inside<SHARED, 1>(at, k, tried.inner[1]);
+  values(at, s.t + s.h, next, end);
   for (int i = 0; i < EVENTS; ++i) {
-    w.level[i] = select(w.last == real(double(i)), fmax(g0[i], 0.), w.level[i]);
-    g0[i] = g0[i] - w.level[i], g1[i] = g1[i] - w.level[i];
-    const real bend = g1[i] - g0[i] - rate[i] * s.h, shallow = MARGIN * bend;
-    const real peaks = rate[i] * s.h > -2 * SHORTEST * bend && rate[i] * s.h + 2. * bend < 0. &&
-                       rate[i] * rate[i] * (s.h * s.h) > 4. * bend * (g0[i] - shallow);
-    stirs = stirs || g1[i] > 0. || (g0[i] > 0. && w.fresh) || peaks;
+    w.level[i] = select(w.last == real(double(i)), fmax(w.first[i], 0.), w.level[i]);
+    const real level = w.level[i], g0 = w.first[i] - level, g1 = end[i] - level;
+    tried.inner[0][i] = tried.inner[0][i] - level, tried.inner[1][i] = tried.inner[1][i] - level;
+    tried.g0[i] = g0, tried.g1[i] = g1;
+    const Cubic<real> g = Cubic<real>::of(g0, tried.inner[0][i], tried.inner[1][i], g1);
+    const real near = -3. * MARGIN * g.bend();
+    stirs = stirs || g1 > 0. || (g0 > 0. && w.fresh) || g.b[1] > near || g.b[2] > near;
   }
   stirs = count && (stirs || w.peak || (w.high < INFINITY));
   found.waits = found.cut = 0., found.event = -1.;
   for (int i = 0; i < SWITCHES; ++i) found.mode[i] = w.mode[i];
-  if (any(stirs))
+  if (any(stirs)) {
+    real ignored[EVENTS], slope[EVENTS];
+    guards(at, s.t, at.now.x, k, ignored, tried.rate, slope);
     for (int l = 0; l < LANES; ++l)
-      if (lane(stirs, l) != 0) judge_lane(job, at, l, g0, rate, g1, found);
+      if (lane(stirs, l) != 0) judge_lane(job, at, l, tried, found);
+  }
   const real done = count && !found.waits;
-  for (int i = 0; i < EVENTS; ++i)
-    w.level[i] = select(done, fmin(w.level[i], fmax(g1[i] + w.level[i], 0.)), w.level[i]);
+  for (int i = 0; i < EVENTS; ++i) {
+    const real rose = select(s.h > 0., tried.g1[i] > 0., w.crossed[i]) && !(found.event == real(double(i)));
+    w.crossed[i] = select(done, rose, w.crossed[i]);
+    w.level[i] = select(done, fmin(w.level[i], fmax(end[i], 0.)), w.level[i]);
+    w.first[i] = select(done, end[i], w.first[i]);
+  }
   w.last = select(done, -1., w.last), w.fresh = w.fresh && !done;
 }
 

@@ -64,13 +64,13 @@ struct Checkpoints {
 // Go on by the step to `next`, whose slopes are `k`, in the lanes that take it; truth in those. A lane whose state leaves
 // the bounds, or is no number, keeps its last good state from then on, while its time goes on. What is done `again` is
 // not counted.
-INLINE real settle(const Job& job, Trajectory& at, const real* k, real* next, Record* record, bool again) {
+template <bool SHARED> INLINE real settle(const Job& job, Trajectory& at, const real* k, real* next, Record* record, bool again) {
   Position& now = at.now;
   const real goes = now.alive && now.step.busy, sound = is_sound(next, at.begin, job.scale);
   real moved = now.step.busy, onward = moved;
 #if EVENTS
   Happened happened;
-  judge(job, at, k, next, goes && sound, happened);
+  judge<SHARED>(job, at, k, next, goes && sound, happened);
   moved = moved && !happened.waits, onward = moved && !happened.cut;
 #ifdef RATE
   stretch(at, happened, next);
@@ -152,15 +152,19 @@ static int64_t integrate(const Job& job, int64_t first, const real* p, Trajector
     if (!ready(job, at)) break;
     Record* record = tape ? tape + k % segment : nullptr;
     const bool estimates = LANES == 1 && job.error && !record;
+    const real h = now.step.h;
+    real took;
     if (record) {
       if (k % segment == 0 && !checkpoints->keep(k / segment, now)) return NO_MEMORY;
       record_step(*record, at, m, next);
+      took = settle<false>(job, at, record->slope, next, record, false);
     } else if (estimates) {
       step<false, M::TOTAL>(at, now.x, slopes, m, next);
+      took = settle<false>(job, at, slopes, next, nullptr, false);
     } else {
       step<true>(at, now.x, slopes, m, next);
+      took = settle<true>(job, at, slopes, next, nullptr, false);
     }
-    const real h = now.step.h, took = settle(job, at, record ? record->slope : slopes, next, record, false);
     if (PEAKS) compete(m, took, k, at.r + INTEGRALS, at.when);
     if (estimates) note_error(at, h, slopes, next, took);
   }

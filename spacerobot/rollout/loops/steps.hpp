@@ -11,6 +11,7 @@
 // and where there are EVENTS, see `events.hpp`:
 //
 //   guards(t, x, c, xdot -> g, rate)   an event fires where its guard is above zero; rates along xdot
+//   values(t, x, c -> g)               the guards alone
 //   update(t, x, c, e -> x)            state after event e
 //
 // The state x ends with INTEGRALS integrals. Of m, the first PEAKS rows compete for the largest value; each further
@@ -85,6 +86,8 @@ enum { HERE = -2 };
 struct Watch {
   real mode[SWITCHES + 1];             // the switches
   real level[EVENTS];                  // what each guard must rise above
+  real first[EVENTS];                  // the guards where the step begins, from zero; not there yet while `fresh`
+  real crossed[EVENTS];                // truth where a guard rose above its level in the last step, with an event
   real last;                           // event that fired last, until a step is done; or -1
   real fresh;                          // truth where a guard above its level fires at once
   real peak;                           // lengths tried that end at a guard's peak

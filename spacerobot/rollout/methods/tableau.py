@@ -78,6 +78,25 @@ class Tableau:
             found.append(place)
         return tuple(found)
 
+    @property
+    def inner(self) -> Array:
+        """Weights (2, S) of states at a third and two thirds of a step, by the slopes that the solution reads.
+
+        They are of order 4, or one less than the solution's where that is lower: the least weights that meet
+        the conditions of that order.
+        """
+        a, c = self.a[: self.stages, : self.stages], np.array(self.nodes[: self.stages])
+        read = np.flatnonzero(self.b)
+        once, twice = a @ c, a @ c**2
+        trees = [(1, 1, c**0), (2, 2, c), (3, 3, c**2), (3, 6, once)]
+        trees += [(4, 4, c**3), (4, 8, c * once), (4, 12, twice), (4, 24, a @ once)]
+        met = [tree for tree in trees if tree[0] <= min(4, self.order - 1)]
+        rows, found = np.array([tree[read] for _, _, tree in met]), np.zeros((2, self.stages))
+        for weights, part in zip(found, (1 / 3, 2 / 3), strict=True):
+            sides = [part**order / density for order, density, _ in met]
+            weights[read] = np.linalg.lstsq(rows, np.array(sides), rcond=1e-10)[0]
+        return found
+
     def source(self) -> str:
         """The same numbers in C++, as ``struct Method``."""
 
@@ -92,6 +111,7 @@ class Tableau:
             f"static constexpr double B[TOTAL] = {row([*self.b, *[0.0] * (total - stages)])};",
             f"static constexpr double C[TOTAL] = {row(self.nodes)};",
             f"static constexpr double E[TOTAL] = {row(self.error)};",
+            f"static constexpr double INNER[2][STAGES] = {{{', '.join(row(r) for r in self.inner)}}};",
             f"static constexpr int PLACE[STAGES] = {{{places}}};",
         ]
         return "struct Method {\n  " + "\n  ".join(lines) + "\n};"

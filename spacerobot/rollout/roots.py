@@ -1,0 +1,82 @@
+"""Guards along one step: where they may turn above their levels, and where they rise there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from spacerobot.rollout.protocol import Array
+
+
+@dataclass(frozen=True)
+class Tried:
+    """Guards of a step that was tried, from their levels.
+
+    Attributes
+    ----------
+    first, rates
+        At its beginning, and their rates there, shape (ne,).
+    inner
+        At a third and two thirds of it, shape (2, ne).
+    end
+        At its end, shape (ne,).
+    """
+
+    first: Array
+    rates: Array
+    inner: Array
+    end: Array
+
+    @property
+    def rise(self) -> bool:
+        """Whether any is above its level at the end."""
+        return bool((self.end > 0).any())
+
+    def peaks(self) -> tuple[Array, Array, Array]:
+        """Maxima of the cubics through these: places in parts of the step, values, bends; shape (ne,) each.
+
+        NaN where there is none.
+        """
+        b0, (v1, v2), b3 = self.first, self.inner, self.end
+        with np.errstate(all="ignore"):
+            b1 = 3 * v1 - 1.5 * v2 + (b3 * 2 - b0 * 5) / 6
+            b2 = 3 * v2 - 1.5 * v1 + (b0 * 2 - b3 * 5) / 6
+            first, second, third = b1 - b0, b2 - b1, b3 - b2
+            a, b = first - 2 * second + third, first - second
+            root = np.sqrt(b * b - a * first)
+            s = np.where(b > 0, first / (b + root), (b - root) / a)
+            r = 1 - s
+            values = r * r * (r * b0 + 3 * s * b1) + s * s * (3 * r * b2 + s * b3)
+            bends = 3 * np.maximum(abs(2 * b1 - b0 - b2), abs(2 * b2 - b1 - b3))
+        return s, values, bends
+
+
+@dataclass
+class Bracket:
+    """Lengths of a step without and with a guard above its level, and the guards there."""
+
+    low: float
+    before: Array
+    high: float
+    after: Array
+
+    def earliest(self, tried: Tried) -> float:
+        """The least root of the guards that are above their levels at the longer length."""
+        above: npt.NDArray[np.int64] = np.flatnonzero(self.after > 0)
+        return min(self._root(int(i), tried.first[i], tried.rates[i]) for i in above)
+
+    def _root(self, i: int, first: float, rate: float) -> float:
+        """Root of the polynomial through all that is known of guard i."""
+        low, high, before, after = self.low, self.high, self.before[i], self.after[i]
+        with np.errstate(all="ignore"):
+            chord = np.divide(before - first, low) if low > 0 else 0.0
+            rise = (chord - rate) / low if low > 0 else np.divide(np.divide(after - first, high) - rate, high)
+            third = ((np.divide(after - before, high - low) - chord) / high - rise) / high if low > 0 else 0.0
+            a, b = low, high
+            for _ in range(64):
+                s = a + (b - a) / 2
+                above = first + s * (rate + s * (rise + (s - low) * third)) > 0
+                a, b = (a, s) if above else (s, b)
+        return b
