@@ -210,7 +210,7 @@ class HybridRun:
         return int(above[0]) if self._fresh and above else -1
 
     def _step(self, t: float, h: float, row: tuple[int, int, int, int], until_s: float, own: int) -> _Done:
-        """One step of length h, or one cut short: to the root, where it begins, of the guard of event `own`."""
+        """One step of length h, or one cut short: to the root, where it begins, of event `own`."""
         dt, dh = self._moved(row)
         done = self._tried(t, h, dt, dh) if own < 0 else self._at_root(t, dt, own)
         slope = dt

@@ -212,7 +212,9 @@ class InterpretedEngine:
         error = ca.MX(nx, 1)
         for weight, slope in zip(method.error, slopes, strict=False):
             error = error + (h * weight * slope if estimate else 0)
-        inside = [x + h * sum(float(w) * k for w, k in zip(row, slopes, strict=False)) for row in method.inner]
+        inside = [
+            x + h * sum(float(w) * k for w, k in zip(row, slopes, strict=False)) for row in method.inner
+        ]
         inner = ca.horzcat(*inside) if kernel.events else ca.MX(nx, 0)
         return ca.Function("step", [x, t, h, dt, dh, c], [end, peaks, error, inner])
 

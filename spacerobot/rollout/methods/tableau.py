@@ -80,7 +80,7 @@ class Tableau:
 
     @property
     def inner(self) -> Array:
-        """Weights (2, S) of states at a third and two thirds of a step, by the slopes that the solution reads.
+        """Weights (2, S) of states at a third and two thirds of a step, by the slopes that b reads.
 
         They are of order 4, or one less than the solution's where that is lower: the least weights that meet
         the conditions of that order.

@@ -1,0 +1,93 @@
+"""Guards that cross more than once within one step: every crossing is found, in turn."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from spacerobot.rollout import build_rollout
+from spacerobot.rollout.methods import METHODS
+from tests.rollout.hybrid_loops import Hybrid, Rule
+
+STEP, NEAREST = 0.1, 5e-4
+"""Of the rollouts; least distance of two roots [s]."""
+
+
+def cubic():
+    """A guard with three given roots, whose rises and falls are events in turn."""
+
+    def guard(x, c):
+        return c[1] * (x[0] - c[2]) * (x[0] - c[3]) * (x[0] - c[4]) / STEP**3
+
+    return Hybrid(
+        {"sign": 1.0, "first": 0.02, "second": 0.05, "third": 0.08},
+        lambda *p: ([0.0], [p[0] * p[1] * p[2] * p[3] < 0, *p]),
+        lambda t, x, c: [1],
+        lambda t, x, c: [(1 - c[0], guard(x, c)), (c[0], -guard(x, c))],
+        lambda t, x, c: [(x[0],), (x[0],)],
+        [Rule("rises", ((0, True),)), Rule("falls", ((0, False),))],
+        switches=(0,),
+    ).loop()
+
+
+def drawn(count):
+    """Signs and roots: some rows have all in one step, some across steps, some one before the start."""
+    rng = np.random.default_rng(12)
+    gaps = np.exp(rng.uniform(np.log(NEAREST), np.log(0.08), (count, 3)))
+    roots = np.cumsum(gaps, axis=1) - np.where(rng.random(count) < 0.4, gaps[:, 0] + 0.03, 0)[:, None]
+    sign = np.where(rng.random(count) < 0.5, 1.0, -1.0)
+    return np.column_stack([sign, roots])
+
+
+def expected(row):
+    """Times of the crossings within three steps, and which event each is."""
+    sign, roots = row[0], row[1:]
+    kinds = [0, 1, 0] if sign > 0 else [1, 0, 1]
+    return [(t, kind) for t, kind in zip(roots, kinds, strict=True) if 0 < t < 3 * STEP]
+
+
+PATHS = ("sign", "first", "second", "third")
+
+
+def test_every_root_of_a_guard_is_an_event_however_many_lie_in_a_step():
+    rollout = build_rollout(cubic(), duration_s=3 * STEP, step_s=STEP, many=True)
+    rows = drawn(400)
+    found = rollout.batch(PATHS, rows).events
+    several = 0
+    for i, row in enumerate(rows):
+        wanted = expected(row)
+        several += len({int(t / STEP) for t, _ in wanted}) < len(wanted)
+        assert found.event[i, : found.count[i]].tolist() == [kind for _, kind in wanted], row
+        np.testing.assert_allclose(found.time_s[i, : found.count[i]], [t for t, _ in wanted], atol=1e-9)
+    assert several > 200
+
+
+def test_the_interpreted_engine_finds_them_too():
+    rollout = build_rollout(cubic(), duration_s=3 * STEP, step_s=STEP, backend="interpreted")
+    for row in drawn(12):
+        found = [(here.time_s, here.event) for here in rollout.run(dict(zip(PATHS, row, strict=True))).events]
+        assert [kind for _, kind in found] == [kind for _, kind in expected(row)]
+        np.testing.assert_allclose([t for t, _ in found], [t for t, _ in expected(row)], atol=1e-9)
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_states_inside_a_step_are_of_their_order(name):
+    """Of x' = sin(x + t), by the slopes of one step, against many small ones."""
+    method = METHODS[name]
+
+    def slopes(x, t, h):
+        found = []
+        for row, node in zip(method.a[: method.stages], method.nodes, strict=False):
+            found.append(np.sin(x + h * sum(w * k for w, k in zip(row, found, strict=False)) + t + node * h))
+        return np.array(found)
+
+    def error(h, part):
+        x, pieces = 0.3, 32
+        for n in range(pieces):
+            piece = part * h / pieces
+            x += piece * np.dot(method.b, slopes(x, 0.2 + n * piece, piece))
+        return abs(x - 0.3 - h * method.inner[round(3 * part) - 1] @ slopes(0.3, 0.2, h))
+
+    order = min(4, method.order - 1)
+    for part in (1 / 3, 2 / 3):
+        assert np.log2(error(0.04, part) / error(0.02, part)) == pytest.approx(order + 1, abs=0.5)
