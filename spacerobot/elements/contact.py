@@ -19,6 +19,7 @@ from spacerobot.elements.contribution import Contribution, Output, Power, State
 from spacerobot.elements.element import Element
 from spacerobot.elements.event import Event, both, negated
 from spacerobot.section import quantity
+from spacerobot.shapes import CROWN
 
 OBSERVED = {
     "contact_force": ("N", "force of contacts on the second of the two that touch"),
@@ -52,6 +53,14 @@ class Contact(Element):
         default=False, description="whether the shapes may overlap at the start; refused if not"
     )
 
+    crown: float = quantity(
+        "1",
+        "height of the dome on flat faces and straight edges, of half their length; where flat lies on flat "
+        "the force then moves smoothly as the shapes tilt by about so many rad; without effect on spheres",
+        default=CROWN,
+        ge=1e-4,
+        le=0.1,
+    )
     longest_step: float | None = quantity(
         "s",
         "longest step of the fixed-step engine while the shapes touch; as elsewhere if not given",

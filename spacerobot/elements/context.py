@@ -366,7 +366,8 @@ class ContactContext:
 
     def proximity(self, first: Surface, second: Surface) -> Proximity:
         """How near two shapes are."""
-        return proximity((first.kind, second.kind), first.shape, second.shape)
+        crown = self.context.number("crown")
+        return proximity((first.kind, second.kind), first.shape, second.shape, crown)
 
     def velocity(self, surface: Surface, point: ca.SX) -> ca.SX:
         """Velocity (3x1) [m/s] of the body's material point that is at a point (3x1) [m]."""

@@ -21,7 +21,7 @@ from spacerobot.scenario import Scenario
 from spacerobot.scenario.pads import Pad
 from spacerobot.scene.scene import Scene, SceneBody, SceneContact, SceneShape
 from spacerobot.section import matching
-from spacerobot.shapes import PAIRS, ShapeKind
+from spacerobot.shapes import ShapeKind, have_distance
 
 TOUCHING = 1e-9
 """[m] Shapes that reach no deeper into one another do not overlap at the start."""
@@ -35,7 +35,7 @@ def find_contacts(
     Raises
     ------
     ScenarioError
-        If a contact names what there is not, or shapes for which there is no law.
+        If a contact names what there is not, or shapes that have no distance.
     """
     finder = _Finder(model, {body.name: body for body in bodies}, scenario, source)
     return tuple(finder.contact(name, config) for name, config in scenario.contacts.items())
@@ -73,7 +73,7 @@ class _Finder:
         self.model, self.bodies, self.scenario, self.source = model, bodies, scenario, source
 
     def contact(self, name: str, config: Contact) -> SceneContact:
-        """A contact with every pair of shapes of its two sides, each pair one that has a law."""
+        """A contact with every pair of shapes of its two sides, each pair one that has a distance."""
         path = f"contacts.{name}"
         return SceneContact(name, path, config, self.pairs(config.between, config.wrap, path))
 
@@ -91,16 +91,13 @@ class _Finder:
         return ScenarioError(message, source=self.source, where=where)
 
     def _check(self, first: SceneShape, second: SceneShape, path: str) -> None:
-        """Refuse a pair that has no law, or cannot move."""
+        """Refuse a pair that has no distance, or cannot move."""
         named = f"{first.label} and {second.label}"
         if first.joint == second.joint:
             raise self._fault(f"{named} are fixed to each other and cannot touch", f"{path}.between")
-        kinds = (first.kind, second.kind)
-        if kinds not in PAIRS and kinds[::-1] not in PAIRS:
-            allowed = ", ".join(f"{a} and {b}" for a, b in PAIRS)
+        if not have_distance(first.kind, second.kind):
             raise self._fault(
-                f"{named} are {first.kind} and {second.kind}, for which there is no contact law; allowed: "
-                f"{allowed}; put round pads where they touch, or give `wrap: capsule` for cylinders",
+                f"{named} are two planes, which have no distance from each other; put another shape on one",
                 f"{path}.between",
             )
 

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal
 
 import casadi as ca
 
-from spacerobot.shapes import boxes, cylinders, points, segments
+from spacerobot.shapes import crowned, points
 from spacerobot.shapes.points import Nearest
-from spacerobot.shapes.shape import Shape
-
-ShapeKind = Literal["sphere", "capsule", "cylinder", "box", "plane"]
+from spacerobot.shapes.shape import Shape, ShapeKind
 
 
 @dataclass(frozen=True)
@@ -34,55 +31,58 @@ class Proximity:
     point: ca.SX
 
 
-def _by_centre(nearest: Callable[[ca.SX, Shape], Nearest]) -> Callable[[Shape, Shape], Nearest]:
-    return lambda sphere, other: nearest(sphere.position, other)
-
-
-def _of_sphere(point: ca.SX, sphere: Shape) -> Nearest:
-    return points.to_point(point, sphere.position)
-
-
-PAIRS: dict[tuple[ShapeKind, ShapeKind], Callable[[Shape, Shape], Nearest]] = {
-    ("sphere", "sphere"): _by_centre(_of_sphere),
-    ("sphere", "capsule"): _by_centre(points.to_segment),
-    ("sphere", "plane"): _by_centre(points.to_plane),
-    ("sphere", "box"): _by_centre(points.to_box),
-    ("sphere", "cylinder"): _by_centre(points.to_cylinder),
-    ("capsule", "capsule"): segments.to_segment,
-    ("capsule", "plane"): segments.to_plane,
-    ("capsule", "box"): segments.to_box,
-    ("capsule", "cylinder"): segments.to_cylinder,
-    ("box", "plane"): boxes.to_plane,
-    ("box", "box"): boxes.to_box,
-    ("cylinder", "plane"): cylinders.to_plane,
+FROM_POINT: dict[ShapeKind, Callable[[ca.SX, Shape], Nearest]] = {
+    "sphere": lambda point, sphere: points.to_point(point, sphere.position),
+    "capsule": points.to_segment,
+    "plane": points.to_plane,
+    "box": points.to_box,
+    "cylinder": points.to_cylinder,
 }
-"""From the first shape's core to the second's; both orders are allowed."""
+"""From a sphere's centre to the core of another shape."""
 ROUND = ("sphere", "capsule")
 """Shapes that are a core with a radius around it."""
+CROWN = 1e-3
+"""Height of the dome on flat faces and straight edges, of half their length, if nothing says."""
 
 
-def proximity(kinds: tuple[ShapeKind, ShapeKind], one: Shape, other: Shape) -> Proximity:
+def have_distance(one: ShapeKind, other: ShapeKind) -> bool:
+    """Whether two shapes have a distance; planes have none from each other."""
+    return (one, other) != ("plane", "plane")
+
+
+def proximity(
+    kinds: tuple[ShapeKind, ShapeKind], one: Shape, other: Shape, crown: ca.SX | float = CROWN
+) -> Proximity:
     """How near two shapes are.
 
     Parameters
     ----------
     kinds
-        Theirs, a pair of :data:`PAIRS` in either order.
+        Theirs.
     one, other
         The shapes.
+    crown
+        Height of the dome on flat faces and straight edges, of half their length (1x1); without effect where
+        one of the two is a sphere.
 
     Raises
     ------
-    KeyError
-        If there is no such pair.
+    ValueError
+        If both are planes.
     """
-    if kinds not in PAIRS:
-        found = proximity((kinds[1], kinds[0]), other, one)
+    if not have_distance(*kinds):
+        raise ValueError("planes have no distance from each other")
+    if kinds[0] == "plane" or (kinds[1] == "sphere" and kinds[0] != "sphere"):
+        found = proximity((kinds[1], kinds[0]), other, one, crown)
         return Proximity(found.gap, -found.normal, found.point)
-    distance, away, nearest = PAIRS[kinds](one, other)
-    own, radius = (
-        shape.radius if kind in ROUND else 0 for kind, shape in zip(kinds, (one, other), strict=True)
-    )
-    gap = distance - own - radius
-    # the surface points are those of the cores, moved by the radii towards each other
-    return Proximity(gap, -away, nearest + away * (radius + gap / 2))
+    if kinds[0] == "sphere":
+        distance, away, nearest = FROM_POINT[kinds[1]](one.position, other)
+        radius = other.radius if kinds[1] in ROUND else ca.SX(0)
+        gap = distance - one.radius - radius
+        # the surface points are those of the cores, moved by the radii towards each other
+        return Proximity(gap, -away, nearest + away * (radius + gap / 2))
+    if kinds[1] == "plane":
+        gap, away, nearest = crowned.to_plane(kinds[0], one, other, ca.SX(crown))
+    else:
+        gap, away, nearest = crowned.to_crowned(kinds, one, other, ca.SX(crown))
+    return Proximity(gap, -away, nearest + away * gap / 2)

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import casadi as ca
+
+ShapeKind = Literal["sphere", "capsule", "cylinder", "box", "plane"]
 
 
 @dataclass(frozen=True)

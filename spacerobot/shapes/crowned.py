@@ -1,0 +1,230 @@
+"""Signed distance of crowned shapes: any two of a capsule, a cylinder, a box, and of one from a half-space.
+
+Each is a Minkowski sum of segments, a disc and a ball. Its support function, how far it reaches along n, is
+the sum of terms ``size |u|``, where u is the part of n along a segment's axis, or across a disc's. It has a
+kink where u = 0: there a whole face or edge is farthest. Crowned, a term is ``size sqrt(|u|^2 + crown^2)``,
+which domes faces and edges by ``crown size`` and makes the farthest point unique, inside the face.
+
+The signed distance of two convex shapes, apart or not, is the maximum over unit vectors n of ``n.c - h(n)``,
+with c from one centre to the other and h the sum of both support functions. It is found by a fixed number of
+Newton steps on the sphere. In their Hessian one of two factors u over its length is that foreseen by the step
+before (Chan, Golub and Mulet 1999), so that they converge however small the crown is.
+"""
+
+from __future__ import annotations
+
+import functools
+import itertools
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+
+from spacerobot.dynamics.algebra import cross
+from spacerobot.shapes.points import TINY, Nearest, clamp
+from spacerobot.shapes.shape import Shape, ShapeKind
+
+_STEPS, _STEPS_ROUND = 12, 14
+"""How many steps, without discs and with them."""
+_LONGEST, _SHORTER, _WORSE = 1.0, 0.2, 1e-12
+"""[rad] Longest step; part of it that is taken where all of it lowers the value by more than so much [m]."""
+_CURVED = 0.03
+"""Least curvature of what is maximised that a step reckons with, of the depth; inside there are saddles."""
+_FAR = 1e9
+"""[m] More than any depth."""
+_ASIDE = ca.DM([0.6e-9, 0.48e-9, 0.64e-9])
+"""Added to a direction that may be none."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """A segment along an axis (3x1), or a disc across it, of half length or radius ``size`` (1x1) [m]."""
+
+    size: ca.SX
+    axis: ca.SX
+    disc: bool
+
+    def seen(self, n: ca.SX) -> ca.SX:
+        """What it sees of a direction (3x1): its part along or across the axis."""
+        along = ca.dot(self.axis, n) * self.axis
+        return n - along if self.disc else along
+
+    def square(self, n: ca.SX) -> ca.SX:
+        """Square of what it sees of a unit vector (1x1)."""
+        along = ca.dot(self.axis, n)
+        return ca.fmax(1 - along**2, 0) if self.disc else along**2
+
+
+def parts_of(kind: ShapeKind, shape: Shape, rotation: ca.SX) -> list[Part]:
+    """Segments and disc of a shape that is turned (3x3)."""
+    if kind == "box":
+        return [Part(shape.half[i], rotation[:, i], False) for i in range(3)]
+    parts = [Part(shape.half, rotation[:, 2], False)]
+    return [*parts, Part(shape.radius, rotation[:, 2], True)] if kind == "cylinder" else parts
+
+
+def ball_of(kind: ShapeKind, shape: Shape) -> ca.SX:
+    """Radius of the ball of a shape (1x1) [m]."""
+    return shape.radius if kind == "capsule" else ca.SX(0)
+
+
+def to_plane(kind: ShapeKind, shape: Shape, plane: Shape, crown: ca.SX) -> Nearest:
+    """From a crowned shape to a half-space."""
+    down = -plane.axis
+    reach = _Reach(shape.position, parts_of(kind, shape, shape.rotation), ball_of(kind, shape), crown)
+    low = shape.position + reach.farthest(down)
+    distance = ca.dot(plane.axis, low - plane.position)
+    return distance, plane.axis, low - distance * plane.axis
+
+
+def to_crowned(kinds: tuple[ShapeKind, ShapeKind], one: Shape, other: Shape, crown: ca.SX) -> Nearest:
+    """From a crowned shape to another one.
+
+    Apart it is the distance; inside, the shortest way out as long as that is short beside the shapes, else
+    one of several that are locally the shortest.
+    """
+    turn, centre = ca.mtimes(one.rotation.T, other.rotation), one.inside(other.position)
+    sizes = one.radius, one.half, other.radius, other.half
+    gap, normal, nearest = _nearest(kinds)(turn, centre, *sizes, crown)
+    return gap, -one.outside(normal), one.position + one.outside(nearest)
+
+
+@functools.cache
+def _nearest(kinds: tuple[ShapeKind, ShapeKind]) -> ca.Function:
+    """Gap, normal and the second's nearest point, in the axes of the first, which has structural zeros."""
+    turn, centre, crown = ca.SX.sym("turn", 3, 3), ca.SX.sym("centre", 3), ca.SX.sym("crown")
+    sizes = [ca.SX.sym("size", 3 if kind == "box" else 1) for kind in kinds]
+    radii = [ca.SX.sym("radius") for _ in kinds]
+    here = Shape(ca.SX.eye(3), ca.SX(3, 1), radii[0], sizes[0]), Shape(turn, centre, radii[1], sizes[1])
+    own, others = (parts_of(kind, shape, shape.rotation) for kind, shape in zip(kinds, here, strict=True))
+    balls = [ball_of(kind, shape) for kind, shape in zip(kinds, here, strict=True)]
+    reach = _Reach(centre, [*own, *others], balls[0] + balls[1], crown)
+    normal = reach.best(_directions(centre, own, others))
+    nearest = centre - _Reach(centre, others, balls[1], crown).farthest(normal)
+    given = [turn, centre, radii[0], sizes[0], radii[1], sizes[1], crown]
+    return ca.Function("near", given, ca.cse([reach.value(normal), normal, nearest]))
+
+
+def _directions(centre: ca.SX, own: Sequence[Part], others: Sequence[Part]) -> Iterator[ca.SX]:
+    """Directions (3x1) in which the way out may be the shortest: of axes, across two of them, radial."""
+    axes = [[part.axis for part in parts if not part.disc] for parts in (own, others)]
+    yield from (*axes[0], *axes[1])
+    yield from (cross(a, b) for a, b in itertools.product(*axes))
+    yield from (part.seen(centre) for part in (*own, *others) if part.disc)
+
+
+@dataclass(frozen=True)
+class _Reach:
+    """Value n.c - h(n) of a Minkowski sum about the origin, seen from a centre (3x1) [m]."""
+
+    centre: ca.SX
+    parts: list[Part]
+    ball: ca.SX
+    crown: ca.SX
+
+    @property
+    def has_disc(self) -> bool:
+        """Whether one of its parts is a disc."""
+        return any(part.disc for part in self.parts)
+
+    def value(self, n: ca.SX) -> ca.SX:
+        """How far apart they are along a unit vector (1x1) [m]."""
+        lengths = (part.size * ca.sqrt(part.square(n) + self.crown**2) for part in self.parts)
+        return ca.dot(n, self.centre) - sum(lengths, self.ball)
+
+    def farthest(self, n: ca.SX) -> ca.SX:
+        """Point of the sum that is farthest along a unit vector (3x1) [m]."""
+        point = self.ball * n
+        for part in self.parts:
+            seen = part.seen(n)
+            length = ca.sqrt(ca.dot(seen, seen) + self.crown**2)
+            point = point + part.size * (seen + self.crown**2 * n) / length
+        return point
+
+    def best(self, directions: Iterator[ca.SX]) -> ca.SX:
+        """Unit vector (3x1) at which the value is greatest, from where it is greatest of some directions.
+
+        With discs, also from the next best: of two ways out that are nearly as short either may be shorter.
+        """
+        first = second = _unit(self.centre)
+        value, next_value = self.value(first), ca.SX(-_FAR)
+        for direction in directions:
+            n = _unit(ca.if_else(ca.dot(direction, self.centre) < 0, -1, 1) * direction)
+            other = self.value(n)
+            better, good = other > value, other > next_value
+            second = ca.if_else(better, first, ca.if_else(good, n, second))
+            next_value = ca.fmax(ca.fmin(value, other), next_value)
+            first, value = ca.if_else(better, n, first), ca.fmax(value, other)
+        found = self.climb(first)
+        if self.has_disc:
+            other = self.climb(second)
+            found = ca.if_else(self.value(other) > self.value(found), other, found)
+        return found
+
+    def climb(self, n: ca.SX) -> ca.SX:
+        """Unit vector (3x1) after steps towards a greater value."""
+        held = [ca.SX.zeros(3 if part.disc else 1) for part in self.parts]
+        for _ in range(_STEPS_ROUND if self.has_disc else _STEPS):
+            step, held = self._step(n, held)
+            whole = _scaled(n + step)
+            if self.has_disc:  # else all of it never does harm
+                worse = self.value(whole) < self.value(n) - _WORSE
+                whole = ca.if_else(worse, _scaled(n + _SHORTER * step), whole)
+            n = whole
+        return n
+
+    def _step(self, n: ca.SX, held: Sequence[ca.SX]) -> tuple[ca.SX, list[ca.SX]]:
+        """Step on the sphere (3x1), and u over its length of each part, as it will be."""
+        plane = _tangents(n)
+        pull, bend = ca.mtimes(plane, self.centre), [self.ball, ca.SX(0), self.ball]  # minus the Hessian
+        for part, old in zip(self.parts, held, strict=True):
+            along, across = ca.dot(part.axis, n), ca.mtimes(plane, part.axis)
+            length = ca.sqrt(part.square(n) + self.crown**2)
+            # u along the tangents, now and as it was foreseen, the latter over its length
+            now, sign = (-along if part.disc else along) * across, -1 if part.disc else 1
+            before = ca.mtimes(plane, old) if part.disc else old * across
+            pull = pull - part.size / length * now
+            for k, (i, j) in enumerate(((0, 0), (0, 1), (1, 1))):
+                flat = (now[i] * before[j] + now[j] * before[i]) / (2 * length)
+                curved = (i == j) * (self.crown**2 + part.disc) + sign * across[i] * across[j] - flat
+                bend[k] = bend[k] + part.size / length * curved
+        step = ca.mtimes(plane.T, _solved(bend, self.value(n), pull))
+        return step, [self._held(part, n, step, old) for part, old in zip(self.parts, held, strict=True)]
+
+    def _held(self, part: Part, n: ca.SX, step: ca.SX, old: ca.SX) -> ca.SX:
+        """What a part sees over its length after a step: along a segment (1x1), across a disc (3x1)."""
+        length = ca.sqrt(part.square(n) + self.crown**2)
+        along, further = ca.dot(part.axis, n), ca.dot(part.axis, step)
+        if not part.disc:
+            return clamp((along + further - old * along * further / length) / length, ca.SX(1))
+        new = (part.seen(n) + part.seen(step) + old * along * further / length) / length
+        return new / ca.fmax(1, ca.sqrt(ca.dot(new, new) + TINY))
+
+
+def _solved(bend: Sequence[ca.SX], value: ca.SX, pull: ca.SX) -> ca.SX:
+    """Newton step in the tangent plane (2x1); the sphere adds the value to minus the Hessian."""
+    middle, half = (bend[0] + bend[2]) / 2, (bend[0] - bend[2]) / 2
+    least = middle - ca.sqrt(half**2 + bend[1] ** 2 + TINY)
+    add = ca.if_else(value > 0, value, ca.fmax(value, -least - _CURVED * value)) + _WORSE
+    a, b, c = bend[0] + add, bend[1], bend[2] + add
+    step = ca.vertcat(c * pull[0] - b * pull[1], a * pull[1] - b * pull[0]) / (a * c - b**2)
+    return step * ca.fmin(1, _LONGEST / ca.sqrt(ca.dot(step, step) + TINY))
+
+
+def _tangents(n: ca.SX) -> ca.SX:
+    """Two unit vectors across a unit vector and each other (2x3), by Duff et al. 2017."""
+    side = ca.if_else(n[2] < 0, -1, 1)
+    a = -1 / (side + n[2])
+    b = n[0] * n[1] * a
+    rows = (1 + side * a * n[0] ** 2, side * b, -side * n[0]), (b, side + a * n[1] ** 2, -n[1])
+    return ca.vertcat(*(ca.horzcat(*row) for row in rows))
+
+
+def _unit(direction: ca.SX) -> ca.SX:
+    """Unit vector along a direction (3x1); almost along it where it may be none."""
+    return _scaled(direction + _ASIDE)
+
+
+def _scaled(direction: ca.SX) -> ca.SX:
+    """Unit vector along a direction (3x1)."""
+    return direction / ca.sqrt(ca.dot(direction, direction))
