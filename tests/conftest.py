@@ -3,6 +3,7 @@
 Code is compiled in a hurry, but as for users where compilers, rollouts, commands or documentation are tested.
 """
 
+import os
 import signal
 
 import pytest
@@ -80,11 +81,26 @@ def _own_cache(tmp_path_factory, request):
 
 
 AS_FOR_USERS = ("tests/compiled/", "tests/rollout/", "tests/cli/", "tests/docs/")
+INTERPRETED = ("tests/cli/test_damaged_folders.py", "tests/optim/problem/")
+"""Where rollouts are so few and so short that to compile them takes longer than they do."""
+
+COMPILER = os.environ.get("SPACEROBOT_COMPILER")
 
 
 @pytest.fixture(scope="module", autouse=True)
 def _in_a_hurry(request):
     with pytest.MonkeyPatch.context() as patch:
+        if request.node.nodeid.startswith(INTERPRETED):
+            patch.setenv("SPACEROBOT_COMPILER", "none")
         if not request.node.nodeid.startswith(AS_FOR_USERS):
             patch.setenv("SPACEROBOT_COMPILER_FLAGS", "-O1")
         yield
+
+
+@pytest.fixture
+def compiled(monkeypatch):
+    """Rollouts are compiled where those of other tests are not: for batches in lanes."""
+    if COMPILER is None:
+        monkeypatch.delenv("SPACEROBOT_COMPILER", raising=False)
+    else:
+        monkeypatch.setenv("SPACEROBOT_COMPILER", COMPILER)

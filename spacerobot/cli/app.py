@@ -5,6 +5,7 @@ Each command lives in a module of its own and imports what it needs when it runs
 
 from __future__ import annotations
 
+import functools
 import os
 import sys
 import warnings
@@ -100,6 +101,12 @@ def _options(
             load_plugin(file)
 
 
+@functools.cache
+def command_line() -> Any:
+    """All commands, put together at the first call."""
+    return escaped(typer.main.get_command(app))
+
+
 def escaped(command: Any) -> Any:
     """A command and those below it, with every ``[m]`` in their options' help taken literally."""
     for option in command.params:
@@ -151,7 +158,7 @@ def main() -> None:
     warnings.showwarning = _show_warning
     try:
         with minded():
-            escaped(typer.main.get_command(app))(plugins_first(sys.argv[1:]), prog_name="spacerobot")
+            command_line()(plugins_first(sys.argv[1:]), prog_name="spacerobot")
     except SpaceRobotError as fault:
         print_error(str(fault))
         sys.exit(fault.exit_code)

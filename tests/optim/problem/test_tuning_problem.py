@@ -151,7 +151,7 @@ def test_a_diverged_rollout_has_no_value_and_no_gradient(small):
     assert at.constraint_jacobian.shape == (len(problem.constraint_names), 2)
 
 
-def test_answers_do_not_depend_on_threads_or_batches(small):
+def test_answers_do_not_depend_on_threads_or_batches(small, compiled):
     import dataclasses
 
     problem = build_problem(small(), variables=["kp", "ta"])
