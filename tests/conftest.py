@@ -57,8 +57,8 @@ def pytest_collection_modifyitems(items):
 @pytest.fixture
 def undrawn(monkeypatch):
     """No figure of a report is drawn: what pages say is what is tested."""
-    for home in ("sections", "campaign_section"):
-        monkeypatch.setattr(f"viz.report.{home}.to_bytes", lambda *_: b"<svg/>")
+    for home in ("report.sections", "report.campaign_section", "figures.comparison"):
+        monkeypatch.setattr(f"viz.{home}.to_bytes", lambda *_: b"<svg/>")
 
 
 @pytest.fixture(scope="session")

@@ -55,6 +55,7 @@ def whole(tmp_path_factory):
         root, simulation={"duration": 0.4, "step": 0.02, "output_step": 0.1}, tuning=TUNING, campaign=CAMPAIGN
     )
     with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("viz.figures.comparison.to_bytes", lambda *_: b"<svg/>")
         assert call(patch, "run", scenario, "--out", root / "result") == 0
         assert call(patch, "campaign", scenario, "--out", root / "campaign") == 0
         assert call(patch, "compare", scenario, "--out", root / "comparison") == 0
