@@ -12,7 +12,7 @@ import itertools
 import numpy as np
 
 from optim.planning.formulate import plan_of
-from optim.planning.gains import tracking_gains
+from optim.planning.gains import base_gains, tracking_gains
 from optim.planning.make import Planned
 from spacerobot.elements import Reference
 from spacerobot.elements.references.rendezvous import Rendezvous
@@ -47,7 +47,8 @@ def following(planned: Planned) -> Scenario:
         return validate(_in_phases(planned, document))
     document["simulation"]["duration"] = planned.motion.duration_s
     for name, robot in document["robots"].items():
-        robot |= overlay(robot, _resting(robot)) | {"controllers": {"plan": _tracking(planned, name)}}
+        robot |= overlay(robot, _resting(robot)) | {"controllers": _tracking(planned, name, "plan")}
+        robot["actuators"] = _actuated(planned, name, robot["actuators"])
         for tip in robot["tips"].values():
             tip["controllers"] = {}
     return validate(document)
@@ -70,10 +71,12 @@ def _in_phases(planned: Planned, document: Document) -> Document:
     key = _unused("plan", {name for robot in scenario.robots.values() for name in robot.controllers})
     for name, robot in document["robots"].items():
         first["robots"] = overlay(first["robots"], {name: _resting(robot)})
+        tracking = _tracking(planned, name, key)
         if _has_controllers(robot):  # joints of one that has none stay where the plan leaves them
             for phase in phases.values():
-                phase["robots"] = overlay(phase["robots"], {name: {"controllers": {key: None}}})
-        robot["controllers"][key] = _tracking(planned, name)
+                phase["robots"] = overlay(phase["robots"], {name: {"controllers": dict.fromkeys(tracking)}})
+        robot["controllers"] |= tracking
+        robot["actuators"] = _actuated(planned, name, robot["actuators"])
     document["phases"] = {flown: first, **phases}
     return document
 
@@ -150,6 +153,22 @@ def _unused(name: str, taken: set[str]) -> str:
     )
 
 
-def _tracking(planned: Planned, robot: str) -> Document:
-    """Controller of a robot."""
-    return {"kind": "joint_tracking", "file": PLAN, **tracking_gains(planned.scene, robot)}
+def _tracking(planned: Planned, robot: str, key: str) -> Document:
+    """Controllers of a robot that follow the plan, by name."""
+    scene, driven, found = planned.scene, planned.motion.problem.stage.driven, {}
+    if scene.body(robot).driven_joints:
+        found[key] = {"kind": "joint_tracking", "file": PLAN, **tracking_gains(scene, robot)}
+    if driven.of_base(robot):
+        found[f"{key}_base"] = {"kind": "base_tracking", "file": PLAN, **base_gains(scene, robot)}
+    return found
+
+
+def _actuated(planned: Planned, robot: str, actuators: Document) -> Document:
+    """A robot's actuators, and an ideal one where they do not deliver what the plan asks of the base."""
+    scenario, axes = planned.scene.scenario, planned.motion.problem.stage.driven.of_base(robot)
+    own = [part for _, one in scenario.robots[robot].driven_by() for part in one.base_wrench]
+    if {"torque" if axis[0] == "t" else "force" for axis in axes} <= set(own):
+        return actuators
+    limits = plan_of(planned.scene).limits
+    ideal = {"kind": "base_wrench", "force": limits.base_force or None, "torque": limits.base_torque or None}
+    return actuators | {_unused("plan", set(actuators)): ideal}

@@ -65,6 +65,8 @@ def dataset(planned: Planned) -> xr.Dataset:
     if len(driven.names) > count:
         told = _told("N or N m", "ideal forces and torques on bases, in their own axes")
         variables["base_wrench"] = (("time", "drive"), u[:, count:], told)
+        told = _told("m/s or rad/s", "velocities and spins of bases along and about these axes")
+        variables["base_rate"] = (("time", "drive"), v[:, list(driven.columns[count:])], told)
     phase = flown_phase(scene.scenario)
     if phase:
         variables["phase"] = ("time", [phase] * len(motion.time), {"long_name": "phase of the scenario"})

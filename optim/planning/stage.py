@@ -55,6 +55,11 @@ class Driven:
     limits: Array
     joints: tuple[int, ...]
 
+    def of_base(self, robot: str) -> list[str]:
+        """Axes of a robot's base that are driven: ``fx``, ..., ``tz``, its own."""
+        named = (name.rpartition(".") for name in self.names[len(self.joints) :])
+        return [axis for base, _, axis in named if base == f"{robot}/base"]
+
 
 @dataclass(frozen=True, eq=False)
 class Stage:

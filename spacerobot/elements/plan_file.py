@@ -14,6 +14,7 @@ from spacerobot.errors import ScenarioError, near_names
 
 MOST_BYTES = 100_000_000
 JOINTS = ("joint_position", "joint_rate", "torque")
+BASES = ("base_wrench", "base_rate")
 TIPS = ("tip_position", "tip_velocity", "tip_rotation", "tip_spin")
 
 
@@ -31,16 +32,38 @@ def read_joints(file: Path, where: str) -> Mapping[str, Any]:
         raise ScenarioError(f"a plan without robot {robot!r}; {near_names(robot, owners)}", source=file)
     own = plan.sel(joint=[label for label in plan.joint.values if str(label).startswith(f"{robot}/")])
     position, rate, effort = (_rows(own, name, ("time", "joint")) for name in JOINTS)
-    phases = {name: [own.time.values[a], own.time.values[b]] for name, (a, b) in _phases(plan).items()}
-    return {
-        "times": own.time.values.tolist(),
-        "points": _points(plan),
+    return _timed(plan) | {
         "joints": [str(label).partition("/")[2] for label in own.joint.values],
         "position": position.tolist(),
         "rate": rate.tolist(),
         "effort": effort.tolist(),
-        "phases": {name: [float(end) for end in ends] for name, ends in phases.items()},
     }
+
+
+def read_base(file: Path, where: str) -> Mapping[str, Any]:
+    """What drives the base of the robot that a dotted path belongs to, plain.
+
+    Raises
+    ------
+    ScenarioError
+        If the file is no plan or drives no base of that robot.
+    """
+    plan, robot = _opened(file, BASES), _keys(where)[1]
+    labels = [str(label) for label in plan.drive.values if str(label).startswith(f"{robot}/")]
+    if not labels:
+        owners = {str(label).partition("/")[0] for label in plan.drive.values}
+        raise ScenarioError(f"a plan that does not drive the base of {robot!r}; {near_names(robot, owners)}")
+    own = plan.sel(drive=labels)
+    wrench, rate = (_rows(own, name, ("time", "drive")).tolist() for name in BASES)
+    axes = [label.rpartition(".")[2] for label in labels]
+    return _timed(plan) | {"axes": axes, "wrench": wrench, "rate": rate}
+
+
+def _timed(plan: xr.Dataset) -> dict[str, Any]:
+    """Times, points of an interval, and phases, plain."""
+    times = plan.time.values
+    phases = {name: [float(times[a]), float(times[b])] for name, (a, b) in _phases(plan).items()}
+    return {"times": times.tolist(), "points": _points(plan), "phases": phases}
 
 
 def read_tip(file: Path, where: str) -> Mapping[str, Any]:

@@ -1,10 +1,14 @@
-"""Planned motions of the joints of a robot and of a tip, as sections of a scenario."""
+"""Planned motions of the joints and the base of a robot, and of a tip, as sections of a scenario."""
 
 from __future__ import annotations
 
+from typing import Literal
+
+import casadi as ca
 import numpy as np
 from pydantic import Field, model_validator
 
+from spacerobot.elements.context import RobotContext
 from spacerobot.elements.knots import nodes_of
 from spacerobot.section import Name, Section, Vector, quantity
 
@@ -49,7 +53,48 @@ class Timed(Section):
         return 3
 
 
-class JointMotion(Timed):
+class Phased(Timed):
+    """What a plan says of a robot, by its phases."""
+
+    phases: dict[Name, tuple[float, float]] = quantity(
+        "s", "when each phase of the plan begins and ends, by name; one phase if none", default={}
+    )
+
+    def time(self, robot: RobotContext) -> ca.SX | None:
+        """Time in the plan (1x1) [s]: in its phase of the present name, else behind its end.
+
+        None where time is that of the simulation.
+        """
+        phases = robot.context.phases
+        if not phases:
+            return None
+        if not self.phases:
+            return robot.passed()
+        end = self.times[-1]
+        behind = 2 * end
+        found = ca.SX(behind)
+        for name, (begin, last) in self.phases.items():
+            if name in phases:
+                passed = robot.passed()
+                within = begin + (passed if last == end else ca.fmin(passed, last - begin))
+                found = found + phases[name] * (within - behind)
+        return found
+
+
+class BaseMotion(Phased):
+    """What drives a base, and how it moves, along some of its own axes: what stands at points."""
+
+    axes: tuple[Literal["fx", "fy", "fz", "tx", "ty", "tz"], ...] = Field(
+        min_length=1, description="axes of the root link, forces and torques, in the order of each row"
+    )
+    wrench: tuple[Row, ...] = Field(description="forces and torques at each point [N or N m]")
+    rate: tuple[Row, ...] = Field(description="velocity and spin of the root link likewise [m/s or rad/s]")
+
+    def _width(self) -> int:
+        return len(self.axes)
+
+
+class JointMotion(Phased):
     """How joints shall move: what stands at points, polynomials in between."""
 
     joints: tuple[str, ...] = Field(min_length=1, description="names of joints, in the order of each row")
@@ -57,9 +102,6 @@ class JointMotion(Timed):
     rate: tuple[Row, ...] = Field(description="rates at each point [rad/s or m/s]")
     effort: tuple[Row, ...] | None = Field(
         default=None, description="torques or forces at each point [N m or N]; none if not given"
-    )
-    phases: dict[Name, tuple[float, float]] = quantity(
-        "s", "when each phase of the plan begins and ends, by name; one phase if none", default={}
     )
 
     def _width(self) -> int:

@@ -1,6 +1,7 @@
 """The second opinion: the same closed loop, written again over Pinocchio's own algorithms."""
 
 from spacerobot.pinocchio_engine import base_control as _base_control  # noqa: F401 (a writing of its own)
+from spacerobot.pinocchio_engine import base_tracking as _base_tracking  # noqa: F401 (likewise)
 from spacerobot.pinocchio_engine import planned as _planned  # noqa: F401 (a writing of its own)
 from spacerobot.pinocchio_engine import rendezvous as _rendezvous  # noqa: F401 (a writing of its own)
 from spacerobot.pinocchio_engine import resolved_rate as _resolved_rate  # noqa: F401 (a writing of its own)

@@ -19,7 +19,7 @@ from spacerobot.arrays import Array
 from spacerobot.elements.controllers.joint_pd import JointPd
 from spacerobot.elements.controllers.joint_tracking import JointTracking
 from spacerobot.pinocchio_engine.kinematics import Kinematics, joint_space_inertia, rotation_vector
-from spacerobot.pinocchio_engine.planned import Pieces, hermite
+from spacerobot.pinocchio_engine.planned import Pieces, hermite, plan_time, window_ends
 from spacerobot.pinocchio_engine.references import Motion
 from spacerobot.pinocchio_engine.robot_law import Asked, Asking, RobotLaw, robot_law
 from spacerobot.pinocchio_engine.tip_control import Channel, Command, reading_of, sensors_of
@@ -151,11 +151,7 @@ class JointTracker(_Joints):
     @property
     def ends(self) -> tuple[float, ...]:  # type: ignore[override]
         """Knots of the plan behind the first one, of each of its phases."""
-        plan = self.config.planned
-        knots = plan.times[:: plan.points - 1]
-        windows = [*plan.phases.values()] if self.scene.scenario.phases else []
-        windows = windows or [(0.0, plan.times[-1])]
-        return tuple(t - begin for begin, end in windows for t in knots if begin < t <= end)
+        return window_ends(self.config.planned, bool(self.scene.scenario.phases))
 
     def initial(self, kinematics: Kinematics) -> Array:
         """No states."""
@@ -172,13 +168,10 @@ class JointTracker(_Joints):
 
     def _planned(self, now: Asking) -> tuple[Array, Array, Array]:
         """Positions, rates and torques (n,), joints in the robot's order."""
-        plan, t, within = self.config.planned, now.t, now.within
-        end = plan.times[-1]
-        if now.phase and plan.phases:
-            begin, last = plan.phases.get(now.phase, (end, end))
-            t, within = min(begin + t, last), min(begin + within, last)
+        plan = self.config.planned
+        t, within = plan_time(plan, now)
         none = np.zeros(len(self._order))
-        if within >= end:
+        if within >= plan.times[-1]:
             return np.array(plan.position[-1])[self._order], none, none
         motion, effort = self._pieces.at(within)
         position, rate = motion.derivatives(t, 2)

@@ -12,10 +12,11 @@ import pinocchio as pin
 from scipy.interpolate import KroghInterpolator
 
 from spacerobot.arrays import Array
-from spacerobot.elements.planned import TipMotion
+from spacerobot.elements.planned import Phased, TipMotion
 from spacerobot.elements.references.plan import Plan
 from spacerobot.pinocchio_engine.kinematics import Kinematics, cross
 from spacerobot.pinocchio_engine.references import Begins, Leads, Motion, leading
+from spacerobot.pinocchio_engine.robot_law import Asking
 
 Piece = TypeVar("Piece")
 SMALL = 1e-3
@@ -36,6 +37,22 @@ class Pieces(Generic[Piece]):
         if k not in self._made:
             self._made[k] = self._make(slice(k * step, (k + 1) * step + 1))
         return self._made[k]
+
+
+def window_ends(plan: Phased, phases: bool) -> tuple[float, ...]:
+    """Times since a phase began of a plan's knots behind the first one, of each of its phases."""
+    knots = plan.times[:: plan.points - 1]
+    windows = [*plan.phases.values()] if phases else []
+    windows = windows or [(0.0, plan.times[-1])]
+    return tuple(t - begin for begin, end in windows for t in knots if begin < t <= end)
+
+
+def plan_time(plan: Phased, now: Asking) -> tuple[float, float]:
+    """Time in the plan, and one that tells which piece is meant [s]."""
+    if not (now.phase and plan.phases):
+        return now.t, now.within
+    begin, last = plan.phases.get(now.phase, (plan.times[-1],) * 2)
+    return min(begin + now.t, last), min(begin + now.within, last)
 
 
 def hermite(times: Array, values: Array, rates: Array) -> KroghInterpolator:

@@ -102,6 +102,17 @@ NEEDS: dict[tuple[str, str], dict[str, object]] = {
             "effort": [[1, 2, 3], [0.5, -1, 2], [1, 1, -2], [1, 2, 0], [1, 0.5, 0.5]],
         },
     },
+    ("robot_controller", "base_tracking"): {
+        "kd_linear": 20,
+        "kd_angular": 3,
+        "knots": {
+            "times": [0, 0.2, 0.4, 0.8, 1.2],
+            "points": 3,
+            "axes": ["tz", "fx"],
+            "wrench": [[1, 2], [0.5, -1], [1, 1], [1, 2], [1, 0.5]],
+            "rate": [[0, 0], [0.1, 0.2], [0.2, -0.1], [0.1, 0], [0, 0]],
+        },
+    },
     ("actuator", "torque_limit"): {"limit": 2.5},
     ("actuator", "base_wrench"): {"force": 3, "torque": 2},
     ("actuator", "thrusters"): {

@@ -64,7 +64,7 @@ class JointTracking(RobotController):
     def build(self, robot: RobotContext) -> Contribution:
         """Torques."""
         motion, number = self.planned, robot.context.number
-        knots = Knots.at(robot.context, np.array(motion.times), motion.points, self._time(robot))
+        knots = Knots.at(robot.context, np.array(motion.times), motion.points, motion.time(robot))
         wanted = knots.motion(self._table(robot, "position"), self._table(robot, "rate"))
         efforts = ca.SX(len(robot.joints), 1)
         if motion.effort is not None:
@@ -93,23 +93,6 @@ class JointTracking(RobotController):
             for k in range(len(motion.times))
         ]
         return context.once(key, ca.vertcat(*(ca.horzcat(*row) for row in rows)))
-
-    def _time(self, robot: RobotContext) -> ca.SX | None:
-        """Time in the plan (1x1) [s]: in its phase of the present name, else behind its end."""
-        motion, phases = self.planned, robot.context.phases
-        if not phases:
-            return None
-        if not motion.phases:
-            return robot.passed()
-        end = motion.times[-1]
-        behind = 2 * end
-        found = ca.SX(behind)
-        for name, (begin, last) in motion.phases.items():
-            if name in phases:
-                passed = robot.passed()
-                within = begin + (passed if last == end else ca.fmin(passed, last - begin))
-                found = found + phases[name] * (within - behind)
-        return found
 
     def reads(self) -> set[str]:
         """Joint positions and rates."""

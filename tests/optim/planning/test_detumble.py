@@ -6,8 +6,10 @@ import pytest
 import yaml
 
 from optim.planning.make import make_plan
+from optim.planning.plan_file import FOLLOWED, write
 from spacerobot.errors import ScenarioError
 from spacerobot.scene import load_scene
+from spacerobot.simulation import simulate
 
 BODY = {
     "name": "spin",
@@ -42,6 +44,15 @@ def test_least_time_about_a_principal_axis_is_momentum_over_torque(spinning):
     assert found.motion.duration_s == pytest.approx(angular_momentum(found.scene) / 0.01, rel=1e-6)
     np.testing.assert_allclose(found.motion.u[:, 2], -0.01, rtol=1e-5)
     np.testing.assert_allclose(found.motion.v[-1], 0, atol=1e-9)
+
+
+def test_planned_wrenches_on_a_base_are_flown(spinning, tmp_path):
+    found = make_plan(spinning(), backend="interpreted")
+    write(found, tmp_path)
+    scene = load_scene(tmp_path / FOLLOWED)
+    flown = simulate(scene, backend="interpreted").data
+    rates = flown.v.values[:, 2]
+    np.testing.assert_allclose(rates, np.radians(10) * (1 - flown.time / flown.time[-1]), atol=1e-6)
 
 
 def test_time_and_effort_are_traded_by_their_weights(spinning):

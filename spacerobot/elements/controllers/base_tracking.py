@@ -1,0 +1,105 @@
+"""Following a planned motion of a floating base.
+
+    w = f w_p + K_d (v_p - v)
+
+with the plan's wrench and velocity (index p), axis by axis of the root link; place and attitude are not fed
+back. Behind its end the plan is at rest, and asks for no wrench.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any, ClassVar, Literal
+
+import casadi as ca
+import numpy as np
+from pydantic import Field, model_validator
+
+from spacerobot.elements.context import RobotContext
+from spacerobot.elements.contribution import Contribution, Torque
+from spacerobot.elements.controller import RobotController
+from spacerobot.elements.knots import Knots
+from spacerobot.elements.planned import BaseMotion
+from spacerobot.elements.registry import register
+from spacerobot.elements.robot_element import Part, RobotFacts
+from spacerobot.section import quantity
+
+PLANAR, SPATIAL = ("fx", "fy", "tz"), ("fx", "fy", "fz", "tx", "ty", "tz")
+
+
+@register
+class BaseTracking(RobotController):
+    """Forces and torques of a planned motion of the base, and feedback of its rates; actuators deliver."""
+
+    base_wrench: ClassVar[frozenset[Part]] = frozenset({"force", "torque"})
+
+    kind: Literal["base_tracking"] = "base_tracking"
+    fills: ClassVar[str | None] = "knots"
+    file: str | None = Field(
+        default=None,
+        min_length=1,
+        max_length=4096,
+        description="plan.nc of `spacerobot plan`: a path in the scenario's folder; fills in `knots`",
+    )
+    knots: BaseMotion | None = Field(default=None, description="the planned motion, if not in a file")
+    kd_linear: float = quantity("N s/m", "gain of the velocity", default=0.0, ge=0)
+    kd_angular: float = quantity("N m s/rad", "gain of the spin", default=0.0, ge=0)
+    feed_forward: float = quantity("1", "part of the planned wrench that is asked for", default=1.0, ge=0)
+
+    @model_validator(mode="after")
+    def _check(self) -> BaseTracking:
+        if self.file is None and self.knots is None:
+            raise ValueError("file: which plan? give `file` or `knots`")
+        return self
+
+    @classmethod
+    def read(cls, file: Path, where: str) -> Mapping[str, Any]:
+        """Motion of the robot's base."""
+        from spacerobot.elements.plan_file import read_base
+
+        return read_base(file, where)
+
+    @property
+    def planned(self) -> BaseMotion:
+        """The planned motion, which was given or read."""
+        if self.knots is None:
+            raise ValueError("a plan that was not read")
+        return self.knots
+
+    def build(self, robot: RobotContext) -> Contribution:
+        """Wrench on the base."""
+        motion, number, model = self.planned, robot.context.number, robot.plant.model
+        knots = Knots.at(robot.context, np.array(motion.times), motion.points, motion.time(robot))
+        wrench, rate = (knots.force(self._table(robot, key)) for key in ("wrench", "rate"))
+        first, size = int(model.idx_vs[robot.base_joint]), int(model.nvs[robot.base_joint])
+        names, asked = PLANAR if size == 3 else SPATIAL, ca.SX(robot.plant.v.size1(), 1)
+        for k, axis in enumerate(motion.axes):
+            column = first + names.index(axis)
+            gain = number("kd_angular" if axis.startswith("t") else "kd_linear")
+            asked[column] = number("feed_forward") * wrench[k] + gain * (rate[k] - robot.plant.v[column])
+        return Contribution(torques=(Torque(robot.name, asked),))
+
+    def _table(self, robot: RobotContext, key: str) -> ca.SX:
+        """What stands at the points (n x axes)."""
+        context, motion = robot.context, self.planned
+        rows = [
+            [context.parameters(f"{context.path}.knots.{key}.{i}.{k}") for k in range(len(motion.axes))]
+            for i in range(len(motion.times))
+        ]
+        return context.once(key, ca.vertcat(*(ca.horzcat(*row) for row in rows)))
+
+    def faults(self, robot: RobotFacts) -> Iterable[tuple[str, str]]:
+        """Axes that a planar base does not have."""
+        for axis in self.planned.axes:
+            if robot.base == "planar" and axis not in PLANAR:
+                yield "knots.axes", f"found {axis!r}, allowed for a planar base: {', '.join(PLANAR)}"
+
+    def assumptions(self) -> list[str]:
+        """Of what it knows."""
+        return ["knows the velocity and the spin of the base without errors"]
+
+    def words(self) -> str:
+        """Its gains and its plan."""
+        plan = f"{len(self.planned.times)} points over {self.planned.times[-1]:g} s"
+        return f"base_tracking {self.kd_linear:g} / {self.kd_angular:g} along a plan of {plan}"

@@ -1,0 +1,67 @@
+"""Following a planned motion of a floating base, by interpolation of each interval."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from scipy.interpolate import KroghInterpolator
+
+from spacerobot.arrays import Array
+from spacerobot.elements.controllers.base_tracking import PLANAR, SPATIAL, BaseTracking
+from spacerobot.pinocchio_engine.kinematics import Kinematics
+from spacerobot.pinocchio_engine.planned import Pieces, plan_time, window_ends
+from spacerobot.pinocchio_engine.robot_law import Asked, Asking, RobotLaw, robot_law
+from spacerobot.scene import Scene, SceneBody
+
+
+@dataclass(frozen=True)
+class BaseTracker:
+    """A robot whose base follows a plan."""
+
+    scene: Scene
+    body: SceneBody
+    config: BaseTracking
+    state_names: ClassVar[tuple[str, ...]] = ()
+
+    @property
+    def ends(self) -> tuple[float, ...]:
+        """Knots of the plan behind the first one, of each of its phases."""
+        return window_ends(self.config.planned, bool(self.scene.scenario.phases))
+
+    def initial(self, kinematics: Kinematics) -> Array:
+        """No states."""
+        del kinematics
+        return np.empty(0)
+
+    def ask(self, now: Asking, states: Array) -> Asked:
+        """Wrench along the plan."""
+        config, plan, model = self.config, self.config.planned, self.scene.model
+        t, within = plan_time(plan, now)
+        wanted = np.zeros((2, len(plan.axes)))
+        if within < plan.times[-1]:
+            wanted = self._pieces.at(within)(t).reshape(2, -1)
+        names = PLANAR if model.nvs[self.body.root_joint] == 3 else SPATIAL
+        columns = [model.idx_vs[self.body.root_joint] + names.index(axis) for axis in plan.axes]
+        gains = [config.kd_angular if axis[0] == "t" else config.kd_linear for axis in plan.axes]
+        force = np.zeros(model.nv)
+        force[columns] = config.feed_forward * wanted[0] + gains * (wanted[1] - now.kinematics.v[columns])
+        return Asked(force, states)
+
+    @functools.cached_property
+    def _pieces(self) -> Pieces[KroghInterpolator]:
+        return Pieces(self.config.planned.times, self.config.planned.points, self._piece)
+
+    def _piece(self, piece: slice) -> KroghInterpolator:
+        """Wrenches and rates of an interval."""
+        plan = self.config.planned
+        rows = np.hstack([np.array(plan.wrench[piece]), np.array(plan.rate[piece])])
+        return KroghInterpolator(np.array(plan.times[piece]), rows)
+
+
+@robot_law.register
+def _(controller: BaseTracking, scene: Scene, body: SceneBody, key: str) -> RobotLaw:
+    del key
+    return BaseTracker(scene, body, controller)
