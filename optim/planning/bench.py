@@ -23,6 +23,11 @@ from spacerobot.scene import Scene
 
 Tell = Callable[[str], None]
 
+ITERATIONS = 50
+"""Of one solve, about, with its refinement."""
+COMPILED = 30_000
+"""Instants from which on it takes less time to compile a problem's functions than to interpret them."""
+
 
 @dataclass(frozen=True)
 class Solve:
@@ -160,8 +165,21 @@ class Bench:
     tell: Tell = field(default=lambda _: None)
 
     @classmethod
-    def of(cls, scene: Scene, backend: str = "auto", tell: Tell = lambda _: None) -> Bench:
+    def of(
+        cls, scene: Scene, backend: str = "auto", tell: Tell = lambda _: None, *, motions: int = 1
+    ) -> Bench:
         """The bench of a scene.
+
+        Parameters
+        ----------
+        scene
+            With a ``plan`` section.
+        backend
+            ``auto``, ``compiled`` or ``interpreted``; ``auto`` compiles where so much is solved that it pays.
+        tell
+            Told in a few words what begins.
+        motions
+            How many are to be planned, each from all starts.
 
         Raises
         ------
@@ -172,7 +190,13 @@ class Bench:
         check_start(problem)
         check_momentum(problem, plan)
         check_reach(problem, plan, {tip.label: tip for tip in scene.tips})
-        tell("compiling the problem's functions, or finding them compiled")
+        instants_in_all = motions * plan.starts * plan.intervals * plan.order // 2 * ITERATIONS
+        if backend == "auto" and instants_in_all < COMPILED:
+            backend = "interpreted"
+        compiling = backend != "interpreted"
+        tell(
+            "compiling the problem's functions, or finding them compiled" if compiling else "differentiating"
+        )
         instants = build_instants(problem, backend)
         return cls(scene, plan, problem, instants, Lobatto.of_order(plan.order), backend, tell)
 

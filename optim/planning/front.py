@@ -118,7 +118,7 @@ def make_front(
     ScenarioError
         If the terms have no weights, or the duration that is to be swept is given.
     """
-    bench = Bench.of(scene, backend, progress or (lambda _: None))
+    bench = Bench.of(scene, backend, progress or (lambda _: None), motions=wanted.count)
     asks = _asks(bench, wanted)
     names = [f"point_{k + 1}" for k in range(len(asks))]
     tasks: dict[str, Task] = {}

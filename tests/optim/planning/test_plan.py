@@ -9,6 +9,7 @@ import pytest
 import scipy.sparse as sp
 import xarray as xr
 
+from optim.planning import bench as benches
 from optim.planning.follow import PLAN
 from optim.planning.formulate import formulate
 from optim.planning.functions import build_instants
@@ -194,3 +195,12 @@ def test_a_mesh_too_coarse_is_refused_by_its_replay(reach):
     changes = [("plan.intervals", 2), ("plan.most_intervals", 2), ("plan.tolerance", 1e-9)]
     with pytest.raises(NoPlanError, match="replayed, one/tip ends up to"):
         make_plan(reach(*changes), backend="interpreted")
+
+
+def test_functions_are_compiled_only_where_so_much_is_solved_that_it_pays(reach, monkeypatch):
+    asked = []
+    monkeypatch.setattr(benches, "build_instants", lambda _, backend: asked.append(backend))
+    for motions in (1, 1000):
+        benches.Bench.of(reach(), motions=motions)
+    benches.Bench.of(reach(), "compiled")
+    assert asked == ["interpreted", "auto", "compiled"]
