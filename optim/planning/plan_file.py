@@ -15,6 +15,7 @@ import spacerobot
 from optim.plain import plain
 from optim.planning.follow import PLAN, flown_phase, following
 from optim.planning.grips import axes_of
+from optim.planning.held import held_variables
 from optim.planning.make import Planned, statistics
 from spacerobot.arrays import Array
 from spacerobot.errors import ResultError
@@ -24,7 +25,7 @@ from spacerobot.result.store import check_folder
 from spacerobot.scenario.load import to_yaml
 from spacerobot.scene import Scene
 
-SUMMARY, FOLLOWED = "plan.json", "followed.yaml"
+SUMMARY, FOLLOWED, SCENARIO = "plan.json", "followed.yaml", "scenario.yaml"
 AXES = ["x", "y", "z"]
 
 
@@ -51,13 +52,21 @@ def dataset(planned: Planned) -> xr.Dataset:
         "q": (("time", "configuration"), q, _told("m, rad or 1", "configuration in Pinocchio's coordinates")),
         "v": (("time", "velocity"), v, _told("m/s or rad/s", "velocity, of a base in its own axes")),
         "acceleration": (("time", "velocity"), a, _told("m/s^2 or rad/s^2", "acceleration, likewise")),
-        "torque": (("time", "joint"), u[:, :count], _told("N m or N", "torques and forces of the joints")),
+        "torque": (
+            ("time", "joint"),
+            u[:, :count],
+            _told(_unit(scene, driven.joints, "N m or N"), "torques and forces of the joints"),
+        ),
         "joint_position": (
             ("time", "joint"),
             _positions(scene, driven.joints, q),
-            _told("rad or m", "positions"),
+            _told(_unit(scene, driven.joints, "rad or m"), "positions"),
         ),
-        "joint_rate": (("time", "joint"), v[:, columns], _told("rad/s or m/s", "joint rates")),
+        "joint_rate": (
+            ("time", "joint"),
+            v[:, columns],
+            _told(_unit(scene, driven.joints, "rad/s or m/s"), "joint rates"),
+        ),
         "joint_acceleration": (("time", "joint"), a[:, columns], _told("rad/s^2 or m/s^2", "their rates")),
     }
     for name, unit, text in TIP_MOTION:
@@ -86,7 +95,8 @@ def dataset(planned: Planned) -> xr.Dataset:
         coordinates["drive"] = list(driven.names[count:])
     if gripped:
         coordinates["grip"] = [f"{grip.name}.{axis}" for grip in gripped for axis in axes_of(scene, grip)]
-    return xr.Dataset(variables, coordinates, _attributes(planned))
+    held, sides = held_variables(motion)
+    return xr.Dataset(variables | held, coordinates | sides, _attributes(planned))
 
 
 TIP_MOTION = (
@@ -138,8 +148,30 @@ def write(planned: Planned, folder: Path) -> None:
             text = json.dumps(plain(summary(planned)), indent=1, allow_nan=False)
             write_text(folder / SUMMARY, text + "\n")
             write_text(folder / FOLLOWED, to_yaml(following(planned)))
+            write_text(folder / SCENARIO, to_yaml(planned.scene.scenario))
     except (OSError, RuntimeError) as fault:
         raise ResultError(f"cannot be written: {fault}", source=folder) from None
+
+
+def read(folder: Path) -> tuple[xr.Dataset, dict[str, Any]]:
+    """What stands in a plan's ``plan.nc`` and ``plan.json``.
+
+    Raises
+    ------
+    ResultError
+        If they cannot be read.
+    """
+    try:
+        summary = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
+        with xr.open_dataset(folder / PLAN, engine="netcdf4") as stored:
+            return stored.load(), dict(summary)
+    except (OSError, ValueError, RuntimeError) as fault:
+        raise ResultError(f"holds no plan that can be read: {fault}", source=folder) from None
+
+
+def is_plan(folder: Path) -> bool:
+    """Whether a folder is a plan's."""
+    return (folder / SUMMARY).is_file()
 
 
 def _attributes(planned: Planned) -> dict[str, Any]:
@@ -187,6 +219,12 @@ def _tips(scene: Scene, q: Array, v: Array) -> dict[str, Array]:
             found["tip_rotation"][i, k] = pin.log3(data.oMf[tip.frame].rotation)
             found["tip_spin"][i, k] = motion.angular
     return found
+
+
+def _unit(scene: Scene, joints: tuple[int, ...], either: str) -> str:
+    """Unit of joints that all turn, or all slide; ``either`` where some do the one and some the other."""
+    slides = {"P" in scene.model.joints[joint].shortname().removeprefix("JointModel") for joint in joints}
+    return either if len(slides) != 1 else either.split(" or ")[slides.pop()]
 
 
 def _entries(model: Any, size: str) -> list[str]:

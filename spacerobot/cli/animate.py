@@ -42,7 +42,7 @@ HELP = """Play results in the browser, or write a page or a recording.
 
 Several results stand side by side with their metrics and whatever differs. The folder of a comparison gives
 the untuned design and each method's best, that of a campaign the worst samples among all others, that of a
-plan the planned motion, followed.
+plan the planned motion, followed; behind a result the plan lies pale under what was flown.
 
 Examples:
 
@@ -53,6 +53,8 @@ Examples:
     spacerobot animate out/before out/after --html docking.html
 
     spacerobot animate out/campaign
+
+    spacerobot animate out/flown out/plan
 """
 
 

@@ -33,7 +33,7 @@ def register(app: typer.Typer) -> None:
     app.command("figures", help=HELP)(command)
 
 
-HELP = """Draw a result: tip paths and errors, docking, motions, joints, grips, ledger.
+HELP = """Draw a result: tips, docking, motions, joints, grips, ledger; or a plan, and what was flown of it.
 
 Examples:
 
@@ -42,6 +42,8 @@ Examples:
     spacerobot figures out/paper --width single --only tip_errors
 
     spacerobot figures out/before --compare out/after --out figures --format svg
+
+    spacerobot figures out/plan --compare out/flown
 """
 
 
@@ -54,12 +56,28 @@ def command(
     width: Width = "double",
 ) -> None:
     """Write all figures."""
+    from optim.planning.plan_file import is_plan
     from spacerobot.result import load
     from viz.figures import save_figures
 
+    if is_plan(result):
+        _plan(result, compare, out or result / "figures")
+        return
     results = [load(folder) for folder in (result, compare) if folder is not None]
     folder = out or result / "figures"
     wanted = [form.strip() for form in formats.split(",") if form.strip()]
     with progress("drawing"):
         written = save_figures(results[0], folder, *results[1:], formats=wanted, names=only, width=width)
     console().print(f"{len(written)} files in {folder}", markup=False, soft_wrap=True)
+
+
+def _plan(folder: Path, flown: Path | None, out: Path) -> None:
+    """Draw a plan, and what was flown of it."""
+    from optim.planning.plan_file import read
+    from spacerobot.result import load
+    from viz.figures.plan import write_plan_figures
+
+    with progress("drawing"):
+        result = None if flown is None else load(flown)
+        written = write_plan_figures(*read(folder), out, flown=result)
+    console().print(f"{len(written)} files in {out}", markup=False, soft_wrap=True)

@@ -107,19 +107,24 @@ def _plan(scene: Scene, out: Path | None, how: dict[str, Any]) -> Callable[[], N
     """Make a plan, and write it if a folder is given; what shows it."""
     from optim.planning.follow import PLAN
     from optim.planning.make import make_plan
-    from optim.planning.plan_file import FOLLOWED, SUMMARY, check_plan_folder, write
+    from optim.planning.plan_file import FOLLOWED, SUMMARY, check_plan_folder, read, write
 
     if out is not None:
         check_plan_folder(out)
     planned = make_plan(scene, **how)
     if out is not None:
+        from viz.figures.plan import write_plan_figures
+
         write(planned, out)
+        how["progress"]("drawing")
+        write_plan_figures(*read(out), out / "figures")
 
     def show() -> None:
         """Print it."""
         _show(planned)
         if out is not None:
-            console().print(f"\n{PLAN}, {SUMMARY} and {FOLLOWED} in {out}", markup=False, soft_wrap=True)
+            words = f"\n{PLAN}, {SUMMARY}, {FOLLOWED} and figures in {out}"
+            console().print(words, markup=False, soft_wrap=True)
 
     return show
 

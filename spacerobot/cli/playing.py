@@ -33,7 +33,7 @@ def to_play(folders: Sequence[Path], tell: Tell) -> Played:
         If a folder holds none of these, or the results cannot be compared.
     """
     from optim.campaign.store.folder import HEAD
-    from optim.planning.plan_file import FOLLOWED
+    from optim.planning.plan_file import FOLLOWED, is_plan
     from spacerobot.result import load
     from viz.page.animation import animation
     from viz.report.comparison_section import COMPARISON
@@ -42,6 +42,8 @@ def to_play(folders: Sequence[Path], tell: Tell) -> Played:
         for file, play in ((COMPARISON, comparison), (HEAD, campaign), (FOLLOWED, plan)):
             if (folders[0] / file).is_file():
                 return play(folders[0], tell)
+    if len(folders) == 2 and is_plan(folders[1]):
+        return _over_its_plan(load(folders[0]), folders[1])
     results = [load(folder) for folder in folders]
     return Played(animation(*results), results)
 
@@ -70,11 +72,17 @@ def campaign(folder: Path, tell: Tell, evaluator: Evaluator | None = None) -> Pl
 
 
 def plan(folder: Path, tell: Tell) -> Played:
-    """The motion of a plan: the scenario that follows it, its references those of the plan."""
+    """The motion of a plan, and the flight of the scenario that follows it."""
     from optim.planning.plan_file import FOLLOWED
     from spacerobot.scene import load_scene
     from spacerobot.simulation import simulate
-    from viz.page.animation import animation
 
-    result = simulate(load_scene(folder / FOLLOWED), progress=tell)
-    return Played(animation(result, title=f"{result.scenario.name}: the plan, followed"), [result])
+    return _over_its_plan(simulate(load_scene(folder / FOLLOWED), progress=tell), folder)
+
+
+def _over_its_plan(flown: Result, folder: Path) -> Played:
+    from optim.planning.plan_file import SCENARIO, read
+    from spacerobot.scene import load_scene
+    from viz.page.planned import beside_its_plan
+
+    return Played(beside_its_plan(flown, load_scene(folder / SCENARIO), read(folder)[0]), [flown])

@@ -142,12 +142,19 @@ def _pads(scene: Scene) -> list[tuple[str, int, Solid]]:
     shapes = [shape for contact in scene.contacts for pair in contact.pairs for shape in pair]
     found = []
     for shape in dict.fromkeys(shape for shape in shapes if shape.path is not None):
-        frame = scene.model.frames[shape.frame]
-        placement = frame.placement.homogeneous @ shape.placement
-        for geometry, along in _primitives(shape):
-            moved = placement.copy()
-            moved[:3, 3] += along * placement[:3, 2]
-            found.append((frame.name.partition("/")[0], shape.joint, Solid(moved, geometry, PAD)))
+        body = scene.model.frames[shape.frame].name.partition("/")[0]
+        found += [(body, shape.joint, solid) for solid in pad_solids(scene, shape)]
+    return found
+
+
+def pad_solids(scene: Scene, shape: SceneShape) -> list[Solid]:
+    """What is seen of a pad, in the frame of the joint that carries it."""
+    placement = scene.model.frames[shape.frame].placement.homogeneous @ shape.placement
+    found = []
+    for geometry, along in _primitives(shape):
+        moved = placement.copy()
+        moved[:3, 3] += along * placement[:3, 2]
+        found.append(Solid(moved, geometry, PAD))
     return found
 
 
@@ -209,17 +216,17 @@ def sample_motion(
 ) -> Motion:
     """Placements at rows of a result's data; ``stage`` is the scene's, read anew if not given."""
     rows = np.asarray(rows, dtype=np.int64)
-    q = result.data.q.values[rows]
-    return _place(scene, stage or Stage.of(scene), q, result.data.time.values[rows], rows)
+    q, time = result.data.q.values[rows], result.data.time.values[rows]
+    return replace(place(scene, stage or Stage.of(scene), q, time), rows=rows)
 
 
 def initial_motion(scene: Scene) -> Motion:
     """Placements of a scene that has not been simulated yet: one frame at 0 s."""
-    rows = np.zeros(1, dtype=np.int64)
-    return _place(scene, Stage.of(scene), scene.q[None], np.zeros(1), rows)
+    return place(scene, Stage.of(scene), scene.q[None], np.zeros(1))
 
 
-def _place(scene: Scene, stage: Stage, q: Array, time: Array, rows: Rows) -> Motion:
+def place(scene: Scene, stage: Stage, q: Array, time: Array) -> Motion:
+    """Placements of a scene at configurations q (nt, nq) and times (nt,) [s], each a row of its own."""
     nodes, joints = stage.nodes, joint_placements(scene, stage.joints, q)
     moving = [node.joint for node in nodes]
     quaternion = Rotation.from_matrix(joints.rotation[:, moving].reshape(-1, 3, 3)).as_quat()
@@ -229,6 +236,7 @@ def _place(scene: Scene, stage: Stage, q: Array, time: Array, rows: Rows) -> Mot
     mates = [scene.model.frames[grasp.frame] for grasp in scene.grasps]
     points = [joints.points(frame.parentJoint, frame.placement.translation) for frame in mates]
     places = np.stack(points, axis=1) if points else np.zeros((len(q), 0, 3))
+    rows = np.arange(len(q), dtype=np.int64)
     return Motion(nodes, rows, time, joints.origin[:, moving], quaternion, places, joints)
 
 

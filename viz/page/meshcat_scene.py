@@ -71,16 +71,20 @@ class Meshes:
 
     def _solid(self, solid: Solid) -> dict[str, Any]:
         """Kind, size, colour and placement (column by column) of a solid, and its mesh's place."""
-        geometry = solid.geometry
-        data: dict[str, Any] = {
-            "kind": geometry.kind,
-            "size": rounded(geometry.size),
-            "rgba": rounded(solid.rgba),
-            "matrix": rounded(solid.placement.T),
-        }
-        if geometry.kind == "mesh":
-            data["mesh"] = self._places[mesh_file(geometry)]
+        data = solid_data(solid)
+        if solid.geometry.kind == "mesh":
+            data["mesh"] = self._places[mesh_file(solid.geometry)]
         return data
+
+
+def solid_data(solid: Solid) -> dict[str, Any]:
+    """Kind, size, colour and placement (column by column) of a solid."""
+    return {
+        "kind": solid.geometry.kind,
+        "size": rounded(solid.geometry.size),
+        "rgba": rounded(solid.rgba),
+        "matrix": rounded(solid.placement.T),
+    }
 
 
 def poses(motion: Motion) -> Packed:

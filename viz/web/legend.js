@@ -5,7 +5,7 @@ const LAYERS = [
   ["forces", "grip forces on the object", COLOURS.force, "arrow"],
   ["contacts", "contact forces", COLOURS.contact, "arrow"], ["plumes", "plumes of thrusters", COLOURS.plume, "box"],
   ["mates", "tips; ringed while captured", COLOURS.mate, "ring"],
-  ["cloud", "tips of a campaign's samples", "#cfd8e3", "thin"], ["before", "the design before", "#dfe6ee", "box"],
+  ["cloud", "tips of a campaign's samples", "#cfd8e3", "thin"], ["before", "the plan, or the design before", "#dfe6ee", "box"],
   ["ghosts", "where bodies began", "#b9c3ce", "box"], ["magnifier", "tip errors, enlarged", "#8fa3b8", "ring"],
   ["centres", "centres of mass; white: of all", COLOURS.centre, "ring"],
   ["momenta", "linear momenta", COLOURS.momentum, "arrow"],

@@ -34,6 +34,7 @@ class Player {
     this.payload = payload;
     this.words();
     this.signals = new Signals(payload.runs);
+    if (payload.over) this.scene.over = true; // a plan lies under what was flown
     this.scene.load(payload, this.legend.shown);
     this.magnifier.load(this.scene.runs);
     this.legend.load((layer) => this.present(layer));

@@ -47,6 +47,7 @@ function solidGeometry(solid) {
   if (solid.kind === "mesh") return meshes[solid.mesh];
   if (solid.kind === "box") return new THREE.BoxGeometry(size[0], size[1], size[2]);
   if (solid.kind === "sphere") return new THREE.SphereGeometry(size[0], 24, 16);
+  if (solid.kind === "cone") return new THREE.CylinderGeometry(size[1], size[0], size[2], 32, 1, true).rotateX(Math.PI / 2);
   // a URDF's cylinder lies along z, Three's along y
   return new THREE.CylinderGeometry(size[0], size[0], size[1], 32).rotateX(Math.PI / 2);
 }

@@ -1,0 +1,96 @@
+"""Figures of plans, and pages that show a plan beside what was flown of it."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import yaml
+from typer.testing import CliRunner
+
+from optim.planning.make import make_plan
+from optim.planning.plan_file import SCENARIO, read, write
+from spacerobot.cli.app import app
+from spacerobot.errors import ResultError
+from spacerobot.result import load, save
+from spacerobot.scene import load_scene
+from spacerobot.simulation import simulate
+from tests.optim.planning.conftest import REACH
+from viz.figures.plan import plan_constraints, plan_joints
+from viz.page.planned import beside_its_plan
+
+PLAN = REACH["plan"] | {
+    "intervals": 4,
+    "tolerance": 1.0,
+    "duration": 2,
+    "limits": {"torque": 5, "base_rotation_deg": 0.4},
+    "keep_out": {"apart": {"between": ["end", "ball"], "distance": 0.02}},
+    "cones": {"mate": {"tip": "one/tip", "frame": "mate_1", "half_angle_deg": 20, "last": 0.5}},
+}
+PADS = {
+    "ball": {"link": "target/body", "shape": "sphere", "radius": 0.1},
+    "end": {"link": "one/link_3", "shape": "capsule", "radius": 0.05, "length": 0.1},
+}
+
+
+@pytest.fixture(scope="module")
+def folders(tmp_path_factory):
+    """Folders of a plan and of its flight."""
+    home = tmp_path_factory.mktemp("planned")
+    (home / "task.yaml").write_text(yaml.safe_dump(REACH | {"plan": PLAN, "pads": PADS}))
+    write(make_plan(load_scene(home / "task.yaml"), backend="interpreted"), home / "plan")
+    flown = simulate(load_scene(home / "plan" / "followed.yaml"), backend="interpreted")
+    save(flown, home / "flown")
+    return home / "plan", home / "flown"
+
+
+def test_limits_are_drawn_and_active_ones_marked(folders):
+    plan, _ = read(folders[0])
+    turned = plan_constraints(plan).axes[0]
+    marked = [curve.get_ydata() for curve in turned.lines if curve.get_marker() == "s"]
+    np.testing.assert_allclose(np.concatenate(marked), 0.4, rtol=1e-3)
+    assert len(np.concatenate(marked)) > 1
+    greatest = float(np.abs(plan.torque).max())
+    plan.torque_limit[:] = [-greatest, greatest]
+    torques = plan_joints(plan, load(folders[1])).axes[2]
+    dashed = {float(c.get_ydata()[0]) for c in torques.lines if c.get_linestyle() == "--"}
+    assert greatest in np.abs(list(dashed))
+    assert sum(len(c.get_xdata()) for c in torques.lines if c.get_marker() == "s") == 1
+    assert sum(c.get_color() == "black" for c in torques.lines) == 3  # what was flown
+
+
+def test_distances_and_cones_are_drawn_with_their_limits(folders):
+    plan, _ = read(folders[0])
+    titles = [panel.get_title("left") for panel in plan_constraints(plan).axes if panel.get_visible()]
+    assert titles == ["rotation of one's base", "apart: end to ball", "mate: off the cone's axis"]
+    turned = plan.constraint.sel(constraint_name="rotation of one's base").values
+    assert turned.max() == pytest.approx(np.radians(0.4), rel=1e-6)
+    limits = plan.constraint_limit.sel(constraint_name="apart: end to ball").values
+    np.testing.assert_allclose(limits, [0.02, np.inf])
+    assert plan.constraint_begin.values[-1] == pytest.approx(1.0)
+
+
+def test_the_command_plays_a_flight_over_its_plan(folders, tmp_path):
+    plan, flown = map(str, folders)
+    html = tmp_path / "page.html"
+    ran = CliRunner().invoke(app, ["animate", flown, plan, "--html", str(html)])
+    assert ran.exit_code == 0, ran.output
+    assert '"label":"plan"' in html.read_text()
+
+
+def test_a_plan_lies_pale_under_its_flight(folders):
+    flown, (plan, _) = load(folders[1]), read(folders[0])
+    data = beside_its_plan(flown, load_scene(folders[0] / SCENARIO), plan)
+    run, ghost = data["runs"]
+    assert data["over"]
+    assert ghost["pale"]
+    assert "pale" not in run
+    ends = [np.asarray(one["poses"]).reshape(len(one["time"]), -1)[-1] for one in (run, ghost)]
+    np.testing.assert_allclose(ends[1], ends[0], atol=1e-3)
+    kinds = [solid["kind"] for node in run["nodes"] for solid in node["solids"]]
+    assert "cone" in kinds
+    pads = sum(s["rgba"][:3] == pytest.approx([0.85, 0.45, 0.1]) for n in run["nodes"] for s in n["solids"])
+    assert pads == 4  # a ball, and a capsule of three parts
+    assert {q["title"] for q in ghost["quantities"]} == {"joint angle", "joint torque"}
+    other = dataclasses.replace(flown, data=flown.data.isel(configuration=slice(1, None)))
+    with pytest.raises(ResultError, match="was not flown by this plan"):
+        beside_its_plan(other, load_scene(folders[0] / SCENARIO), plan)
