@@ -22,7 +22,7 @@ from viz.page.page import write_animation
 from viz.page.signals import quantities
 from viz.record import write_recording
 from viz.studio.edit import edited, flow
-from viz.studio.plant import Origin
+from viz.studio.plant import Origin, Tell
 
 NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")
 """What a file may be called."""
@@ -31,7 +31,14 @@ RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)
 """What no file may be called on Windows."""
 
 
-def keep(what: str, name: str, folder: Path, origin: Origin, changes: Mapping[str, Any]) -> Path:
+def keep(
+    what: str,
+    name: str,
+    folder: Path,
+    origin: Origin,
+    changes: Mapping[str, Any],
+    tell: Tell = lambda _: None,
+) -> Path:
     """Write a design into a folder.
 
     Parameters
@@ -44,6 +51,8 @@ def keep(what: str, name: str, folder: Path, origin: Origin, changes: Mapping[st
         Where; nothing is written elsewhere.
     origin, changes
         The design.
+    tell
+        Told in words how far it is, where it takes a while.
 
     Raises
     ------
@@ -58,7 +67,7 @@ def keep(what: str, name: str, folder: Path, origin: Origin, changes: Mapping[st
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as fault:
         raise ResultError(f"cannot be made: {fault.strerror}", source=folder) from None
-    KINDS[what](path, scene, origin, changes)
+    KINDS[what](path, scene, origin, changes, tell)
     return path
 
 
@@ -107,7 +116,7 @@ def _ending(what: str) -> str:
     return "html" if what == "page" else what
 
 
-def _scenario(path: Path, scene: Scene, origin: Origin, changes: Mapping[str, Any]) -> None:
+def _scenario(path: Path, scene: Scene, origin: Origin, changes: Mapping[str, Any], _: Tell) -> None:
     """The file that the scenario came from with what changed, if that reads back to the same scene."""
     pairs = dict([*origin.given, *changes.items()])
     source = origin.scene.source
@@ -148,8 +157,8 @@ def _page(path: Path, scene: Scene, *_: Any) -> None:
     write_animation(path, simulate(scene))
 
 
-def _recording(path: Path, scene: Scene, *_: Any) -> None:
-    write_recording(path, simulate(scene))
+def _recording(path: Path, scene: Scene, _: Origin, __: Mapping[str, Any], tell: Tell) -> None:
+    write_recording(path, simulate(scene), progress=tell)
 
 
 def _csv(path: Path, scene: Scene, *_: Any) -> None:

@@ -332,7 +332,12 @@ class Session:
 
     def _save(self, page: Page, request: Request) -> None:
         what = request.text("what", tuple(SAVED))
-        path = keep(what, request.text("name"), self.folder, self.origin, self.plants.changes(request.values))
+        changes = self.plants.changes(request.values)
+
+        def tell(words: str) -> None:
+            self._send(page, {"type": "saving", "what": what, "words": words})
+
+        path = keep(what, request.text("name"), self.folder, self.origin, changes, tell)
         self._send(
             page, {"type": "saved", "what": what, "path": str(path), "command": self._command(request)}
         )

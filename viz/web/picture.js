@@ -1,4 +1,5 @@
 // The view as files: one picture (PNG), or the motion (GIF). Encoded here; nothing is asked of any network.
+const VIDEO = { width: 1280, kinds: ["video/mp4;codecs=avc1", "video/mp4", "video/webm;codecs=vp9", "video/webm"], bitsPerSecond: 6e6 };
 const FILM = { width: 640, perSecond: 12.5, longest: 10, samples: 8 }; // px, 1/s, s, pictures that the colours are chosen by
 
 class Camera {
@@ -63,6 +64,35 @@ class Camera {
       if (!going()) return;
     }
     saveBlob(gif.finish(), `${name}.gif`);
+  }
+
+  // The same as a video, as this browser writes it, recorded while it plays: a slow computer leaves out pictures.
+  async saveVideo(name, { duration, speed, tell, going }) {
+    const kind = VIDEO.kinds.find((one) => MediaRecorder.isTypeSupported(one)), lasts = Math.min(FILM.longest, duration / speed);
+    const width = 2 * Math.floor(Math.min(VIDEO.width, this.scene.pane.clientWidth) / 2), canvas = element("canvas");
+    const show = (share) => {
+      this.seek(share * duration);
+      const picture = this.take(width);
+      canvas.getContext("2d").drawImage(picture, 0, 0);
+      return picture;
+    };
+    [canvas.width, canvas.height] = [width, 2 * (show(0).height >> 1)]; // encoders want even numbers
+    show(0);
+    const recorder = new MediaRecorder(canvas.captureStream(), { mimeType: kind, videoBitsPerSecond: VIDEO.bitsPerSecond }), parts = [];
+    const ended = new Promise((resume) => { recorder.onstop = resume; });
+    recorder.ondataavailable = ({ data }) => parts.push(data);
+    recorder.start();
+    const begin = performance.now();
+    for (let share = 0; share < 1 && going();) {
+      await new Promise((resume) => requestAnimationFrame(resume));
+      share = Math.min(1, (performance.now() - begin) / 1000 / lasts);
+      show(share);
+      tell(`recording: ${Math.round(100 * share)} %`);
+    }
+    await new Promise((resume) => setTimeout(resume, 500)); // the last picture stays a moment
+    recorder.stop();
+    await ended;
+    if (going()) saveBlob(new Blob(parts, { type: kind }), `${name}.${kind.includes("mp4") ? "mp4" : "webm"}`);
   }
 }
 

@@ -193,19 +193,20 @@ class Player {
     this.labels.place(this.scene.viewer.camera, this.scene.pane, this.scene.boxes, this.payload.planar, shown);
   }
 
-  async film() {
+  // ``save``: the camera's way to do so; the button that asked for it stops it.
+  async film(button, save) {
     if (this.filming) { this.filming = false; return; }
-    const { time, duration, speed } = this.timeline;
+    const { time, duration, speed } = this.timeline, name = button.textContent;
     this.filming = true;
     this.timeline.pause();
-    $("film").textContent = "stop GIF";
+    button.textContent = `stop ${name}`;
     try {
-      await this.camera.saveFilm(this.fileName, {
+      await save(this.fileName, {
         duration, speed, tell: (text) => { this.place(); this.busy.say(text); }, going: () => this.filming,
       });
     } finally {
       this.filming = false;
-      $("film").textContent = "GIF";
+      button.textContent = name;
       this.busy.end();
       this.timeline.seek(time);
     }
@@ -221,7 +222,9 @@ class Player {
     $("follow").addEventListener("change", () => this.view(() => this.scene.follow($("follow").value)));
     $("reset").addEventListener("click", () => this.view(() => this.scene.arrange()));
     $("picture").addEventListener("click", () => this.camera.savePicture(this.fileName));
-    $("film").addEventListener("click", () => this.film());
+    $("film").addEventListener("click", () => this.film($("film"), (...how) => this.camera.saveFilm(...how)));
+    $("video").addEventListener("click", () => this.film($("video"), (...how) => this.camera.saveVideo(...how)));
+    $("video").hidden = !window.MediaRecorder;
     $("nearer").addEventListener("click", () => this.chart.zoom(1.5));
     $("farther").addEventListener("click", () => this.chart.zoom(1 / 1.5));
     $("earlier").addEventListener("click", () => this.chart.pan(-0.25));

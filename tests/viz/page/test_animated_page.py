@@ -126,8 +126,8 @@ def test_names_stand_on_the_robots_and_errors_are_enlarged(browser, paper, tmp_p
 def test_everything_can_be_reached_on_a_phone(browser, blind, paper, tmp_path):
     page = _show(browser, tmp_path / "page.html", animation_page(blind, paper), "#t=5", (360, 740))
     page.evaluate("document.getElementById('more').click()")
-    ids = ("play", "scrub", "speed", "signals", "legend")
-    for name in (*ids, "arrange", "look", "follow", "reset", "picture", "film"):
+    ids = ("play", "scrub", "speed", "signals", "paneling", "legend")
+    for name in (*ids, "arrange", "look", "follow", "reset", "picture", "film", "video"):
         left, top, right, bottom = page.evaluate(EDGES.replace("ID", name))
         assert 0 <= left < right <= 360, name
         assert 0 <= top < bottom <= 740, name

@@ -254,7 +254,11 @@ def test_a_picture_and_a_film_of_the_view_are_saved(shown, paper, tmp_path):
     assert frames[5].shape == image.shape
     assert np.abs(frames[5] - image).mean() < 8  # 2 s: the picture's own moment
     assert np.abs(frames[-1] - frames[0]).max() > 100
-    assert page.evaluate("document.body.dataset.time") == "2.000"
+    page.evaluate("document.getElementById('video').click()")
+    video = _saved(folder, "*.[mw][pe][4b]*").read_bytes()
+    assert video[4:8] == b"ftyp" or video[:4] == b"\x1a\x45\xdf\xa3"  # MP4, or WebM
+    assert len(video) > 5000
+    page.wait_for("document.body.dataset.time === '2.000'")
     assert page.evaluate("document.getElementById('busy').hidden")
     assert page.errors == []
     assert [url for url in page.requests if not url.startswith(("file:", "data:", "blob:"))] == []

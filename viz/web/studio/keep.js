@@ -1,6 +1,6 @@
 // Ways to keep the design: files beside the scenario, written by the server, and the command that runs it again.
 const SAVES = {
-  scenario: "scenario file", result: "result folder", page: "HTML page", gif: "GIF", mp4: "MP4", csv: "CSV of all curves",
+  scenario: "scenario file", result: "result folder", page: "HTML page", gif: "GIF drawing", mp4: "MP4 drawing", csv: "CSV of all curves",
 };
 
 class Keep {
@@ -18,12 +18,12 @@ class Keep {
     this.root.querySelector(".folder").textContent = `Files go to ${folder}.`;
     this.root.querySelector(".saves").replaceChildren(...saves.map((what) => (
       button(SAVES[what] || what, `Save as ${SAVES[what] || what}`, () => this.save(what))
-    )), ...["picture", "plot"].map((own) => this.own(own)));
+    )), ...["picture", "film", "video", "plot"].map((own) => this.own(own)));
   }
 
   // What the page saves by itself, by the button that does so elsewhere on it.
   own(id) {
-    const text = { picture: "PNG of the view", plot: "PNG of the curves" }[id], made = button(text, `Save a ${text}`, () => $(id).click());
+    const text = { picture: "PNG of the view", film: "GIF of the view", video: "video of the view", plot: "PNG of the curves" }[id], made = button(text, `Save a ${text}`, () => $(id).click());
     made.dataset.saves = id;
     return made;
   }

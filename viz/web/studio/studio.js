@@ -35,6 +35,7 @@ class Studio {
       compiling: () => this.compiles(message),
       gradient: () => this.sloped(message),
       job: () => this.jobs.hear(message),
+      saving: () => this.keep.say(message.words),
       saved: () => this.keep.saved(message),
       command: () => this.keep.show(message.text, true),
     }[message.type];
