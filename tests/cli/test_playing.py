@@ -14,23 +14,11 @@ from tests.oracles import one_arm
 
 @pytest.fixture(scope="module")
 def arm(tmp_path_factory):
-    """A folder with a scenario as a plan leaves it, and its result."""
+    """A folder that holds a result, and that."""
     folder = tmp_path_factory.mktemp("played")
-    file = one_arm.write(folder)
-    file.rename(folder / "followed.yaml")
-    result = simulate(load_scene(folder / "followed.yaml"))
+    result = simulate(load_scene(one_arm.write(folder)))
     save(result, folder / "alone")
     return folder, result
-
-
-def test_a_plan_is_played_as_it_is_followed(arm):
-    folder, result = arm
-    played = to_play([folder], lambda _: None)
-    assert played.data["title"] == "small: the plan, followed"
-    values = played.data["panel"]["designs"][0]["values"]
-    peak = max(max(-axis["min_m"], axis["max_m"]) for axis in result.summary["tip_error"]["arm/tip"].values())
-    assert played.data["panel"]["metrics"][0]["key"] == "tip_error_peak"
-    assert values[0] <= 1e3 * peak
 
 
 def test_a_comparison_is_played_by_its_designs_the_untuned_one_first(arm, tmp_path):

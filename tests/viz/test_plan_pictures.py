@@ -9,7 +9,9 @@ from typer.testing import CliRunner
 
 from optim.planning.make import make_plan
 from optim.planning.plan_file import SCENARIO, read, write
+from spacerobot import simulation
 from spacerobot.cli.app import app
+from spacerobot.cli.playing import to_play
 from spacerobot.errors import ResultError
 from spacerobot.result import load, save
 from spacerobot.scene import load_scene
@@ -69,12 +71,16 @@ def test_distances_and_cones_are_drawn_with_their_limits(folders):
     assert plan.constraint_begin.values[-1] == pytest.approx(1.0)
 
 
-def test_the_command_plays_a_flight_over_its_plan(folders, tmp_path):
+def test_a_flight_is_played_over_its_plan(folders, tmp_path, monkeypatch):
     plan, flown = map(str, folders)
     html = tmp_path / "page.html"
     ran = CliRunner().invoke(app, ["animate", flown, plan, "--html", str(html)])
     assert ran.exit_code == 0, ran.output
     assert '"label":"plan"' in html.read_text()
+    monkeypatch.setattr(simulation, "simulate", lambda *_, **__: load(folders[1]))
+    played = to_play([folders[0]], lambda _: None)
+    assert played.data["title"] == "reach: the plan, followed"
+    assert played.data["panel"]["metrics"][0]["key"] == "tip_error_peak"
 
 
 def test_a_plan_lies_pale_under_its_flight(folders):

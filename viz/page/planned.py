@@ -16,8 +16,8 @@ from spacerobot.result import Result
 from spacerobot.scenario.plan import Cone, Planning
 from spacerobot.scene import Scene
 from spacerobot.scene.contacts import find_pairs
-from viz.drawing.motion import Motion, Solid, Stage, pad_solids, place
-from viz.page.animation import FRAMES_PER_S, look_at, shown_data
+from viz.drawing.motion import Motion, Solid, Stage, pad_solids, place, scene_nodes
+from viz.page.animation import FRAMES_PER_S, animation
 from viz.page.meshcat_scene import packed, poses, rounded, solid_data
 
 CONE = (0.55, 0.8, 1.0, 0.25)
@@ -45,8 +45,7 @@ def beside_its_plan(flown: Result, scene: Scene, plan: xr.Dataset) -> dict[str, 
     """
     if flown.data.q.shape[1] != plan.q.shape[1]:
         raise ResultError("was not flown by this plan: its bodies are others", source=flown.folder)
-    shown = look_at(flown, "flown")
-    data = shown_data([shown], autoplay=True)
+    data = animation(flown, title=f"{flown.scenario.name}: the plan, followed")
     (run,) = data["runs"]
     motion = _motion(scene, plan)
     ghost = run | {
@@ -64,7 +63,7 @@ def beside_its_plan(flown: Result, scene: Scene, plan: xr.Dataset) -> dict[str, 
     marked = _marks(scene, float(data["scale"]))
     nodes = [
         node | {"solids": [*node["solids"], *marked.get(own.joint, ())]}
-        for node, own in zip(run["nodes"], shown.motion.nodes, strict=True)
+        for node, own in zip(run["nodes"], scene_nodes(flown.scene()), strict=True)
     ]
     return data | {"runs": [run | {"nodes": nodes}, ghost], "over": True}
 
