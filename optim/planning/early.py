@@ -27,13 +27,15 @@ INSTANTS = 100
 
 
 def check_start(problem: Problem) -> None:
-    """Refuse a start that violates its own limits.
+    """Refuse a start that is given and violates its own limits.
 
     Raises
     ------
     ScenarioError
         Naming the limit.
     """
+    if problem.begin is not None:
+        return
     scene, driven = problem.stage.scene, problem.stage.driven
     model = scene.model
     for joint in driven.joints:
@@ -121,7 +123,7 @@ def check_reach(problem: Problem, plan: Planning, tips: dict[str, SceneTip]) -> 
     ScenarioError
         With both distances.
     """
-    if plan.limits.base_force or problem.stage.grips:
+    if plan.limits.base_force or problem.stage.grips or problem.begin is not None:
         return
     scene = problem.stage.scene
     least, greatest, _ = problem.duration

@@ -14,6 +14,7 @@ import numpy as np
 from optim.planning.formulate import plan_of
 from optim.planning.gains import base_gains, tracking_gains
 from optim.planning.make import Planned
+from optim.planning.replay import joint_angle
 from spacerobot.elements import Reference
 from spacerobot.elements.references.rendezvous import Rendezvous
 from spacerobot.scenario import Scenario
@@ -43,6 +44,7 @@ def following(planned: Planned) -> Scenario:
     document["plan"] = None
     named = {side for contact in scenario.contacts.values() for side in contact.between}
     document["pads"] = {name: pad for name, pad in document["pads"].items() if name in named}
+    _begin(planned, document)
     if flown_phase(scenario):
         return validate(_in_phases(planned, document))
     document["simulation"]["duration"] = planned.motion.duration_s
@@ -52,6 +54,28 @@ def following(planned: Planned) -> Scenario:
         for tip in robot["tips"].values():
             tip["controllers"] = {}
     return validate(document)
+
+
+def _begin(planned: Planned, document: Document) -> None:
+    """Put robots, in place, where the plan begins, as far as it was free to find that."""
+    scene, q = planned.scene, planned.motion.q[0]
+    for name, room in plan_of(scene).start.items():
+        body, robot = scene.body(name), document["robots"][name]
+        for joint in body.driven_joints:
+            own = robot["joints"][body.joint_name(scene.model, joint)]
+            position = joint_angle(scene.model.joints[joint], q)
+            if own["angle_deg"] is not None:
+                own["angle_deg"] = float(np.degrees(position))
+            elif own["offset"] is not None:
+                own["offset"] = position
+        if room.places:
+            first = int(scene.model.idx_qs[body.root_joint])
+            place = robot["base"]["position"]
+            axes = 2 if scene.model.nvs[body.root_joint] == 3 else 3
+            robot["base"]["position"] = [*map(float, q[first : first + axes]), *place[axes:]]
+            if room.rotation_deg:
+                angle = float(np.degrees(np.arctan2(q[first + 3], q[first + 2])))
+                robot["base"]["rotation_deg"] = [*robot["base"]["rotation_deg"][:2], angle]
 
 
 def _in_phases(planned: Planned, document: Document) -> Document:

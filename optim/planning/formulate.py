@@ -8,6 +8,7 @@ from optim.planning.costs import cost_terms
 from optim.planning.goals import goal_rows
 from optim.planning.limits import instant_limits, path_rows, what_drives
 from optim.planning.stage import Problem, Stage
+from optim.planning.start import beginnings
 from spacerobot.errors import ScenarioError
 from spacerobot.scenario.plan import Planning
 from spacerobot.scene import Scene
@@ -49,15 +50,18 @@ def formulate(scene: Scene) -> Problem:
     goals = [row for name, goal in plan.goals.items() for row in goal_rows(stage, name, goal)]
     terms = cost_terms(stage, plan.costs)
     span = plan.duration
+    fixed = np.concatenate([scene.q, close_velocity(scene) if stage.grips else scene.v])
+    begin, beginning = beginnings(stage, plan, fixed, (lower, upper))
     return Problem(
         stage=stage,
-        path=tuple(path_rows(stage, plan)),
+        path=(*path_rows(stage, plan), *beginning),
         goal=tuple(goals),
         terms=terms,
         weights={name: getattr(plan.costs, name) for name in (*terms, "time")},
         lower=lower,
         upper=upper,
         duration=(span.lower, span.upper, span.guess or (span.lower + span.upper) / 2),
-        fixed=np.concatenate([scene.q, close_velocity(scene) if stage.grips else scene.v]),
+        fixed=fixed,
         tolerance=plan.tolerance,
+        begin=begin,
     )

@@ -33,7 +33,7 @@ def goal_rows(stage: Stage, name: str, goal: Goal) -> list[Row]:
         body = find_still(scene, goal, where)
         rows = list(_at_rest(stage, body))
     elif goal.joints:
-        body = _robot(scene, str(goal.robot), where)
+        body = find_robot(scene, str(goal.robot), f"{where}.robot")
         rows = list(_posture(stage, body, goal, where))
     else:
         tip = find_tip(scene, str(goal.tip), f"{where}.tip")
@@ -186,11 +186,18 @@ def _joint_row(stage: Stage, name: str, joint: int, end: End) -> Row:
     return _zero(f"position of {name}", "rad or m", q - wanted)
 
 
-def _robot(scene: Scene, name: str, where: str) -> SceneBody:
+def find_robot(scene: Scene, name: str, where: str) -> SceneBody:
+    """Robot by its name.
+
+    Raises
+    ------
+    ScenarioError
+        If there is none; the near names are listed.
+    """
     robots = {body.name: body for body in scene.robots}
     if name not in robots:
         raise ScenarioError(
-            f"no robot {name!r}; {near_names(name, robots)}", source=scene.source, where=f"{where}.robot"
+            f"no robot {name!r}; {near_names(name, robots)}", source=scene.source, where=where
         )
     return robots[name]
 

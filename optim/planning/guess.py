@@ -80,7 +80,8 @@ def stretched(motion: Motion, problem: Problem, duration: float) -> Motion:
         v, a = after[1][k] + (v - before[1][k]) / share, a / share**2
         z[k] = np.concatenate([q, v, a, u if share == 1.0 else _drive(problem, q, v, a), w])
     z = np.clip(z, problem.lower, problem.upper)
-    z[0, : problem.fixed.size] = problem.fixed
+    size = problem.fixed.size
+    z[0, :size] = np.clip(z[0, :size], *problem.start)
     return Motion(problem, motion.lobatto, motion.intervals, duration, z)
 
 

@@ -104,7 +104,8 @@ class Motion:
         """The same motion on another mesh."""
         inner = self.at(intervals, lobatto.nodes[:-1])
         z = np.vstack([inner, self.at(1, np.array([1.0]))])
-        z[0, : self.problem.fixed.size] = self.problem.fixed
+        size = self.problem.fixed.size
+        z[0, :size] = np.clip(z[0, :size], *self.problem.start)
         return Motion(self.problem, lobatto, intervals, self.duration_s, z)
 
 

@@ -99,10 +99,10 @@ class Program:
         return w[:-1].reshape(self.points, self.nz), float(w[-1])
 
     def bounds(self) -> tuple[Array, Array]:
-        """Least and greatest unknowns: the start is fixed, and the duration if it is given."""
+        """Least and greatest unknowns: the start is fixed, as far as it is given, and so is the duration."""
         problem = self.problem
         lower, upper = (np.tile(side, (self.points, 1)) for side in (problem.lower, problem.upper))
-        lower[0, : self.nx] = upper[0, : self.nx] = problem.fixed
+        lower[0, : self.nx], upper[0, : self.nx] = problem.start
         least, greatest, _ = problem.duration
         return np.append(lower, least), np.append(upper, greatest)
 
@@ -114,7 +114,7 @@ class Program:
             at = np.zeros((self.points, self.per_point))
             for k, row in enumerate(self.problem.path):
                 free = np.inf if key == "upper" else -np.inf
-                held = share >= first_held(self.lobatto, self.intervals, row.last) - 1e-12
+                held = row.held(share, first_held(self.lobatto, self.intervals, row.last))
                 at[:, self.nv + k] = np.where(held, getattr(row, key), free)
             goal = [getattr(row, key) for row in self.problem.goal]
             sides.append(np.concatenate([np.zeros(self.defects), at.ravel(), goal]))

@@ -138,7 +138,7 @@ def replays(motion: Motion, backend: str = "auto") -> tuple[Array, Array]:
     feedback = np.array([[gains[robot][key] for robot in robots] for key in ("kp", "kd")]).ravel()
     found = []
     for given in (0 * feedback, feedback):
-        states = [problem.fixed]
+        states = [np.concatenate([motion.q[0], motion.v[0]])]
         for n in range(motion.intervals):
             p = np.concatenate([states[-1], [length], given, _interval(motion, n)])
             states.append(np.array(rollout.run(p).state[-1]))

@@ -45,6 +45,10 @@ def search(bench: Bench, ask: Ask) -> Attempt:
     return Attempt(tuple(run.solves), solved, intervals, run.cost, verdict, run.blame)
 
 
+NOTHING = 1e-12
+"""Cost that counts as none."""
+
+
 class _Search:
     """Runs of the solver, one after the other."""
 
@@ -115,7 +119,9 @@ class _Search:
             bench.tell(f"{words}, iteration {iteration}, cost {cost:.4g}, violation {violation:.1e}")
 
         first = motion.unknowns
-        scale = self.cost if np.isfinite(self.cost) else max(program.objective(first), 1e-12)
+        guessed = program.objective(first)
+        known = self.cost if np.isfinite(self.cost) else guessed
+        scale = known if known > NOTHING else 1.0  # a guess that costs nothing tells no size
         solved = solve(program, first, warm, scale=scale, iterations=bench.plan.iterations, told=told)
         cost, converged = program.objective(solved.w), solved.converged
         self.solves.append(

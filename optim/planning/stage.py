@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
+import numpy.typing as npt
 
 from optim.planning.grips import axes_of, held, slip
 from spacerobot.arrays import Array
@@ -162,6 +163,8 @@ class Row:
         Part of the duration, at its end, for which it must hold.
     scale
         What a violation of one means in that unit.
+    first
+        Whether it must hold at the first instant alone.
     size
         Of the limit, in that unit, where violations between the points count relative to it.
     """
@@ -174,6 +177,11 @@ class Row:
     last: float = 1.0
     scale: float = 1.0
     size: float | None = None
+    first: bool = False
+
+    def held(self, share: Array, begins: float) -> npt.NDArray[np.bool_]:
+        """At which parts of the duration it must hold, where its last part begins at one of them."""
+        return np.asarray(share == 0 if self.first else share >= begins - 1e-12)
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,9 +205,11 @@ class Problem:
     duration
         Least, greatest and first guess of the duration [s].
     fixed
-        Where the motion begins: q and v (nq + nv,).
+        Where the motion begins: q and v (nq + nv,), or where it is looked for first.
     tolerance
         Greatest replay error of a tip [m].
+    begin
+        Least and greatest q and v at the start, where that is free (nq + nv,) each.
     """
 
     stage: Stage
@@ -212,6 +222,12 @@ class Problem:
     duration: tuple[float, float, float]
     fixed: Array
     tolerance: float
+    begin: tuple[Array, Array] | None = None
+
+    @property
+    def start(self) -> tuple[Array, Array]:
+        """Least and greatest q and v at the start (nq + nv,) each."""
+        return (self.fixed, self.fixed) if self.begin is None else self.begin
 
     @property
     def cost(self) -> ca.SX:

@@ -187,7 +187,8 @@ def between_points(motion: Motion) -> Iterator[Violation]:
         rows = ca.densify(ca.vertcat(*(row.value for row in problem.path)))
         values = np.array(ca.Function("path", [problem.stage.z], [rows])(z.T).full())
         for row, found in zip(problem.path, values, strict=True):
-            held = time >= first_held(motion.lobatto, motion.intervals, row.last) * motion.duration_s - 1e-12
+            begins = first_held(motion.lobatto, motion.intervals, row.last)
+            held = row.held(time / motion.duration_s, begins)
             allowed = ABSOLUTE if row.size is None else RELATIVE * row.size
             limits = (row.lower * row.scale, row.upper * row.scale)
             yield from _worst(row.name, row.unit, found[held] * row.scale, limits, time[held], allowed)

@@ -102,6 +102,44 @@ class Goal(Section):
         return self.frame is None if self.rest is None else self.rest
 
 
+class Room(Section):
+    """How far from the scenario's own position a joint may begin, to both sides."""
+
+    angle_deg: float | None = quantity("deg", "of a revolute or continuous joint", default=None, gt=0)
+    offset: float | None = quantity("m", "of a prismatic joint", default=None, gt=0)
+
+    @model_validator(mode="after")
+    def _check(self) -> Room:
+        if (self.angle_deg is None) == (self.offset is None):
+            raise ValueError("give either `angle_deg` or `offset`")
+        return self
+
+
+class Beginning(Section):
+    """Where a robot may begin: what of its posture and its base's placement is to be found too."""
+
+    joints: dict[str, Room] = Field(
+        default={}, description="joints that may begin elsewhere, by name; `*` stands for any letters"
+    )
+    position: Vector = quantity(
+        "m", "how far a floating base may begin from its place along each world axis", default=(0.0, 0.0, 0.0)
+    )
+    rotation_deg: float = quantity(
+        "deg", "how far a planar base may begin turned, to both sides", default=0.0, ge=0, lt=180
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> Beginning:
+        if min(self.position) < 0:
+            raise ValueError("position: found a distance below 0")
+        return self
+
+    @property
+    def places(self) -> bool:
+        """Whether the base may begin elsewhere."""
+        return any(self.position) or bool(self.rotation_deg)
+
+
 class Costs(Section):
     """What is to become small: a sum of these, each with its weight."""
 
@@ -210,6 +248,9 @@ class Planning(Section):
 
     duration: Span = quantity("s", "duration, or the limits between which it is free")
     goals: dict[Name, Goal] = Field(min_length=1, description="what holds at the end, by name")
+    start: dict[Name, Beginning] = Field(
+        default={}, description="by robot: where it may begin, as far as that is to be found"
+    )
     costs: Costs = Field(description="what is to become small")
     limits: Bounds = Field(default=Bounds(), description="what must hold at all times")
     keep_out: dict[Name, KeepOut] = Field(default={}, description="what stays apart, by name")
