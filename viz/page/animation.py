@@ -203,7 +203,7 @@ def run_data(shown: Shown) -> dict[str, Any]:
         "masses": mass_data(result, shown.scene, motion),
         "events": event_data(result),
         "fine_time": packed(data.time.values[finer]),
-        "errors": [packed(error[:, k]) for k in range(len(tips))],
+        "errors": [packed(error[:, k]) if tip in result.led_tips else None for k, tip in enumerate(tips)],
         "quantities": signal_data(shown_over_time, finer, joint_limits(shown.scene)),
     }
 

@@ -21,6 +21,9 @@ LABELS = {
     "miss_distance": ("miss distance", "least distance of a tip from what it shall grip"),
     "impulse": ("impulse", "what all impacts together gave the target"),
     "event_energy": ("energy lost in events", "energy that impacts and springs let go take"),
+    "attitude_error_peak": ("attitude error", "largest attitude error of a base that is held"),
+    "wheel_momentum_peak": ("momentum of wheels", "largest momentum of a base's wheels together"),
+    "propellant": ("propellant", "what thrusters spend"),
 }
 """Quantities of results, in the order in which they are told: what people call each, and what it is."""
 
@@ -57,7 +60,7 @@ def _metrics(result: Result) -> Iterator[tuple[str, tuple[float | None, str]]]:
     """Value and unit of each quantity that a result has; of a diverged one no value."""
     summary, done = result.summary, result.completed
     rows: list[tuple[str, float, str]] = []
-    errors = summary["tip_error"].values()
+    errors = [summary["tip_error"][tip] for tip in result.led_tips]
     if errors:
         peaks = [
             max(-axis["min_m"], axis["max_m"]) for tip in errors for k, axis in tip.items() if k != "norm"
@@ -74,6 +77,14 @@ def _metrics(result: Result) -> Iterator[tuple[str, tuple[float | None, str]]]:
         rows.append(("joint_torque_peak", torque["torque_n_m"], torque["unit"]))
     if summary["greatest_grip"]["grasp"] is not None:
         rows.append(("grip_force_peak", summary["greatest_grip"]["force_n"], "N"))
+    if "attitude_error" in summary:
+        worst = max(error["max_deg"] for error in summary["attitude_error"].values())
+        rows.append(("attitude_error_peak", worst, "deg"))
+    if "wheel_momentum" in result.data:
+        size = np.linalg.norm(result.data.wheel_momentum.dropna("body", how="all"), axis=-1)
+        rows.append(("wheel_momentum_peak", size.max(), "N m s"))
+    if "propellant_kg" in summary:
+        rows.append(("propellant", 1e3 * sum(summary["propellant_kg"].values()), "g"))
     captured = [event["time_s"] for event in summary.get("events", ()) if event["kind"] == "captured"]
     if captured:
         rows.append(("capture_time", max(captured), "s"))
@@ -82,9 +93,9 @@ def _metrics(result: Result) -> Iterator[tuple[str, tuple[float | None, str]]]:
 
 
 def _rms(result: Result) -> float:
-    """Root of the time's mean of the squared errors of all tips together, m."""
+    """Root of the time's mean of the squared errors of all tips that are led together, m."""
     time = result.data.time.values
-    squares = (result.data.tip_error.values**2).sum(axis=(1, 2))
+    squares = (result.data.tip_error.sel(tip=result.led_tips).values ** 2).sum(axis=(1, 2))
     return float(np.sqrt(np.trapezoid(squares, time) / (time[-1] - time[0]))) if len(time) > 1 else 0.0
 
 

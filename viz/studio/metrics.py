@@ -28,6 +28,7 @@ TOTALS: Mapping[str, Callable[[ca.SX], ca.SX]] = {
     "tip_error_rms": _together,
     "impulse": ca.sum1,
     "event_energy": ca.sum1,
+    "propellant": ca.sum1,
 }
 """How the places of a quantity become one, where that is not the largest."""
 
@@ -161,4 +162,4 @@ def _singles(columns: Sequence[Column], duration_s: float) -> list[Metric]:
 
 
 def _told(unit: str) -> tuple[str, float]:
-    return ("mm", MILLIMETRES) if unit == "m" else (unit, 1.0)
+    return {"m": ("mm", MILLIMETRES), "kg": ("g", 1e3)}.get(unit, (unit, 1.0))

@@ -13,7 +13,7 @@ class Magnifier {
     let greatest = 0;
     for (const { run, errors } of this.runs) {
       const kept = run.data.completed ? 1 : 0.8;
-      for (const values of errors) {
+      for (const values of errors.filter(Boolean)) {
         for (let i = 0; i + 2 < kept * values.length; i += 3) {
           greatest = Math.max(greatest, Math.hypot(values[i], values[i + 1], values[i + 2]) || 0);
         }
@@ -52,6 +52,7 @@ class Magnifier {
     this.runs.forEach(({ run, errors }, r) => {
       const [last] = locate(run.fineTime, time);
       errors.forEach((values, k) => {
+        if (!values) return;
         // an error is reference minus position: the tip lies on the other side
         const at = (i) => {
           error.set(-values[3 * i], -values[3 * i + 2], values[3 * i + 1]);

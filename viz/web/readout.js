@@ -15,6 +15,7 @@ class Readout {
     runs.forEach((run, r) => {
       if (runs.length > 1) rows.push(this.heading(run.data.label, colours && colours[r]));
       run.data.tip_names.forEach((name, k) => {
+        if (!run.errors[k]) return;
         const row = element("div", undefined, "tip"), value = element("b");
         row.append(mark(tipColour(k)), `${name} error `, value);
         rows.push(row);

@@ -38,7 +38,7 @@ class Run {
     this.thrusts = floats(data.plumes.forces);
     this.nozzles = floats(data.plumes.points);
     this.fineTime = floats(data.fine_time);
-    this.errors = data.errors.map(floats);
+    this.errors = data.errors.map((values) => values && floats(values)); // null: a tip that nothing leads
     this.centres = floats(data.masses.centres);
     this.momenta = floats(data.masses.momenta);
   }

@@ -96,7 +96,12 @@ def test_figures_are_drawn_where_they_apply(fired):
 
 def test_where_nothing_leads_a_tip_bases_come_first_and_no_tip_error_is_shown(fired):
     unled = Result(fired.scenario, fired.data, {**fired.summary, "unled_tips": ["one/tip", "two/tip"]})
-    shown = [[q["title"] for q in animation(one)["runs"][0]["quantities"]] for one in (fired, unled)]
+    pages = [animation(one) for one in (fired, unled)]
+    shown = [[q["title"] for q in page["runs"][0]["quantities"]] for page in pages]
+    assert pages[1]["runs"][0]["errors"] == [None, None]
+    told = [{m["key"] for m in page["panel"]["metrics"]} for page in pages]
+    assert told[0] - told[1] == {"tip_error_peak", "tip_error_rms"}
+    assert {"propellant", "attitude_error_peak"} <= told[1]
     assert shown[0][0] == "tip error"
     assert shown[1][0] == "attitude error of bases by axis"
     assert set(shown[0]) - set(shown[1]) == {
