@@ -187,15 +187,20 @@ class Builder:
 
     def _actuators(self, body: SceneBody, own: Mapping[str, Actuator]) -> list[Contribution]:
         """Of a robot's actuators, in their order; what unloads wheels sees the momentum of the others'."""
-        built = {key: one.build(self._actuator(body, key)) for key, one in own.items() if not one.unloads}
+        built = {
+            key: one.build(self._actuator(body, key, one)) for key, one in own.items() if not one.unloads
+        }
         wheels = sum((momentum for part in built.values() for momentum in part.wheels), ca.SX(3, 1))
         for key, one in own.items():
             if one.unloads:
-                built[key] = one.build(replace(self._actuator(body, key), wheels=wheels))
+                built[key] = one.build(replace(self._actuator(body, key, one), wheels=wheels))
         return [built[key] for key in own]
 
-    def _actuator(self, body: SceneBody, key: str) -> ActuatorContext:
+    def _actuator(self, body: SceneBody, key: str, actuator: Actuator) -> ActuatorContext:
         model = self.plant.model
+        columns = {body.joint_name(model, joint): int(model.idx_vs[joint]) for joint in body.free_joints}
+        own = actuator.owns(tuple(columns))
+        others = {body.joint_name(model, joint) for joint in body.owned}.difference(own)
         first = int(model.idx_vs[body.root_joint])
         return ActuatorContext(
             self.context.at(f"{body.path}.{key}"),
@@ -203,7 +208,7 @@ class Builder:
             self.start,
             robot=body.name,
             path=body.path,
-            columns={body.joint_name(model, joint): int(model.idx_vs[joint]) for joint in body.free_joints},
+            columns={name: column for name, column in columns.items() if name not in others},
             base_frame=body.root_frame,
             base_columns=tuple(range(first, first + int(model.nvs[body.root_joint])))
             if body.root_joint

@@ -218,7 +218,7 @@ class ActuatorContext:
     robot, path
         The robot's name and its dotted path.
     columns
-        Places in v of its free joints, by the joint's name.
+        Places in v of its free joints, by the joint's name; none that another actuator owns.
     base_frame
         Of the robot's root link in the model.
     base_columns

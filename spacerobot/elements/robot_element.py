@@ -25,7 +25,7 @@ class RobotFacts:
     name
         Of the robot.
     joints
-        Names of its free joints: none that mimics another one.
+        Names of its free joints: none that mimics another one, none that an actuator owns.
     limits
         Greatest torque of each joint [N m or N] by name; none where neither scenario nor URDF gives one.
     efforts
@@ -38,7 +38,9 @@ class RobotFacts:
         How its base is connected to the world: ``planar``, ``free_flyer`` or ``fixed``.
     spinning
         Axis (3,), root link's axes, of each joint by name that turns without end on that link and carries no
-        other joint.
+        other joint; also of those that actuators own.
+    owned
+        Names of the joints that actuators own, as wheels.
     """
 
     name: str
@@ -49,6 +51,7 @@ class RobotFacts:
     begins: Mapping[str, float] = field(default_factory=dict)
     base: str = "free_flyer"
     spinning: Mapping[str, Array] = field(default_factory=dict)
+    owned: tuple[str, ...] = ()
 
     @functools.cached_property
     def moved(self) -> Array:

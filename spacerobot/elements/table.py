@@ -15,7 +15,8 @@ PLACES = {
     "contact": "`contacts.*`",
     "tip_controller": "`robots.*.tips.*.controllers.*`, `pid`, `orientation_pid`",
     "robot_controller": "`robots.*.controllers.*`, `joint_pd`",
-    "actuator": "`robots.*.actuators.*`; `robots.*.torque_limits: true` is a `torque_limit` of all joints",
+    "actuator": "`robots.*.actuators.*`; `robots.*.torque_limits: true` is a `torque_limit` of all joints "
+    "but those that are wheels",
     "sensor": "`robots.*.sensors.*`",
     "environment": "`environment.*`",
 }

@@ -191,7 +191,7 @@ def delivery_of(actuator: Actuator, scene: Scene, body: SceneBody, key: str) -> 
 def _(actuator: TorqueLimit, scene: Scene, body: SceneBody, key: str) -> Delivery:
     del key
     found = np.full(scene.model.nv, np.inf)
-    by_name = {body.joint_name(scene.model, joint): joint for joint in body.free_joints}
+    by_name = {body.joint_name(scene.model, joint): joint for joint in body.driven_joints}
     for name in actuator.limits(tuple(by_name)):
         most = body.config.joints[name].torque_limit if actuator.limit is None else actuator.limit
         found[scene.model.idx_vs[by_name[name]]] = np.inf if most is None else most

@@ -308,7 +308,8 @@ def robot_elements(scene: Scene) -> Iterator[tuple[SceneBody, str, RobotElement]
 
 def robot_facts(scene: Scene, body: SceneBody) -> RobotFacts:
     """A robot in its initial posture, as its elements judge it."""
-    names = tuple(body.joint_name(scene.model, joint) for joint in body.free_joints)
+    free = {joint: body.joint_name(scene.model, joint) for joint in body.free_joints}
+    names = tuple(free[joint] for joint in body.driven_joints)
     return RobotFacts(
         body.name,
         names,
@@ -319,9 +320,10 @@ def robot_facts(scene: Scene, body: SceneBody) -> RobotFacts:
         body.base.joint,
         {
             name: axis
-            for name, joint in zip(names, body.free_joints, strict=True)
+            for joint, name in free.items()
             if (axis := _spinning(scene.model, body, joint)) is not None
         },
+        tuple(free[joint] for joint in body.owned),
     )
 
 

@@ -48,6 +48,7 @@ def scene_of(folder, wheels, base=None, control=None, *, urdf="bus", duration=4.
     robot = {
         "urdf": str(folder / f"{urdf}.urdf"),
         "base": {"joint": "planar"} | (base or {}),
+        "torque_limits": urdf == "rotors",  # without efforts: as wheels they have limits of their own
         "actuators": {"wheels": {"kind": "reaction_wheels"} | wheels},
         "controllers": {"hold": {"kind": "base_attitude", "feed_forward": 0} | control} if control else {},
     }

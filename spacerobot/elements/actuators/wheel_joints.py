@@ -64,9 +64,10 @@ class WheelJoints(Wheels):
 
     def faults(self, robot: RobotFacts) -> Iterable[tuple[str, str]]:
         """Joints that are no wheels, or that there are none of."""
-        names = self.owns(robot.joints)
+        known = (*robot.joints, *robot.owned)
+        names = self.owns(known)
         if not names:
-            yield "joints", f"no joint {self.joints!r}; {near_names(self.joints, robot.joints)}"
+            yield "joints", f"no joint {self.joints!r}; {near_names(self.joints, known)}"
         for name in names:
             if name not in robot.spinning:
                 able = ", ".join(robot.spinning) or "there is none"
