@@ -13,8 +13,9 @@ from spacerobot.pinocchio_engine.events import KINDS as EVENTS
 from spacerobot.pinocchio_engine.grasps import grasp_of
 from spacerobot.pinocchio_engine.references import leading, path_of, turn_of
 from spacerobot.pinocchio_engine.robot_law import robot_law
+from spacerobot.pinocchio_engine.sensing import reading_of
 from spacerobot.pinocchio_engine.simulate import Checked, simulate
-from spacerobot.pinocchio_engine.tip_control import reading_of, tip_law
+from spacerobot.pinocchio_engine.tip_control import tip_law
 
 __all__ = [
     "EVENTS",

@@ -33,6 +33,7 @@ from spacerobot.pinocchio_engine.mode import Laws, Mode, laws_of, led
 from spacerobot.pinocchio_engine.outside import IMPULSE, impulse_rate, on_bases
 from spacerobot.pinocchio_engine.references import Motion
 from spacerobot.pinocchio_engine.robot_law import Asking
+from spacerobot.pinocchio_engine.sight import holding
 from spacerobot.pinocchio_engine.tip_control import Channel, Command
 from spacerobot.scene import Scene, SceneGrasp
 
@@ -114,7 +115,9 @@ class Engine:
         start = Kinematics(scene.model, np.array(scene.q), np.array(scene.v))
         self.laws = laws_of(scene)
         phase = next(iter(self.laws))
-        self.mode = Mode(phase, first_lives(scene), led(scene, phase, start, 0.0, {}))
+        now = self.laws[phase].scene
+        held = {sensor.name: sensor.measured(start, {}) for sensor in holding(now)}
+        self.mode = Mode(phase, first_lives(scene), led(now, phase, start, 0.0, {}, held), held=held)
         self.mated = {g.name: mated_orientation(g, rest_orientation(start, g)) for g in scene.grasps}
         self.root_rotations = [start.frame(body.root_frame).rotation for body in scene.bodies]
         self.resistance = _resistance(scene)

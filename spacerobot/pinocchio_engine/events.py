@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import numpy as np
-import pinocchio as pin
 
 from spacerobot.arrays import Array
 from spacerobot.errors import ScenarioError, near_names
-from spacerobot.pinocchio_engine.contacts import Touch, dissipation_of, touches
-from spacerobot.pinocchio_engine.engine import Engine, Instant
-from spacerobot.pinocchio_engine.grasps import Coupling, Relative, grasp_of
+from spacerobot.pinocchio_engine.contacts import Touch, dissipation_of
+from spacerobot.pinocchio_engine.engine import Engine
+from spacerobot.pinocchio_engine.grasps import Coupling, grasp_of
 from spacerobot.pinocchio_engine.impact import strike
-from spacerobot.pinocchio_engine.kinematics import Kinematics
 from spacerobot.pinocchio_engine.life import Life, draws, room
 from spacerobot.pinocchio_engine.mode import Mode, Touching, led
+from spacerobot.pinocchio_engine.moment import Event, Moment
 from spacerobot.pinocchio_engine.outputs import outputs_at
+from spacerobot.pinocchio_engine.sight import Holding, holding
 from spacerobot.scenario.phases import END, Limit, Settled, successors
 from spacerobot.scene import SceneGrasp
 from spacerobot.scene.scene import SceneContact
@@ -27,71 +27,9 @@ KINDS = (
     *("captured", "entered", "left", "drawn", "released", "slipped"),
     *("touched", "parted", "loosened", "pressed"),
     *("phase", "end", "settling", "moving", "reference"),
-    *("saturated", "freed", "control", "cut"),
+    *("saturated", "freed", "control", "cut", "measured"),
 )
 """Kinds of events that have a second writing; instants at which references jump are known beforehand."""
-
-
-@dataclass(frozen=True)
-class Moment:
-    """An engine at one instant; ``within`` as for :meth:`Engine.instant`."""
-
-    engine: Engine
-    t: float
-    x: Array
-    within: float
-
-    @functools.cached_property
-    def kinematics(self) -> Kinematics:
-        """Of the plant."""
-        q, v, _ = self.engine.split(self.x)
-        return Kinematics(self.engine.model, pin.normalize(self.engine.model, q), v)
-
-    @functools.cached_property
-    def instant(self) -> Instant:
-        """Everything."""
-        return self.engine.instant(self.t, self.x, self.within)
-
-    @functools.cached_property
-    def touches(self) -> Mapping[str, list[Touch]]:
-        """Every pair of shapes of the contacts, by the contact's name."""
-        return {
-            contact.name: list(touches(self.kinematics, contact)) for contact in self.engine.scene.contacts
-        }
-
-    def relative(self, grasp: SceneGrasp) -> Relative:
-        """Relative motion of a grasp."""
-        return self.engine.relative(self.kinematics, grasp, self.t)
-
-
-@dataclass(frozen=True)
-class Event:
-    """Something that may happen.
-
-    Attributes
-    ----------
-    name, kind, who
-        As the other engine calls it.
-    guard
-        Above zero it happens.
-    then
-        What holds afterwards; None at the end of the simulation.
-    impact
-        Whether rigid grasps that hold afterwards stop what moves in them.
-    springs
-        Grasp whose springs lose what they store.
-    state
-        The state (nx,) afterwards, where an actuator's jumps, from that before with what holds afterwards.
-    """
-
-    name: str
-    kind: str
-    who: str
-    guard: Callable[[Moment], float]
-    then: Callable[[Moment], Mode] | None
-    impact: bool = False
-    springs: SceneGrasp | None = None
-    state: Callable[[Moment], Array] | None = None
 
 
 def armed(engine: Engine) -> tuple[Event, ...]:
@@ -104,7 +42,8 @@ def armed(engine: Engine) -> tuple[Event, ...]:
         for place in range(len(contact.pairs))
         for event in _pair(engine, contact, place)
     ]
-    return (*lives, *contacts, *_turns(engine), *(_phase(engine) if engine.mode.phase else ()))
+    phases = _phase(engine) if engine.mode.phase else ()
+    return (*lives, *contacts, *_turns(engine), *_measured(engine), *phases)
 
 
 def happen(engine: Engine, event: Event, moment: Moment) -> Array:
@@ -167,6 +106,22 @@ def _turns(engine: Engine) -> Iterator[Event]:
 
             jumps = state if turn.states is not None else None
             yield Event(turn.name, turn.kind, turn.who, guard, then, state=jumps)
+
+
+def _measured(engine: Engine) -> Iterator[Event]:
+    """Sensors that measure at instants."""
+    for sensor in holding(engine.now.scene):
+        due = engine.mode.held[sensor.name].due
+
+        def then(moment: Moment, sensor: Holding = sensor) -> Mode:
+            return engine.mode.with_measured(sensor, moment.kinematics)
+
+        name, who = f"{sensor.name}.measured", sensor.sight.tip.label
+        yield Event(name, "measured", who, functools.partial(_since, due), then)
+
+
+def _since(due: float, moment: Moment) -> float:
+    return moment.t - due
 
 
 def _life(engine: Engine, grasp: SceneGrasp) -> Iterator[Event]:
@@ -318,7 +273,8 @@ def _next(engine: Engine, name: str, moment: Moment) -> Mode:
     for grasp in engine.scene.scenario.phases[name].captures or ():
         if grasp in lives:
             lives[grasp] = replace(lives[grasp], released=False)
-    leads = led(engine.scene, name, moment.kinematics, moment.t, mode.leads)
+    own = engine.laws[name].scene
+    leads = led(own, name, moment.kinematics, moment.t, mode.leads, mode.held)
     return replace(
         mode, phase=name, lives=lives, leads=leads, began_at=moment.t, settling=False, settled_at=0.0
     )

@@ -13,7 +13,8 @@ from scipy.optimize import brentq
 from spacerobot.arrays import Array
 from spacerobot.errors import SpaceRobotError
 from spacerobot.pinocchio_engine.engine import Engine
-from spacerobot.pinocchio_engine.events import Event, Moment, armed, happen
+from spacerobot.pinocchio_engine.events import armed, happen
+from spacerobot.pinocchio_engine.moment import Event, Moment
 
 POSITION_LIMIT = 1e6
 """Greatest position [m, rad] of a rollout that is not called diverged."""

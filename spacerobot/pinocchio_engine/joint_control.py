@@ -22,7 +22,8 @@ from spacerobot.pinocchio_engine.kinematics import Kinematics, joint_space_inert
 from spacerobot.pinocchio_engine.planned import Pieces, hermite, plan_time, window_ends
 from spacerobot.pinocchio_engine.references import Motion
 from spacerobot.pinocchio_engine.robot_law import Asked, Asking, RobotLaw, robot_law
-from spacerobot.pinocchio_engine.tip_control import Channel, Command, reading_of, sensors_of
+from spacerobot.pinocchio_engine.sensing import reading_of, sensors_of
+from spacerobot.pinocchio_engine.tip_control import Channel, Command
 from spacerobot.scene import Scene, SceneBody
 
 

@@ -12,6 +12,7 @@ from spacerobot.pinocchio_engine.kinematics import Kinematics
 from spacerobot.pinocchio_engine.life import Life
 from spacerobot.pinocchio_engine.references import Begins, Leads, Motion, leading
 from spacerobot.pinocchio_engine.robot_law import RobotLaw, robot_law
+from spacerobot.pinocchio_engine.sight import Held, Holding, sight_of
 from spacerobot.pinocchio_engine.tip_control import Channel, tip_law
 from spacerobot.scenario import Robot, Scenario
 from spacerobot.scene import Scene
@@ -59,6 +60,8 @@ class Mode:
         Switches of actuators that are on.
     settling, settled_at
         Whether what the phase waits for moves slowly, and since when [s].
+    held
+        What sensors measured last, by tip, reference and signal.
     touching
         Pairs of shapes that overlap, by the contact's name and the pair's number.
     """
@@ -70,12 +73,21 @@ class Mode:
     on: frozenset[str] = frozenset()
     settling: bool = False
     settled_at: float = 0.0
+    held: Mapping[str, Held] = field(default_factory=dict)
     touching: Mapping[str, Touching] = field(default_factory=dict)
 
     def with_touching(self, pair: str, touching: Touching | None) -> Mode:
         """Another state of one pair of shapes; None where they are apart."""
         others = {name: value for name, value in self.touching.items() if name != pair}
         return replace(self, touching=others if touching is None else {**others, pair: touching})
+
+    def with_measured(self, sensor: Holding, now: Kinematics) -> Mode:
+        """With what a sensor measures now."""
+        held, label = {**self.held, sensor.name: sensor.measured(now, self.held)}, sensor.sight.tip.label
+        lead = self.leads[label]
+        seen = sight_of(sensor.sight.scene, sensor.sight.tip, lead.reference, held)
+        leads = {**self.leads, label: replace(lead, leads=lead.leads.seeing(seen))}
+        return replace(self, held=held, leads=leads)
 
     def with_life(self, name: str, life: Life) -> Mode:
         """Another life of one grasp."""
@@ -189,7 +201,14 @@ def _during(scene: Scene, scenario: Scenario) -> Scene:
     return replace(scene, bodies=tuple(bodies.values()), tips=tuple(tips.values()), grasps=grasps)
 
 
-def led(scene: Scene, phase: str, now: Kinematics, t: float, before: Mapping[str, Lead]) -> dict[str, Lead]:
+def led(
+    scene: Scene,
+    phase: str,
+    now: Kinematics,
+    t: float,
+    before: Mapping[str, Lead],
+    held: Mapping[str, Held],
+) -> dict[str, Lead]:
     """What leads each tip in a phase that begins at time t [s]; a reference that led before goes on."""
     found = {}
     from_reference = bool(phase) and scene.scenario.phases[phase].begins_at == "reference"
@@ -198,10 +217,11 @@ def led(scene: Scene, phase: str, now: Kinematics, t: float, before: Mapping[str
             next(r for r in tip.references if not phase or phase in r.phases),
             before.get(tip.label),
         )
+        sight = sight_of(scene, tip, reference, held)
         if old is not None and old.reference is reference:
-            found[tip.label] = old
+            found[tip.label] = replace(old, leads=old.leads.seeing(sight))
             continue
         ahead = old.at(t, t, now) if old is not None and from_reference else None
-        begins = Begins(scene, tip, now, reference.from_target, ahead)
+        begins = Begins(scene, tip, now, sight, reference.from_target, ahead)
         found[tip.label] = Lead(reference, t, leading(reference.config, begins))
     return found

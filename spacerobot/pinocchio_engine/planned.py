@@ -17,6 +17,7 @@ from spacerobot.elements.references.plan import Plan
 from spacerobot.pinocchio_engine.kinematics import Kinematics, cross
 from spacerobot.pinocchio_engine.references import Begins, Leads, Motion, leading
 from spacerobot.pinocchio_engine.robot_law import Asking
+from spacerobot.pinocchio_engine.sight import Sight
 
 Piece = TypeVar("Piece")
 SMALL = 1e-3
@@ -67,6 +68,11 @@ class PlannedTip:
 
     planned: TipMotion
     ends: tuple[float, ...] = ()
+
+    def seeing(self, sight: Sight) -> PlannedTip:
+        """Itself: it sees nothing."""
+        del sight
+        return self
 
     def at(self, t: float, within: float, kinematics: Kinematics) -> Motion:
         """Motion at time t [s], by the piece that holds at ``within`` [s]."""

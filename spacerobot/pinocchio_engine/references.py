@@ -26,6 +26,7 @@ from spacerobot.elements.references.line import Line
 from spacerobot.elements.references.spline import Spline
 from spacerobot.pinocchio_engine.kinematics import Kinematics, cross
 from spacerobot.pinocchio_engine.laws import refusal
+from spacerobot.pinocchio_engine.sight import Sight
 from spacerobot.scene import Scene, SceneTip
 
 Jet = tuple[Array, Array, Array]
@@ -74,6 +75,11 @@ class TipReference:
     rotation: Array
     ends: tuple[float, ...] = ()
 
+    def seeing(self, sight: Sight) -> TipReference:
+        """Itself: it sees nothing."""
+        del sight
+        return self
+
     def at(self, t: float, within: float, kinematics: Kinematics) -> Motion:
         """Motion at time t [s], by the piece that holds at ``within`` [s]."""
         del kinematics
@@ -99,6 +105,9 @@ class Leads(Protocol):
     def ends(self) -> tuple[float, ...]:
         """Times since it began at which it is not smooth, beside those that its section tells [s]."""
 
+    def seeing(self, sight: Sight) -> Leads:
+        """The same that sees otherwise from now on."""
+
     def at(self, t: float, within: float, kinematics: Kinematics) -> Motion:
         """Motion at time t [s], by the piece that holds at ``within`` [s]."""
 
@@ -113,6 +122,8 @@ class Begins:
         The scene, and the tip.
     start
         Where everything is, and how it moves.
+    sight
+        What the tip sees of the mating frame that the reference follows, if it does.
     carried
         Whether the reference belongs to the target, whose centre it then moves, and not to the tip itself.
     ahead
@@ -122,6 +133,7 @@ class Begins:
     scene: Scene
     tip: SceneTip
     start: Kinematics
+    sight: Sight
     carried: bool
     ahead: Motion | None = None
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +13,7 @@ from spacerobot.arrays import Array
 from spacerobot.elements.references.rendezvous import Rendezvous
 from spacerobot.pinocchio_engine.kinematics import Kinematics, cross, rotation_vector
 from spacerobot.pinocchio_engine.references import Begins, Leads, Motion, leading
-from spacerobot.pinocchio_engine.tip_control import reading_of, sensors_of
+from spacerobot.pinocchio_engine.sight import Sight
 
 SMOOTH = Polynomial([0, 0, 0, 10, -15, 6])
 """From 0 to 1 without velocity and acceleration at both ends."""
@@ -41,9 +42,7 @@ class _Follower:
     ends: tuple[float, ...] = ()
 
     def __init__(self, config: Rendezvous, begins: Begins) -> None:
-        self.config, self.scene, self.tip = config, begins.scene, begins.tip
-        model = begins.scene.model
-        self.frame = int(model.getFrameId(f"target/{config.frame}", pin.FrameType.BODY))
+        self.config, self.scene, self.sight = config, begins.scene, begins.sight
         self.mated = pin.rpy.rpyToMatrix(np.radians(config.mated_deg))
         first, own = self._seen(begins.start), begins.frame
         back, apart = first.rotation.T, own.position - first.position
@@ -59,25 +58,16 @@ class _Follower:
         arrives = config.approach_time
         self.times = np.array([arrives, arrives + config.wait, arrives + config.wait + closing])
 
+    def seeing(self, sight: Sight) -> _Follower:
+        """The same that sees otherwise from now on."""
+        found = copy.copy(self)
+        found.sight = sight
+        return found
+
     def _seen(self, kinematics: Kinematics) -> _Frame:
         """The mating frame by the robot's sensors."""
-        sensors, mate = sensors_of(self.tip.body), kinematics.frame(self.frame)
-        place = kinematics.frame(self.tip.frame).position
-        along, about = np.zeros(3), np.zeros(3)
-        along[list(self.scene.translation_axes)], about[list(self.scene.rotation_axes)] = 1, 1
-
-        def error(signal: str, value: Array, axes: Array) -> Array:
-            sensor = reading_of(sensors[signal])
-            off: Array = axes * (sensor.offset + (sensor.scale - 1) * value)
-            return off
-
-        linear, spin = mate.velocity[:3], mate.velocity[3:]
-        return _Frame(
-            mate.rotation,
-            mate.position + error("target_position", mate.position - place, along),
-            linear + error("target_velocity", linear, along),
-            spin + error("target_spin", spin, about),
-        )
+        read = (self.sight.read(f"target_{name}", kinematics) for name in ("position", "velocity", "spin"))
+        return _Frame(kinematics.frame(self.sight.frame).rotation, *read)
 
     def at(self, t: float, within: float, kinematics: Kinematics) -> Motion:
         """Motion at time t [s], by the piece that holds at ``within`` [s]."""

@@ -15,7 +15,7 @@ from spacerobot.pinocchio_engine.actuation import base_columns
 from spacerobot.pinocchio_engine.kinematics import Kinematics, joint_space_inertia, rotation_vector
 from spacerobot.pinocchio_engine.references import Motion
 from spacerobot.pinocchio_engine.robot_law import Asked, Asking, RobotLaw, robot_law
-from spacerobot.pinocchio_engine.tip_control import reading_of, sensors_of
+from spacerobot.pinocchio_engine.sensing import reading_of, sensors_of
 from spacerobot.scene import Scene, SceneBody, SceneTip
 
 

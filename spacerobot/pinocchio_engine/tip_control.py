@@ -14,14 +14,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from spacerobot.arrays import Array
-from spacerobot.elements import Sensor, TipController
+from spacerobot.elements import TipController
 from spacerobot.elements.controllers.amnesia import Amnesia
 from spacerobot.elements.controllers.pid import Pid
-from spacerobot.elements.sensors.linear import Linear
 from spacerobot.pinocchio_engine.kinematics import FrameMotion, Kinematics, rotation_vector
 from spacerobot.pinocchio_engine.laws import refusal
 from spacerobot.pinocchio_engine.references import Motion
-from spacerobot.scenario import Robot
+from spacerobot.pinocchio_engine.sensing import reading_of, sensors_of
 from spacerobot.scenario.sensors import Sensors
 from spacerobot.scene import Scene, SceneBody, SceneTip
 
@@ -161,22 +160,6 @@ class Channel:
         sensor = reading_of(self.sensors.tip_orientation)
         signal = rotation_vector(frame.rotation, motion.rotation)  # tip relative to reference
         return -(sensor.offset + sensor.scale * signal)[axes]
-
-
-@functools.singledispatch
-def reading_of(sensor: Sensor) -> Linear:
-    """Offset and scale of a sensor, of each kind."""
-    raise refusal(sensor)
-
-
-@reading_of.register
-def _(sensor: Linear) -> Linear:
-    return sensor
-
-
-def sensors_of(body: SceneBody) -> Sensors:
-    """Sensors of a robot, ideal ones if it has none."""
-    return (body.config.sensors if isinstance(body.config, Robot) else None) or Sensors()
 
 
 def arm_columns(model: object, body: SceneBody) -> tuple[int, ...]:

@@ -21,7 +21,8 @@ from spacerobot.pinocchio_engine.grasps import grasp_of
 from spacerobot.pinocchio_engine.laws import has_writing
 from spacerobot.pinocchio_engine.references import leading, path_of
 from spacerobot.pinocchio_engine.robot_law import robot_law
-from spacerobot.pinocchio_engine.tip_control import reading_of, tip_law
+from spacerobot.pinocchio_engine.sensing import reading_of
+from spacerobot.pinocchio_engine.tip_control import tip_law
 from tests.oracles.small_scenes import PLANAR, SPATIAL, random_x, small_scene
 
 SECOND = {
@@ -34,11 +35,6 @@ SECOND = {
     "sensor": reading_of,
     "environment": environment_of,
 }
-CLOSED_FORMS: dict[tuple[str, str], str] = {
-    ("sensor", "sampled"): "tests/elements/test_sampled_sensors.py",
-}
-"""Kinds without a second writing, and the test that holds them to a closed form instead."""
-
 NEEDS: dict[tuple[str, str], dict[str, object]] = {
     ("reference", "spline"): {
         "times": [0, 0.7, 1.5],
@@ -224,17 +220,15 @@ def state_of(scene, loop, seed):
 
 
 @pytest.mark.parametrize(("family", "kind"), KINDS)
-def test_a_kind_has_a_second_writing_or_a_closed_form(family, kind):
+def test_a_kind_has_a_second_writing(family, kind):
     found = has_writing(SECOND[family], elements.kinds(family)[kind])
     found |= family == "reference" and has_writing(leading, elements.kinds(family)[kind])
-    assert found or (family, kind) in CLOSED_FORMS
+    assert found
 
 
 @pytest.mark.parametrize("text", SCENES.values(), ids=SCENES)
 @pytest.mark.parametrize(("family", "kind"), KINDS)
 def test_the_two_engines_agree(family, kind, text):
-    if (family, kind) in CLOSED_FORMS:
-        pytest.skip(f"held to a closed form by {CLOSED_FORMS[family, kind]}")
     scene, loop = built(family, kind, text)
     engine = Engine(scene)
     _, c = loop.setup(loop.parameter_values)

@@ -5,7 +5,7 @@ import pytest
 
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.errors import ScenarioError
-from spacerobot.pinocchio_engine import Engine
+from spacerobot.pinocchio_engine import simulate
 from spacerobot.rollout import Measures, Signals, build_rollout, final
 from tests.oracles.small_scenes import PLANAR, small_scene
 
@@ -76,6 +76,33 @@ def test_who_cannot_hold_says_so():
         ScenarioError, match=r"joint_rate: found kind 'sampled', allowed where only a reference"
     ):
         small_scene(PLANAR, {"robots.one.sensors": {"joint_rate": SENSOR}})
-    scene, _ = rolled({})
-    with pytest.raises(ScenarioError, match="no second writing"):
-        Engine(scene)
+
+
+SEEN = {
+    "target_position": SENSOR,
+    "target_velocity": SENSOR | {"period": 0.11},
+    "target_spin": {"kind": "sampled", "period": 0.2, "offset": 0.01},
+}
+SINCE = {
+    "phases": {
+        "wait": {
+            "until": {"time": 0.37},
+            "robots": {"one": {"tips": {"tip": {"reference": {"kind": "hold"}}}}},
+        },
+        "come": {"until": {"time": 0.15}},
+        "stay": {"robots": {"one": {"sensors": {"target_position": {"scale": 0.9}}}}},
+    }
+}
+
+
+def test_the_second_engine_measures_at_the_same_instants_and_follows_the_same():
+    scene, rollout = rolled({"robots.one.sensors": SEEN} | SINCE, duration_s=0.5, output_step_s=0.25)
+    ours, checked = rollout.run(), simulate(scene, duration_s=0.5, output_step_s=0.25, rtol=1e-9, atol=1e-11)
+    names = [rollout.loop.events[fired.event] for fired in ours.events]
+    told = [(rule.name, fired.time_s) for rule, fired in zip(names, ours.events, strict=True)]
+    told = [one for one, rule in zip(told, names, strict=True) if rule.kind != "reference"]
+    assert [event.name for event in checked.happened] == [name for name, _ in told]
+    np.testing.assert_allclose([e.time_s for e in checked.happened], [t for _, t in told], atol=1e-9)
+    assert len(told) > 8
+    for name, value in ours.outputs.items():
+        np.testing.assert_allclose(checked.outputs[name], value, atol=1e-6, rtol=1e-6, err_msg=name)

@@ -1,0 +1,34 @@
+"""Sensors of a robot, written again."""
+
+from __future__ import annotations
+
+import functools
+
+from spacerobot.elements import Sensor
+from spacerobot.elements.sensors.linear import Linear
+from spacerobot.elements.sensors.sampled import Sampled
+from spacerobot.pinocchio_engine.laws import refusal
+from spacerobot.scenario import Robot
+from spacerobot.scenario.sensors import Sensors
+from spacerobot.scene import SceneBody
+
+
+@functools.singledispatch
+def reading_of(sensor: Sensor) -> Linear | Sampled:
+    """Offset and scale of a sensor, of each kind."""
+    raise refusal(sensor)
+
+
+@reading_of.register
+def _(sensor: Linear) -> Linear:
+    return sensor
+
+
+@reading_of.register
+def _(sensor: Sampled) -> Sampled:
+    return sensor
+
+
+def sensors_of(body: SceneBody) -> Sensors:
+    """Sensors of a robot, ideal ones if it has none."""
+    return (body.config.sensors if isinstance(body.config, Robot) else None) or Sensors()
