@@ -1,6 +1,6 @@
 """What every test has: a cache of compiled code of this test run's own, and markers for what tests need.
 
-Code is compiled in a hurry, but as for users where compilers, rollouts, commands or documentation are tested.
+Code is compiled in a hurry, but as for users where compilers or rollouts are tested.
 """
 
 import os
@@ -80,9 +80,16 @@ def _own_cache(tmp_path_factory, request):
         yield
 
 
-AS_FOR_USERS = ("tests/compiled/", "tests/rollout/", "tests/cli/", "tests/docs/")
-INTERPRETED = ("tests/cli/test_damaged_folders.py", "tests/optim/problem/")
+AS_FOR_USERS = ("tests/compiled/", "tests/rollout/")
+INTERPRETED = (
+    "tests/cli/test_damaged_folders.py",
+    "tests/optim/campaign/rollouts/test_campaign_trust.py",
+    "tests/optim/problem/",
+)
 """Where rollouts are so few and so short that to compile them takes longer than they do."""
+
+LARGE = ("tests/cli/", "tests/docs/", "tests/viz/", "tests/result/", "tests/pinocchio_engine/")
+"""Where few rollouts of shipped scenes take less time than to optimise their code."""
 
 COMPILER = os.environ.get("SPACEROBOT_COMPILER")
 
@@ -93,8 +100,15 @@ def _in_a_hurry(request):
         if request.node.nodeid.startswith(INTERPRETED):
             patch.setenv("SPACEROBOT_COMPILER", "none")
         if not request.node.nodeid.startswith(AS_FOR_USERS):
-            patch.setenv("SPACEROBOT_COMPILER_FLAGS", "-O1")
+            level = "-O0" if request.node.nodeid.startswith(LARGE) else "-O1"
+            patch.setenv("SPACEROBOT_COMPILER_FLAGS", level)
         yield
+
+
+@pytest.fixture
+def interpreted(monkeypatch):
+    """Nothing is compiled: for few short rollouts."""
+    monkeypatch.setenv("SPACEROBOT_COMPILER", "none")
 
 
 @pytest.fixture

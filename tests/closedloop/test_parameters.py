@@ -62,6 +62,8 @@ def test_every_parameter_is_what_the_scenario_calls_by_its_path(kind):
     x, unmoved = random_x(scene, np.random.default_rng(1), len(loop.x0)), []
     plain = (loop.x0, loop.rate(0.6, x), np.concatenate([*loop.outputs(0.6, x).values()]))
     for path, value in zip(loop.loop.parameter_paths, loop.loop.parameter_values, strict=True):
+        if kind == "fixed" and not path.startswith("robots.one"):
+            continue  # as in the planar scene
         changes = {path: changed(path, value)}
         loop.change(changes)
         rebuilt = Numeric(build_scene(scene.scenario, changes, source=scene.source))

@@ -1,4 +1,4 @@
-"""The paper's scenario run once by each engine."""
+"""The first quarter of the paper's scenario run once by each engine."""
 
 from types import SimpleNamespace
 
@@ -12,7 +12,7 @@ from spacerobot.scene import load_scene
 
 @pytest.fixture(scope="session")
 def paper():
-    scene = load_scene("paper")
+    scene = load_scene("paper", {"simulation.duration": 2.5})
     loop, simulation = build_closed_loop(scene), scene.scenario.simulation
     rollout = build_rollout(
         loop,

@@ -205,11 +205,15 @@ class Page:
             assert time.monotonic() < end, f"waited in vain for {expression}"
             time.sleep(0.05)
 
-    def picture(self):
-        """Pixels of the page (height, width, 3) once it has drawn what it was asked for."""
+    def drawn(self):
+        """Wait until the page has drawn what it was asked for."""
         self.evaluate(
             "new Promise((ok) => requestAnimationFrame(() => requestAnimationFrame(() => ok(true))))"
         )
+
+    def picture(self):
+        """Pixels of the page (height, width, 3) once it has drawn what it was asked for."""
+        self.drawn()
         shot = base64.b64decode(self.call("Page.captureScreenshot", format="png")["data"])
         return np.asarray(Image.open(io.BytesIO(shot)).convert("RGB")).astype(int)
 

@@ -28,10 +28,10 @@ def test_a_worker_changes_no_bit(small, plain, tmp_path):
     xr.testing.assert_identical(load_campaign(tmp_path / "store"), plain)
 
 
-def test_four_workers_and_a_killed_one_change_no_bit(small, plain, tmp_path):
+def test_two_workers_and_a_killed_one_change_no_bit(small, plain, tmp_path):
     """Kill -9 of a worker in the middle, seen through a cluster reached by its address."""
     options = {"threads_per_worker": 1, "dashboard_address": "127.0.0.1:0", "host": "127.0.0.1"}
-    with distributed.LocalCluster(n_workers=4, **options) as cluster, distributed.Client(cluster) as client:
+    with distributed.LocalCluster(n_workers=2, **options) as cluster, distributed.Client(cluster) as client:
         victims = list(client.run(os.getpid).values())
         killed = []
 

@@ -133,7 +133,7 @@ def test_gains_at_a_bound_say_which():
     }
 
 
-def test_sensitivities_are_relative_slopes(small):
+def test_sensitivities_are_relative_slopes(small, interpreted):
     problem = build_problem(small(), variables=["kp", "ta"])
     u, step = np.array([0.5, 0.5]), 1e-4
     found = sensitivity(problem, {"here": u})
@@ -162,7 +162,7 @@ def test_plants_stay_within_their_spreads_and_are_seeded(small):
     assert not np.array_equal(other["grasps.left.stiffness"], stiffness)
 
 
-def test_a_python_function_of_a_result_serves_the_ga(small):
+def test_a_python_function_of_a_result_serves_the_ga(small, interpreted):
     def score(result):
         return result.summary["tip_error"]["arm/tip"]["norm"]["rms_m"]
 
@@ -181,7 +181,7 @@ def _simulated(scene):
     return simulate(scene)
 
 
-def test_new_variables_need_no_tuning_section(small):
+def test_new_variables_need_no_tuning_section(small, interpreted):
     effort = Effort(nlp=NlpSettings(iterations=5, screen=8), starts=1)
     bare = small(tuning=None)
     problem = build_problem(bare, variables={"kd": ("robots.arm.tips.tip.pid.kd", 20, 100)})
@@ -233,7 +233,7 @@ def test_a_section_that_makes_no_sense_is_refused(small, changes, words):
         small(**changes)
 
 
-def test_names_of_methods_variants_and_sets_are_checked(small):
+def test_names_of_methods_variants_and_sets_are_checked(small, interpreted):
     with pytest.raises(SpaceRobotError, match="did you mean nlp"):
         tune(small(), "nlpp", effort=EFFORT)
     with pytest.raises(ScenarioError, match="did you mean base"):

@@ -79,7 +79,7 @@ def _look(browser, address, ready):
     for size in SIZES:
         browser.resize(*size)
         browser.wait_for(f"window.innerWidth === {size[0]}")
-        browser.picture()
+        browser.drawn()
         assert browser.evaluate("document.documentElement.scrollWidth <= window.innerWidth"), size
         assert browser.evaluate(CONTRAST) == [], size
         yield size
