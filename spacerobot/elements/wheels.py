@@ -8,6 +8,7 @@ on the base, the least ones that do, each up to its limit. Of a wheel at the spe
 
 h being its angular momentum about its axis. The base takes ``-A h' - omega x A h``. At its speed limit a
 motor balances friction and nothing else, so that h stays as it is, until what is asked of it leads back.
+The others of a redundant set take over its share: the pseudo-inverse is then that of their axes alone.
 """
 
 from __future__ import annotations
@@ -31,6 +32,10 @@ from spacerobot.section import quantity
 
 SLACK = 1e-3
 """Part of its speed limit that a wheel held there may lose, as its base turns, until it is free."""
+
+
+SINGULAR = 1e-8
+"""Stands for what the axes of free wheels lack to give any torque."""
 
 
 class Wheels(Actuator):
@@ -63,17 +68,24 @@ class Wheels(Actuator):
             return ca.SX(speed.size1(), 1)
         return most * speed / ca.sqrt(speed**2 + actuator.context.number("coulomb_speed") ** 2)
 
-    def motors(self, actuator: ActuatorContext, asked: ca.SX, speed: ca.SX, friction: ca.SX) -> Motors:
-        """What the motors do of what is asked of them, at these speeds and this friction (n x 1 each)."""
-        command = asked
+    def motors(
+        self, actuator: ActuatorContext, asked: ca.SX, axes: ca.SX, speed: ca.SX, friction: ca.SX
+    ) -> Motors:
+        """What the motors do of what would be asked of them if all were free, at these speeds (n x 1 each).
+
+        Their axes (k x n) have the parts that can turn the base.
+        """
+        command, count, switches = asked, speed.size1(), list[ca.SX]()
+        if self.speed_limit is not None:
+            switches = [actuator.context.switch(f"held.{i}") for i in range(count)]
+            command = _taken_over(asked, axes, ca.vertcat(*switches))
         if self.torque_limit is not None:
             limit = actuator.context.number("torque_limit")
-            command = ca.fmin(ca.fmax(asked, -limit), limit)
+            command = ca.fmin(ca.fmax(command, -limit), limit)
         if self.speed_limit is None:
             return Motors(command, command - friction, friction, ())
         most, events, free = actuator.context.number("speed_limit"), list[Event](), list[ca.SX]()
-        for i, name in enumerate(names_of(actuator, speed.size1())):
-            held = actuator.context.switch(f"held.{i}")
+        for i, (name, held) in enumerate(zip(names_of(actuator, count), switches, strict=True)):
             over = ca.fabs(speed[i]) / most - 1
             faster = (command[i] - friction[i]) * speed[i] / most
             back = ca.fmax(-faster, -SLACK - over)
@@ -157,6 +169,22 @@ def shares(axes: ca.SX) -> ca.SX:
     else:
         found[:, rows] = SymmetricFactors(ca.mtimes(own.T, own)).solve(own.T)
     return found
+
+
+def _taken_over(asked: ca.SX, axes: ca.SX, held: ca.SX) -> ca.SX:
+    """What is asked of each wheel (n x 1) if it is free and those of the others that are held are left out.
+
+    With the torque m that held wheels do not give, those that are free add ``a_i . y``, ``A W A^T y = m``,
+    which together is the pseudo-inverse of their axes. A held wheel would be one more of them.
+    """
+    rows = [i for i in range(axes.size1()) if axes[i, :].nnz()]
+    if len(rows) >= axes.size2():  # none could take over anything
+        return asked
+    own, free = axes[rows, :], 1 - held
+    matrix = SINGULAR * ca.SX.eye(len(rows)) + ca.mtimes(own, free * own.T)
+    found = SymmetricFactors(matrix).solve(ca.horzcat(ca.mtimes(own, held * asked), own))
+    more, sizes = ca.mtimes(own.T, found[:, 0]), ca.sum1(own * found[:, 1:]).T
+    return (asked + more) / (1 + held * sizes)
 
 
 def are_independent(axes: Sequence[ArrayLike]) -> bool:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import NDArray
 
 from spacerobot.arrays import Array
 from spacerobot.elements.actuators.reaction_wheels import ReactionWheels
@@ -111,13 +112,13 @@ class WheelSet:
         speed, momentum = self._spins(kinematics, states)
         about, config = list(self.passes_on), self.config
         turned = self.axes[:, -len(about) :]
-        wanted = -np.linalg.pinv(turned.T, rcond=1e-9) @ asked[about]
+        held = np.array([f"{self._name}.{i}" in now.on for i in range(len(speed))], dtype=np.bool_)
+        wanted = np.array([_share(turned, held, i) @ -asked[about] for i in range(len(speed))])
         most = np.inf if config.torque_limit is None else config.torque_limit
         command = np.clip(wanted, -most, most)
         rub = config.coulomb * speed / np.hypot(speed, config.coulomb_speed) + self._viscous * speed
         friction = rub + self.resistance * speed
         turns = list(self._turns(command, friction, speed))
-        held = np.array([f"{self._name}.{i}" in now.on for i in range(len(speed))])
         command = np.where(held, 0.0, command)
         net = np.where(held, 0.0, command - friction)
         torque = asked.copy()
@@ -166,6 +167,16 @@ class WheelSet:
             if self.config.speed_limit is not None:
                 found["wheel_margin", name] = 1 - np.abs(speed[i : i + 1]) / self.config.speed_limit
         return found
+
+
+def _share(axes: Array, held: NDArray[np.bool_], i: int) -> Array:
+    """Part of a torque that wheel ``i`` gives (k,), of axes (n, k), with those left out that are held.
+
+    A set that is not redundant leaves out none: there is nothing to take over.
+    """
+    used = ~held | (np.arange(len(axes)) == i) | (len(axes) <= np.linalg.matrix_rank(axes))
+    found: Array = np.linalg.pinv(axes[used].T, rcond=1e-6)[np.flatnonzero(np.flatnonzero(used) == i)[0]]
+    return found
 
 
 @delivery_of.register

@@ -11,6 +11,7 @@ from spacerobot import build_rollout, simulate
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.elements.actuators.reaction_wheels import ReactionWheels
 from spacerobot.errors import ScenarioError
+from spacerobot.pinocchio_engine import simulate as second
 from spacerobot.scenario.load import validate
 from spacerobot.scene import build_scene, load_scene
 from tests.oracles.small_scenes import PLANAR, small_scene
@@ -159,6 +160,30 @@ def test_the_second_engine_tells_the_same_saturation(folder):
         seen = one.data[name].sel(time=other.data.time, method="nearest")
         np.testing.assert_allclose(seen, other.data[name], atol=1e-8, err_msg=name)
     conserved(other, 1e-9)
+
+
+def test_the_others_of_a_redundant_set_take_over_what_a_held_wheel_does_not_give(folder):
+    """With one or two of five wheels held, the base moves as if none were; both engines say so."""
+    wheels = {"pyramid": {"tilt_deg": 35, "wheels": 5}, "inertia": WHEEL, "speeds": [-20, 5, 0, 2, -16]}
+    control, base = {"kp": 2.0, "kd": 1.5, "attitude_deg": [40, -20, 30]}, {"joint": "free_flyer"}
+    free, limited = (
+        scene_of(folder, wheels | limit, base, control, duration=1.2) for limit in ({}, {"speed_limit": 24})
+    )
+    one, other = (simulate(scene, backend="interpreted") for scene in (free, limited))
+    events = other.summary["events"]
+    assert [(e["kind"], e["who"]) for e in events][:2] == [
+        ("saturated", "bus/wheels.0"),
+        ("saturated", "bus/wheels.4"),
+    ]
+    np.testing.assert_allclose(one.data.body_rotation, other.data.body_rotation, atol=1e-7)
+    assert float(abs(one.data.wheel_speed - other.data.wheel_speed).max()) > 1
+    conserved(other)
+    found = second(limited, duration_s=1.2, output_step_s=0.4, rtol=1e-9, atol=1e-11)
+    assert [event.name for event in found.happened] == [event["name"] for event in events]
+    times = [[event.time_s for event in found.happened], [event["time_s"] for event in events]]
+    np.testing.assert_allclose(*times, atol=1e-6)
+    speeds = other.data.wheel_speed.sel(time=found.time, method="nearest")
+    np.testing.assert_allclose(found.outputs["wheel_speed"], speeds, atol=1e-5)
 
 
 def test_a_wheel_whose_base_turns_after_it_is_free_before_what_is_asked_leads_back(folder):

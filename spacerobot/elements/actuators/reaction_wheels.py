@@ -98,7 +98,9 @@ class ReactionWheels(Wheels):
         first = inertia * (carried + (context.once("speeds", began) if self.speeds else 0))
 
         def motors(asked: ca.SX) -> Motors:
-            return self.motors(actuator, -ca.mtimes(inverse[:, about], asked), speed, friction)
+            return self.motors(
+                actuator, -ca.mtimes(inverse[:, about], asked), axes[about, :], speed, friction
+            )
 
         def answer(asked: ca.SX) -> Contribution:
             """Everything but what is left to the next actuator."""

@@ -41,7 +41,8 @@ class WheelJoints(Wheels):
         whole = ca.mtimes(rotation, ca.mtimes(axes, inertia * (speed + ca.mtimes(axes.T, spin))))
 
         def motors(asked: ca.SX) -> Motors:
-            return self.motors(actuator, -ca.mtimes(inverse, asked[: len(base)]), speed, friction)
+            wanted = -ca.mtimes(inverse, asked[: len(base)])
+            return self.motors(actuator, wanted, axes[about, :], speed, friction)
 
         def deliver(asked: ca.SX) -> ca.SX:
             found = motors(asked)
