@@ -10,6 +10,7 @@ import numpy as np
 from optim.planning.costs import base_shifts, base_turns
 from optim.planning.goals import find_frame, find_tip, seen_from, unit
 from optim.planning.grips import axes_of
+from optim.planning.sights import sight_row
 from optim.planning.stage import Driven, Row, Stage
 from spacerobot.arrays import Array
 from spacerobot.description.parts import Joint as UrdfJoint
@@ -88,6 +89,7 @@ def path_rows(stage: Stage, plan: Planning) -> list[Row]:
             pair = f"{name}: {first.label} to {second.label}"
             rows.append(Row(pair, "m", near.gap, lower=apart.distance))
     rows += [_cone_row(stage, name, cone) for name, cone in plan.cones.items()]
+    rows += [sight_row(stage, name, sight) for name, sight in plan.sights.items()]
     return rows
 
 

@@ -243,6 +243,24 @@ class Cone(Section):
     )
 
 
+class Sight(Section):
+    """A camera that keeps a mating frame in sight."""
+
+    camera: str = Field(description="link that carries it, as robot/link; it is at the link's origin")
+    axis: Vector = quantity("1", "direction in which it looks, axes of that link", default=(1.0, 0.0, 0.0))
+    frame: str = Field(description="mating frame, a link of the target's URDF")
+    half_angle_deg: float = quantity("deg", "between its axis and the edge of what it sees", gt=0, lt=180)
+    last: float = quantity(
+        "1", "part of the duration, at its end, for which it holds", default=1.0, gt=0, le=1
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> Sight:
+        if not any(self.axis):
+            raise ValueError("axis: found 0 0 0, allowed: a direction")
+        return self
+
+
 class Planning(Section):
     """The planning problem, and how well it is to be solved."""
 
@@ -255,6 +273,7 @@ class Planning(Section):
     limits: Bounds = Field(default=Bounds(), description="what must hold at all times")
     keep_out: dict[Name, KeepOut] = Field(default={}, description="what stays apart, by name")
     cones: dict[Name, Cone] = Field(default={}, description="approach cones, by name")
+    sights: dict[Name, Sight] = Field(default={}, description="lines of sight that are kept, by name")
     intervals: int = Field(default=16, ge=2, le=2000, description="intervals of the first mesh")
     most_intervals: int = Field(
         default=256, ge=2, le=4000, description="intervals of the finest mesh allowed"
