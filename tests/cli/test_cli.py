@@ -7,6 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 from hypothesis import HealthCheck, given, settings
@@ -17,6 +18,7 @@ from spacerobot.description.find import find_urdf
 from spacerobot.elements import kinds
 from spacerobot.result import load
 from spacerobot.scenario.catalogue import shipped
+from tests.oracles.free_bodies import FLAT, free_bodies
 
 SHORT = ("--set", "simulation.duration=0.5")
 
@@ -82,6 +84,33 @@ def test_a_diverging_run_says_when_exits_3_and_keeps_the_part(spacerobot, tmp_pa
     assert "diverged after" in one_line(err)
     assert "diverged after" in out
     assert load(tmp_path / "r").summary["status"]["state"] == "diverged"
+
+
+def test_a_grip_that_catches_and_lets_go_without_end_chatters_and_is_kept_up_to_there(
+    spacerobot, tmp_path, monkeypatch
+):
+    """One phase ends when the grip has closed, the next one opens it, and its envelope still holds."""
+    monkeypatch.setenv("SPACEROBOT_COMPILER", "none")
+    phases = {
+        "catch": {"captures": ["left"], "until": {"captured": ["left"]}, "at_most": 2, "otherwise": "end"},
+        "drop": {"releases": ["left"], "until": {"released": ["left"]}, "then": "catch"},
+    }
+    free_bodies(tmp_path, FLAT, {"kind": "compliant", "capture": {"distance": 0.05}}, phases=phases)
+    code, out, err = spacerobot("run", tmp_path / "bodies.yaml", "--out", tmp_path / "r")
+    told = "chattered after 0.93867 s: too many events in too short a time; kept up to there in"
+    assert code == 3
+    assert told in one_line(err)
+    assert "drop begins" in out
+    found = load(tmp_path / "r")
+    assert found.summary["status"]["state"] == "chattering"
+    assert [event["kind"] for event in found.summary["events"][-4:]] == [
+        "phase",
+        "released",
+        "phase",
+        "captured",
+    ]
+    assert 0.9 < found.data.time[-1] < 0.93867
+    assert bool(np.isfinite(found.data.q).all())
 
 
 def test_check_prints_the_tree_and_every_assumption(spacerobot):
