@@ -180,7 +180,7 @@ class InterpretedAdjoint:
         for i, row in enumerate(p):
             if stop.is_set:
                 return
-            path = engine.path(row, grid)
+            path = engine.path(row, grid, backwards=raw.backwards)
             engine.note(path, raw.part(slice(i, i + 1)))
             if path.whole:
                 raw.r[i] = engine.reduce(path)

@@ -109,12 +109,12 @@ def gradient_of(
         gaps={name: frozen(gap[::every]) for name, gap in gaps_of(raw, kernel).items()},
         backend="",
         wall_s=0.0,
-        status=statuses(raw, kernel)[::every],
+        status=statuses(raw, kernel, every),
     )
 
 
-def statuses(raw: Raw, kernel: Kernel) -> tuple[str, ...]:
-    """Whether the derivatives of each rollout hold, in words."""
+def statuses(raw: Raw, kernel: Kernel, every: int = 1) -> tuple[str, ...]:
+    """Whether the derivatives of each rollout hold, in words, where so many rows in turn are of one."""
 
     def told(whole: bool, doubt: int, event: int) -> str:
         """One rollout, and the event that its derivatives are doubted for."""
@@ -127,8 +127,10 @@ def statuses(raw: Raw, kernel: Kernel) -> tuple[str, ...]:
             return f"coincident: the event '{name}' and another one may change places"
         return "exact"
 
-    rows = zip(raw.completed, raw.log.doubt.tolist(), strict=True)
-    return tuple(told(bool(whole), *doubt) for whole, doubt in rows)
+    doubts = [max(rows) for rows in raw.log.doubt.reshape(-1, every, 2).tolist()]
+    return tuple(
+        told(bool(whole), *doubt) for whole, doubt in zip(raw.completed[::every], doubts, strict=True)
+    )
 
 
 def gaps_of(raw: Raw, kernel: Kernel) -> dict[str, Array]:

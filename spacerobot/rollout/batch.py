@@ -15,7 +15,7 @@ from spacerobot.rollout.adjoint import AdjointEngine
 from spacerobot.rollout.engines import Engine, StopFlag
 from spacerobot.rollout.grid import TimeGrid
 from spacerobot.rollout.protocol import Array
-from spacerobot.rollout.raw import MOST_EVENTS, Raw
+from spacerobot.rollout.raw import MOST_EVENTS, Integers, Raw
 
 TASK_STEPS = 20_000
 """Most steps of a task, over its groups: long enough to hide Python, short enough to report and cancel."""
@@ -73,11 +73,14 @@ class Control:
         Called now and then with what is done; the rest is left out if it returns False.
     stop
         Event (``threading.Event``) that cancels when set.
+    backwards
+        Whether events at one instant shall fire in the other order.
     """
 
     threads: int | None = None
     progress: Progress | None = None
     stop: Stop | None = None
+    backwards: bool = False
 
     def on(self, backend: str) -> Control:
         """The same with the number of threads that a backend takes."""
@@ -130,8 +133,10 @@ def run_batch(
 
     Every group of lanes does the same arithmetic wherever it runs, so results depend neither on threads nor
     on N. ``p`` gives the full rows (n, np) of a piece when its turn comes: all at once may be too many.
+    Sensitivities with events at one instant are taken in both orders.
     """
     raw, flag = Raw.empty(engine.kernel, grid, total, samples.states, samples.rows), StopFlag()
+    raw = replace(raw, backwards=control.backwards)
 
     def work(piece: slice) -> int:
         given, part = p(piece), raw.part(piece)
@@ -143,15 +148,30 @@ def run_batch(
     pieces = fair_pieces(total, engine.lanes, max(1, TASK_STEPS // grid.steps), control.threads or 1)
     seconds = run_tasks(work, pieces, total, flag, control)
     raw.cost[~raw.completed] = np.nan
+    if engine.kernel.rate is not None and not control.backwards and len(rows := raw.coincident):
+        given = np.vstack([p(slice(row, row + 1)) for row in rows])
+        other = replace(control, progress=None, backwards=True)
+        again = run_batch(engine, grid, given.__getitem__, len(rows), samples, other).raw
+        raw.trust_same(rows, again, _derivatives(raw, rows), _derivatives(again, slice(None)))
     return Done(raw, control.threads or 1, seconds)
+
+
+def _derivatives(raw: Raw, rows: Integers | slice) -> Array:
+    """Everything that a rollout of sensitivities gave (n, ...)."""
+    r = raw.r[rows]
+    return r if raw.y is None else np.hstack([r, raw.y[rows].reshape(len(r), -1)])
 
 
 def run_gradients(
     engine: AdjointEngine, grid: TimeGrid, p: Array, seed: Array, control: Control
 ) -> tuple[Raw, Array]:
-    """Costs of every row of p (N, np), and gradients (N, k) of their sum weighted by ``seed`` (N, nj)."""
+    """Costs of every row of p (N, np), and gradients (N, k) of their sum weighted by ``seed`` (N, nj).
+
+    Those with events at one instant are taken in both orders.
+    """
     kernel, control = engine.kernel, control.on(engine.backend)
     raw, flag = Raw.empty(kernel, grid, len(p), False, ()), StopFlag()
+    raw = replace(raw, backwards=control.backwards)
     gradient = np.full((len(p), kernel.size("setup_reverse", "pbar")), np.nan)
 
     def work(piece: slice) -> int:
@@ -164,6 +184,10 @@ def run_gradients(
     run_tasks(work, pieces, len(p), flag, control)
     lost = ~raw.completed
     raw.cost[lost], gradient[lost] = np.nan, np.nan
+    if not control.backwards and len(rows := raw.coincident):
+        other = replace(control, progress=None, backwards=True)
+        again, turned = run_gradients(engine, grid, p[rows], seed[rows], other)
+        raw.trust_same(rows, again, gradient[rows], turned)
     return raw, gradient
 
 

@@ -82,6 +82,7 @@ class _Job(ctypes.Structure):
         ("when", ctypes.c_void_p),
         ("jump", ctypes.c_void_p),
         ("doubt", ctypes.c_void_p),
+        ("backwards", ctypes.c_int64),
         ("stop", ctypes.c_void_p),
     )
 
@@ -213,6 +214,7 @@ def make_job(
         address(raw.log.when),
         address(raw.log.jump),
         address(raw.log.doubt),
+        raw.backwards,
         stop.address,
     )
     return job, keep

@@ -98,6 +98,8 @@ class HybridRun:
         State, and constants with the sides of jumps and the switches.
     estimate
         Whether errors of steps are estimated.
+    backwards
+        Whether events at one instant fire in the other order; they are then found behind all of them.
     """
 
     engine: Stepper
@@ -105,6 +107,7 @@ class HybridRun:
     x: Array
     c: Array
     estimate: bool
+    backwards: bool = False
     fate: int = COMPLETED
     doubt: tuple[int, int] = (0, 0)
     happenings: list[Happening] = field(default_factory=list)
@@ -206,8 +209,19 @@ class HybridRun:
         if self._last >= 0:
             self._level[self._last] = max(self._first[self._last], 0.0)
         self._first = self._first - self._level
-        above = sorted(np.flatnonzero(self._first > 0), key=lambda i: (self._crossed[i], i))
-        return int(above[0]) if self._fresh and above else -1
+        if not self._fresh:
+            return -1
+        armed = self._first_above(np.where(self._crossed, -1.0, self._first))
+        return armed if armed >= 0 else self._first_above(self._first)
+
+    def _first_above(self, g: Array) -> int:
+        """The first event whose guard is above zero, or -1; backwards the one that rose last."""
+        above = np.flatnonzero(g > 0)
+        if above.size < 2 or not self.backwards:
+            return int(above[0]) if above.size else -1
+        rising = self._rates[above] > 0
+        since = np.where(rising, g[above] / np.where(rising, self._rates[above], 1.0), np.inf)
+        return int(above[since <= since.min() + TOLERANCE][-1])
 
     def _step(self, t: float, h: float, row: tuple[int, int, int, int], until_s: float, own: int) -> _Done:
         """One step of length h, or one cut short: to the root, where it begins, of event `own`."""
@@ -278,7 +292,7 @@ class HybridRun:
         """How long a step must be to end at the first peak of a guard that may rise above its level."""
         s, peak, bend = seen.peaks()
         with np.errstate(all="ignore"):
-            high = (s > SHORTEST) & (s < 1 - GRAZES) & (peak > -margin * bend)
+            high = (s > SHORTEST) & (s < 1 - GRAZES) & (s * h > TOLERANCE) & (peak > -margin * bend)
             ends = (abs(s - 1) < 10 * GRAZES) & (seen.end <= 0)
             if margin == GRAZES:
                 self._doubt(GRAZING, np.flatnonzero(ends & (-seen.end < GRAZES**2 * bend)))
@@ -286,15 +300,15 @@ class HybridRun:
 
     def _located(self, t: float, bracket: Bracket, done: _Done, seen: Tried) -> tuple[_Done, Tried]:
         """The step up to the earliest root, where a guard is just above its level, and the guards there."""
-        tries = 0
+        tries, tolerance = 0, 2 * TOGETHER if self.backwards else TOLERANCE
         while True:
             tries += 1
             low, high, root = bracket.low, bracket.high, bracket.earliest(seen)
-            near = high - root <= TOLERANCE or high - low <= TOLERANCE or tries > TRIES
+            near = high - root <= tolerance or high - low <= tolerance or tries > TRIES
             if near and seen.rise:
-                done.cut, done.event = True, int(np.flatnonzero(seen.end > 0)[0])
+                done.cut, done.event = True, self._first_above(seen.end)
                 return done, seen
-            tried = low + (high - low) / 2 if tries > SECANTS else min(high, max(root, low) + TOLERANCE / 2)
+            tried = low + (high - low) / 2 if tries > SECANTS else min(high, max(root, low) + tolerance / 2)
             done, seen = self._evaluated(t, high if near else tried, 0.0, 0.0)
             if seen.rise:
                 bracket.high, bracket.after = done.length, seen.end
@@ -322,7 +336,8 @@ class HybridRun:
         rate = self.engine.kernel.rate
         if rate is None:
             return done, dt
-        ends = [self._evaluated(t, done.length, dt, dh)[0].end for dh in (0.0, 1.0)]
+        steps = [self._evaluated(t, done.length, dt, dh)[0] for dh in (0.0, 1.0)]
+        ends, done.m = [step.end for step in steps], steps[0].m
         stretch = 0.0
         if done.event >= 0:
             slopes = []

@@ -85,12 +85,14 @@ class InterpretedEngine:
                 return
             self._one(row, grid, raw.part(slice(i, i + 1)), rows)
 
-    def path(self, p: Array, grid: TimeGrid, *, estimate: bool = False) -> DiscreteTrajectory:
-        """One rollout, with its error estimated or zero."""
+    def path(
+        self, p: Array, grid: TimeGrid, *, estimate: bool = False, backwards: bool = False
+    ) -> DiscreteTrajectory:
+        """One rollout, with its error estimated or zero, and the order of events at one instant."""
         kernel = self.kernel
         begin, c = (part.full().ravel() for part in kernel.functions["setup"](p))
         if kernel.events:
-            return self._hybrid(HybridRun(self, grid, begin, c, estimate))
+            return self._hybrid(HybridRun(self, grid, begin, c, estimate, backwards))
         times = c[list(kernel.jumps)]
         steps = plan(grid, times)
         sides = _sides(c, kernel.jumps, times, steps)
@@ -154,7 +156,7 @@ class InterpretedEngine:
         return begin + steps.index * dh, dh
 
     def _one(self, p: Array, grid: TimeGrid, raw: Raw, rows: Sequence[int]) -> None:
-        path = self.path(p, grid, estimate=raw.error is not None)
+        path = self.path(p, grid, estimate=raw.error is not None, backwards=raw.backwards)
         at = path.plan.sampled[: len(path.shown)]
         if raw.x is not None:
             raw.x[0, : len(at)] = path.x[at]

@@ -21,6 +21,9 @@ COMPLETED, DIVERGED, ENDED, CHATTERING = range(4)
 GRAZING, COINCIDENT = 1, 2
 """Why derivatives may not hold: a guard turned back at its event, or two events may change places."""
 
+SAME, FAINT, NOTHING = 1e-6, 1e-2, 1e-12
+"""Relative difference of derivatives that are the same; part of the largest that counts for small; zero."""
+
 MOST_EVENTS = 64
 """Events that are told of each rollout of many; those beyond are counted only."""
 
@@ -84,6 +87,8 @@ class Raw:
         Events.
     error
         Largest estimate of a step's error, shape (N,), None if not asked for.
+    backwards
+        Whether events at one instant shall fire in the other order.
     """
 
     x: Array | None
@@ -96,6 +101,7 @@ class Raw:
     gaps: Array
     log: EventLog
     error: Array | None = None
+    backwards: bool = False
 
     @classmethod
     def empty(cls, kernel: Kernel, grid: TimeGrid, count: int, states: bool, rows: Sequence[int]) -> Raw:
@@ -120,7 +126,7 @@ class Raw:
         y = None if self.y is None else self.y[rows]
         error = None if self.error is None else self.error[rows]
         own = (self.r[rows], self.cost[rows], self.done[rows], self.reached[rows], self.fate[rows])
-        return Raw(x, y, *own, self.gaps[rows], self.log.part(rows), error)
+        return Raw(x, y, *own, self.gaps[rows], self.log.part(rows), error, self.backwards)
 
     def with_events(self, most: int) -> Raw:
         """The same with room for so many events, and for the states before and after them."""
@@ -142,6 +148,20 @@ class Raw:
         for samples in (self.x, self.y):
             if samples is not None:
                 samples[lost, 1:] = np.nan
+
+    @property
+    def coincident(self) -> Integers:
+        """Rollouts of which two events may change places, by their rows."""
+        return np.flatnonzero(self.log.doubt[:, 0] == COINCIDENT)
+
+    def trust_same(self, rows: Integers, again: Raw, found: Array, other: Array) -> None:
+        """Doubt no more what is the same (n, ...) with the events at one instant in the other order."""
+        turned = (again.log.event != self.log.event[rows]).any(axis=1)
+        found, other = found.reshape(len(rows), -1), other.reshape(len(rows), -1)
+        with np.errstate(invalid="ignore"):
+            largest = np.abs(found).max(axis=1, initial=0.0, keepdims=True)
+            same = np.abs(other - found) <= SAME * (np.abs(found) + FAINT * largest) + NOTHING
+        self.log.doubt[rows[turned & same.all(axis=1)]] = 0
 
     def count(self, rows: slice) -> int:
         """How many of some rollouts ran."""

@@ -308,7 +308,7 @@ class Rollout:
             measures={name: frozen(raw.r[:, named[DERIVATIVE + name]].T) for name in self.kernel.measures},
             outputs={name: frozen(np.moveaxis(blocks[name], 0, -1)) for name in outputs},
             wall_s=time.perf_counter() - begin,
-            status=statuses(raw, engine.kernel)[0] if wrt else "exact",
+            status=statuses(raw, engine.kernel, len(wrt))[0] if wrt else "exact",
         )
 
     def slope_batch(
@@ -350,7 +350,7 @@ class Rollout:
             slopes={n: frozen(np.moveaxis(r[:, :, named[DERIVATIVE + n]], 1, 2).copy()) for n in names},
             unclosed=self.kernel.closure.told(done.raw.gaps[::k]),
             wall_s=time.perf_counter() - begin,
-            status=statuses(done.raw, engine.kernel)[::k],
+            status=statuses(done.raw, engine.kernel, k),
         )
 
     def _gradients(

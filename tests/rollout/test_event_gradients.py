@@ -39,6 +39,39 @@ def moved_force():
     ).loop()
 
 
+def clocks(**changes):
+    """Two events at times of their own, and a third that they arm together and that keeps the later time."""
+    return Hybrid(
+        {"first": 0.5, "second": 0.5, "rate": 0.7, "gain": 1.0, "shift": 0.0} | changes,
+        lambda first, second, rate, gain, shift: (
+            [1, 0, 0, 0],
+            [0, 0, 0, first, second, rate, gain, shift],
+        ),
+        lambda t, x, c: [c[5] * (1 - c[0] * (1 - c[6])) * x[0], 1 - 0.5 * c[1], 0, 0],
+        lambda t, x, c: [(1 - c[0], t - c[3]), (1 - c[1], t - c[4]), (c[0] * c[1] * (1 - c[2]), 1)],
+        lambda t, x, c: [
+            (c[6] * x[0], x[1], x[2], x[3]),
+            (x[0] + c[7], x[1] + 1, x[2], x[3]),
+            (x[0], x[1], c[5] * t, x[3]),
+        ],
+        [Rule("first", ((0, True),)), Rule("second", ((1, True),)), Rule("both", ((2, True),))],
+        switches=(0, 1, 2),
+    ).loop()
+
+
+def pulses():
+    """Two thrusters on one mass that are cut off at one instant, each by an on-time of its own."""
+    return Hybrid(
+        {"left": 0.43, "right": 0.43, "push": 2.0, "pull": 1.2, "drag": 0.3},
+        lambda left, right, push, pull, drag: ([0, 0.1, 0], [1, 1, left, right, push, pull, drag]),
+        lambda t, x, c: [x[1], c[0] * c[4] * (1 - x[0]) - c[1] * c[5] - c[6] * x[1], c[0] + 2 * c[1]],
+        lambda t, x, c: [(c[0], t - c[2] * (1 + 0.1 * c[4])), (c[1], t - c[3] * (1 + 0.1 * c[4]))],
+        lambda t, x, c: [(x[0], x[1], x[2]), (x[0], x[1], x[2])],
+        [Rule("left", ((0, False),)), Rule("right", ((1, False),))],
+        switches=(0, 1),
+    ).loop()
+
+
 CASES = {
     "ball": (bouncing_ball, 2.0),
     "wall": (spring_wall, 4.0),
@@ -46,6 +79,7 @@ CASES = {
     "ended": (latch, 6.0),
     "dwell": (dwell, 6.0),
     "jump": (moved_force, 2.0),
+    "balls": (two_balls, 1.9),
 }
 
 
@@ -189,8 +223,59 @@ def test_what_grazes_or_coincides_is_told(backend):
     assert status(wall, start=-0.601) == "exact"
     assert status(wall, start=-0.599) == "exact"
     assert status(balls, second=1.01) == "exact"
-    assert status(balls) == "coincident"
-    assert status(balls, second=1.0 + 1e-10) == "coincident"
+    assert status(balls) == "exact"  # either may bounce first
+    assert status(balls, second=1.0 + 1e-10) == "exact"
     assert status(made(bouncing_ball()), height=0.05) == "lost"
     assert status(made(marked(spring_wall())), start=-0.6 - 1e-11) == "exact"
     assert status(made(marked(two_balls()))) == "exact"
+
+
+def told(rollout, costs, wrt, **changes):
+    """Whether a gradient of some costs holds."""
+    return rollout.value_and_gradient(changes, wrt=wrt, costs=costs).status[0].split(":")[0]
+
+
+def clocked(backend, **changes):
+    loop = clocks(**changes)
+    s = Signals.of(loop)
+    named = {"grown": final(s.x[0]), "summed": final(s.x[1]), "later": final(s.x[2])}
+    measures = Measures(s, named, lambda r, _: {name: r[name] for name in named})
+    return build_rollout(loop, duration_s=1.0, **GRID, measures=measures, backend=backend)
+
+
+TIMES = ("first", "second")
+
+
+@pytest.mark.parametrize("backend", ["compiled", "interpreted"])
+def test_a_gradient_is_doubted_only_where_the_order_of_events_counts(backend):
+    """The later of two times has no derivative where both are the same; what each does alone has one."""
+    plain = clocked(backend)
+    assert told(plain, ("grown", "summed"), TIMES) == "exact"
+    assert told(plain, ("grown", "summed"), TIMES, second=0.5 + 4e-10) == "exact"
+    assert told(plain, ("later",), TIMES) == "coincident"
+    assert told(plain, ("later",), TIMES, second=0.501) == "exact"
+    assert told(plain, ("later",), ("rate",)) == "exact"  # nothing moves
+    turned = clocked(backend, gain=2.0, shift=0.3)  # twice and then more is not more and then twice
+    assert told(turned, ("grown",), TIMES) == "coincident"
+    assert told(turned, ("summed",), TIMES) == "exact"
+
+
+def test_sensitivities_and_gradients_of_many_know_as_well_where_the_order_counts():
+    plain, both = clocked("compiled"), [[0.5, 0.5], [0.5, 0.6], [0.71, 0.71 - 4e-10]]
+    assert plain.jacobian(wrt=("rate",)).status == "exact"
+    assert plain.jacobian(wrt=TIMES).status.startswith("coincident")
+    for found in (plain.slope_batch(TIMES, both), plain.gradient_batch(TIMES, both)):
+        assert [status.split(":")[0] for status in found.status] == ["coincident", "exact", "coincident"]
+    assert plain.gradient_batch(TIMES, both, costs=("grown", "summed")).status == ("exact",) * 3
+
+
+def test_thrusters_cut_off_at_one_instant_have_exact_derivatives():
+    loop = pulses()
+    rollout = build_rollout(loop, duration_s=1.0, **GRID, measures=measured(loop))
+    wrt, smooth = loop.parameter_paths, ("sum", "end0", "end1", "end2", "end3")
+    found, expected = rollout.value_and_gradient(wrt=wrt, costs=smooth), differences(rollout, wrt)
+    assert [here.event for here in rollout.run().events] == [0, 1]
+    assert found.status == ("exact",)
+    for name in smooth:
+        np.testing.assert_allclose(found.gradients[name], expected[name], rtol=1e-6, atol=1e-7)
+    assert told(rollout, ("worst",), wrt) == "coincident"  # the speed peaks at the earlier of both

@@ -15,10 +15,11 @@
 // there, so that of several roots the first is found, and none of a pair is missed.
 //
 // Of guards that rise within one and the same step, the second fires with a step of length zero that ends at its own
-// root, so that its time moves with the parameters as its own guard has it.
+// root, so that its time moves with the parameters as its own guard has it. A job done `backwards` lets what is together
+// fire the other way round: derivatives that are the same do not depend on the order.
 static_assert(M::B[0] != 0, "the first slope of a step must be there at its end");
 
-constexpr double TOLERANCE = 1e-12;   // of an event's time, s
+constexpr double TOLERANCE = 1e-12;   // of an event's time, s; backwards it is found behind all that is together
 constexpr double TOGETHER = 1e-9;     // two events so close may change places, s
 constexpr double SHORTEST = 1e-4;     // part of a step after which a guard's peak is looked for
 constexpr double GRAZES = 1e-3;       // part of a step within which a guard that grazes turns back
@@ -150,29 +151,41 @@ static double shortest_peak(Trajectory& at, int l, const Tried& tried) {
     const double s = peak_of(g), bend = 3 * g.bend();
     const bool ends = ::fabs(s - 1) < 10 * GRAZES && g.b[3] <= 0;
     if (margin == GRAZES && ends && -g.b[3] < GRAZES * GRAZES * bend) doubt(at, l, GRAZING, i);
-    if (s > SHORTEST && s < 1 - GRAZES && g.at(s) > -margin * bend) shortest = ::fmin(shortest, s * h);
+    if (s > SHORTEST && s < 1 - GRAZES && s * h > TOLERANCE && g.at(s) > -margin * bend)
+      shortest = ::fmin(shortest, s * h);
   }
   return shortest;
 }
 
-// The event that fires where lane l begins a step, or -1: what another one armed comes before what rose by itself.
-static int event_at_once(const Watch& w, int l, const Tried& at) {
+// The first of the events whose guards are above zero, or -1; backwards the one that rose last.
+static int first_above(const Job& job, int l, const real* g, const real* rate) {
   int found = -1;
-  for (int i = EVENTS - 1; i >= 0; --i)
-    if (lane(at.g0[i], l) > 0 && (found < 0 || lane(w.crossed[i], l) <= lane(w.crossed[found], l))) found = i;
+  double least = INFINITY;
+  for (int i = 0; i < EVENTS; ++i) {
+    if (!(lane(g[i], l) > 0) || (found >= 0 && !job.backwards)) continue;
+    const double since = lane(rate[i], l) > 0 ? lane(g[i], l) / lane(rate[i], l) : INFINITY;
+    if (since <= least + TOLERANCE) least = ::fmin(least, since), found = i;
+  }
   return found;
+}
+
+// The event that fires where lane l begins a step, or -1: what another one armed comes before what rose by itself.
+static int event_at_once(const Job& job, const Watch& w, int l, const Tried& tried) {
+  real armed[EVENTS];
+  for (int i = 0; i < EVENTS; ++i) armed[i] = select(w.crossed[i], -1., tried.g0[i]);
+  const int first = first_above(job, l, armed, tried.rate);
+  return first >= 0 ? first : first_above(job, l, tried.g0, tried.rate);
 }
 
 // Lane l tried a step of length h with a guard above its level at the end, or within, or at the beginning.
 static void judge_lane(const Job& job, Trajectory& at, int l, const Tried& tried, Happened& found) {
   Watch& w = at.now.watch;
   double& h = lane(at.now.step.h, l);
-  int event = -1;
-  for (int i = EVENTS - 1; i >= 0; --i)
-    if (lane(tried.g1[i], l) > 0) event = i;
+  const int event = first_above(job, l, tried.g1, tried.rate);
+  const double tolerance = job.backwards ? 2 * TOGETHER : TOLERANCE;
   lane(found.waits, l) = 1.;
   if (lane(w.fresh, l) != 0) {
-    const int at_once = event_at_once(w, l, tried);
+    const int at_once = event_at_once(job, w, l, tried);
     if (at_once >= 0) {
       const bool own = lane(w.crossed[at_once], l) != 0;
       if (own && h > 0) h = 0;
@@ -202,13 +215,13 @@ static void judge_lane(const Job& job, Trajectory& at, int l, const Tried& tried
     if (guard.after > 0) root = ::fmin(root, guard.root());
   }
   const double tries = ++lane(w.tries, l);
-  const bool near = high - root <= TOLERANCE || high - low <= TOLERANCE || tries > TRIES;
+  const bool near = high - root <= tolerance || high - low <= tolerance || tries > TRIES;
   if (event >= 0 && near) {
     lane(found.waits, l) = 0., lane(found.cut, l) = 1., lane(found.event, l) = event;
     judge_root(job, at, l, event, h, tried);
   } else {
     const double middle = low + (high - low) / 2;
-    h = near ? high : tries > SECANTS ? middle : ::fmin(high, ::fmax(root, low) + TOLERANCE / 2);
+    h = near ? high : tries > SECANTS ? middle : ::fmin(high, ::fmax(root, low) + tolerance / 2);
   }
 }
 

@@ -50,6 +50,7 @@ struct Job {
   double* when;                     // (count, most), and their times
   double* jump;                     // (count, most, 2, NX) or null: states before and after each
   int64_t* doubt;                   // (count, 2): why a gradient may not hold, and at which event
+  int64_t backwards;                // truth where events at one instant fire in the other order
   const volatile int32_t* stop;     // leave early when this becomes non-zero
   double time(int64_t sample) const { return double(sample * every) * h; }
 };
