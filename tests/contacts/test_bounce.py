@@ -7,7 +7,8 @@ import pytest
 
 from spacerobot.pinocchio_engine import simulate as checked_by
 from spacerobot.scene import load_scene
-from viz.drawing.motion import PAD, scene_nodes
+from tests.oracles.balls import meeting
+from viz.drawing.motion import PAD, PLATE, scene_nodes
 from viz.figures import draw_all
 from viz.page.signals import quantities
 
@@ -51,3 +52,19 @@ def test_the_second_engine_sees_the_same(bounce):
     found = checked_by(scene, output_step_s=0.1, rtol=1e-9, atol=1e-10)
     ours = bounce.data.q.values[: 10 * len(found.state) : 10]
     assert np.abs(ours - found.state[:, : scene.model.nq]).max() < 1e-6
+
+
+def test_a_plane_is_seen_as_a_plate_below_it_that_is_wide_enough_with_its_normal():
+    at = {
+        "floor": {"link": "one/body", "shape": "plane", "position": [0, 0.3, 0], "rotation_deg": [90, 0, 0]}
+    }
+    found = meeting({"stiffness": 1e4, "between": ["floor", "target/body"]}, pads=at)
+    (node,) = (node for node in scene_nodes(found) if any(s.rgba is PLATE for s in node.solids))
+    plate, *normal = (s for s in node.solids if s.rgba is PLATE or s.rgba is PAD)
+    up, surface = np.array([0, -1, 0]), np.array([0, 0.3, 0])
+    half = plate.geometry.size / 2
+    np.testing.assert_allclose(plate.placement[:3, 3] + half[2] * up, surface, atol=1e-12)
+    np.testing.assert_allclose(plate.placement[:3, 2], up, atol=1e-12)
+    assert min(half[:2]) > 0.205 + 0.1  # as far as the ball reaches
+    heights = [(solid.placement[:3, 3] - surface) @ up for solid in normal]
+    assert min(heights) > 0.05

@@ -27,6 +27,9 @@ GREY = np.array([0.6, 0.6, 0.6, 1.0])
 PAD = np.array([0.85, 0.45, 0.1, 1.0])
 """Colour of pads."""
 
+PLATE = np.array([*PAD[:3], 0.3])
+"""Colour of planes, which are drawn as plates."""
+
 
 @dataclass(frozen=True, eq=False)
 class Solid:
@@ -138,24 +141,54 @@ def scene_nodes(scene: Scene) -> tuple[Node, ...]:
 
 
 def _pads(scene: Scene) -> list[tuple[str, int, Solid]]:
-    """Pads of contacts: the body and joint that carry each, and what is seen of it. Planes are not."""
-    shapes = [shape for contact in scene.contacts for pair in contact.pairs for shape in pair]
+    """Pads of contacts: the body and joint that carry each, and what is seen of it."""
+    pairs = [pair for contact in scene.contacts for pair in contact.pairs]
     found = []
-    for shape in dict.fromkeys(shape for shape in shapes if shape.path is not None):
+    for shape in dict.fromkeys(shape for pair in pairs for shape in pair if shape.path is not None):
         body = scene.model.frames[shape.frame].name.partition("/")[0]
-        found += [(body, shape.joint, solid) for solid in pad_solids(scene, shape)]
+        found += [(body, shape.joint, solid) for solid in pad_solids(scene, shape, pairs)]
     return found
 
 
-def pad_solids(scene: Scene, shape: SceneShape) -> list[Solid]:
-    """What is seen of a pad, in the frame of the joint that carries it."""
+def pad_solids(
+    scene: Scene, shape: SceneShape, pairs: Sequence[tuple[SceneShape, SceneShape]]
+) -> list[Solid]:
+    """What is seen of a pad, in the frame of the joint that carries it.
+
+    A plane is a plate with a pin along its normal, wide enough for the other shapes of its pairs.
+    """
     placement = scene.model.frames[shape.frame].placement.homogeneous @ shape.placement
+    if shape.kind == "plane":
+        others = {other for pair in pairs if shape in pair for other in pair if other is not shape}
+        parts = _plate(max(_reach(scene, shape, other) for other in others))
+    else:
+        parts = [(geometry, along, PAD) for geometry, along in _primitives(shape)]
     found = []
-    for geometry, along in _primitives(shape):
+    for geometry, along, rgba in parts:
         moved = placement.copy()
         moved[:3, 3] += along * placement[:3, 2]
-        found.append(Solid(moved, geometry, PAD))
+        found.append(Solid(moved, geometry, rgba))
     return found
+
+
+def _reach(scene: Scene, plane: SceneShape, other: SceneShape) -> float:
+    """How far along a plane, from its origin, another shape reaches at the start [m]."""
+    data = scene.model.createData()
+    pin.framesForwardKinematics(scene.model, data, scene.q)
+    here, there = (data.oMf[shape.frame] * pin.SE3(shape.placement) for shape in (plane, other))
+    radius, half = other.measures
+    return float(np.linalg.norm(here.actInv(there.translation)[:2])) + radius + sum(half)
+
+
+def _plate(reach: float) -> list[tuple[Geometry, float, Array]]:
+    """What a plane is drawn as, each with its place along the normal [m] and its colour."""
+    edge, length = 3 * reach, 0.4 * reach
+    plate = Geometry("box", np.array([edge, edge, 0.01 * edge]))
+    stick, head = (
+        Geometry("cylinder", np.array([0.012 * reach, length])),
+        Geometry("sphere", np.array([0.03 * reach])),
+    )
+    return [(plate, -0.005 * edge, PLATE), (stick, length / 2, PAD), (head, length, PAD)]
 
 
 def _primitives(shape: SceneShape) -> list[tuple[Geometry, float]]:

@@ -26,7 +26,7 @@ from viz.drawing.motion import (
 from viz.drawing.view import first_view, view_of
 from viz.figures.collect import check_comparable
 from viz.figures.style import labels_of
-from viz.page.contacts import contact_data, grip_data, no_contacts
+from viz.page.contacts import contact_data, grip_data, no_contacts, no_grips
 from viz.page.events import event_data
 from viz.page.limits import joint_limits
 from viz.page.masses import mass_data, no_masses
@@ -150,7 +150,7 @@ def still(scene: Scene, *, about: str | None = None) -> dict[str, Any]:
         "grasp_tips": [],
         "forces": "",
         "mates": "",
-        "grips": {"held": "", "captures": []},
+        "grips": no_grips(),
         "contacts": no_contacts(),
         "plumes": no_plumes(),
         "masses": no_masses(),

@@ -42,7 +42,11 @@ def no_contacts() -> dict[str, Any]:
 
 
 def grip_data(result: Result, rows: Rows) -> dict[str, Any]:
-    """Grasps at rows of a result: ``held``, packed (nt, grasps), 1 or 0; times [s] of their ``captures``."""
+    """Grasps at rows of a result: ``held``, packed (nt, grasps), 1 or 0; times [s] of their ``captures``.
+
+    ``impulses`` of impacts on the target are (time [s], x, y, z [N s]) for each grasp, none at all where no
+    rigid one opens or closes; ``greatest`` [N s] is the largest.
+    """
     data, events = result.data, result.summary.get("events", ())
     held = np.ones((len(rows), data.sizes["grasp"]))
     if "grasp_state" in data:  # not a number for one that is always closed
@@ -52,4 +56,15 @@ def grip_data(result: Result, rows: Rows) -> dict[str, Any]:
         [e["time_s"] for e in events if (e["kind"], e["who"]) == ("captured", name)]
         for name in data.grasp.values
     ]
-    return {"held": packed(held), "captures": captures}
+    rigid = any(grasp.is_rigid for grasp in result.scenario.grasps.values())
+    impulses = [
+        [[e["time_s"], *e["impulses_n_s"][name]] for e in events if name in e.get("impulses_n_s", ())]
+        for name in (data.grasp.values if rigid and "grasp_impulse" in data else ())
+    ]
+    greatest = max((float(np.linalg.norm(one[1:])) for own in impulses for one in own), default=0.0)
+    return {"held": packed(held), "captures": captures, "impulses": impulses, "greatest": greatest}
+
+
+def no_grips() -> dict[str, Any]:
+    """The same where nothing is held yet."""
+    return {"held": "", "captures": [], "impulses": [], "greatest": 0.0}

@@ -127,7 +127,7 @@ def _kept_out(scene: Scene, plan: Planning) -> Iterator[tuple[int, Solid]]:
         for pair in find_pairs(scene, apart.between, apart.wrap, f"plan.keep_out.{name}")
     ]
     for shape in {shape.label: shape for pair in pairs for shape in pair if shape.path is not None}.values():
-        for solid in pad_solids(scene, shape):
+        for solid in pad_solids(scene, shape, pairs):
             yield shape.joint, solid
 
 

@@ -1,5 +1,5 @@
 // One run in the scene: bodies, ghosts, paths, forces, at any time.
-const FLASH_S = 1; // of simulated time
+const FLASH_S = 1, IMPULSE_S = 0.4; // of simulated time
 const PALE = "#dfe6ee"; // the design before
 
 class Run {
@@ -9,10 +9,11 @@ class Run {
     this.scale = sizes.scene * closeness;
     this.metresPerNewton = sizes.newton * closeness;
     this.metresPerThrust = sizes.thrust * closeness;
+    this.metresPerImpulse = sizes.impulse * closeness;
     this.metresPerNewtonSecond = sizes.newtonSecond * closeness;
     this.root = new THREE.Group();
     this.layers = {
-      ghosts: [], reference: [], traces: [], forces: [], contacts: [], plumes: [], mates: [], frames: [], centres: [], momenta: [],
+      ghosts: [], reference: [], traces: [], forces: [], contacts: [], impulses: [], plumes: [], mates: [], frames: [], centres: [], momenta: [],
     };
     this.vector = new THREE.Vector3();
     this.from = new THREE.Vector3();
@@ -33,6 +34,7 @@ class Run {
     this.forces = floats(data.forces);
     this.mates = floats(data.mates);
     this.held = floats(data.grips.held);
+    this.impulses = data.grips.impulses; // of impacts at each grasp
     this.touching = floats(data.contacts.forces);
     this.touched = floats(data.contacts.points);
     this.thrusts = floats(data.plumes.forces);
@@ -122,6 +124,8 @@ class Run {
     this.arrows = grips.map(() => this.put("forces", arrow(0.0028 * this.scale, COLOURS.force)));
     this.mateBalls = grips.map(() => this.put("mates", ball(0.0072 * this.scale, COLOURS.mate, 20)));
     this.flashes = grips.map((tip) => this.tipBalls[tip].add(ball(0.0052 * this.scale, COLOURS.mate, 19)).children.at(-1));
+    const struck = this.data.grips.impulses.length > 0 ? grips : [];
+    this.impulseArrows = struck.map(() => this.put("impulses", arrow(0.0028 * this.scale, COLOURS.impulse)));
     const touches = Array.from({ length: this.data.contacts.count });
     this.contactArrows = touches.map(() => this.put("contacts", arrow(0.0028 * this.scale, COLOURS.contact)));
   }
@@ -180,6 +184,12 @@ class Run {
     this.arrows.forEach((shown, k) => {
       this.between(this.tips, tips, this.data.grasp_tips[k], i, share, this.from);
       this.between(this.forces, grips, k, i, share, this.vector).multiplyScalar(this.metresPerNewton);
+      this.point(shown);
+    });
+    this.impulseArrows.forEach((shown, k) => {
+      this.between(this.tips, tips, this.data.grasp_tips[k], i, share, this.from);
+      const last = this.impulses[k].filter(([at]) => time >= at && time < at + IMPULSE_S).at(-1) || [0, 0, 0, 0];
+      this.vector.fromArray(last, 1).multiplyScalar(this.metresPerImpulse);
       this.point(shown);
     });
     const touches = this.contactArrows.length;

@@ -52,7 +52,8 @@ class Scene {
     const momentum = Math.max(...runs.map(({ masses }) => masses.greatest));
     const each = (greatest) => (greatest > 0 ? (longest * scale) / greatest : 0);
     const thrust = Math.max(...runs.map(({ plumes }) => plumes.greatest));
-    const sizes = { scene: scale, newton: each(force), thrust: each(thrust), newtonSecond: each(momentum) };
+    const impulse = Math.max(...runs.map(({ grips }) => grips.greatest));
+    const sizes = { scene: scale, newton: each(force), thrust: each(thrust), impulse: each(impulse), newtonSecond: each(momentum) };
     this.runs = runs.map((data, k) => {
       const run = new Run(data, sizes, this.near ? this.closeness() : 1);
       this.viewer.set_object([`run${k}`], run.root);
@@ -155,6 +156,8 @@ class Scene {
     const thrust = Math.max(...runs.map(({ plumes }) => plumes.greatest));
     const parts = [`grid ${this.spacing} m`];
     if (force > 0 && (this.shown.forces || this.shown.contacts)) parts.push(`longest force ${force.toPrecision(3)} N`);
+    const impulse = Math.max(...runs.map(({ grips }) => grips.greatest));
+    if (impulse > 0 && this.shown.impulses) parts.push(`longest impulse ${impulse.toPrecision(3)} N s`);
     if (thrust > 0 && this.shown.plumes) parts.push(`longest plume ${thrust.toPrecision(3)} N`);
     if (momentum > 0 && this.shown.momenta) parts.push(`longest momentum ${momentum.toPrecision(3)} N s`);
     return parts.join("; ");
@@ -208,7 +211,7 @@ class Scene {
     this.time = time;
     for (const run of this.runs) {
       run.seek(time);
-      for (const layer of ["forces", "contacts", "plumes", "momenta"]) if (!this.shown[layer]) run.show(layer, false);
+      for (const layer of ["forces", "contacts", "impulses", "plumes", "momenta"]) if (!this.shown[layer]) run.show(layer, false);
     }
     this.eye.follow(this.followedPoint);
     this.viewer.set_dirty();

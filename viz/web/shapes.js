@@ -7,7 +7,7 @@ const TIP_COLOURS = [
 ];
 const AXIS_COLOURS = ["#ff5c5c", "#5ee05e", "#6fa8ff"];
 const COLOURS = {
-  target: "#35e0a1", force: "#ff5c6c", contact: "#c77dff", reference: "#ffffff", mate: "#ffffff", grid: "#8fa3b8",
+  target: "#35e0a1", force: "#ff5c6c", contact: "#c77dff", impulse: "#ff9d2e", reference: "#ffffff", mate: "#ffffff", grid: "#8fa3b8",
   centre: "#ffd23f", momentum: "#7df9ff", plume: "#ffdca8",
 };
 const RUN_COLOURS = ["#56b4e9", "#ff8c42", "#9be564", "#f29ad0", "#f0e442", "#c9b6ff"];

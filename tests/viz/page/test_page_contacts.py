@@ -9,6 +9,7 @@ from viz.page.page import animation_page
 from viz.record import frames
 
 VIOLET = np.array([0xC7, 0x7D, 0xFF])
+ORANGE = np.array([0xFF, 0x9D, 0x2E])
 READY = "document.body?.dataset.ready === 'true'"
 
 
@@ -67,6 +68,17 @@ def test_the_moment_of_capture_flashes_and_then_the_tip_is_ringed(browser, docke
     white = [(picture.min(axis=2) > 200).sum() for picture in shown]
     assert white[1] > white[0] + 20
     assert white[2] > white[0]
+    struck = [(np.abs(picture - ORANGE).max(axis=2) < 12).sum() for picture in shown]  # the impulse
+    assert (struck[0], struck[2]) == (0, 0)
+    assert struck[1] > 40
+
+
+def test_impulses_of_rigid_captures_are_those_of_the_summary(docked, paper):
+    grips = animation(docked)["runs"][0]["grips"]
+    (event,) = (event for event in docked.summary["events"] if event["kind"] == "captured")
+    assert grips["impulses"] == [[[event["time_s"], *event["impulses_n_s"]["left"]]]]
+    assert grips["greatest"] == pytest.approx(np.linalg.norm(event["impulses_n_s"]["left"]))
+    assert animation(paper)["runs"][0]["grips"]["impulses"] == []
 
 
 def test_a_recording_shows_contact_forces_and_says_so(bounce):
