@@ -27,6 +27,7 @@ FLAGS = (
     "--disable-background-networking",
     "--no-first-run",
     "--disable-sync",
+    "--hide-scrollbars",
     "--remote-debugging-port=0",
     "--window-size=1280,800",
     "about:blank",

@@ -91,7 +91,7 @@ class Studio(Loopback):
         return {"title": self._title, "about": "connecting", "runs": [], "studio": True}
 
 
-def studio(scene: Scene, *, folder: Path = FOLDER, port: int = FIRST_PORT) -> Studio:
+def studio(scene: Scene, *, folder: Path | str = FOLDER, port: int = FIRST_PORT) -> Studio:
     """Studio of a scene, which shows itself as the last line of a notebook's cell.
 
     It serves until it is closed or Python ends.
@@ -110,7 +110,7 @@ def studio(scene: Scene, *, folder: Path = FOLDER, port: int = FIRST_PORT) -> St
     SpaceRobotError
         If the scene cannot be rolled out, or no port is free.
     """
-    return Studio(Origin(scene), folder, port)
+    return Studio(Origin(scene), Path(folder), port)
 
 
 class _Known(Guarded):

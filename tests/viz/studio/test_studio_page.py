@@ -194,14 +194,15 @@ def test_what_cannot_be_is_said_and_the_motion_stays(opened):
 def test_it_fits_every_size_and_is_readable(opened, browser, scheme):
     browser.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": scheme}])
     try:
-        for size in ((390, 844), (1280, 720)):
+        for size in ((390, 844), (910, 680)):
             page = opened(size=size)
             page.evaluate(
                 "for (const part of document.querySelectorAll('#panel > details')) part.open = true"
             )
             _slide(page, 30)
             assert page.evaluate("document.documentElement.scrollWidth <= window.innerWidth"), size
-            assert page.evaluate("panel.scrollWidth <= panel.clientWidth"), size
+            for part in ("panel", "controls"):
+                assert page.evaluate(f"{part}.scrollWidth <= {part}.clientWidth"), (size, part)
             assert page.evaluate(CONTRAST) == [], size
     finally:
         browser.call("Emulation.setEmulatedMedia", features=[])

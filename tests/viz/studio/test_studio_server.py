@@ -17,7 +17,7 @@ from viz.studio.messages import MOST_BYTES, MOST_VALUES, read
 
 @pytest.fixture(scope="module")
 def studio(arm):
-    with sr.studio(sr.load_scene(arm), folder=arm.parent / "kept", port=7700) as served:
+    with sr.studio(sr.load_scene(arm), folder=str(arm.parent / "kept"), port=7700) as served:
         yield served
 
 

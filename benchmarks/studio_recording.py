@@ -1,0 +1,97 @@
+"""``python -m benchmarks.studio_recording FILE``: the README's recording of the studio, made by Chromium."""
+
+from __future__ import annotations
+
+import base64
+import io
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from PIL import Image
+
+from benchmarks.browser import Browser, chromium
+from spacerobot.files import write_bytes
+from spacerobot.scene import load_scene
+from viz.studio.plant import Origin
+from viz.studio.server import Studio
+
+SIZE, WIDTH = (1180, 760), 860
+COLOURS = {Image.Quantize.MEDIANCUT: 176, Image.Quantize.MAXCOVERAGE: 80}
+"""Colours of the recording: frequent ones, for the sky, and ones far apart, for thin lines."""
+BAR = "document.querySelector('.slider input[type=range]')"
+WORDS = "document.querySelector('#jobs .words').textContent"
+GAIN = "robots.rpr1.tips.tip.amnesia.ge"
+SETTLED = "!document.getElementById('status').classList.contains('busy')"
+
+
+def record(browser: Browser, url: str) -> list[tuple[Image.Image, int]]:
+    """Pictures and how long each is shown [ms]: a slider is dragged, then the gradient is followed."""
+    wide, high = SIZE
+    browser.call("Page.enable")
+    browser.call(
+        "Emulation.setDeviceMetricsOverride", width=wide, height=high, deviceScaleFactor=1, mobile=False
+    )
+    dark = [{"name": "prefers-color-scheme", "value": "dark"}]
+    browser.call("Emulation.setEmulatedMedia", features=dark)
+    browser.call("Page.navigate", url=f"{url}#t=3.2&play=0")
+    browser.wait_for("document.querySelector('.slider .gradient')?.textContent.includes('+10 %')")
+    browser.wait_for("document.getElementById('doubt').hidden")
+    browser.evaluate("document.getElementById('sort').click()")
+    found = [(_picture(browser), 1500)]
+    begin, end = (int(browser.evaluate(f"{BAR}.value")), 250)
+    for k in range(1, 15):
+        browser.evaluate(f"{BAR}.value = {begin + (end - begin) * k // 14}")
+        browser.evaluate(f"{BAR}.dispatchEvent(new Event('input'))")
+        browser.wait_for(SETTLED)
+        found.append((_picture(browser), 120))
+    browser.evaluate(f"{BAR}.dispatchEvent(new Event('change'))")
+    time.sleep(0.5)
+    found.append((_picture(browser), 1500))
+    browser.evaluate("document.querySelector('#jobs .improve').click()")
+    while not browser.evaluate(f"{WORDS}.startsWith('done')"):
+        found.append((_picture(browser), 120))
+    time.sleep(0.5)
+    found.append((_picture(browser), 2500))
+    return found
+
+
+def _picture(browser: Browser) -> Image.Image:
+    shot = browser.call("Page.captureScreenshot", format="png")["data"]
+    picture = Image.open(io.BytesIO(base64.b64decode(shot))).convert("RGB")
+    return picture.resize((WIDTH, WIDTH * SIZE[1] // SIZE[0]), Image.Resampling.LANCZOS)
+
+
+def _colours(picture: Image.Image, method: Image.Quantize, count: int) -> list[int]:
+    """Red, green and blue of a picture's colours, one after the other."""
+    found = picture.quantize(count, method=method).getpalette() or []
+    return (found + 3 * count * [0])[: 3 * count]
+
+
+def main() -> None:
+    """Record, and write the file."""
+    with tempfile.TemporaryDirectory() as folder, chromium() as browser:
+        if browser is None:
+            sys.exit("error: no Chromium on this computer")
+        with Studio(Origin(load_scene("paper"), "paper"), Path(folder)) as studio:
+            found = record(browser, studio.url)
+    palette = Image.new("P", (1, 1))
+    entries = [_colours(found[-1][0], method, count) for method, count in COLOURS.items()]
+    palette.putpalette([*entries[0], *entries[1]])
+    frames = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture, _ in found]
+    content = io.BytesIO()
+    frames[0].save(
+        content,
+        "GIF",
+        save_all=True,
+        append_images=frames[1:],
+        duration=[ms for _, ms in found],
+        loop=0,
+        optimize=True,
+    )
+    write_bytes(Path(sys.argv[1]), content.getvalue())
+
+
+if __name__ == "__main__":
+    main()
