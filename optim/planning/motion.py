@@ -82,7 +82,11 @@ class Motion:
         Velocities and configurations are the integrals of the polynomials of their rates, which they equal at
         the points.
         """
-        share = ((np.arange(intervals)[:, None] + place) / intervals).ravel() * self.intervals
+        return self.along(((np.arange(intervals)[:, None] + place) / intervals).ravel())
+
+    def along(self, parts: Array) -> Array:
+        """Instants (n, nz) at parts (n,) of the duration, 0 to 1; see :meth:`at`."""
+        share = parts * self.intervals
         n = np.minimum(share.astype(int), self.intervals - 1)
         local = share - n
         of = n[:, None] * (self.lobatto.points - 1) + np.arange(self.lobatto.points)

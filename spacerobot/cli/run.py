@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Literal
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -89,6 +90,8 @@ def _conclude(scene: Scene, result: Result) -> None:
     events = event_rows(result.summary.get("events", ()))
     if events:
         console().print(table("events", HEADINGS, events, whole=True))
+    if "mpc" in result.summary:
+        console().print(pairs("plans made in flight", _planning(result.summary["mpc"])))
     if result.folder is not None:
         console().print(f"\nresult in {result.folder}", markup=False, soft_wrap=True)
 
@@ -116,8 +119,19 @@ def run_scene(
             if watch is not None:
                 watch(words)
 
-        result = simulate(scene, backend=backend, progress=tell)
+        if plans_in_flight(scene):
+            from optim.planning.receding import fly
+
+            result = fly(scene, backend=backend, progress=tell)
+        else:
+            result = simulate(scene, backend=backend, progress=tell)
     return save(result, out) if out is not None else result
+
+
+def plans_in_flight(scene: Scene) -> bool:
+    """Whether a robot makes its plan anew in each period, by the engine that can be resumed."""
+    controllers = [one for robot in scene.scenario.robots.values() for one in robot.controllers.values()]
+    return scene.scenario.simulation.engine == "casadi" and any(one.kind == "mpc" for one in controllers)
 
 
 def fail_if_diverged(result: Result) -> None:
@@ -154,6 +168,18 @@ def warn_if_open(result: Result) -> None:
     doubt = warning(result.summary["status"])
     if doubt is not None:
         warn(f"{result.scenario.name}: {doubt}")
+
+
+def _planning(told: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """How often was planned, and how long it took against the period."""
+    again = told["plans"] - 1
+    missed = f", {told['missed']} led to no plan" if told["missed"] else ""
+    took = f"{told['mean_solve_s']:.3g} s, the longest {told['longest_solve_s']:.3g} s"
+    return [
+        ("period", f"{told['period_s']:g} s"),
+        ("plans", f"{told['plans']}{missed}; the first took {told['first_solve_s']:.3g} s"),
+        ("time of the others", f"{took}; {told['in_time']} of {again} within the period"),
+    ]
 
 
 def _about(scene: Scene) -> str:

@@ -170,7 +170,7 @@ class JointTracker(_Joints):
     def _planned(self, now: Asking) -> tuple[Array, Array, Array]:
         """Positions, rates and torques (n,), joints in the robot's order."""
         plan = self.config.planned
-        t, within = plan_time(plan, now)
+        t, within = (time - self.config.begins for time in plan_time(plan, now))
         none = np.zeros(len(self._order))
         if within >= plan.times[-1]:
             return np.array(plan.position[-1])[self._order], none, none

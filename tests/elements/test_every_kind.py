@@ -98,6 +98,19 @@ NEEDS: dict[tuple[str, str], dict[str, object]] = {
             "effort": [[1, 2, 3], [0.5, -1, 2], [1, 1, -2], [1, 2, 0], [1, 0.5, 0.5]],
         },
     },
+    ("robot_controller", "mpc"): {
+        "kp": 20,
+        "kd": 3,
+        "begin": 0.1,
+        "knots": {
+            "times": [0, 0.8, 1.6],
+            "points": 3,
+            "joints": ["joint_3", "joint_1", "joint_2"],
+            "position": [[0.6, 0.8, -1.2], [0.7, 0.7, -1], [0.8, 0.8, -1.2]],
+            "rate": [[0, 0, 0], [0.2, -0.1, 0.3], [0, 0, 0]],
+            "effort": [[1, 2, 3], [0.5, -1, 2], [1, 0.5, 0.5]],
+        },
+    },
     ("robot_controller", "base_tracking"): {
         "kd_linear": 20,
         "kd_angular": 3,
@@ -187,7 +200,7 @@ def scene_of(family, kind, text=PLANAR):
     if text is SPATIAL and kind == "plan":
         turned = [[0.1, 0.2, 0.1], [0.5, -0.2, 0.2], [0.3, 0.2, 0.0], [0.1, 0.1, -0.1]]
         found["robots.one.tips.tip.reference"]["knots"] |= {"rotation": turned, "spin": turned[::-1]}
-    if text is SPATIAL and kind == "joint_tracking":
+    if text is SPATIAL and kind in ("joint_tracking", "mpc"):
         knots = found["robots.one.controllers"]["own"]["knots"] | {
             "joints": ["slide", "round", "slant", "wrist"]
         }

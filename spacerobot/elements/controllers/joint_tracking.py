@@ -64,7 +64,7 @@ class JointTracking(RobotController):
     def build(self, robot: RobotContext) -> Contribution:
         """Torques."""
         motion, number = self.planned, robot.context.number
-        knots = Knots.at(robot.context, np.array(motion.times), motion.points, motion.time(robot))
+        knots = Knots.at(robot.context, np.array(motion.times), motion.points, self.time(robot))
         wanted = knots.motion(self._table(robot, "position"), self._table(robot, "rate"))
         efforts = ca.SX(len(robot.joints), 1)
         if motion.effort is not None:
@@ -76,6 +76,15 @@ class JointTracking(RobotController):
             speed = measured(robot.sensors("joint_rate"), robot.plant.v[column])
             torques.append(efforts[i] + kp * (wanted.value[i] - position) + kd * (wanted.rate[i] - speed))
         return Contribution(torques=(robot.torque(ca.vertcat(*torques)),))
+
+    @property
+    def begins(self) -> float:
+        """When the plan begins, beside its phase [s]."""
+        return 0.0
+
+    def time(self, robot: RobotContext) -> ca.SX | None:
+        """Time in the plan (1x1) [s]; None where it is that of the simulation."""
+        return self.planned.time(robot)
 
     @property
     def planned(self) -> JointMotion:

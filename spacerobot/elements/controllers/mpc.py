@@ -1,0 +1,75 @@
+"""A plan that is made anew at each period from what is sensed, and followed by the joints."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Literal
+
+import casadi as ca
+from pydantic import Field, model_validator
+
+from spacerobot.elements.context import RobotContext
+from spacerobot.elements.contribution import Contribution
+from spacerobot.elements.controllers.joint_tracking import JointTracking
+from spacerobot.elements.registry import register
+from spacerobot.elements.robot_element import RobotFacts
+from spacerobot.errors import ScenarioError
+from spacerobot.section import quantity
+
+
+@register
+class Mpc(JointTracking):
+    """Joints track a plan that is made anew in each period for the time that is left (MPC)."""
+
+    kind: Literal["mpc"] = "mpc"  # type: ignore[assignment]
+    file: None = Field(default=None, description="none: plans are made in flight")
+    period: float = quantity("s", "time between two plans", default=0.5, gt=0)
+    least: float = quantity("s", "time left from which on the last plan is kept", default=1.0, gt=0)
+    begin: float = quantity("s", "when the plan in `knots` begins", default=0.0, ge=0)
+
+    @model_validator(mode="after")
+    def _check(self) -> Mpc:
+        """Knots come between the periods."""
+        return self
+
+    def build(self, robot: RobotContext) -> Contribution:
+        """Torques; the plan is that of the present period.
+
+        Raises
+        ------
+        ScenarioError
+            If there is none.
+        """
+        if self.knots is None:
+            raise ScenarioError(
+                "kind mpc plans anew between the periods of one rollout, as `spacerobot run` does; "
+                "campaigns, searches and other engines do not: there, follow a plan by joint_tracking",
+                where=robot.context.path,
+            )
+        return super().build(robot)
+
+    def time(self, robot: RobotContext) -> ca.SX | None:
+        """Time since the plan began."""
+        return robot.context.time - robot.context.number("begin")
+
+    @property
+    def begins(self) -> float:
+        """When the plan begins [s]."""
+        return self.begin
+
+    def faults(self, robot: RobotFacts) -> Iterable[tuple[str, str]]:
+        """Joints that are not the robot's, where there is a plan."""
+        return () if self.knots is None else super().faults(robot)
+
+    def cautions(self, robot: RobotFacts) -> Iterable[str]:
+        """None: each plan begins where the robot is."""
+        del robot
+        return ()
+
+    def reads(self) -> set[str]:
+        """Joints, and what is seen of the target where a plan is made."""
+        return super().reads() | {"target_position", "target_velocity", "target_spin"}
+
+    def words(self) -> str:
+        """Its gains and its period."""
+        return f"{self.kp:g} / {self.kd:g} along plans made anew every {self.period:g} s"

@@ -1,0 +1,127 @@
+"""Plans that are made anew in flight, from what sensors show; rollouts that go on from where they were."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from optim.planning.receding import fly
+from optim.planning.sensed import sensed
+from spacerobot.closedloop import build_closed_loop
+from spacerobot.errors import ScenarioError
+from spacerobot.rollout import build_rollout
+from spacerobot.rollout.resumed import end_of, joined, resumed, start_of
+from spacerobot.scene import load_scene
+from tests.oracles.small_scenes import PLANAR, small_scene
+
+LEAD = {"kind": "mpc", "period": 0.5, "least": 1.0, "kp": 2, "kd": 1}
+FLIGHT = [
+    ("robots.one.controllers", {"lead": LEAD}),
+    ("robots.one.sensors.target_velocity", {"scale": 0.5, "offset": 0.01}),
+    ("plan.intervals", 4),
+    ("plan.duration", 3),
+]
+
+
+def miss(result, scene):
+    """Distance of the tip from its mating frame at the end [m]."""
+    data = scene.model.createData()
+    pin.framesForwardKinematics(scene.model, data, result.data.q.values[-1])
+    mate = scene.model.getFrameId("target/mate_1", pin.FrameType.BODY)
+    return float(np.linalg.norm(data.oMf[scene.tips[0].frame].translation - data.oMf[mate].translation))
+
+
+def test_plans_made_anew_take_back_what_sensors_misread(reach):
+    scene = reach(*FLIGHT)
+    flown = fly(scene, backend="interpreted")
+    once = fly(reach(*FLIGHT, ("robots.one.controllers.lead.least", 100)), backend="interpreted")
+    assert miss(once, scene) > 0.015
+    assert miss(flown, scene) < 0.45 * miss(once, scene)  # the last plan is one second old of three
+    told = flown.summary["mpc"]
+    assert (told["plans"], told["missed"], once.summary["mpc"]["plans"]) == (5, 0, 1)
+    assert flown.completed
+    np.testing.assert_allclose(flown.data.time.values, np.linspace(0, 3, 31), atol=1e-12)
+    assert np.abs(np.diff(flown.data.momentum_linear.values, axis=0)).max() < 1e-12
+    again = fly(scene, backend="interpreted")
+    np.testing.assert_array_equal(again.data.q.values, flown.data.q.values)
+    assert again.summary["mpc"]["iterations"] == told["iterations"]
+
+
+def test_where_no_plan_is_found_the_last_one_is_flown_on(reach, monkeypatch):
+    from optim.planning import receding
+
+    whole = fly(reach(*FLIGHT, ("robots.one.controllers.lead.least", 100)), backend="interpreted")
+    real = receding.solve
+    monkeypatch.setattr(receding, "solve", lambda *a, **k: real(*a, **(k | {"iterations": 1})))
+    lost = fly(reach(*FLIGHT), backend="interpreted")
+    assert lost.summary["mpc"]["missed"] == 4
+    np.testing.assert_allclose(lost.data.q.values, whole.data.q.values, atol=1e-9)
+
+
+def test_a_rollout_in_pieces_is_the_whole_one():
+    changes = {
+        "robots.one.sensors.target_position": {"kind": "sampled", "period": 0.13, "offset": 0.02},
+        "robots.one.tips.tip.reference": {
+            "kind": "rendezvous",
+            "frame": "mate_2",
+            "standoff": 0.3,
+            "approach_time": 0.7,
+        },
+        "robots.one.tips.tip.pid": {"kp": 20, "ki": 5, "kd": 3},
+    }
+    loop = build_closed_loop(small_scene(PLANAR, changes))
+    assert loop.events
+    assert loop.jumps or loop.switches
+    options = {"step_s": 0.02, "output_step_s": 0.1, "backend": "interpreted"}
+    whole = build_rollout(loop, duration_s=1.2, **options).run()
+    half, start, pieces = build_rollout(resumed(loop), duration_s=0.6, **options), start_of(loop), []
+    for begin in (0.0, 0.6):
+        pieces.append((begin, half.run(np.concatenate([loop.parameter_values, start]))))
+        start = end_of(pieces[-1][1], start, loop.nx)
+    found = joined(pieces)
+    np.testing.assert_allclose(found.time, whole.time, atol=1e-12)
+    np.testing.assert_allclose(found.state, whole.state, atol=1e-7)
+    assert [e.event for e in found.events] == [e.event for e in whole.events]
+    np.testing.assert_allclose([e.time_s for e in found.events], [e.time_s for e in whole.events], atol=1e-9)
+
+
+def test_the_target_is_where_sensors_show_it(reach):
+    scene = reach(
+        ("robots.one.sensors.target_position.offset", 0.1), ("robots.one.sensors.target_spin.scale", 2.0)
+    )
+    state = np.concatenate([scene.q, scene.v])
+    seen = sensed(scene, scene.scenario.plan, state)
+    joint = scene.model.joints[scene.target.root_joint]
+    shift = np.zeros(len(state))
+    shift[joint.idx_q : joint.idx_q + 2] = 0.1
+    np.testing.assert_allclose((seen - state)[: scene.model.nq], shift[: scene.model.nq], atol=1e-12)
+    spin = scene.model.nq + joint.idx_v + 2
+    assert seen[spin] == pytest.approx(2 * state[spin])
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ([("plan.duration", {"lower": 2, "upper": 3})], "found 2 to 3 s, allowed with kind mpc"),
+        ([("plan.duration", 3.2)], "so many periods of 0.5 s"),
+        ([("robots.one.controllers", {})], "has no controller of kind mpc"),
+        (
+            [("robots.one.sensors.target_spin", {"kind": "sampled", "period": 0.2})],
+            "target_spin.period: found 0.2 s",
+        ),
+        ([("phases", {"all": {"until": {"time": 3}}})], "found phases, allowed with kind mpc: none"),
+    ],
+)
+def test_what_does_not_fit_is_refused_in_one_line(reach, changes, message):
+    with pytest.raises(ScenarioError, match=message):
+        fly(reach(*FLIGHT, *changes), backend="interpreted")
+
+
+def test_what_cannot_plan_in_flight_says_so(reach):
+    with pytest.raises(ScenarioError, match=r"robots.one.controllers.lead: kind mpc plans anew") as fault:
+        build_closed_loop(reach(*FLIGHT))
+    assert fault.value.exit_code == 2
+
+
+def test_the_example_is_read():
+    scene = load_scene("examples/receding.yaml")
+    assert not scene.warnings
