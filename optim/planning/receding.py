@@ -207,6 +207,10 @@ def _period(scene: Scene) -> tuple[float, float]:
             "controllers of kind mpc have different periods, allowed: one", source=source, where="robots"
         )
     (period, least), plan = numbers.pop(), scene.scenario.plan
+    if plan is not None and plan.start:
+        raise ScenarioError(
+            "found a free start, allowed with kind mpc: none", source=source, where="plan.start"
+        )
     if plan is not None:
         count = plan.duration.upper / period
         if plan.duration.lower != plan.duration.upper or abs(count - round(count)) > ROUNDING * count:

@@ -108,6 +108,7 @@ def test_the_target_is_where_sensors_show_it(reach):
             [("robots.one.sensors.target_spin", {"kind": "sampled", "period": 0.2})],
             "target_spin.period: found 0.2 s",
         ),
+        ([("plan.start", {"one": {"position": [0.1, 0, 0]}})], "found a free start"),
         ([("phases", {"all": {"until": {"time": 3}}})], "found phases, allowed with kind mpc: none"),
     ],
 )
