@@ -77,6 +77,7 @@ def _own_cache(tmp_path_factory, request):
         place = place.parent
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("SPACEROBOT_CACHE_DIR", str(place / "compiled"))
+        patch.setenv("SPACEROBOT_COMPILER_FLAGS", "-O0")  # of what the whole session shares
         yield
 
 
@@ -88,7 +89,13 @@ INTERPRETED = (
 )
 """Where rollouts are so few and so short that to compile them takes longer than they do."""
 
-LARGE = ("tests/cli/", "tests/docs/", "tests/viz/", "tests/result/", "tests/pinocchio_engine/")
+LARGE = (
+    "tests/cli/",
+    "tests/docs/",
+    "tests/pinocchio_engine/",
+    "tests/result/",
+    "tests/viz/",
+)
 """Where few rollouts of shipped scenes take less time than to optimise their code."""
 
 COMPILER = os.environ.get("SPACEROBOT_COMPILER")
@@ -99,9 +106,10 @@ def _in_a_hurry(request):
     with pytest.MonkeyPatch.context() as patch:
         if request.node.nodeid.startswith(INTERPRETED):
             patch.setenv("SPACEROBOT_COMPILER", "none")
-        if not request.node.nodeid.startswith(AS_FOR_USERS):
-            level = "-O0" if request.node.nodeid.startswith(LARGE) else "-O1"
-            patch.setenv("SPACEROBOT_COMPILER_FLAGS", level)
+        if request.node.nodeid.startswith(AS_FOR_USERS):
+            patch.delenv("SPACEROBOT_COMPILER_FLAGS")
+        elif not request.node.nodeid.startswith(LARGE):
+            patch.setenv("SPACEROBOT_COMPILER_FLAGS", "-O1")
         yield
 
 

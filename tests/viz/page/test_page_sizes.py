@@ -58,6 +58,20 @@ CONTRAST = """
 """
 
 
+def blank(figure, form):
+    """A picture of a figure's size on which nothing is drawn."""
+    width, height = (72 * inches for inches in figure.get_size_inches())
+    return f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}pt" height="{height}pt"/>'.encode()
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _blank():
+    with pytest.MonkeyPatch.context() as patch:
+        for home in ("report.sections", "report.campaign_section", "figures.comparison"):
+            patch.setattr(f"viz.{home}.to_bytes", blank)
+        yield
+
+
 @pytest.fixture(scope="module")
 def comparison(make_comparison, tmp_path_factory):
     gains = {LONG: 1.0} | {f"gain_{k}": 123.456 for k in range(8)}
@@ -68,7 +82,9 @@ def comparison(make_comparison, tmp_path_factory):
 def campaign(tmp_path_factory):
     folder = tmp_path_factory.mktemp("campaign")
     scene = load_scene(one_arm.write(folder, campaign=CAMPAIGN))
-    run_campaign(scene, folder / "store")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("SPACEROBOT_COMPILER", "none")
+        run_campaign(scene, folder / "store")
     return campaign_page(folder / "store", lambda _: None)
 
 
