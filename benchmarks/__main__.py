@@ -17,6 +17,7 @@ from benchmarks import (
     aba,
     campaign,
     compilation,
+    ddp,
     events,
     methods,
     planning,
@@ -54,6 +55,7 @@ JOBS: dict[str, Callable[[], list[Row]]] = {
     "mujoco": passive_plant,
     "process": process.rows,
     "planning": planning.rows,
+    "reach": lambda: [ddp.measured()],
     "studio": lambda: [*studio.rows(), *studio_page.rows()],
 }
 

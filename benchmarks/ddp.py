@@ -1,0 +1,179 @@
+"""A planned reach of the free-floating arm: our transcription against crocoddyl's feasible DDP."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib.util
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from benchmarks.row import Row
+from benchmarks.timing import paired
+from optim.planning.formulate import formulate
+from optim.planning.functions import build_instants
+from optim.planning.guess import guess
+from optim.planning.lobatto import Lobatto
+from optim.planning.program import Program
+from optim.planning.refine import solve_from
+from optim.planning.stage import Problem
+from spacerobot.arrays import Array
+from spacerobot.scene import load_scene
+
+REACH = Path(__file__).resolve().parents[1] / "examples" / "reach.yaml"
+ORDER, INTERVALS, COARSE, KNOTS = 6, 16, 5, 50
+PENALTY = 1e6
+"""Weight of the goal's squares in DDP, which knows no conditions at the end."""
+SAME_COST = 1e-3
+"""Difference of costs, relative, up to which two optima are called the same."""
+TURNS = 3
+
+
+def measured() -> Row:
+    """The row, from a process of its own: a crocoddyl that was built for another Pinocchio crashes."""
+    here = "a reach planned", "crocoddyl, feasible DDP", ""
+    if importlib.util.find_spec("crocoddyl") is None:
+        return Row(*here, note="not measured: `pip install crocoddyl` (its wheel 3.2.1 wants pin 4.0)")
+    command = [sys.executable, "-m", "benchmarks.ddp"]
+    done = subprocess.run(command, check=False, capture_output=True, text=True)
+    if done.returncode:
+        return Row(*here, note=f"not measured: crocoddyl failed beside pin {pin.__version__}")
+    return Row(**json.loads(done.stdout.splitlines()[-1]))
+
+
+def row() -> Row:
+    """Torques, and base rotation and translation, squared, are small; the tip ends in a pose at rest.
+
+    Joints are without resistance, which crocoddyl does not know.
+    """
+    import crocoddyl
+
+    problem = formulate(load_scene(REACH, {"robots.arm.joints.*.damping": 0.0}))
+    instants, lobatto = build_instants(problem), Lobatto.of_order(ORDER)
+    program, first = Program(problem, instants, lobatto, INTERVALS), guess(problem, lobatto, COARSE)
+    scale = Program(problem, instants, lobatto, COARSE).objective(first.unknowns)
+    rival = Rival(crocoddyl, problem, KNOTS)
+    found: dict[str, Any] = {}
+
+    def ours() -> None:
+        found["ours"] = solve_from(first, program, scale=scale)
+
+    times = paired(ours, rival.solve, turns=TURNS)
+    coarse, fine = found["ours"]
+    cost = program.objective(fine.w)
+    apart = abs(cost - rival.cost) / cost
+    same = fine.converged and rival.converged and apart <= SAME_COST
+    note = (
+        f"begun on {COARSE} intervals; {coarse.iterations} + {fine.iterations} and {rival.iterations} "
+        f"iterations; costs {cost:.7f} and {rival.cost:.7f}; theirs {rival.miss:.1e} m or rad off its goal"
+    )
+    return Row(
+        f"a reach planned, {INTERVALS} intervals of order {ORDER}, {program.size} unknowns",
+        f"crocoddyl {crocoddyl.__version__}, feasible DDP over {KNOTS} steps of RK4",
+        f"{times.first_s:.3f} s",
+        f"{times.second_s:.3f} s",
+        times.ratio,
+        note=note if same else f"not the same optimum; {note}",
+        numbers={"costs": (cost, rival.cost)},
+    )
+
+
+class Rival:
+    """The same problem for crocoddyl, torques straight lines within each step, the goal by penalties.
+
+    It begins with no torque, which it takes better than our guess: from that it is not done after 300 steps.
+
+    Parameters
+    ----------
+    crocoddyl
+        The module.
+    problem
+        What is solved; its base floats on a planar joint.
+    intervals
+        Steps of it.
+    """
+
+    def __init__(self, crocoddyl: Any, problem: Problem, intervals: int) -> None:
+        self.crocoddyl, self._problem = crocoddyl, problem
+        model = pin.Model(problem.stage.scene.model)
+        model.names[1] = "root_joint"  # by which crocoddyl knows a base that nothing drives
+        self._model = model
+        self._state = crocoddyl.StateMultibody(model)
+        self._driven = crocoddyl.ActuationModelFloatingBase(self._state)
+        self._tip = problem.stage.scene.tips[0].frame
+        length = problem.duration[2] / intervals
+        control = crocoddyl.ControlParametrizationModelPolyOne(self._driven.nu)
+        step = crocoddyl.IntegratedActionModelRK(self._moving(), control, crocoddyl.RKType.four, length)
+        end = crocoddyl.IntegratedActionModelEuler(self._end(), 0.0)
+        shooting = crocoddyl.ShootingProblem(problem.fixed, [step] * intervals, end)
+        self._solver = crocoddyl.SolverFDDP(shooting)
+        self._solver.th_stop = 1e-10
+        still = [np.zeros(step.nu)] * intervals
+        self._first = (list(shooting.rollout(still)), still)
+
+    def solve(self) -> None:
+        """Solve it from its guess."""
+        self.converged = bool(self._solver.solve(*self._first, 1000, True))
+
+    @property
+    def iterations(self) -> int:
+        """How many it took."""
+        return int(self._solver.iter)
+
+    @property
+    def cost(self) -> float:
+        """Without the penalties."""
+        return float(sum(data.cost for data in self._solver.problem.runningDatas))
+
+    @property
+    def miss(self) -> float:
+        """How far the tip ends from its goal [m or rad], or moves then [m/s or rad/s], at most."""
+        costs = self._solver.problem.terminalData.differential.costs.costs
+        residuals = costs["pose"].residual.r, costs["rest"].residual.r[self._state.nv :]
+        return max(float(np.abs(residual).max()) for residual in residuals)
+
+    def _moving(self) -> Any:
+        """Dynamics and running cost."""
+        crocoddyl, problem, state, nu = self.crocoddyl, self._problem, self._state, self._driven.nu
+        costs, model = crocoddyl.CostModelSum(state, nu), state.pinocchio
+        base = model.getFrameId(problem.stage.scene.model.names[1])
+        data = model.createData()
+        pin.framesForwardKinematics(model, data, problem.fixed[: model.nq])
+        place = data.oMf[base]
+        terms = {
+            "torque": crocoddyl.ResidualModelControl(state, nu),
+            "base_rotation": crocoddyl.ResidualModelFrameRotation(state, base, place.rotation, nu),
+            "base_translation": crocoddyl.ResidualModelFrameTranslation(state, base, place.translation, nu),
+        }
+        for name, weight in problem.weights.items():
+            if weight:  # crocoddyl halves the squares
+                costs.addCost(name, crocoddyl.CostModelResidual(state, terms[name]), 2 * weight)
+        return crocoddyl.DifferentialActionModelFreeFwdDynamics(state, self._driven, costs)
+
+    def _end(self) -> Any:
+        """Penalties of the goal."""
+        crocoddyl, state, nu = self.crocoddyl, self._state, self._driven.nu
+        goal = self._problem.stage.scene.scenario.plan.goals["there"]
+        pose = pin.SE3(np.eye(3), np.array(goal.position, dtype=float))
+        costs = crocoddyl.CostModelSum(state, nu)
+        placed = crocoddyl.ResidualModelFramePlacement(state, self._tip, pose, nu)
+        still: Array = np.zeros(state.nx)
+        still[: state.nq] = self._problem.fixed[: state.nq]
+        weights = np.repeat([0.0, 1.0], state.nv)
+        resting = crocoddyl.CostModelResidual(
+            state,
+            crocoddyl.ActivationModelWeightedQuad(weights),
+            crocoddyl.ResidualModelState(state, still, nu),
+        )
+        costs.addCost("pose", crocoddyl.CostModelResidual(state, placed), PENALTY)
+        costs.addCost("rest", resting, PENALTY)
+        return crocoddyl.DifferentialActionModelFreeFwdDynamics(state, self._driven, costs)
+
+
+if __name__ == "__main__":
+    print(json.dumps(dataclasses.asdict(row())))
