@@ -3,11 +3,14 @@
 import base64
 import csv
 import io
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
 
+import viz
 from spacerobot.scene import load_scene
 from viz.page.limits import joint_limits
 from viz.page.page import animation_page
@@ -116,3 +119,26 @@ def test_without_webgl_all_but_the_scene_works(shown, browser):
         assert page.evaluate("document.querySelectorAll('.panel canvas').length") == 1
     finally:
         browser.call("Page.removeScriptToEvaluateOnNewDocument", identifier=script)
+
+
+def test_many_curves_have_colours_of_their_own_that_can_be_read():
+    """At least 3:1, as graphics need, against the ground in either scheme."""
+    web = Path(viz.__file__).parent / "web"
+    text = (web / "shapes.js").read_text(encoding="utf-8")
+    listed = re.search(r"const TIP_COLOURS = \[(.*?)\];", text, re.S)[1]
+    colours = np.array([[int(c[k : k + 2], 16) for k in (0, 2, 4)] for c in re.findall(r"#(\w{6})", listed)])
+    share = float(
+        re.search(r"Math.round\(([\d.]+) \* parseInt", (web / "theme.js").read_text(encoding="utf-8"))[1]
+    )
+    assert len(colours) == 24
+    apart = np.linalg.norm(colours[:, None] - colours[None], axis=-1) + 999 * np.eye(24)
+    assert apart.min() > 35
+    for ground, shown in ((0x14, 0x1B, 0x23), colours), ((0xF5, 0xF7, 0xFA), share * colours):
+        own, behind = _luminance(shown), _luminance(np.array(ground))
+        ratio = (np.maximum(own, behind) + 0.05) / (np.minimum(own, behind) + 0.05)
+        assert ratio.min() >= 3
+
+
+def _luminance(rgb):
+    part = rgb / 255
+    return np.where(part <= 0.04045, part / 12.92, ((part + 0.055) / 1.055) ** 2.4) @ [0.2126, 0.7152, 0.0722]

@@ -157,6 +157,16 @@ def test_a_campaign_draws_its_samples(opened):
         "document.querySelector('#jobs .plot').getAttribute('aria-label')"
     )
     assert "campaign's samples" in page.evaluate("legend.innerText")
+    assert "bands: 5, 25, 50, 75, 95 % of samples" in page.evaluate("chart.innerText")
+    colours = "(() => { const c = document.querySelector('.panel canvas'), p = c.getContext('2d'); "
+    colours += (
+        "return new Set(new Uint32Array(p.getImageData(0, 0, c.width, c.height).data.buffer)).size; })()"
+    )
+    shaded = page.evaluate(colours)
+    page.evaluate("undo.disabled || undo.click(); document.querySelector('#jobs .improve').click()")
+    page.wait_for("!chart.innerText.includes('bands')")  # another search, and they are gone
+    assert page.evaluate(colours) < shaded
+    page.wait_for(f"{WORDS}.startsWith('done')", 60)
 
 
 def test_a_design_is_saved_and_runs_again_to_the_same_numbers(opened, studio):
