@@ -319,3 +319,10 @@ def test_the_methods_order_holds_through_a_contact(exponent, method, order):
     errors = [np.abs(end(exponent, step, method).state[-1] - found.state[-1]).max() for step in steps]
     slope = np.polyfit(np.log(steps), np.log(errors), 1)[0]
     assert order - 0.6 < slope < order + 1
+
+
+def test_a_force_that_begins_as_a_power_of_one_and_a_half_leaves_that_order_and_one():
+    exact, steps = end(1.5, 1e-4, "tanaka6").state[-1], np.array([1e-3, 5e-4, 2.5e-4])
+    errors = [np.abs(end(1.5, step, "tanaka6").state[-1] - exact).max() for step in steps]
+    assert errors[0] < 1e-7
+    assert 2.2 < np.polyfit(np.log(steps), np.log(errors), 1)[0] < 3.2

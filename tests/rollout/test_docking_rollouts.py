@@ -109,6 +109,10 @@ def test_gradients_go_through_captures_phases_and_releases(tmp_path, kind):
     adjoint = rollout.value_and_gradient(wrt=wrt)
     forward = rollout.jacobian(wrt=wrt)
     assert (*adjoint.status, forward.status) == ("exact", "exact")
+    slopes, place = forward.measures, adjoint.measures["place"]
+    chained = 3 * slopes["when"][0] + 2 * place @ slopes["place"] + 50 * slopes["lost"][0]
+    chained += slopes["spin"].sum(0)
+    np.testing.assert_allclose(adjoint.gradients["all"], chained, rtol=1e-9, atol=1e-12)
     for i, path in enumerate(wrt):
         value = loop.parameter_values[loop.index(path)]
         step = 1e-5 * max(abs(value), 0.01)
