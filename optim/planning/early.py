@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import casadi as ca
@@ -72,39 +73,63 @@ def check_start(problem: Problem) -> None:
 
 
 def check_momentum(problem: Problem, plan: Planning) -> None:
-    """Refuse that a free body comes to rest whose momentum nothing takes.
+    """Refuse that bodies come to rest whose momentum nothing takes, or that are told to twice.
 
     Raises
     ------
     ScenarioError
         With that momentum.
     """
-    scene, limits = problem.stage.scene, plan.limits
+    scene, limits, resting = problem.stage.scene, plan.limits, dict[str, str]()
     for name, goal in plan.goals.items():
-        if goal.still is None or not goal.rests or problem.stage.grips:
+        if goal.still is None or not goal.rests:
             continue
-        body = find_still(scene, goal, f"plan.goals.{name}")
-        robot = body in scene.robots
-        linear, angular = (float(np.linalg.norm(found)) for found in _momenta(scene, body))
-        for size, told, key, able in (
+        where = f"plan.goals.{name}"
+        body = find_still(scene, goal, where)
+        group = _moving_with(problem, body)
+        if body.name in resting:
+            raise ScenarioError(
+                f"{body.name} comes to rest by goal {resting[body.name]!r} already, by a weld; leave "
+                "one of the two out",
+                source=scene.source,
+                where=where,
+            )
+        names = {one.name for one in group}
+        resting |= dict.fromkeys(names, name)
+        if names == {"target"}:
+            told = "moves on as it does, for nothing holds it"
+            raise ScenarioError(f"{body.name} {told}", source=scene.source, where=where)
+        linear, angular = (float(np.linalg.norm(found)) for found in _momenta(scene, group))
+        for size, unit, key, able in (
             (linear, "N s", "base_force", limits.base_force > 0),
             (angular, "N m s", "base_torque", limits.base_force + limits.base_torque > 0),
         ):
-            if size > SLACK and not (robot and able):
+            if size > SLACK and not able:
                 raise ScenarioError(
-                    f"{body.name} cannot come to rest, for nothing takes its momentum of {size:.4g} {told}"
-                    + (f"; give `limits.{key}`" if robot else ""),
+                    f"{body.name} cannot come to rest, for nothing takes its momentum of {size:.4g} {unit}; "
+                    f"give `limits.{key}`",
                     source=scene.source,
-                    where=f"plan.goals.{name}",
+                    where=where,
                 )
 
 
-def _momenta(scene: Scene, body: SceneBody) -> tuple[Array, Array]:
-    """Linear and angular momentum of a body at the start, the latter about its centre of mass (3,) each."""
+def _moving_with(problem: Problem, body: SceneBody) -> list[SceneBody]:
+    """A body, and those that welds join with it."""
+    target = problem.stage.scene.target
+    holding = {
+        grip.tip.body.name: grip.tip.body for grip in problem.stage.grips if grip.config.fixes_orientation
+    }
+    if target is None or not holding or body.name not in (*holding, target.name):
+        return [body]
+    return [target, *holding.values()]
+
+
+def _momenta(scene: Scene, bodies: Iterable[SceneBody]) -> tuple[Array, Array]:
+    """Linear and angular momentum at the start, the latter about the common centre of mass (3,) each."""
     model, data = scene.model, scene.model.createData()
     pin.forwardKinematics(model, data, np.array(scene.q), np.array(scene.v))
     linear, angular, moment, mass = np.zeros(3), np.zeros(3), np.zeros(3), 0.0
-    for joint in body.subtree:
+    for joint in (joint for body in bodies for joint in body.subtree):
         inertia, place = model.inertias[joint], data.oMi[joint]
         momentum = place.act(inertia * data.v[joint])
         linear, angular = linear + momentum.linear, angular + momentum.angular

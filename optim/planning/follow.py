@@ -128,15 +128,16 @@ def _parted(own: Document, duration: float, left: str) -> tuple[Document, Docume
 
 def _resting(robot: Document) -> Document:
     """What differs of a robot while its joints track the plan: its own controllers rest."""
-    tips = {
-        name: {
-            **dict.fromkeys(CONTROLLERS),
+    found: Document = {"tips": {}, "controllers": dict.fromkeys(robot["controllers"])}
+    for name, tip in robot["tips"].items():
+        own: Document = {key: None for key in CONTROLLERS if tip[key] is not None}
+        reference = {"kind": "plan", "file": PLAN}
+        found["tips"][name] = {
+            **own,
             "controllers": dict.fromkeys(tip["controllers"]),
-            "reference": {"kind": "plan", "file": PLAN},
+            "reference": reference,
         }
-        for name, tip in robot["tips"].items()
-    }
-    return {"tips": tips, "joint_pd": None, "controllers": dict.fromkeys(robot["controllers"])}
+    return found | ({} if robot["joint_pd"] is None else {"joint_pd": None})
 
 
 def _waiting(planned: Planned, flown: str) -> Document:
