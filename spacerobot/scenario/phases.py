@@ -209,6 +209,7 @@ def check_phases(phases: Phases, grasps: Mapping[str, Any], bodies: list[str]) -
                 f"grasps.{grasp}.capture: never holds, for no phase names {grasp!r} in `captures`"
             )
     _check_reached(phases)
+    _check_captured(phases, grasps)
     _check_cycles(phases)
 
 
@@ -242,6 +243,28 @@ def _check_reached(phases: Phases) -> None:
             before = list(phases)[list(phases).index(name) - 1]
             why = f"; {before!r} never ends" if not phases[before].ends else ""
             raise ValueError(f"phases.{name}: never reached{why}; lead to it by `then` or `otherwise`")
+
+
+def _check_captured(phases: Phases, grasps: Mapping[str, Any]) -> None:
+    """Refuse phases that wait for grasps which are open when they begin and may not close in them."""
+    follows, before = successors(phases), {name: set[str]() for name in phases}
+    before[next(iter(phases))] = {name for name, grasp in grasps.items() if grasp.begins == "closed"}
+    held = dict(before)
+    for name in [*phases] * len(phases):  # as often as a way through all of them is long
+        phase = phases[name]
+        closing = grasps if phase.captures is None else phase.captures
+        closes = {grasp for grasp in closing if grasps[grasp].capture is not None}
+        held[name] = (before[name] - set(phase.releases)) | closes
+        for following in follows[name]:
+            if following != END:
+                before[following] |= held[name]
+    for name, phase in phases.items():
+        for grasp in (phase.until and phase.until.captured) or ():
+            if grasp not in held[name]:
+                raise ValueError(
+                    f"phases.{name}.until.captured: never holds, for {grasp!r} is open when the phase begins "
+                    "and `captures` does not name it"
+                )
 
 
 def _check_cycles(phases: Phases) -> None:

@@ -281,6 +281,19 @@ def test_a_grasp_that_no_phase_lets_close_is_refused(tmp_path):
         )
 
 
+def test_a_phase_that_waits_for_a_grasp_that_cannot_close_in_it_is_refused(tmp_path):
+    phases = {
+        "one": {"until": {"captured": ["left"]}, "captures": [], "at_most": 1.0},
+        "two": {"until": {"captured": ["left"]}, "captures": ["left"]},
+    }
+    grasp = {"capture": {"distance": 0.1}, "kind": "weld"}
+    told = r"phases\.one\.until\.captured: never holds, for 'left' is open when the phase begins"
+    with pytest.raises(ScenarioError, match=told):
+        free_bodies(tmp_path, FLAT, grasp, phases=phases)
+    again = {"one": {"captures": ["left"], "at_most": 1.0}, "two": phases["one"], "three": {}}
+    free_bodies(tmp_path, FLAT, grasp, phases=again)  # it may have closed before
+
+
 def test_the_velocity_that_is_fed_back_may_differ_by_phase():
     def phased(**pid):
         robots = {"one": {"tips": {"tip": {"pid": pid}}}}
