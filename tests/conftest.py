@@ -84,6 +84,7 @@ def _own_cache(tmp_path_factory, request):
 AS_FOR_USERS = ("tests/compiled/", "tests/rollout/")
 INTERPRETED = (
     "tests/cli/test_damaged_folders.py",
+    "tests/examples/",
     "tests/optim/campaign/rollouts/test_campaign_trust.py",
     "tests/optim/problem/",
 )
