@@ -49,6 +49,13 @@ class Ended:
     steps: int
 
 
+FLAT = (
+    "all derivatives of the objective are zero here, as where pulses are rounded to a `resolution` (set it "
+    "to 0) or an event does not happen; evolutionary methods need none"
+)
+"""How a descent ends where what is tuned changes nothing."""
+
+
 @dataclass(frozen=True)
 class Manner:
     """Settings of a descent.
@@ -191,6 +198,8 @@ class _State:
             return None
         if self.at.excess > 2 * MARGIN:
             return "infeasible", f"a constraint is passed by {100 * self.at.excess:.3g} % at least nearby"
+        if not np.delete(model.slopes, np.arange(len(self.at.constraints)) + 1, axis=0).any():
+            return "settled", FLAT
         return "converged", "no step promises a further fall"
 
     def _try(self, u: Array) -> Asking:

@@ -7,8 +7,10 @@ import dataclasses
 import numpy as np
 import pytest
 
+from optim.methods.descent import FLAT, Manner, descend
 from optim.methods.evolutionary import METHODS, POPULATIONS, Protocol, evolve
 from optim.methods.kkt import kkt_residual
+from optim.methods.model import Point
 from optim.methods.nlp import NlpSettings, solve, solve_from_many
 from optim.problem.problem import Cost
 from optim.search.search import Search, better
@@ -201,6 +203,22 @@ def test_descents_in_lockstep_share_batches_and_end_as_each_alone(monkeypatch):
     assert np.array_equal(together.u, again.u)
     assert together.log == again.log
     assert together.log != other.log
+
+
+def test_a_descent_where_nothing_changes_says_so():
+    """As where pulses are rounded: it is no optimum. A constraint that is met changes nothing of it."""
+    start = Point(np.array([0.4, 0.6]), 1.0, np.array([-0.5]), np.empty(0))
+    descent = descend(start, Manner("smooth", exact=False, radius=0.1, steps=10, tolerance=1e-6))
+
+    def answered():
+        asked = next(descent)
+        while True:
+            points = [dataclasses.replace(start, u=u, constraints=u[:1] - 0.9) for u in asked.points]
+            asked = descent.send(points)
+
+    with pytest.raises(StopIteration) as ended:
+        answered()
+    assert ended.value.value.message == FLAT
 
 
 def test_several_starts_find_the_lower_of_two_basins():
