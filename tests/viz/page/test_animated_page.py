@@ -16,8 +16,10 @@ from spacerobot.simulation import simulate
 from viz.drawing.motion import pick_rows, scene_nodes
 from viz.figures import KINDS, draw_all
 from viz.page.animation import animation
+from viz.page.meshcat_scene import packed
 from viz.page.page import animation_page, json_text, meshcat_script, write_animation
 from viz.page.page import page as to_html
+from viz.page.spread import spread_data
 from viz.record import write_recording
 
 BOX = (
@@ -258,6 +260,30 @@ def test_several_results_stand_side_by_side_and_are_shown_by_a_tick(browser, pap
     assert page.evaluate("document.querySelector('[aria-label=\"Show without\"]').checked")
     page.evaluate("paneling.click()")
     assert page.evaluate("panel.hidden && paneling.getAttribute('aria-expanded') === 'false'")
+    assert page.errors == []
+
+
+def test_a_campaign_is_told_by_its_distribution_bands_and_cloud(browser, paper, blind, tmp_path):
+    def of(name):
+        return np.stack([r.data[name].values.reshape(len(r.data.time), -1) for r in (paper, blind)])
+
+    tips = [str(tip) for tip in paper.data.tip.values]
+    outputs = {name: of(name) for name in ("tip_error", "tip_position")}
+    metric = {"key": "tip_error_peak", "label": "largest tip error", "unit": "mm"}
+    spread = {
+        "name": "own",
+        "drawn": 2,
+        "metrics": [metric | {"values": packed([1.5, 2.5, np.nan])}],
+        **spread_data(paper.data.time.values, outputs, tips),
+    }
+    data = animation(paper, autoplay=False)
+    data["panel"]["spreads"] = [spread]
+    page = _show(browser, tmp_path / "page.html", to_html(data), "#t=4", (1400, 800))
+    words = page.evaluate("document.getElementById('spread').innerText")
+    assert "largest tip error of 3 samples, 1 of them diverged" in words
+    assert "paths of tips: 2 samples" in words
+    assert "bands: 5, 25, 50, 75, 95 % of samples" in page.evaluate(CURVES)
+    assert "campaign's samples" in page.evaluate("legend.innerText")
     assert page.errors == []
 
 

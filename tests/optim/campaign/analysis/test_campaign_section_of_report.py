@@ -96,6 +96,7 @@ def test_the_worst_sample_of_each_set_is_simulated_and_animated(told, page):
         assert error == pytest.approx(kept.tip_error.values, rel=1e-9, abs=1e-15)
         assert f"Gains {name}, sample {worst['sample']}" in page
     assert page.count("<iframe") == 1  # the player and the meshes are there once
+    assert page.count("&quot;drawn&quot;:100") == 2  # all samples beside each worst one
     assert '<section id="paper">' not in page
 
 
