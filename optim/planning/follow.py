@@ -94,6 +94,9 @@ def _in_phases(planned: Planned, document: Document) -> Document:
         phases = {left: rest, **phases}
         if scenario.simulation.duration > planned.motion.duration_s:
             first["captures"] = []  # behind the plan's end, where motions match
+            waits = (first["until"] or {}).get("captured") or ()
+            if any(scenario.grasps[name].begins == "open" for name in waits):
+                first["until"] = None  # it ends with the plan
     key = _unused("plan", {name for robot in scenario.robots.values() for name in robot.controllers})
     for name, robot in document["robots"].items():
         first["robots"] = overlay(first["robots"], {name: _resting(robot)})
