@@ -23,7 +23,7 @@ def linearise_all(problem: Formulation, u: Array) -> list[Linearisation]:
     if problem.form != "smooth" or problem.terms.limits:
         return [linearise(problem, point) for point in u]
     found = problem.rollout.gradient_batch(
-        problem.names, problem.variables.values(u), costs=[OBJECTIVE], threads=1
+        problem.names, problem.variables.values(u), costs=[OBJECTIVE], threads=1, orders=False
     )
     slopes = np.array([problem.variables.slope(point) for point in u])
     gradients = found.gradients[OBJECTIVE] * slopes
@@ -35,7 +35,8 @@ def linearise(problem: Formulation, u: Array) -> Linearisation:
     if problem.form == "smooth" and not problem.terms.limits:
         return linearise_all(problem, u[None])[0]
     values = dict(zip(problem.names, problem.variables.values(u), strict=True))
-    jacobian = problem.rollout.jacobian(values, wrt=problem.names, outputs=sampled_outputs(problem))
+    sampled = sampled_outputs(problem)
+    jacobian = problem.rollout.jacobian(values, wrt=problem.names, outputs=sampled, orders=False)
     if jacobian.trajectory.status != "completed":
         return _nothing(len(problem.constraint_names), len(u))
     return _assembled(problem, jacobian, problem.variables.slope(u))

@@ -27,13 +27,15 @@ def samples(problem: Formulation, rows: Array, *, paths: Sequence[str]) -> Array
 
 def gradients(problem: Formulation, rows: Array, *, paths: Sequence[str]) -> Arrays:
     """Objective (N,) and its gradient (N, k) with respect to the variables' values, by the adjoint."""
-    found = problem.rollout.gradient_batch(paths, rows, wrt=problem.names, costs=[OBJECTIVE], threads=1)
+    found = problem.rollout.gradient_batch(
+        paths, rows, wrt=problem.names, costs=[OBJECTIVE], threads=1, orders=False
+    )
     return {OBJECTIVE: found.costs[OBJECTIVE], "gradient": found.gradients[OBJECTIVE]}
 
 
 def limited(problem: Formulation, rows: Array, *, paths: Sequence[str]) -> Arrays:
     """Constraints (N, m) and their derivatives (N, m, k) with respect to the variables' values."""
-    found = problem.rollout.slope_batch(paths, rows, wrt=problem.names, threads=1)
+    found = problem.rollout.slope_batch(paths, rows, wrt=problem.names, threads=1, orders=False)
     limits = problem.terms.limits
     return {
         "constraints": np.concatenate([found.measures[n] / limit - 1 for n, limit in limits.items()], axis=1),

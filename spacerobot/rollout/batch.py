@@ -59,6 +59,7 @@ class Controls(TypedDict, total=False):
     threads: int | None
     progress: Progress | None
     stop: Stop | None
+    orders: bool
 
 
 @dataclass(frozen=True)
@@ -73,6 +74,9 @@ class Control:
         Called now and then with what is done; the rest is left out if it returns False.
     stop
         Event (``threading.Event``) that cancels when set.
+    orders
+        Whether derivatives through events at one instant are taken in both orders, at twice the cost, so that
+        only those are called coincident that differ; without, all of them are.
     backwards
         Whether events at one instant shall fire in the other order.
     """
@@ -80,6 +84,7 @@ class Control:
     threads: int | None = None
     progress: Progress | None = None
     stop: Stop | None = None
+    orders: bool = True
     backwards: bool = False
 
     def on(self, backend: str) -> Control:
@@ -148,9 +153,9 @@ def run_batch(
     pieces = fair_pieces(total, engine.lanes, max(1, TASK_STEPS // grid.steps), control.threads or 1)
     seconds = run_tasks(work, pieces, total, flag, control)
     raw.cost[~raw.completed] = np.nan
-    if engine.kernel.rate is not None and not control.backwards and len(rows := raw.coincident):
+    if engine.kernel.rate is not None and control.orders and len(rows := raw.coincident):
         given = np.vstack([p(slice(row, row + 1)) for row in rows])
-        other = replace(control, progress=None, backwards=True)
+        other = replace(control, progress=None, orders=False, backwards=True)
         again = run_batch(engine, grid, given.__getitem__, len(rows), samples, other).raw
         raw.trust_same(rows, again, _derivatives(raw, rows), _derivatives(again, slice(None)))
     return Done(raw, control.threads or 1, seconds)
@@ -184,8 +189,8 @@ def run_gradients(
     run_tasks(work, pieces, len(p), flag, control)
     lost = ~raw.completed
     raw.cost[lost], gradient[lost] = np.nan, np.nan
-    if not control.backwards and len(rows := raw.coincident):
-        other = replace(control, progress=None, backwards=True)
+    if control.orders and len(rows := raw.coincident):
+        other = replace(control, progress=None, orders=False, backwards=True)
         again, turned = run_gradients(engine, grid, p[rows], seed[rows], other)
         raw.trust_same(rows, again, gradient[rows], turned)
     return raw, gradient

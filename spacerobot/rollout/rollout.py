@@ -224,7 +224,12 @@ class Rollout:
         return batch_of(done.raw, engine, self.grid, outputs, done.threads, done.wall_s)
 
     def value_and_gradient(
-        self, parameters: Parameters = None, *, wrt: Sequence[str], costs: Sequence[str] | None = None
+        self,
+        parameters: Parameters = None,
+        *,
+        wrt: Sequence[str],
+        costs: Sequence[str] | None = None,
+        orders: bool = True,
     ) -> Gradient:
         """Costs of one rollout and their exact gradients, by the discrete adjoint.
 
@@ -239,13 +244,17 @@ class Rollout:
             Paths of the k parameters to differentiate with respect to.
         costs
             Which costs; all if None.
+        orders
+            As of :class:`~spacerobot.rollout.batch.Control`.
 
         Raises
         ------
         SpaceRobotError
             A path or a cost does not exist, or there is no cost.
         """
-        found = self._gradients(self.values(parameters)[None, :], tuple(wrt), costs, False, Control())
+        found = self._gradients(
+            self.values(parameters)[None, :], tuple(wrt), costs, False, Control(orders=orders)
+        )
         return replace(
             found,
             costs={name: value[0] for name, value in found.costs.items()},
@@ -277,13 +286,18 @@ class Rollout:
         return self._gradients(p, tuple(wrt or paths), costs, True, Control(**control))
 
     def jacobian(
-        self, parameters: Parameters = None, *, wrt: Sequence[str], outputs: Sequence[str] = ()
+        self,
+        parameters: Parameters = None,
+        *,
+        wrt: Sequence[str],
+        outputs: Sequence[str] = (),
+        orders: bool = True,
     ) -> Jacobian:
         """One rollout, and exact derivatives of its measures and sampled outputs by forward sensitivities.
 
         Parameters
         ----------
-        parameters, wrt
+        parameters, wrt, orders
             As for :meth:`value_and_gradient`.
         outputs
             Names of outputs whose derivatives are sampled.
@@ -299,8 +313,8 @@ class Rollout:
         engine = self.engines.sensitivity(tuple(self.indices(wrt)), tuple(outputs))
         rows = range(engine.kernel.size("outputs", "y"))
         directions = np.hstack([np.tile(p, (len(wrt), 1)), np.eye(len(wrt))])
-        count = len(directions)
-        raw = run_batch(engine, self.grid, directions.__getitem__, count, Samples(rows), Control()).raw
+        samples, control = Samples(rows), Control(orders=orders)
+        raw = run_batch(engine, self.grid, directions.__getitem__, len(wrt), samples, control).raw
         blocks, named = split(raw, engine.kernel, self.grid, outputs), engine.kernel.measures
         return Jacobian(
             paths=tuple(wrt),
