@@ -68,7 +68,7 @@ def test_the_object_is_captured_at_the_plans_end_and_the_scenario_goes_on(phased
         ({}, "after 6 s -> approach_wait", "to the end of the simulation"),
         (
             APPROACH,
-            "when left is captured -> hold; after 6 s at the latest -> approach_wait",
+            "after 6 s -> approach_wait",
             "when left is captured -> hold; after 1 s at the latest -> end",
         ),
         ({"until": {"time": 8}}, "after 6 s -> approach_wait", "after 2 s -> hold"),
