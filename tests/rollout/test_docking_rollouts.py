@@ -89,8 +89,11 @@ def test_gradients_go_through_captures_phases_and_releases(tmp_path, kind):
         "part": {"releases": ["left"], "captures": []},
     }
     capture = {"distance": 0.05, "dwell": 0.05, "draw_in": 0.1}
-    scene = free_bodies(tmp_path, DEEP, {"kind": kind, "capture": capture}, phases=phases)
-    loop = build_closed_loop(scene)
+    chaser = {"urdf": "chaser.urdf", "base": DEEP["base"], "tips": {"tip": {}}}
+    chaser["controllers"] = {"stay": {"kind": "base_position", "kp": 0.8, "kd": 0.5}}
+    chaser["actuators"] = {"ideal": {"kind": "base_wrench"}}
+    grasp = {"kind": kind, "capture": capture}
+    loop = build_closed_loop(free_bodies(tmp_path, DEEP, grasp, phases=phases, robots={"one": chaser}))
     signals = Signals.of(loop)
     named = {
         "when": final(signals["grasp_captured_at"]),
@@ -104,7 +107,7 @@ def test_gradients_go_through_captures_phases_and_releases(tmp_path, kind):
     wrt = [
         *("grasps.left.capture.distance", "grasps.left.capture.dwell", "grasps.left.capture.draw_in"),
         *("robots.one.base.velocity.0", "target.base.spin_deg.2", "target.links.body.mass"),
-        "phases.carry.until.time",
+        *("phases.carry.until.time", "robots.one.controllers.stay.kp", "robots.one.controllers.stay.kd"),
     ]
     adjoint = rollout.value_and_gradient(wrt=wrt)
     forward = rollout.jacobian(wrt=wrt)
