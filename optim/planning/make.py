@@ -14,6 +14,7 @@ import numpy as np
 from optim.planning.bench import Ask, Attempt, Bench, Solve
 from optim.planning.kept import Kept
 from optim.planning.motion import Motion
+from optim.planning.solve import Solved
 from optim.planning.tasks import Task, carry_out
 from optim.planning.verdict import Verdict
 from spacerobot.arrays import Array
@@ -37,6 +38,8 @@ class Planned:
         Cost, and its parts by name.
     solves
         Every run of the solver, in turn.
+    solved
+        Where the solver ended, with its multipliers.
     verdict
         On the motion.
     backend
@@ -48,6 +51,7 @@ class Planned:
     cost: float
     terms: Mapping[str, float]
     solves: tuple[Solve, ...]
+    solved: Solved
     verdict: Verdict
     backend: str
 
@@ -127,6 +131,7 @@ def planned(bench: Bench, ask: Ask, found: Mapping[str, Attempt], name: str = PL
     """The plan that a task ended with."""
     attempt = found[name]
     assert attempt.verdict is not None
+    assert attempt.solved is not None
     motion = bench.motion(ask, attempt)
     solves = [one for task, a in found.items() if task.startswith(f"{name}, start") for one in a.solves]
     return Planned(
@@ -135,6 +140,7 @@ def planned(bench: Bench, ask: Ask, found: Mapping[str, Attempt], name: str = PL
         attempt.cost,
         {name: motion.problem.weights[name] * value for name, value in integrals(motion).items()},
         (*solves, *attempt.solves),
+        attempt.solved,
         attempt.verdict,
         bench.instants.backend,
     )

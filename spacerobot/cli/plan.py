@@ -30,6 +30,12 @@ Pareto = Annotated[
         help="Plan the front of two terms of the cost, such as time,base_rotation; see --points.",
     ),
 ]
+Slopes = Annotated[
+    str | None,
+    typer.Option(
+        "--slopes", metavar="PATHS", help="Slopes of the least cost by numbers of the scenario; by commas."
+    ),
+]
 Points = Annotated[int, typer.Option("--points", min=2, metavar="N", help="Points of the front.")]
 HELP = """Plan the motion that a scenario's `plan` section asks for, and judge it.
 
@@ -63,6 +69,7 @@ def command(
     pareto: Pareto = None,
     points: Points = 9,
     dask: Machines = None,
+    slopes: Slopes = None,
     view: View = False,
     port: Port = 7000,
 ) -> None:
@@ -72,6 +79,8 @@ def command(
 
     if view and out is None:
         raise typer.BadParameter("needs --out DIR, where the plan is written", param_hint="--view")
+    if slopes and pareto is not None:
+        raise typer.BadParameter("does not go with --pareto, which makes many plans", param_hint="--slopes")
     if view and pareto is not None:
         raise typer.BadParameter("does not go with --pareto, which makes many plans", param_hint="--view")
     scene = load_scene(scenario, parse_changes(changes))
@@ -88,7 +97,10 @@ def command(
 
         how: dict[str, Any] = {"backend": backend, "progress": told, "folder": folder, "dask": dask}
         try:
-            show = _plan(scene, out, how) if pareto is None else _front(scene, (pareto, points), out, how)
+            if pareto is None:
+                show = _plan(scene, out, how, slopes)
+            else:
+                show = _front(scene, (pareto, points), out, how)
         except KeyboardInterrupt:
             if folder is None:
                 raise
@@ -103,7 +115,7 @@ def command(
         serve(played.data, port)
 
 
-def _plan(scene: Scene, out: Path | None, how: dict[str, Any]) -> Callable[[], None]:
+def _plan(scene: Scene, out: Path | None, how: dict[str, Any], slopes: str | None) -> Callable[[], None]:
     """Make a plan, and write it if a folder is given; what shows it."""
     from optim.planning.follow import PLAN
     from optim.planning.make import make_plan
@@ -111,7 +123,11 @@ def _plan(scene: Scene, out: Path | None, how: dict[str, Any]) -> Callable[[], N
 
     if out is not None:
         check_plan_folder(out)
-    planned = make_plan(scene, **how)
+    planned, found = make_plan(scene, **how), {}
+    if slopes is not None:
+        from optim.planning.design import cost_slopes
+
+        found = cost_slopes(planned, [path.strip() for path in slopes.split(",")])
     if out is not None:
         from viz.figures.plan import write_plan_figures
 
@@ -122,6 +138,9 @@ def _plan(scene: Scene, out: Path | None, how: dict[str, Any]) -> Callable[[], N
     def show() -> None:
         """Print it."""
         _show(planned)
+        if found:
+            rows = [[path, f"{slope:+.6g}"] for path, slope in found.items()]
+            console().print(table("slopes of the least cost", ["number", "by one unit of it"], rows))
         if out is not None:
             words = f"\n{PLAN}, {SUMMARY}, {FOLLOWED} and figures in {out}"
             console().print(words, markup=False, soft_wrap=True)
