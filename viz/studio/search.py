@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import ChainMap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -124,7 +125,7 @@ class _StoppedError(Exception):
 def improve(_: Plants, plant: Plant, numbers: Mapping[str, float], job: Job) -> None:
     """A few quasi-Newton steps within the bounds, each along the gradient with a line search.
 
-    Gradients are exact where they are compiled, else differences of rollouts.
+    Gradients are exact where they are compiled and exist, else differences of rollouts.
 
     Raises
     ------
@@ -142,10 +143,13 @@ def improve(_: Plants, plant: Plant, numbers: Mapping[str, float], job: Job) -> 
         if job.stop.is_set():
             raise _StoppedError
         design = {**numbers, **box.plain(u)}
+        slopes: Mapping[str, float | None] = {}
         if plant.has_gradients:
             value, slopes, _ = plant.gradient(design, metric)
         else:
-            value, slopes = plant.cost(design, metric), differences(plant, design, metric, box.paths) or {}
+            value = plant.cost(design, metric)
+        missing = [path for path in box.paths if slopes.get(path) is None] if value is not None else []
+        slopes = dict(ChainMap(*differences(plant, design, metric, missing, job.stop.is_set), dict(slopes)))
         track.note(u, np.inf if value is None else value, 1.0)
         job.found(track.found(min(0.95, len(track.curve) / (2 * STEPS))))
         slope = np.array([slopes.get(path) or 0.0 for path in box.paths]) * box.slope(u)

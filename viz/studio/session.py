@@ -300,25 +300,26 @@ class Session:
         }
 
     def _gradient(self, page: Page, request: Request) -> None:
-        """Slopes of a metric: by differences at once where exact ones take a compilation, which follow."""
+        """Slopes of a metric; by differences where there are no exact ones, or not before a compilation."""
         given = request.more.get("paths", ())
         wanted = [path for path in given if isinstance(path, str)] if isinstance(given, list) else []
-        quick = self.plants.find(request.values)
-        if quick is not None and not quick[0].has_gradients:
-            plant, numbers = quick
-            metric = plant.metric(request.text("metric"))
-            slopes = differences(plant, numbers, metric, wanted, self._is_hurried)
-            if slopes is not None:
-                answer = {"type": "gradient", "seq": request.seq, "metric": metric.key}
-                self._send(page, {**answer, "d": slopes, "status": "differences"})
+        metric_key = request.text("metric")
         found = self._plant(page, request, gradients=True)
+        exact = found is not None
+        found = found or self.plants.find(request.values)
         if found is None:
             return
         plant, numbers = found
-        metric = plant.metric(request.text("metric"))
-        value, exact, status = plant.gradient(numbers, metric)
-        answer = {"type": "gradient", "seq": request.seq, "metric": metric.key, "value": value}
-        self._send(page, {**answer, "d": {path: exact.get(path) for path in wanted}, "status": status})
+        metric = plant.metric(metric_key)
+        answer = {"type": "gradient", "seq": request.seq, "metric": metric.key}
+        status = "differences"
+        if exact:
+            value, slopes, status = plant.gradient(numbers, metric)
+            told = {path: slopes.get(path) for path in wanted}
+            self._send(page, {**answer, "value": value, "d": told, "status": status})
+            wanted = [path for path in wanted if told[path] is None] if value is not None else []
+        for part in differences(plant, numbers, metric, wanted, self._is_hurried):
+            self._send(page, {**answer, "d": part, "status": status})
 
     def _is_hurried(self) -> bool:
         """Whether a design waits to be rolled out."""

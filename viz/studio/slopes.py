@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 from spacerobot.errors import ScenarioError
 from viz.studio.metrics import Metric
@@ -13,13 +14,17 @@ SHARE = 1e-4
 """Half a difference's width, as a share of the number, or of its slider where it is zero."""
 
 
+PART_S = 0.3
+"""After so long what is known is told."""
+
+
 def differences(
     plant: Plant,
     numbers: Mapping[str, float],
     metric: Metric,
     paths: Sequence[str],
     halted: Callable[[], bool] = lambda: False,
-) -> dict[str, float | None] | None:
+) -> Iterator[dict[str, float | None]]:
     """Derivative of a metric by each number, by two rollouts for each, on both sides where both are allowed.
 
     Parameters
@@ -31,14 +36,14 @@ def differences(
     paths
         Of the numbers; those that do not follow at once are left out.
     halted
-        Asked before each rollout whether something more urgent waits.
+        Asked before each rollout whether something more urgent waits; then nothing more is told.
 
-    Returns
-    -------
-    dict or None
-        By path, in the metric's unit per unit of the number, None where a rollout diverged; None if halted.
+    Yields
+    ------
+    dict
+        Some of them by path, in the metric's unit per unit of the number, None where a rollout diverged.
     """
-    nominal = plant.nominal | dict(numbers)
+    nominal, told_at = plant.nominal | dict(numbers), time.monotonic()
     found: dict[str, float | None] = {}
     for path in paths:
         if path not in plant.free:
@@ -49,12 +54,16 @@ def differences(
         costs = []
         for end in ends:
             if halted():
-                return None
+                return
             costs.append(plant.cost({**numbers, path: end}, metric))
         low, high = costs
         known = low is not None and high is not None and ends[0] < ends[1]
         found[path] = (high - low) / (ends[1] - ends[0]) if known else None  # type: ignore[operator]
-    return found
+        if time.monotonic() - told_at > PART_S:
+            yield found
+            found, told_at = {}, time.monotonic()
+    if found:
+        yield found
 
 
 def _allowed(leaf: Leaf, value: float) -> bool:
