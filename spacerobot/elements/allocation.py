@@ -33,6 +33,8 @@ EVEN = 1e-2
 """d: what is spent is at most 1 + d/2 times the least."""
 FAR = 100.0
 """Length of y where a path begins at thrusters that are open."""
+SLACK = 1e-8
+"""By which the s of a throttled one passes 0 or 1 before it changes, so that rounding cannot turn it back."""
 SHUT, THROTTLED, OPEN = 0, 1, 2
 _GRID = 2.0**20
 _NO_ZERO = 1e-300
@@ -161,8 +163,9 @@ def _step(layout: Layout, path: _Path) -> _Path:
         up = move > 0
         border = level + up - 1  # of s: 0 or 1, else there is none on that side
         none = border * border != border
-        kinks.append(ca.fmax((border - path.values[i]) / move, 0) + 2 * none)
         ways.append(2 * up - 1)
+        passed = border + SLACK * (level == THROTTLED) * ways[i]
+        kinks.append(ca.fmax((passed - path.values[i]) / move, 0) + 2 * none)
     way = left
     for kink in kinks:
         way = ca.fmin(way, kink)

@@ -1,4 +1,4 @@
-"""Thrusters, written again: what each does in world axes, shared by an active set of scipy."""
+"""Thrusters, written again: what each does in world axes, shared by active sets of scipy."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import lsq_linear
+from scipy.linalg import null_space
+from scipy.optimize import lsq_linear, nnls
 
 from spacerobot.arrays import Array
 from spacerobot.elements.actuators.thrusters import AT_ONCE, GRAVITY, WHOLE, Nozzle, Thrusters
@@ -14,6 +15,9 @@ from spacerobot.elements.allocation import EVEN, NEAREST
 from spacerobot.pinocchio_engine.actuation import Delivered, Now, Push, Turn, base_columns, delivery_of
 from spacerobot.pinocchio_engine.kinematics import Kinematics
 from spacerobot.scene import Scene, SceneBody
+
+ROUNDING = 1e-9
+"""By which parts may pass 0 and 1 before they are cut, else none might give the same wrench."""
 
 
 @dataclass(frozen=True)
@@ -151,8 +155,26 @@ def _shared(full: Array, flows: Array, asked: Array) -> Array:
     costs = NEAREST * flows / flows.mean()
     matrix = np.vstack([scales[:, None] * full, np.diag(np.sqrt(EVEN * costs))])
     goal = np.r_[scales * asked, -np.sqrt(costs / EVEN)]
-    parts: Array = lsq_linear(matrix, goal, (0, 1), "bvls", tol=1e-15, max_iter=1000).x
-    return parts
+    found = lsq_linear(matrix, goal, (0, 1), "bvls", tol=1e-15, max_iter=1000).x
+    return _evened(scales[:, None] * full, flows / flows.mean(), found)
+
+
+def _evened(matrix: Array, costs: Array, parts: Array) -> Array:
+    """Of all parts (n,) of the same wrench the cheapest, which the first solve tells by e alone.
+
+    That is the least distance to ``-1/d``, within 0 and 1: least distance programming by Lawson and Hanson.
+    """
+    none = null_space(matrix, rcond=1e-9)
+    if not none.size:
+        return parts
+    basis, triangle = np.linalg.qr(np.sqrt(costs)[:, None] * none)
+    along = np.linalg.solve(triangle.T, none.T).T
+    best = parts - along @ basis.T @ (np.sqrt(costs) * (parts + 1 / EVEN))
+    rows, least = np.vstack([along, -along]), np.r_[-best, best - 1] - ROUNDING
+    factors, _ = nnls(np.vstack([rows.T, least]), np.r_[np.zeros(none.shape[1]), 1.0])
+    residual = np.vstack([rows.T, least]) @ factors - np.r_[np.zeros(none.shape[1]), 1.0]
+    found: Array = best - along @ (residual[:-1] / residual[-1])
+    return np.where(found < 10 * ROUNDING, 0.0, np.where(found > 1 - 10 * ROUNDING, 1.0, found))
 
 
 @delivery_of.register

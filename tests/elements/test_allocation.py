@@ -7,7 +7,7 @@ import functools
 import casadi as ca
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog, lsq_linear
 
@@ -55,6 +55,7 @@ def drawn(seed, rows, count):
 @pytest.mark.parametrize("size", [(3, 6), (6, 8)], ids=["planar", "spatial"])
 @settings(max_examples=60, deadline=None)
 @given(seed=st.integers(0, 100_000))
+@example(seed=17263)  # two come to a kink at once, and one hardly moves from there
 def test_no_wrench_is_nearer_and_none_as_near_is_cheaper(size, seed):
     matrix, flows, wanted = drawn(seed, *size)
     parts = sharing(*size)(matrix, flows, wanted, 0)[0].full().ravel()
@@ -65,7 +66,9 @@ def test_no_wrench_is_nearer_and_none_as_near_is_cheaper(size, seed):
     assert missed - least < 1e-5 * (1 + np.linalg.norm(wanted))
     cheapest = linprog(flows, A_eq=matrix, b_eq=matrix @ parts, bounds=(0, 1))
     assert flows @ parts <= (1 + EVEN / 2) * cheapest.fun + 1e-5
-    np.testing.assert_allclose(parts, _shared(matrix, flows, wanted), atol=1e-6)
+    other = _shared(matrix, flows, wanted)
+    np.testing.assert_allclose(matrix @ parts, matrix @ other, atol=1e-6)
+    np.testing.assert_allclose(parts, other, atol=2e-5)  # nearly singular layouts magnify what e leaves
 
 
 def test_the_thrusters_of_detumble_spend_the_least():
