@@ -70,7 +70,7 @@ def test_accelerations_are_those_of_the_merged_urdf(scenes):
 
 
 @pytest.mark.parametrize("engine", ["casadi", "pinocchio"])
-def test_closed_loop_is_that_of_the_merged_urdf(scenes, engine):
+def test_closed_loop_is_that_of_the_merged_urdf(scenes, engine, interpreted):
     changed = [build_scene(s.scenario, {"simulation.engine": engine}, source=s.source) for s in scenes]
     found, wanted = (simulate(scene) for scene in changed)
     error = np.abs(found.data.tip_position.values - wanted.data.tip_position.values)
