@@ -59,6 +59,7 @@ def undrawn(monkeypatch):
     """No figure of a report is drawn: what pages say is what is tested."""
     for home in ("report.sections", "report.campaign_section", "figures.comparison"):
         monkeypatch.setattr(f"viz.{home}.to_bytes", lambda *_: b"<svg/>")
+    monkeypatch.setattr("viz.report.sections.draw_all", lambda *_: ())
 
 
 @pytest.fixture(scope="session")

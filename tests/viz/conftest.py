@@ -205,7 +205,7 @@ class Page:
         end = time.monotonic() + timeout_s
         while not self.evaluate(expression):
             assert time.monotonic() < end, f"waited in vain for {expression}"
-            time.sleep(0.05)
+            time.sleep(0.02)
 
     def drawn(self):
         """Wait until the page has drawn what it was asked for."""
@@ -216,13 +216,12 @@ class Page:
     def picture(self):
         """Pixels of the page (height, width, 3) once it has drawn what it was asked for."""
         self.drawn()
-        shot = base64.b64decode(self.call("Page.captureScreenshot", format="png")["data"])
-        return np.asarray(Image.open(io.BytesIO(shot)).convert("RGB")).astype(int)
+        shot = self.call("Page.captureScreenshot", format="png", optimizeForSpeed=True)["data"]
+        return np.asarray(Image.open(io.BytesIO(base64.b64decode(shot))).convert("RGB")).astype(np.int16)
 
 
 @pytest.fixture(scope="session")
-def browser():
-    """A page of a real headless Chromium."""
+def _chromium():
     if CHROMIUM is None:
         pytest.skip("no chromium on this computer: the page was not opened in a real browser")
     home = Path(tempfile.mkdtemp(prefix="chromium-"))
@@ -234,10 +233,17 @@ def browser():
         while not (port_file.exists() and port_file.read_text().strip()):
             assert time.monotonic() < end, "chromium did not start"
             assert process.poll() is None, "chromium ended at once"
-            time.sleep(0.05)
+            time.sleep(0.02)
         time.sleep(0.2)
         yield Page(int(port_file.read_text().split()[0]))
     finally:
         process.terminate()
         process.wait(20)
         shutil.rmtree(home, ignore_errors=True)
+
+
+@pytest.fixture
+def browser(_chromium):
+    """A page of a real headless Chromium; what a test leaves on it does not go on playing."""
+    yield _chromium
+    _chromium.call("Page.navigate", url="about:blank")
