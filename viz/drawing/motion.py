@@ -5,18 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import casadi as ca
 import numpy as np
 import pinocchio as pin
-from scipy.spatial.transform import Rotation
 
 from spacerobot.arrays import Array
 from spacerobot.description import Geometry
-from spacerobot.dynamics.joints import Joint, JointKind, read_joints
+from spacerobot.dynamics.joints import Joint, read_joints
 from spacerobot.result import Result
 from spacerobot.scene import Scene
 from spacerobot.scene.scene import SceneShape
 from viz.drawing.geometry import corners
+from viz.drawing.placements import JointPlacements, joint_placements, quaternions
 
 Rows = np.ndarray[tuple[int], np.dtype[np.int64]]
 """Rows of a result's data."""
@@ -262,8 +261,7 @@ def place(scene: Scene, stage: Stage, q: Array, time: Array) -> Motion:
     """Placements of a scene at configurations q (nt, nq) and times (nt,) [s], each a row of its own."""
     nodes, joints = stage.nodes, joint_placements(scene, stage.joints, q)
     moving = [node.joint for node in nodes]
-    quaternion = Rotation.from_matrix(joints.rotation[:, moving].reshape(-1, 3, 3)).as_quat()
-    quaternion = quaternion.reshape(len(q), len(nodes), 4)
+    quaternion = quaternions(joints.rotation[:, moving])
     turned = np.cumprod(np.where(np.sum(quaternion[1:] * quaternion[:-1], axis=-1) < 0, -1.0, 1.0), axis=0)
     quaternion[1:] *= turned[..., None]
     mates = [scene.model.frames[grasp.frame] for grasp in scene.grasps]
@@ -271,63 +269,6 @@ def place(scene: Scene, stage: Stage, q: Array, time: Array) -> Motion:
     places = np.stack(points, axis=1) if points else np.zeros((len(q), 0, 3))
     rows = np.arange(len(q), dtype=np.int64)
     return Motion(nodes, rows, time, joints.origin[:, moving], quaternion, places, joints)
-
-
-@dataclass(frozen=True, eq=False)
-class JointPlacements:
-    """Where all joints' frames are in the world at some configurations, the universe's first.
-
-    Attributes
-    ----------
-    rotation
-        From joint to world (nt, joints, 3, 3).
-    origin
-        (nt, joints, 3), m.
-    """
-
-    rotation: Array
-    origin: Array
-
-    def points(self, joint: int, point: Array) -> Array:
-        """World places (nt, 3) [m] of a point (3,) that is fixed to a joint's frame."""
-        return self.origin[:, joint] + self.rotation[:, joint] @ point
-
-
-def joint_placements(scene: Scene, joints: Sequence[Joint], q: Array) -> JointPlacements:
-    """Placements of all joints of a scene's model at configurations q (nt, nq), all at once."""
-    model = scene.model
-    rotation, origin = np.zeros((len(q), model.njoints, 3, 3)), np.zeros((len(q), model.njoints, 3))
-    rotation[:, 0] = np.eye(3)
-    for joint in joints:
-        resting, own = model.jointPlacements[joint.index], q[:, joint.idx_q : joint.idx_q + joint.nq]
-        before, turned = rotation[:, joint.parent], rotation[:, joint.parent] @ resting.rotation
-        moved = resting.translation + _moved(joint, own) @ resting.rotation.T
-        origin[:, joint.index] = origin[:, joint.parent] + np.einsum("tij,tj->ti", before, moved)
-        rotation[:, joint.index] = turned @ _turned(joint, own)
-    return JointPlacements(rotation, origin)
-
-
-def _moved(joint: Joint, own: Array) -> Array:
-    """Origins (nt, 3) [m] of a joint's moved frame in its resting one, at coordinates (nt, nq)."""
-    if joint.kind is JointKind.PRISMATIC:
-        return own * np.array(ca.DM(joint.linear)).T
-    if joint.kind is JointKind.FREE_FLYER:
-        return own[:, :3]
-    there = np.zeros((len(own), 3))
-    if joint.kind is JointKind.PLANAR:
-        there[:, :2] = own[:, :2]
-    return there
-
-
-def _turned(joint: Joint, own: Array) -> Array:
-    """Rotations (nt, 3, 3) of a joint's moved frame in its resting one, at coordinates (nt, nq)."""
-    if joint.kind is JointKind.FREE_FLYER:
-        return np.asarray(Rotation.from_quat(own[:, 3:]).as_matrix())
-    if joint.kind is JointKind.PRISMATIC:
-        return np.broadcast_to(np.eye(3), (len(own), 3, 3))
-    angle = own[:, 0] if joint.kind is JointKind.REVOLUTE else np.arctan2(own[:, -1], own[:, -2])
-    axis = np.array(ca.DM(joint.angular))[:, -1]
-    return np.asarray(Rotation.from_rotvec(angle[:, None] * axis).as_matrix())
 
 
 def bounds(motion: Motion, *, farthest: float = 3.0) -> tuple[Array, Array]:

@@ -9,7 +9,8 @@ import numpy as np
 from spacerobot.arrays import Array
 from spacerobot.result import Result
 from spacerobot.scene import Scene
-from viz.drawing.motion import JointPlacements, Motion
+from viz.drawing.motion import Motion
+from viz.drawing.placements import JointPlacements
 from viz.page.meshcat_scene import packed
 
 _ROUNDING = 1e-6

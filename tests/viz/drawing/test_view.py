@@ -4,7 +4,8 @@ import numpy as np
 
 from spacerobot.description import Geometry
 from spacerobot.scene import load_scene
-from viz.drawing.motion import GREY, JointPlacements, Motion, Node, Solid
+from viz.drawing.motion import GREY, Motion, Node, Solid
+from viz.drawing.placements import JointPlacements
 from viz.drawing.view import TOP, _clearest, first_view, oblique, view_of
 from viz.figures import docking
 from viz.page.animation import animation, still

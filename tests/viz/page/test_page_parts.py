@@ -11,7 +11,7 @@ from PIL import Image, ImageSequence
 from spacerobot.dynamics.joints import read_joints
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
-from viz.drawing.motion import joint_placements
+from viz.drawing.placements import joint_placements
 from viz.page.animation import animation
 from viz.page.masses import centres_of_mass
 from viz.page.page import animation_page

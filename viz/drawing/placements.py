@@ -1,0 +1,97 @@
+"""Where all joints of a scene are at many configurations at once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from spacerobot.arrays import Array
+from spacerobot.dynamics.joints import Joint, JointKind
+from spacerobot.scene import Scene
+
+
+@dataclass(frozen=True, eq=False)
+class JointPlacements:
+    """Where all joints' frames are in the world at some configurations, the universe's first.
+
+    Attributes
+    ----------
+    rotation
+        From joint to world (nt, joints, 3, 3).
+    origin
+        (nt, joints, 3), m.
+    """
+
+    rotation: Array
+    origin: Array
+
+    def points(self, joint: int, point: Array) -> Array:
+        """World places (nt, 3) [m] of a point (3,) that is fixed to a joint's frame."""
+        return self.origin[:, joint] + self.rotation[:, joint] @ point
+
+
+def joint_placements(scene: Scene, joints: Sequence[Joint], q: Array) -> JointPlacements:
+    """Placements of all joints of a scene's model at configurations q (nt, nq), all at once."""
+    model = scene.model
+    rotation, origin = np.zeros((model.njoints, len(q), 3, 3)), np.zeros((model.njoints, len(q), 3))
+    rotation[0] = np.eye(3)
+    owns = [q[:, joint.idx_q : joint.idx_q + joint.nq] for joint in joints]
+    for joint, own, turned in zip(joints, owns, _turned(joints, owns), strict=True):
+        resting, before = model.jointPlacements[joint.index], rotation[joint.parent]
+        moved = resting.translation + _moved(joint, own) @ resting.rotation.T
+        origin[joint.index] = origin[joint.parent] + np.einsum("tij,tj->ti", before, moved)
+        there = (before.reshape(-1, 3) @ resting.rotation).reshape(-1, 3, 3)  # faster than a stack's product
+        rotation[joint.index] = there @ turned
+    return JointPlacements(rotation.swapaxes(0, 1), origin.swapaxes(0, 1))
+
+
+def quaternions(rotation: Array) -> Array:
+    """Unit quaternions (..., 4), x, y, z, w, of rotation matrices (..., 3, 3).
+
+    It is a row of the products of its components, each times four: that with the greatest square.
+    """
+    products = np.empty((*rotation.shape[:-2], 4, 4))
+    trace = np.trace(rotation, axis1=-2, axis2=-1)
+    products[..., :3, :3] = rotation + rotation.swapaxes(-1, -2)
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        products[..., i, i] += 1 - trace
+        products[..., i, 3] = products[..., 3, i] = rotation[..., k, j] - rotation[..., j, k]
+    products[..., 3, 3] = 1 + trace
+    greatest = np.einsum("...ii->...i", products).argmax(axis=-1)
+    found = np.take_along_axis(products, greatest[..., None, None], axis=-2)[..., 0, :]
+    return np.asarray(found / np.sqrt((found**2).sum(axis=-1, keepdims=True)))
+
+
+def _moved(joint: Joint, own: Array) -> Array:
+    """Origins (nt, 3) [m] of a joint's moved frame in its resting one, at coordinates (nt, nq)."""
+    if joint.kind is JointKind.PRISMATIC:
+        return own * np.array(ca.DM(joint.linear)).T
+    if joint.kind is JointKind.FREE_FLYER:
+        return own[:, :3]
+    there = np.zeros((len(own), 3))
+    if joint.kind is JointKind.PLANAR:
+        there[:, :2] = own[:, :2]
+    return there
+
+
+def _turned(joints: Sequence[Joint], owns: Sequence[Array]) -> list[Array]:
+    """Rotations (nt, 3, 3) of joints' moved frames in their resting ones, at coordinates (nt, nq) of each."""
+    vectors = [_rotation_vectors(joint, own) for joint, own in zip(joints, owns, strict=True)]
+    if not vectors:
+        return []
+    return list(Rotation.from_rotvec(np.concatenate(vectors)).as_matrix().reshape(len(joints), -1, 3, 3))
+
+
+def _rotation_vectors(joint: Joint, own: Array) -> Array:
+    """Rotation vectors (nt, 3) [rad] of a joint at coordinates (nt, nq)."""
+    if joint.kind is JointKind.FREE_FLYER:
+        return np.asarray(Rotation.from_quat(own[:, 3:]).as_rotvec())
+    if joint.kind is JointKind.PRISMATIC:
+        return np.zeros((len(own), 3))
+    angle = own[:, 0] if joint.kind is JointKind.REVOLUTE else np.arctan2(own[:, -1], own[:, -2])
+    return angle[:, None] * np.array(ca.DM(joint.angular))[:, -1]
