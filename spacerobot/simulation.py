@@ -185,7 +185,8 @@ def _result(run: _Run, loop: ClosedLoop, begin: float, built: float) -> Result:
     }
     events = build_events(run.scene, loop, trajectory.events)
     summary = build_summary(run.scene, whole, trajectory, timing, run.notes, events)
-    return Result(run.scene.scenario, whole.isel(time=slice(None, None, run.every)), summary)
+    kept = whole if run.every == 1 else whole.isel(time=slice(None, None, run.every))
+    return Result(run.scene.scenario, kept, summary)
 
 
 def _check_events(scene: Scene, loop: ClosedLoop) -> None:
@@ -219,7 +220,10 @@ def _good_part(trajectory: Trajectory, loop: ClosedLoop) -> Trajectory:
 
     What is no number from the start on belongs to outputs that not all elements declare.
     """
-    values = np.hstack([trajectory.state, *trajectory.outputs.values()])
+    parts = [trajectory.state, *trajectory.outputs.values()]
+    if all(np.abs(part).max(initial=0.0) <= LARGEST for part in parts):  # false for what is no number as well
+        return trajectory
+    values = np.hstack(parts)
     with np.errstate(invalid="ignore"):
         bad = ~(np.abs(values) <= LARGEST)
     nothing = np.isnan(values[0])
