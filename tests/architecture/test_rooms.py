@@ -1,6 +1,7 @@
 """Each room knows only the rooms behind it, and nobody knows the command line."""
 
 import ast
+from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -99,9 +100,14 @@ BUILT_ON = {
 """What each room of tuning and of pictures may import beside the library."""
 
 
+@cache
+def parsed(path):
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
 def imports(path):
     """Modules that a file imports, at any depth."""
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in ast.walk(parsed(path)):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -134,7 +140,7 @@ def edges():
     found = {}
     for module, path in MODULES.items():
         found[module] = set()
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for node in ast.walk(parsed(path)):
             if isinstance(node, ast.Import):
                 found[module] |= {alias.name for alias in node.names} & MODULES.keys()
             elif isinstance(node, ast.ImportFrom):
@@ -216,7 +222,7 @@ def test_tuning_knows_nothing_of_pictures():
 
 def test_commands_import_what_is_built_on_the_library_only_when_they_need_it():
     for path in files("spacerobot.cli"):
-        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+        for node in parsed(path).body:
             if isinstance(node, ast.Import | ast.ImportFrom):
                 names = [node.module] if isinstance(node, ast.ImportFrom) else [a.name for a in node.names]
                 assert not any(name.partition(".")[0] in ("optim", "viz") for name in names), path
@@ -229,7 +235,7 @@ def test_nobody_but_the_command_line_prints_or_knows_it(package):
         if path.name in ("__main__.py", "readme_picture.py"):
             continue
         assert not any(module.startswith("spacerobot.cli") for module in imports(path)), path
-        calls = (n for n in ast.walk(ast.parse(path.read_text(encoding="utf-8"))) if isinstance(n, ast.Call))
+        calls = (n for n in ast.walk(parsed(path)) if isinstance(n, ast.Call))
         assert not any(isinstance(c.func, ast.Name) and c.func.id == "print" for c in calls), path
 
 
@@ -237,7 +243,7 @@ LONGEST_FUNCTION, LONGEST_MODULE, MOST_PARAMETERS = 60, 400, 6
 
 
 def functions(path):
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in ast.walk(parsed(path)):
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
             first = min([node.lineno, *(decorator.lineno for decorator in node.decorator_list)])
             yield node.name, node.end_lineno - first + 1
@@ -268,7 +274,7 @@ def test_functions_take_few_parameters():
     many = set()
     for path in everything():
         place = path.relative_to(ROOT).as_posix()
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for node in ast.walk(parsed(path)):
             if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
                 command = place.startswith("spacerobot/cli/") and (
                     node.name == "command" or node.decorator_list
