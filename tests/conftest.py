@@ -93,12 +93,13 @@ INTERPRETED = (
 
 LARGE = (
     "tests/cli/",
+    "tests/contacts/",
     "tests/docs/",
     "tests/pinocchio_engine/",
     "tests/result/",
     "tests/viz/",
 )
-"""Where few rollouts of shipped scenes take less time than to optimise their code."""
+"""Where few rollouts take less time than to optimise their code."""
 
 COMPILER = os.environ.get("SPACEROBOT_COMPILER")
 

@@ -52,8 +52,8 @@ def test_the_dissipation_of_a_restitution_is_that_of_its_closed_form(e):
 @pytest.mark.parametrize("speed", [0.1, 0.4, 1.0])
 def test_balls_part_with_the_restitution_that_follows_from_their_speed(exponent, stiffness, speed):
     law = {"stiffness": stiffness, "exponent": exponent, "restitution": 0.6, "restitution_speed": 0.4}
-    found = meeting(law, speed)
-    first, second = velocities(found, rolled(found, 0.005 / speed + 0.2, 1e-4))
+    found = meeting(law | {"longest_step": 5e-4}, speed)
+    first, second = velocities(found, rolled(found, 0.005 / speed + 0.15, 0.01))
     ratio = 0.974871710813265 / 0.4  # closed form at 0.6
     wanted = restitution_of(ratio * speed)
     assert (second - first)[0] / speed == pytest.approx(wanted, abs=2e-6)
@@ -86,7 +86,7 @@ def test_what_is_drawn_apart_is_not_pulled():
 
 def test_equal_masses_exchange_their_velocities():
     found = meeting({"stiffness": 2e4}, masses=(2.0, 2.0))
-    first, second = velocities(found, rolled(found, 0.2, 1e-4))
+    first, second = velocities(found, rolled(found, 0.2, 5e-4))
     np.testing.assert_allclose(first, 0, atol=1e-7)
     np.testing.assert_allclose(second, [0.4, 0, 0], atol=1e-7)
 
@@ -95,7 +95,7 @@ def test_without_friction_equal_balls_that_meet_aslant_part_at_a_right_angle():
     found = meeting(
         {"stiffness": 2e4}, masses=(2.0, 2.0), target=body("other", 2.0, {"position": [0.18, 0.12, 0]})
     )
-    first, second = velocities(found, rolled(found, 0.3, 1e-4))
+    first, second = velocities(found, rolled(found, 0.3, 5e-4))
     assert first @ second == pytest.approx(0, abs=1e-8)
     assert np.linalg.norm(second) > 0.1
 
@@ -131,7 +131,7 @@ def sliding():
 def test_a_block_slides_to_rest_at_mu_n():
     found = sliding()
     assert found.planar
-    trajectory = rolled(found, 0.4, 2e-4, 0.05)
+    trajectory = rolled(found, 0.4, 5e-4, 0.05)
     momentum = trajectory.outputs["body_momentum_linear"][:, 3] / 4.0
     way = trajectory.outputs["body_position"][:, 3]
     force = trajectory.outputs["contact_force"].reshape(-1, 2, 3).sum(axis=1)
@@ -184,12 +184,16 @@ def tumbling(seed, given=None):
     )
 
 
-@pytest.mark.parametrize(("seed", "kinds"), [*((i, None) for i in range(5)), (0, ("box", "cylinder"))])
-def test_momentum_and_energy_are_kept_through_a_collision_of_tumbling_bodies(seed, kinds):
+TUMBLING = [*((i, None, 1.2, 1e-3) for i in (0, 1, 2, 4)), (0, ("box", "cylinder"), 0.45, 4e-4)]
+"""Seed, shapes, duration [s] and step [s]; in each the bodies touch and part."""
+
+
+@pytest.mark.parametrize(("seed", "kinds", "duration", "step"), TUMBLING)
+def test_momentum_and_energy_are_kept_through_a_collision_of_tumbling_bodies(seed, kinds, duration, step):
     found = tumbling(seed, kinds)
-    loop = build_closed_loop(found)
-    trajectory = rolled(found, 1.2, 4e-4, 0.05)
-    outputs = trajectory.outputs
+    trajectory = rolled(found, duration, step, 0.05)
+    loop, outputs = build_closed_loop(found), trajectory.outputs
+    assert [loop.events[event.event].kind for event in trajectory.events[:2]] == ["touched", "parted"]
     assert outputs["contact_gap"][0] > 0
     assert outputs["contact_gap"].min() < 0
     assert not loop.outside
@@ -202,9 +206,15 @@ def test_momentum_and_energy_are_kept_through_a_collision_of_tumbling_bodies(see
     assert np.abs(stored - stored[0] - booked).max() < 1e-6 * stored.max()
 
 
+def seen(found, duration, output_step):
+    """Trajectory of the second engine, within some 1e-7."""
+    return simulate(found, duration_s=duration, output_step_s=output_step, rtol=1e-7, atol=1e-9)
+
+
 def test_the_second_engine_sees_the_same_collision():
     found = tumbling(0)
-    ours, checked = rolled(found, 1.0, 5e-4, 0.25), simulate(found, duration_s=1.0, output_step_s=0.25)
+    ours, checked = rolled(found, 0.6, 1e-3, 0.2), seen(found, 0.6, 0.2)
+    assert [event.kind for event in checked.happened] == ["touched", "parted"]
     assert np.abs(ours.state - checked.state).max() < 1e-6
     assert list(ours.outputs) == list(checked.outputs)
 
@@ -231,7 +241,7 @@ def test_flat_on_flat_is_the_same_hit_in_both_engines(case):
             "contacts": {"bump": {"between": ["a", "b"]} | law},
         }
     )
-    ours, checked = rolled(found, 0.12, 1e-3, 0.04), simulate(found, duration_s=0.12, output_step_s=0.04)
+    ours, checked = rolled(found, 0.12, 1e-3, 0.04), seen(found, 0.12, 0.04)
     assert [event.kind for event in checked.happened] == ["touched", "parted"]
     assert np.abs(ours.state - checked.state).max() < 1e-6
 

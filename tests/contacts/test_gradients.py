@@ -19,7 +19,7 @@ WRT = (
 
 def built():
     changes = {"contacts.bump.longest_step": 2e-3}
-    loop = build_closed_loop(build_scene(tumbling(0).scenario, changes))
+    loop = build_closed_loop(build_scene(tumbling(0, ("sphere", "capsule")).scenario, changes))
     signals = Signals.of(loop)
     measures = Measures(
         signals,
