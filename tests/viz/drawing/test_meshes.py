@@ -24,15 +24,15 @@ TETRAHEDRON = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 
 
 @pytest.fixture
 def meshed(tmp_path):
-    """The paper's scenario for 0.1 s with an object that is drawn as a mesh."""
+    """The paper's scenario for 20 ms with an object that is drawn as a mesh."""
     (tmp_path / "shape.obj").write_text(TETRAHEDRON)
     text = (shipped_urdf_folder() / "rectangle.urdf").read_text()
     box = text[text.index("<geometry>") : text.index("</geometry>")]
     mesh = '<geometry><mesh filename="shape.obj" scale="0.2 0.2 0.2"/>'
     (tmp_path / "object.urdf").write_text(text.replace(box, mesh, 1))
     shutil.copy(shipped_urdf_folder() / "planar_arm.urdf", tmp_path)
-    changes = {"target.urdf": str(tmp_path / "object.urdf"), "simulation.duration": 0.1}
-    return simulate(load_scene("paper", changes))
+    changes = {"target.urdf": str(tmp_path / "object.urdf"), "simulation.duration": 0.02}
+    return simulate(load_scene("paper", changes), backend="interpreted")
 
 
 def test_a_mesh_is_drawn_and_a_missing_one_is_a_box_with_a_warning(browser, meshed, tmp_path):
@@ -80,15 +80,15 @@ def write_obj(path, surface):
 
 @pytest.fixture(scope="module")
 def dense(tmp_path_factory):
-    """The paper's scenario for 0.1 s whose object is drawn as balls of 67 600 triangles."""
+    """The paper's scenario for 20 ms whose object is drawn as balls of 67 600 triangles."""
     folder = tmp_path_factory.mktemp("dense")
     write_obj(folder / "ball.obj", ball(130))
     text = (shipped_urdf_folder() / "rectangle.urdf").read_text()
     first, *others = re.split("<visual>.*?</visual>", text, flags=re.DOTALL)
     shape = '<visual><geometry><mesh filename="ball.obj"/></geometry></visual>'
     (folder / "object.urdf").write_text(first + 2 * shape + "".join(others))
-    changes = {"target.urdf": str(folder / "object.urdf"), "simulation.duration": 0.1}
-    return simulate(load_scene("paper", changes))
+    changes = {"target.urdf": str(folder / "object.urdf"), "simulation.duration": 0.02}
+    return simulate(load_scene("paper", changes), backend="interpreted")
 
 
 def test_a_dense_mesh_stands_in_a_page_once_and_with_no_more_than_can_be_seen(dense):
@@ -104,10 +104,10 @@ def test_a_dense_mesh_stands_in_a_page_once_and_with_no_more_than_can_be_seen(de
 
 
 def test_pictures_of_meshes_are_pixels_and_stay_small(dense, paper):
-    drawn = docking(dense)
+    drawn = docking(dense, frames=2)
     assert all(axes.images for axes in drawn.axes)
     assert len(to_bytes(drawn, "svg")) < 2e6
-    assert not any(axes.images for axes in docking(paper).axes)
+    assert not any(axes.images for axes in docking(paper, frames=2).axes)
     picture = np.asarray(frames(dense, rate_hz=20, size_px=(320, 200)).picture(0))
     assert picture.shape == (200, 320, 3)
     assert (picture < 160).all(axis=-1).mean() > 0.01

@@ -188,13 +188,16 @@ def test_the_camera_follows_what_is_chosen(shown, paper):
     label = "[...document.querySelectorAll('#labels .name')].find((e) => e.innerText === 'object')"
     where = f"((e) => [parseFloat(e.style.left), parseFloat(e.style.top)])({label})"
     moved = {}
+    page = shown(paper, fragment="#t=0&look=near", size=(1200, 600))
     for followed in ("", "target", "rpr1"):
-        page = shown(paper, fragment=f"#t=0&look=near&follow={followed}")
         places = []
         for at in (0, 5):
             page.evaluate(f"location.hash = '#t={at}&look=near&follow={followed}'")
-            page.wait_for(f"document.body.dataset.time === '{at}.000'")
-            page.picture()
+            page.wait_for(
+                f"document.body.dataset.time === '{at}.000'"
+                f" && document.getElementById('follow').value === '{followed}'"
+            )
+            page.drawn()
             places.append(page.evaluate(where))
         moved[followed] = np.linalg.norm(np.subtract(*places))
     assert moved[""] > 60
