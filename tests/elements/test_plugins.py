@@ -46,7 +46,7 @@ for vary in ("robots.rpr1.tips.tip.reference.size", "robots.rpr1.tips.tip.contro
     soft = {"robots.rpr1.tips.tip.controllers": {"soft": {"kind": "impedance", "stiffness": 80.0}}}
     own = sr.load_scene("paper", changes | soft)
     loop = build_closed_loop(own)
-    rollout = sr.build_rollout(loop, duration_s=0.4, step_s=0.004, backend="interpreted")
+    rollout = sr.build_rollout(loop, duration_s=0.4, step_s=0.01, backend="interpreted")
     assert vary in loop.parameter_paths
     jacobian = rollout.jacobian(wrt=[vary], outputs=["tip_position"]).outputs["tip_position"]
     value, step = loop.parameters()[loop.index(vary)], 1e-5

@@ -86,7 +86,8 @@ def test_lost_gradients_in_lanes_leave_their_neighbours(rollout):
     )
 
 
-def test_a_scene_without_target_and_grasps():
+def test_a_scene_without_target_and_grasps(monkeypatch):
+    monkeypatch.setenv("SPACEROBOT_COMPILER_FLAGS", "-O0")
     scene = small_scene(PLANAR, {"target": None, "grasps": {}, "robots.two.base": {"joint": "planar"}})
     loop = build_closed_loop(scene)
     s = Signals.of(loop)
