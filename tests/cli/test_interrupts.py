@@ -95,7 +95,7 @@ def test_a_command_is_ended_wherever_the_interrupt_comes(tmp_path):
     """While it loads libraries, builds, and prints; at random times of a fixed seed."""
     delays, ended = random.Random(1), []
     command = [sys.executable, "-m", "spacerobot", "check", "servicer"]
-    for _ in range(6):
+    for _ in range(4):
         process = subprocess.Popen(
             command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
         )

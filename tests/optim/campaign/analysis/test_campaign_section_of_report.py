@@ -17,6 +17,9 @@ from spacerobot.scenario import Uncertain
 from spacerobot.scene import load_scene
 from viz.report.campaign_words import stepping
 
+ONE = {"soft": {"robots.*.tips.tip.pid.kp": 50}}
+"""A single set of gains, where how many there are does not matter: each costs the page a simulation."""
+
 
 def quiet(_):
     pass
@@ -143,13 +146,13 @@ class Killed(Here):
 
 
 def test_a_half_done_campaign_tells_how_much_is_there(small, tmp_path, undrawn):
-    run_campaign(small(), tmp_path / "stopped", executor=Stopped(size=25))
+    run_campaign(small(), tmp_path / "stopped", gains=ONE, executor=Stopped(size=25))
     assert "Not finished: 25 of 100 samples" in campaign_page(tmp_path / "stopped", quiet)
     with pytest.raises(MemoryError):
-        run_campaign(small(), tmp_path / "killed", executor=Killed(size=20))
+        run_campaign(small(), tmp_path / "killed", gains=ONE, executor=Killed(size=20))
     assert not (tmp_path / "killed" / "campaign.nc").exists()
     assert "Not finished: 40 of 100 samples" in campaign_page(tmp_path / "killed", quiet)
-    run_campaign(small(), tmp_path / "killed")
+    run_campaign(small(), tmp_path / "killed", gains=ONE)
     assert load_campaign(tmp_path / "killed").sizes["sample"] == 100
 
 
@@ -215,7 +218,7 @@ def test_every_sample_diverged(small, tmp_path, undrawn, interpreted):
 
 
 def test_one_sample(small, tmp_path, undrawn):
-    found = run_campaign(small(**{"campaign.samples": 1}), tmp_path / "store")
+    found = run_campaign(small(**{"campaign.samples": 1}), tmp_path / "store", gains=ONE)
     summary = summarise(tmp_path / "store", found.evaluator)
     row = summary["gains"]["soft"]["metrics"][0]
     assert {q["value"] for q in row["percentiles"]} == {row["largest"]}
