@@ -139,7 +139,7 @@ def test_a_result_of_a_single_instant_and_a_body_without_shapes_are_shown(browse
     text = (shipped_urdf_folder() / "rectangle.urdf").read_text()
     (tmp_path / "bare.urdf").write_text(re.sub(r"(?s)<(visual|collision)\b.*?</\1>", "", text))
     scene = load_scene("paper", {"target.urdf": str(tmp_path / "bare.urdf"), "simulation.duration": 0.02})
-    page = _show(browser, tmp_path / "bare.html", animation_page(simulate(scene)))
+    page = _show(browser, tmp_path / "bare.html", animation_page(simulate(scene, backend="interpreted")))
     assert "object" in dict(page.evaluate(NAMES_ALL))
     assert page.errors == []
     instant = Result(paper.scenario, paper.data.isel(time=[0]), paper.summary)
@@ -158,7 +158,7 @@ def test_the_close_view_holds_the_object_and_more_than_a_tip_that_stands_still(p
     assert (near.max(axis=0)[:2] >= reference.max(axis=0)[:2]).all()
     assert np.ptp(near[:, 0]) < 0.25 * (high - low)[0]
     changes = {"robots.*.tips.tip.reference": {"kind": "hold"}, "simulation.duration": 0.02}
-    still = np.array(animation(simulate(load_scene("paper", changes)))["near"])
+    still = np.array(animation(simulate(load_scene("paper", changes), backend="interpreted"))["near"])
     assert np.ptp(still[:, 0]) > 0.1 * np.linalg.norm(high - low)
 
 

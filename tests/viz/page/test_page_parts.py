@@ -219,7 +219,7 @@ def test_runs_over_each_other_have_colours_of_their_own(shown, paper, blind):
 
 
 def test_the_address_shows_the_same_view_again(shown, paper, blind):
-    page = shown(blind, paper, fragment="#t=2")
+    page = shown(blind, paper, fragment="#t=2", size=(900, 600))
     page.evaluate("document.getElementById('arrange').value = 'over'")
     page.evaluate("document.getElementById('arrange').dispatchEvent(new Event('change'))")
     page.evaluate("document.getElementById('follow').value = 'rpr2'")
@@ -234,7 +234,7 @@ def test_the_address_shows_the_same_view_again(shown, paper, blind):
         assert part in page.evaluate(FRAGMENT)
     page.evaluate("document.activeElement.blur()")
     before = page.picture()
-    again = shown(blind, paper, fragment=fragment)
+    again = shown(blind, paper, fragment=fragment, size=(900, 600))
     assert (np.abs(again.picture() - before).sum(axis=2) > 30).mean() < 0.002
     assert again.evaluate("document.body.dataset.time") == "2.000"
     assert again.errors == []
