@@ -19,6 +19,9 @@ class SignalPicker {
   load(signals) {
     this.signals = signals;
     this.opener.disabled = signals.quantities.length === 0;
+    const listed = JSON.stringify(signals.quantities.map(({ title, unit, signals: own }) => [title, unit, own.map(({ name, colour }) => [name, colour])]));
+    if (listed === this.listed) { this.update(); return; } // what is open stays open
+    this.listed = listed;
     this.groups = signals.quantities.map((quantity) => this.group(quantity));
     this.list.replaceChildren(...this.groups.map(({ whole }) => whole));
     this.filter();

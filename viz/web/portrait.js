@@ -45,8 +45,9 @@ class Portrait {
   }
 
   draw() {
+    if (this.figure.hidden || !this.choices) return; // before a size is asked for, which lays the page out
     const size = [this.canvas.clientWidth, this.canvas.clientHeight];
-    if (this.figure.hidden || !this.choices || size[0] < 40) return;
+    if (size[0] < 40) return;
     const chosen = [this.across, this.up].map(({ value }) => this.choices.find(({ text }) => text === value));
     if (chosen.includes(undefined)) return;
     const ratio = window.devicePixelRatio || 1, pen = this.canvas.getContext("2d");

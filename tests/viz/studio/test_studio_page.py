@@ -64,8 +64,10 @@ def _bookmark(page, name):
 
 def test_a_slider_moves_picture_curves_and_metrics(opened, studio):
     page = opened("#t=1&play=0")
+    page.evaluate("document.querySelector('#picker details').open = true")
     metric, words, before = page.evaluate(METRIC), page.evaluate("readout.innerText"), page.picture()
     _slide(page, 40)
+    assert page.evaluate("document.querySelector('#picker details').open")  # the list is not made anew
     gain = float(page.evaluate(f"{FIELD}.value"))
     assert gain < 150
     x, y, width, height = map(int, page.evaluate(PANE))

@@ -80,7 +80,8 @@ class Numbers {
     for (const { one, control, value: shown, pinnable } of this.leaves) {
       const now = value(one.path);
       if (pinnable) {
-        shown.textContent = `${short(now)} ${one.unit || ""}`;
+        const text = `${short(now)} ${one.unit || ""}`;
+        if (shown.textContent !== text) shown.textContent = text; // the same again would be laid out again
         control.checked = pinned(one.path);
       } else if (one.kind === "truth") control.checked = now;
       else if (document.activeElement !== control) control.value = now ?? "";
