@@ -144,14 +144,13 @@ def test_zeros_are_left_out_unless_they_shall_vary():
         build_closed_loop(scene, ["simulation.duration"])
 
 
-@pytest.mark.parametrize("kind", TEXTS)
-def test_sensors_are_parameters_where_a_controller_reads_them(kind):
+def test_sensors_are_parameters_where_a_controller_reads_them():
     """Of these two robots, only the first has an amnesia controller."""
-    paths = build_closed_loop(scene_with(kind, {})).parameter_paths
+    paths = build_closed_loop(scene_with("planar", {})).parameter_paths
     assert "robots.one.sensors.tip_position.offset" in paths
     unread = "robots.two.sensors.tip_position.offset"
     assert unread not in paths
     with pytest.raises(ScenarioError, match=f"{unread}: .*does not depend on it"):
-        build_closed_loop(scene_with(kind, {}), [unread])
+        build_closed_loop(scene_with("planar", {}), [unread])
     amnesia = {"robots.two.tips.tip.amnesia": {"ge": 5, "ta": 2}}
-    assert unread in build_closed_loop(scene_with(kind, amnesia)).parameter_paths
+    assert unread in build_closed_loop(scene_with("planar", amnesia)).parameter_paths
