@@ -1,8 +1,8 @@
-"""How a plan's least cost changes with the design: exact derivatives at the solution, without planning again.
+"""How a plan's least cost changes with the design: derivatives at the solution, without planning again.
 
 Where the Lagrangian of cost, constraints and limits is stationary, the derivative of the least cost
 by any number of the scenario is that of the Lagrangian at the same unknowns and multipliers (the envelope
-theorem).
+theorem). That one is taken by central differences: numbers of a scenario enter it by building the scene.
 """
 
 from __future__ import annotations
