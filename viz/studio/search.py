@@ -140,6 +140,7 @@ def improve(_: Plants, plant: Plant, numbers: Mapping[str, float], job: Job) -> 
     track = _Track(box, begin, np.nan if start is None else start)
 
     def ask(u: Array) -> tuple[float, Array]:
+        """Cost, and its slopes along the sides of the unit box, at a point of that box (n)."""
         if job.stop.is_set():
             raise _StoppedError
         design = {**numbers, **box.plain(u)}
