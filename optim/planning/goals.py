@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from typing import TypeVar
 
 import casadi as ca
 import numpy as np
@@ -17,6 +18,7 @@ from spacerobot.scene import Scene
 from spacerobot.scene.scene import SceneBody, SceneTip
 from spacerobot.section import matching
 
+T = TypeVar("T")
 AXES = "xyz"
 
 
@@ -161,18 +163,29 @@ def _placed(stage: Stage, tip: SceneTip, goal: Goal) -> Iterator[Row]:
 
 def _posture(stage: Stage, body: SceneBody, goal: Goal, where: str) -> Iterator[Row]:
     """Positions of joints."""
-    model = stage.scene.model
-    ids = {body.joint_name(model, j): j for j in body.driven_joints}
-    for pattern, end in goal.joints.items():
+    for name, joint, end in joints_named(stage.scene, body, goal.joints, f"{where}.joints"):
+        yield _joint_row(stage, name, joint, end)
+
+
+def joints_named(
+    scene: Scene, body: SceneBody, given: Mapping[str, T], where: str
+) -> Iterator[tuple[str, int, T]]:
+    """Name and number of each joint of a body that a pattern names, and what is given for it.
+
+    Raises
+    ------
+    ScenarioError
+        If a pattern names none.
+    """
+    ids = {body.joint_name(scene.model, j): j for j in body.driven_joints}
+    for pattern, each in given.items():
         names = matching(ids, pattern)
         if not names:
             raise ScenarioError(
-                f"no joint {pattern!r}; {near_names(pattern, ids)}",
-                source=stage.scene.source,
-                where=f"{where}.joints",
+                f"no joint {pattern!r}; {near_names(pattern, ids)}", source=scene.source, where=where
             )
         for name in names:
-            yield _joint_row(stage, name, ids[name], end)
+            yield name, ids[name], each
 
 
 def _joint_row(stage: Stage, name: str, joint: int, end: End) -> Row:

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import casadi as ca
 import numpy as np
 
-from optim.planning.goals import find_robot
+from optim.planning.goals import find_robot, joints_named
 from optim.planning.limits import urdf_joint
 from optim.planning.stage import Row, Stage
 from spacerobot.arrays import Array
-from spacerobot.errors import ScenarioError, near_names
+from spacerobot.errors import ScenarioError
 from spacerobot.scenario.plan import Beginning, Planning, Room
 from spacerobot.scene.scene import SceneBody
-from spacerobot.section import matching
 
 Sides = tuple[Array, Array]
 """Least and greatest configuration and velocity at the start (nq + nv,)."""
@@ -44,7 +41,7 @@ def beginnings(stage: Stage, plan: Planning, fixed: Array, limits: Sides) -> tup
     for name, room in plan.start.items():
         where = f"plan.start.{name}"
         body = find_robot(stage.scene, name, where)
-        for joint, given in _joints(stage, body, room, where):
+        for _, joint, given in joints_named(stage.scene, body, room.joints, f"{where}.joints"):
             _check_unit(stage, body, joint, given, where)
             rows += _free_joint(stage, joint, given, (least, greatest))
         if room.places:
@@ -53,20 +50,6 @@ def beginnings(stage: Stage, plan: Planning, fixed: Array, limits: Sides) -> tup
     lower, upper = (side[: fixed.size] for side in limits)
     least = np.maximum(least, np.minimum(lower, fixed))
     return (least, np.minimum(greatest, np.maximum(upper, fixed))), rows
-
-
-def _joints(stage: Stage, body: SceneBody, room: Beginning, where: str) -> Iterator[tuple[int, Room]]:
-    ids = {body.joint_name(stage.scene.model, j): j for j in body.driven_joints}
-    for pattern, given in room.joints.items():
-        names = matching(ids, pattern)
-        if not names:
-            raise ScenarioError(
-                f"no joint {pattern!r}; {near_names(pattern, ids)}",
-                source=stage.scene.source,
-                where=f"{where}.joints",
-            )
-        for name in names:
-            yield ids[name], given
 
 
 def _check_unit(stage: Stage, body: SceneBody, joint: int, given: Room, where: str) -> None:
