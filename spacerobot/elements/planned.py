@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any, Literal, TypeVar
 
 import casadi as ca
 import numpy as np
@@ -14,6 +14,42 @@ from spacerobot.section import Name, Section, Vector, quantity
 
 MOST_POINTS = 2000
 Row = tuple[float, ...]
+M = TypeVar("M")
+
+
+def plan_file() -> Any:
+    """Field of an element that follows a plan: the file that its ``knots`` are read from."""
+    return Field(
+        default=None,
+        min_length=1,
+        max_length=4096,
+        description="plan.nc of `spacerobot plan`: a path in the scenario's folder; fills in `knots`",
+    )
+
+
+def check_given(file: str | None, knots: object) -> None:
+    """Refuse an element that follows no plan.
+
+    Raises
+    ------
+    ValueError
+        If there is neither a file nor knots.
+    """
+    if file is None and knots is None:
+        raise ValueError("file: which plan? give `file` or `knots`")
+
+
+def known(knots: M | None) -> M:
+    """The planned motion, which was given or read.
+
+    Raises
+    ------
+    ValueError
+        If it was not read yet.
+    """
+    if knots is None:
+        raise ValueError("a plan that was not read")
+    return knots
 
 
 class Timed(Section):

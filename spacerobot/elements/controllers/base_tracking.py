@@ -20,7 +20,7 @@ from spacerobot.elements.context import RobotContext
 from spacerobot.elements.contribution import Contribution, Torque
 from spacerobot.elements.controller import RobotController
 from spacerobot.elements.knots import Knots
-from spacerobot.elements.planned import BaseMotion
+from spacerobot.elements.planned import BaseMotion, check_given, known, plan_file
 from spacerobot.elements.registry import register
 from spacerobot.elements.robot_element import Part, RobotFacts
 from spacerobot.section import quantity
@@ -36,12 +36,7 @@ class BaseTracking(RobotController):
 
     kind: Literal["base_tracking"] = "base_tracking"
     fills: ClassVar[str | None] = "knots"
-    file: str | None = Field(
-        default=None,
-        min_length=1,
-        max_length=4096,
-        description="plan.nc of `spacerobot plan`: a path in the scenario's folder; fills in `knots`",
-    )
+    file: str | None = plan_file()
     knots: BaseMotion | None = Field(default=None, description="the planned motion, if not in a file")
     kd_linear: float = quantity("N s/m", "gain of the velocity", default=0.0, ge=0)
     kd_angular: float = quantity("N m s/rad", "gain of the spin", default=0.0, ge=0)
@@ -49,8 +44,7 @@ class BaseTracking(RobotController):
 
     @model_validator(mode="after")
     def _check(self) -> BaseTracking:
-        if self.file is None and self.knots is None:
-            raise ValueError("file: which plan? give `file` or `knots`")
+        check_given(self.file, self.knots)
         return self
 
     @classmethod
@@ -63,9 +57,7 @@ class BaseTracking(RobotController):
     @property
     def planned(self) -> BaseMotion:
         """The planned motion, which was given or read."""
-        if self.knots is None:
-            raise ValueError("a plan that was not read")
-        return self.knots
+        return known(self.knots)
 
     def build(self, robot: RobotContext) -> Contribution:
         """Wrench on the base."""

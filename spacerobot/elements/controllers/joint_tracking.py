@@ -21,7 +21,7 @@ from spacerobot.elements.contribution import Contribution
 from spacerobot.elements.controller import RobotController
 from spacerobot.elements.joint_position import nearest_position
 from spacerobot.elements.knots import Knots
-from spacerobot.elements.planned import JointMotion
+from spacerobot.elements.planned import JointMotion, check_given, known, plan_file
 from spacerobot.elements.registry import register
 from spacerobot.elements.robot_element import RobotFacts
 from spacerobot.elements.sensor import measured
@@ -37,12 +37,7 @@ class JointTracking(RobotController):
 
     kind: Literal["joint_tracking"] = "joint_tracking"
     fills: ClassVar[str | None] = "knots"
-    file: str | None = Field(
-        default=None,
-        min_length=1,
-        max_length=4096,
-        description="plan.nc of `spacerobot plan`: a path in the scenario's folder; fills in `knots`",
-    )
+    file: str | None = plan_file()
     knots: JointMotion | None = Field(default=None, description="the planned motion, if not in a file")
     kp: float = quantity("N m/rad or N/m", "proportional gain", default=0.0, ge=0)
     kd: float = quantity("N m s/rad or N s/m", "derivative gain", default=0.0, ge=0)
@@ -50,8 +45,7 @@ class JointTracking(RobotController):
 
     @model_validator(mode="after")
     def _check(self) -> JointTracking:
-        if self.file is None and self.knots is None:
-            raise ValueError("file: which plan? give `file` or `knots`")
+        check_given(self.file, self.knots)
         return self
 
     @classmethod
@@ -89,9 +83,7 @@ class JointTracking(RobotController):
     @property
     def planned(self) -> JointMotion:
         """The planned motion, which was given or read."""
-        if self.knots is None:
-            raise ValueError("a plan that was not read")
-        return self.knots
+        return known(self.knots)
 
     def _table(self, robot: RobotContext, key: str) -> ca.SX:
         """What stands at the points (n x joints), joints in the robot's order."""

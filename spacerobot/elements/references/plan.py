@@ -17,7 +17,7 @@ from spacerobot.dynamics.rotations import rotation_exp
 from spacerobot.elements.context import ReferenceContext
 from spacerobot.elements.knots import Knots
 from spacerobot.elements.motion import Beginning, Motion, Profile
-from spacerobot.elements.planned import TipMotion
+from spacerobot.elements.planned import TipMotion, check_given, known, plan_file
 from spacerobot.elements.reference import PLANE_TOLERANCE, Reference
 from spacerobot.elements.registry import register
 
@@ -28,18 +28,12 @@ class Plan(Reference):
 
     kind: Literal["plan"] = "plan"
     fills: ClassVar[str | None] = "knots"
-    file: str | None = Field(
-        default=None,
-        min_length=1,
-        max_length=4096,
-        description="plan.nc of `spacerobot plan`: a path in the scenario's folder; fills in `knots`",
-    )
+    file: str | None = plan_file()
     knots: TipMotion | None = Field(default=None, description="the planned motion, if not in a file")
 
     @model_validator(mode="after")
     def _check(self) -> Plan:
-        if self.file is None and self.knots is None:
-            raise ValueError("file: which plan? give `file` or `knots`")
+        check_given(self.file, self.knots)
         return self
 
     @classmethod
@@ -52,9 +46,7 @@ class Plan(Reference):
     @property
     def planned(self) -> TipMotion:
         """The planned motion, which was given or read."""
-        if self.knots is None:
-            raise ValueError("a plan that was not read")
-        return self.knots
+        return known(self.knots)
 
     def motion(self, context: ReferenceContext, start: Beginning, pivot: ca.SX | None = None) -> Motion:
         """Through the points; the rotation is one from the knot behind, whose vector is a polynomial."""
