@@ -9,14 +9,16 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 
-from optim.planning.goals import find_still
+from optim.planning.goals import Seen
 from optim.planning.guess import drift
 from optim.planning.limits import urdf_joint
 from optim.planning.lobatto import Lobatto
 from optim.planning.stage import Problem
 from spacerobot.arrays import Array
+from spacerobot.elements.goal import TipGoal
+from spacerobot.elements.goals.still import Still
 from spacerobot.errors import ScenarioError
-from spacerobot.scenario.plan import Goal, Planning
+from spacerobot.scenario.plan import Planning
 from spacerobot.scene import Scene
 from spacerobot.scene.reach import reach
 from spacerobot.scene.scene import SceneBody, SceneTip
@@ -82,10 +84,10 @@ def check_momentum(problem: Problem, plan: Planning) -> None:
     """
     scene, limits, resting = problem.stage.scene, plan.limits, dict[str, str]()
     for name, goal in plan.goals.items():
-        if goal.still is None or not goal.rests:
+        if not isinstance(goal, Still) or not goal.rests:
             continue
         where = f"plan.goals.{name}"
-        body = find_still(scene, goal, where)
+        body = next(body for body in scene.bodies if body.name == goal.still)
         group = _moving_with(problem, body)
         if body.name in resting:
             raise ScenarioError(
@@ -155,13 +157,14 @@ def check_reach(problem: Problem, plan: Planning, tips: dict[str, SceneTip]) -> 
     data = scene.model.createData()
     qs = drift(problem, Lobatto.of_order(2), INSTANTS, greatest)[0][int(INSTANTS * least / greatest) :]
     for name, goal in plan.goals.items():
-        if goal.tip is None:
+        if not isinstance(goal, TipGoal):
             continue
-        tip, nearest = tips[goal.tip], np.inf
+        tip, nearest, stage = tips[goal.tip], np.inf, problem.stage
         allowed = _greatest_distance(problem, tip)
+        place = ca.Function("place", [stage.q], [ca.densify(goal.place(Seen(stage, f"plan.goals.{name}")))])
         for q in qs:
             pin.framesForwardKinematics(scene.model, data, q)
-            away = _place(problem, goal, data) - _centre(problem, tip, data, q)
+            away = np.array(place(q)).ravel() - _centre(problem, tip, data, q)
             nearest = min(nearest, float(np.linalg.norm(away)))
         if nearest > allowed * (1 + 1e-6):
             raise ScenarioError(
@@ -199,16 +202,6 @@ def _length(problem: Problem, tip: SceneTip, joint: int) -> float:
             found += max(abs(urdf.lower), abs(urdf.upper))
         joint = scene.model.parents[joint]
     return found
-
-
-def _place(problem: Problem, goal: Goal, data: Any) -> Array:
-    """Where a tip shall be [m]."""
-    if goal.position is not None:
-        return np.array(goal.position)
-    frame = problem.stage.scene.model.getFrameId(f"target/{goal.frame}", pin.FrameType.BODY)
-    placement = data.oMf[frame]
-    axis = np.array(goal.axis) / np.linalg.norm(goal.axis)
-    return np.asarray(placement.act(-goal.standoff * axis))
 
 
 def _centre(problem: Problem, tip: SceneTip, data: Any, q: Array) -> Array:

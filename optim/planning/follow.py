@@ -15,18 +15,14 @@ from optim.planning.formulate import plan_of
 from optim.planning.gains import base_gains, tracking_gains
 from optim.planning.make import Planned
 from optim.planning.replay import joint_angle
-from spacerobot.elements import Reference
-from spacerobot.elements.references.rendezvous import Rendezvous
+from spacerobot.elements.goal import TipGoal
 from spacerobot.scenario import Scenario
 from spacerobot.scenario.load import to_document, validate
 from spacerobot.scenario.merge import CONTROLLERS, overlay
 from spacerobot.scenario.paths import Document
 from spacerobot.scenario.phases import Phase, successors
-from spacerobot.scenario.plan import Goal
 
 PLAN = "plan.nc"
-SETTLING = 1.0
-"""[s] In which a tip takes back what it is off its mating frame where the plan ends."""
 ALONE = "approach"
 """Phase of a scenario that has none, and open grasps."""
 
@@ -149,25 +145,11 @@ def _waiting(planned: Planned, flown: str) -> Document:
     now = scenario.during(flown) if scenario.phases else scenario
     found: Document = {}
     for goal in plan_of(planned.scene).goals.values():
-        if goal.tip is not None:
+        if isinstance(goal, TipGoal):
             robot, _, tip = goal.tip.partition("/")
             reference = now.robots[robot].tips[tip].reference
-            found = overlay(found, {robot: {"tips": {tip: {"reference": _kept(goal, reference)}}}})
+            found = overlay(found, {robot: {"tips": {tip: {"reference": goal.kept(reference)}}}})
     return found
-
-
-def _kept(goal: Goal, own: Reference | None) -> Document:
-    """Reference that keeps a goal met: at the mating frame, and on as the scenario's own, or in the world."""
-    if goal.frame is None:
-        return {"kind": "hold"}
-    document = {"kind": "rendezvous", "frame": goal.frame, "end_distance": goal.standoff}
-    document |= {"axis": goal.axis, "mated_deg": goal.mated_deg}
-    if isinstance(own, Rendezvous) and own.frame == goal.frame:
-        document = own.model_dump(mode="json") | {"wait": 0.0}
-        if own.end_distance >= goal.standoff:
-            document |= {"closing_speed": None, "end_distance": goal.standoff}
-    settling = {"approach_time": SETTLING} if goal.orientation else {}
-    return document | settling | {"standoff": goal.standoff}
 
 
 def _has_controllers(robot: Document) -> bool:

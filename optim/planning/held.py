@@ -9,8 +9,8 @@ import numpy as np
 
 from optim.planning.motion import Motion
 from optim.planning.program import first_held
-from optim.planning.stage import Row
 from spacerobot.arrays import Array
+from spacerobot.elements.instant import Row
 
 SIDES = ["lower", "upper"]
 

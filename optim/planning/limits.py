@@ -8,13 +8,14 @@ import casadi as ca
 import numpy as np
 
 from optim.planning.costs import base_shifts, base_turns
-from optim.planning.goals import find_frame, find_tip, seen_from, unit
+from optim.planning.goals import Seen
 from optim.planning.grips import axes_of
 from optim.planning.sights import sight_row
-from optim.planning.stage import Driven, Row, Stage
+from optim.planning.stage import Driven, Stage
 from spacerobot.arrays import Array
 from spacerobot.description.parts import Joint as UrdfJoint
 from spacerobot.dynamics.joints import exact_directions, sparse
+from spacerobot.elements.instant import Row, unit
 from spacerobot.errors import ScenarioError
 from spacerobot.scenario.plan import Bounds, Cone, Planning
 from spacerobot.scene import Scene
@@ -161,9 +162,8 @@ def _grip_rows(stage: Stage, bounds: Bounds) -> Iterator[Row]:
 
 def _cone_row(stage: Stage, name: str, cone: Cone) -> Row:
     """Distance from the axis below the cone's radius there, smooth on the axis."""
-    where = f"plan.cones.{name}"
-    tip = find_tip(stage.scene, cone.tip, f"{where}.tip")
-    place = seen_from(stage, tip, find_frame(stage.scene, cone.frame, f"{where}.frame"))[0]
+    seen = Seen(stage, f"plan.cones.{name}")
+    place = seen.tip(cone.tip).seen_from(seen.mating(cone.frame))[0]
     before, small = -ca.dot(unit(cone.axis), place), cone.radius / 10
     across = ca.sqrt(ca.sumsqr(place + before * unit(cone.axis)) + small**2)
     slope = float(np.tan(np.radians(cone.half_angle_deg)))

@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from spacerobot.arrays import Array
+from spacerobot.elements.goal import TipGoal
 from spacerobot.scenario.plan import Planning
 from spacerobot.scene import Scene
 from spacerobot.scene.scene import SceneBody, SceneTip
@@ -24,7 +25,9 @@ def sensed(scene: Scene, plan: Planning, state: Array) -> Array:
     q, v = np.array(state[:nq]), np.array(state[nq : nq + nv])
     tips = {tip.label: tip for tip in scene.tips}
     seen = [
-        _seen(scene, tips[str(goal.tip)], str(goal.frame), q, v) for goal in plan.goals.values() if goal.frame
+        _seen(scene, tips[goal.tip], goal.follows, q, v)
+        for goal in plan.goals.values()
+        if isinstance(goal, TipGoal) and goal.follows
     ]
     for body in scene.robots:
         _read_joints(scene, body, q, v)

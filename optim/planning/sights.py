@@ -6,8 +6,9 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 
-from optim.planning.goals import find_frame, find_robot, unit
-from optim.planning.stage import Row, Stage
+from optim.planning.names import find_frame, find_robot
+from optim.planning.stage import Stage
+from spacerobot.elements.instant import Row, unit
 from spacerobot.errors import ScenarioError, near_names
 from spacerobot.scenario.plan import Sight
 from spacerobot.scene import Scene

@@ -16,7 +16,6 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-import numpy.typing as npt
 
 from optim.planning.grips import axes_of, held, slip
 from spacerobot.arrays import Array
@@ -31,6 +30,7 @@ from spacerobot.dynamics import (
     rotation_log,
 )
 from spacerobot.dynamics.joints import sparse
+from spacerobot.elements.instant import Row
 from spacerobot.scene import Scene
 from spacerobot.scene.scene import SceneGrasp
 
@@ -143,45 +143,6 @@ class Stage:
         if self.scene.planar:
             return ca.atan2(relative[1, 0], relative[0, 0])
         return rotation_log(relative)
-
-
-@dataclass(frozen=True, eq=False)
-class Row:
-    """Something that must stay between limits.
-
-    Attributes
-    ----------
-    name
-        What a user calls it.
-    unit
-        Of its values times its scale.
-    value
-        Expression (1x1).
-    lower, upper
-        Limits.
-    last
-        Part of the duration, at its end, for which it must hold.
-    scale
-        What a violation of one means in that unit.
-    first
-        Whether it must hold at the first instant alone.
-    size
-        Of the limit, in that unit, where violations between the points count relative to it.
-    """
-
-    name: str
-    unit: str
-    value: ca.SX
-    lower: float = -np.inf
-    upper: float = np.inf
-    last: float = 1.0
-    scale: float = 1.0
-    size: float | None = None
-    first: bool = False
-
-    def held(self, share: Array, begins: float) -> npt.NDArray[np.bool_]:
-        """At which parts of the duration it must hold, where its last part begins at one of them."""
-        return np.asarray(share == 0 if self.first else share >= begins - 1e-12)
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,10 +5,11 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from optim.planning.goals import find_robot, joints_named
 from optim.planning.limits import urdf_joint
-from optim.planning.stage import Row, Stage
+from optim.planning.names import find_robot, joints_named
+from optim.planning.stage import Stage
 from spacerobot.arrays import Array
+from spacerobot.elements.instant import Row
 from spacerobot.errors import ScenarioError
 from spacerobot.scenario.plan import Beginning, Planning, Room
 from spacerobot.scene.scene import SceneBody

@@ -14,7 +14,7 @@ def register(app: typer.Typer) -> None:
     app.command("kinds", help=HELP)(command)
 
 
-HELP = """List the kinds of references, grasps, controllers, actuators and sensors, or the keys of one kind.
+HELP = """List the kinds of references, grasps, controllers, actuators, goals, ..., or the keys of one kind.
 
 Example:
 
@@ -29,14 +29,14 @@ def command(
     markdown: Annotated[bool, typer.Option("--markdown", help="As a table for documentation.")] = False,
 ) -> None:
     """List kinds, or the keys of one."""
-    from spacerobot.elements import FAMILIES, kinds
+    from spacerobot.elements import FAMILIES, PLANS, kinds
     from spacerobot.elements import table as tables
     from spacerobot.errors import SpaceRobotError, near_names
 
     if markdown:
         typer.echo(tables.markdown())
         return
-    every = [(family, name, found) for family in FAMILIES for name, found in kinds(family).items()]
+    every = [(family, name, found) for family in FAMILIES | PLANS for name, found in kinds(family).items()]
     rows = [(family.replace("_", " "), name, tables.summary_of(found)) for family, name, found in every]
     title = ("family", "kind", "what it is")
     if kind is not None:

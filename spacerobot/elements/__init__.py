@@ -25,16 +25,19 @@ from spacerobot.elements.controller import RobotController, TipController
 from spacerobot.elements.element import Element
 from spacerobot.elements.environment import Environment, EnvironmentContext
 from spacerobot.elements.event import Event, both, either, negated
+from spacerobot.elements.goal import Goal, TipGoal
 from spacerobot.elements.grasp import Grasp
+from spacerobot.elements.instant import Instant, Row, zero
 from spacerobot.elements.motion import Beginning, Motion, Profile, cubic_blend
 from spacerobot.elements.numbers import Context, Since
 from spacerobot.elements.reference import Reference
-from spacerobot.elements.registry import FAMILIES, Family, kinds, load_plugin, register
+from spacerobot.elements.registry import FAMILIES, PLANS, Family, kinds, load_plugin, register
 from spacerobot.elements.robot_element import RobotElement, RobotFacts
 from spacerobot.elements.sensor import Sensor
 
 __all__ = [
     "FAMILIES",
+    "PLANS",
     "Actuator",
     "ActuatorContext",
     "Beginning",
@@ -50,8 +53,10 @@ __all__ = [
     "EnvironmentContext",
     "Event",
     "Family",
+    "Goal",
     "Grasp",
     "GraspContext",
+    "Instant",
     "Motion",
     "Output",
     "Power",
@@ -61,12 +66,14 @@ __all__ = [
     "RobotController",
     "RobotElement",
     "RobotFacts",
+    "Row",
     "Sensor",
     "Since",
     "State",
     "Stored",
     "TipContext",
     "TipController",
+    "TipGoal",
     "Torque",
     "both",
     "cubic_blend",
@@ -76,4 +83,5 @@ __all__ = [
     "memory",
     "negated",
     "register",
+    "zero",
 ]

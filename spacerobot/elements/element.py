@@ -10,7 +10,7 @@ from spacerobot.section import Section
 
 
 class Element(Section):
-    """A part of the closed loop: its section of the scenario, and the law that it contributes.
+    """A part of a closed loop, or of a plan: its section of the scenario, and the law that it contributes.
 
     A kind is one subclass: its fields are the section's keys with units and ranges, ``kind`` is its name in
     a scenario, and ``build`` gives its law as CasADi expressions. Everything else (schema, messages, tuning,
@@ -20,13 +20,16 @@ class Element(Section):
     ----------
     family
         Which elements it stands beside: ``reference``, ``grasp``, ``contact``, ``tip_controller``,
-        ``robot_controller``, ``actuator``, ``sensor`` or ``environment``.
+        ``robot_controller``, ``actuator``, ``sensor`` or ``environment``; of a plan, ``goal``.
     fills
         Key of the section that what stands in its ``file`` fills in, if it has one.
+    told_by
+        Key that tells the kind in a section that does not name it, if its family is told apart so.
     """
 
     family: ClassVar[str]
     fills: ClassVar[str | None] = None
+    told_by: ClassVar[str | None] = None
 
     kind: str
 

@@ -35,9 +35,13 @@ FAMILIES = {
     "sensor": "spacerobot.elements.sensors",
     "environment": "spacerobot.elements.environments",
 }
-"""Families, and the package whose modules hold the kinds that ship."""
+"""Families of a closed loop, and the package whose modules hold the kinds that ship."""
 
-_KINDS: dict[str, dict[str, type[Element]]] = {family: {} for family in FAMILIES}
+PLANS = {"goal": "spacerobot.elements.goals"}
+"""The same of what planned motions are told, which is no part of a closed loop."""
+
+_HOMES = FAMILIES | PLANS
+_KINDS: dict[str, dict[str, type[Element]]] = {family: {} for family in _HOMES}
 _LISTENERS: list[Callable[[], None]] = []
 _LOADED: set[str] = set()
 _PLUGINS: dict[Path, bytes] = {}
@@ -55,15 +59,15 @@ def register(kind: Kind) -> Kind:
     """
     where = f"{kind.__module__}.{kind.__qualname__}"
     family = getattr(kind, "family", None)
-    if family not in FAMILIES or not issubclass(kind, Element):
-        raise SpaceRobotError(f"family {family!r}, {near_names(str(family), FAMILIES)}", where=where)
+    if family not in _HOMES or not issubclass(kind, Element):
+        raise SpaceRobotError(f"family {family!r}, {near_names(str(family), _HOMES)}", where=where)
     name = kind_of(kind)
     if not name:
         raise SpaceRobotError('no kind; write `kind: Literal["name"] = "name"`', where=where)
     if not kind.__doc__:
         raise SpaceRobotError("no docstring; its first line stands in the documentation", where=where)
-    if not kind.__module__.startswith(FAMILIES[family]):
-        _load_shipped(FAMILIES[family])  # whose names are taken
+    if not kind.__module__.startswith(_HOMES[family]):
+        _load_shipped(_HOMES[family])  # whose names are taken
     taken = _KINDS[family].get(name)
     if taken is not None and (taken.__module__, taken.__qualname__) != (kind.__module__, kind.__qualname__):
         held = f"{taken.__module__}.{taken.__qualname__}"
@@ -83,9 +87,9 @@ def kind_of(element: type[Element]) -> str:
 
 def kinds(family: str) -> Mapping[str, type[Element]]:
     """Kinds of a family by name: those that ship in the order of their names, then the others."""
-    _load_shipped(FAMILIES[family])
+    _load_shipped(_HOMES[family])
     _load_installed()
-    shipped = FAMILIES[family]
+    shipped = _HOMES[family]
     ordered = sorted(
         _KINDS[family].items(), key=lambda kind: (not kind[1].__module__.startswith(shipped), kind[0])
     )
@@ -94,7 +98,7 @@ def kinds(family: str) -> Mapping[str, type[Element]]:
 
 def only_shipped() -> bool:
     """Whether every kind of element there is ships with this package."""
-    return all(kind.__module__.startswith(home) for f, home in FAMILIES.items() for kind in kinds(f).values())
+    return all(kind.__module__.startswith(home) for f, home in _HOMES.items() for kind in kinds(f).values())
 
 
 def on_change(listener: Callable[[], None]) -> None:
@@ -190,11 +194,29 @@ class Family:
                 raise PydanticCustomError("dict_type", "a section is wanted")
             if isinstance(value, dict) and self.default is not None:
                 value = {"kind": self.default} | value
+            if isinstance(value, dict) and "kind" not in value:
+                value = _told(value, found)
             if isinstance(value, dict) and value.get("kind") not in tuple(found):
                 raise PydanticCustomError("unknown_kind", "{told}", {"told": _unknown(value, tuple(found))})
             return value
 
         return core_schema.no_info_before_validator_function(known, union)
+
+
+def _told(section: Mapping[str, Any], found: Mapping[str, type[Element]]) -> Mapping[str, Any]:
+    """A section with its kind, where the kinds of its family are told by a key that each has alone.
+
+    Raises
+    ------
+    PydanticCustomError
+        If none or several of these keys are there.
+    """
+    keys = {kind.told_by: name for name, kind in found.items() if kind.told_by}
+    given = [key for key in keys if section.get(key)]
+    if keys and len(given) != 1:
+        told = f"found {', '.join(given) or 'none'}, allowed: one of {', '.join(keys)}"
+        raise PydanticCustomError("unknown_kind", "{told}", {"told": told})
+    return {"kind": keys[given[0]]} | dict(section) if keys else section
 
 
 def _unknown(section: Mapping[str, Any], found: tuple[str, ...]) -> str:

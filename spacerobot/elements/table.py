@@ -7,7 +7,7 @@ import re
 from typing import Any
 
 from spacerobot.elements.element import Element
-from spacerobot.elements.registry import FAMILIES, kinds
+from spacerobot.elements.registry import FAMILIES, PLANS, kinds
 
 PLACES = {
     "reference": "`robots.*.tips.*.reference`, `target.reference`",
@@ -19,6 +19,7 @@ PLACES = {
     "but those that are wheels",
     "sensor": "`robots.*.sensors.*`",
     "environment": "`environment.*`",
+    "goal": "`plan.goals.*`; the kind is told by `frame`, `position`, `joints` or `still`",
 }
 """Where a kind of each family stands in a scenario."""
 
@@ -42,7 +43,7 @@ def fields_of(kind: type[Element]) -> list[tuple[str, str, str]]:
 def markdown() -> str:
     """Table of every kind by family, for the documentation."""
     lines = []
-    for family in FAMILIES:
+    for family in FAMILIES | PLANS:
         lines += [f"### {family.replace('_', ' ').capitalize()}", "", f"Stands at {PLACES[family]}.", ""]
         lines += ["| kind | what it is | keys |", "|---|---|---|"]
         for name, kind in kinds(family).items():

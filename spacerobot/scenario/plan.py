@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
+from spacerobot.elements import Family
 from spacerobot.elements.contact import Wrap
+from spacerobot.elements.goal import Goal
 from spacerobot.section import Name, Section, Vector, quantity
 
 Source = Literal["position", "rate", "torque"]
@@ -33,73 +35,6 @@ class Span(Section):
         if self.guess is not None and not self.lower <= self.guess <= self.upper:
             raise ValueError(f"guess: found {self.guess:g}, allowed: {self.lower:g} to {self.upper:g}")
         return self
-
-
-class End(Section):
-    """Where one joint shall be at the end."""
-
-    angle_deg: float | None = quantity("deg", "of a revolute or continuous joint", default=None)
-    offset: float | None = quantity("m", "of a prismatic joint", default=None)
-
-    @model_validator(mode="after")
-    def _check(self) -> End:
-        if (self.angle_deg is None) == (self.offset is None):
-            raise ValueError("give either `angle_deg` or `offset`")
-        return self
-
-
-class Goal(Section):
-    """What holds at the end: a tip with a moving frame or somewhere in the world, a posture, or rest."""
-
-    tip: str | None = Field(default=None, description="which tip, as robot/tip")
-    frame: str | None = Field(
-        default=None, description="mating frame, a link of the target's URDF: pose and motion are matched"
-    )
-    standoff: float = quantity("m", "distance before the mating frame, against `axis`", default=0.0, ge=0)
-    axis: Vector = quantity("1", "direction of approach in the mating frame", default=(1.0, 0.0, 0.0))
-    mated_deg: Vector = quantity(
-        "deg", "roll, pitch, yaw of the tip in the mating frame where mated", default=(0.0, 0.0, 0.0)
-    )
-    closing_speed: float = quantity(
-        "m/s", "speed along `axis` relative to the mating frame", default=0.0, ge=0
-    )
-    position: Vector | None = quantity("m", "of the tip at the end, world axes", default=None)
-    rotation_deg: Vector | None = quantity(
-        "deg", "roll, pitch, yaw of the tip at the end, world axes; free if not given", default=None
-    )
-    orientation: bool = Field(
-        default=True, description="with `frame`: whether orientation and spin are matched too"
-    )
-    robot: Name | None = Field(default=None, description="robot whose joints come to `joints`")
-    joints: dict[str, End] = Field(
-        default={}, description="where joints are at the end, by name; `*` stands for any letters"
-    )
-    still: Name | None = Field(
-        default=None, description="robot, or target, whose root link is at rest at the end"
-    )
-    rest: bool | None = Field(
-        default=None,
-        description="whether the robot's joints rest at the end; they do if not given, but for `frame`",
-    )
-
-    @model_validator(mode="after")
-    def _check(self) -> Goal:
-        given = [key for key in ("frame", "position", "joints", "still") if getattr(self, key)]
-        if len(given) != 1:
-            found = ", ".join(given) or "none"
-            raise ValueError(f"found {found}, allowed: one of frame, position, joints, still")
-        if (self.tip is None) == (given[0] in ("frame", "position")):
-            raise ValueError("`frame` and `position` take a `tip`, and nothing else does")
-        if (self.robot is None) == bool(self.joints):
-            raise ValueError("`joints` take a `robot`, and nothing else does")
-        if not any(self.axis):
-            raise ValueError("axis: found 0 0 0, allowed: a direction")
-        return self
-
-    @property
-    def rests(self) -> bool:
-        """Whether the robot's joints are at rest at the end."""
-        return self.frame is None if self.rest is None else self.rest
 
 
 class Room(Section):
@@ -265,7 +200,9 @@ class Planning(Section):
     """The planning problem, and how well it is to be solved."""
 
     duration: Span = quantity("s", "duration, or the limits between which it is free")
-    goals: dict[Name, Goal] = Field(min_length=1, description="what holds at the end, by name")
+    goals: dict[Name, Annotated[Goal, Family("goal")]] = Field(
+        min_length=1, description="what holds at the end, by name"
+    )
     start: dict[Name, Beginning] = Field(
         default={}, description="by robot: where it may begin, as far as that is to be found"
     )

@@ -160,7 +160,7 @@ class Scenario(Section):
 
 def _rebuild() -> None:
     """Take in the kinds that were added, from the inside out."""
-    for section in (Tip, Sensors, Robot, Target, Scenario):
+    for section in (Tip, Sensors, Robot, Target, Planning, Scenario):
         section.model_rebuild(force=True)
 
 

@@ -58,6 +58,24 @@ assert result.data.impedance_force.dims == ("time", "tip", "axis")
 assert result.data.impedance_force.attrs["units"] == "N"
 assert bool(np.isnan(result.data.impedance_force.sel(tip="rpr2/tip")).all())
 assert result.summary["ledger"]["energy"]["relative_residual"] < 1e-6
+
+from typing import ClassVar, Literal
+from optim.planning.formulate import formulate
+from spacerobot.elements import Goal, zero
+
+@sr.register
+class Abreast(Goal):
+    "A tip comes abreast of a point."
+    told_by: ClassVar[str | None] = "abreast"
+    kind: Literal["abreast"] = "abreast"
+    tip: str
+    abreast: float
+    body = property(lambda self: self.tip.partition("/")[0])
+    def rows(self, instant):
+        yield zero("abreast", "m", instant.tip(self.tip).origin[0] - self.abreast)
+
+changes = {"plan.goals": {"go": {"tip": "rpr1/tip", "abreast": 0.3}}}
+assert formulate(sr.load_scene("docking", changes)).goal[0].name == "go: abreast"
 """
 
 

@@ -7,6 +7,7 @@ import re
 import pytest
 import yaml
 
+from spacerobot.elements.goal import FLAT
 from spacerobot.elements.grasps.compliant import Compliant
 from spacerobot.elements.grasps.weld import Weld
 from spacerobot.elements.references.circle import Circle
@@ -16,6 +17,7 @@ from spacerobot.errors import ScenarioError
 from spacerobot.scenario import Scenario
 from spacerobot.scenario.catalogue import shipped
 from spacerobot.scenario.load import json_schema, parse_yaml, read_document, to_document, to_yaml, validate
+from spacerobot.scenario.plan import Planning
 from spacerobot.section import leaves
 from tests.oracles.small_scenes import PLANAR, SPATIAL
 
@@ -242,3 +244,30 @@ def test_every_field_of_the_schema_says_what_it_is():
         if "description" not in field and "const" not in field
     ]
     assert set(silent) <= {"Campaign.limits"}
+
+
+@pytest.mark.parametrize(
+    ("given", "kind"),
+    [
+        ({"tip": "arm/tip", "frame": "mate_1"}, "mated"),
+        ({"tip": "arm/tip", "position": [0, 0, 0]}, "placed"),
+        ({"robot": "arm", "joints": {"*": {"angle_deg": 0}}}, "posture"),
+        ({"still": "target"}, "still"),
+    ],
+)
+def test_the_kind_of_a_goal_is_told_by_its_keys_as_in_older_results(given, kind):
+    section = {"duration": 1, "costs": {"time": 1}}
+    for goal in (given, FLAT | given, given | {"kind": kind}):
+        planning = Planning.model_validate(section | {"goals": {"one": goal}})
+        assert planning.goals["one"].kind == kind
+        assert Planning.model_validate(planning.model_dump(mode="json")) == planning
+
+
+@pytest.mark.parametrize(
+    ("goal", "found"),
+    [({"tip": "arm/tip"}, "none"), ({"tip": "a/b", "frame": "c", "position": [0, 0, 0]}, "frame, position")],
+)
+def test_a_goal_of_no_kind_or_of_two_is_refused(goal, found):
+    section = {"duration": 1, "costs": {"time": 1}, "goals": {"one": goal}}
+    with pytest.raises(ValueError, match=f"found {found}, allowed: one of frame, position, joints, still"):
+        Planning.model_validate(section)

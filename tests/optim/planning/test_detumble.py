@@ -136,7 +136,7 @@ def test_what_is_held_by_springs_is_refused(reach):
         ([("plan.limits", {})], "takes its momentum of 0.3927 N m s; give `limits.base_torque`"),
         ([("plan.goals.rest.still", "bode")], "no body 'bode'"),
         (FIXED, "is fixed, so it is always at rest"),
-        ([("plan.goals.rest.tip", "body/tip")], "take a `tip`, and nothing else does"),
+        ([("plan.goals.rest.tip", "body/tip")], "unknown key 'tip'; allowed: kind, rest, still"),
     ],
 )
 def test_what_cannot_come_to_rest_is_refused(spinning, changes, message):

@@ -1,0 +1,104 @@
+"""Goals: what holds at the end of a planned motion."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, ClassVar
+
+import casadi as ca
+from pydantic import Field, model_validator
+
+from spacerobot.elements.element import Element
+from spacerobot.elements.instant import Instant, Row
+from spacerobot.elements.reference import Reference
+
+FLAT: dict[str, Any] = {
+    "tip": None,
+    "frame": None,
+    "standoff": 0.0,
+    "axis": [1.0, 0.0, 0.0],
+    "mated_deg": [0.0, 0.0, 0.0],
+    "closing_speed": 0.0,
+    "position": None,
+    "rotation_deg": None,
+    "orientation": True,
+    "robot": None,
+    "joints": {},
+    "still": None,
+}
+"""Keys that every goal had, with their defaults, before each kind had its own; older results hold them."""
+
+
+class Goal(Element):
+    """Something that holds at the end."""
+
+    family: ClassVar[str] = "goal"
+
+    rest: bool | None = Field(
+        default=None,
+        description="whether the robot's joints rest at the end; they do if not given, but for `mated`",
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _former_keys(cls, data: Any) -> Any:
+        """Leave out keys of other kinds that say nothing."""
+        if not isinstance(data, dict):
+            return data
+        said = {k: list(v) if isinstance(v, tuple) else v for k, v in data.items()}
+        return {
+            key: data[key]
+            for key, value in said.items()
+            if key in cls.model_fields or key not in FLAT or value != FLAT[key]
+        }
+
+    @property
+    def rests(self) -> bool:
+        """Whether the robot's joints are at rest at the end."""
+        return True if self.rest is None else self.rest
+
+    @property
+    def body(self) -> str:
+        """Whose joints these are."""
+        raise NotImplementedError
+
+    def rows(self, instant: Instant) -> Iterator[Row]:
+        """What holds at the last instant, the joints' rest aside.
+
+        Raises
+        ------
+        ScenarioError
+            If it names what there is not.
+        """
+        raise NotImplementedError
+
+
+class TipGoal(Goal):
+    """Somewhere that a tip comes to."""
+
+    tip: str = Field(description="which tip, as robot/tip")
+
+    @property
+    def body(self) -> str:
+        """The tip's robot."""
+        return self.tip.partition("/")[0]
+
+    @property
+    def follows(self) -> str | None:
+        """Link of the target that it follows, if any."""
+        return None
+
+    def place(self, instant: Instant) -> ca.SX:
+        """Where the tip shall be (3x1) [m], world axes.
+
+        Raises
+        ------
+        ScenarioError
+            If it names what there is not.
+        """
+        raise NotImplementedError
+
+    def kept(self, own: Reference | None) -> dict[str, Any]:
+        """Section of a reference that keeps it met, where ``own`` is what the tip follows afterwards."""
+        del own
+        return {"kind": "hold"}

@@ -1,0 +1,1 @@
+"""Kinds of goals that ship, one in each file."""

@@ -1,0 +1,91 @@
+"""A tip with a mating frame of the target."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, ClassVar, Literal
+
+import casadi as ca
+import numpy as np
+import pinocchio as pin
+from pydantic import Field, model_validator
+
+from spacerobot.dynamics.joints import exact_directions
+from spacerobot.elements.goal import TipGoal
+from spacerobot.elements.instant import Instant, Row, unit, zero
+from spacerobot.elements.reference import Reference
+from spacerobot.elements.references.rendezvous import Rendezvous
+from spacerobot.elements.registry import register
+from spacerobot.section import Vector, quantity
+
+SETTLING = 1.0
+"""[s] In which a tip takes back what it is off its mating frame where the plan ends."""
+
+
+@register
+class Mated(TipGoal):
+    """A tip is mated with a link of the drifting, tumbling target, in pose and motion."""
+
+    told_by: ClassVar[str | None] = "frame"
+
+    kind: Literal["mated"] = "mated"
+    frame: str = Field(
+        min_length=1, description="mating frame, a link of the target's URDF: pose and motion are matched"
+    )
+    standoff: float = quantity("m", "distance before the mating frame, against `axis`", default=0.0, ge=0)
+    axis: Vector = quantity("1", "direction of approach in the mating frame", default=(1.0, 0.0, 0.0))
+    mated_deg: Vector = quantity(
+        "deg", "roll, pitch, yaw of the tip in the mating frame where mated", default=(0.0, 0.0, 0.0)
+    )
+    closing_speed: float = quantity(
+        "m/s", "speed along `axis` relative to the mating frame", default=0.0, ge=0
+    )
+    orientation: bool = Field(default=True, description="whether orientation and spin are matched too")
+
+    @model_validator(mode="after")
+    def _check(self) -> Mated:
+        if not any(self.axis):
+            raise ValueError("axis: found 0 0 0, allowed: a direction")
+        return self
+
+    @property
+    def rests(self) -> bool:
+        """Not if not told, for the mating frame moves."""
+        return bool(self.rest)
+
+    @property
+    def follows(self) -> str | None:
+        """The mating frame."""
+        return self.frame
+
+    def rows(self, instant: Instant) -> Iterator[Row]:
+        """Pose and motion relative to the mating frame."""
+        tip, mate, axis = instant.tip(self.tip), instant.mating(self.frame), unit(self.axis)
+        place, speed, spin = tip.seen_from(mate)
+        place, speed = place + self.standoff * axis, speed - self.closing_speed * axis
+        for i in instant.axes:
+            yield zero(f"position {'xyz'[i]}", "m", place[i])
+            yield zero(f"velocity {'xyz'[i]}", "m/s", speed[i])
+        if not self.orientation:
+            return
+        mated = exact_directions(pin.rpy.rpyToMatrix(np.radians(self.mated_deg)))
+        turn = instant.turned(ca.mtimes(mate.rotation, mated), tip.rotation)
+        for k, i in enumerate(instant.turns):
+            yield zero(f"orientation {'xyz'[i]}", "rad", turn[k])
+            yield zero(f"spin {'xyz'[i]}", "rad/s", spin[i])
+
+    def place(self, instant: Instant) -> ca.SX:
+        """Before the mating frame."""
+        mate = instant.mating(self.frame)
+        return mate.origin - self.standoff * ca.mtimes(mate.rotation, unit(self.axis))
+
+    def kept(self, own: Reference | None) -> dict[str, Any]:
+        """At the mating frame, and on as the scenario's own reference if that leads there too."""
+        document: dict[str, Any] = {"kind": "rendezvous", "frame": self.frame, "end_distance": self.standoff}
+        document |= {"axis": self.axis, "mated_deg": self.mated_deg}
+        if isinstance(own, Rendezvous) and own.frame == self.frame:
+            document = own.model_dump(mode="json") | {"wait": 0.0}
+            if own.end_distance >= self.standoff:
+                document |= {"closing_speed": None, "end_distance": self.standoff}
+        settling = {"approach_time": SETTLING} if self.orientation else {}
+        return document | settling | {"standoff": self.standoff}

@@ -1,0 +1,46 @@
+"""A tip somewhere in the world."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import ClassVar, Literal
+
+import casadi as ca
+import numpy as np
+import pinocchio as pin
+
+from spacerobot.dynamics.joints import exact_directions, sparse
+from spacerobot.elements.goal import TipGoal
+from spacerobot.elements.instant import Instant, Row, zero
+from spacerobot.elements.registry import register
+from spacerobot.section import Vector, quantity
+
+
+@register
+class Placed(TipGoal):
+    """A tip comes to a place in the world, turned as wished."""
+
+    told_by: ClassVar[str | None] = "position"
+
+    kind: Literal["placed"] = "placed"
+    position: Vector = quantity("m", "of the tip at the end, world axes")
+    rotation_deg: Vector | None = quantity(
+        "deg", "roll, pitch, yaw of the tip at the end, world axes; free if not given", default=None
+    )
+
+    def rows(self, instant: Instant) -> Iterator[Row]:
+        """Position, and orientation where it is given."""
+        tip = instant.tip(self.tip)
+        off = tip.origin - self.place(instant)
+        for i in instant.axes:
+            yield zero(f"position {'xyz'[i]}", "m", off[i])
+        if self.rotation_deg is not None:
+            wanted = exact_directions(pin.rpy.rpyToMatrix(np.radians(self.rotation_deg)))
+            turn = instant.turned(wanted, tip.rotation)
+            for k, i in enumerate(instant.turns):
+                yield zero(f"orientation {'xyz'[i]}", "rad", turn[k])
+
+    def place(self, instant: Instant) -> ca.SX:
+        """As given."""
+        del instant
+        return sparse(np.array(self.position))
