@@ -58,7 +58,7 @@ class Replayed:
     jumps: tuple[int, ...] = ()
     switches: tuple[int, ...] = ()
     events: tuple[()] = ()
-    fine: tuple[tuple[int, float], ...] = ()
+    fine: tuple[tuple[int, float, float], ...] = ()
     max_gaps: Mapping[str, float] = dataclasses.field(default_factory=dict)
 
     @classmethod

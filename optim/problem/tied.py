@@ -35,7 +35,7 @@ class DerivedLoop:
     jumps: tuple[int, ...]
     switches: tuple[int, ...]
     events: Sequence[EventRule]
-    fine: tuple[tuple[int, float], ...]
+    fine: tuple[tuple[int, float, float], ...]
     guards: ca.Function
     update: ca.Function
 

@@ -186,7 +186,7 @@ def _hybrid(builder: Builder, acting: Contribution, arguments: Mapping[str, ca.S
         "events": rules_of(events, names),
         "guards": _function("guards", {**arguments, "xdot": rate}, guards),
         "update": _function("update", {**arguments, "e": which}, {"x_after": ca.densify(updated)}),
-        "fine": tuple((names.index(switch.name()), step) for switch, step in acting.fine),
+        "fine": tuple((names.index(switch.name()), *steps) for switch, *steps in acting.fine),
     }
 
 

@@ -86,7 +86,8 @@ class ClosedLoop:
     update
         (t, x, c, e) -> (x): state after event number e, with the switches as they are afterwards in c.
     fine
-        Places in ``switches``, each with the longest step [s] while that switch is 1.
+        Places in ``switches``, each with the longest step [s] while that switch is 1, and over how many of
+        these steps grow at the beginning of that time and shrink at its end.
     """
 
     parameter_paths: tuple[str, ...]
@@ -109,7 +110,7 @@ class ClosedLoop:
     events: tuple[EventRule, ...]
     guards: ca.Function
     update: ca.Function
-    fine: tuple[tuple[int, float], ...]
+    fine: tuple[tuple[int, float, float], ...]
 
     @property
     def breakpoints(self) -> tuple[float, ...]:

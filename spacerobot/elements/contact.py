@@ -7,6 +7,7 @@ momentum and energy are accounted for to rounding.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Literal
@@ -115,6 +116,10 @@ def touches(contact: ContactContext) -> list[Touch]:
     return found
 
 
+_WINDOW = 8
+"""Over how many longest steps they grow behind a touch and shrink before a part where the force is rough."""
+
+
 @dataclass(frozen=True)
 class Watch:
     """Events of a contact, at which its force has a kink, and its finer steps.
@@ -123,18 +128,21 @@ class Watch:
     """
 
     events: tuple[Event, ...]
-    fine: tuple[tuple[ca.SX, float], ...]
+    fine: tuple[tuple[ca.SX, float, float], ...]
 
 
 def watch(
-    contact: ContactContext, touching: Sequence[Touch], config: Contact, pull: Sequence[ca.SX]
+    contact: ContactContext, touching: Sequence[Touch], config: Contact, pull: Sequence[ca.SX], *, rough: bool
 ) -> Watch:
     """Where each pair of shapes touches and parts, and where its force ends because it would pull.
 
-    It would where ``pull`` (1x1 each) is above zero; empty if none ever would.
+    It would where ``pull`` (1x1 each) is above zero; empty if none ever would. Where the force is ``rough``,
+    because it begins as a broken power of the indentation, steps are graded towards touch and part.
     """
     events: list[Event] = []
     fine = []
+    longest = math.inf if config.longest_step is None else config.longest_step
+    window = _WINDOW if rough else 0
     for i, touch in enumerate(touching):
         mark = f".{i + 1}" if len(touching) > 1 else ""
         touches, loose = (contact.context.switch(f"{name}{mark}") for name in ("touching", "loose"))
@@ -151,8 +159,8 @@ def watch(
                 event("loosened", pull[i], both(touches, negated(loose)), {loose.name(): True}),
                 event("pressed", -pull[i], both(touches, loose), {loose.name(): False}),
             ]
-        if config.longest_step is not None:
-            fine.append((touches, config.longest_step))
+        if rough or longest < math.inf:
+            fine.append((touches, longest, window))
     return Watch(tuple(events), tuple(fine))
 
 

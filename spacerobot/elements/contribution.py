@@ -273,7 +273,8 @@ class Contribution:
     events
         At which it changes.
     fine
-        Switches (1x1), each with the longest step [s] while it is 1.
+        Switches (1x1), each with the longest step [s] while it is 1, infinite for that of the rollout, and
+        over how many of these steps grow at the beginning of that time and shrink at its end.
     """
 
     states: tuple[State, ...] = ()
@@ -289,7 +290,7 @@ class Contribution:
     powers: tuple[Power, ...] = ()
     outputs: tuple[Output, ...] = ()
     events: tuple[Event, ...] = ()
-    fine: tuple[tuple[ca.SX, float], ...] = ()
+    fine: tuple[tuple[ca.SX, float, float], ...] = ()
 
 
 def concatenate(parts: Iterable[Contribution]) -> Contribution:

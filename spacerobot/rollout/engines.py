@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from importlib import resources
@@ -147,8 +148,9 @@ def _facts(kernel: Kernel) -> list[str]:
         "int ENDS": [event.ends for event in kernel.events],
         "int KINK": [event.kink for event in kernel.events],
         "int SEEN": kernel.seen,
-        "int FINE": [place for place, _ in kernel.fine],
-        "double FINE_STEP": [step_s for _, step_s in kernel.fine],
+        "int FINE": [place for place, _, _ in kernel.fine],
+        "double FINE_STEP": [step_s for _, step_s, _ in kernel.fine],
+        "double FINE_GROW": [grow for _, _, grow in kernel.fine],
     }
     lines += [f"static const {name}[] = {{{_listed(found)}}};" for name, found in numbers.items()]
     rows = [_listed(row.get(place, -1) for place in range(len(kernel.switches))) for row in sets]
@@ -158,7 +160,7 @@ def _facts(kernel: Kernel) -> list[str]:
 
 def _listed(numbers: Iterable[float]) -> str:
     """Numbers as an initialiser, with one more, since an array has at least one."""
-    return ", ".join(repr(number + 0) for number in [*numbers, -1])
+    return ", ".join("INFINITY" if number == math.inf else repr(number + 0) for number in [*numbers, -1])
 
 
 @dataclass(frozen=True)

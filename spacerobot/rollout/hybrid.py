@@ -14,7 +14,7 @@ from spacerobot.rollout.kernel import Kernel
 from spacerobot.rollout.protocol import Array
 from spacerobot.rollout.raw import CHATTERING, COINCIDENT, COMPLETED, DIVERGED, ENDED, GRAZING
 from spacerobot.rollout.roots import Bracket, Tried
-from spacerobot.rollout.segments import HERE, Plan, Segment, segments
+from spacerobot.rollout.segments import HERE, Plan, Segment, graded, segments
 
 TOLERANCE, TOGETHER = 1e-12, 1e-9
 """Of an event's time; times within which two events may change places [s]."""
@@ -128,6 +128,7 @@ class HybridRun:
         self._crossed = np.zeros(len(kernel.events), bool)  # what rose in the last step, with an event
         self._burst, self._since = 0, -np.inf
         self._slope = 0.0  # of the time at which a segment begins that an event began
+        self._on, self._off = np.zeros(len(kernel.fine)), np.full(len(kernel.fine), np.inf)
         self._times = self.c[list(kernel.jumps)].copy()
         self.c[list(kernel.jumps)] = np.where(self._times <= 0, -np.inf, np.inf)
         self.shown.append(self.c.copy())
@@ -154,8 +155,19 @@ class HybridRun:
 
     def _longest(self) -> float:
         kernel = self.engine.kernel
-        limits = [step_s for place, step_s in kernel.fine if self.c[kernel.switches[place]] != 0]
+        limits = [step_s for place, step_s, _ in kernel.fine if self.c[kernel.switches[place]] != 0]
         return min([self.grid.step_s, *limits])
+
+    def _graded(self, t: float, h: float) -> float:
+        """How long a step of length h may be where a switch is turned on or off nearby."""
+        kernel = self.engine.kernel
+        for (place, step_s, grow), on, off in zip(kernel.fine, self._on, self._off, strict=True):
+            if grow > 0 and self.c[kernel.switches[place]] != 0:
+                window = grow * (step_s if step_s < np.inf else self.grid.step_s)
+                near = min(t - on, max(off - t, 0.0)) / window
+                shorter = graded(min(self.grid.step_s, step_s), window, near)
+                h = shorter if h > shorter * (1 + ROUNDING) else h
+        return h
 
     def _cross(self, part: Segment) -> None:
         """Steps from the beginning of a segment to its end, cut anew wherever an event is."""
@@ -226,7 +238,10 @@ class HybridRun:
     def _step(self, t: float, h: float, row: tuple[int, int, int, int], until_s: float, own: int) -> _Done:
         """One step of length h, or one cut short: to the root, where it begins, of event `own`."""
         dt, dh = self._moved(row)
-        done = self._tried(t, h, dt, dh) if own < 0 else self._at_root(t, dt, own)
+        shorter = self._graded(t, h)
+        short = shorter < h
+        done = self._tried(t, shorter, dt, 0.0 if short else dh) if own < 0 else self._at_root(t, dt, own)
+        done.cut = done.cut or short
         slope = dt
         if done.cut:
             done, slope = self._stretched(done, t, dt)
@@ -267,6 +282,7 @@ class HybridRun:
         done, _ = self._evaluated(t, 0.0, dt, 0.0)
         done.cut, done.event = True, event
         self._crossed[event] = False
+        self._off[:] = np.inf
         return done
 
     def _tried(self, t: float, h: float, dt: float, dh: float) -> _Done:
@@ -286,6 +302,11 @@ class HybridRun:
         self._crossed = seen.end > 0
         self._crossed[done.event] &= done.event < 0
         self._level = np.minimum(self._level, np.maximum(seen.end + self._level, 0.0))
+        kernel = self.engine.kernel
+        for i, (place, _, _) in enumerate(kernel.fine):
+            left = seen.left(done.length)
+            ends = [left[e] for e, rule in enumerate(kernel.events) if (place, False) in rule.sets]
+            self._off[i] = t + done.length + min(ends, default=np.inf)
         return done
 
     def _shortest_peak(self, seen: Tried, h: float, margin: float) -> float:
@@ -355,6 +376,9 @@ class HybridRun:
         rule = kernel.events[event]
         for place, on in rule.sets:
             self.c[kernel.switches[place]] = on
+        for i, (place, _, _) in enumerate(kernel.fine):
+            if (place, True) in rule.sets:
+                self._on[i], self._off[i] = t, np.inf
         if kernel.rate is not None:
             self.c[kernel.rate] = slope
         after = kernel.functions["update"](t, self.x, self.c, event).full().ravel()

@@ -45,7 +45,7 @@ class Kernel:
         Places in c of the times at which the dynamics jump.
     switches, events, fine
         Places in c of the switches; the events; positions in ``switches`` with the longest step [s] while
-        each is on.
+        each is on, and over how many of these steps grow from its beginning and shrink to its end.
     jump_bars
         Adjoint: their places in cbar, -1 for one that the wanted parameters do not move.
     seen
@@ -68,7 +68,7 @@ class Kernel:
     jumps: tuple[int, ...]
     switches: tuple[int, ...] = ()
     events: tuple[EventRule, ...] = ()
-    fine: tuple[tuple[int, float], ...] = ()
+    fine: tuple[tuple[int, float, float], ...] = ()
     jump_bars: tuple[int, ...] = ()
     jump_slopes: tuple[int, ...] = ()
     rate: int | None = None

@@ -89,8 +89,13 @@ class ClosedLoopFunctions(Protocol):
         """The events; ``guards`` and ``update`` are not read where there are none."""
 
     @property
-    def fine(self) -> tuple[tuple[int, float], ...]:
-        """Positions in ``switches``, and the longest step [s] while that switch is on."""
+    def fine(self) -> tuple[tuple[int, float, float], ...]:
+        """Positions in ``switches``, the longest step [s] while that switch is on, and a window.
+
+        The longest step may be infinite: that of the rollout. The window is in longest steps. Within it,
+        steps grow behind the instant at which the switch is turned on, and shrink to that at which it is
+        turned off; zero if the law is smooth up to both.
+        """
 
     @property
     def guards(self) -> ca.Function:

@@ -34,15 +34,26 @@ class Tried:
         """Whether any is above its level at the end."""
         return bool((self.end > 0).any())
 
+    def left(self, h: float) -> Array:
+        """Time from the end of a step of length h to each guard's root [s], shape (ne,); infinite if none."""
+        with np.errstate(all="ignore"):
+            found = -self.end * h / (3 * (self.end - self._coefficients[1]))
+        return np.where(found > 0, found, np.inf)
+
+    @property
+    def _coefficients(self) -> tuple[Array, Array]:
+        """Middle two of the cubics in Bernstein's form, shape (ne,) each."""
+        b0, (v1, v2), b3 = self.first, self.inner, self.end
+        with np.errstate(all="ignore"):
+            return 3 * v1 - 1.5 * v2 + (b3 * 2 - b0 * 5) / 6, 3 * v2 - 1.5 * v1 + (b0 * 2 - b3 * 5) / 6
+
     def peaks(self) -> tuple[Array, Array, Array]:
         """Maxima of the cubics through these: places in parts of the step, values, bends; shape (ne,) each.
 
         NaN where there is none.
         """
-        b0, (v1, v2), b3 = self.first, self.inner, self.end
+        b0, (b1, b2), b3 = self.first, self._coefficients, self.end
         with np.errstate(all="ignore"):
-            b1 = 3 * v1 - 1.5 * v2 + (b3 * 2 - b0 * 5) / 6
-            b2 = 3 * v2 - 1.5 * v1 + (b0 * 2 - b3 * 5) / 6
             first, second, third = b1 - b0, b2 - b1, b3 - b2
             a, b = first - 2 * second + third, first - second
             root = np.sqrt(b * b - a * first)

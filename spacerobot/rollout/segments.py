@@ -81,6 +81,14 @@ def _steps(length_s: float, step_s: float) -> int:
     return max(1, math.ceil(length_s / step_s * (1 - ROUNDING)))
 
 
+def graded(step_s: float, window_s: float, near: float) -> float:
+    """Longest step [s] that part of a window away from where the law is rough; see ``loops/steps.hpp``."""
+    least, part = (step_s / window_s) ** 2, 1.0
+    while part > least and part**3 > near * near:
+        part /= 2
+    return part * step_s
+
+
 @dataclass(frozen=True)
 class Plan:
     """Every step of a rollout, K of them.

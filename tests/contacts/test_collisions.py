@@ -68,7 +68,7 @@ def test_touch_and_part_are_events_at_their_times():
     assert run.events[0].time == pytest.approx(0.005 / 0.4, abs=1e-9)
     for event in run.events:
         assert abs(run.outputs(event.time, event.after, event.c_after)["contact_gap"][0]) < 1e-10
-    assert loop.fine == ((0, 1e-3),)
+    assert loop.fine == ((0, 1e-3, 8),)
     first, second = run.outputs()["body_momentum_linear"].reshape(2, 3)[:, 0] / (2.0, 3.0)
     assert second - first == pytest.approx(0.6 * 0.4, abs=1e-7)
 
@@ -309,7 +309,11 @@ def test_an_overlap_that_is_asked_for_is_taken():
 @functools.cache
 def touching(exponent):
     stiffness = 2e3 if exponent == 1 else 2e4
-    changes = {"contacts.bump.exponent": exponent, "contacts.bump.stiffness": stiffness}
+    changes = {
+        "contacts.bump.exponent": exponent,
+        "contacts.bump.stiffness": stiffness,
+        "contacts.bump.longest_step": 8e-3,
+    }
     return build_closed_loop(build_scene(tumbling(0).scenario, changes))
 
 
@@ -319,20 +323,13 @@ def end(exponent, step, method):
     return build_rollout(touching(exponent), **steps, method=method).run()
 
 
-@pytest.mark.parametrize("exponent", [1.0, 2.0])
+@pytest.mark.parametrize("exponent", [1.0, 1.5])
 @pytest.mark.parametrize(("method", "order"), [("rk4", 4), ("tanaka6", 6)])
 def test_the_methods_order_holds_through_a_contact(exponent, method, order):
     loop = touching(exponent)
-    found = end(exponent, 1e-4, "tanaka6")
+    found = end(exponent, 4e-4, "tanaka6")
     assert [loop.events[event.event].kind for event in found.events] == ["touched", "parted"]
-    steps = np.array([4e-3, 2e-3, 1e-3])
+    steps = np.array([4e-3, 2e-3, 1e-3]) * (1 if exponent == 1 else 2)  # then down to rounding
     errors = [np.abs(end(exponent, step, method).state[-1] - found.state[-1]).max() for step in steps]
     slope = np.polyfit(np.log(steps), np.log(errors), 1)[0]
     assert order - 0.6 < slope < order + 1
-
-
-def test_a_force_that_begins_as_a_power_of_one_and_a_half_leaves_that_order_and_one():
-    exact, steps = end(1.5, 1e-4, "tanaka6").state[-1], np.array([1e-3, 5e-4, 2.5e-4])
-    errors = [np.abs(end(1.5, step, "tanaka6").state[-1] - exact).max() for step in steps]
-    assert errors[0] < 1e-7
-    assert 2.2 < np.polyfit(np.log(steps), np.log(errors), 1)[0] < 3.2

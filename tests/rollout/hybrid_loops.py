@@ -40,7 +40,7 @@ class Hybrid:
     rules: Sequence[Rule]
     switches: tuple[int, ...] = ()
     jumps: tuple[int, ...] = ()
-    fine: tuple[tuple[int, float], ...] = field(default=())
+    fine: tuple[tuple[int, float, float], ...] = field(default=())
 
     def loop(self) -> SimpleNamespace:
         p = ca.SX.sym("p", len(self.parameters))

@@ -72,9 +72,15 @@ def pulses():
     ).loop()
 
 
+def graded(loop):
+    """A closed loop whose steps grow and shrink again while its first switch is on."""
+    loop.fine = ((0, GRID["step_s"], 8),)
+    return loop
+
+
 CASES = {
     "ball": (bouncing_ball, 2.0),
-    "wall": (spring_wall, 4.0),
+    "wall": (lambda: graded(spring_wall()), 4.0),
     "latch": (latch, 2.0),
     "ended": (latch, 6.0),
     "dwell": (dwell, 6.0),
@@ -159,7 +165,7 @@ def test_times_and_impulses_of_a_ball_have_their_closed_forms():
 
 
 def test_gradients_in_lanes_are_those_of_single_rollouts_whatever_the_neighbours():
-    loop = latch()
+    loop = graded(latch())
     rollout = build_rollout(loop, duration_s=5.0, **GRID, measures=measured(loop))
     rows = np.random.default_rng(5).uniform([0.5, 0.1], [1.5, 1.5], (11, 2))
     wrt = ("start", "inertia", "delay")
@@ -178,7 +184,7 @@ def test_gradients_in_lanes_are_those_of_single_rollouts_whatever_the_neighbours
 @pytest.mark.parametrize("many", [False, True])
 @pytest.mark.parametrize("steps", [1, 7, 60])
 def test_checkpoints_change_no_bit_of_gradients_through_events(steps, many):
-    loop = moved_force()
+    loop = graded(moved_force())
     rollout = build_rollout(loop, duration_s=2.0, **GRID, measures=measured(loop))
     rows = np.linspace(0.5, 0.9, 5)[:, None]
     wrt, places = ("jump", "wall", "hold"), (0, 1, 2)

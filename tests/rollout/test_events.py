@@ -223,14 +223,14 @@ def test_a_short_touch_is_not_stepped_over(backend, depth):
 def test_steps_are_finer_while_a_switch_is_on(backend):
     loop = spring_wall()
     coarse = run(loop, 3.0, 0.1, backend=backend)
-    loop.fine = ((0, 0.005),)
+    loop.fine = ((0, 0.005, 0.0),)
     fine = run(loop, 3.0, 0.1, backend=backend)
     touch, part = (here.time_s for here in fine.events)
     added = (part - touch) / 0.005 - (part - touch) / 0.1
     assert fine.steps - coarse.steps == pytest.approx(added, abs=8)
     touching = spring_wall(start=0.6, speed=0.5)
     touching.setup = type(touching.setup)("setup", touching.setup.sx_in(), started(touching))
-    touching.fine = ((0, 0.005),)
+    touching.fine = ((0, 0.005, 0.0),)
     assert run(touching, 0.3, 0.1, backend=backend).steps >= 40
 
 

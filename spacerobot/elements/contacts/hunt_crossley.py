@@ -75,7 +75,7 @@ class HuntCrossley(Contact):
             presses.append(Press(normal * touch.normal + rub, normal, taken))
             energy += spring * depth / (exponent + 1)
         pull = [dissipation * touch.opening - 1 for touch in touching] if dissipation.nnz() else []
-        marks = watch(contact, touching, self, pull)
+        marks = watch(contact, touching, self, pull, rough=not self.exponent.is_integer())
         found = booked(contact, touching, presses)
         return dataclasses.replace(found, energy=energy, events=marks.events, fine=marks.fine)
 

@@ -114,14 +114,17 @@ static void happened_reverse(const Record& past, Trajectory& at, Bars& bar) {
   const Step& s = past.step;
   const real fires = found.event >= 0. && (s.busy || found.waits), located = fires && found.cut;
   const real t[1] = {select(found.waits, s.t, fmin(s.t + s.h, s.end))}, e[1] = {found.event};
-  real before[NX], raw[NX], xpart[NX], cpart[NW + 1], tpart[2], seed[EVENTS];
-  combine<SOLUTION, false>(s.h, past.x, past.slope, raw);
-  G::normalise(raw, before);
-  for (int i = 0; i < NX; ++i) before[i] = select(found.waits, past.x[i], before[i]);
-  G::update_reverse(t, before, at.c, e, bar.x, xpart, cpart, tpart);
-  for (int i = 0; i < NX; ++i) bar.x[i] = select(fires, xpart[i], bar.x[i]);
-  for (int i = 0; i < NW; ++i) bar.c[i] = bar.c[i] + select(fires, cpart[i], 0.);
-  const real moved = select(fires, tpart[0], 0.), end = moved + bar.begin;
+  real before[NX], raw[NX], xpart[NX], cpart[NW + 1], tpart[2], seed[EVENTS], moved = 0.;
+  if (any(fires)) {
+    combine<SOLUTION, false>(s.h, past.x, past.slope, raw);
+    G::normalise(raw, before);
+    for (int i = 0; i < NX; ++i) before[i] = select(found.waits, past.x[i], before[i]);
+    G::update_reverse(t, before, at.c, e, bar.x, xpart, cpart, tpart);
+    for (int i = 0; i < NX; ++i) bar.x[i] = select(fires, xpart[i], bar.x[i]);
+    for (int i = 0; i < NW; ++i) bar.c[i] = bar.c[i] + select(fires, cpart[i], 0.);
+    moved = select(fires, tpart[0], 0.);
+  }
+  const real end = moved + bar.begin;
   for (int l = 0; l < LANES; ++l)
     if (lane(found.cut, l) != 0) lane(bar.begin, l) = 0.;
     else end_reverse(int(lane(s.from, l)), l, lane(moved, l), bar);

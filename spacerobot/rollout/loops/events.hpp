@@ -1,7 +1,8 @@
 // Events of hybrid motion: where each fires, and what it changes. An event fires where its guard is above zero, and a
 // guard that is not armed is minus infinity. SWITCH lists the places in c of the switches, which are constant between
 // events; SETS holds what each event makes of them (-1: leaves it), ENDS whether the rollout is over with it,
-// KINK whether it only marks where a law is not smooth. FINE lists switches, FINE_STEP the longest step while one is on.
+// KINK whether it only marks where a law is not smooth. FINE lists switches, FINE_STEP the longest step while one is on,
+// FINE_GROW over how many of these steps grow behind its beginning, and shrink before its end.
 //
 // Every step is tried. Where no guard is above zero at its end, it is done; else the lane takes it once more, with other
 // lengths, until the end lies behind the earliest root by less than TOLERANCE. Then the event fires, and the rest of the
@@ -62,7 +63,8 @@ static void watch(Trajectory& at) {
   Watch& w = at.now.watch;
   for (int i = 0; i < SWITCHES; ++i) w.mode[i] = at.c[SWITCH[i]];
   for (int i = 0; i < EVENTS; ++i) w.level[i] = w.first[i] = w.crossed[i] = w.before[i] = w.after[i] = 0.;
-  w.last = -1., w.fresh = 1., w.burst = 0., w.since = -INFINITY;
+  for (int f = 0; f < FINES; ++f) w.on[f] = 0., w.off[f] = INFINITY;
+  w.last = -1., w.fresh = 1., w.burst = w.graded = 0., w.since = -INFINITY;
   for (int l = 0; l < LANES; ++l) forget(w, l), at.fired[l] = at.doubt[l] = at.doubted[l] = 0;
 }
 
@@ -74,6 +76,7 @@ static void cut_segment(const Job& job, Trajectory& at, int l, double t, bool an
   if (anew) lane(s.from, l) = HERE;
   lane(s.t, l) = lane(s.begin, l) = begin, lane(s.index, l) = 0.;
   lane(s.number, l) = number, lane(s.h, l) = left / number;
+  grade(job, at, l);
   forget(at.now.watch, l);
 }
 
@@ -246,7 +249,8 @@ INLINE void judge(const Job& job, Trajectory& at, const real* k, const real* nex
   Watch& w = at.now.watch;
   const Step& s = at.now.step;
   Tried tried;
-  real end[EVENTS], stirs = 0.;
+  real end[EVENTS], off[FINES + 1], stirs = 0.;
+  for (int f = 0; f < FINES; ++f) off[f] = INFINITY;
   if (any(w.fresh)) {
     values(at, s.t, at.now.x, end);
     for (int i = 0; i < EVENTS; ++i) w.first[i] = select(w.fresh, end[i], w.first[i]);
@@ -262,6 +266,9 @@ INLINE void judge(const Job& job, Trajectory& at, const real* k, const real* nex
     const Cubic<real> g = Cubic<real>::of(g0, tried.inner[0][i], tried.inner[1][i], g1);
     const real near = -3. * MARGIN * g.bend();
     stirs = stirs || g1 > 0. || (g0 > 0. && w.fresh) || g.b[1] > near || g.b[2] > near;
+    const real left = g1 / (3. * (g.b[2] - g1)) * s.h;
+    for (int f = 0; f < FINES; ++f)
+      if (SETS[i][FINE[f]] == 0) off[f] = select(left > 0., fmin(off[f], s.t + s.h + left), off[f]);
   }
   stirs = count && (stirs || w.peak || (w.high < INFINITY));
   found.waits = found.cut = 0., found.event = -1.;
@@ -279,7 +286,9 @@ INLINE void judge(const Job& job, Trajectory& at, const real* k, const real* nex
     w.level[i] = select(done, fmin(w.level[i], fmax(end[i], 0.)), w.level[i]);
     w.first[i] = select(done, end[i], w.first[i]);
   }
+  for (int f = 0; f < FINES; ++f) w.off[f] = select(done, off[f], w.off[f]);
   w.last = select(done, -1., w.last), w.fresh = w.fresh && !done;
+  found.cut = found.cut || (done && w.graded);
 }
 
 #ifdef RATE
@@ -290,7 +299,7 @@ static void stretch(Trajectory& at, Happened& found, real* next) {
   real dt, dh, end[2][NX], slope[2], k[M::TOTAL * NX], m[NM + 1];
   moved(at, dt, dh);
   found.slope = dt;
-  if (!any(found.cut)) return;
+  if (!any(found.cut && (!at.now.watch.graded || found.event >= 0.))) return;
   for (int d = 0; d < 2; ++d) {
     real g[EVENTS], rate[EVENTS], along[EVENTS];
     step<false>(at, at.now.x, k, m, end[d], dt, real(double(d)));
@@ -328,11 +337,14 @@ static void happen(const Job& job, Trajectory& at, const Happened& found, bool a
   const real t[1] = {select(found.waits, s.t, fmin(s.t + s.h, s.end))}, e[1] = {found.event};
   real next[NX];
   if (any(fires)) {
-    for (int l = 0; l < LANES; ++l)
-      for (int i = 0; i < SWITCHES && lane(fires, l) != 0; ++i) {
-        const double value = SETS[int(lane(e[0], l))][i];
-        if (value >= 0) lane(w.mode[i], l) = lane(at.c[SWITCH[i]], l) = value;
-      }
+    for (int l = 0; l < LANES; ++l) {
+      if (lane(fires, l) == 0) continue;
+      const int* sets = SETS[int(lane(e[0], l))];
+      for (int i = 0; i < SWITCHES; ++i)
+        if (sets[i] >= 0) lane(w.mode[i], l) = lane(at.c[SWITCH[i]], l) = sets[i];
+      for (int f = 0; f < FINES; ++f)
+        if (sets[FINE[f]] > 0) lane(w.on[f], l) = lane(t[0], l), lane(w.off[f], l) = INFINITY;
+    }
 #ifdef RATE
     at.c[RATE] = found.slope;
 #endif

@@ -95,6 +95,8 @@ struct Watch {
   real low, high, tries;               // lengths without and with a guard above its level; lengths tried
   real before[EVENTS], after[EVENTS];  // the guards there
   real burst, since;                   // events in turn that were close to each other, and when they began
+  real on[FINES + 1], off[FINES + 1];  // when each of FINE was turned on; when, by its guards, it will be off
+  real graded;                         // truth where the step is short since one of these is near
   real began;                          // sensitivities: derivative of the time at which an event began the segment
 };
 #endif
@@ -157,6 +159,26 @@ INLINE double longest(const Job& job, const Trajectory& at, int l) {
   return h;
 }
 
+// The law may be rough where one of FINE is turned on or off: a force that begins as t^1.5. At a distance d from there,
+// within a window W, steps are no longer than h (d / W)^(2/3), which keeps a method's order up to 3 (n + 1) for t^n. They
+// are h over powers of two, so that their lengths do not move with parameters.
+static void grade(const Job& job, Trajectory& at, int l) {
+#if EVENTS
+  Step& s = at.now.step;
+  Watch& w = at.now.watch;
+  lane(w.graded, l) = 0.;
+  for (int f = 0; f < FINES; ++f) {
+    if (lane(w.mode[FINE[f]], l) == 0) continue;
+    const double h = ::fmin(job.h, FINE_STEP[f]), window = FINE_GROW[f] * (FINE_STEP[f] < INFINITY ? FINE_STEP[f] : job.h);
+    const double behind = lane(s.t, l) - lane(w.on[f], l), ahead = ::fmax(lane(w.off[f], l) - lane(s.t, l), 0.);
+    const double near = ::fmin(behind, ahead) / window, least = h / window * (h / window);
+    double part = 1.;
+    while (part > least && part * part * part > near * near) part /= 2;
+    if (lane(s.h, l) > h * part * (1 + 1e-9)) lane(s.h, l) = h * part, lane(w.graded, l) = 1.;
+  }
+#endif
+}
+
 // What begins and ends with a jump within a sample interval is a motion of its own, and gets so many steps at least.
 enum { FEWEST = 8 };
 
@@ -189,6 +211,7 @@ static void next_segment(const Job& job, Trajectory& at, int l) {
   const double number = whole ? double(job.every) : ::fmax(fewest, needed);
   lane(s.begin, l) = lane(s.t, l) = begin, lane(s.end, l) = end, lane(s.index, l) = 0., lane(s.number, l) = number;
   lane(s.h, l) = whole ? job.h : (end - begin) / number, lane(s.busy, l) = 1.;
+  grade(job, at, l);
 }
 
 // Count the step that was done in the lanes that `moved`, and make ready the one that follows within the sample
@@ -198,6 +221,8 @@ INLINE void advance(const Job& job, Trajectory& at, real moved) {
   s.index = s.index + moved;
   const real over = s.index >= s.number, t = select(over, s.end, s.begin + s.index * s.h);
   s.t = EVENTS ? select(moved, t, s.t) : t;
+  for (int l = 0; FINES && l < LANES; ++l)
+    if (lane(moved, l) != 0 && lane(over, l) == 0) grade(job, at, l);
   if (!any(over)) return;
   const double until = job.time(at.now.interval);
   for (int l = 0; l < LANES; ++l) {
@@ -259,6 +284,9 @@ static void moved(const Trajectory& at, real& dt, real& dh) {
     const double end = to >= 0 && JUMP_SLOPE[to] >= 0 ? lane(at.c[JUMP_SLOPE[to]], l) : 0.;
     lane(dh, l) = (end - begin) / lane(s.number, l);
     lane(dt, l) = begin + lane(s.index, l) * lane(dh, l);
+#if EVENTS
+    if (lane(at.now.watch.graded, l) != 0) lane(dh, l) = 0.;
+#endif
   }
 }
 #endif
