@@ -213,6 +213,31 @@ def check_phases(phases: Phases, grasps: Mapping[str, Any], bodies: list[str]) -
     _check_cycles(phases)
 
 
+def check_planned(names: list[str], phases: Phases) -> None:
+    """Refuse a plan of other phases than the first ones, in turn.
+
+    Raises
+    ------
+    ValueError
+        Its text begins with the dotted path.
+    """
+    for name in names:
+        if name not in phases:
+            told = near_names(name, phases) if phases else "the scenario has no `phases`"
+            raise ValueError(f"plan.phases.{name}: no phase {name!r}; {told}")
+    turn, follows = list[str](), successors(phases)
+    while len(turn) < len(names):
+        turn.append(follows[turn[-1]][0] if turn else next(iter(phases)))
+        if turn[-1] == END:
+            break
+    for name, wanted in zip(names, turn, strict=True):
+        if name != wanted:
+            raise ValueError(
+                f"plan.phases.{name}: found where {wanted!r} is in turn; plan the scenario's first phases, in "
+                f"the order in which they follow each other"
+            )
+
+
 def _names(
     phase: Phase, following: list[str], grasps: list[str], bodies: list[str]
 ) -> Iterator[tuple[str, str, list[str]]]:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from spacerobot.elements import Family
 from spacerobot.elements.contact import Wrap
 from spacerobot.elements.goal import Goal
+from spacerobot.scenario.faults import explain
+from spacerobot.scenario.merge import overlay, pick
 from spacerobot.section import Name, Section, Vector, quantity
 
 Source = Literal["position", "rate", "torque"]
@@ -196,21 +198,32 @@ class Sight(Section):
         return self
 
 
+WHOLE = ("start", "most_intervals", "order", "tolerance", "starts", "iterations", "seed")
+"""Keys that are the same in every phase."""
+
+
 class Planning(Section):
     """The planning problem, and how well it is to be solved."""
 
-    duration: Span = quantity("s", "duration, or the limits between which it is free")
+    duration: Span = quantity(
+        "s", "duration, or the limits between which it is free; missing where phases give theirs", default=None
+    )
     goals: dict[Name, Annotated[Goal, Family("goal")]] = Field(
-        min_length=1, description="what holds at the end, by name"
+        default={}, description="what holds at the end, by name; those of phases stand there"
     )
     start: dict[Name, Beginning] = Field(
         default={}, description="by robot: where it may begin, as far as that is to be found"
     )
-    costs: Costs = Field(description="what is to become small")
+    costs: Costs = Field(default=None, description="what is to become small")  # type: ignore[assignment]
     limits: Bounds = Field(default=Bounds(), description="what must hold at all times")
     keep_out: dict[Name, KeepOut] = Field(default={}, description="what stays apart, by name")
     cones: dict[Name, Cone] = Field(default={}, description="approach cones, by name")
     sights: dict[Name, Sight] = Field(default={}, description="lines of sight that are kept, by name")
+    phases: dict[Name, dict[str, Any]] = Field(
+        default={},
+        description="the scenario's first phases, planned as one motion: duration and goals of each, and what "
+        "else differs from the section, nested as in it; null for what does not hold there",
+    )
     intervals: int = Field(default=16, ge=2, le=2000, description="intervals of the first mesh")
     most_intervals: int = Field(
         default=256, ge=2, le=4000, description="intervals of the finest mesh allowed"
@@ -225,10 +238,65 @@ class Planning(Section):
     iterations: int = Field(default=500, ge=1, description="of one search, at most")
     seed: int = Field(default=0, ge=0, description="everything random follows from it")
 
+    @model_validator(mode="before")
+    @classmethod
+    def _absent(cls, data: Any) -> Any:
+        """Leave out what only phases give."""
+        if not isinstance(data, dict):
+            return data
+        return {key: one for key, one in data.items() if one is not None or key not in ("duration", "costs")}
+
     @model_validator(mode="after")
     def _check(self) -> Planning:
         if self.most_intervals < self.intervals:
             raise ValueError(
                 f"most_intervals: found {self.most_intervals}, allowed: at least {self.intervals}"
             )
+        if self.phases:
+            return self._check_phases()
+        for key in ("duration", "goals", "costs"):
+            if not getattr(self, key):
+                raise ValueError(f"{key}: missing")
         return self
+
+    def _check_phases(self) -> Planning:
+        """Each phase is judged and filled as a section of its own is."""
+        if self.goals:
+            names = ", ".join(self.phases)
+            raise ValueError(
+                f"goals.{next(iter(self.goals))}: of which phase? put it into `goals` of one of {names}"
+            )
+        base, phases = self._base(), {}
+        for name, changes in self.phases.items():
+            for key in (*WHOLE, "phases"):
+                if key in changes:
+                    raise ValueError(f"phases.{name}.{key}: is the same in all phases; give it beside them")
+            try:
+                phases[name] = pick(self._laid_over(base, changes).model_dump(mode="json"), changes)
+            except ValidationError as fault:
+                where, message = explain(fault.errors(include_url=False)[0], overlay(base, changes))
+                raise ValueError(f"phases.{name}.{where}: {message}") from None
+        return self.model_copy(update={"phases": phases})
+
+    def _base(self) -> dict[str, Any]:
+        """Plain form of what phases are laid over."""
+        return self.model_dump(mode="json", exclude={"phases"}, exclude_none=True)
+
+    @staticmethod
+    def _laid_over(base: dict[str, Any], changes: dict[str, Any]) -> Planning:
+        """Section of a plain form with changes, without what is null."""
+        document = overlay(base, changes)
+        for key in ("keep_out", "cones", "sights"):
+            document[key] = {name: one for name, one in document[key].items() if one is not None}
+        return Planning.model_validate(document)
+
+    @property
+    def by_phase(self) -> dict[str, Planning]:
+        """Sections of the phases by name, each without phases; this one, of no name, where there are none."""
+        if not self.phases:
+            return {"": self}
+        base, found = self._base(), {}
+        for name, changes in self.phases.items():
+            found[name] = self._laid_over(base, changes)
+            base["start"] = {}  # only the first one begins where the scenario does
+        return found

@@ -15,7 +15,7 @@ from spacerobot.scenario.faults import explain
 from spacerobot.scenario.merge import check_changes, expand_names, overlay, pick, without_resting
 from spacerobot.scenario.pads import Pad
 from spacerobot.scenario.paths import Document
-from spacerobot.scenario.phases import Phase, check_phases
+from spacerobot.scenario.phases import Phase, check_phases, check_planned
 from spacerobot.scenario.plan import Planning
 from spacerobot.scenario.sensors import Sensors
 from spacerobot.scenario.tuning import Tuning
@@ -117,6 +117,8 @@ class Scenario(Section):
     @model_validator(mode="after")
     def _check_phases(self) -> Scenario:
         """Merge each phase with the scenario, so that it is judged and filled as a scenario is."""
+        if self.plan is not None:
+            check_planned(list(self.plan.phases), self.phases)
         if not self.phases:
             return self
         bodies = [*self.robots, *(["target"] if self.target is not None else [])]
