@@ -9,11 +9,13 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
+from optim.planning.chain import Chain, Link, Solvable
 from optim.planning.early import check_momentum, check_reach, check_start
-from optim.planning.formulate import formulate, plan_of
+from optim.planning.formulate import Phase, formulate_phases
 from optim.planning.functions import Instants, build_instants
 from optim.planning.lobatto import Lobatto
-from optim.planning.motion import Motion
+from optim.planning.motion import Course, Motion
+from optim.planning.program import Program
 from optim.planning.solve import Solved
 from optim.planning.stage import Problem
 from optim.planning.verdict import Verdict
@@ -145,6 +147,32 @@ class Recipe:
 
 
 @dataclass(frozen=True, eq=False)
+class Later:
+    """A phase of a plan behind the first one.
+
+    Attributes
+    ----------
+    name, plan, problem, instants
+        Of the scenario's phase, its section, the problem, and its functions.
+    link
+        What leads into it.
+    """
+
+    name: str
+    plan: Planning
+    problem: Problem
+    instants: Instants
+    link: Link
+
+    @classmethod
+    def of(cls, phase: Phase, backend: str) -> Later:
+        """With a phase's functions."""
+        problem = phase.problem
+        link = Link.into(problem.stage, phase.struck)
+        return cls(phase.name, phase.plan, problem, build_instants(problem, backend), link)
+
+
+@dataclass(frozen=True, eq=False)
 class Bench:
     """A planning problem ready to be solved, for any limits of its duration and any weights.
 
@@ -154,6 +182,8 @@ class Bench:
         The scene, its section, the problem, its functions, the collocation, and what evaluates it.
     tell
         Told in a few words what begins.
+    name, later
+        Where a plan has several phases: name of the first one, to which the above belong, and the others.
     """
 
     scene: Scene
@@ -163,6 +193,8 @@ class Bench:
     lobatto: Lobatto
     backend: str
     tell: Tell = field(default=lambda _: None)
+    name: str = ""
+    later: tuple[Later, ...] = ()
 
     @classmethod
     def of(
@@ -186,11 +218,13 @@ class Bench:
         ScenarioError
             If its plan section asks for what cannot be.
         """
-        plan, problem = plan_of(scene), formulate(scene)
+        first, *others = formulate_phases(scene)
+        plan, problem = first.plan, first.problem
         check_start(problem)
         check_momentum(problem, plan)
         check_reach(problem, plan, {tip.label: tip for tip in scene.tips})
-        instants_in_all = motions * plan.starts * plan.intervals * plan.order // 2 * ITERATIONS
+        intervals = sum(phase.plan.intervals for phase in (first, *others))
+        instants_in_all = motions * plan.starts * intervals * plan.order // 2 * ITERATIONS
         if backend == "auto" and instants_in_all < COMPILED:
             backend = "interpreted"
         compiling = backend != "interpreted"
@@ -198,7 +232,9 @@ class Bench:
             "compiling the problem's functions, or finding them compiled" if compiling else "differentiating"
         )
         instants = build_instants(problem, backend)
-        return cls(scene, plan, problem, instants, Lobatto.of_order(plan.order), backend, tell)
+        later = tuple(Later.of(phase, backend) for phase in others)
+        lobatto = Lobatto.of_order(plan.order)
+        return cls(scene, plan, problem, instants, lobatto, backend, tell, first.name, later)
 
     @property
     def recipe(self) -> Recipe:
@@ -206,13 +242,15 @@ class Bench:
         return Recipe(SceneRecipe.of(self.scene), self.backend)
 
     @cached_property
-    def exact(self) -> Instants:
-        """The problem's functions by CasADi, to judge by."""
-        return (
-            self.instants
-            if self.instants.backend == "interpreted"
-            else build_instants(self.problem, "interpreted")
+    def exact(self) -> Bench:
+        """The same with the problem's functions by CasADi, to judge by."""
+        if self.instants.backend == "interpreted":
+            return self
+        later = tuple(
+            dataclasses.replace(one, instants=build_instants(one.problem, "interpreted"))
+            for one in self.later
         )
+        return dataclasses.replace(self, instants=build_instants(self.problem, "interpreted"), later=later)
 
     def asked(self, **changes: object) -> Ask:
         """What the section asks for."""
@@ -220,12 +258,36 @@ class Bench:
         return dataclasses.replace(ask, **changes)  # type: ignore[arg-type]
 
     def problem_of(self, ask: Ask) -> Problem:
-        """The problem with the duration and weights that are asked for."""
+        """The problem, of the first phase, with the duration and weights that are asked for."""
         return dataclasses.replace(self.problem, duration=ask.duration, weights=ask.weights)
 
+    def problems_of(self, ask: Ask) -> list[Problem]:
+        """The problems of all phases."""
+        return [self.problem_of(ask), *(one.problem for one in self.later)]
+
+    def meshes(self, intervals: int) -> list[int]:
+        """Intervals of each phase, where the first one has so many."""
+        shares = (one.plan.intervals / self.plan.intervals for one in self.later)
+        return [intervals, *(max(1, round(share * intervals)) for share in shares)]
+
+    def program(self, ask: Ask, intervals: int) -> Solvable:
+        """What is to be solved, on a mesh."""
+        problems, meshes = self.problems_of(ask), self.meshes(intervals)
+        evaluated = [self.instants, *(one.instants for one in self.later)]
+        programs = [
+            Program(problem, instants, self.lobatto, many)
+            for problem, instants, many in zip(problems, evaluated, meshes, strict=True)
+        ]
+        return Chain(programs, [one.link for one in self.later]) if self.later else programs[0]
+
     def motion(self, ask: Ask, attempt: Attempt) -> Motion:
-        """The motion of a solution."""
+        """The motion of a solution, in the first phase."""
+        return self.course(ask, attempt).motions[0]
+
+    def course(self, ask: Ask, attempt: Attempt) -> Course:
+        """The motions of a solution, in all phases."""
         assert attempt.solved is not None
-        problem, solved = self.problem_of(ask), attempt.solved
-        z = solved.w[:-1].reshape(-1, problem.stage.z.numel())
-        return Motion(problem, self.lobatto, attempt.intervals, float(solved.w[-1]), z)
+        program, w = self.program(ask, attempt.intervals), attempt.solved.w
+        programs, parts = (program.programs, program.parts(w)) if isinstance(program, Chain) else ((program,), [w])
+        motions = [Motion(p.problem, p.lobatto, p.intervals, *p.split(own)[::-1]) for p, own in zip(programs, parts, strict=False)]
+        return Course(tuple(motions), tuple(parts[len(motions) :]))

@@ -70,8 +70,8 @@ TERMS: Mapping[str, Callable[[Stage], ca.SX]] = {
     "base_rotation": lambda stage: _squares(list(base_turns(stage).values())),
     "base_translation": lambda stage: _squares(list(base_shifts(stage).values())),
     "base_wrench": lambda stage: ca.sumsqr(_driven(stage, False)),
-    "grip_force": lambda stage: _squares([stage.wrench(grip)[0] for grip in stage.grips]),
-    "grip_torque": lambda stage: _squares([stage.wrench(grip)[1] for grip in stage.grips]),
+    "grip_force": lambda stage: _squares([stage.wrench(grip)[0] for grip in (*stage.grips, *stage.springs)]),
+    "grip_torque": lambda stage: _squares([stage.wrench(grip)[1] for grip in (*stage.grips, *stage.springs)]),
 }
 """Integrand of each term without its weight; the duration's is none, for it is an unknown itself."""
 

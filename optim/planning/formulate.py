@@ -1,18 +1,24 @@
-"""From a scene's plan section to a planning problem."""
+"""From a scene's plan section to planning problems, one for each phase."""
 
 from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
 from optim.planning.costs import cost_terms
 from optim.planning.goals import goal_rows
+from optim.planning.grips import held
 from optim.planning.limits import instant_limits, path_rows, what_drives
 from optim.planning.stage import Problem, Stage
 from optim.planning.start import beginnings
 from spacerobot.errors import ScenarioError
 from spacerobot.scenario.plan import Planning
 from spacerobot.scene import Scene
+from spacerobot.scene.closing import is_rigid
 from spacerobot.scene.configure import close_velocity
+from spacerobot.scene.scene import SceneGrasp
 
 
 def plan_of(scene: Scene) -> Planning:
@@ -30,28 +36,119 @@ def plan_of(scene: Scene) -> Planning:
     return scene.scenario.plan
 
 
+@dataclass(frozen=True, eq=False)
+class Phase:
+    """One phase of a plan.
+
+    Attributes
+    ----------
+    name
+        Of the scenario's phase; none where the plan tells no phases.
+    plan
+        What the section says of it.
+    problem
+        Its planning problem.
+    struck
+        Whether rigid grasps close where it begins, so that an impulse leads into it.
+    """
+
+    name: str
+    plan: Planning
+    problem: Problem
+    struck: bool = False
+
+
 def formulate(scene: Scene) -> Problem:
-    """Planning problem of a scene.
+    """Planning problem of a scene, of the first phase where there are several.
 
     Raises
     ------
     ScenarioError
         If the section asks for what there is not.
     """
-    plan = plan_of(scene)
+    return formulate_phases(scene)[0].problem
+
+
+def formulate_phases(scene: Scene) -> tuple[Phase, ...]:
+    """Planning problems of the phases in turn.
+
+    Raises
+    ------
+    ScenarioError
+        If the section asks for what there is not.
+    """
+    whole = plan_of(scene)
     if scene.scenario.environment:
         raise ScenarioError(
             f"found {next(iter(scene.scenario.environment))!r}; plans know gravity alone, and no environment",
             source=scene.source,
             where="environment",
         )
-    stage = Stage.of(scene, what_drives(scene, plan.limits))
+    found, before = list[Phase](), tuple[SceneGrasp, ...]()
+    for (name, plan), closed in zip(whole.by_phase.items(), closed_in(scene, whole), strict=True):
+        struck = bool(found) and any(is_rigid(grasp) and grasp not in before for grasp in closed)
+        found.append(Phase(name, plan, _problem(scene, plan, closed, begins=not found), struck))
+        before = closed
+    return tuple(found)
+
+
+def closed_in(scene: Scene, whole: Planning) -> Iterator[tuple[SceneGrasp, ...]]:
+    """Grasps that hold in each phase of a plan: those that phases before were to capture, and did not release.
+
+    Raises
+    ------
+    ScenarioError
+        If a phase ends with a grasp captured whose tip no goal brings to its mating frame.
+    """
+    closed, open_ = {grasp.name: grasp for grasp in held(scene)}, {g.name: g for g in scene.grasps}
+    for name, plan in whole.by_phase.items():
+        phase = scene.scenario.phases.get(name) if name else None
+        for let_go in phase.releases if phase is not None else ():
+            closed.pop(let_go, None)
+        yield tuple(closed.values())
+        captured = (phase.until.captured or ()) if phase is not None and phase.until is not None else ()
+        if name == [*whole.by_phase][-1]:
+            return  # what closes behind the plan, closes as the scenario says
+        for grasp in captured:
+            _check_mated(scene, open_[grasp], plan.goals, name)
+            closed[grasp] = open_[grasp]
+
+
+def _check_mated(scene: Scene, grasp: SceneGrasp, goals: Mapping[str, object], phase: str) -> None:
+    """Refuse a capture that no goal leads to, or a spring that would be strained by it."""
+    config, where = grasp.config, f"plan.phases.{phase}.goals"
+    mating = [
+        (name, goal)
+        for name, goal in goals.items()
+        if getattr(goal, "tip", None) == config.tip and getattr(goal, "frame", None) == config.frame
+    ]
+    if not mating:
+        raise ScenarioError(
+            f"the phase ends with {grasp.name!r} captured, so a goal must bring {config.tip!r} to "
+            f"{config.frame!r}: give `{{tip: {config.tip}, frame: {config.frame}}}`",
+            source=scene.source,
+            where=where,
+        )
+    name, goal = mating[0]
+    if not is_rigid(grasp) and getattr(goal, "standoff", 0.0):
+        raise ScenarioError(
+            f"found a standoff, where {grasp.name!r} closes and its springs are at rest; leave it out",
+            source=scene.source,
+            where=f"{where}.{name}.standoff",
+        )
+
+
+def _problem(scene: Scene, plan: Planning, closed: tuple[SceneGrasp, ...], *, begins: bool) -> Problem:
+    """Of one phase; one that does not begin the plan begins where the one before it ends."""
+    stage = Stage.of(scene, what_drives(scene, plan.limits), closed)
     lower, upper = instant_limits(stage, plan.limits)
     goals = [row for name, goal in plan.goals.items() for row in goal_rows(stage, name, goal)]
     terms = cost_terms(stage, plan.costs)
     span = plan.duration
-    fixed = np.concatenate([scene.q, close_velocity(scene) if stage.grips else scene.v])
+    fixed = np.concatenate([scene.q, close_velocity(scene) if stage.grips and begins else scene.v])
     begin, beginning = beginnings(stage, plan, fixed, (lower, upper))
+    if not begins:
+        begin = (np.full(fixed.size, -np.inf), np.full(fixed.size, np.inf))
     return Problem(
         stage=stage,
         path=(*path_rows(stage, plan), *beginning),

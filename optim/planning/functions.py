@@ -69,14 +69,14 @@ def build_instants(problem: Problem, backend: str = "auto") -> Instants:
     functions: dict[str, ca.Function] = {}
     patterns = []
     for prefix, expression in (("", rows), ("goal_", goal)):
-        found, where = _derived(stage.z, ca.densify(expression), prefix)
+        found, where = derived(stage.z, ca.densify(expression), prefix)
         functions |= found
         patterns += where
     call, used = _caller(functions, backend)
     return Instants(functions, call, used, *patterns)
 
 
-def _derived(z: ca.SX, rows: ca.SX, prefix: str) -> tuple[dict[str, ca.Function], list[Pattern]]:
+def derived(z: ca.SX, rows: ca.SX, prefix: str) -> tuple[dict[str, ca.Function], list[Pattern]]:
     """Values and first and second derivatives of rows, and where the derivatives' entries stand."""
     weights = ca.SX.sym("weights", rows.numel())
     slopes = ca.jacobian(rows, z)

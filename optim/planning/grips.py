@@ -1,7 +1,8 @@
-"""Rigid grasps that hold while a plan lasts: the wrench of each, and that its two frames move as one.
+"""Grasps that hold in a phase of a plan: rigid ones by an unknown wrench, others by their springs and dampers.
 
-The wrench acts on the tip at its origin, and opposite on the target's point there. It does no work on motions
-that the grasp allows, so its generalized forces are A' w with A the slopes of the relative velocity A v.
+The wrench acts on the tip at its origin, and opposite on the target's point there. That of a rigid grasp does no
+work on motions that the grasp allows, so its generalized forces are A' w with A the slopes of the relative
+velocity A v, which is zero.
 """
 
 from __future__ import annotations
@@ -9,9 +10,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import casadi as ca
+import numpy as np
+import pinocchio as pin
 
-from spacerobot.dynamics import Kinematics, frame_placement, frame_velocity
+from spacerobot.dynamics import Kinematics, frame_placement, frame_velocity, rotation_log
 from spacerobot.dynamics.algebra import cross
+from spacerobot.dynamics.joints import exact_directions
+from spacerobot.elements.grasps.compliant import Compliant
 from spacerobot.errors import ScenarioError
 from spacerobot.scene import Scene
 from spacerobot.scene.closing import begun, is_rigid
@@ -21,7 +26,7 @@ AXES = "xyz"
 
 
 def held(scene: Scene) -> tuple[SceneGrasp, ...]:
-    """Grasps that hold from the beginning to the end.
+    """Grasps that hold at the start.
 
     Raises
     ------
@@ -32,8 +37,8 @@ def held(scene: Scene) -> tuple[SceneGrasp, ...]:
     for grasp in found:
         if not is_rigid(grasp):
             raise ScenarioError(
-                f"found {grasp.config.kind!r}, closed from the start; plans know rigid grasps alone: give "
-                "`kind: weld` or `point`",
+                f"found {grasp.config.kind!r}, closed from the start; plans know rigid grasps alone there: "
+                "give `kind: weld` or `point`",
                 source=scene.source,
                 where=grasp.path,
             )
@@ -41,9 +46,9 @@ def held(scene: Scene) -> tuple[SceneGrasp, ...]:
 
 
 def axes_of(scene: Scene, grasp: SceneGrasp) -> list[str]:
-    """Names of the entries of a grasp's wrench: ``fx``, ... and for a weld ``tz``, ..., world axes."""
+    """Names of the entries of a grasp's wrench: ``fx``, ... and where it turns ``tz``, ..., world axes."""
     forces = [f"f{AXES[i]}" for i in scene.translation_axes]
-    turns = scene.rotation_axes if grasp.config.fixes_orientation else ()
+    turns = scene.rotation_axes if _turns(grasp) else ()
     return forces + [f"t{AXES[i]}" for i in turns]
 
 
@@ -54,9 +59,50 @@ def slip(scene: Scene, kinematics: Kinematics, grasps: Sequence[SceneGrasp]) -> 
         (speed, spin), (moving, turning) = (
             frame_velocity(model, kinematics, frame) for frame in (grasp.tip.frame, grasp.frame)
         )
-        tip, mate = (frame_placement(model, kinematics, frame)[1] for frame in (grasp.tip.frame, grasp.frame))
-        linear = speed - moving - cross(turning, tip - mate)
+        linear = speed - moving - cross(turning, _gap(scene, kinematics, grasp))
         found = ca.vertcat(found, linear[list(scene.translation_axes)])
-        if grasp.config.fixes_orientation:
+        if _turns(grasp):
             found = ca.vertcat(found, (spin - turning)[list(scene.rotation_axes)])
     return found
+
+
+def pull(scene: Scene, kinematics: Kinematics, grasp: SceneGrasp) -> tuple[ca.SX, ca.SX]:
+    """Force and torque of springs and dampers on a tip, world axes, at rest where the two are mated."""
+    config, count = grasp.config, len(scene.translation_axes)
+    assert isinstance(config, Compliant)
+    rate = slip(scene, kinematics, [grasp])
+    gap = _gap(scene, kinematics, grasp)[list(scene.translation_axes)]
+    force = -config.stiffness * gap - config.damping * rate[:count]
+    if not _turns(grasp):
+        return force, ca.SX(0, 1)
+    turn, damping = config.rotational_stiffness or 0.0, config.rotational_damping or 0.0
+    return force, -turn * _twist(scene, kinematics, grasp) - damping * rate[count:]
+
+
+def _turns(grasp: SceneGrasp) -> bool:
+    """Whether a grasp holds the orientation too."""
+    config = grasp.config
+    soft = isinstance(config, Compliant) and bool(config.rotational_stiffness or config.rotational_damping)
+    return config.fixes_orientation or soft
+
+
+def _gap(scene: Scene, kinematics: Kinematics, grasp: SceneGrasp) -> ca.SX:
+    """From mating frame to tip (3x1) [m]."""
+    tip, mate = (
+        frame_placement(scene.model, kinematics, frame)[1] for frame in (grasp.tip.frame, grasp.frame)
+    )
+    return tip - mate
+
+
+def _twist(scene: Scene, kinematics: Kinematics, grasp: SceneGrasp) -> ca.SX:
+    """Rotation vector from where a tip is mated to its orientation, world axes [rad]."""
+    tip, mate = (
+        frame_placement(scene.model, kinematics, frame)[0] for frame in (grasp.tip.frame, grasp.frame)
+    )
+    capture = grasp.config.capture
+    angles = capture.mated_deg if capture is not None else (0.0, 0.0, 0.0)
+    wanted = ca.mtimes(mate, exact_directions(pin.rpy.rpyToMatrix(np.radians(angles))))
+    relative = ca.mtimes(wanted.T, tip)
+    if scene.planar:
+        return ca.atan2(relative[1, 0], relative[0, 0])
+    return ca.mtimes(wanted, rotation_log(relative))

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import casadi as ca
 import numpy as np
 import pinocchio as pin
 
+from optim.planning.impact import struck
 from optim.planning.lobatto import Lobatto
-from optim.planning.motion import Motion
+from optim.planning.motion import Course, Motion
 from optim.planning.stage import Problem
 from spacerobot.arrays import Array
 
@@ -22,6 +24,27 @@ DAMPING = 1e-3
 """Of its normal equations [m^2, rad^2]."""
 SPREAD = 0.7
 """[rad or m] Standard deviation by which further starts' postures differ from the scenario's."""
+
+
+def guesses(
+    problems: Sequence[Problem], lobatto: Lobatto, meshes: Sequence[int], rng: np.random.Generator | None
+) -> Course:
+    """Motions to begin with of the phases of a plan, each from where the one before it ends.
+
+    Parameters
+    ----------
+    problems, meshes
+        Of each phase: the problem, and how many intervals.
+    lobatto, rng
+        As for :func:`guess`.
+    """
+    motions = list[Motion]()
+    for problem, intervals in zip(problems, meshes, strict=True):
+        if motions:
+            end = np.concatenate([motions[-1].q[-1], motions[-1].v[-1]])
+            problem = dataclasses.replace(problem, fixed=struck(problem.stage, end, locked=True))
+        motions.append(guess(problem, lobatto, intervals, rng))
+    return Course(tuple(motions))
 
 
 def guess(

@@ -151,7 +151,7 @@ def _grip_rows(stage: Stage, bounds: Bounds) -> Iterator[Row]:
     names = [f"{grip.name}.{axis}" for grip in stage.grips for axis in axes_of(stage.scene, grip)]
     for name, value in zip(names, ca.vertsplit(stage.parting), strict=True):
         yield Row(f"hold of {name}", "m/s^2 or rad/s^2", value, 0.0, 0.0)
-    for grip in stage.grips:
+    for grip in (*stage.grips, *stage.springs):
         for key, unit_name, value in zip(("force", "torque"), ("N", "N m"), stage.wrench(grip), strict=True):
             limit = getattr(bounds, f"grip_{key}")
             if limit is not None and value.numel():

@@ -13,7 +13,7 @@ import numpy as np
 
 from optim.planning.bench import Ask, Attempt, Bench, Solve
 from optim.planning.kept import Kept
-from optim.planning.motion import Motion
+from optim.planning.motion import Course, Motion
 from optim.planning.solve import Solved
 from optim.planning.tasks import Task, carry_out
 from optim.planning.verdict import Verdict
@@ -32,8 +32,10 @@ class Planned:
 
     Attributes
     ----------
-    scene, motion
-        The scene and its motion.
+    scene, course
+        The scene and its motion, in one phase or several.
+    names
+        Of the scenario's phases; one of no name where the plan tells no phases.
     cost, terms
         Cost, and its parts by name.
     solves
@@ -47,13 +49,19 @@ class Planned:
     """
 
     scene: Scene
-    motion: Motion
+    course: Course
+    names: tuple[str, ...]
     cost: float
     terms: Mapping[str, float]
     solves: tuple[Solve, ...]
     solved: Solved
     verdict: Verdict
     backend: str
+
+    @property
+    def motion(self) -> Motion:
+        """The motion in the first phase."""
+        return self.course.motions[0]
 
 
 def make_plan(
@@ -132,18 +140,28 @@ def planned(bench: Bench, ask: Ask, found: Mapping[str, Attempt], name: str = PL
     attempt = found[name]
     assert attempt.verdict is not None
     assert attempt.solved is not None
-    motion = bench.motion(ask, attempt)
+    course = bench.course(ask, attempt)
     solves = [one for task, a in found.items() if task.startswith(f"{name}, start") for one in a.solves]
     return Planned(
         bench.scene,
-        motion,
+        course,
+        (bench.name, *(one.name for one in bench.later)),
         attempt.cost,
-        {name: motion.problem.weights[name] * value for name, value in integrals(motion).items()},
+        _terms(course),
         (*solves, *attempt.solves),
         attempt.solved,
         attempt.verdict,
         bench.instants.backend,
     )
+
+
+def _terms(course: Course) -> dict[str, float]:
+    """Parts of the cost by name, of all phases."""
+    found: dict[str, float] = {}
+    for motion in course.motions:
+        for name, value in integrals(motion).items():
+            found[name] = found.get(name, 0.0) + motion.problem.weights[name] * value
+    return found
 
 
 def integrals(motion: Motion) -> dict[str, float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -111,6 +112,47 @@ class Motion:
         size = self.problem.fixed.size
         z[0, :size] = np.clip(z[0, :size], *self.problem.start)
         return Motion(self.problem, lobatto, intervals, self.duration_s, z)
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """The motions of all phases of a plan, in turn; of one phase as a rule.
+
+    Attributes
+    ----------
+    motions
+        One for each phase.
+    impulses
+        What leads from each to the next one, where rigid grasps close (nw,) [N s, N m s]; empty elsewhere.
+    """
+
+    motions: tuple[Motion, ...]
+    impulses: tuple[Array, ...] = ()
+
+    @property
+    def begins(self) -> Array:
+        """When each phase begins [s]."""
+        return np.cumsum([0.0, *(motion.duration_s for motion in self.motions[:-1])])
+
+    @property
+    def duration_s(self) -> float:
+        """Of all phases [s]."""
+        return float(sum(motion.duration_s for motion in self.motions))
+
+    @property
+    def time(self) -> Array:
+        """Times of the points [s]; two of them are the same where phases meet."""
+        return np.concatenate([t + m.time for t, m in zip(self.begins, self.motions, strict=True)])
+
+    @property
+    def unknowns(self) -> Array:
+        """Instants, durations and impulses as a program has them."""
+        return np.concatenate([*(motion.unknowns for motion in self.motions), *self.impulses])
+
+    def on(self, lobatto: Lobatto, meshes: Sequence[int]) -> Course:
+        """The same motions on other meshes."""
+        found = (motion.on(lobatto, many) for motion, many in zip(self.motions, meshes, strict=True))
+        return Course(tuple(found), self.impulses)
 
 
 def normalised(model: Any, q: Array) -> Array:

@@ -6,6 +6,7 @@ import dataclasses
 
 import numpy as np
 
+from optim.planning.chain import Chain, Solvable, programs_of
 from optim.planning.motion import Motion
 from optim.planning.program import Program
 from optim.planning.solve import Solved, Told, solve
@@ -39,7 +40,7 @@ def solve_from(
     return found, solve(program, near.unknowns, warm, scale=scale, iterations=iterations, told=told)
 
 
-def carried(solved: Solved, source: Program, target: Program) -> Solved:
+def carried(solved: Solved, source: Solvable, target: Solvable) -> Solved:
     """What a solver found on one mesh, for the same problem on another.
 
     Multipliers of what holds at points are densities over time times the weights of the quadrature; those of
@@ -52,13 +53,28 @@ def carried(solved: Solved, source: Program, target: Program) -> Solved:
     source, target
         Its program, and the one that is to be solved. Unknowns are not carried over.
     """
+    if not (isinstance(source, Chain) and isinstance(target, Chain)):
+        return _carried(solved, *programs_of(source), *programs_of(target))
+    parts = source.parted(solved)
+    of = zip(parts, source.programs, target.programs, strict=False)
+    parts[: len(source.programs)] = [_carried(*one) for one in of]
+    return dataclasses.replace(
+        solved,
+        multipliers=np.concatenate([part.multipliers for part in parts]),
+        bound_multipliers=np.concatenate([part.bound_multipliers for part in parts]),
+    )
+
+
+def _carried(solved: Solved, source: Program, target: Program) -> Solved:
+    """Of one phase."""
     share, wanted = (at.lobatto.times(at.intervals, 1.0) for at in (source, target))
     between = np.array([np.interp(wanted, share, unit) for unit in np.eye(len(share))]).T
     weights = target.weights[:, None] * between / source.weights
     last = source.rows - len(source.problem.goal)
     held = weights @ solved.multipliers[source.defects : last].reshape(source.points, -1)
     bounds = weights @ solved.bound_multipliers[:-1].reshape(source.points, -1)
-    bounds[0, : target.nx] = 0.0  # the start is no unknown
+    if source.problem.begin is None:
+        bounds[0, : target.nx] = 0.0  # the start is no unknown
     return dataclasses.replace(
         solved,
         multipliers=np.concatenate(

@@ -13,10 +13,11 @@ import numpy as np
 import pinocchio as pin
 
 from optim.planning.gains import tracking_gains
-from optim.planning.grips import held, slip
+from optim.planning.grips import pull, slip
+from optim.planning.impact import struck
 from optim.planning.lobatto import Lobatto
-from optim.planning.motion import Motion
-from optim.planning.stage import Driven
+from optim.planning.motion import Course, Motion
+from optim.planning.stage import Stage
 from spacerobot.arrays import Array
 from spacerobot.dynamics import (
     ArticulatedBody,
@@ -62,9 +63,9 @@ class Replayed:
     max_gaps: Mapping[str, float] = dataclasses.field(default_factory=dict)
 
     @classmethod
-    def of(cls, scene: Scene, driven: Driven, lobatto: Lobatto) -> Replayed:
+    def of(cls, stage: Stage, lobatto: Lobatto) -> Replayed:
         """Loop of a scene over one interval of this collocation."""
-        model = scene.model
+        model, driven = stage.scene.model, stage.driven
         nx, nu = model.nq + model.nv, len(driven.columns)
         joints, points = len(driven.joints), lobatto.points
         count = 1 + 3 * joints + (nu + 2 * joints) * points
@@ -84,7 +85,7 @@ class Replayed:
             column = driven.columns[k]
             behind = _behind(model.joints[joint], q, wanted[k])
             force[column] += kp[k] * behind + kd[k] * (rate[k] - v[column])
-        change = ca.vertcat(configuration_derivative(model, q, v), _acceleration(scene, q, v, force))
+        change = ca.vertcat(configuration_derivative(model, q, v), _acceleration(stage, q, v, force))
         p, none = ca.SX.sym("p", nx + given.numel()), ca.SX(0, 1)
         names = tuple(f"p{i}" for i in range(p.numel()))
         xdot, e = ca.SX.sym("xdot", nx), ca.SX.sym("e")
@@ -105,10 +106,13 @@ class Replayed:
         )
 
 
-def _acceleration(scene: Scene, q: ca.SX, v: ca.SX, force: ca.SX) -> ca.SX:
+def _acceleration(stage: Stage, q: ca.SX, v: ca.SX, force: ca.SX) -> ca.SX:
     """Forward dynamics (nv x 1) with the grasps that hold."""
-    model, grips = scene.model, held(scene)
+    scene, model, grips = stage.scene, stage.scene.model, stage.grips
     kinematics = forward_kinematics(model, q, v)
+    for spring in stage.springs:
+        wrench = ca.vertcat(*pull(scene, kinematics, spring))
+        force = force + ca.jtimes(slip(scene, kinematics, [spring]), v, wrench, True)
     body = ArticulatedBody.factorise(model, kinematics, Inertias.from_model(model))
     free = body.acceleration(force)
     if not grips:
@@ -121,13 +125,37 @@ def _acceleration(scene: Scene, q: ca.SX, v: ca.SX, force: ca.SX) -> ca.SX:
     return free + ca.mtimes(response, wrench)
 
 
-def replays(motion: Motion, backend: str = "auto") -> tuple[Array, Array]:
-    """States (intervals + 1, nq + nv) at the knots when a plan's drive acts without feedback, and with it."""
+def replays_of(course: Course, backend: str = "auto") -> tuple[list[Array], list[Array]]:
+    """The same of all phases, each from where the one before it ended, through the impact of what closes."""
+    alone, followed = list[Array](), list[Array]()
+    for motion in course.motions:
+        stage, starts = motion.problem.stage, None
+        if alone:
+            starts = tuple(struck(stage, states[-1][-1]) for states in (alone, followed))
+        for states, found in zip((alone, followed), replays(motion, backend, starts), strict=True):
+            states.append(found)
+    return alone, followed
+
+
+def replays(
+    motion: Motion, backend: str = "auto", starts: tuple[Array, Array] | None = None
+) -> tuple[Array, Array]:
+    """States (intervals + 1, nq + nv) at the knots when a plan's drive acts without feedback, and with it.
+
+    Parameters
+    ----------
+    motion
+        The plan.
+    backend
+        ``auto``, ``compiled`` or ``interpreted``.
+    starts
+        States (nq + nv,) to begin with, of the one and of the other; the plan's own if not given.
+    """
     problem, scene = motion.problem, motion.problem.stage.scene
     driven, length = problem.stage.driven, motion.duration_s / motion.intervals
     steps = max(4, math.ceil(length / LONGEST_STEP))
     rollout = build_rollout(
-        Replayed.of(scene, driven, motion.lobatto),
+        Replayed.of(problem.stage, motion.lobatto),
         duration_s=length,
         step_s=length / steps,
         output_step_s=length,
@@ -136,9 +164,11 @@ def replays(motion: Motion, backend: str = "auto") -> tuple[Array, Array]:
     robots = [name.partition("/")[0] for name in driven.names[: len(driven.joints)]]
     gains = {name: tracking_gains(scene, name) for name in dict.fromkeys(robots)}
     feedback = np.array([[gains[robot][key] for robot in robots] for key in ("kp", "kd")]).ravel()
+    if starts is None:
+        starts = (np.concatenate([motion.q[0], motion.v[0]]),) * 2
     found = []
-    for given in (0 * feedback, feedback):
-        states = [np.concatenate([motion.q[0], motion.v[0]])]
+    for start, given in zip(starts, (0 * feedback, feedback), strict=True):
+        states = [start]
         for n in range(motion.intervals):
             p = np.concatenate([states[-1], [length], given, _interval(motion, n)])
             states.append(np.array(rollout.run(p).state[-1]))

@@ -7,12 +7,14 @@ import dataclasses
 import numpy as np
 
 from optim.planning.bench import Ask, Attempt, Bench, Solve
-from optim.planning.guess import guess, stretched
-from optim.planning.motion import Motion
+from optim.planning.chain import Solvable, programs_of
+from optim.planning.guess import guesses, stretched
+from optim.planning.motion import Course
 from optim.planning.program import Program
 from optim.planning.refine import carried
 from optim.planning.solve import Solved, solve
 from optim.planning.verdict import Verdict, judge
+from spacerobot.arrays import Array
 
 BARRIER = 1e-4
 """Barrier parameter, in units of the cost's size, to begin with from another problem's solution."""
@@ -70,11 +72,14 @@ class _Search:
     def warm(self, near: Attempt) -> None:
         """Solve from the solution of a problem with another duration or other weights, on its mesh."""
         assert near.solved is not None
-        motion, (least, greatest, _) = self.bench.motion(self.ask, near), self.problem.duration
+        course, (least, greatest, _) = self.bench.course(self.ask, near), self.problem.duration
+        motion, *others = course.motions
         duration = float(np.clip(motion.duration_s, least, greatest))
-        barrier = max(near.solved.barrier, BARRIER)
+        motion, barrier = stretched(motion, self.problem, duration), max(near.solved.barrier, BARRIER)
         self._solve(
-            stretched(motion, self.problem, duration), dataclasses.replace(near.solved, barrier=barrier)
+            dataclasses.replace(course, motions=(motion, *others)),
+            near.intervals,
+            dataclasses.replace(near.solved, barrier=barrier),
         )
 
     def refined(self) -> Verdict:
@@ -83,9 +88,10 @@ class _Search:
         while True:
             assert self.kept is not None
             solved, intervals = self.kept
-            motion = bench.motion(self.ask, Attempt((), solved, intervals, self.cost, None, ""))
+            course = bench.course(self.ask, Attempt((), solved, intervals, self.cost, None, ""))
             bench.tell("replaying the plan")
-            verdict = judge(motion, solved, self.cost, bench.exact, bench.backend)
+            program = bench.exact.program(self.ask, intervals)
+            verdict = judge(course, program, solved, self.cost, bench.backend)
             finer = 2 * intervals
             if verdict.fine_enough or finer > bench.plan.most_intervals or not self._finer(finer):
                 return verdict
@@ -94,23 +100,25 @@ class _Search:
         """Solve from a first guess on a mesh."""
         start = self.ask.start
         rng = np.random.default_rng([self.bench.plan.seed, start]) if start else None
-        return self._solve(guess(self.problem, self.bench.lobatto, intervals, rng))
+        bench = self.bench
+        course = guesses(bench.problems_of(self.ask), bench.lobatto, bench.meshes(intervals), rng)
+        impulses = tuple(np.zeros(one.link.impulses) for one in bench.later)
+        return self._solve(dataclasses.replace(course, impulses=impulses), intervals)
 
     def _finer(self, wanted: int) -> bool:
         """Solve on a finer mesh from what is kept."""
         assert self.kept is not None
         bench, (solved, intervals) = self.bench, self.kept
-        coarse, fine = (
-            Program(self.problem, bench.instants, bench.lobatto, many) for many in (intervals, wanted)
-        )
-        motion = bench.motion(self.ask, Attempt((), solved, intervals, self.cost, None, ""))
-        return self._solve(motion.on(bench.lobatto, wanted), carried(solved, coarse, fine))
+        coarse, fine = (bench.program(self.ask, many) for many in (intervals, wanted))
+        course = bench.course(self.ask, Attempt((), solved, intervals, self.cost, None, ""))
+        finer = course.on(bench.lobatto, bench.meshes(wanted))
+        return self._solve(finer, wanted, carried(solved, coarse, fine))
 
-    def _solve(self, motion: Motion, warm: Solved | None = None) -> bool:
+    def _solve(self, course: Course, intervals: int, warm: Solved | None = None) -> bool:
         bench, costs, violations = self.bench, list[float](), list[float]()
-        program = Program(self.problem, bench.instants, bench.lobatto, motion.intervals)
+        program = bench.program(self.ask, intervals)
         many = f"start {self.ask.start + 1} of {bench.plan.starts}, " if bench.plan.starts > 1 else ""
-        words = f"solving: {many}{motion.intervals} intervals"
+        words = f"solving: {many}{sum(bench.meshes(intervals))} intervals"
 
         def told(iteration: int, cost: float, violation: float) -> None:
             """Note an iteration, and tell of it."""
@@ -118,7 +126,7 @@ class _Search:
             violations.append(violation)
             bench.tell(f"{words}, iteration {iteration}, cost {cost:.4g}, violation {violation:.1e}")
 
-        first = motion.unknowns
+        first = course.unknowns
         guessed = program.objective(first)
         known = self.cost if np.isfinite(self.cost) else guessed
         scale = known if known > NOTHING else 1.0  # a guess that costs nothing tells no size
@@ -127,7 +135,7 @@ class _Search:
         self.solves.append(
             Solve(
                 self.ask.start,
-                motion.intervals,
+                sum(bench.meshes(intervals)),
                 cost,
                 solved.status,
                 converged,
@@ -139,16 +147,30 @@ class _Search:
             )
         )
         if converged:
-            self.kept, self.cost, self.blame = (solved, motion.intervals), cost, ""
+            self.kept, self.cost, self.blame = (solved, intervals), cost, ""
         elif self.kept is None:
             self.blame = blame(program, solved)
         return converged
 
 
-def blame(program: Program, solved: Solved) -> str:
+def blame(program: Solvable, solved: Solved) -> str:
     """Constraints that are violated most where a search ended, by name with their violations."""
     g, (least, greatest) = program.constraints(solved.w), program.limits()
-    over = np.maximum(np.maximum(least - g, g - greatest), 0.0)
+    over, found = np.maximum(np.maximum(least - g, g - greatest), 0.0), dict[str, tuple[float, str]]()
+    first = 0
+    for one in programs_of(program):
+        for name, (value, unit) in _violated(one, over[first : first + one.rows]).items():
+            found[name] = max((value, unit), found.get(name, (0.0, unit)))
+        first += one.rows
+    if first < program.rows:
+        found["continuity between phases"] = (float(over[first:].max()), "m or rad")
+    worst = sorted(found.items(), key=lambda item: -item[1][0])
+    named = [f"{name} ({value:.2g} {unit})" for name, (value, unit) in worst if value > 1e-6][:4]
+    return ", ".join(named) or f"none is violated where the search ended ({solved.status})"
+
+
+def _violated(program: Program, over: Array) -> dict[str, tuple[float, str]]:
+    """Greatest violations of one phase's constraints, and their units, by name."""
     problem, found = program.problem, dict[str, tuple[float, str]]()
     inside = over[program.defects : program.rows - len(problem.goal)].reshape(
         program.points, program.per_point
@@ -159,6 +181,4 @@ def blame(program: Program, solved: Solved) -> str:
         found[row.name] = (float(inside[:, program.nv + k].max()) * row.scale, row.unit)
     for row, value in zip(problem.goal, over[program.rows - len(problem.goal) :], strict=True):
         found[row.name] = (float(value) * row.scale, row.unit)
-    worst = sorted(found.items(), key=lambda item: -item[1][0])
-    named = [f"{name} ({value:.2g} {unit})" for name, (value, unit) in worst if value > 1e-6][:4]
-    return ", ".join(named) or f"none is violated where the search ended ({solved.status})"
+    return found

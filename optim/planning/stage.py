@@ -11,13 +11,13 @@ Rows in which B is zero are a floating base on which nothing acts, and the free 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 
-from optim.planning.grips import axes_of, held, slip
+from optim.planning.grips import axes_of, held, pull, slip
 from spacerobot.arrays import Array
 from spacerobot.dynamics import (
     Inertias,
@@ -32,6 +32,7 @@ from spacerobot.dynamics import (
 from spacerobot.dynamics.joints import sparse
 from spacerobot.elements.instant import Row
 from spacerobot.scene import Scene
+from spacerobot.scene.closing import is_rigid
 from spacerobot.scene.scene import SceneGrasp
 
 
@@ -71,7 +72,9 @@ class Stage:
     scene, driven
         The scene, and what drives it.
     grips
-        Grasps that hold.
+        Rigid grasps that hold.
+    springs
+        Grasps that hold by springs and dampers.
     q, v, a, u, w
         Symbols (nq, nv, nv, nu, nw).
     kinematics
@@ -81,6 +84,7 @@ class Stage:
     scene: Scene
     driven: Driven
     grips: tuple[SceneGrasp, ...]
+    springs: tuple[SceneGrasp, ...]
     q: ca.SX
     v: ca.SX
     a: ca.SX
@@ -89,13 +93,22 @@ class Stage:
     kinematics: Kinematics
 
     @classmethod
-    def of(cls, scene: Scene, driven: Driven) -> Stage:
-        """Symbols of a scene."""
-        model = scene.model
+    def of(cls, scene: Scene, driven: Driven, closed: Sequence[SceneGrasp] | None = None) -> Stage:
+        """Symbols of a scene.
+
+        Parameters
+        ----------
+        scene, driven
+            The scene, and what drives it.
+        closed
+            Grasps that hold; those that begin closed if not given.
+        """
+        model, closed = scene.model, held(scene) if closed is None else closed
+        grips, springs = (tuple(g for g in closed if is_rigid(g) is rigid) for rigid in (True, False))
         q, v, a = (ca.SX.sym(n, size) for n, size in (("q", model.nq), ("v", model.nv), ("a", model.nv)))
-        u, grips = ca.SX.sym("u", len(driven.columns)), held(scene)
+        u = ca.SX.sym("u", len(driven.columns))
         w = ca.SX.sym("w", sum(len(axes_of(scene, grip)) for grip in grips))
-        return cls(scene, driven, grips, q, v, a, u, w, forward_kinematics(model, q, v))
+        return cls(scene, driven, grips, springs, q, v, a, u, w, forward_kinematics(model, q, v))
 
     @property
     def z(self) -> ca.SX:
@@ -115,6 +128,9 @@ class Stage:
         force = force + sparse(np.asarray(model.damping)) * self.v
         for k, column in enumerate(self.driven.columns):
             force[column] -= self.u[k]
+        for spring in self.springs:
+            apart = slip(self.scene, self.kinematics, [spring])
+            force = force - ca.jtimes(apart, self.v, ca.vertcat(*self.wrench(spring)), True)
         return force - ca.jtimes(slip(self.scene, self.kinematics, self.grips), self.v, self.w, True)
 
     @property
@@ -125,6 +141,8 @@ class Stage:
 
     def wrench(self, grip: SceneGrasp) -> tuple[ca.SX, ca.SX]:
         """Force and torque of a grasp on its tip, world axes."""
+        if grip in self.springs:
+            return pull(self.scene, self.kinematics, grip)
         first = sum(len(axes_of(self.scene, own)) for own in self.grips[: self.grips.index(grip)])
         linear, size = len(self.scene.translation_axes), len(axes_of(self.scene, grip))
         return self.w[first : first + linear], self.w[first + linear : first + size]

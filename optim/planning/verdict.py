@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 
-from optim.planning.functions import Instants
-from optim.planning.motion import Motion
-from optim.planning.program import Program, first_held
-from optim.planning.replay import replays, tip_errors
+from optim.planning.chain import Solvable
+from optim.planning.motion import Course, Motion
+from optim.planning.program import first_held
+from optim.planning.replay import replays_of, tip_errors
 from optim.planning.solve import Solved
 from spacerobot.arrays import Array
 
@@ -112,32 +113,43 @@ class Verdict:
         return found
 
 
-def judge(motion: Motion, solved: Solved, scale: float, exact: Instants, backend: str = "auto") -> Verdict:
+def judge(
+    course: Course, program: Solvable, solved: Solved, scale: float, backend: str = "auto"
+) -> Verdict:
     """Verdict on a motion and the multipliers found with it.
 
     Parameters
     ----------
-    motion, solved
+    course, solved
         The motion, and where the solver ended.
+    program
+        What was solved, with functions that are interpreted: the residual is computed by these.
     scale
         Cost that the residual is taken relative to.
-    exact
-        The problem's functions, interpreted: the residual is computed by these.
     backend
         What replays: ``auto``, ``compiled`` or ``interpreted``.
     """
-    problem = motion.problem
-    program = Program(problem, exact, motion.lobatto, motion.intervals)
-    alone, followed = (
-        {label: float(found.max()) for label, found in tip_errors(motion, states).items()}
-        for states in replays(motion, backend)
-    )
-    violations = sorted(between_points(motion), key=lambda v: -v.amount / v.allowed)
-    tolerance = problem.tolerance
+    alone, followed = (_greatest_errors(course, states) for states in replays_of(course, backend))
+    violations = [
+        dataclasses.replace(v, time_s=begin + v.time_s)
+        for begin, motion in zip(course.begins, course.motions, strict=True)
+        for v in between_points(motion)
+    ]
+    violations.sort(key=lambda v: -v.amount / v.allowed)
+    tolerance = course.motions[0].problem.tolerance
     return Verdict(residual(program, solved, scale), tuple(violations), alone, followed, tolerance)
 
 
-def residual(program: Program, solved: Solved, scale: float) -> float:
+def _greatest_errors(course: Course, states: list[Array]) -> dict[str, float]:
+    """Greatest distance of each tip from the plan in any phase [m]."""
+    greatest: dict[str, float] = {}
+    for motion, found in zip(course.motions, states, strict=True):
+        for label, errors in tip_errors(motion, found).items():
+            greatest[label] = max(greatest.get(label, 0.0), float(errors.max()))
+    return greatest
+
+
+def residual(program: Solvable, solved: Solved, scale: float) -> float:
     """Greatest residual of the first-order conditions, with the solver's multipliers and nothing else of it.
 
     That of the Lagrangian's slope, and the products of multipliers with the room that their limits leave, are
