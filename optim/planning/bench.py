@@ -9,14 +9,14 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
-from optim.planning.chain import Chain, Link, Solvable
+from optim.planning.chain import Chain, Link, programs_of
 from optim.planning.early import check_momentum, check_reach, check_start
 from optim.planning.formulate import Phase, formulate_phases
 from optim.planning.functions import Instants, build_instants
 from optim.planning.lobatto import Lobatto
 from optim.planning.motion import Course, Motion
 from optim.planning.program import Program
-from optim.planning.solve import Solved
+from optim.planning.solve import Solvable, Solved
 from optim.planning.stage import Problem
 from optim.planning.verdict import Verdict
 from optim.problem.scenes import SceneRecipe
@@ -288,6 +288,9 @@ class Bench:
         """The motions of a solution, in all phases."""
         assert attempt.solved is not None
         program, w = self.program(ask, attempt.intervals), attempt.solved.w
-        programs, parts = (program.programs, program.parts(w)) if isinstance(program, Chain) else ((program,), [w])
-        motions = [Motion(p.problem, p.lobatto, p.intervals, *p.split(own)[::-1]) for p, own in zip(programs, parts, strict=False)]
+        programs, parts = programs_of(program), program.parts(w) if isinstance(program, Chain) else [w]
+        motions = [
+            Motion(p.problem, p.lobatto, p.intervals, *p.split(own)[::-1])
+            for p, own in zip(programs, parts, strict=False)
+        ]
         return Course(tuple(motions), tuple(parts[len(motions) :]))

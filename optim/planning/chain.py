@@ -12,7 +12,6 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import casadi as ca
 import numpy as np
@@ -21,7 +20,7 @@ from scipy import sparse
 from optim.planning.functions import Pattern, derived
 from optim.planning.grips import slip
 from optim.planning.program import Program, Sums
-from optim.planning.solve import Solved
+from optim.planning.solve import Solvable, Solved
 from optim.planning.stage import Stage
 from spacerobot.arrays import Array
 from spacerobot.dynamics import Inertias, forward_kinematics, inverse_dynamics
@@ -84,42 +83,6 @@ class Link:
         return np.array(self.functions[name](*given).full()).ravel()
 
 
-class Solvable(Protocol):
-    """What a solver asks of a program."""
-
-    size: int
-    rows: int
-
-    @property
-    def jacobian_pattern(self) -> sparse.csc_matrix:
-        """Where the constraints' first derivatives stand."""
-
-    @property
-    def hessian_pattern(self) -> sparse.csc_matrix:
-        """Where the upper triangle of the Lagrangian's second derivatives stands."""
-
-    def bounds(self) -> tuple[Array, Array]:
-        """Least and greatest unknowns."""
-
-    def limits(self) -> tuple[Array, Array]:
-        """Least and greatest values of the constraints."""
-
-    def objective(self, w: Array) -> float:
-        """Cost."""
-
-    def gradient(self, w: Array) -> Array:
-        """Of the cost."""
-
-    def constraints(self, w: Array) -> Array:
-        """All constraints."""
-
-    def jacobian(self, w: Array) -> Array:
-        """Entries of the constraints' first derivatives."""
-
-    def hessian(self, w: Array, factor: float, multipliers: Array) -> Array:
-        """Entries of the upper triangle of the Lagrangian's second derivatives."""
-
-
 class Chain:
     """Programs of phases in turn, and the links between them.
 
@@ -139,7 +102,7 @@ class Chain:
         first = np.cumsum([0, *self._sizes])
         self._joined = []  # the unknowns of each link
         for k, link in enumerate(links):
-            before, behind = programs[k], programs[k + 1]
+            before = programs[k]
             own = np.arange(before.nx)
             self._joined.append(
                 np.concatenate(
@@ -215,9 +178,7 @@ class Chain:
         ]
         found += [
             link.call("bends", w[own], weight)
-            for link, own, weight in zip(
-                self.links, self._joined, weights[len(self.programs) :], strict=True
-            )
+            for link, own, weight in zip(self.links, self._joined, weights[len(self.programs) :], strict=True)
         ]
         return self._hessian.entries(np.concatenate(found))
 
@@ -241,7 +202,10 @@ class Chain:
         for k, program in enumerate(self.programs):
             rows, columns = _places(program.hessian_pattern)
             found.append((at[k] + rows, at[k] + columns))
-        found += [(own[link.bends[0]], own[link.bends[1]]) for link, own in zip(self.links, self._joined, strict=True)]
+        found += [
+            (own[link.bends[0]], own[link.bends[1]])
+            for link, own in zip(self.links, self._joined, strict=True)
+        ]
         return _summed(found, (self.size, self.size))
 
 

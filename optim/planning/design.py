@@ -46,8 +46,12 @@ def cost_slopes(planned: Planned, paths: Sequence[str]) -> dict[str, float]:
     Raises
     ------
     ScenarioError
-        If there is no such number.
+        If there is no such number, or the plan has several phases.
     """
+    if len(planned.course.motions) > 1:
+        raise ScenarioError(
+            "slopes are told of plans of one phase", source=planned.scene.source, where="plan.phases"
+        )
     document, pressed = to_document(planned.scene.scenario), _multipliers(planned)
     found = {}
     for path in paths:

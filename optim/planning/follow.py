@@ -1,6 +1,7 @@
 """The scenario that follows a plan.
 
-Joints track the plan in the first phase. Where that phase has not ended with the plan it goes on as one of
+Joints track the plan in the first phase, or in the first phases where the plan has several; grasps that such
+a phase captures close when it ends. Where the last of them has not ended with the plan it goes on as one of
 its own: the scenario's controllers take over, and tips that were to be mated stay with their mating frames.
 All that follows is as in the scenario.
 """
@@ -8,6 +9,7 @@ All that follows is as in the scenario.
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -28,7 +30,7 @@ ALONE = "approach"
 
 
 def flown_phase(scenario: Scenario) -> str:
-    """Name of the phase in which a plan is flown, the first one; none without phases and open grasps."""
+    """Phase in which a plan of one phase is flown, the first one; none without phases and open grasps."""
     opens = any(grasp.begins == "open" for grasp in scenario.grasps.values())
     return next(iter(scenario.phases), ALONE if opens else "")
 
@@ -47,7 +49,7 @@ def following(planned: Planned) -> Scenario:
         return validate(_in_phases(planned, document))
     document["simulation"]["duration"] = planned.motion.duration_s
     for name, robot in document["robots"].items():
-        robot |= overlay(robot, _resting(robot)) | {"controllers": _tracking(planned, name, "plan")}
+        robot |= overlay(robot, _resting(robot)) | {"controllers": _tracking(planned, name, 0, "plan")}
         robot["actuators"] = _actuated(planned, name, robot["actuators"])
         for tip in robot["tips"].values():
             tip["controllers"] = {}
@@ -77,33 +79,62 @@ def _begin(planned: Planned, document: Document) -> None:
 
 
 def _in_phases(planned: Planned, document: Document) -> Document:
-    """The plan in the first phase, what is left of that phase behind it, and the phases that follow."""
-    scenario, flown = planned.scene.scenario, flown_phase(planned.scene.scenario)
-    own = scenario.phases or {flown: Phase()}
+    """The plan in the first phases, what is left of the last one behind it, and the phases that follow."""
+    scenario = planned.scene.scenario
+    flown = planned.names if any(planned.names) else (flown_phase(scenario),)
+    own = scenario.phases or {flown[0]: Phase()}
     phases = {name: phase.model_dump(mode="json") for name, phase in own.items()}
-    first, left = phases.pop(flown), _unused(f"{flown}_wait", set(phases))
-    first["then"], first["otherwise"] = successors(own)[flown]
-    first, rest = _parted(first, planned.motion.duration_s, left)
-    document["simulation"]["duration"] = max(planned.motion.duration_s, scenario.simulation.duration)
+    course, last = planned.course, flown[-1]
+    for k, name in enumerate(flown[:-1]):
+        _closing(document, phases[name], float(course.begins[k + 1]), course.motions[k].duration_s)
+    end, left = phases.pop(last), _unused(f"{last}_wait", set(phases))
+    end["then"], end["otherwise"] = successors(own)[last]
+    end, rest = _parted(end, course.motions[-1].duration_s, left)
+    document["simulation"]["duration"] = max(course.duration_s, scenario.simulation.duration)
     if rest is not None:
-        rest["robots"] = overlay(rest["robots"], _waiting(planned, flown))
-        phases = {left: rest, **phases}
-        if scenario.simulation.duration > planned.motion.duration_s:
-            first["captures"] = []  # behind the plan's end, where motions match
-            waits = (first["until"] or {}).get("captured") or ()
+        rest["robots"] = overlay(rest["robots"], _waiting(planned, last))
+        if scenario.simulation.duration > course.duration_s:
+            end["captures"] = []  # behind the plan's end, where motions match
+            waits = (end["until"] or {}).get("captured") or ()
             if any(scenario.grasps[name].begins == "open" for name in waits):
-                first["until"] = None  # it ends with the plan
-    key = _unused("plan", {name for robot in scenario.robots.values() for name in robot.controllers})
-    for name, robot in document["robots"].items():
-        first["robots"] = overlay(first["robots"], {name: _resting(robot)})
-        tracking = _tracking(planned, name, key)
-        if _has_controllers(robot):  # joints of one that has none stay where the plan leaves them
-            for phase in phases.values():
-                phase["robots"] = overlay(phase["robots"], {name: {"controllers": dict.fromkeys(tracking)}})
-        robot["controllers"] |= tracking
-        robot["actuators"] = _actuated(planned, name, robot["actuators"])
-    document["phases"] = {flown: first, **phases}
+                end["until"] = None  # it ends with the plan
+    order = [*flown, *([left] if rest is not None else []), *(name for name in own if name not in flown)]
+    phases |= {last: end} | ({} if rest is None else {left: rest})
+    phases = {name: phases[name] for name in order}
+    _track(planned, document, phases, flown)
+    document["phases"] = phases
     return document
+
+
+def _closing(document: Document, phase: Document, now: float, duration: float) -> None:
+    """Let a planned phase end after its duration, with what it captures closed then, in place."""
+    captured = (phase["until"] or {}).get("captured") or []
+    phase |= {"until": {"time": duration}, "at_most": None, "otherwise": None, "captures": captured}
+    if captured:
+        phase["until"] = {"captured": captured}
+    for name in captured:
+        before = document["grasps"][name]["capture"]
+        document["grasps"][name]["capture"] = {"at": now, **{k: before[k] for k in ("axis", "mated_deg")}}
+
+
+def _track(planned: Planned, document: Document, phases: Document, flown: Sequence[str]) -> None:
+    """Give each robot what follows each phase of the plan, and rests in all others, in place."""
+    taken = {name for robot in planned.scene.scenario.robots.values() for name in robot.controllers}
+    before = {name: dict(robot) for name, robot in document["robots"].items()}
+    for k, now in enumerate(flown):
+        key = _unused("plan" if len(flown) == 1 else f"plan_{now}", taken)
+        for name, robot in document["robots"].items():
+            resting = {name: _resting(before[name])}
+            phases[now]["robots"] = overlay(phases[now]["robots"], resting)
+            tracking = _tracking(planned, name, k, key)
+            others = [phase for other, phase in phases.items() if other != now]
+            if len(flown) == 1 and not _has_controllers(before[name]):
+                others = []  # joints of one that has none stay where the plan leaves them
+            for phase in others:
+                phase["robots"] = overlay(phase["robots"], {name: {"controllers": dict.fromkeys(tracking)}})
+            robot["controllers"] = {**robot["controllers"], **tracking}
+    for name, robot in document["robots"].items():
+        robot["actuators"] = _actuated(planned, name, robot["actuators"])
 
 
 def _parted(own: Document, duration: float, left: str) -> tuple[Document, Document | None]:
@@ -144,7 +175,8 @@ def _waiting(planned: Planned, flown: str) -> Document:
     scenario = planned.scene.scenario
     now = scenario.during(flown) if scenario.phases else scenario
     found: Document = {}
-    for goal in plan_of(planned.scene).goals.values():
+    plans = plan_of(planned.scene).by_phase
+    for goal in next(reversed(plans.values())).goals.values():
         if isinstance(goal, TipGoal):
             robot, _, tip = goal.tip.partition("/")
             reference = now.robots[robot].tips[tip].reference
@@ -165,22 +197,28 @@ def _unused(name: str, taken: set[str]) -> str:
     )
 
 
-def _tracking(planned: Planned, robot: str, key: str) -> Document:
-    """Controllers of a robot that follow the plan, by name."""
-    scene, driven, found = planned.scene, planned.motion.problem.stage.driven, {}
+def _tracking(planned: Planned, robot: str, k: int, key: str) -> Document:
+    """Controllers of a robot that follow a phase of the plan, by name."""
+    scene, driven = planned.scene, planned.course.motions[k].problem.stage.driven
+    file, found = {"file": PLAN} | ({"phase": planned.names[k]} if planned.names[k] else {}), {}
     if scene.body(robot).driven_joints:
-        found[key] = {"kind": "joint_tracking", "file": PLAN, **tracking_gains(scene, robot)}
+        found[key] = {"kind": "joint_tracking", **file, **tracking_gains(scene, robot)}
     if driven.of_base(robot):
-        found[f"{key}_base"] = {"kind": "base_tracking", "file": PLAN, **base_gains(scene, robot)}
+        found[f"{key}_base"] = {"kind": "base_tracking", **file, **base_gains(scene, robot)}
     return found
 
 
 def _actuated(planned: Planned, robot: str, actuators: Document) -> Document:
     """A robot's actuators, and an ideal one where they do not deliver what the plan asks of the base."""
-    scenario, axes = planned.scene.scenario, planned.motion.problem.stage.driven.of_base(robot)
+    scenario = planned.scene.scenario
+    axes = [a for motion in planned.course.motions for a in motion.problem.stage.driven.of_base(robot)]
     own = [part for _, one in scenario.robots[robot].driven_by() for part in one.base_wrench]
     if {"torque" if axis[0] == "t" else "force" for axis in axes} <= set(own):
         return actuators
-    limits = plan_of(planned.scene).limits
-    ideal = {"kind": "base_wrench", "force": limits.base_force or None, "torque": limits.base_torque or None}
+    limits = [plan.limits for plan in plan_of(planned.scene).by_phase.values()]
+    ideal = {
+        "kind": "base_wrench",
+        "force": max(bounds.base_force for bounds in limits) or None,
+        "torque": max(bounds.base_torque for bounds in limits) or None,
+    }
     return actuators | {_unused("plan", set(actuators)): ideal}

@@ -13,6 +13,8 @@ from optim.planning.grips import held
 from optim.planning.limits import instant_limits, path_rows, what_drives
 from optim.planning.stage import Problem, Stage
 from optim.planning.start import beginnings
+from spacerobot.elements.goal import Goal
+from spacerobot.elements.goals.mated import Mated
 from spacerobot.errors import ScenarioError
 from spacerobot.scenario.plan import Planning
 from spacerobot.scene import Scene
@@ -93,7 +95,7 @@ def formulate_phases(scene: Scene) -> tuple[Phase, ...]:
 
 
 def closed_in(scene: Scene, whole: Planning) -> Iterator[tuple[SceneGrasp, ...]]:
-    """Grasps that hold in each phase of a plan: those that phases before were to capture, and did not release.
+    """Grasps that hold in each phase of a plan: those that phases before it captured and did not release.
 
     Raises
     ------
@@ -114,13 +116,13 @@ def closed_in(scene: Scene, whole: Planning) -> Iterator[tuple[SceneGrasp, ...]]
             closed[grasp] = open_[grasp]
 
 
-def _check_mated(scene: Scene, grasp: SceneGrasp, goals: Mapping[str, object], phase: str) -> None:
+def _check_mated(scene: Scene, grasp: SceneGrasp, goals: Mapping[str, Goal], phase: str) -> None:
     """Refuse a capture that no goal leads to, or a spring that would be strained by it."""
     config, where = grasp.config, f"plan.phases.{phase}.goals"
     mating = [
         (name, goal)
         for name, goal in goals.items()
-        if getattr(goal, "tip", None) == config.tip and getattr(goal, "frame", None) == config.frame
+        if isinstance(goal, Mated) and (goal.tip, goal.frame) == (config.tip, config.frame)
     ]
     if not mating:
         raise ScenarioError(
@@ -130,7 +132,7 @@ def _check_mated(scene: Scene, grasp: SceneGrasp, goals: Mapping[str, object], p
             where=where,
         )
     name, goal = mating[0]
-    if not is_rigid(grasp) and getattr(goal, "standoff", 0.0):
+    if not is_rigid(grasp) and goal.standoff:
         raise ScenarioError(
             f"found a standoff, where {grasp.name!r} closes and its springs are at rest; leave it out",
             source=scene.source,

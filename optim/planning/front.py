@@ -156,6 +156,10 @@ def _asks(bench: Bench, wanted: Wanted) -> list[Ask]:
         If that cannot be.
     """
     weights, plain = bench.problem.weights, bench.asked()
+    if bench.later:
+        raise ScenarioError(
+            "a front takes a plan of one phase", source=bench.scene.source, where="plan.phases"
+        )
     for name in wanted.names:
         if name not in UNITS:
             raise ScenarioError(f"no term {name!r}; {near_names(name, UNITS)}", where="--pareto")

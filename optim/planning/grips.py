@@ -1,7 +1,7 @@
-"""Grasps that hold in a phase of a plan: rigid ones by an unknown wrench, others by their springs and dampers.
+"""Grasps that hold in a phase of a plan: rigid ones by an unknown wrench, others by springs and dampers.
 
-The wrench acts on the tip at its origin, and opposite on the target's point there. That of a rigid grasp does no
-work on motions that the grasp allows, so its generalized forces are A' w with A the slopes of the relative
+The wrench acts on the tip at its origin, and opposite on the target's point there. That of a rigid grasp does
+no work on motions that the grasp allows, so its generalized forces are A' w with A the slopes of the relative
 velocity A v, which is zero.
 """
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from optim.planning.motion import Motion
+from optim.planning.motion import Course
 from optim.planning.program import first_held
 from spacerobot.arrays import Array
 from spacerobot.elements.instant import Row
@@ -15,10 +17,13 @@ from spacerobot.elements.instant import Row
 SIDES = ["lower", "upper"]
 
 
-def held_variables(motion: Motion) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Variables and coordinates of a dataset: limits of joints, constraints over time and their limits."""
-    problem = motion.problem
-    model, driven = problem.stage.scene.model, problem.stage.driven
+def held_variables(course: Course, names: Sequence[str]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Variables and coordinates of a dataset: limits of joints, constraints over time and their limits.
+
+    Where a plan has several phases, a constraint carries its phase's name, and has no numbers in others.
+    """
+    stage = course.motions[0].problem.stage
+    model, driven = stage.scene.model, stage.driven
     first = model.nq + 2 * model.nv
     positions = [model.joints[joint].idx_q if model.joints[joint].nq == 1 else -1 for joint in driven.joints]
     places = {
@@ -27,31 +32,59 @@ def held_variables(motion: Motion) -> tuple[dict[str, Any], dict[str, Any]]:
         "torque": list(range(first, first + len(driven.joints))),
     }
     variables: dict[str, Any] = {
-        f"{name}_limit": (("joint", "side"), _limits(motion, own), {"long_name": f"limits of {name}"})
+        f"{name}_limit": (("joint", "side"), _limits(course, own), {"long_name": f"limits of {name}"})
         for name, own in places.items()
     }
     coordinates: dict[str, Any] = {"side": SIDES}
-    if problem.path:
-        rows = ca.densify(ca.vertcat(*(row.value for row in problem.path)))
-        values = np.array(ca.Function("path", [problem.stage.z], [rows])(motion.z.T).full())
-        told = [_told(row, value) for row, value in zip(problem.path, values, strict=True)]
-        begin = [first_held(motion.lobatto, motion.intervals, row.last) for row in problem.path]
+    found = [one for k, name in enumerate(names) for one in _constraints(course, k, name)]
+    if found:
         variables |= {
-            "constraint": (("time", "constraint_name"), np.array([one[0] for one in told]).T),
-            "constraint_limit": (("constraint_name", "side"), np.array([one[1] for one in told])),
-            "constraint_begin": ("constraint_name", np.array(begin) * motion.duration_s, {"units": "s"}),
+            "constraint": (("time", "constraint_name"), np.array([one.values for one in found]).T),
+            "constraint_limit": (("constraint_name", "side"), np.array([one.limits for one in found])),
+            "constraint_begin": ("constraint_name", np.array([one.begin for one in found]), {"units": "s"}),
         }
         coordinates |= {
-            "constraint_name": [row.name for row in problem.path],
-            "constraint_unit": ("constraint_name", [row.unit for row in problem.path]),
+            "constraint_name": [one.name for one in found],
+            "constraint_unit": ("constraint_name", [one.unit for one in found]),
         }
     return variables, coordinates
 
 
-def _limits(motion: Motion, places: list[int]) -> Array:
-    """Least and greatest of entries of an instant (n, 2); open where there is no entry."""
-    lower, upper = np.append(motion.problem.lower, -np.inf), np.append(motion.problem.upper, np.inf)
-    return np.stack([lower[places], upper[places]], axis=1)
+@dataclass(frozen=True, eq=False)
+class _Held:
+    """One constraint over all points, its limits, and when it begins to hold [s]."""
+
+    name: str
+    unit: str
+    values: Array
+    limits: Array
+    begin: float
+
+
+def _constraints(course: Course, k: int, phase: str) -> Iterator[_Held]:
+    """Those of one phase."""
+    motion, points = course.motions[k], [len(m.time) for m in course.motions]
+    rows = motion.problem.path
+    if not rows:
+        return
+    expression = ca.densify(ca.vertcat(*(row.value for row in rows)))
+    values = np.array(ca.Function("path", [motion.problem.stage.z], [expression])(motion.z.T).full())
+    for row, own in zip(rows, values, strict=True):
+        told, limits = _told(row, own)
+        over = np.full(sum(points), np.nan)
+        over[sum(points[:k]) : sum(points[: k + 1])] = told
+        share = first_held(motion.lobatto, motion.intervals, row.last)
+        begin = course.begins[k] + share * motion.duration_s
+        name = f"{phase}: {row.name}" if len(points) > 1 else row.name
+        yield _Held(name, row.unit, over, limits, begin)
+
+
+def _limits(course: Course, places: list[int]) -> Array:
+    """Least and greatest of entries of an instant in any phase (n, 2); open where there is no entry."""
+    problems = [motion.problem for motion in course.motions]
+    lower = np.array([np.append(problem.lower, -np.inf)[places] for problem in problems])
+    upper = np.array([np.append(problem.upper, np.inf)[places] for problem in problems])
+    return np.stack([lower.min(axis=0), upper.max(axis=0)], axis=1)
 
 
 def _told(row: Row, values: Array) -> tuple[Array, Array]:

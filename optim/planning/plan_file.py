@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import casadi as ca
 import numpy as np
 import pinocchio as pin
 import xarray as xr
@@ -17,6 +19,7 @@ from optim.planning.follow import PLAN, flown_phase, following
 from optim.planning.grips import axes_of
 from optim.planning.held import held_variables
 from optim.planning.make import Planned, statistics
+from optim.planning.motion import Motion
 from spacerobot.arrays import Array
 from spacerobot.errors import ResultError
 from spacerobot.files import staged, write_text
@@ -41,12 +44,50 @@ def check_plan_folder(folder: Path) -> None:
 
 
 def dataset(planned: Planned) -> xr.Dataset:
-    """A plan as labelled arrays, one row for each point of its mesh."""
-    motion, scene = planned.motion, planned.scene
-    model, driven = scene.model, motion.problem.stage.driven
-    q, v, a, u = motion.q, motion.v, motion.a, motion.u
+    """A plan as labelled arrays, one row for each point of its mesh; two where phases meet."""
+    course, scene = planned.course, planned.scene
+    model, driven = scene.model, planned.motion.problem.stage.driven
+    stages = [motion.problem.stage for motion in course.motions]
     count = len(driven.joints)
+    drives = {
+        name: column
+        for stage in stages
+        for name, column in zip(stage.driven.names[count:], stage.driven.columns[count:], strict=True)
+    }
+    grips = [
+        f"{grip.name}.{axis}"
+        for grip in scene.grasps
+        if any(grip in (*stage.grips, *stage.springs) for stage in stages)
+        for axis in axes_of(scene, grip)
+    ]
+    parts = [_over_time(scene, motion, drives, grips) for motion in course.motions]
+    variables: dict[str, Any] = {
+        name: (dims, np.concatenate([part[name][1] for part in parts]), told)
+        for name, (dims, _, told) in parts[0].items()
+    }
+    names = planned.names if any(planned.names) else (flown_phase(scene.scenario),)
+    if any(names):
+        phases = [name for name, m in zip(names, course.motions, strict=True) for _ in m.time]
+        variables["phase"] = ("time", phases, {"long_name": "phase of the scenario"})
+    coordinates: dict[str, Any] = {
+        "time": ("time", course.time, {"units": "s", "long_name": "time"}),
+        "configuration": _entries(model, "nq"),
+        "velocity": _entries(model, "nv"),
+        "joint": list(driven.names[:count]),
+        "tip": [tip.label for tip in scene.tips],
+        "axis": AXES,
+    }
+    coordinates |= ({"drive": list(drives)} if drives else {}) | ({"grip": grips} if grips else {})
+    held, sides = held_variables(course, planned.names)
+    return xr.Dataset(variables | held, coordinates | sides, _attributes(planned))
+
+
+def _over_time(scene: Scene, motion: Motion, drives: Mapping[str, int], grips: list[str]) -> dict[str, Any]:
+    """Variables over the points of one phase, with axes of bases and grasps that others drive or hold."""
+    stage = motion.problem.stage
+    driven, count = stage.driven, len(stage.driven.joints)
     columns = list(driven.columns[:count])
+    q, v, a, u = motion.q, motion.v, motion.a, motion.u
     tips = _tips(scene, q, v)
     variables: dict[str, Any] = {
         "q": (("time", "configuration"), q, _told("m, rad or 1", "configuration in Pinocchio's coordinates")),
@@ -71,32 +112,27 @@ def dataset(planned: Planned) -> xr.Dataset:
     }
     for name, unit, text in TIP_MOTION:
         variables[name] = (("time", "tip", "axis"), tips[name], _told(unit, text))
-    if len(driven.names) > count:
+    if drives:
         told = _told("N or N m", "ideal forces and torques on bases, in their own axes")
-        variables["base_wrench"] = (("time", "drive"), u[:, count:], told)
+        wrench = _spread(list(drives), driven.names[count:], u[:, count:])
+        variables["base_wrench"] = (("time", "drive"), wrench, told)
         told = _told("m/s or rad/s", "velocities and spins of bases along and about these axes")
-        variables["base_rate"] = (("time", "drive"), v[:, list(driven.columns[count:])], told)
-    phase = flown_phase(scene.scenario)
-    if phase:
-        variables["phase"] = ("time", [phase] * len(motion.time), {"long_name": "phase of the scenario"})
-    gripped = motion.problem.stage.grips
-    if gripped:
+        variables["base_rate"] = (("time", "drive"), v[:, list(drives.values())], told)
+    if grips:
         told = _told("N or N m", "forces and torques of grasps on tips, world axes")
-        variables["grip_wrench"] = (("time", "grip"), motion.w, told)
-    coordinates: dict[str, Any] = {
-        "time": ("time", motion.time, {"units": "s", "long_name": "time"}),
-        "configuration": _entries(model, "nq"),
-        "velocity": _entries(model, "nv"),
-        "joint": list(driven.names[:count]),
-        "tip": [tip.label for tip in scene.tips],
-        "axis": AXES,
-    }
-    if len(driven.names) > count:
-        coordinates["drive"] = list(driven.names[count:])
-    if gripped:
-        coordinates["grip"] = [f"{grip.name}.{axis}" for grip in gripped for axis in axes_of(scene, grip)]
-    held, sides = held_variables(motion)
-    return xr.Dataset(variables | held, coordinates | sides, _attributes(planned))
+        closed = (*stage.grips, *stage.springs)
+        own = [f"{grip.name}.{axis}" for grip in closed for axis in axes_of(scene, grip)]
+        wrenches = ca.vertcat(ca.SX(0, 1), *(part for grip in closed for part in stage.wrench(grip)))
+        values = np.array(ca.Function("grip", [stage.z], [ca.densify(wrenches)])(motion.z.T).full()).T
+        variables["grip_wrench"] = (("time", "grip"), _spread(grips, own, values), told)
+    return variables
+
+
+def _spread(names: Sequence[str], own: Sequence[str], values: Array) -> Array:
+    """Columns of one's own names among all names; zeros elsewhere."""
+    found = np.zeros((len(values), len(names)))
+    found[:, [names.index(name) for name in own]] = values
+    return found
 
 
 TIP_MOTION = (
@@ -109,13 +145,18 @@ TIP_MOTION = (
 
 def summary(planned: Planned) -> dict[str, Any]:
     """What is known of a plan, plain."""
-    motion, verdict = planned.motion, planned.verdict
+    course, verdict = planned.course, planned.verdict
+    phases = [
+        {"name": name, "duration_s": motion.duration_s, "intervals": motion.intervals}
+        for name, motion in zip(planned.names, course.motions, strict=True)
+    ]
     return {
         "scenario": planned.scene.scenario.name,
-        "duration_s": motion.duration_s,
-        "intervals": motion.intervals,
-        "order": 2 * motion.lobatto.points - 2,
-        "unknowns": len(motion.unknowns),
+        "duration_s": course.duration_s,
+        "phases": phases if len(phases) > 1 else [],
+        "intervals": sum(motion.intervals for motion in course.motions),
+        "order": 2 * planned.motion.lobatto.points - 2,
+        "unknowns": len(course.unknowns),
         "cost": planned.cost,
         "terms": dict(planned.terms),
         "verdict": {
@@ -183,9 +224,9 @@ def _attributes(planned: Planned) -> dict[str, Any]:
         "status": "solved",
         "interpolation": "lobatto",
         "points": motion.lobatto.points,
-        "intervals": motion.intervals,
+        "intervals": sum(motion.intervals for motion in planned.course.motions),
         "order": 2 * motion.lobatto.points - 2,
-        "duration_s": motion.duration_s,
+        "duration_s": planned.course.duration_s,
         "cost": planned.cost,
         "residual": verdict.residual,
         "replay_error_m": verdict.replay_error_m,

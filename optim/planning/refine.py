@@ -6,10 +6,10 @@ import dataclasses
 
 import numpy as np
 
-from optim.planning.chain import Chain, Solvable, programs_of
+from optim.planning.chain import Chain, programs_of
 from optim.planning.motion import Motion
 from optim.planning.program import Program
-from optim.planning.solve import Solved, Told, solve
+from optim.planning.solve import Solvable, Solved, Told, solve
 from spacerobot.arrays import Array
 
 

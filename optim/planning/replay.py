@@ -29,7 +29,6 @@ from spacerobot.dynamics import (
 from spacerobot.dynamics.algebra import SymmetricFactors
 from spacerobot.dynamics.joints import sparse
 from spacerobot.rollout import build_rollout
-from spacerobot.scene import Scene
 
 LONGEST_STEP = 0.01
 """[s] Of the replay."""
@@ -131,7 +130,7 @@ def replays_of(course: Course, backend: str = "auto") -> tuple[list[Array], list
     for motion in course.motions:
         stage, starts = motion.problem.stage, None
         if alone:
-            starts = tuple(struck(stage, states[-1][-1]) for states in (alone, followed))
+            starts = struck(stage, alone[-1][-1]), struck(stage, followed[-1][-1])
         for states, found in zip((alone, followed), replays(motion, backend, starts), strict=True):
             states.append(found)
     return alone, followed

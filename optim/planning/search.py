@@ -7,12 +7,12 @@ import dataclasses
 import numpy as np
 
 from optim.planning.bench import Ask, Attempt, Bench, Solve
-from optim.planning.chain import Solvable, programs_of
+from optim.planning.chain import programs_of
 from optim.planning.guess import guesses, stretched
 from optim.planning.motion import Course
 from optim.planning.program import Program
 from optim.planning.refine import carried
-from optim.planning.solve import Solved, solve
+from optim.planning.solve import Solvable, Solved, solve
 from optim.planning.verdict import Verdict, judge
 from spacerobot.arrays import Array
 

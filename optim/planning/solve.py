@@ -10,13 +10,12 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import casadi as ca
 import numpy as np
 from scipy import sparse
 
-from optim.planning.program import Program
 from spacerobot.arrays import Array
 
 PATIENCE = 30
@@ -29,6 +28,42 @@ THROWN = "NonIpopt_Exception_Thrown"
 
 Told = Callable[[int, float, float], None]
 """Called at each iteration with its number, the cost and the greatest violation."""
+
+
+class Solvable(Protocol):
+    """What a solver asks of a program."""
+
+    size: int
+    rows: int
+
+    @property
+    def jacobian_pattern(self) -> sparse.csc_matrix:
+        """Where the constraints' first derivatives stand."""
+
+    @property
+    def hessian_pattern(self) -> sparse.csc_matrix:
+        """Where the upper triangle of the Lagrangian's second derivatives stands."""
+
+    def bounds(self) -> tuple[Array, Array]:
+        """Least and greatest unknowns."""
+
+    def limits(self) -> tuple[Array, Array]:
+        """Least and greatest values of the constraints."""
+
+    def objective(self, w: Array) -> float:
+        """Cost."""
+
+    def gradient(self, w: Array) -> Array:
+        """Of the cost."""
+
+    def constraints(self, w: Array) -> Array:
+        """All constraints."""
+
+    def jacobian(self, w: Array) -> Array:
+        """Entries of the constraints' first derivatives."""
+
+    def hessian(self, w: Array, factor: float, multipliers: Array) -> Array:
+        """Entries of the upper triangle of the Lagrangian's second derivatives."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +99,7 @@ class Solved:
 
 
 def solve(
-    program: Program,
+    program: Solvable,
     first: Array,
     warm: Solved | None = None,
     *,
@@ -112,7 +147,7 @@ def solve(
 
 
 def _solve(
-    program: Program, first: Array, warm: Solved | None, ipopt: dict[str, Any], told: Told | None
+    program: Solvable, first: Array, warm: Solved | None, ipopt: dict[str, Any], told: Told | None
 ) -> Solved:
     begin = time.perf_counter()
     bridge = _Bridge(program)
@@ -193,7 +228,7 @@ def loaded_blas() -> Iterator[ctypes.CDLL]:
 class _Bridge:
     """A program as the functions that CasADi's interface to IPOPT asks for."""
 
-    def __init__(self, program: Program) -> None:
+    def __init__(self, program: Solvable) -> None:
         self.interrupted, self.seconds = False, 0.0
         self.fault: Exception | None = None
         n, m = program.size, program.rows
@@ -301,7 +336,7 @@ class _Called(ca.Callback):
 class _Watch(ca.Callback):
     """Tells of each iteration, and ends the solver where it was interrupted."""
 
-    def __init__(self, program: Program, bridge: _Bridge, told: Told | None) -> None:
+    def __init__(self, program: Solvable, bridge: _Bridge, told: Told | None) -> None:
         ca.Callback.__init__(self)
         self._bridge, self._told, self._count = bridge, told, -1
         self._sizes = {"x": program.size, "f": 1, "g": program.rows, "lam_x": program.size}

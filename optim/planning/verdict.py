@@ -9,11 +9,10 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from optim.planning.chain import Solvable
 from optim.planning.motion import Course, Motion
 from optim.planning.program import first_held
 from optim.planning.replay import replays_of, tip_errors
-from optim.planning.solve import Solved
+from optim.planning.solve import Solvable, Solved
 from spacerobot.arrays import Array
 
 RESIDUAL = 1e-6
@@ -113,9 +112,7 @@ class Verdict:
         return found
 
 
-def judge(
-    course: Course, program: Solvable, solved: Solved, scale: float, backend: str = "auto"
-) -> Verdict:
+def judge(course: Course, program: Solvable, solved: Solved, scale: float, backend: str = "auto") -> Verdict:
     """Verdict on a motion and the multipliers found with it.
 
     Parameters

@@ -170,11 +170,14 @@ def _front(scene: Scene, asked: tuple[str, int], out: Path | None, how: dict[str
 
 def _show(planned: Planned) -> None:
     """Print the plan's numbers, its verdict, and what each run of the solver took."""
-    motion, verdict = planned.motion, planned.verdict
-    order = 2 * motion.lobatto.points - 2
+    course, verdict = planned.course, planned.verdict
+    order = 2 * planned.motion.lobatto.points - 2
+    intervals = sum(motion.intervals for motion in course.motions)
+    phases = zip(planned.names, course.motions, strict=True)
     rows = [
-        ("duration", f"{motion.duration_s:.6g} s"),
-        ("mesh", f"{motion.intervals} intervals of order {order}, {len(motion.unknowns)} unknowns"),
+        ("duration", f"{course.duration_s:.6g} s"),
+        *((f"  {name}", f"{motion.duration_s:.6g} s") for name, motion in phases if name),
+        ("mesh", f"{intervals} intervals of order {order}, {len(course.unknowns)} unknowns"),
         ("cost", f"{planned.cost:.6g}"),
         *((f"  {name.replace('_', ' ')}", f"{value:.6g}") for name, value in planned.terms.items()),
         ("first-order residual", f"{verdict.residual:.1e}"),

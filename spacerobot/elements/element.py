@@ -34,8 +34,8 @@ class Element(Section):
     kind: str
 
     @classmethod
-    def read(cls, file: Path, where: str) -> Mapping[str, Any]:
-        """What a file says, as :attr:`fills` takes it, for the section at a dotted path.
+    def read(cls, file: Path, where: str, phase: str | None = None) -> Mapping[str, Any]:
+        """What a file says, as :attr:`fills` takes it, for the section at a dotted path; of a phase if told.
 
         Raises
         ------

@@ -18,15 +18,15 @@ BASES = ("base_wrench", "base_rate")
 TIPS = ("tip_position", "tip_velocity", "tip_rotation", "tip_spin")
 
 
-def read_joints(file: Path, where: str) -> Mapping[str, Any]:
-    """Joint motion, plain, of the robot that a dotted path belongs to.
+def read_joints(file: Path, where: str, phase: str | None = None) -> Mapping[str, Any]:
+    """Joint motion, plain, of the robot that a dotted path belongs to; that of one phase if it is named.
 
     Raises
     ------
     ScenarioError
-        If the file is no plan or has no joints of that robot.
+        If the file is no plan or has no joints of that robot, or not that phase.
     """
-    plan, robot = _opened(file, JOINTS), _keys(where)[1]
+    plan, robot = _during(_opened(file, JOINTS), phase), _keys(where)[1]
     owners = {str(label).partition("/")[0] for label in plan.joint.values}
     if robot not in owners:
         raise ScenarioError(f"a plan without robot {robot!r}; {near_names(robot, owners)}", source=file)
@@ -40,15 +40,15 @@ def read_joints(file: Path, where: str) -> Mapping[str, Any]:
     }
 
 
-def read_base(file: Path, where: str) -> Mapping[str, Any]:
-    """What drives the base of the robot that a dotted path belongs to, plain.
+def read_base(file: Path, where: str, phase: str | None = None) -> Mapping[str, Any]:
+    """What drives the base of the robot that a dotted path belongs to, plain; in one phase if it is named.
 
     Raises
     ------
     ScenarioError
-        If the file is no plan or drives no base of that robot.
+        If the file is no plan or drives no base of that robot, or has not that phase.
     """
-    plan, robot = _opened(file, BASES), _keys(where)[1]
+    plan, robot = _during(_opened(file, BASES), phase), _keys(where)[1]
     labels = [str(label) for label in plan.drive.values if str(label).startswith(f"{robot}/")]
     if not labels:
         owners = {str(label).partition("/")[0] for label in plan.drive.values}
@@ -81,10 +81,10 @@ def read_tip(file: Path, where: str) -> Mapping[str, Any]:
     known = [str(name) for name in plan.tip.values]
     if label not in known:
         raise ScenarioError(f"a plan without tip {label!r}; {near_names(label, known)}", source=file)
-    first, last = 0, plan.sizes["time"] - 1
-    if where.startswith("phases.") and _phases(plan):
-        first, last = _phases(plan).get(where.split(".")[1], (first, last))
-    own = plan.sel(tip=label).isel(time=slice(first, last + 1))
+    phases, name = _phases(plan), where.split(".")[1]
+    if where.startswith("phases.") and name in phases:
+        plan = _during(plan, name)
+    own = plan.sel(tip=label)
     position, velocity, rotation, spin = (_rows(own, name, ("time", "axis")).tolist() for name in TIPS)
     times = (own.time.values - own.time.values[0]).tolist()
     return {
@@ -152,11 +152,34 @@ def _points(plan: xr.Dataset) -> int:
     return int(found) if isinstance(found, int | np.integer) else 0
 
 
+def _during(plan: xr.Dataset, phase: str | None) -> xr.Dataset:
+    """Rows of one phase, time from its beginning; all where none is named.
+
+    Raises
+    ------
+    ScenarioError
+        If there is no such phase.
+    """
+    phases = _phases(plan)
+    if phase is None:
+        if (np.diff(plan.time.values) == 0).any():
+            raise ScenarioError(f"a plan of several phases: name one by `phase`: {', '.join(phases)}")
+        return plan
+    if phase not in phases:
+        raise ScenarioError(f"a plan without phase {phase!r}; {near_names(phase, phases)}")
+    first, last = phases[phase]
+    own = plan.isel(time=slice(first, last + 1)).drop_vars("phase")
+    return own.assign_coords(time=own.time - own.time[0])
+
+
 def _phases(plan: xr.Dataset) -> dict[str, tuple[int, int]]:
-    """First and last knot of each phase of a plan, by name; none where it tells no phases."""
+    """First and last row of each phase of a plan, by name; none where it tells no phases.
+
+    A phase ends with a row of its own at the time at which the next one begins, or with the next one's first.
+    """
     if "phase" not in plan.variables:
         return {}
-    names = [str(name) for name in plan.phase.values]
+    names, times = [str(name) for name in plan.phase.values], plan.time.values
     starts = [i for i, name in enumerate(names) if i == 0 or names[i - 1] != name]
-    ends = [*starts[1:], len(names) - 1]
+    ends = [i - 1 if times[i - 1] == times[i] else i for i in starts[1:]] + [len(names) - 1]
     return {names[a]: (a, b) for a, b in zip(starts, ends, strict=True) if names[a]}

@@ -27,6 +27,11 @@ def plan_file() -> Any:
     )
 
 
+def plan_phase() -> Any:
+    """Field of an element that follows one phase of a plan that has several."""
+    return Field(default=None, description="which phase of the plan, if not all of it")
+
+
 def check_given(file: str | None, knots: object) -> None:
     """Refuse an element that follows no plan.
 

@@ -221,6 +221,8 @@ def check_planned(names: list[str], phases: Phases) -> None:
     ValueError
         Its text begins with the dotted path.
     """
+    if not names:
+        return
     for name in names:
         if name not in phases:
             told = near_names(name, phases) if phases else "the scenario has no `phases`"
@@ -233,8 +235,8 @@ def check_planned(names: list[str], phases: Phases) -> None:
     for name, wanted in zip(names, turn, strict=True):
         if name != wanted:
             raise ValueError(
-                f"plan.phases.{name}: found where {wanted!r} is in turn; plan the scenario's first phases, in "
-                f"the order in which they follow each other"
+                f"plan.phases.{name}: found where {wanted!r} is in turn; plan the scenario's first phases, "
+                "as they follow each other"
             )
 
 

@@ -206,7 +206,9 @@ class Planning(Section):
     """The planning problem, and how well it is to be solved."""
 
     duration: Span = quantity(
-        "s", "duration, or the limits between which it is free; missing where phases give theirs", default=None
+        "s",
+        "duration, or the limits between which it is free; missing where phases give theirs",
+        default=None,
     )
     goals: dict[Name, Annotated[Goal, Family("goal")]] = Field(
         default={}, description="what holds at the end, by name; those of phases stand there"
@@ -221,8 +223,8 @@ class Planning(Section):
     sights: dict[Name, Sight] = Field(default={}, description="lines of sight that are kept, by name")
     phases: dict[Name, dict[str, Any]] = Field(
         default={},
-        description="the scenario's first phases, planned as one motion: duration and goals of each, and what "
-        "else differs from the section, nested as in it; null for what does not hold there",
+        description="the scenario's first phases, planned as one motion: duration and goals of each, and "
+        "what else differs from the section, nested as in it; null for what does not hold there",
     )
     intervals: int = Field(default=16, ge=2, le=2000, description="intervals of the first mesh")
     most_intervals: int = Field(

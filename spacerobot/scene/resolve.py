@@ -76,7 +76,9 @@ def read_files(document: Document, *, source: Path | None) -> None:
         if section.get("file") is None or section.get(str(kind.fills)) is not None:
             continue
         try:
-            section[str(kind.fills)] = kind.read(_inside(section["file"], source), where)
+            section[str(kind.fills)] = kind.read(
+                _inside(section["file"], source), where, section.get("phase")
+            )
         except ScenarioError as fault:
             found = (
                 f"{fault.source.name}: {fault.message}" if isinstance(fault.source, Path) else fault.message

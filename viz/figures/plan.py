@@ -83,7 +83,7 @@ def plan_constraints(plan: xr.Dataset) -> Drawing:
         own = plan.sel(constraint_name=name)
         scale, unit = unit_scale(str(own.constraint_unit.values))
         values, limits = own.constraint.values * scale, own.constraint_limit.values * scale
-        holds = time >= float(own.constraint_begin) - 1e-9
+        holds = (time >= float(own.constraint_begin) - 1e-9) & np.isfinite(values)
         panel.plot(time, values, **line(0))
         for limit in limits[np.isfinite(limits)]:
             panel.plot(time[holds], np.full(holds.sum(), limit), color="0.35", linewidth=0.9, linestyle="--")

@@ -77,7 +77,9 @@ def _motion(scene: Scene, plan: xr.Dataset) -> Motion:
 
 
 def _over(time: Array, values: Array, wanted: Array) -> Array:
-    return np.asarray(CubicSpline(time, values, axis=0)(wanted))
+    """Values between rows; where two phases meet, one of two rows of the same time is taken."""
+    first = np.append(True, np.diff(time) > 0)
+    return np.asarray(CubicSpline(time[first], values[first], axis=0)(wanted))
 
 
 def _target(scene: Scene, motion: Motion, flown: Any) -> Any:

@@ -20,10 +20,10 @@ from spacerobot.elements.context import RobotContext
 from spacerobot.elements.contribution import Contribution, Torque
 from spacerobot.elements.controller import RobotController
 from spacerobot.elements.knots import Knots
-from spacerobot.elements.planned import BaseMotion, check_given, known, plan_file
+from spacerobot.elements.planned import BaseMotion, check_given, known, plan_file, plan_phase
 from spacerobot.elements.registry import register
 from spacerobot.elements.robot_element import Part, RobotFacts
-from spacerobot.section import quantity
+from spacerobot.section import Name, quantity
 
 PLANAR, SPATIAL = ("fx", "fy", "tz"), ("fx", "fy", "fz", "tx", "ty", "tz")
 
@@ -37,6 +37,7 @@ class BaseTracking(RobotController):
     kind: Literal["base_tracking"] = "base_tracking"
     fills: ClassVar[str | None] = "knots"
     file: str | None = plan_file()
+    phase: Name | None = plan_phase()
     knots: BaseMotion | None = Field(default=None, description="the planned motion, if not in a file")
     kd_linear: float = quantity("N s/m", "gain of the velocity", default=0.0, ge=0)
     kd_angular: float = quantity("N m s/rad", "gain of the spin", default=0.0, ge=0)
@@ -48,11 +49,11 @@ class BaseTracking(RobotController):
         return self
 
     @classmethod
-    def read(cls, file: Path, where: str) -> Mapping[str, Any]:
+    def read(cls, file: Path, where: str, phase: str | None = None) -> Mapping[str, Any]:
         """Motion of the robot's base."""
         from spacerobot.elements.plan_file import read_base
 
-        return read_base(file, where)
+        return read_base(file, where, phase)
 
     @property
     def planned(self) -> BaseMotion:

@@ -21,11 +21,11 @@ from spacerobot.elements.contribution import Contribution
 from spacerobot.elements.controller import RobotController
 from spacerobot.elements.joint_position import nearest_position
 from spacerobot.elements.knots import Knots
-from spacerobot.elements.planned import JointMotion, check_given, known, plan_file
+from spacerobot.elements.planned import JointMotion, check_given, known, plan_file, plan_phase
 from spacerobot.elements.registry import register
 from spacerobot.elements.robot_element import RobotFacts
 from spacerobot.elements.sensor import measured
-from spacerobot.section import quantity
+from spacerobot.section import Name, quantity
 
 APART = 1e-3
 """Distance from the plan's beginning [rad or m] from which on a user is told."""
@@ -38,6 +38,7 @@ class JointTracking(RobotController):
     kind: Literal["joint_tracking"] = "joint_tracking"
     fills: ClassVar[str | None] = "knots"
     file: str | None = plan_file()
+    phase: Name | None = plan_phase()
     knots: JointMotion | None = Field(default=None, description="the planned motion, if not in a file")
     kp: float = quantity("N m/rad or N/m", "proportional gain", default=0.0, ge=0)
     kd: float = quantity("N m s/rad or N s/m", "derivative gain", default=0.0, ge=0)
@@ -49,11 +50,11 @@ class JointTracking(RobotController):
         return self
 
     @classmethod
-    def read(cls, file: Path, where: str) -> Mapping[str, Any]:
+    def read(cls, file: Path, where: str, phase: str | None = None) -> Mapping[str, Any]:
         """Motion of the robot's joints."""
         from spacerobot.elements.plan_file import read_joints
 
-        return read_joints(file, where)
+        return read_joints(file, where, phase)
 
     def build(self, robot: RobotContext) -> Contribution:
         """Torques."""
@@ -110,7 +111,7 @@ class JointTracking(RobotController):
     def cautions(self, robot: RobotFacts) -> Iterable[str]:
         """A plan that begins elsewhere than the robot."""
         motion = self.planned
-        if motion.phases:
+        if motion.phases or self.phase is not None:
             return
         apart = {
             name: abs(motion.position[0][motion.joints.index(name)] - begin)

@@ -37,8 +37,9 @@ class Plan(Reference):
         return self
 
     @classmethod
-    def read(cls, file: Path, where: str) -> Mapping[str, Any]:
-        """Motion of the tip."""
+    def read(cls, file: Path, where: str, phase: str | None = None) -> Mapping[str, Any]:
+        """Motion of the tip, in the phase that the path is in."""
+        del phase
         from spacerobot.elements.plan_file import read_tip
 
         return read_tip(file, where)

@@ -15,7 +15,7 @@ from optim.planning.formulate import formulate
 from optim.planning.functions import build_instants
 from optim.planning.lobatto import Lobatto
 from optim.planning.make import make_plan
-from optim.planning.motion import Motion
+from optim.planning.motion import Course, Motion
 from optim.planning.plan_file import FOLLOWED, SUMMARY, write
 from optim.planning.program import Program
 from optim.planning.replay import replays, tip_errors
@@ -129,7 +129,7 @@ def test_what_is_written_is_flown(planned, tmp_path):
 def test_feedback_takes_back_torques_that_are_wrong_as_the_follower_does(planned, tmp_path):
     z = planned.motion.z.copy()
     z[:, -3:] *= 1.2
-    wrong = dataclasses.replace(planned, motion=dataclasses.replace(planned.motion, z=z))
+    wrong = dataclasses.replace(planned, course=Course((dataclasses.replace(planned.motion, z=z),)))
     alone, followed = replays(wrong.motion, "interpreted")
     errors = [tip_errors(wrong.motion, states)["one/tip"][-1] for states in (alone, followed)]
     assert errors[0] > 0.02
