@@ -54,11 +54,13 @@ class Replayed:
     gaps: ca.Function
     guards: ca.Function
     update: ca.Function
+    rows: ca.Function
     nz: int = 0
     jumps: tuple[int, ...] = ()
     switches: tuple[int, ...] = ()
     events: tuple[()] = ()
     fine: tuple[tuple[int, float, float], ...] = ()
+    tables: tuple[()] = ()
     max_gaps: Mapping[str, float] = dataclasses.field(default_factory=dict)
 
     @classmethod
@@ -102,6 +104,7 @@ class Replayed:
             ca.Function("gaps", [p], [none], ["p"], ["gap"]),
             ca.Function("guards", [*at, xdot], [none, none], [*at_names, "xdot"], ["g", "rate"]),
             ca.Function("update", [*at, e], [x], [*at_names, "e"], ["x_after"]),
+            ca.Function("rows", at, [none], at_names, ["row"]),
         )
 
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from spacerobot.arrays import Array
 from spacerobot.rollout import ClosedLoopFunctions, EventRule, Signals
+from spacerobot.rollout.protocol import TableRule
 
 
 @dataclass(frozen=True)
@@ -36,6 +37,8 @@ class DerivedLoop:
     switches: tuple[int, ...]
     events: Sequence[EventRule]
     fine: tuple[tuple[int, float, float], ...]
+    tables: Sequence[TableRule]
+    rows: ca.Function
     guards: ca.Function
     update: ca.Function
 
@@ -80,6 +83,8 @@ def tie(
         tuple(loop.switches),
         tuple(loop.events),
         tuple(loop.fine),
+        tuple(loop.tables),
+        loop.rows,
         loop.guards,
         loop.update,
     )
@@ -136,6 +141,8 @@ def extend(
         tuple(loop.switches),
         tuple(loop.events),
         tuple(loop.fine),
+        tuple(loop.tables),
+        _function("rows", at, {"row": ca.SX(loop.rows(t, x[:nx], c[:nc]))}) if loop.tables else loop.rows,
         *_extended_events(loop, at),
     )
 

@@ -169,6 +169,8 @@ def _assemble(builder: Builder, found: _Evaluated) -> ClosedLoop:
         works={work.name: 1 if work.sign == "in" else -1 for work in found.works},
         outside=unbooked(builder.scene),
         jumps=constants.jumps,
+        tables=constants.tables,
+        rows=_function("rows", arguments, {"row": ca.densify(constants.cursors)}),
         **_hybrid(builder, acting, arguments),
     )
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import casadi as ca
 
@@ -11,6 +12,7 @@ from spacerobot.arrays import Array
 from spacerobot.closedloop.events import EventRule
 from spacerobot.errors import ScenarioError, near_names
 from spacerobot.notebook import html_table
+from spacerobot.symbolic import Table
 
 
 @dataclass(frozen=True)
@@ -88,6 +90,11 @@ class ClosedLoop:
     fine
         Places in ``switches``, each with the longest step [s] while that switch is 1, and over how many of
         these steps grow at the beginning of that time and shrink at its end.
+    tables
+        Tables in c, each with a window that shows one row; the functions see the windows alone, which
+        ``setup`` gives the first rows and rollouts the present ones, as :meth:`at` does.
+    rows
+        (t, x, c) -> (row): the present row of each cursor, which changes at jumps and events alone.
     """
 
     parameter_paths: tuple[str, ...]
@@ -111,6 +118,26 @@ class ClosedLoop:
     guards: ca.Function
     update: ca.Function
     fine: tuple[tuple[int, float, float], ...]
+    tables: tuple[Table, ...]
+    rows: ca.Function
+
+    def at(self, t: Any, x: Any, c: Any) -> Any:
+        """Constants (nc x 1) with the rows of tables in their windows that hold at an instant.
+
+        Parameters
+        ----------
+        t, x, c
+            Time [s], state and constants, numbers or symbols.
+        """
+        rows = self.rows(t, x, c)
+        found = type(rows)(c)
+        for table in self.tables:
+            block = ca.reshape(found[table.first : table.window], table.width, table.count)
+            shown = block[:, 0]
+            for k in range(1, table.count):
+                shown = ca.if_else(rows[table.cursor] == k, block[:, k], shown)
+            found[table.window : table.window + table.width] = shown
+        return found
 
     @property
     def breakpoints(self) -> tuple[float, ...]:

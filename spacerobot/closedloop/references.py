@@ -259,7 +259,7 @@ class Lead:
     @property
     def events(self) -> tuple[Event, ...]:
         """Instants at which a reference jumps, or a sensor measures."""
-        jumps = (event for since in self.sinces for event in since.jumps.values())
+        jumps = (event for since in self.sinces for event in (*since.jumps.values(), *since.knots))
         return (*jumps, *(one.event for one in self.held.values()))
 
 

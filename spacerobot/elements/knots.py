@@ -1,8 +1,8 @@
-"""Motions through knots, cheap for many joints: what depends on time alone is computed once.
+"""Motions through knots: a rollout hands in those of the present interval, so many cost no more than few.
 
 Time is cut into intervals by knots; in each lie s points in the same way, the first and the last on its ends.
 A position is the polynomial of degree 2 s - 1 that has the values and rates given at the points (the cubic
-for s = 2), a force that of degree s - 1 (linear for s = 2).
+for s = 2), a force that of degree s - 1 (linear for s = 2). Behind the last knot everything rests.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import casadi as ca
 import numpy as np
 
 from spacerobot.arrays import Array
+from spacerobot.elements.event import Event
 from spacerobot.elements.motion import Profile
 from spacerobot.elements.numbers import Context
 
@@ -23,14 +24,14 @@ ROUNDING = 1e-12
 
 @dataclass(frozen=True)
 class Knots:
-    """Where an instant lies among n intervals; behind the last one everything rests.
+    """Where an instant lies among n intervals, and tables of what belongs to them and to what is behind them.
 
     Attributes
     ----------
-    inside
-        Which interval it lies in: 1 for that, 0 for the others (n x 1); none behind the last one.
-    after
-        Whether it lies behind the last one (1x1).
+    context
+        Of the law.
+    cursor
+        Tells the interval, n behind the last one.
     u
         Part of the interval that lies behind it (1x1).
     width
@@ -39,52 +40,94 @@ class Knots:
         One over that, zero behind the last one (1x1) [1/s].
     nodes
         Parts of an interval at which its points lie (s,).
+    event
+        That an interval ends; None where known times tell it.
     """
 
-    inside: ca.SX
-    after: ca.SX
+    context: Context
+    cursor: int
     u: ca.SX
     width: ca.SX
     pace: ca.SX
     nodes: Array
+    event: Event | None
 
     @classmethod
-    def at(cls, context: Context, times: Array, points: int, time: ca.SX | None = None) -> Knots:
-        """The law's time, or another one (1x1) [s], among the times of all points, rising from 0.
+    def at(
+        cls,
+        context: Context,
+        times: Array,
+        points: int,
+        time: ca.SX | None = None,
+        begin: ca.SX | None = None,
+    ) -> Knots:
+        """An instant among the times of all points, rising from 0.
 
-        Steps end on the knots where the law counts its time from the start, and where no time is given.
+        Parameters
+        ----------
+        context, times, points
+            Of the law; times of its points (n,) [s], and how many an interval has.
+        time
+            Time (1x1) [s] that is counted from an event; that of the law if None.
+        begin
+            When, in the time of the simulation (1x1) [s], the first point is; at its start if None.
         """
-        stepped = time is None and context.since is None
-        now = context.time if time is None else time
-        ends = times[:: points - 1]
-        behind = [ca.SX(1)]
-        for i, knot in enumerate(ends[1:], start=1):
-            behind.append(now >= (context.jump(f"knots.{i}", float(knot)) if stepped else float(knot)))
-        if not stepped:  # where a phase ends with the plan, its last step still belongs to it
-            behind[-1] = now > float(ends[-1]) * (1 + ROUNDING)
-        widths = ca.DM(np.diff(ends))
-        inside = ca.vertcat(*behind[:-1]) - ca.vertcat(*behind[1:])
-        pace = ca.dot(inside, 1 / widths)
-        u = now * pace - ca.dot(inside, ca.DM(ends[:-1]) / widths)
-        return cls(inside, behind[-1], u, ca.dot(inside, widths), pace, nodes_of(times, points))
+        constants, ends = context.constants, times[:: points - 1]
+        now, limits = context.time if time is None else time, ends[1:].copy()
+        known = time is None and context.since is None
+        if not known or begin is not None:  # what ends with the plan still belongs to its last interval
+            limits[-1] *= 1 + ROUNDING
+        own = known and begin is None
+        name = f"knots {limits.tolist()}" if own else f"{context.path}.knots"
+        if own:
+            behind = [now >= constants.jump(f"knot {end!r}", ca.SX(end)) for end in limits.tolist()]
+        elif begin is not None:
+            behind = [now >= context.jump(f"knots.{i}", begin + end) for i, end in enumerate(limits, start=1)]
+            now = now - begin
+        else:
+            behind = [now >= end for end in limits.tolist()]
+        cursor = constants.cursor(name, sum(behind, ca.SX(0)))
+        widths = np.append(np.diff(ends), 1.0)
+        rows = [ends, np.append(limits, np.inf), widths, np.append(1 / widths[:-1], 0.0)]
+        first, last, width, pace = ca.vertsplit(
+            constants.window(name, ca.SX(ca.DM(np.column_stack(rows))), cursor)
+        )
+        event = None
+        if not known:
+            owner = context.path if context.since is None else context.since.owner
+            event = Event(f"{context.path}.knot", "reference", owner, now - last, ca.SX(1), kink=True)
+        return cls(context, cursor, (now - first) * pace, width, pace, nodes_of(times, points), event)
 
-    def here(self, values: ca.SX) -> ca.SX:
-        """What belongs to the interval (m x 1), of what belongs to each (n x m); zero behind the last one."""
-        return ca.mtimes(values.T, self.inside)
+    def here(self, name: str, values: ca.SX) -> ca.SX:
+        """Row of the interval (m x 1), of those of all intervals and of what is behind them (n + 1 x m)."""
+        changing = [j for j in range(values.size2()) if not _is_constant(values[:, j])]
+        found = values[0, :].T
+        if changing:
+            constants, path = self.context.constants, f"{self.context.path}.{name}"
+            found[changing] = constants.window(path, values[:, changing], self.cursor)
+        return found
 
-    def points(self, values: ca.SX) -> list[ca.SX]:
-        """What stands at the points of the interval (s of m x 1), of what stands at all points (rows)."""
-        step, last = len(self.nodes) - 1, values.size1() - 1
-        return [self.here(values[j : last - step + j + 1 : step, :]) for j in range(step + 1)]
+    def points(self, name: str, values: ca.SX, last: ca.SX) -> list[ca.SX]:
+        """What stands at the points of the interval (s of m x 1), of what stands at all points (rows).
 
-    def force(self, values: ca.SX) -> ca.SX:
+        Behind the last interval it is ``last`` (1 x m) at all of them.
+        """
+        step, end = len(self.nodes) - 1, values.size1() - 1
+        blocks = [ca.vertcat(values[j : end - step + j + 1 : step, :], last) for j in range(step + 1)]
+        found = self.here(name, ca.horzcat(*blocks))
+        return ca.vertsplit(found, values.size2()) if values.size2() > 1 else ca.vertsplit(found)
+
+    def force(self, name: str, values: ca.SX) -> ca.SX:
         """Force (m x 1) through what stands at the points; none behind the last interval."""
-        return self._sum(lagrange(self.nodes), self.points(values))
+        none = ca.SX(1, values.size2())
+        return self._sum(lagrange(self.nodes), self.points(name, values, none))
 
-    def motion(self, values: ca.SX, rates: ca.SX) -> Profile:
-        """Position (m x 1) through what stands at the points."""
-        found = self.between(self.points(values), self.points(rates))
-        return Profile(found.value + values[-1, :].T * self.after, found.rate, found.acceleration)
+    def motion(self, name: str, values: ca.SX, rates: ca.SX) -> Profile:
+        """Position (m x 1) through what stands at the points; the last one behind the last interval."""
+        none = ca.SX(1, rates.size2())
+        return self.between(
+            self.points(name, values, values[-1, :]), self.points(f"{name} rate", rates, none)
+        )
 
     def between(self, values: list[ca.SX], rates: list[ca.SX]) -> Profile:
         """The same for what stands at the points of the interval (s of m x 1 each)."""
@@ -105,6 +148,11 @@ class Knots:
                 power = power * self.u + float(coefficient)
             terms.append(power * value)
         return sum(terms[1:], terms[0])
+
+
+def _is_constant(column: ca.SX) -> bool:
+    """Whether all its entries are one and the same number."""
+    return column.is_constant() and len(np.unique(ca.DM(column).full())) == 1
 
 
 def nodes_of(times: Array, points: int) -> Array:

@@ -24,11 +24,14 @@ class Since:
         Whether the law is followed (1x1).
     jumps
         Events at which it jumps, by the name of the switch that each of them turns on.
+    knots
+        Events that turn no switch: between two pieces of it.
     """
 
     owner: str
     active: ca.SX
     jumps: dict[str, Event] = field(default_factory=dict)
+    knots: list[Event] = field(default_factory=list)
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, Literal, TypeVar
 
 import casadi as ca
@@ -10,6 +11,7 @@ from pydantic import Field, model_validator
 
 from spacerobot.elements.context import RobotContext
 from spacerobot.elements.knots import nodes_of
+from spacerobot.elements.numbers import Context
 from spacerobot.section import Name, Section, Vector, quantity
 
 MOST_POINTS = 2000
@@ -55,6 +57,12 @@ def known(knots: M | None) -> M:
     if knots is None:
         raise ValueError("a plan that was not read")
     return knots
+
+
+def table(context: Context, key: str, count: int, columns: Sequence[int]) -> ca.SX:
+    """What stands at the points (count x columns) under a key of a section."""
+    rows = [[context.parameters(f"{context.path}.{key}.{k}.{j}") for j in columns] for k in range(count)]
+    return ca.vertcat(*(ca.horzcat(*row) for row in rows))
 
 
 class Timed(Section):

@@ -91,7 +91,7 @@ def relative_velocity(scene: Scene, grasp: SceneGrasp, x: Array) -> tuple[Array,
 
 def _outputs(loop: ClosedLoop, time: float, x: Array, c: Array) -> dict[str, Array]:
     """Outputs by name, each (n,)."""
-    values = loop.outputs(time, x, c)
+    values = loop.outputs(time, x, loop.at(time, x, c))
     return {name: value.full().ravel() for name, value in zip(loop.outputs.name_out(), values, strict=True)}
 
 

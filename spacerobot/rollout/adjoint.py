@@ -20,6 +20,7 @@ from spacerobot.rollout.protocol import Array
 from spacerobot.rollout.raw import Raw
 from spacerobot.rollout.segments import FEWEST
 from spacerobot.rollout.sweep import Sweep
+from spacerobot.rollout.tables import places_in, reached_with, sources
 
 WHOLE_BYTES = 128 * 2**20
 """Longest tape that holds a whole rollout, for each thread and over the number of lanes: a group of lanes
@@ -43,12 +44,13 @@ def adjoint_kernel(kernel: Kernel, wrt: Sequence[int]) -> Kernel:
     sizes = {name: kernel.size("dynamics", name) for name in ("x", "c", "m")}
     t, x, c = ca.SX.sym("t"), ca.SX.sym("x", sizes["x"]), ca.SX.sym("c", sizes["c"])
     ends, reached = _ends_reverse(kernel, wrt)
-    constants = entries(c, reached)
+    constants = entries(c, [place for place in reached if place not in sources(kernel.tables)])
     at = {"t": t, "x": x, "c": c}
     xdot, m = kernel.functions["dynamics"](t, x, c)
     final = ca.SX(kernel.functions["final"](t, x, c))
     normal, nbar = kernel.functions["normalise"](x), ca.SX.sym("nbar", sizes["x"])
     bars = tuple(reached.index(jump) if jump in reached else -1 for jump in kernel.jumps)
+    bar_places = places_in(reached, sizes["c"]) if kernel.tables else ()
     moving = t if max(bars, default=-1) >= 0 or kernel.events else ca.SX(0, 1)
 
     def reverse(name: str, value: ca.SX, bar: str, time: ca.SX, **given: ca.SX) -> ca.Function:
@@ -73,15 +75,20 @@ def adjoint_kernel(kernel: Kernel, wrt: Sequence[int]) -> Kernel:
         after = ca.SX(kernel.functions["update"](t, x, c, e))
         functions["guards_reverse"] = reverse("guards_reverse", guards, "gbar", t)
         functions["update_reverse"] = reverse("update_reverse", after, "after_bar", t, e=e)
-    return replace(kernel, functions=functions, jump_bars=bars)
+    return replace(kernel, functions=functions, jump_bars=bars, c_bars=bar_places)
 
 
 def _ends_reverse(kernel: Kernel, wrt: Sequence[int]) -> tuple[dict[str, ca.Function], list[int]]:
-    """Reverse of setup and objective, and the places of the prepared constants that parameters reach."""
+    """Reverse of setup and objective, and the places of the prepared constants that parameters reach.
+
+    Those that no other function sees, the rows of tables, come last.
+    """
     p, r = ca.SX.sym("p", kernel.size("setup", "p")), ca.SX.sym("r", kernel.size("objective", "r"))
     wanted = p[list(wrt)]
     x0, c0 = kernel.functions["setup"](p)
-    reached = sorted(set(ca.jacobian_sparsity(c0, wanted).row()))
+    own = sources(kernel.tables)
+    found = reached_with(kernel.tables, set(ca.jacobian_sparsity(c0, wanted).row()))
+    reached = sorted(found, key=lambda place: (place in own, place))
     xbar, cbar = ca.SX.sym("xbar", x0.numel()), ca.SX.sym("cbar", len(reached))
     cost = ca.SX(kernel.functions["objective"](r, p))
     jbar = ca.SX.sym("Jbar", cost.numel())

@@ -18,6 +18,7 @@ from spacerobot.rollout.closure import unclosed
 from spacerobot.rollout.grid import TimeGrid, time_grid
 from spacerobot.rollout.protocol import Array, ClosedLoopFunctions
 from spacerobot.rollout.segments import Segment, segments
+from spacerobot.rollout.tables import fill
 from spacerobot.rollout.trajectory import Status, Trajectory, frozen
 
 MOST_STEPS = 100_000
@@ -96,13 +97,21 @@ def _samples(
     """State and constants at each sample; raises where the integrator gives up."""
     jumps, times = list(loop.jumps), c[list(loop.jumps)]
     c[jumps] = np.where(times <= 0, -np.inf, np.inf)
+    _show(loop, 0.0, x, c)
     yield x, c.copy()
     for part in segments(grid, times):
         if part.first >= 0:
             c[jumps[part.first]] = -np.inf
+            _show(loop, part.begin_s, x, c)
         x = loop.normalise(_carried(advance, x, part, c)).full().ravel()
         if part.samples:
             yield x, c.copy()
+
+
+def _show(loop: ClosedLoopFunctions, t: float, x: Array, c: Array) -> None:
+    """Let windows into tables show what holds from here on."""
+    if loop.tables:
+        fill(loop.tables, loop.rows(t, x, c).full().ravel().astype(np.int64), c)
 
 
 class _GaveUpError(Exception):

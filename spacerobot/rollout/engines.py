@@ -116,7 +116,8 @@ def compile_kernel(
         As for :func:`compile_functions`.
     """
     folder = resources.files("spacerobot.rollout").joinpath("loops")
-    names = ["steps", *["events"] * bool(kernel.events), "forward", *["adjoint"] * adjoint]
+    parts = {"steps": True, "tables": kernel.tables, "events": kernel.events, "forward": True}
+    names = [name for name, needed in (parts | {"adjoint": adjoint}).items() if needed]
     loops = [folder.joinpath(f"{name}.hpp").read_text(encoding="utf-8") for name in names]
     tail = "\n".join([*_facts(kernel), kernel.method.source(), *loops])
     cold = set(kernel.functions) - HOT
@@ -135,8 +136,11 @@ def _facts(kernel: Kernel) -> list[str]:
         "SWITCHES": len(kernel.switches),
         "FINES": len(kernel.fine),
         "SEEING": len(kernel.seen),
+        "TABLES": len(kernel.tables),
     }
     lines = [f"#define {name} {size}" for name, size in sizes.items()]
+    if kernel.c_slopes:
+        lines.append("#define C_SLOPES")
     if kernel.rate is not None:
         lines.append(f"#define RATE {kernel.rate}")
     sets = [{place: int(on) for place, on in event.sets} for event in kernel.events]
@@ -149,6 +153,12 @@ def _facts(kernel: Kernel) -> list[str]:
         "int KINK": [event.kink for event in kernel.events],
         "int SEEN": kernel.seen,
         "int FINE": [place for place, _, _ in kernel.fine],
+        "int TABLE_CURSOR": [table.cursor for table in kernel.tables],
+        "int TABLE_FIRST": [table.first for table in kernel.tables],
+        "int TABLE_WINDOW": [table.window for table in kernel.tables],
+        "int TABLE_WIDTH": [table.width for table in kernel.tables],
+        "int C_BAR": kernel.c_bars,
+        "int C_SLOPE": kernel.c_slopes,
         "double FINE_STEP": [step_s for _, step_s, _ in kernel.fine],
         "double FINE_GROW": [grow for _, _, grow in kernel.fine],
     }

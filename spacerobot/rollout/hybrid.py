@@ -15,6 +15,7 @@ from spacerobot.rollout.protocol import Array
 from spacerobot.rollout.raw import CHATTERING, COINCIDENT, COMPLETED, DIVERGED, ENDED, GRAZING
 from spacerobot.rollout.roots import Bracket, Tried
 from spacerobot.rollout.segments import HERE, Plan, Segment, graded, segments
+from spacerobot.rollout.tables import Integers, fill
 
 TOLERANCE, TOGETHER = 1e-12, 1e-9
 """Of an event's time; times within which two events may change places [s]."""
@@ -58,8 +59,8 @@ class Happening:
         Whether it fired at its guard's root, at the end of a step; else at once, where one begins.
     first
         What the segment behind it begins with, as in :class:`~spacerobot.rollout.segments.Plan`.
-    c
-        Constants after it.
+    c, row
+        Constants after it, and the rows of tables before it.
     """
 
     event: int
@@ -70,6 +71,7 @@ class Happening:
     located: bool
     first: int
     c: Array
+    row: Integers
 
 
 @dataclass
@@ -131,6 +133,8 @@ class HybridRun:
         self._on, self._off = np.zeros(len(kernel.fine)), np.full(len(kernel.fine), np.inf)
         self._times = self.c[list(kernel.jumps)].copy()
         self.c[list(kernel.jumps)] = np.where(self._times <= 0, -np.inf, np.inf)
+        self.row, self.shown_rows = np.zeros(0, dtype=np.int64), list[Integers]()
+        self._look_up(0.0)
         self.shown.append(self.c.copy())
         self.end_s = 0.0
 
@@ -140,6 +144,7 @@ class HybridRun:
             if part.first >= 0:
                 self.c[self.engine.kernel.jumps[part.first]] = -np.inf
                 self._fresh = True
+                self._look_up(part.begin_s)
             self._cross(part)
             if self.fate != COMPLETED:
                 return
@@ -152,6 +157,13 @@ class HybridRun:
         """The steps that were done."""
         t, h, index, number, first, last = (np.array(column) for column in zip(*self.rows, strict=True))
         return Plan(t, h, index, number, first, last, np.array(self.sampled))
+
+    def _look_up(self, t: float) -> None:
+        """Let windows show the rows that hold from here on."""
+        kernel = self.engine.kernel
+        if kernel.tables:
+            self.row = kernel.functions["rows"](t, self.x, self.c).full().ravel().astype(np.int64)
+            fill(kernel.tables, self.row, self.c, kernel.c_slopes)
 
     def _longest(self) -> float:
         kernel = self.engine.kernel
@@ -250,6 +262,7 @@ class HybridRun:
             return done
         self.states.append(self.x)
         self.constants.append(self.c.copy())
+        self.shown_rows.append(self.row)
         self.peaks.append(done.m)
         self.errors.append(np.abs(done.error))
         self.rows.append((t, done.length, *row))
@@ -389,9 +402,10 @@ class HybridRun:
         if not self._sound(after):
             self.fate = DIVERGED
             return
-        here = Happening(event, t, self.x, after, len(self.rows), located, first, self.c.copy())
-        self.happenings.append(here)
+        now = self.c.copy(), self.row
+        self.happenings.append(Happening(event, t, self.x, after, len(self.rows), located, first, *now))
         self.x, self._fresh, self._last = after, True, event
+        self._look_up(t)
         close = t - self._since <= self.grid.step_s
         self._burst, self._since = (self._burst + 1, self._since) if close else (1, t)
         self.fate = ENDED if rule.ends else CHATTERING if self._burst > BURST else COMPLETED

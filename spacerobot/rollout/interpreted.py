@@ -17,6 +17,7 @@ from spacerobot.rollout.kernel import Kernel
 from spacerobot.rollout.protocol import Array
 from spacerobot.rollout.raw import COMPLETED, DIVERGED, ENDED, Raw
 from spacerobot.rollout.segments import Plan, plan
+from spacerobot.rollout.tables import Integers, fill
 
 BLOCK = 64  # steps that CasADi's virtual machine does between two looks from Python
 
@@ -39,6 +40,8 @@ class DiscreteTrajectory:
         Estimate of each step's error in each state, shape (K, nx), zero if not asked for.
     done
         Good steps.
+    rows
+        Rows of tables before each step and at the end, shape (K + 1, cursors) or fewer after divergence.
     shown
         Constants that samples are seen with, one row for each sample that was reached.
     end_s
@@ -57,6 +60,7 @@ class DiscreteTrajectory:
     m: Array
     error: Array
     done: int
+    rows: Integers
     shown: Array
     end_s: float
     fate: int
@@ -96,6 +100,7 @@ class InterpretedEngine:
         times = c[list(kernel.jumps)]
         steps = plan(grid, times)
         sides = _sides(c, kernel.jumps, times, steps)
+        rows = self._looked_up(sides, begin, steps)
         dt, dh = self._moved(c, steps)
         states, peaks, errors, done = [begin[None, :]], [], [np.empty((0, len(begin)))], 0
         for k, n in _blocks(steps):
@@ -125,7 +130,19 @@ class InterpretedEngine:
         shown = c[np.maximum(at - 1, 0)]  # a sample on a jump shows what led up to it
         whole = done == steps.steps
         end_s = float(grid.time[-1] if whole else steps.t[done])
-        return DiscreteTrajectory(steps, c, x, m, error, done, shown, end_s, COMPLETED if whole else DIVERGED)
+        fate = COMPLETED if whole else DIVERGED
+        return DiscreteTrajectory(steps, c, x, m, error, done, rows[: done + 1], shown, end_s, fate)
+
+    def _looked_up(self, sides: Array, begin: Array, steps: Plan) -> Integers:
+        """Rows of tables (K + 1, cursors) where jumps alone tell them; the constants then show them."""
+        kernel = self.kernel
+        if not kernel.tables:
+            return np.zeros((len(sides), 0), dtype=np.int64)
+        rows = np.zeros((len(sides), kernel.size("rows", "row")), dtype=np.int64)
+        for k in (0, *steps.passes):
+            rows[k:] = kernel.functions["rows"](steps.t[k], begin, sides[k]).full().ravel()
+            fill(kernel.tables, rows[k], sides[k:], kernel.c_slopes)
+        return rows
 
     def _hybrid(self, run: HybridRun) -> DiscreteTrajectory:
         """A rollout with events."""
@@ -138,6 +155,7 @@ class InterpretedEngine:
             m=np.array([*run.peaks, last]),
             error=np.array(run.errors).reshape(-1, len(run.x)),
             done=len(run.rows),
+            rows=np.array([*run.shown_rows, run.row], dtype=np.int64),
             shown=np.array(run.shown),
             end_s=run.end_s,
             fate=run.fate,

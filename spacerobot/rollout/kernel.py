@@ -12,7 +12,7 @@ import numpy as np
 from spacerobot.rollout.closure import Closure
 from spacerobot.rollout.measures import Measures, Signals
 from spacerobot.rollout.methods import DEFAULT, METHODS, Tableau
-from spacerobot.rollout.protocol import Array, ClosedLoopFunctions, EventRule
+from spacerobot.rollout.protocol import Array, ClosedLoopFunctions, EventRule, TableRule
 
 POSITION_LIMIT = VELOCITY_LIMIT = 1e6
 CONTROLLER_LIMIT = 1e12
@@ -26,7 +26,8 @@ class Kernel:
     ----------
     functions
         ``setup``, ``dynamics``, ``normalise``, ``outputs``, ``final`` and ``objective``, and ``guards``,
-        ``values`` and ``update`` where there are events, as ``loops/steps.hpp`` lists them.
+        ``values`` and ``update`` where there are events, ``rows`` where there are tables, as
+        ``loops/steps.hpp`` lists them.
     nx
         Length of the closed loop's state; integrals follow it.
     integrals, peaks
@@ -48,6 +49,10 @@ class Kernel:
         each is on, and over how many of these steps grow from its beginning and shrink to its end.
     jump_bars
         Adjoint: their places in cbar, -1 for one that the wanted parameters do not move.
+    tables
+        Tables in c.
+    c_bars, c_slopes
+        Where there are tables: place of each constant's bar in cbar and of its derivative in c, or -1.
     seen
         Places in x of what changes between events and guards depend on.
     jump_slopes, rate
@@ -73,6 +78,9 @@ class Kernel:
     jump_slopes: tuple[int, ...] = ()
     rate: int | None = None
     seen: tuple[int, ...] = ()
+    tables: tuple[TableRule, ...] = ()
+    c_bars: tuple[int, ...] = ()
+    c_slopes: tuple[int, ...] = ()
 
     def size(self, function: str, argument: str) -> int:
         """Length of an argument of a function."""
@@ -129,6 +137,8 @@ def build_kernel(
     }
     if loop.events:
         functions |= _hybrid(loop, at, state, sums, prepared)
+    if loop.tables:
+        functions["rows"] = sx_function("rows", at, {"row": ca.SX(loop.rows(t, state, prepared))})
     functions["objective"], costs = _objective(measures, loop.parameter_paths, p)
     return Kernel(
         functions,
@@ -146,6 +156,7 @@ def build_kernel(
         tuple(loop.events),
         tuple(loop.fine),
         seen=_seen(functions) if loop.events else (),
+        tables=tuple(loop.tables),
     )
 
 

@@ -38,6 +38,30 @@ class EventRule(Protocol):
         """Whether it only marks where a law is not smooth: neither state nor rate jumps there."""
 
 
+class TableRule(Protocol):
+    """Rows of equal width in c, one after the other, and a window that shows one of them."""
+
+    @property
+    def cursor(self) -> int:
+        """Which of the cursors tells the row."""
+
+    @property
+    def first(self) -> int:
+        """Place in c of the first row."""
+
+    @property
+    def window(self) -> int:
+        """Place in c of the window."""
+
+    @property
+    def width(self) -> int:
+        """Numbers in a row."""
+
+    @property
+    def count(self) -> int:
+        """Rows."""
+
+
 class ClosedLoopFunctions(Protocol):
     """A closed loop as SX functions without free variables.
 
@@ -95,6 +119,17 @@ class ClosedLoopFunctions(Protocol):
         The longest step may be infinite: that of the rollout. The window is in longest steps. Within it,
         steps grow behind the instant at which the switch is turned on, and shrink to that at which it is
         turned off; zero if the law is smooth up to both.
+        """
+
+    @property
+    def tables(self) -> Sequence[TableRule]:
+        """Tables in c, whose windows a rollout fills; the functions see no other of their entries."""
+
+    @property
+    def rows(self) -> ca.Function:
+        """``(t, x, c) -> (row)``: row of each cursor; where there are tables, else it is not read.
+
+        A row changes at jumps and events alone. An event's ``update`` sees what was shown before it.
         """
 
     @property

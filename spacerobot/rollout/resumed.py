@@ -47,6 +47,7 @@ def resumed(loop: Any) -> Any:
         guards=ca.Function(
             "guards", [*given, xdot], _all(loop.guards, (*at, xdot)), [*names, "xdot"], ["g", "rate"]
         ),
+        rows=ca.Function("rows", given, [loop.rows(*at)], names, ["row"]),
         update=ca.Function("update", [*given, e], [loop.update(*at, e)], [*names, "e"], ["x_after"]),
     )
 

@@ -15,6 +15,7 @@ import casadi as ca
 import numpy as np
 
 from spacerobot.rollout.kernel import Kernel, entries, slices, sx_function
+from spacerobot.rollout.tables import places_in, reached_with
 
 DERIVATIVE = "d "  # prefix of the names of measures' derivatives
 
@@ -61,6 +62,8 @@ def sensitivity_kernel(kernel: Kernel, wrt: Sequence[int], outputs: Sequence[str
         jump_slopes=places,
         rate=rate,
         seen=kernel.seen,
+        tables=kernel.tables,
+        c_slopes=places_in(reached, nc, nc) if kernel.tables else (),
     )
 
 
@@ -101,6 +104,8 @@ def _functions(
         hybrid["values"] = sx_function("values", at, {"g": g})
         updated = {"x_after": _paired(after, along(after), n)}
         hybrid["update"] = sx_function("update", {**at, "e": event}, updated)
+    if kernel.tables:
+        hybrid["rows"] = sx_function("rows", at, {"row": ca.SX(f["rows"](t, x, c))})
     return hybrid | {
         "setup": setup,
         "dynamics": sx_function("dynamics", at, moved),
@@ -116,7 +121,7 @@ def _setup(kernel: Kernel, wrt: Sequence[int]) -> tuple[ca.Function, list[int]]:
     p, w = ca.SX.sym("p", kernel.size("setup", "p")), ca.SX.sym("w", len(wrt))
     wanted, n = p[list(wrt)], kernel.nx
     x0, c0 = kernel.functions["setup"](p)
-    reached = sorted(set(ca.jacobian_sparsity(c0, wanted).row()))
+    reached = sorted(reached_with(kernel.tables, set(ca.jacobian_sparsity(c0, wanted).row())))
     slope, c_slope = _along(x0, wanted, w), _along(entries(c0, reached), wanted, w)
     rate = ca.SX.zeros(1 if _moves(kernel, reached) else 0)
     prepared = {"x0": _paired(x0, slope, n), "c": ca.vertcat(c0, c_slope, rate)}

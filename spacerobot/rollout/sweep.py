@@ -12,6 +12,7 @@ from spacerobot.rollout.kernel import Kernel
 from spacerobot.rollout.protocol import Array
 from spacerobot.rollout.raw import ENDED
 from spacerobot.rollout.segments import HERE
+from spacerobot.rollout.tables import Integers, gather
 
 
 class Sweep:
@@ -36,7 +37,8 @@ class Sweep:
         kernel, path, steps = self._kernel, self._path, self._path.plan.steps
         rbar, direct = (part.full().ravel() for part in self._f["objective_reverse"](r, p, seed))
         first, last = kernel.integrals, kernel.integrals + kernel.peaks
-        self._x, self._c, tbar = self._reverse("final", path.end_s, path.x[-1], path.c[-1], rbar[last:])
+        at_end = (path.end_s, path.x[-1], path.c[-1], rbar[last:])
+        self._x, self._c, tbar = self._reverse("final", path.rows[-1], *at_end)
         self._x[kernel.nx :] += rbar[:first]
         when = path.m.argmax(axis=0) if kernel.peaks else np.empty(0, dtype=int)
         for k in range(steps, -1, -1):
@@ -52,16 +54,19 @@ class Sweep:
         found = self._f["setup_reverse"](p, self._x, self._c).full().ravel() + direct
         return np.asarray(found, dtype=np.float64)
 
-    def _reverse(self, name: str, *arguments: Any) -> tuple[Array, Array, float]:
-        """Bars of state, constants and time by the reverse of a function."""
-        x, c, t = (part.full().ravel() for part in self._f[f"{name}_reverse"](*arguments))
+    def _reverse(self, name: str, row: Integers, *arguments: Any) -> tuple[Array, Array, float]:
+        """Bars of state, constants and time by the reverse of a function, where tables showed these rows."""
+        x, seen, t = (part.full().ravel() for part in self._f[f"{name}_reverse"](*arguments))
+        c = np.zeros(self._f["setup_reverse"].numel_in("cbar"))
+        c[: len(seen)] = seen
+        gather(self._kernel.tables, row, self._kernel.c_bars, c)
         return x, c, float(t.sum())
 
     def _peaks(self, k: int, seed: Array) -> float:
         """Take in the peaks that were met before step k; bar of the time."""
         path = self._path
         t = path.plan.t[k] if k < path.plan.steps else path.end_s
-        x, c, tbar = self._reverse("peaks", t, path.x[k], path.c[k], seed)
+        x, c, tbar = self._reverse("peaks", path.rows[k], t, path.x[k], path.c[k], seed)
         self._x, self._c = self._x + x, self._c + c
         return tbar
 
@@ -88,7 +93,7 @@ class Sweep:
     def _update(self, here: Happening) -> float:
         """Through what an event changed; bar of its time."""
         arguments = (here.time_s, here.before, here.c, here.event, self._x)
-        self._x, c, tbar = self._reverse("update", *arguments)
+        self._x, c, tbar = self._reverse("update", here.row, *arguments)
         self._c = self._c + c
         return tbar
 
@@ -108,7 +113,8 @@ class Sweep:
         self._c = self._c + c
         if here is not None:
             seed = np.eye(len(self._kernel.events))[here.event]
-            x, guard_c, guard_t = self._reverse("guards", here.time_s, here.before, self._path.c[k], seed)
+            arguments = (here.time_s, here.before, self._path.c[k], seed)
+            x, guard_c, guard_t = self._reverse("guards", self._path.rows[k], *arguments)
             x, c, root_t, root_h = self._step_back(k, x)
             mu = -(h + end) / (guard_t + root_h)
             self._x, self._c = self._x + mu * x, self._c + mu * (c + guard_c)
@@ -126,11 +132,11 @@ class Sweep:
             stages.append(x + h * method.a[s, :s] @ slopes)
             slopes = np.vstack([slopes, f["dynamics"](times[s], stages[s], c)[0].full().ravel()])
         sum_bar = f["normalise_reverse"](x + h * np.array(method.b) @ slopes, xbar).full().ravel()
-        back, cbar, tbar, hbar = sum_bar.copy(), np.zeros(f["dynamics_reverse"].numel_out("cbar")), 0.0, 0.0
+        back, cbar, tbar, hbar = sum_bar.copy(), np.zeros(f["setup_reverse"].numel_in("cbar")), 0.0, 0.0
         bars = np.zeros_like(slopes)
         for s in reversed(range(method.stages)):
             total = method.b[s] * sum_bar + method.a[: method.stages, s] @ bars
-            bars[s], part, moved = self._reverse("dynamics", times[s], stages[s], c, h * total)
+            bars[s], part, moved = self._reverse("dynamics", path.rows[k], times[s], stages[s], c, h * total)
             back, cbar = back + bars[s], cbar + part
             tbar, hbar = tbar + moved, hbar + total @ slopes[s] + method.nodes[s] * moved
         return back, cbar, tbar, float(hbar)

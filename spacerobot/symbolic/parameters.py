@@ -8,6 +8,7 @@ import casadi as ca
 import numpy as np
 
 from spacerobot.arrays import Array
+from spacerobot.symbolic.tables import Table
 
 
 class Parameters:
@@ -94,6 +95,8 @@ class Constants:
         self._expressions: list[ca.SX] = []
         self._jumps: dict[str, int] = {}
         self._switches: dict[str, int] = {}
+        self._cursors: dict[str, ca.SX] = {}
+        self._tables: dict[str, Table] = {}
 
     def jump(self, name: str, time: ca.SX) -> ca.SX:
         """Symbol (1x1) of a time [s] at which the dynamics jump, to be compared with time and nothing else.
@@ -126,6 +129,41 @@ class Constants:
     def switches(self) -> Mapping[str, int]:
         """Places of the switches in c, by name."""
         return dict(self._switches)
+
+    def cursor(self, name: str, row: ca.SX) -> int:
+        """Number of the cursor of that name, whose row (1x1) is an expression of (t, x, c).
+
+        The row may change at jumps and events alone. The same name gives the same cursor.
+        """
+        self._cursors.setdefault(name, row)
+        return [*self._cursors].index(name)
+
+    @property
+    def cursors(self) -> ca.SX:
+        """The row of each cursor (n x 1)."""
+        return ca.vertcat(ca.SX(0, 1), *self._cursors.values())
+
+    def window(self, name: str, rows: ca.SX, cursor: int) -> ca.SX:
+        """Symbols (width x 1) of the present row of a table (count x width), expressions of the parameters.
+
+        A rollout fills them where the row changes, so that a long table costs no more than a short one. The
+        same name gives the same symbols.
+        """
+        if name not in self._tables:
+            count, width = rows.shape
+            symbols = [f"{name}[{i},{j}]" for i in range(count) for j in range(width)]
+            symbols += [f"{name}[{j}]" for j in range(width)]
+            first, entries = len(self._symbols), ca.vertsplit(ca.densify(ca.vec(rows.T)))
+            self._symbols += [ca.SX.sym(symbol) for symbol in symbols]
+            self._expressions += [*entries, *entries[:width]]
+            self._tables[name] = Table(cursor, first, first + count * width, width, count)
+        place = self._tables[name]
+        return ca.vertcat(*self._symbols[place.window : place.window + place.width])
+
+    @property
+    def tables(self) -> tuple[Table, ...]:
+        """Where the tables are in c."""
+        return tuple(self._tables.values())
 
     def hoist(self, name: str, expression: ca.SX) -> ca.SX:
         """Matrix of symbols that stand for an expression of the parameters.

@@ -251,7 +251,7 @@ def test_the_two_engines_agree(family, kind, text):
     _, c = loop.setup(loop.parameter_values)
     for seed in range(3):
         x, t = state_of(scene, loop, seed), 0.3 + 0.5 * seed
-        rate = loop.dynamics(t, x, c).full().ravel()
+        rate = loop.dynamics(t, x, loop.at(t, x, c)).full().ravel()
         np.testing.assert_allclose(rate, engine.derivative(t, x), rtol=1e-8, atol=1e-8 * np.abs(rate).max())
 
 
@@ -261,6 +261,7 @@ def test_momentum_and_energy_are_accounted_for_at_every_instant(family, kind, te
     scene, loop = built(family, kind, text)
     _, c = loop.setup(loop.parameter_values)
     t, x = ca.SX.sym("t"), ca.SX.sym("x", loop.nx)
+    c = loop.at(t, x, c)
     named = dict(zip(loop.outputs.name_out(), loop.outputs(t, x, c), strict=True))
     stored = named["energy_kinetic"] + named["energy_spring"] + named["energy_potential"]
     booked = sum(sign * named[f"work_{name}"] for name, sign in loop.works.items())
@@ -290,7 +291,7 @@ def test_derivatives_are_exact(family, kind):
     p, varied = ca.SX(loop.parameter_values), ca.SX.sym("p", len(own))
     p[own] = varied
     _, c = loop.setup(p)
-    rate = ca.Function("rate", [varied], [loop.dynamics(0.45, x, c)])
+    rate = ca.Function("rate", [varied], [loop.dynamics(0.45, x, loop.at(0.45, x, c))])
     jacobian = ca.Function("jacobian", [varied], [ca.jacobian(rate(varied), varied)])(values).full()
     for k, step in enumerate(1e-5 * np.abs(values)):
         moved = step * np.eye(len(own))[k]

@@ -14,6 +14,7 @@ from spacerobot.elements import Context
 from spacerobot.elements.knots import Knots
 from spacerobot.errors import ScenarioError
 from spacerobot.result.store import load, save
+from spacerobot.rollout.tables import fill
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
 from spacerobot.symbolic import Constants, Parameters
@@ -69,11 +70,15 @@ def test_knots_are_joined_as_scipy_joins_them(when, points):
     rng = np.random.default_rng(1)
     values, rates = rng.normal(size=(2, len(times), 3))
     context = Context("own", ca.SX.sym("t"), Parameters({}), Constants())
-    found = Knots.at(context, times, points)
-    motion = found.motion(ca.SX(ca.DM(values)), ca.SX(ca.DM(rates)))
-    outputs = [motion.value, motion.rate, motion.acceleration, found.force(ca.SX(ca.DM(values)))]
-    at = ca.Function("at", [context.time, context.constants.symbols], outputs)
-    seen = [each.full().ravel() for each in at(when, knots[1:])]
+    found, given = Knots.at(context, times, points), ca.SX(ca.DM(values))
+    motion = found.motion("motion", given, ca.SX(ca.DM(rates)))
+    constants, outputs = context.constants, [motion.value, motion.rate, motion.acceleration]
+    outputs.append(found.force("force", given))
+    inputs = [context.time, constants.symbols]
+    c = ca.DM(ca.evalf(constants.expressions)).full().ravel()
+    rows = ca.Function("rows", inputs, [constants.cursors])(when, c).full().ravel()
+    fill(constants.tables, rows, c)
+    seen = [each.full().ravel() for each in ca.Function("at", inputs, outputs)(when, c)]
     if when >= knots[-1]:
         np.testing.assert_allclose(seen, [values[-1], *np.zeros((3, 3))], atol=1e-12)
         return

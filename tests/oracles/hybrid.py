@@ -61,6 +61,7 @@ def fire(run: Run, index: int) -> bool:
     for place, value in rule.sets:
         c[run.loop.switches[place]] = float(value)
     run.x = run.loop.update(run.t, before, c, index).full().ravel()
+    c = run.loop.at(run.t, run.x, c).full().ravel()
     run.events.append(Happened(run.t, rule.name, before, run.x, run.c, c))
     run.c = c
     return rule.ends

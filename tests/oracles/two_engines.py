@@ -30,10 +30,10 @@ class Symbolic:
         return self.loop.state_names
 
     def rate(self, t: float, x: np.ndarray) -> np.ndarray:
-        return self.loop.dynamics(t, x, self.c).full().ravel()
+        return self.loop.dynamics(t, x, self.loop.at(t, x, self.c)).full().ravel()
 
     def outputs(self, t: float, x: np.ndarray) -> dict[str, np.ndarray]:
-        values = self.loop.outputs(t, x, self.c)
+        values = self.loop.outputs(t, x, self.loop.at(t, x, self.c))
         return {n: v.full().ravel() for n, v in zip(self.loop.outputs.name_out(), values, strict=True)}
 
     def run(self, duration_s: float, output_step_s: float, step_s: float = 2e-3) -> Trajectory:

@@ -67,6 +67,8 @@ def toy_loop() -> SimpleNamespace:
         switches=(),
         events=(),
         fine=(),
+        tables=(),
+        rows=ca.Function(),
         guards=ca.Function(),
         update=ca.Function(),
     )

@@ -71,6 +71,8 @@ class Hybrid:
             switches=self.switches,
             events=tuple(self.rules),
             fine=self.fine,
+            tables=(),
+            rows=ca.Function(),
             guards=ca.Function("guards", [t, x, c, xdot], found),
             update=ca.Function("update", [t, x, c, e], [after]),
         )

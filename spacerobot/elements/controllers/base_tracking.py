@@ -20,7 +20,7 @@ from spacerobot.elements.context import RobotContext
 from spacerobot.elements.contribution import Contribution, Torque
 from spacerobot.elements.controller import RobotController
 from spacerobot.elements.knots import Knots
-from spacerobot.elements.planned import BaseMotion, check_given, known, plan_file, plan_phase
+from spacerobot.elements.planned import BaseMotion, check_given, known, plan_file, plan_phase, table
 from spacerobot.elements.registry import register
 from spacerobot.elements.robot_element import Part, RobotFacts
 from spacerobot.section import Name, quantity
@@ -64,23 +64,19 @@ class BaseTracking(RobotController):
         """Wrench on the base."""
         motion, number, model = self.planned, robot.context.number, robot.plant.model
         knots = Knots.at(robot.context, np.array(motion.times), motion.points, motion.time(robot))
-        wrench, rate = (knots.force(self._table(robot, key)) for key in ("wrench", "rate"))
+        axes = range(len(motion.axes))
+        wrench, rate = (
+            knots.force(key, table(robot.context, f"knots.{key}", len(motion.times), axes))
+            for key in ("wrench", "rate")
+        )
         first, size = int(model.idx_vs[robot.base_joint]), int(model.nvs[robot.base_joint])
         names, asked = PLANAR if size == 3 else SPATIAL, ca.SX(robot.plant.v.size1(), 1)
         for k, axis in enumerate(motion.axes):
             column = first + names.index(axis)
             gain = number("kd_angular" if axis.startswith("t") else "kd_linear")
             asked[column] = number("feed_forward") * wrench[k] + gain * (rate[k] - robot.plant.v[column])
-        return Contribution(torques=(Torque(robot.name, asked),))
-
-    def _table(self, robot: RobotContext, key: str) -> ca.SX:
-        """What stands at the points (n x axes)."""
-        context, motion = robot.context, self.planned
-        rows = [
-            [context.parameters(f"{context.path}.knots.{key}.{i}.{k}") for k in range(len(motion.axes))]
-            for i in range(len(motion.times))
-        ]
-        return context.once(key, ca.vertcat(*(ca.horzcat(*row) for row in rows)))
+        events = () if knots.event is None else (knots.event,)
+        return Contribution(torques=(Torque(robot.name, asked),), events=events)
 
     def faults(self, robot: RobotFacts) -> Iterable[tuple[str, str]]:
         """Axes that a planar base does not have."""

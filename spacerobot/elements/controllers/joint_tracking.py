@@ -21,7 +21,7 @@ from spacerobot.elements.contribution import Contribution
 from spacerobot.elements.controller import RobotController
 from spacerobot.elements.joint_position import nearest_position
 from spacerobot.elements.knots import Knots
-from spacerobot.elements.planned import JointMotion, check_given, known, plan_file, plan_phase
+from spacerobot.elements.planned import JointMotion, check_given, known, plan_file, plan_phase, table
 from spacerobot.elements.registry import register
 from spacerobot.elements.robot_element import RobotFacts
 from spacerobot.elements.sensor import measured
@@ -58,28 +58,29 @@ class JointTracking(RobotController):
 
     def build(self, robot: RobotContext) -> Contribution:
         """Torques."""
-        motion, number = self.planned, robot.context.number
-        knots = Knots.at(robot.context, np.array(motion.times), motion.points, self.time(robot))
-        wanted = knots.motion(self._table(robot, "position"), self._table(robot, "rate"))
+        motion, number, knots = self.planned, robot.context.number, self.among(robot)
+        wanted = knots.motion("position", self._table(robot, "position"), self._table(robot, "rate"))
         efforts = ca.SX(len(robot.joints), 1)
         if motion.effort is not None:
-            efforts = number("feed_forward") * knots.force(self._table(robot, "effort"))
+            efforts = number("feed_forward") * knots.force("effort", self._table(robot, "effort"))
         kp, kd, model, torques = number("kp"), number("kd"), robot.plant.model, []
         for i, (joint, column) in enumerate(zip(robot.joints, robot.columns, strict=True)):
             place = nearest_position(model, joint, robot.plant.q, wanted.value[i])
             position = measured(robot.sensors("joint_position"), place)
             speed = measured(robot.sensors("joint_rate"), robot.plant.v[column])
             torques.append(efforts[i] + kp * (wanted.value[i] - position) + kd * (wanted.rate[i] - speed))
-        return Contribution(torques=(robot.torque(ca.vertcat(*torques)),))
+        events = () if knots.event is None else (knots.event,)
+        return Contribution(torques=(robot.torque(ca.vertcat(*torques)),), events=events)
 
     @property
     def begins(self) -> float:
         """When the plan begins, beside its phase [s]."""
         return 0.0
 
-    def time(self, robot: RobotContext) -> ca.SX | None:
-        """Time in the plan (1x1) [s]; None where it is that of the simulation."""
-        return self.planned.time(robot)
+    def among(self, robot: RobotContext) -> Knots:
+        """The present instant among the points of the plan."""
+        motion = self.planned
+        return Knots.at(robot.context, np.array(motion.times), motion.points, motion.time(robot))
 
     @property
     def planned(self) -> JointMotion:
@@ -88,13 +89,8 @@ class JointTracking(RobotController):
 
     def _table(self, robot: RobotContext, key: str) -> ca.SX:
         """What stands at the points (n x joints), joints in the robot's order."""
-        context, motion = robot.context, self.planned
-        columns = [motion.joints.index(name) for name in robot.joint_names]
-        rows = [
-            [context.parameters(f"{context.path}.knots.{key}.{k}.{j}") for j in columns]
-            for k in range(len(motion.times))
-        ]
-        return context.once(key, ca.vertcat(*(ca.horzcat(*row) for row in rows)))
+        columns = [self.planned.joints.index(name) for name in robot.joint_names]
+        return table(robot.context, f"knots.{key}", len(self.planned.times), columns)
 
     def reads(self) -> set[str]:
         """Joint positions and rates."""

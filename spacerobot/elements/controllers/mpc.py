@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Literal
 
-import casadi as ca
+import numpy as np
 from pydantic import Field, model_validator
 
 from spacerobot.elements.context import RobotContext
 from spacerobot.elements.contribution import Contribution
 from spacerobot.elements.controllers.joint_tracking import JointTracking
+from spacerobot.elements.knots import Knots
 from spacerobot.elements.registry import register
 from spacerobot.elements.robot_element import RobotFacts
 from spacerobot.errors import ScenarioError
@@ -48,9 +49,10 @@ class Mpc(JointTracking):
             )
         return super().build(robot)
 
-    def time(self, robot: RobotContext) -> ca.SX | None:
-        """Time since the plan began."""
-        return robot.context.time - robot.context.number("begin")
+    def among(self, robot: RobotContext) -> Knots:
+        """The present instant among the points of the plan."""
+        motion, begin = self.planned, robot.context.number("begin")
+        return Knots.at(robot.context, np.array(motion.times), motion.points, begin=begin)
 
     @property
     def begins(self) -> float:

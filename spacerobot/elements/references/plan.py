@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
@@ -54,11 +55,19 @@ class Plan(Reference):
         del start, pivot
         planned = self.planned
         knots = Knots.at(context, np.array(planned.times), planned.points)
-        moved = knots.motion(sparse(np.array(planned.position)), sparse(np.array(planned.velocity)))
+        moved = knots.motion(
+            "position", sparse(np.array(planned.position)), sparse(np.array(planned.velocity))
+        )
         firsts, turns, rates = turning(planned)
-        last = sparse(pin.exp3(np.array(planned.rotation[-1])).T.reshape(1, 9))
-        behind = ca.reshape(knots.here(sparse(firsts)) + last.T * knots.after, 3, 3)
-        turned = knots.between(*([knots.here(sparse(each)) for each in both] for both in (turns, rates)))
+        behind = ca.reshape(knots.here("behind", sparse(firsts)), 3, 3)
+        turned = knots.between(
+            *(
+                [knots.here(f"{name} {j}", sparse(each)) for j, each in enumerate(both)]
+                for name, both in (("turn", turns), ("turn rate", rates))
+            )
+        )
+        if context.since is not None and knots.event is not None:
+            context.since.knots.append(replace(knots.event, armed=context.since.active))
         spin, gain = _spin(turned)
         return Motion(
             position=moved.value,
@@ -92,21 +101,20 @@ class Plan(Reference):
 
 
 def turning(planned: TipMotion) -> tuple[Array, Array, Array]:
-    """Rotations at the knot behind each interval (n, 9), column by column; rotation vectors from there to the
-    points of the interval and their rates (s, n, 3) each.
+    """Rotations at the knot behind each interval, and at the last one (n + 1, 9), column by column.
+
+    With them rotation vectors from there to the points of the interval and their rates (s, n + 1, 3) each.
     """
     step = planned.points - 1
     rotations, spins = [pin.exp3(np.array(vector)) for vector in planned.rotation], np.array(planned.spin)
     starts = range(0, len(rotations) - 1, step)
-    turns = np.array([[pin.log3(rotations[k + j] @ rotations[k].T) for k in starts] for j in range(step + 1)])
-    # spin = J(turn) rate with the left Jacobian, which is the right one of the opposite vector
-    rates = np.array(
-        [
-            [np.linalg.solve(pin.Jexp3(-turns[j, i]), spins[k + j]) for i, k in enumerate(starts)]
-            for j in range(step + 1)
-        ]
-    )
-    return np.array([rotations[k].T.ravel() for k in starts]), turns, rates
+    turns, rates = np.zeros((2, step + 1, len(starts) + 1, 3))
+    for j in range(step + 1):
+        for i, k in enumerate(starts):
+            turns[j, i] = pin.log3(rotations[k + j] @ rotations[k].T)
+            # spin = J(turn) rate with the left Jacobian, which is the right one of the opposite vector
+            rates[j, i] = np.linalg.solve(pin.Jexp3(-turns[j, i]), spins[k + j])
+    return np.array([rotations[k].T.ravel() for k in (*starts, -1)]), turns, rates
 
 
 def _spin(turned: Profile) -> tuple[ca.SX, ca.SX]:

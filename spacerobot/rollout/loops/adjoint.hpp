@@ -9,8 +9,9 @@
 //
 // The last two are there where there are EVENTS. MOVING tells whether the wanted parameters may move the ends of
 // segments, that is jumps or events; tbar is empty otherwise, and that of final_reverse where there are no events.
-// JUMP_BAR holds the places of the jumps in cbar, -1 for one that stays.
-enum { NW = G::dynamics_reverse_cbar, NG = G::setup_reverse_pbar, MOVING = G::dynamics_reverse_tbar };
+// JUMP_BAR holds the places of the jumps in cbar, -1 for one that stays. cbar of setup_reverse goes on with the rows of
+// tables, which no other function sees; C_BAR holds the place in it of each constant, or -1.
+enum { NW = G::dynamics_reverse_cbar, NB = G::setup_reverse_cbar, NG = G::setup_reverse_pbar, MOVING = G::dynamics_reverse_tbar };
 
 struct AdjointJob {
   const double* seed;  // (count, NJ), the weight of each cost
@@ -21,8 +22,28 @@ struct AdjointJob {
 // What flows back; t and h are those of a step's beginning and length, `begin` that of a segment's beginning where an
 // event was.
 struct Bars {
-  real x[NX], c[NW + 1], t, h, begin;
+  real x[NX], c[NB + 1], t, h, begin;
 };
+
+#if TABLES
+// Let windows show again what they showed during a step; what flowed back to them meanwhile belongs to their rows.
+static void turn_back(Trajectory& at, const real* row, Bars& bar) {
+  for (int l = 0; l < LANES; ++l) {
+    bool other = !row;
+    for (int k = 0; row && k < CURSORS; ++k) other |= lane(row[k], l) != lane(at.now.row[k], l);
+    if (!other) continue;
+    for (int i = 0; i < TABLES; ++i)
+      for (int j = 0; j < TABLE_WIDTH[i]; ++j) {
+        const int shown = int(lane(at.now.row[TABLE_CURSOR[i]], l)) * TABLE_WIDTH[i] + j;
+        const int from = C_BAR[TABLE_WINDOW[i] + j], to = C_BAR[TABLE_FIRST[i] + shown];
+        if (to >= 0) lane(bar.c[to], l) += lane(bar.c[from], l);
+        if (from >= 0) lane(bar.c[from], l) = 0.;
+      }
+    for (int k = 0; row && k < CURSORS; ++k) lane(at.now.row[k], l) = lane(row[k], l);
+    if (row) fill(at, l);
+  }
+}
+#endif
 
 INLINE void accumulate(real* sum, const real* part, int n) {
   for (int i = 0; i < n; ++i) sum[i] = sum[i] + part[i];
@@ -149,18 +170,32 @@ static void happened_reverse(const Record& past, Trajectory& at, Bars& bar) {
 // Do the steps of a segment of the tape once more, from where it began.
 static void again(const Job& job, Trajectory& at, const Position& begin, Record* tape, int64_t number) {
   real m[NM + 1], next[NX], c[NC + 1];
+#if TABLES
+  real row[CURSORS];
+#endif
   at.now = begin;
   for (int l = 0; l < LANES; ++l) set_sides(at, l);
+#if TABLES
+  for (int l = 0; l < LANES; ++l) fill(at, l);
+#endif
 #if EVENTS
   set_switches(at, at.now.watch.mode);
 #endif
   for (int64_t k = 0; k < number; ++k) {
     ready(job, at);  // a checkpoint was taken when a step was ready
     record_step(tape[k], at, m, next);
-    std::memcpy(c, at.c, sizeof c);
+    if (k == number - 1) {
+      std::memcpy(c, at.c, sizeof c);
+#if TABLES
+      std::memcpy(row, at.now.row, sizeof row);
+#endif
+    }
     settle<false>(job, at, tape[k].slope, next, &tape[k], true);
   }
   std::memcpy(at.c, c, sizeof c);  // the sides of jumps during the last step, where the sweep back goes on
+#if TABLES
+  std::memcpy(at.now.row, row, sizeof row);  // and the rows
+#endif
 #if EVENTS
   set_switches(at, at.now.watch.mode);
 #endif
@@ -186,6 +221,7 @@ extern "C" int64_t gradients(const Job* given, const AdjointJob* adjoint) {
     G::objective_reverse(at.r, p, seed, rbar, direct);
     const real t[1] = {end_of(job, at)};
     bar.t = bar.h = bar.begin = 0.;
+    for (int i = NW; i < NB; ++i) bar.c[i] = 0.;
     G::final_reverse(t, at.now.x, at.c, rbar + INTEGRALS + PEAKS, bar.x, bar.c, &bar.t);
     for (int i = 0; i < INTEGRALS; ++i) bar.x[NX - INTEGRALS + i] = rbar[i];
     peaks_reverse(steps, t[0], at, at.now.x, rbar, bar);
@@ -199,6 +235,9 @@ extern "C" int64_t gradients(const Job* given, const AdjointJob* adjoint) {
       for (int64_t k = number - 1; k >= 0; --k) {
         if (*job.stop) return first;
         const Record& past = tape.at[k];
+#if TABLES
+        turn_back(at, past.row, bar);
+#endif
 #if EVENTS
         if (any(past.happened.cut || past.happened.event >= 0.)) happened_reverse(past, at, bar);
         else
@@ -208,6 +247,9 @@ extern "C" int64_t gradients(const Job* given, const AdjointJob* adjoint) {
         ends_reverse(past.step, at, bar);
       }
     }
+#if TABLES
+    turn_back(at, nullptr, bar);
+#endif
     G::setup_reverse(p, bar.x, bar.c, pbar);
     for (int i = 0; i < NG; ++i) pbar[i] = select(at.whole, pbar[i] + direct[i], NAN);
     scatter(pbar, NG, first, job.count, adjoint->gradient);

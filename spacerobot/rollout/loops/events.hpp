@@ -366,6 +366,9 @@ static void happen(const Job& job, Trajectory& at, const Happened& found, bool a
     if (!again) tell_event(job, at, l, event, instant, next), ++at.fired[l];
     for (int i = 0; i < NX; ++i) lane(at.now.x[i], l) = lane(next[i], l);
     lane(w.last, l) = event, lane(w.fresh, l) = 1.;
+#if TABLES
+    lane(at.now.turned, l) = 1.;
+#endif
     const bool close = instant - lane(w.since, l) <= job.h;
     lane(w.burst, l) = close ? lane(w.burst, l) + 1 : 1.;
     if (!close) lane(w.since, l) = instant;

@@ -26,12 +26,18 @@ INLINE bool ready(const Job& job, Trajectory& at) {
   if (at.now.interval == job.intervals) return false;
   ++at.now.interval;
   for (int l = 0; l < LANES; ++l) next_segment(job, at, l);
+#if TABLES
+  look_up(at);
+#endif
   return true;
 }
 
 // What the adjoint remembers of a step, and of what happened with it. No lane is busy with a step that it did not do.
 struct Record {
   Step step;
+#if TABLES
+  real row[CURSORS];
+#endif
   real x[NX], slope[M::STAGES * NX];
 #if EVENTS
   Happened happened;
@@ -40,6 +46,9 @@ struct Record {
 
 static void record_step(Record& record, Trajectory& at, real* m, real* next) {
   record.step = at.now.step;
+#if TABLES
+  std::memcpy(record.row, at.now.row, sizeof record.row);
+#endif
   std::memcpy(record.x, at.now.x, sizeof at.now.x);
   step<false>(at, at.now.x, record.slope, m, next);
 }
@@ -84,6 +93,9 @@ template <bool SHARED> INLINE real settle(const Job& job, Trajectory& at, const 
   happen(job, at, happened, again);
 #endif
   advance(job, at, onward);
+#if TABLES
+  look_up(at);
+#endif
   if (!again) at.done = at.done + good, at.reached = select(good, now.step.t, at.reached);
   return goes && moved;
 }
@@ -104,6 +116,9 @@ static void set_out(const Job& job, int64_t first, const real* p, Trajectory& at
   watch(at);
 #endif
   sort_jumps(job, at);
+#if TABLES
+  now.turned = 1., look_up(at);
+#endif
   for (int i = 0; i < NX; ++i) at.error[i] = 0., at.size[i] = fabs(now.x[i]);
   for (int i = 0; i < NM; ++i) at.r[INTEGRALS + i] = -INFINITY;
   for (int i = 0; i < PEAKS; ++i) at.when[i] = 0.;

@@ -8,7 +8,7 @@
 //   final(t, x, c -> e)            what is asked for at the end
 //   objective(r, p -> J)           costs, from r = (integrals, peaks, final values)
 //
-// and where there are EVENTS, see `events.hpp`:
+// `tables.hpp` comes next where there are TABLES; and where there are EVENTS, see `events.hpp`:
 //
 //   guards(t, x, c, xdot -> g, rate)   an event fires where its guard is above zero; rates along xdot
 //   values(t, x, c -> g)               the guards alone
@@ -28,6 +28,9 @@ enum {
   NP = G::setup_p, NX = G::dynamics_x, NC = G::dynamics_c, NM = G::dynamics_m, NY = G::outputs_y, NE = G::final_e,
   NJ = G::objective_J, NR = INTEGRALS + NM + NE
 };
+#if TABLES
+enum { CURSORS = G::rows_row };
+#endif
 
 struct Job {
   int64_t count, intervals, every;  // rollouts, sample intervals, steps in one without a jump
@@ -107,6 +110,9 @@ struct Position {
   Step step;
   int64_t interval;   // sample intervals begun
   int passed[LANES];  // jumps behind each lane
+#if TABLES
+  real row[CURSORS], turned;  // rows that windows show; truth where they may be others now
+#endif
 #if EVENTS
   Watch watch;
 #endif
@@ -193,6 +199,9 @@ static void next_segment(const Job& job, Trajectory& at, int l) {
   if (JUMPS && lane(s.to, l) >= 0) {
     lane(at.c[JUMP[int(lane(s.to, l))]], l) = -INFINITY;
     ++at.now.passed[l];
+#if TABLES
+    lane(at.now.turned, l) = 1.;
+#endif
 #if EVENTS
     lane(at.now.watch.fresh, l) = 1.;
 #endif

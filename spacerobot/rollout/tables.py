@@ -1,0 +1,74 @@
+"""Windows into tables of constants, filled where a row changes; ``loops/tables.hpp`` does it in each lane."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from spacerobot.rollout.protocol import Array, TableRule
+
+Integers = npt.NDArray[np.int64]
+
+
+def fill(tables: Sequence[TableRule], rows: Integers, c: Array, slopes: Sequence[int] = ()) -> None:
+    """Let the windows of constants (..., nc) show the rows of their cursors.
+
+    Parameters
+    ----------
+    tables, rows, c
+        The tables, the row of each cursor, and the constants.
+    slopes
+        Place in c of each constant's derivative, or -1; none without derivatives.
+    """
+    for table in tables:
+        begin, window = table.first + int(rows[table.cursor]) * table.width, table.window
+        c[..., window : window + table.width] = c[..., begin : begin + table.width]
+        for j in range(table.width if slopes else 0):
+            if slopes[window + j] >= 0:
+                known = slopes[begin + j] >= 0
+                c[..., slopes[window + j]] = c[..., slopes[begin + j]] if known else 0.0
+
+
+def gather(tables: Sequence[TableRule], rows: Integers, bars: Sequence[int], cbar: Array) -> None:
+    """Let what flowed back to windows, in cbar, belong to the rows that they showed.
+
+    Parameters
+    ----------
+    tables, rows, cbar
+        The tables, the row of each cursor, and the bars.
+    bars
+        Place in cbar of each constant's bar, or -1.
+    """
+    for table in tables:
+        begin = table.first + int(rows[table.cursor]) * table.width
+        for j in range(table.width):
+            window, place = bars[table.window + j], bars[begin + j]
+            if place >= 0:
+                cbar[place] += cbar[window]
+            if window >= 0:
+                cbar[window] = 0.0
+
+
+def cells(tables: Sequence[TableRule]) -> Iterator[tuple[int, int, int]]:
+    """Window's place, its table's place, and the table's number, of every entry of every table."""
+    for number, table in enumerate(tables):
+        for place in range(table.count * table.width):
+            yield table.window + place % table.width, table.first + place, number
+
+
+def sources(tables: Sequence[TableRule]) -> set[int]:
+    """Places in c that no function sees."""
+    return {place for _, place, _ in cells(tables)}
+
+
+def reached_with(tables: Sequence[TableRule], reached: set[int]) -> set[int]:
+    """Places in c that parameters reach, with the windows that may show them."""
+    return reached | {window for window, place, _ in cells(tables) if place in reached}
+
+
+def places_in(reached: Sequence[int], count: int, first: int = 0) -> tuple[int, ...]:
+    """Place of each of so many constants among those that are reached, from ``first`` on; -1 for others."""
+    places = {place: first + i for i, place in enumerate(reached)}
+    return tuple(places.get(place, -1) for place in range(count))
