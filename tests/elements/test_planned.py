@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicHermiteSpline, KroghInterpolator
 
+from spacerobot.closedloop import build_closed_loop
 from spacerobot.description.planar import PlanarBase, PlanarLink, planar_arm_urdf
 from spacerobot.elements import Context
 from spacerobot.elements.knots import Knots
@@ -114,13 +115,25 @@ def test_the_torque_alone_leads_there_as_knots_grow_closer(folder):
     assert np.log2(errors[1] / errors[2]) > 1.8
 
 
-def test_the_method_keeps_its_order_across_knots(folder):
+@pytest.mark.parametrize("phases", ["", "phases: {wait: {until: {time: 0.13}}, go: {}}\n"])
+def test_the_method_keeps_its_order_across_knots(folder, phases):
     write_plan(plan_of(load_scene(folder / "still.yaml"), TURNS, DURATION, 6), folder / "six.nc")
     follow = "{kind: joint_tracking, file: six.nc}"
-    loop = Symbolic(scene_with(folder, "six.yaml", reference="hold", follow=follow))
+    (folder / "six.yaml").write_text(text(reference="hold", follow=follow) + phases)
+    loop = Symbolic(load_scene(folder / "six.yaml"))
     ends = [loop.run(1.2, 0.2, step).state[-1] for step in (0.2, 0.1, 0.025)]
     coarse, fine = (np.abs(end - ends[2]).max() for end in ends[:2])
     assert np.log2(coarse / fine) > 5
+
+
+def test_more_knots_take_no_more_operations(folder):
+    counts = []
+    for name, knots in (("few", 4), ("many", 40)):
+        write_plan(plan_of(load_scene(folder / "still.yaml"), TURNS, DURATION, knots), folder / f"{name}.nc")
+        follow = FOLLOW.replace("plan.nc", f"{name}.nc")
+        scene = scene_with(folder, "count.yaml", reference=f"plan, file: {name}.nc", follow=follow)
+        counts.append(build_closed_loop(scene).dynamics.n_instructions())
+    assert counts[0] == counts[1]
 
 
 def test_a_result_needs_the_file_no_more(folder, tmp_path):

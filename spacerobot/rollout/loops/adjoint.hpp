@@ -26,7 +26,8 @@ struct Bars {
 };
 
 #if TABLES
-// Let windows show again what they showed during a step; what flowed back to them meanwhile belongs to their rows.
+// Let windows show again what they showed during a step, if one is given; what flowed back to them meanwhile belongs to
+// their rows.
 static void turn_back(Trajectory& at, const real* row, Bars& bar) {
   for (int l = 0; l < LANES; ++l) {
     bool other = !row;
@@ -171,7 +172,8 @@ static void happened_reverse(const Record& past, Trajectory& at, Bars& bar) {
 static void again(const Job& job, Trajectory& at, const Position& begin, Record* tape, int64_t number) {
   real m[NM + 1], next[NX], c[NC + 1];
 #if TABLES
-  real row[CURSORS];
+  real row[CURSORS];  // whose bars the windows hold
+  std::memcpy(row, at.now.row, sizeof row);
 #endif
   at.now = begin;
   for (int l = 0; l < LANES; ++l) set_sides(at, l);
@@ -184,17 +186,12 @@ static void again(const Job& job, Trajectory& at, const Position& begin, Record*
   for (int64_t k = 0; k < number; ++k) {
     ready(job, at);  // a checkpoint was taken when a step was ready
     record_step(tape[k], at, m, next);
-    if (k == number - 1) {
-      std::memcpy(c, at.c, sizeof c);
-#if TABLES
-      std::memcpy(row, at.now.row, sizeof row);
-#endif
-    }
+    if (k == number - 1) std::memcpy(c, at.c, sizeof c);
     settle<false>(job, at, tape[k].slope, next, &tape[k], true);
   }
   std::memcpy(at.c, c, sizeof c);  // the sides of jumps during the last step, where the sweep back goes on
 #if TABLES
-  std::memcpy(at.now.row, row, sizeof row);  // and the rows
+  std::memcpy(at.now.row, row, sizeof row);
 #endif
 #if EVENTS
   set_switches(at, at.now.watch.mode);
