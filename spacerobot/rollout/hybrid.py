@@ -10,6 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from spacerobot.rollout.grid import ROUNDING, TimeGrid
+from spacerobot.rollout.happening import Happening
 from spacerobot.rollout.kernel import Kernel
 from spacerobot.rollout.protocol import Array
 from spacerobot.rollout.raw import CHATTERING, COINCIDENT, COMPLETED, DIVERGED, ENDED, GRAZING
@@ -39,39 +40,6 @@ class Stepper(Protocol):
 
     def steps(self, n: int, estimate: bool) -> Any:
         """Function of so many steps, ``(x, t, h, dt, dh, c) -> (x, m, error, inner states)``."""
-
-
-@dataclass(frozen=True)
-class Happening:
-    """An event of an interpreted rollout.
-
-    Attributes
-    ----------
-    event
-        Which.
-    time_s
-        When.
-    before, after
-        States.
-    steps
-        Steps done before it.
-    located
-        Whether it fired at its guard's root, at the end of a step; else at once, where one begins.
-    first
-        What the segment behind it begins with, as in :class:`~spacerobot.rollout.segments.Plan`.
-    c, row
-        Constants after it, and the rows of tables before it.
-    """
-
-    event: int
-    time_s: float
-    before: Array
-    after: Array
-    steps: int
-    located: bool
-    first: int
-    c: Array
-    row: Integers
 
 
 @dataclass

@@ -12,7 +12,8 @@ import numpy as np
 
 from spacerobot.rollout.engines import StopFlag
 from spacerobot.rollout.grid import TimeGrid
-from spacerobot.rollout.hybrid import Happening, HybridRun
+from spacerobot.rollout.happening import Happening
+from spacerobot.rollout.hybrid import HybridRun
 from spacerobot.rollout.kernel import Kernel
 from spacerobot.rollout.protocol import Array
 from spacerobot.rollout.raw import COMPLETED, DIVERGED, ENDED, Raw

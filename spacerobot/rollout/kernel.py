@@ -135,10 +135,7 @@ def build_kernel(
         "outputs": sx_function("outputs", at, {"y": ca.vertcat(*y)}),
         "final": sx_function("final", at, {"e": stacked(measures.of_kind("final"))}),
     }
-    if loop.events:
-        functions |= _hybrid(loop, at, state, sums, prepared)
-    if loop.tables:
-        functions["rows"] = sx_function("rows", at, {"row": ca.SX(loop.rows(t, state, prepared))})
+    functions |= _hybrid(loop, at, state, sums, prepared)
     functions["objective"], costs = _objective(measures, loop.parameter_paths, p)
     return Kernel(
         functions,
@@ -172,12 +169,17 @@ def _seen(functions: Mapping[str, ca.Function]) -> tuple[int, ...]:
 def _hybrid(
     loop: ClosedLoopFunctions, at: Mapping[str, ca.SX], state: ca.SX, sums: ca.SX, prepared: ca.SX
 ) -> dict[str, ca.Function]:
-    """Guards, their values alone, and updates, which leave the integrals ``sums`` as they are."""
-    t, xdot, e = at["t"], ca.SX.sym("xdot", state.numel()), ca.SX.sym("e")
+    """Rows of tables; guards, their values alone, and updates, which leave the integrals ``sums`` alone."""
+    t, found = at["t"], dict[str, ca.Function]()
+    if loop.tables:
+        found["rows"] = sx_function("rows", at, {"row": ca.SX(loop.rows(t, state, prepared))})
+    if not loop.events:
+        return found
+    xdot, e = ca.SX.sym("xdot", state.numel()), ca.SX.sym("e")
     g, rate = loop.guards(t, state, prepared, xdot)
     after = ca.vertcat(loop.update(t, state, prepared, e), sums)
     slopes = ca.vertcat(xdot, ca.SX.sym("y", sums.numel()))
-    return {
+    return found | {
         "guards": sx_function("guards", {**at, "xdot": slopes}, {"g": g, "rate": rate}),
         "values": sx_function("values", at, {"g": g}),
         "update": sx_function("update", {**at, "e": e}, {"x_after": after}),

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from spacerobot.rollout.hybrid import Happening
+from spacerobot.rollout.happening import Happening
 from spacerobot.rollout.interpreted import DiscreteTrajectory
 from spacerobot.rollout.kernel import Kernel
 from spacerobot.rollout.protocol import Array

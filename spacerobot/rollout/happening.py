@@ -1,0 +1,41 @@
+"""What is known of an event of an interpreted rollout, for the sweep back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from spacerobot.rollout.protocol import Array
+from spacerobot.rollout.tables import Integers
+
+
+@dataclass(frozen=True)
+class Happening:
+    """An event of an interpreted rollout.
+
+    Attributes
+    ----------
+    event
+        Which.
+    time_s
+        When.
+    before, after
+        States.
+    steps
+        Steps done before it.
+    located
+        Whether it fired at its guard's root, at the end of a step; else at once, where one begins.
+    first
+        What the segment behind it begins with, as in :class:`~spacerobot.rollout.segments.Plan`.
+    c, row
+        Constants after it, and the rows of tables before it.
+    """
+
+    event: int
+    time_s: float
+    before: Array
+    after: Array
+    steps: int
+    located: bool
+    first: int
+    c: Array
+    row: Integers
