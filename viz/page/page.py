@@ -21,6 +21,7 @@ SCRIPTS = (
     "format.js",
     "theme.js",
     "shapes.js",
+    "tubes.js",
     "run.js",
     "blind.js",
     "camera.js",

@@ -74,10 +74,10 @@ class Run {
     this.ghosts = [];
     this.nodes = this.data.nodes.map((node, k) => {
       const group = new THREE.Group();
-      for (const solid of node.solids) group.add(solidMesh(solid));
+      for (const mesh of surfaces(node.solids, this.scale)) group.add(mesh);
       this.root.add(group);
       if (node.base) {
-        const ghost = this.put("ghosts", ghostOf(node));
+        const ghost = this.put("ghosts", ghostOf(node, this.scale));
         setPose(ghost, this.poses.subarray(7 * k, 7 * k + 7));
         this.ghosts.push([ghost, k]);
         const axes = triad(0.06 * this.scale);
@@ -172,7 +172,7 @@ class Run {
       const a = 7 * (i * count + k), b = share > 0 ? a + 7 * count : a;
       this.place(node, a, b, share);
     });
-    for (const trace of this.growing) trace.geometry.setDrawRange(0, i * trace.perSegment);
+    for (const trace of this.growing) grow(trace, i);
     const tips = this.tipBalls.length, grips = this.arrows.length, masses = this.centreBalls.length;
     this.tipBalls.forEach((dot, k) => this.between(this.tips, tips, k, i, share, dot.position));
     this.mateBalls.forEach((dot, k) => {
@@ -244,11 +244,11 @@ class Run {
     const side = this.data.pale ? 1 : -1;
     for (const node of this.nodes) {
       for (const mesh of node.children.filter((child) => child.userData.opacity !== undefined)) {
-        const { opacity, colour: own } = mesh.userData;
-        mesh.material.color.copy(own);
-        if (colour) mesh.material.color.lerp(new THREE.Color(colour), 0.7);
+        const { opacity, side: own } = mesh.userData;
+        dye(mesh, colour);
         mesh.material.opacity = (this.data.pale ? 0.3 : faint ? 0.55 : 1) * opacity;
         mesh.material.transparent = faint || opacity < 1;
+        mesh.material.side = this.data.pale ? THREE.FrontSide : own; // what is transparent on both sides is drawn twice
         // two runs of one planar scene lie in the same planes: the faint one is drawn over the other, the pale one under it
         Object.assign(mesh.material, { polygonOffset: faint, polygonOffsetFactor: side, polygonOffsetUnits: 8 * side });
       }

@@ -24,7 +24,7 @@ class Scene {
     }
     this.viewer.set_property(["Lights", "AmbientLight", "<object>"], "intensity", 0.55);
     for (const name of ["Grid", "Axes"]) this.viewer.set_property([name], "visible", false);
-    const key = new THREE.DirectionalLight(0xffffff, 0.42), rim = new THREE.DirectionalLight(0xbfd8ff, 0.2);
+    const key = new THREE.DirectionalLight(0xffffff, 0.5), rim = new THREE.DirectionalLight(0xbfd8ff, 0.2);
     key.position.set(-3, -4, 9);
     rim.position.set(6, 3, 2);
     this.viewer.set_object(["Lights", "Key"], key);

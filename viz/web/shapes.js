@@ -42,43 +42,98 @@ function creased(geometry, index) {
   return geometry;
 }
 
-function solidGeometry(solid) {
-  const size = solid.size;
-  if (solid.kind === "mesh") return meshes[solid.mesh];
-  if (solid.kind === "box") return new THREE.BoxGeometry(size[0], size[1], size[2]);
-  if (solid.kind === "sphere") return new THREE.SphereGeometry(size[0], 24, 16);
-  if (solid.kind === "cone") return new THREE.CylinderGeometry(size[1], size[0], size[2], 32, 1, true).rotateX(Math.PI / 2);
-  // a URDF's cylinder lies along z, Three's along y
-  return new THREE.CylinderGeometry(size[0], size[0], size[1], 32).rotateX(Math.PI / 2);
+// Boxes, spheres and cylinders are closed and seen from outside alone; a mesh may be open, or wound either way.
+const CLOSED = ["box", "sphere", "cylinder"];
+
+// Sides of a circle that is such a share of the scene: as many as make it look round.
+function sidesOf(share) {
+  return Math.round(Math.min(32, Math.max(8, 200 * Math.sqrt(share))));
 }
 
-function solidMesh(solid) {
-  const [r, g, b, alpha] = solid.rgba;
-  const material = new THREE.MeshPhongMaterial({
-    color: new THREE.Color(r, g, b), opacity: alpha, transparent: alpha < 1, shininess: 24, side: THREE.DoubleSide,
-  });
-  const mesh = new THREE.Mesh(solidGeometry(solid), material);
-  mesh.userData.opacity = alpha;
-  mesh.userData.colour = material.color.clone();
-  mesh.matrixAutoUpdate = false;
-  mesh.matrix.fromArray(solid.matrix);
+// ``scale``: the scene's size, m.
+function solidGeometry({ kind, size, mesh }, scale) {
+  if (kind === "mesh") return meshes[mesh];
+  if (kind === "box") return new THREE.BoxGeometry(...size);
+  const sides = sidesOf(size[0] / scale);
+  if (kind === "sphere") return new THREE.SphereGeometry(size[0], sides, Math.round(0.6 * sides));
+  if (kind === "cone") return new THREE.CylinderGeometry(size[1], size[0], size[2], 32, 1, true).rotateX(Math.PI / 2);
+  // a URDF's cylinder lies along z, Three's along y
+  return new THREE.CylinderGeometry(size[0], size[0], size[1], sides).rotateX(Math.PI / 2);
+}
+
+// A body's solids, as few objects as can be, for each costs a draw call: closed ones of one opacity are one.
+function surfaces(solids, scale) {
+  const closed = new Map(), found = [];
+  for (const solid of solids) {
+    const alpha = solid.rgba[3];
+    if (!CLOSED.includes(solid.kind)) {
+      const mesh = surface(solidGeometry(solid, scale), solid.rgba.slice(0, 3), alpha, THREE.DoubleSide);
+      mesh.matrixAutoUpdate = false;
+      mesh.matrix.fromArray(solid.matrix);
+      found.push(mesh);
+    } else closed.set(alpha, [...(closed.get(alpha) || []), solid]);
+  }
+  for (const [alpha, alike] of closed) {
+    const geometries = alike.map((solid) => placed(solidGeometry(solid, scale), solid));
+    const colours = alike.flatMap(({ rgba }, k) => Array.from({ length: geometries[k].attributes.position.count }, () => rgba.slice(0, 3)).flat());
+    const whole = merged(geometries);
+    whole.setAttribute("color", new THREE.Float32BufferAttribute(colours, 3));
+    found.push(surface(whole, colours, alpha, THREE.FrontSide));
+  }
+  return found;
+}
+
+// ``colours``: one, or one for each vertex, as red, green and blue.
+function surface(geometry, colours, opacity, side) {
+  const material = new THREE.MeshLambertMaterial({ opacity, side, transparent: opacity < 1, vertexColors: side === THREE.FrontSide });
+  const mesh = new THREE.Mesh(geometry, material);
+  mesh.userData = { opacity, side, colours };
+  dye(mesh);
   return mesh;
 }
 
-function ghostOf(node) {
+// A surface in its own colours, or mostly in another one.
+function dye({ geometry, material, userData: { colours } }, colour) {
+  const other = new THREE.Color(colour).toArray(), mixed = colours.map((own, k) => (colour ? own + 0.7 * (other[k % 3] - own) : own));
+  if (!material.vertexColors) { material.color.fromArray(mixed); return; }
+  geometry.attributes.color.copyArray(mixed);
+  geometry.attributes.color.needsUpdate = true;
+}
+
+// A geometry of its own where a solid is.
+function placed(geometry, { matrix }) {
+  return geometry.applyMatrix4(new THREE.Matrix4().fromArray(matrix));
+}
+
+// Several geometries as one.
+function merged(geometries) {
+  const whole = new THREE.BufferGeometry(), index = [];
+  let first = 0;
+  for (const { attributes, index: { array } } of geometries) {
+    for (const k of array) index.push(first + k);
+    first += attributes.position.count;
+  }
+  for (const name of ["position", "normal"]) {
+    whole.setAttribute(name, new THREE.Float32BufferAttribute(geometries.flatMap(({ attributes }) => [...attributes[name].array]), 3));
+  }
+  whole.setIndex(index);
+  return whole;
+}
+
+// Where a body began: its solids' surfaces hardly seen, and their edges.
+function ghostOf({ solids }, scale) {
   const ghost = new THREE.Group();
   const fill = new THREE.MeshBasicMaterial({ color: "#ffffff", opacity: 0.1, transparent: true, depthWrite: false,
     polygonOffset: true, polygonOffsetFactor: 4, polygonOffsetUnits: 4 });
-  const edge = new THREE.LineBasicMaterial({ color: "#ffffff", opacity: 0.55, transparent: true });
-  for (const solid of node.solids) {
-    const geometry = solidGeometry(solid);
-    const parts = [new THREE.Mesh(geometry, fill), new THREE.LineSegments(new THREE.EdgesGeometry(geometry, 30), edge)];
-    for (const part of parts) {
-      part.matrixAutoUpdate = false;
-      part.matrix.fromArray(solid.matrix);
-      ghost.add(part);
-    }
+  const edge = new THREE.LineBasicMaterial({ color: "#ffffff", opacity: 0.55, transparent: true }), edges = [];
+  for (const mesh of surfaces(solids, scale)) {
+    mesh.material = fill;
+    ghost.add(mesh);
   }
+  for (const solid of solids) edges.push(...placed(new THREE.EdgesGeometry(solidGeometry(solid, scale), 30), solid).attributes.position.array);
+  const lines = new THREE.BufferGeometry();
+  lines.setAttribute("position", new THREE.Float32BufferAttribute(edges, 3));
+  ghost.add(new THREE.LineSegments(lines, edge));
   return ghost;
 }
 
@@ -90,61 +145,6 @@ function setPose(object, pose) {
 
 function overlay(colour, opacity) {
   return new THREE.MeshBasicMaterial({ color: colour, opacity, transparent: true, depthTest: false, depthWrite: false });
-}
-
-const SIDES = 6; // of a tube
-const RING = Array.from({ length: SIDES }, (_, k) => [Math.cos((2 * Math.PI * k) / SIDES), Math.sin((2 * Math.PI * k) / SIDES)]);
-
-// A round line through n points; six triangles pairs a segment, so that a draw range shows a part of it.
-function tube(points, radius, material) {
-  const mesh = new THREE.Mesh(tubeGeometry(points, radius), material);
-  mesh.frustumCulled = false;
-  mesh.perSegment = 6 * SIDES;
-  return mesh;
-}
-
-// Rings of vertices, the first at the first point; each ring's normal is the one before it, turned as little as can be.
-function tubeGeometry(points, radius) {
-  const n = points.length / 3, positions = new Float32Array(n * SIDES * 3);
-  let [tx, ty, tz, nx, ny, nz] = [1, 0, 0, 0, 0, 1], at = 0; // tangent and normal
-  for (let i = 0; i < n; i++) {
-    const a = 3 * Math.max(0, i - 1), b = 3 * Math.min(n - 1, i + 1);
-    const [dx, dy, dz] = [points[b] - points[a], points[b + 1] - points[a + 1], points[b + 2] - points[a + 2]];
-    const length = Math.hypot(dx, dy, dz);
-    if (length > 1e-9) [tx, ty, tz] = [dx / length, dy / length, dz / length];
-    let along = nx * tx + ny * ty + nz * tz;
-    [nx, ny, nz] = [nx - along * tx, ny - along * ty, nz - along * tz];
-    if (Math.hypot(nx, ny, nz) < 1e-3) [nx, ny, nz] = [tz * tz + tx * ty, -tx * tx - ty * tz, ty * ty - tz * tx]; // any across
-    along = Math.hypot(nx, ny, nz);
-    [nx, ny, nz] = [nx / along, ny / along, nz / along];
-    const [ox, oy, oz] = [ty * nz - tz * ny, tz * nx - tx * nz, tx * ny - ty * nx];
-    for (const [c, s] of RING) {
-      positions[at++] = points[3 * i] + radius * (c * nx + s * ox);
-      positions[at++] = points[3 * i + 1] + radius * (c * ny + s * oy);
-      positions[at++] = points[3 * i + 2] + radius * (c * nz + s * oz);
-    }
-  }
-  const geometry = new THREE.BufferGeometry();
-  geometry.setAttribute("position", new THREE.BufferAttribute(positions, 3));
-  geometry.setIndex(new THREE.BufferAttribute(tubeFaces(n), 1));
-  return geometry;
-}
-
-// Corners of the triangles between n rings, the same for all such tubes.
-const facesOf = new Map();
-
-function tubeFaces(n) {
-  if (!facesOf.has(n)) {
-    const faces = new Uint32Array(Math.max(0, n - 1) * SIDES * 6);
-    for (let i = 0, at = 0; i < n - 1; i++) {
-      for (let k = 0; k < SIDES; k++, at += 6) {
-        const a = i * SIDES + k, b = i * SIDES + ((k + 1) % SIDES);
-        faces.set([a, b, a + SIDES, b, b + SIDES, a + SIDES], at);
-      }
-    }
-    facesOf.set(n, faces);
-  }
-  return facesOf.get(n);
 }
 
 function arrow(size, colour) {

@@ -1,7 +1,9 @@
 """What the animated page lets a person do: signals, seek bar, camera, pictures, links, keys."""
 
+import itertools
 import re
 import time
+from importlib.resources import files
 
 import numpy as np
 import pinocchio as pin
@@ -324,3 +326,36 @@ def test_a_link_is_followed_although_the_address_was_written_anew_since(shown, p
     page = shown(paper, fragment="#t=1&play=0")
     page.evaluate("location.hash = '#t=4&play=0'; history.replaceState(null, '', '#t=1&play=0')")
     page.wait_for("document.body.dataset.time === '4.000'", timeout_s=5)
+
+
+def test_a_path_is_drawn_by_few_rings_where_it_bends_and_ends_where_time_stands(browser):
+    """Along a line, round a circle and back; between rings it is straight to a sixteenth of its radius."""
+    angle = np.linspace(0, 2 * np.pi, 400)
+    there = np.stack([np.linspace(-1, 0, 200), np.zeros(200), np.zeros(200)], axis=1)
+    circle = np.stack([np.sin(angle) / 10, 0.1 - np.cos(angle) / 10, 0 * angle], axis=1)
+    points, radius = np.concatenate([there, circle, there[::-1]]), 0.01
+    browser.open("about:blank")
+    browser.evaluate(
+        "window.THREE = { BufferAttribute: function (array) { this.array = array; }, BufferGeometry: class {"
+        " setAttribute(name, values) { this.attributes = { [name]: values }; } setIndex() {}"
+        " setDrawRange(from, count) { this.count = count; } } }; 0"
+    )
+    browser.evaluate(
+        f"{(files('viz') / 'web' / 'tubes.js').read_text()};\n"
+        f"window.made = tubeGeometry(Float32Array.from({points.ravel().tolist()}), {radius}); "
+        "window.seen = (i) => { grow({ geometry: made }, i);"
+        " return [made.count / 36, ...made.attributes.position.array]; }; 0"
+    )
+    places = browser.evaluate("made.userData.places")
+    assert (places[0], places[-1]) == (0, len(points) - 1)
+    assert len(places) < 80
+    for begin, end in itertools.pairwise(places):
+        along = points[end] - points[begin]
+        offsets = points[begin : end + 1] - points[begin]
+        share = np.clip(offsets @ along / max(along @ along, 1e-30), 0, 1)
+        assert np.linalg.norm(offsets - share[:, None] * along, axis=1).max() <= radius / 16 * 1.001
+    for i in (100, 300, len(points) - 1):  # on the straight part there is no ring before it but the first
+        segments, *corners = browser.evaluate(f"seen({i})")
+        rings = np.reshape(corners, (-1, 6, 3)).mean(axis=1)
+        np.testing.assert_allclose(rings[int(segments)], points[i], atol=1e-6)
+    assert browser.evaluate("seen(100)[0]") == 1
