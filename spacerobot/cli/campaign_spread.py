@@ -25,25 +25,24 @@ def spreads(evaluator: Evaluator, data: xr.Dataset) -> list[dict[str, Any]]:
     """
     if evaluator.members[0].rollout.engines.toolchain is None:  # opened again without its rollouts
         evaluator = evaluator.recipe.build()
-    return [_spread(evaluator, data, name) for name in evaluator.gains if evaluator.member(name).scene.tips]
+    return [_spread(evaluator, data, name) for name in evaluator.gains]
 
 
 def _spread(evaluator: Evaluator, data: xr.Dataset, gains: str) -> dict[str, Any]:
     from viz.figures.style import unit_scale
     from viz.page.meshcat_scene import packed
     from viz.page.panel import LABELS
-    from viz.page.spread import spread_data
+    from viz.page.spread import Spread
 
     member = evaluator.member(gains)
     draws = data.draw.values[:MOST_AGAIN]
-    batch = member.rollout.batch(
-        member.space.paths, member.space.values(draws), outputs=("tip_error", "tip_position")
-    )
-    told = spread_data(batch.time, batch.outputs, [tip.label for tip in member.scene.tips])
+    spread, rows = Spread(member.scene, member.rollout), member.space.values(draws)
+    for begin in range(0, len(rows), spread.most):
+        spread.roll(member.space.paths, rows[begin : begin + spread.most])
     metrics = []
     for key, (label, _) in LABELS.items():
         if key in data:
             factor, unit = unit_scale(str(data[key].attrs["units"]))
             values = factor * data[key].sel(gains=gains).max(f"{key}_of", skipna=False)
             metrics.append({"key": key, "label": label, "unit": unit, "values": packed(values.values)})
-    return {"name": gains, "metrics": metrics, "drawn": len(draws), **told}
+    return {"name": gains, "metrics": metrics, **spread.data()}

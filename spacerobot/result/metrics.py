@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from spacerobot.arrays import Array
 from spacerobot.result.dataset import AXES
 
 
@@ -68,30 +69,34 @@ def _turned(rotation: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
 
 def greatest_torque(data: xr.Dataset) -> dict[str, Any]:
     """Greatest actuator torque [N m], or force [N] of a prismatic joint, its unit, where and when."""
-    found = _greatest(data.joint_torque, "joint", "torque_n_m")
+    found = _greatest(data, np.abs(data.variables["joint_torque"].values), "joint", "torque_n_m")
     return found | {"unit": "N" if _slides(data, found["joint"]) else "N m"}
 
 
 def fastest_joint(data: xr.Dataset) -> dict[str, Any]:
     """Greatest joint rate [rad/s], or speed [m/s] of a prismatic joint, its unit, where and when."""
-    found = _greatest(data.joint_velocity, "joint", "rate")
+    found = _greatest(data, np.abs(data.variables["joint_velocity"].values), "joint", "rate")
     return found | {"unit": "m/s" if _slides(data, found["joint"]) else "rad/s"}
 
 
 def _slides(data: xr.Dataset, joint: str | None) -> bool:
-    return joint is not None and bool(data.joint_kind.sel(joint=joint) == "prismatic")
+    kinds = dict(zip(data.variables["joint"].values, data.variables["joint_kind"].values, strict=True))
+    return joint is not None and kinds[joint] == "prismatic"
 
 
 def greatest_grip(data: xr.Dataset) -> dict[str, Any]:
     """Greatest grip force, where and when."""
-    force = np.sqrt((data.grasp_force**2).sum("axis"))
-    return _greatest(force.transpose("time", "grasp"), "grasp", "force_n")
+    return _greatest(data, _sizes(data, "grasp_force"), "grasp", "force_n")
 
 
 def greatest_contact(data: xr.Dataset) -> dict[str, Any]:
     """Greatest contact force, where and when."""
-    force = np.sqrt((data.contact_force**2).sum("axis"))
-    return _greatest(force.transpose("time", "contact"), "contact", "force_n")
+    return _greatest(data, _sizes(data, "contact_force"), "contact", "force_n")
+
+
+def _sizes(data: xr.Dataset, name: str) -> Array:
+    """Sizes (nt, n) of vectors, 0 where there is none."""
+    return np.asarray(np.sqrt(np.nansum(data.variables[name].values ** 2, axis=-1)))
 
 
 def attitude_errors(data: xr.Dataset) -> dict[str, dict[str, float]]:
@@ -114,17 +119,16 @@ def fastest_wheel(data: xr.Dataset) -> dict[str, Any]:
     """Greatest speed of a reaction wheel [rad/s], where and when, and the least part left of a limit."""
     left = np.array(data["wheel_margin"].values if "wheel_margin" in data else np.nan)
     known = left[np.isfinite(left)]
-    found = _greatest(data.wheel_speed, "wheel", "speed_rad_s")
+    found = _greatest(data, np.abs(data.variables["wheel_speed"].values), "wheel", "speed_rad_s")
     return found | {"least_margin": float(known.min()) if known.size else None}
 
 
-def _greatest(values: xr.DataArray, dimension: str, key: str) -> dict[str, Any]:
-    size = np.abs(values.values)
+def _greatest(data: xr.Dataset, size: Array, dimension: str, key: str) -> dict[str, Any]:
     if size.size == 0:
         return {key: 0.0, dimension: None, "time_s": None}
     row, column = np.unravel_index(int(size.argmax()), size.shape)
     return {
         key: float(size[row, column]),
-        dimension: str(values[dimension].values[column]),
-        "time_s": float(values.time.values[row]),
+        dimension: str(data.variables[dimension].values[column]),
+        "time_s": float(data.variables["time"].values[row]),
     }

@@ -7,8 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import xarray as xr
 
+from spacerobot.arrays import Array
 from spacerobot.notebook import html_table
 from spacerobot.result.table import Row, headline, status_text
 from spacerobot.scenario import Scenario
@@ -41,11 +43,15 @@ class Result:
         """Whether the rollout reached its end."""
         return bool(self.summary["status"]["state"] == "completed")
 
+    def array(self, name: str) -> Array:
+        """Values of a variable, or labels of a dimension: ``data[name].values`` in a tenth of the time."""
+        return np.asarray(self.data.variables[name].values)
+
     @property
     def led_tips(self) -> list[str]:
         """Labels of the tips that a reference or a controller of their own leads."""
         unled = self.summary.get("unled_tips", ())
-        return [str(tip) for tip in self.data.tip.values if tip not in unled]
+        return [str(tip) for tip in self.array("tip") if tip not in unled]
 
     def scene(self) -> Scene:
         """The scene it was simulated in, built anew from its scenario."""

@@ -61,7 +61,7 @@ def build_summary(
         "outcome": outcome_of(scene, events),
         "events": list(events),
         "tip_error": tip_errors(data),
-        **({"unled_tips": unled} if (unled := _unled(scene)) else {}),
+        **({"unled_tips": unled} if (unled := unled_tips(scene)) else {}),
         "target": bodies.get("target"),
         "bases": {body.name: bodies[body.name] for body in scene.robots},
         "greatest_torque": greatest_torque(data),
@@ -81,7 +81,7 @@ def build_summary(
     }
 
 
-def _unled(scene: Scene) -> list[str]:
+def unled_tips(scene: Scene) -> list[str]:
     """Tips without a reference and a controller of their own: nobody asked them to be anywhere."""
     return [
         tip.label

@@ -248,7 +248,7 @@ def sample_motion(
 ) -> Motion:
     """Placements at rows of a result's data; ``stage`` is the scene's, read anew if not given."""
     rows = np.asarray(rows, dtype=np.int64)
-    q, time = result.data.q.values[rows], result.data.time.values[rows]
+    q, time = result.array("q")[rows], result.array("time")[rows]
     return replace(place(scene, stage or Stage.of(scene), q, time), rows=rows)
 
 
@@ -287,9 +287,7 @@ def greatest_force(result: Result) -> float:
     """Greatest force of a grip or contact, N; of a diverged rollout, before its last instants."""
     rows = len(result.data.time)
     kept = rows if result.completed else max(1, int(0.8 * rows))
-    found = [
-        result.data[name].values[:kept] for name in ("grasp_force", "contact_force") if name in result.data
-    ]
+    found = [result.array(name)[:kept] for name in ("grasp_force", "contact_force") if name in result.data]
     return max((float(np.linalg.norm(forces, axis=-1).max(initial=0.0)) for forces in found), default=0.0)
 
 

@@ -32,21 +32,21 @@ _CLOSED_M = 1e-8  # a rigid grasp's gap is rounding
 def rotation_deg(result: Result, body: str) -> tuple[list[str], Array]:
     """Names and values (nt, k) of a body's rotation since the start, deg: about z, or a rotation vector."""
     if "body_angle" in result.data:
-        angle = result.data.body_angle.values[:, _place(result, body)]
+        angle = result.array("body_angle")[:, _place(result, body)]
         return ["z"], np.degrees(angle - angle[0])[:, None]
-    return ["x", "y", "z"], np.degrees(result.data.body_rotation.values[:, _place(result, body)])
+    return ["x", "y", "z"], np.degrees(result.array("body_rotation")[:, _place(result, body)])
 
 
 def translation_mm(result: Result, body: str) -> tuple[list[str], Array]:
     """Names and values (nt, k) of a body's displacement since the start, mm."""
     axes = shown_axes(result)
-    position = result.data.body_position.values[:, _place(result, body), : len(axes)]
+    position = result.array("body_position")[:, _place(result, body), : len(axes)]
     return axes, (position - position[0]) * 1e3
 
 
 def _place(result: Result, body: str) -> int:
     """Place of a body among a result's."""
-    return [str(name) for name in result.data.body.values].index(body)
+    return [str(name) for name in result.array("body")].index(body)
 
 
 @styled

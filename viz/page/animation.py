@@ -115,20 +115,13 @@ class Shown:
     label: str
 
 
-def look_at(
-    result: Result,
-    label: str,
-    scene: Scene | None = None,
-    stage: Stage | None = None,
-    *,
-    rate_hz: float = FRAMES_PER_S,
-) -> Shown:
-    """A result as a page shows it, so many frames to a second of simulated time.
+def look_at(result: Result, label: str, scene: Scene | None = None, stage: Stage | None = None) -> Shown:
+    """A result as a page shows it.
 
     ``scene`` is the result's own, and ``stage`` the scene's; they are made anew if not given.
     """
     scene = scene or result.scene()
-    rows = pick_rows(result.data.time.values, rate_hz=rate_hz, most=MOST_FRAMES)
+    rows = pick_rows(result.array("time"), rate_hz=FRAMES_PER_S, most=MOST_FRAMES)
     return Shown(result, scene, sample_motion(result, scene, rows, stage), label)
 
 
@@ -178,12 +171,13 @@ def still(scene: Scene, *, about: str | None = None) -> dict[str, Any]:
 
 def run_data(shown: Shown) -> dict[str, Any]:
     """Everything of a run that changes with its numbers: all but its nodes."""
-    result, motion, data = shown.result, shown.motion, shown.result.data
+    result, motion = shown.result, shown.motion
     rows = motion.rows
-    tips = [str(tip) for tip in data.tip.values]
+    tips = [str(tip) for tip in result.array("tip")]
     shown_over_time = quantities(result)
     finer = chart_rows(result, shown_over_time)
-    error = data.tip_error.values[finer]
+    error, led = result.array("tip_error")[finer], result.led_tips
+    references, bodies = result.array("tip_reference")[rows], result.array("body_position")[rows]
     target = shown.scene.target
     return {
         "label": shown.label,
@@ -191,19 +185,19 @@ def run_data(shown: Shown) -> dict[str, Any]:
         "time": packed(motion.time),
         "poses": poses(motion),
         "tip_names": tips,
-        "tips": packed(data.tip_position.values[rows]),
-        "references": [packed(data.tip_reference.sel(tip=tip).values[rows]) for tip in tips],
-        "target": packed(data.body_position.sel(body=target.name).values[rows]) if target else None,
+        "tips": packed(result.array("tip_position")[rows]),
+        "references": [packed(references[:, k]) for k in range(len(tips))],
+        "target": packed(bodies[:, list(result.array("body")).index(target.name)]) if target else None,
         "grasp_tips": [tips.index(grasp.tip.label) for grasp in shown.scene.grasps],
-        "forces": packed(data.grasp_force.values[rows]),
+        "forces": packed(result.array("grasp_force")[rows]),
         "mates": packed(motion.mates),
         "grips": grip_data(result, rows),
         "contacts": contact_data(result, rows),
         "plumes": plume_data(result, rows),
         "masses": mass_data(result, shown.scene, motion),
         "events": event_data(result),
-        "fine_time": packed(data.time.values[finer]),
-        "errors": [packed(error[:, k]) if tip in result.led_tips else None for k, tip in enumerate(tips)],
+        "fine_time": packed(result.array("time")[finer]),
+        "errors": [packed(error[:, k]) if tip in led else None for k, tip in enumerate(tips)],
         "quantities": signal_data(shown_over_time, finer, joint_limits(shown.scene)),
     }
 
@@ -212,7 +206,7 @@ def _box(shown: Shown) -> tuple[Array, Array]:
     """Box around bodies and references, m."""
     result, motion = shown.result, shown.motion
     low, high = bounds(motion)
-    reference = result.data.tip_reference.values[motion.rows].reshape(-1, 3)
+    reference = result.array("tip_reference")[motion.rows].reshape(-1, 3)
     if len(reference):
         low, high = np.minimum(low, reference.min(axis=0)), np.maximum(high, reference.max(axis=0))
     return low, high
@@ -220,8 +214,8 @@ def _box(shown: Shown) -> tuple[Array, Array]:
 
 def _near(shown: Shown, low: Array, high: Array) -> Array:
     """Points (k, 3) around what the tips do: the object, tips and references; none without tips."""
-    data, motion = shown.result.data, shown.motion
-    points = [data[name].values[motion.rows].reshape(-1, 3) for name in ("tip_reference", "tip_position")]
+    result, motion = shown.result, shown.motion
+    points = [result.array(name)[motion.rows].reshape(-1, 3) for name in ("tip_reference", "tip_position")]
     if not len(points[0]):
         return np.zeros((0, 3))
     if shown.scene.target is not None:
@@ -261,7 +255,7 @@ def notices(result: Result, scene: Scene) -> list[str]:
     """Warnings that belong beside pictures of a result, one line each."""
     lines = []
     if not result.completed:
-        end, wanted = result.data.time.values[-1], result.scenario.simulation.duration
+        end, wanted = result.array("time")[-1], result.scenario.simulation.duration
         lines.append(f"The rollout diverged after {end:.4g} s of {wanted:g} s and is shown up to there.")
     doubt = warning(result.summary["status"])
     if doubt is not None:

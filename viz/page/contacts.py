@@ -20,7 +20,7 @@ def contact_data(result: Result, rows: Rows) -> dict[str, Any]:
     data = result.data
     if "contact" not in data.dims:
         return no_contacts()
-    forces, points = strongest(data.contact_force.values, data.contact_point.values, rows)
+    forces, points = strongest(result.array("contact_force"), result.array("contact_point"), rows)
     return {"count": data.sizes["contact"], "forces": packed(forces), "points": packed(points)}
 
 
@@ -50,16 +50,16 @@ def grip_data(result: Result, rows: Rows) -> dict[str, Any]:
     data, events = result.data, result.summary.get("events", ())
     held = np.ones((len(rows), data.sizes["grasp"]))
     if "grasp_state" in data:  # not a number for one that is always closed
-        state = data.grasp_state.values[rows]
+        state = result.array("grasp_state")[rows]
         held = np.where(np.isnan(state), 1.0, state == _CAPTURED)
     captures = [
         [e["time_s"] for e in events if (e["kind"], e["who"]) == ("captured", name)]
-        for name in data.grasp.values
+        for name in result.array("grasp")
     ]
     rigid = any(grasp.is_rigid for grasp in result.scenario.grasps.values())
     impulses = [
         [[e["time_s"], *e["impulses_n_s"][name]] for e in events if name in e.get("impulses_n_s", ())]
-        for name in (data.grasp.values if rigid and "grasp_impulse" in data else ())
+        for name in (result.array("grasp") if rigid and "grasp_impulse" in data else ())
     ]
     greatest = max((float(np.linalg.norm(one[1:])) for own in impulses for one in own), default=0.0)
     return {"held": packed(held), "captures": captures, "impulses": impulses, "greatest": greatest}

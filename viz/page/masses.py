@@ -61,12 +61,12 @@ def mass_data(result: Result, scene: Scene, motion: Motion) -> dict[str, Any]:
         return no_masses()
     centres, masses = centres[:, moving], masses[moving]
     centre = np.einsum("tkc,k->tc", centres, masses) / masses.sum()
-    own = result.data.body_momentum_linear.values[rows][:, moving]
-    momenta = np.concatenate([own, result.data.momentum_linear.values[rows][:, None]], axis=1)
+    own = result.array("body_momentum_linear")[rows][:, moving]
+    momenta = np.concatenate([own, result.array("momentum_linear")[rows][:, None]], axis=1)
     kept = len(rows) if result.completed else max(1, int(0.8 * len(rows)))
     greatest = float(np.linalg.norm(momenta[:kept], axis=-1).max(initial=0.0))
     # of a robot that holds nothing: rounding, beside what moves inside it
-    inner = float(np.sqrt(2 * masses.sum() * result.data.energy_kinetic.values[rows].max()))
+    inner = float(np.sqrt(2 * masses.sum() * result.array("energy_kinetic")[rows].max()))
     return {
         "centres": packed(np.concatenate([centres, centre[:, None]], axis=1)),
         "momenta": packed(momenta),

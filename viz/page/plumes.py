@@ -20,7 +20,7 @@ def plume_data(result: Result, rows: Rows) -> dict[str, Any]:
     data = result.data
     if "thruster" not in data.dims:
         return no_plumes()
-    forces, points = strongest(data.thruster_force.values, data.thruster_position.values, rows)
+    forces, points = strongest(result.array("thruster_force"), result.array("thruster_position"), rows)
     return {
         "count": data.sizes["thruster"],
         "forces": packed(forces),

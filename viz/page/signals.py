@@ -59,7 +59,7 @@ def quantities(result: Result) -> list[Quantity]:
 
 def chart_rows(result: Result, shown: Iterable[Quantity]) -> Rows:
     """Rows that a chart needs: an even spacing, and where each signal is least and greatest."""
-    time = result.data.time.values
+    time = result.array("time")
     rows = [pick_rows(time, rate_hz=1e9, most=MOST_SAMPLES)]
     for signal in (signal for quantity in shown for signal in quantity.signals):
         finite = np.isfinite(signal.values)
@@ -123,12 +123,14 @@ def _about(result: Result) -> list[str]:
 
 def _tip_errors(result: Result) -> list[Quantity]:
     """Of the tips that are led."""
-    tips, axes = [str(tip) for tip in result.data.tip.values], shown_axes(result)
+    tips, axes = [str(tip) for tip in result.array("tip")], shown_axes(result)
     led = result.led_tips
     if not led:
         return []
-    data, colours = result.data.sel(tip=led), [("tip", tips.index(tip)) for tip in led]
-    error, turned = data.tip_error.values * 1e3, np.degrees(data.tip_orientation_error.values)
+    places = [tips.index(tip) for tip in led]
+    colours = [("tip", place) for place in places]
+    error = result.array("tip_error")[:, places] * 1e3
+    turned = np.degrees(result.array("tip_orientation_error")[:, places])
     return [
         Quantity("tip error", "mm", _size(error, led, colours)),
         Quantity("tip error by axis", "mm", _along(error, led, axes)),
@@ -137,25 +139,25 @@ def _tip_errors(result: Result) -> list[Quantity]:
 
 
 def _tips(result: Result) -> list[Quantity]:
-    data, axes, led = result.data, shown_axes(result), result.led_tips
-    names, references = [str(tip) for tip in data.tip.values], data.tip_reference.sel(tip=led)
+    axes, led, names = shown_axes(result), result.led_tips, [str(tip) for tip in result.array("tip")]
+    references = result.array("tip_reference")[:, [names.index(tip) for tip in led]]
     return [
-        Quantity("tip position", "m", _along(data.tip_position.values, names, axes)),
-        Quantity("tip reference", "m", _along(references.values, led, axes)),
-        Quantity("tip velocity", "mm/s", _along(data.tip_velocity.values * 1e3, names, axes)),
+        Quantity("tip position", "m", _along(result.array("tip_position"), names, axes)),
+        Quantity("tip reference", "m", _along(references, led, axes)),
+        Quantity("tip velocity", "mm/s", _along(result.array("tip_velocity") * 1e3, names, axes)),
     ]
 
 
 def _grasps(result: Result) -> list[Quantity]:
-    data, axes = result.data, shown_axes(result)
-    names, tips = [str(grasp) for grasp in data.grasp.values], [str(tip) for tip in data.tip.values]
+    axes = shown_axes(result)
+    names, tips = [str(grasp) for grasp in result.array("grasp")], [str(tip) for tip in result.array("tip")]
     colours = [("tip", tips.index(result.scenario.grasps[name].tip)) for name in names]
-    force = data.grasp_force.values
+    force = result.array("grasp_force")
     return [
         Quantity("grip force", "N", _size(force, names, colours)),
         Quantity("grip force by axis", "N", _along(force, names, axes)),
-        Quantity("grip torque by axis", "N m", _along(data.grasp_torque.values, names, _about(result))),
-        Quantity("gap of grips", "mm", _size(data.grasp_gap.values * 1e3, names, colours)),
+        Quantity("grip torque by axis", "N m", _along(result.array("grasp_torque"), names, _about(result))),
+        Quantity("gap of grips", "mm", _size(result.array("grasp_gap") * 1e3, names, colours)),
     ]
 
 
@@ -163,21 +165,21 @@ def _contacts(result: Result) -> list[Quantity]:
     data, axes = result.data, shown_axes(result)
     if "contact" not in data.dims:
         return []
-    names = [str(contact) for contact in data.contact.values]
+    names = [str(contact) for contact in result.array("contact")]
 
     def each(variable: str, factor: float = 1.0) -> list[Signal]:
         return [Signal(n, data[variable].sel(contact=n).values * factor) for n in names]
 
     return [
         Quantity("contact force along the normal", "N", each("contact_normal_force")),
-        Quantity("contact force by axis", "N", _along(data.contact_force.values, names, axes)),
+        Quantity("contact force by axis", "N", _along(result.array("contact_force"), names, axes)),
         Quantity("gap of contacts", "mm", each("contact_gap", 1e3)),
     ]
 
 
 def _joints(result: Result) -> list[Quantity]:
-    data, turns = result.data, result.data.joint_kind.values != "prismatic"
-    names = np.array([str(joint) for joint in data.joint.values])
+    turns = result.array("joint_kind") != "prismatic"
+    names = np.array([str(joint) for joint in result.array("joint")])
     kinds = (
         ("joint angle", "deg", "joint_position", turns, np.degrees(1.0)),
         ("joint rate", "deg/s", "joint_velocity", turns, np.degrees(1.0)),
@@ -188,14 +190,14 @@ def _joints(result: Result) -> list[Quantity]:
     )
     found = []
     for title, unit, variable, chosen, factor in kinds:
-        values = data[variable].values[:, chosen] * factor
+        values = result.array(variable)[:, chosen] * factor
         found.append(Quantity(title, unit, [Signal(n, values[:, k]) for k, n in enumerate(names[chosen])]))
     return found
 
 
 def _bodies(result: Result) -> list[Quantity]:
-    data, axes, about = result.data, shown_axes(result), _about(result)
-    names = [str(body) for body in data.body.values]
+    axes, about = shown_axes(result), _about(result)
+    names = [str(body) for body in result.array("body")]
     said, colours = [called(name) for name in names], [("body", k) for k in range(len(names))]
     turned = [rotation_deg(result, name)[1] for name in names]
     moved = [translation_mm(result, name)[1] for name in names]
@@ -220,13 +222,13 @@ def _bodies(result: Result) -> list[Quantity]:
 
 def _momenta(result: Result) -> list[Quantity]:
     """Of every body, of all together, and what came from outside."""
-    data, axes = result.data, shown_axes(result)
-    said = [called(str(name)) for name in data.body.values]
+    axes = shown_axes(result)
+    said = [called(str(name)) for name in result.array("body")]
     colours = [("body", k) for k in range(len(said))]
-    momenta, given = {}, "impulse_linear" in data
+    momenta, given = {}, "impulse_linear" in result.data
     for kind in ("linear", "angular"):
-        own, total = data[f"body_momentum_{kind}"].values, data[f"momentum_{kind}"].values
-        outside = [data[f"impulse_{kind}"].values[:, None]] if given else []
+        own, total = result.array(f"body_momentum_{kind}"), result.array(f"momentum_{kind}")
+        outside = [result.array(f"impulse_{kind}")[:, None]] if given else []
         momenta[kind] = np.concatenate([own, total[:, None], *outside], axis=1)
     everyone = [*said, "all together", *(["given from outside"] if given else [])]
     together = [*colours, ("all", 0), *([("body", len(said))] if given else [])]
@@ -241,7 +243,7 @@ def _wheels(result: Result) -> list[Quantity]:
     data = result.data
     if "wheel" not in data.dims:
         return []
-    names, about = [str(wheel) for wheel in data.wheel.values], _about(result)
+    names, about = [str(wheel) for wheel in result.array("wheel")], _about(result)
     kinds = (
         ("wheel speed", "rad/s", "wheel_speed", 1.0),
         ("wheel torque", "N m", "wheel_torque", 1.0),
@@ -251,7 +253,7 @@ def _wheels(result: Result) -> list[Quantity]:
     bodies = [called(str(body)) for body in carried.body.values]
     return [
         *(
-            Quantity(title, unit, [Signal(n, data[key].values[:, k] * scale) for k, n in enumerate(names)])
+            Quantity(title, unit, [Signal(n, result.array(key)[:, k] * scale) for k, n in enumerate(names)])
             for title, unit, key, scale in kinds
             if key in data
         ),
@@ -279,8 +281,8 @@ def _thrusters(result: Result) -> list[Quantity]:
     data = result.data
     if "thruster" not in data.dims:
         return []
-    size = np.linalg.norm(data.thruster_force.values, axis=-1)
-    forces = [Signal(str(name), size[:, k]) for k, name in enumerate(data.thruster.values)]
+    size = np.linalg.norm(result.array("thruster_force"), axis=-1)
+    forces = [Signal(str(name), size[:, k]) for k, name in enumerate(result.array("thruster"))]
     spent = data.propellant.dropna("body", how="all") * 1e3
     masses = [Signal(called(str(body)), spent.sel(body=body).values) for body in spent.body.values]
     return [Quantity("thruster force", "N", forces), Quantity("propellant", "g", masses)]
@@ -293,10 +295,10 @@ def _orbit(result: Result) -> list[Quantity]:
         return found
     axes = ("radial", "along-track", "cross-track")[: len(shown_axes(result))]
     for title, unit, factor in (("position", "m", 1.0), ("velocity", "mm/s", 1e3)):
-        values = data[f"hill_{title}"].values * factor
+        values = result.array(f"hill_{title}") * factor
         signals = [
             Signal(f"{called(str(body))} {axis}", values[:, k, i])
-            for k, body in enumerate(data.body.values)
+            for k, body in enumerate(result.array("body"))
             for i, axis in enumerate(axes)
         ]
         found.append(Quantity(f"{title} in Hill axes", unit, signals))
@@ -304,10 +306,8 @@ def _orbit(result: Result) -> list[Quantity]:
 
 
 def _energies(result: Result) -> list[Quantity]:
-    data = result.data
+    works = {work_text(work): result.array(str(work.name)) for work in works_of(result.data)}
     return [
-        Quantity("energy", "J", [Signal(text, data[name].values) for name, text in ENERGIES.items()]),
-        Quantity(
-            "work since the start", "J", [Signal(work_text(work), work.values) for work in works_of(data)]
-        ),
+        Quantity("energy", "J", [Signal(text, result.array(name)) for name, text in ENERGIES.items()]),
+        Quantity("work since the start", "J", [Signal(text, values) for text, values in works.items()]),
     ]

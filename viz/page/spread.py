@@ -1,60 +1,118 @@
-"""Many rollouts at once on a page: quantiles of tip errors over time, and where the tips of some go."""
+"""Many rollouts at once on a page: quantiles of its signals over time, and where the tips of some go."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import itertools
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from spacerobot.arrays import Array
+from spacerobot.closedloop import ClosedLoop
+from spacerobot.result import Result
+from spacerobot.result.dataset import build_dataset
+from spacerobot.result.summary import unled_tips
+from spacerobot.rollout import Batch, Rollout, Trajectory
+from spacerobot.rollout.batch import Stop
+from spacerobot.scene import Scene
 from viz.page.meshcat_scene import packed
+from viz.page.signals import quantities
 
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 MOST_TIMES = 201
 MOST_PATHS = 100
-BANDED = "tip error"
-"""Quantity of the page whose quantiles are drawn."""
+MOST_BANDED = 200
+"""Rollouts of which quantiles are taken, the first ones."""
+
+MOST_SIGNALS = 150
+"""That have bands, in the page's order."""
+
+PIECE_BYTES = 100_000_000
+"""Of a batch whose states and outputs are all kept."""
 
 
-def spread_data(time: Array, outputs: Mapping[str, Array], tips: Sequence[str]) -> dict[str, Any]:
-    """Bands and paths of n rollouts.
+class Spread:
+    """Rollouts of one scene, gathered piece by piece.
 
     Parameters
     ----------
-    time
-        Of the samples (nt,) [s].
-    outputs
-        ``tip_error`` and ``tip_position``, each (n, nt, 3 tips) [m]; NaN after a divergence.
-    tips
-        What the tips are called.
-
-    Returns
-    -------
-    dict
-        ``time`` (nt,), ``bands`` (tips, quantiles, nt) of the sizes of tip errors [mm], ``paths``
-        (shown, nt, tips, 3) [m] with its shape, ``quantiles``, ``quantity`` and ``signals``, their names.
+    scene
+        The scene.
+    rollout
+        What rolls it out.
     """
-    every = max(1, len(time) // (MOST_TIMES - 1))
-    error, place = (
-        outputs[name][:, ::every].reshape(len(outputs[name]), -1, len(tips), 3)
-        for name in ("tip_error", "tip_position")
-    )
-    paths = place[:MOST_PATHS]
-    return {
-        "time": packed(time[::every]),
-        "quantiles": list(QUANTILES),
-        "quantity": BANDED,
-        "signals": list(tips),
-        "bands": packed(_bands(1e3 * np.linalg.norm(error, axis=-1))),
-        "paths": packed(paths),
-        "shape": list(paths.shape),
-    }
 
+    def __init__(self, scene: Scene, rollout: Rollout) -> None:
+        assert isinstance(rollout.loop, ClosedLoop)
+        self._scene, self._loop, self._rollout = scene, rollout.loop, rollout
+        self._time = np.zeros(0)
+        self._signals: dict[tuple[str, str], list[Array]] = {}
+        self._paths: list[Array] = []
 
-def _bands(sizes: Array) -> Array:
-    """Quantiles (tips, quantiles, nt) of sizes (n, nt, tips) of those that did not diverge."""
-    good = sizes[np.isfinite(sizes).all(axis=(1, 2))]
-    if not len(good):
-        return np.full((sizes.shape[2], len(QUANTILES), sizes.shape[1]), np.nan)
-    return np.asarray(np.quantile(good, QUANTILES, axis=0).transpose(2, 0, 1))
+    @property
+    def most(self) -> int:
+        """Rollouts of a piece at most: as many as fit into memory."""
+        width = self._loop.outputs.numel_out() + len(self._loop.state_names)
+        return max(1, PIECE_BYTES // (8 * width * (self._rollout.grid.intervals + 1)))
+
+    def roll(self, paths: Sequence[str], values: Array, stop: Stop | None = None) -> Batch:
+        """Roll out a piece, and take of it what is shown; rollouts that diverged are left out.
+
+        ``paths`` and ``values`` are those of :meth:`spacerobot.rollout.Rollout.batch`.
+        """
+        left = MOST_BANDED - len(self._paths)
+        outputs = [variable.name for variable in self._loop.variables] if left else []
+        batch = self._rollout.batch(paths, values, outputs=outputs, states=left > 0, stop=stop)
+        if batch.state is None or not batch.done.all():
+            return batch
+        every = max(1, len(batch.time) // (MOST_TIMES - 1))
+        self._time = batch.time[::every]
+        for k in np.flatnonzero(np.isfinite(batch.state).all(axis=(1, 2)))[:left]:
+            own = {name: found[k, ::every] for name, found in batch.outputs.items()}
+            self._paths.append(own["tip_position"])
+            for title, name, signal in self._one(batch, batch.state[k, ::every], own):
+                self._signals.setdefault((title, name), []).append(signal)
+        return batch
+
+    def _one(self, batch: Batch, state: Array, outputs: dict[str, Array]) -> list[tuple[str, str, Array]]:
+        """Title, name and values of the signals of a rollout."""
+        scene = self._scene
+        nothing: dict[str, Any] = {"measures": {}, "costs": {}, "diverged_at_s": None, "steps": 0}
+        rolled = Trajectory(
+            self._time,
+            state,
+            outputs,
+            status="completed",
+            step_s=np.nan,
+            backend=batch.backend,
+            wall_s=0.0,
+            **nothing,
+        )
+        data = build_dataset(scene, rolled, self._loop)
+        shown = quantities(Result(scene.scenario, data, {"unled_tips": unled_tips(scene)}))
+        found = ((one.title, signal.name, signal.values) for one in shown for signal in one.signals)
+        return list(itertools.islice(found, MOST_SIGNALS))
+
+    def data(self) -> dict[str, Any]:
+        """Bands and paths so far.
+
+        Returns
+        -------
+        dict
+            ``time`` (nt,); ``bands`` (signals, quantiles, nt) in their quantities' units, ``quantiles``, and
+            ``signals``, title of the quantity and name of each; ``paths`` (shown, nt, tips, 3) [m] with its
+            ``shape``; ``drawn``, how many rollouts.
+        """
+        tips = len(self._scene.tips)
+        paths = np.reshape(self._paths[:MOST_PATHS], (-1, len(self._time), tips, 3))
+        bands = [np.quantile(rows, QUANTILES, axis=0) for rows in self._signals.values()]
+        return {
+            "time": packed(self._time),
+            "quantiles": list(QUANTILES),
+            "signals": [list(signal) for signal in self._signals],
+            "bands": packed(bands),
+            "paths": packed(paths),
+            "shape": list(paths.shape),
+            "drawn": len(self._paths),
+        }

@@ -9,19 +9,17 @@ import numpy as np
 from pydantic import ValidationError
 
 from optim.campaign.draws.sampling import draw
+from spacerobot.arrays import Array
 from spacerobot.errors import ScenarioError
-from spacerobot.rollout import Batch
 from spacerobot.scenario import Campaign
 from spacerobot.scenario.faults import explain
-from viz.page.spread import spread_data
+from viz.page.spread import Spread
 from viz.studio.job import Job
 from viz.studio.messages import Request
-from viz.studio.metrics import Metric
 from viz.studio.plant import Plant, Plants
 
 MOST_SAMPLES = 4096
 CHUNK = 64  # rollouts between two messages
-OUTPUTS = ("tip_error", "tip_position")
 
 
 def cloud(_: Plants, plant: Plant, numbers: Mapping[str, float], job: Job) -> None:
@@ -42,20 +40,19 @@ def cloud(_: Plants, plant: Plant, numbers: Mapping[str, float], job: Job) -> No
     job.tell(always=True, progress=0.0, message="compiling many rollouts at once")
     others = {path: value for path, value in numbers.items() if path not in paths}
     names, fixed = [*paths, *others], list(others.values())
-    parts: list[Batch] = []
-    for begin in range(0, len(draws), CHUNK):
-        piece = draws[begin : begin + CHUNK]
+    spread, costs = Spread(plant.scene, plant.ready.rollout), np.zeros(0)
+    chunk = min(CHUNK, spread.most)
+    for begin in range(0, len(draws), chunk):
+        piece = draws[begin : begin + chunk]
         rows = np.hstack([piece, np.tile(fixed, (len(piece), 1))])
-        parts.append(plant.ready.rollout.batch(names, rows, outputs=OUTPUTS, stop=job.stop))
+        batch = spread.roll(names, rows, job.stop)
         if job.stop.is_set():
-            parts.pop()
             break
-        done = begin + len(piece)
-        state = "done" if done == len(draws) else "running"
-        job.tell(state, always=state == "running", **_told(plant, metric, parts, done, len(draws)))
+        costs = np.concatenate([costs, batch.costs[metric.key]])
+        state = "done" if len(costs) == len(draws) else "running"
+        job.tell(state, always=state == "running", **_told(spread, metric.factor * costs, len(draws)))
     if job.stop.is_set():
-        done = sum(len(part.done) for part in parts)
-        job.tell("stopped", **(_told(plant, metric, parts, done, len(draws)) if parts else {}))
+        job.tell("stopped", **(_told(spread, metric.factor * costs, len(draws)) if costs.size else {}))
 
 
 def _campaign(request: Request, plant: Plant, numbers: Mapping[str, float]) -> Campaign:
@@ -78,16 +75,14 @@ def _campaign(request: Request, plant: Plant, numbers: Mapping[str, float]) -> C
         raise ScenarioError(message, where=f"spreads ({where})") from None
 
 
-def _told(plant: Plant, metric: Metric, parts: list[Batch], done: int, total: int) -> dict[str, Any]:
-    """What samples say so far: the metric of each, quantiles of tip errors over time, paths of some."""
-    values = metric.factor * np.concatenate([part.costs[metric.key] for part in parts])
-    outputs = {name: np.concatenate([part.outputs[name] for part in parts]) for name in OUTPUTS}
+def _told(spread: Spread, values: Array, total: int) -> dict[str, Any]:
+    """What samples say so far: the metric of each, quantiles of signals over time, paths of some."""
     return {
-        "progress": done / total,
+        "progress": len(values) / total,
         "message": "",
-        "done": done,
+        "done": len(values),
         "samples": total,
         "lost": int(np.isnan(values).sum()),
         "values": values,
-        **spread_data(parts[0].time, outputs, [tip.label for tip in plant.scene.tips]),
+        **spread.data(),
     }

@@ -33,9 +33,6 @@ Values = Mapping[str, Any]
 
 Tell = Callable[[str], None]
 
-FRAMES_PER_S = 60.0
-"""Of simulated time, that are sent."""
-
 MOST_KEPT = 4
 """Structures that are kept ready: designs are compared, and their structures may differ."""
 
@@ -150,7 +147,7 @@ class Plant:
 
     def look(self, scene: Scene, result: Result) -> Shown:
         """A rollout as the page shows it; ``scene`` is the one that was drawn."""
-        return look_at(result, scene.scenario.name, scene, self.stage(scene), rate_hz=FRAMES_PER_S)
+        return look_at(result, scene.scenario.name, scene, self.stage(scene))
 
     def stage(self, scene: Scene) -> Stage:
         """What of a scene moves: with other pads it has other shapes."""

@@ -54,16 +54,20 @@ class Chart {
 
   // Rows of quantiles of a signal, the lowest first; none where nothing is known.
   quantilesOf(title, name) {
-    const { bands } = this, k = bands?.quantity === title ? bands.signals.indexOf(name) : -1, count = bands?.time.length;
+    const { bands } = this, k = bands ? bands.signals.findIndex(([of, one]) => of === title && one === name) : -1, count = bands?.time.length;
     if (k < 0) return [];
     return bands.quantiles.map((_, q) => bands.bands.subarray((k * bands.quantiles.length + q) * count, (k * bands.quantiles.length + q + 1) * count));
   }
 
+  hasBand(title) {
+    return Boolean(this.bands?.signals.some(([of]) => of === title));
+  }
+
   rangeOf({ title, signals }) {
     const [least, greatest] = this.signals.range(signals, this.window), [begin, end] = this.window;
-    const tops = signals.map(({ name }) => this.quantilesOf(title, name).at(-1) || []);
-    const seen = tops.flatMap((top) => [...top].filter((value, i) => this.bands.time[i] >= begin && this.bands.time[i] <= end));
-    return [least, seen.reduce((most, value) => (value > most ? value : most), greatest)];
+    const ends = signals.flatMap(({ name }) => { const rows = this.quantilesOf(title, name); return rows.length ? [rows[0], rows.at(-1)] : []; });
+    const seen = ends.flatMap((row) => [...row].filter((value, i) => Number.isFinite(value) && this.bands.time[i] >= begin && this.bands.time[i] <= end));
+    return [seen.reduce((low, value) => Math.min(low, value), least), seen.reduce((high, value) => Math.max(high, value), greatest)];
   }
 
   // Nearer (above 1) or farther, about a time; that of the cursor if none is given.
@@ -86,33 +90,47 @@ class Chart {
     this.resize();
   }
 
-  // The choice of signals has changed.
+  // The choice of signals has changed, or their values. Panels that say the same as before stay: new ones are laid out anew.
   choose() {
-    const several = this.signals.runs.length > 1;
-    this.drawn = this.signals.shown.map((quantity) => {
-      const panel = element("div", undefined, "panel"), names = element("div", undefined, "curves");
-      const values = [], canvas = element("canvas");
-      const close = button("×", `Remove ${quantity.title}`, () => this.onRemove(quantity.title));
-      names.append(close, element("span", `${quantity.title} [${quantity.unit}]`, "title"));
-      this.signals.runs.forEach(({ label }, r) => {
-        if (several) names.append(element("span", `${label}${r ? ` (${strokeOf(r)[0]})` : ""}:`, "run"));
-        for (const signal of quantity.signals) {
-          const one = element("span"), value = element("b");
-          one.append(mark(inked(signal.colour)), `${signal.name} `, value);
-          values.push([value, signal, r]);
-          names.append(one);
-        }
-      });
-      if (this.bands?.quantity === quantity.title) {
-        const share = this.bands.quantiles.map((q) => `${Math.round(100 * q)}`).join(", ");
-        names.append(element("span", `bands: ${share} % of samples`, "run"));
-      }
-      panel.append(names, canvas);
-      return { ...quantity, panel, canvas, values, range: this.rangeOf(quantity) };
+    const { runs, shown } = this.signals, said = shown.map((quantity) => this.words(quantity));
+    if (said.join("\n") !== this.said) {
+      this.said = said.join("\n");
+      this.made = shown.map((quantity) => this.panel(quantity));
+      this.panels.replaceChildren(this.cursor, this.pointer, ...this.made.map(({ panel }) => panel));
+    }
+    this.drawn = shown.map((quantity, k) => {
+      const { panel, canvas, places } = this.made[k], own = runs.flatMap((_, r) => quantity.signals.map((signal) => [signal, r]));
+      return { ...quantity, panel, canvas, values: own.map((one, i) => [places[i], ...one]), range: this.rangeOf(quantity) };
     });
-    this.panels.replaceChildren(this.cursor, this.pointer, ...this.drawn.map(({ panel }) => panel));
     this.root.hidden = this.drawn.length === 0;
     this.resize();
+  }
+
+  // All that a panel says but values.
+  words({ title, unit, signals }) {
+    const names = signals.map(({ name, colour }) => [name, inked(colour)]);
+    return JSON.stringify([title, unit, names, this.signals.runs.map(({ label }) => label), this.hasBand(title)]);
+  }
+
+  panel({ title, unit, signals }) {
+    const panel = element("div", undefined, "panel"), names = element("div", undefined, "curves"), canvas = element("canvas");
+    const places = [], { runs } = this.signals;
+    names.append(button("×", `Remove ${title}`, () => this.onRemove(title)), element("span", `${title} [${unit}]`, "title"));
+    runs.forEach(({ label }, r) => {
+      if (runs.length > 1) names.append(element("span", `${label}${r ? ` (${strokeOf(r)[0]})` : ""}:`, "run"));
+      for (const { name, colour } of signals) {
+        const one = element("span"), value = element("b");
+        one.append(mark(inked(colour)), `${name} `, value);
+        places.push(value);
+        names.append(one);
+      }
+    });
+    if (this.hasBand(title)) {
+      const share = this.bands.quantiles.map((q) => `${Math.round(100 * q)}`).join(", ");
+      names.append(element("span", `bands: ${share} % of samples`, "run"));
+    }
+    panel.append(names, canvas);
+    return { panel, canvas, places };
   }
 
   // Left and right end of the time axis in the window, px.
@@ -174,9 +192,9 @@ class Chart {
 
   pen(canvas) {
     const box = canvas.getBoundingClientRect(), ratio = window.devicePixelRatio || 1;
-    canvas.width = Math.round(box.width * ratio);
-    canvas.height = Math.round(box.height * ratio);
-    const pen = canvas.getContext("2d");
+    const pen = canvas.getContext("2d"), size = [Math.round(box.width * ratio), Math.round(box.height * ratio)];
+    if (canvas.width !== size[0] || canvas.height !== size[1]) [canvas.width, canvas.height] = size;
+    else pen.reset();
     pen.scale(ratio, ratio);
     pen.translate(-box.left, 0);
     pen.font = "11px system-ui, 'DejaVu Sans', sans-serif";
@@ -203,13 +221,13 @@ class Chart {
     }
     signals.forEach((signal) => signal.values.forEach((values, r) => {
       if (!values) return;
-      const { time } = this.signals.runs[r];
+      const { time } = this.signals.runs[r], perSecond = (right - left) / (this.window[1] - this.window[0]), origin = left - this.window[0] * perSecond;
       pen.strokeStyle = inked(signal.colour);
       pen.lineWidth = 1.5;
       pen.setLineDash(strokeOf(r)[1]);
       pen.globalAlpha = this.signals.runs[r].pale ? 0.5 : 1;
       pen.beginPath();
-      for (let i = 0; i < time.length; i++) pen.lineTo(this.xOf(time[i], left, right), y(values[Math.min(i, values.length - 1)]));
+      for (let i = 0; i < time.length; i++) pen.lineTo(origin + time[i] * perSecond, y(values[Math.min(i, values.length - 1)]));
       pen.stroke();
     }));
     pen.restore();

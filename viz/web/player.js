@@ -73,9 +73,9 @@ class Player {
     this.timeline.seek(this.timeline.time);
   }
 
-  // A campaign: ``paths`` of its tips, of that ``shape`` (samples, times, tips, 3), and ``bands`` of a signal; none if null.
+  // A campaign: ``paths`` of its tips, of that ``shape`` (samples, times, tips, 3), and ``bands`` of signals; none if null.
   cloud(spread) {
-    this.scene.setCloud(spread && cloudOf(floats(spread.paths), spread.shape));
+    this.scene.setCloud(spread && spread.shape[2] > 0 ? cloudOf(floats(spread.paths), spread.shape) : null);
     this.legend.load((layer) => this.present(layer));
     this.chart.band(spread);
   }

@@ -8,18 +8,21 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from spacerobot.closedloop import build_closed_loop
 from spacerobot.description import shipped_urdf_folder
 from spacerobot.errors import ResultError
 from spacerobot.result.result import Result
+from spacerobot.rollout import build_rollout
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
+from tests.oracles import one_arm
 from viz.drawing.motion import pick_rows, scene_nodes
 from viz.figures import KINDS, draw_all
 from viz.page.animation import animation
 from viz.page.meshcat_scene import packed
 from viz.page.page import animation_page, json_text, meshcat_script, write_animation
 from viz.page.page import page as to_html
-from viz.page.spread import spread_data
+from viz.page.spread import Spread
 from viz.record import write_recording
 
 BOX = (
@@ -262,26 +265,28 @@ def test_several_results_stand_side_by_side_and_are_shown_by_a_tick(browser, pap
     assert page.errors == []
 
 
-def test_a_campaign_is_told_by_its_distribution_bands_and_cloud(browser, paper, blind, tmp_path):
-    def of(name):
-        return np.stack([r.data[name].values.reshape(len(r.data.time), -1) for r in (paper, blind)])
-
-    tips = [str(tip) for tip in paper.data.tip.values]
-    outputs = {name: of(name) for name in ("tip_error", "tip_position")}
+def test_a_campaign_is_told_by_its_distribution_bands_and_cloud(browser, tmp_path):
+    scene = load_scene(one_arm.write(tmp_path))
+    shown = simulate(scene, backend="interpreted")
+    options = {"step_s": 0.02, "output_step_s": 0.1, "backend": "interpreted"}
+    cloud = Spread(scene, build_rollout(build_closed_loop(scene), duration_s=1.0, **options))
+    cloud.roll(["robots.arm.tips.tip.pid.kp"], np.array([[100.0], [150.0], [200.0]]))
     metric = {"key": "tip_error_peak", "label": "largest tip error", "unit": "mm"}
     spread = {
         "name": "own",
-        "drawn": 2,
         "metrics": [metric | {"values": packed([1.5, 2.5, np.nan])}],
-        **spread_data(paper.data.time.values, outputs, tips),
+        **cloud.data(),
     }
-    data = animation(paper, autoplay=False)
+    data = animation(shown, autoplay=False)
     data["panel"]["spreads"] = [spread]
-    page = _show(browser, tmp_path / "page.html", to_html(data), "#t=4", (1400, 800))
+    page = _show(browser, tmp_path / "page.html", to_html(data), "#t=0.5", (1400, 800))
     words = page.evaluate("document.getElementById('spread').innerText")
     assert "largest tip error of 3 samples, 1 of them diverged" in words
-    assert "paths of tips: 2 samples" in words
-    assert "bands: 5, 25, 50, 75, 95 % of samples" in page.evaluate(CURVES)
+    assert "paths of tips: 3 samples" in words
+    for chosen in ("tip error", "joint torque"):  # whatever a person chooses has its bands
+        page.evaluate(f"location.hash = '#t=0.5&signals={chosen}'")
+        page.wait_for(f"{CURVES}.includes('{chosen} [')")
+        assert "bands: 5, 25, 50, 75, 95 % of samples" in page.evaluate(CURVES)
     assert "campaign's samples" in page.evaluate("legend.innerText")
     assert page.errors == []
 

@@ -263,7 +263,9 @@ def test_a_campaign_grows_and_ends(page):
     assert (first["done"], last["done"], last["lost"]) == (64, 96, 0)
     arrays = last["arrays"]
     np.testing.assert_array_equal(first["arrays"]["values"], arrays["values"][:64])
-    assert arrays["bands"].shape == (1, 5, len(arrays["time"]))
+    assert ["tip error", "arm/tip"] in last["signals"]
+    assert any(title == "joint torque" for title, _ in last["signals"])
+    assert arrays["bands"].shape == (len(last["signals"]), 5, len(arrays["time"]))
     assert (np.diff(arrays["bands"], axis=1) >= 0).all()
     assert arrays["paths"].shape == (96, len(arrays["time"]), 1, 3)
     page.ask("campaign", values={}, metric="tip_error_peak", spreads={KP: {"kind": "normal", "std": 1e3}})

@@ -77,12 +77,13 @@ class Numbers {
 
   // Values and ticks; ``value`` gives a number by its path.
   update(value, pinned) {
-    for (const { one, control, value: shown, pinnable } of this.leaves) {
-      const now = value(one.path);
+    for (const leaf of this.leaves) {
+      const { one, control, pinnable } = leaf, now = value(one.path);
       if (pinnable) {
-        const text = `${short(now)} ${one.unit || ""}`;
-        if (shown.textContent !== text) shown.textContent = text; // the same again would be laid out again
         control.checked = pinned(one.path);
+        if (leaf.now === now) continue; // the same again would be laid out again
+        leaf.now = now;
+        leaf.value.textContent = `${short(now)} ${one.unit || ""}`;
       } else if (one.kind === "truth") control.checked = now;
       else if (document.activeElement !== control) control.value = now ?? "";
     }

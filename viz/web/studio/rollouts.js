@@ -42,8 +42,8 @@ class Rollouts {
     const { values } = this.flying;
     this.flying = null;
     this.keep(values, entry);
+    this.go(); // the server works while the page draws
     this.onKnown(values, entry);
-    this.go();
   }
 
   keep(values, entry) {

@@ -81,12 +81,14 @@ class Slider {
   }
 
   update(value) {
+    const { low, high, log } = this.range, said = [value, low, high, log].join();
     this.value = value;
+    if (document.activeElement !== this.field || this.field.value === "" || this.field.validity.valid) this.field.value = short(value);
+    if (said === this.said) return;
+    this.said = said;
     const notch = this.notchOf(value);
     if (Number(this.bar.value) !== notch) this.bar.value = notch;
     this.bar.setAttribute("aria-valuetext", `${short(value)} ${this.number.unit || ""}`);
-    if (document.activeElement !== this.field || this.field.value === "" || this.field.validity.valid) this.field.value = short(value);
-    const { low, high, log } = this.range;
     this.words.textContent = `${short(low)} to ${short(high)}${log ? ", logarithmic" : ""}`;
     [this.ends[0].value, this.ends[1].value, this.log.checked] = [short(low), short(high), log];
     this.log.disabled = !(low > 0);

@@ -121,6 +121,7 @@ class Studio {
   // The whole page says what the design in the hand is, and what is known of it.
   show() {
     const { designs, rollouts } = this, known = rollouts.known(designs.now), before = rollouts.known(designs.before?.values);
+    rollouts.want(designs.now, [designs.before?.values, ...designs.kept.map(({ values }) => values)]);
     if (known?.run && known.hello !== this.worn) this.wear(known.hello);
     for (const [path, slider] of this.sliders) slider.update(designs.value(path));
     this.numbers.update((path) => designs.value(path), (path) => this.sliders.has(path));
@@ -131,7 +132,6 @@ class Studio {
     $("restore").disabled = Object.keys(designs.now).length === 0;
     this.bookmarks.show(this.metrics.seen, (path) => this.byPath.get(path)?.unit);
     this.jobs.enable(this.sliders.size > 0);
-    rollouts.want(designs.now, [designs.before?.values, ...designs.kept.map(({ values }) => values)]);
     this.status();
     this.slope();
     this.player.note();
