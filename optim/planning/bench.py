@@ -16,7 +16,8 @@ from optim.planning.functions import Instants, build_instants
 from optim.planning.lobatto import Lobatto
 from optim.planning.motion import Course, Motion
 from optim.planning.program import Program
-from optim.planning.solve import Solvable, Solved
+from optim.planning.solvable import Solvable
+from optim.planning.solve import Solved
 from optim.planning.stage import Problem
 from optim.planning.verdict import Verdict
 from optim.problem.scenes import SceneRecipe

@@ -20,7 +20,8 @@ from scipy import sparse
 from optim.planning.functions import Pattern, derived
 from optim.planning.grips import slip
 from optim.planning.program import Program, Sums
-from optim.planning.solve import Solvable, Solved
+from optim.planning.solvable import Solvable
+from optim.planning.solve import Solved
 from optim.planning.stage import Stage
 from spacerobot.arrays import Array
 from spacerobot.dynamics import Inertias, forward_kinematics, inverse_dynamics

@@ -81,7 +81,7 @@ class Program:
         self.defects = intervals * self.inner * self.nx
         self.per_point = self.nv + len(problem.path)
         self.rows = self.defects + self.points * self.per_point + len(problem.goal)
-        self._seen: tuple[bytes, Array, Array] | None = None
+        self._seen: tuple[bytes, dict[str, Array]] = (b"", {})
         self._jacobian, self._hessian = self._jacobian_sums(), self._hessian_sums()
 
     @property
@@ -214,18 +214,22 @@ class Program:
         return np.hstack([found[:, : self.nq], z[:, self.nx : self.nx + self.nv]])
 
     def _values(self, w: Array) -> Array:
-        return self._at(w)[0]
+        """F (points, rows)."""
+        return self._at(w, "values")
 
     def _slopes(self, w: Array) -> Array:
-        return self._at(w)[1]
+        """Entries of F's derivatives (points, entries)."""
+        return self._at(w, "slopes")
 
-    def _at(self, w: Array) -> tuple[Array, Array]:
-        """F (points, rows) and its derivatives' entries (points, entries), kept for the last unknowns."""
+    def _at(self, w: Array, name: str) -> Array:
+        """One of the functions at all points, kept for the last unknowns."""
         key = w.tobytes()
-        if self._seen is None or self._seen[0] != key:
-            z = self.split(w)[0].T
-            self._seen = (key, self.instants.call("values", z).T, self.instants.call("slopes", z).T)
-        return self._seen[1], self._seen[2]
+        if self._seen[0] != key:
+            self._seen = (key, {})
+        found = self._seen[1]
+        if name not in found:
+            found[name] = self.instants.call(name, self.split(w)[0].T).T
+        return found[name]
 
     def _jacobian_sums(self) -> Sums:
         """Places of the entries in the order in which :meth:`jacobian` gives them."""

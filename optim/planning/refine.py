@@ -9,7 +9,8 @@ import numpy as np
 from optim.planning.chain import Chain, programs_of
 from optim.planning.motion import Motion
 from optim.planning.program import Program
-from optim.planning.solve import Solvable, Solved, Told, solve
+from optim.planning.solvable import Solvable
+from optim.planning.solve import Solved, Told, solve
 from spacerobot.arrays import Array
 
 

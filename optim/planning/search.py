@@ -12,7 +12,8 @@ from optim.planning.guess import guesses, stretched
 from optim.planning.motion import Course
 from optim.planning.program import Program
 from optim.planning.refine import carried
-from optim.planning.solve import Solvable, Solved, solve
+from optim.planning.solvable import Solvable
+from optim.planning.solve import Solved, solve
 from optim.planning.verdict import Verdict, judge
 from spacerobot.arrays import Array
 

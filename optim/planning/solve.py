@@ -10,12 +10,14 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import casadi as ca
 import numpy as np
 from scipy import sparse
 
+from optim.planning.presolve import Presolved
+from optim.planning.solvable import Solvable
 from spacerobot.arrays import Array
 
 PATIENCE = 30
@@ -28,42 +30,6 @@ THROWN = "NonIpopt_Exception_Thrown"
 
 Told = Callable[[int, float, float], None]
 """Called at each iteration with its number, the cost and the greatest violation."""
-
-
-class Solvable(Protocol):
-    """What a solver asks of a program."""
-
-    size: int
-    rows: int
-
-    @property
-    def jacobian_pattern(self) -> sparse.csc_matrix:
-        """Where the constraints' first derivatives stand."""
-
-    @property
-    def hessian_pattern(self) -> sparse.csc_matrix:
-        """Where the upper triangle of the Lagrangian's second derivatives stands."""
-
-    def bounds(self) -> tuple[Array, Array]:
-        """Least and greatest unknowns."""
-
-    def limits(self) -> tuple[Array, Array]:
-        """Least and greatest values of the constraints."""
-
-    def objective(self, w: Array) -> float:
-        """Cost."""
-
-    def gradient(self, w: Array) -> Array:
-        """Of the cost."""
-
-    def constraints(self, w: Array) -> Array:
-        """All constraints."""
-
-    def jacobian(self, w: Array) -> Array:
-        """Entries of the constraints' first derivatives."""
-
-    def hessian(self, w: Array, factor: float, multipliers: Array) -> Array:
-        """Entries of the upper triangle of the Lagrangian's second derivatives."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,12 +98,14 @@ def solve(
     """
     if scale is None:
         scale = 1.0 if warm is None else warm.scale
+    presolved = Presolved(program, first)
     if warm is None:
-        return _solve(program, first, None, ipopt_options(iterations, scale), told)
-    found = _solve(program, first, warm, ipopt_options(min(iterations, PATIENCE), scale, warm.barrier), told)
+        return _solve(presolved, first, None, ipopt_options(iterations, scale), told)
+    options = ipopt_options(min(iterations, PATIENCE), scale, warm.barrier)
+    found = _solve(presolved, first, warm, options, told)
     if found.converged or iterations <= PATIENCE:
         return found
-    anew = _solve(program, first, None, ipopt_options(iterations, scale), told)
+    anew = _solve(presolved, first, None, ipopt_options(iterations, scale), told)
     return dataclasses.replace(
         anew,
         iterations=found.iterations + anew.iterations,
@@ -147,16 +115,23 @@ def solve(
 
 
 def _solve(
-    program: Solvable, first: Array, warm: Solved | None, ipopt: dict[str, Any], told: Told | None
+    program: Presolved, first: Array, warm: Solved | None, ipopt: dict[str, Any], told: Told | None
 ) -> Solved:
     begin = time.perf_counter()
     bridge = _Bridge(program)
     watch = _Watch(program, bridge, told)
     solver = ca.nlpsol("plan", "ipopt", bridge.problem, bridge.options(watch) | {"ipopt": ipopt})
     (low, high), (least, greatest) = program.bounds(), program.limits()
-    given: dict[str, Any] = {"x0": first, "lbx": low, "ubx": high, "lbg": least, "ubg": greatest}
+    given: dict[str, Any] = {
+        "x0": first[program.free],
+        "lbx": low,
+        "ubx": high,
+        "lbg": least,
+        "ubg": greatest,
+    }
     if warm is not None:
-        given |= {"lam_g0": warm.multipliers, "lam_x0": warm.bound_multipliers}
+        given["lam_g0"] = warm.multipliers[program.held]
+        given["lam_x0"] = warm.bound_multipliers[program.free]
     with one_thread():
         found = solver(**given)
     stats = solver.stats()
@@ -164,10 +139,11 @@ def _solve(
         raise bridge.fault
     if bridge.interrupted or stats["return_status"] == THROWN:
         raise KeyboardInterrupt
+    w, multipliers, of_bounds = (np.array(found[name]).ravel() for name in ("x", "lam_g", "lam_x"))
     return Solved(
-        np.array(found["x"]).ravel(),
-        np.array(found["lam_g"]).ravel(),
-        np.array(found["lam_x"]).ravel(),
+        program.unknowns(w),
+        program.multipliers(w, multipliers),
+        program.spread(of_bounds),
         str(stats["return_status"]),
         bool(stats["success"]),
         int(stats["iter_count"]),

@@ -12,7 +12,8 @@ import numpy as np
 from optim.planning.motion import Course, Motion
 from optim.planning.program import first_held
 from optim.planning.replay import replays_of, tip_errors
-from optim.planning.solve import Solvable, Solved
+from optim.planning.solvable import Solvable
+from optim.planning.solve import Solved
 from spacerobot.arrays import Array
 
 RESIDUAL = 1e-6

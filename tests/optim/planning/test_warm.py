@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from scipy import sparse
 
 from optim.planning import search as searching
 from optim.planning import solve as solving
@@ -13,9 +14,11 @@ from optim.planning.guess import guess
 from optim.planning.lobatto import Lobatto
 from optim.planning.make import make_plan
 from optim.planning.motion import Motion
+from optim.planning.presolve import Presolved, determined
 from optim.planning.program import Program
 from optim.planning.refine import carried, solve_from
 from optim.planning.solve import solve
+from optim.planning.verdict import residual
 
 
 @pytest.fixture(scope="module")
@@ -26,6 +29,36 @@ def cold(reach):
     program = Program(problem, build_instants(problem, "interpreted"), lobatto, 4)
     first = guess(problem, lobatto, 4).unknowns
     return program, solve(program, first, scale=program.objective(first))
+
+
+def test_a_free_target_is_no_unknown_and_all_multipliers_are_found(cold):
+    program, solution = cold
+    left = Presolved(program, solution.w)
+    known = np.setdiff1d(np.arange(program.size), left.free)
+    assert program.size - left.size == program.rows - left.rows == known.size
+    of_target = [k for k in range(program.nz) if (known % program.nz == k).sum() >= program.points - 1]
+    assert len(of_target) == 4 + 3 + 3
+    assert residual(program, solution, solution.scale) < 1e-7
+    dropped = np.setdiff1d(np.arange(program.rows), left.held)
+    assert np.abs(solution.multipliers[dropped]).max() > 1e-3
+    np.testing.assert_allclose(left.unknowns(solution.w[left.free]), solution.w, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("rows", "square"),
+    [
+        (["x", "xx", "__xx"], [0, 1]),  # the third equation has two unknowns of its own
+        (["x", "x", "_x"], [1]),  # two equations for one unknown: neither is taken out
+        (["x", "x", "xx"], []),  # the third equation needs what the first two contradict each other about
+        (["xx", "xx", "__x"], [0, 1, 2]),
+        (["xx_", "_xx"], []),
+    ],
+)
+def test_equations_determine_unknowns(rows, square):
+    pattern = sparse.csc_matrix([[float(c == "x") for c in row.ljust(4, "_")] for row in rows])
+    found, unknowns = determined(pattern, np.ones(len(rows), bool), np.ones(4, bool))
+    assert sorted(unknowns) == square
+    assert len(found) == len(square)
 
 
 def test_a_solution_is_found_again_at_once(cold):
