@@ -137,7 +137,7 @@ def watch(
     """Where each pair of shapes touches and parts, and where its force ends because it would pull.
 
     It would where ``pull`` (1x1 each) is above zero; empty if none ever would. Where the force is ``rough``,
-    because it begins as a broken power of the indentation, steps are graded towards touch and part.
+    because it begins as a fractional power of the indentation, steps are graded towards touch and part.
     """
     events: list[Event] = []
     fine = []
