@@ -205,7 +205,7 @@ def _check_events(scene: Scene, loop: ClosedLoop) -> None:
         allowed = "'casadi'"
         from spacerobot.pinocchio_engine import EVENTS
 
-        jumps = [rule for rule in loop.events if rule.kind not in EVENTS]
+        jumps = [rule for rule in jumps if rule.kind not in EVENTS]
     if jumps:
         kinds = ", ".join(dict.fromkeys(rule.kind for rule in jumps))
         raise ScenarioError(

@@ -88,12 +88,15 @@ class Touch:
         Where it acts (3x1) [m].
     velocity
         Of the second relative to the first there (3x1) [m/s].
+    lead
+        Of one way out over another (1x1) [m] or None; see :class:`spacerobot.shapes.Proximity`.
     """
 
     gap: ca.SX
     normal: ca.SX
     point: ca.SX
     velocity: ca.SX
+    lead: ca.SX | None = None
 
     @property
     def opening(self) -> ca.SX:
@@ -112,7 +115,7 @@ def touches(contact: ContactContext) -> list[Touch]:
     for first, second in contact.pairs:
         near = contact.proximity(first, second)
         velocity = contact.velocity(second, near.point) - contact.velocity(first, near.point)
-        found.append(Touch(near.gap, near.normal, near.point, velocity))
+        found.append(Touch(near.gap, near.normal, near.point, velocity, near.lead))
     return found
 
 
@@ -154,6 +157,12 @@ def watch(
             event("touched", -touch.gap, negated(touches), {touches.name(): True}),
             event("parted", touch.gap, touches, {touches.name(): False, loose.name(): False}),
         ]
+        if touch.lead is not None:
+            flipped = contact.context.switch(f"flipped{mark}")
+            events += [
+                event("flipped", touch.lead, both(touches, negated(flipped)), {flipped.name(): True}),
+                event("flipped", -touch.lead, both(touches, flipped), {flipped.name(): False}),
+            ]
         if pull:
             events += [
                 event("loosened", pull[i], both(touches, negated(loose)), {loose.name(): True}),

@@ -30,6 +30,8 @@ _LONGEST, _SHORTER, _WORSE = 1.0, 0.2, 1e-12
 """[rad] Longest step; part of it that is taken where all of it lowers the value by more than so much [m]."""
 _CURVED = 0.03
 """Least curvature of what is maximised that a step reckons with, of the depth; inside there are saddles."""
+_APART = 0.03
+"""[rad] Ways out nearer to each other are one."""
 _FAR = 1e9
 """[m] More than any depth."""
 _ASIDE = ca.DM([0.6e-9, 0.48e-9, 0.64e-9])
@@ -77,21 +79,28 @@ def to_plane(kind: ShapeKind, shape: Shape, plane: Shape, crown: ca.SX) -> Neare
     return distance, plane.axis, low - distance * plane.axis
 
 
-def to_crowned(kinds: tuple[ShapeKind, ShapeKind], one: Shape, other: Shape, crown: ca.SX) -> Nearest:
-    """From a crowned shape to another one.
+def to_crowned(
+    kinds: tuple[ShapeKind, ShapeKind], one: Shape, other: Shape, crown: ca.SX
+) -> tuple[Nearest, ca.SX | None]:
+    """From a crowned shape to another one, and which of two ways out is the shorter.
 
     Apart it is the distance; inside, the shortest way out as long as that is short beside the shapes, else
-    one of several that are locally the shortest.
+    one of several that are locally the shortest. Where the last (1x1, None without discs) changes its sign
+    the way out jumps to another one that is as short; it is zero where there is one way.
     """
     turn, centre = ca.mtimes(one.rotation.T, other.rotation), one.inside(other.position)
     sizes = one.radius, one.half, other.radius, other.half
-    gap, normal, nearest = _nearest(kinds)(turn, centre, *sizes, crown)
-    return gap, -one.outside(normal), one.position + one.outside(nearest)
+    gap, normal, nearest, lead = _nearest(kinds)(turn, centre, *sizes, crown)
+    found = gap, -one.outside(normal), one.position + one.outside(nearest)
+    return found, lead if "cylinder" in kinds else None
 
 
 @functools.cache
 def _nearest(kinds: tuple[ShapeKind, ShapeKind]) -> ca.Function:
-    """Gap, normal and the second's nearest point, in the axes of the first, which has structural zeros."""
+    """Gap, normal and the second's nearest point, in the axes of the first, which has structural zeros.
+
+    And the lead of one way out over another.
+    """
     turn, centre, crown = ca.SX.sym("turn", 3, 3), ca.SX.sym("centre", 3), ca.SX.sym("crown")
     sizes = [ca.SX.sym("size", 3 if kind == "box" else 1) for kind in kinds]
     radii = [ca.SX.sym("radius") for _ in kinds]
@@ -99,10 +108,10 @@ def _nearest(kinds: tuple[ShapeKind, ShapeKind]) -> ca.Function:
     own, others = (parts_of(kind, shape, shape.rotation) for kind, shape in zip(kinds, here, strict=True))
     balls = [ball_of(kind, shape) for kind, shape in zip(kinds, here, strict=True)]
     reach = _Reach(centre, [*own, *others], balls[0] + balls[1], crown)
-    normal = reach.best(_directions(centre, own, others))
+    normal, lead = reach.best(_directions(centre, own, others))
     nearest = centre - _Reach(centre, others, balls[1], crown).farthest(normal)
     given = [turn, centre, radii[0], sizes[0], radii[1], sizes[1], crown]
-    return ca.Function("near", given, ca.cse([reach.value(normal), normal, nearest]))
+    return ca.Function("near", given, ca.cse([reach.value(normal), normal, nearest, lead]))
 
 
 def _directions(centre: ca.SX, own: Sequence[Part], others: Sequence[Part]) -> Iterator[ca.SX]:
@@ -141,10 +150,11 @@ class _Reach:
             point = point + part.size * (seen + self.crown**2 * n) / length
         return point
 
-    def best(self, directions: Iterator[ca.SX]) -> ca.SX:
+    def best(self, directions: Iterator[ca.SX]) -> tuple[ca.SX, ca.SX]:
         """Unit vector (3x1) at which the value is greatest, from where it is greatest of some directions.
 
         With discs, also from the next best: of two ways out that are nearly as short either may be shorter.
+        The lead (1x1) [m] of one over the other comes along; which one is told by where they point.
         """
         first = second = _unit(self.centre)
         value, next_value = self.value(first), ca.SX(-_FAR)
@@ -155,11 +165,15 @@ class _Reach:
             second = ca.if_else(better, first, ca.if_else(good, n, second))
             next_value = ca.fmax(ca.fmin(value, other), next_value)
             first, value = ca.if_else(better, n, first), ca.fmax(value, other)
-        found = self.climb(first)
+        found, lead = self.climb(first), ca.SX(0)
         if self.has_disc:
             other = self.climb(second)
-            found = ca.if_else(self.value(other) > self.value(found), other, found)
-        return found
+            value, next_value = self.value(found), self.value(other)
+            apart = found - other
+            side = ca.if_else(ca.dot(_ASIDE, apart) < 0, -1, 1)
+            lead = ca.if_else(ca.dot(apart, apart) > _APART**2, side * (value - next_value), 0)
+            found = ca.if_else(next_value > value, other, found)
+        return found, lead
 
     def climb(self, n: ca.SX) -> ca.SX:
         """Unit vector (3x1) after steps towards a greater value."""

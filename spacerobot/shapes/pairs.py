@@ -24,11 +24,15 @@ class Proximity:
         Unit vector (3x1) from the first to the second.
     point
         Halfway between the two points that are nearest to each other, or deepest in each other (3x1) [m].
+    lead
+        Of one way out over another (1x1) [m], zero where there is one; normal and point jump where its sign
+        changes. None where two ways are not looked for.
     """
 
     gap: ca.SX
     normal: ca.SX
     point: ca.SX
+    lead: ca.SX | None = None
 
 
 FROM_POINT: dict[ShapeKind, Callable[[ca.SX, Shape], Nearest]] = {
@@ -81,8 +85,9 @@ def proximity(
         gap = distance - one.radius - radius
         # the surface points are those of the cores, moved by the radii towards each other
         return Proximity(gap, -away, nearest + away * (radius + gap / 2))
+    lead = None
     if kinds[1] == "plane":
         gap, away, nearest = crowned.to_plane(kinds[0], one, other, ca.SX(crown))
     else:
-        gap, away, nearest = crowned.to_crowned(kinds, one, other, ca.SX(crown))
-    return Proximity(gap, -away, nearest + away * gap / 2)
+        (gap, away, nearest), lead = crowned.to_crowned(kinds, one, other, ca.SX(crown))
+    return Proximity(gap, -away, nearest + away * gap / 2, lead)
