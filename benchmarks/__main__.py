@@ -47,7 +47,7 @@ JOBS: dict[str, Callable[[], list[Row]]] = {
     "methods": methods.rows,
     "batch": rollouts.batch,
     "gradient": rollouts.gradient,
-    "events": lambda: [events.row()],
+    "events": events.rows,
     "wheels": wheels.rows,
     "campaign": lambda: [campaign.row()],
     "aba": aba.rows,

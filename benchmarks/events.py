@@ -11,14 +11,42 @@ from benchmarks.row import Row
 from benchmarks.timing import paired
 from spacerobot.closedloop import ClosedLoop, build_closed_loop
 from spacerobot.errors import DivergedError
-from spacerobot.rollout import Rollout, Trajectory, build_rollout
+from spacerobot.rollout import Measures, Rollout, Signals, Trajectory, build_rollout, final
 from spacerobot.scene import load_scene
 
-STEP, COUNT, MOST = 0.01, 32, 1.5
+STEP, COUNT, MOST, MOST_ROLLOUTS = 0.01, 32, 1.5, 6
 VARIED = "target.links.body.mass"
 
 
-def row() -> Row:
+def rows() -> list[Row]:
+    """Both rows."""
+    return [_located(), _gradient()]
+
+
+def _gradient() -> Row:
+    """A gradient through events, two of them at one instant, against a rollout."""
+    loop, duration_s = build_closed_loop(load_scene("docking")), 20.0
+    signals = Signals.of(loop)
+    measures = Measures(signals, {"end": final(signals.x)}, lambda r, _: {"end": ca.sumsqr(r["end"])})
+    rollout = _rollout(loop, duration_s, measures=measures, many=False)
+    wrt = [path for path in loop.parameter_paths if ".pid." in path or ".capture." in path]
+    status = rollout.value_and_gradient(wrt=wrt).status[0]
+    times = paired(rollout.run, lambda: rollout.value_and_gradient(wrt=wrt))
+    alone = paired(rollout.run, lambda: rollout.value_and_gradient(wrt=wrt, orders=False))
+    return Row(
+        f"adjoint gradient of a docking, {len(wrt)} parameters, both orders of what coincides",
+        "one compiled rollout",
+        f"{times.second_s * 1e3:.1f} ms",
+        f"{times.first_s * 1e3:.1f} ms",
+        times.ratio,
+        f"at most {MOST_ROLLOUTS} rollouts",
+        times.ratio <= MOST_ROLLOUTS and status == "exact",
+        f"{alone.ratio:.2f} with one order; status: {status}",
+        {"one_order_ratio": alone.ratio},
+    )
+
+
+def _located() -> Row:
     """A batch of the shipped docking against one that switches, by jumps, where the nominal one does."""
     scene = load_scene("docking")
     loop, duration_s = build_closed_loop(scene), scene.scenario.simulation.duration
@@ -49,8 +77,11 @@ def row() -> Row:
     )
 
 
-def _rollout(loop: ClosedLoop, duration_s: float) -> Rollout:
-    return build_rollout(loop, duration_s=duration_s, step_s=STEP, output_step_s=duration_s / 50, many=True)
+def _rollout(
+    loop: ClosedLoop, duration_s: float, *, measures: Measures | None = None, many: bool = True
+) -> Rollout:
+    times = {"duration_s": duration_s, "step_s": STEP, "output_step_s": duration_s / 50}
+    return build_rollout(loop, **times, measures=measures, many=many)
 
 
 def _fixed(loop: ClosedLoop, nominal: Trajectory) -> ClosedLoop:

@@ -130,7 +130,14 @@ class AdjointEngine(Protocol):
 
 
 class _AdjointJob(ctypes.Structure):
-    _fields_ = (("seed", ctypes.c_void_p), ("gradient", ctypes.c_void_p), ("segment", ctypes.c_int64))
+    _fields_ = (
+        ("seed", ctypes.c_void_p),
+        ("gradient", ctypes.c_void_p),
+        ("segment", ctypes.c_int64),
+        ("most", ctypes.c_int64),
+        ("told", ctypes.c_void_p),
+        ("instant", ctypes.c_void_p),
+    )
 
 
 @dataclass(frozen=True)
@@ -164,7 +171,11 @@ class CompiledAdjoint:
         more += grid.steps // 2 if self.kernel.events else 0  # lengths tried, steps cut short
         segment = grid.steps + more if whole else min(grid.steps, max(1, self.segment_bytes // per_step))
         seeds = np.ascontiguousarray(seed)
-        adjoint = _AdjointJob(seeds.ctypes.data, gradient.ctypes.data, segment)
+        instants = raw.instants
+        told: tuple[int, int | None, int | None] = (0, None, None)
+        if instants is not None:
+            told = (instants.found.shape[1], instants.told.ctypes.data, instants.found.ctypes.data)
+        adjoint = _AdjointJob(seeds.ctypes.data, gradient.ctypes.data, segment, *told)
         entry = self.library.entry("gradients")
         entry.restype = ctypes.c_int64
         if entry(ctypes.byref(job), ctypes.byref(adjoint)) < 0:
@@ -187,9 +198,10 @@ class InterpretedAdjoint:
         for i, row in enumerate(p):
             if stop.is_set:
                 return
-            path = engine.path(row, grid, backwards=raw.backwards)
+            path = engine.path(row, grid)
             engine.note(path, raw.part(slice(i, i + 1)))
             if path.whole:
                 raw.r[i] = engine.reduce(path)
-                gradient[i] = Sweep(self.kernel, path).gradient(row, seed[i], raw.r[i])
+                part = None if raw.instants is None else raw.instants.part(slice(i, i + 1))
+                gradient[i] = Sweep(self.kernel, path, part).gradient(row, seed[i], raw.r[i])
             raw.cost[i] = objective(raw.r[i], row).full().ravel()

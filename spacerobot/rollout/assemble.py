@@ -124,7 +124,8 @@ def statuses(raw: Raw, kernel: Kernel, every: int = 1) -> tuple[str, ...]:
         if doubt == GRAZING:
             return f"grazing: a small change may add or remove the event '{name}'"
         if doubt == COINCIDENT:
-            return f"coincident: the event '{name}' and another one may change places"
+            what = f"the event '{name}' and another one" if event >= 0 else "two ends of references"
+            return f"coincident: {what} may change places"
         return "exact"
 
     doubts = [max(rows) for rows in raw.log.doubt.reshape(-1, every, 2).tolist()]

@@ -12,10 +12,11 @@ import numpy as np
 
 from spacerobot.compiled import usable_cores
 from spacerobot.rollout.adjoint import AdjointEngine
+from spacerobot.rollout.coincidence import judge_orders
 from spacerobot.rollout.engines import Engine, StopFlag
 from spacerobot.rollout.grid import TimeGrid
 from spacerobot.rollout.protocol import Array
-from spacerobot.rollout.raw import MOST_EVENTS, Integers, Raw
+from spacerobot.rollout.raw import MOST_EVENTS, Instants, Integers, Raw
 
 TASK_STEPS = 20_000
 """Most steps of a task, over its groups: long enough to hide Python, short enough to report and cancel."""
@@ -75,8 +76,9 @@ class Control:
     stop
         Event (``threading.Event``) that cancels when set.
     orders
-        Whether derivatives through events at one instant are taken in both orders, at twice the cost, so that
-        only those are called coincident that differ; without, all of them are.
+        Whether both orders of what happens at one instant are tried, so that derivatives are called
+        coincident only where they differ; without, all through events at one instant are. It costs
+        gradients a fraction of a rollout; sensitivities are then taken twice.
     backwards
         Whether events at one instant shall fire in the other order.
     """
@@ -170,13 +172,10 @@ def _derivatives(raw: Raw, rows: Integers | slice) -> Array:
 def run_gradients(
     engine: AdjointEngine, grid: TimeGrid, p: Array, seed: Array, control: Control
 ) -> tuple[Raw, Array]:
-    """Costs of every row of p (N, np), and gradients (N, k) of their sum weighted by ``seed`` (N, nj).
-
-    Those with events at one instant are taken in both orders.
-    """
+    """Costs of every row of p (N, np), and gradients (N, k) of their sum weighted by ``seed`` (N, nj)."""
     kernel, control = engine.kernel, control.on(engine.backend)
     raw, flag = Raw.empty(kernel, grid, len(p), False, ()), StopFlag()
-    raw = replace(raw, backwards=control.backwards)
+    raw = replace(raw, instants=Instants.empty(len(p), kernel) if control.orders else None)
     gradient = np.full((len(p), kernel.size("setup_reverse", "pbar")), np.nan)
 
     def work(piece: slice) -> int:
@@ -189,10 +188,7 @@ def run_gradients(
     run_tasks(work, pieces, len(p), flag, control)
     lost = ~raw.completed
     raw.cost[lost], gradient[lost] = np.nan, np.nan
-    if control.orders and len(rows := raw.coincident):
-        other = replace(control, progress=None, orders=False, backwards=True)
-        again, turned = run_gradients(engine, grid, p[rows], seed[rows], other)
-        raw.trust_same(rows, again, gradient[rows], turned)
+    judge_orders(kernel, p, seed, raw)
     return raw, gradient
 
 

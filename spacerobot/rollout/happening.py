@@ -28,6 +28,8 @@ class Happening:
         What the segment behind it begins with, as in :class:`~spacerobot.rollout.segments.Plan`.
     c, row
         Constants after it, and the rows of tables before it.
+    near
+        How many others were so close that they may change places with it.
     """
 
     event: int
@@ -39,3 +41,4 @@ class Happening:
     first: int
     c: Array
     row: Integers
+    near: int = 0

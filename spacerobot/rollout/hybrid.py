@@ -13,13 +13,13 @@ from spacerobot.rollout.grid import ROUNDING, TimeGrid
 from spacerobot.rollout.happening import Happening
 from spacerobot.rollout.kernel import Kernel
 from spacerobot.rollout.protocol import Array
-from spacerobot.rollout.raw import CHATTERING, COINCIDENT, COMPLETED, DIVERGED, ENDED, GRAZING
+from spacerobot.rollout.raw import CHATTERING, COINCIDENT, COMPLETED, DIVERGED, ENDED, GRAZING, TOGETHER
 from spacerobot.rollout.roots import Bracket, Tried
 from spacerobot.rollout.segments import HERE, Plan, Segment, graded, segments
 from spacerobot.rollout.tables import Integers, fill
 
-TOLERANCE, TOGETHER = 1e-12, 1e-9
-"""Of an event's time; times within which two events may change places [s]."""
+TOLERANCE = 1e-12
+"""Of an event's time [s]."""
 
 SHORTEST, GRAZES = 1e-4, 1e-3
 """Part of a step after which a guard's peak is looked for; within which a guard that grazes turns back."""
@@ -52,6 +52,7 @@ class _Done:
     length: float
     event: int = -1
     cut: bool = False
+    near: int = 0
 
 
 @dataclass
@@ -238,7 +239,7 @@ class HybridRun:
         self.x, self._fresh, self._last = done.end, False, -1
         self.end_s = min(t + done.length, until_s)
         if done.event >= 0:
-            self._fire(done.event, self.end_s, HERE, slope, located=True)
+            self._fire(done.event, self.end_s, HERE, slope, near=done.near)
         elif done.cut:
             self._slope = slope
         return done
@@ -279,7 +280,7 @@ class HybridRun:
             done.cut = True
         if seen.rise:
             done, seen = self._located(t, Bracket(0.0, self._first, done.length, seen.end), done, seen)
-            self._judge(done.event, done.length, seen)
+            done.near = self._judge(done.event, done.length, seen)
         self._crossed = seen.end > 0
         self._crossed[done.event] &= done.event < 0
         self._level = np.minimum(self._level, np.maximum(seen.end + self._level, 0.0))
@@ -317,16 +318,18 @@ class HybridRun:
             else:
                 bracket.low, bracket.before = done.length, seen.end
 
-    def _judge(self, event: int, h: float, seen: Tried) -> None:
-        """Doubts in a gradient through an event at the end of a step of length h."""
+    def _judge(self, event: int, h: float, seen: Tried) -> int:
+        """Doubts in a gradient through an event at the end of a step of length h; how many are close."""
         g = seen.end
         rise = 2 * ((g[event] - self._first[event]) / h - self._rates[event]) / h if h > 0 else 0.0
         turn = GRAZES * self.grid.step_s
         if h > GRAZES * turn and abs(self._rates[event] + rise * h) < turn * abs(rise):
             self._doubt(GRAZING, np.array([event]))
         near = g + TOGETHER * np.maximum(self._rates, 0.0) > 0
-        if not self._kinks[event]:
-            self._doubt(COINCIDENT, np.flatnonzero(near & (np.arange(len(g)) != event)))
+        near[event] = False
+        others = np.flatnonzero(near & ~self._kinks & ~self._kinks[event])
+        self._doubt(COINCIDENT, others)
+        return len(others)
 
     def _doubt(self, why: int, events: Array | np.ndarray[tuple[int], np.dtype[np.int64]]) -> None:
         events = events[~self._kinks[events]]
@@ -351,8 +354,8 @@ class HybridRun:
         done.end = ends[0] + stretch * (ends[1] - ends[0])
         return done, dt + stretch
 
-    def _fire(self, event: int, t: float, first: int, slope: float, *, located: bool = False) -> None:
-        """Let an event happen; the time has the given derivative."""
+    def _fire(self, event: int, t: float, first: int, slope: float, near: int | None = None) -> None:
+        """Let an event happen; the time has the given derivative, and so many are close to its root."""
         kernel = self.engine.kernel
         rule = kernel.events[event]
         for place, on in rule.sets:
@@ -365,13 +368,13 @@ class HybridRun:
         after = kernel.functions["update"](t, self.x, self.c, event).full().ravel()
         if kernel.rate is not None and not rule.ends:  # final values see what the time does
             self.c[kernel.rate] = 0.0
-        if located:
+        if near is not None:
             self._slope = slope
         if not self._sound(after):
             self.fate = DIVERGED
             return
-        now = self.c.copy(), self.row
-        self.happenings.append(Happening(event, t, self.x, after, len(self.rows), located, first, *now))
+        now = near is not None, first, self.c.copy(), self.row, near or 0
+        self.happenings.append(Happening(event, t, self.x, after, len(self.rows), *now))
         self.x, self._fresh, self._last = after, True, event
         self._look_up(t)
         close = t - self._since <= self.grid.step_s

@@ -27,6 +27,12 @@ SAME, FAINT, NOTHING = 1e-6, 1e-2, 1e-12
 MOST_EVENTS = 64
 """Events that are told of each rollout of many; those beyond are counted only."""
 
+TOGETHER = 1e-9
+"""What is so close may change places [s]."""
+
+MOST_INSTANTS, THINGS = 256, 16
+"""Instants that are told of each rollout, and things that happen at each; what is beyond is not judged."""
+
 
 @dataclass(frozen=True)
 class EventLog:
@@ -65,6 +71,42 @@ class EventLog:
 
 
 @dataclass(frozen=True)
+class Instants:
+    """Instants at which several things happened, or an event with others close by, from the last one back.
+
+    Attributes
+    ----------
+    told
+        How many there were in each rollout, shape (N,).
+    found
+        The first of them, shape (N, most); fields as in ``loops/adjoint.hpp``.
+    """
+
+    told: Integers
+    found: npt.NDArray[np.void]
+
+    @classmethod
+    def empty(cls, count: int, kernel: Kernel) -> Instants:
+        """Room for those of so many rollouts."""
+        nx, modes = kernel.scale.size, len(kernel.switches) + len(kernel.jumps)
+        sizes = {
+            "thing": THINGS,
+            "root": THINGS,
+            "mode": modes + 1,
+            "met": kernel.peaks + 1,
+            "before": nx,
+            "bar": nx,
+        }
+        numbers = [(name, np.float64) for name in ("first", "last", "missed", "number")]
+        form = np.dtype([*numbers, *((name, np.float64, (size,)) for name, size in sizes.items())])
+        return cls(np.zeros(count, dtype=np.int64), np.zeros((count, MOST_INSTANTS), dtype=form))
+
+    def part(self, rows: slice) -> Instants:
+        """View of some rollouts."""
+        return Instants(self.told[rows], self.found[rows])
+
+
+@dataclass(frozen=True)
 class Raw:
     """Arrays that an engine fills, one row for each rollout.
 
@@ -89,6 +131,8 @@ class Raw:
         Largest estimate of a step's error, shape (N,), None if not asked for.
     backwards
         Whether events at one instant shall fire in the other order.
+    instants
+        Where a gradient may depend on the order of things, None if not asked for.
     """
 
     x: Array | None
@@ -102,6 +146,7 @@ class Raw:
     log: EventLog
     error: Array | None = None
     backwards: bool = False
+    instants: Instants | None = None
 
     @classmethod
     def empty(cls, kernel: Kernel, grid: TimeGrid, count: int, states: bool, rows: Sequence[int]) -> Raw:
@@ -126,7 +171,8 @@ class Raw:
         y = None if self.y is None else self.y[rows]
         error = None if self.error is None else self.error[rows]
         own = (self.r[rows], self.cost[rows], self.done[rows], self.reached[rows], self.fate[rows])
-        return Raw(x, y, *own, self.gaps[rows], self.log.part(rows), error, self.backwards)
+        instants = None if self.instants is None else self.instants.part(rows)
+        return Raw(x, y, *own, self.gaps[rows], self.log.part(rows), error, self.backwards, instants)
 
     def with_events(self, most: int) -> Raw:
         """The same with room for so many events, and for the states before and after them."""

@@ -6,11 +6,12 @@ from typing import Any
 
 import numpy as np
 
+from spacerobot.rollout.coincidence import Notes, Thing
 from spacerobot.rollout.happening import Happening
 from spacerobot.rollout.interpreted import DiscreteTrajectory
 from spacerobot.rollout.kernel import Kernel
 from spacerobot.rollout.protocol import Array
-from spacerobot.rollout.raw import ENDED
+from spacerobot.rollout.raw import ENDED, Instants
 from spacerobot.rollout.segments import HERE
 from spacerobot.rollout.tables import Integers, gather
 
@@ -24,13 +25,16 @@ class Sweep:
         With the reverse functions.
     path
         The rollout.
+    instants
+        Where instants at which several things happened are told, if at all.
     """
 
-    def __init__(self, kernel: Kernel, path: DiscreteTrajectory) -> None:
+    def __init__(self, kernel: Kernel, path: DiscreteTrajectory, instants: Instants | None = None) -> None:
         self._kernel, self._path, self._f = kernel, path, kernel.functions
         self._happenings = list(path.happenings)
         self._x, self._c = np.empty(0), np.empty(0)
         self._begin = 0.0  # of the time of the event that began the segment
+        self._notes = None if instants is None else Notes(kernel, instants)
 
     def gradient(self, p: Array, seed: Array, r: Array) -> Array:
         """Gradient (k,) of the costs of parameters p (np,), weighted by a seed (nj,); r are the measures."""
@@ -40,7 +44,9 @@ class Sweep:
         at_end = (path.end_s, path.x[-1], path.c[-1], rbar[last:])
         self._x, self._c, tbar = self._reverse("final", path.rows[-1], *at_end)
         self._x[kernel.nx :] += rbar[:first]
-        when = path.m.argmax(axis=0) if kernel.peaks else np.empty(0, dtype=int)
+        when = self._when = (
+            path.m[:, : kernel.peaks].argmax(axis=0) if kernel.peaks else np.empty(0, dtype=int)
+        )
         for k in range(steps, -1, -1):
             self._events(k + 1)
             t, h = self._step(k) if k < steps else (tbar, 0.0)
@@ -51,8 +57,15 @@ class Sweep:
             elif path.fate == ENDED:
                 self._end(path.happenings[-1].first, t)
         self._events(0)
+        if self._notes is not None:
+            self._notes.close()
         found = self._f["setup_reverse"](p, self._x, self._c).full().ravel() + direct
         return np.asarray(found, dtype=np.float64)
+
+    def _note(self, thing: Thing, step: int) -> None:
+        """Tell of a thing before a step."""
+        if self._notes is not None:
+            self._notes.note(thing, self._x, self._when == step)
 
     def _reverse(self, name: str, row: Integers, *arguments: Any) -> tuple[Array, Array, float]:
         """Bars of state, constants and time by the reverse of a function, where tables showed these rows."""
@@ -88,6 +101,7 @@ class Sweep:
         """Through the events behind so many steps that fired at once."""
         while self._happenings and self._happenings[-1].steps == steps and not self._happenings[-1].located:
             here = self._happenings.pop()
+            self._note(Thing(here.event, False, here.time_s, here.before, here.c), steps)
             self._end(here.first, self._update(here))
 
     def _update(self, here: Happening) -> float:
@@ -102,11 +116,18 @@ class Sweep:
 
         The length of a step that ends at a guard's root follows from that; see ``loops/adjoint.hpp``.
         """
+        steps = self._path.plan
         if not (len(self._path.cut) and self._path.cut[k]):
+            if steps.last[k] >= 0 and steps.index[k] + 1 == steps.number[k]:
+                t, x, c = steps.t[k] + steps.h[k], self._path.x[k + 1], self._path.c[k]
+                self._note(Thing(-1 - int(steps.last[k]), True, t, x, c), k + 1)
             self._x, c, t, h = self._step_back(k, self._x)
             self._c = self._c + c
             return t, h
         here = self._happenings.pop() if self._happenings and self._happenings[-1].steps == k + 1 else None
+        if here is not None:
+            thing = Thing(here.event, True, here.time_s, here.before, self._path.c[k], here.near)
+            self._note(thing, k + 1)
         end = 0.0 if here is None else self._update(here)
         end, self._begin = end + self._begin, 0.0
         self._x, c, t, h = self._step_back(k, self._x)

@@ -8,7 +8,10 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from spacerobot.closedloop import build_closed_loop
 from spacerobot.rollout import Measures, Signals, build_rollout, final, integral, peak
+from spacerobot.scene import build_scene
+from tests.oracles.small_scenes import PLANAR, small_scene
 from tests.rollout.hybrid_loops import Hybrid, Rule, bouncing_ball, dwell, latch, spring_wall, two_balls
 
 GRID = {"step_s": 0.05, "output_step_s": 0.1}
@@ -266,6 +269,32 @@ def test_a_gradient_is_doubted_only_where_the_order_of_events_counts(backend):
     turned = clocked(backend, gain=2.0, shift=0.3)  # twice and then more is not more and then twice
     assert told(turned, ("grown",), TIMES) == "coincident"
     assert told(turned, ("summed",), TIMES) == "exact"
+
+
+@pytest.mark.parametrize("backend", ["compiled", "interpreted"])
+def test_an_event_at_a_given_time_does_not_move_with_the_event_before_it(backend):
+    """Its guard depends on time itself, and its step begins where the other event was."""
+    found = clocked(backend, first=0.52, second=0.56).value_and_gradient(wrt=TIMES, costs=("summed",))
+    np.testing.assert_allclose(found.gradients["summed"], [0, 0.5], atol=1e-9)
+
+
+def test_two_references_that_end_at_one_instant_are_doubted_where_their_order_counts():
+    """Between the ends only one of them asks for torque: a peak there depends on which end comes first."""
+    given, together = small_scene(PLANAR), 0.1213
+    ends = tuple(f"robots.{robot}.tips.tip.reference.duration" for robot in ("one", "two"))
+
+    def told(cost, **changes):
+        return rollout.value_and_gradient(changes, wrt=ends, costs=(cost,)).status[0].split(":")[0]
+
+    loop = build_closed_loop(build_scene(given.scenario, dict.fromkeys(ends, together), source=given.source))
+    s = Signals.of(loop)
+    named = {"torque": peak(ca.fabs(s["joint_torque"])), "error": integral(ca.sumsqr(s["tip_error"]))}
+    measures = Measures(s, named, lambda r, _: {name: ca.sumsqr(r[name]) for name in named})
+    rollout = build_rollout(loop, duration_s=0.2, step_s=0.01, measures=measures, backend="interpreted")
+    assert (told("torque"), told("error")) == ("coincident", "exact")
+    assert told("torque", **{ends[0]: 0.1214}) == "exact"
+    gains = rollout.value_and_gradient(wrt=("robots.one.tips.tip.pid.kp",), costs=("torque",))
+    assert gains.status == ("exact",)  # neither end moves
 
 
 def test_sensitivities_and_gradients_of_many_know_as_well_where_the_order_counts():

@@ -13,10 +13,25 @@
 // tables, which no other function sees; C_BAR holds the place in it of each constant, or -1.
 enum { NW = G::dynamics_reverse_cbar, NB = G::setup_reverse_cbar, NG = G::setup_reverse_pbar, MOVING = G::dynamics_reverse_tbar };
 
+// An instant at which several things happened, or an event with others close by. Whether their order counts is judged
+// elsewhere, by these: when it began and ended; truth where a close event did not fire; how many things happened, and
+// the first of them from the last back: jump J as -1 - J, or an event, with truth where it had a root of its own; the
+// switches and the sides of jumps before; for each peak whether it was met there, between two things or behind all; the
+// state before, and the bar of the state behind.
+enum { THINGS = 16 };
+enum Met { ELSEWHERE, BETWEEN, BEHIND };
+struct Instant {
+  double first, last, missed, number, thing[THINGS], root[THINGS], mode[SWITCHES + JUMPS + 1], met[PEAKS + 1];
+  double before[NX], bar[NX];
+};
+
 struct AdjointJob {
   const double* seed;  // (count, NJ), the weight of each cost
   double* gradient;    // (count, NG)
   int64_t segment;     // steps between checkpoints
+  int64_t most;        // instants to be told of each rollout
+  int64_t* told;       // (count), instants in all
+  Instant* instant;    // (count, most)
 };
 
 // What flows back; t and h are those of a step's beginning and length, `begin` that of a segment's beginning where an
@@ -198,6 +213,68 @@ static void again(const Job& job, Trajectory& at, const Position& begin, Record*
 #endif
 }
 
+// The instants of a group, the last one of each lane still open.
+struct Instants {
+  Instant now[LANES];
+  int64_t told[LANES], taken[LANES];  // the step of each lane that follows
+  bool counts[LANES];
+
+  void begin(int64_t steps) {
+    for (int l = 0; l < LANES; ++l) told[l] = 0, taken[l] = steps, counts[l] = false, now[l].first = INFINITY;
+  }
+  void close(const Job& job, const AdjointJob& adjoint, int64_t rollout, int l) {
+    if (!counts[l] || rollout >= job.count) return;
+    if (told[l] < adjoint.most) adjoint.instant[rollout * adjoint.most + told[l]] = now[l];
+    adjoint.told[rollout] = ++told[l];
+  }
+};
+
+// Note what happened with step k, before the sweep goes back through it.
+static void note_instants(const Job& job, const AdjointJob& adjoint, int64_t first, int64_t k,
+                          const Record& past, const Trajectory& at, const Bars& bar, Instants& all) {
+  const Step& s = past.step;
+  real raw[NX], end[NX];
+  bool known = false;
+  for (int l = 0; l < LANES; ++l) {
+    const int to = int(lane(s.to, l));
+    const bool done = lane(s.busy, l) != 0, over = lane(s.index, l) + 1 >= lane(s.number, l);
+    double thing = -1. - to, root = 1., t = lane(s.end, l), near = 0.;
+    bool waits = false, happens = done && to >= 0 && over;
+#if EVENTS
+    const Happened& found = past.happened;
+    waits = lane(found.waits, l) != 0;
+    const bool fires = lane(found.event, l) >= 0 && (done || waits), cut = lane(found.cut, l) != 0;
+    happens = fires || (happens && !cut);
+    if (fires) thing = lane(found.event, l), root = cut, near = lane(found.near, l);
+    if (fires) t = waits ? lane(s.t, l) : ::fmin(lane(s.t, l) + lane(s.h, l), t);
+#endif
+    const double next = double(all.taken[l]);
+    if (done) all.taken[l] = k;
+    if (!happens) continue;
+    if (!known) combine<SOLUTION, false>(s.h, past.x, past.slope, raw), G::normalise(raw, end), known = true;
+    Instant& now = all.now[l];
+    if (t < now.first - TOGETHER) {
+      all.close(job, adjoint, first + l, l);
+      all.counts[l] = false, now.number = now.missed = 0., now.last = t;
+      for (int i = 0; i < NX; ++i) now.bar[i] = lane(bar.x[i], l);
+      for (int i = 0; i < PEAKS; ++i) now.met[i] = ELSEWHERE;
+    }
+    const int number = int(now.number++);
+    for (int i = 0; i < PEAKS; ++i)
+      if (lane(at.when[i], l) == next) now.met[i] = number ? BETWEEN : BEHIND;
+    double behind = 0.;  // events with roots of their own
+    for (int i = 0; i < number && i < THINGS; ++i) behind += now.thing[i] >= 0 && now.root[i] != 0;
+    if (number < THINGS) now.thing[number] = thing, now.root[number] = root;
+    now.first = t, now.missed = now.missed != 0 || near > behind;
+    all.counts[l] = number > 0 || now.missed != 0;
+    for (int i = 0; i < NX; ++i) now.before[i] = lane((waits ? past.x : end)[i], l);
+#if EVENTS
+    for (int i = 0; i < SWITCHES; ++i) now.mode[i] = lane(found.mode[i], l);
+#endif
+    for (int i = 0; i < JUMPS; ++i) now.mode[SWITCHES + i] = lane(at.c[JUMP[i]], l);
+  }
+}
+
 extern "C" int64_t gradients(const Job* given, const AdjointJob* adjoint) {
   const Job& job = *given;
   const int64_t segment = adjoint->segment;
@@ -205,7 +282,8 @@ extern "C" int64_t gradients(const Job* given, const AdjointJob* adjoint) {
   Room<Trajectory> trajectory(1);
   Checkpoints checkpoints;
   Room<Bars> bars(1);
-  if (!tape.at || !trajectory.at || !bars.at) return NO_MEMORY;
+  Room<Instants> instants(1);
+  if (!tape.at || !trajectory.at || !bars.at || !instants.at) return NO_MEMORY;
   Trajectory& at = *trajectory.at;
   Bars& bar = *bars.at;
   for (int64_t first = 0; first < job.count; first += LANES) {
@@ -225,6 +303,7 @@ extern "C" int64_t gradients(const Job* given, const AdjointJob* adjoint) {
     for (int l = 0; EVENTS && l < LANES; ++l)
       if (at.fate[l] == ENDED) end_reverse(int(lane(at.now.step.from, l)), l, lane(bar.t, l), bar);
     bar.t = bar.h = 0.;
+    instants.at->begin(steps);
     const int64_t last = any(at.whole) ? (steps - 1) / segment : -1;  // what is lost has no tape
     for (int64_t s = last; s >= 0; --s) {
       const int64_t begin = s * segment, number = s < last ? segment : steps - begin;
@@ -235,6 +314,7 @@ extern "C" int64_t gradients(const Job* given, const AdjointJob* adjoint) {
 #if TABLES
         turn_back(at, past.row, bar);
 #endif
+        if (MOVING && adjoint->most) note_instants(job, *adjoint, first, begin + k, past, at, bar, *instants.at);
 #if EVENTS
         if (any(past.happened.cut || past.happened.event >= 0.)) happened_reverse(past, at, bar);
         else
@@ -247,6 +327,7 @@ extern "C" int64_t gradients(const Job* given, const AdjointJob* adjoint) {
 #if TABLES
     turn_back(at, nullptr, bar);
 #endif
+    for (int l = 0; l < LANES; ++l) instants.at->close(job, *adjoint, first + l, l);
     G::setup_reverse(p, bar.x, bar.c, pbar);
     for (int i = 0; i < NG; ++i) pbar[i] = select(at.whole, pbar[i] + direct[i], NAN);
     scatter(pbar, NG, first, job.count, adjoint->gradient);

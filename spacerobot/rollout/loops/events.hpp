@@ -17,11 +17,10 @@
 //
 // Of guards that rise within one and the same step, the second fires with a step of length zero that ends at its own
 // root, so that its time moves with the parameters as its own guard has it. A job done `backwards` lets what is together
-// fire the other way round: derivatives that are the same do not depend on the order.
+// fire the other way round: sensitivities that are the same do not depend on the order.
 static_assert(M::B[0] != 0, "the first slope of a step must be there at its end");
 
 constexpr double TOLERANCE = 1e-12;   // of an event's time, s; backwards it is found behind all that is together
-constexpr double TOGETHER = 1e-9;     // two events so close may change places, s
 constexpr double SHORTEST = 1e-4;     // part of a step after which a guard's peak is looked for
 constexpr double GRAZES = 1e-3;       // part of a step within which a guard that grazes turns back
 constexpr double MARGIN = 0.05;       // part of its bend that a guard's cubic may be wrong
@@ -30,9 +29,9 @@ enum { BURST = 100 };                 // more events than that within one step a
 enum Doubt { NONE, GRAZING, COINCIDENT };
 
 // What came of a step: truth where it was not done, truth where it was cut short, the event that fired at its end (or,
-// where it was not done, at its beginning) or -1, and the switches during the step.
+// where it was not done, at its beginning) or -1, how many others are close to that, and the switches during the step.
 struct Happened {
-  real waits, cut, event, mode[SWITCHES + 1];
+  real waits, cut, event, near, mode[SWITCHES + 1];
 #ifdef RATE
   real slope;  // derivative of the event's time
 #endif
@@ -111,15 +110,18 @@ struct Tried {
 };
 
 // Doubts in a gradient through event e at the end of a step of length h: that the guard turns back soon, or that
-// another event is so close that they may change places.
-static void judge_root(const Job& job, Trajectory& at, int l, int e, double h, const Tried& tried) {
+// others are so close that they may change places; how many.
+static int judge_root(const Job& job, Trajectory& at, int l, int e, double h, const Tried& tried) {
   const double rate = lane(tried.rate[e], l), rise = 2 * ((lane(tried.g1[e], l) - lane(tried.g0[e], l)) / h - rate) / h;
   const double slope = rate + rise * h, turn = GRAZES * job.h;
   if (h > GRAZES * turn && ::fabs(slope) < turn * ::fabs(rise)) doubt(at, l, GRAZING, e);
+  int near = 0;
   for (int i = 0; i < EVENTS; ++i) {
     const double soon = TOGETHER * ::fmax(lane(tried.rate[i], l), 0.);
-    if (i != e && !KINK[e] && lane(tried.g1[i], l) + soon > 0) doubt(at, l, COINCIDENT, i);
+    if (i == e || KINK[e] || KINK[i] || !(lane(tried.g1[i], l) + soon > 0)) continue;
+    doubt(at, l, COINCIDENT, i), ++near;
   }
+  return near;
 }
 
 // The cubic of a guard along a step, 0 to 1, in Bernstein's form: it lies between the least and the largest of its four
@@ -221,7 +223,7 @@ static void judge_lane(const Job& job, Trajectory& at, int l, const Tried& tried
   const bool near = high - root <= tolerance || high - low <= tolerance || tries > TRIES;
   if (event >= 0 && near) {
     lane(found.waits, l) = 0., lane(found.cut, l) = 1., lane(found.event, l) = event;
-    judge_root(job, at, l, event, h, tried);
+    lane(found.near, l) = judge_root(job, at, l, event, h, tried);
   } else {
     const double middle = low + (high - low) / 2;
     h = near ? high : tries > SECANTS ? middle : ::fmin(high, ::fmax(root, low) + tolerance / 2);
@@ -271,7 +273,7 @@ INLINE void judge(const Job& job, Trajectory& at, const real* k, const real* nex
       if (SETS[i][FINE[f]] == 0) off[f] = select(left > 0., fmin(off[f], s.t + s.h + left), off[f]);
   }
   stirs = count && (stirs || w.peak || (w.high < INFINITY));
-  found.waits = found.cut = 0., found.event = -1.;
+  found.waits = found.cut = found.near = 0., found.event = -1.;
   for (int i = 0; i < SWITCHES; ++i) found.mode[i] = w.mode[i];
   if (any(stirs)) {
     real ignored[EVENTS], slope[EVENTS];

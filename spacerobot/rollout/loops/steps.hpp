@@ -84,6 +84,7 @@ struct Step {
   real t, h, index, number, from, to, begin, end, busy;
 };
 enum { HERE = -2 };
+constexpr double TOGETHER = 1e-9;  // what is so close may change places, s
 
 #if EVENTS
 // How far each lane is with its next event; `events.hpp` tells more. Guards count from their levels.

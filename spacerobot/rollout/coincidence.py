@@ -1,0 +1,387 @@
+"""Whether the order of what happens at one instant counts for a gradient.
+
+Two events, or an event and a jump, whose times are the same may change places when parameters move them. A
+cost has derivatives there only if both orders lead to the same: to the same state behind them, and, back from
+its bar, to the same bars before them. All that this needs is known at the instant, so it costs little beside
+a rollout.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from spacerobot.rollout.kernel import Kernel
+from spacerobot.rollout.protocol import Array
+from spacerobot.rollout.raw import COINCIDENT, FAINT, GRAZING, SAME, THINGS, TOGETHER, Instants, Raw
+from spacerobot.rollout.tables import Integers, fill, gather
+
+BETWEEN, BEHIND = 1, 2
+"""Where a peak was met at an instant: between two things, or behind all."""
+
+ROUNDING = 1e-9
+"""Part of what was added up within which a sum is zero."""
+
+
+@dataclass(frozen=True)
+class Thing:
+    """An event, or jump J as -1 - J, as the interpreted sweep back meets it.
+
+    Attributes
+    ----------
+    what
+        Which.
+    root
+        Whether its time is its own.
+    time_s
+        When.
+    x, c
+        State and constants before it.
+    near
+        How many other events are so close that they may change places with it.
+    """
+
+    what: int
+    root: bool
+    time_s: float
+    x: Array
+    c: Array
+    near: int = 0
+
+
+class Notes:
+    """What an interpreted sweep back tells of instants; see ``loops/adjoint.hpp``.
+
+    Parameters
+    ----------
+    kernel
+        The functions.
+    instants
+        Of one rollout.
+    """
+
+    def __init__(self, kernel: Kernel, instants: Instants) -> None:
+        self._modes, self._instants = [*kernel.switches, *kernel.jumps], instants
+        self._now, self._counts = np.zeros(1, dtype=instants.found.dtype)[0], False
+        self._now["first"] = np.inf
+
+    def note(self, thing: Thing, bar: Array, met: Array) -> None:
+        """Note a thing, behind which the state has a bar (nx,) and some peaks are met (peaks,)."""
+        now = self._now
+        if thing.time_s < now["first"] - TOGETHER:
+            self.close()
+            now["number"] = now["missed"] = 0
+            now["last"], now["bar"], now["met"] = thing.time_s, bar, 0
+        number = int(now["number"])
+        now["met"][:-1][met] = BETWEEN if number else BEHIND
+        now["number"] += 1
+        behind = np.sum((now["thing"][:number] >= 0) & (now["root"][:number] != 0))
+        if number < THINGS:
+            now["thing"][number], now["root"][number] = thing.what, thing.root
+        now["first"], now["before"] = thing.time_s, thing.x
+        now["missed"] = now["missed"] or thing.near > behind
+        now["mode"][:-1] = thing.c[self._modes]
+        self._counts = bool(number or now["missed"])
+
+    def close(self) -> None:
+        """Tell the instant that was met last, if more than one thing happened."""
+        told, found = self._instants.told, self._instants.found
+        if self._counts:
+            if told[0] < found.shape[1]:
+                found[0, told[0]] = self._now
+            told[0] += 1
+        self._counts = False
+
+
+class _Call:
+    """A function of dense vectors, called without conversions."""
+
+    def __init__(self, function: ca.Function) -> None:
+        self._given = [np.zeros(function.nnz_in(i)) for i in range(function.n_in())]
+        self._found = [np.zeros(function.nnz_out(i)) for i in range(function.n_out())]
+        self._buffer: Any  # must outlive the calls
+        self._buffer, self._evaluate = function.buffer()
+        for give, arrays in ((self._buffer.set_arg, self._given), (self._buffer.set_res, self._found)):
+            for i, array in enumerate(arrays):
+                if array.size:
+                    give(i, memoryview(array))  # type: ignore[arg-type]
+
+    def __call__(self, *arguments: Any) -> list[Array]:
+        for array, value in zip(self._given, arguments, strict=True):
+            array[...] = value
+        self._evaluate()
+        return [array.copy() for array in self._found]
+
+
+@dataclass(frozen=True)
+class _Step:
+    """An event, or jump J as -1 - J; whether its time is its own; and what there was before.
+
+    ``after`` are the constants behind it, with the rows of tables that were shown before it.
+    """
+
+    thing: int
+    root: bool
+    x: Array
+    c: Array
+    row: Integers
+    rate: Array
+    after: Array
+
+
+@dataclass
+class _Way:
+    """Things in one order, what there is behind them, and which guards were above zero.
+
+    ``seeds`` are those of peaks (n,) that are met before a step, by its number, or behind all.
+    """
+
+    x: Array
+    c: Array
+    row: Integers
+    steps: list[_Step] = field(default_factory=list)
+    above: set[int] = field(default_factory=set)
+    seeds: dict[int, Array] = field(default_factory=dict)
+
+
+@dataclass
+class _Bars:
+    """Bars of state, constants and time, and what rounding may make of each."""
+
+    x: Array
+    c: Array
+    t: float
+    noise_x: Array
+    noise_c: Array
+    noise_t: float
+
+
+class Instant:
+    """Things at one instant of a rollout.
+
+    Parameters
+    ----------
+    kernel, calls
+        With the reverse functions; the functions ready to be called.
+    c
+        Prepared constants of the rollout (nc,).
+    found
+        The instant, of :class:`~spacerobot.rollout.raw.Instants`.
+    """
+
+    def __init__(self, kernel: Kernel, calls: Mapping[str, _Call], c: Array, found: Any) -> None:
+        self._kernel, self._f, self._found = kernel, calls, found
+        self._t, self._c = float(found["last"]), c.copy()
+        self._c[[*kernel.switches, *kernel.jumps]] = found["mode"][:-1]
+        number = min(int(found["number"]), THINGS)
+        told = zip(found["thing"][:number][::-1], found["root"][:number][::-1], strict=True)
+        self._things = [(int(thing), bool(root)) for thing, root in told]
+
+    @property
+    def event(self) -> int:
+        """An event of it, -1 where there are jumps alone."""
+        return max(thing for thing, _ in self._things)
+
+    def order_counts(self, peaks: Array, seed: Array) -> bool:
+        """Whether the order counts for a cost that depends on ``peaks`` (n,) by a ``seed`` (n,)."""
+        kernel, found = self._kernel, self._found
+        if found["missed"] or found["number"] > THINGS:
+            return True
+        ahead = self._guards(found["before"], self._c)
+        own = [thing for thing, root in self._things if root and (thing < 0 or np.isfinite(ahead[thing]))]
+        if len(own) < 2:
+            return False
+        way = self._begin()
+        for thing, root in self._things:
+            self._go(way, thing, root)
+        if not any(self._moves(step) for step in way.steps if step.thing in own):
+            return False
+        if any(thing >= 0 and kernel.events[thing].ends for thing, _ in self._things):
+            return True
+        other = self._turned(own)
+        if other is None or not np.array_equal(way.c, other.c):
+            return True
+        known = {i for i, event in enumerate(kernel.events) if event.kink} | {i for i, _ in self._things}
+        if other.above - way.above - known:
+            return True
+        met = found["met"][:-1]
+        if not all(self._seeded(one, peaks, seed, met) for one in (way, other)):
+            return True
+        return self._differ(way, other, seed * (met == BEHIND))
+
+    def _guards(self, x: Array, c: Array) -> Array:
+        return self._f["values"](self._t, x, c)[0] if self._kernel.events else np.empty(0)
+
+    def _rate(self, x: Array, c: Array) -> Array:
+        return self._f["dynamics"](self._t, x, c)[0]
+
+    def _begin(self) -> _Way:
+        x = np.array(self._found["before"])
+        return _Way(x, *self._shown(x, self._c))
+
+    def _shown(self, x: Array, c: Array) -> tuple[Array, Integers]:
+        """Constants that show what tables hold there, and the rows."""
+        if not self._kernel.tables:
+            return c, np.empty(0, dtype=np.int64)
+        row, c = self._f["rows"](self._t, x, c)[0].astype(np.int64), c.copy()
+        fill(self._kernel.tables, row, c)
+        return c, row
+
+    def _go(self, way: _Way, thing: int, root: bool) -> None:
+        """Let one thing more happen; slopes before it are wanted where it has a time of its own."""
+        kernel, after = self._kernel, way.c.copy()
+        rate = self._rate(way.x, way.c) if root else np.empty(0)
+        way.steps.append(_Step(thing, root, way.x, way.c, way.row, rate, after))
+        if thing < 0:
+            after[kernel.jumps[-1 - thing]] = -np.inf
+        else:
+            for place, on in kernel.events[thing].sets:
+                after[kernel.switches[place]] = on
+            way.x = self._f["update"](self._t, way.x, after, thing)[0]
+        way.c, way.row = self._shown(way.x, after)
+        way.above |= set(np.flatnonzero(self._guards(way.x, way.c) > 0).tolist())
+
+    def _turned(self, own: list[int]) -> _Way | None:
+        """What has its own time the other way round, the rest as soon as it can be; None if that fails."""
+        own, way = own.copy(), self._begin()
+        rest = [(thing, root) for thing, root in self._things if thing not in own]
+        while own or rest:
+            g = self._guards(way.x, way.c)
+            ready = [one for one in rest if np.isfinite(g[one[0]]) and (one[1] or g[one[0]] > 0)]
+            if ready:
+                rest.remove(ready[0])
+                self._go(way, *ready[0])
+            elif own and (own[-1] < 0 or np.isfinite(g[own[-1]])):
+                self._go(way, own.pop(), True)
+            else:
+                return None
+        return way
+
+    def _moves(self, step: _Step) -> bool:
+        """Whether parameters may move its time."""
+        if step.thing < 0:
+            return self._kernel.jump_bars[-1 - step.thing] >= 0
+        x, c, _, _ = self._root(step)
+        return bool(x.any() or c.any())
+
+    def _root(self, step: _Step) -> tuple[Array, Array, float, float]:
+        """Derivatives of an event's guard by state, constants and time, and its rate."""
+        seed = np.eye(len(self._kernel.events))[step.thing]
+        x, c, t = self._reverse("guards", step.row, step.x, step.c, seed)
+        return x, c, t, t + float(x @ step.rate)
+
+    def _reverse(self, name: str, row: Integers, *arguments: Any) -> tuple[Array, Array, float]:
+        """Bars of state, constants and time by the reverse of a function, where tables showed these rows."""
+        x, seen, t = self._f[f"{name}_reverse"](self._t, *arguments)
+        c = np.zeros(self._kernel.size("setup_reverse", "cbar"))
+        c[: len(seen)] = seen
+        gather(self._kernel.tables, row, self._kernel.c_bars, c)
+        return x, c, float(t.sum())
+
+    def _seeded(self, way: _Way, peaks: Array, seed: Array, met: Array) -> bool:
+        """Give a way the seeds of its peaks; false where they are not those that the rollout met."""
+        if not seed.any():
+            return True
+        states = [(k, step.x, step.c) for k, step in enumerate(way.steps) if k and step.root]
+        left, room = seed * (met != 0), ROUNDING * np.abs(peaks)
+        for k, x, c in (*states, (len(way.steps), way.x, way.c)):
+            m = self._f["dynamics"](self._t, x, c)[1]
+            above = (m > peaks + room) | ((m > peaks - room) & (met == 0) & (k < len(way.steps)))
+            if (above & (seed != 0)).any():
+                return False
+            here = np.abs(m - peaks) <= room
+            way.seeds[k], left = np.where(here, left, 0.0), np.where(here, 0.0, left)
+        return not left.any()
+
+    def _differ(self, way: _Way, other: _Way, behind: Array) -> bool:
+        """Whether two orders lead to other states or bars; what was told has the seed of peaks ``behind``."""
+        bar = np.array(self._found["bar"])
+        if behind.any():
+            bar -= self._reverse("peaks", way.row, way.x, way.c, behind)[0]
+        size = np.abs(bar) @ (np.abs(way.x) + np.abs(self._found["before"]))
+        if (np.abs(bar * (way.x - other.x)) > ROUNDING * size).any():
+            return True
+        a, b, scale = self._back(way, bar), self._back(other, bar), self._kernel.scale
+        return (
+            _apart(a.x / scale, b.x / scale, a.noise_x / scale)
+            or _apart(a.c, b.c, a.noise_c)
+            or _apart(np.array([a.t]), np.array([b.t]), a.noise_t)
+        )
+
+    def _back(self, way: _Way, bar: Array) -> _Bars:
+        """Bars before all, from that of the state behind. Each time ends a piece and begins the next."""
+        c, rate = np.zeros(self._kernel.size("setup_reverse", "cbar")), self._rate(way.x, way.c)
+        noise = ROUNDING * float(np.abs(bar) @ np.abs(rate))
+        found = _Bars(bar, c, -float(bar @ rate), np.zeros_like(bar), np.zeros_like(c), noise)
+        self._meet(found, way, len(way.steps), (way.row, way.x, way.c))
+        for k, step in reversed([*enumerate(way.steps)]):
+            if step.thing >= 0:
+                x, c, t = self._reverse("update", step.row, step.x, step.after, step.thing, found.x)
+                found.x, found.c, found.t = x, found.c + c, found.t + t
+            if step.root:
+                self._move(found, step)
+                self._meet(found, way, k, (step.row, step.x, step.c))
+        return found
+
+    def _move(self, bars: _Bars, step: _Step) -> None:
+        """From the bar of a thing's own time to what moves it."""
+        rise = float(bars.x @ step.rate)
+        bars.noise_t += ROUNDING * float(np.abs(bars.x) @ np.abs(step.rate))
+        if step.thing >= 0:
+            x, c, t, rate = self._root(step)
+            mu, noise = -(bars.t + rise) / rate, bars.noise_t / abs(rate)
+            bars.x, bars.c, bars.t = bars.x + mu * x, bars.c + mu * c, bars.t + mu * t
+            bars.noise_x, bars.noise_c = bars.noise_x + noise * abs(x), bars.noise_c + noise * abs(c)
+            return
+        place = self._kernel.jump_bars[-1 - step.thing]
+        if place >= 0:
+            bars.c[place] += bars.t + rise
+            bars.noise_c[place] += bars.noise_t
+        bars.t = -rise
+
+    def _meet(self, bars: _Bars, way: _Way, k: int, at: tuple[Integers, Array, Array]) -> None:
+        """Take in the seeds of peaks that are met before step k."""
+        if k in way.seeds and way.seeds[k].any():
+            x, c, t = self._reverse("peaks", *at, way.seeds[k])
+            bars.x, bars.c, bars.t = bars.x + x, bars.c + c, bars.t + t
+
+
+def _apart(a: Array, b: Array, noise: Array | float) -> bool:
+    """Whether bars differ by more than derivatives may that are the same."""
+    largest = np.abs(a).max(initial=0.0)
+    return bool((np.abs(a - b) > SAME * (np.abs(a) + FAINT * largest) + noise).any())
+
+
+CALLED = ("dynamics", "rows", "values", "update", "guards_reverse", "update_reverse", "peaks_reverse")
+
+
+def judge_orders(kernel: Kernel, p: Array, seed: Array, raw: Raw) -> None:
+    """Doubt gradients where the order of what happens at one instant counts, and nowhere else.
+
+    Parameters
+    ----------
+    kernel
+        With the reverse functions.
+    p, seed
+        Parameters (N, np) and weights of the costs (N, nj).
+    raw
+        The rollouts, with the instants that the sweep back told; their doubts are changed.
+    """
+    instants = raw.instants
+    if instants is None or not instants.told.any():
+        return
+    calls = {name: _Call(kernel.functions[name]) for name in CALLED if name in kernel.functions}
+    first, last = kernel.integrals, kernel.integrals + kernel.peaks
+    for i in np.flatnonzero(raw.completed & (instants.told > 0) & (raw.log.doubt[:, 0] != GRAZING)):
+        c = kernel.functions["setup"](p[i])[1].full().ravel()
+        rbar = kernel.functions["objective_reverse"](raw.r[i], p[i], seed[i])[0].full().ravel()
+        peaks = (raw.r[i, first:last], rbar[first:last])
+        found = [Instant(kernel, calls, c, row) for row in instants.found[i, : instants.told[i]]]
+        counts = (here.event for here in found if here.order_counts(*peaks))
+        left = -1 if instants.told[i] > len(found) else None
+        event = next(counts, left)
+        raw.log.doubt[i] = (0, 0) if event is None else (COINCIDENT, event)
