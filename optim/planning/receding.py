@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -11,29 +12,26 @@ from typing import Any
 import numpy as np
 
 from optim.planning.bench import Bench
-from optim.planning.guess import guess
-from optim.planning.make import fault_of
-from optim.planning.motion import Motion
-from optim.planning.program import Program
-from optim.planning.replay import joint_angle
-from optim.planning.search import search
+from optim.planning.horizon import ROUNDING, Horizon
 from optim.planning.sensed import sensed
-from optim.planning.solve import Solved, solve
 from spacerobot.arrays import Array
+from spacerobot.closedloop import ClosedLoop
 from spacerobot.elements.controllers.mpc import Mpc
-from spacerobot.errors import NoPlanError, ScenarioError
+from spacerobot.errors import ScenarioError
 from spacerobot.kept import kept_closed_loop
 from spacerobot.result import Result
 from spacerobot.result.dataset import build_dataset
 from spacerobot.result.events import build_events
 from spacerobot.result.summary import build_summary
 from spacerobot.rollout import Rollout, Trajectory, build_rollout
+from spacerobot.rollout.grid import time_grid
 from spacerobot.rollout.resumed import end_of, joined, resumed, start_of
+from spacerobot.scenario.phases import successors
 from spacerobot.scene import Scene, build_scene
 
 Progress = Callable[[str], None]
-ROUNDING = 1e-9
-"""Of times, in parts of a period."""
+OFTEN = 1000
+"""Motions that are made in flight, as far as it counts whether compiling pays: time presses there."""
 
 
 def controllers_of(scene: Scene) -> dict[str, tuple[str, Mpc]]:
@@ -47,76 +45,91 @@ def controllers_of(scene: Scene) -> dict[str, tuple[str, Mpc]]:
 
 
 @dataclass
-class _Horizon:
-    """The plan that is flown now, and what was done for all of them.
+class _Flight:
+    """What was flown until now, piece by piece.
 
     Attributes
     ----------
-    bench
-        The problem.
-    motion, solved, since
-        The plan, its solution, and when it began [s].
-    iterations, seconds, missed
-        Of each solve, and how many led to no plan.
+    scene, loop, rollout
+        The scene, its closed loop with the knots of one period, and what rolls that out from anywhere.
+    lead
+        Numbers of the controllers.
+    horizon
+        The plans.
+    start
+        Where the next piece begins: time, state, switches.
+    pieces
+        With the times at which they began [s].
+    over
+        Whether the first phase, that of the plans, has ended.
+    ended
+        Whether the simulation has.
     """
 
-    bench: Bench
-    motion: Motion
-    solved: Solved
-    since: float = 0.0
-    iterations: list[int] = field(default_factory=list)
-    seconds: list[float] = field(default_factory=list)
-    missed: int = 0
+    scene: Scene
+    loop: ClosedLoop
+    rollout: Rollout
+    lead: Mpc
+    horizon: Horizon
+    start: Array
+    pieces: list[tuple[float, Trajectory]] = field(default_factory=list)
+    over: bool = False
+    ended: bool = False
 
-    def renew(self, now: float, seen: Array) -> None:
-        """Plan anew for the time that is left, from the last plan; where that fails, from nothing."""
-        begin = time.perf_counter()
-        left = self.motion.duration_s - (now - self.since)
-        problem = dataclasses.replace(self.bench.problem, fixed=seen, duration=(left,) * 3)
-        program = Program(problem, self.bench.instants, self.bench.lobatto, self.motion.intervals)
-        found = solve(program, self._ahead(now, problem), self.solved)
-        iterations = found.iterations
-        if not found.converged:
-            fresh = guess(problem, self.bench.lobatto, self.motion.intervals).unknowns
-            found = solve(program, fresh, scale=self.solved.scale)
-            iterations += found.iterations
-        if found.converged:
-            z, duration = program.split(found.w)
-            self.motion = Motion(problem, self.bench.lobatto, self.motion.intervals, duration, z)
-            self.solved, self.since = found, now
-        else:
-            self.missed += 1
-        self.iterations.append(iterations)
-        self.seconds.append(time.perf_counter() - begin)
+    @property
+    def now(self) -> float:
+        """Time [s]."""
+        return float(self.start[0])
 
-    def _ahead(self, now: float, problem: Any) -> Array:
-        """Unknowns of what is left of the last plan."""
-        lobatto, before = self.bench.lobatto, self.motion
-        gone = (now - self.since) / before.duration_s
-        parts = gone + lobatto.times(before.intervals, 1.0) * (1 - gone)
-        z = before.along(np.minimum(parts, 1.0))
-        z[0, : problem.fixed.size] = problem.fixed
-        return np.append(z.ravel(), problem.duration[0])
+    def fly(self, p: Array, end: float) -> None:
+        """Go on to a time [s], with parameters of the closed loop (np,)."""
+        if self.ended or end - self.now <= ROUNDING * end:
+            return
+        piece = self._rolled(p, self.start, end - self.now)
+        self.pieces.append((self.now, piece))
+        self.ended = piece.status != "completed" or piece.ended_at_s is not None
+        self.over = self.over or any(self.loop.events[one.event].kind == "phase" for one in piece.events)
+        self.start = end_of(piece, self.start, self.loop.nx)
+        self.start[0] = end  # not the sum of the pieces
 
-    def knots(self, now: float, period: float, robot: str) -> dict[str, Any]:
-        """What a robot's joints do in the period from now on, at the points of one interval."""
-        problem = self.motion.problem
-        model, driven = problem.stage.scene.model, problem.stage.driven
-        times = self.bench.lobatto.nodes * period
-        z = self.motion.along(np.minimum((now - self.since + times) / self.motion.duration_s, 1.0))
-        q, v, _, u, *_ = self.motion.parts(z)
-        own = [k for k, name in enumerate(driven.names) if name.startswith(f"{robot}/")]
-        own = [k for k in own if k < len(driven.joints)]
-        joints = [model.joints[driven.joints[k]] for k in own]
-        angles = np.array([[joint_angle(joint, row) for joint in joints] for row in q])
-        return {
-            "times": times.tolist(),
-            "points": len(times),
-            "joints": [driven.names[k].partition("/")[2] for k in own],
-            "position": np.unwrap(angles, axis=0).tolist(),
-            "rate": v[:, [driven.columns[k] for k in own]].tolist(),
-            "effort": u[:, own].tolist(),
-        }
+    def plan(self, p: Array) -> None:
+        """Plan anew from what is sensed now, for the time behind the delay, flown with parameters p (np,)."""
+        state, ready = self.start.copy(), self.now + self.lead.delay
+        size = self.loop.nq + self.loop.nv
+        state[1 : 1 + size] = sensed(self.scene, self.horizon.bench.plan, state[1:])
+        if self.lead.delay:
+            piece = self._rolled(self._ideal(p), state, self.lead.delay)
+            state = end_of(piece, state, self.loop.nx)
+        self.horizon.renew(ready, state[1 : 1 + size], self.lead.iterations)
+
+    def _rolled(self, p: Array, start: Array, length: float) -> Trajectory:
+        simulation, grid = self.scene.scenario.simulation, self.rollout.grid
+        own = time_grid(length, grid.step_s * (1 + ROUNDING), simulation.output_step)
+        rollout = dataclasses.replace(self.rollout, grid=own)
+        return rollout.run(np.concatenate([p, start]), estimate=True)
+
+    def _ideal(self, p: Array) -> Array:
+        """Parameters of the controllers' own model, which knows of no errors of sensors."""
+        found = p.copy()
+        for place, path in enumerate(self.loop.parameter_paths):
+            robot, *_ = path.partition(".sensors.")
+            if robot != path:
+                found[place] = {"offset": 0.0, "scale": 1.0}.get(path.rpartition(".")[2], found[place])
+        return found
+
+    def numbers(self) -> Array:
+        """Parameters of the closed loop in the period that begins now (np,)."""
+        place = {path: i for i, path in enumerate(self.loop.parameter_paths)}
+        p = np.array(self.loop.parameter_values, dtype=float)
+        for robot, (key, _) in controllers_of(self.scene).items():
+            path = f"robots.{robot}.controllers.{key}"
+            knots = self.horizon.knots(self.now, self.lead.period, robot)
+            p[place[f"{path}.begin"]] = self.now
+            for name in ("position", "rate", "effort"):
+                for k, row in enumerate(knots[name]):
+                    for j, value in enumerate(row):
+                        p[place[f"{path}.knots.{name}.{k}.{j}"]] = value
+        return p
 
 
 def fly(scene: Scene, *, backend: str = "auto", progress: Progress | None = None) -> Result:
@@ -125,7 +138,8 @@ def fly(scene: Scene, *, backend: str = "auto", progress: Progress | None = None
     Parameters
     ----------
     scene
-        With a ``plan`` section, and a controller of kind ``mpc`` for each robot.
+        With a ``plan`` section, and a controller of kind ``mpc`` for each robot, which acts in the first
+        phase where there are phases.
     backend
         ``auto``, ``compiled`` or ``interpreted``.
     progress
@@ -134,8 +148,8 @@ def fly(scene: Scene, *, backend: str = "auto", progress: Progress | None = None
     Returns
     -------
     Result
-        Until the plan's end; its summary has ``mpc``: what planning took against the period. That alone
-        depends on the machine.
+        Until the plan's end, or to that of the simulation where there are phases; its summary has ``mpc``:
+        what planning took against the period. That alone depends on the machine.
 
     Raises
     ------
@@ -145,55 +159,40 @@ def fly(scene: Scene, *, backend: str = "auto", progress: Progress | None = None
         If no first plan is found.
     """
     began, tell = time.perf_counter(), progress or (lambda _: None)
-    period, least = _period(scene)
-    bench = Bench.of(scene, backend, tell, motions=8)
-    horizon = _first(bench, sensed(scene, bench.plan, np.concatenate([scene.q, scene.v])))
-    duration = bench.problem.duration[0]
-    tell("building the closed loop")
-    rollout, flown = _rollout(scene, horizon, period, backend)
-    pieces: list[tuple[float, Trajectory]] = []
-    start = start_of(flown)
-    for k in range(round(duration / period)):
-        now = k * period
-        tell(f"flying: {now:.3g} of {duration:.3g} s, {len(horizon.seconds)} plans")
-        if k and duration - now > least - ROUNDING * period:
-            horizon.renew(now, sensed(scene, bench.plan, start[1:]))
-        p = np.concatenate([_numbers(flown, scene, horizon, now, period), start])
-        piece = rollout.run(p, estimate=True)
-        pieces.append((now, piece))
-        if piece.status != "completed" or piece.ended_at_s is not None:
+    lead = _lead(scene)
+    bench = Bench.of(scene, backend, tell, motions=OFTEN)
+    _check_driven(bench)
+    horizon = Horizon.of(bench, sensed(scene, bench.plan, np.concatenate([scene.q, scene.v])), lead.least)
+    tell("compiling the closed loop, or finding it compiled")
+    rollout, loop = _rollout(scene, horizon, lead.period, backend)
+    flight = _Flight(scene, loop, rollout, lead, horizon, start_of(loop))
+    end = scene.scenario.simulation.duration if scene.scenario.phases else horizon.full
+    for k in itertools.count():
+        if flight.over or flight.ended or flight.now >= end:
             break
-        start = end_of(piece, start, flown.nx)
-    return _result(scene, flown, rollout, pieces, (began, period, horizon))
+        tell(f"flying: {flight.now:.3g} of {end:.3g} s, {len(horizon.seconds)} plans")
+        p, now = flight.numbers(), k * lead.period
+        if k and horizon.renews(now + lead.delay):
+            flight.plan(p)
+            if lead.delay:
+                flight.fly(p, min(now + lead.delay, end))
+            p = flight.numbers()
+        flight.fly(p, min(now + lead.period, end))
+    tell("flying: all that follows the plans")
+    flight.fly(flight.numbers(), end)
+    return _result(flight, began)
 
 
-def _first(bench: Bench, seen: Array) -> _Horizon:
-    """The first plan, from a first guess."""
-    first = dataclasses.replace(bench, problem=dataclasses.replace(bench.problem, fixed=seen))
-    ask = first.asked(refine=False)
-    found = search(first, ask)
-    if found.solved is None:
-        raise NoPlanError(str(fault_of(found)), source=bench.scene.source, where="plan")
-    return _Horizon(
-        bench,
-        first.motion(ask, found),
-        found.solved,
-        iterations=[one.iterations for one in found.solves],
-        seconds=[one.seconds for one in found.solves],
-    )
-
-
-def _period(scene: Scene) -> tuple[float, float]:
-    """Period, and time left from which on the last plan is kept [s].
+def _lead(scene: Scene) -> Mpc:
+    """What the controllers have in common: period, delay, and when the last plan is made.
 
     Raises
     ------
     ScenarioError
-        If robots differ in them, one has none, or the plan's duration is not so many periods.
+        If robots differ in them, one has none, they do not rest behind the first phase, or the plan's
+        duration is not so many periods.
     """
-    source, given = scene.source, controllers_of(scene)
-    if scene.scenario.phases:
-        raise ScenarioError("found phases, allowed with kind mpc: none", source=source, where="phases")
+    source, given, plan = scene.source, controllers_of(scene), scene.scenario.plan
     for body in scene.robots:
         if body.name not in given:
             raise ScenarioError(
@@ -201,39 +200,96 @@ def _period(scene: Scene) -> tuple[float, float]:
                 source=source,
                 where=f"robots.{body.name}.controllers",
             )
-    numbers = {(controller.period, controller.least) for _, controller in given.values()}
-    if len(numbers) > 1:
-        raise ScenarioError(
-            "controllers of kind mpc have different periods, allowed: one", source=source, where="robots"
-        )
-    (period, least), plan = numbers.pop(), scene.scenario.plan
-    if plan is not None and plan.start:
-        raise ScenarioError(
-            "found a free start, allowed with kind mpc: none", source=source, where="plan.start"
-        )
+    leads = [lead for _, lead in given.values()]
+    for key in ("period", "least", "delay", "iterations"):
+        if len({getattr(lead, key) for lead in leads}) > 1:
+            told = f"controllers of kind mpc differ in {key}, allowed: one for all robots"
+            raise ScenarioError(told, source=source, where="robots")
+    lead = leads[0]
     if plan is not None:
-        count = plan.duration.upper / period
-        if plan.duration.lower != plan.duration.upper or abs(count - round(count)) > ROUNDING * count:
+        count, timed = plan.duration.upper / lead.period, plan.duration
+        for key, what in (("start", "a free start"), ("phases", "several phases")):
+            if getattr(plan, key):
+                told = f"found {what}, allowed with kind mpc: none"
+                raise ScenarioError(told, source=source, where=f"plan.{key}")
+        if timed.lower != timed.upper or abs(count - round(count)) > ROUNDING * count:
             raise ScenarioError(
-                f"found {plan.duration.lower:g} to {plan.duration.upper:g} s, allowed with kind mpc: "
-                f"one number, so many periods of {period:g} s",
+                f"found {timed.lower:g} to {timed.upper:g} s, allowed with kind mpc: "
+                f"one number, so many periods of {lead.period:g} s",
                 source=source,
                 where="plan.duration",
             )
+    _check_held(scene, lead.period)
+    _check_phases(scene)
+    return lead
+
+
+def _check_held(scene: Scene, period: float) -> None:
+    """Refuse sensors that measure at other times than plans are made.
+
+    Raises
+    ------
+    ScenarioError
+        Naming the first one.
+    """
     for body in scene.robots:
         for signal, sensor in body.config.sensors:  # type: ignore[union-attr]
             if sensor.holds and abs(period / sensor.period - round(period / sensor.period)) > ROUNDING:
                 raise ScenarioError(
                     f"found {sensor.period:g} s, allowed with kind mpc: a part of {period:g} s",
-                    source=source,
+                    source=scene.source,
                     where=f"robots.{body.name}.sensors.{signal}.period",
                 )
-    return period, least
 
 
-def _rollout(scene: Scene, horizon: _Horizon, period: float, backend: str) -> tuple[Rollout, Any]:
+def _check_phases(scene: Scene) -> None:
+    """Refuse phases in which plans are made but the first one.
+
+    Raises
+    ------
+    ScenarioError
+        Naming the first one.
+    """
+    phases = scene.scenario.phases
+    for name, (robot, (key, _)) in itertools.product(phases, controllers_of(scene).items()):
+        own = scene.scenario.during(name).robots[robot]
+        where = f"phases.{name}.robots.{robot}"
+        if name != next(iter(phases)):
+            if key in own.controllers:
+                raise ScenarioError(
+                    f"plans are made in the first phase alone; write `{key}: null` here",
+                    source=scene.source,
+                    where=f"{where}.controllers",
+                )
+        elif key not in own.controllers:
+            told = "rests in the first phase, in which plans are made and flown"
+            raise ScenarioError(told, source=scene.source, where=f"{where}.controllers.{key}")
+    first = next(iter(phases), None)
+    for name, follows in successors(phases).items():
+        if first in follows:
+            told = f"leads back to {first!r}; plans are made in it once"
+            raise ScenarioError(told, source=scene.source, where=f"phases.{name}")
+
+
+def _check_driven(bench: Bench) -> None:
+    """Refuse plans that drive bases, which joints do not follow.
+
+    Raises
+    ------
+    ScenarioError
+        Naming the limits.
+    """
+    driven = bench.problem.stage.driven
+    if len(driven.names) > len(driven.joints):
+        told = "found an actuator on a base, allowed with kind mpc: joints alone are led"
+        raise ScenarioError(told, source=bench.scene.source, where="plan.limits")
+
+
+def _rollout(scene: Scene, horizon: Horizon, period: float, backend: str) -> tuple[Rollout, ClosedLoop]:
     """What rolls out one period from anywhere, and the closed loop."""
-    changes: dict[str, Any] = {"simulation.duration": horizon.motion.duration_s}
+    changes: dict[str, Any] = {}
+    if not scene.scenario.phases:
+        changes["simulation.duration"] = horizon.full
     for robot, (key, _) in controllers_of(scene).items():
         changes[f"robots.{robot}.controllers.{key}.knots"] = horizon.knots(0.0, period, robot)
     flown = kept_closed_loop(build_scene(scene.scenario, changes, source=scene.source))
@@ -250,44 +306,28 @@ def _rollout(scene: Scene, horizon: _Horizon, period: float, backend: str) -> tu
     return rollout, flown
 
 
-def _numbers(loop: Any, scene: Scene, horizon: _Horizon, now: float, period: float) -> Array:
-    """Parameters of the closed loop in the period that begins now."""
-    place = {path: i for i, path in enumerate(loop.parameter_paths)}
-    p = np.array(loop.parameter_values, dtype=float)
-    for robot, (key, _) in controllers_of(scene).items():
-        path, knots = f"robots.{robot}.controllers.{key}", horizon.knots(now, period, robot)
-        p[place[f"{path}.begin"]] = now
-        for name in ("position", "rate", "effort"):
-            for k, row in enumerate(knots[name]):
-                for j, value in enumerate(row):
-                    p[place[f"{path}.knots.{name}.{k}.{j}"]] = value
-    return p
-
-
-def _result(
-    scene: Scene,
-    loop: Any,
-    rollout: Rollout,
-    pieces: list[tuple[float, Trajectory]],
-    told: tuple[float, float, _Horizon],
-) -> Result:
-    began, period, horizon = told
-    trajectory = joined(pieces)
+def _result(flight: _Flight, began: float) -> Result:
+    """Result of a flight that began at a time."""
+    scene, loop, horizon = flight.scene, flight.loop, flight.horizon
+    trajectory = joined(flight.pieces)
     whole = build_dataset(scene, trajectory, loop)
     total = time.perf_counter() - began
     timing = {"closed_loop": 0.0, "compile_or_load": 0.0, "rollout": trajectory.wall_s, "total": total}
-    notes: Mapping[str, str] = {"toolchain": rollout.summary, "step_error": f"{trajectory.step_error:.1e}"}
+    step_error = f"{trajectory.step_error:.1e}"
+    notes: Mapping[str, str] = {"toolchain": flight.rollout.summary, "step_error": step_error}
     events = build_events(scene, loop, trajectory.events)
     summary = build_summary(scene, whole, trajectory, timing, notes, events)
-    again = horizon.seconds[1:]
+    again, allowed = horizon.seconds[1:], flight.lead.delay or flight.lead.period
     summary["mpc"] = {
-        "period_s": period,
+        "period_s": flight.lead.period,
+        "delay_s": flight.lead.delay,
         "plans": len(horizon.seconds),
         "missed": horizon.missed,
+        "unfinished": horizon.unfinished,
         "iterations": horizon.iterations,
         "first_solve_s": horizon.seconds[0],
-        "mean_solve_s": float(np.mean(again or [0.0])),
+        "median_solve_s": float(np.median(again or [0.0])),
         "longest_solve_s": max(again, default=0.0),
-        "in_time": sum(seconds <= period for seconds in again),
+        "in_time": sum(seconds <= allowed for seconds in again),
     }
     return Result(scene.scenario, whole, summary)

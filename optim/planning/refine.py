@@ -55,10 +55,10 @@ def carried(solved: Solved, source: Solvable, target: Solvable) -> Solved:
         Its program, and the one that is to be solved. Unknowns are not carried over.
     """
     if not (isinstance(source, Chain) and isinstance(target, Chain)):
-        return _carried(solved, *programs_of(source), *programs_of(target))
+        return onward(solved, *programs_of(source), *programs_of(target))
     parts = source.parted(solved)
     of = zip(parts, source.programs, target.programs, strict=False)
-    parts[: len(source.programs)] = [_carried(*one) for one in of]
+    parts[: len(source.programs)] = [onward(*one) for one in of]
     return dataclasses.replace(
         solved,
         multipliers=np.concatenate([part.multipliers for part in parts]),
@@ -66,11 +66,21 @@ def carried(solved: Solved, source: Solvable, target: Solvable) -> Solved:
     )
 
 
-def _carried(solved: Solved, source: Program, target: Program) -> Solved:
-    """Of one phase."""
+def onward(solved: Solved, source: Program, target: Program, begin: float = 0.0) -> Solved:
+    """What a solver found for one phase, on another mesh, for what is left of it.
+
+    Parameters
+    ----------
+    solved, source, target
+        As for :func:`carried`.
+    begin
+        Part of the source's duration at which the target begins; both end together.
+    """
+    left = 1.0 - begin
     share, wanted = (at.lobatto.times(at.intervals, 1.0) for at in (source, target))
+    wanted = begin + left * wanted
     between = np.array([np.interp(wanted, share, unit) for unit in np.eye(len(share))]).T
-    weights = target.weights[:, None] * between / source.weights
+    weights = left * target.weights[:, None] * between / source.weights
     last = source.rows - len(source.problem.goal)
     held = weights @ solved.multipliers[source.defects : last].reshape(source.points, -1)
     bounds = weights @ solved.bound_multipliers[:-1].reshape(source.points, -1)
@@ -79,20 +89,21 @@ def _carried(solved: Solved, source: Program, target: Program) -> Solved:
     return dataclasses.replace(
         solved,
         multipliers=np.concatenate(
-            [_defects(solved, source, target).ravel(), held.ravel(), solved.multipliers[last:]]
+            [_defects(solved, source, target, begin).ravel(), held.ravel(), solved.multipliers[last:]]
         ),
         bound_multipliers=np.append(bounds, solved.bound_multipliers[-1]),
     )
 
 
-def _defects(solved: Solved, source: Program, target: Program) -> Array:
+def _defects(solved: Solved, source: Program, target: Program, begin: float) -> Array:
     """Multipliers of the target's defects (N, s - 1, nx)."""
     found = solved.multipliers[: source.defects].reshape(source.intervals, source.inner, source.nx)
     lobatto, other = source.lobatto, target.lobatto
     costates = np.einsum("jk,njx->nkx", lobatto.integral[1:], found) / lobatto.weights[:, None]
-    ratio, n = source.intervals / target.intervals, np.arange(target.intervals)[:, None]
-    inside = np.minimum(((n + 0.5) * ratio).astype(int), source.intervals - 1)
-    values = lobatto.values_at((n + other.nodes) * ratio - inside)  # (N, s, points of the source)
+    ratio, n = (1.0 - begin) * source.intervals / target.intervals, np.arange(target.intervals)[:, None]
+    first = begin * source.intervals
+    inside = np.minimum((first + (n + 0.5) * ratio).astype(int), source.intervals - 1)
+    values = lobatto.values_at(first + (n + other.nodes) * ratio - inside)  # (N, s, points of the source)
     p = np.einsum("nik,nkx->nix", values, costates[inside[:, 0]])
     back = np.linalg.pinv(other.integral[1:].T)
     return np.asarray(np.einsum("jk,nkx->njx", back, other.weights[:, None] * p))

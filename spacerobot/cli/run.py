@@ -174,11 +174,12 @@ def _planning(told: Mapping[str, Any]) -> list[tuple[str, str]]:
     """How often was planned, and how long it took against the period."""
     again = told["plans"] - 1
     missed = f", {told['missed']} led to no plan" if told["missed"] else ""
-    took = f"{told['mean_solve_s']:.3g} s, the longest {told['longest_solve_s']:.3g} s"
+    took = f"{told['median_solve_s']:.3g} s, the longest {told['longest_solve_s']:.3g} s"
+    within = "delay" if told["delay_s"] else "period"
     return [
-        ("period", f"{told['period_s']:g} s"),
+        ("period", f"{told['period_s']:g} s, flown {told['delay_s']:g} s behind what was sensed"),
         ("plans", f"{told['plans']}{missed}; the first took {told['first_solve_s']:.3g} s"),
-        ("time of the others", f"{took}; {told['in_time']} of {again} within the period"),
+        ("time of the others", f"median {took}; {told['in_time']} of {again} within the {within}"),
     ]
 
 

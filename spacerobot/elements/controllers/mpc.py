@@ -25,12 +25,20 @@ class Mpc(JointTracking):
     kind: Literal["mpc"] = "mpc"  # type: ignore[assignment]
     file: None = Field(default=None, description="none: plans are made in flight")
     period: float = quantity("s", "time between two plans", default=0.5, gt=0)
-    least: float = quantity("s", "time left from which on the last plan is kept", default=1.0, gt=0)
+    least: float = quantity(
+        "s", "time that a plan looks ahead at least; the last one before the end is kept", default=1.0, gt=0
+    )
+    delay: float = quantity(
+        "s", "time from what is sensed to the plan that is made from it being flown", default=0.0, ge=0
+    )
+    iterations: int = Field(default=60, ge=1, description="of the solver, at most, for a plan in flight")
     begin: float = quantity("s", "when the plan in `knots` begins", default=0.0, ge=0)
 
     @model_validator(mode="after")
     def _check(self) -> Mpc:
-        """Knots come between the periods."""
+        """Knots come between the periods; one plan is made before the next one is begun."""
+        if self.delay > self.period:
+            raise ValueError(f"delay: found {self.delay:g} s, allowed: at most the period, {self.period:g} s")
         return self
 
     def build(self, robot: RobotContext) -> Contribution:
