@@ -113,7 +113,7 @@ class Horizon:
         None where the shortest time to look ahead is longer than the first plan.
         """
         left, rounding = self.full - begin, ROUNDING * self.full
-        return self.least <= self.full and (left > self.least + rounding or left < rounding)
+        return self.least <= self.full and (left > self.least - rounding or left < rounding)
 
     def renew(self, begin: float, seen: Array, iterations: int) -> None:
         """Plan anew from a time on, from the last plan; where that leads nowhere, from a first guess.

@@ -251,10 +251,13 @@ def _check_phases(scene: Scene) -> None:
         Naming the first one.
     """
     phases = scene.scenario.phases
+    first = next(iter(phases), None)
+    if first is None:
+        return
     for name, (robot, (key, _)) in itertools.product(phases, controllers_of(scene).items()):
         own = scene.scenario.during(name).robots[robot]
         where = f"phases.{name}.robots.{robot}"
-        if name != next(iter(phases)):
+        if name != first:
             if key in own.controllers:
                 raise ScenarioError(
                     f"plans are made in the first phase alone; write `{key}: null` here",
@@ -264,7 +267,6 @@ def _check_phases(scene: Scene) -> None:
         elif key not in own.controllers:
             told = "rests in the first phase, in which plans are made and flown"
             raise ScenarioError(told, source=scene.source, where=f"{where}.controllers.{key}")
-    first = next(iter(phases), None)
     for name, follows in successors(phases).items():
         if first in follows:
             told = f"leads back to {first!r}; plans are made in it once"

@@ -55,7 +55,7 @@ def carried(solved: Solved, source: Solvable, target: Solvable) -> Solved:
         Its program, and the one that is to be solved. Unknowns are not carried over.
     """
     if not (isinstance(source, Chain) and isinstance(target, Chain)):
-        return onward(solved, *programs_of(source), *programs_of(target))
+        return onward(solved, programs_of(source)[0], programs_of(target)[0])
     parts = source.parted(solved)
     of = zip(parts, source.programs, target.programs, strict=False)
     parts[: len(source.programs)] = [onward(*one) for one in of]

@@ -1,9 +1,13 @@
 """Plans that are made anew in flight, from what sensors show; rollouts that go on from where they were."""
 
+from dataclasses import replace
+
 import numpy as np
 import pinocchio as pin
 import pytest
 
+from optim.planning.bench import Bench
+from optim.planning.horizon import Horizon
 from optim.planning.receding import fly
 from optim.planning.sensed import sensed
 from spacerobot.closedloop import build_closed_loop
@@ -47,11 +51,11 @@ def test_plans_made_anew_take_back_what_sensors_misread(reach):
 
 
 def test_where_no_plan_is_found_the_last_one_is_flown_on(reach, monkeypatch):
-    from optim.planning import receding
+    from optim.planning import horizon
 
     whole = fly(reach(*FLIGHT, ("robots.one.controllers.lead.least", 100)), backend="interpreted")
-    real = receding.solve
-    monkeypatch.setattr(receding, "solve", lambda *a, **k: real(*a, **(k | {"iterations": 1})))
+    real = horizon.solve
+    monkeypatch.setattr(horizon, "solve", lambda *a, **k: real(*a, **(k | {"iterations": 1})))
     lost = fly(reach(*FLIGHT), backend="interpreted")
     assert lost.summary["mpc"]["missed"] == 4
     np.testing.assert_allclose(lost.data.q.values, whole.data.q.values, atol=1e-9)
@@ -109,7 +113,13 @@ def test_the_target_is_where_sensors_show_it(reach):
             "target_spin.period: found 0.2 s",
         ),
         ([("plan.start", {"one": {"position": [0.1, 0, 0]}})], "found a free start"),
-        ([("phases", {"all": {"until": {"time": 3}}})], "found phases, allowed with kind mpc: none"),
+        (
+            [("phases", {"come": {"until": {"time": 3}}, "wait": {}})],
+            "phases.wait.robots.one.controllers: plans are made in the first phase alone; write `lead: null`",
+        ),
+        ([("phases", {"wait": {"robots": {"one": {"controllers": {"lead": None}}}}})], "rests in the first"),
+        ([("robots.one.controllers.lead.delay", 0.6)], "delay: found 0.6 s, allowed: at most the period"),
+        ([("plan.limits.base_force", 1.0)], "found an actuator on a base, allowed with kind mpc"),
     ],
 )
 def test_what_does_not_fit_is_refused_in_one_line(reach, changes, message):
@@ -126,3 +136,81 @@ def test_what_cannot_plan_in_flight_says_so(reach):
 def test_the_example_is_read():
     scene = load_scene("examples/receding.yaml")
     assert not scene.warnings
+
+
+SLOW = [
+    ("plan.duration", 2),
+    ("robots.one.controllers.lead.iterations", 30),
+    ("target.base.velocity", [0.002, 0.004, 0]),
+    ("target.base.spin_deg", [0, 0, 0.5]),
+    ("robots.one.tips.tip.pid", {"kp": 20, "kd": 10}),
+    (
+        "grasps",
+        {
+            "grip": {
+                "tip": "one/tip",
+                "frame": "mate_1",
+                "kind": "compliant",
+                "begins": "open",
+                "stiffness": 20,
+                "damping": 4,
+                "capture": {"distance": 0.02, "closing_speed": 0.05, "lateral_speed": 0.05, "dwell": 0.1},
+            }
+        },
+    ),
+    (
+        "phases",
+        {
+            "come": {
+                "robots": {"one": {"tips": {"tip": {"pid": None}}}},
+                "until": {"captured": ["grip"]},
+                "at_most": 4,
+                "otherwise": "end",
+            },
+            "hold": {"robots": {"one": {"controllers": {"lead": None}}}, "until": {"time": 0.5}},
+        },
+    ),
+]
+"""Comes to the target by plans, is captured, and holds it by its own controllers."""
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.3])
+def test_plans_lead_in_the_first_phase_until_the_capture(reach, delay):
+    lead = ("robots.one.controllers.lead.delay", delay)
+    flown = fly(reach(*FLIGHT, *SLOW, lead), backend="interpreted")
+    kinds = [event["kind"] for event in flown.summary["events"]]
+    assert kinds[-3:] == ["captured", "phase", "end"]
+    captured = next(event["time_s"] for event in flown.summary["events"] if event["kind"] == "captured")
+    assert 1.5 < captured < 3
+    assert flown.summary["status"]["reached_s"] == pytest.approx(captured + 0.5)
+    told = flown.summary["mpc"]
+    assert (told["delay_s"], told["missed"]) == (delay, 0)
+
+
+def test_a_limit_that_is_violated_already_is_not_to_be_violated_more(reach):
+    scene = reach(*FLIGHT, ("plan.limits.base_rotation_deg", 5))
+    bench = Bench.of(scene, "interpreted")
+    state = np.concatenate([scene.q, scene.v])
+    horizon = Horizon.of(bench, state, 1.0)
+    joint = scene.model.joints[scene.robots[0].root_joint]
+    angle = np.radians(-5.1)
+    state[joint.idx_q + 2 : joint.idx_q + 4] = np.cos(angle), np.sin(angle)
+    horizon.renew(0.5, state, 60)
+    assert horizon.missed == 0
+    wider = [
+        (old.upper, new.upper)
+        for old, new in zip(bench.problem.path, horizon.motion.problem.path, strict=True)
+        if old.upper != new.upper
+    ]
+    assert len(wider) == 1
+    assert wider[0][0] < wider[0][1] < 1.1 * wider[0][0]
+
+
+def test_what_is_left_of_a_plan_is_its_own_solution(reach):
+    scene = reach(*FLIGHT)
+    bench = Bench.of(scene, "interpreted")
+    horizon = Horizon.of(bench, np.concatenate([scene.q, scene.v]), 0.5)
+    first, (q, v, *_) = horizon.motion, horizon.at(np.array([0.75]))
+    horizon.bench = replace(bench, plan=bench.plan.model_copy(update={"intervals": 8}))
+    horizon.renew(0.75, np.concatenate([q[0], v[0]]), 60)
+    assert horizon.motion.intervals == 6
