@@ -159,7 +159,7 @@ def fly(scene: Scene, *, backend: str = "auto", progress: Progress | None = None
         If no first plan is found.
     """
     began, tell = time.perf_counter(), progress or (lambda _: None)
-    lead = _lead(scene)
+    lead = lead_of(scene)
     bench = Bench.of(scene, backend, tell, motions=OFTEN)
     _check_driven(bench)
     horizon = Horizon.of(bench, sensed(scene, bench.plan, np.concatenate([scene.q, scene.v])), lead.least)
@@ -183,8 +183,13 @@ def fly(scene: Scene, *, backend: str = "auto", progress: Progress | None = None
     return _result(flight, began)
 
 
-def _lead(scene: Scene) -> Mpc:
+def lead_of(scene: Scene) -> Mpc:
     """What the controllers have in common: period, delay, and when the last plan is made.
+
+    Parameters
+    ----------
+    scene
+        With a controller of kind ``mpc`` for each robot.
 
     Raises
     ------

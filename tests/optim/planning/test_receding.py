@@ -1,14 +1,12 @@
 """Plans that are made anew in flight, from what sensors show; rollouts that go on from where they were."""
 
-from dataclasses import replace
-
 import numpy as np
 import pinocchio as pin
 import pytest
 
 from optim.planning.bench import Bench
 from optim.planning.horizon import Horizon
-from optim.planning.receding import fly
+from optim.planning.receding import fly, lead_of
 from optim.planning.sensed import sensed
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.errors import ScenarioError
@@ -133,9 +131,11 @@ def test_what_cannot_plan_in_flight_says_so(reach):
     assert fault.value.exit_code == 2
 
 
-def test_the_example_is_read():
-    scene = load_scene("examples/receding.yaml")
+@pytest.mark.parametrize("name", ["receding", "docking-receding"])
+def test_the_examples_are_read(name):
+    scene = load_scene(f"examples/{name}.yaml")
     assert not scene.warnings
+    assert lead_of(scene).period > 0
 
 
 SLOW = [
@@ -206,11 +206,13 @@ def test_a_limit_that_is_violated_already_is_not_to_be_violated_more(reach):
     assert wider[0][0] < wider[0][1] < 1.1 * wider[0][0]
 
 
-def test_what_is_left_of_a_plan_is_its_own_solution(reach):
-    scene = reach(*FLIGHT)
-    bench = Bench.of(scene, "interpreted")
-    horizon = Horizon.of(bench, np.concatenate([scene.q, scene.v]), 0.5)
-    first, (q, v, *_) = horizon.motion, horizon.at(np.array([0.75]))
-    horizon.bench = replace(bench, plan=bench.plan.model_copy(update={"intervals": 8}))
-    horizon.renew(0.75, np.concatenate([q[0], v[0]]), 60)
-    assert horizon.motion.intervals == 6
+def test_what_is_left_of_a_plan_is_the_next_one(reach):
+    scene = reach(*FLIGHT, ("plan.intervals", 6))
+    horizon = Horizon.of(Bench.of(scene, "interpreted"), np.concatenate([scene.q, scene.v]), 0.5)
+    times = np.linspace(1, 3, 9)
+    whole = horizon.at(times)
+    horizon.renew(1.0, np.concatenate([whole[0][0], whole[1][0]]), 60)
+    assert horizon.motion.intervals == 4
+    assert horizon.iterations[-1] <= 2  # multipliers and unknowns are those of the solution
+    for new, old in zip(horizon.at(times), whole, strict=True):
+        np.testing.assert_allclose(new, old, atol=1e-6)
