@@ -114,6 +114,15 @@ class Joint(Section):
         return self
 
 
+class Placement(Section):
+    """Where a link stands on its parent, its joint at zero; what is not given comes from the URDF."""
+
+    position: Vector | None = quantity("m", "of its joint, axes of the parent link", default=None)
+    rotation_deg: Vector | None = quantity(
+        "deg", "roll, pitch, yaw of its joint in the parent link's axes", default=None
+    )
+
+
 class Body(Section):
     """Something described by a URDF."""
 
@@ -127,6 +136,11 @@ class Body(Section):
         default={},
         description="mass properties that differ from the URDF, by link name; `*` in a name "
         "stands for any letters",
+    )
+    placements: dict[str, Placement] = Field(
+        default={},
+        description="where links stand on their parents, if not as in the URDF, by link name: mating frames, "
+        "tips, links of another length",
     )
     joints: dict[str, Joint] = Field(
         default={},

@@ -123,6 +123,8 @@ def resolve(
                 document = _change(document, f"{link}.inertia_at_mass", None, source)
     changed = to_document(validate(document, source=source))
     read_files(changed, source=source)
+    if any("placements" in pattern.split(".")[1:3] for pattern, _ in pairs):
+        descriptions = read_descriptions(changed, source=source)
     # once more, for sections that a change replaced, and names that it brought in
     resolved = validate(fill(changed, descriptions, source=source), source=source)
     return resolved, settle(resolved, descriptions, source=source)

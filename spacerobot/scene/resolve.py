@@ -9,9 +9,11 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from spacerobot.arrays import Array
 from spacerobot.description.find import find_urdf, is_file
 from spacerobot.description.mount import mounted
 from spacerobot.description.parts import Joint as UrdfJoint
+from spacerobot.description.place import placed
 from spacerobot.description.read import Description, read_description
 from spacerobot.elements import FAMILIES, Element, kinds
 from spacerobot.errors import DescriptionError, ScenarioError, near_names
@@ -131,7 +133,7 @@ def _inside(name: str, source: Path | None) -> Path:
 
 
 def read_descriptions(document: Document, *, source: Path | None) -> dict[str, Description]:
-    """URDF of each body, with what is mounted on it, by the body's dotted path; files are located.
+    """URDF of each body, with what is mounted on it and links placed, by the body's dotted path.
 
     Raises
     ------
@@ -154,8 +156,32 @@ def read_descriptions(document: Document, *, source: Path | None) -> dict[str, D
                 description = mounted(description, arm, name, mount["link"], placement)
             except DescriptionError as fault:
                 raise ScenarioError(fault.message, source=source, where=where) from None
-        descriptions[path] = description
+        descriptions[path] = _placed(description, body["placements"], path, source)
     return descriptions
+
+
+def _placed(description: Description, given: Document, path: str, source: Path | None) -> Description:
+    """A URDF with links where a scenario places them; what is as in the URDF keeps its very numbers."""
+    origins = {}
+    known = {joint.child: joint.origin for joint in description.joints}
+    for link, placement in given.items():
+        own = known.get(link, np.eye(4))
+        origin, was = np.array(own), _placement(own)
+        if (placement := placement or {}).get("position") not in (None, was["position"]):
+            origin[:3, 3] = placement["position"]
+        if placement.get("rotation_deg") not in (None, was["rotation_deg"]):
+            origin[:3, :3] = pin.rpy.rpyToMatrix(np.radians(placement["rotation_deg"]))
+        origins[link] = origin
+    try:
+        return placed(description, origins) if origins else description
+    except DescriptionError as fault:
+        raise ScenarioError(fault.message, source=source, where=f"{path}.placements") from None
+
+
+def _placement(origin: Array) -> Document:
+    """An origin (4, 4) as a scenario says it."""
+    rotation = np.degrees(pin.rpy.matrixToRpy(np.array(origin[:3, :3])))
+    return {"position": origin[:3, 3].tolist(), "rotation_deg": (rotation + 0.0).tolist()}
 
 
 def fill(document: Document, descriptions: Mapping[str, Description], *, source: Path | None) -> Document:
@@ -174,6 +200,11 @@ def fill(document: Document, descriptions: Mapping[str, Description], *, source:
     for path, body in body_documents(document).items():
         new = dict(body)
         new["links"] = _links(body["links"], descriptions[path], path=path, source=source)
+        origins = {joint.child: joint.origin for joint in descriptions[path].joints}
+        new["placements"] = {
+            link: _placement(origins[link]) | {k: v for k, v in (own or {}).items() if v is not None}
+            for link, own in body["placements"].items()
+        }
         new["joints"] = _joints(body["joints"], descriptions[path], path=path, source=source)
         if path == "target":
             filled["target"] = new

@@ -100,3 +100,22 @@ def test_a_resolved_scenario_runs_again_and_a_mount_may_be_changed(scenes):
 def test_what_cannot_be_mounted_is_refused_by_name(scenes, change, words):
     with pytest.raises(ScenarioError, match=words):
         build_scene(scenes[0].scenario, change)
+
+
+def test_links_stand_where_the_scenario_places_them(scenes):
+    mounted, _ = scenes
+    named = build_scene(mounted.scenario, {"robots.bus.placements": {"left_link_2": {}, "right_tip": {}}})
+    assert named.model == mounted.model
+    moved = build_scene(named.scenario, {"robots.bus.placements.left_link_2.position.1": 0.4})
+    again = build_scene(moved.scenario)
+    assert again.body("bus").description.sha256 == moved.body("bus").description.sha256
+    joint = moved.model.getJointId("bus/left_joint_2")
+    before, after, kept = (s.model.jointPlacements[joint] for s in (mounted, moved, again))
+    assert np.allclose(after.translation, [before.translation[0], 0.4, before.translation[2]])
+    assert np.array_equal(kept.homogeneous, after.homogeneous)
+    turned = build_scene(named.scenario, {"robots.bus.placements.right_tip.rotation_deg": [0, 0, 90]})
+    frame = turned.model.frames[turned.model.getFrameId("bus/right_tip")].placement
+    assert np.allclose(frame.rotation, pin.rpy.rpyToMatrix(0, 0, np.pi / 2))
+    for link, words in (("left_link_9", "did you mean left_link_"), ("body", "has no parent")):
+        with pytest.raises(ScenarioError, match=words):
+            build_scene(mounted.scenario, {"robots.bus.placements": {link: {}}})

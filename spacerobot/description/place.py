@@ -1,0 +1,45 @@
+"""A URDF whose links stand elsewhere on their parents."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from spacerobot.arrays import Array
+from spacerobot.description.parts import frozen
+from spacerobot.description.read import Description
+from spacerobot.errors import DescriptionError, near_names
+
+
+def placed(description: Description, origins: Mapping[str, Array]) -> Description:
+    """A description with the origins of some joints replaced.
+
+    Parameters
+    ----------
+    description
+        The URDF.
+    origins
+        Joint frame in the parent link's frame (4, 4) [m], by the name of the link that the joint carries.
+
+    Raises
+    ------
+    DescriptionError
+        If there is no such link, or it is the root and has no parent.
+    """
+    carried = [joint.child for joint in description.joints]
+    for link in origins:
+        if link not in carried:
+            what = "has no parent" if link == description.root else near_names(link, carried)
+            raise DescriptionError(
+                f"no link {link!r} on another one in {description.path.name}; {what}", where=link
+            )
+    changed = [
+        replace(joint, origin=frozen(origins[joint.child])) if joint.child in origins else joint
+        for joint in description.joints
+    ]
+    places = [f"{link},{np.asarray(origin).ravel().tolist()!r}" for link, origin in origins.items()]
+    text = "\0".join((description.sha256, *places))
+    return replace(description, sha256=hashlib.sha256(text.encode()).hexdigest(), joints=tuple(changed))
