@@ -7,25 +7,29 @@ theorem). That one is taken by central differences: numbers of a scenario enter 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from optim.planning.formulate import formulate
-from optim.planning.functions import build_instants
+from optim.planning.functions import Instants, build_instants, revalued
 from optim.planning.make import Planned
 from optim.planning.motion import Motion
 from optim.planning.program import Program
-from optim.planning.stage import Problem
+from optim.planning.solve import Solved
 from spacerobot.arrays import Array
 from spacerobot.errors import ScenarioError
 from spacerobot.scenario.load import to_document
 from spacerobot.scenario.paths import get
-from spacerobot.scene import build_scene
+from spacerobot.scene import Scene, build_scene
 
-STEP = 1e-5
-"""Of the central differences, relative to a number, or of it where that is smaller than one thousandth."""
+STEP = 1e-4
+"""Of the differences, relative to a number, or of it where that is smaller than one thousandth."""
 SMALL = 1e-3
+SIDES = ((1, 8.0), (2, -1.0))
+"""Steps to both sides and their weights: differences of fourth order."""
 
 
 def cost_slopes(planned: Planned, paths: Sequence[str]) -> dict[str, float]:
@@ -52,39 +56,76 @@ def cost_slopes(planned: Planned, paths: Sequence[str]) -> dict[str, float]:
         raise ScenarioError(
             "slopes are told of plans of one phase", source=planned.scene.source, where="plan.phases"
         )
-    document, pressed = to_document(planned.scene.scenario), _multipliers(planned)
+    document = to_document(planned.scene.scenario)
+    instants = build_instants(planned.motion.problem, "interpreted")
+    solution = Solution(planned.scene, planned.motion, planned.solved, instants)
     found = {}
     for path in paths:
         value = get(document, path)
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise ScenarioError(f"found {value!r}, allowed: a number", where=path)
-        step = STEP * max(abs(value), SMALL)
-        ahead, behind = (_lagrangian(planned, pressed, (path, value + side)) for side in (step, -step))
-        found[path] = (ahead - behind) / (2 * step)
+        found[path] = solution.slope({path: value})
     return found
 
 
-def _multipliers(planned: Planned) -> Array:
-    """Of the unknowns' limits; of what is fixed, which the solver leaves out, what makes the slope vanish."""
-    motion, solved = planned.motion, planned.solved
-    program = _program(motion.problem, motion)
-    low, high = program.bounds()
-    jacobian = program.jacobian_pattern.copy()
-    jacobian.data = program.jacobian(solved.w)
-    slope = program.gradient(solved.w) + jacobian.T @ solved.multipliers
-    return np.where(low == high, -slope, solved.bound_multipliers)
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """A solution of a planning problem, and what evaluates it.
 
+    Attributes
+    ----------
+    scene, motion, solved, instants
+        The scene, the motion, where the solver ended, and the problem's functions.
+    """
 
-def _program(problem: Problem, motion: Motion) -> Program:
-    return Program(problem, build_instants(problem, "interpreted"), motion.lobatto, motion.intervals)
+    scene: Scene
+    motion: Motion
+    solved: Solved
+    instants: Instants
 
+    def slope(self, numbers: Mapping[str, float]) -> float:
+        """Derivative of the least cost by numbers of the scenario that change together.
 
-def _lagrangian(planned: Planned, bounds: Array, change: tuple[str, float]) -> float:
-    """At a plan's unknowns and multipliers, for another value of a number."""
-    scene = build_scene(planned.scene.scenario, dict([change]), source=planned.scene.source)
-    program, solved = _program(formulate(scene), planned.motion), planned.solved
-    limits = _pressed(solved.multipliers, program.constraints(solved.w), program.limits())
-    return program.objective(solved.w) + limits + _pressed(bounds, solved.w, program.bounds())
+        Parameters
+        ----------
+        numbers
+            Their values by dotted path; one unit more is one unit more of each.
+
+        Raises
+        ------
+        ScenarioError
+            If the scene cannot be built beside these values.
+        """
+        step = STEP * max(SMALL, *(abs(value) for value in numbers.values()))
+        found = 0.0
+        for many, weight in SIDES:
+            ahead, behind = (
+                self._lagrangian({path: value + side * many * step for path, value in numbers.items()})
+                for side in (1, -1)
+            )
+            found += weight * (ahead - behind)
+        return found / (12 * step)
+
+    @cached_property
+    def _bounds(self) -> Array:
+        """Multipliers of the unknowns' limits; of what is fixed, which the solver leaves out, what makes the
+        slope vanish.
+        """
+        program = Program(self.motion.problem, self.instants, self.motion.lobatto, self.motion.intervals)
+        low, high = program.bounds()
+        jacobian = program.jacobian_pattern.copy()
+        jacobian.data = program.jacobian(self.solved.w)
+        slope = program.gradient(self.solved.w) + jacobian.T @ self.solved.multipliers
+        return np.where(low == high, -slope, self.solved.bound_multipliers)
+
+    def _lagrangian(self, changes: Mapping[str, float]) -> float:
+        """At the unknowns and multipliers, for other numbers; counted from the cost."""
+        scene, solved = build_scene(self.scene.scenario, changes, source=self.scene.source), self.solved
+        problem = formulate(scene)
+        instants = revalued(self.instants, problem)
+        program = Program(problem, instants, self.motion.lobatto, self.motion.intervals)
+        held = _pressed(solved.multipliers, program.constraints(solved.w), program.limits())
+        return program.objective(solved.w) + held + _pressed(self._bounds, solved.w, program.bounds())
 
 
 def _pressed(multipliers: Array, values: Array, sides: tuple[Array, Array]) -> float:

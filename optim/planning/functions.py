@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
@@ -61,19 +62,31 @@ def build_instants(problem: Problem, backend: str = "auto") -> Instants:
     CompileError
         If ``compiled`` cannot be had.
     """
-    stage = problem.stage
-    rows = ca.vertcat(
-        stage.rate, stage.balance, *(row.value for row in problem.path), *problem.terms.values()
-    )
-    goal = ca.vertcat(*(row.value for row in problem.goal))
     functions: dict[str, ca.Function] = {}
     patterns = []
-    for prefix, expression in (("", rows), ("goal_", goal)):
-        found, where = derived(stage.z, ca.densify(expression), prefix)
+    for prefix, expression in _rows(problem).items():
+        found, where = derived(problem.stage.z, expression, prefix)
         functions |= found
         patterns += where
     call, used = _caller(functions, backend)
     return Instants(functions, call, used, *patterns)
+
+
+def revalued(instants: Instants, problem: Problem) -> Instants:
+    """Functions with the values, interpreted, of a problem that differs by numbers alone; no derivatives."""
+    functions = {
+        f"{prefix}values": _function(f"{prefix}values", [problem.stage.z], expression)
+        for prefix, expression in _rows(problem).items()
+    }
+    return dataclasses.replace(instants, symbolic=functions, call=_in_turn(functions), backend="interpreted")
+
+
+def _rows(problem: Problem) -> dict[str, ca.SX]:
+    """F of one instant, and the goal's rows, by the prefix of their functions' names."""
+    stage = problem.stage
+    rows = (stage.rate, stage.balance, *(row.value for row in problem.path), *problem.terms.values())
+    goal = (row.value for row in problem.goal)
+    return {"": ca.densify(ca.vertcat(*rows)), "goal_": ca.densify(ca.vertcat(*goal))}
 
 
 def derived(z: ca.SX, rows: ca.SX, prefix: str) -> tuple[dict[str, ca.Function], list[Pattern]]:

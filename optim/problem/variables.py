@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from optim.problem.numbers import find_numbers
 from spacerobot.arrays import Array
 from spacerobot.scenario import Tuning
+from spacerobot.scenario.tuning import Variable
 from spacerobot.scene import Scene
 
 NEAR_BOUND = 1e-3  # of the unit cube: nearer counts as being there
@@ -97,22 +98,40 @@ def resolve_variables(scene: Scene, tuning: Tuning, chosen: Sequence[str] | None
         If a path is not in the scenario, is no number, or stands in two variables.
     """
     names = tuple(chosen or tuning.variables)
-    named = {name: tuning.variables[name].paths for name in names}
-    found = find_numbers(scene, named, "tuning.variables")
+    return variables_of(scene, {name: tuning.variables[name] for name in names}, "tuning.variables")
+
+
+def variables_of(scene: Scene, named: Mapping[str, Variable], section: str) -> Variables:
+    """Variables that a section names.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    named
+        Variables by name.
+    section
+        Dotted path of the section.
+
+    Raises
+    ------
+    ScenarioError
+        If a path is not in the scenario, is no number, or stands in two variables.
+    """
+    found = find_numbers(scene, {name: variable.paths for name, variable in named.items()}, section)
     paths, start = [], []
-    for name in names:
-        variable, values = tuning.variables[name], [number.value for number in found[name]]
+    for name, variable in named.items():
+        values = [number.value for number in found[name]]
         log = variable.scale == "log" and min(values) > 0
         mean = float(np.exp(np.mean(np.log(values)))) if log else float(np.mean(values))
         paths.append(tuple(number.path for number in found[name]))
         start.append(min(max(mean, variable.lower), variable.upper))
-    chosen_variables = [tuning.variables[name] for name in names]
     return Variables(
-        names,
+        tuple(named),
         tuple(paths),
-        np.array([v.lower for v in chosen_variables]),
-        np.array([v.upper for v in chosen_variables]),
-        np.array([v.scale == "log" for v in chosen_variables]),
+        np.array([v.lower for v in named.values()]),
+        np.array([v.upper for v in named.values()]),
+        np.array([v.scale == "log" for v in named.values()]),
         np.array(start),
     )
 

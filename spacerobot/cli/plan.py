@@ -36,13 +36,22 @@ Slopes = Annotated[
         "--slopes", metavar="PATHS", help="Slopes of the least cost by numbers of the scenario; by commas."
     ),
 ]
-Points = Annotated[int, typer.Option("--points", min=2, metavar="N", help="Points of the front.")]
+Design = Annotated[
+    bool,
+    typer.Option(
+        "--design", help="Find the values of `plan.design` with the least cost, and sweep each; see --points."
+    ),
+]
+Points = Annotated[
+    int, typer.Option("--points", min=2, metavar="N", help="Points of the front, or of each sweep.")
+]
 HELP = """Plan the motion that a scenario's `plan` section asks for, and judge it.
 
 The plan is replayed by the simulator before it is kept: plan.nc, plan.json and followed.yaml, the scenario
 that follows it. Exit code 4 where no plan was found that holds. With --pareto two terms of the cost are
-weighed against each other: front.json, its figure, and a plan for each point. Killed, the same command goes
-on where it was.
+weighed against each other: front.json, its figure, and a plan for each point. With --design the numbers
+that `plan.design` names are chosen too: design.json, its figure, and the plan of the design that was found.
+Killed, the same command goes on where it was.
 
 Examples:
 
@@ -70,6 +79,7 @@ def command(
     points: Points = 9,
     dask: Machines = None,
     slopes: Slopes = None,
+    design: Design = False,
     view: View = False,
     port: Port = 7000,
 ) -> None:
@@ -83,6 +93,9 @@ def command(
         raise typer.BadParameter("does not go with --pareto, which makes many plans", param_hint="--slopes")
     if view and pareto is not None:
         raise typer.BadParameter("does not go with --pareto, which makes many plans", param_hint="--view")
+    if design and (pareto is not None or slopes):
+        other = "--slopes, which it tells itself" if slopes else "--pareto, which keeps the design"
+        raise typer.BadParameter(f"does not go with {other}", param_hint="--design")
     scene = load_scene(scenario, parse_changes(changes))
     for warning in scene.warnings:
         warn(warning)
@@ -97,7 +110,9 @@ def command(
 
         how: dict[str, Any] = {"backend": backend, "progress": told, "folder": folder, "dask": dask}
         try:
-            if pareto is None:
+            if design:
+                show = _design(scene, points, out, how)
+            elif pareto is None:
                 show = _plan(scene, out, how, slopes)
             else:
                 show = _front(scene, (pareto, points), out, how)
@@ -146,6 +161,31 @@ def _plan(scene: Scene, out: Path | None, how: dict[str, Any], slopes: str | Non
             console().print(words, markup=False, soft_wrap=True)
 
     return show
+
+
+def _design(scene: Scene, points: int, out: Path | None, how: dict[str, Any]) -> Callable[[], None]:
+    """Make a design study, likewise."""
+    from optim.planning.plan_file import check_plan_folder, read
+    from optim.planning.study_file import DESIGN
+    from spacerobot.cli.design import make, show
+
+    if out is not None:
+        check_plan_folder(out)
+    study, data = make(scene, points, out, **how)
+    if out is not None:
+        from viz.figures.plan import write_plan_figures
+
+        write_plan_figures(*read(out), out / "figures")
+
+    def shown() -> None:
+        """Print it."""
+        _show(study.plan)
+        show(data)
+        if out is not None:
+            words = f"\n{DESIGN}, figures/design.png and the plan of the design that was found in {out}"
+            console().print(words, markup=False, soft_wrap=True)
+
+    return shown
 
 
 def _front(scene: Scene, asked: tuple[str, int], out: Path | None, how: dict[str, Any]) -> Callable[[], None]:

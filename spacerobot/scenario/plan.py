@@ -11,6 +11,7 @@ from spacerobot.elements.contact import Wrap
 from spacerobot.elements.goal import Goal
 from spacerobot.scenario.faults import explain
 from spacerobot.scenario.merge import overlay, pick
+from spacerobot.scenario.tuning import Variable
 from spacerobot.section import Name, Section, Vector, quantity
 
 Source = Literal["position", "rate", "torque"]
@@ -225,6 +226,9 @@ class Planning(Section):
         default={},
         description="the scenario's first phases, planned as one motion: duration and goals of each, and "
         "what else differs from the section, nested as in it; null for what does not hold there",
+    )
+    design: dict[Name, Variable] = Field(
+        default={}, description="numbers of the scenario that a design study is free to choose, by name"
     )
     intervals: int = Field(default=16, ge=2, le=2000, description="intervals of the first mesh")
     most_intervals: int = Field(

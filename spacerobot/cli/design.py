@@ -1,0 +1,62 @@
+"""``spacerobot plan --design``: the design with the least cost of a plan."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from spacerobot.cli.output import console, pairs, table
+
+if TYPE_CHECKING:
+    from optim.planning.study import Study
+    from spacerobot.scene import Scene
+
+
+def make(scene: Scene, points: int, out: Path | None, **how: Any) -> tuple[Study, dict[str, Any]]:
+    """Make a study; written and drawn if a folder is given."""
+    from optim.planning.study import make_study
+    from optim.planning.study_file import to_data, write
+
+    study = make_study(scene, points, **how)
+    if out is None:
+        return study, to_data(study)
+    from viz.figures.study import write_study
+
+    how["progress"]("writing the design and its plan")
+    data = write(study, out)
+    write_study(data, out)
+    return study, data
+
+
+def show(data: dict[str, Any]) -> None:
+    """Print what was found, and how the cost changes around it."""
+    cost, trials = data["cost"], data["trials"]
+    rows = [
+        ("least cost", f"{cost['start']:.6g} as the scenario has it, {cost['found']:.6g} as found"),
+        ("designs", f"{len(trials)}, {sum(trial['iterations'] for trial in trials)} iterations"),
+        ("ended", data["ended"]),
+    ]
+    console().print(pairs(f"design of {data['scenario']}", rows))
+    heads = ["variable", "unit", "from", "to", "scenario", "found", "slope", ""]
+    cells = [
+        [
+            name,
+            one["unit"],
+            *(f"{one[key]:.6g}" for key in ("lower", "upper", "start", "found")),
+            f"{one['slope']:+.4g}",
+            one["where"],
+        ]
+        for name, one in data["variables"].items()
+    ]
+    console().print(table("variables", heads, cells))
+    for k, (name, sweep) in enumerate(data["sweeps"].items()):
+        cells = [_cells(trial, k) for trial in sweep]
+        title = f"least cost over {name}, the others as found"
+        console().print(table(title, [f"{name} [{data['variables'][name]['unit']}]", "cost", "slope"], cells))
+
+
+def _cells(trial: dict[str, Any], k: int) -> list[str]:
+    value = f"{trial['values'][k]:.6g}"
+    if trial["fault"]:
+        return [value, trial["fault"], ""]
+    return [value, f"{trial['cost']:.6g}", f"{trial['slopes'][k]:+.5g}"]
