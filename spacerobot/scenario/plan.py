@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, ValidationInfo, model_validator
 
 from spacerobot.elements import Family
 from spacerobot.elements.contact import Wrap
@@ -201,6 +201,8 @@ class Sight(Section):
 
 WHOLE = ("start", "most_intervals", "order", "tolerance", "starts", "iterations", "seed")
 """Keys that are the same in every phase."""
+PASSED = "passed"
+"""Told of a phase that is not the last one, and may end anywhere."""
 
 
 class Planning(Section):
@@ -253,7 +255,7 @@ class Planning(Section):
         return {key: one for key, one in data.items() if one is not None or key not in ("duration", "costs")}
 
     @model_validator(mode="after")
-    def _check(self) -> Planning:
+    def _check(self, info: ValidationInfo) -> Planning:
         if self.most_intervals < self.intervals:
             raise ValueError(
                 f"most_intervals: found {self.most_intervals}, allowed: at least {self.intervals}"
@@ -261,7 +263,7 @@ class Planning(Section):
         if self.phases:
             return self._check_phases()
         for key in ("duration", "goals", "costs"):
-            if not getattr(self, key):
+            if not getattr(self, key) and (key, info.context) != ("goals", PASSED):
                 raise ValueError(f"{key}: missing")
         return self
 
@@ -274,11 +276,12 @@ class Planning(Section):
             )
         base, phases = self._base(), {}
         for name, changes in self.phases.items():
+            context = None if name == [*self.phases][-1] else PASSED
             for key in (*WHOLE, "phases"):
                 if key in changes:
                     raise ValueError(f"phases.{name}.{key}: is the same in all phases; give it beside them")
             try:
-                phases[name] = pick(self._laid_over(base, changes).model_dump(mode="json"), changes)
+                phases[name] = pick(self._laid_over(base, changes, context).model_dump(mode="json"), changes)
             except ValidationError as fault:
                 where, message = explain(fault.errors(include_url=False)[0], overlay(base, changes))
                 raise ValueError(f"phases.{name}.{where}: {message}") from None
@@ -289,12 +292,12 @@ class Planning(Section):
         return self.model_dump(mode="json", exclude={"phases"}, exclude_none=True)
 
     @staticmethod
-    def _laid_over(base: dict[str, Any], changes: dict[str, Any]) -> Planning:
+    def _laid_over(base: dict[str, Any], changes: dict[str, Any], context: str | None = PASSED) -> Planning:
         """Section of a plain form with changes, without what is null."""
         document = overlay(base, changes)
         for key in ("keep_out", "cones", "sights"):
             document[key] = {name: one for name, one in document[key].items() if one is not None}
-        return Planning.model_validate(document)
+        return Planning.model_validate(document, context=context)
 
     @property
     def by_phase(self) -> dict[str, Planning]:
