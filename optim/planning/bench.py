@@ -11,7 +11,7 @@ from functools import cached_property
 
 from optim.planning.chain import Chain, Link, programs_of
 from optim.planning.early import check_momentum, check_reach, check_start
-from optim.planning.formulate import Phase, formulate_phases
+from optim.planning.formulate import Phase, formulate_phases, plan_of, told_in
 from optim.planning.functions import Instants, build_instants
 from optim.planning.lobatto import Lobatto
 from optim.planning.motion import Course, Motion
@@ -221,9 +221,15 @@ class Bench:
         """
         first, *others = formulate_phases(scene)
         plan, problem = first.plan, first.problem
-        check_start(problem)
-        check_momentum(problem, plan)
-        check_reach(problem, plan, {tip.label: tip for tip in scene.tips})
+        whole = plan_of(scene)
+        with told_in(whole, first.name):
+            check_start(problem)
+            check_reach(problem, plan, {tip.label: tip for tip in scene.tips})
+        for phase in (first, *others):
+            with told_in(whole, phase.name):
+                check_momentum(phase.problem, phase.plan)
+            if phase.problem.stage.driven.drives_bases:
+                break  # what momentum is left behind it nobody knows
         intervals = sum(phase.plan.intervals for phase in (first, *others))
         instants_in_all = motions * plan.starts * intervals * plan.order // 2 * ITERATIONS
         if backend == "auto" and instants_in_all < COMPILED:

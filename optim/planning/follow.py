@@ -13,7 +13,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from optim.planning.formulate import plan_of
+from optim.planning.formulate import mated, plan_of
 from optim.planning.gains import base_gains, tracking_gains
 from optim.planning.make import Planned
 from optim.planning.replay import joint_angle
@@ -85,11 +85,15 @@ def _in_phases(planned: Planned, document: Document) -> Document:
     own = scenario.phases or {flown[0]: Phase()}
     phases = {name: phase.model_dump(mode="json") for name, phase in own.items()}
     course, last = planned.course, flown[-1]
-    for k, name in enumerate(flown[:-1]):
-        _closing(document, phases[name], float(course.begins[k + 1]), course.motions[k].duration_s)
+    closing = flown if len(flown) > 1 and _is_captured(planned, last) else flown[:-1]
+    for k, name in enumerate(closing):
+        motion = course.motions[k]
+        _closing(document, phases[name], float(course.begins[k]) + motion.duration_s, motion.duration_s)
     end, left = phases.pop(last), _unused(f"{last}_wait", set(phases))
-    end["then"], end["otherwise"] = successors(own)[last]
-    end, rest = _parted(end, course.motions[-1].duration_s, left)
+    rest, (then, otherwise) = None, successors(own)[last]
+    if last not in closing:
+        end |= {"then": then, "otherwise": otherwise}
+        end, rest = _parted(end, course.motions[-1].duration_s, left)
     document["simulation"]["duration"] = max(course.duration_s, scenario.simulation.duration)
     if rest is not None:
         rest["robots"] = overlay(rest["robots"], _waiting(planned, last))
@@ -106,12 +110,19 @@ def _in_phases(planned: Planned, document: Document) -> Document:
     return document
 
 
+def _is_captured(planned: Planned, last: str) -> bool:
+    """Whether the plan ends where all is mated that its last phase is to capture."""
+    scenario, goals = planned.scene.scenario, plan_of(planned.scene).by_phase[last].goals
+    until = scenario.phases[last].until
+    captured = (until.captured or ()) if until is not None else ()
+    return bool(captured) and all(mated(scenario.grasps[name], goals) for name in captured)
+
+
 def _closing(document: Document, phase: Document, now: float, duration: float) -> None:
     """Let a planned phase end after its duration, with what it captures closed then, in place."""
     captured = (phase["until"] or {}).get("captured") or []
-    phase |= {"until": {"time": duration}, "at_most": None, "otherwise": None, "captures": captured}
-    if captured:
-        phase["until"] = {"captured": captured}
+    until = {"captured": captured} if captured else {"time": duration}
+    phase |= {"until": until, "at_most": None, "otherwise": None, "captures": captured}
     for name in captured:
         before = document["grasps"][name]["capture"]
         document["grasps"][name]["capture"] = {"at": now, **{k: before[k] for k in ("axis", "mated_deg")}}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
@@ -15,6 +16,7 @@ from optim.planning.stage import Problem, Stage
 from optim.planning.start import beginnings
 from spacerobot.elements.goal import Goal
 from spacerobot.elements.goals.mated import Mated
+from spacerobot.elements.grasp import Grasp
 from spacerobot.errors import ScenarioError
 from spacerobot.scenario.plan import Planning
 from spacerobot.scene import Scene
@@ -80,6 +82,12 @@ def formulate_phases(scene: Scene) -> tuple[Phase, ...]:
         If the section asks for what there is not.
     """
     whole = plan_of(scene)
+    if whole.choices:
+        raise ScenarioError(
+            f"{next(iter(whole.choices))!r} is chosen where one plan is made; decide here, and give `{{}}`",
+            source=scene.source,
+            where="plan.choices",
+        )
     if scene.scenario.environment:
         raise ScenarioError(
             f"found {next(iter(scene.scenario.environment))!r}; plans know gravity alone, and no environment",
@@ -89,9 +97,31 @@ def formulate_phases(scene: Scene) -> tuple[Phase, ...]:
     found, before = list[Phase](), tuple[SceneGrasp, ...]()
     for (name, plan), closed in zip(whole.by_phase.items(), closed_in(scene, whole), strict=True):
         struck = bool(found) and any(is_rigid(grasp) and grasp not in before for grasp in closed)
-        found.append(Phase(name, plan, _problem(scene, plan, closed, begins=not found), struck))
+        with told_in(whole, name):
+            found.append(Phase(name, plan, _problem(scene, plan, closed, begins=not found), struck))
         before = closed
     return tuple(found)
+
+
+@contextlib.contextmanager
+def told_in(whole: Planning, name: str) -> Iterator[None]:
+    """Faults of a phase's section told with its place, where the phase says what is at fault.
+
+    Raises
+    ------
+    ScenarioError
+        As it comes, elsewhere or at that place.
+    """
+    try:
+        yield
+    except ScenarioError as fault:
+        keys, said = str(fault.where or "").split("."), whole.phases.get(name)
+        for key in keys[1:3]:
+            said = said.get(key) if isinstance(said, dict) else None
+        if keys[0] != "plan" or not said:
+            raise
+        where = ".".join(["plan", "phases", name, *keys[1:]])
+        raise ScenarioError(fault.message, source=fault.source, where=where) from None
 
 
 def closed_in(scene: Scene, whole: Planning) -> Iterator[tuple[SceneGrasp, ...]]:
@@ -116,14 +146,19 @@ def closed_in(scene: Scene, whole: Planning) -> Iterator[tuple[SceneGrasp, ...]]
             closed[grasp] = open_[grasp]
 
 
+def mated(grasp: Grasp, goals: Mapping[str, Goal]) -> list[str]:
+    """Names of the goals that bring a grasp's tip to its mating frame."""
+    return [
+        name
+        for name, goal in goals.items()
+        if isinstance(goal, Mated) and (goal.tip, goal.frame) == (grasp.tip, grasp.frame)
+    ]
+
+
 def _check_mated(scene: Scene, grasp: SceneGrasp, goals: Mapping[str, Goal], phase: str) -> None:
     """Refuse a capture that no goal leads to, or a spring that would be strained by it."""
     config, where = grasp.config, f"plan.phases.{phase}.goals"
-    mating = [
-        (name, goal)
-        for name, goal in goals.items()
-        if isinstance(goal, Mated) and (goal.tip, goal.frame) == (config.tip, config.frame)
-    ]
+    mating = mated(config, goals)
     if not mating:
         raise ScenarioError(
             f"the phase ends with {grasp.name!r} captured, so a goal must bring {config.tip!r} to "
@@ -131,12 +166,12 @@ def _check_mated(scene: Scene, grasp: SceneGrasp, goals: Mapping[str, Goal], pha
             source=scene.source,
             where=where,
         )
-    name, goal = mating[0]
-    if not is_rigid(grasp) and goal.standoff:
+    goal = goals[mating[0]]
+    if not is_rigid(grasp) and isinstance(goal, Mated) and goal.standoff:
         raise ScenarioError(
             f"found a standoff, where {grasp.name!r} closes and its springs are at rest; leave it out",
             source=scene.source,
-            where=f"{where}.{name}.standoff",
+            where=f"{where}.{mating[0]}.standoff",
         )
 
 

@@ -12,6 +12,7 @@ import casadi as ca
 import numpy as np
 
 from optim.planning.bench import Ask, Attempt, Bench, Solve
+from optim.planning.choices import Tried, best_of
 from optim.planning.kept import Kept
 from optim.planning.motion import Course, Motion
 from optim.planning.solve import Solved
@@ -46,6 +47,8 @@ class Planned:
         On the motion.
     backend
         ``compiled`` or ``interpreted``: what evaluated the problem's functions.
+    tried
+        Candidates among which the plan chose, where it had a choice; its scene has what was chosen.
     """
 
     scene: Scene
@@ -57,6 +60,7 @@ class Planned:
     solved: Solved
     verdict: Verdict
     backend: str
+    tried: tuple[Tried, ...] = ()
 
     @property
     def motion(self) -> Motion:
@@ -95,13 +99,20 @@ def make_plan(
     NoPlanError
         If no motion was found, naming what stands against it, or the one found does not hold.
     """
-    bench = Bench.of(scene, backend, progress or (lambda _: None))
-    tasks = plan_tasks(bench, bench.asked())
-    found = carry_out(bench, tasks, kept_in(folder, bench), dask)
-    fault = fault_of(found[PLAN], bench.plan.starts)
-    if fault is not None:
-        raise NoPlanError(fault, source=scene.source, where="plan")
-    return planned(bench, bench.asked(), found)
+
+    def of(each: Scene, words: str) -> tuple[float, Planned]:
+        """Plan of one candidate, and its cost."""
+        tell = progress or (lambda _: None)
+        bench = Bench.of(each, backend, (lambda text: tell(f"{words}: {text}")) if words else tell)
+        found = carry_out(bench, plan_tasks(bench, bench.asked()), kept_in(folder, bench), dask)
+        fault = fault_of(found[PLAN], bench.plan.starts)
+        if fault is not None:
+            raise NoPlanError(fault, source=scene.source, where="plan")
+        plan = planned(bench, bench.asked(), found)
+        return plan.cost, plan
+
+    best, tried = best_of(scene, of)
+    return dataclasses.replace(best, tried=tried)
 
 
 def plan_tasks(bench: Bench, ask: Ask, name: str = PLAN) -> dict[str, Task]:

@@ -166,6 +166,7 @@ def summary(planned: Planned) -> dict[str, Any]:
             "tolerance_m": verdict.tolerance_m,
             "violations": [vars(violation) for violation in verdict.violations],
         },
+        "choices": [vars(one) for one in planned.tried],
         "evaluation": planned.backend,
         "solves": statistics(planned),
     }

@@ -57,6 +57,11 @@ class Driven:
     limits: Array
     joints: tuple[int, ...]
 
+    @property
+    def drives_bases(self) -> bool:
+        """Whether a base is driven."""
+        return len(self.names) > len(self.joints)
+
     def of_base(self, robot: str) -> list[str]:
         """Axes of a robot's base that are driven: ``fx``, ..., ``tz``, its own."""
         named = (name.rpartition(".") for name in self.names[len(self.joints) :])

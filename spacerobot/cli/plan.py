@@ -15,6 +15,7 @@ from spacerobot.cli.output import console, pairs, progress, table, warn
 from spacerobot.interrupts import keep
 
 if TYPE_CHECKING:
+    from optim.planning.choices import Tried
     from optim.planning.make import Planned
     from spacerobot.scene import Scene
 
@@ -218,6 +219,7 @@ def _show(planned: Planned) -> None:
         ("duration", f"{course.duration_s:.6g} s"),
         *((f"  {name}", f"{motion.duration_s:.6g} s") for name, motion in phases if name),
         ("mesh", f"{intervals} intervals of order {order}, {len(course.unknowns)} unknowns"),
+        *((f"candidate {_named(one)}", _outcome(one)) for one in planned.tried),
         ("cost", f"{planned.cost:.6g}"),
         *((f"  {name.replace('_', ' ')}", f"{value:.6g}") for name, value in planned.terms.items()),
         ("first-order residual", f"{verdict.residual:.1e}"),
@@ -239,6 +241,14 @@ def _show(planned: Planned) -> None:
     ]
     heads = ["start", "intervals", "cost", "iterations", "time [s]", "status"]
     console().print(table("runs of IPOPT", heads, cells))
+
+
+def _named(one: Tried) -> str:
+    return ", ".join(f"{name} {value}" for name, value in one.chosen.items())
+
+
+def _outcome(one: Tried) -> str:
+    return one.fault if one.cost is None else f"cost {one.cost:.6g}"
 
 
 def _violation(planned: Planned) -> str:

@@ -199,7 +199,25 @@ class Sight(Section):
         return self
 
 
-WHOLE = ("start", "most_intervals", "order", "tolerance", "starts", "iterations", "seed")
+class Choice(Section):
+    """One of several values, such as mating frames: each is planned, and the best plan is kept."""
+
+    paths: tuple[str, ...] = Field(
+        min_length=1,
+        description="dotted paths in the scenario that take it: 'plan.goals.mate.frame', 'grasps.left.frame'",
+    )
+    among: tuple[str | float, ...] = Field(min_length=2, description="names or numbers")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _one(cls, data: Any) -> Any:
+        """Take one path for a list of one."""
+        if isinstance(data, dict) and isinstance(data.get("paths"), str):
+            return data | {"paths": [data["paths"]]}
+        return data
+
+
+WHOLE = ("choices", "design", "start", "most_intervals", "order", "tolerance", "starts", "iterations", "seed")
 """Keys that are the same in every phase."""
 PASSED = "passed"
 """Told of a phase that is not the last one, and may end anywhere."""
@@ -231,6 +249,9 @@ class Planning(Section):
     )
     design: dict[Name, Variable] = Field(
         default={}, description="numbers of the scenario that a design study is free to choose, by name"
+    )
+    choices: dict[Name, Choice] = Field(
+        default={}, description="what is taken from a few values, by name: each is planned, the best is kept"
     )
     intervals: int = Field(default=16, ge=2, le=2000, description="intervals of the first mesh")
     most_intervals: int = Field(

@@ -5,6 +5,7 @@ import pytest
 import yaml
 from scipy.optimize import minimize, minimize_scalar
 
+from optim.planning.front import Wanted, make_front
 from optim.planning.make import make_plan
 from optim.planning.plan_file import FOLLOWED, dataset, write
 from spacerobot.errors import ScenarioError
@@ -17,7 +18,9 @@ RAIL = """<robot name="rail"><link name="rail"/>
 <joint name="slide" type="prismatic"><parent link="rail"/><child link="cart"/><axis xyz="1 0 0"/>
 <limit lower="-9" upper="9" effort="100" velocity="100"/></joint></robot>"""
 BALL = """<robot name="ball"><link name="ball"><inertial><mass value="3"/>
-<inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link></robot>"""
+<inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link><link name="handle"/>
+<joint name="fixed" type="fixed"><parent link="ball"/><child link="handle"/><origin xyz="-0.2 0 0"/></joint>
+</robot>"""
 CART, OBJECT, FAR, SPEED, TO, HASTE = 2.0, 3.0, 1.0, 0.1, 0.5, 0.3
 GRIP = {"kind": "weld", "begins": "open", "capture": {"distance": 0.01, "dwell": 0.1}}
 CATCH = {
@@ -64,9 +67,9 @@ def effort(mass, way, before, behind, time):
     return mass**2 * found + HASTE * time
 
 
-def parts(times, closing):
+def parts(times, closing=0.0, far=FAR):
     """Costs of the two phases, by hand; the cart comes faster than the body by ``closing``."""
-    where, both = FAR + SPEED * times[0], CART + OBJECT
+    where, both = far + SPEED * times[0], CART + OBJECT
     joined = (CART * (SPEED + closing) + OBJECT * SPEED) / both
     first = effort(CART, where, 0, SPEED + closing, times[0])
     return first, effort(both, TO - where, joined, 0, times[1])
@@ -92,6 +95,22 @@ def test_a_catch_and_what_follows_cost_least_together(catch, closing):
         assert np.abs(found.course.impulses[0]).max() == pytest.approx(impulse, rel=1e-6)
     else:
         assert np.abs(found.course.impulses[0]).max() < 1e-6
+
+
+def test_the_mating_frame_that_costs_least_is_chosen(catch):
+    paths = ["plan.phases.catch.goals.meet.frame", "grasps.grip.frame"]
+    choice = ("plan.choices", {"where": {"paths": paths, "among": ["ball", "handle", "handel"]}})
+    with pytest.raises(ScenarioError, match="no link 'handel'"):
+        make_plan(catch(choice), backend="interpreted")
+    choice[1]["where"]["among"].pop()
+    found = make_plan(catch(choice), backend="interpreted")
+    costs = [minimize(lambda t, far=far: sum(parts(t, far=far)), (2.0, 2.0)).fun for far in (FAR, FAR - 0.2)]
+    assert [one.chosen for one in found.tried] == [{"where": "ball"}, {"where": "handle"}]
+    np.testing.assert_allclose([one.cost for one in found.tried], costs, rtol=1e-6)
+    assert found.cost == found.tried[1].cost
+    assert found.scene.scenario.grasps["grip"].frame == "handle"
+    with pytest.raises(ScenarioError, match="'where' is chosen where one plan is made"):
+        make_front(catch(choice), Wanted(("time", "torque"), 2), backend="interpreted")
 
 
 TWO = [
@@ -157,6 +176,8 @@ WAIT, LAST = {"duration": 1, "goals": {"rest": {"still": "one"}}}, {"until": {"t
         ([("plan.phases.stop.goals", {})], "plan.phases.stop.goals: missing"),
         ([("plan.phases.stop.order", 4)], "plan.phases.stop.order: is the same in all phases"),
         ([("plan.phases.approach.goals.mate.frame", "mate_2")], "must bring 'one/tip' to 'mate_1'"),
+        ([("plan.phases.approach.goals.mate.tip", "one/top")], "plan.phases.approach.goals.mate.tip: no tip"),
+        ([("plan.phases.stop.limits", {})], "plan.phases.stop.goals.rest: one cannot come to rest"),
         ([("plan.phases.wait", WAIT), ("phases.wait", LAST)], None),
         ([("phases.wait", LAST), ("phases.approach.then", "wait")], "found where 'wait' is in turn"),
     ],
