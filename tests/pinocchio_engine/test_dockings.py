@@ -3,6 +3,7 @@
 import copy
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from spacerobot.closedloop import build_closed_loop
@@ -27,7 +28,11 @@ def both(scene, duration, step):
 
 def hold_together(scene, duration, step=0.005):
     """The names of the events, once both engines agree to 1e-6 in everything."""
-    loop, ours, found = both(scene, duration, step)
+    return agreed(*both(scene, duration, step), scene)
+
+
+def agreed(loop, ours, found, scene):
+    """The names of the events of two trajectories that agree to 1e-6 in everything."""
     told = [(f.time_s, loop.events[f.event], f) for f in ours.events]
     told = [one for one in told if one[1].kind not in INNER]
     names = [rule.name for _, rule, _ in told]
@@ -221,3 +226,41 @@ def test_a_target_is_pushed_away_and_captured_later(tmp_path, bases):
     assert names[:3] == ["slip.touched", "slip.loosened", "slip.parted"]
     assert names[3:5] == ["bump.touched", "bump.parted"]
     assert names[-1] == "left.captured"
+
+
+def caught_by_two(folder):
+    """A body that two others, free as well, are welded to at one instant."""
+    other = {"position": [0.5, -0.9, 0.1], "rotation_deg": [0, 20, 90], **DEEP["base"]}
+    bases = {"one": DEEP["base"], "two": other}
+    robots = {name: {"urdf": "chaser.urdf", "base": base, "tips": {"tip": {}}} for name, base in bases.items()}
+    weld = {"frame": "mate", "begins": "open", "kind": "weld", "capture": {"at": 0.4}}
+    grasps = {name: {"tip": f"{robot}/tip", **weld} for name, robot in (("left", "one"), ("right", "two"))}
+    return free_bodies(folder, DEEP, weld, robots=robots, grasps=grasps)
+
+
+def rigid_motion(scene, x):
+    """Momentum about the origin (6,), and inertia (6, 6) of all bodies as one; energy [J]; velocities (n, 6)."""
+    model, data = scene.model, scene.model.createData()
+    pin.forwardKinematics(model, data, x[: model.nq], x[model.nq : model.nq + model.nv])
+    moving = [j for j in range(1, model.njoints) if model.inertias[j].mass > 0]
+    whole = sum((data.oMi[j].act(model.inertias[j]).matrix() for j in moving), np.zeros((6, 6)))
+    momentum = sum(data.oMi[j].act(model.inertias[j] * data.v[j]).vector for j in moving)
+    energy = sum(data.v[j].vector @ model.inertias[j].matrix() @ data.v[j].vector / 2 for j in moving)
+    return momentum, whole, energy, np.array([data.oMi[j].act(data.v[j]).vector for j in moving])
+
+
+def test_two_rigid_grasps_captured_at_one_instant_are_one_impact(tmp_path):
+    scene = caught_by_two(tmp_path)
+    loop, ours, found = both(scene, 0.7, 0.01)
+    assert agreed(loop, ours, found, scene) == ["left.captured", "right.captured"]
+    first, last = ours.events
+    assert first.time_s == last.time_s
+    momentum, whole, energy, _ = rigid_motion(scene, first.before)
+    together = np.linalg.solve(whole, momentum)
+    after, _, left, motions = rigid_motion(scene, last.after)
+    largest = np.abs(ours.outputs["body_momentum_linear"]).max()
+    np.testing.assert_allclose(after, momentum, atol=1e-12 * largest)
+    np.testing.assert_allclose(motions, np.tile(together, (3, 1)), atol=1e-12)
+    booked = ours.outputs["work_event"][-1, 0]
+    assert energy - left == pytest.approx(booked, rel=1e-10)
+    assert left == pytest.approx(momentum @ together / 2, rel=1e-12)
