@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+import casadi as ca
 import coal
 import numpy as np
 import pinocchio as pin
@@ -21,7 +22,7 @@ from spacerobot.scenario import Scenario
 from spacerobot.scenario.pads import Pad
 from spacerobot.scene.scene import Scene, SceneBody, SceneContact, SceneShape
 from spacerobot.section import matching
-from spacerobot.shapes import ShapeKind, have_distance
+from spacerobot.shapes import Shape, ShapeKind, have_distance, proximity
 
 TOUCHING = 1e-9
 """[m] Shapes that reach no deeper into one another do not overlap at the start."""
@@ -247,3 +248,36 @@ def check_overlap(scene: Scene) -> None:
                     source=scene.source,
                     where=contact.path,
                 )
+
+
+def dome_warnings(scene: Scene) -> list[str]:
+    """One for each pair of shapes that is apart at the start but for the domes of crowned faces and edges."""
+    found = []
+    for contact in scene.contacts:
+        if contact.config.may_overlap:
+            continue
+        for gap, pair in zip(gaps(scene, contact), contact.pairs, strict=True):
+            crown = contact.config.crown
+            depth = _within_domes(scene, pair, crown) if gap < _domes(pair, crown) else 0.0
+            if depth > TOUCHING:
+                found.append(
+                    f"{contact.path}: {pair[0].label} and {pair[1].label} begin {depth:.2g} m inside the domes "
+                    "of their faces and edges, so they push at once; move them apart by that, or lower `crown`"
+                )
+    return found
+
+
+def _domes(pair: tuple[SceneShape, SceneShape], crown: float) -> float:
+    """No domes of two shapes are higher [m]."""
+    return crown * sum(sum(half) + radius for radius, half in (shape.measures for shape in pair))
+
+
+def _within_domes(scene: Scene, pair: tuple[SceneShape, SceneShape], crown: float) -> float:
+    """How deep two crowned shapes are in each other at the start [m], negative where they are apart."""
+    data, shapes = scene.model.createData(), []
+    pin.framesForwardKinematics(scene.model, data, scene.q)
+    for shape in pair:
+        at, (radius, half) = data.oMf[shape.frame] * pin.SE3(shape.placement), shape.measures
+        sizes = ca.SX(radius), ca.SX(ca.DM(list(half)))
+        shapes.append(Shape(ca.SX(ca.DM(at.rotation)), ca.SX(ca.DM(at.translation)), *sizes))
+    return -float(ca.evalf(proximity((pair[0].kind, pair[1].kind), *shapes, crown).gap))

@@ -303,6 +303,20 @@ def test_a_pad_that_nothing_names_is_told():
     assert "pads.spare: without effect, no contact names it" in found.warnings
 
 
+def test_shapes_that_just_touch_begin_within_their_domes_and_that_is_told():
+    blocks = {
+        name: {"link": link, "shape": "box", "size": [0.2, 0.3, 0.3]}
+        for name, link in (("a", "one/body"), ("b", "target/body"))
+    }
+    law = {"stiffness": 1e4, "between": ["a", "b"]}
+    near = meeting(law, pads=blocks).scenario
+    (told,) = build_scene(near, {"target.base.position": [0.2, 0, 0]}).warnings
+    assert "contacts.bump: a and b begin 0.0006 m inside the domes" in told
+    for apart, crown in ((0.2007, 1e-3), (0.20007, 1e-4)):
+        changes = {"target.base.position": [apart, 0, 0], "contacts.bump.crown": crown}
+        assert build_scene(near, changes).warnings == ()
+
+
 def test_an_overlap_that_is_asked_for_is_taken():
     plain = meeting({"stiffness": 1e4, "may_overlap": True})
     assert build_scene(plain.scenario, {"target.base.position": [0.15, 0, 0]}).contacts
