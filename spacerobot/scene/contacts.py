@@ -261,8 +261,9 @@ def dome_warnings(scene: Scene) -> list[str]:
             depth = _within_domes(scene, pair, crown) if gap < _domes(pair, crown) else 0.0
             if depth > TOUCHING:
                 found.append(
-                    f"{contact.path}: {pair[0].label} and {pair[1].label} begin {depth:.2g} m inside the domes "
-                    "of their faces and edges, so they push at once; move them apart by that, or lower `crown`"
+                    f"{contact.path}: {pair[0].label} and {pair[1].label} begin {depth:.2g} m inside the "
+                    "domes of their faces and edges, so they push at once; move them apart by that, or lower "
+                    "`crown`"
                 )
     return found
 
@@ -274,10 +275,13 @@ def _domes(pair: tuple[SceneShape, SceneShape], crown: float) -> float:
 
 def _within_domes(scene: Scene, pair: tuple[SceneShape, SceneShape], crown: float) -> float:
     """How deep two crowned shapes are in each other at the start [m], negative where they are apart."""
-    data, shapes = scene.model.createData(), []
+    data = scene.model.createData()
     pin.framesForwardKinematics(scene.model, data, scene.q)
-    for shape in pair:
+
+    def placed(shape: SceneShape) -> Shape:
         at, (radius, half) = data.oMf[shape.frame] * pin.SE3(shape.placement), shape.measures
         sizes = ca.SX(radius), ca.SX(ca.DM(list(half)))
-        shapes.append(Shape(ca.SX(ca.DM(at.rotation)), ca.SX(ca.DM(at.translation)), *sizes))
-    return -float(ca.evalf(proximity((pair[0].kind, pair[1].kind), *shapes, crown).gap))
+        return Shape(ca.SX(ca.DM(at.rotation)), ca.SX(ca.DM(at.translation)), *sizes)
+
+    one, other = (placed(shape) for shape in pair)
+    return -float(ca.evalf(proximity((pair[0].kind, pair[1].kind), one, other, crown).gap))

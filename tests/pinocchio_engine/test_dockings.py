@@ -232,14 +232,15 @@ def caught_by_two(folder):
     """A body that two others, free as well, are welded to at one instant."""
     other = {"position": [0.5, -0.9, 0.1], "rotation_deg": [0, 20, 90], **DEEP["base"]}
     bases = {"one": DEEP["base"], "two": other}
-    robots = {name: {"urdf": "chaser.urdf", "base": base, "tips": {"tip": {}}} for name, base in bases.items()}
+    chaser = {"urdf": "chaser.urdf", "tips": {"tip": {}}}
+    robots = {name: {"base": base, **chaser} for name, base in bases.items()}
     weld = {"frame": "mate", "begins": "open", "kind": "weld", "capture": {"at": 0.4}}
     grasps = {name: {"tip": f"{robot}/tip", **weld} for name, robot in (("left", "one"), ("right", "two"))}
     return free_bodies(folder, DEEP, weld, robots=robots, grasps=grasps)
 
 
 def rigid_motion(scene, x):
-    """Momentum about the origin (6,), and inertia (6, 6) of all bodies as one; energy [J]; velocities (n, 6)."""
+    """Momentum about the origin (6,), inertia (6, 6) of all bodies as one, energy [J], velocities (n, 6)."""
     model, data = scene.model, scene.model.createData()
     pin.forwardKinematics(model, data, x[: model.nq], x[model.nq : model.nq + model.nv])
     moving = [j for j in range(1, model.njoints) if model.inertias[j].mass > 0]
