@@ -12,6 +12,7 @@ from optim.planning.costs import cost_terms
 from optim.planning.goals import goal_rows
 from optim.planning.grips import held
 from optim.planning.limits import instant_limits, path_rows, what_drives
+from optim.planning.settled import settled_rows
 from optim.planning.stage import Problem, Stage
 from optim.planning.start import beginnings
 from spacerobot.elements.goal import Goal
@@ -180,6 +181,7 @@ def _problem(scene: Scene, plan: Planning, closed: tuple[SceneGrasp, ...], *, be
     stage = Stage.of(scene, what_drives(scene, plan.limits), closed)
     lower, upper = instant_limits(stage, plan.limits)
     goals = [row for name, goal in plan.goals.items() for row in goal_rows(stage, name, goal)]
+    goals += settled_rows(stage, plan.goals)
     terms = cost_terms(stage, plan.costs)
     span = plan.duration
     fixed = np.concatenate([scene.q, close_velocity(scene) if stage.grips and begins else scene.v])

@@ -41,11 +41,18 @@ class Mated(TipGoal):
         "m/s", "speed along `axis` relative to the mating frame", default=0.0, ge=0
     )
     orientation: bool = Field(default=True, description="whether orientation and spin are matched too")
+    settled: bool = Field(
+        default=False,
+        description="whether joints then move no more than the tip's motion takes, and without acceleration: "
+        "controllers that take over find nothing to brake",
+    )
 
     @model_validator(mode="after")
     def _check(self) -> Mated:
         if not any(self.axis):
             raise ValueError("axis: found 0 0 0, allowed: a direction")
+        if self.settled and self.rest:
+            raise ValueError("settled: joints at rest are settled; leave out `settled` or `rest`")
         return self
 
     @property
