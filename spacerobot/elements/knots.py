@@ -7,6 +7,7 @@ for s = 2), a force that of degree s - 1 (linear for s = 2). Behind the last kno
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -17,7 +18,6 @@ from spacerobot.elements.event import Event
 from spacerobot.elements.motion import Profile
 from spacerobot.elements.numbers import Context
 
-Polynomial = np.polynomial.Polynomial
 ROUNDING = 1e-12
 """Of a time."""
 
@@ -119,8 +119,8 @@ class Knots:
 
     def force(self, name: str, values: ca.SX) -> ca.SX:
         """Force (m x 1) through what stands at the points; none behind the last interval."""
-        none = ca.SX(1, values.size2())
-        return self._sum(lagrange(self.nodes), self.points(name, values, none))
+        points = self.points(name, values, ca.SX(1, values.size2()))
+        return _summed([weight for weight, _, _ in lagrange(self.nodes, self.u)], points)
 
     def motion(self, name: str, values: ca.SX, rates: ca.SX) -> Profile:
         """Position (m x 1) through what stands at the points; the last one behind the last interval."""
@@ -131,23 +131,19 @@ class Knots:
 
     def between(self, values: list[ca.SX], rates: list[ca.SX]) -> Profile:
         """The same for what stands at the points of the interval (s of m x 1 each)."""
-        by_value, by_rate = hermite(self.nodes)
-        found = []
-        for order in range(3):
-            first, second = ([p.deriv(order) for p in each] for each in (by_value, by_rate))
-            scale = self.pace**order
-            found.append(scale * (self._sum(first, values) + self.width * self._sum(second, rates)))
-        return Profile(*found)
+        by_value, by_rate = hermite(self.nodes, self.u)
+        return Profile(
+            *(
+                self.pace**order * (_summed(first, values) + self.width * _summed(second, rates))
+                for order, (first, second) in enumerate(zip(by_value, by_rate, strict=True))
+            )
+        )
 
-    def _sum(self, weights: list[Polynomial], values: list[ca.SX]) -> ca.SX:
-        """Values (s of m x 1), weighted by polynomials of the part of the interval."""
-        terms = []
-        for weight, value in zip(weights, values, strict=True):
-            power = ca.SX(0)
-            for coefficient in reversed(weight.coef):
-                power = power * self.u + float(coefficient)
-            terms.append(power * value)
-        return sum(terms[1:], terms[0])
+
+def _summed(weights: Sequence[ca.SX], values: list[ca.SX]) -> ca.SX:
+    """Values (s of m x 1), each times its weight."""
+    terms = [weight * value for weight, value in zip(weights, values, strict=True)]
+    return sum(terms[1:], terms[0])
 
 
 def _is_constant(column: ca.SX) -> bool:
@@ -174,17 +170,29 @@ def nodes_of(times: Array, points: int) -> Array:
     return found
 
 
-def lagrange(nodes: Array) -> list[Polynomial]:
-    """Polynomials (s) that are 1 at one node each and 0 at the others."""
-    matrix = np.linalg.inv(np.vander(nodes, increasing=True))
-    return [Polynomial(column) for column in matrix.T]
+def lagrange(nodes: Array, u: ca.SX) -> list[tuple[ca.SX, ca.SX, ca.SX]]:
+    """Polynomials (s) that are 1 at one node each and 0 at the others, at a place u, with two derivatives."""
+    found = []
+    for j, node in enumerate(nodes):
+        others = np.delete(nodes, j)
+        value, rate, bend = ca.SX(1), ca.SX(1, 1), ca.SX(1, 1)
+        for other in others:
+            value, rate, bend = value * (u - other), rate * (u - other) + value, bend * (u - other) + 2 * rate
+        scale = 1 / float(np.prod(node - others))
+        found.append((scale * value, scale * rate, scale * bend))
+    return found
 
 
-def hermite(nodes: Array) -> tuple[list[Polynomial], list[Polynomial]]:
-    """Polynomials (s each) of which one has the value, another the rate 1 at one node; else both are 0."""
-    size = 2 * len(nodes)
-    powers = np.vander(nodes, size, increasing=True)
-    slopes = np.hstack([np.zeros((len(nodes), 1)), powers[:, :-1] * np.arange(1, size)])
-    columns = np.linalg.inv(np.vstack([powers, slopes])).T
-    found = [Polynomial(column) for column in columns]
-    return found[: len(nodes)], found[len(nodes) :]
+def hermite(nodes: Array, u: ca.SX) -> tuple[list[tuple[ca.SX, ...]], list[tuple[ca.SX, ...]]]:
+    """Polynomials of which one has the value, another the rate 1 at one node; else both are 0.
+
+    Of each kind (s) at a place u, then their derivatives, then the second ones.
+    """
+    by_value, by_rate = [], []
+    for j, (one, slope, bend) in enumerate(lagrange(nodes, u)):
+        away, steep = u - nodes[j], 2 * float((1 / (nodes[j] - np.delete(nodes, j))).sum())
+        left, square, change = 1 - steep * away, one * one, 2 * one * slope
+        turn = 2 * (slope * slope + one * bend)
+        by_value.append((left * square, left * change - steep * square, left * turn - 2 * steep * change))
+        by_rate.append((away * square, square + away * change, 2 * change + away * turn))
+    return list(zip(*by_value, strict=True)), list(zip(*by_rate, strict=True))
