@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import types
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
@@ -13,6 +14,7 @@ import numpy.typing as npt
 from optim.planning.stage import Problem
 from spacerobot.arrays import Array
 from spacerobot.compiled import Library, compile_functions, find_toolchain
+from spacerobot.elements.instant import About
 from spacerobot.errors import CompileError
 
 Places = npt.NDArray[np.int64]
@@ -64,8 +66,8 @@ def build_instants(problem: Problem, backend: str = "auto") -> Instants:
     """
     functions: dict[str, ca.Function] = {}
     patterns = []
-    for prefix, expression in _rows(problem).items():
-        found, where = derived(problem.stage.z, expression, prefix)
+    for prefix, (expression, about) in _rows(problem).items():
+        found, where = derived(problem.stage.z, expression, prefix, about)
         functions |= found
         patterns += where
     call, used = _caller(functions, backend)
@@ -76,28 +78,47 @@ def revalued(instants: Instants, problem: Problem) -> Instants:
     """Functions with the values, interpreted, of a problem that differs by numbers alone; no derivatives."""
     functions = {
         f"{prefix}values": _function(f"{prefix}values", [problem.stage.z], expression)
-        for prefix, expression in _rows(problem).items()
+        for prefix, (expression, _) in _rows(problem).items()
     }
     return dataclasses.replace(instants, symbolic=functions, call=_in_turn(functions), backend="interpreted")
 
 
-def _rows(problem: Problem) -> dict[str, ca.SX]:
-    """F of one instant, and the goal's rows, by the prefix of their functions' names."""
+def _rows(problem: Problem) -> dict[str, tuple[ca.SX, dict[int, About]]]:
+    """F of one instant, and the goal's rows, by the prefix of their functions' names.
+
+    With each of them, by number, what is differentiated in place of some rows.
+    """
     stage = problem.stage
-    rows = (stage.rate, stage.balance, *(row.value for row in problem.path), *problem.terms.values())
-    goal = (row.value for row in problem.goal)
-    return {"": ca.densify(ca.vertcat(*rows)), "goal_": ca.densify(ca.vertcat(*goal))}
+    parts = {
+        "": (ca.vertcat(stage.rate, stage.balance), problem.path, ca.vertcat(*problem.terms.values())),
+        "goal_": (ca.SX(0, 1), problem.goal, ca.SX(0, 1)),
+    }
+    found = {}
+    for prefix, (before, rows, behind) in parts.items():
+        expression = ca.vertcat(before, *(row.value for row in rows), behind)
+        about = {before.numel() + k: row.about for k, row in enumerate(rows) if row.about is not None}
+        found[prefix] = ca.densify(expression), about
+    return found
 
 
-def derived(z: ca.SX, rows: ca.SX, prefix: str) -> tuple[dict[str, ca.Function], list[Pattern]]:
-    """Values and first and second derivatives of rows, and where the derivatives' entries stand."""
-    weights = ca.SX.sym("weights", rows.numel())
-    slopes = ca.jacobian(rows, z)
-    bends = ca.triu(ca.hessian(ca.dot(weights, rows), z)[0])
+def derived(
+    z: ca.SX, rows: ca.SX, prefix: str, about: Mapping[int, About] = types.MappingProxyType({})
+) -> tuple[dict[str, ca.Function], list[Pattern]]:
+    """Values and first and second derivatives of rows, and where the derivatives' entries stand.
+
+    Some rows, by number, may have another expression that is differentiated.
+    """
+    weights, cheap = ca.SX.sym("weights", rows.numel()), ca.SX(rows)
+    for k, other in about.items():
+        cheap[k] = other.value
+    slopes = ca.jacobian(cheap, z)
+    bends = ca.triu(ca.hessian(ca.dot(weights, cheap), z)[0])
+    symbols, at = ([getattr(one, name) for one in about.values()] for name in ("symbol", "at"))
+    entries = ca.substitute([_entries(slopes), _entries(bends)], symbols, at)
     functions = {
         f"{prefix}values": _function(f"{prefix}values", [z], rows),
-        f"{prefix}slopes": _function(f"{prefix}slopes", [z], _entries(slopes)),
-        f"{prefix}bends": _function(f"{prefix}bends", [z, weights], _entries(bends)),
+        f"{prefix}slopes": _function(f"{prefix}slopes", [z], entries[0]),
+        f"{prefix}bends": _function(f"{prefix}bends", [z, weights], entries[1]),
     }
     return functions, [_pattern(slopes), _pattern(bends)]
 

@@ -15,13 +15,13 @@ from optim.planning.stage import Driven, Stage
 from spacerobot.arrays import Array
 from spacerobot.description.parts import Joint as UrdfJoint
 from spacerobot.dynamics.joints import exact_directions, sparse
-from spacerobot.elements.instant import Row, unit
+from spacerobot.elements.instant import About, Row, unit
 from spacerobot.errors import ScenarioError
 from spacerobot.scenario.plan import Bounds, Cone, Planning
 from spacerobot.scene import Scene
 from spacerobot.scene.contacts import find_pairs
 from spacerobot.scene.scene import SceneBody, SceneShape
-from spacerobot.shapes import Shape, proximity
+from spacerobot.shapes import Shape, gap_about, proximity
 
 FORCES = ("fx", "fy", "fz", "tx", "ty", "tz")
 """Axes of what drives a base, in its own axes."""
@@ -86,9 +86,11 @@ def path_rows(stage: Stage, plan: Planning) -> list[Row]:
     for name, apart in plan.keep_out.items():
         where = f"plan.keep_out.{name}"
         for first, second in find_pairs(stage.scene, apart.between, apart.wrap, where):
-            near = proximity((first.kind, second.kind), _shape(stage, first), _shape(stage, second))
-            pair = f"{name}: {first.label} to {second.label}"
-            rows.append(Row(pair, "m", near.gap, lower=apart.distance))
+            pair = (first.kind, second.kind), _shape(stage, first), _shape(stage, second)
+            near, symbol = proximity(*pair), ca.SX.sym("normal", 3)
+            about = About(symbol, ca.densify(near.normal), gap_about(*pair, symbol))
+            label = f"{name}: {first.label} to {second.label}"
+            rows.append(Row(label, "m", near.gap, lower=apart.distance, about=about))
     rows += [_cone_row(stage, name, cone) for name, cone in plan.cones.items()]
     rows += [sight_row(stage, name, sight) for name, sight in plan.sights.items()]
     return rows

@@ -17,6 +17,22 @@ from spacerobot.dynamics.joints import sparse
 T = TypeVar("T")
 
 
+class About(NamedTuple):
+    """Another expression of a value, which is cheaper to differentiate.
+
+    Attributes
+    ----------
+    symbol, at
+        Symbol in it, and what that stands for (n x 1 each).
+    value
+        Expression (1x1): first and second derivatives at a constant symbol are those of the value.
+    """
+
+    symbol: ca.SX
+    at: ca.SX
+    value: ca.SX
+
+
 @dataclass(frozen=True, eq=False)
 class Row:
     """Something that must stay between limits.
@@ -39,6 +55,8 @@ class Row:
         Whether it must hold at the first instant alone.
     size
         Of the limit, in that unit, where violations between the points count relative to it.
+    about
+        What its derivatives are taken of, if not of ``value``.
     """
 
     name: str
@@ -50,6 +68,7 @@ class Row:
     scale: float = 1.0
     size: float | None = None
     first: bool = False
+    about: About | None = None
 
     def held(self, share: Array, begins: float) -> npt.NDArray[np.bool_]:
         """At which parts of the duration it must hold, where its last part begins at one of them."""

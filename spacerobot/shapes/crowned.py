@@ -95,6 +95,16 @@ def to_crowned(
     return found, lead if "cylinder" in kinds else None
 
 
+def gap_near(
+    kinds: tuple[ShapeKind, ShapeKind], one: Shape, other: Shape, normal: ca.SX, crown: ca.SX
+) -> ca.SX:
+    """Signed distance (1x1) [m] after a Newton step from a unit vector (3x1) towards the second."""
+    own, others = (parts_of(kind, at, at.rotation) for kind, at in zip(kinds, (one, other), strict=True))
+    balls = [ball_of(kind, shape) for kind, shape in zip(kinds, (one, other), strict=True)]
+    reach = _Reach(other.position - one.position, [*own, *others], balls[0] + balls[1], crown)
+    return reach.value(reach.nearer(normal))
+
+
 @functools.cache
 def _nearest(kinds: tuple[ShapeKind, ShapeKind]) -> ca.Function:
     """Gap, normal and the second's nearest point, in the axes of the first, which has structural zeros.
@@ -186,6 +196,14 @@ class _Reach:
                 whole = ca.if_else(worse, _scaled(n + _SHORTER * step), whole)
             n = whole
         return n
+
+    def nearer(self, n: ca.SX) -> ca.SX:
+        """Unit vector (3x1) after one Newton step from where the value is nearly greatest."""
+        held = []
+        for part in self.parts:
+            seen = part.seen(n) if part.disc else ca.dot(part.axis, n)
+            held.append(seen / ca.sqrt(part.square(n) + self.crown**2))
+        return _scaled(n + self._step(n, held)[0])
 
     def _step(self, n: ca.SX, held: Sequence[ca.SX]) -> tuple[ca.SX, list[ca.SX]]:
         """Step on the sphere (3x1), and u over its length of each part, as it will be."""

@@ -91,3 +91,28 @@ def proximity(
     else:
         (gap, away, nearest), lead = crowned.to_crowned(kinds, one, other, ca.SX(crown))
     return Proximity(gap, -away, nearest + away * gap / 2, lead)
+
+
+def gap_about(
+    kinds: tuple[ShapeKind, ShapeKind],
+    one: Shape,
+    other: Shape,
+    normal: ca.SX,
+    crown: ca.SX | float = CROWN,
+) -> ca.SX:
+    """Signed distance of two shapes (1x1) [m] that is cheap to differentiate.
+
+    The distance is the greatest value over all normals. Where ``normal`` is the one of :func:`proximity` and
+    is held constant, first and second derivatives are those of the distance: one Newton step from it moves as
+    the best normal does, to first order, and to second order the value does not ask how it moves.
+
+    Parameters
+    ----------
+    kinds, one, other, crown
+        As for :func:`proximity`.
+    normal
+        That of :func:`proximity` (3x1); without effect where the distance is found without steps.
+    """
+    if {"sphere", "plane"} & {*kinds}:
+        return proximity(kinds, one, other, crown).gap
+    return crowned.gap_near(kinds, one, other, normal, ca.SX(crown))

@@ -1,0 +1,36 @@
+"""Derivatives of distances that hold the normal constant behind one more step."""
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from spacerobot.dynamics import rotation_exp
+from spacerobot.shapes import Shape, gap_about, proximity
+
+APART = [0.1, 0.2, -0.1, 0.3, -0.2, 0.5, 0.9, -0.4, 0.3, 0.4, 0.8, -0.3]
+INSIDE = [0.1, 0.2, -0.1, 0.3, -0.2, 0.5, 0.3, 0.1, 0.0, 0.4, 0.8, -0.3]
+
+
+@pytest.mark.parametrize("kinds", [("capsule", "capsule"), ("cylinder", "box"), ("box", "sphere")])
+@pytest.mark.parametrize("at", [APART, INSIDE])
+def test_they_are_those_of_the_distance(kinds, at):
+    x, normal = ca.SX.sym("x", 12), ca.SX.sym("normal", 3)
+    half = {"box": ca.SX([0.2, 0.3, 0.4]), "sphere": ca.SX(0, 1)}
+    shapes = [
+        Shape(
+            rotation_exp(x[k + 3 : k + 6]),
+            x[k : k + 3],
+            ca.SX(0 if kind == "box" else 0.1),
+            half.get(kind, ca.SX(0.3)),
+        )
+        for k, kind in zip((0, 6), kinds, strict=True)
+    ]
+    near, about = proximity(kinds, *shapes), gap_about(kinds, *shapes, normal)
+    slope = ca.Function("slope", [x], [ca.gradient(near.gap, x)])
+    cheap = [about, ca.gradient(about, x), ca.hessian(about, x)[0]]
+    gap, first, second = ca.Function("cheap", [x], ca.substitute(cheap, [normal], [near.normal]))(at)
+    assert float(gap) == pytest.approx(float(ca.Function("gap", [x], [near.gap])(at)), abs=1e-12)
+    np.testing.assert_allclose(first, slope(at), atol=1e-9)
+    steps = 2e-6 * np.eye(12)
+    differences = [np.array(slope(at + step) - slope(at - step)).ravel() / 4e-6 for step in steps]
+    np.testing.assert_allclose(second, differences, atol=1e-5 * np.abs(differences).max())
