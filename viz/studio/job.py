@@ -67,6 +67,8 @@ class Job:
         Set where it shall end.
     told_at
         When something was told of it.
+    ended
+        Whether its end has been told: who hears of it may begin another one at once.
     """
 
     id: str
@@ -75,12 +77,14 @@ class Job:
     send: Send
     stop: threading.Event = field(default_factory=threading.Event)
     told_at: float = 0.0
+    ended: bool = False
 
     def tell(self, state: str = "running", *, always: bool = False, **what: Any) -> None:
         """Tell the page, but not too often."""
         now = time.monotonic()
         if always or state != "running" or now - self.told_at > PAUSE_S:
             self.told_at = now
+            self.ended |= state != "running"
             about = {"type": "job", "id": self.id, "kind": self.request.kind, "state": state}
             self.send(self.page, {**about, "metric": self.request.more.get("metric"), **what})
 

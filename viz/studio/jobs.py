@@ -32,7 +32,6 @@ class Jobs:
         self._plants, self._send = plants, send
         self._names = map(str, itertools.count(1))
         self._job: Job | None = None
-        self._thread: threading.Thread | None = None
 
     def begin(self, page: Any, request: Request) -> None:
         """Begin a job.
@@ -42,11 +41,10 @@ class Jobs:
         SpaceRobotError
             If another one is running.
         """
-        if self._thread is not None and self._thread.is_alive():
+        if self._job is not None and not self._job.ended:
             raise SpaceRobotError("another job is running; stop it first")
         self._job = Job(next(self._names), page, request, self._send)
-        self._thread = threading.Thread(target=self._run, args=(self._job,), name="studio job", daemon=True)
-        self._thread.start()
+        threading.Thread(target=self._run, args=(self._job,), name="studio job", daemon=True).start()
 
     def stop(self, name: str) -> None:
         """Stop a job; one that is over is no fault."""
@@ -71,6 +69,8 @@ class Jobs:
         except Exception as fault:  # a defect is told as well, instead of a job that never ends
             self._send(None, {"type": "compiling", "why": ""})
             job.tell("failed", progress=1.0, message=str(fault) or type(fault).__name__)
+        finally:
+            job.ended = True
 
 
 DO: Mapping[str, Callable[..., None]] = {"improve": improve, "tune": tune, "campaign": cloud}

@@ -2,6 +2,8 @@
 
 import shlex
 import threading
+import time
+from types import SimpleNamespace
 
 import numpy as np
 import pinocchio as pin
@@ -11,6 +13,8 @@ from spacerobot.cli.options import parse_changes
 from spacerobot.errors import ScenarioError
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
+from viz.studio.jobs import Jobs
+from viz.studio.messages import Request
 from viz.studio.plant import Origin, Plant
 from viz.studio.slopes import differences
 
@@ -270,3 +274,20 @@ def test_a_campaign_grows_and_ends(page):
     assert arrays["paths"].shape == (96, len(arrays["time"]), 1, 3)
     page.ask("campaign", values={}, metric="tip_error_peak", spreads={KP: {"kind": "normal", "std": 1e3}})
     assert "at least 0" in page.take("job", until=lambda job: job["state"] == "failed")["message"]
+
+
+def test_who_hears_of_a_jobs_end_may_begin_another_at_once():
+    heard = []
+
+    def again(_, message):
+        heard.append(message.get("message", ""))
+        if message.get("state") == "failed" and len(heard) < 5:
+            jobs.begin(None, Request("campaign"))
+
+    plants = SimpleNamespace(find=lambda _: None, make=lambda _: 1 / 0)
+    jobs = Jobs(plants, again)
+    jobs.begin(None, Request("campaign"))
+    end = time.monotonic() + 10
+    while len(heard) < 6 and time.monotonic() < end:
+        time.sleep(0.001)
+    assert heard == ["building and compiling", "", "division by zero"] * 2
