@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from spacerobot.cli.options import Port
 from spacerobot.cli.output import console, progress
-from spacerobot.cli.playing import to_play
+from spacerobot.cli.playing import campaign, campaign_at_once, is_campaign, to_play
 from spacerobot.interrupts import keep
+
+if TYPE_CHECKING:
+    from viz.page.live import LiveViewer
 
 Folders = Annotated[
     list[Path],
@@ -72,8 +75,12 @@ def command(
     from spacerobot.result import note_derived
     from viz.page.page import page
 
+    folders = [*folders, *([compare] if compare else [])]
+    if html is None and record is None and is_campaign(folders):
+        serve_campaign(folders[0], port, open_browser=not no_browser)
+        return
     with progress("reading") as tell:
-        shown = to_play([*folders, *([compare] if compare else [])], tell)
+        shown = to_play(folders, tell)
     if html is not None:
         with progress("writing the page"):
             write_text(html, page(shown.data))
@@ -94,9 +101,26 @@ def serve(data: dict[str, Any], port: int, *, open_browser: bool = True) -> None
     from viz.page.live import LiveViewer
 
     with LiveViewer(port) as viewer:
-        viewer.show_data(data)
-        console().print(f"playing at {viewer.url} (Ctrl-C ends it)", markup=False, soft_wrap=True)
-        if open_browser:
-            viewer.open()
+        _begin(viewer, data, open_browser)
         keep()
         viewer.wait()
+
+
+def serve_campaign(folder: Path, port: int, *, open_browser: bool = True) -> None:
+    """Show what a campaign's folder holds, its worst samples once they are simulated, until Ctrl-C."""
+    from viz.page.live import LiveViewer
+
+    with progress("opening the campaign"):
+        data, evaluator = campaign_at_once(folder)
+    with LiveViewer(port) as viewer:
+        _begin(viewer, data, open_browser)
+        viewer.show_data(campaign(folder, viewer.tell, evaluator).data)
+        keep()
+        viewer.wait()
+
+
+def _begin(viewer: LiveViewer, data: dict[str, Any], open_browser: bool) -> None:
+    viewer.show_data(data)
+    console().print(f"playing at {viewer.url} (Ctrl-C ends it)", markup=False, soft_wrap=True)
+    if open_browser:
+        viewer.open()

@@ -25,18 +25,22 @@ def spreads(evaluator: Evaluator, data: xr.Dataset) -> list[dict[str, Any]]:
     """
     if evaluator.members[0].rollout.engines.toolchain is None:  # opened again without its rollouts
         evaluator = evaluator.recipe.build()
-    return [_spread(evaluator, data, name) for name in evaluator.gains]
+    return [_spread(evaluator, data, name, MOST_AGAIN) for name in evaluator.gains]
 
 
-def _spread(evaluator: Evaluator, data: xr.Dataset, gains: str) -> dict[str, Any]:
+def distributions(evaluator: Evaluator, data: xr.Dataset) -> list[dict[str, Any]]:
+    """The same as far as it is known without a rollout: how the metrics are distributed."""
+    return [_spread(evaluator, data, name, 0) for name in evaluator.gains]
+
+
+def _spread(evaluator: Evaluator, data: xr.Dataset, gains: str, again: int) -> dict[str, Any]:
     from viz.figures.style import unit_scale
     from viz.page.meshcat_scene import packed
     from viz.page.panel import LABELS
     from viz.page.spread import Spread
 
     member = evaluator.member(gains)
-    draws = data.draw.values[:MOST_AGAIN]
-    spread, rows = Spread(member.scene, member.rollout), member.space.values(draws)
+    spread, rows = Spread(member.scene, member.rollout), member.space.values(data.draw.values[:again])
     for begin in range(0, len(rows), spread.most):
         spread.roll(member.space.paths, rows[begin : begin + spread.most])
     metrics = []

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from spacerobot.cli.campaign_page import campaign_shown
+from spacerobot.cli.campaign_spread import distributions
 
 if TYPE_CHECKING:
     from optim.campaign import Evaluator
@@ -32,20 +33,28 @@ def to_play(folders: Sequence[Path], tell: Tell) -> Played:
     ResultError
         If a folder holds none of these, or the results cannot be compared.
     """
-    from optim.campaign.store.folder import HEAD
     from optim.planning.plan_file import FOLLOWED, is_plan
     from spacerobot.result import load
     from viz.page.animation import animation
     from viz.report.comparison_section import COMPARISON
 
+    if is_campaign(folders):
+        return campaign(folders[0], tell)
     if len(folders) == 1:
-        for file, play in ((COMPARISON, comparison), (HEAD, campaign), (FOLLOWED, plan)):
+        for file, play in ((COMPARISON, comparison), (FOLLOWED, plan)):
             if (folders[0] / file).is_file():
                 return play(folders[0], tell)
     if len(folders) == 2 and is_plan(folders[1]):
         return _over_its_plan(load(folders[0]), folders[1])
     results = [load(folder) for folder in folders]
     return Played(animation(*results), results)
+
+
+def is_campaign(folders: Sequence[Path]) -> bool:
+    """Whether these are the one folder of a campaign."""
+    from optim.campaign.store.folder import HEAD
+
+    return len(folders) == 1 and (folders[0] / HEAD).is_file()
 
 
 def comparison(folder: Path, tell: Tell) -> Played:
@@ -69,6 +78,25 @@ def campaign(folder: Path, tell: Tell, evaluator: Evaluator | None = None) -> Pl
             f"no worst sample can be simulated: {next(iter(shown.faults.values()))}", source=folder
         )
     return Played(animated_worst(shown), list(shown.worst.values()))
+
+
+def campaign_at_once(folder: Path) -> tuple[dict[str, Any], Evaluator]:
+    """Data of a page about a campaign as far as nothing must be compiled for it, and what made the campaign.
+
+    Raises
+    ------
+    ResultError
+        If the folder holds no campaign that can be told of.
+    """
+    from optim.campaign import load_campaign, reopen
+    from viz.page.animation import still
+
+    evaluator = reopen(folder)
+    data, scene = load_campaign(folder), evaluator.members[0].scene
+    design = {"name": scene.scenario.name, "values": [], "numbers": {}}
+    panel = {"metrics": [], "designs": [design], "first": 1, "spreads": distributions(evaluator, data)}
+    about = f"campaign of {data.sizes['sample']} samples; the worst ones are being simulated"
+    return still(scene, about=about) | {"panel": panel}, evaluator
 
 
 def plan(folder: Path, tell: Tell) -> Played:

@@ -105,7 +105,9 @@ class Spread:
             ``shape``; ``drawn``, how many rollouts.
         """
         tips = len(self._scene.tips)
-        paths = np.reshape(self._paths[:MOST_PATHS], (-1, len(self._time), tips, 3))
+        paths = np.reshape(
+            self._paths[:MOST_PATHS], (min(MOST_PATHS, len(self._paths)), len(self._time), tips, 3)
+        )
         bands = [np.quantile(rows, QUANTILES, axis=0) for rows in self._signals.values()]
         return {
             "time": packed(self._time),

@@ -98,7 +98,17 @@ class Leaf:
         if self.kind != "number":
             return told | ({"choices": list(self.choices)} if self.choices else {})
         limits = {"unit": self.unit, "low": self.low, "high": self.high}
-        return told | limits | {"slider": list(ends or self.slider)}
+        return told | limits | {"slider": list(self._around(ends) if ends else self.slider)}
+
+    def _around(self, ends: tuple[float, float, str]) -> tuple[float, float, str]:
+        """Ends of a slider, farther apart where the value is at one of them or beyond it."""
+        low, high, scale = ends
+        own_low, own_high, _ = self.slider
+        value = float(self.value) if isinstance(self.value, int | float) else 0.0
+        if low < value < high or (low == value == self.low and value < high):
+            return ends
+        low, high = min(low, own_low), max(high, own_high)
+        return low, high, "log" if low > 0 and high / low > 2 * DECADES else scale
 
     @property
     def slider(self) -> tuple[float, float, str]:

@@ -75,7 +75,7 @@ class Player {
 
   // A campaign: ``paths`` of its tips, of that ``shape`` (samples, times, tips, 3), and ``bands`` of signals; none if null.
   cloud(spread) {
-    this.scene.setCloud(spread && spread.shape[2] > 0 ? cloudOf(floats(spread.paths), spread.shape) : null);
+    this.scene.setCloud(spread?.shape.every((count) => count > 0) ? cloudOf(floats(spread.paths), spread.shape) : null);
     this.legend.load((layer) => this.present(layer));
     this.chart.band(spread);
   }

@@ -10,7 +10,7 @@ const COLOURS = {
   target: "#35e0a1", force: "#ff5c6c", contact: "#c77dff", impulse: "#ff9d2e", reference: "#ffffff", mate: "#ffffff", grid: "#8fa3b8",
   centre: "#ffd23f", momentum: "#7df9ff", plume: "#ffdca8",
 };
-const RUN_COLOURS = ["#56b4e9", "#ff8c42", "#9be564", "#f29ad0", "#f0e442", "#c9b6ff"];
+const RUN_COLOURS = ["#56b4e9", "#ff8c42", "#9be564", "#f29ad0", "#f0e442", "#c9b6ff", ...TIP_COLOURS.slice(6)];
 
 // Geometries of the page's meshes, each made once for all solids that show it.
 let meshes = [], madeOf;

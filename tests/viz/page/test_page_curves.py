@@ -131,8 +131,13 @@ def test_many_curves_have_colours_of_their_own_that_can_be_read():
         re.search(r"Math.round\(([\d.]+) \* parseInt", (web / "theme.js").read_text(encoding="utf-8"))[1]
     )
     assert len(colours) == 24
-    apart = np.linalg.norm(colours[:, None] - colours[None], axis=-1) + 999 * np.eye(24)
-    assert apart.min() > 35
+    runs = re.search(r"const RUN_COLOURS = \[(.*), \.\.\.TIP_COLOURS.slice\(6\)\];", text)[
+        1
+    ]  # these over each other
+    first = [[int(c[k : k + 2], 16) for k in (0, 2, 4)] for c in re.findall(r"#(\w{6})", runs)]
+    for several in (colours, np.array([*first, *colours[6:]])):
+        apart = np.linalg.norm(several[:, None] - several[None], axis=-1) + 999 * np.eye(24)
+        assert apart.min() > 35
     for ground, shown in ((0x14, 0x1B, 0x23), colours), ((0xF5, 0xF7, 0xFA), share * colours):
         own, behind = _luminance(shown), _luminance(np.array(ground))
         ratio = (np.maximum(own, behind) + 0.05) / (np.minimum(own, behind) + 0.05)

@@ -15,6 +15,7 @@ from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
 from viz.studio.jobs import Jobs
 from viz.studio.messages import Request
+from viz.studio.numbers import Leaf
 from viz.studio.plant import Origin, Plant
 from viz.studio.slopes import differences
 
@@ -291,3 +292,14 @@ def test_who_hears_of_a_jobs_end_may_begin_another_at_once():
     while len(heard) < 6 and time.monotonic() < end:
         time.sleep(0.001)
     assert heard == ["building and compiling", "", "division by zero"] * 2
+
+
+def test_a_slider_has_room_on_both_sides_of_its_number():
+    def ends(value, *given):
+        leaf = Leaf("gain", value, "number", "", "", low=0.0)
+        return leaf.plain(given, free=True)["slider"]
+
+    assert ends(300.0, 8.67, 400.0, "linear") == [8.67, 400.0, "linear"]
+    assert ends(300.0, 8.67, 285.89, "linear") == [8.67, 3000.0, "log"]
+    assert ends(100.0, 100.0, 150.0, "linear") == [10.0, 1000.0, "log"]
+    assert ends(0.0, 0.0, 100.0, "linear") == [0.0, 100.0, "linear"]  # there is nothing below

@@ -20,6 +20,7 @@ class Results {
     $("panel").classList.toggle("results", Boolean(panel));
     this.player.panel(Boolean(panel) && window.innerWidth >= ROOMY);
     if (!panel) return;
+    $("results").hidden = panel.metrics.length === 0;
     this.fill(panel);
     this.spread.load(panel.spreads);
   }

@@ -107,8 +107,7 @@ class Slider {
   }
 }
 
-// What the server says, wider where the number itself lies outside.
-function firstRange({ value, slider: [least, most, scale] }) {
-  const low = Math.min(least, value), high = Math.max(most, value), wider = low < least || high > most;
-  return { low, high, log: scale === "log" || (wider && low > 0 && high / low > 20) };
+// What the server says.
+function firstRange({ slider: [low, high, scale] }) {
+  return { low, high, log: scale === "log" };
 }

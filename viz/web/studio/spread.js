@@ -33,6 +33,6 @@ class Spread {
     plotHistogram(this.plot, values, undefined, metric);
     const words = `${metric.label} of ${values.length} samples${lost ? `, ${lost} of them diverged` : ""}`;
     this.plot.setAttribute("aria-label", `distribution: ${words}`);
-    this.words.textContent = `${words}. Bands of curves and paths of tips: ${spread.drawn} samples.`;
+    this.words.textContent = `${words}.${spread.drawn ? ` Bands of curves and paths of tips: ${spread.drawn} samples.` : ""}`;
   }
 }
