@@ -243,37 +243,38 @@ def test_the_address_shows_the_same_view_again(shown, paper, blind):
 
 
 def test_a_picture_and_a_film_of_the_view_are_saved(shown, paper, tmp_path):
-    page = shown(paper, fragment="#t=2&speed=5", size=(500, 420))
+    page = shown(paper, fragment="#t=2.308&speed=10", size=(400, 360))
     folder = tmp_path / "saved"
     folder.mkdir()
     page.call("Page.setDownloadBehavior", behavior="allow", downloadPath=str(folder))
     page.evaluate("document.getElementById('picture').click()")
-    image = np.asarray(Image.open(_saved(folder, "*.png")).convert("RGB")).astype(int)
+    image = np.asarray(Image.open(_saved(folder, ".png")).convert("RGB")).astype(int)
     gold = (image[:, :, 0] - image[:, :, 2] > 70).sum()
-    assert gold > 500
+    assert gold > 300
     page.evaluate("document.getElementById('film').click()")
-    with Image.open(_saved(folder, "*.gif")) as film:
+    with Image.open(_saved(folder, ".gif")) as film:
         frames = [np.asarray(frame.convert("RGB")).astype(int) for frame in ImageSequence.Iterator(film)]
         assert (film.info["duration"], film.info["loop"]) == (80, 0)
-    assert len(frames) == 26  # 10 s at five times their speed, 12.5 a second, and the end
-    assert frames[5].shape == image.shape
-    assert np.abs(frames[5] - image).mean() < 8  # 2 s: the picture's own moment
+    assert len(frames) == 14  # 10 s at ten times their speed, 12.5 a second, and the end
+    assert frames[3].shape == image.shape
+    assert np.abs(frames[3] - image).mean() < 8  # the picture's own moment
     assert np.abs(frames[-1] - frames[0]).max() > 100
+    page.wait_for("document.getElementById('busy').hidden", 60)
     page.evaluate("document.getElementById('video').click()")
-    video = _saved(folder, "*.[mw][pe][4b]*").read_bytes()
+    video = _saved(folder, ".mp4", ".webm").read_bytes()
     assert video[4:8] == b"ftyp" or video[:4] == b"\x1a\x45\xdf\xa3"  # MP4, or WebM
     assert len(video) > 5000
-    page.wait_for("document.body.dataset.time === '2.000'")
-    assert page.evaluate("document.getElementById('busy').hidden")
+    page.wait_for("document.getElementById('busy').hidden && document.body.dataset.time === '2.308'", 60)
     assert page.errors == []
     assert [url for url in page.requests if not url.startswith(("file:", "data:", "blob:"))] == []
 
 
-def _saved(folder, pattern):
-    end = time.monotonic() + 60
-    while not (found := list(folder.glob(pattern))):
+def _saved(folder, *endings):
+    """The file with one of these endings, whole: until then it has another name."""
+    end = time.monotonic() + 120
+    while not (found := [file for file in folder.iterdir() if file.suffix in endings]):
         assert time.monotonic() < end, "nothing was saved"
-        time.sleep(0.1)
+        time.sleep(0.05)
     return found[0]
 
 
