@@ -12,6 +12,7 @@ from optim.campaign import Here, load_campaign, reopen, run_campaign, simulate_s
 from optim.campaign.draws.space import sensor_offsets
 from optim.campaign.store.notes import Named
 from spacerobot.cli.campaign_page import campaign_page
+from spacerobot.cli.playing import campaign_at_once
 from spacerobot.errors import DivergedError, ResultError
 from spacerobot.scenario import Uncertain
 from spacerobot.scene import load_scene
@@ -72,6 +73,18 @@ def test_a_worst_sample_that_cannot_begin_is_told_by_its_fault_and_the_page_goes
         assert f"{words} at the start, where v = 1e&lt;300" in made
     assert "100 of 100 samples" in made
     assert ('id="animation"' in made) == (which is not None)
+
+
+def test_what_a_folder_holds_is_shown_before_anything_is_compiled(told):
+    folder, evaluator, _ = told
+    data, again = campaign_at_once(folder)
+    spreads = data["panel"]["spreads"]
+    assert [spread["name"] for spread in spreads] == list(evaluator.gains)
+    peak = next(metric for metric in spreads[0]["metrics"] if metric["key"] == "tip_error_peak")
+    assert len(peak["values"]) == 100
+    assert spreads[0]["drawn"] == 0
+    assert data["runs"][0]["nodes"]
+    assert again.members[0].rollout.engines.toolchain is None
 
 
 def test_draws_have_units_and_a_sensors_offset_is_told_to_be_a_step(told, page):
