@@ -13,7 +13,7 @@ import numpy as np
 
 from optim.planning.bench import Bench
 from optim.planning.horizon import ROUNDING, Horizon
-from optim.planning.sensed import sensed
+from optim.planning.sensed import sensed, sensors_of
 from spacerobot.arrays import Array
 from spacerobot.closedloop import ClosedLoop
 from spacerobot.elements.controllers.mpc import Mpc
@@ -27,6 +27,7 @@ from spacerobot.rollout import Rollout, Trajectory, build_rollout
 from spacerobot.rollout.grid import time_grid
 from spacerobot.rollout.resumed import end_of, joined, resumed, start_of
 from spacerobot.scenario.phases import successors
+from spacerobot.scenario.sensors import Sensors
 from spacerobot.scene import Scene, build_scene
 
 Progress = Callable[[str], None]
@@ -56,6 +57,8 @@ class _Flight:
         Numbers of the controllers.
     horizon
         The plans.
+    sensors
+        Of each robot, in the phase of the plans.
     start
         Where the next piece begins: time, state, switches.
     pieces
@@ -71,6 +74,7 @@ class _Flight:
     rollout: Rollout
     lead: Mpc
     horizon: Horizon
+    sensors: Mapping[str, Sensors]
     start: Array
     pieces: list[tuple[float, Trajectory]] = field(default_factory=list)
     over: bool = False
@@ -96,7 +100,7 @@ class _Flight:
         """Plan anew from what is sensed now, for the time behind the delay, flown with parameters p (np,)."""
         state, ready = self.start.copy(), self.now + self.lead.delay
         size = self.loop.nq + self.loop.nv
-        state[1 : 1 + size] = sensed(self.scene, self.horizon.bench.plan, state[1:])
+        state[1 : 1 + size] = sensed(self.scene, self.horizon.bench.plan, self.sensors, state[1:])
         if self.lead.delay:
             piece = self._rolled(self._ideal(p), state, self.lead.delay)
             state = end_of(piece, state, self.loop.nx)
@@ -162,10 +166,11 @@ def fly(scene: Scene, *, backend: str = "auto", progress: Progress | None = None
     lead = lead_of(scene)
     bench = Bench.of(scene, backend, tell, motions=OFTEN)
     _check_driven(bench)
-    horizon = Horizon.of(bench, sensed(scene, bench.plan, np.concatenate([scene.q, scene.v])), lead.least)
+    sensors, state = sensors_of(scene), np.concatenate([scene.q, scene.v])
+    horizon = Horizon.of(bench, sensed(scene, bench.plan, sensors, state), lead.least)
     tell("compiling the closed loop, or finding it compiled")
     rollout, loop = _rollout(scene, horizon, lead.period, backend)
-    flight = _Flight(scene, loop, rollout, lead, horizon, start_of(loop))
+    flight = _Flight(scene, loop, rollout, lead, horizon, sensors, start_of(loop))
     end = scene.scenario.simulation.duration if scene.scenario.phases else horizon.full
     for k in itertools.count():
         if flight.over or flight.ended or flight.now >= end:
@@ -224,8 +229,8 @@ def lead_of(scene: Scene) -> Mpc:
                 source=source,
                 where="plan.duration",
             )
-    _check_held(scene, lead.period)
     _check_phases(scene)
+    _check_held(scene, lead.period)
     return lead
 
 
@@ -237,13 +242,13 @@ def _check_held(scene: Scene, period: float) -> None:
     ScenarioError
         Naming the first one.
     """
-    for body in scene.robots:
-        for signal, sensor in body.config.sensors:  # type: ignore[union-attr]
+    for name, sensors in sensors_of(scene).items():
+        for signal, sensor in sensors:
             if sensor.holds and abs(period / sensor.period - round(period / sensor.period)) > ROUNDING:
                 raise ScenarioError(
                     f"found {sensor.period:g} s, allowed with kind mpc: a part of {period:g} s",
                     source=scene.source,
-                    where=f"robots.{body.name}.sensors.{signal}.period",
+                    where=f"robots.{name}.sensors.{signal}.period",
                 )
 
 

@@ -36,7 +36,18 @@ class Sensors(Section):
         "m", "mating frames relative to tips, used by `rendezvous`", default=Linear()
     )
     target_velocity: AnySensor = quantity("m/s", "velocities of mating frames, likewise", default=Linear())
+    target_orientation: AnySensor = quantity(
+        "rad", "rotation vector from tips to mating frames, world axes, used by `mpc`", default=Linear()
+    )
     target_spin: AnySensor = quantity("rad/s", "angular velocity of the target, likewise", default=Linear())
+    base_position: AnySensor = quantity("m", "root link of a floating base, used by `mpc`", default=Linear())
+    base_orientation: AnySensor = quantity(
+        "rad", "rotation vector of the root link in the world, likewise", default=Linear()
+    )
+    base_velocity: AnySensor = quantity(
+        "m/s", "velocity of the root link, world axes, likewise", default=Linear()
+    )
+    base_spin: AnySensor = quantity("rad/s", "angular velocity of the root link, likewise", default=Linear())
 
     @model_validator(mode="after")
     def _check(self) -> Sensors:
@@ -44,7 +55,7 @@ class Sensors(Section):
             if self[signal].holds and not signal.startswith("target_"):
                 raise ValueError(
                     f"{signal}: found kind '{self[signal].kind}', allowed where only a reference reads it: "
-                    "target_position, target_velocity, target_spin"
+                    "target_position, target_velocity, target_orientation, target_spin"
                 )
         return self
 

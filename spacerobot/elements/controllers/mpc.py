@@ -78,8 +78,9 @@ class Mpc(JointTracking):
         return ()
 
     def reads(self) -> set[str]:
-        """Joints, and what is seen of the target where a plan is made."""
-        return super().reads() | {"target_position", "target_velocity", "target_spin"}
+        """Joints, and what is known of the base and the target where a plan is made."""
+        seen = ("position", "velocity", "orientation", "spin")
+        return super().reads() | {f"{what}_{signal}" for what in ("target", "base") for signal in seen}
 
     def words(self) -> str:
         """Its gains and its period."""

@@ -7,7 +7,7 @@ import pytest
 from optim.planning.bench import Bench
 from optim.planning.horizon import Horizon
 from optim.planning.receding import fly, lead_of
-from optim.planning.sensed import sensed
+from optim.planning.sensed import sensed, sensors_of
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.errors import ScenarioError
 from spacerobot.rollout import build_rollout
@@ -91,13 +91,46 @@ def test_the_target_is_where_sensors_show_it(reach):
         ("robots.one.sensors.target_position.offset", 0.1), ("robots.one.sensors.target_spin.scale", 2.0)
     )
     state = np.concatenate([scene.q, scene.v])
-    seen = sensed(scene, scene.scenario.plan, state)
+    seen = sensed(scene, scene.scenario.plan, sensors_of(scene), state)
     joint = scene.model.joints[scene.target.root_joint]
     shift = np.zeros(len(state))
     shift[joint.idx_q : joint.idx_q + 2] = 0.1
     np.testing.assert_allclose((seen - state)[: scene.model.nq], shift[: scene.model.nq], atol=1e-12)
     spin = scene.model.nq + joint.idx_v + 2
     assert seen[spin] == pytest.approx(2 * state[spin])
+
+
+def test_the_target_is_turned_as_its_sensor_shows_about_the_mating_frame(reach):
+    scene = reach(
+        ("robots.one.sensors.target_orientation.offset", 0.1),
+        ("robots.one.sensors.joint_position.offset", 0.02),
+    )
+    model, state = scene.model, np.concatenate([scene.q, scene.v])
+    tip, mate = scene.tips[0].frame, model.getFrameId("target/mate_1", pin.FrameType.BODY)
+    away, angle, velocity = [], [], []
+    for q in (state, sensed(scene, scene.scenario.plan, sensors_of(scene), state)):
+        data = model.createData()
+        pin.forwardKinematics(model, data, q[: model.nq], q[model.nq :])
+        pin.updateFramePlacements(model, data)
+        away.append(data.oMf[mate].translation - data.oMf[tip].translation)
+        angle.append(pin.log3(data.oMf[mate].rotation @ data.oMf[tip].rotation.T)[2])
+        velocity.append(
+            pin.getFrameVelocity(model, data, mate, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED).vector
+        )
+    np.testing.assert_allclose(away[1], away[0], atol=1e-12)  # relative to where the tip seems to be
+    assert angle[1] - angle[0] == pytest.approx(0.1)
+    np.testing.assert_allclose(velocity[1], velocity[0], atol=1e-12)
+
+
+def test_the_base_is_where_its_sensors_show_it(reach):
+    errors = {"position": 0.01, "orientation": 0.02, "velocity": 0.03, "spin": 0.04}
+    scene = reach(*((f"robots.one.sensors.base_{key}.offset", error) for key, error in errors.items()))
+    nq, joint = scene.model.nq, scene.model.joints[scene.robots[0].root_joint]
+    q, v = np.split(sensed(scene, scene.scenario.plan, sensors_of(scene), np.append(scene.q, scene.v)), [nq])
+    x, y, cos, sin = q[joint.idx_q : joint.idx_q + 4]
+    np.testing.assert_allclose([x, y, np.arctan2(sin, cos)], [-0.49, 0.01, 0.02], atol=1e-12)
+    turned = np.array([[cos, sin], [-sin, cos]]) @ [0.03, 0.03]  # own axes
+    np.testing.assert_allclose(v[joint.idx_v : joint.idx_v + 3], [*turned, 0.04], atol=1e-12)
 
 
 @pytest.mark.parametrize(
