@@ -8,11 +8,14 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
+import xarray as xr
 
+from optim.planning.formulate import formulate_phases
 from optim.planning.motion import Course
 from optim.planning.program import first_held
 from spacerobot.arrays import Array
 from spacerobot.elements.instant import Row
+from spacerobot.scene import Scene
 
 SIDES = ["lower", "upper"]
 
@@ -88,9 +91,46 @@ def _limits(course: Course, places: list[int]) -> Array:
 
 
 def _told(row: Row, values: Array) -> tuple[Array, Array]:
-    """Values and limits (2,) in the row's unit; a square over its limit's square becomes a size again."""
-    limits = np.array([row.lower, row.upper])
-    if row.scale == 1.0:
-        return values, limits
-    limit = 2 * row.scale
-    return limit * np.sqrt(np.maximum(values, 0.0)), np.array([-np.inf, limit])
+    """Values and limits (2,) in the row's unit; a square becomes a size again, a cosine an angle."""
+    if row.form == "square":
+        limit = 2 * row.scale
+        return limit * np.sqrt(np.maximum(values, 0.0)), np.array([-np.inf, limit])
+    if row.form == "cosine":
+        return np.arccos(np.clip(values, -1.0, 1.0)), np.array([-np.inf, np.arccos(row.lower)])
+    return values, np.array([row.lower, row.upper])
+
+
+def with_flown(plan: xr.Dataset, scene: Scene, flown: xr.Dataset) -> xr.Dataset:
+    """A plan's dataset with the values that its constraints had when it was flown.
+
+    Parameters
+    ----------
+    plan
+        What stands in ``plan.nc``.
+    scene
+        With its plan section.
+    flown
+        A result's data, of the same bodies.
+
+    Returns
+    -------
+    xarray.Dataset
+        With ``constraint_flown`` (flown_time, constraint_name); no numbers where a constraint is of what
+        drives the motion, or of another phase.
+    """
+    phases = formulate_phases(scene)
+    names, times = [str(name) for name in plan.constraint_name.values], flown.time.values
+    found = np.full((len(times), len(names)), np.nan)
+    for phase in phases:
+        own = plan.time.values if len(phases) == 1 else plan.time.values[plan.phase.values == phase.name]
+        inside = (times >= own[0]) & (times <= own[-1])
+        stage = phase.problem.stage
+        state, later = ca.vertcat(stage.q, stage.v), ca.vertcat(stage.a, stage.u, stage.w)
+        at = np.hstack([flown.q.values[inside], flown.v.values[inside]]).T
+        for row in phase.problem.path:
+            name = f"{phase.name}: {row.name}" if len(phases) > 1 else row.name
+            if name in names and not ca.depends_on(row.value, later):
+                values = ca.Function("row", [state], [ca.densify(row.value)])(at)
+                found[inside, names.index(name)] = _told(row, np.array(values).ravel())[0]
+    data = {"constraint_flown": (("flown_time", "constraint_name"), found)}
+    return plan.assign(data).assign_coords(flown_time=times)

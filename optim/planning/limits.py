@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator
 
 import casadi as ca
@@ -133,19 +134,32 @@ def _bases(scene: Scene, bounds: Bounds) -> Iterator[tuple[str, int, float]]:
                 yield f"{body.name}/base.{FORCES[axis]}", first + k, limits[axis]
 
 
+def _at_most(limit: float, name: str, unit_name: str, value: ca.SX) -> Row:
+    """A vector no longer than a limit, as its square over the limit's, which is smooth where it is zero."""
+    square = ca.sumsqr(value) / limit**2
+    return Row(name, unit_name, square, upper=1.0, scale=limit / 2, form="square")
+
+
 def _base_rows(stage: Stage, bounds: Bounds) -> Iterator[Row]:
-    """Squares over the limits' squares, which are smooth where nothing has moved."""
+    """How far bases are from where they began."""
     if bounds.base_rotation_deg is not None:
         limit = np.radians(bounds.base_rotation_deg)
         for name, turn in base_turns(stage).items():
             yield Row(
-                f"rotation of {name}'s base", "rad", ca.sumsqr(turn) / limit**2, upper=1.0, scale=limit / 2
+                f"rotation of {name}'s base",
+                "rad",
+                ca.sumsqr(turn) / limit**2,
+                upper=1.0,
+                scale=limit / 2,
+                form="square",
             )
     if bounds.base_translation is not None:
         limit = bounds.base_translation
         for name, shift in base_shifts(stage).items():
             square = ca.sumsqr(shift) / limit**2
-            yield Row(f"displacement of {name}'s base", "m", square, upper=1.0, scale=limit / 2)
+            yield Row(
+                f"displacement of {name}'s base", "m", square, upper=1.0, scale=limit / 2, form="square"
+            )
 
 
 def _grip_rows(stage: Stage, bounds: Bounds) -> Iterator[Row]:
@@ -157,9 +171,8 @@ def _grip_rows(stage: Stage, bounds: Bounds) -> Iterator[Row]:
         for key, unit_name, value in zip(("force", "torque"), ("N", "N m"), stage.wrench(grip), strict=True):
             limit = getattr(bounds, f"grip_{key}")
             if limit is not None and value.numel():
-                square = ca.sumsqr(value) / limit**2
-                name = f"grip {key} of {grip.name}"
-                yield Row(name, unit_name, square, upper=1.0, scale=limit / 2, size=limit)
+                row = _at_most(limit, f"grip {key} of {grip.name}", unit_name, value)
+                yield dataclasses.replace(row, size=limit)
 
 
 def _cone_row(stage: Stage, name: str, cone: Cone) -> Row:

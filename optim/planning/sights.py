@@ -37,6 +37,7 @@ def sight_row(stage: Stage, name: str, sight: Sight) -> Row:
         lower=float(np.cos(limit)),
         last=sight.last,
         scale=float(1 / np.sin(limit)),
+        form="cosine",
     )
 
 

@@ -73,11 +73,16 @@ def command(
 
 def _plan(folder: Path, flown: Path | None, out: Path) -> None:
     """Draw a plan, and what was flown of it."""
-    from optim.planning.plan_file import read
+    from optim.planning.held import with_flown
+    from optim.planning.plan_file import SCENARIO, read
     from spacerobot.result import load
+    from spacerobot.scene import load_scene
     from viz.figures.plan import write_plan_figures
 
     with progress("drawing"):
+        plan, summary = read(folder)
         result = None if flown is None else load(flown)
-        written = write_plan_figures(*read(folder), out, flown=result)
+        if result is not None and "constraint" in plan:
+            plan = with_flown(plan, load_scene(folder / SCENARIO), result.data)
+        written = write_plan_figures(plan, summary, out, flown=result)
     console().print(f"{len(written)} files in {out}", markup=False, soft_wrap=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol, TypeVar
+from typing import Literal, NamedTuple, Protocol, TypeVar
 
 import casadi as ca
 import numpy as np
@@ -53,6 +53,8 @@ class Row:
         What a violation of one means in that unit.
     first
         Whether it must hold at the first instant alone.
+    form
+        What the value is of what is named: the square over that of its limit, or an angle's cosine.
     size
         Of the limit, in that unit, where violations between the points count relative to it.
     about
@@ -69,6 +71,7 @@ class Row:
     size: float | None = None
     first: bool = False
     about: About | None = None
+    form: Literal["itself", "square", "cosine"] = "itself"
 
     def held(self, share: Array, begins: float) -> npt.NDArray[np.bool_]:
         """At which parts of the duration it must hold, where its last part begins at one of them."""

@@ -7,6 +7,7 @@ import pytest
 import yaml
 from typer.testing import CliRunner
 
+from optim.planning.held import with_flown
 from optim.planning.make import make_plan
 from optim.planning.plan_file import SCENARIO, read, write
 from spacerobot import simulation
@@ -69,6 +70,18 @@ def test_distances_and_cones_are_drawn_with_their_limits(folders):
     limits = plan.constraint_limit.sel(constraint_name="apart: end to ball").values
     np.testing.assert_allclose(limits, [0.02, np.inf])
     assert plan.constraint_begin.values[-1] == pytest.approx(1.0)
+
+
+def test_what_was_flown_is_drawn_over_the_limits(folders):
+    (plan, _), flown = read(folders[0]), load(folders[1]).data
+    both = with_flown(plan, load_scene(folders[0] / "scenario.yaml"), flown)
+    for name in plan.constraint_name.values:
+        own = both.sel(constraint_name=name)
+        planned = np.interp(flown.time.values, plan.time.values, own.constraint.values)
+        np.testing.assert_allclose(own.constraint_flown.values, planned, atol=2e-3)  # straight between knots
+        assert np.abs(own.constraint_flown.values[[0, -1]] - own.constraint.values[[0, -1]]).max() < 1e-4
+    panel = plan_constraints(both).axes[0]
+    assert sum(curve.get_color() == "black" for curve in panel.lines) == 1
 
 
 def test_a_flight_is_played_over_its_plan(folders, tmp_path, monkeypatch):

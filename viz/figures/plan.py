@@ -22,6 +22,8 @@ ROOM = 0.6
 """Limits are drawn no farther from the curves than this part of the curves' own range."""
 HELD: dict[str, Any] = {"marker": "s", "markersize": 3, "linestyle": "", "color": "#B00020", "zorder": 4}
 """Look of the points at which a limit is active."""
+FLOWN: dict[str, Any] = {"color": "black", "linewidth": 1.0, "linestyle": (0, (1, 2))}
+"""Look of what was flown."""
 
 
 @styled
@@ -74,7 +76,7 @@ def plan_constraints(plan: xr.Dataset) -> Drawing:
     Parameters
     ----------
     plan
-        What stands in ``plan.nc``.
+        What stands in ``plan.nc``; with ``constraint_flown``, drawn dotted over it, where it was flown.
     """
     names = [str(name) for name in plan.constraint_name.values]
     figure, axes = panels(-(-len(names) // 2), min(2, len(names)), sharex=True, height_in=1.6)
@@ -85,6 +87,8 @@ def plan_constraints(plan: xr.Dataset) -> Drawing:
         values, limits = own.constraint.values * scale, own.constraint_limit.values * scale
         holds = (time >= float(own.constraint_begin) - 1e-9) & np.isfinite(values)
         panel.plot(time, values, **line(0))
+        if "constraint_flown" in own:
+            panel.plot(own.flown_time.values, own.constraint_flown.values * scale, **FLOWN)
         for limit in limits[np.isfinite(limits)]:
             panel.plot(time[holds], np.full(holds.sum(), limit), color="0.35", linewidth=0.9, linestyle="--")
         _held(panel, time[holds], values[holds], limits)
@@ -178,4 +182,4 @@ def _over(panel: Axes, plan: xr.Dataset, flown: Result, name: str, joints: list[
         own = data["joint_torque" if name == "torque" else "joint_position"].sel(joint=joint).values * scale
         if name == "joint_rate":
             own = np.gradient(np.unwrap(own, period=360.0), data.time.values)
-        panel.plot(data.time.values, own, color="black", linewidth=1.0, linestyle=(0, (1, 2)))
+        panel.plot(data.time.values, own, **FLOWN)

@@ -5,6 +5,7 @@ import pinocchio as pin
 import pytest
 
 from optim.planning.make import make_plan
+from optim.planning.plan_file import dataset
 from spacerobot.errors import ScenarioError
 
 CHEAP = [("plan.order", 4), ("plan.intervals", 8), ("plan.tolerance", 1e-3), ("plan.costs", {"torque": 1})]
@@ -33,6 +34,9 @@ def test_a_mating_frame_stays_in_sight(reach):
     assert angles(kept.motion)[late].max() == pytest.approx(10, abs=1e-3)
     assert kept.cost > 1.01 * free.cost
     assert not kept.verdict.faults()
+    told = dataset(kept).sel(constraint_name="eye: off the camera's axis")
+    np.testing.assert_allclose(np.degrees(told.constraint), angles(kept.motion), atol=0.1)
+    np.testing.assert_allclose(np.degrees(told.constraint_limit), [-np.inf, 10])
 
 
 @pytest.mark.parametrize(
