@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 from optim.planning.chain import Chain, Link, programs_of
-from optim.planning.early import check_momentum, check_reach, check_start
+from optim.planning.early import check_joined, check_momentum, check_reach, check_start
 from optim.planning.formulate import Phase, formulate_phases, plan_of, told_in
 from optim.planning.functions import Instants, build_instants
 from optim.planning.lobatto import Lobatto
@@ -225,6 +225,7 @@ class Bench:
         with told_in(whole, first.name):
             check_start(problem)
             check_reach(problem, plan, {tip.label: tip for tip in scene.tips})
+            check_joined(problem, plan)
         for phase in (first, *others):
             with told_in(whole, phase.name):
                 check_momentum(phase.problem, phase.plan)

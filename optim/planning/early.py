@@ -16,6 +16,7 @@ from optim.planning.lobatto import Lobatto
 from optim.planning.stage import Problem
 from spacerobot.arrays import Array
 from spacerobot.elements.goal import TipGoal
+from spacerobot.elements.goals.mated import Mated
 from spacerobot.elements.goals.still import Still
 from spacerobot.errors import ScenarioError
 from spacerobot.scenario.plan import Planning
@@ -82,7 +83,7 @@ def check_momentum(problem: Problem, plan: Planning) -> None:
     ScenarioError
         With that momentum.
     """
-    scene, limits, resting = problem.stage.scene, plan.limits, dict[str, str]()
+    scene, resting = problem.stage.scene, dict[str, str]()
     for name, goal in plan.goals.items():
         if not isinstance(goal, Still) or not goal.rests:
             continue
@@ -103,18 +104,92 @@ def check_momentum(problem: Problem, plan: Planning) -> None:
         if names == {"target"}:
             told = "moves on as it does, for nothing holds it"
             raise ScenarioError(f"{body.name} {told}", source=scene.source, where=where)
-        linear, angular = (float(np.linalg.norm(found)) for found in _momenta(scene, group))
-        for size, unit, key, able in (
-            (linear, "N s", "base_force", limits.base_force > 0),
-            (angular, "N m s", "base_torque", limits.base_force + limits.base_torque > 0),
+        if any(not one.root_joint for one in group):
+            continue  # the world takes it
+        momenta = zip(_momenta(scene, group), _taken(problem, plan, group), strict=True)
+        for (momentum, able), unit, key in zip(
+            momenta, ("N s", "N m s"), ("base_force", "base_torque"), strict=True
         ):
-            if size > SLACK and not able:
-                raise ScenarioError(
-                    f"{body.name} cannot come to rest, for nothing takes its momentum of {size:.4g} {unit}; "
-                    f"give `limits.{key}`",
-                    source=scene.source,
-                    where=where,
+            size, most = float(np.linalg.norm(momentum)), able * problem.duration[1]
+            if size <= max(SLACK, most * (1 + 1e-6)):
+                continue
+            told = f"for nothing takes its momentum of {size:.4g} {unit}; give `limits.{key}`"
+            if able:
+                told = (
+                    f"for its momentum is {size:.4g} {unit}, of which {problem.duration[1]:g} s take no more "
+                    f"than {most:.4g} {unit}; raise `limits.{key}`, or the duration"
                 )
+            raise ScenarioError(f"{body.name} cannot come to rest, {told}", source=scene.source, where=where)
+
+
+def _taken(problem: Problem, plan: Planning, group: list[SceneBody]) -> tuple[float, float]:
+    """Bounds of the force [N], and of the torque about their centre of mass [N m], on the bases of bodies."""
+    scene, limits = problem.stage.scene, plan.limits
+    bases = [body for body in group if body is not scene.target]
+    force = np.sqrt(len(scene.translation_axes)) * limits.base_force
+    torque = np.sqrt(len(scene.rotation_axes)) * limits.base_torque
+    # forces on a base turn what lies beside it: bounded for a robot alone
+    lever = _from_base(problem, bases[0]) if len(group) == 1 else np.inf
+    return len(bases) * force, len(bases) * (torque + (lever * force if force else 0.0))
+
+
+def check_joined(problem: Problem, plan: Planning) -> None:
+    """Refuse that a robot ends at rest relative to the target with momenta that it cannot come to have.
+
+    What floats freely keeps its momenta. With its joints at rest and its tip moving as the mating frame it
+    would move as one with the target: momentum m v and, about its centre of mass, I w with some inertia I.
+
+    Raises
+    ------
+    ScenarioError
+        With the velocity, or the spin, that nothing changes.
+    """
+    scene, tips = problem.stage.scene, {tip.label: tip for tip in problem.stage.scene.tips}
+    driven = plan.limits.base_force or plan.limits.base_torque
+    if driven or problem.stage.grips or problem.begin is not None:
+        return
+    for name, goal in plan.goals.items():
+        if not isinstance(goal, Mated) or not (goal.rests and goal.orientation):
+            continue
+        tip = tips[goal.tip]
+        if not tip.body.root_joint:
+            continue
+        linear, angular = _momenta(scene, [tip.body])
+        mass = sum(float(scene.model.inertias[joint].mass) for joint in tip.body.subtree)
+        own, near = linear / mass, _greatest_distance(problem, tip)
+        velocities, spins = _mate_motion(problem, goal)
+        turning, turned = np.linalg.norm(spins, axis=1), float(np.linalg.norm(angular))
+        apart = np.linalg.norm(velocities - own, axis=1) - turning * near - goal.closing_speed
+        fault = ""
+        if apart.min() > SLACK:
+            fault = f"its centre of mass goes on at {np.linalg.norm(own):.4g} m/s, another velocity than that"
+        elif np.all((spins @ angular <= SLACK * turned) & (turning + turned > SLACK)):
+            fault = f"its angular momentum stays {turned:.4g} N m s, so it cannot turn likewise"
+        if fault:
+            raise ScenarioError(
+                f"{tip.body.name} cannot end at rest relative to the target: nothing acts on it from outside "
+                f"and {fault}; leave `rest` out, or give `limits.base_force` and `base_torque`",
+                source=scene.source,
+                where=f"plan.goals.{name}",
+            )
+
+
+def _mate_motion(problem: Problem, goal: Mated) -> tuple[Array, Array]:
+    """Velocity and spin of a mating frame, world axes, when a plan may end (n, 3) each [m/s, rad/s]."""
+    scene, (least, greatest, _) = problem.stage.scene, problem.duration
+    model, data = scene.model, scene.model.createData()
+    frame = model.getFrameId(f"target/{goal.frame}", pin.FrameType.BODY)
+    qs, vs = (
+        part[int(INSTANTS * least / greatest) :]
+        for part in drift(problem, Lobatto.of_order(2), INSTANTS, greatest)
+    )
+    found = []
+    for q, v in zip(qs, vs, strict=True):
+        pin.forwardKinematics(model, data, q, v)
+        motion = pin.getFrameVelocity(model, data, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
+        found.append((motion.linear, motion.angular))
+    velocities, spins = zip(*found, strict=True)
+    return np.array(velocities), np.array(spins)
 
 
 def _moving_with(problem: Problem, body: SceneBody) -> list[SceneBody]:
@@ -183,23 +258,26 @@ def _greatest_distance(problem: Problem, tip: SceneTip) -> float:
     length = reach(scene, tip)
     if not tip.body.root_joint:
         return length
-    masses = {joint: float(scene.model.inertias[joint].mass) for joint in tip.body.subtree}
-    whole, behind = sum(masses.values()), 0.0
-    for joint in tip.body.joints:  # the farthest that its body can be from the base's origin
-        distance = _length(problem, tip, joint) + float(np.linalg.norm(scene.model.inertias[joint].lever))
-        behind += masses[joint] * distance
-    behind += masses[tip.body.root_joint] * float(
-        np.linalg.norm(scene.model.inertias[tip.body.root_joint].lever)
-    )
-    return length + behind / whole
+    return length + _from_base(problem, tip.body)
 
 
-def _length(problem: Problem, tip: SceneTip, joint: int) -> float:
+def _from_base(problem: Problem, body: SceneBody) -> float:
+    """Bound of the distance of a floating robot's centre of mass from its base's origin [m]."""
+    inertias = problem.stage.scene.model.inertias
+    masses = {joint: float(inertias[joint].mass) for joint in body.subtree}
+    moment = masses[body.root_joint] * float(np.linalg.norm(inertias[body.root_joint].lever))
+    for joint in body.joints:  # the farthest that its link can be from the base's origin
+        distance = _length(problem, body, joint) + float(np.linalg.norm(inertias[joint].lever))
+        moment += masses[joint] * distance
+    return moment / sum(masses.values())
+
+
+def _length(problem: Problem, body: SceneBody, joint: int) -> float:
     """Greatest distance of a joint's origin from the base's [m]."""
     scene, found = problem.stage.scene, 0.0
-    while joint in tip.body.joints:
+    while joint in body.joints:
         found += float(np.linalg.norm(scene.model.jointPlacements[joint].translation))
-        urdf = urdf_joint(scene, tip.body, joint)
+        urdf = urdf_joint(scene, body, joint)
         if urdf.kind == "prismatic":
             found += max(abs(urdf.lower), abs(urdf.upper))
         joint = scene.model.parents[joint]

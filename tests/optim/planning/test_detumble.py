@@ -5,6 +5,7 @@ import pinocchio as pin
 import pytest
 import yaml
 
+from optim.planning.bench import Bench
 from optim.planning.make import make_plan
 from optim.planning.plan_file import FOLLOWED, write
 from spacerobot.errors import ScenarioError
@@ -135,6 +136,11 @@ def test_what_is_held_by_springs_is_refused(reach):
     [
         ([("plan.limits", {})], "takes its momentum of 0.3927 N m s; give `limits.base_torque`"),
         ([("plan.goals.rest.still", "bode")], "no body 'bode'"),
+        ([("plan.limits.base_torque", 0)], "takes its momentum of 0.3927 N m s; give `limits.base_torque`"),
+        (
+            [("plan.duration.upper", 3)],
+            "momentum is 0.3927 N m s, of which 3 s take no more than 0.3 N m s; raise `limits.base_torque`",
+        ),
         (FIXED, "is fixed, so it is always at rest"),
         ([("plan.goals.rest.tip", "body/tip")], "unknown key 'tip'; allowed: kind, rest, still"),
     ],
@@ -143,3 +149,20 @@ def test_what_cannot_come_to_rest_is_refused(spinning, changes, message):
     with pytest.raises(ScenarioError, match=message) as fault:
         make_plan(spinning(*changes), backend="interpreted")
     assert fault.value.exit_code == 2
+
+
+def test_a_robot_cannot_come_to_rest_relative_to_what_moves_otherwise(reach):
+    rest = ("plan.goals.mate.rest", True)
+    with pytest.raises(ScenarioError, match="its angular momentum stays 0 N m s, so it cannot turn likewise"):
+        Bench.of(reach(rest), "interpreted")
+    drifting = ("target.base.spin_deg", [0, 0, 0])
+    with pytest.raises(ScenarioError, match="goes on at 0 m/s, another velocity than that") as fault:
+        Bench.of(reach(rest, drifting), "interpreted")
+    assert fault.value.where == "plan.goals.mate"
+    same = ("robots.one.base.velocity", [0.01, 0.02, 0])
+    for changes in (
+        [drifting, same],
+        [("plan.limits", {"base_force": 1})],
+        [("plan.goals.mate.orientation", False)],
+    ):
+        Bench.of(reach(rest, *changes), "interpreted")
