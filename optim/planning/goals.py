@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
@@ -32,7 +33,7 @@ def goal_rows(stage: Stage, name: str, goal: Goal) -> list[Row]:
             zero(f"rate of {scene.model.names[j]}", "rad/s or m/s", stage.v[scene.model.idx_vs[j]])
             for j in body.driven_joints
         ]
-    return [Row(f"{name}: {row.name}", row.unit, row.value, row.lower, row.upper) for row in rows]
+    return [dataclasses.replace(row, name=f"{name}: {row.name}") for row in rows]
 
 
 @dataclass(frozen=True, eq=False)

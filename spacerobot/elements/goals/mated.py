@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any, ClassVar, Literal
 
 import casadi as ca
@@ -40,6 +40,15 @@ class Mated(TipGoal):
     closing_speed: float = quantity(
         "m/s", "speed along `axis` relative to the mating frame", default=0.0, ge=0
     )
+    speed_within: float | None = quantity(
+        "m/s",
+        "greatest speed beside `closing_speed`, for a rigid grasp; none if not given",
+        default=None,
+        gt=0,
+    )
+    spin_within_deg: float | None = quantity(
+        "deg/s", "greatest relative spin, likewise; none if not given", default=None, gt=0
+    )
     orientation: bool = Field(default=True, description="whether orientation and spin are matched too")
     settled: bool = Field(
         default=False,
@@ -53,6 +62,8 @@ class Mated(TipGoal):
             raise ValueError("axis: found 0 0 0, allowed: a direction")
         if self.settled and self.rest:
             raise ValueError("settled: joints at rest are settled; leave out `settled` or `rest`")
+        if self.spin_within_deg is not None and not self.orientation:
+            raise ValueError("spin_within_deg: without `orientation` spin is free already")
         return self
 
     @property
@@ -72,14 +83,15 @@ class Mated(TipGoal):
         place, speed = place + self.standoff * axis, speed - self.closing_speed * axis
         for i in instant.axes:
             yield zero(f"position {'xyz'[i]}", "m", place[i])
-            yield zero(f"velocity {'xyz'[i]}", "m/s", speed[i])
+        yield from _matched("velocity", "m/s", speed, instant.axes, self.speed_within)
         if not self.orientation:
             return
         mated = exact_directions(pin.rpy.rpyToMatrix(np.radians(self.mated_deg)))
         turn = instant.turned(ca.mtimes(mate.rotation, mated), tip.rotation)
         for k, i in enumerate(instant.turns):
             yield zero(f"orientation {'xyz'[i]}", "rad", turn[k])
-            yield zero(f"spin {'xyz'[i]}", "rad/s", spin[i])
+        within = None if self.spin_within_deg is None else float(np.radians(self.spin_within_deg))
+        yield from _matched("spin", "rad/s", spin, instant.turns, within)
 
     def place(self, instant: Instant) -> ca.SX:
         """Before the mating frame."""
@@ -96,3 +108,14 @@ class Mated(TipGoal):
                 document |= {"closing_speed": None, "end_distance": self.standoff}
         settling = {"approach_time": SETTLING} if self.orientation else {}
         return document | settling | {"standoff": self.standoff}
+
+
+def _matched(
+    name: str, unit_name: str, value: ca.SX, axes: Sequence[int], within: float | None
+) -> Iterator[Row]:
+    """Zero along each axis, or a size of at most so much."""
+    if within is None:
+        yield from (zero(f"{name} {'xyz'[i]}", unit_name, value[i]) for i in axes)
+    else:
+        square = ca.sumsqr(value[list(axes)]) / within**2
+        yield Row(name, unit_name, square, upper=1.0, scale=within / 2)

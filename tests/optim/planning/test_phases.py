@@ -97,6 +97,25 @@ def test_a_catch_and_what_follows_cost_least_together(catch, closing):
         assert np.abs(found.course.impulses[0]).max() < 1e-6
 
 
+def test_how_fast_a_rigid_grasp_closes_is_found_too(catch):
+    """Where the effort of the second phase weighs more, the cart's impulse takes a part of it over."""
+    goal, weight = "plan.phases.catch.goals.meet.speed_within", 4.0
+    changes = [(goal, 0.2), ("plan.phases.carry.costs", {"torque": weight})]
+    found = make_plan(catch(*changes), backend="interpreted")
+    bounds = [(0.5, 20), (0.5, 20), (-0.2, 0.2)]
+
+    def cost(x):
+        first, second = parts(x[:2], x[2])
+        return first + weight * (second - HASTE * x[1]) + HASTE * x[1]
+
+    best = minimize(cost, (2.0, 2.0, 0.0), bounds=bounds)
+    assert abs(best.x[2]) > 0.05
+    assert found.cost == pytest.approx(best.fun, rel=1e-5)
+    impulse = CART * OBJECT / (CART + OBJECT) * best.x[2]
+    assert abs(found.course.impulses[0]).max() == pytest.approx(abs(impulse), rel=1e-3)
+    assert found.verdict.replay_error_m < 1e-5
+
+
 def test_the_mating_frame_that_costs_least_is_chosen(catch):
     paths = ["plan.phases.catch.goals.meet.frame", "grasps.grip.frame"]
     choice = ("plan.choices", {"where": {"paths": paths, "among": ["ball", "handle", "handel"]}})
