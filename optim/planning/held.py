@@ -67,7 +67,7 @@ class _Held:
 def _constraints(course: Course, k: int, phase: str) -> Iterator[_Held]:
     """Those of one phase."""
     motion, points = course.motions[k], [len(m.time) for m in course.motions]
-    rows = motion.problem.path
+    rows = [row for row in motion.problem.path if row.lower < row.upper]  # equations hold nothing back
     if not rows:
         return
     expression = ca.densify(ca.vertcat(*(row.value for row in rows)))

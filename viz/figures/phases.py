@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -26,15 +27,20 @@ def mark_phases(axes: Axes, result: Result, *, named: bool = False) -> None:
 
     Name them in one panel of a figure, before its legend is made.
     """
-    for k, (name, begin, end) in enumerate(phases_of(result)):
+    shade(axes, phases_of(result), named=named)
+    for kind, colour in _MARKS.items():
+        times = {e["time_s"] for e in result.summary.get("events", ()) if e["kind"] == kind}
+        for k, time in enumerate(sorted(times)):
+            label = ("slipped off" if kind == "slipped" else kind) if named and k == 0 else None
+            axes.axvline(time, color=colour, linewidth=0.9, linestyle=(0, (1, 1.5)), zorder=1, label=label)
+
+
+def shade(axes: Axes, phases: Sequence[tuple[str, float, float]], *, named: bool = False) -> None:
+    """Shade every second one of phases, name, begin and end [s] each; ``named`` writes their names."""
+    for k, (name, begin, end) in enumerate(phases):
         if k % 2:
             axes.axvspan(begin, end, color=_SHADE, linewidth=0, zorder=0)
         if named:
             place: dict[str, Any] = {"xytext": (1, -2), "textcoords": "offset points", "va": "top"}
             look: dict[str, Any] = {"rotation": 90, "fontsize": 6.5, "color": _TEXT, "zorder": 1}
             axes.annotate(name, (begin, 1.0), xycoords=("data", "axes fraction"), **place, **look)
-    for kind, colour in _MARKS.items():
-        times = {e["time_s"] for e in result.summary.get("events", ()) if e["kind"] == kind}
-        for k, time in enumerate(sorted(times)):
-            label = ("slipped off" if kind == "slipped" else kind) if named and k == 0 else None
-            axes.axvline(time, color=colour, linewidth=0.9, linestyle=(0, (1, 1.5)), zorder=1, label=label)

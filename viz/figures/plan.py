@@ -14,6 +14,7 @@ from spacerobot.arrays import Array
 from spacerobot.errors import ResultError
 from spacerobot.files import write_bytes
 from spacerobot.result import Result
+from viz.figures.phases import shade
 from viz.figures.style import COLOURS, DASHES, Drawing, line, panels, styled, to_bytes, unit_scale
 
 ACTIVE = 1e-4
@@ -62,6 +63,7 @@ def plan_joints(plan: xr.Dataset, flown: Result | None = None) -> Drawing:
             if flown is not None:
                 _over(panel, plan, flown, name, mine)
             _limits(panel, plan, name, mine, scale)
+            shade(panel, _phases(plan), named=panel is axes[0, 0])
             panel.set_title(f"{robot}, {words}")
             panel.set_ylabel(f"[{unit}]")
             panel.set_xlabel("time [s]")
@@ -92,6 +94,7 @@ def plan_constraints(plan: xr.Dataset) -> Drawing:
         for limit in limits[np.isfinite(limits)]:
             panel.plot(time[holds], np.full(holds.sum(), limit), color="0.35", linewidth=0.9, linestyle="--")
         _held(panel, time[holds], values[holds], limits)
+        shade(panel, _phases(plan))
         panel.set_title(name, fontsize=7.5)
         panel.set_ylabel(f"[{unit}]")
         panel.set_xlabel("time [s]")
@@ -152,6 +155,15 @@ def write_plan_figures(
             write_bytes(path, to_bytes(drawing, form))
             written.append(path)
     return written
+
+
+def _phases(plan: xr.Dataset) -> list[tuple[str, float, float]]:
+    """Name, begin and end [s] of each phase of a plan that has several; none of one that has one."""
+    if "phase" not in plan:
+        return []
+    names, time = plan.phase.values.astype(str), plan.time.values
+    spans = [(str(name), time[names == name]) for name in dict.fromkeys(names)]
+    return [(name, float(own[0]), float(own[-1])) for name, own in spans] if len(spans) > 1 else []
 
 
 def _held(panel: Axes, time: Array, values: Array, limits: Array) -> None:

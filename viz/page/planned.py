@@ -113,7 +113,8 @@ def _marks(scene: Scene, size: float) -> dict[int, list[dict[str, Any]]]:
         return found
     for joint, solid in _kept_out(scene, plan):
         found.setdefault(joint, []).append(solid_data(solid))
-    for cone in plan.cones.values():
+    cones = {name: cone for part in plan.by_phase.values() for name, cone in part.cones.items()}
+    for cone in cones.values():
         frame = scene.model.frames[scene.model.getFrameId(f"target/{cone.frame}", pin.FrameType.BODY)]
         found.setdefault(int(frame.parentJoint), []).append(
             _cone(frame.placement.homogeneous, cone, LONG * size)
@@ -125,7 +126,8 @@ def _kept_out(scene: Scene, plan: Planning) -> Iterator[tuple[int, Solid]]:
     """Pads that stay apart, each once."""
     pairs = [
         pair
-        for name, apart in plan.keep_out.items()
+        for part in plan.by_phase.values()
+        for name, apart in part.keep_out.items()
         for pair in find_pairs(scene, apart.between, apart.wrap, f"plan.keep_out.{name}")
     ]
     for shape in {shape.label: shape for pair in pairs for shape in pair if shape.path is not None}.values():

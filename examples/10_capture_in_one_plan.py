@@ -1,0 +1,45 @@
+"""Both arms of a servicer catch a satellite one after the other: three phases, planned as one motion and flown."""
+
+from pathlib import Path
+
+import spacerobot as sr
+from optim.planning.make import make_plan
+from optim.planning.plan_file import FOLLOWED, write
+
+LEFT = {"tip": "servicer/left_tip", "frame": "mate_left"}
+RIGHT = {"tip": "servicer/right_tip", "frame": "mate_right"}
+CONE = {"half_angle_deg": 25, "last": 0.2}
+PHASES = {  # the scenario's first phases; the left grip closes where the first ends, the right one where the last does
+    "reach": {"duration": 8, "goals": {"left": LEFT}, "cones": {"left": {**LEFT, **CONE}}},
+    "stop": {"duration": {"lower": 1, "upper": 10, "guess": 2}, "intervals": 2},
+    "second": {
+        "duration": {"lower": 3, "upper": 12, "guess": 6},
+        "goals": {"right": RIGHT},
+        "cones": {"right": {**RIGHT, **CONE}},
+    },
+}
+CHANGES = {  # what stood in the plan of the first arm alone stands in its phase
+    "plan.duration": None,
+    "plan.goals": {},
+    "plan.cones": {},
+    "plan.costs": {"torque": 1e-3, "joint_acceleration": 1, "base_rotation": 10, "time": 0.01},
+    "plan.intervals": 6,
+    "plan.phases": PHASES,
+}
+
+
+def main(folder: Path = Path("out/examples/one_plan")) -> None:
+    """Plan, fly, and tell when and how softly each grip closed."""
+    planned = make_plan(sr.load_scene("capture", CHANGES))
+    write(planned, folder)
+    for name, motion in zip(planned.names, planned.course.motions, strict=True):
+        print(f"{name:8} {motion.duration_s:7.3f} s")
+    flown = sr.simulate(sr.load_scene(folder / FOLLOWED))
+    for event in flown.summary["events"]:
+        if event["kind"] == "captured":
+            speed = 1e3 * sum(v**2 for v in event["relative_velocity_m_s"]) ** 0.5
+            print(f"{event['who']:8} captured at {event['time_s']:.3f} s, at {speed:.1e} mm/s")
+
+
+if __name__ == "__main__":
+    main()
