@@ -1,4 +1,4 @@
-"""Both arms of a servicer catch a satellite one after the other: three phases, planned as one motion and flown."""
+"""Both arms of a servicer catch a satellite one after the other: three phases, planned as one motion."""
 
 from pathlib import Path
 
@@ -9,7 +9,7 @@ from optim.planning.plan_file import FOLLOWED, write
 LEFT = {"tip": "servicer/left_tip", "frame": "mate_left"}
 RIGHT = {"tip": "servicer/right_tip", "frame": "mate_right"}
 CONE = {"half_angle_deg": 25, "last": 0.2}
-PHASES = {  # the scenario's first phases; the left grip closes where the first ends, the right one where the last does
+PHASES = {  # each grip closes where its phase ends
     "reach": {"duration": 8, "goals": {"left": LEFT}, "cones": {"left": {**LEFT, **CONE}}},
     "stop": {"duration": {"lower": 1, "upper": 10, "guess": 2}, "intervals": 2},
     "second": {
