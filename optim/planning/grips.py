@@ -13,6 +13,7 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 
+from spacerobot.arrays import Array
 from spacerobot.dynamics import Kinematics, frame_placement, frame_velocity, rotation_log
 from spacerobot.dynamics.algebra import cross
 from spacerobot.dynamics.joints import exact_directions
@@ -31,14 +32,13 @@ def held(scene: Scene) -> tuple[SceneGrasp, ...]:
     Raises
     ------
     ScenarioError
-        If one of them is not rigid.
+        If one of them is neither rigid nor springs and dampers.
     """
     found = begun(scene.grasps)
     for grasp in found:
-        if not is_rigid(grasp):
+        if not is_rigid(grasp) and not isinstance(grasp.config, Compliant):
             raise ScenarioError(
-                f"found {grasp.config.kind!r}, closed from the start; plans know rigid grasps alone there: "
-                "give `kind: weld` or `point`",
+                f"found {grasp.config.kind!r}, closed from the start; plans know weld, point and compliant",
                 source=scene.source,
                 where=grasp.path,
             )
@@ -67,7 +67,7 @@ def slip(scene: Scene, kinematics: Kinematics, grasps: Sequence[SceneGrasp]) -> 
 
 
 def pull(scene: Scene, kinematics: Kinematics, grasp: SceneGrasp) -> tuple[ca.SX, ca.SX]:
-    """Force and torque of springs and dampers on a tip, world axes, at rest where the two are mated."""
+    """Force and torque of springs and dampers on a tip, world axes."""
     config, count = grasp.config, len(scene.translation_axes)
     assert isinstance(config, Compliant)
     rate = slip(scene, kinematics, [grasp])
@@ -95,14 +95,22 @@ def _gap(scene: Scene, kinematics: Kinematics, grasp: SceneGrasp) -> ca.SX:
 
 
 def _twist(scene: Scene, kinematics: Kinematics, grasp: SceneGrasp) -> ca.SX:
-    """Rotation vector from where a tip is mated to its orientation, world axes [rad]."""
+    """Rotation vector from where the springs are at rest to a tip's orientation, world axes [rad]."""
     tip, mate = (
         frame_placement(scene.model, kinematics, frame)[0] for frame in (grasp.tip.frame, grasp.frame)
     )
-    capture = grasp.config.capture
-    angles = capture.mated_deg if capture is not None else (0.0, 0.0, 0.0)
-    wanted = ca.mtimes(mate, exact_directions(pin.rpy.rpyToMatrix(np.radians(angles))))
+    wanted = ca.mtimes(mate, exact_directions(_rest(scene, grasp)))
     relative = ca.mtimes(wanted.T, tip)
     if scene.planar:
         return ca.atan2(relative[1, 0], relative[0, 0])
     return ca.mtimes(wanted, rotation_log(relative))
+
+
+def _rest(scene: Scene, grasp: SceneGrasp) -> Array:
+    """Orientation of a tip in the mating frame where rotational springs are at rest (3x3)."""
+    capture = grasp.config.capture
+    if grasp.config.begins == "open":
+        return np.asarray(pin.rpy.rpyToMatrix(np.radians(capture.mated_deg if capture else (0.0, 0.0, 0.0))))
+    data = scene.model.createData()
+    pin.framesForwardKinematics(scene.model, data, np.array(scene.q))
+    return np.asarray(data.oMf[grasp.frame].rotation.T @ data.oMf[grasp.tip.frame].rotation)

@@ -52,6 +52,11 @@ NOTHING = 1e-12
 """Cost that counts as none."""
 
 
+def _size(cost: float) -> float:
+    """What residuals are taken relative to: a cost, or one where there is none, which tells no size."""
+    return cost if cost > NOTHING else 1.0
+
+
 class _Search:
     """Runs of the solver, one after the other."""
 
@@ -92,7 +97,7 @@ class _Search:
             course = bench.course(self.ask, Attempt((), solved, intervals, self.cost, None, ""))
             bench.tell("replaying the plan")
             program = bench.exact.program(self.ask, intervals)
-            verdict = judge(course, program, solved, self.cost, bench.backend)
+            verdict = judge(course, program, solved, _size(self.cost), bench.backend)
             finer = 2 * intervals
             if verdict.fine_enough or finer > bench.plan.most_intervals or not self._finer(finer):
                 return verdict
@@ -129,8 +134,7 @@ class _Search:
 
         first = course.unknowns
         guessed = program.objective(first)
-        known = self.cost if np.isfinite(self.cost) else guessed
-        scale = known if known > NOTHING else 1.0  # a guess that costs nothing tells no size
+        scale = _size(self.cost if np.isfinite(self.cost) else guessed)
         solved = solve(program, first, warm, scale=scale, iterations=bench.plan.iterations, told=told)
         cost, converged = program.objective(solved.w), solved.converged
         self.solves.append(

@@ -7,7 +7,7 @@ import yaml
 
 from optim.planning.bench import Bench
 from optim.planning.make import make_plan
-from optim.planning.plan_file import FOLLOWED, write
+from optim.planning.plan_file import FOLLOWED, dataset, write
 from spacerobot.errors import ScenarioError
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
@@ -124,11 +124,25 @@ def test_what_a_weld_holds_is_told_to_rest_once_and_needs_what_takes_its_momentu
         make_plan(reach(("plan.goals", {"object": {"still": "target"}})), backend="interpreted")
 
 
-def test_what_is_held_by_springs_is_refused(reach):
-    soft = {"tip": "one/tip", "frame": "mate_1", "kind": "compliant"}
-    changes = [*HOLDING, ("grasps.left", soft), ("target.base", {"joint": "planar", "close_grasp": "left"})]
-    with pytest.raises(ScenarioError, match=r"grasps.left: found 'compliant', closed from the start"):
-        make_plan(reach(*changes), backend="interpreted")
+def test_what_is_held_by_springs_is_planned_and_flown(reach, tmp_path):
+    soft = {"tip": "one/tip", "frame": "mate_1", "kind": "compliant", "stiffness": 40, "damping": 20}
+    changes = [
+        ("robots.one.base.spin_deg", [0, 0, 3]),
+        ("target.base", {"joint": "planar", "close_grasp": "left", "rotation_deg": [0, 0, 20]}),
+        ("grasps", {"left": soft | {"rotational_stiffness": 4, "rotational_damping": 2}}),
+        ("plan.goals", {"end": {"robot": "one", "joints": {"joint_1": {"angle_deg": 50}}}}),
+        ("plan.duration", 3),
+        ("plan.costs", {"torque": 0.01, "joint_acceleration": 1}),
+        ("plan.limits", {"grip_force": 3}),
+    ]
+    found = make_plan(reach(*changes), backend="interpreted")
+    torque = dataset(found).grip_wrench.sel(grip="left.tz").values
+    assert torque[0] == pytest.approx(-2 * np.radians(3), abs=1e-9)  # the damper alone, the spring is at rest
+    assert np.abs(torque).max() > 0.01
+    write(found, tmp_path)
+    flown = simulate(load_scene(tmp_path / FOLLOWED), backend="interpreted").data
+    wanted = found.motion.q[-1]
+    np.testing.assert_allclose(flown.q.values[-1], wanted, atol=1e-5)
 
 
 @pytest.mark.parametrize(

@@ -204,3 +204,10 @@ def test_functions_are_compiled_only_where_so_much_is_solved_that_it_pays(reach,
         benches.Bench.of(reach(), motions=motions)
     benches.Bench.of(reach(), "compiled")
     assert asked == ["interpreted", "auto", "compiled"]
+
+
+def test_a_plan_of_nothing_to_do_costs_nothing_and_holds(reach):
+    stay = {"stay": {"robot": "one", "joints": {"joint_1": {"angle_deg": 40}}}}
+    found = make_plan(reach(("plan.goals", stay), ("plan.intervals", 4)), backend="interpreted")
+    assert found.cost < 1e-12
+    assert not found.verdict.faults()
