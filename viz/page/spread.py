@@ -68,11 +68,16 @@ class Spread:
             return batch
         every = max(1, len(batch.time) // (MOST_TIMES - 1))
         self._time = batch.time[::every]
-        for k in np.flatnonzero(np.isfinite(batch.state).all(axis=(1, 2)))[:left]:
-            own = {name: found[k, ::every] for name, found in batch.outputs.items()}
-            self._paths.append(own["tip_position"])
-            for title, name, signal in self._one(batch, batch.state[k, ::every], own):
-                self._signals.setdefault((title, name), []).append(signal)
+        state = batch.state[:, ::every]
+        there = np.isfinite(state).all(axis=2).sum(axis=1)  # an event may end one early
+        for k in np.flatnonzero(np.isnan(batch.diverged_at_s) & (there > 0))[:left]:
+            end = int(there[k])
+            own = {name: found[k, ::every][:end] for name, found in batch.outputs.items()}
+            self._paths.append(np.pad(own["tip_position"], ((0, len(self._time) - end), (0, 0)), mode="edge"))
+            for title, name, signal in self._one(batch, state[k, :end], own):
+                whole = np.full(len(self._time), np.nan)
+                whole[:end] = signal
+                self._signals.setdefault((title, name), []).append(whole)
         return batch
 
     def _one(self, batch: Batch, state: Array, outputs: dict[str, Array]) -> list[tuple[str, str, Array]]:
@@ -80,7 +85,7 @@ class Spread:
         scene = self._scene
         nothing: dict[str, Any] = {"measures": {}, "costs": {}, "diverged_at_s": None, "steps": 0}
         rolled = Trajectory(
-            self._time,
+            self._time[: len(state)],
             state,
             outputs,
             status="completed",
@@ -108,7 +113,7 @@ class Spread:
         paths = np.reshape(
             self._paths[:MOST_PATHS], (min(MOST_PATHS, len(self._paths)), len(self._time), tips, 3)
         )
-        bands = [np.quantile(rows, QUANTILES, axis=0) for rows in self._signals.values()]
+        bands = [_quantiles(np.array(rows)) for rows in self._signals.values()]
         return {
             "time": packed(self._time),
             "quantiles": list(QUANTILES),
@@ -118,3 +123,10 @@ class Spread:
             "shape": list(paths.shape),
             "drawn": len(self._paths),
         }
+
+
+def _quantiles(rows: Array) -> Array:
+    """Quantiles (quantiles, nt) of signals (n, nt) that go on at each time; NaN where none does."""
+    found, there = np.full((len(QUANTILES), rows.shape[1]), np.nan), np.isfinite(rows).any(axis=0)
+    found[:, there] = np.nanquantile(rows[:, there], QUANTILES, axis=0)
+    return found

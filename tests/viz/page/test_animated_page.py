@@ -16,6 +16,7 @@ from spacerobot.rollout import build_rollout
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
 from tests.oracles import one_arm
+from tests.oracles.free_bodies import FLAT, free_bodies
 from viz.drawing.motion import pick_rows, scene_nodes
 from viz.figures import KINDS, draw_all
 from viz.page.animation import animation
@@ -289,6 +290,24 @@ def test_a_campaign_is_told_by_its_distribution_bands_and_cloud(browser, tmp_pat
         assert "bands: 5, 25, 50, 75, 95 % of samples" in page.evaluate(CURVES)
     assert "campaign's samples" in page.evaluate("legend.innerText")
     assert page.errors == []
+
+
+def test_bands_reach_as_far_as_rollouts_go(tmp_path):
+    """An event ends both of these after the capture, long before the scenario's end."""
+    phases = {
+        "approach": {"until": {"captured": ["left"]}, "at_most": 2.5},
+        "carry": {"until": {"time": 0.3}},
+    }
+    grasp = {"kind": "weld", "capture": {"distance": 0.05, "spin_deg": 60}}
+    scene = free_bodies(tmp_path, FLAT, grasp, phases=phases)
+    options = {"step_s": 0.02, "output_step_s": 0.1, "backend": "interpreted"}
+    cloud = Spread(scene, build_rollout(build_closed_loop(scene), duration_s=3.0, **options))
+    ended = cloud.roll(["target.base.velocity.0"], np.array([[-0.1], [-0.12]])).events.ended_at_s
+    told = cloud.data()
+    assert told["drawn"] == 2
+    assert ended.max() < 2
+    assert np.array_equal(np.isfinite(told["bands"][0, 0]), told["time"] <= ended.max())
+    assert np.isfinite(told["paths"]).all()
 
 
 def test_what_results_share_is_kept_once(paper, blind):
