@@ -40,6 +40,7 @@ HTMLCanvasElement.prototype.getContext = ((own) => function (kind, ...more) {
 """Takes the three-dimensional view from pages that are opened after it."""
 
 START_S = 30.0
+CALL_S = 300.0
 
 
 class Browser:
@@ -54,18 +55,24 @@ class Browser:
         """Answer to a command of the protocol."""
         self._count += 1
         text = json.dumps({"id": self._count, "method": method, "params": params})
-        return self._loop.run_until_complete(self._call(text, self._count))
+        return self._loop.run_until_complete(asyncio.wait_for(self._call(text, self._count), CALL_S))
 
     async def _call(self, text: str, number: int) -> Any:
         await self._socket.write_message(text)
         while True:
             answer = json.loads(await self._socket.read_message() or "{}")
             if answer.get("id") == number:
+                assert "error" not in answer, answer
                 return answer["result"]
+            self.note(answer.get("method"), answer.get("params", {}))
+
+    def note(self, event: str | None, about: dict[str, Any]) -> None:
+        """Hear of an event of the protocol; here nobody does."""
 
     def evaluate(self, expression: str) -> Any:
         """Value of an expression, awaited."""
         found = self.call("Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True)
+        assert "exceptionDetails" not in found, found
         return found["result"].get("value")
 
     def wait_for(self, expression: str, timeout_s: float = 300.0) -> None:
@@ -79,13 +86,20 @@ class Browser:
         end = time.monotonic() + timeout_s
         while not self.evaluate(expression):
             if time.monotonic() > end:
-                raise TimeoutError(expression)
-            time.sleep(0.05)
+                raise TimeoutError(f"waited in vain for {expression}")
+            time.sleep(0.02)
 
 
 @contextmanager
 def chromium() -> Iterator[Browser | None]:
     """A browser; None where there is no Chromium on this computer."""
+    with started() as port:
+        yield None if port is None else Browser(port)
+
+
+@contextmanager
+def started() -> Iterator[int | None]:
+    """Port at which a Chromium is asked; None where there is none on this computer."""
     program = next(filter(None, map(shutil.which, PROGRAMS)), None)
     if program is None:
         yield None
@@ -94,7 +108,7 @@ def chromium() -> Iterator[Browser | None]:
         quiet = subprocess.DEVNULL
         process = subprocess.Popen([program, f"--user-data-dir={home}", *FLAGS], stdout=quiet, stderr=quiet)
         try:
-            yield Browser(_port(Path(home) / "DevToolsActivePort"))
+            yield _port(Path(home) / "DevToolsActivePort")
         finally:
             process.terminate()
             process.wait(20)
@@ -110,6 +124,8 @@ def _port(file: Path) -> int:
 
 
 async def _connect(port: int) -> WebSocketClientConnection:
-    listed = await AsyncHTTPClient().fetch(f"http://127.0.0.1:{port}/json/list")
-    address = next(page for page in json.loads(listed.body) if page["type"] == "page")
+    address = None
+    while address is None:  # it listens before it has a page
+        listed = await AsyncHTTPClient().fetch(f"http://127.0.0.1:{port}/json/list")
+        address = next((page for page in json.loads(listed.body) if page["type"] == "page"), None)
     return await websocket_connect(address["webSocketDebuggerUrl"], max_message_size=2**26)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import statistics
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -37,3 +39,23 @@ class Row:
     met: bool | None = None
     note: str = ""
     numbers: dict[str, Any] = field(default_factory=dict)
+
+
+HAND_S = 0.1
+"""The time in which a hand sees no delay."""
+
+
+def hand_row(what: str, times_s: Sequence[float], note: str, found: Mapping[str, Any]) -> Row:
+    """Row about times from a hand's change to its answer: their median, and their 95th percentile's share."""
+    median, late = statistics.median(times_s), statistics.quantiles(times_s, n=20)[-1]
+    return Row(
+        what,
+        "the time in which a hand sees no delay",
+        f"{median * 1e3:.0f} ms",
+        f"{HAND_S * 1e3:.0f} ms",
+        late / HAND_S,
+        f"95 % within {HAND_S * 1e3:.0f} ms",
+        late <= HAND_S,
+        f"median of {len(times_s)}, 95th percentile {late * 1e3:.0f} ms; {note}",
+        dict(found),
+    )

@@ -1,42 +1,20 @@
 """Results to show, and a real browser to show them in."""
 
-import asyncio
 import base64
 import functools
 import io
 import json
-import shutil
-import subprocess
-import tempfile
-import time
-from pathlib import Path
 
 import numpy as np
 import pytest
-import tornado.httpclient
-import tornado.websocket
 from PIL import Image
 
+from benchmarks.browser import Browser, started
 from spacerobot.result import save
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
 from tests.oracles.free_bodies import FLAT, free_bodies
 from viz.figures.comparison import write_figures
-
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-FLAGS = (
-    "--headless",
-    "--no-sandbox",
-    "--disable-gpu",
-    "--use-gl=angle",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-    "--disable-background-networking",
-    "--no-first-run",
-    "--hide-scrollbars",
-    "--remote-debugging-port=0",
-    "about:blank",
-)
 
 
 @pytest.fixture(scope="session")
@@ -143,47 +121,24 @@ def make_comparison():
     return _comparison
 
 
-class Page:
+class Page(Browser):
     """One page of a browser, driven by its debugging protocol; keeps errors and requests."""
 
     def __init__(self, port):
-        self.loop = asyncio.new_event_loop()
-        self.errors, self.requests, self.count = [], [], 0
-        self.socket = self.loop.run_until_complete(self._connect(port))
+        super().__init__(port)
+        self.errors, self.requests = [], []
         for domain in ("Page", "Runtime", "Log", "Network"):
             self.call(f"{domain}.enable")
 
-    async def _connect(self, port):
-        listed = await tornado.httpclient.AsyncHTTPClient().fetch(f"http://127.0.0.1:{port}/json/list")
-        address = next(page for page in json.loads(listed.body) if page["type"] == "page")
-        return await tornado.websocket.websocket_connect(
-            address["webSocketDebuggerUrl"], max_message_size=100_000_000
-        )
-
-    def call(self, method, **params):
-        self.count += 1
-        return self.loop.run_until_complete(
-            asyncio.wait_for(self._call({"id": self.count, "method": method, "params": params}), 30)
-        )
-
-    async def _call(self, message):
-        await self.socket.write_message(json.dumps(message))
-        while True:
-            answer = json.loads(await self.socket.read_message())
-            if answer.get("id") == message["id"]:
-                assert "error" not in answer, answer
-                return answer["result"]
-            self._note(answer.get("method"), answer.get("params", {}))
-
-    def _note(self, method, params):
-        if method == "Log.entryAdded" and params["entry"]["level"] == "error":
-            self.errors.append(params["entry"]["text"])
-        elif method == "Runtime.exceptionThrown":
-            self.errors.append(str(params["exceptionDetails"]))
-        elif method == "Runtime.consoleAPICalled" and params["type"] in ("error", "warning"):
-            self.errors.append(str(params["args"]))
-        elif method in ("Network.requestWillBeSent", "Network.webSocketCreated"):
-            self.requests.append(params.get("url") or params["request"]["url"])
+    def note(self, event, about):
+        if event == "Log.entryAdded" and about["entry"]["level"] == "error":
+            self.errors.append(about["entry"]["text"])
+        elif event == "Runtime.exceptionThrown":
+            self.errors.append(str(about["exceptionDetails"]))
+        elif event == "Runtime.consoleAPICalled" and about["type"] in ("error", "warning"):
+            self.errors.append(str(about["args"]))
+        elif event in ("Network.requestWillBeSent", "Network.webSocketCreated"):
+            self.requests.append(about.get("url") or about["request"]["url"])
 
     def resize(self, width, height):
         size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
@@ -196,16 +151,8 @@ class Page:
         self.call("Page.navigate", url=url)
         return self
 
-    def evaluate(self, expression):
-        answer = self.call("Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True)
-        assert "exceptionDetails" not in answer, answer
-        return answer["result"].get("value")
-
     def wait_for(self, expression, timeout_s=20):
-        end = time.monotonic() + timeout_s
-        while not self.evaluate(expression):
-            assert time.monotonic() < end, f"waited in vain for {expression}"
-            time.sleep(0.02)
+        super().wait_for(expression, timeout_s)
 
     def drawn(self):
         """Wait until the page has drawn what it was asked for."""
@@ -222,24 +169,10 @@ class Page:
 
 @pytest.fixture(scope="session")
 def _chromium():
-    if CHROMIUM is None:
-        pytest.skip("no chromium on this computer: the page was not opened in a real browser")
-    home = Path(tempfile.mkdtemp(prefix="chromium-"))
-    process = subprocess.Popen(
-        [CHROMIUM, f"--user-data-dir={home}", *FLAGS], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-    )
-    try:
-        port_file, end = home / "DevToolsActivePort", time.monotonic() + 30
-        while not (port_file.exists() and port_file.read_text().strip()):
-            assert time.monotonic() < end, "chromium did not start"
-            assert process.poll() is None, "chromium ended at once"
-            time.sleep(0.02)
-        time.sleep(0.2)
-        yield Page(int(port_file.read_text().split()[0]))
-    finally:
-        process.terminate()
-        process.wait(20)
-        shutil.rmtree(home, ignore_errors=True)
+    with started() as port:
+        if port is None:
+            pytest.skip("no chromium on this computer: the page was not opened in a real browser")
+        yield Page(port)
 
 
 @pytest.fixture
