@@ -12,6 +12,7 @@ import numpy as np
 from spacerobot.rollout.grid import ROUNDING, TimeGrid
 from spacerobot.rollout.happening import Happening
 from spacerobot.rollout.kernel import Kernel
+from spacerobot.rollout.methods.tableau import INNER
 from spacerobot.rollout.protocol import Array
 from spacerobot.rollout.raw import CHATTERING, COINCIDENT, COMPLETED, DIVERGED, ENDED, GRAZING, TOGETHER
 from spacerobot.rollout.roots import Bracket, Tried
@@ -254,10 +255,10 @@ class HybridRun:
         found = self.engine.steps(1, self.estimate)(self.x, t, h, dt, dh, self.c)
         end, m, error = (value.full().ravel() for value in found[:3])
         values, states = self.engine.kernel.functions["values"], [*found[3].full().T, end]
-        times = (t + h / 3, t + 2 * h / 3, t + h)
+        times = [t + part * h for part in (*INNER, 1)]
         rows = [values(*at, self.c).full().ravel() for at in zip(times, states, strict=True)]
         seen = np.array(rows) - self._level
-        return _Done(end, m, error, h), Tried(self._first, self._rates, seen[:2], seen[2])
+        return _Done(end, m, error, h), Tried(self._first, self._rates, seen[:-1], seen[-1])
 
     def _at_root(self, t: float, dt: float, event: int) -> _Done:
         """A step of length zero to an event's root."""
@@ -299,7 +300,8 @@ class HybridRun:
             ends = (abs(s - 1) < 10 * GRAZES) & (seen.end <= 0)
             if margin == GRAZES:
                 self._doubt(GRAZING, np.flatnonzero(ends & (-seen.end < GRAZES**2 * bend)))
-        return float((s[high] * h).min(initial=h))
+        half = h / 2 if h > TOLERANCE and seen.unsure().any() else h
+        return float((s[high] * h).min(initial=half))
 
     def _located(self, t: float, bracket: Bracket, done: _Done, seen: Tried) -> tuple[_Done, Tried]:
         """The step up to the earliest root, where a guard is just above its level, and the guards there."""

@@ -7,7 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from spacerobot.rollout.grid import ROUNDING
+from spacerobot.rollout.methods.tableau import INNER
 from spacerobot.rollout.protocol import Array
+
+UNSURE, WRONG, CHECK = 0.01, 12, 2
+"""Part of its bend by which a cubic is wrong where half the step is tried; by how many times that a guard may
+be above it; which of the places inside a step checks it."""
 
 
 @dataclass(frozen=True)
@@ -19,7 +25,7 @@ class Tried:
     first, rates
         At its beginning, and their rates there, shape (ne,).
     inner
-        At a third and two thirds of it, shape (2, ne).
+        At the parts ``INNER`` of it, shape (3, ne).
     end
         At its end, shape (ne,).
     """
@@ -43,7 +49,7 @@ class Tried:
     @property
     def _coefficients(self) -> tuple[Array, Array]:
         """Middle two of the cubics in Bernstein's form, shape (ne,) each."""
-        b0, (v1, v2), b3 = self.first, self.inner, self.end
+        b0, (v1, v2), b3 = self.first, self.inner[:2], self.end
         with np.errstate(all="ignore"):
             return 3 * v1 - 1.5 * v2 + (b3 * 2 - b0 * 5) / 6, 3 * v2 - 1.5 * v1 + (b0 * 2 - b3 * 5) / 6
 
@@ -58,10 +64,29 @@ class Tried:
             a, b = first - 2 * second + third, first - second
             root = np.sqrt(b * b - a * first)
             s = np.where(b > 0, first / (b + root), (b - root) / a)
-            r = 1 - s
-            values = r * r * (r * b0 + 3 * s * b1) + s * s * (3 * r * b2 + s * b3)
-            bends = 3 * np.maximum(abs(2 * b1 - b0 - b2), abs(2 * b2 - b1 - b3))
-        return s, values, bends
+        return s, self._cubic(s), 3 * self._bend
+
+    def unsure(self) -> npt.NDArray[np.bool_]:
+        """Whether each guard may be above its level since the cubic is wrong, shape (ne,)."""
+        check, part = self.inner[CHECK], np.full(len(self.first), INNER[CHECK])
+        with np.errstate(all="ignore"):
+            wrong = abs(check - self._cubic(part))
+            seen = np.max([self.first, *self._coefficients, self.end, check], axis=0)
+            least = UNSURE * self._bend + ROUNDING * (abs(self.first) + abs(self.end))
+            return np.asarray((wrong > least) & (seen + WRONG * wrong > 0))
+
+    def _cubic(self, s: Array) -> Array:
+        """The cubics at parts of the step (ne,)."""
+        (b1, b2), r = self._coefficients, 1 - s
+        with np.errstate(all="ignore"):
+            return np.asarray(r * r * (r * self.first + 3 * s * b1) + s * s * (3 * r * b2 + s * self.end))
+
+    @property
+    def _bend(self) -> Array:
+        """How much the cubics bend, shape (ne,)."""
+        b0, (b1, b2), b3 = self.first, self._coefficients, self.end
+        with np.errstate(all="ignore"):
+            return np.asarray(np.maximum(abs(2 * b1 - b0 - b2), abs(2 * b2 - b1 - b3)))
 
 
 @dataclass

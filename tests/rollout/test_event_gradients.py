@@ -77,7 +77,7 @@ def pulses():
 
 def graded(loop):
     """A closed loop whose steps grow and shrink again while its first switch is on."""
-    loop.fine = ((0, GRID["step_s"], 8),)
+    loop.fine = ((0, GRID["step_s"], 3),)
     return loop
 
 

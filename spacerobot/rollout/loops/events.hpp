@@ -13,7 +13,9 @@
 //
 // Within a step a guard is seen at a third and two thirds of it, where the slopes of its stages tell the state. The cubic
 // through these and both ends tells whether it may turn above its level in between: then the step is taken anew up to
-// there, so that of several roots the first is found, and none of a pair is missed.
+// there, so that of several roots the first is found, and none of a pair is missed. What the guard is at one more place
+// tells how wrong the cubic is. Where a guard that turns more often, or has kinks, may be above its level by as much, half
+// the step is tried.
 //
 // Of guards that rise within one and the same step, the second fires with a step of length zero that ends at its own
 // root, so that its time moves with the parameters as its own guard has it. A job done `backwards` lets what is together
@@ -24,6 +26,9 @@ constexpr double TOLERANCE = 1e-12;   // of an event's time, s; backwards it is 
 constexpr double SHORTEST = 1e-4;     // part of a step after which a guard's peak is looked for
 constexpr double GRAZES = 1e-3;       // part of a step within which a guard that grazes turns back
 constexpr double MARGIN = 0.05;       // part of its bend that a guard's cubic may be wrong
+constexpr double UNSURE = 0.01;       // part of it by which it is wrong where half the step is tried
+constexpr double WRONG = 12;          // a guard may be above its cubic by so many times what that is wrong by at CHECK
+enum { CHECK = 2 };                   // which of the places inside checks the cubic
 enum { SECANTS = 8, TRIES = 60 };     // lengths tried at peaks, or before they are halved; in all
 enum { BURST = 100 };                 // more events than that within one step are chattering
 enum Doubt { NONE, GRAZING, COINCIDENT };
@@ -106,7 +111,7 @@ struct Guard {
 
 // The guards of a step that was tried, from their levels: at its beginning, with their rates, inside, and at its end.
 struct Tried {
-  real g0[EVENTS], rate[EVENTS], inner[2][EVENTS], g1[EVENTS];
+  real g0[EVENTS], rate[EVENTS], inner[3][EVENTS], g1[EVENTS];
 };
 
 // Doubts in a gradient through event e at the end of a step of length h: that the guard turns back soon, or that
@@ -139,6 +144,13 @@ template <class T> struct Cubic {
   }
 };
 
+// Truth where a guard may be above its level within a step since the cubic is wrong.
+template <class T> INLINE T unsure(const Cubic<T>& g, T check) {
+  const T wrong = fabs(check - g.at(T(M::INSIDE[CHECK])));
+  const T seen = fmax(fmax(fmax(g.b[0], g.b[1]), fmax(g.b[2], g.b[3])), check);
+  return wrong > UNSURE * g.bend() + TOGETHER * (fabs(g.b[0]) + fabs(g.b[3])) && seen + WRONG * wrong > 0.;
+}
+
 // Where a cubic has its maximum; NAN where it has none.
 static double peak_of(const Cubic<double>& g) {
   const double first = g.b[1] - g.b[0], second = g.b[2] - g.b[1], third = g.b[3] - g.b[2];
@@ -158,6 +170,7 @@ static double shortest_peak(Trajectory& at, int l, const Tried& tried) {
     if (margin == GRAZES && ends && -g.b[3] < GRAZES * GRAZES * bend) doubt(at, l, GRAZING, i);
     if (s > SHORTEST && s < 1 - GRAZES && s * h > TOLERANCE && g.at(s) > -margin * bend)
       shortest = ::fmin(shortest, s * h);
+    if (h > TOLERANCE && unsure(g, lane(tried.inner[CHECK][i], l))) shortest = ::fmin(shortest, h / 2);
   }
   return shortest;
 }
@@ -230,7 +243,7 @@ static void judge_lane(const Job& job, Trajectory& at, int l, const Tried& tried
   }
 }
 
-// The guards at a third (0) or two thirds (1) of a step, by the state that the slopes give there.
+// The guards at one of the places inside a step, by the state that the slopes give there.
 template <bool SHARED, int PART> INLINE void look_inside(Trajectory& at, const real* k, real* g) {
   const Step& s = at.now.step;
   real x[NX];
@@ -242,7 +255,7 @@ template <bool SHARED, int PART> INLINE void look_inside(Trajectory& at, const r
       if (M::B[j] != 0) sum = sum + M::INNER[PART][j] * k[place_of<SHARED>(j) + SEEN[n]];
     x[SEEN[n]] = x[SEEN[n]] + s.h * sum;
   }
-  values(at, s.t + (PART + 1) / 3. * s.h, x, g);
+  values(at, s.t + M::INSIDE[PART] * s.h, x, g);
 }
 
 // Find out in which lanes that `count` the step to `next` is done, and what happens with it.
@@ -259,15 +272,17 @@ INLINE void judge(const Job& job, Trajectory& at, const real* k, const real* nex
   }
   look_inside<SHARED, 0>(at, k, tried.inner[0]);
   look_inside<SHARED, 1>(at, k, tried.inner[1]);
+  look_inside<SHARED, CHECK>(at, k, tried.inner[CHECK]);
   values(at, s.t + s.h, next, end);
   for (int i = 0; i < EVENTS; ++i) {
     w.level[i] = select(w.last == real(double(i)), fmax(w.first[i], 0.), w.level[i]);
     const real level = w.level[i], g0 = w.first[i] - level, g1 = end[i] - level;
-    tried.inner[0][i] = tried.inner[0][i] - level, tried.inner[1][i] = tried.inner[1][i] - level;
+    for (int n = 0; n < 3; ++n) tried.inner[n][i] = tried.inner[n][i] - level;
     tried.g0[i] = g0, tried.g1[i] = g1;
     const Cubic<real> g = Cubic<real>::of(g0, tried.inner[0][i], tried.inner[1][i], g1);
     const real near = -3. * MARGIN * g.bend();
     stirs = stirs || g1 > 0. || (g0 > 0. && w.fresh) || g.b[1] > near || g.b[2] > near;
+    stirs = stirs || unsure(g, tried.inner[CHECK][i]);
     const real left = g1 / (3. * (g.b[2] - g1)) * s.h;
     for (int f = 0; f < FINES; ++f)
       if (SETS[i][FINE[f]] == 0) off[f] = select(left > 0., fmin(off[f], s.t + s.h + left), off[f]);

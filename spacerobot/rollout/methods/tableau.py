@@ -18,6 +18,9 @@ import numpy as np
 
 from spacerobot.rollout.protocol import Array
 
+INNER = (1 / 3, 2 / 3, 0.45)
+"""Parts of a step at which guards are seen inside it: two for a cubic, and one to check it."""
+
 
 @dataclass(frozen=True)
 class Tableau:
@@ -80,7 +83,7 @@ class Tableau:
 
     @property
     def inner(self) -> Array:
-        """Weights (2, S) of states at a third and two thirds of a step, by the slopes that b reads.
+        """Weights (3, S) of states inside a step, at the parts :data:`INNER`, by the slopes that b reads.
 
         They are of order 4, or one less than the solution's where that is lower: the least weights that meet
         the conditions of that order.
@@ -91,8 +94,8 @@ class Tableau:
         trees = [(1, 1, c**0), (2, 2, c), (3, 3, c**2), (3, 6, once)]
         trees += [(4, 4, c**3), (4, 8, c * once), (4, 12, twice), (4, 24, a @ once)]
         met = [tree for tree in trees if tree[0] <= min(4, self.order - 1)]
-        rows, found = np.array([tree[read] for _, _, tree in met]), np.zeros((2, self.stages))
-        for weights, part in zip(found, (1 / 3, 2 / 3), strict=True):
+        rows, found = np.array([tree[read] for _, _, tree in met]), np.zeros((len(INNER), self.stages))
+        for weights, part in zip(found, INNER, strict=True):
             sides = [part**order / density for order, density, _ in met]
             weights[read] = np.linalg.lstsq(rows, np.array(sides), rcond=1e-10)[0]
         return found
@@ -104,14 +107,15 @@ class Tableau:
             return "{" + ", ".join(repr(float(v)) for v in np.asarray(values)) + "}"
 
         total, stages = len(self.nodes), self.stages
-        places = ", ".join(map(str, self.places))
+        places, inner = ", ".join(map(str, self.places)), ", ".join(row(r) for r in self.inner)
         lines = [
             f"enum {{ STAGES = {stages}, TOTAL = {total}, PLACES = {max(self.places) + 1} }};",
             f"static constexpr double A[TOTAL][TOTAL] = {{{', '.join(row(r) for r in self.a)}}};",
             f"static constexpr double B[TOTAL] = {row([*self.b, *[0.0] * (total - stages)])};",
             f"static constexpr double C[TOTAL] = {row(self.nodes)};",
             f"static constexpr double E[TOTAL] = {row(self.error)};",
-            f"static constexpr double INNER[2][STAGES] = {{{', '.join(row(r) for r in self.inner)}}};",
+            f"static constexpr double INSIDE[{len(INNER)}] = {row(INNER)};",
+            f"static constexpr double INNER[{len(INNER)}][STAGES] = {{{inner}}};",
             f"static constexpr int PLACE[STAGES] = {{{places}}};",
         ]
         return "struct Method {\n  " + "\n  ".join(lines) + "\n};"
