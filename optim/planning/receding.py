@@ -223,8 +223,9 @@ def lead_of(scene: Scene) -> Mpc:
                 told = f"found {what}, allowed with kind mpc: none"
                 raise ScenarioError(told, source=source, where=f"plan.{key}")
         if timed.lower != timed.upper or abs(count - round(count)) > ROUNDING * count:
+            free = "" if timed.lower == timed.upper else f"{timed.lower:g} to "
             raise ScenarioError(
-                f"found {timed.lower:g} to {timed.upper:g} s, allowed with kind mpc: "
+                f"found {free}{timed.upper:g} s, allowed with kind mpc: "
                 f"one number, so many periods of {lead.period:g} s",
                 source=source,
                 where="plan.duration",
