@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,8 +20,9 @@ from optim.planning.motion import Motion
 from optim.planning.program import Program, Sums
 from optim.planning.refine import solve_from
 from optim.planning.replay import replays
-from optim.planning.solve import ipopt_options, one_thread, solve
+from optim.planning.solve import LEAST_BARRIER, Solved, ipopt_options, one_thread, solve
 from optim.planning.stage import Problem
+from spacerobot.arrays import Array
 from spacerobot.dynamics import ArticulatedBody, Inertias
 from spacerobot.dynamics.joints import sparse
 from spacerobot.scenario.load import validate
@@ -30,6 +31,10 @@ from spacerobot.scene import build_scene
 INTERVALS, LEAST, TURNS = 50, 10.0, 5
 MESHES = ((4, 50, 50), (4, 50, 10), (6, 16, 16), (6, 16, 5))
 """Order and intervals of our transcription, and intervals of the mesh on which the search begins."""
+MOVED = 1e-4
+"""By how much all velocities at the start move where a search begins from a solution [rad/s and m/s]."""
+THEIRS = {"mu_init": 0.1, "constr_mult_init_max": 1000.0}
+"""Options with which the rival takes fewest iterations of all that were tried: IPOPT's own."""
 SAME_COST = 1e-3
 """Difference of costs, relative, up to which two optima are called the same."""
 LEFT = {f"joint_{k}": {"angle_deg": 40 if k < 5 else -40} for k in range(1, 9)}
@@ -107,7 +112,8 @@ def rows() -> list[Row]:
     first = guess(problem, knots, INTERVALS)
     scale = Program(problem, instants, knots, INTERVALS).objective(first.unknowns)
     shooting = Shooting(problem, first, scale)
-    return [_row(problem, instants, shooting, scale, *mesh) for mesh in MESHES]
+    cold = [_row(problem, instants, shooting, scale, *mesh) for mesh in MESHES]
+    return [*cold, _warm_row(problem, instants, shooting, scale)]
 
 
 def _row(problem: Problem, instants: Instants, shooting: Shooting, scale: float, *mesh: int) -> Row:
@@ -118,6 +124,7 @@ def _row(problem: Problem, instants: Instants, shooting: Shooting, scale: float,
     found: dict[str, Solution] = {}
 
     def ours() -> None:
+        solves: tuple[Solved, ...]
         if coarse == intervals:
             solves = (solve(program, first.unknowns, scale=scale),)
         else:
@@ -130,7 +137,47 @@ def _row(problem: Problem, instants: Instants, shooting: Shooting, scale: float,
     def theirs() -> None:
         found["theirs"] = shooting.solve()
 
-    times = paired(ours, theirs, turns=TURNS)
+    begun = f", begun on {coarse}" if coarse < intervals else ""
+    return _compared(program, shooting, (ours, theirs), found, f"of order {order}", begun)
+
+
+def _warm_row(problem: Problem, instants: Instants, shooting: Shooting, scale: float) -> Row:
+    """Both go on from their solution, with its multipliers, to one whose start is moved."""
+    order, intervals, _ = MESHES[0]
+    lobatto, start = Lobatto.of_order(order), problem.fixed.copy()
+    program = Program(problem, instants, lobatto, intervals)
+    before = solve(program, guess(problem, lobatto, intervals).unknowns, scale=scale)
+    start[-program.nv :] += MOVED
+    moved = dataclasses.replace(problem, fixed=start)
+    program = Program(moved, instants, lobatto, intervals)
+    shooting.solve()
+    near, found = shooting.found, dict[str, Solution]()
+
+    def ours() -> None:
+        solved = solve(program, before.w, before)
+        z, duration = program.split(solved.w)
+        motion = Motion(moved, lobatto, intervals, duration, z)
+        found["ours"] = Solution(
+            motion, program.objective(solved.w), solved.converged, str(solved.iterations)
+        )
+
+    def theirs() -> None:
+        found["theirs"] = shooting.solve(near, start)
+
+    return _compared(
+        program, shooting, (ours, theirs), found, f"of order {order}", ", from a solution nearby"
+    )
+
+
+def _compared(
+    program: Program,
+    shooting: Shooting,
+    jobs: tuple[Callable[[], None], Callable[[], None]],
+    found: Mapping[str, Solution],
+    *words: str,
+) -> Row:
+    """Row of two jobs that leave their solutions."""
+    times = paired(*jobs, turns=TURNS)
     one, other = found["ours"], found["theirs"]
     apart = abs(one.cost - other.cost) / abs(other.cost)
     same = one.converged and other.converged and apart <= SAME_COST
@@ -138,9 +185,9 @@ def _row(problem: Problem, instants: Instants, shooting: Shooting, scale: float,
         f"{one.iterations} and {other.iterations} iterations; costs {one.cost:.6f} and {other.cost:.6f}; "
         f"replayed {one.error:.1e} and {other.error:.1e} off"
     )
+    order, begun = words
     return Row(
-        f"soft capture planned, {intervals} intervals of order {order}, {program.size} unknowns"
-        + (f", begun on {coarse}" if coarse < intervals else ""),
+        f"soft capture planned, {program.intervals} intervals {order}, {program.size} unknowns{begun}",
         f"RK4 multiple shooting by CasADi's virtual machine and IPOPT, {INTERVALS} intervals, "
         f"{shooting.size} unknowns",
         f"{times.first_s:.2f} s",
@@ -174,51 +221,70 @@ class Shooting:
         nx, nu = len(problem.fixed), stage.u.numel()
         wide = nx + nu
         self.size = wide * (count + 1)
-        pair, step, goal = _one(problem, first.duration_s / count)
+        pair, step, goal, held = _one(problem, first.duration_s / count)
         w = ca.MX.sym("w", self.size)
         pairs = ca.reshape(w[_places(wide, count).ravel().tolist()], 2 * wide, count)
-        blocks = _Blocks(pair, step, goal, count)
+        blocks = _Blocks(pair, step, goal, held, count)
         self.operations = blocks.operations
         problem_of, options = blocks.program(w, pairs)
         own = np.r_[0:nx, nx + stage.a.numel() : stage.z.numel()]
         self._own, guessed = own, first.z[:, own].ravel()
-        ipopt = ipopt_options(1000, scale)
-        self._solver = ca.nlpsol("shooting", "ipopt", problem_of, options | {"ipopt": ipopt})
+        kinds = {
+            "cold": ipopt_options(1000, scale) | THEIRS,
+            "warm": ipopt_options(1000, scale, LEAST_BARRIER),
+        }
+        self._solvers = {
+            name: ca.nlpsol(name, "ipopt", problem_of, options | {"ipopt": ipopt})
+            for name, ipopt in kinds.items()
+        }
+        self.found: Mapping[str, ca.DM] = {}
         low, high = (np.tile(side[own], (count + 1, 1)) for side in (problem.lower, problem.upper))
         low[0, :nx] = high[0, :nx] = problem.fixed
         sides = []
         for key in ("lower", "upper"):
             path, goals = ([getattr(row, key) for row in part] for part in (problem.path, problem.goal))
             sides.append(np.r_[np.tile(np.r_[np.zeros(nx), path], count), goals])
-        self._given = {"x0": guessed, "lbx": low.ravel(), "ubx": high.ravel()}
+        self._given: dict[str, Any] = {"x0": guessed, "lbx": low.ravel(), "ubx": high.ravel()}
         self._given |= {"lbg": sides[0], "ubg": sides[1]}
 
-    def solve(self) -> Solution:
-        """Solve it from its guess."""
+    def solve(self, near: Mapping[str, ca.DM] | None = None, start: Array | None = None) -> Solution:
+        """Solve it from its guess, or from what was found before, with its multipliers, for another start."""
+        given, solver = self._given, self._solvers["cold" if near is None else "warm"]
+        if near is not None and start is not None:
+            sides = {side: given[side].copy() for side in ("lbx", "ubx")}
+            for bounds in sides.values():
+                bounds[: len(start)] = start
+            given = given | sides | {"x0": near["x"], "lam_g0": near["lam_g"], "lam_x0": near["lam_x"]}
         with one_thread():
-            found = self._solver(**self._given)
-        stats, z = self._solver.stats(), np.zeros_like(self._first.z)
-        z[:, self._own] = np.array(found["x"]).reshape(len(z), -1)
+            self.found = solver(**given)
+        stats, z = solver.stats(), np.zeros_like(self._first.z)
+        z[:, self._own] = np.array(self.found["x"]).reshape(len(z), -1)
         motion = dataclasses.replace(self._first, z=z)
-        return Solution(motion, float(found["f"]), bool(stats["success"]), str(stats["iter_count"]))
+        return Solution(motion, float(self.found["f"]), bool(stats["success"]), str(stats["iter_count"]))
 
 
 class _Blocks:
     """Rows of one interval and of the end, with derivatives, put together for all intervals."""
 
-    def __init__(self, pair: ca.SX, step: ca.SX, goal: ca.SX, count: int) -> None:
+    def __init__(
+        self, pair: ca.SX, step: ca.SX, goal: ca.SX, held: tuple[list[ca.SX], list[ca.SX]], count: int
+    ) -> None:
+        def function(name: str, given: list[ca.SX], found: ca.SX) -> ca.Function:
+            """A function of both ends, with what is held constant in its derivatives put in."""
+            return ca.Function(name, given, ca.substitute([ca.densify(found)], *held), {"cse": True})
+
         self._count, self._wide = count, pair.numel() // 2
         self._size, self._inner, self._goals = self._wide * (count + 1), step.numel() - 1, goal.numel()
         weights, ends = ca.SX.sym("weights", step.numel()), ca.SX.sym("ends", goal.numel())
         self._parts = {}
         gradient = ca.densify(ca.jacobian(step[-1], pair))
-        self._gradient = ca.Function("step_gradient", [pair], [gradient], {"cse": True})
+        self._gradient = function("step_gradient", [pair], gradient)
         for name, rows_of, by in (("step", step, weights), ("goal", goal, ends)):
             slopes, bends = ca.jacobian(rows_of, pair), ca.triu(ca.hessian(ca.dot(by, rows_of), pair)[0])
             self._parts[name] = (
-                ca.Function(name, [pair], [ca.densify(rows_of)], {"cse": True}),
-                ca.Function(f"{name}_slopes", [pair], [slopes.nz[:]], {"cse": True}),
-                ca.Function(f"{name}_bends", [pair, by], [bends.nz[:]], {"cse": True}),
+                function(name, [pair], rows_of),
+                function(f"{name}_slopes", [pair], slopes.nz[:]),
+                function(f"{name}_bends", [pair, by], bends.nz[:]),
                 [np.array(k) for k in slopes.sparsity().get_triplet()],
                 [np.array(k) for k in bends.sparsity().get_triplet()],
             )
@@ -273,8 +339,12 @@ class _Blocks:
         return {"x": w, "p": p, "f": f, "g": g}, options
 
 
-def _one(problem: Problem, length: float) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """Both ends of an interval (x, u, x, u), its rows with its cost as the last one, and the goal's rows."""
+def _one(problem: Problem, length: float) -> tuple[ca.SX, ca.SX, ca.SX, tuple[list[ca.SX], list[ca.SX]]]:
+    """Both ends of an interval (x, u, x, u), its rows with its cost as the last one, and the goal's rows.
+
+    Normals of keep-outs are held constant in derivatives, as in ours: what stands for them, and they.
+    """
+    about = [row.about for row in problem.path if row.about is not None]
     stage, model = problem.stage, problem.stage.scene.model
     force = -sparse(np.asarray(model.damping)) * stage.v
     for k, column in enumerate(stage.driven.columns):
@@ -282,13 +352,19 @@ def _one(problem: Problem, length: float) -> tuple[ca.SX, ca.SX, ca.SX]:
     body = ArticulatedBody.factorise(model, stage.kinematics, Inertias.from_model(model))
     x, rate = ca.vertcat(stage.q, stage.v), ca.vertcat(stage.rate, body.acceleration(force))
     path, goal, cost = ca.substitute(
-        [ca.vertcat(*(row.value for row in part)) for part in (problem.path, problem.goal)] + [problem.cost],
+        [
+            ca.vertcat(*(row.value if row.about is None else row.about.value for row in problem.path)),
+            ca.vertcat(*(row.value for row in problem.goal)),
+            problem.cost,
+        ],
         [stage.a],
         [ca.densify(rate[model.nq :])],
     )
     moving = ca.Function("moving", [x, stage.u], [ca.densify(ca.vertcat(rate, cost))])
-    path = ca.Function("path", [x, stage.u], [ca.densify(path)])
-    goal = ca.Function("goal", [x, stage.u], [ca.densify(goal)])
+    symbols = [one.symbol for one in about]
+    path_of = ca.Function("path", [x, stage.u, *symbols], [ca.densify(path)])
+    normals = ca.Function("normals", [x], [one.at for one in about])
+    goal_of = ca.Function("goal", [x, stage.u], [ca.densify(goal)])
     nx, wide = x.numel(), x.numel() + stage.u.numel()
     pair = ca.SX.sym("pair", 2 * wide)
     begin, u, end, after = pair[:nx], pair[nx:wide], pair[wide : wide + nx], pair[wide + nx :]
@@ -298,8 +374,10 @@ def _one(problem: Problem, length: float) -> tuple[ca.SX, ca.SX, ca.SX]:
     three = moving(begin + length / 2 * two[:nx], middle)
     four = moving(begin + length * three[:nx], after)
     step = length / 6 * (one + 2 * two + 2 * three + four)
-    rows_of = ca.vertcat(end - begin - step[:nx], path(end, after), step[nx] + length * problem.time_weight)
-    return pair, rows_of, goal(end, after)
+    rows_of = ca.vertcat(
+        end - begin - step[:nx], path_of(end, after, *symbols), step[nx] + length * problem.time_weight
+    )
+    return pair, rows_of, goal_of(end, after), (symbols, normals.call([end]))
 
 
 def _places(wide: int, count: int) -> Places:

@@ -25,6 +25,9 @@ PATIENCE = 30
 LEAST_BARRIER = 1e-8
 """Barrier parameter with which a search goes on at least, in units of the cost's size."""
 
+FROM_A_GUESS = {"mu_init": 1e-2, "constr_mult_init_max": 0.0}
+"""Options without multipliers to begin with: those of least squares lead astray more often than zeros do."""
+
 THROWN = "NonIpopt_Exception_Thrown"
 """IPOPT's word where something raised; our own functions' faults never reach it, which leaves Ctrl-C."""
 
@@ -169,7 +172,9 @@ def ipopt_options(iterations: int, scale: float, barrier: float | None = None) -
         "mu_strategy": "monotone",
         "honor_original_bounds": "yes",
     }
-    if barrier is not None:
+    if barrier is None:
+        options |= FROM_A_GUESS
+    else:
         options |= {
             "warm_start_init_point": "yes",
             "mu_init": max(barrier, LEAST_BARRIER),
