@@ -39,6 +39,7 @@ def command(scenario: ScenarioName, changes: Changes = None) -> None:
 
     scene = load_scene(scenario, parse_changes(changes))
     check_size(scene)
+    _check_limits(scene)
     for warning in (*scene.warnings, *overlaps(scene)):
         warn(warning)
     console().print(scene_tree(scene))
@@ -48,6 +49,15 @@ def command(scenario: ScenarioName, changes: Changes = None) -> None:
     console().print("\nassumptions", style="bold")
     for assumption in scene.assumptions:
         prose(assumption, indent=2)
+
+
+def _check_limits(scene: Scene) -> None:
+    """Refuse limits of outputs that there are not: the closed loop alone knows which there are."""
+    phases = scene.scenario.phases.values()
+    if any(phase.until is not None and phase.until.limit is not None for phase in phases):
+        from spacerobot.kept import kept_closed_loop
+
+        kept_closed_loop(scene)
 
 
 def _print_phases(phases: Mapping[str, Phase]) -> None:

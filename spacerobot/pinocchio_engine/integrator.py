@@ -147,7 +147,7 @@ class Integrator:
             solver.step()
             if solver.status == "failed" or not self._is_good(solver.y):
                 return False
-            found = self._first(watched, solver.dense_output(), solver.t, within) if watched else None
+            found = self._first(watched, solver, within) if watched else None
             if found is not None:
                 return self._stop_at(*found, within)
         # not the last step, which was cut to fit, but the one that the solver would do next
@@ -155,13 +155,18 @@ class Integrator:
         self.t, self.x = until, self._engine.normalise(solver.y)
         return True
 
-    def _first(
-        self, watched: Sequence[Event], dense: DenseOutput, end: float, within: float
-    ) -> tuple[Event, float] | None:
-        """The first event of a step that ends at a time, and about when it is."""
-        looks = np.linspace(self.t, end, 2 + int((end - self.t) / LOOK_S))
+    def _first(self, watched: Sequence[Event], solver: DOP853, within: float) -> tuple[Event, float] | None:
+        """The first event of the step that a solver did, and about when it is."""
+        kept: list[DenseOutput] = []  # costs three rates, and is seldom wanted in a short step
+
+        def dense(t: float) -> Array:
+            if not kept:
+                kept.append(solver.dense_output())
+            return np.asarray(kept[0](t))
+
+        looks = np.linspace(self.t, solver.t, 2 + int((solver.t - self.t) / LOOK_S))
         for early, late in itertools.pairwise(looks):
-            moment = Moment(self._engine, late, dense(late), within)
+            moment = Moment(self._engine, late, solver.y if late == solver.t else dense(late), within)
             roots = []
             for event in watched:
                 if event.guard(moment) > 0:

@@ -15,9 +15,19 @@ from spacerobot.pinocchio_engine.kinematics import Kinematics, cross, rotation_v
 from spacerobot.pinocchio_engine.references import Begins, Leads, Motion, leading
 from spacerobot.pinocchio_engine.sight import Sight
 
-SMOOTH = Polynomial([0, 0, 0, 10, -15, 6])
+Blend = tuple[Polynomial, Polynomial, Polynomial]
+"""A polynomial and its first two derivatives."""
+
+
+def _derivatives(*coefficients: float) -> Blend:
+    """A polynomial and its derivatives, made once: numpy takes long to derive one."""
+    first = Polynomial(coefficients)
+    return first, first.deriv(), first.deriv(2)
+
+
+SMOOTH = _derivatives(0, 0, 0, 10, -15, 6)
 """From 0 to 1 without velocity and acceleration at both ends."""
-COAST = Polynomial([0, 1, 0, -6, 8, -3])
+COAST = _derivatives(0, 1, 0, -6, 8, -3)
 """The same for a velocity of 1 at the beginning."""
 
 
@@ -53,7 +63,7 @@ class _Follower:
         self.standoff, self.end = -config.standoff * axis, -config.end_distance * axis
         closing = config.duration or 5.0
         if config.closing_speed is not None:
-            peak = float(SMOOTH.deriv()(0.5))
+            peak = float(SMOOTH[1](0.5))
             closing = peak * (config.standoff - config.end_distance) / config.closing_speed
         arrives = config.approach_time
         self.times = np.array([arrives, arrives + config.wait, arrives + config.wait + closing])
@@ -122,15 +132,12 @@ class _Follower:
         return self.scene.model.gravity.linear + linear, angular
 
 
-def _blend(shape: Polynomial, t: float, within: float, span: tuple[float, float], order: int) -> float:
+def _blend(shape: Blend, t: float, within: float, span: tuple[float, float], order: int) -> float:
     """Derivative of a given order of a polynomial that is stretched over a time."""
     begin, end = span
     if within < begin:
         return 0.0
     if within >= end:
-        return float(shape(1.0)) if order == 0 else 0.0
+        return float(shape[0](1.0)) if order == 0 else 0.0
     length = end - begin
-    return (
-        float(shape.deriv(order)((t - begin) / length) if order else shape((t - begin) / length))
-        / length**order
-    )
+    return float(shape[order]((t - begin) / length)) / length**order

@@ -29,6 +29,10 @@ def _(sensor: Sampled) -> Sampled:
     return sensor
 
 
+IDEAL = Sensors()
+"""What a robot without sensors has."""
+
+
 def sensors_of(body: SceneBody) -> Sensors:
     """Sensors of a robot, ideal ones if it has none."""
-    return (body.config.sensors if isinstance(body.config, Robot) else None) or Sensors()
+    return (body.config.sensors if isinstance(body.config, Robot) else None) or IDEAL

@@ -3,6 +3,7 @@
 from typer.testing import CliRunner
 
 from spacerobot.cli.app import app
+from spacerobot.errors import ScenarioError
 from tests.oracles.free_bodies import FLAT, free_bodies
 
 
@@ -26,3 +27,13 @@ def test_phases_are_printed_as_a_timeline(tmp_path):
     assert "robots.one.tips.tip.reference line" in lines
     assert "lets go: left" in lines
     assert "lost after 1 s -> end" in lines
+
+
+def test_a_limit_of_an_output_that_there_is_not_is_refused_by_check_as_by_run(tmp_path):
+    limit = {"output": "grasp_forc", "above": 1}
+    grasp = {"kind": "weld", "capture": {"distance": 0.05}}
+    free_bodies(tmp_path, FLAT, grasp, phases={"one": {"until": {"limit": limit}}})
+    found = CliRunner().invoke(app, ["check", str(tmp_path / "bodies.yaml")])
+    assert isinstance(found.exception, ScenarioError), found.output
+    told = str(found.exception)
+    assert "phases.one.until.limit.output: found 'grasp_forc'; did you mean grasp_force" in told
