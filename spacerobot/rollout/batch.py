@@ -80,7 +80,7 @@ class Control:
         coincident only where they differ; without, all through events at one instant are. It costs
         gradients a fraction of a rollout; sensitivities are then taken twice.
     backwards
-        Whether events at one instant shall fire in the other order.
+        Whether what is at one instant shall happen in the other order.
     """
 
     threads: int | None = None
@@ -140,7 +140,7 @@ def run_batch(
 
     Every group of lanes does the same arithmetic wherever it runs, so results depend neither on threads nor
     on N. ``p`` gives the full rows (n, np) of a piece when its turn comes: all at once may be too many.
-    Sensitivities with events at one instant are taken in both orders.
+    Sensitivities with events or jumps at one instant are taken in both orders.
     """
     raw, flag = Raw.empty(engine.kernel, grid, total, samples.states, samples.rows), StopFlag()
     raw = replace(raw, backwards=control.backwards)
@@ -149,6 +149,7 @@ def run_batch(
         given, part = p(piece), raw.part(piece)
         engine.rollouts(given, grid, part, samples.rows, flag)
         part.judge_start(engine.kernel.closure, given)
+        part.doubt_ties(engine.kernel, given)
         return raw.count(piece)
 
     control = control.on(engine.backend)

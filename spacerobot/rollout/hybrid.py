@@ -110,7 +110,7 @@ class HybridRun:
 
     def run(self) -> None:
         """Go on to the end."""
-        for part in segments(self.grid, self._times):
+        for part in segments(self.grid, self._times, backwards=self.backwards):
             if part.first >= 0:
                 self.c[self.engine.kernel.jumps[part.first]] = -np.inf
                 self._fresh = True

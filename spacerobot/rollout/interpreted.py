@@ -99,7 +99,7 @@ class InterpretedEngine:
         if kernel.events:
             return self._hybrid(HybridRun(self, grid, begin, c, estimate, backwards))
         times = c[list(kernel.jumps)]
-        steps = plan(grid, times)
+        steps = plan(grid, times, backwards=backwards)
         sides = _sides(c, kernel.jumps, times, steps)
         rows = self._looked_up(sides, begin, steps)
         dt, dh = self._moved(c, steps)

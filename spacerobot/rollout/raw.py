@@ -195,14 +195,28 @@ class Raw:
             if samples is not None:
                 samples[lost, 1:] = np.nan
 
+    def doubt_ties(self, kernel: Kernel, p: Array) -> None:
+        """Doubt sensitivities of p (N, np) where jumps at one instant move apart."""
+        jumps = [k for k, place in enumerate(kernel.jump_slopes) if place >= 0]
+        if not jumps or len(kernel.jumps) < 2:
+            return
+        c = kernel.functions["setup"](p.T)[1].full().T
+        times, slopes = c[:, list(kernel.jumps)], np.zeros((len(p), len(kernel.jumps)))
+        slopes[:, jumps] = c[:, [kernel.jump_slopes[k] for k in jumps]]
+        order = np.argsort(times, axis=1)
+        times, slopes = (np.take_along_axis(part, order, axis=1) for part in (times, slopes))
+        met = (times[:, 1:] > 0) & (times[:, 1:] < self.reached[:, None])
+        tied = ((np.diff(times) == 0) & (np.diff(slopes) != 0) & met).any(axis=1)
+        self.log.doubt[tied & (self.log.doubt[:, 0] == 0)] = COINCIDENT, -1
+
     @property
     def coincident(self) -> Integers:
         """Rollouts of which two events may change places, by their rows."""
         return np.flatnonzero(self.log.doubt[:, 0] == COINCIDENT)
 
     def trust_same(self, rows: Integers, again: Raw, found: Array, other: Array) -> None:
-        """Doubt no more what is the same (n, ...) with the events at one instant in the other order."""
-        turned = (again.log.event != self.log.event[rows]).any(axis=1)
+        """Doubt no more what is the same (n, ...) with what is at one instant in the other order."""
+        turned = (again.log.event != self.log.event[rows]).any(axis=1) | (self.log.doubt[rows, 1] < 0)
         found, other = found.reshape(len(rows), -1), other.reshape(len(rows), -1)
         with np.errstate(invalid="ignore"):
             largest = np.abs(found).max(axis=1, initial=0.0, keepdims=True)

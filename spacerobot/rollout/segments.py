@@ -54,16 +54,19 @@ class Segment:
         return (self.end_s - self.begin_s) / self.steps
 
 
-def in_order(times: Sequence[float] | Array, duration_s: float) -> list[int]:
-    """The jumps that a rollout meets, in turn: places in ``times`` of those inside it."""
+def in_order(times: Sequence[float] | Array, duration_s: float, *, backwards: bool = False) -> list[int]:
+    """The jumps that a rollout meets, in turn: places in ``times`` of those inside it.
+
+    Backwards those at one instant are the other way round.
+    """
     inside = [e for e, when in enumerate(times) if 0 < when < duration_s]
-    return sorted(inside, key=lambda e: (times[e], e))
+    return sorted(inside, key=lambda e: (times[e], -e if backwards else e))
 
 
-def segments(grid: TimeGrid, times: Sequence[float] | Array) -> Iterator[Segment]:
+def segments(grid: TimeGrid, times: Sequence[float] | Array, *, backwards: bool = False) -> Iterator[Segment]:
     """Segments of a rollout whose dynamics jump at given times [s]."""
     samples = grid.time
-    ahead, first = in_order(times, samples[-1]), -1
+    ahead, first = in_order(times, samples[-1], backwards=backwards), -1
     for begin, until in pairwise(samples):
         here, done = float(begin), False
         while not done:
@@ -125,9 +128,9 @@ class Plan:
         return np.flatnonzero((self.first >= 0) & (self.index == 0))
 
 
-def plan(grid: TimeGrid, times: Sequence[float] | Array) -> Plan:
+def plan(grid: TimeGrid, times: Sequence[float] | Array, *, backwards: bool = False) -> Plan:
     """All steps of a rollout whose dynamics jump at given times [s]."""
-    parts = list(segments(grid, times))
+    parts = list(segments(grid, times, backwards=backwards))
     number = np.array([part.steps for part in parts], dtype=np.int64)
     ends = np.cumsum(number)
     index = np.arange(ends[-1]) - np.repeat(ends - number, number)

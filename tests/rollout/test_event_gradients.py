@@ -293,6 +293,7 @@ def test_two_references_that_end_at_one_instant_are_doubted_where_their_order_co
     rollout = build_rollout(loop, duration_s=0.2, step_s=0.01, measures=measures, backend="interpreted")
     assert (told("torque"), told("error")) == ("coincident", "exact")
     assert told("torque", **{ends[0]: 0.1214}) == "exact"
+    assert rollout.jacobian(wrt=ends).status.startswith("coincident")
     gains = rollout.value_and_gradient(wrt=("robots.one.tips.tip.pid.kp",), costs=("torque",))
     assert gains.status == ("exact",)  # neither end moves
 

@@ -140,7 +140,7 @@ static void set_sides(Trajectory& at, int l) {
   for (int k = 0; k < at.now.passed[l]; ++k) lane(at.c[JUMP[at.order[l][k]]], l) = -INFINITY;
 }
 
-// Find the jumps that each lane meets before the end, in turn.
+// Find the jumps that each lane meets before the end, in turn; backwards those at one instant the other way round.
 static void sort_jumps(const Job& job, Trajectory& at) {
   for (int e = 0; e < JUMPS; ++e) at.jump[e] = at.c[JUMP[e]];
   for (int l = 0; l < LANES; ++l) {
@@ -149,7 +149,11 @@ static void sort_jumps(const Job& job, Trajectory& at) {
       const double when = lane(at.jump[e], l);
       if (!(when > 0 && when < job.time(job.intervals))) continue;
       int k = at.jumps[l]++;
-      for (; k > 0 && lane(at.jump[at.order[l][k - 1]], l) > when; --k) at.order[l][k] = at.order[l][k - 1];
+      for (; k > 0; --k) {
+        const double other = lane(at.jump[at.order[l][k - 1]], l);
+        if (!(other > when || (job.backwards && other == when))) break;
+        at.order[l][k] = at.order[l][k - 1];
+      }
       at.order[l][k] = e;
     }
     set_sides(at, l);
