@@ -220,6 +220,20 @@ def test_plans_lead_in_the_first_phase_until_the_capture(reach, delay):
     assert (told["delay_s"], told["missed"]) == (delay, 0)
 
 
+def test_behind_the_delay_a_plan_begins_where_the_model_comes_to(reach, monkeypatch):
+    real, begun = Horizon.renew, []
+    monkeypatch.setattr(
+        Horizon,
+        "renew",
+        lambda self, begin, seen, most: (begun.append((begin, seen)), real(self, begin, seen, most)),
+    )
+    scene = reach(*FLIGHT[:1], *FLIGHT[2:], ("plan.duration", 2), ("robots.one.controllers.lead.delay", 0.3))
+    flown = fly(scene, backend="interpreted")
+    assert [begin for begin, _ in begun] == pytest.approx([0.8])
+    there = flown.data.sel(time=0.8, method="nearest")
+    np.testing.assert_allclose(begun[0][1], np.append(there.q.values, there.v.values), atol=1e-9)
+
+
 def test_a_limit_that_is_violated_already_is_not_to_be_violated_more(reach):
     scene = reach(*FLIGHT, ("plan.limits.base_rotation_deg", 5))
     bench = Bench.of(scene, "interpreted")
