@@ -15,21 +15,30 @@ STEP, NEAREST = 0.1, 5e-4
 """Of the rollouts; least distance of two roots [s]."""
 
 
-def cubic():
-    """A guard with three given roots, whose rises and falls are events in turn."""
-
-    def guard(x, c):
-        return c[1] * (x[0] - c[2]) * (x[0] - c[3]) * (x[0] - c[4]) / STEP**3
-
+def crossing(parameters, start, guard):
+    """A clock and a guard over it and constants, whose rises and falls are events in turn."""
     return Hybrid(
-        {"sign": 1.0, "first": 0.02, "second": 0.05, "third": 0.08},
-        lambda *p: ([0.0], [p[0] * p[1] * p[2] * p[3] < 0, *p]),
+        parameters,
+        start,
         lambda t, x, c: [1],
         lambda t, x, c: [(1 - c[0], guard(x, c)), (c[0], -guard(x, c))],
         lambda t, x, c: [(x[0],), (x[0],)],
         [Rule("rises", ((0, True),)), Rule("falls", ((0, False),))],
         switches=(0,),
     ).loop()
+
+
+def cubic():
+    """A guard with three given roots."""
+
+    def guard(x, c):
+        return c[1] * (x[0] - c[2]) * (x[0] - c[3]) * (x[0] - c[4]) / STEP**3
+
+    return crossing(
+        {"sign": 1.0, "first": 0.02, "second": 0.05, "third": 0.08},
+        lambda *p: ([0.0], [p[0] * p[1] * p[2] * p[3] < 0, *p]),
+        guard,
+    )
 
 
 def drawn(count):
@@ -72,15 +81,11 @@ def waves_and_tents():
         tent = ca.fmin(c[2] * (x[0] - c[3] + c[4] / 2), c[3] + c[4] / 2 - x[0])
         return ca.if_else(c[1], wave, tent)
 
-    return Hybrid(
+    return crossing(
         {"wave": 1.0, "rate": 60.0, "place": 0.5, "size": 0.5},
         lambda wave, rate, place, size: ([0.0], [wave * ca.sin(place) > size, wave, rate, place, size]),
-        lambda t, x, c: [1],
-        lambda t, x, c: [(1 - c[0], guard(x, c)), (c[0], -guard(x, c))],
-        lambda t, x, c: [(x[0],), (x[0],)],
-        [Rule("rises", ((0, True),)), Rule("falls", ((0, False),))],
-        switches=(0,),
-    ).loop()
+        guard,
+    )
 
 
 def turning(count):
