@@ -26,7 +26,13 @@ class Legend {
 
   // Boxes for the layers that are there.
   load(present) {
-    const boxes = LAYERS.filter(([name]) => present(name)).map(([name, text, colour, shape]) => {
+    const there = LAYERS.filter(([name]) => present(name)), names = there.map(([name]) => name).join();
+    if (names === this.names) { // what has the focus keeps it
+      this.form.querySelectorAll("input").forEach((box, k) => { box.checked = this.shown[there[k][0]]; });
+      return;
+    }
+    this.names = names;
+    const boxes = there.map(([name, text, colour, shape]) => {
       const label = element("label"), box = element("input");
       box.type = "checkbox";
       box.checked = this.shown[name];

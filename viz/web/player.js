@@ -55,7 +55,7 @@ class Player {
     const chosen = this.signals.text, { end } = this.scene, count = this.scene.runs.length;
     this.payload = { ...this.payload, runs, notices };
     this.words();
-    this.scene.renew(runs);
+    const others = this.scene.renew(runs);
     this.signals = new Signals(runs);
     this.signals.text = chosen;
     this.magnifier.load(this.scene.runs);
@@ -63,8 +63,10 @@ class Player {
     this.picker.load(this.signals);
     this.portrait.load(this.signals);
     this.chart.load(this.signals, this.scene.end);
-    this.readout.load(this.scene.runs, this.scene.colours);
-    this.labels.load(this.scene.runs);
+    if (others) {
+      this.readout.load(this.scene.runs, this.scene.colours);
+      this.labels.load(this.scene.runs);
+    }
     this.events.load(runs[0].events, this.scene.end);
     $("placing").hidden = runs.length < 2;
     if (this.scene.end !== end) this.timeline.stretch(this.scene.end);

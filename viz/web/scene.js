@@ -62,10 +62,11 @@ class Scene {
     for (const [name] of LAYERS) this.show(name);
   }
 
-  // Other motions of the same bodies: camera, layers and time stay.
+  // Other motions of the same bodies: camera, layers and time stay. Whether the objects of the runs are others than before.
   renew(runs) {
+    const same = runs.length === this.runs.length && runs.every(({ nodes }, k) => alike(nodes, this.runs[k].data.nodes));
     this.payload = { ...this.payload, runs };
-    if (runs.length === this.runs.length && runs.every(({ nodes }, k) => alike(nodes, this.runs[k].data.nodes))) {
+    if (same) {
       this.runs.forEach((run, k) => { if (run.data.poses === runs[k].poses) run.data = runs[k]; else run.renew(runs[k]); });
     } else {
       this.build();
@@ -73,6 +74,7 @@ class Scene {
     }
     this.seek(this.time);
     this.widen();
+    return !same;
   }
 
   // The view is fitted to the first motion; another one that leaves it widens it, and it stays wide.
