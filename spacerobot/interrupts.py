@@ -141,6 +141,19 @@ def keep(wanted: bool = True) -> None:
         guard.kept, guard.given = wanted, False
 
 
+def recall() -> None:
+    """Raise again, between two parts of what is kept, a Ctrl-C that a library swallowed in one of them.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        If it came.
+    """
+    guard = _guard()
+    if guard is not None and guard.kept and guard.given:
+        raise KeyboardInterrupt
+
+
 @contextlib.contextmanager
 def uninterrupted() -> Iterator[None]:
     """Hold Ctrl-C back until the block is done, for libraries that it would leave locked.

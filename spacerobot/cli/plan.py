@@ -12,7 +12,7 @@ from spacerobot.cli import playing
 from spacerobot.cli.animate import serve
 from spacerobot.cli.options import Changes, Machines, Out, Port, ScenarioName, View, parse_changes
 from spacerobot.cli.output import console, pairs, progress, table, warn
-from spacerobot.interrupts import keep
+from spacerobot.interrupts import keep, recall
 
 if TYPE_CHECKING:
     from optim.planning.choices import Tried
@@ -107,6 +107,7 @@ def command(
         def told(words: str) -> None:
             """Say what is being done; searches that ended are kept."""
             keep(folder is not None)
+            recall()
             tell(words)
 
         how: dict[str, Any] = {"backend": backend, "progress": told, "folder": folder, "dask": dask}

@@ -14,7 +14,7 @@ import pytest
 
 from spacerobot import interrupts
 from spacerobot.cli.app import main
-from spacerobot.interrupts import keep, minded, uninterrupted
+from spacerobot.interrupts import keep, minded, recall, uninterrupted
 from spacerobot.result import Result
 
 ROOT = Path(__file__).parents[2]
@@ -50,6 +50,18 @@ def test_a_search_that_keeps_what_it_found_is_stopped_alone():
         keep(False)
         with uninterrupted():
             pass
+
+
+def test_a_swallowed_interrupt_is_raised_again_between_two_parts():
+    with minded():
+        keep()
+        recall()
+        with contextlib.suppress(KeyboardInterrupt):  # as a library does
+            signal.raise_signal(signal.SIGINT)
+        with pytest.raises(KeyboardInterrupt):
+            recall()
+        keep(False)
+        recall()
 
 
 def test_a_second_interrupt_ends_the_search_too():
