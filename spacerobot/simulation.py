@@ -287,9 +287,8 @@ def _run(scene: Scene, loop: ClosedLoop, backend: Backend, tell: Progress) -> _R
 
 def _rolled(scene: Scene, rollout: Rollout, design: Mapping[str, float]) -> _Run:
     """One rollout of the fixed-step engine, seen at every step."""
-    notes = {"toolchain": rollout.summary}
-    if rollout.fallback:
-        notes["interpreted_because"] = rollout.fallback
+    because = {"interpreted_because": rollout.fallback} if rollout.fallback else {}
+    notes = {"toolchain": rollout.summary, **because}
     if rollout.choice is not None:
         scene = _with_step(scene, rollout.choice.step_s)
         choice = rollout.choice
@@ -328,8 +327,7 @@ def _check(scene: Scene, loop: ClosedLoop, tell: Progress) -> _Run:
     """The independent engine, which takes long enough to say how far it is."""
     from spacerobot.pinocchio_engine import simulate as check
 
-    words = "simulating with Pinocchio's own algorithms"
-    tell(words)
+    tell(words := "simulating with Pinocchio's own algorithms")
     ready = time.perf_counter()
     local = scene.scenario.simulation.tolerance * CHECKING_TOLERANCE
     checked = check(scene, rtol=local, atol=local / 10, progress=lambda part: tell(f"{words}: {part:.0%}"))
