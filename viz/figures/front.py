@@ -6,8 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from spacerobot.files import write_bytes
-from viz.figures.style import COLOURS, Drawing, legend_over, panels, styled, to_bytes, unit_scale
+from viz.figures.style import COLOURS, Drawing, legend_over, panels, styled, unit_scale, write_both
 
 FIGURE = "front"
 
@@ -72,6 +71,4 @@ def write_front(data: Mapping[str, Any], folder: Path) -> None:
     ResultError
         If a file cannot be written.
     """
-    drawing = front(data)
-    for form in ("pdf", "png"):
-        write_bytes(folder / "figures" / f"{FIGURE}.{form}", to_bytes(drawing, form))
+    write_both(front(data), folder, FIGURE)

@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from spacerobot.files import write_bytes
-from viz.figures.style import COLOURS, Drawing, legend_over, panels, styled, to_bytes
+from viz.figures.style import COLOURS, Drawing, legend_over, panels, styled, write_both
 
 FIGURE = "design"
 TANGENT = 0.35
@@ -66,6 +65,4 @@ def write_study(data: Mapping[str, Any], folder: Path) -> None:
     ResultError
         If a file cannot be written.
     """
-    drawing = study(data)
-    for form in ("pdf", "png"):
-        write_bytes(folder / "figures" / f"{FIGURE}.{form}", to_bytes(drawing, form))
+    write_both(study(data), folder, FIGURE)

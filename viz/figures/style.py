@@ -7,6 +7,7 @@ import io
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
+from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 import matplotlib as mpl
@@ -15,6 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from spacerobot.errors import ResultError, near_names
+from spacerobot.files import write_bytes
 from spacerobot.result import Result
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000", "#7F7F7F")
@@ -98,6 +100,18 @@ def to_bytes(figure: Figure, form: str) -> bytes:
     with _plain_fonts():
         figure.savefig(buffer, format=form, metadata=undated.get(form))
     return buffer.getvalue()
+
+
+def write_both(drawing: Figure, folder: Path, name: str) -> None:
+    """Write a figure as PDF and PNG to ``figures`` in a folder.
+
+    Raises
+    ------
+    ResultError
+        If a file cannot be written.
+    """
+    for form in ("pdf", "png"):
+        write_bytes(folder / "figures" / f"{name}.{form}", to_bytes(drawing, form))
 
 
 @contextmanager
