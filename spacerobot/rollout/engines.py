@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from spacerobot.compiled import Library, Toolchain, compile_functions
+from spacerobot.errors import CompileError
 from spacerobot.rollout.grid import TimeGrid
 from spacerobot.rollout.kernel import Kernel
 from spacerobot.rollout.protocol import Array
@@ -189,7 +190,10 @@ class CompiledEngine:
     def rollouts(self, p: Array, grid: TimeGrid, raw: Raw, rows: Sequence[int], stop: StopFlag) -> None:
         """Roll out every row of parameters; see :class:`Engine`."""
         job, _keep = make_job(self.kernel, p, grid, raw, rows, stop)
-        self.library.entry("rollouts")(ctypes.byref(job))
+        entry = self.library.entry("rollouts")
+        entry.restype = ctypes.c_int64
+        if entry(ctypes.byref(job)) < 0:
+            raise CompileError(f"no memory for {self.lanes} rollouts at once")
 
 
 def make_job(

@@ -283,11 +283,13 @@ extern "C" int64_t gradients(const Job* given, const AdjointJob* adjoint) {
   Checkpoints checkpoints;
   Room<Bars> bars(1);
   Room<Instants> instants(1);
-  if (!tape.at || !trajectory.at || !bars.at || !instants.at) return NO_MEMORY;
+  Room<real> parameters(NP + 1), wanted(2 * (NG + 1));
+  if (!parameters.at || !wanted.at || !tape.at || !trajectory.at || !bars.at || !instants.at) return NO_MEMORY;
   Trajectory& at = *trajectory.at;
   Bars& bar = *bars.at;
+  real *const p = parameters.at, *const pbar = wanted.at, *const direct = wanted.at + NG + 1;
   for (int64_t first = 0; first < job.count; first += LANES) {
-    real p[NP + 1], cost[NJ + 1], seed[NJ + 1], rbar[NR + 1], pbar[NG + 1], direct[NG + 1];
+    real cost[NJ + 1], seed[NJ + 1], rbar[NR + 1];
     gather(job.p, first, job.count, NP, p);
     gather(adjoint->seed, first, job.count, NJ, seed);
     const int64_t steps = integrate(job, first, p, at, tape.at, segment, &checkpoints);

@@ -206,9 +206,13 @@ static void store(const Job& job, int64_t first, const Trajectory& at, const rea
 
 extern "C" int64_t rollouts(const Job* given) {
   const Job& job = *given;
+  Room<Trajectory> trajectory(1);
+  Room<real> parameters(NP + 1);
+  if (!trajectory.at || !parameters.at) return NO_MEMORY;
+  Trajectory& at = *trajectory.at;
+  real* const p = parameters.at;
   for (int64_t first = 0; first < job.count; first += LANES) {
-    real p[NP + 1], cost[NJ + 1];
-    Trajectory at;
+    real cost[NJ + 1];
     gather(job.p, first, job.count, NP, p);
     if (integrate(job, first, p, at, nullptr, 1, nullptr) < 0) return first;
     G::objective(at.r, p, cost);
