@@ -15,13 +15,13 @@ import pinocchio as pin
 
 from benchmarks.row import Row
 from benchmarks.timing import paired
-from optim.planning.formulate import formulate
-from optim.planning.functions import build_instants
-from optim.planning.guess import guess
-from optim.planning.lobatto import Lobatto
-from optim.planning.program import Program
-from optim.planning.refine import solve_from
-from optim.planning.stage import Problem
+from optim.planning.formulation.formulate import formulate
+from optim.planning.formulation.stage import Problem
+from optim.planning.transcription.functions import build_instants
+from optim.planning.transcription.guess import guess
+from optim.planning.transcription.lobatto import Lobatto
+from optim.planning.transcription.program import Program
+from optim.planning.transcription.refine import solve_from
 from spacerobot.arrays import Array
 from spacerobot.scene import load_scene
 

@@ -12,16 +12,16 @@ import numpy as np
 
 from benchmarks.row import Row
 from benchmarks.timing import paired
-from optim.planning.formulate import formulate
-from optim.planning.functions import Instants, Places, build_instants
-from optim.planning.guess import guess
-from optim.planning.lobatto import Lobatto
-from optim.planning.motion import Motion
-from optim.planning.program import Program, Sums
-from optim.planning.refine import solve_from
-from optim.planning.replay import replays
-from optim.planning.solve import LEAST_BARRIER, Solved, ipopt_options, one_thread, solve
-from optim.planning.stage import Problem
+from optim.planning.formulation.formulate import formulate
+from optim.planning.formulation.stage import Problem
+from optim.planning.solver.solve import LEAST_BARRIER, Solved, ipopt_options, one_thread, solve
+from optim.planning.transcription.functions import Instants, Places, build_instants
+from optim.planning.transcription.guess import guess
+from optim.planning.transcription.lobatto import Lobatto
+from optim.planning.transcription.motion import Motion
+from optim.planning.transcription.program import Program, Sums
+from optim.planning.transcription.refine import solve_from
+from optim.planning.verification.replay import replays
 from spacerobot.arrays import Array
 from spacerobot.dynamics import ArticulatedBody, Inertias
 from spacerobot.dynamics.joints import sparse

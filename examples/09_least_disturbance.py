@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 import spacerobot as sr
-from optim.planning.make import make_plan
-from optim.planning.plan_file import FOLLOWED, write
+from optim.planning.searches.make import make_plan
+from optim.planning.written.plan_file import FOLLOWED, write
 from viz.figures import disturbance, to_bytes
 
 TASK = Path(__file__).with_name("reach.yaml")

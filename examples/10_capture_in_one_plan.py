@@ -3,8 +3,8 @@
 from pathlib import Path
 
 import spacerobot as sr
-from optim.planning.make import make_plan
-from optim.planning.plan_file import FOLLOWED, write
+from optim.planning.searches.make import make_plan
+from optim.planning.written.plan_file import FOLLOWED, write
 
 LEFT = {"tip": "servicer/left_tip", "frame": "mate_left"}
 RIGHT = {"tip": "servicer/right_tip", "frame": "mate_right"}

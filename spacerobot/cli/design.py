@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Any
 from spacerobot.cli.output import console, pairs, table
 
 if TYPE_CHECKING:
-    from optim.planning.study import Study
+    from optim.planning.studies.study import Study
     from spacerobot.scene import Scene
 
 
 def make(scene: Scene, points: int, out: Path | None, **how: Any) -> tuple[Study, dict[str, Any]]:
     """Make a study; written and drawn if a folder is given."""
-    from optim.planning.study import make_study
-    from optim.planning.study_file import to_data, write
+    from optim.planning.studies.study import make_study
+    from optim.planning.written.study_file import to_data, write
 
     study = make_study(scene, points, **how)
     if out is None:

@@ -56,7 +56,7 @@ def command(
     width: Width = "double",
 ) -> None:
     """Write all figures."""
-    from optim.planning.plan_file import is_plan
+    from optim.planning.written.plan_file import is_plan
     from spacerobot.result import load
     from viz.figures import save_figures
 
@@ -73,8 +73,8 @@ def command(
 
 def _plan(folder: Path, flown: Path | None, out: Path) -> None:
     """Draw a plan, and what was flown of it."""
-    from optim.planning.held import with_flown
-    from optim.planning.plan_file import SCENARIO, read
+    from optim.planning.written.held import with_flown
+    from optim.planning.written.plan_file import SCENARIO, read
     from spacerobot.result import load
     from spacerobot.scene import load_scene
     from viz.figures.plan import write_plan_figures

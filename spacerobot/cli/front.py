@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from spacerobot.cli.output import console, table
 
 if TYPE_CHECKING:
-    from optim.planning.front import Wanted
+    from optim.planning.studies.front import Wanted
     from spacerobot.scene import Scene
 
 
@@ -20,7 +20,7 @@ def wanted_front(terms: str, points: int) -> Wanted:
     ScenarioError
         If these are not two.
     """
-    from optim.planning.front import Wanted
+    from optim.planning.studies.front import Wanted
     from spacerobot.errors import ScenarioError
 
     names = tuple(part.strip() for part in terms.split(","))
@@ -32,8 +32,8 @@ def wanted_front(terms: str, points: int) -> Wanted:
 
 def make(scene: Scene, wanted: Wanted, out: Path | None, **how: Any) -> dict[str, Any]:
     """Plan all points; written and drawn if a folder is given."""
-    from optim.planning.front import make_front
-    from optim.planning.front_file import to_data, write
+    from optim.planning.studies.front import make_front
+    from optim.planning.written.front_file import to_data, write
 
     front = make_front(scene, wanted, **how)
     if out is None:

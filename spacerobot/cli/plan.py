@@ -15,8 +15,8 @@ from spacerobot.cli.output import console, pairs, progress, table, warn
 from spacerobot.interrupts import keep, recall
 
 if TYPE_CHECKING:
-    from optim.planning.choices import Tried
-    from optim.planning.make import Planned
+    from optim.planning.searches.choices import Tried
+    from optim.planning.searches.make import Planned
     from spacerobot.scene import Scene
 
 Backend = Annotated[
@@ -134,15 +134,15 @@ def command(
 
 def _plan(scene: Scene, out: Path | None, how: dict[str, Any], slopes: str | None) -> Callable[[], None]:
     """Make a plan, and write it if a folder is given; what shows it."""
-    from optim.planning.follow import PLAN
-    from optim.planning.make import make_plan
-    from optim.planning.plan_file import FOLLOWED, SUMMARY, check_plan_folder, read, write
+    from optim.planning.searches.make import make_plan
+    from optim.planning.written.follow import PLAN
+    from optim.planning.written.plan_file import FOLLOWED, SUMMARY, check_plan_folder, read, write
 
     if out is not None:
         check_plan_folder(out)
     planned, found = make_plan(scene, **how), {}
     if slopes is not None:
-        from optim.planning.design import cost_slopes
+        from optim.planning.studies.design import cost_slopes
 
         found = cost_slopes(planned, [path.strip() for path in slopes.split(",")])
     if out is not None:
@@ -167,8 +167,8 @@ def _plan(scene: Scene, out: Path | None, how: dict[str, Any], slopes: str | Non
 
 def _design(scene: Scene, points: int, out: Path | None, how: dict[str, Any]) -> Callable[[], None]:
     """Make a design study, likewise."""
-    from optim.planning.plan_file import check_plan_folder, read
-    from optim.planning.study_file import DESIGN
+    from optim.planning.written.plan_file import check_plan_folder, read
+    from optim.planning.written.study_file import DESIGN
     from spacerobot.cli.design import make, show
 
     if out is not None:
@@ -192,7 +192,7 @@ def _design(scene: Scene, points: int, out: Path | None, how: dict[str, Any]) ->
 
 def _front(scene: Scene, asked: tuple[str, int], out: Path | None, how: dict[str, Any]) -> Callable[[], None]:
     """Make a front, likewise."""
-    from optim.planning.front_file import FRONT, check_front_folder
+    from optim.planning.written.front_file import FRONT, check_front_folder
     from spacerobot.cli.front import make, show, wanted_front
 
     wanted = wanted_front(*asked)

@@ -120,7 +120,7 @@ def run_scene(
                 watch(words)
 
         if plans_in_flight(scene):
-            from optim.planning.receding import fly
+            from optim.planning.receding.flight import fly
 
             result = fly(scene, backend=backend, progress=tell)
         else:

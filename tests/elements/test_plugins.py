@@ -60,7 +60,7 @@ assert bool(np.isnan(result.data.impedance_force.sel(tip="rpr2/tip")).all())
 assert result.summary["ledger"]["energy"]["relative_residual"] < 1e-6
 
 from typing import ClassVar, Literal
-from optim.planning.formulate import formulate
+from optim.planning.formulation.formulate import formulate
 from spacerobot.elements import Goal, zero
 
 @sr.register

@@ -7,9 +7,9 @@ import pytest
 import yaml
 from typer.testing import CliRunner
 
-from optim.planning.held import with_flown
-from optim.planning.make import make_plan
-from optim.planning.plan_file import SCENARIO, read, write
+from optim.planning.searches.make import make_plan
+from optim.planning.written.held import with_flown
+from optim.planning.written.plan_file import SCENARIO, read, write
 from spacerobot import simulation
 from spacerobot.cli.app import app
 from spacerobot.cli.playing import to_play

@@ -2,12 +2,12 @@
 
 import pytest
 
-from optim.planning.design import cost_slopes
-from optim.planning.formulate import formulate
-from optim.planning.functions import build_instants
-from optim.planning.make import make_plan
-from optim.planning.program import Program
-from optim.planning.solve import solve
+from optim.planning.formulation.formulate import formulate
+from optim.planning.searches.make import make_plan
+from optim.planning.solver.solve import solve
+from optim.planning.studies.design import cost_slopes
+from optim.planning.transcription.functions import build_instants
+from optim.planning.transcription.program import Program
 from spacerobot.errors import ScenarioError
 
 LIMIT = 0.6

@@ -5,9 +5,9 @@ import pinocchio as pin
 import pytest
 import yaml
 
-from optim.planning.bench import Bench
-from optim.planning.make import make_plan
-from optim.planning.plan_file import FOLLOWED, dataset, write
+from optim.planning.searches.bench import Bench
+from optim.planning.searches.make import make_plan
+from optim.planning.written.plan_file import FOLLOWED, dataset, write
 from spacerobot.errors import ScenarioError
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate

@@ -5,9 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 
-from optim.planning.follow import following
-from optim.planning.make import make_plan
-from optim.planning.plan_file import FOLLOWED, write
+from optim.planning.searches.make import make_plan
+from optim.planning.written.follow import following
+from optim.planning.written.plan_file import FOLLOWED, write
 from spacerobot.scenario.phases import ways
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from optim.planning import tasks
-from optim.planning.front import Point, Wanted, _compared, halving, make_front
-from optim.planning.front_file import to_data
-from optim.planning.make import make_plan
-from optim.planning.solve import loaded_blas, one_thread
+from optim.planning.searches import tasks
+from optim.planning.searches.make import make_plan
+from optim.planning.solver.solve import loaded_blas, one_thread
+from optim.planning.studies.front import Point, Wanted, _compared, halving, make_front
+from optim.planning.written.front_file import to_data
 from spacerobot.cli.app import app
 from spacerobot.errors import ScenarioError
 from viz.figures.front import front as draw_front

@@ -5,7 +5,7 @@ import pytest
 import yaml
 from scipy.integrate import solve_bvp, trapezoid
 
-from optim.planning.make import make_plan
+from optim.planning.searches.make import make_plan
 from spacerobot.scene import load_scene
 
 RAIL = """<robot name="rail"><link name="rail"/>
@@ -71,12 +71,12 @@ def test_least_time_of_a_mass_on_a_rail(tmp_path):
 
 def least_time(scene):
     """Duration of the solver's motion, whose force swings beyond its limits between the points."""
-    from optim.planning.formulate import formulate
-    from optim.planning.functions import build_instants
-    from optim.planning.guess import guess
-    from optim.planning.lobatto import Lobatto
-    from optim.planning.program import Program
-    from optim.planning.solve import solve
+    from optim.planning.formulation.formulate import formulate
+    from optim.planning.solver.solve import solve
+    from optim.planning.transcription.functions import build_instants
+    from optim.planning.transcription.guess import guess
+    from optim.planning.transcription.lobatto import Lobatto
+    from optim.planning.transcription.program import Program
 
     plan, problem = scene.scenario.plan, formulate(scene)
     lobatto = Lobatto.of_order(plan.order)

@@ -5,9 +5,9 @@ import pytest
 import yaml
 from scipy.optimize import minimize, minimize_scalar
 
-from optim.planning.front import Wanted, make_front
-from optim.planning.make import make_plan
-from optim.planning.plan_file import FOLLOWED, dataset, write
+from optim.planning.searches.make import make_plan
+from optim.planning.studies.front import Wanted, make_front
+from optim.planning.written.plan_file import FOLLOWED, dataset, write
 from spacerobot.errors import ScenarioError
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate

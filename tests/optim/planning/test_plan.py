@@ -9,16 +9,16 @@ import pytest
 import scipy.sparse as sp
 import xarray as xr
 
-from optim.planning import bench as benches
-from optim.planning.follow import PLAN
-from optim.planning.formulate import formulate
-from optim.planning.functions import build_instants
-from optim.planning.lobatto import Lobatto
-from optim.planning.make import make_plan
-from optim.planning.motion import Course, Motion
-from optim.planning.plan_file import FOLLOWED, SUMMARY, write
-from optim.planning.program import Program
-from optim.planning.replay import replays, tip_errors
+from optim.planning.formulation.formulate import formulate
+from optim.planning.searches import bench as benches
+from optim.planning.searches.make import make_plan
+from optim.planning.transcription.functions import build_instants
+from optim.planning.transcription.lobatto import Lobatto
+from optim.planning.transcription.motion import Course, Motion
+from optim.planning.transcription.program import Program
+from optim.planning.verification.replay import replays, tip_errors
+from optim.planning.written.follow import PLAN
+from optim.planning.written.plan_file import FOLLOWED, SUMMARY, write
 from spacerobot.errors import NoPlanError, ScenarioError
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate

@@ -4,10 +4,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from optim.planning.bench import Bench
-from optim.planning.horizon import Horizon
-from optim.planning.receding import fly, lead_of
-from optim.planning.sensed import sensed, sensors_of
+from optim.planning.receding.flight import fly, lead_of
+from optim.planning.receding.horizon import Horizon
+from optim.planning.receding.sensed import sensed, sensors_of
+from optim.planning.searches.bench import Bench
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.errors import ScenarioError
 from spacerobot.rollout import build_rollout
@@ -49,7 +49,7 @@ def test_plans_made_anew_take_back_what_sensors_misread(reach):
 
 
 def test_where_no_plan_is_found_the_last_one_is_flown_on(reach, monkeypatch):
-    from optim.planning import horizon
+    from optim.planning.receding import horizon
 
     whole = fly(reach(*FLIGHT, ("robots.one.controllers.lead.least", 100)), backend="interpreted")
     real = horizon.solve

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 
-from optim.planning.formulate import formulate
+from optim.planning.formulation.formulate import formulate
 from spacerobot.errors import ScenarioError
 
 

@@ -4,8 +4,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from optim.planning.make import make_plan
-from optim.planning.plan_file import dataset
+from optim.planning.searches.make import make_plan
+from optim.planning.written.plan_file import dataset
 from spacerobot.errors import ScenarioError
 
 CHEAP = [("plan.order", 4), ("plan.intervals", 8), ("plan.tolerance", 1e-3), ("plan.costs", {"torque": 1})]

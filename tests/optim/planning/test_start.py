@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import yaml
 
-from optim.planning.follow import following
-from optim.planning.make import make_plan
+from optim.planning.searches.make import make_plan
+from optim.planning.written.follow import following
 from spacerobot.errors import ScenarioError
 from spacerobot.scene import load_scene
 from tests.optim.planning.test_hand_checked import RAIL, scene, to

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import yaml
 
-from optim.planning import study as room
-from optim.planning.study import make_study
-from optim.planning.study_file import to_data, write
+from optim.planning.studies import study as room
+from optim.planning.studies.study import make_study
+from optim.planning.written.study_file import to_data, write
 from spacerobot.errors import ScenarioError
 from spacerobot.scene import load_scene
 from tests.optim.planning.test_hand_checked import RAIL, to

@@ -6,19 +6,19 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from optim.planning import search as searching
-from optim.planning import solve as solving
-from optim.planning.formulate import formulate
-from optim.planning.functions import build_instants
-from optim.planning.guess import guess
-from optim.planning.lobatto import Lobatto
-from optim.planning.make import make_plan
-from optim.planning.motion import Motion
-from optim.planning.presolve import Presolved, determined
-from optim.planning.program import Program
-from optim.planning.refine import carried, solve_from
-from optim.planning.solve import solve
-from optim.planning.verdict import residual
+from optim.planning.formulation.formulate import formulate
+from optim.planning.searches import search as searching
+from optim.planning.searches.make import make_plan
+from optim.planning.solver import solve as solving
+from optim.planning.solver.presolve import Presolved, determined
+from optim.planning.solver.solve import solve
+from optim.planning.transcription.functions import build_instants
+from optim.planning.transcription.guess import guess
+from optim.planning.transcription.lobatto import Lobatto
+from optim.planning.transcription.motion import Motion
+from optim.planning.transcription.program import Program
+from optim.planning.transcription.refine import carried, solve_from
+from optim.planning.verification.verdict import residual
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,203 @@
+"""From a scene's plan section to planning problems, one for each phase."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from optim.planning.formulation.costs import cost_terms
+from optim.planning.formulation.goals import goal_rows
+from optim.planning.formulation.grips import held
+from optim.planning.formulation.limits import instant_limits, path_rows, what_drives
+from optim.planning.formulation.settled import settled_rows
+from optim.planning.formulation.stage import Problem, Stage
+from optim.planning.formulation.start import beginnings
+from spacerobot.elements.goal import Goal
+from spacerobot.elements.goals.mated import Mated
+from spacerobot.elements.grasp import Grasp
+from spacerobot.errors import ScenarioError
+from spacerobot.scenario.plan import Planning
+from spacerobot.scene import Scene
+from spacerobot.scene.closing import is_rigid
+from spacerobot.scene.configure import close_velocity
+from spacerobot.scene.scene import SceneGrasp
+
+
+def plan_of(scene: Scene) -> Planning:
+    """The plan section of a scene.
+
+    Raises
+    ------
+    ScenarioError
+        If there is none.
+    """
+    if scene.scenario.plan is None:
+        raise ScenarioError(
+            "no such section: it says what to plan (docs/planning.md)", source=scene.source, where="plan"
+        )
+    return scene.scenario.plan
+
+
+@dataclass(frozen=True, eq=False)
+class Phase:
+    """One phase of a plan.
+
+    Attributes
+    ----------
+    name
+        Of the scenario's phase; none where the plan tells no phases.
+    plan
+        What the section says of it.
+    problem
+        Its planning problem.
+    struck
+        Whether rigid grasps close where it begins, so that an impulse leads into it.
+    """
+
+    name: str
+    plan: Planning
+    problem: Problem
+    struck: bool = False
+
+
+def formulate(scene: Scene) -> Problem:
+    """Planning problem of a scene, of the first phase where there are several.
+
+    Raises
+    ------
+    ScenarioError
+        If the section asks for what there is not.
+    """
+    return formulate_phases(scene)[0].problem
+
+
+def formulate_phases(scene: Scene) -> tuple[Phase, ...]:
+    """Planning problems of the phases in turn.
+
+    Raises
+    ------
+    ScenarioError
+        If the section asks for what there is not.
+    """
+    whole = plan_of(scene)
+    if whole.choices:
+        raise ScenarioError(
+            f"{next(iter(whole.choices))!r} is chosen where one plan is made; decide here, and give `{{}}`",
+            source=scene.source,
+            where="plan.choices",
+        )
+    if scene.scenario.environment:
+        raise ScenarioError(
+            f"found {next(iter(scene.scenario.environment))!r}; plans know gravity alone, and no environment",
+            source=scene.source,
+            where="environment",
+        )
+    found, before = list[Phase](), tuple[SceneGrasp, ...]()
+    for (name, plan), closed in zip(whole.by_phase.items(), closed_in(scene, whole), strict=True):
+        struck = bool(found) and any(is_rigid(grasp) and grasp not in before for grasp in closed)
+        with told_in(whole, name):
+            found.append(Phase(name, plan, _problem(scene, plan, closed, begins=not found), struck))
+        before = closed
+    return tuple(found)
+
+
+@contextlib.contextmanager
+def told_in(whole: Planning, name: str) -> Iterator[None]:
+    """Faults of a phase's section told with its place, where the phase says what is at fault.
+
+    Raises
+    ------
+    ScenarioError
+        As it comes, elsewhere or at that place.
+    """
+    try:
+        yield
+    except ScenarioError as fault:
+        keys, said = str(fault.where or "").split("."), whole.phases.get(name)
+        for key in keys[1:3]:
+            said = said.get(key) if isinstance(said, dict) else None
+        if keys[0] != "plan" or not said:
+            raise
+        where = ".".join(["plan", "phases", name, *keys[1:]])
+        raise ScenarioError(fault.message, source=fault.source, where=where) from None
+
+
+def closed_in(scene: Scene, whole: Planning) -> Iterator[tuple[SceneGrasp, ...]]:
+    """Grasps that hold in each phase of a plan: those that phases before it captured and did not release.
+
+    Raises
+    ------
+    ScenarioError
+        If a phase ends with a grasp captured whose tip no goal brings to its mating frame.
+    """
+    closed, open_ = {grasp.name: grasp for grasp in held(scene)}, {g.name: g for g in scene.grasps}
+    for name, plan in whole.by_phase.items():
+        phase = scene.scenario.phases.get(name) if name else None
+        for let_go in phase.releases if phase is not None else ():
+            closed.pop(let_go, None)
+        yield tuple(closed.values())
+        captured = (phase.until.captured or ()) if phase is not None and phase.until is not None else ()
+        if name == [*whole.by_phase][-1]:
+            return  # what closes behind the plan, closes as the scenario says
+        for grasp in captured:
+            _check_mated(scene, open_[grasp], plan.goals, name)
+            closed[grasp] = open_[grasp]
+
+
+def mated(grasp: Grasp, goals: Mapping[str, Goal]) -> list[str]:
+    """Names of the goals that bring a grasp's tip to its mating frame."""
+    return [
+        name
+        for name, goal in goals.items()
+        if isinstance(goal, Mated) and (goal.tip, goal.frame) == (grasp.tip, grasp.frame)
+    ]
+
+
+def _check_mated(scene: Scene, grasp: SceneGrasp, goals: Mapping[str, Goal], phase: str) -> None:
+    """Refuse a capture that no goal leads to, or a spring that would be strained by it."""
+    config, where = grasp.config, f"plan.phases.{phase}.goals"
+    mating = mated(config, goals)
+    if not mating:
+        raise ScenarioError(
+            f"the phase ends with {grasp.name!r} captured, so a goal must bring {config.tip!r} to "
+            f"{config.frame!r}: give `{{tip: {config.tip}, frame: {config.frame}}}`",
+            source=scene.source,
+            where=where,
+        )
+    goal = goals[mating[0]]
+    if not is_rigid(grasp) and isinstance(goal, Mated) and goal.standoff:
+        raise ScenarioError(
+            f"found a standoff, where {grasp.name!r} closes and its springs are at rest; leave it out",
+            source=scene.source,
+            where=f"{where}.{mating[0]}.standoff",
+        )
+
+
+def _problem(scene: Scene, plan: Planning, closed: tuple[SceneGrasp, ...], *, begins: bool) -> Problem:
+    """Of one phase; one that does not begin the plan begins where the one before it ends."""
+    stage = Stage.of(scene, what_drives(scene, plan.limits), closed)
+    lower, upper = instant_limits(stage, plan.limits)
+    goals = [row for name, goal in plan.goals.items() for row in goal_rows(stage, name, goal)]
+    goals += settled_rows(stage, plan.goals)
+    terms = cost_terms(stage, plan.costs)
+    span = plan.duration
+    fixed = np.concatenate([scene.q, close_velocity(scene) if stage.grips and begins else scene.v])
+    begin, beginning = beginnings(stage, plan, fixed, (lower, upper))
+    if not begins:
+        begin = (np.full(fixed.size, -np.inf), np.full(fixed.size, np.inf))
+    return Problem(
+        stage=stage,
+        path=(*path_rows(stage, plan), *beginning),
+        goal=tuple(goals),
+        terms=terms,
+        weights={name: getattr(plan.costs, name) for name in (*terms, "time")},
+        lower=lower,
+        upper=upper,
+        duration=(span.lower, span.upper, span.guess or (span.lower + span.upper) / 2),
+        fixed=fixed,
+        tolerance=plan.tolerance,
+        begin=begin,
+    )

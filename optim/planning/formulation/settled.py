@@ -1,0 +1,54 @@
+"""Arms that are settled where a plan ends: joints move no more than their tips' motion takes.
+
+Of all joint rates r that give the tips their twists J r, relative to the base, the smallest ones are
+J^T (J J^T)^-1 J r. As many rows of their difference to r as the arm has joints to spare are zero; the others
+follow. Nor do joints accelerate, so that the torques end near zero.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import casadi as ca
+from scipy.linalg import qr
+
+from optim.planning.formulation.goals import Seen
+from optim.planning.formulation.stage import Stage
+from spacerobot.dynamics.algebra import SymmetricFactors
+from spacerobot.elements.goal import Goal
+from spacerobot.elements.goals.mated import Mated
+from spacerobot.elements.instant import Row, zero
+
+
+def settled_rows(stage: Stage, goals: Mapping[str, Goal]) -> Iterator[Row]:
+    """Rows of the robots whose goals ask for it."""
+    asked = {name: goal for name, goal in goals.items() if isinstance(goal, Mated) and goal.settled}
+    for robot in dict.fromkeys(goal.body for goal in asked.values()):
+        own = {name: goal for name, goal in asked.items() if goal.body == robot}
+        twists = [_twist(Seen(stage, f"plan.goals.{name}"), goal) for name, goal in own.items()]
+        yield from _settled(stage, robot, ca.vertcat(*twists))
+
+
+def _twist(seen: Seen, goal: Mated) -> ca.SX:
+    """What of a tip's motion is matched (n x 1)."""
+    tip = seen.tip(goal.tip)
+    turns = [tip.spin[i] for i in seen.turns] if goal.orientation else []
+    return ca.vertcat(*(tip.velocity[i] for i in seen.axes), *turns)
+
+
+def _settled(stage: Stage, robot: str, twist: ca.SX) -> Iterator[Row]:
+    """Rows of one robot."""
+    model = stage.scene.model
+    joints = next(body for body in stage.scene.bodies if body.name == robot).driven_joints
+    columns = [int(model.idx_vs[joint]) for joint in joints]
+    names, rates = [model.names[joint] for joint in joints], stage.v[columns]
+    for name, acceleration in zip(names, ca.vertsplit(stage.a[columns]), strict=True):
+        yield zero(f"settled: acceleration of {name}", "rad/s2 or m/s2", acceleration)
+    slopes = ca.densify(ca.jacobian(twist, stage.v)[:, columns])
+    taken, count = slopes.shape
+    if taken >= count:
+        return
+    least = ca.mtimes(slopes.T, SymmetricFactors(ca.mtimes(slopes, slopes.T)).solve(ca.mtimes(slopes, rates)))
+    first = ca.Function("slopes", [stage.q], [slopes])(stage.scene.q).full()
+    for k in sorted(qr(first, pivoting=True, mode="r")[1][taken:].tolist()):
+        yield zero(f"settled: spare rate of {names[k]}", "rad/s or m/s", rates[k] - least[k])

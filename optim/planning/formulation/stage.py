@@ -1,0 +1,224 @@
+"""One instant of a motion as expressions: what it is made of, how it moves, what must hold, what it costs.
+
+An instant is z = (q, v, a, u, w): Pinocchio's configuration and velocity of the whole scene, acceleration,
+what drives it, and the wrenches of rigid grasps that hold. Accelerations are unknowns, so that the mechanics
+enter by inverse dynamics, whose derivatives are much shorter than those of forward dynamics:
+
+    M(q) a + h(q, v) + R v = B u + A(q)' w,    d/dt (A v) = 0.
+
+Rows in which B is zero are a floating base on which nothing acts, and the free target.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from optim.planning.formulation.grips import axes_of, held, pull, slip
+from spacerobot.arrays import Array
+from spacerobot.dynamics import (
+    Inertias,
+    Kinematics,
+    configuration_derivative,
+    forward_kinematics,
+    frame_placement,
+    frame_velocity,
+    inverse_dynamics,
+    rotation_log,
+)
+from spacerobot.dynamics.joints import sparse
+from spacerobot.elements.instant import Row
+from spacerobot.scene import Scene
+from spacerobot.scene.closing import is_rigid
+from spacerobot.scene.scene import SceneGrasp
+
+
+@dataclass(frozen=True, eq=False)
+class Driven:
+    """What drives a scene: generalized forces on some velocities.
+
+    Attributes
+    ----------
+    names
+        Of joints (robot/joint) and of axes of driven bases, one for each entry of u.
+    columns
+        Velocity of each.
+    limits
+        Greatest magnitude of each [N m or N]; infinite where there is none.
+    joints
+        Ids in the model of the joints among them, which come first.
+    """
+
+    names: tuple[str, ...]
+    columns: tuple[int, ...]
+    limits: Array
+    joints: tuple[int, ...]
+
+    @property
+    def drives_bases(self) -> bool:
+        """Whether a base is driven."""
+        return len(self.names) > len(self.joints)
+
+    def of_base(self, robot: str) -> list[str]:
+        """Axes of a robot's base that are driven: ``fx``, ..., ``tz``, its own."""
+        named = (name.rpartition(".") for name in self.names[len(self.joints) :])
+        return [axis for base, _, axis in named if base == f"{robot}/base"]
+
+
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """A scene at one instant.
+
+    Attributes
+    ----------
+    scene, driven
+        The scene, and what drives it.
+    grips
+        Rigid grasps that hold.
+    springs
+        Grasps that hold by springs and dampers.
+    q, v, a, u, w
+        Symbols (nq, nv, nv, nu, nw).
+    kinematics
+        At (q, v).
+    """
+
+    scene: Scene
+    driven: Driven
+    grips: tuple[SceneGrasp, ...]
+    springs: tuple[SceneGrasp, ...]
+    q: ca.SX
+    v: ca.SX
+    a: ca.SX
+    u: ca.SX
+    w: ca.SX
+    kinematics: Kinematics
+
+    @classmethod
+    def of(cls, scene: Scene, driven: Driven, closed: Sequence[SceneGrasp] | None = None) -> Stage:
+        """Symbols of a scene.
+
+        Parameters
+        ----------
+        scene, driven
+            The scene, and what drives it.
+        closed
+            Grasps that hold; those that begin closed if not given.
+        """
+        model, closed = scene.model, held(scene) if closed is None else closed
+        grips, springs = (tuple(g for g in closed if is_rigid(g) is rigid) for rigid in (True, False))
+        q, v, a = (ca.SX.sym(n, size) for n, size in (("q", model.nq), ("v", model.nv), ("a", model.nv)))
+        u = ca.SX.sym("u", len(driven.columns))
+        w = ca.SX.sym("w", sum(len(axes_of(scene, grip)) for grip in grips))
+        return cls(scene, driven, grips, springs, q, v, a, u, w, forward_kinematics(model, q, v))
+
+    @property
+    def z(self) -> ca.SX:
+        """The instant (nz x 1)."""
+        return ca.vertcat(self.q, self.v, self.a, self.u, self.w)
+
+    @property
+    def rate(self) -> ca.SX:
+        """Q' (nq x 1)."""
+        return configuration_derivative(self.scene.model, self.q, self.v)
+
+    @property
+    def balance(self) -> ca.SX:
+        """What is left of the equations of motion (nv x 1) [N, N m]."""
+        model = self.scene.model
+        force = inverse_dynamics(model, self.kinematics, Inertias.from_model(model), self.a)
+        force = force + sparse(np.asarray(model.damping)) * self.v
+        for k, column in enumerate(self.driven.columns):
+            force[column] -= self.u[k]
+        for spring in self.springs:
+            apart = slip(self.scene, self.kinematics, [spring])
+            force = force - ca.jtimes(apart, self.v, ca.vertcat(*self.wrench(spring)), True)
+        return force - ca.jtimes(slip(self.scene, self.kinematics, self.grips), self.v, self.w, True)
+
+    @property
+    def parting(self) -> ca.SX:
+        """Relative acceleration of what the grasps hold together (nw x 1) [m/s^2, rad/s^2]."""
+        state, rate = ca.vertcat(self.q, self.v), ca.vertcat(self.rate, self.a)
+        return ca.jtimes(slip(self.scene, self.kinematics, self.grips), state, rate)
+
+    def wrench(self, grip: SceneGrasp) -> tuple[ca.SX, ca.SX]:
+        """Force and torque of a grasp on its tip, world axes."""
+        if grip in self.springs:
+            return pull(self.scene, self.kinematics, grip)
+        first = sum(len(axes_of(self.scene, own)) for own in self.grips[: self.grips.index(grip)])
+        linear, size = len(self.scene.translation_axes), len(axes_of(self.scene, grip))
+        return self.w[first : first + linear], self.w[first + linear : first + size]
+
+    def placement(self, frame: int) -> tuple[ca.SX, ca.SX]:
+        """Rotation (3x3) and origin (3x1) [m] of a frame."""
+        return frame_placement(self.scene.model, self.kinematics, frame)
+
+    def velocity(self, frame: int) -> tuple[ca.SX, ca.SX]:
+        """Linear and angular velocity of a frame's origin (3x1 each) [m/s, rad/s]."""
+        return frame_velocity(self.scene.model, self.kinematics, frame)
+
+    def turned(self, wanted: ca.SX, found: ca.SX) -> ca.SX:
+        """Rotation vector from one orientation to another (3x1, or about z alone in a plane) [rad]."""
+        relative = ca.mtimes(wanted.T, found)
+        if self.scene.planar:
+            return ca.atan2(relative[1, 0], relative[0, 0])
+        return rotation_log(relative)
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """A planning problem over a scene, before it is cut into intervals.
+
+    Attributes
+    ----------
+    stage
+        One instant.
+    path
+        What must hold at all instants, besides the limits of z.
+    goal
+        What must hold at the last one.
+    terms
+        Integrands of the cost (1x1 each), by name.
+    weights
+        Of the terms, and of ``time``, the duration.
+    lower, upper
+        Limits of z (nz,).
+    duration
+        Least, greatest and first guess of the duration [s].
+    fixed
+        Where the motion begins: q and v (nq + nv,), or where it is looked for first.
+    tolerance
+        Greatest replay error of a tip [m].
+    begin
+        Least and greatest q and v at the start, where that is free (nq + nv,) each.
+    """
+
+    stage: Stage
+    path: tuple[Row, ...]
+    goal: tuple[Row, ...]
+    terms: Mapping[str, ca.SX]
+    weights: Mapping[str, float]
+    lower: Array
+    upper: Array
+    duration: tuple[float, float, float]
+    fixed: Array
+    tolerance: float
+    begin: tuple[Array, Array] | None = None
+
+    @property
+    def start(self) -> tuple[Array, Array]:
+        """Least and greatest q and v at the start (nq + nv,) each."""
+        return (self.fixed, self.fixed) if self.begin is None else self.begin
+
+    @property
+    def cost(self) -> ca.SX:
+        """Integrand of the cost (1x1) [1/s]."""
+        return sum((self.weights[name] * term for name, term in self.terms.items()), ca.SX(0))
+
+    @property
+    def time_weight(self) -> float:
+        """Cost of the duration [1/s]."""
+        return self.weights["time"]

@@ -1,0 +1,1 @@
+"""One search for a motion and many: asked, refined, kept, chosen among."""

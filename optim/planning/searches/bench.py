@@ -1,0 +1,304 @@
+"""A planning problem on the bench; what is asked of a search, and what it leaves, as plain data."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+
+from optim.planning.formulation.formulate import Phase, formulate_phases, plan_of, told_in
+from optim.planning.formulation.stage import Problem
+from optim.planning.searches.early import check_joined, check_momentum, check_reach, check_start
+from optim.planning.solver.solvable import Solvable
+from optim.planning.solver.solve import Solved
+from optim.planning.transcription.chain import Chain, Link, programs_of
+from optim.planning.transcription.functions import Instants, build_instants
+from optim.planning.transcription.lobatto import Lobatto
+from optim.planning.transcription.motion import Course, Motion
+from optim.planning.transcription.program import Program
+from optim.planning.verification.verdict import Verdict
+from optim.problem.scenes import SceneRecipe
+from spacerobot.scenario.plan import Planning
+from spacerobot.scene import Scene
+
+Tell = Callable[[str], None]
+
+ITERATIONS = 50
+"""Of one solve, about, with its refinement."""
+COMPILED = 30_000
+"""Instants from which on it takes less time to compile a problem's functions than to interpret them."""
+
+
+@dataclass(frozen=True)
+class Solve:
+    """One run of the solver.
+
+    Attributes
+    ----------
+    start, intervals
+        Which start it came from, and its mesh.
+    cost, status, converged
+        Where it ended, the solver's word for it, and whether it is a solution.
+    iterations, evaluations_s, seconds
+        Its steps, time [s] spent in the problem's functions and altogether.
+    costs, violations
+        Cost, and greatest violation of a constraint, at each iteration.
+    """
+
+    start: int
+    intervals: int
+    cost: float
+    status: str
+    converged: bool
+    iterations: int
+    evaluations_s: float
+    seconds: float
+    costs: tuple[float, ...]
+    violations: tuple[float, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Attempt:
+    """What a search leaves.
+
+    Attributes
+    ----------
+    solves
+        Every run of the solver, in turn.
+    solved, intervals, cost
+        The best solution, its mesh and its cost; None where there is none.
+    verdict
+        On it, where it was refined.
+    blame
+        What stands against a solution, where there is none.
+    """
+
+    solves: tuple[Solve, ...]
+    solved: Solved | None
+    intervals: int
+    cost: float
+    verdict: Verdict | None
+    blame: str
+
+
+@dataclass(frozen=True, eq=False)
+class Ask:
+    """What is asked of a search.
+
+    Attributes
+    ----------
+    duration
+        Least, greatest and first guess of the duration [s].
+    weights
+        Of the terms of the cost, and of ``time``.
+    start
+        Which first guess it begins with, where it begins with no motion.
+    near
+        Attempt of the same bench whose motion is begun with.
+    solved
+        Whether that is a solution of what is asked for, which is left to be refined.
+    refine
+        Whether the mesh is refined until the verdict is good.
+    """
+
+    duration: tuple[float, float, float]
+    weights: Mapping[str, float]
+    start: int = 0
+    near: Attempt | None = None
+    solved: bool = False
+    refine: bool = True
+
+    @property
+    def key(self) -> str:
+        """Hash of it."""
+        plain = [self.duration, dict(self.weights), self.start, self.solved, self.refine]
+        digest = hashlib.sha256(json.dumps(plain, sort_keys=True).encode())
+        if self.near is not None and self.near.solved is not None:
+            digest.update(self.near.solved.w.tobytes() + str(self.near.intervals).encode())
+        return digest.hexdigest()
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """What builds a bench in another process.
+
+    Attributes
+    ----------
+    scene
+        The scene, its plan section in it.
+    backend
+        ``auto``, ``compiled`` or ``interpreted``.
+    """
+
+    scene: SceneRecipe
+    backend: str
+
+    @property
+    def key(self) -> str:
+        """Hash of it."""
+        text = json.dumps(dataclasses.asdict(self), sort_keys=True, default=str)
+        return hashlib.sha256(text.encode()).hexdigest()
+
+    def build(self) -> Bench:
+        """The bench."""
+        return Bench.of(self.scene.build(), self.backend)
+
+
+@dataclass(frozen=True, eq=False)
+class Later:
+    """A phase of a plan behind the first one.
+
+    Attributes
+    ----------
+    name, plan, problem, instants
+        Of the scenario's phase, its section, the problem, and its functions.
+    link
+        What leads into it.
+    """
+
+    name: str
+    plan: Planning
+    problem: Problem
+    instants: Instants
+    link: Link
+
+    @classmethod
+    def of(cls, phase: Phase, backend: str) -> Later:
+        """With a phase's functions."""
+        problem = phase.problem
+        link = Link.into(problem.stage, phase.struck)
+        return cls(phase.name, phase.plan, problem, build_instants(problem, backend), link)
+
+
+@dataclass(frozen=True, eq=False)
+class Bench:
+    """A planning problem ready to be solved, for any limits of its duration and any weights.
+
+    Attributes
+    ----------
+    scene, plan, problem, instants, lobatto, backend
+        The scene, its section, the problem, its functions, the collocation, and what evaluates it.
+    tell
+        Told in a few words what begins.
+    name, later
+        Where a plan has several phases: name of the first one, to which the above belong, and the others.
+    """
+
+    scene: Scene
+    plan: Planning
+    problem: Problem
+    instants: Instants
+    lobatto: Lobatto
+    backend: str
+    tell: Tell = field(default=lambda _: None)
+    name: str = ""
+    later: tuple[Later, ...] = ()
+
+    @classmethod
+    def of(
+        cls, scene: Scene, backend: str = "auto", tell: Tell = lambda _: None, *, motions: int = 1
+    ) -> Bench:
+        """The bench of a scene.
+
+        Parameters
+        ----------
+        scene
+            With a ``plan`` section.
+        backend
+            ``auto``, ``compiled`` or ``interpreted``; ``auto`` compiles where so much is solved that it pays.
+        tell
+            Told in a few words what begins.
+        motions
+            How many are to be planned, each from all starts.
+
+        Raises
+        ------
+        ScenarioError
+            If its plan section asks for what cannot be.
+        """
+        first, *others = formulate_phases(scene)
+        plan, problem = first.plan, first.problem
+        whole = plan_of(scene)
+        with told_in(whole, first.name):
+            check_start(problem)
+            check_reach(problem, plan, {tip.label: tip for tip in scene.tips})
+            check_joined(problem, plan)
+        for phase in (first, *others):
+            with told_in(whole, phase.name):
+                check_momentum(phase.problem, phase.plan)
+            if phase.problem.stage.driven.drives_bases:
+                break  # what momentum is left behind it nobody knows
+        intervals = sum(phase.plan.intervals for phase in (first, *others))
+        instants_in_all = motions * plan.starts * intervals * plan.order // 2 * ITERATIONS
+        if backend == "auto" and instants_in_all < COMPILED:
+            backend = "interpreted"
+        compiling = backend != "interpreted"
+        tell(
+            "compiling the problem's functions, or finding them compiled" if compiling else "differentiating"
+        )
+        instants = build_instants(problem, backend)
+        later = tuple(Later.of(phase, backend) for phase in others)
+        lobatto = Lobatto.of_order(plan.order)
+        return cls(scene, plan, problem, instants, lobatto, backend, tell, first.name, later)
+
+    @property
+    def recipe(self) -> Recipe:
+        """What builds it in another process."""
+        return Recipe(SceneRecipe.of(self.scene), self.backend)
+
+    @cached_property
+    def exact(self) -> Bench:
+        """The same with the problem's functions by CasADi, to judge by."""
+        if self.instants.backend == "interpreted":
+            return self
+        later = tuple(
+            dataclasses.replace(one, instants=build_instants(one.problem, "interpreted"))
+            for one in self.later
+        )
+        return dataclasses.replace(self, instants=build_instants(self.problem, "interpreted"), later=later)
+
+    def asked(self, **changes: object) -> Ask:
+        """What the section asks for."""
+        ask = Ask(self.problem.duration, self.problem.weights)
+        return dataclasses.replace(ask, **changes)  # type: ignore[arg-type]
+
+    def problem_of(self, ask: Ask) -> Problem:
+        """The problem, of the first phase, with the duration and weights that are asked for."""
+        return dataclasses.replace(self.problem, duration=ask.duration, weights=ask.weights)
+
+    def problems_of(self, ask: Ask) -> list[Problem]:
+        """The problems of all phases."""
+        return [self.problem_of(ask), *(one.problem for one in self.later)]
+
+    def meshes(self, intervals: int) -> list[int]:
+        """Intervals of each phase, where the first one has so many."""
+        shares = (one.plan.intervals / self.plan.intervals for one in self.later)
+        return [intervals, *(max(1, round(share * intervals)) for share in shares)]
+
+    def program(self, ask: Ask, intervals: int) -> Solvable:
+        """What is to be solved, on a mesh."""
+        problems, meshes = self.problems_of(ask), self.meshes(intervals)
+        evaluated = [self.instants, *(one.instants for one in self.later)]
+        programs = [
+            Program(problem, instants, self.lobatto, many)
+            for problem, instants, many in zip(problems, evaluated, meshes, strict=True)
+        ]
+        return Chain(programs, [one.link for one in self.later]) if self.later else programs[0]
+
+    def motion(self, ask: Ask, attempt: Attempt) -> Motion:
+        """The motion of a solution, in the first phase."""
+        return self.course(ask, attempt).motions[0]
+
+    def course(self, ask: Ask, attempt: Attempt) -> Course:
+        """The motions of a solution, in all phases."""
+        assert attempt.solved is not None
+        program, w = self.program(ask, attempt.intervals), attempt.solved.w
+        programs, parts = programs_of(program), program.parts(w) if isinstance(program, Chain) else [w]
+        motions = [
+            Motion(p.problem, p.lobatto, p.intervals, *p.split(own)[::-1])
+            for p, own in zip(programs, parts, strict=False)
+        ]
+        return Course(tuple(motions), tuple(parts[len(motions) :]))

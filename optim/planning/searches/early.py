@@ -1,0 +1,294 @@
+"""What is refused before a solver runs: a start that violates its own limits, a goal that no arm reaches."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pinocchio as pin
+
+from optim.planning.formulation.goals import Seen
+from optim.planning.formulation.limits import urdf_joint
+from optim.planning.formulation.stage import Problem
+from optim.planning.transcription.guess import drift
+from optim.planning.transcription.lobatto import Lobatto
+from spacerobot.arrays import Array
+from spacerobot.elements.goal import TipGoal
+from spacerobot.elements.goals.mated import Mated
+from spacerobot.elements.goals.still import Still
+from spacerobot.errors import ScenarioError
+from spacerobot.scenario.plan import Planning
+from spacerobot.scene import Scene
+from spacerobot.scene.reach import reach
+from spacerobot.scene.scene import SceneBody, SceneTip
+
+SLACK = 1e-9
+"""Violation of a start that is rounding."""
+INSTANTS = 100
+"""Instants of a free duration at which a moving goal is looked for."""
+
+
+def check_start(problem: Problem) -> None:
+    """Refuse a start that is given and violates its own limits.
+
+    Raises
+    ------
+    ScenarioError
+        Naming the limit.
+    """
+    if problem.begin is not None:
+        return
+    scene, driven = problem.stage.scene, problem.stage.driven
+    model = scene.model
+    for joint in driven.joints:
+        own, name = model.joints[joint], str(model.names[joint])
+        checked = [("rate", model.nq + own.idx_v, "rad/s or m/s")]
+        if own.nq == 1:
+            checked.append(("position", own.idx_q, "rad or m"))
+        for what, place, unit in checked:
+            least, greatest = problem.lower[place], problem.upper[place]
+            if not least - SLACK <= problem.fixed[place] <= greatest + SLACK:
+                raise ScenarioError(
+                    f"the start violates a limit: the {what} of {name} is {problem.fixed[place]:.4g}, "
+                    f"allowed {least:.4g} to {greatest:.4g} {unit}; begin elsewhere or change the limit",
+                    source=scene.source,
+                    where="plan",
+                )
+    stage = problem.stage
+    later = ca.vertcat(stage.a, stage.u, stage.w)
+    rows = [row for row in problem.path if row.last == 1.0 and not ca.depends_on(row.value, later)]
+    if not rows:
+        return
+    rest = np.zeros(problem.stage.z.numel() - len(problem.fixed))
+    values = ca.Function("start", [problem.stage.z], [ca.densify(ca.vertcat(*(row.value for row in rows)))])
+    found = np.array(values(np.concatenate([problem.fixed, rest]))).ravel()
+    for row, value in zip(rows, found, strict=True):
+        if not row.lower - SLACK <= value <= row.upper + SLACK:
+            over = max(row.lower - value, value - row.upper) * row.scale
+            raise ScenarioError(
+                f"the start violates a limit: {row.name} is passed by {over:.4g} {row.unit}; begin elsewhere "
+                "or change the limit",
+                source=scene.source,
+                where="plan",
+            )
+
+
+def check_momentum(problem: Problem, plan: Planning) -> None:
+    """Refuse that bodies come to rest whose momentum nothing takes, or that are told to twice.
+
+    Raises
+    ------
+    ScenarioError
+        With that momentum.
+    """
+    scene, resting = problem.stage.scene, dict[str, str]()
+    for name, goal in plan.goals.items():
+        if not isinstance(goal, Still) or not goal.rests:
+            continue
+        where = f"plan.goals.{name}"
+        body = next(body for body in scene.bodies if body.name == goal.still)
+        group = _moving_with(problem, body)
+        if body.name in resting:
+            raise ScenarioError(
+                f"{body.name} comes to rest by goal {resting[body.name]!r} already, by a weld; leave "
+                "one of the two out",
+                source=scene.source,
+                where=where,
+            )
+        if problem.stage.springs:
+            continue  # they may take it
+        names = {one.name for one in group}
+        resting |= dict.fromkeys(names, name)
+        if names == {"target"}:
+            told = "moves on as it does, for nothing holds it"
+            raise ScenarioError(f"{body.name} {told}", source=scene.source, where=where)
+        if any(not one.root_joint for one in group):
+            continue  # the world takes it
+        momenta = zip(_momenta(scene, group), _taken(problem, plan, group), strict=True)
+        for (momentum, able), unit, key in zip(
+            momenta, ("N s", "N m s"), ("base_force", "base_torque"), strict=True
+        ):
+            size, most = float(np.linalg.norm(momentum)), able * problem.duration[1]
+            if size <= max(SLACK, most * (1 + 1e-6)):
+                continue
+            told = f"for nothing takes its momentum of {size:.4g} {unit}; give `limits.{key}`"
+            if able:
+                told = (
+                    f"for its momentum is {size:.4g} {unit}, of which {problem.duration[1]:g} s take no more "
+                    f"than {most:.4g} {unit}; raise `limits.{key}`, or the duration"
+                )
+            raise ScenarioError(f"{body.name} cannot come to rest, {told}", source=scene.source, where=where)
+
+
+def _taken(problem: Problem, plan: Planning, group: list[SceneBody]) -> tuple[float, float]:
+    """Bounds of the force [N], and of the torque about their centre of mass [N m], on the bases of bodies."""
+    scene, limits = problem.stage.scene, plan.limits
+    bases = [body for body in group if body is not scene.target]
+    force = np.sqrt(len(scene.translation_axes)) * limits.base_force
+    torque = np.sqrt(len(scene.rotation_axes)) * limits.base_torque
+    # forces on a base turn what lies beside it: bounded for a robot alone
+    lever = _from_base(problem, bases[0]) if len(group) == 1 else np.inf
+    return len(bases) * force, len(bases) * (torque + (lever * force if force else 0.0))
+
+
+def check_joined(problem: Problem, plan: Planning) -> None:
+    """Refuse that a robot ends at rest relative to the target with momenta that it cannot come to have.
+
+    What floats freely keeps its momenta. With its joints at rest and its tip moving as the mating frame it
+    would move as one with the target: momentum m v and, about its centre of mass, I w with some inertia I.
+
+    Raises
+    ------
+    ScenarioError
+        With the velocity, or the spin, that nothing changes.
+    """
+    scene, tips = problem.stage.scene, {tip.label: tip for tip in problem.stage.scene.tips}
+    driven = plan.limits.base_force or plan.limits.base_torque
+    if driven or problem.stage.grips or problem.begin is not None:
+        return
+    for name, goal in plan.goals.items():
+        if not isinstance(goal, Mated) or not (goal.rests and goal.orientation):
+            continue
+        tip = tips[goal.tip]
+        if not tip.body.root_joint:
+            continue
+        linear, angular = _momenta(scene, [tip.body])
+        mass = sum(float(scene.model.inertias[joint].mass) for joint in tip.body.subtree)
+        own, near = linear / mass, _greatest_distance(problem, tip)
+        velocities, spins = _mate_motion(problem, goal)
+        turning, turned = np.linalg.norm(spins, axis=1), float(np.linalg.norm(angular))
+        apart = np.linalg.norm(velocities - own, axis=1) - turning * near - goal.closing_speed
+        fault = ""
+        if apart.min() > SLACK:
+            fault = f"its centre of mass goes on at {np.linalg.norm(own):.4g} m/s, another velocity than that"
+        elif np.all((spins @ angular <= SLACK * turned) & (turning + turned > SLACK)):
+            fault = f"its angular momentum stays {turned:.4g} N m s, so it cannot turn likewise"
+        if fault:
+            raise ScenarioError(
+                f"{tip.body.name} cannot end at rest relative to the target: nothing acts on it from outside "
+                f"and {fault}; leave `rest` out, or give `limits.base_force` and `base_torque`",
+                source=scene.source,
+                where=f"plan.goals.{name}",
+            )
+
+
+def _mate_motion(problem: Problem, goal: Mated) -> tuple[Array, Array]:
+    """Velocity and spin of a mating frame, world axes, when a plan may end (n, 3) each [m/s, rad/s]."""
+    scene, (least, greatest, _) = problem.stage.scene, problem.duration
+    model, data = scene.model, scene.model.createData()
+    frame = model.getFrameId(f"target/{goal.frame}", pin.FrameType.BODY)
+    qs, vs = (
+        part[int(INSTANTS * least / greatest) :]
+        for part in drift(problem, Lobatto.of_order(2), INSTANTS, greatest)
+    )
+    found = []
+    for q, v in zip(qs, vs, strict=True):
+        pin.forwardKinematics(model, data, q, v)
+        motion = pin.getFrameVelocity(model, data, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
+        found.append((motion.linear, motion.angular))
+    velocities, spins = zip(*found, strict=True)
+    return np.array(velocities), np.array(spins)
+
+
+def _moving_with(problem: Problem, body: SceneBody) -> list[SceneBody]:
+    """A body, and those that welds join with it."""
+    target = problem.stage.scene.target
+    holding = {
+        grip.tip.body.name: grip.tip.body for grip in problem.stage.grips if grip.config.fixes_orientation
+    }
+    if target is None or not holding or body.name not in (*holding, target.name):
+        return [body]
+    return [target, *holding.values()]
+
+
+def _momenta(scene: Scene, bodies: Iterable[SceneBody]) -> tuple[Array, Array]:
+    """Linear and angular momentum at the start, the latter about the common centre of mass (3,) each."""
+    model, data = scene.model, scene.model.createData()
+    pin.forwardKinematics(model, data, np.array(scene.q), np.array(scene.v))
+    linear, angular, moment, mass = np.zeros(3), np.zeros(3), np.zeros(3), 0.0
+    for joint in (joint for body in bodies for joint in body.subtree):
+        inertia, place = model.inertias[joint], data.oMi[joint]
+        momentum = place.act(inertia * data.v[joint])
+        linear, angular = linear + momentum.linear, angular + momentum.angular
+        moment, mass = moment + inertia.mass * place.act(inertia.lever), mass + inertia.mass
+    return linear, angular - np.cross(moment / mass, linear)
+
+
+def check_reach(problem: Problem, plan: Planning, tips: dict[str, SceneTip]) -> None:
+    """Refuse a goal farther from a robot's centre of mass than its tip can ever be.
+
+    The centre of mass of a floating robot that nothing drives moves uniformly, and its base is never far from
+    it, so that the bound needs no solver.
+
+    Raises
+    ------
+    ScenarioError
+        With both distances.
+    """
+    if plan.limits.base_force or problem.stage.grips or problem.begin is not None:
+        return
+    scene = problem.stage.scene
+    least, greatest, _ = problem.duration
+    data = scene.model.createData()
+    qs = drift(problem, Lobatto.of_order(2), INSTANTS, greatest)[0][int(INSTANTS * least / greatest) :]
+    for name, goal in plan.goals.items():
+        if not isinstance(goal, TipGoal):
+            continue
+        tip, nearest, stage = tips[goal.tip], np.inf, problem.stage
+        allowed = _greatest_distance(problem, tip)
+        place = ca.Function("place", [stage.q], [ca.densify(goal.place(Seen(stage, f"plan.goals.{name}")))])
+        for q in qs:
+            pin.framesForwardKinematics(scene.model, data, q)
+            away = np.array(place(q)).ravel() - _centre(problem, tip, data, q)
+            nearest = min(nearest, float(np.linalg.norm(away)))
+        if nearest > allowed * (1 + 1e-6):
+            raise ScenarioError(
+                f"out of reach: at its nearest the goal is {nearest:.4g} m from {tip.body.name}'s centre of "
+                f"mass, and {tip.label} is never more than {allowed:.4g} m from it",
+                source=scene.source,
+                where=f"plan.goals.{name}",
+            )
+
+
+def _greatest_distance(problem: Problem, tip: SceneTip) -> float:
+    """Bound of the distance of a tip from what does not move of its robot [m]."""
+    scene = problem.stage.scene
+    length = reach(scene, tip)
+    if not tip.body.root_joint:
+        return length
+    return length + _from_base(problem, tip.body)
+
+
+def _from_base(problem: Problem, body: SceneBody) -> float:
+    """Bound of the distance of a floating robot's centre of mass from its base's origin [m]."""
+    inertias = problem.stage.scene.model.inertias
+    masses = {joint: float(inertias[joint].mass) for joint in body.subtree}
+    moment = masses[body.root_joint] * float(np.linalg.norm(inertias[body.root_joint].lever))
+    for joint in body.joints:  # the farthest that its link can be from the base's origin
+        distance = _length(problem, body, joint) + float(np.linalg.norm(inertias[joint].lever))
+        moment += masses[joint] * distance
+    return moment / sum(masses.values())
+
+
+def _length(problem: Problem, body: SceneBody, joint: int) -> float:
+    """Greatest distance of a joint's origin from the base's [m]."""
+    scene, found = problem.stage.scene, 0.0
+    while joint in body.joints:
+        found += float(np.linalg.norm(scene.model.jointPlacements[joint].translation))
+        urdf = urdf_joint(scene, body, joint)
+        if urdf.kind == "prismatic":
+            found += max(abs(urdf.lower), abs(urdf.upper))
+        joint = scene.model.parents[joint]
+    return found
+
+
+def _centre(problem: Problem, tip: SceneTip, data: Any, q: Array) -> Array:
+    """Centre of mass of a floating robot, or origin of a fixed one's root link [m]."""
+    scene = problem.stage.scene
+    if not tip.body.root_joint:
+        return np.asarray(data.oMf[tip.body.root_frame].translation)
+    pin.centerOfMass(scene.model, data, q)
+    root = tip.body.root_joint
+    return np.asarray(data.oMi[root].act(data.com[root]))

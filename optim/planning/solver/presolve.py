@@ -1,0 +1,193 @@
+"""A program without the unknowns that its equations determine alone.
+
+Those of a free target on which nothing acts are such, where the duration is given. They are solved for
+beforehand and leave the program together with their equations; those equations' multipliers follow from the
+solution.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from scipy import sparse
+from scipy.sparse.csgraph import breadth_first_order, maximum_bipartite_matching
+from scipy.sparse.linalg import splu
+
+from optim.planning.solver.solvable import Solvable
+from spacerobot.arrays import Array
+
+Places = npt.NDArray[np.int64]
+Mask = npt.NDArray[np.bool_]
+
+STEPS = 12
+"""Of Newton's method at most."""
+EXACT = 1e-11
+"""Greatest residual, and greatest violation of a limit, that count as none."""
+
+
+class Presolved:
+    """A program without its determined unknowns; :class:`Solvable` itself.
+
+    Parameters
+    ----------
+    program
+        With all unknowns.
+    first
+        All unknowns to begin with (size,).
+
+    Attributes
+    ----------
+    free, held
+        Unknowns and constraints of the program that are left.
+    size, rows
+        How many they are.
+    """
+
+    def __init__(self, program: Solvable, first: Array) -> None:
+        self.program = program
+        (low, high), (least, greatest) = program.bounds(), program.limits()
+        self._equations, self._known = determined(program.jacobian_pattern, least == greatest, low < high)
+        self._w = np.clip(first, low, high)
+        if not self._found(least) or (np.maximum(low - self._w, self._w - high) > EXACT).any():
+            self._equations = self._known = np.empty(0, dtype=np.int64)
+            self._w = np.clip(first, low, high)
+        free, held = np.ones(program.size, dtype=bool), np.ones(program.rows, dtype=bool)
+        free[self._known], held[self._equations] = False, False
+        self.free, self.held = np.flatnonzero(free), np.flatnonzero(held)
+        self.size, self.rows = len(self.free), len(self.held)
+        self._slopes, self.jacobian_pattern = _part(program.jacobian_pattern, held, free)
+        self._bends, self.hessian_pattern = _part(program.hessian_pattern, free, free)
+
+    def bounds(self) -> tuple[Array, Array]:
+        """Least and greatest unknowns (size,) each."""
+        low, high = self.program.bounds()
+        return low[self.free], high[self.free]
+
+    def limits(self) -> tuple[Array, Array]:
+        """Least and greatest values of the constraints (rows,) each."""
+        least, greatest = self.program.limits()
+        return least[self.held], greatest[self.held]
+
+    def objective(self, w: Array) -> float:
+        """Cost."""
+        return self.program.objective(self.unknowns(w))
+
+    def gradient(self, w: Array) -> Array:
+        """Of the cost (size,)."""
+        return self.program.gradient(self.unknowns(w))[self.free]
+
+    def constraints(self, w: Array) -> Array:
+        """Constraints that are left (rows,)."""
+        return self.program.constraints(self.unknowns(w))[self.held]
+
+    def jacobian(self, w: Array) -> Array:
+        """Entries of their first derivatives."""
+        return self.program.jacobian(self.unknowns(w))[self._slopes]
+
+    def hessian(self, w: Array, factor: float, multipliers: Array) -> Array:
+        """Entries of the second derivatives of factor times cost plus multipliers times constraints."""
+        every = _spread(multipliers, self.held, self.program.rows)
+        return self.program.hessian(self.unknowns(w), factor, every)[self._bends]
+
+    def unknowns(self, w: Array) -> Array:
+        """All unknowns of the program."""
+        out = self._w.copy()
+        out[self.free] = w
+        return out
+
+    def multipliers(self, w: Array, found: Array) -> Array:
+        """Multipliers of all constraints: the Lagrangian is stationary by what is known, too."""
+        program, every = self.program, _spread(found, self.held, self.program.rows)
+        if len(self._known):
+            x = self.unknowns(w)
+            pull = program.gradient(x) + self._matrix(x).T @ every
+            every[self._equations] = splu(self._square(x)).solve(-pull[self._known], trans="T")
+        return every
+
+    def spread(self, values: Array) -> Array:
+        """What belongs to the unknowns that are left, among zeros for all of the program."""
+        return _spread(values, self.free, self.program.size)
+
+    def _found(self, wanted: Array) -> bool:
+        """Newton's method for what is known; whether it was found."""
+        for _ in range(STEPS if len(self._known) else 0):
+            off = (self.program.constraints(self._w) - wanted)[self._equations]
+            if not np.isfinite(off).all():
+                return False
+            if np.abs(off).max() < EXACT:
+                return True
+            try:
+                self._w[self._known] -= splu(self._square(self._w)).solve(off)
+            except RuntimeError:  # singular
+                return False
+        return False
+
+    def _matrix(self, w: Array) -> sparse.csc_matrix:
+        """All constraints' first derivatives."""
+        pattern = self.program.jacobian_pattern
+        return sparse.csc_matrix(
+            (self.program.jacobian(w), pattern.indices, pattern.indptr), shape=pattern.shape
+        )
+
+    def _square(self, w: Array) -> sparse.csc_matrix:
+        """First derivatives of the equations that determine what is known, by it."""
+        return self._matrix(w)[:, self._known][self._equations].tocsc()
+
+
+def determined(pattern: sparse.csc_matrix, equal: Mask, free: Mask) -> tuple[Places, Places]:
+    """The largest set of equations that determines as many unknowns, from where their derivatives stand.
+
+    It is the square part of Dulmage and Mendelsohn's decomposition: in a matching of equations and unknowns,
+    what neither an unknown without equation nor an equation without unknown leads to. What depends on
+    unknowns with too many equations is left out, too.
+
+    Parameters
+    ----------
+    pattern
+        Where the constraints' first derivatives stand (constraints, unknowns).
+    equal, free
+        Which constraints are equations, and which unknowns are not fixed.
+
+    Returns
+    -------
+    tuple
+        Constraints, and the unknown that each is matched with.
+    """
+    rows, columns = np.flatnonzero(equal), np.flatnonzero(free)
+    part = _matrix(pattern, np.ones(pattern.nnz))[:, columns].tocsr()[rows]
+    match = maximum_bipartite_matching(part, perm_type="row")
+    matched, alone = np.flatnonzero(match >= 0), np.flatnonzero(match < 0)
+    left = np.setdiff1d(np.arange(len(rows)), match)
+    pairs = part[match[matched]]
+    steps = pairs[:, matched]  # from a pair to those whose unknowns stand in its equation
+    over = _reached(steps, part[left][:, matched].sum(axis=0))
+    others = pairs[:, np.append(alone, matched[over])].sum(axis=1)
+    square = np.setdiff1d(np.arange(len(matched)), np.union1d(over, _reached(steps.T, others)))
+    return rows[match[matched[square]]], columns[matched[square]]
+
+
+def _reached(graph: sparse.csr_matrix, begin: Array) -> Places:
+    """Nodes of a graph from row to column that are reached from those that count, these included."""
+    first = sparse.csr_matrix(np.ravel(begin))
+    whole = sparse.bmat([[None, first], [sparse.csr_matrix((graph.shape[0], 1)), graph]], format="csr")
+    return np.asarray(breadth_first_order(whole, 0, return_predecessors=False))[1:] - 1
+
+
+def _part(pattern: sparse.csc_matrix, rows: Mask, columns: Mask) -> tuple[Places, sparse.csc_matrix]:
+    """Some rows and columns of a pattern, and which of its entries they are."""
+    count = np.arange(1, pattern.nnz + 1)  # no zero, which might be dropped
+    part = sparse.csc_matrix((count, pattern.indices, pattern.indptr), shape=pattern.shape)[:, columns][
+        rows
+    ].tocsc()
+    part.sort_indices()
+    return part.data - 1, part
+
+
+def _matrix(pattern: sparse.csc_matrix, entries: Array | Places) -> sparse.csc_matrix:
+    return sparse.csc_matrix((entries, pattern.indices, pattern.indptr), shape=pattern.shape)
+
+
+def _spread(values: Array, places: Places, size: int) -> Array:
+    out = np.zeros(size)
+    out[places] = values
+    return out

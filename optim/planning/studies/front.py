@@ -1,0 +1,234 @@
+"""The Pareto front of two terms of a plan's cost: what less of one takes of the other.
+
+Where one of them is the time, durations are given, evenly between the limits of the section, and the rest of
+the cost becomes small: the constraint method. Elsewhere the weights of the two are swept against each other.
+Each point begins with the motion of one that lies near; which one is laid down, halving the way between two
+that are done, so that the points do not depend on who works on them.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from optim.planning.formulation.costs import UNITS
+from optim.planning.searches.bench import Ask, Attempt, Bench
+from optim.planning.searches.make import Planned, Progress, fault_of, integrals, kept_in, plan_tasks, planned
+from optim.planning.searches.tasks import Task, carry_out
+from spacerobot.errors import ScenarioError, near_names
+from spacerobot.scene import Scene
+
+DECADES = 3.0
+"""By how much the ratio of two weights is swept, to either side together."""
+ROUNDING = 1e-6
+"""By what part a value must be less to be better."""
+Status = Literal["efficient", "dominated", "refused"]
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """One point of a front.
+
+    Attributes
+    ----------
+    name
+        Of its task and its folder.
+    changes
+        What makes the scenario's plan section that of this point, by dotted path.
+    values
+        Duration [s] and root mean squares over it, in SI units, of every term, by name; empty where refused.
+    status
+        ``dominated`` where another point is as good in both and better in one.
+    fault
+        Why it is refused.
+    plan
+        The plan, where there is one.
+    """
+
+    name: str
+    changes: Mapping[str, float]
+    values: Mapping[str, float]
+    status: Status
+    fault: str
+    plan: Planned | None
+
+
+@dataclass(frozen=True, eq=False)
+class Front:
+    """Points from one end to the other.
+
+    Attributes
+    ----------
+    scene
+        Where they belong.
+    names
+        The two terms.
+    points
+        In order.
+    """
+
+    scene: Scene
+    names: tuple[str, str]
+    points: tuple[Point, ...]
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """Which front is wanted.
+
+    Attributes
+    ----------
+    names
+        The two terms of the cost; ``time`` may be one.
+    count
+        Number of points.
+    """
+
+    names: tuple[str, str] = ("time", "base_rotation")
+    count: int = 9
+
+
+def make_front(
+    scene: Scene,
+    wanted: Wanted,
+    *,
+    backend: str = "auto",
+    progress: Progress | None = None,
+    folder: Path | None = None,
+    dask: str | None = None,
+) -> Front:
+    """Plan every point of a front.
+
+    Parameters
+    ----------
+    scene
+        A scene with a ``plan`` section.
+    wanted
+        Which front.
+    backend, progress, folder, dask
+        As for :func:`optim.planning.searches.make.make_plan`.
+
+    Raises
+    ------
+    ScenarioError
+        If the terms have no weights, or the duration that is to be swept is given.
+    """
+    bench = Bench.of(scene, backend, progress or (lambda _: None), motions=wanted.count)
+    asks = _asks(bench, wanted)
+    names = [f"point_{k + 1}" for k in range(len(asks))]
+    tasks: dict[str, Task] = {}
+    for k, parent in halving(len(asks)):
+        if parent is None:
+            tasks |= plan_tasks(bench, asks[k], names[k])
+        else:
+            tasks[names[k]] = _after(asks[k], names[parent])
+    found = carry_out(bench, tasks, kept_in(folder, bench), dask)
+    points = [_point(bench, ask, found, name) for name, ask in zip(names, asks, strict=True)]
+    return Front(scene, wanted.names, tuple(_compared(points, wanted.names)))
+
+
+def halving(count: int) -> list[tuple[int, int | None]]:
+    """Numbers from 0 on, from the middle, each with a number before it that is near; none for the first."""
+    found: list[tuple[int, int | None]] = []
+    gaps = [(-1, count)]
+    while gaps:
+        low, high = gaps.pop(0)
+        if high - low < 2:
+            continue
+        k = (low + high) // 2
+        ends = [end for end in (high, low) if 0 <= end < count]
+        found.append((k, min(ends, key=lambda end: abs(end - k), default=None)))
+        gaps += [(low, k), (k, high)]
+    return found
+
+
+def _asks(bench: Bench, wanted: Wanted) -> list[Ask]:
+    """What is asked for at each point.
+
+    Raises
+    ------
+    ScenarioError
+        If that cannot be.
+    """
+    weights, plain = bench.problem.weights, bench.asked()
+    if bench.later:
+        raise ScenarioError(
+            "a front takes a plan of one phase", source=bench.scene.source, where="plan.phases"
+        )
+    for name in wanted.names:
+        if name not in UNITS:
+            raise ScenarioError(f"no term {name!r}; {near_names(name, UNITS)}", where="--pareto")
+        if name != "time" and not weights.get(name):
+            raise ScenarioError(
+                "has no weight, so that nothing makes it small; give it one",
+                source=bench.scene.source,
+                where=f"plan.costs.{name}",
+            )
+    first, second = wanted.names
+    if first == second:
+        raise ScenarioError(f"found {first!r} twice, allowed: two terms", where="--pareto")
+    if "time" not in wanted.names:
+        shares = np.linspace(DECADES / 2, -DECADES / 2, wanted.count) / 2
+        return [
+            dataclasses.replace(
+                plain,
+                weights={
+                    **weights,
+                    first: float(weights[first] * 10**share),
+                    second: float(weights[second] * 10**-share),
+                },
+            )
+            for share in shares
+        ]
+    least, greatest, _ = bench.problem.duration
+    if least == greatest:
+        raise ScenarioError(
+            f"found {least:g} s; a front over time needs limits of the duration, as {{lower: 6, upper: 12}}",
+            source=bench.scene.source,
+            where="plan.duration",
+        )
+    times = np.linspace(least, greatest, wanted.count)
+    return [dataclasses.replace(plain, duration=(float(t),) * 3) for t in times]
+
+
+def _after(ask: Ask, parent: str) -> Task:
+    return Task(lambda found: dataclasses.replace(ask, near=found[parent]), (parent,))
+
+
+def _point(bench: Bench, ask: Ask, found: Mapping[str, Attempt], name: str) -> Point:
+    """What was found of a point."""
+    fault, plain = fault_of(found[name], bench.plan.starts), bench.asked()
+    changes = {
+        f"plan.costs.{key}": value for key, value in ask.weights.items() if value != plain.weights[key]
+    }
+    if ask.duration != plain.duration:
+        changes["plan.duration"] = ask.duration[0]
+    if fault is not None:
+        return Point(name, changes, {}, "refused", fault, None)
+    plan = planned(bench, ask, found, name)
+    duration = plan.motion.duration_s
+    values = {
+        term: float(np.sqrt(value / duration))
+        for term, value in integrals(plan.motion).items()
+        if term != "time"
+    }
+    return Point(name, changes, {"time": duration, **values}, "efficient", "", plan)
+
+
+def _compared(points: Sequence[Point], names: tuple[str, str]) -> list[Point]:
+    """The points, those that another one beats marked."""
+    at = {p.name: np.array([p.values[name] for name in names]) for p in points if p.plan is not None}
+
+    def beaten(name: str) -> bool:
+        """Whether another point is nowhere worse and somewhere better."""
+        own = at.get(name)
+        return own is not None and any(
+            (own >= other).all() and (own > (1 + ROUNDING) * other).any() for other in at.values()
+        )
+
+    return [dataclasses.replace(p, status="dominated") if beaten(p.name) else p for p in points]

@@ -1,0 +1,188 @@
+"""Where a search begins: joints on their way to a posture that meets the goal, all else as it drifts."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections.abc import Callable, Sequence
+
+import casadi as ca
+import numpy as np
+import pinocchio as pin
+
+from optim.planning.formulation.impact import struck
+from optim.planning.formulation.stage import Problem
+from optim.planning.transcription.lobatto import Lobatto
+from optim.planning.transcription.motion import Course, Motion
+from spacerobot.arrays import Array
+
+STEPS = 200
+"""Steps by which the free motion is integrated."""
+ITERATIONS = 200
+"""Of the inverse kinematics, at most."""
+DAMPING = 1e-3
+"""Of its normal equations [m^2, rad^2]."""
+SPREAD = 0.7
+"""[rad or m] Standard deviation by which further starts' postures differ from the scenario's."""
+
+
+def guesses(
+    problems: Sequence[Problem], lobatto: Lobatto, meshes: Sequence[int], rng: np.random.Generator | None
+) -> Course:
+    """Motions to begin with of the phases of a plan, each from where the one before it ends.
+
+    Parameters
+    ----------
+    problems, meshes
+        Of each phase: the problem, and how many intervals.
+    lobatto, rng
+        As for :func:`guess`.
+    """
+    motions = list[Motion]()
+    for problem, intervals in zip(problems, meshes, strict=True):
+        if motions:
+            end = np.concatenate([motions[-1].q[-1], motions[-1].v[-1]])
+            problem = dataclasses.replace(problem, fixed=struck(problem.stage, end, locked=True))
+        motions.append(guess(problem, lobatto, intervals, rng))
+    return Course(tuple(motions))
+
+
+def guess(
+    problem: Problem, lobatto: Lobatto, intervals: int, rng: np.random.Generator | None = None
+) -> Motion:
+    """A motion to begin with.
+
+    Parameters
+    ----------
+    problem
+        The problem.
+    lobatto, intervals
+        Mesh of the motion.
+    rng
+        Draws another posture, and another duration where that is free; the plain guess if None.
+    """
+    stage, (least, greatest, duration) = problem.stage, problem.duration
+    model, driven = stage.scene.model, stage.driven
+    columns = list(driven.columns[: len(driven.joints)])
+    if rng is not None and least < greatest:
+        duration = float(rng.uniform(least, greatest))
+    drift_q, drift_v = drift(problem, lobatto, intervals, duration)
+    first = drift_q[-1].copy()
+    if rng is not None:
+        step = np.zeros(model.nv)
+        step[columns] = rng.normal(0.0, SPREAD, len(columns))
+        first = _clipped(problem, pin.integrate(model, first, step))
+    ends = _inverse_kinematics(problem, first, drift_v[-1], columns)
+    way = np.zeros(model.nv)
+    way[columns] = pin.difference(model, drift_q[-1], ends)[columns]
+    share = lobatto.times(intervals, 1.0)
+    blend = share**3 * (10 - 15 * share + 6 * share**2)
+    slope = 30 * share**2 * (1 - share) ** 2 / duration
+    bend = 60 * share * (1 - share) * (1 - 2 * share) / duration**2
+    q = np.array([pin.integrate(model, at, way * b) for at, b in zip(drift_q, blend, strict=True)])
+    v, a = drift_v + slope[:, None] * way, bend[:, None] * way
+    u = np.array([_drive(problem, *at) for at in zip(q, v, a, strict=True)])
+    z = np.hstack([q, v, a, u, np.zeros((len(q), stage.w.numel()))])
+    z = np.clip(z, problem.lower, problem.upper)
+    z[0, : problem.fixed.size] = problem.fixed
+    return Motion(problem, lobatto, intervals, duration, z)
+
+
+def stretched(motion: Motion, problem: Problem, duration: float) -> Motion:
+    """A motion to begin with: another problem's motion over the same scene, made to last as long.
+
+    What it adds to the free drift is taken over at the same parts of the duration.
+    """
+    model, share = problem.stage.scene.model, duration / motion.duration_s
+    before = drift(problem, motion.lobatto, motion.intervals, motion.duration_s)
+    after = drift(problem, motion.lobatto, motion.intervals, duration)
+    z = np.empty_like(motion.z)
+    parts = zip(motion.q, motion.v, motion.a, motion.u, motion.w, strict=True)
+    for k, (q, v, a, u, w) in enumerate(parts):
+        q = pin.integrate(model, after[0][k], pin.difference(model, before[0][k], q))
+        v, a = after[1][k] + (v - before[1][k]) / share, a / share**2
+        z[k] = np.concatenate([q, v, a, u if share == 1.0 else _drive(problem, q, v, a), w])
+    z = np.clip(z, problem.lower, problem.upper)
+    size = problem.fixed.size
+    z[0, :size] = np.clip(z[0, :size], *problem.start)
+    return Motion(problem, motion.lobatto, motion.intervals, duration, z)
+
+
+def _drive(problem: Problem, q: Array, v: Array, a: Array) -> Array:
+    """What drives a motion, by Pinocchio's inverse dynamics; what floating bases would need is left out."""
+    model = problem.stage.scene.model
+    force = pin.rnea(model, model.createData(), q, v, a) + np.asarray(model.damping) * v
+    return np.asarray(force[list(problem.stage.driven.columns)])
+
+
+def drift(problem: Problem, lobatto: Lobatto, intervals: int, duration: float) -> tuple[Array, Array]:
+    """Configuration and velocity at all points where nothing drives anything and joints stand still."""
+    model, fall = problem.stage.scene.model, _falling(problem)
+    q, v = problem.fixed[: model.nq].copy(), problem.fixed[model.nq :] * _moving(problem)
+    times, found = lobatto.times(intervals, duration), [(q, v)]
+    for begin, end in itertools.pairwise(times):
+        steps = max(1, round(STEPS * (end - begin) / duration))
+        h = (end - begin) / steps
+        for _ in range(steps):  # Heun's method on the manifold
+            one = fall(q, v)
+            other = fall(pin.integrate(model, q, h * v), v + h * one)
+            q, v = pin.integrate(model, q, h * (v + h / 4 * (one + other))), v + h / 2 * (one + other)
+        found.append((q, v))
+    qs, vs = zip(*found, strict=True)
+    return np.array(qs), np.array(vs)
+
+
+def _moving(problem: Problem) -> Array:
+    """1 for velocities that are free, 0 for those of joints (nv,)."""
+    free = np.ones(problem.stage.scene.model.nv)
+    free[list(problem.stage.driven.columns[: len(problem.stage.driven.joints)])] = 0.0
+    return free
+
+
+def _falling(problem: Problem) -> Callable[[Array, Array], Array]:
+    """Acceleration (nv,) where nothing drives anything and joints stand still."""
+    stage, free = problem.stage, _moving(problem)
+    model, data = stage.scene.model, stage.scene.model.createData()
+    if not stage.grips:
+        return lambda q, v: np.asarray(free * pin.aba(model, data, q, v, np.zeros(model.nv)))
+    rows = ca.vertcat(stage.parting, stage.a[np.flatnonzero(free == 0).tolist()])
+    held = ca.Function("held", [stage.q, stage.v, stage.a], [rows, ca.jacobian(rows, stage.a)])
+
+    def fall(q: Array, v: Array) -> Array:
+        """With what is held."""
+        bias, slopes = (np.array(x.full()) for x in held(q, v, np.zeros(model.nv)))
+        upper, none = np.triu(pin.crba(model, data, q)), np.zeros((len(slopes), len(slopes)))
+        inertia = upper + np.triu(upper, 1).T
+        matrix = np.block([[inertia, slopes.T], [slopes, none]])
+        right = -np.concatenate([pin.nle(model, data, q, v), bias.ravel()])
+        return np.asarray(np.linalg.lstsq(matrix, right, rcond=None)[0][: model.nv])
+
+    return fall
+
+
+def _inverse_kinematics(problem: Problem, q: Array, v: Array, columns: list[int]) -> Array:
+    """Configuration near one, with other joint positions, that comes near the goal's poses and postures."""
+    stage, model = problem.stage, problem.stage.scene.model
+    rows = ca.vertcat(*(row.value for row in problem.goal))
+    still = np.flatnonzero(~np.array(ca.which_depends(rows, stage.v, 1, True), dtype=bool)).tolist()
+    if not still:
+        return q
+    rows = ca.densify(rows[still])
+    tangent = ca.jacobian(stage.rate, stage.v)[:, columns]
+    slopes = ca.densify(ca.mtimes(ca.jacobian(rows, stage.q), tangent))
+    function = ca.Function("goal", [stage.z], [rows, slopes])
+    rest = np.zeros(stage.z.numel() - model.nq - model.nv)
+    for _ in range(ITERATIONS):
+        residual, jacobian = (np.array(x) for x in function(np.concatenate([q, v, rest])))
+        if np.abs(residual).max() < 1e-6:
+            break
+        normal = jacobian @ jacobian.T + DAMPING * np.eye(len(residual))
+        step = np.zeros(model.nv)
+        step[columns] = -(jacobian.T @ np.linalg.solve(normal, residual)).ravel()
+        q = _clipped(problem, pin.integrate(model, q, step / max(1.0, 5 * np.abs(step).max())))
+    return q
+
+
+def _clipped(problem: Problem, q: Array) -> Array:
+    """Configuration whose joints keep to their ranges."""
+    return np.clip(q, problem.lower[: q.size], problem.upper[: q.size])

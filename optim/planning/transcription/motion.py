@@ -1,0 +1,172 @@
+"""A planned motion: instants at the points of a mesh, and the polynomials between them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from optim.planning.formulation.stage import Problem
+from optim.planning.transcription.lobatto import Lobatto
+from spacerobot.arrays import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """A motion on a mesh of equal intervals.
+
+    Attributes
+    ----------
+    problem
+        What it is a motion of.
+    lobatto, intervals
+        The mesh.
+    duration_s
+        From its beginning to its end [s].
+    z
+        Instants at all points (points, nz): configuration, velocity, acceleration, drive, grips' wrenches.
+    """
+
+    problem: Problem
+    lobatto: Lobatto
+    intervals: int
+    duration_s: float
+    z: Array
+
+    @property
+    def time(self) -> Array:
+        """Times of the points (points,) [s]."""
+        return self.lobatto.times(self.intervals, self.duration_s)
+
+    @property
+    def q(self) -> Array:
+        """Configurations at the points (points, nq), on their manifold."""
+        return normalised(self.problem.stage.scene.model, self.parts(self.z)[0])
+
+    @property
+    def v(self) -> Array:
+        """Velocities (points, nv)."""
+        return self.parts(self.z)[1]
+
+    @property
+    def a(self) -> Array:
+        """Accelerations (points, nv)."""
+        return self.parts(self.z)[2]
+
+    @property
+    def u(self) -> Array:
+        """What drives it (points, nu) [N m or N]."""
+        return self.parts(self.z)[3]
+
+    @property
+    def w(self) -> Array:
+        """Wrenches of the grasps that hold (points, nw) [N, N m]."""
+        return self.parts(self.z)[4]
+
+    @property
+    def unknowns(self) -> Array:
+        """Instants and duration as a program has them."""
+        return np.append(self.z.ravel(), self.duration_s)
+
+    def parts(self, z: Array) -> list[Array]:
+        """Configuration, velocity, acceleration, drive and grips' wrenches of instants (n, nz)."""
+        stage = self.problem.stage
+        sizes = [part.numel() for part in (stage.q, stage.v, stage.a, stage.u)]
+        return np.split(z, np.cumsum(sizes), axis=1)
+
+    def at(self, intervals: int, place: Array) -> Array:
+        """Instants (intervals len(place), nz) at places in 0 .. 1 of each of so many equal intervals.
+
+        Velocities and configurations are the integrals of the polynomials of their rates, which they equal at
+        the points.
+        """
+        return self.along(((np.arange(intervals)[:, None] + place) / intervals).ravel())
+
+    def along(self, parts: Array) -> Array:
+        """Instants (n, nz) at parts (n,) of the duration, 0 to 1; see :meth:`at`."""
+        share = parts * self.intervals
+        n = np.minimum(share.astype(int), self.intervals - 1)
+        local = share - n
+        of = n[:, None] * (self.lobatto.points - 1) + np.arange(self.lobatto.points)
+        values, primitives = self.lobatto.values_at(local), self.lobatto.primitives_at(local)
+        q, v, a, u, w = self.parts(self.z)
+        rate = np.array(_rates(self.problem)(self.z.T).full()).T
+        step, first = self.duration_s / self.intervals, of[:, 0]
+        return np.hstack(
+            [
+                q[first] + step * np.einsum("pk,pkx->px", primitives, rate[of]),
+                v[first] + step * np.einsum("pk,pkx->px", primitives, a[of]),
+                np.einsum("pk,pkx->px", values, a[of]),
+                np.einsum("pk,pkx->px", values, u[of]),
+                np.einsum("pk,pkx->px", values, w[of]),
+            ]
+        )
+
+    def on(self, lobatto: Lobatto, intervals: int) -> Motion:
+        """The same motion on another mesh."""
+        inner = self.at(intervals, lobatto.nodes[:-1])
+        z = np.vstack([inner, self.at(1, np.array([1.0]))])
+        size = self.problem.fixed.size
+        z[0, :size] = np.clip(z[0, :size], *self.problem.start)
+        return Motion(self.problem, lobatto, intervals, self.duration_s, z)
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """The motions of all phases of a plan, in turn; of one phase as a rule.
+
+    Attributes
+    ----------
+    motions
+        One for each phase.
+    impulses
+        What leads from each to the next one, where rigid grasps close (nw,) [N s, N m s]; empty elsewhere.
+    """
+
+    motions: tuple[Motion, ...]
+    impulses: tuple[Array, ...] = ()
+
+    @property
+    def begins(self) -> Array:
+        """When each phase begins [s]."""
+        return np.cumsum([0.0, *(motion.duration_s for motion in self.motions[:-1])])
+
+    @property
+    def duration_s(self) -> float:
+        """Of all phases [s]."""
+        return float(sum(motion.duration_s for motion in self.motions))
+
+    @property
+    def time(self) -> Array:
+        """Times of the points [s]; two of them are the same where phases meet."""
+        return np.concatenate([t + m.time for t, m in zip(self.begins, self.motions, strict=True)])
+
+    @property
+    def unknowns(self) -> Array:
+        """Instants, durations and impulses as a program has them."""
+        return np.concatenate([*(motion.unknowns for motion in self.motions), *self.impulses])
+
+    def on(self, lobatto: Lobatto, meshes: Sequence[int]) -> Course:
+        """The same motions on other meshes."""
+        found = (motion.on(lobatto, many) for motion, many in zip(self.motions, meshes, strict=True))
+        return Course(tuple(found), self.impulses)
+
+
+def normalised(model: Any, q: Array) -> Array:
+    """Configurations (n, nq) with unit cosine and sine pairs and unit quaternions."""
+    q = q.copy()
+    for joint in list(model.joints)[1:]:
+        first, size = joint.idx_q, joint.nq - joint.nv
+        if not size:
+            continue
+        pair = slice(first + joint.nq - (4 if joint.nv == 6 else 2), first + joint.nq)
+        q[:, pair] /= np.linalg.norm(q[:, pair], axis=1, keepdims=True)
+    return q
+
+
+def _rates(problem: Problem) -> ca.Function:
+    """Rates of the configuration of instants."""
+    return ca.Function("rate", [problem.stage.z], [ca.densify(problem.stage.rate)])

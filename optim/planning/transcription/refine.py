@@ -1,0 +1,109 @@
+"""From one mesh to another: a search on a fine mesh begins near its end, at the solution on a coarse one."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from optim.planning.solver.solvable import Solvable
+from optim.planning.solver.solve import Solved, Told, solve
+from optim.planning.transcription.chain import Chain, programs_of
+from optim.planning.transcription.motion import Motion
+from optim.planning.transcription.program import Program
+from spacerobot.arrays import Array
+
+
+def solve_from(
+    motion: Motion, program: Program, *, scale: float, iterations: int = 500, told: Told | None = None
+) -> tuple[Solved, Solved]:
+    """Solve a problem on a motion's mesh first, and then on the program's from what was found there.
+
+    Parameters
+    ----------
+    motion
+        Where the search begins, on a coarse mesh.
+    program
+        What is to be solved.
+    scale, iterations, told
+        As for :func:`solve`; iterations on each mesh.
+
+    Returns
+    -------
+    tuple
+        What was found on the coarse mesh, and on the program's.
+    """
+    coarse = Program(program.problem, program.instants, motion.lobatto, motion.intervals)
+    found = solve(coarse, motion.unknowns, scale=scale, iterations=iterations, told=told)
+    z, duration = coarse.split(found.w)
+    near = dataclasses.replace(motion, z=z, duration_s=duration).on(program.lobatto, program.intervals)
+    warm = carried(found, coarse, program) if found.converged else None
+    return found, solve(program, near.unknowns, warm, scale=scale, iterations=iterations, told=told)
+
+
+def carried(solved: Solved, source: Solvable, target: Solvable) -> Solved:
+    """What a solver found on one mesh, for the same problem on another.
+
+    Multipliers of what holds at points are densities over time times the weights of the quadrature; those of
+    the defects come from the costates p, of which an interval's multipliers are A^T lambda = b p.
+
+    Parameters
+    ----------
+    solved
+        Where it ended.
+    source, target
+        Its program, and the one that is to be solved. Unknowns are not carried over.
+    """
+    if not (isinstance(source, Chain) and isinstance(target, Chain)):
+        return onward(solved, programs_of(source)[0], programs_of(target)[0])
+    parts = source.parted(solved)
+    of = zip(parts, source.programs, target.programs, strict=False)
+    parts[: len(source.programs)] = [onward(*one) for one in of]
+    return dataclasses.replace(
+        solved,
+        multipliers=np.concatenate([part.multipliers for part in parts]),
+        bound_multipliers=np.concatenate([part.bound_multipliers for part in parts]),
+    )
+
+
+def onward(solved: Solved, source: Program, target: Program, begin: float = 0.0) -> Solved:
+    """What a solver found for one phase, on another mesh, for what is left of it.
+
+    Parameters
+    ----------
+    solved, source, target
+        As for :func:`carried`.
+    begin
+        Part of the source's duration at which the target begins; both end together.
+    """
+    left = 1.0 - begin
+    share, wanted = (at.lobatto.times(at.intervals, 1.0) for at in (source, target))
+    wanted = begin + left * wanted
+    between = np.array([np.interp(wanted, share, unit) for unit in np.eye(len(share))]).T
+    weights = left * target.weights[:, None] * between / source.weights
+    last = source.rows - len(source.problem.goal)
+    held = weights @ solved.multipliers[source.defects : last].reshape(source.points, -1)
+    bounds = weights @ solved.bound_multipliers[:-1].reshape(source.points, -1)
+    if source.problem.begin is None:
+        bounds[0, : target.nx] = 0.0  # the start is no unknown
+    return dataclasses.replace(
+        solved,
+        multipliers=np.concatenate(
+            [_defects(solved, source, target, begin).ravel(), held.ravel(), solved.multipliers[last:]]
+        ),
+        bound_multipliers=np.append(bounds, solved.bound_multipliers[-1]),
+    )
+
+
+def _defects(solved: Solved, source: Program, target: Program, begin: float) -> Array:
+    """Multipliers of the target's defects (N, s - 1, nx)."""
+    found = solved.multipliers[: source.defects].reshape(source.intervals, source.inner, source.nx)
+    lobatto, other = source.lobatto, target.lobatto
+    costates = np.einsum("jk,njx->nkx", lobatto.integral[1:], found) / lobatto.weights[:, None]
+    ratio, n = (1.0 - begin) * source.intervals / target.intervals, np.arange(target.intervals)[:, None]
+    first = begin * source.intervals
+    inside = np.minimum((first + (n + 0.5) * ratio).astype(int), source.intervals - 1)
+    values = lobatto.values_at(first + (n + other.nodes) * ratio - inside)  # (N, s, points of the source)
+    p = np.einsum("nik,nkx->nix", values, costates[inside[:, 0]])
+    back = np.linalg.pinv(other.integral[1:].T)
+    return np.asarray(np.einsum("jk,nkx->njx", back, other.weights[:, None] * p))

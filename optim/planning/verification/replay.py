@@ -1,0 +1,245 @@
+"""A plan replayed by the rollouts' own methods: its torques alone, and with feedback."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pinocchio as pin
+
+from optim.planning.formulation.grips import pull, slip
+from optim.planning.formulation.impact import struck
+from optim.planning.formulation.stage import Stage
+from optim.planning.transcription.lobatto import Lobatto
+from optim.planning.transcription.motion import Course, Motion
+from optim.planning.verification.gains import tracking_gains
+from spacerobot.arrays import Array
+from spacerobot.dynamics import (
+    ArticulatedBody,
+    Inertias,
+    configuration_derivative,
+    forward_kinematics,
+    normalise,
+)
+from spacerobot.dynamics.algebra import SymmetricFactors
+from spacerobot.dynamics.joints import sparse
+from spacerobot.rollout import build_rollout
+
+LONGEST_STEP = 0.01
+"""[s] Of the replay."""
+
+
+@dataclass(frozen=True)
+class Replayed:
+    """A scene whose drive is a polynomial of time, with joint PD to the plan, as rollouts know closed loops.
+
+    Parameters are the state at the beginning, and for one interval of the plan: its length, gains of joints
+    and their positions at its beginning, and at each of its points the drive, joint rates and accelerations.
+    """
+
+    parameter_paths: tuple[str, ...]
+    parameter_values: Array
+    state_names: tuple[str, ...]
+    nq: int
+    nv: int
+    setup: ca.Function
+    dynamics: ca.Function
+    normalise: ca.Function
+    outputs: ca.Function
+    gaps: ca.Function
+    guards: ca.Function
+    update: ca.Function
+    rows: ca.Function
+    nz: int = 0
+    jumps: tuple[int, ...] = ()
+    switches: tuple[int, ...] = ()
+    events: tuple[()] = ()
+    fine: tuple[tuple[int, float, float], ...] = ()
+    tables: tuple[()] = ()
+    max_gaps: Mapping[str, float] = dataclasses.field(default_factory=dict)
+
+    @classmethod
+    def of(cls, stage: Stage, lobatto: Lobatto) -> Replayed:
+        """Loop of a scene over one interval of this collocation."""
+        model, driven = stage.scene.model, stage.driven
+        nx, nu = model.nq + model.nv, len(driven.columns)
+        joints, points = len(driven.joints), lobatto.points
+        count = 1 + 3 * joints + (nu + 2 * joints) * points
+        t, x, given = ca.SX.sym("t"), ca.SX.sym("x", nx), ca.SX.sym("c", count)
+        q, v = x[: model.nq], x[model.nq :]
+        sizes = [1, joints, joints, joints, points * nu, points * joints, points * joints]
+        length, kp, kd, first, *rest = _parts(given, sizes)
+        drive, rates, accelerations = (ca.reshape(part, part.numel() // points, points) for part in rest)
+        place = t / length
+        torque = _summed(lobatto.basis, place, drive)
+        wanted = first + length * _summed(lobatto.primitives, place, rates)
+        rate = rates[:, 0] + length * _summed(lobatto.primitives, place, accelerations)
+        force = -sparse(np.asarray(model.damping)) * v
+        for k, column in enumerate(driven.columns):
+            force[column] += torque[k]
+        for k, joint in enumerate(driven.joints):
+            column = driven.columns[k]
+            behind = _behind(model.joints[joint], q, wanted[k])
+            force[column] += kp[k] * behind + kd[k] * (rate[k] - v[column])
+        change = ca.vertcat(configuration_derivative(model, q, v), _acceleration(stage, q, v, force))
+        p, none = ca.SX.sym("p", nx + given.numel()), ca.SX(0, 1)
+        names = tuple(f"p{i}" for i in range(p.numel()))
+        xdot, e = ca.SX.sym("xdot", nx), ca.SX.sym("e")
+        at, at_names = [t, x, given], ["t", "x", "c"]
+        return cls(
+            names,
+            np.ones(p.numel()),
+            tuple(f"x{i}" for i in range(nx)),
+            model.nq,
+            model.nv,
+            ca.Function("setup", [p], [p[:nx], p[nx:]], ["p"], ["x0", "c"]),
+            ca.Function("dynamics", at, [ca.densify(change)], at_names, ["xdot"]),
+            ca.Function("normalise", [x], [ca.vertcat(normalise(model, q), v)], ["x"], ["n"]),
+            ca.Function("outputs", at, [v], at_names, ["velocity"]),
+            ca.Function("gaps", [p], [none], ["p"], ["gap"]),
+            ca.Function("guards", [*at, xdot], [none, none], [*at_names, "xdot"], ["g", "rate"]),
+            ca.Function("update", [*at, e], [x], [*at_names, "e"], ["x_after"]),
+            ca.Function("rows", at, [none], at_names, ["row"]),
+        )
+
+
+def _acceleration(stage: Stage, q: ca.SX, v: ca.SX, force: ca.SX) -> ca.SX:
+    """Forward dynamics (nv x 1) with the grasps that hold."""
+    scene, model, grips = stage.scene, stage.scene.model, stage.grips
+    kinematics = forward_kinematics(model, q, v)
+    for spring in stage.springs:
+        wrench = ca.vertcat(*pull(scene, kinematics, spring))
+        force = force + ca.jtimes(slip(scene, kinematics, [spring]), v, wrench, True)
+    body = ArticulatedBody.factorise(model, kinematics, Inertias.from_model(model))
+    free = body.acceleration(force)
+    if not grips:
+        return free
+    parting = slip(scene, kinematics, grips)
+    slopes = ca.jacobian(parting, v)
+    drift = ca.jtimes(parting, q, configuration_derivative(model, q, v))
+    response = ca.horzcat(*(body.response(row.T) for row in ca.vertsplit(slopes)))
+    wrench = SymmetricFactors(ca.mtimes(slopes, response)).solve_negated(ca.mtimes(slopes, free) + drift)
+    return free + ca.mtimes(response, wrench)
+
+
+def replays_of(course: Course, backend: str = "auto") -> tuple[list[Array], list[Array]]:
+    """The same of all phases, each from where the one before it ended, through the impact of what closes."""
+    alone, followed = list[Array](), list[Array]()
+    for motion in course.motions:
+        stage, starts = motion.problem.stage, None
+        if alone:
+            starts = struck(stage, alone[-1][-1]), struck(stage, followed[-1][-1])
+        for states, found in zip((alone, followed), replays(motion, backend, starts), strict=True):
+            states.append(found)
+    return alone, followed
+
+
+def replays(
+    motion: Motion, backend: str = "auto", starts: tuple[Array, Array] | None = None
+) -> tuple[Array, Array]:
+    """States (intervals + 1, nq + nv) at the knots when a plan's drive acts without feedback, and with it.
+
+    Parameters
+    ----------
+    motion
+        The plan.
+    backend
+        ``auto``, ``compiled`` or ``interpreted``.
+    starts
+        States (nq + nv,) to begin with, of the one and of the other; the plan's own if not given.
+    """
+    problem, scene = motion.problem, motion.problem.stage.scene
+    driven, length = problem.stage.driven, motion.duration_s / motion.intervals
+    steps = max(4, math.ceil(length / LONGEST_STEP))
+    rollout = build_rollout(
+        Replayed.of(problem.stage, motion.lobatto),
+        duration_s=length,
+        step_s=length / steps,
+        output_step_s=length,
+        backend=backend,  # type: ignore[arg-type]
+    )
+    robots = [name.partition("/")[0] for name in driven.names[: len(driven.joints)]]
+    gains = {name: tracking_gains(scene, name) for name in dict.fromkeys(robots)}
+    feedback = np.array([[gains[robot][key] for robot in robots] for key in ("kp", "kd")]).ravel()
+    if starts is None:
+        starts = (np.concatenate([motion.q[0], motion.v[0]]),) * 2
+    found = []
+    for start, given in zip(starts, (0 * feedback, feedback), strict=True):
+        states = [start]
+        for n in range(motion.intervals):
+            p = np.concatenate([states[-1], [length], given, _interval(motion, n)])
+            states.append(np.array(rollout.run(p).state[-1]))
+        found.append(np.array(states))
+    return found[0], found[1]
+
+
+def _interval(motion: Motion, n: int) -> Array:
+    """Joint positions where an interval begins; drive, joint rates and accelerations at its points."""
+    driven, model = motion.problem.stage.driven, motion.problem.stage.scene.model
+    own = slice(n * (motion.lobatto.points - 1), (n + 1) * (motion.lobatto.points - 1) + 1)
+    columns = list(driven.columns[: len(driven.joints)])
+    q, v, a, u, _ = (part[own] for part in motion.parts(motion.z))
+    first = [joint_angle(model.joints[joint], q[0]) for joint in driven.joints]
+    return np.concatenate([first, u.ravel(), v[:, columns].ravel(), a[:, columns].ravel()])
+
+
+def joint_angle(joint: Any, q: Array) -> float:
+    """Position of a joint of one degree of freedom [rad or m]; between minus and plus pi if unbounded."""
+    at = joint.idx_q
+    return float(np.arctan2(q[at + 1], q[at]) if joint.nq == 2 else q[at])
+
+
+def tip_errors(motion: Motion, states: Array) -> Mapping[str, Array]:
+    """Distance [m] of each planned robot's tips from the plan at each knot (intervals + 1,).
+
+    A robot without tips, and an object that is held, count by their root links, whose turning by a radian
+    counts as a metre.
+    """
+    scene = motion.problem.stage.scene
+    model, data = scene.model, scene.model.createData()
+    knots = motion.q[:: motion.lobatto.points - 1]
+    led = {tip.body.name for tip in scene.tips}
+    tips = {tip.label: tip.frame for tip in scene.tips}
+    bodies = scene.bodies if motion.problem.stage.grips else scene.robots
+    roots = {body.name: body.root_frame for body in bodies if body.name not in led}
+    errors: dict[str, list[float]] = {label: [] for label in (*tips, *roots)}
+    for planned, found in zip(knots, states[:, : model.nq], strict=True):
+        placements = []
+        for q in (planned, found):
+            pin.framesForwardKinematics(model, data, np.array(q))
+            placements.append({label: data.oMf[frame].copy() for label, frame in (tips | roots).items()})
+        for label, values in errors.items():
+            one, other = (placed[label] for placed in placements)
+            turned = pin.log3(one.rotation.T @ other.rotation) if label in roots else np.zeros(3)
+            values.append(float(np.linalg.norm(one.translation - other.translation) + np.linalg.norm(turned)))
+    return {label: np.array(values) for label, values in errors.items()}
+
+
+def _parts(values: ca.SX, sizes: Sequence[int]) -> list[ca.SX]:
+    return ca.vertsplit(values, np.cumsum([0, *sizes]).tolist())
+
+
+def _behind(joint: Any, q: ca.SX, wanted: ca.SX) -> ca.SX:
+    """How far a joint is behind a position [rad or m], the short way round if it is unbounded."""
+    at = q[joint.idx_q]
+    if joint.nq == 1:
+        return wanted - at
+    c, s = ca.cos(wanted), ca.sin(wanted)
+    other = q[joint.idx_q + 1]
+    return ca.atan2(s * at - c * other, c * at + s * other)
+
+
+def _summed(polynomials: Sequence[Array], place: ca.SX, values: ca.SX) -> ca.SX:
+    """Values (n x s) times polynomials of a place in 0 .. 1, coefficients lowest first: (n x 1)."""
+    found = ca.SX(values.size1(), 1)
+    for k, row in enumerate(polynomials):
+        weight = ca.SX(0)
+        for coefficient in row[::-1]:
+            weight = weight * place + coefficient
+        found = found + weight * values[:, k]
+    return found

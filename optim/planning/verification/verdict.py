@@ -1,0 +1,228 @@
+"""Whether a plan may be trusted: judged anew, whatever the solver said of it."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from optim.planning.solver.solvable import Solvable
+from optim.planning.solver.solve import Solved
+from optim.planning.transcription.motion import Course, Motion
+from optim.planning.transcription.program import first_held
+from optim.planning.verification.replay import replays_of, tip_errors
+from spacerobot.arrays import Array
+
+RESIDUAL = 1e-6
+"""Greatest residual of the first-order conditions."""
+FINER = 10
+"""Instants that are looked at for each interval."""
+RELATIVE = 1e-3
+"""Violation allowed between the points, of a limit's size."""
+ABSOLUTE = 1e-4
+"""[m, rad] Violation allowed where a limit has no size."""
+
+
+ROUNDING = 1e-8
+"""What is no violation: the solver's own tolerance."""
+
+
+@dataclass(frozen=True)
+class Violation:
+    """How far a limit is passed, at most.
+
+    Attributes
+    ----------
+    name, unit
+        What, and the unit of the amounts.
+    amount, allowed
+        By how much it is passed, and by how much it may be.
+    time_s
+        When [s].
+    """
+
+    name: str
+    unit: str
+    amount: float
+    allowed: float
+    time_s: float
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What is known of a plan.
+
+    Attributes
+    ----------
+    residual
+        Of the first-order conditions, relative to the cost.
+    violations
+        Of each limit that is passed between the points, the greatest first.
+    replay_errors_m, followed_errors_m
+        Greatest distance of each tip from the plan when its torques are replayed [m]: alone, and with the
+        feedback by which joints follow it.
+    tolerance_m
+        What is allowed of these.
+    """
+
+    residual: float
+    violations: tuple[Violation, ...]
+    replay_errors_m: Mapping[str, float]
+    followed_errors_m: Mapping[str, float]
+    tolerance_m: float
+
+    @property
+    def replay_error_m(self) -> float:
+        """The greatest replay error [m]."""
+        return max(self.replay_errors_m.values(), default=0.0)
+
+    @property
+    def followed_error_m(self) -> float:
+        """The greatest error with feedback [m]."""
+        return max(self.followed_errors_m.values(), default=0.0)
+
+    @property
+    def fine_enough(self) -> bool:
+        """Whether a finer mesh is not needed."""
+        errors = (*self.replay_errors_m.values(), *self.followed_errors_m.values())
+        return all(error <= self.tolerance_m for error in errors) and not self.passed
+
+    @property
+    def passed(self) -> tuple[Violation, ...]:
+        """Violations that are too great."""
+        return tuple(v for v in self.violations if v.amount > v.allowed)
+
+    def faults(self) -> list[str]:
+        """Why the plan is refused, a clause each; none where it is not."""
+        found = []
+        if not self.residual <= RESIDUAL:
+            found.append(f"the first-order residual is {self.residual:.1e}, allowed {RESIDUAL:g}")
+        for how, errors in (("replayed", self.replay_errors_m), ("followed", self.followed_errors_m)):
+            label, error = max(errors.items(), key=lambda item: item[1], default=("", 0.0))
+            if not error <= self.tolerance_m:
+                found.append(
+                    f"{how}, {label} ends up to {error:.1e} m off the plan, allowed {self.tolerance_m:g} m"
+                )
+        found += [
+            f"{v.name} is passed by {v.amount:.3g} {v.unit} at {v.time_s:.3g} s, allowed {v.allowed:.3g}"
+            for v in self.passed[:3]
+        ]
+        return found
+
+
+def judge(course: Course, program: Solvable, solved: Solved, scale: float, backend: str = "auto") -> Verdict:
+    """Verdict on a motion and the multipliers found with it.
+
+    Parameters
+    ----------
+    course, solved
+        The motion, and where the solver ended.
+    program
+        What was solved, with functions that are interpreted: the residual is computed by these.
+    scale
+        Cost that the residual is taken relative to.
+    backend
+        What replays: ``auto``, ``compiled`` or ``interpreted``.
+    """
+    alone, followed = (_greatest_errors(course, states) for states in replays_of(course, backend))
+    violations = [
+        dataclasses.replace(v, time_s=begin + v.time_s)
+        for begin, motion in zip(course.begins, course.motions, strict=True)
+        for v in between_points(motion)
+    ]
+    violations.sort(key=lambda v: -v.amount / v.allowed)
+    tolerance = course.motions[0].problem.tolerance
+    return Verdict(residual(program, solved, scale), tuple(violations), alone, followed, tolerance)
+
+
+def _greatest_errors(course: Course, states: list[Array]) -> dict[str, float]:
+    """Greatest distance of each tip from the plan in any phase [m]."""
+    greatest: dict[str, float] = {}
+    for motion, found in zip(course.motions, states, strict=True):
+        for label, errors in tip_errors(motion, found).items():
+            greatest[label] = max(greatest.get(label, 0.0), float(errors.max()))
+    return greatest
+
+
+def residual(program: Solvable, solved: Solved, scale: float) -> float:
+    """Greatest residual of the first-order conditions, with the solver's multipliers and nothing else of it.
+
+    That of the Lagrangian's slope, and the products of multipliers with the room that their limits leave, are
+    relative to a cost; to these comes the constraints' violation.
+    """
+    w, (low, high) = solved.w, program.bounds()
+    jacobian = program.jacobian_pattern.copy()
+    jacobian.data = program.jacobian(w)
+    free = low < high
+    slope = program.gradient(w) + jacobian.T @ solved.multipliers + solved.bound_multipliers
+    g, (least, greatest) = program.constraints(w), program.limits()
+    parts = [
+        np.abs(slope[free]) / scale,
+        _products(w, low, high, solved.bound_multipliers)[free] / scale,
+        _products(g, least, greatest, solved.multipliers)[least < greatest] / scale,
+        np.maximum(least - g, g - greatest),
+        np.maximum(low - w, w - high),
+    ]
+    return float(max(np.max(part, initial=0.0) for part in parts))
+
+
+def _products(values: Array, least: Array, greatest: Array, multipliers: Array) -> Array:
+    """Multipliers times the room to the limit that they belong to: the upper one where they are positive."""
+    room = np.where(multipliers > 0, greatest - values, values - least)
+    held = np.where(np.isfinite(room), room, 1.0)  # without a limit, the multiplier itself must vanish
+    return np.asarray(np.abs(multipliers * held))
+
+
+def between_points(motion: Motion) -> Iterator[Violation]:
+    """How far each limit is passed on a grid ten times finer than the intervals."""
+    problem = motion.problem
+    places = np.arange(FINER) / FINER
+    z = np.vstack([motion.at(motion.intervals, places), motion.z[-1:]])
+    time = np.append(
+        ((np.arange(motion.intervals)[:, None] + places) * motion.duration_s / motion.intervals).ravel(),
+        motion.duration_s,
+    )
+    names = _limit_names(motion)
+    for k, (name, unit) in names.items():
+        size = np.nanmax(
+            np.abs([x for x in (problem.lower[k], problem.upper[k]) if np.isfinite(x)]), initial=0.0
+        )
+        yield from _worst(
+            name, unit, z[:, k], (problem.lower[k], problem.upper[k]), time, RELATIVE * float(size)
+        )
+    if problem.path:
+        rows = ca.densify(ca.vertcat(*(row.value for row in problem.path)))
+        values = np.array(ca.Function("path", [problem.stage.z], [rows])(z.T).full())
+        for row, found in zip(problem.path, values, strict=True):
+            begins = first_held(motion.lobatto, motion.intervals, row.last)
+            held = row.held(time / motion.duration_s, begins)
+            allowed = ABSOLUTE if row.size is None else RELATIVE * row.size
+            limits = (row.lower * row.scale, row.upper * row.scale)
+            yield from _worst(row.name, row.unit, found[held] * row.scale, limits, time[held], allowed)
+
+
+def _worst(
+    name: str, unit: str, values: Array, limits: tuple[float, float], time: Array, allowed: float
+) -> Iterator[Violation]:
+    over = np.maximum(limits[0] - values, values - limits[1])
+    at = int(np.argmax(over))
+    if over[at] > ROUNDING:
+        yield Violation(name, unit, float(over[at]), max(allowed, 1e-12), float(time[at]))
+
+
+def _limit_names(motion: Motion) -> Mapping[int, tuple[str, str]]:
+    """What a user calls each entry of an instant that has a limit, and its unit."""
+    stage, problem = motion.problem.stage, motion.problem
+    model, found = stage.scene.model, {}
+    for joint in stage.driven.joints:
+        own = model.joints[joint]
+        if own.nq == 1:
+            found[own.idx_q] = (f"range of {model.names[joint]}", "rad or m")
+        found[model.nq + own.idx_v] = (f"rate of {model.names[joint]}", "rad/s or m/s")
+    first = model.nq + 2 * model.nv
+    for k, name in enumerate(stage.driven.names):
+        found[first + k] = (f"torque of {name}", "N m or N")
+    return {k: v for k, v in found.items() if np.isfinite([problem.lower[k], problem.upper[k]]).any()}

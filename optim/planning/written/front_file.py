@@ -1,0 +1,68 @@
+"""What a front leaves behind: ``front.json``, and a plan's folder for each of its points."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+from typing import Any
+
+from optim.plain import plain
+from optim.planning.formulation.costs import UNITS
+from optim.planning.studies.front import Front, Point
+from optim.planning.written.plan_file import summary
+from optim.planning.written.plan_file import write as write_plan
+from spacerobot.files import write_text
+from spacerobot.result.store import check_folder
+from spacerobot.scene import build_scene
+
+FRONT = "front.json"
+
+
+def check_front_folder(folder: Path) -> None:
+    """Refuse, before any work is done, a folder that cannot be written or holds something else.
+
+    Raises
+    ------
+    ResultError
+        With the reason.
+    """
+    check_folder(folder, FRONT)
+
+
+def to_data(front: Front) -> dict[str, Any]:
+    """A front, plain."""
+    return {
+        "scenario": front.scene.scenario.name,
+        "terms": list(front.names),
+        "units": {name: UNITS[name] for name in front.names},
+        "points": [_point(point) for point in front.points],
+    }
+
+
+def _point(point: Point) -> dict[str, Any]:
+    told = {
+        "name": point.name,
+        "status": point.status,
+        "fault": point.fault,
+        "changes": dict(point.changes),
+        "values": dict(point.values),
+    }
+    return told | ({} if point.plan is None else {"plan": summary(point.plan)})
+
+
+def write(front: Front, folder: Path) -> dict[str, Any]:
+    """Write a front, and each plan into a folder of its own; gives what stands in ``front.json``.
+
+    Raises
+    ------
+    ResultError
+        If the folder cannot be written.
+    """
+    data = plain(to_data(front))
+    for point in front.points:
+        if point.plan is not None:
+            scene = build_scene(front.scene.scenario, dict(point.changes), source=front.scene.source)
+            write_plan(dataclasses.replace(point.plan, scene=scene), folder / point.name)
+    write_text(folder / FRONT, json.dumps(data, indent=1, allow_nan=False) + "\n")
+    return dict(data)

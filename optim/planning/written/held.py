@@ -1,0 +1,136 @@
+"""What holds along a planned motion: limits of joints, and each constraint over time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import xarray as xr
+
+from optim.planning.formulation.formulate import formulate_phases
+from optim.planning.transcription.motion import Course
+from optim.planning.transcription.program import first_held
+from spacerobot.arrays import Array
+from spacerobot.elements.instant import Row
+from spacerobot.scene import Scene
+
+SIDES = ["lower", "upper"]
+
+
+def held_variables(course: Course, names: Sequence[str]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Variables and coordinates of a dataset: limits of joints, constraints over time and their limits.
+
+    Where a plan has several phases, a constraint carries its phase's name, and has no numbers in others.
+    """
+    stage = course.motions[0].problem.stage
+    model, driven = stage.scene.model, stage.driven
+    first = model.nq + 2 * model.nv
+    positions = [model.joints[joint].idx_q if model.joints[joint].nq == 1 else -1 for joint in driven.joints]
+    places = {
+        "joint_position": positions,
+        "joint_rate": [model.nq + model.joints[joint].idx_v for joint in driven.joints],
+        "torque": list(range(first, first + len(driven.joints))),
+    }
+    variables: dict[str, Any] = {
+        f"{name}_limit": (("joint", "side"), _limits(course, own), {"long_name": f"limits of {name}"})
+        for name, own in places.items()
+    }
+    coordinates: dict[str, Any] = {"side": SIDES}
+    found = [one for k, name in enumerate(names) for one in _constraints(course, k, name)]
+    if found:
+        variables |= {
+            "constraint": (("time", "constraint_name"), np.array([one.values for one in found]).T),
+            "constraint_limit": (("constraint_name", "side"), np.array([one.limits for one in found])),
+            "constraint_begin": ("constraint_name", np.array([one.begin for one in found]), {"units": "s"}),
+        }
+        coordinates |= {
+            "constraint_name": [one.name for one in found],
+            "constraint_unit": ("constraint_name", [one.unit for one in found]),
+        }
+    return variables, coordinates
+
+
+@dataclass(frozen=True, eq=False)
+class _Held:
+    """One constraint over all points, its limits, and when it begins to hold [s]."""
+
+    name: str
+    unit: str
+    values: Array
+    limits: Array
+    begin: float
+
+
+def _constraints(course: Course, k: int, phase: str) -> Iterator[_Held]:
+    """Those of one phase."""
+    motion, points = course.motions[k], [len(m.time) for m in course.motions]
+    rows = [row for row in motion.problem.path if row.lower < row.upper]  # equations hold nothing back
+    if not rows:
+        return
+    expression = ca.densify(ca.vertcat(*(row.value for row in rows)))
+    values = np.array(ca.Function("path", [motion.problem.stage.z], [expression])(motion.z.T).full())
+    for row, own in zip(rows, values, strict=True):
+        told, limits = _told(row, own)
+        over = np.full(sum(points), np.nan)
+        over[sum(points[:k]) : sum(points[: k + 1])] = told
+        share = first_held(motion.lobatto, motion.intervals, row.last)
+        begin = course.begins[k] + share * motion.duration_s
+        name = f"{phase}: {row.name}" if len(points) > 1 else row.name
+        yield _Held(name, row.unit, over, limits, begin)
+
+
+def _limits(course: Course, places: list[int]) -> Array:
+    """Least and greatest of entries of an instant in any phase (n, 2); open where there is no entry."""
+    problems = [motion.problem for motion in course.motions]
+    lower = np.array([np.append(problem.lower, -np.inf)[places] for problem in problems])
+    upper = np.array([np.append(problem.upper, np.inf)[places] for problem in problems])
+    return np.stack([lower.min(axis=0), upper.max(axis=0)], axis=1)
+
+
+def _told(row: Row, values: Array) -> tuple[Array, Array]:
+    """Values and limits (2,) in the row's unit; a square becomes a size again, a cosine an angle."""
+    if row.form == "square":
+        limit = 2 * row.scale
+        return limit * np.sqrt(np.maximum(values, 0.0)), np.array([-np.inf, limit])
+    if row.form == "cosine":
+        return np.arccos(np.clip(values, -1.0, 1.0)), np.array([-np.inf, np.arccos(row.lower)])
+    return values, np.array([row.lower, row.upper])
+
+
+def with_flown(plan: xr.Dataset, scene: Scene, flown: xr.Dataset) -> xr.Dataset:
+    """A plan's dataset with the values that its constraints had when it was flown.
+
+    Parameters
+    ----------
+    plan
+        What stands in ``plan.nc``.
+    scene
+        With its plan section.
+    flown
+        A result's data, of the same bodies.
+
+    Returns
+    -------
+    xarray.Dataset
+        With ``constraint_flown`` (flown_time, constraint_name); no numbers where a constraint is of what
+        drives the motion, or of another phase.
+    """
+    phases = formulate_phases(scene)
+    names, times = [str(name) for name in plan.constraint_name.values], flown.time.values
+    found = np.full((len(times), len(names)), np.nan)
+    for phase in phases:
+        own = plan.time.values if len(phases) == 1 else plan.time.values[plan.phase.values == phase.name]
+        inside = (times >= own[0]) & (times <= own[-1])
+        stage = phase.problem.stage
+        state, later = ca.vertcat(stage.q, stage.v), ca.vertcat(stage.a, stage.u, stage.w)
+        at = np.hstack([flown.q.values[inside], flown.v.values[inside]]).T
+        for row in phase.problem.path:
+            name = f"{phase.name}: {row.name}" if len(phases) > 1 else row.name
+            if name in names and not ca.depends_on(row.value, later):
+                values = ca.Function("row", [state], [ca.densify(row.value)])(at)
+                found[inside, names.index(name)] = _told(row, np.array(values).ravel())[0]
+    data = {"constraint_flown": (("flown_time", "constraint_name"), found)}
+    return plan.assign(data).assign_coords(flown_time=times)

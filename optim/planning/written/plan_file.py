@@ -1,0 +1,282 @@
+"""What a plan leaves behind: ``plan.nc``, its summary, and the scenario that follows it."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pinocchio as pin
+import xarray as xr
+
+import spacerobot
+from optim.plain import plain
+from optim.planning.formulation.grips import axes_of
+from optim.planning.searches.make import Planned, statistics
+from optim.planning.transcription.motion import Motion
+from optim.planning.written.follow import PLAN, flown_phase, following
+from optim.planning.written.held import held_variables
+from spacerobot.arrays import Array
+from spacerobot.errors import ResultError
+from spacerobot.files import staged, write_text
+from spacerobot.interrupts import uninterrupted
+from spacerobot.result.store import check_folder
+from spacerobot.scenario.load import to_yaml
+from spacerobot.scene import Scene
+
+SUMMARY, FOLLOWED, SCENARIO = "plan.json", "followed.yaml", "scenario.yaml"
+AXES = ["x", "y", "z"]
+
+
+def check_plan_folder(folder: Path) -> None:
+    """Refuse, before any work is done, a folder that cannot be written or holds something else.
+
+    Raises
+    ------
+    ResultError
+        With the reason.
+    """
+    check_folder(folder, SUMMARY)
+
+
+def dataset(planned: Planned) -> xr.Dataset:
+    """A plan as labelled arrays, one row for each point of its mesh; two where phases meet."""
+    course, scene = planned.course, planned.scene
+    model, driven = scene.model, planned.motion.problem.stage.driven
+    stages = [motion.problem.stage for motion in course.motions]
+    count = len(driven.joints)
+    drives = {
+        name: column
+        for stage in stages
+        for name, column in zip(stage.driven.names[count:], stage.driven.columns[count:], strict=True)
+    }
+    grips = [
+        f"{grip.name}.{axis}"
+        for grip in scene.grasps
+        if any(grip in (*stage.grips, *stage.springs) for stage in stages)
+        for axis in axes_of(scene, grip)
+    ]
+    parts = [_over_time(scene, motion, drives, grips) for motion in course.motions]
+    variables: dict[str, Any] = {
+        name: (dims, np.concatenate([part[name][1] for part in parts]), told)
+        for name, (dims, _, told) in parts[0].items()
+    }
+    names = planned.names if any(planned.names) else (flown_phase(scene.scenario),)
+    if any(names):
+        phases = [name for name, m in zip(names, course.motions, strict=True) for _ in m.time]
+        variables["phase"] = ("time", phases, {"long_name": "phase of the scenario"})
+    coordinates: dict[str, Any] = {
+        "time": ("time", course.time, {"units": "s", "long_name": "time"}),
+        "configuration": _entries(model, "nq"),
+        "velocity": _entries(model, "nv"),
+        "joint": list(driven.names[:count]),
+        "tip": [tip.label for tip in scene.tips],
+        "axis": AXES,
+    }
+    coordinates |= ({"drive": list(drives)} if drives else {}) | ({"grip": grips} if grips else {})
+    held, sides = held_variables(course, planned.names)
+    return xr.Dataset(variables | held, coordinates | sides, _attributes(planned))
+
+
+def _over_time(scene: Scene, motion: Motion, drives: Mapping[str, int], grips: list[str]) -> dict[str, Any]:
+    """Variables over the points of one phase, with axes of bases and grasps that others drive or hold."""
+    stage = motion.problem.stage
+    driven, count = stage.driven, len(stage.driven.joints)
+    columns = list(driven.columns[:count])
+    q, v, a, u = motion.q, motion.v, motion.a, motion.u
+    tips = _tips(scene, q, v)
+    variables: dict[str, Any] = {
+        "q": (("time", "configuration"), q, _told("m, rad or 1", "configuration in Pinocchio's coordinates")),
+        "v": (("time", "velocity"), v, _told("m/s or rad/s", "velocity, of a base in its own axes")),
+        "acceleration": (("time", "velocity"), a, _told("m/s^2 or rad/s^2", "acceleration, likewise")),
+        "torque": (
+            ("time", "joint"),
+            u[:, :count],
+            _told(_unit(scene, driven.joints, "N m or N"), "torques and forces of the joints"),
+        ),
+        "joint_position": (
+            ("time", "joint"),
+            _positions(scene, driven.joints, q),
+            _told(_unit(scene, driven.joints, "rad or m"), "positions"),
+        ),
+        "joint_rate": (
+            ("time", "joint"),
+            v[:, columns],
+            _told(_unit(scene, driven.joints, "rad/s or m/s"), "joint rates"),
+        ),
+        "joint_acceleration": (("time", "joint"), a[:, columns], _told("rad/s^2 or m/s^2", "their rates")),
+    }
+    for name, unit, text in TIP_MOTION:
+        variables[name] = (("time", "tip", "axis"), tips[name], _told(unit, text))
+    if drives:
+        told = _told("N or N m", "ideal forces and torques on bases, in their own axes")
+        wrench = _spread(list(drives), driven.names[count:], u[:, count:])
+        variables["base_wrench"] = (("time", "drive"), wrench, told)
+        told = _told("m/s or rad/s", "velocities and spins of bases along and about these axes")
+        variables["base_rate"] = (("time", "drive"), v[:, list(drives.values())], told)
+    if grips:
+        told = _told("N or N m", "forces and torques of grasps on tips, world axes")
+        closed = (*stage.grips, *stage.springs)
+        own = [f"{grip.name}.{axis}" for grip in closed for axis in axes_of(scene, grip)]
+        wrenches = ca.vertcat(ca.SX(0, 1), *(part for grip in closed for part in stage.wrench(grip)))
+        values = np.array(ca.Function("grip", [stage.z], [ca.densify(wrenches)])(motion.z.T).full()).T
+        variables["grip_wrench"] = (("time", "grip"), _spread(grips, own, values), told)
+    return variables
+
+
+def _spread(names: Sequence[str], own: Sequence[str], values: Array) -> Array:
+    """Columns of one's own names among all names; zeros elsewhere."""
+    found = np.zeros((len(values), len(names)))
+    found[:, [names.index(name) for name in own]] = values
+    return found
+
+
+TIP_MOTION = (
+    ("tip_position", "m", "tip positions, world axes"),
+    ("tip_velocity", "m/s", "tip velocities, world axes"),
+    ("tip_rotation", "rad", "rotation vectors of the tips' axes, world axes"),
+    ("tip_spin", "rad/s", "angular velocities of the tips, world axes"),
+)
+
+
+def summary(planned: Planned) -> dict[str, Any]:
+    """What is known of a plan, plain."""
+    course, verdict = planned.course, planned.verdict
+    phases = [
+        {"name": name, "duration_s": motion.duration_s, "intervals": motion.intervals}
+        for name, motion in zip(planned.names, course.motions, strict=True)
+    ]
+    return {
+        "scenario": planned.scene.scenario.name,
+        "duration_s": course.duration_s,
+        "phases": phases if len(phases) > 1 else [],
+        "intervals": sum(motion.intervals for motion in course.motions),
+        "order": 2 * planned.motion.lobatto.points - 2,
+        "unknowns": len(course.unknowns),
+        "cost": planned.cost,
+        "terms": dict(planned.terms),
+        "verdict": {
+            "residual": verdict.residual,
+            "replay_error_m": dict(verdict.replay_errors_m),
+            "followed_error_m": dict(verdict.followed_errors_m),
+            "tolerance_m": verdict.tolerance_m,
+            "violations": [vars(violation) for violation in verdict.violations],
+        },
+        "choices": [vars(one) for one in planned.tried],
+        "evaluation": planned.backend,
+        "solves": statistics(planned),
+    }
+
+
+def write(planned: Planned, folder: Path) -> None:
+    """Write a plan; one that is there already is replaced.
+
+    Raises
+    ------
+    ResultError
+        If the folder cannot be written; what was there before is then still there.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with uninterrupted(), staged(folder) as stage:
+            found = dataset(planned)
+            encoding = {str(name): {"zlib": True, "complevel": 1} for name in found.data_vars}
+            found.to_netcdf(stage / PLAN, engine="netcdf4", encoding=encoding)
+            (stage / PLAN).replace(folder / PLAN)
+            text = json.dumps(plain(summary(planned)), indent=1, allow_nan=False)
+            write_text(folder / SUMMARY, text + "\n")
+            write_text(folder / FOLLOWED, to_yaml(following(planned)))
+            write_text(folder / SCENARIO, to_yaml(planned.scene.scenario))
+    except (OSError, RuntimeError) as fault:
+        raise ResultError(f"cannot be written: {fault}", source=folder) from None
+
+
+def read(folder: Path) -> tuple[xr.Dataset, dict[str, Any]]:
+    """What stands in a plan's ``plan.nc`` and ``plan.json``.
+
+    Raises
+    ------
+    ResultError
+        If they cannot be read.
+    """
+    try:
+        summary = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
+        with xr.open_dataset(folder / PLAN, engine="netcdf4") as stored:
+            return stored.load(), dict(summary)
+    except (OSError, ValueError, RuntimeError) as fault:
+        raise ResultError(f"holds no plan that can be read: {fault}", source=folder) from None
+
+
+def is_plan(folder: Path) -> bool:
+    """Whether a folder is a plan's."""
+    return (folder / SUMMARY).is_file()
+
+
+def _attributes(planned: Planned) -> dict[str, Any]:
+    motion, verdict = planned.motion, planned.verdict
+    text = to_yaml(planned.scene.scenario)
+    return {
+        "scenario": hashlib.sha256(text.encode()).hexdigest(),
+        "spacerobot": spacerobot.__version__,
+        "status": "solved",
+        "interpolation": "lobatto",
+        "points": motion.lobatto.points,
+        "intervals": sum(motion.intervals for motion in planned.course.motions),
+        "order": 2 * motion.lobatto.points - 2,
+        "duration_s": planned.course.duration_s,
+        "cost": planned.cost,
+        "residual": verdict.residual,
+        "replay_error_m": verdict.replay_error_m,
+        "followed_error_m": verdict.followed_error_m,
+    }
+
+
+def _positions(scene: Scene, joints: tuple[int, ...], q: Array) -> Array:
+    """Positions of joints, unbounded ones unwound (n, joints)."""
+    found = np.empty((len(q), len(joints)))
+    for k, joint in enumerate(joints):
+        own = scene.model.joints[joint]
+        angle = own.nq == 2
+        column = np.unwrap(np.arctan2(q[:, own.idx_q + 1], q[:, own.idx_q])) if angle else q[:, own.idx_q]
+        found[:, k] = column
+    return found
+
+
+def _tips(scene: Scene, q: Array, v: Array) -> dict[str, Array]:
+    """Motion of all tips (n, tips, 3), world axes."""
+    model, data = scene.model, scene.model.createData()
+    found = {name: np.zeros((len(q), len(scene.tips), 3)) for name, _, _ in TIP_MOTION}
+    world = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+    for i, (at, rate) in enumerate(zip(q, v, strict=True)):
+        pin.forwardKinematics(model, data, np.array(at), np.array(rate))
+        pin.updateFramePlacements(model, data)
+        for k, tip in enumerate(scene.tips):
+            motion = pin.getFrameVelocity(model, data, tip.frame, world)
+            found["tip_position"][i, k] = data.oMf[tip.frame].translation
+            found["tip_velocity"][i, k] = motion.linear
+            found["tip_rotation"][i, k] = pin.log3(data.oMf[tip.frame].rotation)
+            found["tip_spin"][i, k] = motion.angular
+    return found
+
+
+def _unit(scene: Scene, joints: tuple[int, ...], either: str) -> str:
+    """Unit of joints that all turn, or all slide; ``either`` where some do the one and some the other."""
+    slides = {"P" in scene.model.joints[joint].shortname().removeprefix("JointModel") for joint in joints}
+    return either if len(slides) != 1 else either.split(" or ")[slides.pop()]
+
+
+def _entries(model: Any, size: str) -> list[str]:
+    """A name for each coordinate of configuration or velocity."""
+    found = []
+    for name, joint in zip(list(model.names)[1:], list(model.joints)[1:], strict=True):
+        count = getattr(joint, size)
+        found += [str(name)] if count == 1 else [f"{name}[{k}]" for k in range(count)]
+    return found
+
+
+def _told(unit: str, text: str) -> dict[str, str]:
+    return {"units": unit, "long_name": text}
