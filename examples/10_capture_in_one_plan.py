@@ -1,6 +1,8 @@
 """Both arms of a servicer catch a satellite one after the other: three phases, planned as one motion."""
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import spacerobot as sr
 from optim.planning.searches.make import make_plan
@@ -28,9 +30,10 @@ CHANGES = {  # what stood in the plan of the first arm alone stands in its phase
 }
 
 
-def main(folder: Path = Path("out/examples/one_plan")) -> None:
+def main(scenario: str | Path = "capture", changes: Mapping[str, Any] = CHANGES) -> None:
     """Plan, fly, and tell when and how softly each grip closed."""
-    planned = make_plan(sr.load_scene("capture", CHANGES))
+    folder = Path("out/examples/one_plan")
+    planned = make_plan(sr.load_scene(scenario, changes))
     write(planned, folder)
     for name, motion in zip(planned.names, planned.course.motions, strict=True):
         print(f"{name:8} {motion.duration_s:7.3f} s")

@@ -22,6 +22,10 @@ SMALL = {
     "07_own_element": ({"duration_s": 0.2, "backend": "interpreted"}, "soft.stiffness"),
     "08_where_is_it_captured": ({"samples": 16}, "tuned"),
     "09_least_disturbance": ({"duration_s": 0.2, "names": ["reaction null space, base"]}, " mm"),
+    "10_capture_in_one_plan": (
+        {"scenario": EXAMPLES / "catch.yaml", "changes": {}},
+        "grip     captured at 5.1",
+    ),
 }
 OWN = "07_own_element"
 LONG = "08_where_is_it_captured"
