@@ -339,8 +339,9 @@ def end(exponent, step, method):
     return build_rollout(touching(exponent), **steps, method=method).run()
 
 
-@pytest.mark.parametrize("exponent", [1.0, 1.5])
-@pytest.mark.parametrize(("method", "order"), [("rk4", 4), ("tanaka6", 6)])
+@pytest.mark.parametrize(
+    ("exponent", "method", "order"), [(1.0, "tanaka6", 6), (1.5, "rk4", 4), (1.5, "tanaka6", 6)]
+)
 def test_the_methods_order_holds_through_a_contact(exponent, method, order):
     loop = touching(exponent)
     found = end(exponent, 4e-4, "tanaka6")
