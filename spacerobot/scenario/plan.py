@@ -111,6 +111,12 @@ class Costs(Section):
         default=0.0,
         ge=0,
     )
+    base_reaction: float = quantity(
+        "1/(N^2 s)",
+        "weight of the integral of squared forces [N] and torques [N m] of arms on their bases",
+        default=0.0,
+        ge=0,
+    )
     grip_force: float = quantity(
         "1/(N^2 s)", "weight of the integral of squared forces of grasps that hold", default=0.0, ge=0
     )

@@ -1,10 +1,13 @@
 """Plans over several phases: an approach, a capture, and what follows, as one problem."""
 
+import casadi as ca
 import numpy as np
 import pytest
 import yaml
 from scipy.optimize import minimize, minimize_scalar
 
+from optim.planning.formulation.costs import base_reactions
+from optim.planning.formulation.formulate import formulate_phases
 from optim.planning.searches.make import make_plan
 from optim.planning.studies.front import Wanted, make_front
 from optim.planning.written.plan_file import FOLLOWED, dataset, write
@@ -209,3 +212,17 @@ def test_what_phases_cannot_be_is_refused(reach, changes, message):
         make_plan(reach(*TWO, *changes), backend="interpreted")
     assert message in str(fault.value)
     assert fault.value.exit_code == 2
+
+
+def test_a_grasp_takes_part_of_the_reaction_on_a_base(catch):
+    """What the arm takes to move, less what the object does to its tip, about the base's origin."""
+    stage = formulate_phases(catch())[1].problem.stage
+    z = np.random.default_rng(1).uniform(-1, 1, stage.z.numel())
+    force, torque = (
+        ca.Function("f", [stage.z], [part])(z).full().ravel() for part in stage.wrench(stage.grips[0])
+    )
+    at = stage.scene.model.idx_vs[stage.scene.robots[0].joints[0]]
+    found = ca.Function("f", [stage.z], [ca.densify(base_reactions(stage)["cart"])])(z).full().ravel()
+    along = CART * z[stage.q.numel() + stage.v.numel() + at] - force[0]
+    place = z[stage.scene.model.idx_qs[stage.scene.robots[0].joints[0]]]
+    np.testing.assert_allclose(found, [along, -force[1], -torque[0] - place * force[1]], atol=1e-12)
