@@ -11,7 +11,7 @@ from spacerobot.result import Result
 from spacerobot.scenario.load import to_document
 
 LABELS = {
-    "tip_error_peak": ("largest tip error", "largest error of a tip along an axis, at any time"),
+    "tip_error_peak": ("largest tip error, per axis", "largest error of a tip along an axis, at any time"),
     "tip_error_rms": ("RMS tip error", "root of the time's mean of the squared tip error"),
     "target_rotation_peak": ("object rotation", "largest rotation of the object since the start"),
     "base_rotation_peak": ("base rotation", "largest rotation of a base since the start"),
