@@ -48,7 +48,12 @@ def make(scene: Scene, wanted: Wanted, out: Path | None, **how: Any) -> dict[str
 
 def show(data: dict[str, Any]) -> None:
     """Print a row for each point, and why those that are refused are."""
-    heads = ["point", *(_head(name, data["units"][name]) for name in data["terms"]), "cost", "intervals"]
+    heads = [
+        "point",
+        *(_head(data["headings"][name], data["units"][name]) for name in data["terms"]),
+        "cost",
+        "intervals",
+    ]
     rows = []
     for point in data["points"]:
         found = point.get("plan")
@@ -59,8 +64,7 @@ def show(data: dict[str, Any]) -> None:
     console().print(table(title, [*heads, ""], rows))
 
 
-def _head(name: str, unit: str) -> str:
-    words = "duration" if name == "time" else f"{name.replace('_', ' ')}, rms"
+def _head(words: str, unit: str) -> str:
     return f"{words} [{'deg' if unit == 'rad' else unit}]"
 
 

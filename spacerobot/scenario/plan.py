@@ -111,6 +111,13 @@ class Costs(Section):
         default=0.0,
         ge=0,
     )
+    propellant: float = quantity(
+        "1/(N s)",
+        "weight of the impulse that propellant is spent for: the integral of the forces' magnitudes along "
+        "each axis of driven bases, rounded off below 1 % of their limit",
+        default=0.0,
+        ge=0,
+    )
     base_reaction: float = quantity(
         "1/(N^2 s)",
         "weight of the integral of squared forces [N] and torques [N m] of arms on their bases",

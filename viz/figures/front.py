@@ -55,9 +55,7 @@ def front(data: Mapping[str, Any]) -> Drawing:
                 point["name"].rpartition("_")[2], at, (3, 3), textcoords="offset points", fontsize=7
             )
     for name, (_, unit), side in zip(names, scales, ("x", "y"), strict=True):
-        words = name.replace("_", " ")
-        text = f"duration [{unit}]" if name == "time" else f"{words}, rms [{unit}]"
-        panel.set(**{f"{side}label": text})
+        panel.set(**{f"{side}label": f"{data['headings'][name]} [{unit}]"})
     panel.set_title(f"{data['scenario']}: {' and '.join(name.replace('_', ' ') for name in names)}")
     legend_over(panel, columns=3)
     return figure

@@ -109,6 +109,31 @@ def _taken(stage: Stage, joints: Sequence[int], body: SceneBody) -> ca.SX:
     return ca.vertcat(force, torque - cross(origin, force))
 
 
+def _impulse(stage: Stage) -> ca.SX:
+    """Magnitudes of the forces on bases along their axes, smooth where they are small (1x1) [N]."""
+    joints, found = len(stage.driven.joints), ca.SX(0)
+    for k, name in enumerate(stage.driven.names):
+        if k >= joints and name.rpartition(".")[2].startswith("f"):
+            small = SMOOTH * float(stage.driven.limits[k])
+            found += ca.sqrt(stage.u[k] ** 2 + small**2) - small
+    return found
+
+
+def told(name: str, integral: float, duration: float) -> float:
+    """What is told of a term: its root mean square over a duration [s], of propellant the whole."""
+    return integral if name in WHOLE else float(np.sqrt(integral / duration))
+
+
+def heading(name: str) -> str:
+    """Words for what is told of a term."""
+    words = name.replace("_", " ")
+    return "duration" if name == "time" else words if name in WHOLE else f"{words}, rms"
+
+
+SMOOTH = 0.01
+"""Part of a force's limit below which its magnitude is rounded off, so that it has derivatives."""
+WHOLE = ("propellant",)
+"""Terms that are no squares: their integrals are told as they are."""
 TERMS: Mapping[str, Callable[[Stage], ca.SX]] = {
     "torque": lambda stage: ca.sumsqr(_driven(stage, True)),
     "joint_rate": lambda stage: ca.sumsqr(stage.v[_columns(stage)]),
@@ -116,6 +141,7 @@ TERMS: Mapping[str, Callable[[Stage], ca.SX]] = {
     "base_rotation": lambda stage: _squares(list(base_turns(stage).values())),
     "base_translation": lambda stage: _squares(list(base_shifts(stage).values())),
     "base_wrench": lambda stage: ca.sumsqr(_driven(stage, False)),
+    "propellant": _impulse,
     "base_reaction": lambda stage: _squares(list(base_reactions(stage).values())),
     "grip_force": lambda stage: _squares([stage.wrench(grip)[0] for grip in (*stage.grips, *stage.springs)]),
     "grip_torque": lambda stage: _squares([stage.wrench(grip)[1] for grip in (*stage.grips, *stage.springs)]),
@@ -129,9 +155,10 @@ UNITS: Mapping[str, str] = {
     "base_rotation": "rad",
     "base_translation": "m",
     "base_wrench": "N",
+    "propellant": "N s",
     "base_reaction": "N",
     "grip_force": "N",
     "grip_torque": "N m",
     "time": "s",
 }
-"""Unit of the root of each integrand."""
+"""Unit of what is told of each term."""

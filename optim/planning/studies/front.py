@@ -16,7 +16,7 @@ from typing import Literal
 
 import numpy as np
 
-from optim.planning.formulation.costs import UNITS
+from optim.planning.formulation.costs import UNITS, told
 from optim.planning.searches.bench import Ask, Attempt, Bench
 from optim.planning.searches.make import Planned, Progress, fault_of, integrals, kept_in, plan_tasks, planned
 from optim.planning.searches.tasks import Task, carry_out
@@ -41,7 +41,8 @@ class Point:
     changes
         What makes the scenario's plan section that of this point, by dotted path.
     values
-        Duration [s] and root mean squares over it, in SI units, of every term, by name; empty where refused.
+        Duration [s] and what is told of every term, in SI units, by name: root mean squares over the
+        duration, of propellant the whole; empty where refused.
     status
         ``dominated`` where another point is as good in both and better in one.
     fault
@@ -213,9 +214,7 @@ def _point(bench: Bench, ask: Ask, found: Mapping[str, Attempt], name: str) -> P
     plan = planned(bench, ask, found, name)
     duration = plan.motion.duration_s
     values = {
-        term: float(np.sqrt(value / duration))
-        for term, value in integrals(plan.motion).items()
-        if term != "time"
+        term: told(term, value, duration) for term, value in integrals(plan.motion).items() if term != "time"
     }
     return Point(name, changes, {"time": duration, **values}, "efficient", "", plan)
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from optim.plain import plain
-from optim.planning.formulation.costs import UNITS
+from optim.planning.formulation.costs import UNITS, heading
 from optim.planning.studies.front import Front, Point
 from optim.planning.written.plan_file import summary
 from optim.planning.written.plan_file import write as write_plan
@@ -35,6 +35,7 @@ def to_data(front: Front) -> dict[str, Any]:
     return {
         "scenario": front.scene.scenario.name,
         "terms": list(front.names),
+        "headings": {name: heading(name) for name in front.names},
         "units": {name: UNITS[name] for name in front.names},
         "points": [_point(point) for point in front.points],
     }

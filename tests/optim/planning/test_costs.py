@@ -4,12 +4,18 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 import pytest
+import yaml
+from scipy.integrate import simpson
+from scipy.optimize import brentq
 
-from optim.planning.formulation.costs import base_reactions
+from optim.planning.formulation.costs import base_reactions, heading, told
 from optim.planning.formulation.formulate import formulate
-from tests.optim.planning.test_hand_checked import TWO_LINKS, scene, to
+from optim.planning.searches.make import make_plan
+from spacerobot.scene import load_scene
+from tests.optim.planning.test_hand_checked import LINK, TWO_LINKS, scene, to
 
 IN_SPACE = TWO_LINKS.replace('<axis xyz="0 0 1"/>', '<axis xyz="0 0.6 0.8"/>', 1)
+BODY = f'<robot name="body">{LINK.format("body", 2, 0, 0.1)}</robot>'
 COSTS = {"base_reaction": 1}
 DRIVEN = {"base_force": 9, "base_torque": 9}
 POSTURE = to(shoulder={"angle_deg": 40}, elbow={"angle_deg": -70})
@@ -38,3 +44,34 @@ def test_arms_put_on_their_base_what_pinocchio_says(tmp_path, base):
     found = ca.Function("found", [stage.z], [ca.densify(base_reactions(stage)["one"])])(z)
     rows, sign = ([0, 1, 5] if planar else range(6)), -1 if floating else 1
     np.testing.assert_allclose(np.ravel(found), sign * wanted[list(rows)], atol=1e-10)
+
+
+def test_least_impulse_is_a_push_a_drift_and_a_push(tmp_path):
+    """F t (T - t) = m d says how long each push lasts; the rounded optimum is that of Pontryagin."""
+    (tmp_path / "body.urdf").write_text(BODY)
+    goals = {"come": {"tip": "one/tip", "position": [1, 0, 0]}, "rest": {"still": "one"}}
+    plan = {"duration": 4, "goals": goals, "costs": {"propellant": 1}, "limits": {"base_force": 3}}
+    robot = {"urdf": "body.urdf", "base": {"joint": "planar"}, "tips": {"tip": {"frame": "body"}}}
+    file = tmp_path / "body.yaml"
+    mesh = {"intervals": 40, "order": 4, "most_intervals": 40, "tolerance": 1.0}
+    file.write_text(yaml.safe_dump({"robots": {"one": robot}, "plan": plan | mesh}))
+    found = make_plan(load_scene(file), backend="interpreted")
+    motion, share = found.motion, np.linspace(0, 1, 20001)
+
+    def force(slope):
+        """Where the derivative of the rounded magnitude is a straight line in time."""
+        line = slope * (1 - 2 * share)
+        inside = np.clip(np.abs(line), 0, 1 - 1e-12)
+        return np.sign(line) * np.minimum(3, 0.03 * inside / np.sqrt(1 - inside**2))
+
+    def off(slope):
+        return simpson(force(slope) * (1 - share), x=share) * 4**2 - 2 * 1
+
+    best = force(brentq(off, 1, 2))
+    assert found.cost == pytest.approx(simpson(np.sqrt(best**2 + 0.03**2) - 0.03, x=4 * share), rel=1e-3)
+    push = (4 - np.sqrt(4**2 - 4 * 2 * 1 / 3)) / 2
+    assert simpson(np.abs(motion.u[:, 0]), x=motion.time) == pytest.approx(2 * 3 * push, rel=0.03)
+    drifts = (motion.time > 0.3) & (motion.time < 3.7)
+    assert np.abs(motion.u[drifts, 0]).max() < 0.03 * 3
+    assert (told("propellant", 3.0, 2.0), heading("propellant")) == (3.0, "propellant")
+    assert (told("torque", 8.0, 2.0), heading("base_wrench")) == (2.0, "base wrench, rms")
