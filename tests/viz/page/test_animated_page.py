@@ -250,7 +250,8 @@ def test_several_results_stand_side_by_side_and_are_shown_by_a_tick(browser, pap
         )
         for r in (paper, blind)
     ]
-    assert rows[1] == ["largest tip error, per axis", *(f"{float(f'{1e3 * peak:.3g}'):g} mm" for peak in peaks)]
+    shown = [f"{float(f'{1e3 * peak:.3g}'):g} mm" for peak in peaks]
+    assert rows[1] == ["largest tip error, per axis", *shown]
     assert any(row[0].endswith("tip.amnesia") and row[2] == "none" for row in rows)
     before = page.evaluate("readout.innerText")
     page.evaluate("document.querySelector('[aria-label=\"Show without\"]').click()")
