@@ -118,6 +118,12 @@ class Costs(Section):
         default=0.0,
         ge=0,
     )
+    impact_speed: float = quantity(
+        "s^2/m^2",
+        "weight of the squared speeds [m/s] and spins [rad/s] with which tips come to their mating frames",
+        default=0.0,
+        ge=0,
+    )
     base_reaction: float = quantity(
         "1/(N^2 s)",
         "weight of the integral of squared forces [N] and torques [N m] of arms on their bases",

@@ -7,11 +7,13 @@ from collections.abc import Callable, Mapping, Sequence
 import casadi as ca
 import numpy as np
 
+from optim.planning.formulation.goals import Seen
 from optim.planning.formulation.stage import Stage
 from spacerobot.dynamics import Inertias, centre_of_mass, forward_kinematics, momentum, total_mass
 from spacerobot.dynamics.algebra import cross
 from spacerobot.dynamics.joints import exact_directions, sparse
-from spacerobot.scenario.plan import Costs
+from spacerobot.elements.goals.mated import Mated
+from spacerobot.scenario.plan import Costs, Planning
 from spacerobot.scene import Scene
 from spacerobot.scene.scene import SceneBody
 
@@ -19,6 +21,19 @@ from spacerobot.scene.scene import SceneBody
 def cost_terms(stage: Stage, costs: Costs) -> dict[str, ca.SX]:
     """Integrands by name, without their weights; those whose weight is zero are left out."""
     return {name: TERMS[name](stage) for name in TERMS if getattr(costs, name)}
+
+
+def end_terms(stage: Stage, plan: Planning) -> dict[str, ca.SX]:
+    """What the last instant costs, by name, without weights: squares of tips' speeds at mating frames."""
+    if not plan.costs.impact_speed:
+        return {}
+    found = ca.SX(0)
+    for name, goal in plan.goals.items():
+        if isinstance(goal, Mated):
+            seen = Seen(stage, f"plan.goals.{name}")
+            _, speed, spin = seen.tip(goal.tip).seen_from(seen.mating(goal.frame))
+            found += ca.sumsqr(speed) + (ca.sumsqr(spin) if goal.orientation else 0)
+    return {"impact_speed": found}
 
 
 def base_turns(stage: Stage) -> dict[str, ca.SX]:
@@ -120,20 +135,24 @@ def _impulse(stage: Stage) -> ca.SX:
 
 
 def told(name: str, integral: float, duration: float) -> float:
-    """What is told of a term: its root mean square over a duration [s], of propellant the whole."""
-    return integral if name in WHOLE else float(np.sqrt(integral / duration))
+    """What is told of a term: its root mean square over a duration [s]; of propellant the whole, of what the
+    end costs the root.
+    """
+    return integral if name in WHOLE else float(np.sqrt(integral / (1 if name in ENDS else duration)))
 
 
 def heading(name: str) -> str:
     """Words for what is told of a term."""
     words = name.replace("_", " ")
-    return "duration" if name == "time" else words if name in WHOLE else f"{words}, rms"
+    return "duration" if name == "time" else words if name in (*WHOLE, *ENDS) else f"{words}, rms"
 
 
 SMOOTH = 0.01
 """Part of a force's limit below which its magnitude is rounded off, so that it has derivatives."""
 WHOLE = ("propellant",)
 """Terms that are no squares: their integrals are told as they are."""
+ENDS = ("impact_speed",)
+"""Terms of the last instant."""
 TERMS: Mapping[str, Callable[[Stage], ca.SX]] = {
     "torque": lambda stage: ca.sumsqr(_driven(stage, True)),
     "joint_rate": lambda stage: ca.sumsqr(stage.v[_columns(stage)]),
@@ -156,6 +175,7 @@ UNITS: Mapping[str, str] = {
     "base_translation": "m",
     "base_wrench": "N",
     "propellant": "N s",
+    "impact_speed": "m/s",
     "base_reaction": "N",
     "grip_force": "N",
     "grip_torque": "N m",

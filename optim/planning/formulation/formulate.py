@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from optim.planning.formulation.costs import cost_terms
+from optim.planning.formulation.costs import cost_terms, end_terms
 from optim.planning.formulation.goals import goal_rows
 from optim.planning.formulation.grips import held
 from optim.planning.formulation.limits import instant_limits, path_rows, what_drives
@@ -182,7 +182,7 @@ def _problem(scene: Scene, plan: Planning, closed: tuple[SceneGrasp, ...], *, be
     lower, upper = instant_limits(stage, plan.limits)
     goals = [row for name, goal in plan.goals.items() for row in goal_rows(stage, name, goal)]
     goals += settled_rows(stage, plan.goals)
-    terms = cost_terms(stage, plan.costs)
+    terms, ends = cost_terms(stage, plan.costs), end_terms(stage, plan)
     span = plan.duration
     fixed = np.concatenate([scene.q, close_velocity(scene) if stage.grips and begins else scene.v])
     begin, beginning = beginnings(stage, plan, fixed, (lower, upper))
@@ -193,7 +193,8 @@ def _problem(scene: Scene, plan: Planning, closed: tuple[SceneGrasp, ...], *, be
         path=(*path_rows(stage, plan), *beginning),
         goal=tuple(goals),
         terms=terms,
-        weights={name: getattr(plan.costs, name) for name in (*terms, "time")},
+        ends=ends,
+        weights={name: getattr(plan.costs, name) for name in (*terms, *ends, "time")},
         lower=lower,
         upper=upper,
         duration=(span.lower, span.upper, span.guess or (span.lower + span.upper) / 2),

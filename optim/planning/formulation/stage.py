@@ -182,8 +182,10 @@ class Problem:
         What must hold at the last one.
     terms
         Integrands of the cost (1x1 each), by name.
+    ends
+        What the last instant costs (1x1 each), by name.
     weights
-        Of the terms, and of ``time``, the duration.
+        Of the terms, of what the end costs, and of ``time``, the duration.
     lower, upper
         Limits of z (nz,).
     duration
@@ -200,6 +202,7 @@ class Problem:
     path: tuple[Row, ...]
     goal: tuple[Row, ...]
     terms: Mapping[str, ca.SX]
+    ends: Mapping[str, ca.SX]
     weights: Mapping[str, float]
     lower: Array
     upper: Array

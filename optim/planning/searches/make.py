@@ -176,7 +176,9 @@ def _terms(course: Course) -> dict[str, float]:
 
 
 def integrals(motion: Motion) -> dict[str, float]:
-    """Integrals over the motion of the terms of the cost, and the duration, without their weights."""
+    """Integrals over the motion of the terms of the cost, what its end costs, and the duration, without their
+    weights.
+    """
     problem = motion.problem
     found: dict[str, float] = {}
     weights: Array = np.zeros(len(motion.z))
@@ -186,6 +188,8 @@ def integrals(motion: Motion) -> dict[str, float]:
     for name, term in problem.terms.items():
         values = ca.Function("term", [problem.stage.z], [ca.densify(term)])(motion.z.T).full()
         found[name] = float(weights @ np.array(values).ravel()) * motion.duration_s / motion.intervals
+    for name, end in problem.ends.items():
+        found[name] = float(ca.Function("end", [problem.stage.z], [end])(motion.z[-1]))
     return found | ({"time": motion.duration_s} if problem.time_weight else {})
 
 

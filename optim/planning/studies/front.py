@@ -42,7 +42,7 @@ class Point:
         What makes the scenario's plan section that of this point, by dotted path.
     values
         Duration [s] and what is told of every term, in SI units, by name: root mean squares over the
-        duration, of propellant the whole; empty where refused.
+        duration, of propellant the whole, of the end's the root; empty where refused.
     status
         ``dominated`` where another point is as good in both and better in one.
     fault

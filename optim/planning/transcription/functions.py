@@ -31,7 +31,8 @@ class Instants:
     symbolic
         ``values(z -> F)``, ``slopes(z -> J's entries)`` and ``bends(z, weights -> H's entries)`` of one
         instant, with F = (q', what is left of the equations of motion, path rows, terms of the cost) and H
-        the upper triangle of the second derivatives of weights . F; ``goal...`` the same of the goal rows.
+        the upper triangle of the second derivatives of weights . F; ``goal...`` the same of the goal rows
+        and of what the last instant costs.
     call
         Evaluates one of them for many columns.
     backend
@@ -91,7 +92,7 @@ def _rows(problem: Problem) -> dict[str, tuple[ca.SX, dict[int, About]]]:
     stage = problem.stage
     parts = {
         "": (ca.vertcat(stage.rate, stage.balance), problem.path, ca.vertcat(*problem.terms.values())),
-        "goal_": (ca.SX(0, 1), problem.goal, ca.SX(0, 1)),
+        "goal_": (ca.SX(0, 1), problem.goal, ca.vertcat(ca.SX(0, 1), *problem.ends.values())),
     }
     found = {}
     for prefix, (before, rows, behind) in parts.items():

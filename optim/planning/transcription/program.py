@@ -72,6 +72,7 @@ class Program:
         self.size = self.points * self.nz + 1
         self.ncost = self.nq + self.nv + len(problem.path)  # rows from here on are terms of the cost
         self.term_weights = np.array([problem.weights[name] for name in problem.terms])
+        self.end_weights = np.array([problem.weights[name] for name in problem.ends])
         self._of = np.arange(intervals)[:, None] * self.inner + np.arange(
             lobatto.points
         )  # points by interval
@@ -123,7 +124,10 @@ class Program:
     def objective(self, w: Array) -> float:
         """Cost."""
         found, duration = self._values(w), float(w[-1])
-        return duration * (self._running(found) + self.problem.time_weight)
+        running = duration * (self._running(found) + self.problem.time_weight)
+        if not self.end_weights.size:
+            return running
+        return running + float(self._last("goal_values", w)[len(self.problem.goal) :] @ self.end_weights)
 
     def gradient(self, w: Array) -> Array:
         """Of the cost (size,)."""
@@ -133,6 +137,11 @@ class Program:
         out = np.zeros((self.points, self.nz))
         weighted = self.term_weights[rows[own] - self.ncost] * entries[:, own]
         np.add.at(out.T, columns[own], (duration * self.weights[:, None] * weighted).T)
+        if self.end_weights.size:
+            rows, columns = self.instants.goal_slopes
+            own, first = rows >= len(self.problem.goal), len(self.problem.goal)
+            slopes = self._last("goal_slopes", w)[own]
+            np.add.at(out[-1], columns[own], self.end_weights[rows[own] - first] * slopes)
         return np.append(out, self._running(self._values(w)) + self.problem.time_weight)
 
     def constraints(self, w: Array) -> Array:
@@ -142,7 +151,7 @@ class Program:
         moved = np.einsum("jk,nkx->njx", self.lobatto.integral[1:], rate[self._of])
         defects = x[self._of[:, 1:]] - x[self._of[:, :1]] - duration / self.intervals * moved
         own = found[:, self.nq : self.ncost]
-        goal = self.instants.call("goal_values", z[-1:].T)[:, 0]
+        goal = self._last("goal_values", w)[: len(self.problem.goal)]
         return np.concatenate([defects.ravel(), own.ravel(), goal])
 
     def jacobian(self, w: Array) -> Array:
@@ -158,7 +167,7 @@ class Program:
         rate = self._rates(z, self._values(w))
         by_time = -np.einsum("jk,nkx->njx", a, rate[self._of]) / self.intervals
         own = entries[:, (rows >= self.nq) & (rows < self.ncost)]
-        goal = self.instants.call("goal_slopes", z[-1:].T)[:, 0]
+        goal = self._last("goal_slopes", w)[self.instants.goal_slopes[0] < len(self.problem.goal)]
         parts = [np.ones(shape), -np.ones(shape), by_rate, by_acceleration, by_time, own, goal]
         return self._jacobian.entries(np.concatenate([part.ravel() for part in parts]))
 
@@ -172,7 +181,7 @@ class Program:
         scaled[:, : self.nq] *= duration
         scaled[:, self.ncost :] *= duration
         bends = self.instants.call("bends", z.T, scaled.T).T
-        goal = multipliers[self.rows - len(self.problem.goal) :]
+        goal = np.append(multipliers[self.rows - len(self.problem.goal) :], factor * self.end_weights)
         last = self.instants.call("goal_bends", z[-1:].T, goal[:, None])[:, 0]
         return self._hessian.entries(
             np.concatenate([bends.ravel(), last, self._crossed(w, weights, multipliers)])
@@ -221,6 +230,10 @@ class Program:
         """Entries of F's derivatives (points, entries)."""
         return self._at(w, "slopes")
 
+    def _last(self, name: str, w: Array) -> Array:
+        """One of the last instant's functions."""
+        return self.instants.call(name, self.split(w)[0][-1:].T)[:, 0]
+
     def _at(self, w: Array, name: str) -> Array:
         """One of the functions at all points, kept for the last unknowns."""
         key = w.tobytes()
@@ -253,6 +266,8 @@ class Program:
             )
         )
         goal_rows, goal_columns = self.instants.goal_slopes
+        held = goal_rows < len(self.problem.goal)
+        goal_rows, goal_columns = goal_rows[held], goal_columns[held]
         first = self.rows - len(self.problem.goal)
         found.append((first + goal_rows, (self.points - 1) * self.nz + goal_columns))
         return _sums(found, (self.rows, self.size))

@@ -100,19 +100,24 @@ def test_a_catch_and_what_follows_cost_least_together(catch, closing):
         assert np.abs(found.course.impulses[0]).max() < 1e-6
 
 
-def test_how_fast_a_rigid_grasp_closes_is_found_too(catch):
-    """Where the effort of the second phase weighs more, the cart's impulse takes a part of it over."""
+@pytest.mark.parametrize("impact", [0.0, 3.0])
+def test_how_fast_a_rigid_grasp_closes_is_found_too(catch, impact):
+    """Where the second phase weighs more, the cart's impulse takes a part of its effort over; less where the
+    speed of the impact costs something too.
+    """
     goal, weight = "plan.phases.catch.goals.meet.speed_within", 4.0
     changes = [(goal, 0.2), ("plan.phases.carry.costs", {"torque": weight})]
+    changes.append(("plan.costs.impact_speed", impact))
     found = make_plan(catch(*changes), backend="interpreted")
     bounds = [(0.5, 20), (0.5, 20), (-0.2, 0.2)]
 
     def cost(x):
         first, second = parts(x[:2], x[2])
-        return first + weight * (second - HASTE * x[1]) + HASTE * x[1]
+        return first + weight * (second - HASTE * x[1]) + HASTE * x[1] + impact * x[2] ** 2
 
     best = minimize(cost, (2.0, 2.0, 0.0), bounds=bounds)
-    assert abs(best.x[2]) > 0.05
+    assert abs(best.x[2]) > 0.02
+    assert found.terms.get("impact_speed", 0.0) == pytest.approx(impact * best.x[2] ** 2, rel=1e-3)
     assert found.cost == pytest.approx(best.fun, rel=1e-5)
     impulse = CART * OBJECT / (CART + OBJECT) * best.x[2]
     assert abs(found.course.impulses[0]).max() == pytest.approx(abs(impulse), rel=1e-3)
