@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -221,6 +221,7 @@ def _show(planned: Planned) -> None:
         *((f"  {name}", f"{motion.duration_s:.6g} s") for name, motion in phases if name),
         ("mesh", f"{intervals} intervals of order {order}, {len(course.unknowns)} unknowns"),
         *((f"candidate {_named(one)}", _outcome(one)) for one in planned.tried),
+        *((f"base of {name}", f"within the limits of {own}") for name, own in _base_limits(planned)),
         ("cost", f"{planned.cost:.6g}"),
         *((f"  {name.replace('_', ' ')}", f"{value:.6g}") for name, value in planned.terms.items()),
         ("first-order residual", f"{verdict.residual:.1e}"),
@@ -242,6 +243,14 @@ def _show(planned: Planned) -> None:
     ]
     heads = ["start", "intervals", "cost", "iterations", "time [s]", "status"]
     console().print(table("runs of IPOPT", heads, cells))
+
+
+def _base_limits(planned: Planned) -> Iterable[tuple[str, str]]:
+    """Robots whose bases are driven within the limits of their actuators, and which."""
+    from optim.planning.formulation.bases import limits_taken
+    from optim.planning.formulation.formulate import plan_of
+
+    return limits_taken(planned.scene, plan_of(planned.scene).by_phase.values()).items()
 
 
 def _named(one: Tried) -> str:

@@ -75,6 +75,11 @@ class RobotElement(Element):
 
     base_wrench: ClassVar[frozenset[Part]] = frozenset()
 
+    @property
+    def own_wrench(self) -> frozenset[Part]:
+        """Those parts that this one asks for or takes over, as its section says."""
+        return self.base_wrench
+
     def faults(self, robot: RobotFacts) -> Iterable[tuple[str, str]]:
         """Why it cannot act on this robot: the key of its section, empty for all of it, and a sentence."""
         del robot

@@ -130,6 +130,13 @@ class Costs(Section):
         default=0.0,
         ge=0,
     )
+    wheel_momentum: float = quantity(
+        "1/(N^2 m^2 s^3)",
+        "weight of the integral of squared angular momenta of reaction wheels about their axes, where they "
+        "alone turn a base",
+        default=0.0,
+        ge=0,
+    )
     grip_force: float = quantity(
         "1/(N^2 s)", "weight of the integral of squared forces of grasps that hold", default=0.0, ge=0
     )
@@ -163,13 +170,22 @@ class Bounds(Section):
     base_translation: float | None = quantity(
         "m", "greatest displacement of any robot's base since the start", default=None, gt=0
     )
-    base_force: float = quantity(
+    base_force: float | None = quantity(
         "N",
-        "greatest force along each axis that drives a floating base, by an ideal actuator",
-        default=0.0,
+        "greatest force along each axis that drives a floating base, 0 for none; that of its actuators if "
+        "not given",
+        default=None,
         ge=0,
     )
-    base_torque: float = quantity("N m", "greatest torque about each axis, likewise", default=0.0, ge=0)
+    base_torque: float | None = quantity(
+        "N m", "greatest torque about each axis, likewise", default=None, ge=0
+    )
+    wheel_momentum: float | None = quantity(
+        "N m s",
+        "greatest angular momentum of any reaction wheel about its axis, where wheels alone turn a base",
+        default=None,
+        gt=0,
+    )
     grip_force: float | None = quantity("N", "greatest force of any grasp that holds", default=None, gt=0)
     grip_torque: float | None = quantity("N m", "greatest torque of any grasp that holds", default=None, gt=0)
 

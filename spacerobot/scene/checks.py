@@ -258,9 +258,9 @@ def _check_base(scene: Scene, body: SceneBody) -> None:
         if element.base_wrench and not body.root_joint:
             message = "acts on the base, which is fixed; leave it out, or give `base: {joint: free_flyer}`"
             raise ScenarioError(message, source=scene.source, where=path)
-        if isinstance(element, Actuator) or element.base_wrench <= delivered:
+        if isinstance(element, Actuator) or element.own_wrench <= delivered:
             continue
-        part = min(element.base_wrench - delivered)
+        part = min(element.own_wrench - delivered)
         able = [name for name, kind in kinds("actuator").items() if part in getattr(kind, "base_wrench", ())]
         raise ScenarioError(
             f"asks for a {part} on the base, which no actuator of the robot delivers; give one of kind "

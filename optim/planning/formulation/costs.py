@@ -9,6 +9,7 @@ import numpy as np
 
 from optim.planning.formulation.goals import Seen
 from optim.planning.formulation.stage import Stage
+from optim.planning.formulation.wheels import wheel_cost
 from spacerobot.dynamics import Inertias, centre_of_mass, forward_kinematics, momentum, total_mass
 from spacerobot.dynamics.algebra import cross
 from spacerobot.dynamics.joints import exact_directions, sparse
@@ -129,7 +130,8 @@ def _impulse(stage: Stage) -> ca.SX:
     joints, found = len(stage.driven.joints), ca.SX(0)
     for k, name in enumerate(stage.driven.names):
         if k >= joints and name.rpartition(".")[2].startswith("f"):
-            small = SMOOTH * float(stage.driven.limits[k])
+            limit = float(stage.driven.limits[k])
+            small = SMOOTH * (limit if np.isfinite(limit) else 1.0)
             found += ca.sqrt(stage.u[k] ** 2 + small**2) - small
     return found
 
@@ -148,7 +150,7 @@ def heading(name: str) -> str:
 
 
 SMOOTH = 0.01
-"""Part of a force's limit below which its magnitude is rounded off, so that it has derivatives."""
+"""Part of a force's limit, of 1 N where it has none, below which its magnitude is rounded off, so that it has derivatives."""
 WHOLE = ("propellant",)
 """Terms that are no squares: their integrals are told as they are."""
 ENDS = ("impact_speed",)
@@ -162,6 +164,7 @@ TERMS: Mapping[str, Callable[[Stage], ca.SX]] = {
     "base_wrench": lambda stage: ca.sumsqr(_driven(stage, False)),
     "propellant": _impulse,
     "base_reaction": lambda stage: _squares(list(base_reactions(stage).values())),
+    "wheel_momentum": wheel_cost,
     "grip_force": lambda stage: _squares([stage.wrench(grip)[0] for grip in (*stage.grips, *stage.springs)]),
     "grip_torque": lambda stage: _squares([stage.wrench(grip)[1] for grip in (*stage.grips, *stage.springs)]),
 }
@@ -177,6 +180,7 @@ UNITS: Mapping[str, str] = {
     "propellant": "N s",
     "impact_speed": "m/s",
     "base_reaction": "N",
+    "wheel_momentum": "N m s",
     "grip_force": "N",
     "grip_torque": "N m",
     "time": "s",

@@ -8,11 +8,13 @@ from collections.abc import Iterator
 import casadi as ca
 import numpy as np
 
+from optim.planning.formulation.bases import able
 from optim.planning.formulation.costs import base_shifts, base_turns
 from optim.planning.formulation.goals import Seen
 from optim.planning.formulation.grips import axes_of
 from optim.planning.formulation.sights import sight_row
 from optim.planning.formulation.stage import Driven, Stage
+from optim.planning.formulation.wheels import wheel_rows
 from spacerobot.arrays import Array
 from spacerobot.description.parts import Joint as UrdfJoint
 from spacerobot.dynamics.joints import exact_directions, sparse
@@ -29,7 +31,7 @@ FORCES = ("fx", "fy", "fz", "tx", "ty", "tz")
 
 
 def what_drives(scene: Scene, bounds: Bounds) -> Driven:
-    """Joints that are planned, and bases that an ideal actuator drives.
+    """Joints that are planned, and bases that actuators drive.
 
     Raises
     ------
@@ -83,7 +85,7 @@ def instant_limits(stage: Stage, bounds: Bounds) -> tuple[Array, Array]:
 
 def path_rows(stage: Stage, plan: Planning) -> list[Row]:
     """What must hold at all instants beside the limits of z."""
-    rows = [*_base_rows(stage, plan.limits), *_grip_rows(stage, plan.limits)]
+    rows = [*_base_rows(stage, plan.limits), *_grip_rows(stage, plan.limits), *wheel_rows(stage, plan)]
     for name, apart in plan.keep_out.items():
         where = f"plan.keep_out.{name}"
         for first, second in find_pairs(stage.scene, apart.between, apart.wrap, where):
@@ -123,15 +125,14 @@ def _check_given(scene: Scene, bounds: Bounds, body: SceneBody, urdf: UrdfJoint)
 
 def _bases(scene: Scene, bounds: Bounds) -> Iterator[tuple[str, int, float]]:
     """Name, velocity and limit of each axis of a floating base that is driven."""
-    limits = [bounds.base_force] * 3 + [bounds.base_torque] * 3
     for body in scene.robots:
         if not body.root_joint:
             continue
         first, size = int(scene.model.idx_vs[body.root_joint]), int(scene.model.nvs[body.root_joint])
-        axes = (0, 1, 5) if size == 3 else range(6)
+        axes, limits = (0, 1, 5) if size == 3 else range(6), able(bounds, body, size == 3).most
         for k, axis in enumerate(axes):
             if limits[axis]:
-                yield f"{body.name}/base.{FORCES[axis]}", first + k, limits[axis]
+                yield f"{body.name}/base.{FORCES[axis]}", first + k, float(limits[axis])
 
 
 def _at_most(limit: float, name: str, unit_name: str, value: ca.SX) -> Row:

@@ -67,6 +67,11 @@ class Driven:
         named = (name.rpartition(".") for name in self.names[len(self.joints) :])
         return [axis for base, _, axis in named if base == f"{robot}/base"]
 
+    def strength(self, robot: str, part: str) -> float:
+        """Bound of the force, ``f``, or torque, ``t``, on a robot's base [N, N m]; zero where none acts."""
+        own = [f"{robot}/base.{axis}" for axis in self.of_base(robot) if axis.startswith(part)]
+        return float(np.linalg.norm([self.limits[self.names.index(name)] for name in own]))
+
 
 @dataclass(frozen=True, eq=False)
 class Stage:

@@ -106,7 +106,7 @@ def check_momentum(problem: Problem, plan: Planning) -> None:
             raise ScenarioError(f"{body.name} {told}", source=scene.source, where=where)
         if any(not one.root_joint for one in group):
             continue  # the world takes it
-        momenta = zip(_momenta(scene, group), _taken(problem, plan, group), strict=True)
+        momenta = zip(_momenta(scene, group), _taken(problem, group), strict=True)
         for (momentum, able), unit, key in zip(
             momenta, ("N s", "N m s"), ("base_force", "base_torque"), strict=True
         ):
@@ -122,15 +122,14 @@ def check_momentum(problem: Problem, plan: Planning) -> None:
             raise ScenarioError(f"{body.name} cannot come to rest, {told}", source=scene.source, where=where)
 
 
-def _taken(problem: Problem, plan: Planning, group: list[SceneBody]) -> tuple[float, float]:
+def _taken(problem: Problem, group: list[SceneBody]) -> tuple[float, float]:
     """Bounds of the force [N], and of the torque about their centre of mass [N m], on the bases of bodies."""
-    scene, limits = problem.stage.scene, plan.limits
+    scene, driven = problem.stage.scene, problem.stage.driven
     bases = [body for body in group if body is not scene.target]
-    force = np.sqrt(len(scene.translation_axes)) * limits.base_force
-    torque = np.sqrt(len(scene.rotation_axes)) * limits.base_torque
+    force, torque = (sum(driven.strength(body.name, part) for body in bases) for part in "ft")
     # forces on a base turn what lies beside it: bounded for a robot alone
     lever = _from_base(problem, bases[0]) if len(group) == 1 else np.inf
-    return len(bases) * force, len(bases) * (torque + (lever * force if force else 0.0))
+    return force, torque + (lever * force if force else 0.0)
 
 
 def check_joined(problem: Problem, plan: Planning) -> None:
@@ -145,8 +144,8 @@ def check_joined(problem: Problem, plan: Planning) -> None:
         With the velocity, or the spin, that nothing changes.
     """
     scene, tips = problem.stage.scene, {tip.label: tip for tip in problem.stage.scene.tips}
-    driven = plan.limits.base_force or plan.limits.base_torque
-    if driven or problem.stage.grips or problem.begin is not None:
+    driven = problem.stage.driven
+    if driven.drives_bases or problem.stage.grips or problem.begin is not None:
         return
     for name, goal in plan.goals.items():
         if not isinstance(goal, Mated) or not (goal.rests and goal.orientation):
@@ -227,9 +226,10 @@ def check_reach(problem: Problem, plan: Planning, tips: dict[str, SceneTip]) -> 
     ScenarioError
         With both distances.
     """
-    if plan.limits.base_force or problem.stage.grips or problem.begin is not None:
+    scene, driven = problem.stage.scene, problem.stage.driven
+    pushed = any(driven.strength(body.name, "f") for body in scene.robots)
+    if pushed or problem.stage.grips or problem.begin is not None:
         return
-    scene = problem.stage.scene
     least, greatest, _ = problem.duration
     data = scene.model.createData()
     qs = drift(problem, Lobatto.of_order(2), INSTANTS, greatest)[0][int(INSTANTS * least / greatest) :]

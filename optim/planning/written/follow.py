@@ -229,7 +229,7 @@ def _actuated(planned: Planned, robot: str, actuators: Document) -> Document:
     limits = [plan.limits for plan in plan_of(planned.scene).by_phase.values()]
     ideal = {
         "kind": "base_wrench",
-        "force": max(bounds.base_force for bounds in limits) or None,
-        "torque": max(bounds.base_torque for bounds in limits) or None,
+        "force": max(bounds.base_force or 0.0 for bounds in limits) or None,
+        "torque": max(bounds.base_torque or 0.0 for bounds in limits) or None,
     }
     return actuators | {_unused("plan", set(actuators)): ideal}

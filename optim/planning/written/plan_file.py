@@ -15,7 +15,10 @@ import xarray as xr
 
 import spacerobot
 from optim.plain import plain
+from optim.planning.formulation.bases import limits_taken
+from optim.planning.formulation.formulate import plan_of
 from optim.planning.formulation.grips import axes_of
+from optim.planning.formulation.wheels import asked_of_bases
 from optim.planning.searches.make import Planned, statistics
 from optim.planning.transcription.motion import Motion
 from optim.planning.written.follow import PLAN, flown_phase, following
@@ -113,8 +116,9 @@ def _over_time(scene: Scene, motion: Motion, drives: Mapping[str, int], grips: l
     for name, unit, text in TIP_MOTION:
         variables[name] = (("time", "tip", "axis"), tips[name], _told(unit, text))
     if drives:
-        told = _told("N or N m", "ideal forces and torques on bases, in their own axes")
-        wrench = _spread(list(drives), driven.names[count:], u[:, count:])
+        told = _told("N or N m", "forces and torques that bases ask for, in their own axes")
+        asked = ca.Function("asked", [stage.z], [ca.densify(asked_of_bases(stage))])
+        wrench = _spread(list(drives), driven.names[count:], np.array(asked(motion.z.T).full()).T)
         variables["base_wrench"] = (("time", "drive"), wrench, told)
         told = _told("m/s or rad/s", "velocities and spins of bases along and about these axes")
         variables["base_rate"] = (("time", "drive"), v[:, list(drives.values())], told)
@@ -166,6 +170,7 @@ def summary(planned: Planned) -> dict[str, Any]:
             "tolerance_m": verdict.tolerance_m,
             "violations": [vars(violation) for violation in verdict.violations],
         },
+        "base_limits": limits_taken(planned.scene, plan_of(planned.scene).by_phase.values()),
         "choices": [vars(one) for one in planned.tried],
         "evaluation": planned.backend,
         "solves": statistics(planned),

@@ -60,6 +60,11 @@ class BaseTracking(RobotController):
         """The planned motion, which was given or read."""
         return known(self.knots)
 
+    @property
+    def own_wrench(self) -> frozenset[Part]:
+        """Force, torque or both, by the axes that are planned."""
+        return frozenset("torque" if axis.startswith("t") else "force" for axis in self.planned.axes)
+
     def build(self, robot: RobotContext) -> Contribution:
         """Wrench on the base."""
         motion, number, model = self.planned, robot.context.number, robot.plant.model
