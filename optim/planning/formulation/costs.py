@@ -150,7 +150,7 @@ def heading(name: str) -> str:
 
 
 SMOOTH = 0.01
-"""Part of a force's limit, of 1 N where it has none, below which its magnitude is rounded off, so that it has derivatives."""
+"""Part of a force's limit, of 1 N where it has none, below which its magnitude is smooth."""
 WHOLE = ("propellant",)
 """Terms that are no squares: their integrals are told as they are."""
 ENDS = ("impact_speed",)
