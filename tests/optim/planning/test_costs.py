@@ -7,10 +7,14 @@ import pytest
 import yaml
 from scipy.integrate import simpson
 from scipy.optimize import brentq
+from scipy.sparse import triu
 
 from optim.planning.formulation.costs import base_reactions, heading, told
 from optim.planning.formulation.formulate import formulate
 from optim.planning.searches.make import make_plan
+from optim.planning.transcription.functions import build_instants
+from optim.planning.transcription.lobatto import Lobatto
+from optim.planning.transcription.program import Program
 from spacerobot.scene import load_scene
 from tests.optim.planning.test_hand_checked import LINK, TWO_LINKS, scene, to
 
@@ -75,3 +79,28 @@ def test_least_impulse_is_a_push_a_drift_and_a_push(tmp_path):
     assert np.abs(motion.u[drifts, 0]).max() < 0.03 * 3
     assert (told("propellant", 3.0, 2.0), heading("propellant")) == (3.0, "propellant")
     assert (told("torque", 8.0, 2.0), heading("base_wrench")) == (2.0, "base wrench, rms")
+
+
+def test_what_the_end_costs_has_its_derivatives(reach):
+    """First and second ones of the program against differences, along one direction."""
+    costs = {"impact_speed": 3, "propellant": 1, "base_reaction": 1}
+    problem = formulate(reach(("plan.costs", costs), ("plan.goals.mate.speed_within", 0.1)))
+    program = Program(problem, build_instants(problem, "interpreted"), Lobatto.of_order(4), 2)
+    draw = np.random.default_rng(0)
+    w, along = draw.uniform(0.1, 1, program.size), draw.uniform(-1, 1, program.size)
+    multipliers = draw.uniform(-1, 1, program.rows)
+    jacobian, hessian = program.jacobian_pattern.copy(), program.hessian_pattern.copy()
+
+    def slope(w):
+        """Gradient of the Lagrangian, with a factor of 0.7 on the cost."""
+        jacobian.data = program.jacobian(w)
+        return 0.7 * program.gradient(w) + jacobian.T @ multipliers
+
+    def difference(function):
+        """Along the direction."""
+        return (function(w + 1e-6 * along) - function(w - 1e-6 * along)) / 2e-6
+
+    assert program.gradient(w) @ along == pytest.approx(difference(program.objective), rel=1e-6)
+    hessian.data = program.hessian(w, 0.7, multipliers)
+    whole = hessian + triu(hessian, 1).T
+    np.testing.assert_allclose(whole @ along, difference(slope), rtol=1e-5, atol=1e-5)
