@@ -18,7 +18,6 @@ from optim.planning.searches.tasks import Task, carry_out
 from optim.planning.solver.solve import Solved
 from optim.planning.transcription.motion import Course, Motion
 from optim.planning.verification.verdict import Verdict
-from spacerobot.arrays import Array
 from spacerobot.errors import NoPlanError
 from spacerobot.scene import Scene
 
@@ -181,13 +180,10 @@ def integrals(motion: Motion) -> dict[str, float]:
     """
     problem = motion.problem
     found: dict[str, float] = {}
-    weights: Array = np.zeros(len(motion.z))
-    inner = motion.lobatto.points - 1
-    for n in range(motion.intervals):
-        weights[n * inner : n * inner + inner + 1] += motion.lobatto.weights
+    weights = motion.lobatto.quadrature(motion.intervals)
     for name, term in problem.terms.items():
         values = ca.Function("term", [problem.stage.z], [ca.densify(term)])(motion.z.T).full()
-        found[name] = float(weights @ np.array(values).ravel()) * motion.duration_s / motion.intervals
+        found[name] = float(weights @ np.array(values).ravel()) * motion.duration_s
     for name, end in problem.ends.items():
         found[name] = float(ca.Function("end", [problem.stage.z], [end])(motion.z[-1]))
     return found | ({"time": motion.duration_s} if problem.time_weight else {})

@@ -71,6 +71,13 @@ class Lobatto:
         inside = (np.arange(intervals)[:, None] + self.nodes[None, :-1]).ravel()
         return np.append(inside, intervals) * (duration_s / intervals)
 
+    def quadrature(self, intervals: int) -> Array:
+        """Weights of all points of equal intervals, for a duration of one (intervals (s - 1) + 1,)."""
+        found = np.zeros(intervals * (self.points - 1) + 1)
+        at = np.arange(intervals)[:, None] * (self.points - 1) + np.arange(self.points)
+        np.add.at(found, at, np.broadcast_to(self.weights, at.shape))
+        return found / intervals
+
     def values_at(self, place: Array) -> Array:
         """Values at places (n,) in an interval of the polynomials that are one at a node: (n, s)."""
         return np.stack([polynomial.polyval(np.asarray(place, dtype=float), b) for b in self.basis], axis=-1)

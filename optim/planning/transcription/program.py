@@ -76,9 +76,7 @@ class Program:
         self._of = np.arange(intervals)[:, None] * self.inner + np.arange(
             lobatto.points
         )  # points by interval
-        weights = np.zeros(self.points)
-        np.add.at(weights, self._of, np.broadcast_to(lobatto.weights, self._of.shape))
-        self.weights = weights / intervals  # of the quadrature, for a duration of one
+        self.weights = lobatto.quadrature(intervals)
         self.defects = intervals * self.inner * self.nx
         self.per_point = self.nv + len(problem.path)
         self.rows = self.defects + self.points * self.per_point + len(problem.goal)

@@ -23,6 +23,7 @@ from optim.planning.searches.make import Planned, statistics
 from optim.planning.transcription.motion import Motion
 from optim.planning.written.follow import PLAN, flown_phase, following
 from optim.planning.written.held import held_variables
+from optim.planning.written.multipliers import multiplier_norms
 from spacerobot.arrays import Array
 from spacerobot.errors import ResultError
 from spacerobot.files import staged, write_text
@@ -68,6 +69,8 @@ def dataset(planned: Planned) -> xr.Dataset:
         name: (dims, np.concatenate([part[name][1] for part in parts]), told)
         for name, (dims, _, told) in parts[0].items()
     }
+    told = _told("1", "norm of the multipliers of equations of motion and limits, as densities over time")
+    variables["multiplier_norm"] = ("time", multiplier_norms(planned), told)
     names = planned.names if any(planned.names) else (flown_phase(scene.scenario),)
     if any(names):
         phases = [name for name, m in zip(names, course.motions, strict=True) for _ in m.time]

@@ -6,6 +6,7 @@ import yaml
 from scipy.integrate import solve_bvp, trapezoid
 
 from optim.planning.searches.make import make_plan
+from optim.planning.written.plan_file import dataset
 from spacerobot.scene import load_scene
 
 RAIL = """<robot name="rail"><link name="rail"/>
@@ -48,7 +49,10 @@ def test_least_energy_of_a_mass_on_a_rail(tmp_path):
     found = make_plan(scene(tmp_path, RAIL, "fixed", plan), backend="interpreted")
     share = found.motion.time / 3
     assert found.cost == pytest.approx(12 * 4 * 1.5**2 / 27, rel=1e-9)
-    np.testing.assert_allclose(found.motion.u[:, 0], 6 * 2 * 1.5 / 9 * (1 - 2 * share), atol=1e-7)
+    force = 6 * 2 * 1.5 / 9 * (1 - 2 * share)
+    np.testing.assert_allclose(found.motion.u[:, 0], force, atol=1e-7)
+    norms = dataset(found).multiplier_norm  # that of m a = u is 2 u
+    np.testing.assert_allclose(norms, 2 * np.abs(force), atol=1e-6)
 
 
 def test_least_time_of_a_mass_on_a_rail(tmp_path):
