@@ -190,6 +190,7 @@ class Family:
         )
 
         def known(value: Any) -> Any:
+            """The section with its kind, which it names, has by default, or tells by a key of its own."""
             if not isinstance(value, dict | Element):
                 raise PydanticCustomError("dict_type", "a section is wanted")
             if isinstance(value, dict) and self.default is not None:

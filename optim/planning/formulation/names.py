@@ -23,10 +23,7 @@ def find_tip(scene: Scene, label: str, where: str) -> SceneTip:
     ScenarioError
         If there is none; the near names are listed.
     """
-    tips = {tip.label: tip for tip in scene.tips}
-    if label not in tips:
-        raise ScenarioError(f"no tip {label!r}; {near_names(label, tips)}", source=scene.source, where=where)
-    return tips[label]
+    return _named(scene, {tip.label: tip for tip in scene.tips}, f"tip {label!r}", label, where)
 
 
 def find_frame(scene: Scene, frame: str, where: str) -> int:
@@ -57,12 +54,13 @@ def find_robot(scene: Scene, name: str, where: str) -> SceneBody:
     ScenarioError
         If there is none; the near names are listed.
     """
-    robots = {body.name: body for body in scene.robots}
-    if name not in robots:
-        raise ScenarioError(
-            f"no robot {name!r}; {near_names(name, robots)}", source=scene.source, where=where
-        )
-    return robots[name]
+    return _named(scene, {body.name: body for body in scene.robots}, f"robot {name!r}", name, where)
+
+
+def _named(scene: Scene, there: Mapping[str, T], what: str, name: str, where: str) -> T:
+    if name not in there:
+        raise ScenarioError(f"no {what}; {near_names(name, there)}", source=scene.source, where=where)
+    return there[name]
 
 
 def find_still(scene: Scene, name: str, where: str) -> SceneBody:
