@@ -8,12 +8,14 @@ from __future__ import annotations
 import functools
 import os
 import sys
+import textwrap
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, TextIO
 
 import typer
+from rich.console import Console
 from rich.markup import escape
 
 from spacerobot.cli import (
@@ -36,7 +38,7 @@ from spacerobot.cli import (
     sweep,
     tune,
 )
-from spacerobot.cli.output import print_error, warn
+from spacerobot.cli.output import LEAST_WIDTH, print_error, warn
 from spacerobot.errors import SpaceRobotError, SpaceRobotWarning
 from spacerobot.interrupts import INTERRUPTED, minded
 
@@ -70,6 +72,7 @@ MODULES = (
 )
 for module in MODULES:
     module.register(app)
+EXAMPLE_INDENT = 4
 
 
 def _show_version(wanted: bool) -> None:
@@ -108,7 +111,9 @@ def command_line() -> Any:
 
 
 def escaped(command: Any) -> Any:
-    """A command and those below it, with every ``[m]`` in their options' help taken literally."""
+    """A command and those below it: every ``[m]`` in their help is literal, every paragraph one line."""
+    if command.help:
+        command.help = help_markup(command.help)
     for option in command.params:
         help_text = getattr(option, "help", None)
         if help_text:
@@ -116,6 +121,30 @@ def escaped(command: Any) -> Any:
     for below in getattr(command, "commands", {}).values():
         escaped(below)
     return command
+
+
+def help_markup(text: str) -> str:
+    """Markup of a command's help: paragraphs as one line each, which wraps; examples as lines to be copied.
+
+    An example wider than the terminal goes on in the next line after a backslash, as shells read it. Its
+    indentation follows a tag: Typer removes what all lines begin with.
+    """
+    width = max(Console().width, LEAST_WIDTH) - 2 * EXAMPLE_INDENT
+    paragraphs = []
+    for paragraph in textwrap.dedent(text).strip().split("\n\n"):
+        if not paragraph.startswith(" "):
+            paragraphs.append(escape(" ".join(paragraph.split())))
+            continue
+        lines = textwrap.wrap(
+            paragraph.strip(),
+            width,
+            subsequent_indent=" " * EXAMPLE_INDENT,
+            break_long_words=False,
+            break_on_hyphens=False,
+        )
+        indent = f"[not bold]{' ' * EXAMPLE_INDENT}[/]"
+        paragraphs.append(" \\\n".join(indent + escape(line) for line in lines))
+    return "\n\n".join(paragraphs)
 
 
 def plugins_first(arguments: Sequence[str]) -> list[str]:

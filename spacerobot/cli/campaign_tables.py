@@ -39,7 +39,7 @@ def show(summary: Mapping[str, Any]) -> None:
     for name, told in summary["gains"].items():
         sure = f", {level} intervals in brackets (open where the samples do not bound it)"
         title = f"{name}: percentiles{sure if summary['intervals'] else ''}"
-        console().print(table(title, *_percentiles(told), whole=True))
+        console().print(table(title, *_percentiles(told)))
         prose(f"{name}: what matters, and its rank correlation or share of the variance")
         for metric, entry in told["matters"].items():
             prose(depends(metric, entry), indent=2)

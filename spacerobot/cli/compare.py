@@ -173,7 +173,7 @@ def show(data: Mapping[str, Any]) -> None:
     from optim.comparison import tables
 
     console().print(f"\n{data['verdict']}\n", markup=False, style="bold")
-    _print(tables.summary_table(data))
+    _print(tables.summary_table(data), keys=2)
     for contest in data["contests"]:
         console().rule(escape(tables.heading(contest)), align="left", style="dim")
         console().print(tables.prices(contest), markup=False)
@@ -185,5 +185,5 @@ def show(data: Mapping[str, Any]) -> None:
     console().print(LEGEND, markup=False)
 
 
-def _print(made: Table) -> None:
-    console().print(table(made.title, made.headings, made.rows))
+def _print(made: Table, keys: int = 1) -> None:
+    console().print(table(made.title, made.headings, made.rows, keys=keys))

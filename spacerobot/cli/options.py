@@ -16,7 +16,7 @@ Changes = Annotated[
         "--set",
         metavar="PATH=VALUE",
         help="Change a value by its dotted path; `*` stands for every name. Repeatable. "
-        "Example: --set 'robots.*.tips.tip.pid.kp=400'",
+        "Example: --set 'grasps.*.stiffness=200'",
     ),
 ]
 Out = Annotated[

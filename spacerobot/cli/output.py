@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import sys
 import textwrap
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 
 from rich.box import SIMPLE_HEAD
-from rich.console import Console
+from rich.cells import cell_len
+from rich.console import Console, ConsoleOptions, RenderResult
 from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
@@ -16,6 +19,8 @@ from rich.text import Text
 from spacerobot.progress import hearing
 
 PLAIN_WIDTH = 140
+LEAST_WIDTH = 20
+"""Columns that every text is given, however narrow the terminal says it is."""
 
 
 class _Console(Console):
@@ -26,8 +31,10 @@ class _Console(Console):
 
 
 def console() -> Console:
-    """Console for results; where it is no terminal, lines are long enough not to break tables."""
-    return _Console(highlight=False, width=None if sys.stdout.isatty() else PLAIN_WIDTH)
+    """Console for results, as wide as ``COLUMNS`` says, else as the terminal, else long enough for tables."""
+    columns = os.environ.get("COLUMNS", "")
+    given = max(int(columns), LEAST_WIDTH) if columns.isdecimal() and int(columns) else None
+    return _Console(highlight=False, width=given or (None if sys.stdout.isatty() else PLAIN_WIDTH))
 
 
 def print_error(message: str) -> None:
@@ -72,25 +79,113 @@ def prose(text: str, indent: int = 0) -> None:
     console().print(textwrap.indent("\n".join(lines), " " * indent), markup=False, soft_wrap=True)
 
 
+LEAST_PROSE = (16, 12, 9)
+"""Columns that a long text keeps in a narrow table: the most with which all columns fit, else the first."""
+GAP = 3
+"""Columns that a table needs beside each of its columns: padding on both sides and a separator."""
+
+
 def table(
-    title: str | None, headings: Sequence[str], rows: Sequence[Sequence[str]], *, whole: bool = False
-) -> Table:
-    """Plain table of literal texts; the first column keeps its lines whole, or else all the others do."""
-    made = Table(
-        title=escape(title) if title else None, title_justify="left", header_style="bold", box=SIMPLE_HEAD
-    )
-    for i, heading in enumerate(headings):
-        made.add_column(escape(heading), overflow="fold", no_wrap=(i > 0) == whole)
-    for row in rows:
-        made.add_row(*(escape(cell) for cell in row))
-    return made
+    title: str | None, headings: Sequence[str], rows: Sequence[Sequence[str]], *, keys: int = 1
+) -> TextTable:
+    """Table of literal texts; the first ``keys`` columns name a row, and are repeated where it is cut."""
+    return TextTable(title, headings, rows, keys)
+
+
+@dataclass(frozen=True)
+class TextTable:
+    """Table of literal texts that shows every column at every width.
+
+    Texts wrap between words. Where the columns do not fit side by side even so, the table is printed in
+    blocks below one another, each of which begins with the first columns.
+
+    Attributes
+    ----------
+    title
+        Printed above it, if any.
+    headings
+        One for each column.
+    rows
+        As many cells each.
+    keys
+        How many of the first columns name a row; every block begins with them.
+    """
+
+    title: str | None
+    headings: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    keys: int = 1
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        """Yield its blocks."""
+        columns = list(zip(self.headings, *self.rows, strict=True))
+        layouts = []
+        for prose in LEAST_PROSE:
+            bounds = [_bounds(column, prose) for column in columns]
+            layouts.append((bounds, self._blocks([least for least, _, _ in bounds], options)))
+        bounds, blocks = next((layout for layout in layouts if len(layout[1]) == 1), layouts[0])
+        for k, places in enumerate(blocks):
+            room = options.max_width - 1 - GAP * len(places)
+            block = [columns[place] for place in places]
+            made = Table(
+                title=escape(self.title) if self.title and k == 0 else None,
+                title_justify="left",
+                header_style="bold",
+                box=SIMPLE_HEAD,
+            )
+            for column, width in zip(block, _shared([bounds[place] for place in places], room), strict=True):
+                made.add_column(escape(column[0]), overflow="fold", width=width)
+            for cells in zip(*(column[1:] for column in block), strict=True):
+                made.add_row(*map(escape, cells))
+            yield made
+
+    def _blocks(self, least: Sequence[int], options: ConsoleOptions) -> list[list[int]]:
+        """Places of the columns of each block, from the least width of each column."""
+        keys, room = list(range(self.keys)), options.max_width - 1
+        blocks = [keys.copy()]
+        for place in range(self.keys, len(least)):
+            full = sum(least[other] + GAP for other in (*blocks[-1], place)) > room
+            if full and len(blocks[-1]) > self.keys:
+                blocks.append(keys.copy())
+            blocks[-1].append(place)
+        return blocks
 
 
 def pairs(title: str, rows: Sequence[tuple[str, str]]) -> Table:
     """Two columns without a heading: names and values."""
     made = Table(title=escape(title), title_justify="left", show_header=False, box=None, pad_edge=False)
-    made.add_column(style="bold", no_wrap=True)
-    made.add_column(overflow="fold")
+    columns = [("", *(row[k] for row in rows)) for k in (0, 1)]
+    names, values = _shared([_bounds(column) for column in columns], console().width - 1)
+    made.add_column(style="bold", overflow="fold", width=names)
+    made.add_column(overflow="fold", width=values)
     for name, value in rows:
         made.add_row(escape(name), escape(value))
     return made
+
+
+def _bounds(column: Sequence[str], prose: int = LEAST_PROSE[0]) -> tuple[int, int, int]:
+    """Widths of a heading and its cells: the least, that of the cells' longest line, that of all.
+
+    The least breaks no word, and leaves the cells' longer texts some columns to wrap in.
+    """
+    word = max(cell_len(word) for text in column for word in (text.split() or [""]))
+    lines = [max(map(cell_len, text.splitlines() or [""])) for text in column]
+    cells = max(lines[1:], default=0)
+    return max(word, min(cells, prose), 1), cells, max(lines)
+
+
+def _shared(bounds: Sequence[tuple[int, int, int]], room: int) -> list[int]:
+    """Width of each column: what its cells need, then its heading, up to one limit for all that fits.
+
+    A word that is wider than all the room is folded.
+    """
+    widths = [least for least, _, _ in bounds]
+    for kind in (1, 2):
+        for limit in range(1, max(bound[kind] for bound in bounds) + 1):
+            wider = [max(width, min(limit, b[kind])) for width, b in zip(widths, bounds, strict=True)]
+            if sum(wider) > room:
+                break
+            widths = wider
+    while sum(widths) > max(room, len(widths)):
+        widths[widths.index(max(widths))] -= 1
+    return widths

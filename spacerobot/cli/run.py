@@ -89,7 +89,7 @@ def _conclude(scene: Scene, result: Result) -> None:
     console().print(pairs(f"{result.scenario.name}: {_about(scene)}", result.headline()))
     events = event_rows(result.summary.get("events", ()))
     if events:
-        console().print(table("events", HEADINGS, events, whole=True))
+        console().print(table("events", HEADINGS, events))
     if "mpc" in result.summary:
         console().print(pairs("plans made in flight", _planning(result.summary["mpc"])))
     if result.folder is not None:

@@ -1,10 +1,60 @@
-"""What is printed can be read in a narrow terminal: lines break between words, numbers stay whole."""
+"""What is printed can be read in a narrow terminal: every column is there, lines break between words."""
 
 from __future__ import annotations
 
+import ast
+import io
+import itertools
+import json
+import re
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from rich.console import Console
 
-from spacerobot.cli import output
+from spacerobot.cli import (
+    app,
+    campaign_tables,
+    compare,
+    design,
+    front,
+    output,
+    paper,
+    plan,
+    robust,
+    run,
+    sweep,
+    tune,
+)
+from spacerobot.paper import VARIANTS
+from spacerobot.result.events import HEADINGS, event_rows
+
+REPOSITORY = Path(__file__).parents[2]
+WIDTHS = (80, 100)
+
+
+@pytest.fixture
+def tables(monkeypatch):
+    """Every table and every list of pairs that was made, as headings and rows."""
+    made, table, pairs = [], output.table, output.pairs
+
+    def recorded(title, headings, rows, **how):
+        made.append((headings, rows))
+        return table(title, headings, rows, **how)
+
+    def noted(title, rows):
+        made.append(((), rows))
+        return pairs(title, rows)
+
+    for module in (*app.MODULES, campaign_tables, design, front):
+        for name, replacement in (("table", recorded), ("pairs", noted)):
+            if hasattr(module, name):
+                monkeypatch.setattr(module, name, replacement)
+    return made
 
 
 def printed(monkeypatch, width, act):
@@ -22,8 +72,225 @@ def test_prose_breaks_between_words_and_indents(monkeypatch):
     assert [line[: len(line) - len(line.lstrip())] for line in lines] == ["  ", "    ", "    "]
 
 
-def test_whole_cells_keep_their_lines_and_the_first_column_gives_way(monkeypatch):
+def test_cells_that_break_lines_themselves_keep_them(monkeypatch):
     rows = [["largest tip error, rpr1/tip x [mm]", "1.65\n(1.56..1.71)", "2.02\n(1.91..)"]]
-    made = output.table(None, ("", "50 %", "95 %"), rows, whole=True)
+    made = output.table(None, ("", "50 %", "95 %"), rows)
     lines = printed(monkeypatch, 44, lambda console: console.print(made))
     assert any("(1.56..1.71)" in line and "(1.91..)" in line for line in lines)
+
+
+def check_shown(lines, width, headings, rows):
+    """Every word of a table is printed whole, and no line is wider than the terminal."""
+    assert all(len(line) <= width for line in lines), [line for line in lines if len(line) > width]
+    words = set(re.split(r"\s+", "\n".join(lines)))
+    missing = {word for row in (headings, *rows) for cell in row for word in cell.split()} - words
+    assert not missing
+
+
+WORD = st.text("abcxyz0123456789.-[]/*", min_size=1, max_size=22)
+CELL = st.lists(WORD, max_size=8).map(" ".join)
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(1, 14).flatmap(lambda n: st.lists(st.lists(CELL, min_size=n, max_size=n), min_size=1)))
+def test_every_word_of_every_table_is_shown(grid):
+    headings, *rows = grid
+    for width in WIDTHS:
+        console = Console(width=width, record=True, highlight=False, file=io.StringIO())
+        console.print(output.table(None, headings, rows))
+        check_shown(console.export_text().splitlines(), width, headings, rows)
+
+
+def test_a_table_that_is_cut_repeats_what_names_its_rows(monkeypatch):
+    rows = [["contest-a", "1 %", *["123456789"] * 9], ["contest-b", "5 %", *["987654321"] * 9]]
+    made = output.table(None, ["contest", "to", *(f"method-{k}" for k in range(9))], rows, keys=2)
+    lines = printed(monkeypatch, 80, lambda console: console.print(made))
+    assert sum("contest-a   1 %" in line for line in lines) == 2
+
+
+LONG = "robots.servicer_with_a_name.tips.gripper"
+EVENT = {
+    "time_s": 123.456789,
+    "kind": "entered",
+    "who": "left_of_the_servicer",
+    "relative_velocity_m_s": [1.23456, 0, 0],
+    "impulses_n_s": {"a": [-12.3456789, 0, 0]},
+    "energy_lost_j": 1.23456e-7,
+}
+ESTIMATE = {"value": 0.123456, "low": 0.0123456, "high": 0.98765}
+METRIC = {
+    "metric": "tip_error_peak",
+    "of": f"{LONG} x",
+    "unit": "m",
+    "largest": 0.98765,
+    "percentiles": [{"percent": p, **ESTIMATE} for p in (1, 5, 50, 95, 99, 99.9)],
+}
+CAMPAIGN = {
+    "name": "mine",
+    "samples": 100,
+    "total": 100,
+    "design": "sobol",
+    "confidence": 0.95,
+    "intervals": True,
+    "doubts": [],
+    "parameters": ["object_mass", "object_inertia"],
+    "against": [
+        {"first": "scenario", "second": LONG, "fails_alone": {"scenario": 3, LONG: 4}},
+        {"first": "scenario", "second": LONG, "metric": "tip_error_peak", "first_is_better": ESTIMATE},
+    ],
+    "gains": {
+        "scenario": {
+            "failure": dict.fromkeys(("any", *filter(None, campaign_tables.MARK)), ESTIMATE),
+            "captured": ESTIMATE,
+            "metrics": [METRIC, METRIC],
+            "map": {
+                "first": [k + 0.12345 for k in range(12)],
+                "second": [k + 0.54321 for k in range(12)],
+                "failed": [["", "diverged", "impulse", "capture_time"] * 3] * 12,
+            },
+        }
+    },
+}
+NUMBER = {"unit": "N m s/rad", "lower": -1234.56, "upper": 1234.56, "start": 0.000123456}
+DESIGN = {
+    "scenario": "mine",
+    "cost": {"start": 1234.56789, "found": 1000.123},
+    "trials": [{"iterations": 3}],
+    "ended": "converged",
+    "variables": {LONG: NUMBER | {"found": -0.000765432, "slope": 1.2345e-5, "where": "at its upper bound"}},
+    "sweeps": {LONG: [{"values": [1.23456], "fault": "no feasible plan was found: " * 4}]},
+}
+FRONT = {
+    "scenario": "mine",
+    "terms": ["time", "base_rotation"],
+    "headings": {"time": "duration", "base_rotation": "root mean square of the base's rotation"},
+    "units": {"time": "s", "base_rotation": "rad"},
+    "points": [
+        {
+            "name": "point-1",
+            "status": "refused",
+            "values": {"time": 12.3456},
+            "changes": {LONG: 1.2345},
+            "fault": "no feasible plan was found: " * 4,
+        }
+    ],
+}
+TRIAL = {"step": "K_p until it swings", "gain": LONG, "largest_error_m": 1.2345e-5, "swings_hz": 12.345}
+RUN = SimpleNamespace(summary={"target": {"max_rotation_deg": 123.4}})
+
+
+def shown_comparison(name):
+    return lambda: compare.show(json.loads((REPOSITORY / "docs" / "data" / name).read_text()))
+
+
+def shown_campaign():
+    for heading, made in (
+        ("failures", campaign_tables._failures(CAMPAIGN)),
+        ("percentiles", campaign_tables._percentiles(CAMPAIGN["gains"]["scenario"])),
+        ("map", campaign_tables._map(CAMPAIGN["gains"]["scenario"]["map"], CAMPAIGN["parameters"])),
+        ("against", campaign_tables._against(CAMPAIGN)),
+    ):
+        output.console().print(campaign_tables.table(heading, *made))
+
+
+def shown_paper():
+    error = {axis: {"min_m": -1.23456789, "max_m": 1.23456789} for axis in "xy"}
+    summary = {
+        "target": {"max_rotation_deg": 123.4},
+        "tip_error": {"rpr1/tip": error, "rpr2/tip": error},
+    }
+    output.console().print(paper.comparison([(VARIANTS[-1], SimpleNamespace(summary=summary))]))
+
+
+def shown_rows(module, heads, *rows):
+    return lambda: output.console().print(module.table("title", heads, rows))
+
+
+def shown_command(*arguments):
+    return lambda: app.command_line()(arguments, standalone_mode=False)
+
+
+SOLVE = ("9", "128", "12345.678901", "3000", "123.456", "maximum cpu time exceeded")
+TABLES = {
+    "campaign": shown_campaign,
+    "compare": shown_comparison("comparison-paper.json"),
+    "compare suite": shown_comparison("comparison-suite.json"),
+    "design": lambda: design.show(DESIGN),
+    "front": lambda: front.show(FRONT),
+    "kinds": shown_command("kinds"),
+    "kinds of one": shown_command("kinds", "thrusters"),
+    "paper": shown_paper,
+    "plan": shown_rows(plan, ("start", "intervals", "cost", "iterations", "time [s]", "status"), SOLVE),
+    "plan slopes": shown_rows(plan, ("number", "by one unit of it"), (LONG, "-1.23456e-05")),
+    "robust": shown_rows(robust, ("tuned", "mean", "percentile", "worst"), ("nominal", *["1.23457e-05"] * 3)),
+    "run": shown_command("run", "drift", "--backend=interpreted", "--set", "simulation.duration=5"),
+    "run events": shown_rows(run, HEADINGS, *event_rows([EVENT])),
+    "scenarios": shown_command("scenarios"),
+    "sweep": shown_rows(
+        sweep, ("setting", "value", "best", "median", "worst"), ("crossover", "0.5", *["1.23457e-05"] * 3)
+    ),
+    "tune": lambda: tune._show_trials(
+        SimpleNamespace(outcome=SimpleNamespace(best=SimpleNamespace(log=[TRIAL])))
+    ),
+}
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+@pytest.mark.parametrize("name", TABLES)
+def test_no_table_loses_a_column(tables, monkeypatch, capsys, name, width):
+    monkeypatch.setenv("COLUMNS", str(width))
+    TABLES[name]()
+    lines = capsys.readouterr().out.splitlines()
+    assert tables
+    for headings, rows in tables:
+        check_shown(lines, width, headings, rows)
+
+
+def test_every_command_that_prints_a_table_is_above():
+    named = {name.split()[0] for name in TABLES}
+    for path in (REPOSITORY / "spacerobot" / "cli").glob("*.py"):
+        calls = [node.func for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Call)]
+        called = {call.id for call in calls if isinstance(call, ast.Name)}
+        assert path.name == "output.py" or "Table" not in called, f"{path.name}: output.table fits the width"
+        assert "table" not in called or path.stem.removesuffix("_tables") in named | {"output"}, path.name
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+def test_a_pipe_is_as_wide_as_columns_says(monkeypatch, capsys, width):
+    monkeypatch.setenv("COLUMNS", str(width))
+    shown_command("scenarios")()
+    longest = max(map(len, capsys.readouterr().out.splitlines()))
+    assert width - 20 < longest <= width
+
+
+def test_a_pipe_of_no_stated_width_is_wide(monkeypatch, capsys):
+    monkeypatch.delenv("COLUMNS", raising=False)
+    shown_command("scenarios")()
+    assert max(map(len, capsys.readouterr().out.splitlines())) == output.PLAIN_WIDTH
+
+
+HELPS = [name for name, command in app.command_line().commands.items() if not hasattr(command, "commands")]
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+@pytest.mark.parametrize("name", HELPS)
+def test_help_wraps_paragraphs_and_shows_every_word(monkeypatch, capsys, name, width):
+    """The command line is made anew: the lines of examples depend on the width."""
+    monkeypatch.setenv("COLUMNS", str(width))
+    app.command_line.cache_clear()
+    shown_command(name, "--help")()
+    lines = [line.strip() for line in capsys.readouterr().out.splitlines()]
+    assert not any("\u2026" in line for line in lines)
+    text = sys.modules[f"spacerobot.cli.{name.replace('-', '_')}"].HELP
+    for paragraph in text.split("\n\n"):
+        words = paragraph.split()
+        if paragraph.startswith("    "):
+            shown = " ".join(lines).replace("\\ ", "")
+            assert " ".join(words) in shown
+            continue
+        begin = next(k for k, line in enumerate(lines) if line and " ".join(words).startswith(line))
+        block = lines[begin : lines.index("", begin)]
+        assert " ".join(block) == " ".join(words)
+        # no line ends where its next word would have fitted
+        for line, below in itertools.pairwise(block):
+            assert len(line) + 1 + len(below.split()[0]) > width - 2
