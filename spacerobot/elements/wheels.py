@@ -9,6 +9,14 @@ on the base, the least ones that do, each up to its limit. Of a wheel at the spe
 h being its angular momentum about its axis. The base takes ``-A h' - omega x A h``. At its speed limit a
 motor balances friction and nothing else, so that h stays as it is, until what is asked of it leads back.
 The others of a redundant set take over its share: the pseudo-inverse is then that of their axes alone.
+
+Which wheels of a redundant set are held is a linear complementarity problem. The motors' torques u minimise
+``|u|^2 + |A u + T|^2 / SINGULAR`` subject to ``(u_i - f_i) sign(s_i) <= 0`` for each wheel at its limit, with
+f the friction: a held wheel has ``u_i = f_i``, and is free again where u_i, found with it free and the others
+as they are, leads back. That has the sign of its multiplier. The problem is strictly convex, so one set of
+held wheels solves it, and torques are continuous where a wheel becomes free. Exchanging one wheel at a time,
+the first one that contradicts its switch, ends at that set (Murty's least-index method). These exchanges are
+the events below, in their order, at one instant. A hysteresis keeps rounding from repeating them for ever.
 """
 
 from __future__ import annotations
@@ -36,6 +44,10 @@ SLACK = 1e-3
 
 SINGULAR = 1e-8
 """Stands for what the axes of free wheels lack to give any torque."""
+
+PULL = 1e-6
+"""Part of the set's torques by which a held wheel's must lead back to free it: well above rounding, which is
+1e-16 / SINGULAR where the free wheels lack a direction. Only where wheels depend on each other."""
 
 
 class Wheels(Actuator):
@@ -76,9 +88,13 @@ class Wheels(Actuator):
         Their axes (k x n) have the parts that can turn the base.
         """
         command, count, switches = asked, speed.size1(), list[ca.SX]()
+        pull = ca.SX(0)
         if self.speed_limit is not None:
             switches = [actuator.context.switch(f"held.{i}") for i in range(count)]
-            command = _taken_over(asked, axes, ca.vertcat(*switches))
+        if self.speed_limit is not None and _is_redundant(axes):
+            # a held wheel's motor gives its friction, so what others take over is what it would give beyond
+            command = friction + _taken_over(asked - friction, axes, ca.vertcat(*switches))
+            pull = PULL * ca.sum1(ca.fabs(asked - friction))
         if self.torque_limit is not None:
             limit = actuator.context.number("torque_limit")
             command = ca.fmin(ca.fmax(command, -limit), limit)
@@ -88,7 +104,7 @@ class Wheels(Actuator):
         for i, (name, held) in enumerate(zip(names_of(actuator, count), switches, strict=True)):
             over = ca.fabs(speed[i]) / most - 1
             faster = (command[i] - friction[i]) * speed[i] / most
-            back = ca.fmax(-faster, -SLACK - over)
+            back = ca.fmax(-faster - pull, -SLACK - over)
             turned = held.name()
             events += [
                 Event(
@@ -102,8 +118,8 @@ class Wheels(Actuator):
                 Event(f"{name}.freed", "freed", name, back, held, {turned: False}),
             ]
             free.append(1 - held)
-        command = command * ca.vertcat(*free)
-        return Motors(command, command - friction * ca.vertcat(*free), friction, tuple(events))
+        net = (command - friction) * ca.vertcat(*free)
+        return Motors(net + friction, net, friction, tuple(events))
 
     def observed(
         self, actuator: ActuatorContext, motors: Motors, speed: ca.SX, momentum: ca.SX
@@ -130,7 +146,7 @@ class Motors:
     Attributes
     ----------
     command
-        Torques that turn the base, zero where a wheel is held at its speed limit (n x 1) [N m].
+        Torques of the motors: friction where a wheel is held at its speed limit (n x 1) [N m].
     net
         Torques on the wheels, friction included (n x 1) [N m].
     friction
@@ -171,6 +187,11 @@ def shares(axes: ca.SX) -> ca.SX:
     return found
 
 
+def _is_redundant(axes: ca.SX) -> bool:
+    """Whether some wheels (k x n) can take over what others do not give."""
+    return sum(axes[i, :].nnz() > 0 for i in range(axes.size1())) < axes.size2()
+
+
 def _taken_over(asked: ca.SX, axes: ca.SX, held: ca.SX) -> ca.SX:
     """What is asked of each wheel (n x 1) if it is free and those of the others that are held are left out.
 
@@ -178,8 +199,6 @@ def _taken_over(asked: ca.SX, axes: ca.SX, held: ca.SX) -> ca.SX:
     which together is the pseudo-inverse of their axes. A held wheel would be one more of them.
     """
     rows = [i for i in range(axes.size1()) if axes[i, :].nnz()]
-    if len(rows) >= axes.size2():  # none could take over anything
-        return asked
     own, free = axes[rows, :], 1 - held
     matrix = SINGULAR * ca.SX.eye(len(rows)) + ca.mtimes(own, free * own.T)
     found = SymmetricFactors(matrix).solve(ca.horzcat(ca.mtimes(own, held * asked), own))

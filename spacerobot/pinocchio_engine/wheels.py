@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from spacerobot.arrays import Array
 from spacerobot.elements.actuators.reaction_wheels import ReactionWheels
 from spacerobot.elements.actuators.wheel_joints import WheelJoints
-from spacerobot.elements.wheels import SLACK, Wheels
+from spacerobot.elements.wheels import PULL, SLACK, Wheels
 from spacerobot.pinocchio_engine.actuation import (
     Delivered,
     Now,
@@ -113,14 +113,14 @@ class WheelSet:
         about, config = list(self.passes_on), self.config
         turned = self.axes[:, -len(about) :]
         held = np.array([f"{self._name}.{i}" in now.on for i in range(len(speed))], dtype=np.bool_)
-        wanted = np.array([_share(turned, held, i) @ -asked[about] for i in range(len(speed))])
-        most = np.inf if config.torque_limit is None else config.torque_limit
-        command = np.clip(wanted, -most, most)
         rub = config.coulomb * speed / np.hypot(speed, config.coulomb_speed) + self._viscous * speed
         friction = rub + self.resistance * speed
-        turns = list(self._turns(command, friction, speed))
-        command = np.where(held, 0.0, command)
-        net = np.where(held, 0.0, command - friction)
+        wanted, pull = self._wanted(turned, held, -asked[about], friction)
+        most = np.inf if config.torque_limit is None else config.torque_limit
+        command = np.clip(wanted, -most, most)
+        turns = list(self._turns(command, friction, speed, pull))
+        command = np.where(held, friction, command)  # what a held wheel's motor balances
+        net = command - friction
         torque = asked.copy()
         torque[about] += turned.T @ command
         torque[list(self.own)] = (net + friction - rub)[: len(self.own)]
@@ -144,7 +144,25 @@ class WheelSet:
             turns=turns,
         )
 
-    def _turns(self, command: Array, friction: Array, speed: Array) -> Sequence[Turn]:
+    def _wanted(
+        self, axes: Array, held: NDArray[np.bool_], torque: Array, friction: Array
+    ) -> tuple[Array, float]:
+        """Torque (n,) of each motor if its wheel were free and the others as they are, and what frees one.
+
+        Motors of other held wheels give their friction, and the pseudo-inverse of the rest of the axes (n, k)
+        what is left of the torque (k,). A set that is not redundant leaves out none.
+        """
+        together, count = np.linalg.pinv(axes.T, rcond=1e-6), len(axes)
+        if count <= np.linalg.matrix_rank(axes):
+            return together @ torque, 0.0
+        wanted = np.empty(count)
+        for i in range(count):
+            others = held & (np.arange(count) != i)
+            rest = torque - axes[others].T @ friction[others]
+            wanted[i] = (np.linalg.pinv((axes * ~others[:, None]).T, rcond=1e-6) @ rest)[i]
+        return wanted, PULL * float(np.abs(together @ torque - friction).sum())
+
+    def _turns(self, command: Array, friction: Array, speed: Array, pull: float) -> Sequence[Turn]:
         """At which wheels come to their limit, and are free of it."""
         most = self.config.speed_limit
         if most is None:
@@ -154,7 +172,7 @@ class WheelSet:
             name, over, faster = f"{self._name}.{i}", abs(fast) / most - 1, (motor - rub) * fast / most
             found += [
                 Turn(f"{name}.saturated", "saturated", name, min(over, faster), {name: True}),
-                Turn(f"{name}.freed", "freed", name, max(-faster, -SLACK - over), {name: False}),
+                Turn(f"{name}.freed", "freed", name, max(-faster - pull, -SLACK - over), {name: False}),
             ]
         return found
 
@@ -167,16 +185,6 @@ class WheelSet:
             if self.config.speed_limit is not None:
                 found["wheel_margin", name] = 1 - np.abs(speed[i : i + 1]) / self.config.speed_limit
         return found
-
-
-def _share(axes: Array, held: NDArray[np.bool_], i: int) -> Array:
-    """Part of a torque that wheel ``i`` gives (k,), of axes (n, k), with those left out that are held.
-
-    A set that is not redundant leaves out none: there is nothing to take over.
-    """
-    used = ~held | (np.arange(len(axes)) == i) | (len(axes) <= np.linalg.matrix_rank(axes))
-    found: Array = np.linalg.pinv(axes[used].T, rcond=1e-6)[np.flatnonzero(np.flatnonzero(used) == i)[0]]
-    return found
 
 
 @delivery_of.register

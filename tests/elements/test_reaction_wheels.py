@@ -186,6 +186,67 @@ def test_the_others_of_a_redundant_set_take_over_what_a_held_wheel_does_not_give
     np.testing.assert_allclose(found.outputs["wheel_speed"], speeds, atol=1e-5)
 
 
+def _hubs(count):
+    """Random turns of a hub whose wheels come to their limits, as parameters."""
+    draw, robot = np.random.default_rng(0), "robots.bus."
+    for _ in range(count):
+        values = {"controllers.hold.kp": draw.uniform(0.03, 0.4), "controllers.hold.kd": draw.uniform(0.4, 2)}
+        values["actuators.wheels.inertia"] = draw.uniform(1e-3, 4e-3)
+        for i in range(3):
+            values[f"base.spin_deg.{i}"] = draw.uniform(-15, 15)
+            values[f"controllers.hold.attitude_deg.{i}"] = draw.uniform(-60, 60)
+        for i in range(4):
+            values[f"actuators.wheels.speeds.{i}"] = draw.uniform(-150, 150)
+        yield {robot + name: float(value) for name, value in values.items()}
+
+
+HUB = {"pyramid": {}, "inertia": 2e-3, "speed_limit": 190.0, "speeds": [1, 1, 1, 1]}
+HUB_CONTROL = {"kp": 0.1, "kd": 1.0, "attitude_deg": [1, 1, 1]}
+TUMBLING = {"joint": "free_flyer", "spin_deg": [1, 1, 1]}
+
+
+@pytest.mark.parametrize("friction", [{}, {"viscous": 1e-5, "coulomb": 2e-4}])
+@pytest.mark.usefixtures("compiled")
+def test_wheels_of_a_pyramid_that_come_to_their_limits_do_not_chatter(folder, friction):
+    """All of 400 complete, in lanes and alone, with the same events."""
+    loop = build_closed_loop(scene_of(folder, HUB | friction, TUMBLING, HUB_CONTROL))
+    rollout = build_rollout(loop, duration_s=60.0, step_s=0.1, output_step_s=1.0)
+    hubs = list(_hubs(400))
+    batch = rollout.batch(list(hubs[0]), [list(hub.values()) for hub in hubs])
+    assert not np.isfinite(batch.diverged_at_s).any()
+    assert (batch.events.count > 0).sum() > 200
+    assert batch.events.count.max() < 100
+    for hub, events in zip(hubs[:40], batch.events.event, strict=False):
+        alone = rollout.run(hub)
+        assert alone.status == "completed"
+        found = [fired.event for fired in alone.events]
+        assert found == events[events >= 0].tolist()[: len(found)]
+
+
+def test_the_second_engine_holds_the_same_wheels_of_a_pyramid(folder):
+    """Of a hub whose wheels chattered; friction too is balanced by the motors of held wheels."""
+    hub = {path.removeprefix("robots.bus."): value for path, value in [*_hubs(8)][7].items()}
+
+    def vector(path, size=3):
+        return [hub[f"{path}.{i}"] for i in range(size)]
+
+    own = {"inertia": hub["actuators.wheels.inertia"], "speeds": vector("actuators.wheels.speeds", 4)}
+    control = {key: hub[f"controllers.hold.{key}"] for key in ("kp", "kd")}
+    control["attitude_deg"] = vector("controllers.hold.attitude_deg")
+    base = {"joint": "free_flyer", "spin_deg": vector("base.spin_deg")}
+    wheels = HUB | own | {"viscous": 1e-5, "coulomb": 2e-4}
+    scene = scene_of(folder, wheels, base, control, duration=3.0)
+    one = simulate(scene, backend="interpreted")
+    other = second(scene, duration_s=3.0, output_step_s=1.0, rtol=1e-8, atol=1e-10)
+    events = one.summary["events"]
+    assert len(events) > 3
+    assert [event.name for event in other.happened] == [event["name"] for event in events]
+    times = [[event.time_s for event in other.happened], [event["time_s"] for event in events]]
+    np.testing.assert_allclose(*times, atol=1e-5)
+    rotation = one.data.body_rotation.sel(body="bus").sel(time=other.time, method="nearest")
+    np.testing.assert_allclose(other.outputs["body_rotation"], rotation, atol=1e-6)
+
+
 def test_a_wheel_whose_base_turns_after_it_is_free_before_what_is_asked_leads_back(folder):
     """What turns the base the way a held wheel turns makes it slower relative to the base."""
     scene = scene_of(folder, LIMITED, {"spin_deg": [0, 0, 8]}, {"kd": 2.0})
