@@ -130,7 +130,7 @@ def _row(problem: Problem, instants: Instants, shooting: Shooting, scale: float,
         else:
             solves = solve_from(first, program, scale=scale)
         z, duration = program.split(solves[-1].w)
-        motion = Motion(problem, lobatto, intervals, duration, z)
+        motion = Motion(problem, lobatto, program.mesh, duration, z)
         many = " + ".join(str(one.iterations) for one in solves)
         found["ours"] = Solution(motion, program.objective(solves[-1].w), solves[-1].converged, many)
 
@@ -156,7 +156,7 @@ def _warm_row(problem: Problem, instants: Instants, shooting: Shooting, scale: f
     def ours() -> None:
         solved = solve(program, before.w, before)
         z, duration = program.split(solved.w)
-        motion = Motion(moved, lobatto, intervals, duration, z)
+        motion = Motion(moved, lobatto, program.mesh, duration, z)
         found["ours"] = Solution(
             motion, program.objective(solved.w), solved.converged, str(solved.iterations)
         )

@@ -100,7 +100,7 @@ class Horizon:
             bench,
             motion,
             found.solved,
-            Program(motion.problem, bench.instants, bench.lobatto, motion.intervals),
+            Program(motion.problem, bench.instants, bench.lobatto, motion.mesh),
             motion.duration_s,
             least,
             iterations=[one.iterations for one in found.solves],
@@ -142,7 +142,7 @@ class Horizon:
             spent += found.iterations
         if good(program, found):
             z, duration = program.split(found.w)
-            self.motion = Motion(problem, self.bench.lobatto, intervals, duration, z)
+            self.motion = Motion(problem, self.bench.lobatto, program.mesh, duration, z)
             self.solved, self.program, self.since = found, program, begin
             self.unfinished += not found.converged
         else:
@@ -188,7 +188,7 @@ class Horizon:
         """Unknowns of what is left of the present plan, and on as everything moves at its end."""
         duration, model = program.problem.duration[0], program.problem.stage.scene.model
         end = self.since + self.motion.duration_s
-        times = begin + program.lobatto.times(program.intervals, duration)
+        times = begin + program.lobatto.times(program.mesh, duration)
         q, v, a, u, w = self.at(np.minimum(times, end))
         for k, late in enumerate(times - end):
             if late > ROUNDING * duration:

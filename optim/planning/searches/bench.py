@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -17,6 +17,7 @@ from optim.planning.solver.solve import Solved
 from optim.planning.transcription.chain import Chain, Link, programs_of
 from optim.planning.transcription.functions import Instants, build_instants
 from optim.planning.transcription.lobatto import Lobatto
+from optim.planning.transcription.mesh import Mesh
 from optim.planning.transcription.motion import Course, Motion
 from optim.planning.transcription.program import Program
 from optim.planning.verification.verdict import Verdict
@@ -68,8 +69,8 @@ class Attempt:
     ----------
     solves
         Every run of the solver, in turn.
-    solved, intervals, cost
-        The best solution, its mesh and its cost; None where there is none.
+    solved, meshes, cost
+        The best solution, the mesh of each phase and its cost; None where there is none.
     verdict
         On it, where it was refined.
     blame
@@ -78,7 +79,7 @@ class Attempt:
 
     solves: tuple[Solve, ...]
     solved: Solved | None
-    intervals: int
+    meshes: tuple[Mesh, ...]
     cost: float
     verdict: Verdict | None
     blame: str
@@ -117,7 +118,7 @@ class Ask:
         plain = [self.duration, dict(self.weights), self.start, self.solved, self.refine]
         digest = hashlib.sha256(json.dumps(plain, sort_keys=True).encode())
         if self.near is not None and self.near.solved is not None:
-            digest.update(self.near.solved.w.tobytes() + str(self.near.intervals).encode())
+            digest.update(self.near.solved.w.tobytes() + str(self.near.meshes).encode())
         return digest.hexdigest()
 
 
@@ -273,18 +274,19 @@ class Bench:
         """The problems of all phases."""
         return [self.problem_of(ask), *(one.problem for one in self.later)]
 
-    def meshes(self, intervals: int) -> list[int]:
-        """Intervals of each phase, where the first one has so many."""
+    def meshes(self, intervals: int) -> tuple[Mesh, ...]:
+        """Equal intervals of each phase, where the first one has so many."""
         shares = (one.plan.intervals / self.plan.intervals for one in self.later)
-        return [intervals, *(max(1, round(share * intervals)) for share in shares)]
+        counts = (intervals, *(max(1, round(share * intervals)) for share in shares))
+        return tuple(Mesh.of(count) for count in counts)
 
-    def program(self, ask: Ask, intervals: int) -> Solvable:
-        """What is to be solved, on a mesh."""
-        problems, meshes = self.problems_of(ask), self.meshes(intervals)
+    def program(self, ask: Ask, meshes: Sequence[Mesh]) -> Solvable:
+        """What is to be solved, on a mesh of each phase."""
+        problems = self.problems_of(ask)
         evaluated = [self.instants, *(one.instants for one in self.later)]
         programs = [
-            Program(problem, instants, self.lobatto, many)
-            for problem, instants, many in zip(problems, evaluated, meshes, strict=True)
+            Program(problem, instants, self.lobatto, mesh)
+            for problem, instants, mesh in zip(problems, evaluated, meshes, strict=True)
         ]
         return Chain(programs, [one.link for one in self.later]) if self.later else programs[0]
 
@@ -295,10 +297,10 @@ class Bench:
     def course(self, ask: Ask, attempt: Attempt) -> Course:
         """The motions of a solution, in all phases."""
         assert attempt.solved is not None
-        program, w = self.program(ask, attempt.intervals), attempt.solved.w
+        program, w = self.program(ask, attempt.meshes), attempt.solved.w
         programs, parts = programs_of(program), program.parts(w) if isinstance(program, Chain) else [w]
         motions = [
-            Motion(p.problem, p.lobatto, p.intervals, *p.split(own)[::-1])
+            Motion(p.problem, p.lobatto, p.mesh, *p.split(own)[::-1])
             for p, own in zip(programs, parts, strict=False)
         ]
         return Course(tuple(motions), tuple(parts[len(motions) :]))

@@ -20,6 +20,7 @@ import spacerobot
 from optim.plain import plain
 from optim.planning.searches.bench import Ask, Attempt, Solve
 from optim.planning.solver.solve import Solved
+from optim.planning.transcription.mesh import Mesh
 from optim.planning.verification.verdict import Verdict, Violation
 from spacerobot.files import write_bytes
 
@@ -74,7 +75,7 @@ class Kept:
 def _arrays(attempt: Attempt) -> dict[str, Any]:
     told: dict[str, Any] = {
         "solves": [vars(solve) for solve in attempt.solves],
-        "intervals": attempt.intervals,
+        "meshes": [mesh.knots for mesh in attempt.meshes],
         "cost": attempt.cost,
         "blame": attempt.blame,
         "solved": None,
@@ -99,4 +100,5 @@ def _attempt(stored: dict[str, Any]) -> Attempt:
     if verdict is not None:
         verdict = Verdict(**(verdict | {"violations": tuple(Violation(**v) for v in verdict["violations"])}))
     cost = np.inf if told["cost"] is None else told["cost"]
-    return Attempt(solves, solved, told["intervals"], cost, verdict, told["blame"])
+    meshes = tuple(Mesh(tuple(knots)) for knots in told["meshes"])
+    return Attempt(solves, solved, meshes, cost, verdict, told["blame"])

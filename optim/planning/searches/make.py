@@ -180,7 +180,7 @@ def integrals(motion: Motion) -> dict[str, float]:
     """
     problem = motion.problem
     found: dict[str, float] = {}
-    weights = motion.lobatto.quadrature(motion.intervals)
+    weights = motion.lobatto.quadrature(motion.mesh)
     for name, term in problem.terms.items():
         values = ca.Function("term", [problem.stage.z], [ca.densify(term)])(motion.z.T).full()
         found[name] = float(weights @ np.array(values).ravel()) * motion.duration_s

@@ -11,14 +11,19 @@ from optim.planning.solver.solvable import Solvable
 from optim.planning.solver.solve import Solved, solve
 from optim.planning.transcription.chain import programs_of
 from optim.planning.transcription.guess import guesses, stretched
+from optim.planning.transcription.mesh import Mesh
 from optim.planning.transcription.motion import Course
 from optim.planning.transcription.program import Program
 from optim.planning.transcription.refine import carried
+from optim.planning.verification.refinement import refined_meshes
 from optim.planning.verification.verdict import Verdict, judge
 from spacerobot.arrays import Array
 
 BARRIER = 1e-4
 """Barrier parameter, in units of the cost's size, to begin with from another problem's solution."""
+
+Meshes = tuple[Mesh, ...]
+"""One for each phase."""
 
 MANY, COARSER = 40, 4
 """Intervals from which on a first mesh is solved from one that is coarser by a factor."""
@@ -37,15 +42,15 @@ def search(bench: Bench, ask: Ask) -> Attempt:
     run, near = _Search(bench, ask), ask.near
     if near is not None and ask.solved:
         run.cost, run.blame = near.cost, near.blame
-        run.kept = None if near.solved is None else (near.solved, near.intervals)
+        run.kept = None if near.solved is None else (near.solved, near.meshes)
     else:
         if near is not None and near.solved is not None:
             run.warm(near)
         if run.kept is None:
             run.cold()
     verdict = run.refined() if ask.refine and run.kept is not None else None
-    solved, intervals = run.kept or (None, bench.plan.intervals)
-    return Attempt(tuple(run.solves), solved, intervals, run.cost, verdict, run.blame)
+    solved, meshes = run.kept or (None, bench.meshes(bench.plan.intervals))
+    return Attempt(tuple(run.solves), solved, meshes, run.cost, verdict, run.blame)
 
 
 NOTHING = 1e-12
@@ -63,15 +68,16 @@ class _Search:
     def __init__(self, bench: Bench, ask: Ask) -> None:
         self.bench, self.ask, self.problem = bench, ask, bench.problem_of(ask)
         self.solves: list[Solve] = []
-        self.kept: tuple[Solved, int] | None = None
+        self.kept: tuple[Solved, Meshes] | None = None
         self.cost, self.blame = np.inf, ""
 
     def cold(self) -> None:
         """Solve from a first guess, on the first mesh, and before on a coarser one where that is fine."""
-        wanted = self.bench.plan.intervals
-        if wanted < MANY:
+        many = self.bench.plan.intervals
+        wanted = self.bench.meshes(many)
+        if many < MANY:
             self._guessed(wanted)
-        elif not self._guessed(wanted // COARSER) or not self._finer(wanted):
+        elif not self._guessed(self.bench.meshes(many // COARSER)) or not self._finer(wanted):
             self.kept, self.cost = None, np.inf
             self._guessed(wanted)
 
@@ -84,7 +90,7 @@ class _Search:
         motion, barrier = stretched(motion, self.problem, duration), max(near.solved.barrier, BARRIER)
         self._solve(
             dataclasses.replace(course, motions=(motion, *others)),
-            near.intervals,
+            near.meshes,
             dataclasses.replace(near.solved, barrier=barrier),
         )
 
@@ -93,38 +99,41 @@ class _Search:
         bench = self.bench
         while True:
             assert self.kept is not None
-            solved, intervals = self.kept
-            course = bench.course(self.ask, Attempt((), solved, intervals, self.cost, None, ""))
+            solved, meshes = self.kept
+            course = bench.course(self.ask, Attempt((), solved, meshes, self.cost, None, ""))
             bench.tell("replaying the plan")
-            program = bench.exact.program(self.ask, intervals)
+            program = bench.exact.program(self.ask, meshes)
             verdict = judge(course, program, solved, _size(self.cost), bench.backend)
-            finer = 2 * intervals
-            if verdict.fine_enough or finer > bench.plan.most_intervals or not self._finer(finer):
+            if verdict.fine_enough:
+                return verdict
+            finer = refined_meshes(course, verdict, bench.plan.most_intervals, bench.backend)
+            if finer is None or not self._finer(finer):
                 return verdict
 
-    def _guessed(self, intervals: int) -> bool:
+    def _guessed(self, meshes: Meshes) -> bool:
         """Solve from a first guess on a mesh."""
         start = self.ask.start
         rng = np.random.default_rng([self.bench.plan.seed, start]) if start else None
         bench = self.bench
-        course = guesses(bench.problems_of(self.ask), bench.lobatto, bench.meshes(intervals), rng)
+        course = guesses(bench.problems_of(self.ask), bench.lobatto, meshes, rng)
         impulses = tuple(np.zeros(one.link.impulses) for one in bench.later)
-        return self._solve(dataclasses.replace(course, impulses=impulses), intervals)
+        return self._solve(dataclasses.replace(course, impulses=impulses), meshes)
 
-    def _finer(self, wanted: int) -> bool:
+    def _finer(self, wanted: Meshes) -> bool:
         """Solve on a finer mesh from what is kept."""
         assert self.kept is not None
-        bench, (solved, intervals) = self.bench, self.kept
-        coarse, fine = (bench.program(self.ask, many) for many in (intervals, wanted))
-        course = bench.course(self.ask, Attempt((), solved, intervals, self.cost, None, ""))
-        finer = course.on(bench.lobatto, bench.meshes(wanted))
+        bench, (solved, meshes) = self.bench, self.kept
+        coarse, fine = (bench.program(self.ask, each) for each in (meshes, wanted))
+        course = bench.course(self.ask, Attempt((), solved, meshes, self.cost, None, ""))
+        finer = course.on(bench.lobatto, wanted)
         return self._solve(finer, wanted, carried(solved, coarse, fine))
 
-    def _solve(self, course: Course, intervals: int, warm: Solved | None = None) -> bool:
+    def _solve(self, course: Course, meshes: Meshes, warm: Solved | None = None) -> bool:
         bench, costs, violations = self.bench, list[float](), list[float]()
-        program = bench.program(self.ask, intervals)
+        program = bench.program(self.ask, meshes)
+        intervals = sum(mesh.intervals for mesh in meshes)
         many = f"start {self.ask.start + 1} of {bench.plan.starts}, " if bench.plan.starts > 1 else ""
-        words = f"solving: {many}{sum(bench.meshes(intervals))} intervals"
+        words = f"solving: {many}{intervals} intervals"
 
         def told(iteration: int, cost: float, violation: float) -> None:
             """Note an iteration, and tell of it."""
@@ -140,7 +149,7 @@ class _Search:
         self.solves.append(
             Solve(
                 self.ask.start,
-                sum(bench.meshes(intervals)),
+                intervals,
                 cost,
                 solved.status,
                 converged,
@@ -152,7 +161,7 @@ class _Search:
             )
         )
         if converged:
-            self.kept, self.cost, self.blame = (solved, intervals), cost, ""
+            self.kept, self.cost, self.blame = (solved, meshes), cost, ""
         elif self.kept is None:
             self.blame = blame(program, solved)
         return converged

@@ -111,7 +111,7 @@ class Solution:
         """Multipliers of the unknowns' limits; of what is fixed, which the solver leaves out, what makes the
         slope vanish.
         """
-        program = Program(self.motion.problem, self.instants, self.motion.lobatto, self.motion.intervals)
+        program = Program(self.motion.problem, self.instants, self.motion.lobatto, self.motion.mesh)
         low, high = program.bounds()
         jacobian = program.jacobian_pattern.copy()
         jacobian.data = program.jacobian(self.solved.w)
@@ -123,7 +123,7 @@ class Solution:
         scene, solved = build_scene(self.scene.scenario, changes, source=self.scene.source), self.solved
         problem = formulate(scene)
         instants = revalued(self.instants, problem)
-        program = Program(problem, instants, self.motion.lobatto, self.motion.intervals)
+        program = Program(problem, instants, self.motion.lobatto, self.motion.mesh)
         held = _pressed(solved.multipliers, program.constraints(solved.w), program.limits())
         return program.objective(solved.w) + held + _pressed(self._bounds, solved.w, program.bounds())
 

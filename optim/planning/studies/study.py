@@ -164,7 +164,7 @@ class _Designs:
         self.variables, self.begun, self.folder, self.tell = variables, begun, folder, tell
         self.intervals = begun.motion.intervals
         self.trials: list[Trial] = []
-        given = Attempt(begun.solves, begun.solved, self.intervals, begun.cost, begun.verdict, "")
+        given = Attempt(begun.solves, begun.solved, begun.course.meshes, begun.cost, begun.verdict, "")
         first = self._planned_for(variables.start, given, given)
         assert isinstance(first, _Known)  # as the scenario has it, and planned for already
         self.best = first

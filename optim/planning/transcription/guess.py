@@ -13,6 +13,7 @@ import pinocchio as pin
 from optim.planning.formulation.impact import struck
 from optim.planning.formulation.stage import Problem
 from optim.planning.transcription.lobatto import Lobatto
+from optim.planning.transcription.mesh import Mesh
 from optim.planning.transcription.motion import Course, Motion
 from spacerobot.arrays import Array
 
@@ -27,28 +28,28 @@ SPREAD = 0.7
 
 
 def guesses(
-    problems: Sequence[Problem], lobatto: Lobatto, meshes: Sequence[int], rng: np.random.Generator | None
+    problems: Sequence[Problem], lobatto: Lobatto, meshes: Sequence[Mesh], rng: np.random.Generator | None
 ) -> Course:
     """Motions to begin with of the phases of a plan, each from where the one before it ends.
 
     Parameters
     ----------
     problems, meshes
-        Of each phase: the problem, and how many intervals.
+        Of each phase.
     lobatto, rng
         As for :func:`guess`.
     """
     motions = list[Motion]()
-    for problem, intervals in zip(problems, meshes, strict=True):
+    for problem, mesh in zip(problems, meshes, strict=True):
         if motions:
             end = np.concatenate([motions[-1].q[-1], motions[-1].v[-1]])
             problem = dataclasses.replace(problem, fixed=struck(problem.stage, end, locked=True))
-        motions.append(guess(problem, lobatto, intervals, rng))
+        motions.append(guess(problem, lobatto, mesh, rng))
     return Course(tuple(motions))
 
 
 def guess(
-    problem: Problem, lobatto: Lobatto, intervals: int, rng: np.random.Generator | None = None
+    problem: Problem, lobatto: Lobatto, mesh: int | Mesh, rng: np.random.Generator | None = None
 ) -> Motion:
     """A motion to begin with.
 
@@ -56,8 +57,8 @@ def guess(
     ----------
     problem
         The problem.
-    lobatto, intervals
-        Mesh of the motion.
+    lobatto, mesh
+        Collocation and mesh of the motion, or how many equal intervals that has.
     rng
         Draws another posture, and another duration where that is free; the plain guess if None.
     """
@@ -66,7 +67,8 @@ def guess(
     columns = list(driven.columns[: len(driven.joints)])
     if rng is not None and least < greatest:
         duration = float(rng.uniform(least, greatest))
-    drift_q, drift_v = drift(problem, lobatto, intervals, duration)
+    mesh = Mesh.of(mesh)
+    drift_q, drift_v = drift(problem, lobatto, mesh, duration)
     first = drift_q[-1].copy()
     if rng is not None:
         step = np.zeros(model.nv)
@@ -75,7 +77,7 @@ def guess(
     ends = _inverse_kinematics(problem, first, drift_v[-1], columns)
     way = np.zeros(model.nv)
     way[columns] = pin.difference(model, drift_q[-1], ends)[columns]
-    share = lobatto.times(intervals, 1.0)
+    share = lobatto.times(mesh, 1.0)
     blend = share**3 * (10 - 15 * share + 6 * share**2)
     slope = 30 * share**2 * (1 - share) ** 2 / duration
     bend = 60 * share * (1 - share) * (1 - 2 * share) / duration**2
@@ -85,7 +87,7 @@ def guess(
     z = np.hstack([q, v, a, u, np.zeros((len(q), stage.w.numel()))])
     z = np.clip(z, problem.lower, problem.upper)
     z[0, : problem.fixed.size] = problem.fixed
-    return Motion(problem, lobatto, intervals, duration, z)
+    return Motion(problem, lobatto, mesh, duration, z)
 
 
 def stretched(motion: Motion, problem: Problem, duration: float) -> Motion:
@@ -94,8 +96,8 @@ def stretched(motion: Motion, problem: Problem, duration: float) -> Motion:
     What it adds to the free drift is taken over at the same parts of the duration.
     """
     model, share = problem.stage.scene.model, duration / motion.duration_s
-    before = drift(problem, motion.lobatto, motion.intervals, motion.duration_s)
-    after = drift(problem, motion.lobatto, motion.intervals, duration)
+    before = drift(problem, motion.lobatto, motion.mesh, motion.duration_s)
+    after = drift(problem, motion.lobatto, motion.mesh, duration)
     z = np.empty_like(motion.z)
     parts = zip(motion.q, motion.v, motion.a, motion.u, motion.w, strict=True)
     for k, (q, v, a, u, w) in enumerate(parts):
@@ -105,7 +107,7 @@ def stretched(motion: Motion, problem: Problem, duration: float) -> Motion:
     z = np.clip(z, problem.lower, problem.upper)
     size = problem.fixed.size
     z[0, :size] = np.clip(z[0, :size], *problem.start)
-    return Motion(problem, motion.lobatto, motion.intervals, duration, z)
+    return Motion(problem, motion.lobatto, motion.mesh, duration, z)
 
 
 def _drive(problem: Problem, q: Array, v: Array, a: Array) -> Array:
@@ -115,11 +117,11 @@ def _drive(problem: Problem, q: Array, v: Array, a: Array) -> Array:
     return np.asarray(force[list(problem.stage.driven.columns)])
 
 
-def drift(problem: Problem, lobatto: Lobatto, intervals: int, duration: float) -> tuple[Array, Array]:
+def drift(problem: Problem, lobatto: Lobatto, mesh: int | Mesh, duration: float) -> tuple[Array, Array]:
     """Configuration and velocity at all points where nothing drives anything and joints stand still."""
     model, fall = problem.stage.scene.model, _falling(problem)
     q, v = problem.fixed[: model.nq].copy(), problem.fixed[model.nq :] * _moving(problem)
-    times, found = lobatto.times(intervals, duration), [(q, v)]
+    times, found = lobatto.times(mesh, duration), [(q, v)]
     for begin, end in itertools.pairwise(times):
         steps = max(1, round(STEPS * (end - begin) / duration))
         h = (end - begin) / steps

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.polynomial import polynomial
 
+from optim.planning.transcription.mesh import Mesh
 from spacerobot.arrays import Array
 
 
@@ -66,17 +67,19 @@ class Lobatto:
         """Coefficients of their integrals from 0."""
         return [np.asarray(polynomial.polyint(b)) for b in self.basis]
 
-    def times(self, intervals: int, duration_s: float) -> Array:
-        """Times of all points of equal intervals (intervals (s - 1) + 1,) [s]."""
-        inside = (np.arange(intervals)[:, None] + self.nodes[None, :-1]).ravel()
-        return np.append(inside, intervals) * (duration_s / intervals)
+    def times(self, mesh: int | Mesh, duration_s: float) -> Array:
+        """Times of all points of N intervals (N (s - 1) + 1,) [s]."""
+        mesh = Mesh.of(mesh)
+        inside = (mesh.starts[:, None] + mesh.widths[:, None] * self.nodes[:-1]).ravel()
+        return np.append(inside, 1.0) * duration_s
 
-    def quadrature(self, intervals: int) -> Array:
-        """Weights of all points of equal intervals, for a duration of one (intervals (s - 1) + 1,)."""
-        found = np.zeros(intervals * (self.points - 1) + 1)
-        at = np.arange(intervals)[:, None] * (self.points - 1) + np.arange(self.points)
-        np.add.at(found, at, np.broadcast_to(self.weights, at.shape))
-        return found / intervals
+    def quadrature(self, mesh: int | Mesh) -> Array:
+        """Weights of all points of N intervals, for a duration of one (N (s - 1) + 1,)."""
+        mesh = Mesh.of(mesh)
+        found = np.zeros(mesh.intervals * (self.points - 1) + 1)
+        at = np.arange(mesh.intervals)[:, None] * (self.points - 1) + np.arange(self.points)
+        np.add.at(found, at, mesh.widths[:, None] * self.weights)
+        return found
 
     def values_at(self, place: Array) -> Array:
         """Values at places (n,) in an interval of the polynomials that are one at a node: (n, s)."""

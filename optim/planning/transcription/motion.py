@@ -11,19 +11,20 @@ import numpy as np
 
 from optim.planning.formulation.stage import Problem
 from optim.planning.transcription.lobatto import Lobatto
+from optim.planning.transcription.mesh import Mesh
 from spacerobot.arrays import Array
 
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """A motion on a mesh of equal intervals.
+    """A motion on a mesh.
 
     Attributes
     ----------
     problem
         What it is a motion of.
-    lobatto, intervals
-        The mesh.
+    lobatto, mesh
+        The collocation and the mesh.
     duration_s
         From its beginning to its end [s].
     z
@@ -32,14 +33,19 @@ class Motion:
 
     problem: Problem
     lobatto: Lobatto
-    intervals: int
+    mesh: Mesh
     duration_s: float
     z: Array
 
     @property
+    def intervals(self) -> int:
+        """How many intervals the mesh has."""
+        return self.mesh.intervals
+
+    @property
     def time(self) -> Array:
         """Times of the points (points,) [s]."""
-        return self.lobatto.times(self.intervals, self.duration_s)
+        return self.lobatto.times(self.mesh, self.duration_s)
 
     @property
     def q(self) -> Array:
@@ -77,24 +83,22 @@ class Motion:
         sizes = [part.numel() for part in (stage.q, stage.v, stage.a, stage.u)]
         return np.split(z, np.cumsum(sizes), axis=1)
 
-    def at(self, intervals: int, place: Array) -> Array:
-        """Instants (intervals len(place), nz) at places in 0 .. 1 of each of so many equal intervals.
+    def at(self, mesh: Mesh, place: Array) -> Array:
+        """Instants (N len(place), nz) at places in 0 .. 1 of each of the N intervals of a mesh.
 
         Velocities and configurations are the integrals of the polynomials of their rates, which they equal at
         the points.
         """
-        return self.along(((np.arange(intervals)[:, None] + place) / intervals).ravel())
+        return self.along((mesh.starts[:, None] + mesh.widths[:, None] * place).ravel())
 
     def along(self, parts: Array) -> Array:
         """Instants (n, nz) at parts (n,) of the duration, 0 to 1; see :meth:`at`."""
-        share = parts * self.intervals
-        n = np.minimum(share.astype(int), self.intervals - 1)
-        local = share - n
+        n, local = self.mesh.located(parts)
         of = n[:, None] * (self.lobatto.points - 1) + np.arange(self.lobatto.points)
         values, primitives = self.lobatto.values_at(local), self.lobatto.primitives_at(local)
         q, v, a, u, w = self.parts(self.z)
         rate = np.array(_rates(self.problem)(self.z.T).full()).T
-        step, first = self.duration_s / self.intervals, of[:, 0]
+        step, first = self.duration_s * self.mesh.widths[n, None], of[:, 0]
         return np.hstack(
             [
                 q[first] + step * np.einsum("pk,pkx->px", primitives, rate[of]),
@@ -105,13 +109,13 @@ class Motion:
             ]
         )
 
-    def on(self, lobatto: Lobatto, intervals: int) -> Motion:
+    def on(self, lobatto: Lobatto, mesh: int | Mesh) -> Motion:
         """The same motion on another mesh."""
-        inner = self.at(intervals, lobatto.nodes[:-1])
-        z = np.vstack([inner, self.at(1, np.array([1.0]))])
+        mesh = Mesh.of(mesh)
+        z = np.vstack([self.at(mesh, lobatto.nodes[:-1]), self.along(np.array([1.0]))])
         size = self.problem.fixed.size
         z[0, :size] = np.clip(z[0, :size], *self.problem.start)
-        return Motion(self.problem, lobatto, intervals, self.duration_s, z)
+        return Motion(self.problem, lobatto, mesh, self.duration_s, z)
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,9 +153,14 @@ class Course:
         """Instants, durations and impulses as a program has them."""
         return np.concatenate([*(motion.unknowns for motion in self.motions), *self.impulses])
 
-    def on(self, lobatto: Lobatto, meshes: Sequence[int]) -> Course:
+    @property
+    def meshes(self) -> tuple[Mesh, ...]:
+        """Of all phases."""
+        return tuple(motion.mesh for motion in self.motions)
+
+    def on(self, lobatto: Lobatto, meshes: Sequence[Mesh]) -> Course:
         """The same motions on other meshes."""
-        found = (motion.on(lobatto, many) for motion, many in zip(self.motions, meshes, strict=True))
+        found = (motion.on(lobatto, mesh) for motion, mesh in zip(self.motions, meshes, strict=True))
         return Course(tuple(found), self.impulses)
 
 

@@ -1,8 +1,9 @@
 """The sparse nonlinear program of a planning problem on a mesh.
 
-Unknowns are the instants at all points and the duration T; for interval n with its points j = 0 .. s - 1
+Unknowns are the instants at all points and the duration T; for interval n, a part h_n of the duration, with
+its points j = 0 .. s - 1
 
-    x_nj = x_n0 + T/N sum_k A_jk x'_nk,    x = (q, v),  x' = (q'(z), a),
+    x_nj = x_n0 + T h_n sum_k A_jk x'_nk,    x = (q, v),  x' = (q'(z), a),
 
 and at every point the equations of motion and the path's rows, at the last one the goal's.
 """
@@ -18,6 +19,7 @@ from scipy import sparse
 from optim.planning.formulation.stage import Problem
 from optim.planning.transcription.functions import Instants, Places
 from optim.planning.transcription.lobatto import Lobatto
+from optim.planning.transcription.mesh import Mesh
 from spacerobot.arrays import Array
 
 
@@ -51,7 +53,7 @@ class Sums:
 
 
 class Program:
-    """A planning problem on a mesh of equal intervals.
+    """A planning problem on a mesh.
 
     Parameters
     ----------
@@ -59,12 +61,14 @@ class Program:
         The problem.
     instants
         Its functions.
-    lobatto, intervals
-        The mesh.
+    lobatto, mesh
+        The collocation, and the mesh, or how many equal intervals it has.
     """
 
-    def __init__(self, problem: Problem, instants: Instants, lobatto: Lobatto, intervals: int) -> None:
-        self.problem, self.instants, self.lobatto, self.intervals = problem, instants, lobatto, intervals
+    def __init__(self, problem: Problem, instants: Instants, lobatto: Lobatto, mesh: int | Mesh) -> None:
+        self.problem, self.instants, self.lobatto = problem, instants, lobatto
+        self.mesh = Mesh.of(mesh)
+        self.intervals = intervals = self.mesh.intervals
         model = problem.stage.scene.model
         self.nq, self.nv, self.nz = model.nq, model.nv, problem.stage.z.numel()
         self.nx, self.inner = model.nq + model.nv, lobatto.points - 1
@@ -76,7 +80,8 @@ class Program:
         self._of = np.arange(intervals)[:, None] * self.inner + np.arange(
             lobatto.points
         )  # points by interval
-        self.weights = lobatto.quadrature(intervals)
+        self.weights = lobatto.quadrature(self.mesh)
+        self._parts = self.mesh.widths[:, None, None]  # h_n
         self.defects = intervals * self.inner * self.nx
         self.per_point = self.nv + len(problem.path)
         self.rows = self.defects + self.points * self.per_point + len(problem.goal)
@@ -108,12 +113,12 @@ class Program:
     def limits(self) -> tuple[Array, Array]:
         """Least and greatest values of the constraints."""
         sides = []
-        share = self.lobatto.times(self.intervals, 1.0)
+        share = self.lobatto.times(self.mesh, 1.0)
         for key in ("lower", "upper"):
             at = np.zeros((self.points, self.per_point))
             for k, row in enumerate(self.problem.path):
                 free = np.inf if key == "upper" else -np.inf
-                held = row.held(share, first_held(self.lobatto, self.intervals, row.last))
+                held = row.held(share, first_held(self.lobatto, self.mesh, row.last))
                 at[:, self.nv + k] = np.where(held, getattr(row, key), free)
             goal = [getattr(row, key) for row in self.problem.goal]
             sides.append(np.concatenate([np.zeros(self.defects), at.ravel(), goal]))
@@ -147,7 +152,7 @@ class Program:
         (z, duration), found = self.split(w), self._values(w)
         x, rate = z[:, : self.nx], self._rates(z, found)
         moved = np.einsum("jk,nkx->njx", self.lobatto.integral[1:], rate[self._of])
-        defects = x[self._of[:, 1:]] - x[self._of[:, :1]] - duration / self.intervals * moved
+        defects = x[self._of[:, 1:]] - x[self._of[:, :1]] - duration * self._parts * moved
         own = found[:, self.nq : self.ncost]
         goal = self._last("goal_values", w)[: len(self.problem.goal)]
         return np.concatenate([defects.ravel(), own.ravel(), goal])
@@ -155,15 +160,15 @@ class Program:
     def jacobian(self, w: Array) -> Array:
         """Entries of the constraints' first derivatives, as :attr:`jacobian_pattern` has them."""
         (z, duration), entries = self.split(w), self._slopes(w)
-        step = duration / self.intervals
+        step = duration * self._parts[..., None]
         rows, _ = self.instants.slopes
         a = self.lobatto.integral[1:]
         shape = (self.intervals, self.inner, self.nx)
         moving = entries[:, rows < self.nq][self._of]  # (N, s, entries)
         by_rate = -step * np.einsum("jk,nke->njke", a, moving)
-        by_acceleration = np.broadcast_to(-step * a[None, :, :, None], (*shape[:2], self.inner + 1, self.nv))
+        by_acceleration = np.broadcast_to(-step * a[:, :, None], (*shape[:2], self.inner + 1, self.nv))
         rate = self._rates(z, self._values(w))
-        by_time = -np.einsum("jk,nkx->njx", a, rate[self._of]) / self.intervals
+        by_time = -self._parts * np.einsum("jk,nkx->njx", a, rate[self._of])
         own = entries[:, (rows >= self.nq) & (rows < self.ncost)]
         goal = self._last("goal_slopes", w)[self.instants.goal_slopes[0] < len(self.problem.goal)]
         parts = [np.ones(shape), -np.ones(shape), by_rate, by_acceleration, by_time, own, goal]
@@ -199,7 +204,7 @@ class Program:
     def _pulled(self, multipliers: Array) -> Array:
         """What defects' multipliers weigh the rates at each point with, per unit of duration (points, nx)."""
         of_defects = multipliers[: self.defects].reshape(self.intervals, self.inner, self.nx)
-        pulled = -np.einsum("jk,njx->nkx", self.lobatto.integral[1:], of_defects) / self.intervals
+        pulled = -self._parts * np.einsum("jk,njx->nkx", self.lobatto.integral[1:], of_defects)
         out = np.zeros((self.points, self.nx))
         np.add.at(out, self._of, pulled)
         return out
@@ -291,9 +296,9 @@ class Program:
         return _sums(found, (self.size, self.size))
 
 
-def first_held(lobatto: Lobatto, intervals: int, last: float) -> float:
+def first_held(lobatto: Lobatto, mesh: Mesh, last: float) -> float:
     """First point, as part of the duration, at which what holds for a last part of it must hold."""
-    share = lobatto.times(intervals, 1.0)
+    share = lobatto.times(mesh, 1.0)
     return float(share[share >= 1 - last - 1e-12][0])
 
 

@@ -33,10 +33,10 @@ def solve_from(
     tuple
         What was found on the coarse mesh, and on the program's.
     """
-    coarse = Program(program.problem, program.instants, motion.lobatto, motion.intervals)
+    coarse = Program(program.problem, program.instants, motion.lobatto, motion.mesh)
     found = solve(coarse, motion.unknowns, scale=scale, iterations=iterations, told=told)
     z, duration = coarse.split(found.w)
-    near = dataclasses.replace(motion, z=z, duration_s=duration).on(program.lobatto, program.intervals)
+    near = dataclasses.replace(motion, z=z, duration_s=duration).on(program.lobatto, program.mesh)
     warm = carried(found, coarse, program) if found.converged else None
     return found, solve(program, near.unknowns, warm, scale=scale, iterations=iterations, told=told)
 
@@ -77,7 +77,7 @@ def onward(solved: Solved, source: Program, target: Program, begin: float = 0.0)
         Part of the source's duration at which the target begins; both end together.
     """
     left = 1.0 - begin
-    share, wanted = (at.lobatto.times(at.intervals, 1.0) for at in (source, target))
+    share, wanted = (at.lobatto.times(at.mesh, 1.0) for at in (source, target))
     wanted = begin + left * wanted
     between = np.array([np.interp(wanted, share, unit) for unit in np.eye(len(share))]).T
     weights = left * target.weights[:, None] * between / source.weights
@@ -100,10 +100,10 @@ def _defects(solved: Solved, source: Program, target: Program, begin: float) -> 
     found = solved.multipliers[: source.defects].reshape(source.intervals, source.inner, source.nx)
     lobatto, other = source.lobatto, target.lobatto
     costates = np.einsum("jk,njx->nkx", lobatto.integral[1:], found) / lobatto.weights[:, None]
-    ratio, n = (1.0 - begin) * source.intervals / target.intervals, np.arange(target.intervals)[:, None]
-    first = begin * source.intervals
-    inside = np.minimum((first + (n + 0.5) * ratio).astype(int), source.intervals - 1)
-    values = lobatto.values_at(first + (n + other.nodes) * ratio - inside)  # (N, s, points of the source)
-    p = np.einsum("nik,nkx->nix", values, costates[inside[:, 0]])
+    starts, widths = (begin + (1.0 - begin) * target.mesh.starts), (1.0 - begin) * target.mesh.widths
+    inside = source.mesh.located(starts + widths / 2)[0]  # one polynomial for all points of an interval
+    places = starts[:, None] + widths[:, None] * other.nodes - source.mesh.starts[inside, None]
+    values = lobatto.values_at(places / source.mesh.widths[inside, None])  # (N, s, points of the source)
+    p = np.einsum("nik,nkx->nix", values, costates[inside])
     back = np.linalg.pinv(other.integral[1:].T)
     return np.asarray(np.einsum("jk,nkx->njx", back, other.weights[:, None] * p))

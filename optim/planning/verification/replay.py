@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -28,7 +28,7 @@ from spacerobot.dynamics import (
 )
 from spacerobot.dynamics.algebra import SymmetricFactors
 from spacerobot.dynamics.joints import sparse
-from spacerobot.rollout import build_rollout
+from spacerobot.rollout import Rollout, build_rollout
 
 LONGEST_STEP = 0.01
 """[s] Of the replay."""
@@ -40,6 +40,7 @@ class Replayed:
 
     Parameters are the state at the beginning, and for one interval of the plan: its length, gains of joints
     and their positions at its beginning, and at each of its points the drive, joint rates and accelerations.
+    Time is counted in parts of the interval, so that one loop serves intervals of all lengths.
     """
 
     parameter_paths: tuple[str, ...]
@@ -75,7 +76,7 @@ class Replayed:
         sizes = [1, joints, joints, joints, points * nu, points * joints, points * joints]
         length, kp, kd, first, *rest = _parts(given, sizes)
         drive, rates, accelerations = (ca.reshape(part, part.numel() // points, points) for part in rest)
-        place = t / length
+        place = t
         torque = _summed(lobatto.basis, place, drive)
         wanted = first + length * _summed(lobatto.primitives, place, rates)
         rate = rates[:, 0] + length * _summed(lobatto.primitives, place, accelerations)
@@ -98,7 +99,7 @@ class Replayed:
             model.nq,
             model.nv,
             ca.Function("setup", [p], [p[:nx], p[nx:]], ["p"], ["x0", "c"]),
-            ca.Function("dynamics", at, [ca.densify(change)], at_names, ["xdot"]),
+            ca.Function("dynamics", at, [ca.densify(length * change)], at_names, ["xdot"]),
             ca.Function("normalise", [x], [ca.vertcat(normalise(model, q), v)], ["x"], ["n"]),
             ca.Function("outputs", at, [v], at_names, ["velocity"]),
             ca.Function("gaps", [p], [none], ["p"], ["gap"]),
@@ -153,29 +154,52 @@ def replays(
     starts
         States (nq + nv,) to begin with, of the one and of the other; the plan's own if not given.
     """
-    problem, scene = motion.problem, motion.problem.stage.scene
-    driven, length = problem.stage.driven, motion.duration_s / motion.intervals
-    steps = max(4, math.ceil(length / LONGEST_STEP))
-    rollout = build_rollout(
-        Replayed.of(problem.stage, motion.lobatto),
-        duration_s=length,
-        step_s=length / steps,
-        output_step_s=length,
-        backend=backend,  # type: ignore[arg-type]
-    )
+    scene, driven = motion.problem.stage.scene, motion.problem.stage.driven
     robots = [name.partition("/")[0] for name in driven.names[: len(driven.joints)]]
     gains = {name: tracking_gains(scene, name) for name in dict.fromkeys(robots)}
     feedback = np.array([[gains[robot][key] for robot in robots] for key in ("kp", "kd")]).ravel()
     if starts is None:
         starts = (np.concatenate([motion.q[0], motion.v[0]]),) * 2
-    found = []
+    step, found = steps_of(motion, backend), []
     for start, given in zip(starts, (0 * feedback, feedback), strict=True):
         states = [start]
         for n in range(motion.intervals):
-            p = np.concatenate([states[-1], [length], given, _interval(motion, n)])
-            states.append(np.array(rollout.run(p).state[-1]))
+            states.append(step(n, states[-1], given))
         found.append(np.array(states))
     return found[0], found[1]
+
+
+def steps_of(motion: Motion, backend: str = "auto") -> Callable[[int, Array, Array], Array]:
+    """Function that integrates one interval of a plan by the rollouts' own method.
+
+    It takes the number of the interval, the state (nq + nv,) where that begins, and gains ``kp`` and ``kd``
+    of all joints (2 joints,), and returns the state at its end.
+
+    Parameters
+    ----------
+    motion
+        The plan.
+    backend
+        ``auto``, ``compiled`` or ``interpreted``.
+    """
+    loop = Replayed.of(motion.problem.stage, motion.lobatto)
+    lengths, rollouts = motion.duration_s * motion.mesh.widths, dict[int, Rollout]()
+
+    def step(n: int, state: Array, gains: Array) -> Array:
+        """State at the end of an interval."""
+        steps = max(4, math.ceil(lengths[n] / LONGEST_STEP))
+        if steps not in rollouts:
+            rollouts[steps] = build_rollout(
+                loop,
+                duration_s=1.0,
+                step_s=1 / steps,
+                output_step_s=1.0,
+                backend=backend,  # type: ignore[arg-type]
+            )
+        p = np.concatenate([state, [lengths[n]], gains, _interval(motion, n)])
+        return np.array(rollouts[steps].run(p).state[-1])
+
+    return step
 
 
 def _interval(motion: Motion, n: int) -> Array:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
@@ -129,9 +128,10 @@ def judge(course: Course, program: Solvable, solved: Solved, scale: float, backe
     """
     alone, followed = (_greatest_errors(course, states) for states in replays_of(course, backend))
     violations = [
-        dataclasses.replace(v, time_s=begin + v.time_s)
+        Violation(one.name, one.unit, float(one.over.max()), max(one.allowed, 1e-12), begin + one.worst_s)
         for begin, motion in zip(course.begins, course.motions, strict=True)
-        for v in between_points(motion)
+        for one in between_points(motion)
+        if one.over.max() > ROUNDING
     ]
     violations.sort(key=lambda v: -v.amount / v.allowed)
     tolerance = course.motions[0].problem.tolerance
@@ -176,41 +176,54 @@ def _products(values: Array, least: Array, greatest: Array, multipliers: Array) 
     return np.asarray(np.abs(multipliers * held))
 
 
-def between_points(motion: Motion) -> Iterator[Violation]:
+@dataclass(frozen=True, eq=False)
+class Passing:
+    """How far a limit is passed, over time.
+
+    Attributes
+    ----------
+    name, unit, allowed
+        As of a :class:`Violation`.
+    time_s
+        Instants at which the limit holds (n,) [s], from the phase's beginning on.
+    over
+        By how much it is passed at each (n,); negative where it is kept.
+    """
+
+    name: str
+    unit: str
+    allowed: float
+    time_s: Array
+    over: Array
+
+    @property
+    def worst_s(self) -> float:
+        """When it is passed most [s]."""
+        return float(self.time_s[np.argmax(self.over)])
+
+
+def between_points(motion: Motion) -> Iterator[Passing]:
     """How far each limit is passed on a grid ten times finer than the intervals."""
-    problem = motion.problem
+    problem, mesh = motion.problem, motion.mesh
     places = np.arange(FINER) / FINER
-    z = np.vstack([motion.at(motion.intervals, places), motion.z[-1:]])
-    time = np.append(
-        ((np.arange(motion.intervals)[:, None] + places) * motion.duration_s / motion.intervals).ravel(),
-        motion.duration_s,
-    )
+    z = np.vstack([motion.at(mesh, places), motion.z[-1:]])
+    shares = np.append((mesh.starts[:, None] + mesh.widths[:, None] * places).ravel(), 1.0)
+    time = shares * motion.duration_s
     names = _limit_names(motion)
     for k, (name, unit) in names.items():
         size = np.nanmax(
             np.abs([x for x in (problem.lower[k], problem.upper[k]) if np.isfinite(x)]), initial=0.0
         )
-        yield from _worst(
-            name, unit, z[:, k], (problem.lower[k], problem.upper[k]), time, RELATIVE * float(size)
-        )
+        over = np.maximum(problem.lower[k] - z[:, k], z[:, k] - problem.upper[k])
+        yield Passing(name, unit, RELATIVE * float(size), time, over)
     if problem.path:
         rows = ca.densify(ca.vertcat(*(row.value for row in problem.path)))
         values = np.array(ca.Function("path", [problem.stage.z], [rows])(z.T).full())
         for row, found in zip(problem.path, values, strict=True):
-            begins = first_held(motion.lobatto, motion.intervals, row.last)
-            held = row.held(time / motion.duration_s, begins)
+            held = row.held(shares, first_held(motion.lobatto, mesh, row.last))
             allowed = ABSOLUTE if row.size is None else RELATIVE * row.size
-            limits = (row.lower * row.scale, row.upper * row.scale)
-            yield from _worst(row.name, row.unit, found[held] * row.scale, limits, time[held], allowed)
-
-
-def _worst(
-    name: str, unit: str, values: Array, limits: tuple[float, float], time: Array, allowed: float
-) -> Iterator[Violation]:
-    over = np.maximum(limits[0] - values, values - limits[1])
-    at = int(np.argmax(over))
-    if over[at] > ROUNDING:
-        yield Violation(name, unit, float(over[at]), max(allowed, 1e-12), float(time[at]))
+            over = row.scale * np.maximum(row.lower - found[held], found[held] - row.upper)
+            yield Passing(row.name, row.unit, allowed, time[held], over)
 
 
 def _limit_names(motion: Motion) -> Mapping[int, tuple[str, str]]:

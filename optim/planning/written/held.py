@@ -76,7 +76,7 @@ def _constraints(course: Course, k: int, phase: str) -> Iterator[_Held]:
         told, limits = _told(row, own)
         over = np.full(sum(points), np.nan)
         over[sum(points[:k]) : sum(points[: k + 1])] = told
-        share = first_held(motion.lobatto, motion.intervals, row.last)
+        share = first_held(motion.lobatto, motion.mesh, row.last)
         begin = course.begins[k] + share * motion.duration_s
         name = f"{phase}: {row.name}" if len(points) > 1 else row.name
         yield _Held(name, row.unit, over, limits, begin)

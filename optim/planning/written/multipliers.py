@@ -30,6 +30,6 @@ def multiplier_norms(planned: Planned) -> Array:
         of_limits = solved.bound_multipliers[unknown : unknown + points * nz].reshape(points, nz).copy()
         of_limits[0, :nx] = 0.0  # the start is no limit
         pull = np.linalg.norm(np.hstack([of_rows, of_limits]), axis=1)
-        found.append(pull / (motion.duration_s * motion.lobatto.quadrature(motion.intervals)))
+        found.append(pull / (motion.duration_s * motion.lobatto.quadrature(motion.mesh)))
         row, unknown = first + points * count + len(problem.goal), unknown + points * nz + 1
     return np.concatenate(found)

@@ -14,6 +14,7 @@ from optim.planning.searches import bench as benches
 from optim.planning.searches.make import make_plan
 from optim.planning.transcription.functions import build_instants
 from optim.planning.transcription.lobatto import Lobatto
+from optim.planning.transcription.mesh import Mesh
 from optim.planning.transcription.motion import Course, Motion
 from optim.planning.transcription.program import Program
 from optim.planning.verification.replay import replays, tip_errors
@@ -56,7 +57,8 @@ def test_derivatives_of_the_program_equal_central_differences(reach, changes):
         ("plan.cones.mate", {"tip": "one/tip", "frame": "mate_1", "half_angle_deg": 20, "last": 0.5}),
     ]
     problem = formulate(reach(*held, *changes))
-    program = Program(problem, build_instants(problem, "interpreted"), Lobatto.of_order(6), 3)
+    mesh = Mesh((0.0, 0.2, 0.35, 1.0))
+    program = Program(problem, build_instants(problem, "interpreted"), Lobatto.of_order(6), mesh)
     rng = np.random.default_rng(1)
     w, along = 0.3 * rng.normal(size=program.size), rng.normal(size=program.size)
     w[-1], multipliers, step = 5.0, rng.normal(size=program.rows), 1e-6

@@ -95,9 +95,9 @@ def test_multipliers_go_to_a_finer_mesh(cold):
     same = carried(solution, program, program)
     np.testing.assert_allclose(same.multipliers, solution.multipliers, atol=1e-9)
     z, duration = program.split(solution.w)
-    motion = Motion(program.problem, program.lobatto, program.intervals, duration, z)
+    motion = Motion(program.problem, program.lobatto, program.mesh, duration, z)
     finer = Program(program.problem, program.instants, program.lobatto, 2 * program.intervals)
-    first = motion.on(program.lobatto, finer.intervals).unknowns
+    first = motion.on(program.lobatto, finer.mesh).unknowns
     without = solve(finer, first, scale=solution.scale)
     warm = solve(finer, first, carried(solution, program, finer))
     assert warm.converged
