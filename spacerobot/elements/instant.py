@@ -159,6 +159,9 @@ class Instant(Protocol):
     def root(self, body: str, key: str) -> tuple[ca.SX, ca.SX]:
         """Velocity and spin of a floating root link, its own axes, as many as there are [m/s, rad/s]."""
 
+    def base(self, robot: str, key: str) -> Frame:
+        """The floating root link of a robot."""
+
     def joints(self, robot: str, given: Mapping[str, T], key: str) -> Iterator[tuple[Joint, T]]:
         """Joints of a robot that patterns name, and what is given for each."""
 

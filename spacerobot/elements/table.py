@@ -19,7 +19,7 @@ PLACES = {
     "but those that are wheels",
     "sensor": "`robots.*.sensors.*`",
     "environment": "`environment.*`",
-    "goal": "`plan.goals.*`; the kind is told by `frame`, `position`, `joints` or `still`",
+    "goal": "`plan.goals.*`; the kind follows from `attitude`, `frame`, `position`, `joints` or `still`",
 }
 """Where a kind of each family stands in a scenario."""
 

@@ -253,6 +253,7 @@ def test_every_field_of_the_schema_says_what_it_is():
         ({"tip": "arm/tip", "position": [0, 0, 0]}, "placed"),
         ({"robot": "arm", "joints": {"*": {"angle_deg": 0}}}, "posture"),
         ({"still": "target"}, "still"),
+        ({"attitude": "arm", "rotation_deg": [0, 0, 180]}, "attitude"),
     ],
 )
 def test_the_kind_of_a_goal_is_told_by_its_keys_as_in_older_results(given, kind):
@@ -269,5 +270,7 @@ def test_the_kind_of_a_goal_is_told_by_its_keys_as_in_older_results(given, kind)
 )
 def test_a_goal_of_no_kind_or_of_two_is_refused(goal, found):
     section = {"duration": 1, "costs": {"time": 1}, "goals": {"one": goal}}
-    with pytest.raises(ValueError, match=f"found {found}, allowed: one of frame, position, joints, still"):
+    with pytest.raises(
+        ValueError, match=f"found {found}, allowed: one of attitude, frame, position, joints, still"
+    ):
         Planning.model_validate(section)

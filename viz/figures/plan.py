@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
+from scipy.spatial.transform import Rotation
 
 from spacerobot.arrays import Array
 from spacerobot.errors import ResultError
@@ -72,6 +74,79 @@ def plan_joints(plan: xr.Dataset, flown: Result | None = None) -> Drawing:
 
 
 @styled
+def plan_bases(plan: xr.Dataset, flown: Result | None = None) -> Drawing:
+    """Motion of driven bases since the start, their rates, and what drives them, with limits; active ones are
+    marked.
+
+    Parameters
+    ----------
+    plan
+        What stands in ``plan.nc``, with ``base_wrench``.
+    flown
+        Result of its scenario: the motion is drawn dotted over the plan's.
+    """
+    drives, rows = [str(drive) for drive in plan.drive.values], list[tuple[str, str, list[str]]]()
+    for base in dict.fromkeys(drive.rpartition(".")[0] for drive in drives):
+        for part in ("f", "t"):
+            own = [drive for drive in drives if drive.startswith(f"{base}.{part}")]
+            rows += [(base.rpartition("/")[0], part, own)] if own else []
+    time, figure, axes = plan.time.values, *panels(len(rows), 3, sharex=True, height_in=2.4)
+    for row, (robot, part, own) in zip(axes, rows, strict=True):
+        names = ("displacement", "velocity", "force") if part == "f" else ("rotation", "spin", "torque")
+        units = ("m", "m/s", "N") if part == "f" else ("rad", "rad/s", "N m")
+        moved = base_motion(plan, robot)[part == "t"]
+        columns = ["xyz".index(drive[-1]) if moved.shape[1] > 1 else 0 for drive in own]
+        rates, wrench = (plan[key].sel(drive=own).values for key in ("base_rate", "base_wrench"))
+        for panel, name, unit, values in zip(
+            row, names, units, (moved[:, columns], rates, wrench), strict=True
+        ):
+            scale, shown = unit_scale(unit)
+            for k, drive in enumerate(own):
+                panel.plot(time, values[:, k] * scale, label=drive[-1], **line(k))
+            panel.set_title(f"base of {robot}, {name}")
+            panel.set_ylabel(f"[{shown}]")
+            panel.set_xlabel("time [s]")
+            shade(panel, _phases(plan), named=panel is axes[0, 0])
+        limits = plan.base_wrench_limit.sel(drive=own).values
+        for k, own_limits in enumerate(limits):
+            _held(row[2], time, wrench[:, k], own_limits)
+        _near_limits(row[2], limits.ravel())
+        if flown is not None:
+            data = flown.data.sel(time=slice(0.0, float(time[-1])))
+            other = base_motion(data, robot)[part == "t"][:, columns]
+            row[0].plot(data.time.values, other * unit_scale(units[0])[0], **FLOWN)
+        row[2].legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=7)
+    return figure
+
+
+def base_motion(data: xr.Dataset, robot: str) -> tuple[Array, Array]:
+    """Displacement (n, 2 or 3) [m] and rotation vector (n, 1 or 3) [rad] of a floating base since the start.
+
+    World axes; unwound, so that a turn goes on beyond 180 deg.
+
+    Parameters
+    ----------
+    data
+        A plan, or a result's data: configurations ``q`` by label.
+    robot
+        Whose base.
+    """
+    labels = [str(label).removeprefix("q.") for label in data.configuration.values]
+    q = data.q.values[:, [label.startswith(f"{robot}/root[") for label in labels]]
+    if q.shape[1] == 4:
+        angle = np.unwrap(np.arctan2(q[:, 3], q[:, 2]))
+        return q[:, :2] - q[0, :2], (angle - angle[0])[:, None]
+    turned = Rotation.from_quat(q[:, 3:])
+    vectors = (turned * turned[0].inv()).as_rotvec()
+    for before, vector in itertools.pairwise(vectors):
+        angle = float(np.linalg.norm(vector))
+        if angle > 0:
+            axis = vector / angle
+            vector += 2 * np.pi * round(float((before - vector) @ axis) / (2 * np.pi)) * axis
+    return q[:, :3] - q[0, :3], vectors
+
+
+@styled
 def plan_constraints(plan: xr.Dataset) -> Drawing:
     """Distances, cones and what else holds along a plan, each with its limits; active ones are marked.
 
@@ -132,7 +207,10 @@ def plan_figures(
     plan: xr.Dataset, summary: Mapping[str, Any], flown: Result | None = None
 ) -> Iterator[tuple[str, Drawing]]:
     """Name and drawing of each figure of a plan."""
-    yield "plan_joints", plan_joints(plan, flown)
+    if plan.sizes["joint"]:
+        yield "plan_joints", plan_joints(plan, flown)
+    if "drive" in plan.sizes:
+        yield "plan_bases", plan_bases(plan, flown)
     if "constraint" in plan:
         yield "plan_constraints", plan_constraints(plan)
     yield "convergence", convergence(summary["solves"])
@@ -175,10 +253,14 @@ def _held(panel: Axes, time: Array, values: Array, limits: Array) -> None:
 
 
 def _limits(panel: Axes, plan: xr.Dataset, name: str, joints: list[str], scale: float) -> None:
-    """Limits that are not far from what is drawn."""
+    """Limits of joints that are not far from what is drawn."""
+    _near_limits(panel, plan[f"{name}_limit"].sel(joint=joints).values * scale)
+
+
+def _near_limits(panel: Axes, limits: Array) -> None:
     low, high = panel.get_ylim()
     room = ROOM * (high - low)
-    for limit in np.unique(plan[f"{name}_limit"].sel(joint=joints).values * scale):
+    for limit in np.unique(limits):
         if low - room <= limit <= high + room:
             panel.axhline(limit, color="0.35", linewidth=0.9, linestyle="--")
 

@@ -13,6 +13,7 @@ from optim.planning.formulation.names import find_frame, find_robot, find_still,
 from optim.planning.formulation.stage import Stage
 from spacerobot.elements.goal import Goal
 from spacerobot.elements.instant import Frame, Joint, Row, zero
+from spacerobot.errors import ScenarioError
 
 T = TypeVar("T")
 
@@ -76,6 +77,19 @@ class Seen:
         first, size = int(model.idx_vs[joint]), int(model.nvs[joint])
         middle = first + size - (3 if size == 6 else 1)
         return self.stage.v[first:middle], self.stage.v[middle : first + size]
+
+    def base(self, robot: str, key: str) -> Frame:
+        """The floating root link of a robot."""
+        scene, where = self.stage.scene, f"{self.where}.{key}"
+        body = find_robot(scene, robot, where)
+        if not body.root_joint:
+            raise ScenarioError(
+                f"the base of {robot!r} is fixed, so its attitude never changes; give it `joint: free_flyer` "
+                "or `planar`",
+                source=scene.source,
+                where=where,
+            )
+        return self._frame(body.root_frame)
 
     def joints(self, robot: str, given: Mapping[str, T], key: str) -> Iterator[tuple[Joint, T]]:
         """Joints of a robot that patterns name, and what is given for each."""

@@ -221,13 +221,13 @@ def joint_angle(joint: Any, q: Array) -> float:
 def tip_errors(motion: Motion, states: Array) -> Mapping[str, Array]:
     """Distance [m] of each planned robot's tips from the plan at each knot (intervals + 1,).
 
-    A robot without tips, and an object that is held, count by their root links, whose turning by a radian
-    counts as a metre.
+    A robot without tips or joints, and an object that is held, count by their root links, whose turning by a
+    radian counts as a metre: a tip at the centre of mass of a base alone does not show how that turns.
     """
     scene = motion.problem.stage.scene
     model, data = scene.model, scene.model.createData()
     knots = motion.q[:: motion.lobatto.points - 1]
-    led = {tip.body.name for tip in scene.tips}
+    led = {tip.body.name for tip in scene.tips if tip.body.driven_joints}
     tips = {tip.label: tip.frame for tip in scene.tips}
     bodies = scene.bodies if motion.problem.stage.grips else scene.robots
     roots = {body.name: body.root_frame for body in bodies if body.name not in led}

@@ -39,6 +39,12 @@ def held_variables(course: Course, names: Sequence[str]) -> tuple[dict[str, Any]
         for name, own in places.items()
     }
     coordinates: dict[str, Any] = {"side": SIDES}
+    if drives := drive_limits(course):
+        variables["base_wrench_limit"] = (
+            ("drive", "side"),
+            np.array([(-most, most) for most in drives.values()]),
+            {"long_name": "limits of what drives bases"},
+        )
     found = [one for k, name in enumerate(names) for one in _constraints(course, k, name)]
     if found:
         variables |= {
@@ -51,6 +57,16 @@ def held_variables(course: Course, names: Sequence[str]) -> tuple[dict[str, Any]
             "constraint_unit": ("constraint_name", [one.unit for one in found]),
         }
     return variables, coordinates
+
+
+def drive_limits(course: Course) -> dict[str, float]:
+    """Axes of bases that are driven in any phase, and the greatest force or torque of each [N, N m]."""
+    found: dict[str, float] = {}
+    for driven in (motion.problem.stage.driven for motion in course.motions):
+        for name, limit in zip(driven.names, driven.limits, strict=True):
+            if name not in driven.names[: len(driven.joints)]:
+                found[name] = max(found.get(name, 0.0), float(limit))
+    return found
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,39 @@
+"""A floating base at a given attitude."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import ClassVar, Literal
+
+import numpy as np
+import pinocchio as pin
+from pydantic import Field
+
+from spacerobot.dynamics.joints import exact_directions
+from spacerobot.elements.goal import Goal
+from spacerobot.elements.instant import Instant, Row, zero
+from spacerobot.elements.registry import register
+from spacerobot.section import Name, Vector, quantity
+
+
+@register
+class Attitude(Goal):
+    """The floating base of a robot comes to an attitude."""
+
+    told_by: ClassVar[str | None] = "attitude"
+
+    kind: Literal["attitude"] = "attitude"
+    attitude: Name = Field(description="robot whose root link has `rotation_deg` at the end")
+    rotation_deg: Vector = quantity("deg", "roll, pitch, yaw of the root link at the end, world axes")
+
+    @property
+    def body(self) -> str:
+        """The robot."""
+        return self.attitude
+
+    def rows(self, instant: Instant) -> Iterator[Row]:
+        """What is left of the turn."""
+        wanted = exact_directions(pin.rpy.rpyToMatrix(np.radians(self.rotation_deg)))
+        turn = instant.turned(wanted, instant.base(self.attitude, "attitude").rotation)
+        for k, i in enumerate(instant.turns):
+            yield zero(f"attitude {'xyz'[i]}", "rad", turn[k])

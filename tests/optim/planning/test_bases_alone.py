@@ -1,0 +1,114 @@
+"""Robots without joints: turns from rest to rest, and wheels that take what a body turns with."""
+
+import json
+
+import numpy as np
+import pytest
+import yaml
+from scipy.spatial.transform import Rotation
+from typer.testing import CliRunner
+
+from optim.planning.searches.bench import Bench
+from optim.planning.searches.make import make_plan
+from optim.planning.verification.replay import tip_errors
+from optim.planning.written.plan_file import dataset, read
+from spacerobot.cli.app import app
+from spacerobot.errors import ScenarioError
+from spacerobot.result import load
+from spacerobot.scene import load_scene
+from viz.figures.plan import base_motion, plan_bases
+
+UNIT = """<robot name="unit"><link name="body"><inertial><mass value="10"/>
+<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<link name="sensor"/>
+<joint name="mount" type="fixed"><parent link="body"/><child link="sensor"/></joint></robot>"""
+TURN = {
+    "name": "turn",
+    "robots": {"sat": {"urdf": "unit.urdf", "base": {"joint": "free_flyer"}, "tips": {"sensor": {}}}},
+    "plan": {
+        "duration": 4,
+        "goals": {"turn": {"attitude": "sat", "rotation_deg": [0, 0, 120]}, "rest": {"still": "sat"}},
+        "costs": {"base_wrench": 1},
+        "limits": {"base_torque": 2},
+        "intervals": 4,
+    },
+}
+WHEELS = {"kind": "reaction_wheels", "pyramid": {"wheels": 4}, "inertia": 0.01, "torque_limit": 0.05}
+DETUMBLED = [
+    ("robots.sat.base.spin_deg", [3, -2, 1]),
+    ("robots.sat.actuators", {"wheels": WHEELS | {"speed_limit": 600}}),
+    ("plan.goals", {"rest": {"still": "sat"}}),
+    ("plan.costs", {"base_wrench": 1}),
+    ("plan.limits", {}),
+    ("plan.duration", 2),
+]
+
+
+@pytest.fixture(scope="module")
+def turning(tmp_path_factory):
+    """Function of changes that gives the scene."""
+    folder = tmp_path_factory.mktemp("turn")
+    (folder / "unit.urdf").write_text(UNIT)
+    (folder / "turn.yaml").write_text(yaml.safe_dump(TURN))
+    return lambda *changes: load_scene(folder / "turn.yaml", list(changes))
+
+
+def test_least_energy_of_a_turn_about_a_principal_axis(turning):
+    """12 J^2 theta^2 / T^3, along the eigenaxis."""
+    found = make_plan(turning(), backend="interpreted")
+    assert found.cost == pytest.approx(12 * np.radians(120) ** 2 / 4**3, rel=1e-4)
+    ended = Rotation.from_quat(found.motion.q[-1, 3:]).as_rotvec(degrees=True)
+    np.testing.assert_allclose(ended, [0, 0, 120], atol=1e-4)
+
+
+def test_a_base_without_joints_is_replayed_by_its_attitude_also_where_it_has_a_tip(turning):
+    motion = make_plan(turning(), backend="interpreted").motion
+    states = np.repeat(np.concatenate([motion.q[0], motion.v[0]])[None], motion.intervals + 1, axis=0)
+    assert tip_errors(motion, states)["sat"][-1] == pytest.approx(np.radians(120), rel=1e-6)
+
+
+@pytest.mark.parametrize("changes", [[], DETUMBLED])
+def test_plans_of_bases_alone_are_written_drawn_flown_and_played(turning, tmp_path, changes):
+    named = [f"--set={path}={json.dumps(value)}" for path, value in changes]
+    scenario, plan, flown = turning().source, tmp_path / "plan", tmp_path / "flown"
+    run = CliRunner().invoke
+
+    def ran(*arguments):
+        found = run(app, [str(one) for one in arguments])
+        assert found.exit_code == 0, found.output
+        return found.output
+
+    ran("plan", scenario, *named, "--out", plan, "--backend", "interpreted")
+    assert (plan / "figures" / "plan_bases.png").is_file()
+    ran("run", plan / "followed.yaml", "--out", flown, "--backend", "interpreted")
+    ran("figures", plan, "--compare", flown)
+    ran("animate", flown, plan, "--html", tmp_path / "page.html")
+    stored, _ = read(plan)
+    assert stored.sizes["joint"] == 0
+    ends = {}
+    for name, data in (("planned", stored), ("flown", load(flown).data)):
+        ends[name] = base_motion(data, "sat")[1][-1]
+        np.testing.assert_allclose(data.v.values[-1], 0, atol=1e-5)
+    np.testing.assert_allclose(ends["flown"], ends["planned"], atol=1e-5)
+
+
+def test_a_turn_is_drawn_beyond_half_a_turn_with_the_limits_it_reaches(turning):
+    plan = dataset(make_plan(turning(), backend="interpreted"))
+    angles = np.linspace(0, 500, len(plan.time))
+    plan.q[:, 3:] = Rotation.from_rotvec(np.outer(angles, [0, 0, 1]), degrees=True).as_quat()
+    np.testing.assert_allclose(np.degrees(base_motion(plan, "sat")[1][:, 2]), angles, atol=1e-9)
+    greatest = float(np.abs(plan.base_wrench).max())
+    plan.base_wrench_limit[:] = [-greatest, greatest]
+    torque = plan_bases(plan).axes[2]
+    marked = [curve.get_ydata() for curve in torque.lines if curve.get_marker() == "s"]
+    np.testing.assert_allclose(np.abs(np.concatenate(marked)), greatest)
+
+
+def test_an_attitude_of_a_base_that_is_fixed_is_refused(tmp_path):
+    (tmp_path / "unit.urdf").write_text(UNIT)
+    robots = {"sat": {"urdf": "unit.urdf", "base": {"joint": "fixed"}}}
+    target = {"urdf": "unit.urdf", "base": {"joint": "free_flyer", "position": [1, 0, 0]}}
+    plan = TURN["plan"] | {"goals": {"turn": TURN["plan"]["goals"]["turn"]}}
+    (tmp_path / "fixed.yaml").write_text(yaml.safe_dump({"robots": robots, "target": target, "plan": plan}))
+    with pytest.raises(ScenarioError, match="so its attitude never changes; give it `joint: free_flyer`"):
+        Bench.of(load_scene(tmp_path / "fixed.yaml"), "interpreted")
