@@ -6,7 +6,7 @@ WHEEL_VENV := build/wheel-venv
 export PIP_CONSTRAINT := $(CURDIR)/constraints.txt
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: demo test check docs bench wheel-check clean
+.PHONY: demo test check check-js docs bench wheel-check clean
 
 demo: $(VENV)/installed  ## Run the main jobs: a docking, and the paper's scenario, from URDF to a result
 	$(BIN)/spacerobot run docking --out out/docking
@@ -25,6 +25,15 @@ check: $(VENV)/installed-all  ## Lint and type-check
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	@if command -v npm >/dev/null; then $(MAKE) --no-print-directory check-js; \
+	else echo "The JavaScript of the pages was not checked: Node (nodejs and npm) is not installed."; fi
+
+check-js: node_modules/installed  ## Lint and type-check the JavaScript of the pages, and compare vendored files with their packages
+	node_modules/.bin/eslint viz/web
+	node_modules/.bin/tsc --project jsconfig.json
+	cmp node_modules/uplot/dist/uPlot.iife.min.js viz/web/vendor/uPlot.iife.min.js
+	cmp node_modules/uplot/dist/uPlot.min.css viz/web/vendor/uPlot.min.css
+	cmp node_modules/gifenc/dist/gifenc.esm.js viz/web/vendor/gifenc.esm.js
 
 docs: $(VENV)/installed-all  ## The documentation's site, in build/site; a warning fails it
 	$(BIN)/python -m pip install --quiet --editable '.[docs]'
@@ -52,5 +61,9 @@ $(VENV)/installed-all: $(VENV)/installed
 	$(BIN)/python -m pip install --quiet --editable '.[test,check]'
 	touch $@
 
+node_modules/installed: package.json
+	npm install --no-package-lock --no-audit --no-fund --silent
+	touch $@
+
 clean:
-	rm -rf $(VENV) build dist out .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) node_modules build dist out .pytest_cache .mypy_cache .ruff_cache .hypothesis

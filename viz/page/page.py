@@ -16,53 +16,10 @@ from spacerobot.files import write_text
 from spacerobot.result import Result, note_derived
 from viz.page.animation import animation
 from viz.page.meshcat_scene import encoded, script_hash
+from viz.page.modules import joined
 
-SCRIPTS = (
-    "format.js",
-    "theme.js",
-    "shapes.js",
-    "tubes.js",
-    "run.js",
-    "blind.js",
-    "camera.js",
-    "legend.js",
-    "scene.js",
-    "timeline.js",
-    "events.js",
-    "signals.js",
-    "picker.js",
-    "chart.js",
-    "portrait.js",
-    "export.js",
-    "magnifier.js",
-    "readout.js",
-    "labels.js",
-    "busy.js",
-    "gif.js",
-    "picture.js",
-    "link.js",
-    "player.js",
-)
-"""Parts of the player, in order."""
-
-OFFLINE = ("studio/plots.js", "studio/spread.js", "studio/results.js", "main.js")
-"""What a page without a server has besides."""
-
-SERVED = (
-    "studio/wire.js",
-    "studio/rollouts.js",
-    "studio/designs.js",
-    "studio/numbers.js",
-    "studio/slider.js",
-    "studio/metrics.js",
-    "studio/bookmarks.js",
-    "studio/plots.js",
-    "studio/jobs.js",
-    "studio/keep.js",
-    "studio/studio.js",
-    "main.js",
-)
-"""What a studio's page has besides."""
+PLAYER, STUDIO = "main.js", "studio/main.js"
+"""Modules that are run: on a page of results, and on a studio's."""
 
 STYLES = ("page.css", "studio/studio.css")
 """How it looks, in order."""
@@ -103,23 +60,21 @@ def page(payload: Mapping[str, Any], *, connect: str = "'none'") -> str:
     connect
         What the page may connect to, as a source expression; nothing by default.
     """
-    more = SERVED if payload.get("studio") else OFFLINE
+    entry = STUDIO if payload.get("studio") else PLAYER
     parts = {
-        "policy": policy(connect, more=more),
+        "policy": policy(connect, entry=entry),
         "title": html.escape(str(payload["title"])),
         "style": "".join(map(_web, STYLES)),
         "payload": json_text(payload),
         "meshcat": meshcat_script(),
-        "player": player_script(more),
+        "player": player_script(entry),
     }
     return fill(_web("page.html"), parts)
 
 
-def policy(
-    connect: str = "'none'", *, style: str = "'unsafe-inline'", more: tuple[str, ...] = OFFLINE
-) -> str:
+def policy(connect: str = "'none'", *, style: str = "'unsafe-inline'", entry: str = PLAYER) -> str:
     """Content Security Policy: only the player's own scripts run, and nothing is fetched."""
-    scripts = f"{script_hash(meshcat_script())} {script_hash(player_script(more))}"
+    scripts = f"{script_hash(meshcat_script())} {script_hash(player_script(entry))}"
     return (
         f"default-src 'none'; script-src {scripts}; style-src {style}; img-src data: blob:; "
         f"connect-src {connect}; base-uri 'none'; form-action 'none'"
@@ -149,9 +104,9 @@ def meshcat_script() -> str:
 
 
 @cache
-def player_script(more: tuple[str, ...] = OFFLINE) -> str:
-    """Our player, in a scope of its own; ``more``: what this page has besides."""
-    return '"use strict";\n(() => {\n' + "\n".join(map(_web, (*SCRIPTS, *more))) + "\n})();\n"
+def player_script(entry: str = PLAYER) -> str:
+    """Our player, in a scope of its own; ``entry``: the module that is run."""
+    return joined(entry, _web)
 
 
 @cache

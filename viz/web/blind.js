@@ -1,5 +1,8 @@
 // A viewer where the browser cannot draw in three dimensions: a sentence stands for the scene, all else works.
-function viewerIn(pane) {
+import { element } from "./format.js";
+import { THREE } from "./three.js";
+
+export function viewerIn(pane) {
   try {
     return new MeshCat.Viewer(pane);
   } catch (fault) {

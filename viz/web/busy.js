@@ -1,5 +1,5 @@
 // What a program is doing, for how long already, and how far it is where it says so.
-class Busy {
+export class Busy {
   constructor(root) {
     this.root = root;
     setInterval(() => this.count(), 200);

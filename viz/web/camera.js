@@ -1,9 +1,13 @@
+import { THREE } from "./three.js";
+
 const TO_NAMES = 24, TO_SCALE = 24; // px that the scene leaves to names above it and to the scale below
 
 // The view: everything that ever moves fills what the words leave of the pane, from above where the scene is planar.
-class Eye {
+export class Eye {
   constructor(viewer, pane, side, onResize) {
-    [this.viewer, this.pane, this.side] = [viewer, pane, side];
+    this.viewer = viewer;
+    this.pane = pane;
+    this.side = side;
     this.moved = false;
     this.anchor = null;
     // the viewer measures the window; the pane is only a part of it
@@ -63,8 +67,8 @@ class Eye {
 
   // Points that must be seen, in copies of the scene moved by ``shifts``; the distance of the eye that results.
   fit(points, shifts, { planar, towards }) {
-    const camera = this.viewer.camera, frame = this.axes(planar, towards);
-    frame.across = frame.up.clone().cross(frame.back).normalize();
+    const camera = this.viewer.camera, { back, up } = this.axes(planar, towards);
+    const frame = { back, up, across: up.clone().cross(back).normalize() };
     camera.fov = planar ? 14 : 26;
     const [wide, tall] = this.aim();
     const all = shifts.flatMap((shift) => points.map((p) => Eye.toThree(p.map((v, c) => v + shift[c]))));

@@ -1,14 +1,19 @@
 // Chosen signals over time, a panel for each quantity: values under the pointer, a cursor, a click goes there.
-class Chart {
+import { amount, button, digits, element, floats, mark, niceStep } from "./format.js";
+import { inked, strokeOf, themed } from "./theme.js";
+
+export class Chart {
   constructor(root, { onSeek, onRemove }) {
     this.root = root;
     this.panels = root.querySelector(".panels");
     this.axis = root.querySelector(".axis");
     this.cursor = root.querySelector(".cursor");
     this.pointer = root.querySelector(".pointer");
-    [this.onSeek, this.onRemove] = [onSeek, onRemove];
+    this.onSeek = onSeek;
+    this.onRemove = onRemove;
     this.drawn = [];
     this.duration = 1;
+    /** @type {[number, number]} */
     this.window = [0, 1]; // the times that are seen
     for (const part of [this.panels, this.axis]) this.listen(part);
   }
@@ -41,7 +46,8 @@ class Chart {
 
   load(signals, duration) {
     const whole = this.window[1] - this.window[0] >= this.duration * 0.999;
-    [this.signals, this.duration] = [signals, duration];
+    this.signals = signals;
+    this.duration = duration;
     this.window = whole || this.window[1] > duration ? [0, duration] : this.window;
     this.choose();
   }

@@ -1,10 +1,13 @@
 // Phases and events of the first run, in a strip above the seek bar: a click on one goes there.
+import { button } from "./format.js";
+
 const PHASE_COLOURS = ["#31485f", "#4a3f5c"]; // in turn, so that neighbours differ
 const EVENT_COLOURS = { captured: "#4fd1a5", released: "#9aa8b8", slipped: "#ff5d6c", touched: "#ff5d6c", parted: "#9aa8b8" };
 
-class EventStrip {
+export class EventStrip {
   constructor(root, { onSeek }) {
-    [this.root, this.onSeek] = [root, onSeek];
+    this.root = root;
+    this.onSeek = onSeek;
     this.phases = [];
   }
 

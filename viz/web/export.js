@@ -1,5 +1,8 @@
 // The curves that are seen, as files: a table (CSV) or a picture (PNG).
-function curvesTable({ signals, window: [begin, end] }) {
+import { element } from "./format.js";
+import { inked, strokeOf, themed } from "./theme.js";
+
+export function curvesTable({ signals, window: [begin, end] }) {
   const columns = signals.runs.flatMap(({ label, time }, r) => {
     const rows = [...time.keys()].filter((i) => time[i] >= begin && time[i] <= end), who = signals.runs.length > 1 ? `${label}: ` : "";
     const shown = signals.shown.flatMap(({ title, unit, signals: own }) => own.filter(({ values }) => values[r]).map(({ name, values }) => (
@@ -14,7 +17,7 @@ function curvesTable({ signals, window: [begin, end] }) {
 }
 
 // Names above each panel, and the axis of time below the last.
-function curvesPicture({ drawn, axis, signals }) {
+export function curvesPicture({ drawn, axis, signals }) {
   const ratio = window.devicePixelRatio || 1, line = 18, parts = drawn.map(({ canvas }) => canvas.clientHeight + line);
   const canvas = element("canvas"), width = axis.clientWidth, height = parts.reduce((sum, part) => sum + part, 0) + axis.clientHeight;
   [canvas.width, canvas.height] = [Math.round(width * ratio), Math.round(height * ratio)];

@@ -1,9 +1,13 @@
 // Names of bodies in the scene, and of runs below them.
-function called(body) {
+import { Eye } from "./camera.js";
+import { element } from "./format.js";
+import { THREE } from "./three.js";
+
+export function called(body) {
   return body === "target" ? "object" : body;
 }
 
-class Labels {
+export class Labels {
   constructor(root) {
     this.root = root;
     this.bodies = this.feet = [];

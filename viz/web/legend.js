@@ -1,5 +1,8 @@
 // What is shown in the scene: a box for each layer.
-const LAYERS = [
+import { element, mark } from "./format.js";
+import { AXIS_COLOURS, COLOURS } from "./shapes.js";
+
+export const LAYERS = [
   ["names", "names", "#ffffff", "text"], ["traces", "paths of tips and object", COLOURS.target, "line"],
   ["reference", "reference paths of tips", COLOURS.reference, "thin"],
   ["forces", "grip forces on the object", COLOURS.force, "arrow"],
@@ -14,9 +17,11 @@ const LAYERS = [
 ];
 const HIDDEN_AT_FIRST = ["centres", "momenta", "frames"];
 
-class Legend {
+export class Legend {
   constructor(root, form, onToggle) {
-    [this.root, this.form, this.onToggle] = [root, form, onToggle];
+    this.root = root;
+    this.form = form;
+    this.onToggle = onToggle;
     this.reset();
   }
 

@@ -1,5 +1,5 @@
 // What the page shows, in its address: behind "#", so that a link shows the same and nothing is sent to anybody.
-class Link {
+export class Link {
   // A part's ``read`` gives what it shows as pairs of name and text; its ``apply`` shows such pairs again.
   constructor(part) {
     this.parts = [part];

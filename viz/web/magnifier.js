@@ -1,5 +1,9 @@
 // Where the tips are around their references, enlarged: errors are too small to see in the scene.
-class Magnifier {
+import { locate, niceStep } from "./format.js";
+import { tipColour } from "./shapes.js";
+import { THREE } from "./three.js";
+
+export class Magnifier {
   constructor(figure, eye) {
     this.figure = figure;
     this.canvas = figure.querySelector("canvas");

@@ -1,23 +1,20 @@
-// Start, or say why not.
-function start() {
-  const payload = JSON.parse($("payload").textContent);
-  const player = new Player(), results = payload.studio ? null : new Results(player);
-  if (payload.runs.length) {
-    results.load(payload);
-    if (payload.autoplay && !STILL.matches) player.timeline.play();
-    player.link.follow();
-  } else {
-    $("title").textContent = payload.title;
-    $("about").textContent = payload.about;
-    player.timeline.enable(false);
-  }
-  if (payload.live) follow(player, results);
-  if (payload.studio) new Studio(player, `ws://${location.host}/studio${location.search}`);
-  document.body.dataset.ready = "true";
-}
+// The page of results: what it holds, or what the program that serves it sends.
+import { $ } from "./format.js";
+import { Player } from "./player.js";
+import { Results } from "./studio/results.js";
+import { STILL } from "./theme.js";
 
-// Live: the page shows what its server sends, and says so when the server has gone.
-function follow(player, results) {
+const payload = JSON.parse($("payload").textContent), player = new Player(), results = new Results(player);
+if (payload.runs.length) {
+  results.load(payload);
+  if (payload.autoplay && !STILL.matches) player.timeline.play();
+  player.link.follow();
+} else player.wait(payload);
+if (payload.live) follow();
+document.body.dataset.ready = "true";
+
+// Shows what the server sends, and says so when the server has gone.
+function follow() {
   const stream = new WebSocket(`ws://${location.host}/stream`);
   let linked = false; // what the address says is meant for the first result, not for those that follow
   stream.onmessage = (message) => {
@@ -38,5 +35,3 @@ function follow(player, results) {
     $("about").textContent = "the viewer's program has ended; this page keeps what it has";
   };
 }
-
-start();

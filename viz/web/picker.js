@@ -1,7 +1,11 @@
 // The list from which signals are chosen: quantities, and the signals of each.
-class SignalPicker {
+import { element, mark } from "./format.js";
+
+export class SignalPicker {
   constructor(panel, opener, onChange) {
-    [this.panel, this.opener, this.onChange] = [panel, opener, onChange];
+    this.panel = panel;
+    this.opener = opener;
+    this.onChange = onChange;
     this.search = panel.querySelector("input[type=search]");
     this.list = panel.querySelector(".list");
     this.search.addEventListener("input", () => this.filter());

@@ -1,11 +1,18 @@
 // The view as files: one picture (PNG), or the motion (GIF). Encoded here; nothing is asked of any network.
+import { element } from "./format.js";
+import { GIFEncoder, applyPalette, quantize } from "./vendor/gifenc.esm.js";
+
 const VIDEO = { width: 1280, kinds: ["video/mp4;codecs=avc1", "video/mp4", "video/webm;codecs=vp9", "video/webm"], bitsPerSecond: 6e6 };
 const FILM = { width: 640, perSecond: 12.5, longest: 10, samples: 8 }; // px, 1/s, s, pictures that the colours are chosen by
+const AS_BEFORE = 255; // the last of a GIF's 256 colours: a pixel that has not changed
 
-class Camera {
+export class Camera {
   // ``write``: says what is seen, in words, onto a picture; ``seek``: goes to a time.
   constructor(scene, labels, { seek, words }) {
-    Object.assign(this, { scene, labels, seek, words });
+    this.scene = scene;
+    this.labels = labels;
+    this.seek = seek;
+    this.words = words;
   }
 
   // What the pane shows now, as a canvas ``width`` wide.
@@ -52,18 +59,28 @@ class Camera {
     const frame = (share) => {
       this.seek(share * duration);
       const canvas = this.take(width);
-      return [canvas, canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data];
+      return canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
     };
-    const samples = Array.from({ length: FILM.samples }, (_, k) => frame(k / (FILM.samples - 1)));
-    const [first] = samples[0];
-    const gif = new Gif(first.width, first.height, new Palette(samples.map(([, pixels]) => pixels)), 100 / FILM.perSecond);
+    // one palette for all: what has not changed is not written again, and does not flicker
+    const shown = Array.from({ length: FILM.samples }, (_, k) => frame(k / (FILM.samples - 1))), [{ data: { length } }] = shown;
+    const pixels = new Uint8ClampedArray(length * shown.length);
+    shown.forEach(({ data }, k) => pixels.set(data, k * length));
+    const palette = quantize(pixels, AS_BEFORE), table = Array.from({ length: 256 }, (_, k) => palette[k] || [0, 0, 0]), gif = GIFEncoder();
+    /** @type {Uint8Array} */
+    let before = new Uint8Array();
     for (let k = 0; k < count; k++) {
-      gif.add(frame(k / (count - 1))[1]);
+      const { data, width: wide, height } = frame(k / (count - 1)), now = applyPalette(data, palette);
+      const changed = now.map((colour, i) => (colour === before[i] ? AS_BEFORE : colour));
+      gif.writeFrame(changed, wide, height, {
+        palette: k ? undefined : table, delay: 1000 / FILM.perSecond, transparent: true, transparentIndex: AS_BEFORE, dispose: 1,
+      });
+      before = now;
       tell(`writing the GIF: ${Math.round((100 * (k + 1)) / count)} %`);
       await new Promise((resume) => setTimeout(resume, 0));
       if (!going()) return;
     }
-    saveBlob(gif.finish(), `${name}.gif`);
+    gif.finish();
+    saveBlob(new Blob([gif.bytes()], { type: "image/gif" }), `${name}.gif`);
   }
 
   // The same as a video, as this browser writes it, recorded while it plays: a slow computer leaves out pictures.
@@ -96,7 +113,7 @@ class Camera {
   }
 }
 
-function saveText(text, name, type) {
+export function saveText(text, name, type) {
   saveBlob(new Blob([text], { type }), name);
 }
 
@@ -106,7 +123,7 @@ function saveBlob(blob, name) {
   setTimeout(() => URL.revokeObjectURL(address), 60000);
 }
 
-function save(address, name) {
+export function save(address, name) {
   const link = element("a");
   [link.href, link.download] = [address, name];
   link.click();

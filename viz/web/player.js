@@ -1,5 +1,24 @@
 // The page: puts its parts together, and lets each hear of what the others do.
-class Player {
+import { Busy } from "./busy.js";
+import { Chart } from "./chart.js";
+import { EventStrip } from "./events.js";
+import { curvesPicture, curvesTable } from "./export.js";
+import { $, element, floats, options } from "./format.js";
+import { Labels, called } from "./labels.js";
+import { LAYERS, Legend } from "./legend.js";
+import { Link } from "./link.js";
+import { Magnifier } from "./magnifier.js";
+import { SignalPicker } from "./picker.js";
+import { Camera, save, saveText } from "./picture.js";
+import { Portrait } from "./portrait.js";
+import { Readout } from "./readout.js";
+import { Scene } from "./scene.js";
+import { cloudOf } from "./shapes.js";
+import { Signals } from "./signals.js";
+import { LIGHT } from "./theme.js";
+import { Timeline } from "./timeline.js";
+
+export class Player {
   constructor() {
     this.scene = new Scene($("pane"), $("side"), () => this.laidOut());
     this.timeline = new Timeline(
@@ -28,6 +47,13 @@ class Player {
     this.listen();
     this.last = performance.now();
     requestAnimationFrame((now) => this.tick(now));
+  }
+
+  // Until there is anything to show.
+  wait({ title, about }) {
+    $("title").textContent = title;
+    $("about").textContent = about;
+    this.timeline.enable(false);
   }
 
   load(payload) {
@@ -195,20 +221,20 @@ class Player {
     this.labels.place(this.scene.viewer.camera, this.scene.pane, this.scene.boxes, this.payload.planar, shown);
   }
 
-  // ``save``: the camera's way to do so; the button that asked for it stops it.
-  async film(button, save) {
+  // ``write``: the camera's way to do so; the button that was pressed stops it.
+  async film(asked, write) {
     if (this.filming) { this.filming = false; return; }
-    const { time, duration, speed } = this.timeline, name = button.textContent;
+    const { time, duration, speed } = this.timeline, name = asked.textContent;
     this.filming = true;
     this.timeline.pause();
-    button.textContent = `stop ${name}`;
+    asked.textContent = `stop ${name}`;
     try {
-      await save(this.fileName, {
+      await write(this.fileName, {
         duration, speed, tell: (text) => { this.place(); this.busy.say(text); }, going: () => this.filming,
       });
     } finally {
       this.filming = false;
-      button.textContent = name;
+      asked.textContent = name;
       this.busy.end();
       this.timeline.seek(time);
     }

@@ -1,9 +1,15 @@
 // A phase portrait: one signal over another, for all runs, with a dot where time stands.
-class Portrait {
+import { digits, options } from "./format.js";
+import { strokeOf } from "./theme.js";
+
+export class Portrait {
   constructor(figure, opener, onChange) {
-    [this.figure, this.opener, this.onChange] = [figure, opener, onChange];
+    this.figure = figure;
+    this.opener = opener;
+    this.onChange = onChange;
     this.canvas = figure.querySelector("canvas");
-    [this.across, this.up] = ["across", "up"].map((name) => figure.querySelector(`.${name}`));
+    this.across = figure.querySelector(".across");
+    this.up = figure.querySelector(".up");
     for (const select of [this.across, this.up]) select.addEventListener("change", () => { this.draw(); onChange(); });
     opener.addEventListener("click", () => this.open(figure.hidden));
     figure.querySelector(".close").addEventListener("click", () => this.open(false));
@@ -65,7 +71,8 @@ class Portrait {
     return most - least > 1e-12 ? [least, most] : [least - 1, most + 1];
   }
 
-  axes(pen, chosen, [[left, right], [low, high]], [[x0, x1], [y0, y1]]) {
+  axes(pen, chosen, ranges, edges) {
+    const [[left, right], [low, high]] = ranges, [[x0, x1], [y0, y1]] = edges;
     pen.strokeStyle = "#5b6c7e";
     pen.strokeRect(x0, y1, x1 - x0, y0 - y1);
     pen.fillStyle = "#e8edf3";
@@ -78,7 +85,8 @@ class Portrait {
     say(chosen[1].unit, x0 - 3, y1 + 22, "right");
   }
 
-  curve(pen, { time, pale }, r, chosen, [x, y]) {
+  curve(pen, { time, pale }, r, chosen, places) {
+    const [x, y] = places;
     const [a, b] = chosen.map(({ signal }) => signal.values[r]);
     if (!a || !b) return;
     pen.globalAlpha = pale ? 0.5 : 1;

@@ -1,5 +1,8 @@
 // Time, and the size of each tip's error.
-class Readout {
+import { element, errorSize, mark } from "./format.js";
+import { tipColour } from "./shapes.js";
+
+export class Readout {
   constructor(root) {
     this.root = root;
     this.values = [];

@@ -1,8 +1,13 @@
 // One run in the scene: bodies, ghosts, paths, forces, at any time.
+import { floats, locate } from "./format.js";
+import { COLOURS, arrow, ball, dye, ghostOf, overlay, plume, setPose, surfaces, tipColour, triad } from "./shapes.js";
+import { THREE } from "./three.js";
+import { grow, tube, tubeGeometry } from "./tubes.js";
+
 const FLASH_S = 1, IMPULSE_S = 0.4; // of simulated time
 const PALE = "#dfe6ee"; // the design before
 
-class Run {
+export class Run {
   // ``sizes``: of the scene, of arrows a newton, of thrust a newton, and a newton second, all in metres; ``closeness`` shrinks what marks.
   constructor(data, sizes, closeness) {
     this.read(data);
@@ -90,7 +95,8 @@ class Run {
 
   addPaths() {
     const thin = 0.0011 * this.scale, thick = 0.0021 * this.scale;
-    [this.growing, this.paths] = [[], []];
+    this.growing = [];
+    this.paths = [];
     this.data.references.forEach((_, k) => {
       this.path("reference", () => floats(this.data.references[k]), thin, overlay(COLOURS.reference, 0.75), 10);
     });
@@ -222,8 +228,8 @@ class Run {
   }
 
   // What a diverged run does in its last instants would leave the picture.
-  point(arrow) {
-    arrow.point(this.from, this.vector.clampLength(0, 0.4 * this.scale));
+  point(shown) {
+    shown.point(this.from, this.vector.clampLength(0, 0.4 * this.scale));
   }
 
   place(node, a, b, share) {
@@ -258,7 +264,7 @@ class Run {
 }
 
 // Least and greatest place of any body of some runs at any time.
-function extentOf(runs) {
+export function extentOf(runs) {
   const low = [Infinity, Infinity, Infinity], high = low.map((v) => -v);
   for (const { poses } of runs) {
     for (let i = 0; i < poses.length; i += 7) {

@@ -1,10 +1,18 @@
 // Whether bodies have the same shapes.
-function alike(nodes, others) {
+import { viewerIn } from "./blind.js";
+import { Eye } from "./camera.js";
+import { niceStep } from "./format.js";
+import { LAYERS } from "./legend.js";
+import { Run, extentOf } from "./run.js";
+import { COLOURS, RUN_COLOURS, keepMeshes } from "./shapes.js";
+import { THREE } from "./three.js";
+
+export function alike(nodes, others) {
   return nodes === others || JSON.stringify(nodes) === JSON.stringify(others);
 }
 
 // The scene: runs beside or over each other, layers, camera.
-class Scene {
+export class Scene {
   constructor(pane, side, onResize) {
     this.pane = pane;
     this.viewer = viewerIn(pane);
@@ -33,7 +41,8 @@ class Scene {
 
   // ``shown``: whether each layer is, by name; kept, not copied.
   load(payload, shown) {
-    [this.payload, this.shown] = [payload, shown];
+    this.payload = payload;
+    this.shown = shown;
     this.near = false;
     this.followed = "";
     this.time = 0;
@@ -144,9 +153,7 @@ class Scene {
     const grid = new THREE.GridHelper(2 * half, Math.round((2 * half) / step), COLOURS.grid, COLOURS.grid);
     grid.rotateX(Math.PI / 2);
     grid.position.set(Math.round((low[0] + high[0]) / 2 / step) * step, Math.round((low[1] + high[1]) / 2 / step) * step, low[2]);
-    grid.material.transparent = true;
-    grid.material.opacity = 0.16;
-    grid.material.depthWrite = false;
+    Object.assign(grid.material, { transparent: true, opacity: 0.16, depthWrite: false });
     this.viewer.set_object(["Scale"], grid);
     this.spacing = Number(step.toPrecision(3));
   }
@@ -174,7 +181,7 @@ class Scene {
     if (!over) shifts.push([0, -size[1] * 1.12, 0]);
     const moved = (shift) => this.runs.map((_, k) => shift.map((v) => k * v));
     const points = this.reach, fit = (shift) => this.eye.fit(points, moved(shift), this.payload);
-    const best = shifts.map((shift) => [fit(shift), shift]).sort((a, b) => a[0] - b[0])[0][1];
+    const distances = shifts.map(fit), best = shifts[distances.indexOf(Math.min(...distances))];
     this.boxes = moved(best).map((shift) => [low, high].map((p) => p.map((v, c) => v + shift[c])));
     this.runs.forEach((run, k) => {
       run.root.position.set(...best.map((v) => k * v));

@@ -1,21 +1,24 @@
-// Three.js objects from the page's plain data. MeshCat brings Three.js with it.
-const THREE = MeshCat.THREE;
+// Three.js objects from the page's plain data.
+import { bytes, floats } from "./format.js";
+import { THREE } from "./three.js";
+import { tube } from "./tubes.js";
+
 // Of tips, and of curves: far from each other, and from a dark page as well as, darkened, from a light one.
 const TIP_COLOURS = [
   "#56b4e9", "#ffb000", "#f29ad0", "#f0e442", "#9be564", "#c9b6ff", "#dc28f0", "#f0503c", "#a08c50", "#28f0dc", "#28f028", "#f03cb4",
   "#50a064", "#7878f0", "#788c8c", "#f0a08c", "#f05078", "#28f0a0", "#c87828", "#c8dca0", "#8ca028", "#dc78f0", "#28a028", "#f0c864",
 ];
-const AXIS_COLOURS = ["#ff5c5c", "#5ee05e", "#6fa8ff"];
-const COLOURS = {
+export const AXIS_COLOURS = ["#ff5c5c", "#5ee05e", "#6fa8ff"];
+export const COLOURS = {
   target: "#35e0a1", force: "#ff5c6c", contact: "#c77dff", impulse: "#ff9d2e", reference: "#ffffff", mate: "#ffffff", grid: "#8fa3b8",
   centre: "#ffd23f", momentum: "#7df9ff", plume: "#ffdca8",
 };
-const RUN_COLOURS = ["#56b4e9", "#ff8c42", "#9be564", "#f29ad0", "#f0e442", "#c9b6ff", ...TIP_COLOURS.slice(6)];
+export const RUN_COLOURS = ["#56b4e9", "#ff8c42", "#9be564", "#f29ad0", "#f0e442", "#c9b6ff", ...TIP_COLOURS.slice(6)];
 
 // Geometries of the page's meshes, each made once for all solids that show it.
 let meshes = [], madeOf;
 
-function keepMeshes(data) {
+export function keepMeshes(data) {
   if (data === madeOf) return;
   madeOf = data;
   meshes.forEach((geometry) => geometry.dispose());
@@ -62,7 +65,7 @@ function solidGeometry({ kind, size, mesh }, scale) {
 }
 
 // A body's solids, as few objects as can be, for each costs a draw call: closed ones of one opacity are one.
-function surfaces(solids, scale) {
+export function surfaces(solids, scale) {
   const closed = new Map(), found = [];
   for (const solid of solids) {
     const alpha = solid.rgba[3];
@@ -93,7 +96,8 @@ function surface(geometry, colours, opacity, side) {
 }
 
 // A surface in its own colours, or mostly in another one.
-function dye({ geometry, material, userData: { colours } }, colour) {
+/** @param {any} surface  @param {string} [colour] */
+export function dye({ geometry, material, userData: { colours } }, colour) {
   const other = new THREE.Color(colour).toArray(), mixed = colours.map((own, k) => (colour ? own + 0.7 * (other[k % 3] - own) : own));
   if (!material.vertexColors) { material.color.fromArray(mixed); return; }
   geometry.attributes.color.copyArray(mixed);
@@ -121,14 +125,13 @@ function merged(geometries) {
 }
 
 // Where a body began: its solids' surfaces hardly seen, and their edges.
-function ghostOf({ solids }, scale) {
+export function ghostOf({ solids }, scale) {
   const ghost = new THREE.Group();
   const fill = new THREE.MeshBasicMaterial({ color: "#ffffff", opacity: 0.1, transparent: true, depthWrite: false,
     polygonOffset: true, polygonOffsetFactor: 4, polygonOffsetUnits: 4 });
   const edge = new THREE.LineBasicMaterial({ color: "#ffffff", opacity: 0.55, transparent: true }), edges = [];
   for (const mesh of surfaces(solids, scale)) {
-    mesh.material = fill;
-    ghost.add(mesh);
+    ghost.add(Object.assign(mesh, { material: fill }));
   }
   for (const solid of solids) edges.push(...placed(new THREE.EdgesGeometry(solidGeometry(solid, scale), 30), solid).attributes.position.array);
   const lines = new THREE.BufferGeometry();
@@ -138,23 +141,23 @@ function ghostOf({ solids }, scale) {
 }
 
 // Position and quaternion (x, y, z, w).
-function setPose(object, pose) {
+export function setPose(object, pose) {
   object.position.fromArray(pose, 0);
   object.quaternion.fromArray(pose, 3);
 }
 
-function overlay(colour, opacity) {
+export function overlay(colour, opacity) {
   return new THREE.MeshBasicMaterial({ color: colour, opacity, transparent: true, depthTest: false, depthWrite: false });
 }
 
-function arrow(size, colour) {
+export function arrow(size, colour) {
   const material = overlay(colour, 1);
   const group = new THREE.Group();
   const shaft = new THREE.Mesh(new THREE.CylinderGeometry(size, size, 1, 10).translate(0, 0.5, 0), material);
   const head = new THREE.Mesh(new THREE.ConeGeometry(2.8 * size, 6 * size, 14).translate(0, 3 * size, 0), material);
   shaft.renderOrder = head.renderOrder = 30;
   group.add(shaft, head);
-  group.point = (from, vector) => {
+  const point = (from, vector) => {
     const length = vector.length();
     group.visible = length > 0.5 * size;
     if (!group.visible) return;
@@ -165,17 +168,17 @@ function arrow(size, colour) {
     shaft.scale.set(1, Math.max(1e-6, length - headLength), 1);
     head.position.y = length - headLength;
   };
-  return group;
+  return Object.assign(group, { point });
 }
 
-function ball(radius, colour, order) {
+export function ball(radius, colour, order) {
   const mesh = new THREE.Mesh(new THREE.SphereGeometry(radius, 16, 12), overlay(colour, 1));
   mesh.renderOrder = order;
   return mesh;
 }
 
 // Thin lines, one for each tip of each sample: points (samples, times, tips, 3).
-function cloudOf(points, [samples, times, tips]) {
+export function cloudOf(points, [samples, times, tips]) {
   const places = [], colours = [];
   for (let s = 0; s < samples; s++) {
     for (let k = 0; k < tips; k++) {
@@ -199,13 +202,13 @@ function cloudOf(points, [samples, times, tips]) {
 }
 
 // A cone of gas that leaves a nozzle against the force on the body.
-function plume(colour) {
+export function plume(colour) {
   const material = new THREE.MeshBasicMaterial({
     color: colour, opacity: 0.6, transparent: true, depthWrite: false, side: THREE.DoubleSide,
   });
   const cone = new THREE.Mesh(new THREE.ConeGeometry(0.22, 1, 20, 1, true).translate(0, -0.5, 0), material);
   cone.renderOrder = 15;
-  cone.fire = (from, force, shortest) => {
+  const fire = (from, force, shortest) => {
     const length = force.length();
     cone.visible = length > shortest;
     if (!cone.visible) return;
@@ -213,11 +216,11 @@ function plume(colour) {
     cone.quaternion.setFromUnitVectors(new THREE.Vector3(0, 1, 0), force.clone().divideScalar(length));
     cone.scale.setScalar(length);
   };
-  return cone;
+  return Object.assign(cone, { fire });
 }
 
 // A body's own axes: x red, y green, z blue.
-function triad(length) {
+export function triad(length) {
   const group = new THREE.Group();
   [[1, 0, 0], [0, 1, 0], [0, 0, 1]].forEach((axis, k) => {
     const points = new Float32Array([0, 0, 0, ...axis.map((v) => v * length)]);
@@ -228,11 +231,11 @@ function triad(length) {
   return group;
 }
 
-function tipColour(k) {
+export function tipColour(k) {
   return TIP_COLOURS[k % TIP_COLOURS.length];
 }
 
 // Colour of a signal: that of its tip, of its body, of all together, or one of its own.
-function signalColour([kind, k]) {
+export function signalColour([kind, k]) {
   return kind === "all" ? "#ffffff" : tipColour(k);
 }

@@ -1,5 +1,8 @@
 // Every signal of all runs, by quantity; which of them are chosen.
-class Signals {
+import { floats, locate } from "./format.js";
+import { signalColour } from "./shapes.js";
+
+export class Signals {
   // A signal has a name, a colour and, for each run, its values; those of a run that has none are null.
   constructor(runs) {
     this.runs = runs.map((run) => ({ label: run.label, time: floats(run.fine_time), completed: run.completed, pale: run.pale }));

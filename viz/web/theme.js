@@ -1,20 +1,20 @@
 // Colours of the page's scheme, for what is drawn by hand.
-const LIGHT = window.matchMedia("(prefers-color-scheme: light)");
-const STILL = window.matchMedia("(prefers-reduced-motion: reduce)");
+export const LIGHT = window.matchMedia("(prefers-color-scheme: light)");
+export const STILL = window.matchMedia("(prefers-reduced-motion: reduce)");
 
-function themed(name) {
+export function themed(name) {
   return getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 }
 
 // How curves of several runs are drawn, so that each signal keeps its colour.
 const STROKES = [["", []], ["dashed", [6, 3]], ["dotted", [2, 2]], ["dash-dotted", [9, 3, 2, 3]], ["long dashes", [14, 4]], ["sparse dots", [2, 6]]];
 
-function strokeOf(r) {
+export function strokeOf(r) {
   return STROKES[r % STROKES.length];
 }
 
 // A curve's colour: made for a dark page, darker on a light one.
-function inked(colour) {
+export function inked(colour) {
   if (!LIGHT.matches) return colour;
   const parts = [1, 3, 5].map((k) => Math.round(0.55 * parseInt(colour.slice(k, k + 2), 16)));
   return `rgb(${parts.join(" ")})`;

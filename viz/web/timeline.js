@@ -1,11 +1,18 @@
 // Time: where it stands, whether and how fast it runs, and the controls for it.
+import { options } from "./format.js";
+
 const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 5, 10, 20, 50, 100, 1000, 10000, 100000];
 const THUMB = 16; // px, width of the seek bar's knob; in step with page.css
 const REST = 1.2; // s at the end before it starts again
 
-class Timeline {
+export class Timeline {
   constructor({ play, scrub, clock, speed }, { onSeek, onRest }) {
-    Object.assign(this, { playButton: play, scrub, clock, speedSelect: speed, onSeek, onRest });
+    this.playButton = play;
+    this.scrub = scrub;
+    this.clock = clock;
+    this.speedSelect = speed;
+    this.onSeek = onSeek;
+    this.onRest = onRest;
     this.time = 0;
     this.duration = 1e-9;
     this.speed = 1;

@@ -1,16 +1,18 @@
 // Paths as round lines: rings of vertices where a path bends, and between them straight.
+import { THREE } from "./three.js";
+
 const SIDES = 6, CORNERS = 3 * SIDES;
 const RING = Array.from({ length: SIDES }, (_, k) => [Math.cos((2 * Math.PI * k) / SIDES), Math.sin((2 * Math.PI * k) / SIDES)]);
 const BEND = 1 / 16; // of its radius: so far a path may lie beside its points
 
-function tube(points, radius, material) {
+export function tube(points, radius, material) {
   const mesh = new THREE.Mesh(tubeGeometry(points, radius), material);
   mesh.frustumCulled = false;
   return mesh;
 }
 
 // A tube through points (n, 3), one after the other.
-function tubeGeometry(points, radius) {
+export function tubeGeometry(points, radius) {
   const places = bends(points, BEND * radius), positions = new Float32Array(places.length * CORNERS);
   let [tx, ty, tz, nx, ny, nz] = [1, 0, 0, 0, 0, 1], at = 0; // tangent and normal
   places.forEach((i, k) => {
@@ -64,7 +66,7 @@ function farthest(points, from, to) {
 }
 
 // A tube as far as its point number i: behind the bend before it the next ring is where that point is.
-function grow({ geometry }, i) {
+export function grow({ geometry }, i) {
   const { points, places, positions } = geometry.userData, ring = places.findLastIndex((place) => place <= i), more = places[ring] < i;
   const seen = geometry.attributes.position, from = CORNERS * ring;
   seen.array.set(positions);

@@ -16,6 +16,7 @@ from spacerobot.simulation import simulate
 from viz.drawing.placements import joint_placements
 from viz.page.animation import animation
 from viz.page.masses import centres_of_mass
+from viz.page.modules import joined
 from viz.page.page import animation_page
 from viz.page.signals import MOST_SAMPLES, Quantity, Signal, chart_rows, quantities
 
@@ -336,17 +337,17 @@ def test_a_path_is_drawn_by_few_rings_where_it_bends_and_ends_where_time_stands(
     circle = np.stack([np.sin(angle) / 10, 0.1 - np.cos(angle) / 10, 0 * angle], axis=1)
     points, radius = np.concatenate([there, circle, there[::-1]]), 0.01
     browser.open("about:blank")
-    browser.evaluate(
-        "window.THREE = { BufferAttribute: function (array) { this.array = array; }, BufferGeometry: class {"
-        " setAttribute(name, values) { this.attributes = { [name]: values }; } setIndex() {}"
-        " setDrawRange(from, count) { this.count = count; } } }; 0"
-    )
-    browser.evaluate(
-        f"{(files('viz') / 'web' / 'tubes.js').read_text()};\n"
-        f"window.made = tubeGeometry(Float32Array.from({points.ravel().tolist()}), {radius}); "
+    modules = {
+        "tubes.js": (files("viz") / "web" / "tubes.js").read_text(),
+        "three.js": "export const THREE = { BufferAttribute: function (array) { this.array = array; },"
+        " BufferGeometry: class { setAttribute(name, values) { this.attributes = { [name]: values }; }"
+        " setIndex() {} setDrawRange(from, count) { this.count = count; } } };\n",
+        "test.js": 'import { grow, tubeGeometry } from "./tubes.js";\n'
+        f"window.made = tubeGeometry(Float32Array.from({points.ravel().tolist()}), {radius});\n"
         "window.seen = (i) => { grow({ geometry: made }, i);"
-        " return [made.count / 36, ...made.attributes.position.array]; }; 0"
-    )
+        " return [made.count / 36, ...made.attributes.position.array]; };\n",
+    }
+    browser.evaluate(joined("test.js", modules.__getitem__))
     places = browser.evaluate("made.userData.places")
     assert (places[0], places[-1]) == (0, len(points) - 1)
     assert len(places) < 80

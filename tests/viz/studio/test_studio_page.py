@@ -152,9 +152,16 @@ def test_a_search_is_started_and_stopped(opened):
 def test_a_campaign_draws_its_samples(opened):
     page = opened()
     page.evaluate("document.querySelector('#jobs .samples').value = 16")
+    page.evaluate(
+        "window.said = []; new MutationObserver(() => said.push(document.querySelector('#jobs .words')"
+        ".textContent)).observe(document.querySelector('#jobs .words'), { childList: true }); 0"
+    )
     page.evaluate("document.querySelector('#jobs .campaign').click()")
     page.wait_for(f"{WORDS}.startsWith('done')", 60)
     assert "16 of 16 samples" in page.evaluate(WORDS)
+    said = page.evaluate("said")
+    assert "building and compiling" in said  # before the first sample there is nothing to count
+    assert not [words for words in said if "undefined" in words]
     assert "over 16 samples" in page.evaluate(
         "document.querySelector('#jobs .plot').getAttribute('aria-label')"
     )

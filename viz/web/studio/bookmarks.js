@@ -1,8 +1,12 @@
 // Kept designs side by side: their metrics, and the numbers in which they differ.
-class Bookmarks {
+import { amountOf, button, element, tableRow } from "../format.js";
+import { short } from "./numbers.js";
+
+export class Bookmarks {
   // ``designs``: whose; ``metricsOf`` gives a design's metrics once they are known.
   constructor(root, metricsOf) {
-    [this.root, this.metricsOf] = [root, metricsOf];
+    this.root = root;
+    this.metricsOf = metricsOf;
     this.name = root.querySelector("input");
     const keep = () => {
       this.designs.keep(this.name.value.trim() || `design ${this.designs.kept.length + 1}`);

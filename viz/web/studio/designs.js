@@ -1,10 +1,15 @@
 // Designs: values that differ from the scenario's, by path. The one in the hand, those kept by name, the steps to here.
-class Designs {
+import { keyOf } from "./rollouts.js";
+
+export class Designs {
   // ``own``: the scenario's values by path; more may come with another structure.
   constructor(own, onChange) {
-    [this.own, this.onChange] = [own, onChange];
-    [this.now, this.kept] = [{}, []];
-    [this.steps, this.at] = [[{ now: this.now, kept: this.kept }], 0];
+    this.own = own;
+    this.onChange = onChange;
+    this.now = {};
+    this.kept = [];
+    this.steps = [{ now: this.now, kept: this.kept }];
+    this.at = 0;
     this.chosen = null; // name of the kept one that the one in the hand is compared with
   }
 
@@ -96,7 +101,7 @@ function freeName(wanted, kept) {
   return name;
 }
 
-function parsed(text) {
+export function parsed(text) {
   try {
     return JSON.parse(text) || {};
   } catch {

@@ -1,9 +1,16 @@
 // What runs in the background: steps along the gradient, a search, a campaign. One at a time; it can be stopped.
-class Jobs {
+import { amount, options } from "../format.js";
+import { plotConvergence, plotHistogram } from "./plots.js";
+
+export class Jobs {
   // ``ask`` sends a request; ``brief`` gives what the design in the hand is: values, ranges, the metric of a key (else
   // the chosen one) and its value now.
   constructor(root, { ask, brief, onBest, onCloud }) {
-    Object.assign(this, { root, ask, brief, onBest, onCloud });
+    this.root = root;
+    this.ask = ask;
+    this.brief = brief;
+    this.onBest = onBest;
+    this.onCloud = onCloud;
     this.part = (name) => root.querySelector(`.${name}`);
     this.part("improve").addEventListener("click", () => this.start("improve"));
     this.part("tune").addEventListener("click", () => this.start("tune", { method: this.part("method").value }));
@@ -36,7 +43,9 @@ class Jobs {
   }
 
   begin(request) {
-    [this.id, this.following, this.last] = [undefined, true, null];
+    this.id = undefined;
+    this.following = true;
+    this.last = null;
     this.say("begins");
     this.running = true;
     this.onCloud(null);
@@ -45,9 +54,11 @@ class Jobs {
   }
 
   hear(job) {
-    [this.id, this.last, this.running] = [job.id, job, job.state === "running"];
+    this.id = job.id;
+    this.last = job;
+    this.running = job.state === "running";
     this.part("progress").value = job.progress;
-    const spent = job.kind === "campaign" ? `${job.done} of ${job.samples} samples` : `${Math.round(job.curve?.at(-1)?.[0] ?? 0)} rollouts`;
+    const spent = job.samples ? `${job.done} of ${job.samples} samples` : job.curve?.length ? `${Math.round(job.curve.at(-1)[0])} rollouts` : "";
     this.say([this.running ? "" : job.state, job.message, spent].filter(Boolean).join(": "));
     if (job.paths) this.onCloud(job);
     if (job.best && this.following) this.take(!this.running);

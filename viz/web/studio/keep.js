@@ -1,12 +1,15 @@
 // Ways to keep the design: files beside the scenario, written by the server, and the command that runs it again.
+import { $, button } from "../format.js";
+
 const SAVES = {
   scenario: "scenario file", result: "result folder", page: "HTML page", gif: "GIF drawing", mp4: "MP4 drawing", csv: "CSV of all curves",
 };
 
-class Keep {
+export class Keep {
   // ``ask`` sends a request with the design's values.
   constructor(root, ask) {
-    [this.root, this.ask] = [root, ask];
+    this.root = root;
+    this.ask = ask;
     this.name = root.querySelector("input");
     this.words = root.querySelector(".words");
     this.command = root.querySelector("textarea");

@@ -1,9 +1,13 @@
 // The metrics of the design in the hand, beside those of the one before; one of them is chosen.
+import { amountOf, element } from "../format.js";
+
 const FIRST_METRICS = 6; // shown at first: those of everything together come before those of each tip and body
 
-class Metrics {
+export class Metrics {
   constructor(table, more, { onChoose, onFold }) {
-    [this.table, this.more, this.onChoose] = [table, more, onChoose];
+    this.table = table;
+    this.more = more;
+    this.onChoose = onChoose;
     this.rows = [];
     more.addEventListener("click", () => {
       more.setAttribute("aria-expanded", String(!this.whole));

@@ -1,8 +1,12 @@
 // All numbers of the scenario as a tree that can be searched; a tick makes a slider of one.
-class Numbers {
+import { element, options } from "../format.js";
+
+export class Numbers {
   // ``onPin`` hears of ticks, ``onValue`` of values that are chosen or written here.
   constructor(root, { onPin, onValue }) {
-    [this.root, this.onPin, this.onValue] = [root, onPin, onValue];
+    this.root = root;
+    this.onPin = onPin;
+    this.onValue = onValue;
     this.search = root.querySelector("input[type=search]");
     this.list = root.querySelector(".list");
     this.search.addEventListener("input", () => this.filter());
@@ -100,13 +104,13 @@ class Numbers {
   }
 }
 
-function rangeWords(low, high) {
+export function rangeWords(low, high) {
   if (Number.isFinite(low) && Number.isFinite(high)) return `${short(low)} to ${short(high)}`;
   if (Number.isFinite(low)) return `at least ${short(low)}`;
   return Number.isFinite(high) ? `at most ${short(high)}` : "";
 }
 
 // A number as a field shows it.
-function short(value) {
+export function short(value) {
   return typeof value === "number" ? String(Number(value.toPrecision(6))) : String(value ?? "–");
 }

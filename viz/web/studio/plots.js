@@ -1,4 +1,6 @@
 // Small plots of the panel: best value over rollouts, and how a metric is distributed.
+import { amount } from "../format.js";
+
 function plotPen(canvas) {
   const ratio = window.devicePixelRatio || 1, { clientWidth: width, clientHeight: height } = canvas, style = getComputedStyle(canvas);
   [canvas.width, canvas.height] = [Math.round(width * ratio), Math.round(height * ratio)];
@@ -17,7 +19,7 @@ function caption(pen, text, x, y, align) {
 }
 
 // ``points``: [rollouts, best so far]; the axis begins at zero, so that half is half the height.
-function plotConvergence(canvas, points, { label, unit }) {
+export function plotConvergence(canvas, points, { label, unit }) {
   const { pen, left, right, top, bottom } = plotPen(canvas), finite = points.filter(([, value]) => Number.isFinite(value));
   if (!finite.length) return;
   const last = finite.at(-1), most = Math.max(...finite.map(([, value]) => value), 1e-12), spent = Math.max(last[0], 1);
@@ -35,7 +37,7 @@ function plotConvergence(canvas, points, { label, unit }) {
 }
 
 // ``mark``: the value of the design in the hand.
-function plotHistogram(canvas, values, mark, { unit }) {
+export function plotHistogram(canvas, values, mark, { unit }) {
   const { pen, left, right, top, bottom } = plotPen(canvas), finite = [...values].filter(Number.isFinite).sort((a, b) => a - b);
   if (!finite.length) return;
   const shown = Number.isFinite(mark) ? [finite[0], finite.at(-1), mark] : [finite[0], finite.at(-1)];

@@ -1,7 +1,10 @@
 // The panel of a page without a server: results side by side, their metrics, where they differ, which are shown.
+import { $, amountOf, element, tableRow } from "../format.js";
+import { Spread } from "./spread.js";
+
 const ROOMY = 1100; // px from which on the panel is open at first
 
-class Results {
+export class Results {
   constructor(player) {
     this.player = player;
     this.table = $("results").querySelector("table");
@@ -75,6 +78,6 @@ class Results {
 }
 
 // A number's text in six digits; any other text as it is.
-function brief(text) {
+export function brief(text) {
   return text.trim() && Number.isFinite(Number(text)) ? String(Number(Number(text).toPrecision(6))) : text;
 }

@@ -1,17 +1,20 @@
 // What is known of designs: each is rolled out once, one at a time, the newest that is wanted first.
 const KEPT_ROLLOUTS = 60; // of each: some hundred kB
 
-class Rollouts {
+export class Rollouts {
   // ``ask``: sends a request for a design's values; ``onKnown`` hears of each answer.
   constructor(ask, onKnown) {
-    [this.ask, this.onKnown] = [ask, onKnown];
+    this.ask = ask;
+    this.onKnown = onKnown;
     this.forget();
     this.seq = 0;
   }
 
   forget() {
     this.entries = new Map();
-    [this.flying, this.wanted, this.others] = [null, null, []];
+    this.flying = null;
+    this.wanted = null;
+    this.others = [];
   }
 
   // ``{run, metrics, ...}``, ``{message}`` for one that failed, or nothing yet.
@@ -21,7 +24,8 @@ class Rollouts {
 
   // The design in the hand: it replaces whatever waits; ``others`` are rolled out when nothing else is to be done.
   want(values, others = []) {
-    [this.wanted, this.others] = [values, others];
+    this.wanted = values;
+    this.others = others;
     this.go();
   }
 
@@ -54,6 +58,6 @@ class Rollouts {
 }
 
 // The same text for the same design, in whatever order its numbers were changed.
-function keyOf(values) {
+export function keyOf(values) {
   return JSON.stringify(Object.entries(values).sort(([a], [b]) => (a < b ? -1 : 1)));
 }

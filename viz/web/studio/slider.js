@@ -1,10 +1,15 @@
 // A number in the hand: a slider, linear or logarithmic, a field, its range, and what the chosen metric would do.
+import { button, digits, element } from "../format.js";
+import { rangeWords, short } from "./numbers.js";
+
 const NOTCHES = 400;
 
-class Slider {
+export class Slider {
   // ``range``: {low, high, log}; the hooks hear of values, of the end of a change, of another range and of removal.
   constructor(number, range, hooks) {
-    Object.assign(this, { number, range, hooks });
+    this.number = number;
+    this.range = range;
+    this.hooks = hooks;
     this.whole = element("div", undefined, "slider");
     this.bar = this.input("range", number.path, { min: 0, max: NOTCHES, step: 1 });
     this.field = this.input("number", `${number.path}, ${number.unit || "no unit"}`, { step: "any" });
@@ -108,6 +113,6 @@ class Slider {
 }
 
 // What the server says.
-function firstRange({ slider: [low, high, scale] }) {
+export function firstRange({ slider: [low, high, scale] }) {
   return { low, high, log: scale === "log" };
 }

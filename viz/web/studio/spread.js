@@ -1,8 +1,14 @@
 // A campaign without its server: how a metric is distributed, bands of a signal over time, tips as a cloud.
-class Spread {
+import { floats, options } from "../format.js";
+import { plotHistogram } from "./plots.js";
+
+export class Spread {
   constructor(root, player) {
-    [this.root, this.player] = [root, player];
-    [this.sets, this.metrics] = ["gains", "metric"].map((name) => root.querySelector(`.${name}`));
+    this.spreads = [];
+    this.root = root;
+    this.player = player;
+    this.sets = root.querySelector(".gains");
+    this.metrics = root.querySelector(".metric");
     this.plot = root.querySelector("canvas");
     this.words = root.querySelector("p");
     this.sets.addEventListener("change", () => this.choose());
@@ -11,7 +17,8 @@ class Spread {
 
   // ``spreads``: one for each set of gains; nothing where the page is about no campaign.
   load(spreads = []) {
-    [this.spreads, this.root.hidden] = [spreads, spreads.length === 0];
+    this.spreads = spreads;
+    this.root.hidden = spreads.length === 0;
     options(this.sets, spreads.map(({ name }, k) => [k, name]));
     this.sets.parentElement.hidden = spreads.length < 2;
     this.choose();
@@ -27,7 +34,7 @@ class Spread {
   }
 
   draw() {
-    const spread = this.spreads?.[Number(this.sets.value)], metric = spread?.metrics.find(({ key }) => key === this.metrics.value);
+    const spread = this.spreads[Number(this.sets.value)], metric = spread?.metrics.find(({ key }) => key === this.metrics.value);
     if (!metric || !this.plot.clientWidth) return; // the panel is closed
     const values = [...floats(metric.values)], lost = values.filter((value) => !Number.isFinite(value)).length;
     plotHistogram(this.plot, values, undefined, metric);

@@ -1,5 +1,17 @@
 // The studio: joins the player, the server and the panel's parts. Whatever changes, ``show`` says it everywhere.
-class Studio {
+import { $, digits } from "../format.js";
+import { Bookmarks } from "./bookmarks.js";
+import { Designs, parsed } from "./designs.js";
+import { Jobs } from "./jobs.js";
+import { Keep } from "./keep.js";
+import { Metrics } from "./metrics.js";
+import { Numbers } from "./numbers.js";
+import { Rollouts, keyOf } from "./rollouts.js";
+import { Slider, firstRange } from "./slider.js";
+import { Wire } from "./wire.js";
+import { STILL } from "../theme.js";
+
+export class Studio {
   constructor(player, address) {
     this.player = player;
     this.metrics = new Metrics($("metrics"), $("moremetrics"), {

@@ -1,5 +1,5 @@
 // The line to the studio's server. A JSON text that names arrays is followed by one frame that holds them.
-class Wire {
+export class Wire {
   // ``hear`` gets every message; ``lost`` is told when the server has gone.
   constructor(address, hear, lost) {
     this.socket = new WebSocket(address);

@@ -1,0 +1,68 @@
+"""Modules joined into one script, each in its own scope; libraries are named with their licences."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+import viz
+from spacerobot.errors import SpaceRobotError
+from viz.page.modules import joined
+
+WEB = Path(viz.__file__).parent / "web"
+MODULES = {
+    "main.js": 'import { Shape, grown as larger } from "./parts/shape.js";\n'
+    'import { size } from "./size.js";\nconst own = 4;\n'
+    "window.found = [larger(size), new Shape().own, own];\n",
+    "parts/shape.js": 'import { size, step$ } from "../size.js";\nconst own = 3;\n'
+    "export class Shape { get own() { return own; } }\n"
+    "function larger(from) { return from + size + step$; }\nexport{larger as grown};\n",
+    "size.js": "export const size = 2;\nexport const step$ = 10;\nwindow.times = (window.times || 0) + 1;\n"
+    "//# sourceMappingURL=size.js.map\n",
+}
+
+
+def test_each_module_runs_once_in_a_scope_of_its_own(browser):
+    browser.open("about:blank")
+    script = joined("main.js", MODULES.__getitem__)
+    browser.evaluate(script)
+    assert browser.evaluate("[...found, times, typeof own, typeof size]") == [
+        14,
+        3,
+        4,
+        1,
+        "undefined",
+        "undefined",
+    ]
+    assert "sourceMappingURL" not in script  # a browser's tools would ask for it
+    assert joined("main.js", MODULES.__getitem__) == script
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ('import { a } from "./other.js";\n', "in a circle: main.js -> other.js -> main.js"),
+        ('import * as all from "./other.js";\n', "main.js: this form of import or export cannot be joined"),
+        ("export default 3;\n", "export default 3;"),
+        ("export let changing = 3;\n", "export let changing = 3;"),
+    ],
+)
+def test_what_cannot_be_joined_is_refused(text, said):
+    modules = {"main.js": text, "other.js": 'import { b } from "./main.js";\nexport const a = 1;\n'}
+    with pytest.raises(SpaceRobotError, match=re.escape(said)):
+        joined("main.js", modules.__getitem__)
+
+
+def test_libraries_are_named_with_version_and_licence():
+    told = (WEB / "vendor" / "README.md").read_text()
+    tools = json.loads((WEB.parents[1] / "package.json").read_text())["devDependencies"]
+    rows = re.findall(r"^\| (`.*`) \| (\w+) ([\d.]+) \| MIT, `(.*)` \|$", told, re.M)
+    assert {name for _, name, *_ in rows} == {"uplot", "gifenc"}
+    files = {"README.md", "gifenc.esm.d.ts"}
+    for names, package, version, licence in rows:
+        assert tools[package] == version
+        assert "Permission is hereby granted" in (WEB / "vendor" / licence).read_text()
+        files |= {licence, *re.findall(r"`([^`]+)`", names)}
+    assert {file.name for file in (WEB / "vendor").iterdir()} == files
+    assert "(v1.6.32)" in (WEB / "vendor" / "uPlot.iife.min.js").read_text()[:80]

@@ -1,0 +1,97 @@
+"""ES modules joined into one classic script, so that a page is one file whose script has one hash.
+
+A browser lets no page at ``file://`` import another file, and a Content Security Policy that admits scripts
+by hash admits none that is imported. So each module becomes the scope of a function, in the order in which
+modules import each other:
+
+    const $chart = (() => { const { digits } = $format; ...; return { Chart }; })();
+
+Three forms of import and export are joined, and any other is refused: ``import { a, b as c } from "./d.js"``
+and ``export`` before a declaration, each at the beginning of a line; ``export { a, b as c }`` at a file's
+end. An export is read once, when its module has run: it must not be assigned to later.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from posixpath import dirname, join, normpath
+
+from spacerobot.errors import SpaceRobotError
+
+IMPORT = re.compile(r'^import\s*\{([^}]*)\}\s*from\s*"([^"]+)";\n', re.M)
+DECLARED = re.compile(r"^export (?=(?:async function|function|class|const)\s+(?:\{ )?([\w$]+))", re.M)
+LISTED = re.compile(r"(?:^|(?<=;))export\s*\{([^}]*)\};?\n?", re.M)
+SOURCE_MAP = re.compile(r"^//# sourceMappingURL=.*\n?", re.M)
+LEFT = re.compile(r"^(?:import|export)\b.*", re.M)
+
+
+def joined(entry: str, read: Callable[[str], str]) -> str:
+    """One script that does what a module does.
+
+    Parameters
+    ----------
+    entry
+        Path of the module that is run.
+    read
+        Gives a module's text by its path.
+
+    Returns
+    -------
+    str
+        The script, in strict mode and in a scope of its own.
+
+    Raises
+    ------
+    SpaceRobotError
+        If modules import each other in a circle, or import or export in another form than those above.
+    """
+    scopes: dict[str, str] = {}
+    importing: list[str] = []
+
+    def visit(path: str) -> None:
+        if path in scopes:
+            return
+        if path in importing:
+            raise SpaceRobotError(f"modules import each other in a circle: {' -> '.join([*importing, path])}")
+        importing.append(path)
+        text = read(path)
+        for _, source in IMPORT.findall(text):
+            visit(_resolved(path, source))
+        importing.pop()
+        scopes[path] = _scope(path, text)
+
+    visit(entry)
+    return '"use strict";\n(() => {\n' + "\n".join(scopes.values()) + "\n})();\n"
+
+
+def _scope(path: str, text: str) -> str:
+    """A module as a constant that holds what it exports."""
+    given = DECLARED.findall(text)
+    # "a as b" is {a: b} where it is taken apart, and {b: a} where it is put together
+    for names in LISTED.findall(text):
+        given += [": ".join(reversed(name.split(" as "))) for name in _names(names)]
+    body = LISTED.sub("", DECLARED.sub("", SOURCE_MAP.sub("", text)))
+    body = IMPORT.sub(
+        lambda found: (
+            f"const {{ {', '.join(name.replace(' as ', ': ') for name in _names(found[1]))} }}"
+            f" = {_constant(_resolved(path, found[2]))};\n"
+        ),
+        body,
+    )
+    if (other := LEFT.search(body)) is not None:
+        raise SpaceRobotError(f"{path}: this form of import or export cannot be joined: {other[0][:80]}")
+    return f"const {_constant(path)} = (() => {{\n{body}return {{ {', '.join(given)} }};\n}})();"
+
+
+def _names(text: str) -> list[str]:
+    return [name.strip() for name in text.split(",") if name.strip()]
+
+
+def _resolved(path: str, source: str) -> str:
+    return normpath(join(dirname(path), source))
+
+
+def _constant(path: str) -> str:
+    """Name of a module's constant; paths of one folder tree that differ give names that differ."""
+    return "$" + path.removesuffix(".js").replace("/", "$").replace(".", "_")

@@ -1,0 +1,2 @@
+// Three.js, as MeshCat brings it.
+export const { THREE } = MeshCat;
