@@ -114,7 +114,8 @@ class Costs(Section):
     propellant: float = quantity(
         "1/(N s)",
         "weight of the impulse that propellant is spent for: the integral of the forces' magnitudes along "
-        "each axis of driven bases, rounded off below 1 % of their limit",
+        "each axis of driven bases; the search rounds them off below 1 % of their limit, the plan reports "
+        "what is spent",
         default=0.0,
         ge=0,
     )

@@ -10,6 +10,7 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
+from numpy.polynomial import Polynomial
 
 from optim.planning.searches.bench import Ask, Attempt, Bench, Solve
 from optim.planning.searches.choices import Tried, best_of
@@ -151,13 +152,14 @@ def planned(bench: Bench, ask: Ask, found: Mapping[str, Attempt], name: str = PL
     assert attempt.verdict is not None
     assert attempt.solved is not None
     course = bench.course(ask, attempt)
+    terms = _terms(course)
     solves = [one for task, a in found.items() if task.startswith(f"{name}, start") for one in a.solves]
     return Planned(
         bench.scene,
         course,
         (bench.name, *(one.name for one in bench.later)),
-        attempt.cost,
-        _terms(course),
+        sum(terms.values()),
+        terms,
         (*solves, *attempt.solves),
         attempt.solved,
         attempt.verdict,
@@ -176,7 +178,7 @@ def _terms(course: Course) -> dict[str, float]:
 
 def integrals(motion: Motion) -> dict[str, float]:
     """Integrals over the motion of the terms of the cost, what its end costs, and the duration, without their
-    weights.
+    weights; of ``propellant`` the impulse that is spent.
     """
     problem = motion.problem
     found: dict[str, float] = {}
@@ -184,9 +186,30 @@ def integrals(motion: Motion) -> dict[str, float]:
     for name, term in problem.terms.items():
         values = ca.Function("term", [problem.stage.z], [ca.densify(term)])(motion.z.T).full()
         found[name] = float(weights @ np.array(values).ravel()) * motion.duration_s
+    if "propellant" in found:  # the search has it smoothed, which is less than what is spent
+        found["propellant"] = spent(motion)
     for name, end in problem.ends.items():
         found[name] = float(ca.Function("end", [problem.stage.z], [end])(motion.z[-1]))
     return found | ({"time": motion.duration_s} if problem.time_weight else {})
+
+
+def spent(motion: Motion) -> float:
+    """Integral of the forces' magnitudes along the axes of driven bases [N s].
+
+    Forces are polynomials in each interval: between their roots the magnitude's integral is exact.
+    """
+    driven, lobatto = motion.problem.stage.driven, motion.lobatto
+    count = len(driven.joints)
+    own = [k for k, name in enumerate(driven.names) if k >= count and name.rpartition(".")[2][0] == "f"]
+    found = 0.0
+    for n, width in enumerate(motion.mesh.widths):
+        inside = slice(n * (lobatto.points - 1), (n + 1) * (lobatto.points - 1) + 1)
+        for values in motion.u[inside, own].T:
+            force = Polynomial(np.transpose(lobatto.basis) @ values)
+            roots = force.roots()
+            ends = np.unique([*np.clip(roots[np.abs(roots.imag) < 1e-09].real, 0, 1).tolist(), 0.0, 1.0])
+            found += width * float(np.abs(np.diff(force.integ()(ends))).sum())
+    return float(found * motion.duration_s)
 
 
 def statistics(planned: Planned) -> list[dict[str, Any]]:
