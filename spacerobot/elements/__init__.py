@@ -27,9 +27,11 @@ from spacerobot.elements.environment import Environment, EnvironmentContext
 from spacerobot.elements.event import Event, both, either, negated
 from spacerobot.elements.goal import Goal, TipGoal
 from spacerobot.elements.grasp import Grasp
-from spacerobot.elements.instant import Instant, Row, zero
+from spacerobot.elements.instant import Instant, Row, within, zero
 from spacerobot.elements.motion import Beginning, Motion, Profile, cubic_blend
 from spacerobot.elements.numbers import Context, Since
+from spacerobot.elements.plan_cost import AxesCost, JointCost, PlanCost
+from spacerobot.elements.plan_limit import PlanLimit, PlannedJoint
 from spacerobot.elements.reference import Reference
 from spacerobot.elements.registry import FAMILIES, PLANS, Family, kinds, load_plugin, register
 from spacerobot.elements.robot_element import RobotElement, RobotFacts
@@ -40,6 +42,7 @@ __all__ = [
     "PLANS",
     "Actuator",
     "ActuatorContext",
+    "AxesCost",
     "Beginning",
     "Channel",
     "Constraint",
@@ -57,8 +60,12 @@ __all__ = [
     "Grasp",
     "GraspContext",
     "Instant",
+    "JointCost",
     "Motion",
     "Output",
+    "PlanCost",
+    "PlanLimit",
+    "PlannedJoint",
     "Power",
     "Profile",
     "Reference",
@@ -83,5 +90,6 @@ __all__ = [
     "memory",
     "negated",
     "register",
+    "within",
     "zero",
 ]

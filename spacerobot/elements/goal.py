@@ -62,6 +62,11 @@ class Goal(Element):
         """Whose joints these are."""
         raise NotImplementedError
 
+    def arrival(self, instant: Instant) -> tuple[ca.SX, ca.SX] | None:
+        """Velocity [m/s] and spin [rad/s] of a tip relative to its mating frame, for a goal that has one."""
+        del instant
+        return None
+
     def rows(self, instant: Instant) -> Iterator[Row]:
         """What holds at the last instant, the joints' rest aside.
 

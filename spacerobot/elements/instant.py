@@ -1,4 +1,4 @@
-"""One instant of a planned motion, as goals see it, and what they say of it."""
+"""One instant of a planned motion, as goals, costs and limits see it, and what they say of it."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ import numpy.typing as npt
 from spacerobot.arrays import Array
 from spacerobot.dynamics.algebra import cross
 from spacerobot.dynamics.joints import sparse
+from spacerobot.elements.contact import Wrap
 
 T = TypeVar("T")
 
@@ -83,6 +84,12 @@ def zero(name: str, unit: str, value: ca.SX) -> Row:
     return Row(name, unit, value, 0.0, 0.0)
 
 
+def within(name: str, unit: str, value: ca.SX, limit: float) -> Row:
+    """A vector no longer than a limit, as its square over the limit's, which is smooth where it is zero."""
+    square = ca.sumsqr(value) / limit**2
+    return Row(name, unit, square, upper=1.0, scale=limit / 2, form="square")
+
+
 def unit(axis: Sequence[float]) -> ca.SX:
     """Unit vector along an axis (3x1), structurally zero where it is zero."""
     return sparse(np.array(axis) / np.linalg.norm(axis))
@@ -123,10 +130,17 @@ class Joint(NamedTuple):
         In the URDF.
     position
         Position (1x1) [rad or m]; of an unbounded joint cosine and sine of its angle (2x1).
+    rate, acceleration
+        How it moves (1x1 each) [rad/s or m/s], [rad/s^2 or m/s^2].
+    torque
+        What its actuator gives (1x1) [N m or N].
     """
 
     name: str
     position: ca.SX
+    rate: ca.SX
+    acceleration: ca.SX
+    torque: ca.SX
 
     def off(self, wanted: float) -> ca.SX:
         """How far it is beyond a position (1x1) [rad or m], an unbounded one by less than half a turn."""
@@ -136,8 +150,55 @@ class Joint(NamedTuple):
         return ca.atan2(s * c - q * d, q * c + s * d)
 
 
+class Base(NamedTuple):
+    """The floating base of a robot.
+
+    Attributes
+    ----------
+    frame
+        Its root link's.
+    rotation
+        Rotation vector since the start (3x1) [rad], axes of the root link there.
+    translation
+        Displacement since the start (3x1) [m], world axes.
+    force, torque
+        What drives it (3x1 each) [N], [N m], axes of the root link; structurally zero where nothing does.
+    force_limits, torque_limits
+        Greatest magnitudes along and about these axes (3,) each, zero where it is not driven, infinite where
+        there is no limit.
+    """
+
+    frame: Frame
+    rotation: ca.SX
+    translation: ca.SX
+    force: ca.SX
+    torque: ca.SX
+    force_limits: Array
+    torque_limits: Array
+
+
+class Wheels(NamedTuple):
+    """Reaction wheels that alone turn a robot's base.
+
+    Attributes
+    ----------
+    momenta
+        Angular momentum of each about its axis (n x 1) [N m s].
+    speeds
+        Of each relative to the base (n x 1) [rad/s].
+    motors
+        Torques of the motors (n x 1) [N m].
+    """
+
+    momenta: ca.SX
+    speeds: ca.SX
+    motors: ca.SX
+
+
 class Instant(Protocol):
-    """What a goal may ask for; every question names a key of its section, for messages.
+    """What goals, costs and limits of a plan see of an instant of the motion.
+
+    A ``key`` is the key of the section that names what is looked for, for messages.
 
     Each raises :class:`spacerobot.errors.ScenarioError` where there is nothing of that name.
     """
@@ -167,3 +228,33 @@ class Instant(Protocol):
 
     def turned(self, wanted: ca.SX, found: ca.SX) -> ca.SX:
         """Rotation vector from one orientation to another, as many entries as :attr:`turns` [rad]."""
+
+    def link(self, label: str, key: str = "link") -> Frame:
+        """A link of a robot, by robot/link."""
+
+    def joint_states(self) -> Mapping[str, Joint]:
+        """Joints of all robots that are planned, by robot/joint."""
+
+    def by_joint(self, given: Mapping[str, T], key: str) -> Mapping[str, T]:
+        """What is given for each joint, by robot/joint; a full name wins over a pattern."""
+
+    def bases(self) -> Mapping[str, Base]:
+        """Floating bases, by robot."""
+
+    def base_reactions(self) -> Mapping[str, tuple[ca.SX, ca.SX]]:
+        """Force [N] and torque [N m] of each robot's arms on its base about the root link's origin, by robot.
+
+        World axes, as many entries as :attr:`axes` and :attr:`turns`; on a fixed base with the opposite sign.
+        """
+
+    def grips(self) -> Mapping[str, tuple[ca.SX, ca.SX]]:
+        """Force [N] and torque [N m] on its tip of each grasp that holds, by grasp, world axes."""
+
+    def wheels(self) -> Mapping[str, Wheels]:
+        """Reaction wheels that alone turn a base, by robot; there must be some."""
+
+    def arrivals(self) -> Iterator[tuple[ca.SX, ca.SX]]:
+        """Velocity [m/s] and spin [rad/s] of tips relative to the mating frames that goals lead them to."""
+
+    def gaps(self, between: tuple[str, str], wrap: Wrap | None) -> Iterator[tuple[str, ca.SX, About]]:
+        """Distances [m] of pairs of shapes: a label, the distance, and what it is differentiated about."""

@@ -37,8 +37,12 @@ FAMILIES = {
 }
 """Families of a closed loop, and the package whose modules hold the kinds that ship."""
 
-PLANS = {"goal": "spacerobot.elements.goals"}
-"""The same of what planned motions are told, which is no part of a closed loop."""
+PLANS = {
+    "goal": "spacerobot.elements.goals",
+    "plan_cost": "spacerobot.elements.plan_costs",
+    "plan_limit": "spacerobot.elements.plan_limits",
+}
+"""The same of plans, which are no part of a closed loop."""
 
 _HOMES = FAMILIES | PLANS
 _KINDS: dict[str, dict[str, type[Element]]] = {family: {} for family in _HOMES}
@@ -225,5 +229,5 @@ def _unknown(section: Mapping[str, Any], found: tuple[str, ...]) -> str:
     if "kind" not in section:
         return f"missing, allowed: {', '.join(found)}"
     near = difflib.get_close_matches(str(section["kind"]), found, n=2)
-    hint = f"; did you mean {' or '.join(near)}?" if near else "; your own come with --plugin FILE"
-    return f"found {section['kind']!r}, allowed: {', '.join(found)}{hint}"
+    hint = f"did you mean {' or '.join(near)}? " if near else ""
+    return f"found {section['kind']!r}, allowed: {', '.join(found)}; {hint}your own come with --plugin FILE"

@@ -20,6 +20,8 @@ PLACES = {
     "sensor": "`robots.*.sensors.*`",
     "environment": "`environment.*`",
     "goal": "`plan.goals.*`; the kind follows from `attitude`, `frame`, `position`, `joints` or `still`",
+    "plan_cost": "`plan.costs.*`; the name is the kind if the section gives none, a number alone the weight",
+    "plan_limit": "`plan.limits.*`, likewise; also `plan.keep_out.*`, `plan.cones.*`, `plan.sights.*`",
 }
 """Where a kind of each family stands in a scenario."""
 

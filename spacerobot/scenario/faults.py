@@ -6,6 +6,7 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
+from spacerobot.elements import FAMILIES, PLANS, kinds
 from spacerobot.scenario.paths import Document
 
 _SECTION = "a section of keys and values"
@@ -44,7 +45,7 @@ _PATTERNS = {
 
 def explain(error: Mapping[str, Any], document: Document) -> tuple[str, str]:
     """Dotted path and one line for one of pydantic's errors."""
-    path = _path(error["loc"], document)
+    path = _path(error["loc"], document, error["type"] == "missing")
     kind, given = str(error["type"]), error["input"]
     message = str(error["msg"]).removeprefix("Value error, ")
     if kind == "missing" and path and path[-1].isdecimal():
@@ -70,19 +71,27 @@ def _allowed(kind: str, context: Mapping[str, Any]) -> str | None:
     return _ALLOWED[kind].format(**context) if kind in _ALLOWED else None
 
 
-def _path(location: tuple[str | int, ...], document: Document) -> list[str]:
-    """Dotted path of a place in the document, from pydantic's."""
+def _path(location: tuple[str | int, ...], document: Document, missing: bool) -> list[str]:
+    """Dotted path of a place in the document, from pydantic's; its last key may be what is missing there."""
     path: list[str] = []
     node: Any = document
-    for key in location:
-        # pydantic puts a union's tag into the location; the document does not hold it
-        if isinstance(node, dict) and key not in node and key == node.get("kind"):
+    for i, key in enumerate(location):
+        # pydantic puts a union's tag into the location; the document does not hold it, nor always the kind
+        absent = isinstance(node, dict) and key not in node and not (missing and i == len(location) - 1)
+        if absent and (key == node.get("kind") or ("kind" not in node and _is_kind(key))):
             continue
         if key == "[key]":
             continue
+        if isinstance(node, int | float | str) or (isinstance(node, list | tuple) and isinstance(key, str)):
+            break  # stands for a section
         path.append(str(key))
         node = node.get(key) if isinstance(node, dict) else _element(node, key)
     return path
+
+
+def _is_kind(name: Any) -> bool:
+    """Whether a kind of some family has this name."""
+    return any(name in kinds(family) for family in FAMILIES | PLANS)
 
 
 def _element(node: Any, key: Any) -> Any:

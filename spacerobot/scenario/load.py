@@ -8,9 +8,11 @@ from typing import Any
 import yaml
 from pydantic import ValidationError
 
+from spacerobot.elements import kinds
 from spacerobot.errors import ScenarioError
 from spacerobot.scenario.faults import explain
 from spacerobot.scenario.paths import Document
+from spacerobot.scenario.plan import FAMILY_OF
 from spacerobot.scenario.scenario import Scenario
 from spacerobot.scenario.yaml_text import Dumper, Loader, describe
 
@@ -123,4 +125,13 @@ def json_schema() -> dict[str, Any]:
             paths["anyOf"] = [{"type": "string"}, several]
     duration = schema["$defs"]["Planning"]["properties"]["duration"]  # a number is a time that is given
     duration["anyOf"] = [{"type": "number", "exclusiveMinimum": 0}, {"$ref": duration.pop("$ref")}]
+    definitions = schema["$defs"]
+    for key, family in FAMILY_OF.items():  # under the name of a kind, a number or list alone
+        entries = definitions["Planning"]["properties"][key]
+        (section,) = entries.pop("patternProperties").values()
+        entries |= {"properties": {}, "additionalProperties": section}
+        for name, place in section["discriminator"]["mapping"].items():
+            short = getattr(kinds(family)[name], "short", None)
+            alone = [definitions[place.rpartition("/")[2]]["properties"][short]] if short else []
+            entries["properties"][name] = {"anyOf": [*alone, {"$ref": place}, {"type": "null"}]}
     return schema

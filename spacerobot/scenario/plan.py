@@ -4,17 +4,27 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, ValidationError, ValidationInfo, model_validator
+from pydantic import (
+    Field,
+    FieldSerializationInfo,
+    ValidationError,
+    ValidationInfo,
+    field_serializer,
+    field_validator,
+    model_validator,
+)
 
-from spacerobot.elements import Family
-from spacerobot.elements.contact import Wrap
+from spacerobot.elements import Family, kinds
 from spacerobot.elements.goal import Goal
+from spacerobot.elements.plan_cost import PlanCost
+from spacerobot.elements.plan_limit import PlanLimit
+from spacerobot.elements.plan_limits.cone import Cone
+from spacerobot.elements.plan_limits.keep_out import KeepOut
+from spacerobot.elements.plan_limits.sight import Sight
 from spacerobot.scenario.faults import explain
 from spacerobot.scenario.merge import overlay, pick
 from spacerobot.scenario.tuning import Variable
 from spacerobot.section import Name, Section, Vector, quantity
-
-Source = Literal["position", "rate", "torque"]
 
 
 class Span(Section):
@@ -78,163 +88,6 @@ class Beginning(Section):
         return any(self.position) or bool(self.rotation_deg)
 
 
-class Costs(Section):
-    """What is to become small: a sum of these, each with its weight."""
-
-    torque: float = quantity(
-        "1/(N^2 m^2 s)", "weight of the integral of squared joint torques and forces", default=0.0, ge=0
-    )
-    joint_rate: float = quantity(
-        "s/rad^2", "weight of the integral of squared joint rates and speeds", default=0.0, ge=0
-    )
-    joint_acceleration: float = quantity(
-        "s^3/rad^2",
-        "weight of the integral of squared joint accelerations: keeps arms of many links from whipping",
-        default=0.0,
-        ge=0,
-    )
-    base_rotation: float = quantity(
-        "1/(rad^2 s)",
-        "weight of the integral of the robots' squared base rotations since the start",
-        default=0.0,
-        ge=0,
-    )
-    base_translation: float = quantity(
-        "1/(m^2 s)",
-        "weight of the integral of the robots' squared base displacements since the start",
-        default=0.0,
-        ge=0,
-    )
-    base_wrench: float = quantity(
-        "1/(N^2 s)",
-        "weight of the integral of squared forces [N] and torques [N m] on the bases",
-        default=0.0,
-        ge=0,
-    )
-    propellant: float = quantity(
-        "1/(N s)",
-        "weight of the impulse that propellant is spent for: the integral of the forces' magnitudes along "
-        "each axis of driven bases; the search rounds them off below 1 % of their limit, the plan reports "
-        "what is spent",
-        default=0.0,
-        ge=0,
-    )
-    impact_speed: float = quantity(
-        "s^2/m^2",
-        "weight of the squared speeds [m/s] and spins [rad/s] with which tips come to their mating frames",
-        default=0.0,
-        ge=0,
-    )
-    base_reaction: float = quantity(
-        "1/(N^2 s)",
-        "weight of the integral of squared forces [N] and torques [N m] of arms on their bases",
-        default=0.0,
-        ge=0,
-    )
-    wheel_momentum: float = quantity(
-        "1/(N^2 m^2 s^3)",
-        "weight of the integral of squared angular momenta of reaction wheels about their axes, where they "
-        "alone turn a base",
-        default=0.0,
-        ge=0,
-    )
-    grip_force: float = quantity(
-        "1/(N^2 s)", "weight of the integral of squared forces of grasps that hold", default=0.0, ge=0
-    )
-    grip_torque: float = quantity(
-        "1/(N^2 m^2 s)", "weight of the integral of squared torques of grasps that hold", default=0.0, ge=0
-    )
-    time: float = quantity("1/s", "weight of the duration", default=0.0, ge=0)
-
-    @model_validator(mode="after")
-    def _check(self) -> Costs:
-        if not any(weight for _, weight in self):
-            names = ", ".join(type(self).model_fields)
-            raise ValueError(f"nothing is to become small; give one of {names} a weight above 0")
-        return self
-
-
-class Bounds(Section):
-    """What must hold at all times; ranges, rates and efforts of the URDFs do where they are given there."""
-
-    urdf: tuple[Source, ...] = Field(
-        default=(), description="limits that every planned joint must have in its URDF"
-    )
-    joint_rate_deg: float | None = quantity(
-        "deg/s", "greatest rate of any revolute or continuous joint", default=None, gt=0
-    )
-    joint_speed: float | None = quantity("m/s", "greatest speed of any prismatic joint", default=None, gt=0)
-    torque: float | None = quantity("N m or N", "greatest torque or force of any joint", default=None, gt=0)
-    base_rotation_deg: float | None = quantity(
-        "deg", "greatest rotation of any robot's base since the start", default=None, gt=0, lt=180
-    )
-    base_translation: float | None = quantity(
-        "m", "greatest displacement of any robot's base since the start", default=None, gt=0
-    )
-    base_force: float | None = quantity(
-        "N",
-        "greatest force along each axis that drives a floating base, 0 for none; that of its actuators if "
-        "not given",
-        default=None,
-        ge=0,
-    )
-    base_torque: float | None = quantity(
-        "N m", "greatest torque about each axis, likewise", default=None, ge=0
-    )
-    wheel_momentum: float | None = quantity(
-        "N m s",
-        "greatest angular momentum of any reaction wheel about its axis, where wheels alone turn a base",
-        default=None,
-        gt=0,
-    )
-    grip_force: float | None = quantity("N", "greatest force of any grasp that holds", default=None, gt=0)
-    grip_torque: float | None = quantity("N m", "greatest torque of any grasp that holds", default=None, gt=0)
-
-
-class KeepOut(Section):
-    """Two shapes, or groups of them, that stay apart."""
-
-    between: tuple[str, str] = Field(
-        description="the two, each the name of a pad, or robot/link or target/link for all collision shapes "
-        "of a link; `*` in a link's name stands for any letters"
-    )
-    distance: float = quantity("m", "least distance", default=0.0, ge=0)
-    wrap: Wrap | None = Field(
-        default=None, description="shape of the same extents that stands in for meshes and cylinders"
-    )
-
-
-class Cone(Section):
-    """A tip that comes to a mating frame inside a cone about its axis of approach."""
-
-    tip: str = Field(description="which tip, as robot/tip")
-    frame: str = Field(description="mating frame, a link of the target's URDF")
-    axis: Vector = quantity("1", "direction of approach in the mating frame", default=(1.0, 0.0, 0.0))
-    half_angle_deg: float = quantity("deg", "between its axis and its surface", gt=0, lt=90)
-    radius: float = quantity("m", "of its cut in the mating frame's plane", default=0.01, gt=0)
-    last: float = quantity(
-        "1", "part of the duration, at its end, for which it holds", default=0.2, gt=0, le=1
-    )
-
-
-class Sight(Section):
-    """A camera that keeps a mating frame in sight."""
-
-    camera: str = Field(description="link that carries it, as robot/link; it is at the link's origin")
-    axis: Vector = quantity("1", "direction in which it looks, axes of that link", default=(1.0, 0.0, 0.0))
-    frame: str = Field(description="mating frame, a link of the target's URDF")
-    half_angle_deg: float = quantity("deg", "between its axis and the edge of what it sees", gt=0, lt=180)
-    last: float = quantity(
-        "1", "part of the duration, at its end, for which it holds", default=1.0, gt=0, le=1
-    )
-
-    @model_validator(mode="after")
-    def _check(self) -> Sight:
-        if not any(self.axis):
-            raise ValueError("axis: found 0 0 0, allowed: a direction")
-        return self
-
-
 class Choice(Section):
     """One of several values, such as mating frames: each is planned, and the best plan is kept."""
 
@@ -255,6 +108,8 @@ class Choice(Section):
 
 WHOLE = ("choices", "design", "start", "most_intervals", "order", "tolerance", "starts", "iterations", "seed")
 """Keys that are the same in every phase."""
+FAMILY_OF = {"costs": "plan_cost", "limits": "plan_limit"}
+"""Family of the kinds in a section that is short where it can be."""
 PASSED = "passed"
 """Told of a phase that is not the last one, and may end anywhere."""
 
@@ -273,8 +128,16 @@ class Planning(Section):
     start: dict[Name, Beginning] = Field(
         default={}, description="by robot: where it may begin, as far as that is to be found"
     )
-    costs: Costs = Field(default=None, description="what is to become small")  # type: ignore[assignment]
-    limits: Bounds = Field(default=Bounds(), description="what must hold at all times")
+    costs: dict[Name, Annotated[PlanCost, Family("plan_cost")]] = Field(
+        default={},
+        description="terms of the cost, by name: a weight alone, or a section; the name is the kind where "
+        "the section gives none",
+    )
+    limits: dict[Name, Annotated[PlanLimit, Family("plan_limit")]] = Field(
+        default={},
+        description="limits that hold at all times, by name: a number alone, or a section; the name is the "
+        "kind where the section gives none. Ranges, rates and efforts of the URDFs hold in any case",
+    )
     keep_out: dict[Name, KeepOut] = Field(default={}, description="what stays apart, by name")
     cones: dict[Name, Cone] = Field(default={}, description="approach cones, by name")
     sights: dict[Name, Sight] = Field(default={}, description="lines of sight that are kept, by name")
@@ -311,6 +174,38 @@ class Planning(Section):
             return data
         return {key: one for key, one in data.items() if one is not None or key not in ("duration", "costs")}
 
+    @field_validator("costs", "limits", mode="before")
+    @classmethod
+    def _whole_sections(cls, data: Any, info: ValidationInfo) -> Any:
+        """Give each entry its kind, and a number or list the key that it stands for; leave out nulls."""
+        if not isinstance(data, dict):
+            return data
+        found, family = dict[Any, Any](), FAMILY_OF[str(info.field_name)]
+        for name, one in data.items():
+            if isinstance(one, int | float | list | tuple) and not isinstance(one, bool):
+                kind = kinds(family).get(str(name))
+                short = getattr(kind, "short", None)  # an unknown kind is refused with the near names
+                found[name] = {"kind": str(name)} | ({short: one} if short else {})
+            elif isinstance(one, dict):
+                found[name] = {"kind": str(name)} | one
+            elif one is not None:
+                found[name] = one
+        return found
+
+    @field_serializer("costs", "limits")
+    def _short(self, value: dict[str, PlanCost | PlanLimit], info: FieldSerializationInfo) -> dict[str, Any]:
+        """As a user writes it: a number or list alone where nothing else is said."""
+        found = dict[str, Any]()
+        for name, one in value.items():
+            document = one.model_dump(mode=info.mode, exclude_none=info.exclude_none)
+            defaults = {
+                key: field.get_default() for key, field in type(one).model_fields.items() if key != "kind"
+            }
+            said = {key for key, default in defaults.items() if getattr(one, key) != default}
+            short = one.short if one.kind == name and said == {one.short} else None
+            found[name] = document[short] if short else document
+        return found
+
     @model_validator(mode="after")
     def _check(self, info: ValidationInfo) -> Planning:
         if self.most_intervals < self.intervals:
@@ -322,6 +217,12 @@ class Planning(Section):
         for key in ("duration", "goals", "costs"):
             if not getattr(self, key) and (key, info.context) != ("goals", PASSED):
                 raise ValueError(f"{key}: missing")
+        for name, cost in self.costs.items():
+            if (name == "time") != (cost.of == "duration"):
+                raise ValueError(f"costs.{name}: found kind {cost.kind!r}; `time` is the duration's own name")
+        if not any(cost.weight for cost in self.costs.values()):
+            names = ", ".join(kinds("plan_cost"))
+            raise ValueError(f"costs: nothing is to become small; give one of {names} a weight above 0")
         return self
 
     def _check_phases(self) -> Planning:

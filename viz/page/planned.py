@@ -11,9 +11,10 @@ import xarray as xr
 from scipy.interpolate import CubicSpline
 
 from spacerobot.arrays import Array
+from spacerobot.elements.plan_limits.cone import Cone
 from spacerobot.errors import ResultError
 from spacerobot.result import Result
-from spacerobot.scenario.plan import Cone, Planning
+from spacerobot.scenario.plan import Planning
 from spacerobot.scene import Scene
 from spacerobot.scene.contacts import find_pairs
 from viz.drawing.motion import Motion, Solid, Stage, pad_solids, place, scene_nodes

@@ -7,7 +7,7 @@ they can give, with the sides in the ratio of what each axis gets alone.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,13 +18,18 @@ from spacerobot.arrays import Array
 from spacerobot.elements.actuators.base_wrench import BaseWrench
 from spacerobot.elements.actuators.reaction_wheels import ReactionWheels
 from spacerobot.elements.actuators.thrusters import Thrusters
+from spacerobot.elements.plan_limit import PlanLimit, WrenchPart
 from spacerobot.scenario.bodies import Robot
-from spacerobot.scenario.plan import Bounds, Planning
+from spacerobot.scenario.plan import Planning
 from spacerobot.scene import Scene
 from spacerobot.scene.scene import SceneBody
 
 SMALL = 1e-6
 """Part of the greatest side below which a wrench's axis counts as one that is not driven."""
+
+
+PARTS: dict[WrenchPart, int] = {"force": 0, "torque": 3}
+"""Where the parts of a wrench begin."""
 
 
 @dataclass(frozen=True)
@@ -43,15 +48,16 @@ class Able:
     told: str = ""
 
 
-def able(bounds: Bounds, body: SceneBody, planar: bool) -> Able:
+def able(limits: Mapping[str, PlanLimit], body: SceneBody, planar: bool) -> Able:
     """Limits of a floating base."""
+    asked = base_limits(limits)
     most, told = np.zeros(6), dict[str, None]()
     own = _actuated(body, planar)
-    if wheels_alone(body) is not None and bounds.base_force:
+    if wheels_alone(body) is not None and asked.get("force"):
         own = {"torque": own["torque"]}
-    for part, first, given in (("force", 0, bounds.base_force), ("torque", 3, bounds.base_torque)):
-        if given is not None:
-            most[first : first + 3] = given
+    for part, first in PARTS.items():
+        if part in asked:
+            most[first : first + 3] = asked[part]
         elif part in own:
             values, name = own[part]
             most[first : first + 3] = values
@@ -59,6 +65,15 @@ def able(bounds: Bounds, body: SceneBody, planar: bool) -> Able:
     if told and wheels_alone(body) is not None and not most[:3].any():
         most[3:] = np.inf  # the motors' own limits hold, wheel by wheel
     return Able(most, " and ".join(told))
+
+
+def base_limits(limits: Mapping[str, PlanLimit]) -> dict[WrenchPart, float]:
+    """Lowest of the section's limits of the force [N] and the torque [N m] on bases, where it gives any."""
+    found = dict[WrenchPart, float]()
+    for limit in limits.values():
+        for part, value in limit.base_limits().items():
+            found[part] = min(value, found.get(part, np.inf))
+    return found
 
 
 def limits_taken(scene: Scene, plans: Iterable[Planning]) -> dict[str, str]:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from optim.planning.formulation.costs import cost_terms, end_terms
+from optim.planning.formulation.costs import cost_terms, magnitudes
 from optim.planning.formulation.goals import goal_rows
 from optim.planning.formulation.grips import held
 from optim.planning.formulation.limits import instant_limits, path_rows, what_drives
@@ -104,6 +104,32 @@ def formulate_phases(scene: Scene) -> tuple[Phase, ...]:
     return tuple(found)
 
 
+def check_weights(whole: Planning, phases: Sequence[Phase]) -> None:
+    """Refuse a weight on what there is in no phase.
+
+    Parameters
+    ----------
+    whole, phases
+        The plan section, and the problems of its phases.
+
+    Raises
+    ------
+    ScenarioError
+        Naming the term.
+    """
+    found = {name for phase in phases for name in (*phase.problem.terms, *phase.problem.ends)}
+    for phase in phases:
+        for name, cost in phase.plan.costs.items():
+            if cost.weight and cost.of != "duration" and name not in found:
+                with told_in(whole, phase.name):
+                    raise ScenarioError(
+                        f"found a weight of {cost.weight:g}, but there are no {cost.weighs}; or leave the "
+                        "weight out",
+                        source=phase.problem.stage.scene.source,
+                        where=f"plan.costs.{name}",
+                    )
+
+
 @contextlib.contextmanager
 def told_in(whole: Planning, name: str) -> Iterator[None]:
     """Faults of a phase's section told with its place, where the phase says what is at fault.
@@ -182,7 +208,7 @@ def _problem(scene: Scene, plan: Planning, closed: tuple[SceneGrasp, ...], *, be
     lower, upper = instant_limits(stage, plan.limits)
     goals = [row for name, goal in plan.goals.items() for row in goal_rows(stage, name, goal)]
     goals += settled_rows(stage, plan.goals)
-    terms, ends = cost_terms(stage, plan.costs), end_terms(stage, plan)
+    terms, ends = cost_terms(stage, plan)
     span = plan.duration
     fixed = np.concatenate([scene.q, close_velocity(scene) if stage.grips and begins else scene.v])
     begin, beginning = beginnings(stage, plan, fixed, (lower, upper))
@@ -194,11 +220,13 @@ def _problem(scene: Scene, plan: Planning, closed: tuple[SceneGrasp, ...], *, be
         goal=tuple(goals),
         terms=terms,
         ends=ends,
-        weights={name: getattr(plan.costs, name) for name in (*terms, *ends, "time")},
+        weights={"time": plan.costs["time"].weight if "time" in plan.costs else 0.0}
+        | {name: plan.costs[name].weight for name in (*terms, *ends)},
         lower=lower,
         upper=upper,
         duration=(span.lower, span.upper, span.guess or (span.lower + span.upper) / 2),
         fixed=fixed,
         tolerance=plan.tolerance,
         begin=begin,
+        magnitudes=magnitudes(stage, plan, terms),
     )

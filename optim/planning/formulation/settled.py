@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping
 import casadi as ca
 from scipy.linalg import qr
 
-from optim.planning.formulation.goals import Seen
+from optim.planning.formulation.instant import Seen
 from optim.planning.formulation.stage import Stage
 from spacerobot.dynamics.algebra import SymmetricFactors
 from spacerobot.elements.goal import Goal

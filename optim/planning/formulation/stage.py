@@ -12,7 +12,7 @@ Rows in which B is zero are a floating base on which nothing acts, and the free 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import casadi as ca
 import numpy as np
@@ -201,6 +201,8 @@ class Problem:
         Greatest replay error of a tip [m].
     begin
         Least and greatest q and v at the start, where that is free (nq + nv,) each.
+    magnitudes
+        Forces (n x 1) [N] whose magnitudes a term rounds off, by name.
     """
 
     stage: Stage
@@ -215,6 +217,7 @@ class Problem:
     fixed: Array
     tolerance: float
     begin: tuple[Array, Array] | None = None
+    magnitudes: Mapping[str, ca.SX] = field(default_factory=dict)
 
     @property
     def start(self) -> tuple[Array, Array]:

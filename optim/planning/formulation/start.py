@@ -115,10 +115,8 @@ def _check_counted(stage: Stage, plan: Planning) -> None:
             source=source,
             where="plan.start",
         )
-    counted = [f"costs.{key}" for key in ("base_rotation", "base_translation") if getattr(plan.costs, key)]
-    counted += [
-        f"limits.{key}" for key in ("base_rotation_deg", "base_translation") if getattr(plan.limits, key)
-    ]
+    counted = [f"costs.{name}" for name, one in plan.costs.items() if one.weight and one.relative_to_start]
+    counted += [f"limits.{name}" for name, one in plan.limits.items() if one.relative_to_start]
     if counted and any(room.places for room in plan.start.values()):
         raise ScenarioError(
             f"{counted[0]} counts from where bases begin, and that is free; leave one of the two out",

@@ -98,17 +98,14 @@ def turned_by_wheels(stage: Stage) -> dict[str, Turned]:
 
 
 def wheel_rows(stage: Stage, plan: Planning) -> Iterator[Row]:
-    """Limits of the wheels' torques, speeds and momenta.
+    """Limits of the wheels' torques and speeds.
 
     Raises
     ------
     ScenarioError
-        If momentum is limited where there is none that is known, or if it counts from a start that is free.
+        If momentum counts from a start that is free.
     """
-    limit, found = plan.limits.wheel_momentum, turned_by_wheels(stage)
-    if limit is not None:
-        _check_any(stage, found, "limits")
-    for name, turned in found.items():
+    for name, turned in turned_by_wheels(stage).items():
         if name in plan.start:
             raise ScenarioError(
                 f"the momentum of {name}'s wheels counts from where it begins, and that is free; leave it "
@@ -122,25 +119,11 @@ def wheel_rows(stage: Stage, plan: Planning) -> Iterator[Row]:
         for what, unit, values, most in (
             ("torque", "N m", turned.motors, turned.wheels.torque_limit),
             ("speed", "rad/s", turned.speeds, turned.wheels.speed_limit),
-            ("momentum", "N m s", turned.momenta, limit),
         ):
             if most is not None:
                 for k, value in enumerate(ca.vertsplit(values)):
                     label = f"{what} of {name}'s wheel {k}"
                     yield Row(label, unit, value, -most, most, size=most)
-
-
-def wheel_cost(stage: Stage) -> ca.SX:
-    """Sum of the wheels' squared momenta (1x1) [N^2 m^2 s^2].
-
-    Raises
-    ------
-    ScenarioError
-        If there are no wheels whose momentum is known.
-    """
-    found = turned_by_wheels(stage)
-    _check_any(stage, found, "costs")
-    return sum((ca.sumsqr(turned.momenta) for turned in found.values()), ca.SX(0))
 
 
 def asked_of_bases(stage: Stage) -> ca.SX:
@@ -188,16 +171,6 @@ def _angular(scene: Scene, body: SceneBody, kinematics: Kinematics) -> ca.SX:
 def _across(stage: Stage, turned: Turned) -> Array:
     """Directions about which the wheels give no torque (k, 3)."""
     return np.zeros((0, 3)) if stage.scene.planar else np.asarray(null_space(turned.axes.T).T)
-
-
-def _check_any(stage: Stage, found: dict[str, Turned], section: str) -> None:
-    if not found:
-        raise ScenarioError(
-            "no robot's base is turned by one set of `reaction_wheels` alone, so that momentum is not "
-            "conserved or there is none; leave it out, or `base_force` and other actuators of the base",
-            source=stage.scene.source,
-            where=f"plan.{section}.wheel_momentum",
-        )
 
 
 def _check_alone(stage: Stage, name: str) -> None:

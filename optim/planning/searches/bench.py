@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
-from optim.planning.formulation.formulate import Phase, formulate_phases, plan_of, told_in
+from optim.planning.formulation.formulate import Phase, check_weights, formulate_phases, plan_of, told_in
 from optim.planning.formulation.stage import Problem
 from optim.planning.searches.early import check_joined, check_momentum, check_reach, check_start
 from optim.planning.solver.solvable import Solvable
@@ -232,6 +232,7 @@ class Bench:
                 check_momentum(phase.problem, phase.plan)
             if phase.problem.stage.driven.drives_bases:
                 break  # what momentum is left behind it nobody knows
+        check_weights(whole, (first, *others))
         intervals = sum(phase.plan.intervals for phase in (first, *others))
         instants_in_all = motions * plan.starts * intervals * plan.order // 2 * ITERATIONS
         if backend == "auto" and instants_in_all < COMPILED:

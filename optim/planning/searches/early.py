@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 
-from optim.planning.formulation.goals import Seen
+from optim.planning.formulation.instant import Seen
 from optim.planning.formulation.limits import urdf_joint
 from optim.planning.formulation.stage import Problem
 from optim.planning.transcription.guess import drift

@@ -178,7 +178,7 @@ def _terms(course: Course) -> dict[str, float]:
 
 def integrals(motion: Motion) -> dict[str, float]:
     """Integrals over the motion of the terms of the cost, what its end costs, and the duration, without their
-    weights; of ``propellant`` the impulse that is spent.
+    weights; magnitudes that the search rounds off as they are.
     """
     problem = motion.problem
     found: dict[str, float] = {}
@@ -186,25 +186,30 @@ def integrals(motion: Motion) -> dict[str, float]:
     for name, term in problem.terms.items():
         values = ca.Function("term", [problem.stage.z], [ca.densify(term)])(motion.z.T).full()
         found[name] = float(weights @ np.array(values).ravel()) * motion.duration_s
-    if "propellant" in found:  # the search has it smoothed, which is less than what is spent
-        found["propellant"] = spent(motion)
+    for name, forces in problem.magnitudes.items():  # smooth in the search, which is less than they are
+        found[name] = integral_of_magnitudes(motion, forces)
     for name, end in problem.ends.items():
         found[name] = float(ca.Function("end", [problem.stage.z], [end])(motion.z[-1]))
     return found | ({"time": motion.duration_s} if problem.time_weight else {})
 
 
-def spent(motion: Motion) -> float:
-    """Integral of the forces' magnitudes along the axes of driven bases [N s].
+def integral_of_magnitudes(motion: Motion, forces: ca.SX) -> float:
+    """Integral of the magnitudes of driving forces [N s].
 
     Forces are polynomials in each interval: between their roots the magnitude's integral is exact.
+
+    Parameters
+    ----------
+    motion
+        The motion.
+    forces
+        Expression in its instants, linear in what drives it (n x 1) [N].
     """
-    driven, lobatto = motion.problem.stage.driven, motion.lobatto
-    count = len(driven.joints)
-    own = [k for k, name in enumerate(driven.names) if k >= count and name.rpartition(".")[2][0] == "f"]
-    found = 0.0
+    lobatto, found = motion.lobatto, 0.0
+    drive = np.array(ca.Function("forces", [motion.problem.stage.z], [ca.densify(forces)])(motion.z.T).full())
     for n, width in enumerate(motion.mesh.widths):
         inside = slice(n * (lobatto.points - 1), (n + 1) * (lobatto.points - 1) + 1)
-        for values in motion.u[inside, own].T:
+        for values in drive[:, inside]:
             force = Polynomial(np.transpose(lobatto.basis) @ values)
             roots = force.roots()
             ends = np.unique([*np.clip(roots[np.abs(roots.imag) < 1e-09].real, 0, 1).tolist(), 0.0, 1.0])

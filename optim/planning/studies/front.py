@@ -16,10 +16,13 @@ from typing import Literal
 
 import numpy as np
 
-from optim.planning.formulation.costs import UNITS, told
+from optim.planning.formulation.costs import reported
+from optim.planning.formulation.formulate import plan_of
 from optim.planning.searches.bench import Ask, Attempt, Bench
 from optim.planning.searches.make import Planned, Progress, fault_of, integrals, kept_in, plan_tasks, planned
 from optim.planning.searches.tasks import Task, carry_out
+from spacerobot.elements import PlanCost, kinds
+from spacerobot.elements.plan_costs.time import TimeCost
 from spacerobot.errors import ScenarioError, near_names
 from spacerobot.scene import Scene
 
@@ -76,6 +79,12 @@ class Front:
     scene: Scene
     names: tuple[str, str]
     points: tuple[Point, ...]
+
+    @property
+    def costs(self) -> dict[str, PlanCost]:
+        """The two terms, by name; the duration is one though it may have no weight."""
+        given = plan_of(self.scene).costs
+        return {name: given[name] if name in given else TimeCost(weight=0.0) for name in self.names}
 
 
 @dataclass(frozen=True)
@@ -162,8 +171,9 @@ def _asks(bench: Bench, wanted: Wanted) -> list[Ask]:
             "a front takes a plan of one phase", source=bench.scene.source, where="plan.phases"
         )
     for name in wanted.names:
-        if name not in UNITS:
-            raise ScenarioError(f"no term {name!r}; {near_names(name, UNITS)}", where="--pareto")
+        known = dict.fromkeys([*bench.plan.costs, *kinds("plan_cost")])
+        if name not in known:
+            raise ScenarioError(f"no term {name!r}; {near_names(name, known)}", where="--pareto")
         if name != "time" and not weights.get(name):
             raise ScenarioError(
                 "has no weight, so that nothing makes it small; give it one",
@@ -214,7 +224,9 @@ def _point(bench: Bench, ask: Ask, found: Mapping[str, Attempt], name: str) -> P
     plan = planned(bench, ask, found, name)
     duration = plan.motion.duration_s
     values = {
-        term: told(term, value, duration) for term, value in integrals(plan.motion).items() if term != "time"
+        term: reported(bench.plan.costs[term], value, duration)
+        for term, value in integrals(plan.motion).items()
+        if term != "time"
     }
     return Point(name, changes, {"time": duration, **values}, "efficient", "", plan)
 

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from optim.planning.formulation.bases import base_limits
 from optim.planning.formulation.formulate import mated, plan_of
 from optim.planning.searches.make import Planned
 from optim.planning.verification.gains import base_gains, tracking_gains
@@ -226,10 +227,10 @@ def _actuated(planned: Planned, robot: str, actuators: Document) -> Document:
     own = [part for _, one in scenario.robots[robot].driven_by() for part in one.base_wrench]
     if {"torque" if axis[0] == "t" else "force" for axis in axes} <= set(own):
         return actuators
-    limits = [plan.limits for plan in plan_of(planned.scene).by_phase.values()]
+    limits = [base_limits(plan.limits) for plan in plan_of(planned.scene).by_phase.values()]
     ideal = {
         "kind": "base_wrench",
-        "force": max(bounds.base_force or 0.0 for bounds in limits) or None,
-        "torque": max(bounds.base_torque or 0.0 for bounds in limits) or None,
+        "force": max(own.get("force", 0.0) for own in limits) or None,
+        "torque": max(own.get("torque", 0.0) for own in limits) or None,
     }
     return actuators | {_unused("plan", set(actuators)): ideal}

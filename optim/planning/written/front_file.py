@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from optim.plain import plain
-from optim.planning.formulation.costs import UNITS, heading
+from optim.planning.formulation.costs import headings
 from optim.planning.studies.front import Front, Point
 from optim.planning.written.plan_file import summary
 from optim.planning.written.plan_file import write as write_plan
@@ -32,11 +32,12 @@ def check_front_folder(folder: Path) -> None:
 
 def to_data(front: Front) -> dict[str, Any]:
     """A front, plain."""
+    costs = front.costs
     return {
         "scenario": front.scene.scenario.name,
         "terms": list(front.names),
-        "headings": {name: heading(name) for name in front.names},
-        "units": {name: UNITS[name] for name in front.names},
+        "headings": headings(costs),
+        "units": {name: cost.unit for name, cost in costs.items()},
         "points": [_point(point) for point in front.points],
     }
 

@@ -93,6 +93,11 @@ class Mated(TipGoal):
         within = None if self.spin_within_deg is None else float(np.radians(self.spin_within_deg))
         yield from _matched("spin", "rad/s", spin, instant.turns, within)
 
+    def arrival(self, instant: Instant) -> tuple[ca.SX, ca.SX]:
+        """In the mating frame; no spin where orientation is free."""
+        _, speed, spin = instant.tip(self.tip).seen_from(instant.mating(self.frame))
+        return speed, spin if self.orientation else ca.SX(0, 1)
+
     def place(self, instant: Instant) -> ca.SX:
         """Before the mating frame."""
         mate = instant.mating(self.frame)

@@ -6,8 +6,8 @@ import pytest
 import yaml
 from scipy.optimize import minimize, minimize_scalar
 
-from optim.planning.formulation.costs import base_reactions
 from optim.planning.formulation.formulate import formulate_phases
+from optim.planning.formulation.reactions import base_reactions
 from optim.planning.searches.make import make_plan
 from optim.planning.studies.front import Wanted, make_front
 from optim.planning.written.plan_file import FOLLOWED, dataset, write

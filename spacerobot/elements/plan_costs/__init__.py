@@ -1,0 +1,1 @@
+"""Kinds of costs of plans that ship, one in each file."""

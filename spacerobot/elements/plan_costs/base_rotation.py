@@ -1,0 +1,32 @@
+"""Integral of the robots' squared base rotations since the start."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import ClassVar, Literal
+
+import casadi as ca
+
+from spacerobot.elements.instant import Instant
+from spacerobot.elements.plan_cost import AxesCost, weight
+from spacerobot.elements.registry import register
+
+
+@register
+class BaseRotationCost(AxesCost):
+    """Integral of the robots' squared base rotations since the start."""
+
+    unit: ClassVar[str] = "rad"
+    weighs: ClassVar[str] = "floating bases of robots"
+    relative_to_start: ClassVar[bool] = True
+
+    kind: Literal["base_rotation"] = "base_rotation"
+    weight: float = weight(
+        "1/(rad^2 s)",
+        "the integral of the robots' squared base rotations since the start, root link's axes there",
+    )
+
+    def vectors(self, instant: Instant) -> Iterator[ca.SX]:
+        """Of each floating base."""
+        for base in instant.bases().values():
+            yield base.rotation

@@ -1,0 +1,1 @@
+"""Kinds of limits of plans that ship, one in each file."""

@@ -1,0 +1,36 @@
+"""Keep-out: a least distance between two shapes, or groups of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import ClassVar, Literal
+
+from pydantic import Field
+
+from spacerobot.elements.contact import Wrap
+from spacerobot.elements.instant import Instant, Row
+from spacerobot.elements.plan_limit import PlanLimit
+from spacerobot.elements.registry import register
+from spacerobot.section import quantity
+
+
+@register
+class KeepOut(PlanLimit):
+    """Two shapes, or groups of them, that stay apart."""
+
+    short: ClassVar[str | None] = None
+
+    kind: Literal["keep_out"] = "keep_out"
+    between: tuple[str, str] = Field(
+        description="the two, each the name of a pad, or robot/link or target/link for all collision shapes "
+        "of a link; `*` in a link's name stands for any letters"
+    )
+    distance: float = quantity("m", "least distance", default=0.0, ge=0)
+    wrap: Wrap | None = Field(
+        default=None, description="shape of the same extents that stands in for meshes and cylinders"
+    )
+
+    def rows(self, instant: Instant) -> Iterator[Row]:
+        """The distance of each pair."""
+        for label, gap, about in instant.gaps(self.between, self.wrap):
+            yield Row(label, "m", gap, lower=self.distance, about=about)

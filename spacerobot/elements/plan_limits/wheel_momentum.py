@@ -1,0 +1,32 @@
+"""Greatest angular momentum of any reaction wheel about its axis."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Literal
+
+import casadi as ca
+
+from spacerobot.elements.instant import Instant, Row
+from spacerobot.elements.plan_limit import PlanLimit
+from spacerobot.elements.registry import register
+from spacerobot.section import quantity
+
+
+@register
+class WheelMomentumLimit(PlanLimit):
+    """Greatest angular momentum of any reaction wheel about its axis."""
+
+    kind: Literal["wheel_momentum"] = "wheel_momentum"
+    upper: float = quantity(
+        "N m s",
+        "greatest angular momentum of any reaction wheel about its axis, where wheels alone turn a base",
+        gt=0,
+    )
+
+    def rows(self, instant: Instant) -> Iterator[Row]:
+        """One for each wheel."""
+        for robot, wheels in instant.wheels().items():
+            for k, value in enumerate(ca.vertsplit(wheels.momenta)):
+                label = f"momentum of {robot}'s wheel {k}"
+                yield Row(label, "N m s", value, -self.upper, self.upper, size=self.upper)

@@ -1,0 +1,130 @@
+"""Costs and limits of plans as kinds: their sections, factors by joint and by axis, and a user's own."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+import pytest
+import yaml
+
+from optim.planning.formulation.formulate import formulate
+from optim.planning.searches.bench import Bench
+from spacerobot.errors import ScenarioError
+from spacerobot.scenario.load import to_document
+from spacerobot.scenario.plan import Planning
+from tests.optim.planning.conftest import REACH
+
+ROOT = Path(__file__).parents[3]
+DRIVEN = ("plan.limits", {"base_force": 3, "base_torque": 2})
+
+
+def values(scene):
+    """Each term, and the parts of an instant that was drawn."""
+    problem = formulate(scene)
+    stage = problem.stage
+    z = np.random.default_rng(0).uniform(-1, 1, stage.z.numel())
+    found = {name: float(ca.Function("f", [stage.z], [one])(z)) for name, one in problem.terms.items()}
+    first = stage.q.numel()
+    v, a, u = np.split(z[first:], [stage.v.numel(), 2 * stage.v.numel()])
+    return found, v, a, u
+
+
+def test_squares_have_factors_by_joint_and_by_axis(reach):
+    costs = {
+        "torque": {"weight": 2, "joints": {"one/*": 3, "one/joint_2": 0}},
+        "elbow": {"kind": "joint_rate", "weight": 1, "joints": {"*": 0, "*joint_3": 1}},
+        "joint_acceleration": 1,
+        "base_force": {"weight": 1, "axes": [1, 5, 1]},
+        "base_torque": 4,
+        "base_wrench": 1,
+    }
+    found, v, a, u = values(reach(("plan.costs", costs), DRIVEN))
+    assert found == pytest.approx(
+        {
+            "torque": 3 * u[0] ** 2 + 3 * u[2] ** 2,
+            "elbow": v[5] ** 2,
+            "joint_acceleration": (a[3:6] ** 2).sum(),
+            "base_force": u[3] ** 2 + 5 * u[4] ** 2,
+            "base_torque": u[5] ** 2,
+            "base_wrench": (u[3:] ** 2).sum(),
+        }
+    )
+
+
+def test_sections_are_as_short_in_results_as_users_write_them(reach):
+    plan = {
+        "costs": {"torque": 0.5, "wrist": {"kind": "torque", "weight": 1.0}, "time": 0.0},
+        "limits": {"torque": 3.0, "urdf": ["rate"], "eye": {"kind": "joint_rate_deg", "upper": 9.0}},
+    }
+    scene = reach(*((f"plan.{key}", one) for key, one in plan.items()), ("plan.limits.joint_speed", None))
+    document = to_document(scene.scenario)["plan"]
+    assert document["costs"]["torque"] == 0.5
+    assert document["costs"]["wrist"] == {"kind": "torque", "weight": 1.0, "joints": {}}
+    assert document["limits"] == plan["limits"]
+    assert Planning.model_validate(document) == scene.scenario.plan
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ([("plan.costs.torqe", 1)], "plan.costs.torqe.kind: found 'torqe', allowed: .* did you mean torque"),
+        ([("plan.costs.torque", -1)], "plan.costs.torque: found -1, allowed: at least 0"),
+        ([("plan.costs.torque", "much")], "plan.costs.torque: found 'much', allowed: a section"),
+        ([("plan.costs.torque", {})], "plan.costs.torque.weight: missing"),
+        ([("plan.limits.torque", {"lower": 1})], "plan.limits.torque: unknown key 'lower'"),
+        ([("plan.limits.sight", 3)], "plan.limits.sight"),
+        (
+            [("plan.costs.torque", {"weight": 1, "joints": {"joint_1": 2}})],
+            "no joint 'joint_1'; did you",
+        ),
+        ([("plan.costs.time", {"kind": "torque", "weight": 1})], "plan.costs.time: found kind 'torque'"),
+        (
+            [("plan.costs.base_wrench", 1)],
+            "plan.costs.base_wrench: found a weight of 1, but there are no",
+        ),
+        ([("plan.costs.propellant", 1)], "no forces on bases: give `limits.base_force`"),
+        ([("plan.costs.base_torque", 1), ("plan.limits.base_force", 2)], "there are no torques on bases"),
+        ([("plan.costs.grip_force", 1)], "there are no grasps that hold"),
+        (
+            [
+                ("plan.costs.impact_speed", 1),
+                ("plan.goals", {"o": {"tip": "one/tip", "position": [0, 0, 0]}}),
+            ],
+            "there are no tips that come to mating frames",
+        ),
+        (
+            [("plan.costs.base_rotation", 1), ("robots.one.base.joint", "fixed")],
+            "no floating bases of",
+        ),
+    ],
+)
+def test_what_is_not_there_is_refused(reach, changes, message):
+    with pytest.raises(ScenarioError, match=message):
+        Bench.of(reach(*changes), "interpreted")
+
+
+def test_a_cost_and_a_limit_of_ones_own_come_from_one_file(tmp_path):
+    """In a process of its own, so that kinds stay out of other tests."""
+    file, plugin = tmp_path / "reach.yaml", ROOT / "examples" / "plugins" / "tip_speed.py"
+    own = {"tip": "one/tip"}
+    plan = REACH["plan"] | {
+        "costs": {"torque": 0.01, "tip_speed": own | {"weight": 1.0}},
+        "limits": {"tip_speed": own | {"upper": 0.16}},
+        "tolerance": 1e-3,
+        "order": 4,
+    }
+    file.write_text(yaml.safe_dump(REACH | {"plan": plan}))
+    command = [sys.executable, "-m", "spacerobot"]
+    words = [*command, "plan", str(file), "--plugin", str(plugin), "--out", str(tmp_path / "out")]
+    done = subprocess.run(words, capture_output=True, text=True, cwd=ROOT, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    told = json.loads((tmp_path / "out" / "plan.json").read_text())
+    assert told["terms"]["tip_speed"] > 0.01
+    assert "tip speed" in done.stdout
+    words = [*command, "check", str(file)]
+    without = subprocess.run(words, capture_output=True, text=True, cwd=ROOT, check=False)
+    assert without.returncode == 2
+    assert "your own come with --plugin FILE" in without.stderr.replace("\n", " ")
