@@ -8,11 +8,12 @@ a second later. Files are written beside their place and moved there, so that th
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import os
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from types import FrameType
 from typing import NoReturn
 
@@ -76,8 +77,26 @@ class _Guard:
         os.close(self._read)
 
 
+_endings: list[Callable[[], None]] = []
+
+
+def at_end(call: Callable[[], None]) -> None:
+    """Have something called when this process ends, by itself or by Ctrl-C, whatever its threads do then.
+
+    Parameters
+    ----------
+    call
+        Called once at least, in any thread; returns soon.
+    """
+    _endings.append(call)
+    atexit.register(call)
+
+
 def leave(line: str = LINE) -> NoReturn:
     """End the process at once, with its one line; threads that still compute are not waited for."""
+    for call in _endings:
+        with contextlib.suppress(Exception):  # nothing may keep the process from ending
+            call()
     with contextlib.suppress(OSError):
         os.write(2, (SHOW_CURSOR + line if os.isatty(2) else line).encode())
     os._exit(INTERRUPTED)

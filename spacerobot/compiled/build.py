@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import os
+import shutil
 import signal
 import subprocess
 import tempfile
+import threading
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -14,6 +16,7 @@ from pathlib import Path
 
 from spacerobot.compiled.toolchain import SUFFIX, Toolchain
 from spacerobot.errors import CompileError
+from spacerobot.interrupts import at_end
 
 TIMEOUT_S = 900.0
 """Time after which a compiler is held to hang, unless ``SPACEROBOT_COMPILE_TIMEOUT`` says another, in s."""
@@ -47,7 +50,7 @@ def build(
     """Compile and link, in a private folder inside another, so that the result can be moved atomically.
 
     As many compilers run at a time as there are usable cores; each in a process group of its own, which is
-    ended when it takes too long, when another fails, and at Ctrl-C.
+    ended when it takes too long, when another fails, at Ctrl-C, and when this process ends.
 
     Parameters
     ----------
@@ -115,6 +118,47 @@ def timeout_s() -> float:
     return limit
 
 
+class _Running:
+    """Every compiler that this process has started and that has not ended.
+
+    A thread that does not keep the process from ending, as those of the studio, does not reach its own
+    ``finally`` when it ends; a compiler in a process group of its own would then go on.
+    """
+
+    def __init__(self) -> None:
+        self._jobs, self._lock, self._closed = set[_Job](), threading.Lock(), False
+        at_end(self.close)
+
+    def start(self, name: str, command: Sequence[str], log: Path, environment: dict[str, str]) -> _Job:
+        """Start a compiler.
+
+        Raises
+        ------
+        CompileError
+            This process is ending.
+        """
+        with self._lock:
+            if self._closed:
+                raise CompileError("not compiled: the process is ending")
+            job = _Job(name, command, log, environment)
+            self._jobs.add(job)
+        return job
+
+    def end(self, job: _Job) -> None:
+        """End a compiler, if it has not ended by itself."""
+        with self._lock:
+            job.end()
+            self._jobs.discard(job)
+
+    def close(self) -> None:
+        """End all, remove what they were writing, and let none begin."""
+        with self._lock:
+            self._closed = True
+            for job in self._jobs:
+                job.end()
+                shutil.rmtree(job.log.parent, ignore_errors=True)
+
+
 class _Job:
     """A running compiler."""
 
@@ -150,13 +194,18 @@ class _Job:
         return code == 0
 
     def end(self) -> None:
-        """End it and what it started."""
+        """End it and what it started, unless it ended by itself: its number may then be another's."""
+        if self.process.poll() is not None:
+            return
         if os.name == "posix":
-            with contextlib.suppress(ProcessLookupError, PermissionError):  # it may have ended by itself
+            with contextlib.suppress(ProcessLookupError, PermissionError):
                 os.killpg(self.process.pid, signal.SIGKILL)
         else:
             self.process.kill()
         self.process.wait()
+
+
+RUNNING = _Running()
 
 
 def _run_all(
@@ -164,21 +213,22 @@ def _run_all(
 ) -> None:
     """Run commands, at most one for each core at a time; none goes on when this returns."""
     work = Path(environment["TMPDIR"])
-    limit_s, waiting, running, done = timeout_s(), list(enumerate(commands)), list[_Job](), 0
+    limit_s, waiting, started, done = timeout_s(), list(enumerate(commands)), list[_Job](), 0
     cores = usable_cores()
     told(done, len(commands))
     try:
-        while waiting or running:
-            while waiting and len(running) < cores:
+        while waiting or started:
+            while waiting and len(started) < cores:
                 k, command = waiting.pop(0)
-                running.append(_Job(name, command, work / f"log_{k}.txt", environment))
-            ended = [job for job in running if job.is_done(limit_s)]
+                started.append(RUNNING.start(name, command, work / f"log_{k}.txt", environment))
+            ended = [job for job in started if job.is_done(limit_s)]
             for job in ended:
-                running.remove(job)
+                started.remove(job)
+                RUNNING.end(job)
                 done += 1
                 told(done, len(commands))
             if not ended:
                 time.sleep(LOOK_S)
     finally:
-        for job in running:
-            job.end()
+        for job in started:
+            RUNNING.end(job)

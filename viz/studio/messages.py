@@ -18,6 +18,12 @@ MOST_BYTES = 256 * 1024
 MOST_VALUES = 2000
 """That a design may have."""
 
+MAX_DEPTH = 16
+"""Levels of lists and mappings in a message."""
+
+LARGEST = 1e300
+"""Numbers from here on count as infinite."""
+
 KINDS = ("set", "gradient", "improve", "tune", "campaign", "stop", "save", "command")
 """What a page may ask."""
 
@@ -42,6 +48,17 @@ class Request:
     values: Mapping[str, Any] = field(default_factory=dict)
     seq: int = 0
     more: Mapping[str, Any] = field(default_factory=dict)
+
+    def check(self) -> None:
+        """Refuse what is nested too deeply, and numbers that are not finite.
+
+        Raises
+        ------
+        SpaceRobotError
+            Naming the place.
+        """
+        _check(self.values)
+        _check(self.more)
 
     def text(self, name: str, allowed: tuple[str, ...] = ()) -> str:
         """A word of the request.
@@ -83,6 +100,25 @@ class Request:
         return value
 
 
+def _check(node: Any, where: tuple[str, ...] = ()) -> None:
+    """Refuse what is nested too deeply, and numbers that no floating-point number holds.
+
+    Raises
+    ------
+    SpaceRobotError
+        Naming the place in the message.
+    """
+    if isinstance(node, dict | list):
+        if len(where) >= MAX_DEPTH:
+            path = ".".join(where[:3])
+            raise SpaceRobotError(f"nested too deeply, allowed: {MAX_DEPTH} levels", where=path)
+        for key, value in node.items() if isinstance(node, dict) else enumerate(node):
+            _check(value, (*where, str(key)))
+    elif isinstance(node, int | float) and not abs(node) < LARGEST:
+        told = f"found {node:.4g}, allowed: a finite number smaller than {LARGEST:g}"
+        raise SpaceRobotError(told, where=".".join(where))
+
+
 def read(text: str | bytes) -> Request:
     """Request of a message.
 
@@ -92,8 +128,11 @@ def read(text: str | bytes) -> Request:
         If it is none.
     """
     try:
-        found = json.loads(text)
-    except (ValueError, RecursionError):
+        # Python refuses to read whole numbers of more than 4300 digits; as floats they are infinite
+        found = json.loads(text, parse_int=lambda digits: int(digits) if len(digits) < 300 else float(digits))
+    except RecursionError:
+        raise SpaceRobotError(f"a message nested too deeply, allowed: {MAX_DEPTH} levels") from None
+    except ValueError:
         raise SpaceRobotError("a message that is no JSON") from None
     if not isinstance(found, dict) or found.get("type") not in KINDS:
         raise SpaceRobotError(f"a message of no known type, allowed: {', '.join(KINDS)}")

@@ -20,6 +20,7 @@ from spacerobot.scenario.paths import expand
 from spacerobot.scenario.units import unit_at
 from spacerobot.scene import Scene
 from spacerobot.section import Section, leaves
+from viz.studio.messages import LARGEST
 
 Value = float | int | bool | str | None
 LEFT_OUT = ("name", "description", "tuning", "campaign", "plan")
@@ -27,9 +28,6 @@ LEFT_OUT = ("name", "description", "tuning", "campaign", "plan")
 
 REACH = {"deg": 45.0, "deg/s": 10.0, "m": 0.1, "m/s": 0.1}
 """How far a slider of a number that is zero, or an angle, reaches to both sides, by unit; else 1."""
-
-LARGEST = 1e300
-"""Numbers from here on count as infinite."""
 
 DECADES = 10.0  # a slider of a positive number reaches so many times lower and higher
 

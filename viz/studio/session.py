@@ -103,6 +103,7 @@ class Session:
         request = Request("message")
         try:
             request = read(text)
+            request.check()
             if request.kind == "stop":
                 self._jobs.stop(request.text("job"))
             elif request.kind in NEWEST:

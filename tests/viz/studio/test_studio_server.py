@@ -91,5 +91,31 @@ def test_messages_hold_no_more_than_is_sane():
         read('{"type": "set", "seq": true}')
 
 
+@pytest.mark.parametrize("kind", ["set", "gradient", "improve", "tune", "campaign", "save", "command"])
+@pytest.mark.parametrize(
+    ("written", "told"),
+    [
+        ("[" * 900 + "1" + "]" * 900, "nested too deeply, allowed: 16 levels"),
+        ("[" * 100_000 + "]" * 100_000, "nested too deeply"),
+        ("1" + "0" * 400, "found inf, allowed: a finite number smaller than 1e\\+300"),
+        ("-1" + "0" * 300, r"found -1e\+300"),
+        ("9" * 5000, "found inf"),
+        ("1e999", "found inf"),
+        ("NaN", "found nan"),
+    ],
+)
+def test_messages_are_neither_deep_nor_infinite(kind, written, told):
+    for text in (
+        f'{{"type": "{kind}", "values": {{"robots.a.b": {written}}}}}',
+        f'{{"type": "{kind}", "spreads": {{"robots.a.b": {{"kind": "uniform", "upper": {written}}}}}}}',
+    ):
+        with pytest.raises(SpaceRobotError, match=told) as found:
+            read(text).check()
+        assert len(str(found.value)) < 200
+    assert read('{"type": "set", "values": {"a": 12345678901234567890}}').values == {
+        "a": 12345678901234567890
+    }
+
+
 def test_a_notebook_shows_it_in_a_cell(studio):
     assert f'<iframe src="{studio.url}"' in studio._repr_html_()
