@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterable, Iterator
 from typing import Annotated, Any
@@ -20,8 +21,12 @@ SIGNALS_UNIT = "signal's unit"
 """Unit of a number that is in the unit of the section it stands in."""
 
 
+LARGEST = 1e100
+"""Larger numbers are refused: what is computed of them, as products of three, is infinite."""
+
+
 class Section(BaseModel):
-    """A part of a scenario: frozen, unknown keys refused, numbers finite.
+    """A part of a scenario: frozen, unknown keys refused, numbers finite and not beyond :data:`LARGEST`.
 
     Every number is in SI units unless its name ends in another one (``_deg``); the unit is part of the
     field's description and of the exported JSON schema.
@@ -45,7 +50,28 @@ class Section(BaseModel):
                 bool | None,
             ):
                 raise ValueError(f"{key}: found {value!r}, a truth value, which is not allowed here")
+            _check_size(key, value)
         return data
+
+
+def _check_size(key: str, value: Any) -> None:
+    """Refuse numbers, also in lists, that are finite and yet too large to compute with.
+
+    Raises
+    ------
+    ValueError
+        Its text begins with the key.
+    """
+    if isinstance(value, list | tuple):
+        for item in value:
+            _check_size(key, item)
+    elif isinstance(value, int) and value.bit_length() > 63:
+        size = f"{value}" if value.bit_length() < 100 else f"some 1e{int(value.bit_length() * math.log10(2))}"
+        raise ValueError(
+            f"{key}: found {size}, a whole number of more than 64 bits; write 1.0e20 for a large number"
+        )
+    elif isinstance(value, float) and LARGEST < abs(value) < math.inf:
+        raise ValueError(f"{key}: found {value:g}, allowed: numbers up to {LARGEST:g}")
 
 
 def quantity(unit: str, description: str, **options: Any) -> Any:

@@ -1,4 +1,8 @@
-"""A phase's changes laid over the scenario, and what may differ at all."""
+"""A phase's changes laid over the scenario, and what may differ at all.
+
+Changes are laid over the scenario before they are validated, so what they hold may have any shape: a number
+where a section belongs goes into the merged document as it is, whose validation names its place.
+"""
 
 from __future__ import annotations
 
@@ -57,19 +61,28 @@ def overlay(base: Document, changes: Document) -> Document:
 
 def without_resting(document: Document) -> Document:
     """Document whose mappings of named controllers lack those that are null, in place."""
-    for robot in document["robots"].values():
-        for holder in (robot, *robot["tips"].values()):
-            holder["controllers"] = {
-                name: section for name, section in holder["controllers"].items() if section is not None
-            }
+    robots = sections(document.get("robots"))
+    for holder in [*robots, *(tip for robot in robots for tip in sections(robot.get("tips")))]:
+        if isinstance(holder.get("controllers"), dict):
+            holder["controllers"] = without_null(holder["controllers"])
     return document
+
+
+def sections(node: Any) -> list[Document]:
+    """Sections of a mapping by name; none of what is no mapping."""
+    return [each for each in node.values() if isinstance(each, dict)] if isinstance(node, dict) else []
+
+
+def without_null(document: Document) -> Document:
+    """What of a mapping is not null."""
+    return {name: value for name, value in document.items() if value is not None}
 
 
 def pick(merged: Document, changes: Document) -> Document:
     """What of a merged document changes name, references whole."""
     return {
         key: pick(merged[key], value)
-        if isinstance(value, dict) and isinstance(merged[key], dict) and key != "reference"
+        if isinstance(value, dict) and isinstance(merged.get(key), dict) and key != "reference"
         else merged.get(key)  # a named controller that rests is not there
         for key, value in changes.items()
     }

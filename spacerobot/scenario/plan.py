@@ -22,7 +22,7 @@ from spacerobot.elements.plan_limits.cone import Cone
 from spacerobot.elements.plan_limits.keep_out import KeepOut
 from spacerobot.elements.plan_limits.sight import Sight
 from spacerobot.scenario.faults import explain
-from spacerobot.scenario.merge import overlay, pick
+from spacerobot.scenario.merge import overlay, pick, without_null
 from spacerobot.scenario.tuning import Variable
 from spacerobot.section import Name, Section, Vector, quantity
 
@@ -254,7 +254,8 @@ class Planning(Section):
         """Section of a plain form with changes, without what is null."""
         document = overlay(base, changes)
         for key in ("keep_out", "cones", "sights"):
-            document[key] = {name: one for name, one in document[key].items() if one is not None}
+            if isinstance(document[key], dict):
+                document[key] = without_null(document[key])
         return Planning.model_validate(document, context=context)
 
     @property

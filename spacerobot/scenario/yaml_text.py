@@ -45,6 +45,15 @@ class Loader(yaml.SafeLoader):
             seen.add(key)
         return super().construct_mapping(node, deep=deep)
 
+    def construct_object(self, node: yaml.Node, deep: bool = False) -> Any:
+        """Value of a node; a tag that does not fit its text, such as ``!!bool maybe``, is refused."""
+        try:
+            return super().construct_object(node, deep=deep)
+        except (ValueError, KeyError, IndexError, TypeError, OverflowError):
+            kind = node.tag.rpartition(":")[2]
+            message = f"found {str(node.value)[:60]!r}, which is no {kind}"
+            raise yaml.constructor.ConstructorError(None, None, message, node.start_mark) from None
+
     def construct_int(self, node: yaml.ScalarNode) -> int:
         """Whole number in decimal digits, zeros in front or not."""
         return int(self.construct_scalar(node))

@@ -29,7 +29,7 @@ KNOWS = {
     "spacerobot.scene": {"section", "elements", "scenario", "description", "shapes"},
     "spacerobot.closedloop": {"section", "elements", "symbolic", "scenario", "scene", "dynamics", "shapes"},
     "spacerobot.progress": set(),
-    "spacerobot.compiled": {"progress"},
+    "spacerobot.compiled": {"interrupts", "progress"},
     "spacerobot.rollout": {"compiled"},
     "spacerobot.kept": {"closedloop", "compiled", "elements", "scenario", "scene"},
     "spacerobot.pinocchio_engine": {"elements", "scenario", "scene", "rollout"},
