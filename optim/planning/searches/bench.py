@@ -11,7 +11,14 @@ from functools import cached_property
 
 from optim.planning.formulation.formulate import Phase, check_weights, formulate_phases, plan_of, told_in
 from optim.planning.formulation.stage import Problem
-from optim.planning.searches.early import check_joined, check_momentum, check_reach, check_start
+from optim.planning.searches.early import (
+    check_changeable,
+    check_joined,
+    check_momentum,
+    check_reach,
+    check_start,
+)
+from optim.planning.searches.reachability import check_posture
 from optim.planning.solver.solvable import Solvable
 from optim.planning.solver.solve import Solved
 from optim.planning.transcription.chain import Chain, Link, programs_of
@@ -233,6 +240,9 @@ class Bench:
             if phase.problem.stage.driven.drives_bases:
                 break  # what momentum is left behind it nobody knows
         check_weights(whole, (first, *others))
+        with told_in(whole, first.name):
+            check_changeable(problem)
+            check_posture(problem)
         intervals = sum(phase.plan.intervals for phase in (first, *others))
         instants_in_all = motions * plan.starts * intervals * plan.order // 2 * ITERATIONS
         if backend == "auto" and instants_in_all < COMPILED:

@@ -26,6 +26,8 @@ from spacerobot.scene.scene import SceneBody, SceneTip
 
 SLACK = 1e-9
 """Violation of a start that is rounding."""
+MISSED = 1e-6
+"""Miss of a goal that nothing changes, for which it is refused."""
 INSTANTS = 100
 """Instants of a free duration at which a moving goal is looked for."""
 
@@ -213,6 +215,52 @@ def _momenta(scene: Scene, bodies: Iterable[SceneBody]) -> tuple[Array, Array]:
         linear, angular = linear + momentum.linear, angular + momentum.angular
         moment, mass = moment + inertia.mass * place.act(inertia.lever), mass + inertia.mass
     return linear, angular - np.cross(moment / mass, linear)
+
+
+def check_changeable(problem: Problem) -> None:
+    """Refuse a goal about what nothing can change: it moves on as it does, and misses the goal.
+
+    Nothing changes what is neither driven nor held together with what is.
+
+    Raises
+    ------
+    ScenarioError
+        By how much the goal is missed at the least.
+    """
+    stage, scene = problem.stage, problem.stage.scene
+    if problem.begin is not None or stage.grips or stage.springs or not problem.goal:
+        return
+    driven = {scene.model.names[joint].partition("/")[0] for joint in stage.driven.joints}
+    driven |= {name.partition("/")[0] for name in stage.driven.names}
+    free = [joint for body in scene.bodies if body.name not in driven for joint in body.subtree]
+    fixed = np.ones(scene.model.nq, dtype=bool), np.ones(scene.model.nv, dtype=bool)
+    for joint in free:
+        own = scene.model.joints[joint]
+        fixed[0][own.idx_q : own.idx_q + own.nq] = fixed[1][own.idx_v : own.idx_v + own.nv] = False
+    moved = ca.vertcat(
+        stage.q[np.flatnonzero(fixed[0]).tolist()],
+        stage.v[np.flatnonzero(fixed[1]).tolist()],
+        stage.a,
+        stage.u,
+    )
+    rows = [row for row in problem.goal if not ca.depends_on(row.value, moved)]
+    if not rows:
+        return
+    least, greatest, _ = problem.duration
+    qs, vs = drift(problem, Lobatto.of_order(2), INSTANTS, greatest)
+    first = int(INSTANTS * least / greatest)
+    state = np.hstack([qs, vs])[first:].T
+    values = ca.Function("goals", [ca.vertcat(stage.q, stage.v)], [ca.vertcat(*(row.value for row in rows))])
+    for row, found in zip(rows, np.array(values(state)).reshape(len(rows), -1), strict=True):
+        over = np.maximum(row.lower - found, found - row.upper)
+        crossed = row.lower == row.upper and found.min() <= row.lower <= found.max()
+        if not crossed and over.min() > MISSED:
+            raise ScenarioError(
+                f"{row.name}: nothing that is planned changes it, and it misses by at least "
+                f"{over.min() * row.scale:.3g} {row.unit}; leave the goal out, or drive or hold its body",
+                source=scene.source,
+                where="plan.goals",
+            )
 
 
 def check_reach(problem: Problem, plan: Planning, tips: dict[str, SceneTip]) -> None:
