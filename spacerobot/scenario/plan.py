@@ -106,7 +106,18 @@ class Choice(Section):
         return data
 
 
-WHOLE = ("choices", "design", "start", "most_intervals", "order", "tolerance", "starts", "iterations", "seed")
+WHOLE = (
+    "choices",
+    "design",
+    "start",
+    "most_intervals",
+    "order",
+    "tolerance",
+    "starts",
+    "iterations",
+    "time_limit",
+    "seed",
+)
 """Keys that are the same in every phase."""
 FAMILY_OF = {"costs": "plan_cost", "limits": "plan_limit"}
 """Family of the kinds in a section that is short where it can be."""
@@ -164,6 +175,13 @@ class Planning(Section):
     )
     starts: int = Field(default=1, ge=1, le=1000, description="from how many guesses the search begins")
     iterations: int = Field(default=500, ge=1, description="of one search, at most")
+    time_limit: float = quantity(
+        "s",
+        "processor time after which one search, from one start or refining its mesh, begins no further "
+        "iteration; nothing else depends on time",
+        default=600.0,
+        gt=0,
+    )
     seed: int = Field(default=0, ge=0, description="everything random follows from it")
 
     @model_validator(mode="before")

@@ -19,7 +19,7 @@ import numpy as np
 import spacerobot
 from optim.plain import plain
 from optim.planning.searches.bench import Ask, Attempt, Solve
-from optim.planning.solver.solve import Solved
+from optim.planning.solver.solve import TIME_LIMIT, Solved
 from optim.planning.transcription.mesh import Mesh
 from optim.planning.verification.verdict import Verdict, Violation
 from spacerobot.files import write_bytes
@@ -60,8 +60,9 @@ class Kept:
         ResultError
             If it cannot be written.
         """
-        if self.folder is None:
-            return
+        late = any(solve.status == TIME_LIMIT for solve in attempt.solves)
+        if self.folder is None or late or not (attempt.solves or attempt.solved):
+            return  # what time ended may come farther another time
         buffer = io.BytesIO()
         np.savez(buffer, allow_pickle=False, **_arrays(attempt))
         write_bytes(self._file(ask), buffer.getvalue())

@@ -140,9 +140,11 @@ def fault_of(attempt: Attempt, starts: int = 1) -> str | None:
     """Why there is no plan; None if there is one."""
     if attempt.solved is None:
         many = f" from {starts} starts" if starts > 1 else ""
-        return f"no feasible plan was found{many}; what stands against it: {attempt.blame}"
+        return f"no plan was found{many}: {attempt.blame}"
     assert attempt.verdict is not None
     faults = attempt.verdict.faults()
+    if faults and attempt.blame:
+        faults.append(attempt.blame)
     return f"the plan is refused: {'; '.join(faults)}" if faults else None
 
 

@@ -3,27 +3,37 @@
 from __future__ import annotations
 
 import dataclasses
+import time
 
 import numpy as np
 
 from optim.planning.searches.bench import Ask, Attempt, Bench, Solve
+from optim.planning.searches.failure import bad_start, exhausted, infeasible, soft_rows
+from optim.planning.solver.elastic import Elastic
 from optim.planning.solver.solvable import Solvable
-from optim.planning.solver.solve import Solved, solve
-from optim.planning.transcription.chain import programs_of
+from optim.planning.solver.solve import TIME_LIMIT, Solved, solve
 from optim.planning.transcription.guess import guesses, stretched
 from optim.planning.transcription.mesh import Mesh
 from optim.planning.transcription.motion import Course
-from optim.planning.transcription.program import Program
 from optim.planning.transcription.refine import carried
 from optim.planning.verification.refinement import refined_meshes
 from optim.planning.verification.verdict import Verdict, judge
-from spacerobot.arrays import Array
 
 BARRIER = 1e-4
 """Barrier parameter, in units of the cost's size, to begin with from another problem's solution."""
 
 Meshes = tuple[Mesh, ...]
 """One for each phase."""
+
+RELAXED = 150
+"""Iterations of the elastic program at most."""
+AIMLESS = (
+    "a motion that meets all constraints was found, but no best one; try further first guesses "
+    "(`starts: 5`), other `intervals`, or a weight on `joint_acceleration`"
+)
+"""Message where the search from a feasible motion ends without a solution."""
+FEASIBLE = 1e-7
+"""Violation of the elastic program's solution that counts as none."""
 
 MANY, COARSER = 40, 4
 """Intervals from which on a first mesh is solved from one that is coarser by a factor."""
@@ -48,6 +58,8 @@ def search(bench: Bench, ask: Ask) -> Attempt:
             run.warm(near)
         if run.kept is None:
             run.cold()
+        if run.kept is None:
+            run.relaxed()
     verdict = run.refined() if ask.refine and run.kept is not None else None
     solved, meshes = run.kept or (None, bench.meshes(bench.plan.intervals))
     return Attempt(tuple(run.solves), solved, meshes, run.cost, verdict, run.blame)
@@ -69,7 +81,9 @@ class _Search:
         self.bench, self.ask, self.problem = bench, ask, bench.problem_of(ask)
         self.solves: list[Solve] = []
         self.kept: tuple[Solved, Meshes] | None = None
-        self.cost, self.blame = np.inf, ""
+        self.cost, self.blame, self.why = np.inf, "", ""
+        self.deadline = time.thread_time() + bench.plan.time_limit
+        self.ended: tuple[Solvable, Solved, Meshes] | None = None
 
     def cold(self) -> None:
         """Solve from a first guess, on the first mesh, and before on a coarser one where that is fine."""
@@ -107,8 +121,42 @@ class _Search:
             if verdict.fine_enough:
                 return verdict
             finer = refined_meshes(course, verdict, bench.plan.most_intervals, bench.backend)
-            if finer is None or not self._finer(finer):
+            if finer is None:
+                self.blame = f"no finer mesh is allowed: raise `most_intervals`, {bench.plan.most_intervals}"
                 return verdict
+            self.why = f" (refined, for {verdict.faults()[-1]})"
+            if not self._finer(finer):
+                return verdict
+
+    def relaxed(self) -> None:
+        """Solve the elastic program where the search ended by itself without a solution.
+
+        What it finds feasible is gone on from; else its multipliers tell which limits keep it from being so.
+        """
+        if self.ended is None:
+            return
+        program, solved, meshes = self.ended
+        w = solved.w if np.isfinite(solved.w).all() else self._first
+        elastic = Elastic(program, soft_rows(program), _size(program.objective(w)))
+        self.bench.tell("looking for the least violation")
+        found = solve(
+            elastic,
+            elastic.started(w),
+            iterations=min(self.bench.plan.iterations, RELAXED),
+            told=lambda k, cost, _: self._late(f"least violation: iteration {k}, {cost:.3g}"),
+        )
+        own = found.w[: program.size]
+        if elastic.violation(found.w) < FEASIBLE and found.converged:
+            near = Attempt((), dataclasses.replace(solved, w=own), meshes, 0.0, None, "")
+            if not self._solve(self.bench.course(self.ask, near), meshes):
+                self.blame = self.blame or AIMLESS
+        elif found.converged or not self.blame:
+            self.blame = infeasible(elastic, found, solved.status)
+
+    def _late(self, words: str) -> bool:
+        """Tell what is being done; whether the time is over, so that no further iteration begins."""
+        self.bench.tell(words)
+        return time.thread_time() > self.deadline
 
     def _guessed(self, meshes: Meshes) -> bool:
         """Solve from a first guess on a mesh."""
@@ -133,15 +181,19 @@ class _Search:
         program = bench.program(self.ask, meshes)
         intervals = sum(mesh.intervals for mesh in meshes)
         many = f"start {self.ask.start + 1} of {bench.plan.starts}, " if bench.plan.starts > 1 else ""
-        words = f"solving: {many}{intervals} intervals"
+        words = f"solving: {many}{intervals} intervals{self.why}"
 
-        def told(iteration: int, cost: float, violation: float) -> None:
+        def told(iteration: int, cost: float, violation: float) -> bool:
             """Note an iteration, and tell of it."""
             costs.append(cost)
             violations.append(violation)
-            bench.tell(f"{words}, iteration {iteration}, cost {cost:.4g}, violation {violation:.1e}")
+            return self._late(f"{words}, iteration {iteration}, cost {cost:.4g}, violation {violation:.1e}")
 
-        first = course.unknowns
+        first = self._first = course.unknowns
+        self.ended, fault = None, bad_start(program, first)
+        if fault is not None:
+            self.blame = fault
+            return False
         guessed = program.objective(first)
         scale = _size(self.cost if np.isfinite(self.cost) else guessed)
         solved = solve(program, first, warm, scale=scale, iterations=bench.plan.iterations, told=told)
@@ -162,37 +214,7 @@ class _Search:
         )
         if converged:
             self.kept, self.cost, self.blame = (solved, meshes), cost, ""
-        elif self.kept is None:
-            self.blame = blame(program, solved)
+        else:
+            self.blame = exhausted(program, solved, bench.plan)
+            self.ended = None if solved.status == TIME_LIMIT else (program, solved, meshes)
         return converged
-
-
-def blame(program: Solvable, solved: Solved) -> str:
-    """Constraints that are violated most where a search ended, by name with their violations."""
-    g, (least, greatest) = program.constraints(solved.w), program.limits()
-    over, found = np.maximum(np.maximum(least - g, g - greatest), 0.0), dict[str, tuple[float, str]]()
-    first = 0
-    for one in programs_of(program):
-        for name, (value, unit) in _violated(one, over[first : first + one.rows]).items():
-            found[name] = max((value, unit), found.get(name, (0.0, unit)))
-        first += one.rows
-    if first < program.rows:
-        found["continuity between phases"] = (float(over[first:].max()), "m or rad")
-    worst = sorted(found.items(), key=lambda item: -item[1][0])
-    named = [f"{name} ({value:.2g} {unit})" for name, (value, unit) in worst if value > 1e-6][:4]
-    return ", ".join(named) or f"none is violated where the search ended ({solved.status})"
-
-
-def _violated(program: Program, over: Array) -> dict[str, tuple[float, str]]:
-    """Greatest violations of one phase's constraints, and their units, by name."""
-    problem, found = program.problem, dict[str, tuple[float, str]]()
-    inside = over[program.defects : program.rows - len(problem.goal)].reshape(
-        program.points, program.per_point
-    )
-    found["equations of motion"] = (float(inside[:, : program.nv].max()), "N or N m")
-    found["continuity"] = (float(over[: program.defects].max()), "m or rad")
-    for k, row in enumerate(problem.path):
-        found[row.name] = (float(inside[:, program.nv + k].max()) * row.scale, row.unit)
-    for row, value in zip(problem.goal, over[program.rows - len(problem.goal) :], strict=True):
-        found[row.name] = (float(value) * row.scale, row.unit)
-    return found

@@ -31,8 +31,11 @@ FROM_A_GUESS = {"mu_init": 1e-2, "constr_mult_init_max": 0.0}
 THROWN = "NonIpopt_Exception_Thrown"
 """IPOPT's word where something raised; our own functions' faults never reach it, which leaves Ctrl-C."""
 
-Told = Callable[[int, float, float], None]
-"""Called at each iteration with its number, the cost and the greatest violation."""
+TIME_LIMIT = "Time_Limit"
+"""Status of a search that was stopped by who was told of its iterations."""
+
+Told = Callable[[int, float, float], bool]
+"""Called at each iteration with its number, the cost and the greatest violation; whether to stop there."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +109,7 @@ def solve(
         return _solve(presolved, first, None, ipopt_options(iterations, scale), told)
     options = ipopt_options(min(iterations, PATIENCE), scale, warm.barrier)
     found = _solve(presolved, first, warm, options, told)
-    if found.converged or iterations <= PATIENCE:
+    if found.converged or iterations <= PATIENCE or found.status == TIME_LIMIT:
         return found
     anew = _solve(presolved, first, None, ipopt_options(iterations, scale), told)
     return dataclasses.replace(
@@ -118,7 +121,11 @@ def solve(
 
 
 def _solve(
-    program: Presolved, first: Array, warm: Solved | None, ipopt: dict[str, Any], told: Told | None
+    program: Presolved,
+    first: Array,
+    warm: Solved | None,
+    ipopt: dict[str, Any],
+    told: Told | None,
 ) -> Solved:
     begin = time.perf_counter()
     bridge = _Bridge(program)
@@ -147,7 +154,7 @@ def _solve(
         program.unknowns(w),
         program.multipliers(w, multipliers),
         program.spread(of_bounds),
-        str(stats["return_status"]),
+        TIME_LIMIT if bridge.late else str(stats["return_status"]),
         bool(stats["success"]),
         int(stats["iter_count"]),
         bridge.seconds,
@@ -210,7 +217,7 @@ class _Bridge:
     """A program as the functions that CasADi's interface to IPOPT asks for."""
 
     def __init__(self, program: Solvable) -> None:
-        self.interrupted, self.seconds = False, 0.0
+        self.interrupted, self.late, self.seconds = False, False, 0.0
         self.fault: Exception | None = None
         n, m = program.size, program.rows
         x, p = ca.Sparsity.dense(n), ca.Sparsity(0, 0)
@@ -315,7 +322,7 @@ class _Called(ca.Callback):
 
 
 class _Watch(ca.Callback):
-    """Tells of each iteration, and ends the solver where it was interrupted."""
+    """Tells of each iteration, and ends the solver where it was interrupted or is late."""
 
     def __init__(self, program: Solvable, bridge: _Bridge, told: Told | None) -> None:
         ca.Callback.__init__(self)
@@ -349,10 +356,11 @@ class _Watch(ca.Callback):
             if self._told is not None:
                 g = np.array(given[2].nonzeros())
                 over = np.maximum(self._limits[0] - g, g - self._limits[1])
-                self._told(self._count, float(given[1]), max(float(over.max(initial=0.0)), 0.0))
+                late = self._told(self._count, float(given[1]), max(float(over.max(initial=0.0)), 0.0))
+                self._bridge.late = bool(late)
         except KeyboardInterrupt:
             self._bridge.interrupted = True
-        return [int(self._bridge.interrupted or self._bridge.fault is not None)]
+        return [int(self._bridge.late or self._bridge.interrupted or self._bridge.fault is not None)]
 
 
 def _sparsity(pattern: sparse.csc_matrix) -> ca.Sparsity:

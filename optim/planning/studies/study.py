@@ -242,9 +242,7 @@ class _Designs:
             kept.add(ask, attempt)
         iterations = sum(solve.iterations for solve in attempt.solves)
         if attempt.solved is None:
-            return _lost(
-                values, f"no feasible plan was found; what stands against it: {attempt.blame}", iterations
-            )
+            return _lost(values, f"no plan was found: {attempt.blame}", iterations)
         solution = Solution(scene, bench.motion(ask, attempt), attempt.solved, bench.exact.instants)
         tied = [dict.fromkeys(paths, float(v)) for paths, v in zip(variables.paths, values, strict=True)]
         slopes = np.array([solution.slope(numbers) for numbers in tied])

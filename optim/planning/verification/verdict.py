@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+from optim.planning.formulation.stage import Problem
 from optim.planning.solver.solvable import Solvable
 from optim.planning.solver.solve import Solved
 from optim.planning.transcription.motion import Course, Motion
@@ -209,7 +210,7 @@ def between_points(motion: Motion) -> Iterator[Passing]:
     z = np.vstack([motion.at(mesh, places), motion.z[-1:]])
     shares = np.append((mesh.starts[:, None] + mesh.widths[:, None] * places).ravel(), 1.0)
     time = shares * motion.duration_s
-    names = _limit_names(motion)
+    names = limit_names(problem)
     for k, (name, unit) in names.items():
         size = np.nanmax(
             np.abs([x for x in (problem.lower[k], problem.upper[k]) if np.isfinite(x)]), initial=0.0
@@ -226,9 +227,9 @@ def between_points(motion: Motion) -> Iterator[Passing]:
             yield Passing(row.name, row.unit, allowed, time[held], over)
 
 
-def _limit_names(motion: Motion) -> Mapping[int, tuple[str, str]]:
+def limit_names(problem: Problem) -> Mapping[int, tuple[str, str]]:
     """What a user calls each entry of an instant that has a limit, and its unit."""
-    stage, problem = motion.problem.stage, motion.problem
+    stage = problem.stage
     model, found = stage.scene.model, {}
     for joint in stage.driven.joints:
         own = model.joints[joint]

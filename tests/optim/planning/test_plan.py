@@ -185,14 +185,6 @@ def test_bad_input_is_refused_in_one_line(reach, changes, message):
     assert fault.value.exit_code == 2
 
 
-def test_what_stands_against_a_plan_is_named(reach):
-    with pytest.raises(
-        NoPlanError, match=r"no feasible plan was found; what stands against it: .*mate"
-    ) as fault:
-        make_plan(reach(("plan.limits.torque", 1e-3), ("plan.duration", 2)), backend="interpreted")
-    assert fault.value.exit_code == 4
-
-
 def test_a_mesh_too_coarse_is_refused_by_its_replay(reach):
     changes = [("plan.intervals", 2), ("plan.most_intervals", 2), ("plan.tolerance", 1e-9)]
     with pytest.raises(NoPlanError, match="replayed, one/tip ends up to"):
