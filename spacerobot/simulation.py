@@ -62,6 +62,9 @@ REMEDY = (
 )
 """What helps where no step can be chosen."""
 
+TOUCH_SHARE = 0.02
+"""Part of the time for which shapes touch that is proposed as the longest step meanwhile."""
+
 Backend = Literal["auto", "compiled", "interpreted"]
 
 
@@ -376,7 +379,8 @@ def _ready(
             progress=tell,
         )
     except NoStepError as fault:
-        causes = (fault.message, _cause(loop), _fastest(scene, fault.finest, loop), REMEDY)
+        touching = _touching(scene, loop, fault.finest)
+        causes = (fault.message, _cause(loop), _fastest(scene, fault.finest, loop), *touching, REMEDY)
         raise DivergedError("; ".join(filter(None, causes))) from None
 
 
@@ -387,6 +391,27 @@ def _cause(loop: ClosedLoop) -> str:
         return ""
     by = f", set by {' and '.join(found.gains)}" if found.gains else ""
     return f"the loop's fastest rate at the start is {found.per_s:.3g} 1/s{by}"
+
+
+def _touching(scene: Scene, loop: ClosedLoop, finest: Trajectory) -> Iterator[str]:
+    """Contacts whose touches are too short for the steps that were tried, and what to give them."""
+    began, shortest = dict[str, float](), dict[str, float]()
+    for fired in finest.events:
+        pair, _, kind = loop.events[fired.event].name.rpartition(".")
+        if kind == "touched":
+            began[pair] = fired.time_s
+        elif kind == "parted" and pair in began:
+            contact = loop.events[fired.event].who
+            lasts = fired.time_s - began.pop(pair)
+            shortest[contact] = min(shortest.get(contact, math.inf), lasts)
+    for contact in scene.contacts:
+        lasts = shortest.get(contact.name, math.inf)
+        allowed = contact.config.longest_step
+        if lasts < math.inf and (allowed is None or allowed > lasts * TOUCH_SHARE):
+            yield (
+                f"{contact.path} touches for {lasts:.2g} s: take steps of about {lasts * TOUCH_SHARE:.1g} s "
+                f"there alone, by {contact.path}.longest_step"
+            )
 
 
 def _fastest(scene: Scene, finest: Trajectory, loop: ClosedLoop) -> str:

@@ -60,12 +60,17 @@ def held(
     """
     plant, context, turns = robot.plant, robot.context, motion == "rotation"
     axes = list(plant.rotation_axes if turns else plant.translation_axes)
-    name = f"{robot.name}/{robot.key}.integral"
-    integral = ca.SX.sym(name, len(axes))
     velocity = plant.velocity(robot.base_frame)[turns][axes]
     kp, ki, kd = (context.number(gain) for gain in ("kp", "ki", "kd"))
-    command, gain = kp * error[axes] + ki * integral - kd * velocity, None
-    states = [State(name, integral, ca.SX.zeros(len(axes)), error[axes])]
+    command, gain = kp * error[axes] - kd * velocity, None
+    states = []
+    # no state for an integral that acts on nothing: a rotation vector jumps at half a turn, and its integral
+    # would make steps short there all the same
+    if not context.is_zero("ki"):
+        name = f"{robot.name}/{robot.key}.integral"
+        integral = ca.SX.sym(name, len(axes))
+        command = command + ki * integral
+        states.append(State(name, integral, ca.SX.zeros(len(axes)), error[axes]))
     sense = ca.SX(plant.v.size1(), len(axes))
     if reaction is not None:
         part = context.number("feed_forward")

@@ -61,6 +61,13 @@ class Grasp(Element):
     def _check_life(self) -> Grasp:
         if self.begins == "open" and self.capture is None:
             raise ValueError("capture: missing, so that a grasp that begins open can never close")
+        closes = None if self.capture is None else self.capture.at
+        opens = None if self.release is None else self.release.at
+        if closes is not None and opens is not None and opens <= closes:
+            raise ValueError(
+                f"release.at: found {opens:g} s, allowed: later than `capture.at` ({closes:g} s), for what is "
+                "captured then is released at once"
+            )
         return self
 
     @property

@@ -8,6 +8,7 @@ composite-rigid-body and recursive Newton-Euler algorithms, about the centre of 
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -45,8 +46,18 @@ class BaseController:
     def state_names(self) -> tuple[str, ...]:
         """Names of its states."""
         name = f"{self.body.name}/{self.key.rpartition('.')[2]}"
-        kept = ("integral", "filter") if self._filters else ("integral",)
+        kept = ("integral",) * self._integrates + ("filter",) * self._filters
         return tuple(f"{name}.{what}[{i}]" for what in kept for i in range(len(self.axes)))
+
+    @functools.cached_property
+    def _integrates(self) -> bool:
+        """Whether there is an integral: in all phases or in none, and in none where K_i is zero in all."""
+        own = self.scene.scenario
+        for one in (own, *(own.during(phase) for phase in own.phases)):
+            controller = dict(one.robots[self.body.name].elements()).get(self.key)
+            if getattr(controller, "ki", 0.0) != 0:
+                return True
+        return False
 
     @property
     def _filters(self) -> bool:
@@ -56,7 +67,8 @@ class BaseController:
         """No error yet, and the filter at what it follows."""
         n = len(self.axes)
         felt = self._reaction(kinematics)[0] @ kinematics.v if self._filters else np.empty(0)
-        return np.concatenate([np.zeros(n), felt[self.axes] if self._filters else felt])
+        integral = np.zeros(n * self._integrates)
+        return np.concatenate([integral, felt[self.axes] if self._filters else felt])
 
     def error(self, kinematics: Kinematics) -> Array:
         """Rotation vector [rad] or way [m] to where the base shall be (3,), world axes."""
@@ -84,19 +96,22 @@ class BaseController:
         if not turns:
             actuation = self._base_jacobian(kinematics)[:3] - pin.skew(self._lever(kinematics)) @ actuation
         felt, drift = self._reaction(kinematics)
-        part, rates = config.feed_forward, [error]
+        part, rates = config.feed_forward, [error] if self._integrates else []
+        integral = states[:n] if self._integrates else np.zeros(n)
         if self._filters:
             follows = (felt @ kinematics.v)[axes]
-            rates.append((follows - states[n:]) / config.filter_time)
+            rates.append((follows - states[-n:]) / config.filter_time)
             spin = now.velocity[3:]
             inertia = now.rotation @ self._first_inertia() @ now.rotation.T
             carried = np.cross(spin, inertia @ spin) if turns else np.zeros(3)
-            drift, gain = carried[axes] + rates[1], 0.0
+            drift, gain = carried[axes] + rates[-1], 0.0
         else:
             drift, gain = drift[axes], -part
         velocity = (now.velocity[3:] if turns else now.velocity[:3])[axes]
-        command = config.kp * error + config.ki * states[:n] - config.kd * velocity + part * drift
-        return Command(actuation[axes], felt[axes], command, gain, -velocity, np.concatenate(rates))
+        command = config.kp * error + config.ki * integral - config.kd * velocity + part * drift
+        return Command(
+            actuation[axes], felt[axes], command, gain, -velocity, np.concatenate([np.empty(0), *rates])
+        )
 
     def _base_jacobian(self, kinematics: Kinematics) -> Array:
         """Of the root link, by the base's own columns alone (6, nv)."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Any, Literal
 
 from spacerobot.errors import ScenarioError
 from spacerobot.pinocchio_engine.actuation import Delivery, deliveries
@@ -102,6 +102,8 @@ class Laws:
     ----------
     scene
         The scene with the numbers of the phase.
+    keys
+        Places of channels and controllers in the scenario, in this order.
     rest
         Which of the channels and controllers, in this order, rest.
     deliveries
@@ -109,6 +111,7 @@ class Laws:
     """
 
     scene: Scene
+    keys: tuple[str, ...]
     channels: tuple[Channel, ...]
     controllers: tuple[RobotLaw, ...]
     rest: tuple[bool, ...]
@@ -140,16 +143,20 @@ def laws_of(scene: Scene) -> dict[str, Laws]:
 
 def _completed(own: Laws, base: Laws, phase: str) -> Laws:
     """Laws of a phase with the scenario's own blocks, at rest, for those that the phase does without."""
-    channels = {block.state_names: block for block in own.channels}
-    controllers = {block.state_names: block for block in own.controllers}
-    names = [block.state_names for block in base.blocks]
-    if not {*channels, *controllers} <= set(names):
-        raise _refused(base.scene, f"phases.{phase}.robots", "other states of a controller")
-    return replace(
-        own,
-        channels=tuple(channels.get(block.state_names, block) for block in base.channels),
-        controllers=tuple(controllers.get(block.state_names, block) for block in base.controllers),
-        rest=tuple(name not in {*channels, *controllers} for name in names),
+    first = dict(zip(base.keys, base.blocks, strict=True))
+    blocks: dict[str, Any] = dict(zip(own.keys, own.blocks, strict=True))
+    for key, block in blocks.items():
+        if key not in first or first[key].state_names != block.state_names:
+            raise _refused(base.scene, f"phases.{phase}.robots", "other states of a controller")
+    every = [blocks.get(key, block) for key, block in first.items()]
+    cut = len(base.channels)
+    return Laws(
+        own.scene,
+        base.keys,
+        tuple(every[:cut]),
+        tuple(every[cut:]),
+        tuple(key not in blocks for key in base.keys),
+        own.deliveries,
     )
 
 
@@ -163,19 +170,20 @@ def _refused(scene: Scene, where: str, what: str) -> ScenarioError:
 
 
 def _laws(scene: Scene) -> Laws:
-    channels = tuple(
-        tip_law(controller, scene, tip, key)
+    channels = {
+        f"{tip.path}.{key}": tip_law(controller, scene, tip, key)
         for tip in scene.tips
         for key, controller in tip.config.elements()
-    )
-    controllers = tuple(
-        robot_law(controller, scene, body, key)
+    }
+    controllers = {
+        f"{body.path}.{key}": robot_law(controller, scene, body, key)
         for body in scene.robots
         if isinstance(body.config, Robot)
         for key, controller in body.config.elements()
-    )
-    rest = (False,) * (len(channels) + len(controllers))
-    return Laws(scene, channels, controllers, rest, deliveries(scene))
+    }
+    keys = (*channels, *controllers)
+    laws = tuple(channels.values()), tuple(controllers.values())
+    return Laws(scene, keys, *laws, (False,) * len(keys), deliveries(scene))
 
 
 def _during(scene: Scene, scenario: Scenario) -> Scene:

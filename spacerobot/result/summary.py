@@ -13,6 +13,7 @@ import xarray as xr
 import spacerobot
 from spacerobot.result.events import outcome_of
 from spacerobot.result.ledger import build_ledger
+from spacerobot.result.limits import beyond_limits, limit_warnings
 from spacerobot.result.metrics import (
     attitude_errors,
     body_motion,
@@ -54,6 +55,7 @@ def build_summary(
         **notes,
     }
     advice = advise(engine, scene.scenario.simulation.tolerance, fastest)
+    beyond = beyond_limits(scene, data)
     return {
         "format": FORMAT,
         "name": scene.scenario.name,
@@ -70,12 +72,13 @@ def build_summary(
         **({"attitude_error": attitude_errors(data)} if "base_attitude_error" in data else {}),
         **({"propellant_kg": propellant(data)} if "propellant" in data else {}),
         "fastest_joint": fastest,
+        **({"beyond_limits": beyond} if beyond else {}),
         **({"fastest_wheel": fastest_wheel(data)} if "wheel" in data.dims else {}),
         "ledger": ledger,
         "engine": engine,
         "timing_s": dict(timing),
         "assumptions": list(scene.assumptions),
-        "warnings": list(scene.warnings),
+        "warnings": [*scene.warnings, *limit_warnings(beyond)],
         "urdf_sha256": {body.name: body.description.sha256 for body in scene.bodies},
         "versions": dict(_versions()),
     }

@@ -16,6 +16,7 @@ from spacerobot.rollout.engines import StopFlag, make_job
 from spacerobot.rollout.grid import TimeGrid
 from spacerobot.rollout.interpreted import InterpretedEngine
 from spacerobot.rollout.kernel import Kernel, entries, slices, sx_function
+from spacerobot.rollout.moving import moving_events
 from spacerobot.rollout.protocol import Array
 from spacerobot.rollout.raw import Raw
 from spacerobot.rollout.segments import FEWEST
@@ -51,7 +52,7 @@ def adjoint_kernel(kernel: Kernel, wrt: Sequence[int]) -> Kernel:
     normal, nbar = kernel.functions["normalise"](x), ca.SX.sym("nbar", sizes["x"])
     bars = tuple(reached.index(jump) if jump in reached else -1 for jump in kernel.jumps)
     bar_places = places_in(reached, sizes["c"]) if kernel.tables else ()
-    moving = t if max(bars, default=-1) >= 0 or kernel.events else ca.SX(0, 1)
+    moved = t if max(bars, default=-1) >= 0 or kernel.events else ca.SX(0, 1)
 
     def reverse(name: str, value: ca.SX, bar: str, time: ca.SX, **given: ca.SX) -> ca.Function:
         seed = ca.SX.sym(bar, value.numel())
@@ -62,8 +63,8 @@ def adjoint_kernel(kernel: Kernel, wrt: Sequence[int]) -> Kernel:
         return sx_function(name, {**at, **given, bar: seed}, split)
 
     functions = {**kernel.functions, **ends} | {
-        "dynamics_reverse": reverse("dynamics_reverse", xdot, "vbar", moving),
-        "peaks_reverse": reverse("peaks_reverse", m, "mbar", moving),
+        "dynamics_reverse": reverse("dynamics_reverse", xdot, "vbar", moved),
+        "peaks_reverse": reverse("peaks_reverse", m, "mbar", moved),
         "final_reverse": reverse("final_reverse", final, "ebar", t if kernel.events else ca.SX(0, 1)),
         "normalise_reverse": sx_function(
             "normalise_reverse", {"x": x, "nbar": nbar}, {"xbar": _transposed(normal, x, nbar)}
@@ -75,7 +76,8 @@ def adjoint_kernel(kernel: Kernel, wrt: Sequence[int]) -> Kernel:
         after = ca.SX(kernel.functions["update"](t, x, c, e))
         functions["guards_reverse"] = reverse("guards_reverse", guards, "gbar", t)
         functions["update_reverse"] = reverse("update_reverse", after, "after_bar", t, e=e)
-    return replace(kernel, functions=functions, jump_bars=bars, c_bars=bar_places)
+    moving = moving_events(kernel, wrt, reached)
+    return replace(kernel, functions=functions, jump_bars=bars, c_bars=bar_places, moving=moving)
 
 
 def _ends_reverse(kernel: Kernel, wrt: Sequence[int]) -> tuple[dict[str, ca.Function], list[int]]:

@@ -10,7 +10,7 @@ from spacerobot.rollout.engines import Engine
 from spacerobot.rollout.grid import TimeGrid
 from spacerobot.rollout.kernel import Kernel
 from spacerobot.rollout.protocol import Array
-from spacerobot.rollout.raw import CHATTERING, COINCIDENT, ENDED, GRAZING, Raw
+from spacerobot.rollout.raw import AT_END, CHATTERING, COINCIDENT, ENDED, GRAZING, Raw
 from spacerobot.rollout.trajectory import Batch, BatchEvents, Fired, Gradient, Status, Trajectory, frozen
 
 
@@ -126,6 +126,8 @@ def statuses(raw: Raw, kernel: Kernel, every: int = 1) -> tuple[str, ...]:
         if doubt == COINCIDENT:
             what = f"the event '{name}' and another one" if event >= 0 else "two ends of references"
             return f"coincident: {what} may change places"
+        if doubt == AT_END:
+            return f"at the end: a small change may move the event '{name}' past the end of the rollout"
         return "exact"
 
     doubts = [max(rows) for rows in raw.log.doubt.reshape(-1, every, 2).tolist()]

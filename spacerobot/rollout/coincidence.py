@@ -17,7 +17,7 @@ import numpy as np
 
 from spacerobot.rollout.kernel import Kernel
 from spacerobot.rollout.protocol import Array
-from spacerobot.rollout.raw import COINCIDENT, FAINT, GRAZING, SAME, THINGS, TOGETHER, Instants, Raw
+from spacerobot.rollout.raw import COINCIDENT, FAINT, SAME, THINGS, TOGETHER, Instants, Raw
 from spacerobot.rollout.tables import Integers, fill, gather
 
 BETWEEN, BEHIND = 1, 2
@@ -376,7 +376,9 @@ def judge_orders(kernel: Kernel, p: Array, seed: Array, raw: Raw) -> None:
         return
     calls = {name: _Call(kernel.functions[name]) for name in CALLED if name in kernel.functions}
     first, last = kernel.integrals, kernel.integrals + kernel.peaks
-    for i in np.flatnonzero(raw.completed & (instants.told > 0) & (raw.log.doubt[:, 0] != GRAZING)):
+    for i in np.flatnonzero(
+        raw.completed & (instants.told > 0) & (np.isin(raw.log.doubt[:, 0], (0, COINCIDENT)))
+    ):
         c = kernel.functions["setup"](p[i])[1].full().ravel()
         rbar = kernel.functions["objective_reverse"](raw.r[i], p[i], seed[i])[0].full().ravel()
         peaks = (raw.r[i, first:last], rbar[first:last])

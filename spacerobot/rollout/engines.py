@@ -152,6 +152,7 @@ def _facts(kernel: Kernel) -> list[str]:
         "int SWITCH": kernel.switches,
         "int ENDS": [event.ends for event in kernel.events],
         "int KINK": [event.kink for event in kernel.events],
+        "int MOVES": kernel.moving or [False] * len(kernel.events),
         "int SEEN": kernel.seen,
         "int FINE": [place for place, _, _ in kernel.fine],
         "int TABLE_CURSOR": [table.cursor for table in kernel.tables],

@@ -14,7 +14,16 @@ from spacerobot.rollout.happening import Happening
 from spacerobot.rollout.kernel import Kernel
 from spacerobot.rollout.methods.tableau import INNER
 from spacerobot.rollout.protocol import Array
-from spacerobot.rollout.raw import CHATTERING, COINCIDENT, COMPLETED, DIVERGED, ENDED, GRAZING, TOGETHER
+from spacerobot.rollout.raw import (
+    AT_END,
+    CHATTERING,
+    COINCIDENT,
+    COMPLETED,
+    DIVERGED,
+    ENDED,
+    GRAZING,
+    TOGETHER,
+)
 from spacerobot.rollout.roots import Bracket, Tried
 from spacerobot.rollout.segments import HERE, Plan, Segment, graded, segments
 from spacerobot.rollout.tables import Integers, fill
@@ -282,6 +291,7 @@ class HybridRun:
         if seen.rise:
             done, seen = self._located(t, Bracket(0.0, self._first, done.length, seen.end), done, seen)
             done.near = self._judge(done.event, done.length, seen)
+        self._judge_end(t + done.length, done, seen)
         self._crossed = seen.end > 0
         self._crossed[done.event] &= done.event < 0
         self._level = np.minimum(self._level, np.maximum(seen.end + self._level, 0.0))
@@ -333,9 +343,18 @@ class HybridRun:
         self._doubt(COINCIDENT, others)
         return len(others)
 
+    def _judge_end(self, t: float, done: _Done, seen: Tried) -> None:
+        """Doubt a gradient where an event that parameters move fires at the rollout's end, or just behind it."""
+        moving = self.engine.kernel.moving
+        if not moving or t < self.grid.duration_s - TOGETHER:
+            return
+        with np.errstate(invalid="ignore"):
+            near = seen.end + TOGETHER * np.maximum(self._rates, 0.0) > 0
+        self._doubt(AT_END, np.flatnonzero(near & np.array(moving)))
+
     def _doubt(self, why: int, events: Array | np.ndarray[tuple[int], np.dtype[np.int64]]) -> None:
         events = events[~self._kinks[events]]
-        if len(events) and (self.doubt[0] == 0 or (self.doubt[0] == COINCIDENT and why == GRAZING)):
+        if len(events) and (self.doubt[0] == 0 or (self.doubt[0] == COINCIDENT and why != COINCIDENT)):
             self.doubt = (why, int(events[0]))
 
     def _stretched(self, done: _Done, t: float, dt: float) -> tuple[_Done, float]:

@@ -55,6 +55,8 @@ class Kernel:
         Where there are tables: place of each constant's bar in cbar and of its derivative in c, or -1.
     seen
         Places in x of what changes between events and guards depend on.
+    moving
+        Derivatives: whether parameters may move the time of each event.
     jump_slopes, rate
         Forward sensitivities: places in c of the jumps' derivatives, -1 likewise, and of that of time, if
         any jump moves.
@@ -81,6 +83,7 @@ class Kernel:
     tables: tuple[TableRule, ...] = ()
     c_bars: tuple[int, ...] = ()
     c_slopes: tuple[int, ...] = ()
+    moving: tuple[bool, ...] = ()
 
     def size(self, function: str, argument: str) -> int:
         """Length of an argument of a function."""

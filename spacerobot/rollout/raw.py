@@ -18,8 +18,9 @@ Integers = npt.NDArray[np.int64]
 COMPLETED, DIVERGED, ENDED, CHATTERING = range(4)
 """How a rollout ended: at its last sample, lost, by an event, or with too many events."""
 
-GRAZING, COINCIDENT = 1, 2
-"""Why derivatives may not hold: a guard turned back at its event, or two events may change places."""
+GRAZING, COINCIDENT, AT_END = 1, 2, 3
+"""Why derivatives may not hold: a guard turned back at its event, two events may change places, or one is at
+the rollout's end."""
 
 SAME, FAINT, NOTHING = 1e-6, 1e-2, 1e-12
 """Relative difference of derivatives that are the same; part of the largest that counts for small; zero."""

@@ -15,6 +15,7 @@ import casadi as ca
 import numpy as np
 
 from spacerobot.rollout.kernel import Kernel, entries, slices, sx_function
+from spacerobot.rollout.moving import moving_events
 from spacerobot.rollout.tables import places_in, reached_with
 
 DERIVATIVE = "d "  # prefix of the names of measures' derivatives
@@ -64,6 +65,7 @@ def sensitivity_kernel(kernel: Kernel, wrt: Sequence[int], outputs: Sequence[str
         seen=kernel.seen,
         tables=kernel.tables,
         c_slopes=places_in(reached, nc, nc) if kernel.tables else (),
+        moving=moving_events(kernel, wrt, reached),
     )
 
 

@@ -187,3 +187,50 @@ def test_both_engines_agree_on_a_filtered_rate():
         np.testing.assert_allclose(first, second, atol=1e-9 * np.abs(second).max())
         start = loop.setup(loop.parameter_values)[0].full().ravel()
         np.testing.assert_allclose(start, engine.x0, atol=1e-12)
+
+
+TUMBLING = """
+robots:
+  one:
+    urdf: odd_arm.urdf
+    base: {joint: free_flyer, spin_deg: [20, 90, 40]}
+    joints: {'*': {locked: true}}
+    controllers: {turn: {kind: base_attitude, kd: 4, feed_forward: 0}}
+    actuators: {ideal: {kind: base_wrench}}
+simulation: {duration: 6, output_step: 0.1}
+"""
+"""A base that a rate gain alone brings to rest, past several half turns."""
+
+
+def test_an_integral_without_a_gain_is_not_kept():
+    """It would be that of a rotation vector, which jumps at half a turn, and drive the step down."""
+    scene = small_scene(TUMBLING)
+    loop = build_closed_loop(scene)
+    assert not [name for name in loop.state_names if "integral" in name]
+    rollout = sr.build_rollout(loop, duration_s=6, output_step_s=0.1, backend="interpreted")
+    assert rollout.choice.step_s > 0.02
+    start = loop.setup(loop.parameter_values)[0].full().ravel()
+    np.testing.assert_allclose(start, Engine(scene).x0, atol=1e-12)
+
+
+STAYS = {
+    "robots.one.controllers.stay": {"kind": "base_position", "kp": 70, "kd": 90},
+    "robots.one.controllers.turn.ki": 0,
+}
+
+
+def test_both_engines_agree_on_controllers_without_an_integral():
+    scene = small_scene(DEEP, STAYS)
+    loop, engine = build_closed_loop(scene), Engine(scene)
+    x = random_x(scene, np.random.default_rng(3), engine.x0.size)
+    np.testing.assert_allclose(motion_at(scene, loop, x)[0], engine.derivative(0.4, x), rtol=1e-9, atol=1e-7)
+
+
+def test_a_phase_changes_the_controller_that_it_names_and_no_other_without_states():
+    softer = {"robots": {"one": {"controllers": {"turn": {"kp": 9}}}}}
+    scene = small_scene(DEEP, STAYS | {"phases": {"first": {"until": {"time": 1}}, "second": softer}})
+    laws = Engine(scene).laws["second"]
+    assert [(law.config.kind, law.config.kp) for law in laws.controllers] == [
+        ("base_attitude", 9),
+        ("base_position", 70),
+    ]

@@ -136,6 +136,14 @@ def test_derivatives_go_through_switching_times():
             f"{JETS}.nozzles.a.direction: found 1 along z; the base moves",
         ),
         ({f"{JETS}.period": 0}, f"{JETS}.period: found 0, allowed: above 0"),
+        (
+            {f"{JETS}.mode": "pulsed", f"{JETS}.minimum_on_time": 0.6},
+            f"{JETS}.minimum_on_time: found 0.6 s, allowed: at most the `period` of 0.4 s",
+        ),
+        (
+            {f"{JETS}.mode": "pulsed", f"{JETS}.nozzles.a.resolution": 0.8},
+            f"{JETS}.nozzles.a.resolution: found 0.8 s, allowed: at most the `period` of 0.4 s",
+        ),
     ],
 )
 def test_what_no_thruster_can_be_is_refused(change, told):

@@ -320,3 +320,35 @@ def test_thrusters_cut_off_at_one_instant_have_exact_derivatives():
     for name in smooth:
         np.testing.assert_allclose(found.gradients[name], expected[name], rtol=1e-6, atol=1e-7)
     assert told(rollout, ("worst",), wrt) == "coincident"  # the speed peaks at the earlier of both
+
+
+@pytest.mark.parametrize("backend", ["compiled", "interpreted"])
+@pytest.mark.parametrize("first", [1.0, 1.0 - 4e-10, 1.0 + 4e-10])
+def test_an_event_at_the_rollouts_end_is_doubted_where_parameters_move_it(backend, first):
+    """On one side of the end it fires and changes the state, on the other it does not."""
+    rollout = clocked(backend, first=first)
+    assert told(rollout, ("grown",), TIMES) == "at the end"
+    assert rollout.jacobian(wrt=TIMES).status.startswith("at the end: a small change may move the event")
+    assert told(rollout, ("grown",), ("rate",)) == "exact"  # the time stays
+    assert told(rollout, ("grown",), TIMES, first=0.99) == "exact"
+    assert told(rollout, ("grown",), TIMES, first=1.01) == "exact"
+
+
+def periodic(**changes):
+    """A clock that is set at each tick, and counts; a rate that grows with each."""
+    return Hybrid(
+        {"period": 0.25, "rate": 1.0} | changes,
+        lambda period, rate: ([0, 0, 0], [period, rate]),
+        lambda t, x, c: [0, 0, c[1] * x[1]],
+        lambda t, x, c: [(1, t - x[0] - c[0])],
+        lambda t, x, c: [(t, x[1] + 1, x[2])],
+        [Rule("tick")],
+    ).loop()
+
+
+def test_a_clocks_events_move_with_its_period_alone():
+    loop = periodic()
+    measures = Measures(s := Signals.of(loop), {"end": final(s.x[2])}, lambda r, _: {"end": r["end"]})
+    rollout = build_rollout(loop, duration_s=1.0, **GRID, measures=measures, backend="interpreted")
+    assert rollout.value_and_gradient(wrt=("rate",)).status == ("exact",)
+    assert rollout.value_and_gradient(wrt=("period",)).status[0].startswith("at the end")

@@ -309,3 +309,15 @@ def test_errors_name_the_file(tmp_path):
         load_scene(file)
     assert str(caught.value).startswith(f"{file}: robots.a.urdf: ")
     assert caught.value.source == file
+
+
+def test_a_release_no_later_than_the_capture_is_refused():
+    grasp = {"kind": "compliant", "tip": "one/tip", "frame": "mate_1", "begins": "open"}
+    for release in (1.0, 2.0):
+        changes = {"grasps.left": grasp | {"capture": {"at": 2.0}, "release": {"at": release}}}
+        with pytest.raises(
+            ScenarioError, match=r"grasps\.left.*release\.at: found .* later than `capture\.at`"
+        ):
+            small_scene(PLANAR, changes)
+    later = {"grasps.left": grasp | {"capture": {"at": 2.0}, "release": {"at": 2.5}}}
+    small_scene(PLANAR, later | {"target.base.close_grasp": None})

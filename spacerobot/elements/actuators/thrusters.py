@@ -15,7 +15,7 @@ from typing import Annotated, ClassVar, Literal
 
 import casadi as ca
 import numpy as np
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, Field, model_validator
 
 from spacerobot.dynamics.algebra import cross
 from spacerobot.elements.actuator import Actuator
@@ -97,6 +97,23 @@ class Thrusters(Actuator):
         description="greatest number of steps by which the thrusters are chosen [1]; as many as their layout "
         "needs where not given",
     )
+
+    @model_validator(mode="after")
+    def _check(self) -> Thrusters:
+        if self.mode != "pulsed":
+            return self
+        for path, part in {
+            "": self,
+            **{f"nozzles.{name}.": one for name, one in self.nozzles.items()},
+        }.items():
+            for key in ("minimum_on_time", "resolution"):
+                found = getattr(part, key)
+                if found is not None and found > self.period:
+                    raise ValueError(
+                        f"{path}{key}: found {found:g} s, allowed: at most the `period` of {self.period:g} s, "
+                        "at whose beginning on-times are decided"
+                    )
+        return self
 
     def build(self, actuator: ActuatorContext) -> Contribution:
         """Wrench from outside, propellant, and the pulses' events."""

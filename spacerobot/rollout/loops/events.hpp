@@ -31,7 +31,7 @@ constexpr double WRONG = 12;          // a guard may be above its cubic by so ma
 enum { CHECK = 2 };                   // which of the places inside checks the cubic
 enum { SECANTS = 8, TRIES = 60 };     // lengths tried at peaks, or before they are halved; in all
 enum { BURST = 100 };                 // more events than that within one step are chattering
-enum Doubt { NONE, GRAZING, COINCIDENT };
+enum Doubt { NONE, GRAZING, COINCIDENT, AT_END };
 
 // What came of a step: truth where it was not done, truth where it was cut short, the event that fired at its end (or,
 // where it was not done, at its beginning) or -1, how many others are close to that, and the switches during the step.
@@ -86,7 +86,7 @@ static void cut_segment(const Job& job, Trajectory& at, int l, double t, bool an
 
 // A kink changes neither state nor rate at its instant: derivatives are the same with and without it.
 static void doubt(Trajectory& at, int l, Doubt why, int event) {
-  const bool graver = at.doubt[l] == NONE || (at.doubt[l] == COINCIDENT && why == GRAZING);
+  const bool graver = at.doubt[l] == NONE || (at.doubt[l] == COINCIDENT && why != COINCIDENT);
   if (graver && !KINK[event]) at.doubt[l] = why, at.doubted[l] = event;
 }
 
@@ -127,6 +127,13 @@ static int judge_root(const Job& job, Trajectory& at, int l, int e, double h, co
     doubt(at, l, COINCIDENT, i), ++near;
   }
   return near;
+}
+
+// Doubt a gradient where an event that parameters move (MOVES) fires at the rollout's end, or just behind it: on the other
+// side it would not, or would.
+static void judge_end(const Job& job, Trajectory& at, int l, const Tried& tried) {
+  for (int i = 0; i < EVENTS; ++i)
+    if (MOVES[i] && lane(tried.g1[i], l) + TOGETHER * ::fmax(lane(tried.rate[i], l), 0.) > 0) doubt(at, l, AT_END, i);
 }
 
 // The cubic of a guard along a step, 0 to 1, in Bernstein's form: it lies between the least and the largest of its four
@@ -287,16 +294,19 @@ INLINE void judge(const Job& job, Trajectory& at, const real* k, const real* nex
     for (int f = 0; f < FINES; ++f)
       if (SETS[i][FINE[f]] == 0) off[f] = select(left > 0., fmin(off[f], s.t + s.h + left), off[f]);
   }
+  const real last = count && s.t + s.h >= job.time(job.intervals) - TOGETHER;
   stirs = count && (stirs || w.peak || (w.high < INFINITY));
   found.waits = found.cut = found.near = 0., found.event = -1.;
   for (int i = 0; i < SWITCHES; ++i) found.mode[i] = w.mode[i];
-  if (any(stirs)) {
+  if (any(stirs || last)) {
     real ignored[EVENTS], slope[EVENTS];
     guards(at, s.t, at.now.x, k, ignored, tried.rate, slope);
     for (int l = 0; l < LANES; ++l)
       if (lane(stirs, l) != 0) judge_lane(job, at, l, tried, found);
   }
   const real done = count && !found.waits;
+  for (int l = 0; l < LANES; ++l)
+    if (lane(last, l) != 0 && lane(done, l) != 0) judge_end(job, at, l, tried);
   for (int i = 0; i < EVENTS; ++i) {
     const real rose = select(s.h > 0., tried.g1[i] > 0., w.crossed[i]) && !(found.event == real(double(i)));
     w.crossed[i] = select(done, rose, w.crossed[i]);

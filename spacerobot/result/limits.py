@@ -1,0 +1,99 @@
+"""Joints beyond their URDF's limits: positions, rates and torques, which a rollout does not enforce."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from spacerobot.arrays import Array
+from spacerobot.description.parts import Joint
+from spacerobot.scene import Scene
+
+ROUNDING = 1e-6
+"""Excess that is none: in parts of the range, the rate or the torque."""
+QUANTITIES = {
+    "position": ("joint_position", np.degrees(1.0), ("deg", "m")),
+    "rate": ("joint_velocity", np.degrees(1.0), ("deg/s", "m/s")),
+    "torque": ("joint_torque", 1.0, ("N m", "N")),
+}
+"""Array of each quantity, what turns its angles into the units below, and these, of a joint that turns or slides."""
+
+
+def beyond_limits(scene: Scene, data: xr.Dataset) -> list[dict[str, Any]]:
+    """Find joints beyond the limits of position, rate and torque that their URDFs give.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    data
+        Of the whole rollout.
+
+    Returns
+    -------
+    list of dict
+        For each: ``joint``, ``quantity``, ``unit``, the ``limit`` that is passed, ``from_s`` (when first),
+        the greatest ``excess`` beyond it and ``time_s``, when that is.
+    """
+    labels, time = [str(joint) for joint in data["joint"].values], data["time"].values
+    found = []
+    for body in scene.bodies:
+        for joint in body.description.joints:
+            label = f"{body.name}/{joint.name}"
+            if label not in labels:
+                continue
+            for quantity, lower, upper in _limits(joint):
+                name, factor, units = QUANTITIES[quantity]
+                slides = joint.kind == "prismatic"
+                values: Array = data[name].values[:, labels.index(label)]
+                below, above = lower - values, values - upper
+                excess = np.maximum(below, above)
+                k = int(np.argmax(excess))
+                size = upper - lower if np.isfinite(upper - lower) else max(abs(upper), abs(lower))
+                if not excess[k] > ROUNDING * size:
+                    continue
+                scale = 1.0 if slides else factor
+                found.append(
+                    {
+                        "joint": label,
+                        "quantity": quantity,
+                        "unit": units[slides],
+                        "limit": float((lower if below[k] > above[k] else upper) * scale),
+                        "from_s": float(time[int(np.argmax(excess > ROUNDING * size))]),
+                        "excess": float(excess[k] * scale),
+                        "time_s": float(time[k]),
+                    }
+                )
+    return found
+
+
+def _limits(joint: Joint) -> Iterator[tuple[str, float, float]]:
+    """Quantity and its range, of those that the URDF limits; an effort or velocity of 0 says that none is given."""
+    if joint.kind != "continuous" and np.isfinite([joint.lower, joint.upper]).any():
+        yield "position", joint.lower, joint.upper
+    for quantity, largest in (("rate", joint.velocity), ("torque", joint.effort)):
+        if 0 < largest < np.inf:
+            yield quantity, -largest, largest
+
+
+def limit_warnings(found: Sequence[Mapping[str, Any]]) -> list[str]:
+    """One sentence for each robot and quantity, the joint with the greatest excess first."""
+    groups: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
+    for one in found:
+        groups.setdefault((one["joint"].partition("/")[0], one["quantity"]), []).append(one)
+    texts = []
+    for (_, quantity), joints in groups.items():
+        ordered = sorted(joints, key=lambda one: -one["excess"] / max(abs(one["limit"]), 1e-9))
+        shown = [
+            f"{one['joint']} from {one['from_s']:.4g} s on, by up to {one['excess']:.3g} {one['unit']} beyond "
+            f"{one['limit']:.4g} {one['unit']} (at {one['time_s']:.4g} s)"
+            for one in ordered[:3]
+        ]
+        more = [f"{len(ordered) - 3} more"] if len(ordered) > 3 else []
+        texts.append(
+            f"joint {quantity} beyond the URDF's limits, which are not enforced: {'; '.join([*shown, *more])}"
+        )
+    return texts

@@ -1,0 +1,74 @@
+"""Events whose times depend on parameters, by the structure of the functions alone.
+
+A clock, as that of a sampled sensor or of thrusters in pulses, compares time with a state that its own events
+set to the time. So times of events and states are decided together, as the least fixed point of
+
+* a state moves if its rate is not zero, if it begins elsewhere, or if an event that moves sets it, or one
+  sets it to what moves;
+* an event moves if its guard depends on a state that moves or on a constant that parameters reach.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+
+import casadi as ca
+
+from spacerobot.rollout.kernel import Kernel
+
+
+def moving_events(kernel: Kernel, wrt: Sequence[int], reached: Collection[int]) -> tuple[bool, ...]:
+    """Find the events whose times parameters may move.
+
+    Parameters
+    ----------
+    kernel
+        The forward functions.
+    wrt
+        Places in p of the parameters.
+    reached
+        Places in c of the prepared constants that depend on them.
+
+    Returns
+    -------
+    tuple of bool
+        One for each event.
+    """
+    if not kernel.events:
+        return ()
+    f = kernel.functions
+    t, x, c = (ca.SX.sym(name, kernel.size("dynamics", name)) for name in ("t", "x", "c"))
+    p = ca.SX.sym("p", kernel.size("setup", "p"))
+    x0, rates = f["setup"](p)[0], ca.sparsify(ca.SX(f["dynamics"](t, x, c)[0]))
+    moved = {*rates.sparsity().row(), *ca.jacobian_sparsity(x0, p[list(wrt)]).row()}
+    seen = ca.vertcat(x, t, c)  # entries up to nx are states, then comes time
+    nx = x.numel()
+    constants = {nx + 1 + place for place in reached}
+    guards = _dependencies(f["values"](t, x, c), seen)
+    sets = []
+    for event in range(len(kernel.events)):
+        after = ca.SX(f["update"](t, x, c, event))
+        rows = _dependencies(after, seen)
+        sets.append({i: rows[i] for i in range(nx) if not ca.is_equal(after[i], x[i], 2)})
+    events: set[int] = set()
+    while True:
+        unknown = moved | constants
+        late = {event for event, row in enumerate(guards) if row & unknown} - events
+        events |= late
+        changed = {
+            i
+            for event, own in enumerate(sets)
+            for i, row in own.items()
+            if row & unknown or (event in events and nx in row)
+        } - moved
+        moved |= changed
+        if not late and not changed:
+            return tuple(event in events for event in range(len(kernel.events)))
+
+
+def _dependencies(values: ca.SX, variables: ca.SX) -> list[set[int]]:
+    """Variables that each entry of a column may depend on, by their places."""
+    rows: list[set[int]] = [set() for _ in range(values.numel())]
+    for row, column in zip(*ca.jacobian_sparsity(values, variables).get_triplet(), strict=True):
+        rows[row].add(column)
+    return rows

@@ -1,0 +1,23 @@
+"""A contact too short for the steps that are tried is named, with the step that it needs."""
+
+from __future__ import annotations
+
+import pytest
+
+import spacerobot as sr
+from spacerobot.errors import DivergedError
+from spacerobot.rollout import step
+
+STIFF = {"contacts.bump.stiffness": 1e8, "contacts.bump.longest_step": None, "simulation.output_step": 0.5}
+
+
+def test_a_refusal_for_a_stiff_contact_names_its_longest_step(monkeypatch):
+    monkeypatch.setattr(step, "HALVINGS", 6)
+    with pytest.raises(DivergedError) as fault:
+        sr.simulate(sr.load_scene("bounce", STIFF))
+    assert (
+        "contacts.bump touches for 0.0043 s: take steps of about 9e-05 s there alone" in fault.value.message
+    )
+    monkeypatch.undo()
+    given = STIFF | {"contacts.bump.longest_step": 9e-5}
+    assert sr.simulate(sr.load_scene("bounce", given)).completed
