@@ -65,8 +65,8 @@ class Grasp(Element):
         opens = None if self.release is None else self.release.at
         if closes is not None and opens is not None and opens <= closes:
             raise ValueError(
-                f"release.at: found {opens:g} s, allowed: later than `capture.at` ({closes:g} s), for what is "
-                "captured then is released at once"
+                f"release.at: found {opens:g} s, allowed: later than `capture.at` ({closes:g} s), for what "
+                "is captured then is released at once"
             )
         return self
 

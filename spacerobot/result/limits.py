@@ -19,7 +19,7 @@ QUANTITIES = {
     "rate": ("joint_velocity", np.degrees(1.0), ("deg/s", "m/s")),
     "torque": ("joint_torque", 1.0, ("N m", "N")),
 }
-"""Array of each quantity, what turns its angles into the units below, and these, of a joint that turns or slides."""
+"""Array of each quantity, factor of its angles, and units, of a joint that turns and of one that slides."""
 
 
 def beyond_limits(scene: Scene, data: xr.Dataset) -> list[dict[str, Any]]:
@@ -71,7 +71,7 @@ def beyond_limits(scene: Scene, data: xr.Dataset) -> list[dict[str, Any]]:
 
 
 def _limits(joint: Joint) -> Iterator[tuple[str, float, float]]:
-    """Quantity and its range, of those that the URDF limits; an effort or velocity of 0 says that none is given."""
+    """Quantity and its range, of those that the URDF limits; an effort or velocity of 0 stands for none."""
     if joint.kind != "continuous" and np.isfinite([joint.lower, joint.upper]).any():
         yield "position", joint.lower, joint.upper
     for quantity, largest in (("rate", joint.velocity), ("torque", joint.effort)):
@@ -88,8 +88,8 @@ def limit_warnings(found: Sequence[Mapping[str, Any]]) -> list[str]:
     for (_, quantity), joints in groups.items():
         ordered = sorted(joints, key=lambda one: -one["excess"] / max(abs(one["limit"]), 1e-9))
         shown = [
-            f"{one['joint']} from {one['from_s']:.4g} s on, by up to {one['excess']:.3g} {one['unit']} beyond "
-            f"{one['limit']:.4g} {one['unit']} (at {one['time_s']:.4g} s)"
+            f"{one['joint']} from {one['from_s']:.4g} s on, by up to {one['excess']:.3g} {one['unit']} "
+            f"beyond {one['limit']:.4g} {one['unit']} (at {one['time_s']:.4g} s)"
             for one in ordered[:3]
         ]
         more = [f"{len(ordered) - 3} more"] if len(ordered) > 3 else []

@@ -291,7 +291,7 @@ class HybridRun:
         if seen.rise:
             done, seen = self._located(t, Bracket(0.0, self._first, done.length, seen.end), done, seen)
             done.near = self._judge(done.event, done.length, seen)
-        self._judge_end(t + done.length, done, seen)
+        self._judge_end(t + done.length, seen)
         self._crossed = seen.end > 0
         self._crossed[done.event] &= done.event < 0
         self._level = np.minimum(self._level, np.maximum(seen.end + self._level, 0.0))
@@ -343,8 +343,8 @@ class HybridRun:
         self._doubt(COINCIDENT, others)
         return len(others)
 
-    def _judge_end(self, t: float, done: _Done, seen: Tried) -> None:
-        """Doubt a gradient where an event that parameters move fires at the rollout's end, or just behind it."""
+    def _judge_end(self, t: float, seen: Tried) -> None:
+        """Doubt a gradient where parameters move an event at the rollout's end, or just behind it."""
         moving = self.engine.kernel.moving
         if not moving or t < self.grid.duration_s - TOGETHER:
             return

@@ -110,8 +110,8 @@ class Thrusters(Actuator):
                 found = getattr(part, key)
                 if found is not None and found > self.period:
                     raise ValueError(
-                        f"{path}{key}: found {found:g} s, allowed: at most the `period` of {self.period:g} s, "
-                        "at whose beginning on-times are decided"
+                        f"{path}{key}: found {found:g} s, allowed: at most the `period` of "
+                        f"{self.period:g} s, at whose beginning on-times are decided"
                     )
         return self
 
