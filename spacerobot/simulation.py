@@ -401,9 +401,9 @@ def _touching(scene: Scene, loop: ClosedLoop, finest: Trajectory) -> Iterator[st
         if kind == "touched":
             began[pair] = fired.time_s
         elif kind == "parted" and pair in began:
-            contact = loop.events[fired.event].who
+            who = loop.events[fired.event].who
             lasts = fired.time_s - began.pop(pair)
-            shortest[contact] = min(shortest.get(contact, math.inf), lasts)
+            shortest[who] = min(shortest.get(who, math.inf), lasts)
     for contact in scene.contacts:
         lasts = shortest.get(contact.name, math.inf)
         allowed = contact.config.longest_step

@@ -151,16 +151,32 @@ def _tip_text(label: str, scene: Scene) -> str:
 
 def _add_grasps(root: Tree, scene: Scene) -> None:
     import numpy as np
+    import pinocchio as pin
     from rich.markup import escape
 
-    from spacerobot.scene.checks import gap
+    data = scene.model.createData()
+    pin.framesForwardKinematics(scene.model, data, scene.q)
+
+    def pose(place: pin.SE3) -> str:
+        """Position, and roll, pitch, yaw."""
+        angles = np.degrees(pin.rpy.matrixToRpy(place.rotation))
+        parts = (", ".join(f"{x + 0.0:.4g}" for x in np.round(v, 6)) for v in (place.translation, angles))
+        return "({}) m, roll, pitch, yaw ({}) deg".format(*parts)
 
     for grasp in scene.grasps:
-        config = grasp.config
-        distance = float(np.linalg.norm(gap(scene.model, grasp, scene.q)))
+        config, tip, frame = grasp.config, data.oMf[grasp.tip.frame], data.oMf[grasp.frame]
+        distance = float(np.linalg.norm(tip.translation - frame.translation))
         holds = "holds" if config.begins == "closed" else "can hold"
         text = f"{grasp.tip.label} {holds} {config.frame}, {config.words()}, initial gap {distance:.3g} m"
-        root.add(f"grasp [bold]{escape(grasp.name)}[/]: {escape(text)}")
+        branch = root.add(f"grasp [bold]{escape(grasp.name)}[/]: {escape(text)}")
+        branch.add(escape(f"{grasp.tip.label} begins at {pose(tip)}"))
+        branch.add(escape(f"{config.frame} begins at {pose(frame)}"))
+        mated = (0.0, 0.0, 0.0) if config.capture is None else config.capture.mated_deg
+        turned = pin.log3((frame.rotation @ pin.rpy.rpyToMatrix(np.radians(mated))).T @ tip.rotation)
+        angle = float(np.degrees(np.linalg.norm(turned)))
+        branch.add(
+            escape(f"{angle:.3g} deg between them, from `mated_deg` [{', '.join(f'{x:g}' for x in mated)}]")
+        )
 
 
 def _add_contacts(root: Tree, scene: Scene) -> None:

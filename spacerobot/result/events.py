@@ -17,6 +17,10 @@ INNER = ("reference", "settling", "moving", "control", "cut", "measured")
 decision on pulses, the end of one, a sensor measures."""
 
 
+AT_ONCE = 1e-9
+"""A grasp that is released so soon after its capture [s] was never held."""
+
+
 class Happened(Protocol):
     """An event of a rollout, as :class:`spacerobot.rollout.trajectory.Fired` is one."""
 
@@ -138,19 +142,29 @@ def _change(before: Mapping[str, Array], after: Mapping[str, Array]) -> float:
 def outcome_of(scene: Scene, events: Sequence[Mapping[str, Any]]) -> str | None:
     """How a docking came out; None where no grasp begins open.
 
-    ``captured`` if every such grasp was; ``slipped off`` if one was, and not captured again; ``collided`` if
-    one was not and something touched; else ``missed``.
+    ``captured`` if every such grasp was; ``slipped off`` if one was, and not captured again; ``released at
+    once`` if one was let go at the instant of its capture; ``collided`` if one was not captured and something
+    touched; else ``missed``.
     """
     begins_open = [grasp.name for grasp in scene.grasps if grasp.config.begins == "open"]
     if not begins_open:
         return None
-    lives = {name: [e["kind"] for e in events if e["who"] == name] for name in begins_open}
-    ends = {
-        name: next((kind for kind in reversed(kinds) if kind in ("captured", "slipped")), "missed")
-        for name, kinds in lives.items()
-    }
+    ends = dict.fromkeys(begins_open, "missed")
+    when = dict[str, float]()
+    for event in events:
+        name, kind = event["who"], event["kind"]
+        if name not in ends or kind not in ("captured", "slipped", "released"):
+            continue
+        if kind == "captured":
+            when[name] = event["time_s"]
+        if kind != "released":
+            ends[name] = kind
+        elif event["time_s"] - when.get(name, -np.inf) <= AT_ONCE:
+            ends[name] = "released at once"
     if "slipped" in ends.values():
         return "slipped off"
+    if "released at once" in ends.values():
+        return "released at once"
     if "missed" not in ends.values():
         return "captured"
     return "collided" if any(event["kind"] == "touched" for event in events) else "missed"

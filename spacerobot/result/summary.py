@@ -25,6 +25,7 @@ from spacerobot.result.metrics import (
     propellant,
     tip_errors,
 )
+from spacerobot.result.missed import missed_captures
 from spacerobot.result.trust import advise, judge
 from spacerobot.rollout import Trajectory
 from spacerobot.scene import Scene
@@ -61,6 +62,7 @@ def build_summary(
         "name": scene.scenario.name,
         "status": _status(trajectory) | judge(trajectory.status == "completed", ledger, advice),
         "outcome": outcome_of(scene, events),
+        **({"missed": missed} if (missed := missed_captures(scene, data, events)) else {}),
         "events": list(events),
         "tip_error": tip_errors(data),
         **({"unled_tips": unled} if (unled := unled_tips(scene)) else {}),

@@ -20,6 +20,7 @@ def headline(summary: Mapping[str, Any], data: xr.Dataset) -> list[Row]:
     rows = [("status", status_text(summary["status"]))]
     if summary.get("outcome"):
         rows.append(("outcome", summary["outcome"]))
+    rows += [(f"missed {grasp}", why["words"]) for grasp, why in summary.get("missed", {}).items()]
     led = {t: axes for t, axes in summary["tip_error"].items() if t not in summary.get("unled_tips", ())}
     for tip, axes in led.items():
         shown = ["x", "y"] if "body_angle" in data else ["x", "y", "z"]

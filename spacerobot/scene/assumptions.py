@@ -14,7 +14,7 @@ from spacerobot.scene.checks import resolved_bodies, robot_elements, robot_facts
 from spacerobot.scene.closing import Closing, find_closings, has_loops, is_rigid, open_grasps
 from spacerobot.scene.configure import initial_state
 from spacerobot.scene.contacts import dome_warnings
-from spacerobot.scene.envelopes import envelope_warnings
+from spacerobot.scene.envelopes import envelope_warnings, mating_warnings
 from spacerobot.scene.reach import reference_warnings
 from spacerobot.scene.scene import Scene, SceneBody, SceneTip
 
@@ -81,7 +81,7 @@ def list_warnings(scene: Scene) -> tuple[str, ...]:
     for body, path, element in robot_elements(scene):
         found += [f"{path}: {caution}" for caution in element.cautions(robot_facts(scene, body))]
     found += [*_given_way(scene), *dome_warnings(scene)]
-    return (*found, *reference_warnings(scene), *envelope_warnings(scene))
+    return (*found, *reference_warnings(scene), *envelope_warnings(scene), *mating_warnings(scene))
 
 
 def _never(scene: Scene) -> list[str]:

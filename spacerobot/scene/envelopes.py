@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pinocchio as pin
 
@@ -23,6 +25,49 @@ def envelope_warnings(scene: Scene) -> list[str]:
     distant = [told for told in (_too_far(scene, grasp) for grasp in living) if told]
     # one that captures moves what the others reach for
     return distant if len(distant) == len(living) else []
+
+
+def mating_warnings(scene: Scene) -> list[str]:
+    """Warnings about references and goals of plans that mate a tip at an angle where its grasp cannot close.
+
+    Both name roll, pitch, yaw of the tip in the mating frame (``mated_deg``); where they differ by more than
+    the envelope's ``misalignment_deg``, following the one never meets the other.
+    """
+    found = []
+    for grasp in scene.grasps:
+        capture = grasp.config.capture
+        if capture is None or capture.misalignment_deg is None:
+            continue
+        leads = [
+            (reference.path, reference.config)
+            for reference in grasp.tip.references
+            if reference.config.follows == grasp.config.frame
+        ]
+        goals = {} if scene.scenario.plan is None else scene.scenario.plan.goals
+        leads += [
+            (f"plan.goals.{name}", goal)
+            for name, goal in goals.items()
+            if getattr(goal, "tip", None) == grasp.tip.label
+            and getattr(goal, "frame", None) == grasp.config.frame
+        ]
+        for path, lead in leads:
+            angles = getattr(lead, "mated_deg", None)
+            if angles is None:
+                continue
+            first, other = (pin.rpy.rpyToMatrix(np.radians(rpy)) for rpy in (angles, capture.mated_deg))
+            apart = float(np.degrees(np.linalg.norm(pin.log3(first.T @ other))))
+            if apart > capture.misalignment_deg:
+                found.append(
+                    f"{path}.mated_deg: leads {grasp.tip.label} to {_angles(angles)} deg in "
+                    f"{grasp.config.frame}, {apart:.4g} deg from {grasp.path}.capture.mated_deg "
+                    f"{_angles(capture.mated_deg)}, which closes "
+                    f"within misalignment_deg {capture.misalignment_deg:g}"
+                )
+    return found
+
+
+def _angles(values: Sequence[float]) -> str:
+    return f"[{', '.join(f'{value:g}' for value in values)}]"
 
 
 def _undisturbed(scene: Scene) -> bool:

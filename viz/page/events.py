@@ -10,13 +10,20 @@ from viz.figures.phases import phases_of
 
 
 def event_data(result: Result) -> dict[str, Any]:
-    """Phases as (name, begin, end) and all other events as (time, what, kind), times in s."""
+    """Phases as (name, begin, end) and all other events as (time, what, kind), times in s.
+
+    The closest approach of a grasp that was missed is marked too, with the reason.
+    """
     events = result.summary.get("events", ())
-    return {
-        "phases": [list(phase) for phase in phases_of(result)],
-        "marks": [
-            [event["time_s"], what_happened(event), event["kind"]]
-            for event in events
-            if event["kind"] not in ("phase", "end")
-        ],
-    }
+    marks = [
+        [event["time_s"], what_happened(event), event["kind"]]
+        for event in events
+        if event["kind"] not in ("phase", "end")
+    ]
+    missed = result.summary.get("missed", {})
+    marks += [
+        [why["closest"]["time_s"], f"{grasp} missed: {why['words']}", "slipped"]
+        for grasp, why in missed.items()
+        if "closest" in why
+    ]
+    return {"phases": [list(phase) for phase in phases_of(result)], "marks": sorted(marks)}

@@ -1,0 +1,234 @@
+"""Why a docking was missed: closest approach, and the limits of the capture envelope that were violated."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pinocchio as pin
+import xarray as xr
+
+from spacerobot.arrays import Array
+from spacerobot.elements.capture import ENVELOPE, Capture
+from spacerobot.scene import Scene, SceneGrasp
+
+Booleans = npt.NDArray[np.bool_]
+INSTANTS = 3000
+"""At so many instants at most relative motion is evaluated."""
+SHOWN = {
+    "distance": ("distance", "mm", 1e3),
+    "misalignment_deg": ("angle", "deg", 1.0),
+    "closing_speed": ("closing speed", "mm/s", 1e3),
+    "lateral_speed": ("lateral speed", "mm/s", 1e3),
+    "spin_deg": ("spin", "deg/s", 1.0),
+}
+"""Each limit of an envelope in words, the unit in which it is shown, and its factor."""
+
+
+def missed_captures(
+    scene: Scene, data: xr.Dataset, events: Sequence[Mapping[str, Any]]
+) -> dict[str, dict[str, Any]]:
+    """Find out why grasps that begin open were never captured.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    data
+        Of the whole rollout, at every step.
+    events
+        Of the rollout, as in a summary.
+
+    Returns
+    -------
+    dict
+        By grasp: ``closest``, the closest approach (``time_s`` and the envelope's five quantities, in the
+        units of its limits); ``inside_s``, the longest time for which all limits held; ``violated``, the
+        limits that were violated, the first one first, while the tip was within ``distance`` and longest so
+        (behind the longest time inside if there is one): ``limit``, ``allowed``, ``found`` (the worst),
+        ``from_s``, ``for_s``; and ``words``, one sentence.
+    """
+    captured = {event["who"] for event in events if event["kind"] == "captured"}
+    found = {}
+    for grasp in scene.grasps:
+        capture = grasp.config.capture
+        if grasp.config.begins == "closed" or capture is None or grasp.name in captured:
+            continue
+        time = data["time"].values
+        allowed = _may_close(scene, grasp, time, events)
+        if not allowed.any():
+            found[grasp.name] = {"words": "no phase in which it may close began"}
+        elif capture.at is not None:
+            found[grasp.name] = {"words": f"the simulation ended before {capture.at:g} s"}
+        else:
+            found[grasp.name] = _why(scene, grasp, capture, data, allowed)
+    return found
+
+
+def _may_close(scene: Scene, grasp: SceneGrasp, time: Array, events: Sequence[Mapping[str, Any]]) -> Booleans:
+    """Instants at which the phase lets a grasp close (nt,)."""
+    phases = scene.scenario.phases
+    if not phases:
+        return np.ones(len(time), bool)
+    begun = [(next(iter(phases)), -np.inf)]
+    begun += [(event["who"], event["time_s"]) for event in events if event["kind"] == "phase"]
+    found = np.zeros(len(time), bool)
+    for (name, begin), (_, end) in pairwise([*begun, ("", np.inf)]):
+        captures = phases[name].captures
+        if captures is None or grasp.name in captures:
+            found |= (time >= begin) & (time <= end)
+    return found
+
+
+def _why(
+    scene: Scene, grasp: SceneGrasp, capture: Capture, data: xr.Dataset, allowed: Booleans
+) -> dict[str, Any]:
+    """What :func:`missed_captures` says of one grasp with an envelope."""
+    time = data["time"].values
+    gaps = np.linalg.norm(data["grasp_gap"].sel(grasp=grasp.name).values, axis=1)
+    gaps = np.where(allowed, gaps, np.inf)
+    nearest = int(np.argmin(gaps))
+    close = allowed if capture.distance is None else gaps <= capture.distance
+    limits = {name: float(getattr(capture, name)) for name in capture.limits}
+    closest = _quantities(scene, grasp, capture, data, [nearest])
+    told: dict[str, Any] = {
+        "closest": {"time_s": float(time[nearest])} | {name: float(closest[name][0]) for name in ENVELOPE},
+        "inside_s": 0.0,
+        "violated": [],
+    }
+    if not close.any():
+        first = int(np.argmax(allowed))
+        told["violated"] = [
+            {
+                "limit": "distance",
+                "allowed": limits["distance"],
+                "found": float(gaps[nearest]),
+                "from_s": float(time[first]),
+                "for_s": float(time[np.flatnonzero(allowed)[-1]] - time[first]),
+            }
+        ]
+        return told | {"words": _words(capture, told)}
+    rows = np.flatnonzero(close)
+    rows = rows[np.unique(np.linspace(0, len(rows) - 1, min(len(rows), INSTANTS)).astype(int))]
+    values = _quantities(scene, grasp, capture, data, rows)
+    over = {name: values[name] > limits[name] for name in limits if name != "distance"}
+    good = ~np.any([*over.values(), np.zeros(len(rows), bool)], axis=0)
+
+    def lasts(run: slice) -> float:
+        """How long a stretch of rows is [s]."""
+        return float(time[rows[run.stop - 1]] - time[rows[run.start]])
+
+    passes = [*_runs(np.ones(len(rows), bool), rows, close)]
+    part, stays = max(passes, key=lasts), [*_runs(good, rows, close)]
+    if stays:
+        # the longest stay inside, and what ended it: from there to the end of the time within `distance`
+        stay = max(stays, key=lasts)
+        told["inside_s"] = lasts(stay)
+        around = next(run for run in passes if run.start <= stay.start < run.stop)
+        part = slice(stay.stop, around.stop)
+    span = rows[part]
+    for name, mask in over.items():
+        here = mask[part]
+        if here.any():
+            told["violated"].append(
+                {
+                    "limit": name,
+                    "allowed": limits[name],
+                    "found": float(values[name][part].max()),
+                    "from_s": float(time[span[int(np.argmax(here))]]),
+                    "for_s": _duration(time, span, here),
+                }
+            )
+    told["violated"].sort(key=lambda one: (one["from_s"], -one["for_s"]))
+    if stays and not told["violated"] and "distance" in limits:
+        end = rows[stay.stop - 1] + 1
+        told["violated"] = [
+            {
+                "limit": "distance",
+                "allowed": limits["distance"],
+                "found": float(np.where(allowed, gaps, 0)[end:].max(initial=limits["distance"])),
+                "from_s": float(time[min(end, len(time) - 1)]),
+                "for_s": float(time[-1] - time[min(end, len(time) - 1)]),
+            }
+        ]
+    return told | {"words": _words(capture, told)}
+
+
+def _runs(mask: Booleans, rows: npt.NDArray[np.int64], close: Booleans) -> Iterator[slice]:
+    """Stretches of ``rows`` in which a mask holds, and between which no instant is not ``close``."""
+    apart = np.cumsum(~close)[rows]
+    begin = None
+    for k in range(len(rows) + 1):
+        ends = k == len(rows) or not mask[k] or (begin is not None and apart[k] != apart[begin])
+        if ends and begin is not None:
+            yield slice(begin, k)
+            begin = None
+        if k < len(rows) and mask[k] and begin is None:
+            begin = k
+
+
+def _duration(time: Array, span: npt.NDArray[np.int64], mask: Booleans) -> float:
+    """Time [s] for which a mask holds at instants of a span, each instant standing for half of its gaps."""
+    if len(span) < 2:
+        return 0.0
+    edges = time[span]
+    middle = np.r_[edges[0], (edges[1:] + edges[:-1]) / 2, edges[-1]]
+    return float(np.diff(middle)[mask].sum())
+
+
+def _quantities(
+    scene: Scene, grasp: SceneGrasp, capture: Capture, data: xr.Dataset, rows: Sequence[int] | Array
+) -> dict[str, Array]:
+    """The envelope's quantities (n,) at rows of the data, in the units of its limits."""
+    model, axes = scene.model, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+    kinematics = model.createData()
+    unit = np.array(capture.axis) / np.linalg.norm(capture.axis)
+    mated = pin.rpy.rpyToMatrix(np.radians(capture.mated_deg))
+    found = np.empty((len(rows), len(ENVELOPE)))
+    for k, (q, v) in enumerate(zip(data["q"].values[rows], data["v"].values[rows], strict=True)):
+        pin.forwardKinematics(model, kinematics, q, v)
+        tip, mate = (pin.updateFramePlacement(model, kinematics, f) for f in (grasp.tip.frame, grasp.frame))
+        moving = pin.getFrameVelocity(model, kinematics, grasp.tip.frame, axes)
+        other = pin.getFrameVelocity(model, kinematics, grasp.frame, axes)
+        gap = tip.translation - mate.translation
+        velocity = moving.linear - other.linear - np.cross(other.angular, gap)
+        closing = float(mate.rotation @ unit @ velocity)
+        turned = pin.log3((mate.rotation @ mated).T @ tip.rotation)
+        found[k] = (
+            np.linalg.norm(gap),
+            np.degrees(np.linalg.norm(turned)),
+            abs(closing),
+            np.sqrt(max(float(velocity @ velocity) - closing**2, 0.0)),
+            np.degrees(np.linalg.norm(moving.angular - other.angular)),
+        )
+    return {name: found[:, i] for i, name in enumerate(ENVELOPE)}
+
+
+def shown(name: str, value: float) -> str:
+    """A quantity of an envelope with its unit."""
+    _, unit, factor = SHOWN[name]
+    return f"{value * factor:.3g} {unit}"
+
+
+def _words(capture: Capture, told: Mapping[str, Any]) -> str:
+    """One sentence: the limits that were violated, then the closest approach."""
+    parts = []
+    if told["inside_s"]:
+        stay = f"{told['inside_s']:.3g} s of the dwell of {capture.dwell:g} s"
+        parts.append(f"inside its envelope for {stay}, then")
+    limits = [
+        f"{SHOWN[one['limit']][0]} {shown(one['limit'], one['found'])}, allowed "
+        f"{shown(one['limit'], one['allowed'])}, from {one['from_s']:.4g} s for {one['for_s']:.3g} s"
+        for one in told["violated"]
+    ]
+    if told["violated"] and told["violated"][0]["limit"] == "distance" and not told["inside_s"]:
+        one = told["violated"][0]
+        limits = [f"never within {shown('distance', one['allowed'])} in {one['for_s']:.3g} s"]
+    parts.append("; ".join(limits) or "the simulation ended before the dwell was over")
+    near = told["closest"]
+    rest = ", ".join(f"{SHOWN[name][0]} {shown(name, near[name])}" for name in ENVELOPE[1:])
+    when = f"{shown('distance', near['distance'])} at {near['time_s']:.4g} s"
+    return f"{' '.join(parts)}; closest approach {when} ({rest})"
