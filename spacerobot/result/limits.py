@@ -9,7 +9,6 @@ import numpy as np
 import xarray as xr
 
 from spacerobot.arrays import Array
-from spacerobot.description.parts import Joint
 from spacerobot.scene import Scene
 
 ROUNDING = 1e-6
@@ -45,7 +44,9 @@ def beyond_limits(scene: Scene, data: xr.Dataset) -> list[dict[str, Any]]:
             label = f"{body.name}/{joint.name}"
             if label not in labels:
                 continue
-            for quantity, lower, upper in _limits(joint):
+            for quantity, lower, upper in _limits(
+                joint.kind, (joint.lower, joint.upper), joint.velocity, joint.effort
+            ):
                 name, factor, units = QUANTITIES[quantity]
                 slides = joint.kind == "prismatic"
                 values: Array = data[name].values[:, labels.index(label)]
@@ -70,11 +71,13 @@ def beyond_limits(scene: Scene, data: xr.Dataset) -> list[dict[str, Any]]:
     return found
 
 
-def _limits(joint: Joint) -> Iterator[tuple[str, float, float]]:
+def _limits(
+    kind: str, travel: tuple[float, float], velocity: float, effort: float
+) -> Iterator[tuple[str, float, float]]:
     """Quantity and its range, of those that the URDF limits; an effort or velocity of 0 stands for none."""
-    if joint.kind != "continuous" and np.isfinite([joint.lower, joint.upper]).any():
-        yield "position", joint.lower, joint.upper
-    for quantity, largest in (("rate", joint.velocity), ("torque", joint.effort)):
+    if kind != "continuous" and np.isfinite(travel).any():
+        yield "position", *travel
+    for quantity, largest in (("rate", velocity), ("torque", effort)):
         if 0 < largest < np.inf:
             yield quantity, -largest, largest
 

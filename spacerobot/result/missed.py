@@ -12,7 +12,6 @@ import pinocchio as pin
 import xarray as xr
 
 from spacerobot.arrays import Array
-from spacerobot.elements.capture import ENVELOPE, Capture
 from spacerobot.scene import Scene, SceneGrasp
 
 Booleans = npt.NDArray[np.bool_]
@@ -26,6 +25,7 @@ SHOWN = {
     "spin_deg": ("spin", "deg/s", 1.0),
 }
 """Each limit of an envelope in words, the unit in which it is shown, and its factor."""
+ENVELOPE = tuple(SHOWN)
 
 
 def missed_captures(
@@ -84,7 +84,7 @@ def _may_close(scene: Scene, grasp: SceneGrasp, time: Array, events: Sequence[Ma
 
 
 def _why(
-    scene: Scene, grasp: SceneGrasp, capture: Capture, data: xr.Dataset, allowed: Booleans
+    scene: Scene, grasp: SceneGrasp, capture: Any, data: xr.Dataset, allowed: Booleans
 ) -> dict[str, Any]:
     """What :func:`missed_captures` says of one grasp with an envelope."""
     time = data["time"].values
@@ -180,7 +180,7 @@ def _duration(time: Array, span: npt.NDArray[np.int64], mask: Booleans) -> float
 
 
 def _quantities(
-    scene: Scene, grasp: SceneGrasp, capture: Capture, data: xr.Dataset, rows: Sequence[int] | Array
+    scene: Scene, grasp: SceneGrasp, capture: Any, data: xr.Dataset, rows: Sequence[int] | Array
 ) -> dict[str, Array]:
     """The envelope's quantities (n,) at rows of the data, in the units of its limits."""
     model, axes = scene.model, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
@@ -213,7 +213,7 @@ def shown(name: str, value: float) -> str:
     return f"{value * factor:.3g} {unit}"
 
 
-def _words(capture: Capture, told: Mapping[str, Any]) -> str:
+def _words(capture: Any, told: Mapping[str, Any]) -> str:
     """One sentence: the limits that were violated, then the closest approach."""
     parts = []
     if told["inside_s"]:
