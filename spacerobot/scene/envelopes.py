@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -38,7 +39,7 @@ def mating_warnings(scene: Scene) -> list[str]:
         capture = grasp.config.capture
         if capture is None or capture.misalignment_deg is None:
             continue
-        leads = [
+        leads: list[tuple[str, Any]] = [
             (reference.path, reference.config)
             for reference in grasp.tip.references
             if reference.config.follows == grasp.config.frame
