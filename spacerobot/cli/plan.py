@@ -135,7 +135,7 @@ def command(
 def _plan(scene: Scene, out: Path | None, how: dict[str, Any], slopes: str | None) -> Callable[[], None]:
     """Make a plan, and write it if a folder is given; what shows it."""
     from optim.planning.searches.make import make_plan
-    from optim.planning.written.follow import PLAN
+    from optim.planning.written.follow import PLAN, handover_warnings
     from optim.planning.written.plan_file import FOLLOWED, SUMMARY, check_plan_folder, read, write
 
     if out is not None:
@@ -155,6 +155,8 @@ def _plan(scene: Scene, out: Path | None, how: dict[str, Any], slopes: str | Non
     def show() -> None:
         """Print it."""
         _show(planned)
+        for words in handover_warnings(planned):
+            warn(words)
         if found:
             rows = [[path, f"{slope:+.6g}"] for path, slope in found.items()]
             console().print(table("slopes of the least cost", ["number", "by one unit of it"], rows))

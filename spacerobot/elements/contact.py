@@ -47,7 +47,7 @@ class Contact(Element):
     )
     wrap: Wrap | None = Field(
         default=None,
-        description="shape of the same extents that stands in for meshes and cylinders; meshes are refused "
+        description="shape around meshes and cylinders that stands in for them; meshes are refused "
         "if not given",
     )
     may_overlap: bool = Field(

@@ -11,6 +11,7 @@ from pydantic import Field, model_validator
 from spacerobot.elements.element import Element
 from spacerobot.elements.instant import Instant, Row
 from spacerobot.elements.reference import Reference
+from spacerobot.section import quantity
 
 FLAT: dict[str, Any] = {
     "tip": None,
@@ -39,6 +40,10 @@ class Goal(Element):
         description="whether the robot's joints rest at the end; they do if not given, but for `mated`",
     )
 
+    rate_within: float = quantity(
+        "rad/s or m/s", "tolerance of the joints' rates where they rest", default=0.0, ge=0
+    )
+
     @model_validator(mode="before")
     @classmethod
     def _former_keys(cls, data: Any) -> Any:
@@ -56,6 +61,11 @@ class Goal(Element):
     def rests(self) -> bool:
         """Whether the robot's joints are at rest at the end."""
         return True if self.rest is None else self.rest
+
+    @property
+    def ends_in_motion(self) -> bool:
+        """Whether joints may have any rates and accelerations at the end."""
+        return not self.rests
 
     @property
     def body(self) -> str:

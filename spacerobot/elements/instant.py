@@ -14,6 +14,7 @@ from spacerobot.arrays import Array
 from spacerobot.dynamics.algebra import cross
 from spacerobot.dynamics.joints import sparse
 from spacerobot.elements.contact import Wrap
+from spacerobot.errors import ScenarioError
 
 T = TypeVar("T")
 
@@ -90,6 +91,28 @@ def within(name: str, unit: str, value: ca.SX, limit: float) -> Row:
     return Row(name, unit, square, upper=1.0, scale=limit / 2, form="square")
 
 
+def matched(
+    name: str, unit_name: str, value: ca.SX, axes: Sequence[int], tolerance: float | None
+) -> Iterator[Row]:
+    """Zero along each of some axes, or no longer than a tolerance.
+
+    Parameters
+    ----------
+    name, unit_name
+        What it is, and its unit.
+    value
+        Expression (3x1).
+    axes
+        Of its entries that count.
+    tolerance
+        Greatest length in that unit; None for zero.
+    """
+    if tolerance is None:
+        yield from (zero(f"{name} {'xyz'[i]}", unit_name, value[i]) for i in axes)
+    else:
+        yield within(name, unit_name, value[list(axes)], tolerance)
+
+
 def unit(axis: Sequence[float]) -> ca.SX:
     """Unit vector along an axis (3x1), structurally zero where it is zero."""
     return sparse(np.array(axis) / np.linalg.norm(axis))
@@ -134,6 +157,8 @@ class Joint(NamedTuple):
         How it moves (1x1 each) [rad/s or m/s], [rad/s^2 or m/s^2].
     torque
         What its actuator gives (1x1) [N m or N].
+    lower, upper
+        Its range in the URDF [rad or m]; infinite where it has none.
     """
 
     name: str
@@ -141,6 +166,8 @@ class Joint(NamedTuple):
     rate: ca.SX
     acceleration: ca.SX
     torque: ca.SX
+    lower: float
+    upper: float
 
     def off(self, wanted: float) -> ca.SX:
         """How far it is beyond a position (1x1) [rad or m], an unbounded one by less than half a turn."""
@@ -228,6 +255,9 @@ class Instant(Protocol):
 
     def turned(self, wanted: ca.SX, found: ca.SX) -> ca.SX:
         """Rotation vector from one orientation to another, as many entries as :attr:`turns` [rad]."""
+
+    def fault(self, message: str, key: str) -> ScenarioError:
+        """Error that names the place of a key of the section."""
 
     def link(self, label: str, key: str = "link") -> Frame:
         """A link of a robot, by robot/link."""

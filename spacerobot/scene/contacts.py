@@ -12,8 +12,6 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from spacerobot.arrays import Array
-from spacerobot.description.parts import Geometry
 from spacerobot.description.parts import Shape as UrdfShape
 from spacerobot.elements import Contact
 from spacerobot.elements.contact import Wrap
@@ -21,6 +19,7 @@ from spacerobot.errors import ScenarioError, near_names
 from spacerobot.scenario import Scenario
 from spacerobot.scenario.pads import Pad
 from spacerobot.scene.scene import Scene, SceneBody, SceneContact, SceneShape
+from spacerobot.scene.wrapping import wrapped
 from spacerobot.section import matching
 from spacerobot.shapes import Shape, ShapeKind, have_distance, proximity
 
@@ -150,14 +149,12 @@ class _Finder:
         label, geometry, placement = f"{body.name}/{link}", shape.geometry, np.array(shape.placement)
         kind: ShapeKind
         if geometry.kind in ("mesh", "cylinder") and wrap is not None:
-            low, high = _extents(geometry)
-            kind, measures, turn = _wrapped(wrap, high - low)
-            shift = pin.SE3(turn, (low + high) / 2).homogeneous
-            return SceneShape(label, None, kind, measures, *self._frame(body, link), placement @ shift)
+            kind, measures, own = wrapped(geometry, wrap)
+            return SceneShape(label, None, kind, measures, *self._frame(body, link), placement @ own)
         if geometry.kind == "mesh":
             raise self._fault(
                 f"{label} collides by a mesh, which has no contact law; give `wrap: box`, `capsule` or "
-                "`sphere` to use one of its extents, or name a pad",
+                "`sphere` to use one around it, or name a pad",
                 where,
             )
         size = [float(x) for x in geometry.size]
@@ -168,30 +165,6 @@ class _Finder:
         else:
             kind, measures = "sphere", (size[0], ())
         return SceneShape(label, None, kind, measures, *self._frame(body, link), placement)
-
-
-def _extents(geometry: Geometry) -> tuple[Array, Array]:
-    """Least and greatest corner (3,) [m] of a mesh or a cylinder, in its own axes."""
-    if geometry.mesh is None:
-        radius, length = (float(x) for x in geometry.size)
-        corner = np.array([radius, radius, length / 2])
-        return -corner, corner
-    mesh = coal.MeshLoader().load(str(geometry.mesh), np.array(geometry.size))
-    mesh.computeLocalAABB()
-    return np.array(mesh.aabb_local.min_), np.array(mesh.aabb_local.max_)
-
-
-def _wrapped(wrap: Wrap, extents: Array) -> tuple[ShapeKind, tuple[float, tuple[float, ...]], Array]:
-    """Shape, radius and half lengths, and rotation of a primitive of given extents (3,) [m]."""
-    longest = int(np.argmax(extents))
-    if wrap == "box":
-        return "box", (0.0, tuple(float(edge) / 2 for edge in extents)), np.eye(3)
-    if wrap == "sphere":
-        return "sphere", (float(extents[longest]) / 2, ()), np.eye(3)
-    radius = float(np.delete(extents, longest).max()) / 2
-    half = max(float(extents[longest]) / 2 - radius, 0.0)
-    turn = np.roll(np.eye(3), 2 - longest, axis=1)  # own z along the longest
-    return "capsule", (radius, (half,)), turn
 
 
 def coal_of(shape: SceneShape) -> Any:

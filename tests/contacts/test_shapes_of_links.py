@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import coal
 import numpy as np
 import pytest
+from scipy.spatial import ConvexHull
 
 from spacerobot.errors import ScenarioError
+from spacerobot.scene.contacts import coal_of
 from tests.oracles.balls import body, scene
 
 STL = "solid box\n{}endsolid box\n"
@@ -50,7 +53,7 @@ def test_a_mesh_is_refused_by_name(tmp_path):
 
 
 @pytest.mark.parametrize("wrap", ["box", "capsule", "sphere"])
-def test_a_wrapped_mesh_has_its_extents(tmp_path, wrap):
+def test_a_wrapped_mesh_is_inside_its_shape(tmp_path, wrap):
     box_mesh(tmp_path / "box.stl", [-1, -2, 0], [1, 4, 1])
     shape = shape_of(with_shape(tmp_path, '<mesh filename="box.stl" scale="0.1 0.1 0.1"/>', wrap=wrap))
     middle, edges = [0, 0.1, 0.05 + 0.1], [0.2, 0.6, 0.1]
@@ -60,11 +63,38 @@ def test_a_wrapped_mesh_has_its_extents(tmp_path, wrap):
         np.testing.assert_allclose(shape.measures[1], np.array(edges) / 2)
     elif wrap == "sphere":
         assert shape.kind == "sphere"
-        assert shape.measures[0] == pytest.approx(0.3)
+        assert shape.measures[0] == pytest.approx(np.linalg.norm(edges) / 2)
     else:
         np.testing.assert_allclose(np.abs(shape.placement[:3, 2]), [0, 1, 0])  # along the longest edge
         np.testing.assert_allclose(np.linalg.det(shape.placement[:3, :3]), 1)
-        np.testing.assert_allclose([shape.measures[0], *shape.measures[1]], [0.1, 0.2])
+        radius, (half,) = shape.measures
+        assert radius**2 - 0.1**2 - 0.05**2 == pytest.approx((0.3 - half) ** 2)  # through the corners
+        assert 0.1 < radius < 0.2
+
+
+@pytest.mark.parametrize("wrap", ["box", "capsule", "sphere"])
+def test_no_point_of_a_mesh_is_nearer_than_what_wraps_it(tmp_path, wrap):
+    """Tapered and off its axes, from 200 places: coal's distance of the mesh against that of the wrap."""
+    draw = np.random.default_rng(5)
+    points = draw.uniform(-1, 1, (40, 3)) * [0.1, 0.3, 0.06] + [0.02, 0.1, 0]
+    points[:, [0, 2]] *= 0.3 + points[:, [1]]
+    hull = ConvexHull(points)
+    lines = ("".join("vertex {} {} {}\n".format(*points[i]) for i in face) for face in hull.simplices)
+    (tmp_path / "box.stl").write_text(STL.format("".join(FACET.format(text) for text in lines)))
+    shape = shape_of(with_shape(tmp_path, '<mesh filename="box.stl"/>', wrap=wrap))
+    mesh, ball = coal.MeshLoader().load(str(tmp_path / "box.stl"), np.ones(3)), coal.Sphere(0.01)
+    lifted = coal.Transform3s(np.eye(3), np.array([0, 0, 0.1]))  # the collision's own origin
+    own = coal.Transform3s(shape.placement[:3, :3], shape.placement[:3, 3])
+    nearer = []
+    for place in draw.normal(0, 1, (200, 3)):
+        at = coal.Transform3s(np.eye(3), 0.6 * place / np.linalg.norm(place) + [0, 0.1, 0.1])
+        gaps = [
+            coal.distance(one, of, ball, at, coal.DistanceRequest(), coal.DistanceResult())
+            for one, of in ((mesh, lifted), (coal_of(shape), own))
+        ]
+        nearer.append(gaps[0] - gaps[1])
+    assert min(nearer) > -1e-6
+    assert min(nearer) < 2e-2  # and tight somewhere
 
 
 def test_primitives_are_taken_as_they_are_and_cylinders_wrapped_on_request(tmp_path):
@@ -72,7 +102,8 @@ def test_primitives_are_taken_as_they_are_and_cylinders_wrapped_on_request(tmp_p
     assert shape_of(with_shape(tmp_path, cylinder)).measures == (0.2, (0.5,))
     wrapped = shape_of(with_shape(tmp_path, cylinder, wrap="capsule"))
     assert wrapped.kind == "capsule"
-    np.testing.assert_allclose([wrapped.measures[0], *wrapped.measures[1]], [0.2, 0.3])
+    radius, (half,) = wrapped.measures
+    assert radius**2 - 0.2**2 == pytest.approx((0.5 - half) ** 2, abs=1e-12)  # through the rims
     box = shape_of(with_shape(tmp_path, '<box size="1 2 3"/>', wrap="sphere"))  # needs no wrapping
     assert (box.kind, box.measures) == ("box", (0.0, (0.5, 1.0, 1.5)))
     np.testing.assert_allclose(box.placement[:3, 3], [0, 0, 0.1])

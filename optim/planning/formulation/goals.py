@@ -7,7 +7,7 @@ import dataclasses
 from optim.planning.formulation.instant import Seen
 from optim.planning.formulation.stage import Stage
 from spacerobot.elements.goal import Goal
-from spacerobot.elements.instant import Row, zero
+from spacerobot.elements.instant import Row
 
 
 def goal_rows(stage: Stage, name: str, goal: Goal) -> list[Row]:
@@ -22,8 +22,15 @@ def goal_rows(stage: Stage, name: str, goal: Goal) -> list[Row]:
     rows = list(goal.rows(Seen(stage, f"plan.goals.{name}")))
     if goal.rests:
         body = next(body for body in scene.bodies if body.name == goal.body)
+        tolerance = goal.rate_within
         rows += [
-            zero(f"rate of {scene.model.names[j]}", "rad/s or m/s", stage.v[scene.model.idx_vs[j]])
+            Row(
+                f"rate of {scene.model.names[j]}",
+                "rad/s or m/s",
+                stage.v[scene.model.idx_vs[j]],
+                -tolerance,
+                tolerance,
+            )
             for j in body.driven_joints
         ]
     return [dataclasses.replace(row, name=f"{name}: {row.name}") for row in rows]

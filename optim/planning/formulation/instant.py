@@ -98,6 +98,10 @@ class Seen:
         """Rotation vector from one orientation to another."""
         return self.stage.turned(wanted, found)
 
+    def fault(self, message: str, key: str) -> ScenarioError:
+        """Error that names the place of a key of the section."""
+        return ScenarioError(message, source=self.stage.scene.source, where=f"{self.where}.{key}")
+
     def link(self, label: str, key: str = "link") -> Frame:
         """A link of a robot, by robot/link."""
         scene, (robot, _, link) = self.stage.scene, label.partition("/")
@@ -185,7 +189,10 @@ class Seen:
         own, stage = self.stage.scene.model.joints[joint], self.stage
         torque = stage.u[stage.driven.joints.index(joint)]
         place = slice(own.idx_q, own.idx_q + own.nq)
-        return Joint(name, stage.q[place], stage.v[own.idx_v], stage.a[own.idx_v], torque)
+        model, bounded = stage.scene.model, own.nq == own.nv
+        lower = float(model.lowerPositionLimit[own.idx_q]) if bounded else -np.inf
+        upper = float(model.upperPositionLimit[own.idx_q]) if bounded else np.inf
+        return Joint(name, stage.q[place], stage.v[own.idx_v], stage.a[own.idx_v], torque, lower, upper)
 
     def _frame(self, frame: int) -> Frame:
         return Frame(*self.stage.placement(frame), *self.stage.velocity(frame))

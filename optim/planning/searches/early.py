@@ -89,6 +89,8 @@ def check_momentum(problem: Problem, plan: Planning) -> None:
     for name, goal in plan.goals.items():
         if not isinstance(goal, Still) or not goal.rests:
             continue
+        if goal.speed_within is not None or goal.spin_within_deg is not None:
+            continue  # some momentum may stay
         where = f"plan.goals.{name}"
         body = next(body for body in scene.bodies if body.name == goal.still)
         group = _moving_with(problem, body)
@@ -150,7 +152,7 @@ def check_joined(problem: Problem, plan: Planning) -> None:
     if driven.drives_bases or problem.stage.grips or problem.begin is not None:
         return
     for name, goal in plan.goals.items():
-        if not isinstance(goal, Mated) or not (goal.rests and goal.orientation):
+        if not isinstance(goal, Mated) or not (goal.rests and goal.orientation) or goal.rate_within:
             continue
         tip = tips[goal.tip]
         if not tip.body.root_joint:

@@ -57,6 +57,21 @@ def following(planned: Planned) -> Scenario:
     return validate(document)
 
 
+def handover_warnings(planned: Planned) -> list[str]:
+    """One for each goal behind which the scenario's own controllers take over joints in full motion."""
+    scenario = planned.scene.scenario
+    if not flown_phase(scenario):
+        return []
+    robots = to_document(scenario)["robots"]
+    last = next(reversed(plan_of(planned.scene).by_phase.values()))
+    return [
+        f"goal {name!r} is not `settled`: controllers of {goal.body} take over joints that are in motion, "
+        "and brake them at once; give `settled: true`"
+        for name, goal in last.goals.items()
+        if goal.ends_in_motion and goal.body in robots and _has_controllers(robots[goal.body])
+    ]
+
+
 def _begin(planned: Planned, document: Document) -> None:
     """Put robots, in place, where the plan begins, as far as it was free to find that."""
     scene, q = planned.scene, planned.motion.q[0]

@@ -21,7 +21,7 @@ from optim.planning.formulation.grips import axes_of
 from optim.planning.formulation.wheels import asked_of_bases
 from optim.planning.searches.make import Planned, statistics
 from optim.planning.transcription.motion import Motion
-from optim.planning.written.follow import PLAN, flown_phase, following
+from optim.planning.written.follow import PLAN, flown_phase, following, handover_warnings
 from optim.planning.written.held import held_variables
 from optim.planning.written.multipliers import multiplier_norms
 from spacerobot.arrays import Array
@@ -197,7 +197,8 @@ def write(planned: Planned, folder: Path) -> None:
             (stage / PLAN).replace(folder / PLAN)
             text = json.dumps(plain(summary(planned)), indent=1, allow_nan=False)
             write_text(folder / SUMMARY, text + "\n")
-            write_text(folder / FOLLOWED, to_yaml(following(planned)))
+            notes = "".join(f"# {line}\n" for line in handover_warnings(planned))
+            write_text(folder / FOLLOWED, notes + to_yaml(following(planned)))
             write_text(folder / SCENARIO, to_yaml(planned.scene.scenario))
     except (OSError, RuntimeError) as fault:
         raise ResultError(f"cannot be written: {fault}", source=folder) from None

@@ -11,7 +11,7 @@ from pydantic import Field
 
 from spacerobot.dynamics.joints import exact_directions
 from spacerobot.elements.goal import Goal
-from spacerobot.elements.instant import Instant, Row, zero
+from spacerobot.elements.instant import Instant, Row, within, zero
 from spacerobot.elements.registry import register
 from spacerobot.section import Name, Vector, quantity
 
@@ -25,6 +25,9 @@ class Attitude(Goal):
     kind: Literal["attitude"] = "attitude"
     attitude: Name = Field(description="robot whose root link has `rotation_deg` at the end")
     rotation_deg: Vector = quantity("deg", "roll, pitch, yaw of the root link at the end, world axes")
+    rotation_within_deg: float | None = quantity(
+        "deg", "greatest rotation from `rotation_deg`; none if not given", default=None, gt=0
+    )
 
     @property
     def body(self) -> str:
@@ -35,5 +38,8 @@ class Attitude(Goal):
         """What is left of the turn."""
         wanted = exact_directions(pin.rpy.rpyToMatrix(np.radians(self.rotation_deg)))
         turn = instant.turned(wanted, instant.base(self.attitude, "attitude").rotation)
+        if self.rotation_within_deg is not None:
+            yield within("attitude", "rad", turn, float(np.radians(self.rotation_within_deg)))
+            return
         for k, i in enumerate(instant.turns):
             yield zero(f"attitude {'xyz'[i]}", "rad", turn[k])

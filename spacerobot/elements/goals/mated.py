@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import Any, ClassVar, Literal
 
 import casadi as ca
@@ -12,7 +12,7 @@ from pydantic import Field, model_validator
 
 from spacerobot.dynamics.joints import exact_directions
 from spacerobot.elements.goal import TipGoal
-from spacerobot.elements.instant import Instant, Row, unit, zero
+from spacerobot.elements.instant import Instant, Row, matched, unit, zero
 from spacerobot.elements.reference import Reference
 from spacerobot.elements.references.rendezvous import Rendezvous
 from spacerobot.elements.registry import register
@@ -72,6 +72,11 @@ class Mated(TipGoal):
         return bool(self.rest)
 
     @property
+    def ends_in_motion(self) -> bool:
+        """Unless they are settled."""
+        return not (self.rests or self.settled)
+
+    @property
     def follows(self) -> str | None:
         """The mating frame."""
         return self.frame
@@ -83,7 +88,7 @@ class Mated(TipGoal):
         place, speed = place + self.standoff * axis, speed - self.closing_speed * axis
         for i in instant.axes:
             yield zero(f"position {'xyz'[i]}", "m", place[i])
-        yield from _matched("velocity", "m/s", speed, instant.axes, self.speed_within)
+        yield from matched("velocity", "m/s", speed, instant.axes, self.speed_within)
         if not self.orientation:
             return
         mated = exact_directions(pin.rpy.rpyToMatrix(np.radians(self.mated_deg)))
@@ -91,7 +96,7 @@ class Mated(TipGoal):
         for k, i in enumerate(instant.turns):
             yield zero(f"orientation {'xyz'[i]}", "rad", turn[k])
         within = None if self.spin_within_deg is None else float(np.radians(self.spin_within_deg))
-        yield from _matched("spin", "rad/s", spin, instant.turns, within)
+        yield from matched("spin", "rad/s", spin, instant.turns, within)
 
     def arrival(self, instant: Instant) -> tuple[ca.SX, ca.SX]:
         """In the mating frame; no spin where orientation is free."""
@@ -113,14 +118,3 @@ class Mated(TipGoal):
                 document |= {"closing_speed": None, "end_distance": self.standoff}
         settling = {"approach_time": SETTLING} if self.orientation else {}
         return document | settling | {"standoff": self.standoff}
-
-
-def _matched(
-    name: str, unit_name: str, value: ca.SX, axes: Sequence[int], within: float | None
-) -> Iterator[Row]:
-    """Zero along each axis, or a size of at most so much."""
-    if within is None:
-        yield from (zero(f"{name} {'xyz'[i]}", unit_name, value[i]) for i in axes)
-    else:
-        square = ca.sumsqr(value[list(axes)]) / within**2
-        yield Row(name, unit_name, square, upper=1.0, scale=within / 2)

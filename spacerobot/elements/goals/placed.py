@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from spacerobot.dynamics.joints import exact_directions, sparse
 from spacerobot.elements.goal import TipGoal
-from spacerobot.elements.instant import Instant, Row, zero
+from spacerobot.elements.instant import Instant, Row, matched, within, zero
 from spacerobot.elements.registry import register
 from spacerobot.section import Vector, quantity
 
@@ -28,15 +28,25 @@ class Placed(TipGoal):
         "deg", "roll, pitch, yaw of the tip at the end, world axes; free if not given", default=None
     )
 
+    position_within: float | None = quantity(
+        "m", "greatest distance from `position`; none if not given", default=None, gt=0
+    )
+    rotation_within_deg: float | None = quantity(
+        "deg", "greatest rotation from `rotation_deg`; none if not given", default=None, gt=0
+    )
+
     def rows(self, instant: Instant) -> Iterator[Row]:
         """Position, and orientation where it is given."""
         tip = instant.tip(self.tip)
         off = tip.origin - self.place(instant)
-        for i in instant.axes:
-            yield zero(f"position {'xyz'[i]}", "m", off[i])
+        yield from matched("position", "m", off, instant.axes, self.position_within)
         if self.rotation_deg is not None:
             wanted = exact_directions(pin.rpy.rpyToMatrix(np.radians(self.rotation_deg)))
             turn = instant.turned(wanted, tip.rotation)
+            limit = self.rotation_within_deg
+            if limit is not None:
+                yield within("orientation", "rad", turn, float(np.radians(limit)))
+                return
             for k, i in enumerate(instant.turns):
                 yield zero(f"orientation {'xyz'[i]}", "rad", turn[k])
 

@@ -9,9 +9,12 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from spacerobot.elements.goal import Goal
-from spacerobot.elements.instant import Instant, Row, zero
+from spacerobot.elements.instant import Instant, Row
 from spacerobot.elements.registry import register
 from spacerobot.section import Name, Section, quantity
+
+ROUNDING = 1e-9
+"""[rad or m] By which a position at the end of a range may be outside it."""
 
 
 class End(Section):
@@ -39,6 +42,11 @@ class Posture(Goal):
         min_length=1, description="where joints are at the end, by name; `*` stands for any letters"
     )
 
+    within_deg: float = quantity(
+        "deg", "tolerance of the angles of revolute and continuous joints", default=0.0, ge=0
+    )
+    within: float = quantity("m", "tolerance of the offsets of prismatic joints", default=0.0, ge=0)
+
     @property
     def body(self) -> str:
         """The robot."""
@@ -47,8 +55,12 @@ class Posture(Goal):
     def rows(self, instant: Instant) -> Iterator[Row]:
         """What is left of the way, joint by joint; of an unbounded one the angle."""
         for joint, end in instant.joints(self.robot, self.joints, "joints"):
+            turns = end.offset is None
             wanted = float(np.radians(end.angle_deg or 0.0)) + (end.offset or 0.0)
-            if joint.position.numel() == 1:
-                yield zero(f"position of {joint.name}", "rad or m", joint.off(wanted))
-            else:
-                yield zero(f"angle of {joint.name}", "rad", joint.off(wanted))
+            if not joint.lower - ROUNDING <= wanted <= joint.upper + ROUNDING:
+                told = ((float(np.degrees(x)) if turns else x) for x in (wanted, joint.lower, joint.upper))
+                text = "found {:.6g}, allowed: the joint's range of {:.6g} to {:.6g}".format(*told)
+                raise instant.fault(f"{text} {'deg' if turns else 'm'}", f"joints.{joint.name}")
+            tolerance = float(np.radians(self.within_deg)) if turns else self.within
+            name = "position" if joint.position.numel() == 1 else "angle"
+            yield Row(f"{name} of {joint.name}", "rad or m", joint.off(wanted), -tolerance, tolerance)

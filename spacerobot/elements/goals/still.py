@@ -6,12 +6,13 @@ from collections.abc import Iterator
 from typing import ClassVar, Literal
 
 import casadi as ca
+import numpy as np
 from pydantic import Field
 
 from spacerobot.elements.goal import Goal
-from spacerobot.elements.instant import Instant, Row, zero
+from spacerobot.elements.instant import Instant, Row, matched, within, zero
 from spacerobot.elements.registry import register
-from spacerobot.section import Name
+from spacerobot.section import Name, quantity
 
 
 @register
@@ -23,6 +24,13 @@ class Still(Goal):
     kind: Literal["still"] = "still"
     still: Name = Field(description="robot, or target, whose root link is at rest at the end")
 
+    speed_within: float | None = quantity(
+        "m/s", "greatest speed of the root link at the end; none if not given", default=None, gt=0
+    )
+    spin_within_deg: float | None = quantity(
+        "deg/s", "greatest spin of the root link at the end; none if not given", default=None, gt=0
+    )
+
     @property
     def body(self) -> str:
         """The one that comes to rest."""
@@ -31,7 +39,9 @@ class Still(Goal):
     def rows(self, instant: Instant) -> Iterator[Row]:
         """Velocity and spin of its root link."""
         velocity, spin = instant.root(self.still, "still")
-        for axis, value in zip("xyz", ca.vertsplit(velocity), strict=False):
-            yield zero(f"velocity {axis}", "m/s", value)
+        yield from matched("velocity", "m/s", velocity, range(velocity.numel()), self.speed_within)
+        if self.spin_within_deg is not None:
+            yield within("spin", "rad/s", spin, float(np.radians(self.spin_within_deg)))
+            return
         for axis, value in zip("xyz"[-spin.numel() :], ca.vertsplit(spin), strict=True):
             yield zero(f"spin {axis}", "rad/s", value)

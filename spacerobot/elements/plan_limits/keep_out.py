@@ -27,7 +27,7 @@ class KeepOut(PlanLimit):
     )
     distance: float = quantity("m", "least distance", default=0.0, ge=0)
     wrap: Wrap | None = Field(
-        default=None, description="shape of the same extents that stands in for meshes and cylinders"
+        default=None, description="shape around meshes and cylinders that stands in for them"
     )
 
     def rows(self, instant: Instant) -> Iterator[Row]:

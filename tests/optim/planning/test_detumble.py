@@ -156,7 +156,7 @@ def test_what_is_held_by_springs_is_planned_and_flown(reach, tmp_path):
             "momentum is 0.3927 N m s, of which 3 s take no more than 0.3 N m s; raise `limits.base_torque`",
         ),
         (FIXED, "is fixed, so it is always at rest"),
-        ([("plan.goals.rest.tip", "body/tip")], "unknown key 'tip'; allowed: kind, rest, still"),
+        ([("plan.goals.rest.tip", "body/tip")], "unknown key 'tip'; allowed: kind, rate_within"),
     ],
 )
 def test_what_cannot_come_to_rest_is_refused(spinning, changes, message):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from optim.planning.searches.make import make_plan
-from optim.planning.written.follow import following
+from optim.planning.written.follow import following, handover_warnings
 from optim.planning.written.plan_file import FOLLOWED, write
 from spacerobot.scenario.phases import ways
 from spacerobot.scene import load_scene
@@ -94,6 +94,16 @@ def test_where_the_plan_has_ended_the_scenarios_own_controllers_act(phased):
     assert after.tips["tip"].pid.kp == 30
     lead = after.tips["tip"].reference
     assert (lead.kind, lead.frame, lead.standoff, lead.end_distance) == ("rendezvous", "mate_1", 0, 0)
+
+
+def test_a_handover_in_full_motion_is_said(phased, tmp_path):
+    """In the terminal, which prints these, and on top of the file."""
+    told = handover_warnings(phased({"approach": APPROACH, "hold": HOLD}))
+    assert [words.partition(":")[0] for words in told] == ["goal 'mate' is not `settled`"]
+    settled = phased({"approach": APPROACH, "hold": HOLD}, (*GRIPPING, ("plan.goals.mate.settled", True)))
+    assert handover_warnings(settled) == []
+    write(phased({"approach": APPROACH, "hold": HOLD}), tmp_path)
+    assert (tmp_path / "followed.yaml").read_text().startswith("# goal 'mate' is not `settled`: contr")
 
 
 def test_an_approach_of_the_scenarios_own_goes_on_from_the_standoff(phased):

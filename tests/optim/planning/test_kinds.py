@@ -12,6 +12,7 @@ import yaml
 
 from optim.planning.formulation.formulate import formulate
 from optim.planning.searches.bench import Bench
+from optim.planning.searches.make import make_plan
 from spacerobot.errors import ScenarioError
 from spacerobot.scenario.load import to_document
 from spacerobot.scenario.plan import Planning
@@ -128,3 +129,49 @@ def test_a_cost_and_a_limit_of_ones_own_come_from_one_file(tmp_path):
     without = subprocess.run(words, capture_output=True, text=True, cwd=ROOT, check=False)
     assert without.returncode == 2
     assert "your own come with --plugin FILE" in without.stderr.replace("\n", " ")
+
+
+def test_goals_have_tolerances_and_cost_less_with_them(reach):
+    """Each tolerance is used up, and what is saved is of first order."""
+    posture = {"robot": "one", "joints": {"joint_1": {"angle_deg": 60}, "joint_3": {"angle_deg": -50}}}
+    short = [
+        ("plan.duration", 3),
+        ("plan.intervals", 4),
+        ("plan.tolerance", 1e-3),
+        ("plan.costs", {"torque": 1}),
+    ]
+    exact, loose = (
+        make_plan(reach(*short, ("plan.goals", {"turn": posture | more})), backend="interpreted")
+        for more in ({}, {"within_deg": 1, "rate_within": 0.01})
+    )
+    assert loose.cost < 0.9 * exact.cost
+    columns = list(loose.motion.problem.stage.driven.columns)
+    assert np.abs(loose.motion.v[-1, columns]).max() == pytest.approx(0.01, rel=1e-4)
+    assert np.degrees(loose.motion.q[-1, 4]) == pytest.approx(59, abs=1e-4)
+    assert np.degrees(exact.motion.q[-1, 4]) == pytest.approx(60, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("goal", "rows"),
+    [
+        ({"still": "one", "speed_within": 0.2, "spin_within_deg": 3}, {"velocity", "spin"}),
+        ({"still": "one", "speed_within": 0.2}, {"velocity", "spin z"}),
+        ({"tip": "one/tip", "position": [0, 0, 0], "position_within": 0.1}, {"position"}),
+        (
+            {"tip": "one/tip", "position": [0, 0, 0], "rotation_deg": [0, 0, 9], "rotation_within_deg": 2},
+            {"position x", "position y", "orientation"},
+        ),
+        ({"attitude": "one", "rotation_deg": [0, 0, 9], "rotation_within_deg": 2}, {"attitude"}),
+    ],
+)
+def test_tolerances_of_goals_are_bounds_of_sizes(reach, goal, rows):
+    found = [row for row in formulate(reach(("plan.goals", {"end": goal}))).goal if "rate" not in row.name]
+    assert {row.name.removeprefix("end: ") for row in found} == rows
+
+
+def test_a_posture_outside_a_range_is_refused(reach):
+    goal = {"robot": "one", "joints": {"joint_1": {"angle_deg": 400}}}
+    with pytest.raises(
+        ScenarioError, match=r"goals.end.joints.joint_1: found 400, allowed: the joint's range of"
+    ):
+        formulate(reach(("plan.goals", {"end": goal})))
