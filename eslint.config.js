@@ -5,7 +5,7 @@ export default [
   { ignores: ["viz/web/vendor/"] },
   js.configs.recommended,
   {
-    languageOptions: { globals: { ...globals.browser, MeshCat: "readonly" } },
+    languageOptions: { globals: { ...globals.browser, MeshCat: "readonly", uPlot: "readonly" } },
     rules: {
       "no-var": "error", "prefer-const": ["error", { destructuring: "all" }], eqeqeq: "error", "no-shadow": "error", "no-use-before-define": ["error", { functions: false, classes: false, variables: false }],
     },

@@ -21,7 +21,10 @@ from viz.page.modules import joined
 PLAYER, STUDIO = "main.js", "studio/main.js"
 """Modules that are run: on a page of results, and on a studio's."""
 
-STYLES = ("page.css", "studio/studio.css")
+CHARTS = "vendor/uPlot.iife.min.js"
+"""The library of the charts."""
+
+STYLES = ("vendor/uPlot.min.css", "page.css", "studio/studio.css")
 """How it looks, in order."""
 
 
@@ -67,6 +70,7 @@ def page(payload: Mapping[str, Any], *, connect: str = "'none'") -> str:
         "style": "".join(map(_web, STYLES)),
         "payload": json_text(payload),
         "meshcat": meshcat_script(),
+        "charts": _web(CHARTS),
         "player": player_script(entry),
     }
     return fill(_web("page.html"), parts)
@@ -74,7 +78,7 @@ def page(payload: Mapping[str, Any], *, connect: str = "'none'") -> str:
 
 def policy(connect: str = "'none'", *, style: str = "'unsafe-inline'", entry: str = PLAYER) -> str:
     """Content Security Policy: only the player's own scripts run, and nothing is fetched."""
-    scripts = f"{script_hash(meshcat_script())} {script_hash(player_script(entry))}"
+    scripts = " ".join(map(script_hash, (meshcat_script(), _web(CHARTS), player_script(entry))))
     return (
         f"default-src 'none'; script-src {scripts}; style-src {style}; img-src data: blob:; "
         f"connect-src {connect}; base-uri 'none'; form-action 'none'"

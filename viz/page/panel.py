@@ -12,20 +12,20 @@ from spacerobot.scenario.load import to_document
 
 LABELS = {
     "tip_error_peak": ("largest tip error, per axis", "largest error of a tip along an axis, at any time"),
-    "tip_error_rms": ("RMS tip error", "root of the time's mean of the squared tip error"),
+    "tip_error_rms": ("RMS tip error", "root mean square of the tip error over time"),
     "target_rotation_peak": ("object rotation", "largest rotation of the object since the start"),
     "base_rotation_peak": ("base rotation", "largest rotation of a base since the start"),
     "joint_torque_peak": ("joint torque", "largest torque or force of an actuator"),
     "grip_force_peak": ("grip force", "largest force of a grip"),
     "capture_time": ("capture time", "time of the last capture of a grasp that begins open"),
-    "miss_distance": ("miss distance", "least distance of a tip from what it shall grip"),
-    "impulse": ("impulse", "what all impacts together gave the target"),
-    "event_energy": ("energy lost in events", "energy that impacts and springs let go take"),
-    "attitude_error_peak": ("attitude error", "largest attitude error of a base that is held"),
+    "miss_distance": ("miss distance", "minimum distance of a tip from its capture point"),
+    "impulse": ("impulse", "total impulse of impacts on the target"),
+    "event_energy": ("energy lost in events", "energy dissipated by impacts and released springs"),
+    "attitude_error_peak": ("attitude error", "largest attitude error of a controlled base"),
     "wheel_momentum_peak": ("momentum of wheels", "largest momentum of a base's wheels together"),
-    "propellant": ("propellant", "what thrusters spend"),
+    "propellant": ("propellant", "mass consumed by thrusters"),
 }
-"""Quantities of results, in the order in which they are told: what people call each, and what it is."""
+"""Metrics of results, in the order in which they are shown: label and description."""
 
 MOST_DIFFERENCES = 60
 

@@ -1,6 +1,7 @@
-// Chosen signals over time, a panel for each quantity: values under the pointer, a cursor, a click goes there.
-import { amount, button, digits, element, floats, mark, niceStep } from "./format.js";
-import { inked, strokeOf, themed } from "./theme.js";
+// Chosen signals over time, a plot for each quantity: values under the pointer, a cursor, a click goes there.
+import { amount, button, digits, element, floats, mark } from "./format.js";
+import { plotIn, stroked } from "./plot.js";
+import { inked, strokeOf } from "./theme.js";
 
 export class Chart {
   constructor(root, { onSeek, onRemove }) {
@@ -8,11 +9,14 @@ export class Chart {
     this.panels = root.querySelector(".panels");
     this.axis = root.querySelector(".axis");
     this.cursor = root.querySelector(".cursor");
-    this.pointer = root.querySelector(".pointer");
     this.onSeek = onSeek;
     this.onRemove = onRemove;
     this.drawn = [];
     this.duration = 1;
+    // room beside the plots, px; to ask for a style takes longer than to draw a curve
+    const style = getComputedStyle(root);
+    this.left = parseFloat(style.getPropertyValue("--axis"));
+    this.right = parseFloat(style.getPropertyValue("--edge"));
     /** @type {[number, number]} */
     this.window = [0, 1]; // the times that are seen
     for (const part of [this.panels, this.axis]) this.listen(part);
@@ -27,11 +31,7 @@ export class Chart {
       part.setPointerCapture(event.pointerId);
       drag(event);
     });
-    part.addEventListener("pointermove", (event) => {
-      drag(event);
-      this.hover(this.over(event) && event.pointerType !== "touch" ? this.timeAt(event.clientX) : undefined);
-    });
-    part.addEventListener("pointerleave", () => this.hover(undefined));
+    part.addEventListener("pointermove", drag);
     part.addEventListener("wheel", (event) => {
       if (!this.over(event) || !event.deltaY) return;
       event.preventDefault();
@@ -40,8 +40,8 @@ export class Chart {
     }, { passive: false });
   }
 
-  over(event) {
-    return event.target.tagName === "CANVAS" || event.target.hasPointerCapture?.(event.pointerId);
+  over({ target, pointerId }) {
+    return target.closest(".plot, .axis") || target.hasPointerCapture?.(pointerId);
   }
 
   load(signals, duration) {
@@ -62,7 +62,8 @@ export class Chart {
   quantilesOf(title, name) {
     const { bands } = this, k = bands ? bands.signals.findIndex(([of, one]) => of === title && one === name) : -1, count = bands?.time.length;
     if (k < 0) return [];
-    return bands.quantiles.map((_, q) => bands.bands.subarray((k * bands.quantiles.length + q) * count, (k * bands.quantiles.length + q + 1) * count));
+    const row = (q) => bands.bands.subarray((k * bands.quantiles.length + q) * count, (k * bands.quantiles.length + q + 1) * count);
+    return bands.quantiles.map((_, q) => Array.from(row(q), (value) => (Number.isFinite(value) ? value : null)));
   }
 
   hasBand(title) {
@@ -71,9 +72,9 @@ export class Chart {
 
   rangeOf({ title, signals }) {
     const [least, greatest] = this.signals.range(signals, this.window), [begin, end] = this.window;
-    const ends = signals.flatMap(({ name }) => { const rows = this.quantilesOf(title, name); return rows.length ? [rows[0], rows.at(-1)] : []; });
-    const seen = ends.flatMap((row) => [...row].filter((value, i) => Number.isFinite(value) && this.bands.time[i] >= begin && this.bands.time[i] <= end));
-    return [seen.reduce((low, value) => Math.min(low, value), least), seen.reduce((high, value) => Math.max(high, value), greatest)];
+    const rows = signals.flatMap(({ name }) => this.quantilesOf(title, name)), inside = (i) => this.bands.time[i] >= begin && this.bands.time[i] <= end;
+    const seen = rows.flatMap((row) => row.filter((value, i) => value !== null && inside(i)));
+    return [Math.min(least, ...seen), Math.max(greatest, ...seen)];
   }
 
   // Nearer (above 1) or farther, about a time; that of the cursor if none is given.
@@ -96,215 +97,142 @@ export class Chart {
     this.resize();
   }
 
-  // The choice of signals has changed, or their values. Panels that say the same as before stay: new ones are laid out anew.
+  // The choice of signals has changed, or their values. Panels that show the same as before stay: new ones are laid out.
   choose() {
-    const { runs, shown } = this.signals, said = shown.map((quantity) => this.words(quantity));
-    if (said.join("\n") !== this.said) {
-      this.said = said.join("\n");
-      this.made = shown.map((quantity) => this.panel(quantity));
-      this.panels.replaceChildren(this.cursor, this.pointer, ...this.made.map(({ panel }) => panel));
+    const { shown } = this.signals, same = shown.map((quantity) => this.words(quantity)).join("\n");
+    this.root.hidden = shown.length === 0;
+    if (same !== this.same) {
+      this.same = same;
+      for (const { plot } of this.drawn) plot.destroy();
+      this.times?.destroy();
+      this.times = undefined;
+      this.drawn = shown.map((quantity) => this.panel(quantity));
+      this.panels.replaceChildren(this.cursor, ...this.drawn.map(({ panel }) => panel));
     }
-    this.drawn = shown.map((quantity, k) => {
-      const { panel, canvas, places } = this.made[k], own = runs.flatMap((_, r) => quantity.signals.map((signal) => [signal, r]));
-      return { ...quantity, panel, canvas, values: own.map((one, i) => [places[i], ...one]), range: this.rangeOf(quantity) };
+    this.drawn.forEach((one, k) => {
+      Object.assign(one, shown[k], { range: this.rangeOf(shown[k]) });
+      const { data, series, bands } = this.columns(one);
+      if (one.plot) one.plot.setData(data, false); else one.plot = this.plot(one, { series, bands }, data);
     });
-    this.root.hidden = this.drawn.length === 0;
     this.resize();
   }
 
-  // All that a panel says but values.
+  // All that decides what a panel is made of, but values.
   words({ title, unit, signals }) {
-    const names = signals.map(({ name, colour }) => [name, inked(colour)]);
-    return JSON.stringify([title, unit, names, this.signals.runs.map(({ label }) => label), this.hasBand(title)]);
+    const names = signals.map(({ name, colour, limits }) => [name, inked(colour), limits]);
+    return JSON.stringify([title, unit, names, this.signals.runs.map(({ label, pale }) => [label, pale]), this.hasBand(title)]);
   }
 
   panel({ title, unit, signals }) {
-    const panel = element("div", undefined, "panel"), names = element("div", undefined, "curves"), canvas = element("canvas");
-    const places = [], { runs } = this.signals;
+    const panel = element("div", undefined, "panel"), names = element("div", undefined, "curves"), place = element("div", undefined, "plot");
+    const values = [], { runs } = this.signals;
     names.append(button("×", `Remove ${title}`, () => this.onRemove(title)), element("span", `${title} [${unit}]`, "title"));
     runs.forEach(({ label }, r) => {
       if (runs.length > 1) names.append(element("span", `${label}${r ? ` (${strokeOf(r)[0]})` : ""}:`, "run"));
       for (const { name, colour } of signals) {
         const one = element("span"), value = element("b");
         one.append(mark(inked(colour)), `${name} `, value);
-        places.push(value);
+        values.push(value);
         names.append(one);
       }
     });
     if (this.hasBand(title)) {
       const share = this.bands.quantiles.map((q) => `${Math.round(100 * q)}`).join(", ");
-      names.append(element("span", `bands: ${share} % of samples`, "run"));
+      names.append(element("span", `bands: ${share} % quantiles of samples`, "run"));
     }
-    panel.append(names, canvas);
-    return { panel, canvas, places };
+    panel.append(names, place);
+    return { panel, place, values, plot: undefined, range: [0, 1], unit, signals, title };
+  }
+
+  // What uPlot draws: times and columns, and how. Quantiles lie under limits, these under the curves.
+  columns({ title, signals }) {
+    const { runs } = this.signals, series = [{}], bands = [], tables = [];
+    const put = (time, columns) => tables.push([time, ...columns]);
+    for (const { name, colour } of this.bands ? signals : []) {
+      const rows = this.quantilesOf(title, name), first = series.length, middle = rows.length >> 1, shade = inked(colour);
+      if (rows.length) put(this.bands.time, rows);
+      rows.forEach((_, k) => series.push(stroked(k === middle ? `${shade}cc` : "transparent", { width: 0.8 })));
+      for (let k = 0; k < middle; k++) bands.push({ series: [first + rows.length - 1 - k, first + k], fill: `${shade}2e` });
+    }
+    const { time: whole } = runs.reduce((last, run) => (run.time.at(-1) > last.time.at(-1) ? run : last));
+    for (const { colour, limits } of signals) {
+      const known = (limits || []).filter((limit) => limit !== null);
+      put(whole, known.map((limit) => new Array(whole.length).fill(limit)));
+      series.push(...known.map(() => stroked(inked(colour), { width: 1, dash: [2, 4] })));
+    }
+    runs.forEach(({ time, pale }, r) => {
+      put(time, signals.map(({ values }) => (values[r]?.length === time.length ? values[r] : new Array(time.length).fill(values[r]?.[0] ?? null))));
+      for (const { colour } of signals) series.push(stroked(inked(colour), { dash: strokeOf(r)[1], alpha: pale ? 0.5 : 1 }));
+    });
+    return { data: uPlot.join(tables), series, bands };
+  }
+
+  plot(one, drawing, data) {
+    // least, zero and greatest, where they are not close to each other
+    const marks = (_, __, least, greatest) => [...new Set([least, 0, greatest].filter((value) => value === 0 || Math.abs(value) > 0.25 * (greatest - least)))];
+    return plotIn(one.place, {
+      ...drawing, padding: [7, this.right, 7, 0], scales: { x: { time: false }, y: { auto: false } },
+      axes: [{ show: false }, { size: this.left, splits: marks, values: (_, splits) => splits.map(digits) }],
+      cursor: {
+        sync: { key: "time" }, y: false, drag: { x: false }, points: { show: false }, bind: { dblclick: () => () => this.look(0, this.duration) },
+      },
+      hooks: { setCursor: [(plot) => this.hover(plot.cursor.left >= 0 ? plot.posToVal(plot.cursor.left, "x") : undefined)] },
+    }, data);
   }
 
   // Left and right end of the time axis in the window, px.
   get span() {
-    const first = this.drawn[0]?.canvas, style = getComputedStyle(this.root);
-    const box = (first || this.root).getBoundingClientRect();
-    const left = parseFloat(style.getPropertyValue("--axis")), right = parseFloat(style.getPropertyValue("--edge"));
-    return [box.left + left, Math.max(box.left + left + 1, box.right - right)];
+    const box = (this.drawn[0]?.place || this.root).getBoundingClientRect(), left = box.left + this.left;
+    return [left, Math.max(left + 1, box.right - this.right)];
   }
 
   timeAt(x) {
-    const [left, right] = this.span;
-    const [begin, end] = this.window;
+    const [left, right] = this.span, [begin, end] = this.window;
     return begin + Math.min(1, Math.max(0, (x - left) / (right - left))) * (end - begin);
-  }
-
-  xAt(time) {
-    return this.xOf(time, ...this.span);
   }
 
   // The cursor and the values in the names.
   seek(time) {
     this.time = time;
     if (!this.drawn.length) return;
-    this.place(this.cursor, time);
+    const [left, right] = this.span, [begin, end] = this.window, { style } = this.cursor;
+    style.visibility = time < begin || time > end ? "hidden" : "";
+    style.left = `${left + ((time - begin) / (end - begin)) * (right - left) - this.panels.getBoundingClientRect().left}px`;
+    style.height = `${this.panels.scrollHeight}px`;
     this.say();
   }
 
   hover(time) {
     this.pointed = time;
-    this.pointer.hidden = time === undefined;
-    if (time !== undefined) {
-      this.place(this.pointer, time);
-      this.pointer.dataset.time = `${time.toPrecision(4)} s`;
-    }
+    if (this.drawn[0]?.plot) this.drawn[0].plot.root.querySelector(".u-cursor-x").dataset.time = time === undefined ? "" : `${time.toPrecision(4)} s`;
     this.say();
   }
 
   say() {
-    const time = this.pointed ?? this.time;
+    const time = this.pointed ?? this.time, { runs } = this.signals;
     this.root.classList.toggle("pointed", this.pointed !== undefined);
-    for (const { unit, values } of this.drawn) {
-      for (const [value, signal, r] of values) value.textContent = amount(this.signals.value(signal, r, time), unit);
+    for (const { unit, signals, values } of this.drawn) {
+      runs.forEach((_, r) => signals.forEach((signal, k) => {
+        values[r * signals.length + k].textContent = amount(this.signals.value(signal, r, time), unit);
+      }));
     }
   }
 
-  place(line, time) {
-    line.style.visibility = time < this.window[0] || time > this.window[1] ? "hidden" : "";
-    line.style.left = `${this.xAt(time) - this.panels.getBoundingClientRect().left}px`;
-    line.style.height = `${this.panels.scrollHeight}px`;
-  }
-
+  // The sizes of the plots, or the times that are seen, have changed.
   resize() {
-    for (const line of [this.cursor, this.pointer]) line.style.height = "0";
-    for (const one of this.drawn) this.curves(one);
-    this.times();
-    if (this.time !== undefined) this.seek(this.time);
-  }
-
-  pen(canvas) {
-    const box = canvas.getBoundingClientRect(), ratio = window.devicePixelRatio || 1;
-    const pen = canvas.getContext("2d"), size = [Math.round(box.width * ratio), Math.round(box.height * ratio)];
-    if (canvas.width !== size[0] || canvas.height !== size[1]) [canvas.width, canvas.height] = size;
-    else pen.reset();
-    pen.scale(ratio, ratio);
-    pen.translate(-box.left, 0);
-    pen.font = "11px system-ui, 'DejaVu Sans', sans-serif";
-    pen.fillStyle = themed("--dim");
-    return pen;
-  }
-
-  curves({ canvas, title, signals, range: [least, greatest] }) {
-    const height = canvas.clientHeight, top = 7, bottom = height - 7, [left, right] = this.span;
-    if (right - left < 20 || !height) return;
-    const pen = this.pen(canvas);
-    const y = (value) => {
-      const share = (value - least) / (greatest - least);
-      return bottom - Math.min(1.1, Math.max(-0.1, share)) * (bottom - top);
-    };
-    this.levels(pen, [least, greatest], y);
-    pen.save();
-    pen.beginPath();
-    pen.rect(left, 0, right - left, height);
-    pen.clip();
-    for (const signal of signals) {
-      this.limits(pen, signal, [least, greatest], y);
-      this.shade(pen, this.quantilesOf(title, signal.name), signal.colour, y);
-    }
-    signals.forEach((signal) => signal.values.forEach((values, r) => {
-      if (!values) return;
-      const { time } = this.signals.runs[r], perSecond = (right - left) / (this.window[1] - this.window[0]), origin = left - this.window[0] * perSecond;
-      pen.strokeStyle = inked(signal.colour);
-      pen.lineWidth = 1.5;
-      pen.setLineDash(strokeOf(r)[1]);
-      pen.globalAlpha = this.signals.runs[r].pale ? 0.5 : 1;
-      pen.beginPath();
-      for (let i = 0; i < time.length; i++) pen.lineTo(origin + time[i] * perSecond, y(values[Math.min(i, values.length - 1)]));
-      pen.stroke();
-    }));
-    pen.restore();
-  }
-
-  // Between the outermost two quantiles pale, between the next less so; the middle one thin.
-  shade(pen, rows, colour, y) {
-    if (!rows.length) return;
-    const [left, right] = this.span, { time } = this.bands, middle = rows.length >> 1;
-    const points = (row, order) => { for (const i of order) pen.lineTo(this.xOf(time[i], left, right), y(row[i])); };
-    const forth = [...time.keys()], back = [...forth].reverse();
-    pen.fillStyle = pen.strokeStyle = inked(colour);
-    for (let k = 0; k < middle; k++) {
-      pen.globalAlpha = 0.18;
-      pen.beginPath();
-      points(rows[k], forth);
-      points(rows[rows.length - 1 - k], back);
-      pen.fill();
-    }
-    [pen.globalAlpha, pen.lineWidth] = [0.8, 0.8];
-    pen.setLineDash([]);
-    pen.beginPath();
-    points(rows[middle], forth);
-    pen.stroke();
-    pen.globalAlpha = 1;
-  }
-
-  xOf(time, left, right) {
-    const [begin, end] = this.window;
-    return left + ((time - begin) / (end - begin)) * (right - left);
-  }
-
-  // Where a signal may not go, dashed in its colour.
-  limits(pen, { colour, limits }, [least, greatest], y) {
-    const [left, right] = this.span;
-    for (const limit of limits || []) {
-      if (limit === null || limit < least || limit > greatest) continue;
-      pen.strokeStyle = inked(colour);
-      pen.setLineDash([2, 4]);
-      pen.beginPath();
-      pen.moveTo(left, y(limit));
-      pen.lineTo(right, y(limit));
-      pen.stroke();
-    }
-    pen.setLineDash([]);
-  }
-
-  levels(pen, [least, greatest], y) {
-    const [left, right] = this.span, small = 0.25 * (greatest - least);
-    pen.strokeStyle = themed("--line");
-    pen.textAlign = "right";
-    pen.textBaseline = "middle";
-    const marks = [least, 0, greatest].filter((value) => value === 0 || Math.abs(value) > small);
-    for (const value of new Set(marks)) {
-      pen.beginPath();
-      pen.moveTo(left, y(value));
-      pen.lineTo(right, y(value));
-      pen.stroke();
-      pen.fillText(digits(value), left - 5, y(value));
-    }
-  }
-
-  times() {
+    this.cursor.style.height = "0";
     if (!this.drawn.length) return;
-    const pen = this.pen(this.axis), [left, right] = this.span;
-    const [begin, end] = this.window, step = niceStep((end - begin) / Math.min(10, Math.max(2, (right - left) / 60)));
-    pen.textBaseline = "top";
-    for (let k = Math.ceil(begin / step - 1e-6); k * step <= end + 1e-6 * step; k++) {
-      const share = (k * step - begin) / (end - begin);
-      pen.textAlign = share < 0.03 ? "left" : share > 0.97 ? "right" : "center";
-      pen.fillText(`${Number((k * step).toPrecision(6))} s`, this.xAt(k * step), 2);
+    const [min, max] = this.window;
+    this.times ||= plotIn(this.axis, {
+      series: [{}], scales: { x: { time: false }, y: { auto: false } }, padding: [0, this.right, 0, this.left], cursor: { show: false },
+      axes: [{ size: 16, gap: 2, space: 60, values: (_, splits) => splits.map((time) => `${Number(time.toPrecision(6))} s`) }],
+    }, [[0, 1]]);
+    for (const { plot, place, range } of [...this.drawn, { plot: this.times, place: this.axis, range: [0, 1] }]) {
+      const { clientWidth: width, clientHeight: height } = place;
+      if (plot.width !== width || plot.height !== height) plot.setSize({ width, height });
+      plot.setScale("x", { min, max });
+      plot.setScale("y", { min: range[0], max: range[1] });
     }
+    if (this.time !== undefined) this.seek(this.time);
   }
 }

@@ -17,9 +17,9 @@ export function curvesTable({ signals, window: [begin, end] }) {
 }
 
 // Names above each panel, and the axis of time below the last.
-export function curvesPicture({ drawn, axis, signals }) {
-  const ratio = window.devicePixelRatio || 1, line = 18, parts = drawn.map(({ canvas }) => canvas.clientHeight + line);
-  const canvas = element("canvas"), width = axis.clientWidth, height = parts.reduce((sum, part) => sum + part, 0) + axis.clientHeight;
+export function curvesPicture({ drawn, times, signals }) {
+  const ratio = window.devicePixelRatio || 1, line = 18, parts = drawn.map(({ plot }) => plot.height + line);
+  const canvas = element("canvas"), { width } = times, height = parts.reduce((sum, part) => sum + part, 0) + times.height;
   [canvas.width, canvas.height] = [Math.round(width * ratio), Math.round(height * ratio)];
   const pen = canvas.getContext("2d");
   pen.scale(ratio, ratio);
@@ -33,9 +33,9 @@ export function curvesPicture({ drawn, axis, signals }) {
     say(`${one.title} [${one.unit}]`, themed("--ink"));
     for (const signal of one.signals) say(`— ${signal.name}`, inked(signal.colour));
     signals.runs.forEach(({ label }, r) => { if (r) say(`${strokeOf(r)[0]}: ${label}`, themed("--dim")); });
-    pen.drawImage(one.canvas, 0, top + line, one.canvas.clientWidth, one.canvas.clientHeight);
+    pen.drawImage(one.plot.ctx.canvas, 0, top + line, one.plot.width, one.plot.height);
     top += parts[k];
   });
-  pen.drawImage(axis, 0, top, width, axis.clientHeight);
+  pen.drawImage(times.ctx.canvas, 0, top, width, times.height);
   return canvas.toDataURL("image/png");
 }

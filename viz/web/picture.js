@@ -1,6 +1,6 @@
 // The view as files: one picture (PNG), or the motion (GIF). Encoded here; nothing is asked of any network.
 import { element } from "./format.js";
-import { GIFEncoder, applyPalette, quantize } from "./vendor/gifenc.esm.js";
+import { GIFEncoder, nearestColorIndex, quantize } from "./vendor/gifenc.esm.js";
 
 const VIDEO = { width: 1280, kinds: ["video/mp4;codecs=avc1", "video/mp4", "video/webm;codecs=vp9", "video/webm"], bitsPerSecond: 6e6 };
 const FILM = { width: 640, perSecond: 12.5, longest: 10, samples: 8 }; // px, 1/s, s, pictures that the colours are chosen by
@@ -66,10 +66,10 @@ export class Camera {
     const pixels = new Uint8ClampedArray(length * shown.length);
     shown.forEach(({ data }, k) => pixels.set(data, k * length));
     const palette = quantize(pixels, AS_BEFORE), table = Array.from({ length: 256 }, (_, k) => palette[k] || [0, 0, 0]), gif = GIFEncoder();
-    /** @type {Uint8Array} */
+    const known = new Int16Array(1 << 21).fill(-1);
     let before = new Uint8Array();
     for (let k = 0; k < count; k++) {
-      const { data, width: wide, height } = frame(k / (count - 1)), now = applyPalette(data, palette);
+      const { data, width: wide, height } = frame(k / (count - 1)), now = indexed(data, palette, known);
       const changed = now.map((colour, i) => (colour === before[i] ? AS_BEFORE : colour));
       gif.writeFrame(changed, wide, height, {
         palette: k ? undefined : table, delay: 1000 / FILM.perSecond, transparent: true, transparentIndex: AS_BEFORE, dispose: 1,
@@ -111,6 +111,18 @@ export class Camera {
     await ended;
     if (going()) saveBlob(new Blob(parts, { type: kind }), `${name}.${kind.includes("mp4") ? "mp4" : "webm"}`);
   }
+}
+
+// Number of the nearest colour of a palette for each pixel. Colours that agree in seven bits a channel share it, through all
+// pictures: gifenc's own five or six bits draw rings into the sky.
+function indexed(pixels, palette, known) {
+  const found = new Uint8Array(pixels.length / 4);
+  for (let i = 0; i < found.length; i++) {
+    const colour = [pixels[4 * i], pixels[4 * i + 1], pixels[4 * i + 2]], key = (colour[0] >> 1 << 14) | (colour[1] >> 1 << 7) | (colour[2] >> 1);
+    if (known[key] < 0) known[key] = nearestColorIndex(palette, colour);
+    found[i] = known[key];
+  }
+  return found;
 }
 
 export function saveText(text, name, type) {

@@ -1,5 +1,6 @@
 // A phase portrait: one signal over another, for all runs, with a dot where time stands.
 import { digits, options } from "./format.js";
+import { plotIn, stroked } from "./plot.js";
 import { strokeOf } from "./theme.js";
 
 export class Portrait {
@@ -7,7 +8,7 @@ export class Portrait {
     this.figure = figure;
     this.opener = opener;
     this.onChange = onChange;
-    this.canvas = figure.querySelector("canvas");
+    this.place = figure.querySelector(".plot");
     this.across = figure.querySelector(".across");
     this.up = figure.querySelector(".up");
     for (const select of [this.across, this.up]) select.addEventListener("change", () => { this.draw(); onChange(); });
@@ -37,7 +38,7 @@ export class Portrait {
 
   seek(time) {
     this.time = time;
-    this.draw();
+    if (!this.figure.hidden) this.plot?.redraw(false, false);
   }
 
   // "title: name|title: name", empty while it is closed.
@@ -50,57 +51,40 @@ export class Portrait {
     this.draw();
   }
 
+  // Each run is a curve with its own values across, which may go back; its dot is drawn anew as time goes on.
   draw() {
-    if (this.figure.hidden || !this.choices) return; // before a size is asked for, which lays the page out
-    const size = [this.canvas.clientWidth, this.canvas.clientHeight];
-    if (size[0] < 40) return;
+    this.plot?.destroy();
+    this.plot = undefined;
+    if (this.figure.hidden || !this.choices || this.place.clientWidth < 40) return;
     const chosen = [this.across, this.up].map(({ value }) => this.choices.find(({ text }) => text === value));
     if (chosen.includes(undefined)) return;
-    const ratio = window.devicePixelRatio || 1, pen = this.canvas.getContext("2d");
-    [this.canvas.width, this.canvas.height] = size.map((length) => Math.round(length * ratio));
-    pen.scale(ratio, ratio);
-    const ranges = chosen.map(({ signal }) => this.span(signal)), edges = [[44, size[0] - 8], [size[1] - 30, 8]];
-    const places = ranges.map(([least, most], k) => (value) => edges[k][0] + ((value - least) / (most - least)) * (edges[k][1] - edges[k][0]));
-    this.axes(pen, chosen, ranges, edges);
-    this.signals.runs.forEach((run, r) => this.curve(pen, run, r, chosen, places));
+    const { runs } = this.signals, [x, y] = chosen, there = [...runs.keys()].filter((r) => x.signal.values[r] && y.signal.values[r]);
+    const whole = (values, { time }) => (values.length === time.length ? values : new Array(time.length).fill(values[0]));
+    const data = there.map((r) => chosen.map(({ signal }) => whole(signal.values[r], runs[r])));
+    const colour = y.signal.colour, facets = ["x", "y"].map((scale) => ({ scale, auto: true })); // its ground is dark in either scheme
+    const paths = (plot, k) => uPlot.orient(plot, k, (_, across, up, sx, sy, toX, toY, left, top, width, height) => {
+      const stroke = new Path2D();
+      for (let i = 0; i < across.length; i++) stroke.lineTo(toX(across[i], sx, width, left), toY(up[i], sy, height, top));
+      return { stroke };
+    });
+    const dots = ({ ctx: pen, valToPos }) => there.forEach((r) => {
+      const [a, b] = chosen.map(({ signal }) => this.signals.value(signal, r, this.time || 0));
+      pen.fillStyle = colour;
+      pen.beginPath();
+      pen.arc(valToPos(a, "x", true), valToPos(b, "y", true), 4 * devicePixelRatio, 0, 2 * Math.PI);
+      pen.fill();
+    });
+    this.plot = plotIn(this.place, {
+      mode: 2, scales: { x: { time: false, range: this.span(x.signal) }, y: { range: this.span(y.signal) } }, padding: [8, 8, 0, 0], cursor: { show: false }, hooks: { draw: [dots] },
+      series: [{}, ...there.map((r) => stroked(colour, { facets, paths, dash: strokeOf(r)[1], alpha: runs[r].pale ? 0.5 : 1 }))],
+      axes: chosen.map(({ unit }, k) => ({ label: unit, labelSize: 14, size: [20, 44][k], space: [50, 25][k], values: (_, splits) => splits.map(digits) })),
+    }, /** @type {any} */ ([null, ...data]));
   }
 
+  /** @returns {[number, number]} */
   span({ values }) {
     const all = values.filter(Boolean).flatMap((own) => [...own]).filter(Number.isFinite);
     const least = all.reduce((a, b) => Math.min(a, b), Infinity), most = all.reduce((a, b) => Math.max(a, b), -Infinity);
     return most - least > 1e-12 ? [least, most] : [least - 1, most + 1];
-  }
-
-  axes(pen, chosen, ranges, edges) {
-    const [[left, right], [low, high]] = ranges, [[x0, x1], [y0, y1]] = edges;
-    pen.strokeStyle = "#5b6c7e";
-    pen.strokeRect(x0, y1, x1 - x0, y0 - y1);
-    pen.fillStyle = "#e8edf3";
-    pen.font = "11px system-ui, 'DejaVu Sans', sans-serif";
-    const say = (text, x, y, align) => { pen.textAlign = align; pen.fillText(text, x, y); };
-    say(digits(left), x0, y0 + 12, "left");
-    say(`${digits(right)} ${chosen[0].unit}`, x1, y0 + 12, "right");
-    say(digits(low), x0 - 3, y0, "right");
-    say(digits(high), x0 - 3, y1 + 9, "right");
-    say(chosen[1].unit, x0 - 3, y1 + 22, "right");
-  }
-
-  curve(pen, { time, pale }, r, chosen, places) {
-    const [x, y] = places;
-    const [a, b] = chosen.map(({ signal }) => signal.values[r]);
-    if (!a || !b) return;
-    pen.globalAlpha = pale ? 0.5 : 1;
-    pen.setLineDash(strokeOf(r)[1]);
-    pen.strokeStyle = pen.fillStyle = chosen[1].signal.colour; // its ground is dark in either scheme
-    pen.lineWidth = 1.5;
-    pen.beginPath();
-    for (let i = 0; i < time.length; i++) pen.lineTo(x(a[Math.min(i, a.length - 1)]), y(b[Math.min(i, b.length - 1)]));
-    pen.stroke();
-    const here = chosen.map(({ signal }) => this.signals.value(signal, r, this.time || 0));
-    pen.beginPath();
-    pen.arc(x(here[0]), y(here[1]), 4, 0, 2 * Math.PI);
-    pen.fill();
-    pen.setLineDash([]);
-    pen.globalAlpha = 1;
   }
 }

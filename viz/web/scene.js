@@ -58,10 +58,7 @@ export class Scene {
   build() {
     for (const [k] of this.runs.entries()) this.viewer.delete_path([`run${k}`]);
     const { scale, longest_arrow: longest, greatest_force: force, runs } = this.payload;
-    const momentum = Math.max(...runs.map(({ masses }) => masses.greatest));
-    const each = (greatest) => (greatest > 0 ? (longest * scale) / greatest : 0);
-    const thrust = Math.max(...runs.map(({ plumes }) => plumes.greatest));
-    const impulse = Math.max(...runs.map(({ grips }) => grips.greatest));
+    const each = (greatest) => (greatest > 0 ? (longest * scale) / greatest : 0), { momentum, thrust, impulse } = this.greatest;
     const sizes = { scene: scale, newton: each(force), thrust: each(thrust), impulse: each(impulse), newtonSecond: each(momentum) };
     this.runs = runs.map((data, k) => {
       const run = new Run(data, sizes, this.near ? this.closeness() : 1);
@@ -158,14 +155,17 @@ export class Scene {
     this.spacing = Number(step.toPrecision(3));
   }
 
+  // Of all runs at all times.
+  get greatest() {
+    const of = (part) => Math.max(...this.payload.runs.map((run) => run[part].greatest));
+    return { momentum: of("masses"), thrust: of("plumes"), impulse: of("grips") };
+  }
+
   // What lengths mean, in words.
   get scale() {
-    const { greatest_force: force, runs } = this.payload;
-    const momentum = Math.max(...runs.map(({ masses }) => masses.greatest));
-    const thrust = Math.max(...runs.map(({ plumes }) => plumes.greatest));
+    const { greatest_force: force } = this.payload, { momentum, thrust, impulse } = this.greatest;
     const parts = [`grid ${this.spacing} m`];
     if (force > 0 && (this.shown.forces || this.shown.contacts)) parts.push(`longest force ${force.toPrecision(3)} N`);
-    const impulse = Math.max(...runs.map(({ grips }) => grips.greatest));
     if (impulse > 0 && this.shown.impulses) parts.push(`longest impulse ${impulse.toPrecision(3)} N s`);
     if (thrust > 0 && this.shown.plumes) parts.push(`longest plume ${thrust.toPrecision(3)} N`);
     if (momentum > 0 && this.shown.momenta) parts.push(`longest momentum ${momentum.toPrecision(3)} N s`);

@@ -16,6 +16,5 @@ export function strokeOf(r) {
 // A curve's colour: made for a dark page, darker on a light one.
 export function inked(colour) {
   if (!LIGHT.matches) return colour;
-  const parts = [1, 3, 5].map((k) => Math.round(0.55 * parseInt(colour.slice(k, k + 2), 16)));
-  return `rgb(${parts.join(" ")})`;
+  return `#${[1, 3, 5].map((k) => Math.round(0.55 * parseInt(colour.slice(k, k + 2), 16)).toString(16).padStart(2, "0")).join("")}`;
 }

@@ -11,6 +11,7 @@ import pytest
 from PIL import Image
 
 import viz
+from spacerobot.result.result import Result
 from spacerobot.scene import load_scene
 from viz.page.limits import joint_limits
 from viz.page.page import animation_page
@@ -68,7 +69,29 @@ def test_what_is_seen_of_the_curves_is_saved_as_a_table(shown, paper):
     seen = np.array(list(csv.reader(io.StringIO(page.evaluate("window.lastText"))))[1:], dtype=float)[:, 0]
     wide = 10 / 1.5**3
     assert (seen[0], seen[-1]) == pytest.approx((5 - wide / 2, 5 + wide / 2), abs=0.03)
+    page.evaluate("document.querySelector('.u-over').dispatchEvent(new MouseEvent('dblclick'))")
+    page.evaluate("window.lastText = ''; document.getElementById('table').click()")
+    page.wait_for("window.lastText")
+    assert page.evaluate("window.lastText").count("\n") == 1 + len(paper.data.time)
     assert page.errors == []
+
+
+def test_curves_of_runs_with_other_times_are_drawn_in_one_plot(browser, paper, tmp_path):
+    """Between its own samples a run has no values where the other one has; its curve goes on."""
+    data = paper.data.isel(time=slice(0, None, 7))
+    coarse = Result(paper.scenario, data.assign(tip_error=0.5 * data.tip_error), paper.summary)
+    inked = []
+    for results in ((paper,), (paper, coarse)):
+        (tmp_path / "page.html").write_text(animation_page(*results), encoding="utf-8")
+        browser.open(f"{(tmp_path / 'page.html').as_uri()}#t=0&play=0&signals=tip error:rpr1/tip", 1000, 800)
+        browser.wait_for("document.body?.dataset.ready === 'true'")
+        browser.drawn()
+        canvas = "document.querySelector('.panel canvas')"
+        pixels = f"{canvas}.getContext('2d').getImageData(0, 0, {canvas}.width, {canvas}.height).data"
+        blue = "((d) => d.filter((v, i) => i % 4 === 2 && v > d[i - 2] + 40).length)"
+        inked.append(browser.evaluate(f"{blue}({pixels})"))
+    assert inked[1] > 1.25 * inked[0] > 500
+    assert browser.errors == []
 
 
 def test_the_wheel_zooms_about_the_pointer_and_clicks_still_lead_to_their_time(shown):

@@ -105,7 +105,8 @@ def test_values_under_the_pointer_are_those_of_its_time(shown, paper):
     _mouse(page, "mouseMoved", left + 0.6 * (right - left), y)
     error = np.linalg.norm(paper.data.tip_error.sel(tip="rpr1/tip").sel(time=6.0, method="nearest")) * 1e3
     assert _value(page, "rpr1/tip") == pytest.approx(error, rel=0.02)
-    assert page.evaluate("document.querySelector('.pointer').dataset.time").startswith("6.0")
+    said = page.evaluate("document.querySelector('.u-cursor-x').dataset.time")
+    assert float(said.removesuffix(" s")) == pytest.approx(6.0, abs=10 / (right - left))  # a pixel
     assert page.evaluate("document.body.dataset.time") == "1.000"
     _mouse(page, "mouseMoved", left, 5)
     here = np.linalg.norm(paper.data.tip_error.sel(tip="rpr1/tip").sel(time=1.0, method="nearest")) * 1e3

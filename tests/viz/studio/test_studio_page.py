@@ -79,7 +79,7 @@ def test_a_slider_moves_picture_curves_and_metrics(opened, studio):
     error = float(np.linalg.norm(result.data.tip_error.values[-1, 0]) * 1e3)
     assert said != words
     assert float(re.search(r"error ([\d.]+) mm", said)[1]) == pytest.approx(error, rel=6e-3)
-    assert "the design before" in page.evaluate("legend.innerText")
+    assert "previous design" in page.evaluate("legend.innerText")
     assert "before (dashed)" in page.evaluate("document.querySelector('#chart').innerText")
     page.wait_for(
         f"{BAR}.closest('.slider').querySelector('.gradient').textContent.includes('for +10 %')", 60
@@ -166,7 +166,7 @@ def test_a_campaign_draws_its_samples(opened):
         "document.querySelector('#jobs .plot').getAttribute('aria-label')"
     )
     assert "campaign's samples" in page.evaluate("legend.innerText")
-    assert "bands: 5, 25, 50, 75, 95 % of samples" in page.evaluate("chart.innerText")
+    assert "bands: 5, 25, 50, 75, 95 % quantiles of samples" in page.evaluate("chart.innerText")
     colours = "(() => { const c = document.querySelector('.panel canvas'), p = c.getContext('2d'); "
     colours += (
         "return new Set(new Uint32Array(p.getImageData(0, 0, c.width, c.height).data.buffer)).size; })()"

@@ -46,7 +46,7 @@ export class Jobs {
     this.id = undefined;
     this.following = true;
     this.last = null;
-    this.say("begins");
+    this.say("starting");
     this.running = true;
     this.onCloud(null);
     this.enable();
@@ -88,13 +88,13 @@ export class Jobs {
   }
 
   draw() {
-    const canvas = this.part("plot"), { last } = this, { metric, now } = this.brief(last?.metric);
-    canvas.hidden = !last || !(last.values || last.curve)?.length;
-    if (canvas.hidden) return;
-    if (last.kind === "campaign") plotHistogram(canvas, last.values, now, metric);
-    else plotConvergence(canvas, last.curve, metric);
+    const plot = this.part("plot"), { last } = this, { metric, now } = this.brief(last?.metric);
+    plot.hidden = !last || !(last.values || last.curve)?.length;
+    if (plot.hidden) return;
+    if (last.kind === "campaign") plotHistogram(plot, last.values, now, metric);
+    else plotConvergence(plot, last.curve, metric);
     const best = last.best ? `best ${metric.label}: ${amount(last.best.objective, metric.unit)}` : "";
-    canvas.setAttribute("aria-label", last.kind === "campaign" ? `distribution of ${metric.label} over ${last.done} samples` : `convergence, ${best}`);
+    plot.setAttribute("aria-label", last.kind === "campaign" ? `distribution of ${metric.label} over ${last.done} samples` : `convergence, ${best}`);
   }
 
   enable(able = true) {

@@ -9,7 +9,7 @@ export class Spread {
     this.player = player;
     this.sets = root.querySelector(".gains");
     this.metrics = root.querySelector(".metric");
-    this.plot = root.querySelector("canvas");
+    this.plot = root.querySelector(".plot");
     this.words = root.querySelector("p");
     this.sets.addEventListener("change", () => this.choose());
     this.metrics.addEventListener("change", () => this.draw());

@@ -164,7 +164,7 @@ export class Studio {
 
   status() {
     const known = this.rollouts.known(this.designs?.now);
-    if (known?.message) this.say(`Nothing to show of this design: ${known.message} What was shown before stays.`);
+    if (known?.message) this.say(`This design has no result: ${known.message} The previous motion remains.`);
     else if (known) this.say(known.words || `rolled out in ${lasted(known.seconds.rollout)}`);
     else this.say("rolling out", true);
   }
@@ -232,9 +232,9 @@ export class Studio {
   // What is to be said of the slopes.
   get doubt() {
     const { slopes: { status }, pieces } = this;
-    if (status === "differences") return `Changes for +10 % are differences of rollouts until exact ones are compiled${pieces ? ` (${pieces})` : ""}.`;
+    if (status === "differences") return `Sensitivities (change for +10 %) are finite differences of rollouts until exact gradients are compiled${pieces ? ` (${pieces})` : ""}.`;
     if (!status) return "";
-    return status === "exact" ? "" : `These changes for +10 % may not hold: ${status}.`;
+    return status === "exact" ? "" : `Sensitivities (change for +10 %) may be inaccurate: ${status}.`;
   }
 
   // How much the metric changes, as the slider's arrow says it.
