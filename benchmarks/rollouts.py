@@ -99,10 +99,14 @@ def batch() -> list[Row]:
 def gradient() -> list[Row]:
     """Exact adjoint gradient with respect to all gains against one rollout."""
     rollout = _rollout(TUNING)
-    times = paired(rollout.run, lambda: rollout.value_and_gradient(wrt=GAINS))
+    times = paired(rollout.run, lambda: rollout.value_and_gradient(wrt=GAINS, accuracy=False))
     count = 16
     values = np.tile([rollout.values()[i] for i in rollout.indices(GAINS)], (count, 1))
-    many = paired(rollout.run, lambda: rollout.gradient_batch(GAINS, values, threads=1), calls=(1, count))
+    many = paired(
+        rollout.run,
+        lambda: rollout.gradient_batch(GAINS, values, threads=1, accuracy=False),
+        calls=(1, count),
+    )
     return [
         Row(
             f"adjoint gradient, {len(GAINS)} gains",

@@ -20,6 +20,9 @@ from optim.search.session import Session
 from spacerobot.errors import ScenarioError
 from spacerobot.scene import Scene, build_scene
 
+HALVINGS = 6
+"""Most halvings of a step at which derivatives are inaccurate at the best point."""
+
 
 @dataclass(frozen=True)
 class Tuned:
@@ -86,7 +89,37 @@ def tune(
         raise ScenarioError(f"a function of a result has no gradients; methods: {', '.join(EVOLUTIONARY)}")
     effort = effort or effort_of(tuning_of(nominal.scene))
     run = partial(run_method, stated, effort=effort, session=Session(folder, nominal.workers, progress))
-    return _tuned(nominal, _from_the_ga(run) if method == "nlp_ga" else run(method))
+    outcome = _from_the_ga(run) if method == "nlp_ga" else run(method)
+    if method in ("nlp", "nlp_ga"):
+        nominal, outcome = _refined(nominal, outcome, effort, progress)
+    return _tuned(nominal, outcome)
+
+
+def _refined(
+    problem: TuningProblem, outcome: Outcome, effort: Effort, progress: Progress | None
+) -> tuple[TuningProblem, Outcome]:
+    """Descend again from the best point with half the step, until derivatives are accurate there.
+
+    What was found with a longer step is not compared with it: its objective is not that of the same motion.
+    """
+    for _ in range(HALVINGS):
+        best = outcome.best
+        if outcome.interrupted or not np.isfinite(best.objective):
+            break
+        try:
+            doubt = problem.step_doubt(np.array(best.u))
+        except KeyboardInterrupt:
+            stopped = dataclasses.replace(best, status="interrupted")
+            return problem, dataclasses.replace(outcome, runs=(stopped,))
+        if not doubt:
+            break
+        problem = problem.refined
+        session = Session(None, problem.workers, progress)
+        (found,) = run_method(problem, "nlp_ga", effort, first=np.array(best.u), session=session).runs
+        told = f"{found.message}; step refined to {problem.rollout.grid.step_s:.3g} s: {doubt}"
+        found = dataclasses.replace(found, method=best.method, cost=best.cost + found.cost, message=told)
+        outcome = dataclasses.replace(outcome, runs=(found,))
+    return problem, outcome
 
 
 def _from_the_ga(run: Callable[..., Outcome]) -> Outcome:

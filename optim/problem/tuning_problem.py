@@ -22,6 +22,7 @@ from optim.workers import Arrays, Threads, Workers
 from optim.workers.workers import LANES
 from spacerobot.arrays import Array
 from spacerobot.kept import kept_closed_loop
+from spacerobot.rollout.accuracy import inaccurate
 from spacerobot.scene import Scene
 from spacerobot.scene.size import check_size
 
@@ -38,6 +39,8 @@ class ProblemRecipe:
         As given.
     objective
         The user's own, which must be picklable to go elsewhere.
+    halvings
+        How often the step was halved.
     """
 
     scene: SceneRecipe
@@ -45,17 +48,18 @@ class ProblemRecipe:
     variant: str | None
     also_vary: tuple[str, ...]
     objective: UserObjective | None
+    halvings: int = 0
 
     @cached_property
     def key(self) -> str:
         """Hash of it; a function is another one whenever it is given."""
         own = None if self.objective is None else uuid.uuid4().hex
-        plain = [asdict(self.scene), self.chosen, self.variant, self.also_vary, own]
+        plain = [asdict(self.scene), self.chosen, self.variant, self.also_vary, own, self.halvings]
         return hashlib.sha256(json.dumps(plain, sort_keys=True, default=str).encode()).hexdigest()
 
     def build(self) -> TuningProblem:
         """The problem, which rolls out by one thread."""
-        return build_problem(
+        problem = build_problem(
             self.scene.build(),
             variables=self.chosen,
             variant=self.variant,
@@ -63,6 +67,9 @@ class ProblemRecipe:
             workers=Threads(1),
             also_vary=self.also_vary,
         )
+        for _ in range(self.halvings):
+            problem = problem.refined
+        return problem
 
 
 @dataclass(frozen=True)
@@ -79,6 +86,27 @@ class TuningProblem(Formulation):
 
     recipe: ProblemRecipe
     workers: Workers = field(default_factory=Threads)
+
+    @property
+    def refined(self) -> TuningProblem:
+        """The same with steps of half the length; nothing is compiled again."""
+        rollout = replace(self.rollout, grid=self.rollout.grid.halved)
+        return replace(self, rollout=rollout, recipe=replace(self.recipe, halvings=self.recipe.halvings + 1))
+
+    def step_doubt(self, u: Array) -> str:
+        """Why derivatives at a point u (k,) are inaccurate, where half the step changes them; else empty.
+
+        Derivatives are those by the unit cube, of all that a descent uses.
+        """
+        at, finer = (problem.linearise_all(u[None])[0] for problem in (self, self.refined))
+
+        def of(found: Linearisation) -> dict[str, Array]:
+            objective = found.smooth_gradient if self.form == "minimax" else found.gradient
+            slopes = {"objective": objective, "constraints": found.constraint_jacobian}
+            return slopes | ({"errors": found.rows_jacobian} if self.form == "minimax" else {})
+
+        values = {"objective": np.array(at.objective), "constraints": at.constraints, "errors": at.rows}
+        return inaccurate(of(at), of(finer), values, np.ones(len(u)), self.names)
 
     @property
     def linear_cost(self) -> Cost:

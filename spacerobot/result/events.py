@@ -12,9 +12,9 @@ from spacerobot.arrays import Array
 from spacerobot.closedloop import ClosedLoop
 from spacerobot.scene import Scene, SceneGrasp
 
-INNER = ("reference", "settling", "moving", "control", "cut", "measured")
+INNER = ("reference", "settling", "moving", "control", "cut", "measured", "clipped", "unclipped")
 """Kinds of events that are not told: a motion's time has come, a body moves slowly while a phase waits, a
-decision on pulses, the end of one, a sensor measures."""
+decision on pulses, the end of one, a sensor measures, a motor comes to its torque limit and leaves it."""
 
 
 AT_ONCE = 1e-9

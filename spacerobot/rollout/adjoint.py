@@ -169,7 +169,7 @@ class CompiledAdjoint:
         job, _keep = make_job(self.kernel, p, grid, raw, (), stop)
         per_step = self.bytes_per_step
         whole = grid.steps * per_step <= self.whole_bytes // self.lanes
-        more = (FEWEST + 2) * self.lanes * len(self.kernel.jumps)
+        more = (int(FEWEST / grid.finer) + 2) * self.lanes * len(self.kernel.jumps)
         more += grid.steps // 2 if self.kernel.events else 0  # lengths tried, steps cut short
         segment = grid.steps + more if whole else min(grid.steps, max(1, self.segment_bytes // per_step))
         seeds = np.ascontiguousarray(seed)

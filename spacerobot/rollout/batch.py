@@ -61,6 +61,7 @@ class Controls(TypedDict, total=False):
     progress: Progress | None
     stop: Stop | None
     orders: bool
+    accuracy: bool | None
 
 
 @dataclass(frozen=True)
@@ -79,6 +80,9 @@ class Control:
         Whether both orders of what happens at one instant are tried, so that derivatives are called
         coincident only where they differ; without, all through events at one instant are. It costs
         gradients a fraction of a rollout; sensitivities are then taken twice.
+    accuracy
+        Whether derivatives are taken once more with half the step, so that their status says where the step
+        falsifies them; it then costs three times as much, else it is ``unchecked``. As ``orders`` if None.
     backwards
         Whether what is at one instant shall happen in the other order.
     """
@@ -87,7 +91,13 @@ class Control:
     progress: Progress | None = None
     stop: Stop | None = None
     orders: bool = True
+    accuracy: bool | None = None
     backwards: bool = False
+
+    @property
+    def halves(self) -> bool:
+        """Whether derivatives are taken once more with half the step."""
+        return self.orders if self.accuracy is None else self.accuracy
 
     def on(self, backend: str) -> Control:
         """The same with the number of threads that a backend takes."""

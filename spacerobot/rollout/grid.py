@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -26,11 +26,14 @@ class TimeGrid:
         Number of sample intervals; there is one sample more.
     every
         Steps in each interval; one in which something jumps is cut there, and may have one more.
+    finer
+        Factor of the closed loop's own longest steps, those of contacts while they touch.
     """
 
     duration_s: float
     intervals: int
     every: int
+    finer: float = 1.0
 
     @property
     def steps(self) -> int:
@@ -41,6 +44,11 @@ class TimeGrid:
     def step_s(self) -> float:
         """Length of a step; none is longer."""
         return self.duration_s / self.steps
+
+    @property
+    def halved(self) -> TimeGrid:
+        """The same samples, with steps of half the length."""
+        return replace(self, every=2 * self.every, finer=self.finer / 2)
 
     @property
     def time(self) -> Array:

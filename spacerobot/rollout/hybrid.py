@@ -147,16 +147,17 @@ class HybridRun:
     def _longest(self) -> float:
         kernel = self.engine.kernel
         limits = [step_s for place, step_s, _ in kernel.fine if self.c[kernel.switches[place]] != 0]
-        return min([self.grid.step_s, *limits])
+        return min([self.grid.step_s, *(self.grid.finer * step_s for step_s in limits)])
 
     def _graded(self, t: float, h: float) -> float:
         """How long a step of length h may be where a switch is turned on or off nearby."""
         kernel = self.engine.kernel
         for (place, step_s, grow), on, off in zip(kernel.fine, self._on, self._off, strict=True):
             if grow > 0 and self.c[kernel.switches[place]] != 0:
-                window = grow * (step_s if step_s < np.inf else self.grid.step_s)
+                own_s = self.grid.finer * step_s
+                window = grow * (own_s if own_s < np.inf else self.grid.step_s)
                 near = min(t - on, max(off - t, 0.0)) / window
-                shorter = graded(min(self.grid.step_s, step_s), window, near)
+                shorter = graded(min(self.grid.step_s, own_s), window, near)
                 h = shorter if h > shorter * (1 + ROUNDING) else h
         return h
 

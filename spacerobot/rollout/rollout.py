@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from spacerobot.errors import SpaceRobotError, near_names
 from spacerobot.notebook import html_table
+from spacerobot.rollout.accuracy import inaccurate
 from spacerobot.rollout.assemble import batch_of, gradient_of, split, statuses, trajectory_of
 from spacerobot.rollout.batch import Control, Controls, Samples, run_batch, run_gradients, run_one
 from spacerobot.rollout.factory import Engines
@@ -24,6 +25,8 @@ from spacerobot.rollout.step import StepChoice, search_step
 from spacerobot.rollout.trajectory import Batch, Gradient, Jacobian, Slopes, Trajectory, frozen
 
 TOLERANCE = 1e-6
+UNCHECKED = "unchecked"
+"""Status of derivatives that were not taken once more with half the step."""
 Parameters = Mapping[str, float] | npt.ArrayLike | None
 
 
@@ -230,6 +233,7 @@ class Rollout:
         wrt: Sequence[str],
         costs: Sequence[str] | None = None,
         orders: bool = True,
+        accuracy: bool | None = None,
     ) -> Gradient:
         """Costs of one rollout and their exact gradients, by the discrete adjoint.
 
@@ -244,7 +248,7 @@ class Rollout:
             Paths of the k parameters to differentiate with respect to.
         costs
             Which costs; all if None.
-        orders
+        orders, accuracy
             As of :class:`~spacerobot.rollout.batch.Control`.
 
         Raises
@@ -252,9 +256,8 @@ class Rollout:
         SpaceRobotError
             A path or a cost does not exist, or there is no cost.
         """
-        found = self._gradients(
-            self.values(parameters)[None, :], tuple(wrt), costs, False, Control(orders=orders)
-        )
+        control = Control(orders=orders, accuracy=accuracy)
+        found = self._gradients(self.values(parameters)[None, :], tuple(wrt), costs, False, control)
         return replace(
             found,
             costs={name: value[0] for name, value in found.costs.items()},
@@ -292,12 +295,13 @@ class Rollout:
         wrt: Sequence[str],
         outputs: Sequence[str] = (),
         orders: bool = True,
+        accuracy: bool | None = None,
     ) -> Jacobian:
         """One rollout, and exact derivatives of its measures and sampled outputs by forward sensitivities.
 
         Parameters
         ----------
-        parameters, wrt, orders
+        parameters, wrt, orders, accuracy
             As for :meth:`value_and_gradient`.
         outputs
             Names of outputs whose derivatives are sampled.
@@ -313,10 +317,10 @@ class Rollout:
         engine = self.engines.sensitivity(tuple(self.indices(wrt)), tuple(outputs))
         rows = range(engine.kernel.size("outputs", "y"))
         directions = np.hstack([np.tile(p, (len(wrt), 1)), np.eye(len(wrt))])
-        samples, control = Samples(rows), Control(orders=orders)
+        samples, control = Samples(rows), Control(orders=orders, accuracy=accuracy)
         raw = run_batch(engine, self.grid, directions.__getitem__, len(wrt), samples, control).raw
         blocks, named = split(raw, engine.kernel, self.grid, outputs), engine.kernel.measures
-        return Jacobian(
+        found = Jacobian(
             paths=tuple(wrt),
             trajectory=trajectory,
             measures={name: frozen(raw.r[:, named[DERIVATIVE + name]].T) for name in self.kernel.measures},
@@ -324,6 +328,15 @@ class Rollout:
             wall_s=time.perf_counter() - begin,
             status=statuses(raw, engine.kernel, len(wrt))[0] if wrt else "exact",
         )
+        if not (wrt and found.status == "exact"):
+            return found
+        if not control.halves:
+            return replace(found, status=UNCHECKED)
+        finer = self._halved.jacobian(parameters, wrt=wrt, outputs=outputs, orders=False)
+        values = {**trajectory.measures, **{name: trajectory.outputs[name] for name in outputs}}
+        own, other = {**found.measures, **found.outputs}, {**finer.measures, **finer.outputs}
+        doubt = inaccurate(own, other, values, p[self.indices(wrt)], wrt)
+        return replace(found, status=doubt or "exact", wall_s=time.perf_counter() - begin)
 
     def slope_batch(
         self,
@@ -358,7 +371,7 @@ class Rollout:
         done = run_batch(engine, self.grid, directions, k * len(p), Samples(), Control(**control))
         r = done.raw.r.reshape(len(p), k, -1)
         names, named = tuple(self.kernel.measures), engine.kernel.measures
-        return Slopes(
+        found = Slopes(
             paths=wrt,
             measures={n: frozen(r[:, 0, named[n]].copy()) for n in names},
             slopes={n: frozen(np.moveaxis(r[:, :, named[DERIVATIVE + n]], 1, 2).copy()) for n in names},
@@ -366,6 +379,48 @@ class Rollout:
             wall_s=time.perf_counter() - begin,
             status=statuses(done.raw, engine.kernel, k),
         )
+
+        def again(rows: list[int], quiet: Controls) -> Mapping[str, Array]:
+            return self._halved.slope_batch(self.loop.parameter_paths, p[rows], wrt=wrt, **quiet).slopes
+
+        status = self._checked(
+            found.status, p, wrt, (found.slopes, found.measures), again, Control(**control)
+        )
+        return replace(found, status=status, wall_s=time.perf_counter() - begin)
+
+    @property
+    def _halved(self) -> Rollout:
+        """The same with steps of half the length."""
+        return replace(self, grid=self.grid.halved)
+
+    def _checked(
+        self,
+        status: Sequence[str],
+        p: Array,
+        wrt: Sequence[str],
+        known: tuple[Mapping[str, Array], Mapping[str, Array]],
+        again: Callable[[list[int], Controls], Mapping[str, Array]],
+        control: Control,
+    ) -> tuple[str, ...]:
+        """Status of the rollouts of p (N, np), whose derivatives are taken ``again`` with half the step.
+
+        ``known`` are derivatives (N, ..., k) and what is differentiated (N, ...), by name.
+        """
+        found = list(status)
+        rows = [i for i, one in enumerate(status) if one == "exact"]
+        if not control.halves or (control.stop is not None and control.stop.is_set()):
+            return tuple(UNCHECKED if one == "exact" else one for one in status)
+        finer = (
+            again(rows, {"threads": control.threads, "stop": control.stop, "orders": False}) if rows else {}
+        )
+        slopes, values = known
+        for k, row in enumerate(rows):
+            here, there = (
+                {name: part[i] for name, part in one.items()} for one, i in ((slopes, row), (finer, k))
+            )
+            sizes = {name: values[name][row] for name in slopes}
+            found[row] = inaccurate(here, there, sizes, p[row, self.indices(wrt)], wrt) or "exact"
+        return tuple(found)
 
     def _gradients(
         self,
@@ -389,6 +444,12 @@ class Rollout:
         seed = np.tile(weights, (len(p), 1))
         raw, gradient = run_gradients(engine, self.grid, rows, seed, control)
         found = gradient_of(raw, gradient, self.kernel, wrt, wanted)
+
+        def again(rows: list[int], quiet: Controls) -> Mapping[str, Array]:
+            return self._halved._gradients(p[rows], wrt, wanted, many, Control(**quiet)).gradients
+
+        status = self._checked(found.status, p, wrt, (found.gradients, found.costs), again, control)
+        found = replace(found, status=status)
         return replace(found, backend=engine.backend, wall_s=time.perf_counter() - begin)
 
     def _output_rows(self, outputs: Sequence[str]) -> list[int]:

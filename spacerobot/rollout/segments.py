@@ -74,7 +74,8 @@ def segments(grid: TimeGrid, times: Sequence[float] | Array, *, backwards: bool 
             end = float(until if last < 0 else times[last])
             whole = here == begin and end == until
             piece = (first >= 0 or here == 0) and last >= 0 and end > here
-            steps = grid.every if whole else max(FEWEST if piece else 1, _steps(end - here, grid.step_s))
+            fewest = FEWEST / grid.finer if piece else 1
+            steps = grid.every if whole else max(int(fewest), _steps(end - here, grid.step_s))
             done = end == until
             yield Segment(here, end, steps, first, last, done)
             here, first = end, last

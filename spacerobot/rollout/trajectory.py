@@ -226,8 +226,9 @@ class Gradient:
     wall_s
         Time it took.
     status
-        Of each rollout ``exact``, or ``lost``, or why its gradient may not hold: it grazes an event, or two
-        events may change places. N words or sentences, one for a single rollout.
+        Of each rollout ``exact``, or ``lost``, or why its gradient may not hold: it grazes an event, two
+        events may change places, or half the step changes a derivative by more than 1 % (``inaccurate:
+        step``); ``unchecked`` where that was not asked for. N words or sentences, one for a single rollout.
     """
 
     paths: tuple[str, ...]

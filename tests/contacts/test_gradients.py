@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import casadi as ca
 import numpy as np
+import pytest
 
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.rollout import build_rollout
 from spacerobot.rollout.measures import Measures, Signals, final, integral
-from spacerobot.scene import build_scene
+from spacerobot.scene import build_scene, load_scene
 from tests.contacts.test_collisions import tumbling
 
 WRT = (
@@ -53,3 +56,29 @@ def test_gradients_through_touch_and_part_are_those_of_finite_differences():
         np.testing.assert_allclose(
             forward.outputs["body_position"][-1, :, k] / scale, place / scale, atol=1e-6
         )
+
+
+def test_friction_inside_too_coarse_steps_is_told_by_the_status():
+    """The rollout is right to a hundredth, the derivatives of its steps are wrong by factors."""
+    ball = {"target.base.position": [1.9, 0.05, 0], "target.base.velocity": [-0.5, 0, 0]}
+    loop = build_closed_loop(load_scene("bounce", ball))
+    signals = Signals.of(loop)
+    turned = Measures(
+        signals,
+        {"turned": final(signals["body_rotation"])},
+        costs=lambda r, _: {"turned": ca.sum1(r["turned"])},
+    )
+    grid = {"duration_s": 0.4, "step_s": 0.01, "output_step_s": 0.4}
+    coarse = build_rollout(loop, **grid, measures=turned, backend="interpreted")
+    fine = replace(coarse, grid=coarse.grid.halved.halved)
+    wrt = ["contacts.bump.friction", "contacts.bump.slip_velocity"]
+    rough = {"contacts.bump.friction": 0.9}
+    wrong, right = (rollout.value_and_gradient(rough, wrt=wrt) for rollout in (coarse, fine))
+    assert wrong.costs["turned"] == pytest.approx(right.costs["turned"], rel=1e-2)
+    assert abs(wrong.gradients["turned"][0]) > 6 * abs(right.gradients["turned"][0])
+    assert wrong.status[0].startswith("inaccurate: step: half of it changes the derivative of 'turned' by")
+    assert right.status == ("exact",)
+    assert coarse.value_and_gradient(wrt=wrt).status == ("exact",)
+    assert coarse.jacobian(rough, wrt=wrt).status.startswith("inaccurate: step")
+    assert coarse.slope_batch(wrt, [[0.3, 0.01], [0.9, 0.01]]).status[0] == "exact"
+    assert coarse.value_and_gradient(rough, wrt=wrt, accuracy=False).status == ("unchecked",)

@@ -276,6 +276,23 @@ def test_gradients_go_through_saturation(folder, path):
         np.testing.assert_allclose(slope[..., 0], difference, atol=1e-5 * np.abs(difference).max())
 
 
+def test_derivatives_by_the_torque_limit_do_not_depend_on_the_step(folder):
+    """Steps end where torques are clipped and where they are no more, so that coarse ones are as good."""
+    wheels = ONE | {"torque_limit": 0.5}
+    loop = build_closed_loop(scene_of(folder, wheels, control=TURNED, duration=3.0))
+    name, found = "robots.bus.actuators.wheels.torque_limit", []
+    for step in (0.2, 0.05, 0.0125):
+        rollout = build_rollout(loop, duration_s=3.0, step_s=step, output_step_s=1.0, backend="interpreted")
+        slopes = rollout.jacobian(wrt=[name], outputs=["body_rotation"], accuracy=False)
+        found.append(slopes.outputs["body_rotation"][-1, 2, 0])
+    kinds = {loop.events[fired.event].kind for fired in slopes.trajectory.events}
+    assert kinds == {"clipped", "unclipped"}
+    assert abs(found[-1]) > 0.1
+    np.testing.assert_allclose(found, found[-1], rtol=1e-5)
+    result = simulate(scene_of(folder, wheels, control=TURNED, duration=3.0), backend="interpreted")
+    assert not result.summary.get("events")
+
+
 def test_joints_as_wheels_do_what_wheels_of_a_section_do(folder):
     """The same body, its rotors as links and about its axes as numbers: the same motion in space."""
     base = {"joint": "free_flyer", "spin_deg": [6, -9, 12]}

@@ -172,12 +172,13 @@ def test_gradients_in_lanes_are_those_of_single_rollouts_whatever_the_neighbours
     rollout = build_rollout(loop, duration_s=5.0, **GRID, measures=measured(loop))
     rows = np.random.default_rng(5).uniform([0.5, 0.1], [1.5, 1.5], (11, 2))
     wrt = ("start", "inertia", "delay")
-    whole = rollout.gradient_batch(("start", "delay"), rows, wrt=wrt)
-    slopes = rollout.slope_batch(("start", "delay"), rows, wrt=wrt)
-    assert set(whole.status) == set(slopes.status) == {"exact"}
+    whole = rollout.gradient_batch(("start", "delay"), rows, wrt=wrt, accuracy=False)
+    slopes = rollout.slope_batch(("start", "delay"), rows, wrt=wrt, accuracy=False)
+    assert set(whole.status) == set(slopes.status) == {"unchecked"}
     for i in (0, 4, 7, 10):
-        alone = rollout.gradient_batch(("start", "delay"), rows[i : i + 1], wrt=wrt)
-        single = rollout.value_and_gradient({"start": rows[i, 0], "delay": rows[i, 1]}, wrt=wrt)
+        alone = rollout.gradient_batch(("start", "delay"), rows[i : i + 1], wrt=wrt, accuracy=False)
+        start, delay = rows[i]
+        single = rollout.value_and_gradient({"start": start, "delay": delay}, wrt=wrt, accuracy=False)
         for name, gradient in whole.gradients.items():
             np.testing.assert_array_equal(alone.gradients[name][0], gradient[i])
             np.testing.assert_allclose(single.gradients[name], gradient[i], rtol=1e-9, atol=1e-11)
@@ -223,9 +224,9 @@ def test_what_grazes_or_coincides_is_told(backend):
 
     def status(rollout, **changes):
         wrt = rollout.loop.parameter_paths[: None if many else 2]
-        found = rollout.value_and_gradient(changes, wrt=wrt)
-        assert rollout.jacobian(changes, wrt=wrt).status == found.status[0]
-        return found.status[0].split(":")[0]
+        found = rollout.value_and_gradient(changes, wrt=wrt, accuracy=False)
+        assert rollout.jacobian(changes, wrt=wrt, accuracy=False).status == found.status[0]
+        return found.status[0].split(":")[0].replace("unchecked", "exact")
 
     wall, balls = made(spring_wall()), made(two_balls())
     assert status(wall) == "exact"
@@ -284,7 +285,8 @@ def test_two_references_that_end_at_one_instant_are_doubted_where_their_order_co
     ends = tuple(f"robots.{robot}.tips.tip.reference.duration" for robot in ("one", "two"))
 
     def told(cost, **changes):
-        return rollout.value_and_gradient(changes, wrt=ends, costs=(cost,)).status[0].split(":")[0]
+        found = rollout.value_and_gradient(changes, wrt=ends, costs=(cost,), accuracy=False)
+        return found.status[0].split(":")[0].replace("unchecked", "exact")
 
     loop = build_closed_loop(build_scene(given.scenario, dict.fromkeys(ends, together), source=given.source))
     s = Signals.of(loop)
@@ -307,7 +309,7 @@ def test_sensitivities_and_gradients_of_many_know_as_well_where_the_order_counts
     each = ("grown", "summed")
     assert plain.gradient_batch(TIMES, both, costs=each).status == ("exact",) * 3
     quick = plain.gradient_batch(TIMES, both, costs=each, orders=False).status
-    assert [status.split(":")[0] for status in quick] == ["coincident", "exact", "coincident"]
+    assert [status.split(":")[0] for status in quick] == ["coincident", "unchecked", "coincident"]
 
 
 def test_thrusters_cut_off_at_one_instant_have_exact_derivatives():

@@ -35,6 +35,7 @@ enum { CURSORS = G::rows_row };
 struct Job {
   int64_t count, intervals, every;  // rollouts, sample intervals, steps in one without a jump
   double h;                         // step where there is no jump, s
+  double finer;                     // factor of FINE_STEP
   const double* p;                  // (count, NP)
   const double* scale;              // (NX), one over how far each state may go from where it begins
   double* x;                        // (count, samples, NX) or null
@@ -165,7 +166,7 @@ INLINE double longest(const Job& job, const Trajectory& at, int l) {
   double h = job.h;
 #if EVENTS
   for (int f = 0; f < FINES; ++f)
-    if (lane(at.now.watch.mode[FINE[f]], l) != 0) h = ::fmin(h, FINE_STEP[f]);
+    if (lane(at.now.watch.mode[FINE[f]], l) != 0) h = ::fmin(h, FINE_STEP[f] * job.finer);
 #endif
   return h;
 }
@@ -180,7 +181,8 @@ static void grade(const Job& job, Trajectory& at, int l) {
   lane(w.graded, l) = 0.;
   for (int f = 0; f < FINES; ++f) {
     if (lane(w.mode[FINE[f]], l) == 0) continue;
-    const double h = ::fmin(job.h, FINE_STEP[f]), window = FINE_GROW[f] * (FINE_STEP[f] < INFINITY ? FINE_STEP[f] : job.h);
+    const double own = FINE_STEP[f] * job.finer;
+    const double h = ::fmin(job.h, own), window = FINE_GROW[f] * (own < INFINITY ? own : job.h);
     const double behind = lane(s.t, l) - lane(w.on[f], l), ahead = ::fmax(lane(w.off[f], l) - lane(s.t, l), 0.);
     const double near = ::fmin(behind, ahead) / window, least = h / window * (h / window);
     double part = 1.;
@@ -221,7 +223,7 @@ static void next_segment(const Job& job, Trajectory& at, int l) {
   }
   const bool whole = begin == from && end == until && h == job.h;
   const bool piece = (lane(s.from, l) >= 0 || begin == 0) && lane(s.to, l) >= 0 && end > begin;
-  const double fewest = piece ? FEWEST : 1., needed = ::ceil((end - begin) / h * (1 - 1e-9));
+  const double fewest = piece ? FEWEST / job.finer : 1., needed = ::ceil((end - begin) / h * (1 - 1e-9));
   const double number = whole ? double(job.every) : ::fmax(fewest, needed);
   lane(s.begin, l) = lane(s.t, l) = begin, lane(s.end, l) = end, lane(s.index, l) = 0., lane(s.number, l) = number;
   lane(s.h, l) = whole ? job.h : (end - begin) / number, lane(s.busy, l) = 1.;

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import yaml
 
-from optim import build_problem, integral
+from optim import build_problem, integral, tune
 from optim.problem.objectives import OBJECTIVE
 from optim.problem.problem import Cost
 from optim.workers import Threads
@@ -194,3 +194,25 @@ def test_variants_under_their_former_name_still_load(small_file):
     former = small_file.with_name("former.yaml")
     former.write_text(yaml.safe_dump(document), encoding="utf-8")
     assert load_scene(former).scenario == load_scene(small_file).scenario
+
+
+def test_the_step_is_refined_where_it_falsifies_the_derivatives_at_the_best_point():
+    """Friction that needs shorter steps than the tuning section's: half of its step is taken."""
+    variables = {"friction": {"paths": "contacts.bump.friction", "lower": 0.88, "upper": 1.0}}
+    tuning = {
+        "step": 0.01,
+        "variables": variables,
+        "objective": {"kind": "itae"},
+        "starts": 1,
+        "iterations": 2,
+    }
+    motion = {"target.base.position": [1.9, 0.05, 0], "target.base.velocity": [-0.5, 0, 0]}
+    simulation = {"simulation.duration": 0.4, "simulation.output_step": 0.1, "contacts.bump.friction": 0.9}
+    problem = build_problem(load_scene("bounce", {"tuning": tuning, **motion, **simulation}))
+    assert problem.step_doubt(problem.start).startswith("inaccurate: step: half of it changes")
+    found = tune(problem)
+    assert "step refined to 0.005 s" in found.message
+    fine = problem.refined
+    assert not fine.step_doubt(found.outcome.best.u)
+    assert found.objective == pytest.approx(fine.evaluate(found.outcome.best.u[None]).objective[0])
+    assert fine.recipe.key != problem.recipe.key
