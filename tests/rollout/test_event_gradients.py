@@ -296,8 +296,9 @@ def test_two_references_that_end_at_one_instant_are_doubted_where_their_order_co
     assert (told("torque"), told("error")) == ("coincident", "exact")
     assert told("torque", **{ends[0]: 0.1214}) == "exact"
     assert rollout.jacobian(wrt=ends).status.startswith("coincident")
-    gains = rollout.value_and_gradient(wrt=("robots.one.tips.tip.pid.kp",), costs=("torque",))
-    assert gains.status == ("exact",)  # neither end moves
+    gain = ("robots.one.tips.tip.pid.kp",)
+    gains = rollout.value_and_gradient(wrt=gain, costs=("torque",), accuracy=False)
+    assert gains.status == ("unchecked",)  # neither end moves
 
 
 def test_sensitivities_and_gradients_of_many_know_as_well_where_the_order_counts():
