@@ -18,6 +18,7 @@ from benchmarks import (
     campaign,
     compilation,
     ddp,
+    dockings,
     events,
     follow,
     methods,
@@ -57,6 +58,7 @@ JOBS: dict[str, Callable[[], list[Row]]] = {
     "mujoco": passive_plant,
     "process": process.rows,
     "planning": planning.rows,
+    "dockings": dockings.rows,
     "reach": lambda: [ddp.measured()],
     "studio": lambda: [*studio.rows(), *studio_page.rows()],
 }

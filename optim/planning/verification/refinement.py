@@ -17,7 +17,7 @@ import pinocchio as pin
 from optim.planning.transcription.mesh import Mesh
 from optim.planning.transcription.motion import Course, Motion
 from optim.planning.verification.replay import steps_of, tip_errors
-from optim.planning.verification.verdict import Verdict, between_points
+from optim.planning.verification.verdict import ROUNDING, Verdict, between_points
 from spacerobot.arrays import Array
 
 SAFETY = 0.3
@@ -109,6 +109,6 @@ def _pieces_within_limits(motion: Motion) -> Array:
     """Two pieces for intervals inside which a limit is passed by more than allowed, one for others (N,)."""
     counts = np.ones(motion.intervals, dtype=int)
     for one in between_points(motion):
-        passed = one.time_s[one.over > one.allowed] / motion.duration_s
+        passed = one.time_s[one.over > max(one.allowed, ROUNDING)] / motion.duration_s
         counts[motion.mesh.located(passed)[0]] = 2
     return counts
