@@ -108,6 +108,7 @@ class Choice(Section):
 
 WHOLE = (
     "choices",
+    "model",
     "design",
     "start",
     "most_intervals",
@@ -156,6 +157,11 @@ class Planning(Section):
         default={},
         description="the scenario's first phases, planned as one motion: duration and goals of each, and "
         "what else differs from the section, nested as in it; null for what does not hold there",
+    )
+    model: dict[str, Any] = Field(
+        default={},
+        description="numbers of the scenario, by dotted path, that are others in the model that plans are "
+        "made with, by `mpc` too, than in the plant: masses, inertias, lengths",
     )
     design: dict[Name, Variable] = Field(
         default={}, description="numbers of the scenario that a design study is free to choose, by name"

@@ -20,7 +20,7 @@ from spacerobot.elements.goals.mated import Mated
 from spacerobot.elements.grasp import Grasp
 from spacerobot.errors import ScenarioError
 from spacerobot.scenario.plan import Planning
-from spacerobot.scene import Scene
+from spacerobot.scene import Scene, build_scene
 from spacerobot.scene.closing import is_rigid
 from spacerobot.scene.configure import close_velocity
 from spacerobot.scene.scene import SceneGrasp
@@ -39,6 +39,40 @@ def plan_of(scene: Scene) -> Planning:
             "no such section: it says what to plan (docs/planning.md)", source=scene.source, where="plan"
         )
     return scene.scenario.plan
+
+
+def modelled(scene: Scene) -> Scene:
+    """The scene that plans are made with: the plant, with what `plan.model` says otherwise.
+
+    Raises
+    ------
+    ScenarioError
+        If a change leads nowhere, or changes what is moved or where it begins.
+    """
+    changes = plan_of(scene).model
+    if not changes:
+        return scene
+    for path in changes:
+        if path.split(".")[0] not in ("robots", "target", "grasps", "gravity"):
+            raise ScenarioError(
+                f"found {path!r}, allowed: paths in robots, target, grasps and gravity",
+                source=scene.source,
+                where="plan.model",
+            )
+    try:
+        found = build_scene(scene.scenario, changes, source=scene.source)
+    except ScenarioError as fault:
+        told = f"{str(fault.where or '').removeprefix('--set ')}: {fault.message}"
+        raise ScenarioError(told, source=scene.source, where="plan.model") from None
+    same = list(found.model.names) == list(scene.model.names)
+    if not (same and np.array_equal(found.q, scene.q) and np.array_equal(found.v, scene.v)):
+        raise ScenarioError(
+            "changes where or with what the motion begins; allowed: masses, inertias and other numbers that "
+            "leave configuration and velocity at the start as they are",
+            source=scene.source,
+            where="plan.model",
+        )
+    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +116,7 @@ def formulate_phases(scene: Scene) -> tuple[Phase, ...]:
     ScenarioError
         If the section asks for what there is not.
     """
-    whole = plan_of(scene)
+    whole, scene = plan_of(scene), modelled(scene)
     if whole.choices:
         raise ScenarioError(
             f"{next(iter(whole.choices))!r} is chosen where one plan is made; decide here, and give `{{}}`",

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from optim.planning.formulation.formulate import modelled
 from optim.planning.receding.horizon import ROUNDING, Horizon
 from optim.planning.receding.sensed import sensed, sensors_of
 from optim.planning.searches.bench import Bench
@@ -26,9 +27,11 @@ from spacerobot.result.summary import build_summary
 from spacerobot.rollout import Rollout, Trajectory, build_rollout
 from spacerobot.rollout.grid import time_grid
 from spacerobot.rollout.resumed import end_of, joined, resumed, start_of
+from spacerobot.scenario.load import to_document
 from spacerobot.scenario.phases import successors
 from spacerobot.scenario.sensors import Sensors
 from spacerobot.scene import Scene, build_scene
+from spacerobot.section import numbers
 
 Progress = Callable[[str], None]
 OFTEN = 1000
@@ -113,8 +116,13 @@ class _Flight:
         return rollout.run(np.concatenate([p, start]), estimate=True)
 
     def _ideal(self, p: Array) -> Array:
-        """Parameters of the controllers' own model, which knows of no errors of sensors."""
-        found = p.copy()
+        """Parameters of the controllers' own model, `plan.model`, which knows of no errors of sensors."""
+        found, own = p.copy(), modelled(self.scene)
+        if own is not self.scene:
+            before, after = (dict(numbers(to_document(one.scenario))) for one in (self.scene, own))
+            changed = {path: value for path, value in after.items() if value != before.get(path)}
+            for place, path in enumerate(self.loop.parameter_paths):
+                found[place] = changed.get(path, found[place])
         for place, path in enumerate(self.loop.parameter_paths):
             robot, *_ = path.partition(".sensors.")
             if robot != path:

@@ -4,6 +4,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from optim.planning.formulation.formulate import formulate
 from optim.planning.receding.flight import fly, lead_of
 from optim.planning.receding.horizon import Horizon
 from optim.planning.receding.sensed import sensed, sensors_of
@@ -263,3 +264,31 @@ def test_what_is_left_of_a_plan_is_the_next_one(reach):
     assert horizon.iterations[-1] <= 2  # multipliers and unknowns are nearly those of the solution
     for new, old in zip(horizon.at(times)[:2], whole[:2], strict=True):
         np.testing.assert_allclose(new, old, atol=2e-4)
+
+
+def test_plans_are_made_with_a_model_of_their_own(reach):
+    """A base that plans take for 30 % lighter: made anew they arrive, one plan does not."""
+    mass = reach().scenario.robots["one"].links["base"].mass
+    model = ("plan.model", {"robots.one.links.base.mass": 0.7 * mass})
+    scene = reach(FLIGHT[0], *FLIGHT[2:], model)
+    base = scene.robots[0].root_joint
+    assert formulate(scene).stage.scene.model.inertias[base].mass < 0.8 * scene.model.inertias[base].mass
+    exact, flown, once = (
+        fly(reach(FLIGHT[0], *FLIGHT[2:], *more), backend="interpreted")
+        for more in ((), (model,), (model, ("robots.one.controllers.lead.least", 100)))
+    )
+    misses = [miss(one, scene) for one in (exact, flown, once)]
+    assert misses[0] < misses[1] < 0.6 * misses[2]
+
+
+@pytest.mark.parametrize(
+    ("path", "message"),
+    [
+        ("robots.one.links.bass.mass", "plan.model: robots.one.links"),
+        ("simulation.duration", "allowed: paths in robots, target"),
+        ("robots.one.base.position", "changes where or with what the motion begins"),
+    ],
+)
+def test_a_model_that_is_no_model_of_the_plant_is_refused(reach, path, message):
+    with pytest.raises(ScenarioError, match=message):
+        formulate(reach(("plan.model", {path: [0, 1, 0] if "position" in path else 1.0})))
