@@ -227,11 +227,14 @@ def _show(planned: Planned) -> None:
         ("cost", f"{planned.cost:.6g}"),
         *((f"  {name.replace('_', ' ')}", f"{value:.6g}") for name, value in planned.terms.items()),
         ("first-order residual", f"{verdict.residual:.1e}"),
+        ("second-order conditions", verdict.status),
         ("replay error, open loop", f"{verdict.replay_error_m:.1e} m (allowed {verdict.tolerance_m:g} m)"),
         ("  with feedback", f"{verdict.followed_error_m:.1e} m"),
         ("greatest violation", _violation(planned)),
     ]
     console().print(pairs(f"plan of {planned.scene.scenario.name}", rows))
+    if verdict.saddle:
+        warn("the plan is a saddle point: motions beside it cost less; raise `plan.starts`")
     cells = [
         [
             f"{one.start + 1}",

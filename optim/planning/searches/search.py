@@ -16,6 +16,7 @@ from optim.planning.transcription.guess import guesses, stretched
 from optim.planning.transcription.mesh import Mesh
 from optim.planning.transcription.motion import Course
 from optim.planning.transcription.refine import carried
+from optim.planning.verification.curvature import falling
 from optim.planning.verification.refinement import refined_meshes
 from optim.planning.verification.verdict import Verdict, judge
 
@@ -34,6 +35,8 @@ AIMLESS = (
 """Message where the search from a feasible motion ends without a solution."""
 FEASIBLE = 1e-7
 """Violation of the elastic program's solution that counts as none."""
+DRAWN = 2
+"""Guesses that are drawn, at most, to leave a saddle point."""
 
 MANY, COARSER = 40, 4
 """Intervals from which on a first mesh is solved from one that is coarser by a factor."""
@@ -94,6 +97,21 @@ class _Search:
         elif not self._guessed(self.bench.meshes(many // COARSER)) or not self._finer(wanted):
             self.kept, self.cost = None, np.inf
             self._guessed(wanted)
+        self._leave()
+
+    def _leave(self) -> None:
+        """Solve from drawn guesses where the search ended at a saddle point, and keep what costs less.
+
+        From a symmetric guess, as a turn about its eigenaxis, IPOPT's steps are symmetric too and end there.
+        """
+        for k in range(1, DRAWN + 1):
+            if self.kept is None:
+                return
+            kept, cost = self.kept, self.cost
+            if falling(self.bench.program(self.ask, kept[1]), kept[0], _size(cost)) is None:
+                return
+            if not self._guessed(kept[1], self.ask.start + k * self.bench.plan.starts) or self.cost >= cost:
+                self.kept, self.cost = kept, cost
 
     def warm(self, near: Attempt) -> None:
         """Solve from the solution of a problem with another duration or other weights, on its mesh."""
@@ -158,12 +176,12 @@ class _Search:
         self.bench.tell(words)
         return time.thread_time() > self.deadline
 
-    def _guessed(self, meshes: Meshes) -> bool:
-        """Solve from a first guess on a mesh."""
-        start = self.ask.start
+    def _guessed(self, meshes: Meshes, start: int | None = None) -> bool:
+        """Solve from a first guess on a mesh, that of the search's start if none is named."""
+        start = self.ask.start if start is None else start
         rng = np.random.default_rng([self.bench.plan.seed, start]) if start else None
         bench = self.bench
-        course = guesses(bench.problems_of(self.ask), bench.lobatto, meshes, rng)
+        course = guesses(bench.problems_of(self.ask), bench.lobatto, meshes, rng, start)
         impulses = tuple(np.zeros(one.link.impulses) for one in bench.later)
         return self._solve(dataclasses.replace(course, impulses=impulses), meshes)
 

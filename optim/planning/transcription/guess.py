@@ -16,6 +16,7 @@ from optim.planning.transcription.lobatto import Lobatto
 from optim.planning.transcription.mesh import Mesh
 from optim.planning.transcription.motion import Course, Motion
 from spacerobot.arrays import Array
+from spacerobot.scene.scene import SceneBody
 
 STEPS = 200
 """Steps by which the free motion is integrated."""
@@ -24,11 +25,20 @@ ITERATIONS = 200
 DAMPING = 1e-3
 """Of its normal equations [m^2, rad^2]."""
 SPREAD = 0.7
-"""[rad or m] Standard deviation by which further starts' postures differ from the scenario's."""
+"""[rad or m] Standard deviation by which further starts' postures and base paths differ."""
+WINDINGS = 3
+"""Ways in which a base turns to its attitude: the short way, the other way about the same axis, and the short
+way with a full turn about another axis beside it."""
+STEP = 1e-3
+"""Part of the duration over which a base's path is differentiated."""
 
 
 def guesses(
-    problems: Sequence[Problem], lobatto: Lobatto, meshes: Sequence[Mesh], rng: np.random.Generator | None
+    problems: Sequence[Problem],
+    lobatto: Lobatto,
+    meshes: Sequence[Mesh],
+    rng: np.random.Generator | None,
+    start: int = 0,
 ) -> Course:
     """Motions to begin with of the phases of a plan, each from where the one before it ends.
 
@@ -36,7 +46,7 @@ def guesses(
     ----------
     problems, meshes
         Of each phase.
-    lobatto, rng
+    lobatto, rng, start
         As for :func:`guess`.
     """
     motions = list[Motion]()
@@ -44,12 +54,16 @@ def guesses(
         if motions:
             end = np.concatenate([motions[-1].q[-1], motions[-1].v[-1]])
             problem = dataclasses.replace(problem, fixed=struck(problem.stage, end, locked=True))
-        motions.append(guess(problem, lobatto, mesh, rng))
+        motions.append(guess(problem, lobatto, mesh, rng, start))
     return Course(tuple(motions))
 
 
 def guess(
-    problem: Problem, lobatto: Lobatto, mesh: int | Mesh, rng: np.random.Generator | None = None
+    problem: Problem,
+    lobatto: Lobatto,
+    mesh: int | Mesh,
+    rng: np.random.Generator | None = None,
+    start: int = 0,
 ) -> Motion:
     """A motion to begin with.
 
@@ -60,21 +74,24 @@ def guess(
     lobatto, mesh
         Collocation and mesh of the motion, or how many equal intervals that has.
     rng
-        Draws another posture, and another duration where that is free; the plain guess if None.
+        Draws another posture, another duration where that is free, and another path of each base that is
+        driven; the plain guess if None.
+    start
+        Which start it is; bases wind in turn in each of the :data:`WINDINGS` ways.
     """
     stage, (least, greatest, duration) = problem.stage, problem.duration
     model, driven = stage.scene.model, stage.driven
-    columns = list(driven.columns[: len(driven.joints)])
+    columns = moved = list(driven.columns[: len(driven.joints)])
     if rng is not None and least < greatest:
         duration = float(rng.uniform(least, greatest))
     mesh = Mesh.of(mesh)
     drift_q, drift_v = drift(problem, lobatto, mesh, duration)
     first = drift_q[-1].copy()
     if rng is not None:
-        step = np.zeros(model.nv)
-        step[columns] = rng.normal(0.0, SPREAD, len(columns))
+        step, moved = np.zeros(model.nv), list(driven.columns)
+        step[moved] = rng.normal(0.0, SPREAD, len(moved))
         first = _clipped(problem, pin.integrate(model, first, step))
-    ends = _inverse_kinematics(problem, first, drift_v[-1], columns)
+    ends = _inverse_kinematics(problem, first, drift_v[-1], moved)
     way = np.zeros(model.nv)
     way[columns] = pin.difference(model, drift_q[-1], ends)[columns]
     share = lobatto.times(mesh, 1.0)
@@ -83,11 +100,99 @@ def guess(
     bend = 60 * share * (1 - share) * (1 - 2 * share) / duration**2
     q = np.array([pin.integrate(model, at, way * b) for at, b in zip(drift_q, blend, strict=True)])
     v, a = drift_v + slope[:, None] * way, bend[:, None] * way
+    if rng is not None:
+        for k, body in enumerate(body for body in stage.scene.robots if driven.of_base(body.name)):
+            joint = model.joints[body.root_joint]
+            path = _base_path(problem, body, ends, duration, rng, start // WINDINGS**k % WINDINGS)
+            place, speed = (
+                slice(joint.idx_q, joint.idx_q + joint.nq),
+                slice(joint.idx_v, joint.idx_v + joint.nv),
+            )
+            for i, s in enumerate(share):
+                q[i, place], v[i, speed], a[i, speed] = _differentiated(path, s, duration, joint.nv == 3)
+            if joint.nv == 6:  # of two quaternions the one that goes on from the point before
+                turns = q[:, joint.idx_q + 3 : joint.idx_q + 7]
+                for i in range(len(turns)):
+                    before = turns[i - 1] if i else problem.fixed[joint.idx_q + 3 : joint.idx_q + 7]
+                    turns[i] *= 1.0 if turns[i] @ before > 0 else -1.0
     u = np.array([_drive(problem, *at) for at in zip(q, v, a, strict=True)])
     z = np.hstack([q, v, a, u, np.zeros((len(q), stage.w.numel()))])
     z = np.clip(z, problem.lower, problem.upper)
     z[0, : problem.fixed.size] = problem.fixed
     return Motion(problem, lobatto, mesh, duration, z)
+
+
+def _base_path(
+    problem: Problem, body: SceneBody, ends: Array, duration: float, rng: np.random.Generator, winding: int
+) -> Callable[[float], pin.SE3]:
+    """Placement of a driven base at parts of the duration, from its start to where inverse kinematics ended.
+
+    With the velocity and spin at the start, and none at the end, along an arc that the generator draws:
+
+        R(s) = R(0) exp(f(s) T w(0)) exp(b(s) r) exp(b(s) n) exp(c(s) e),
+        f = s (1 - s)^2,  b = s^3 (10 - 15 s + 6 s^2),  c = 16 s^2 (1 - s)^2,
+
+    where exp(r) is the turn to the end, also by more than half a turn, n a full turn about any axis, or none,
+    and e the arc's. What moves along axes that are not driven is left to the search.
+    """
+    model, axes = problem.stage.scene.model, problem.stage.driven.of_base(body.name)
+    joint = model.joints[body.root_joint]
+    flat = joint.nv == 3
+    pushed, turned = (any(axis[0] == part for axis in axes) for part in "ft")
+    twist = problem.fixed[model.nq + joint.idx_v : model.nq + joint.idx_v + joint.nv]
+    begin, end = (_placement(q[joint.idx_q : joint.idx_q + joint.nq]) for q in (problem.fixed, ends))
+    spin = np.array([0.0, 0.0, twist[2]]) if flat else twist[3:]
+    speed = begin.rotation @ (np.array([*twist[:2], 0.0]) if flat else twist[:3])
+    turn, full = pin.log3(begin.rotation.T @ end.rotation), np.zeros(3)
+    arc, bow, axis = rng.normal(0.0, SPREAD, (3, 3))
+    if flat:
+        bow, axis = bow * [0, 0, 1], np.array([0.0, 0.0, 1.0])
+        arc[2] = 0.0
+    axis /= np.linalg.norm(axis)
+    if winding == 1:
+        angle = float(np.linalg.norm(turn))
+        turn -= 2 * np.pi * (turn / angle if angle > 0 else axis)
+    elif winding == 2:
+        full = 2 * np.pi * axis
+    way = end.translation - begin.translation if pushed else duration * speed
+    arc *= np.linalg.norm(way) if pushed else 0.0
+    if not turned:
+        turn, full, bow = (np.zeros(3) for _ in range(3))
+
+    def path(s: float) -> pin.SE3:
+        f, b, c = s * (1 - s) ** 2, s**3 * (10 - 15 * s + 6 * s**2), 16 * s**2 * (1 - s) ** 2
+        begun = duration * (f if turned else s)
+        rotation = begin.rotation @ pin.exp3(begun * spin) @ pin.exp3(b * turn) @ pin.exp3(b * full)
+        moved = begin.translation + (f * duration * speed + b * way + c * arc if pushed else s * way)
+        return pin.SE3(rotation @ pin.exp3(c * bow), moved)
+
+    return path
+
+
+def _placement(q: Array) -> pin.SE3:
+    """Placement of a floating joint, planar or free."""
+    if q.size == 4:
+        return pin.SE3(pin.exp3(np.array([0.0, 0.0, np.arctan2(q[3], q[2])])), np.array([*q[:2], 0.0]))
+    return pin.SE3(pin.Quaternion(*q[[6, 3, 4, 5]]).normalized().toRotationMatrix(), q[:3])
+
+
+def _differentiated(
+    path: Callable[[float], pin.SE3], s: float, duration: float, flat: bool
+) -> tuple[Array, Array, Array]:
+    """Configuration, velocity and acceleration of a floating joint on a path, as Pinocchio has them."""
+    before, here, after = (path(s + k * STEP) for k in (-1, 0, 1))
+    h = STEP * duration
+    one, other = (pin.log3(a.rotation.T @ b.rotation) / h for a, b in ((before, here), (here, after)))
+    spin, gain = (one + other) / 2, (other - one) / h
+    speed = here.rotation.T @ (after.translation - before.translation) / (2 * h)
+    bend = here.rotation.T @ (after.translation - 2 * here.translation + before.translation) / h**2
+    bend -= np.cross(spin, speed)
+    if flat:
+        angle = np.arctan2(here.rotation[1, 0], here.rotation[0, 0])
+        q = np.array([*here.translation[:2], np.cos(angle), np.sin(angle)])
+        return q, np.array([*speed[:2], spin[2]]), np.array([*bend[:2], gain[2]])
+    q = np.array([*here.translation, *pin.Quaternion(here.rotation).coeffs()])
+    return q, np.concatenate([speed, spin]), np.concatenate([bend, gain])
 
 
 def stretched(motion: Motion, problem: Problem, duration: float) -> Motion:

@@ -13,6 +13,7 @@ from optim.planning.solver.solvable import Solvable
 from optim.planning.solver.solve import Solved
 from optim.planning.transcription.motion import Course, Motion
 from optim.planning.transcription.program import first_held
+from optim.planning.verification.curvature import falling
 from optim.planning.verification.replay import replays_of, tip_errors
 from spacerobot.arrays import Array
 
@@ -66,6 +67,8 @@ class Verdict:
         feedback by which joints follow it.
     tolerance_m
         What is allowed of these.
+    saddle
+        Whether second-order conditions fail: the cost falls along a direction that the constraints allow.
     """
 
     residual: float
@@ -73,6 +76,12 @@ class Verdict:
     replay_errors_m: Mapping[str, float]
     followed_errors_m: Mapping[str, float]
     tolerance_m: float
+    saddle: bool = False
+
+    @property
+    def status(self) -> str:
+        """What the plan is by second-order conditions: a minimum, or a saddle point."""
+        return "saddle point" if self.saddle else "minimum"
 
     @property
     def replay_error_m(self) -> float:
@@ -136,7 +145,9 @@ def judge(course: Course, program: Solvable, solved: Solved, scale: float, backe
     ]
     violations.sort(key=lambda v: -v.amount / v.allowed)
     tolerance = course.motions[0].problem.tolerance
-    return Verdict(residual(program, solved, scale), tuple(violations), alone, followed, tolerance)
+    found = residual(program, solved, scale)
+    saddle = found <= RESIDUAL and falling(program, solved, scale) is not None
+    return Verdict(found, tuple(violations), alone, followed, tolerance, saddle)
 
 
 def _greatest_errors(course: Course, states: list[Array]) -> dict[str, float]:

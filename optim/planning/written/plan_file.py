@@ -168,6 +168,7 @@ def summary(planned: Planned) -> dict[str, Any]:
         "terms": dict(planned.terms),
         "verdict": {
             "residual": verdict.residual,
+            "second_order": verdict.status,
             "replay_error_m": dict(verdict.replay_errors_m),
             "followed_error_m": dict(verdict.followed_errors_m),
             "tolerance_m": verdict.tolerance_m,
@@ -231,7 +232,7 @@ def _attributes(planned: Planned) -> dict[str, Any]:
     return {
         "scenario": hashlib.sha256(text.encode()).hexdigest(),
         "spacerobot": spacerobot.__version__,
-        "status": "solved",
+        "status": "saddle point" if verdict.saddle else "solved",
         "interpolation": "lobatto",
         "points": motion.lobatto.points,
         "intervals": sum(motion.intervals for motion in planned.course.motions),

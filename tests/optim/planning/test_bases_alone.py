@@ -1,18 +1,29 @@
 """Robots without joints: turns from rest to rest, and wheels that take what a body turns with."""
 
+import dataclasses
 import json
 
 import numpy as np
+import pinocchio as pin
 import pytest
 import yaml
+from scipy import sparse
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
-from optim.planning.searches.bench import Bench
+from optim.planning.searches.bench import Attempt, Bench
 from optim.planning.searches.make import make_plan
+from optim.planning.searches.search import search
+from optim.planning.solver.solve import solve
+from optim.planning.transcription.guess import guess
+from optim.planning.transcription.lobatto import Lobatto
+from optim.planning.transcription.motion import Course
+from optim.planning.verification.curvature import falling
 from optim.planning.verification.replay import tip_errors
-from optim.planning.written.plan_file import dataset, read
+from optim.planning.verification.verdict import judge
+from optim.planning.written.plan_file import dataset, read, summary
 from spacerobot.cli.app import app
+from spacerobot.cli.plan import _show
 from spacerobot.errors import ScenarioError
 from spacerobot.result import load
 from spacerobot.scene import load_scene
@@ -112,3 +123,83 @@ def test_an_attitude_of_a_base_that_is_fixed_is_refused(tmp_path):
     (tmp_path / "fixed.yaml").write_text(yaml.safe_dump({"robots": robots, "target": target, "plan": plan}))
     with pytest.raises(ScenarioError, match="so its attitude never changes; give it `joint: free_flyer`"):
         Bench.of(load_scene(tmp_path / "fixed.yaml"), "interpreted")
+
+
+FASTER = [
+    ("plan.goals.turn.rotation_deg", [0, 0, 180]),
+    ("plan.costs", {"time": 1, "base_wrench": 0.03}),
+    ("plan.duration", {"lower": 1, "upper": 10}),
+    ("plan.limits.base_torque", 1),
+    ("plan.intervals", 12),
+    ("plan.starts", 4),
+]
+"""By half a turn, with torques that end at their limits: the eigenaxis turn, 3.6492, is a saddle point."""
+
+
+@pytest.mark.parametrize("start", [1, 2, 3])
+def test_further_starts_turn_about_other_axes_than_the_eigenaxis(turning, start):
+    bench = Bench.of(turning(*FASTER), "interpreted")
+    assert search(bench, bench.asked(start=start, refine=False)).cost == pytest.approx(3.5050, abs=2e-4)
+
+
+@pytest.mark.parametrize("flat", [True, False])
+def test_guesses_of_bases_begin_as_given_and_wind_to_their_attitude_in_three_ways(turning, flat):
+    turn = 120.0
+    base = {"joint": "planar" if flat else "free_flyer", "spin_deg": [0, 0, 5], "velocity": [0.1, 0.2, 0]}
+    goal = {"tip": "sat/sensor", "position": [1, 2, 0], "rotation_deg": [0, 0, turn]}
+    changes = [("robots.sat.base", base), ("plan.goals", {"turn": goal}), ("plan.limits.base_force", 1)]
+    problem = Bench.of(turning(*changes), "interpreted").problem
+    ends, lobatto = [], Lobatto.of_order(6)
+    for start in (1, 2, 3):
+        motion = guess(problem, lobatto, 40, np.random.default_rng(start), start)
+        np.testing.assert_allclose(motion.z[0, : problem.fixed.size], problem.fixed)
+        q, v, a = motion.q, motion.v, motion.a
+        np.testing.assert_allclose(q[-1, :2], [1, 2], atol=1e-5)
+        np.testing.assert_allclose(v[-1], 0, atol=1e-4)
+        model, step = problem.stage.scene.model, 4 / 40
+        for n in range(40):  # velocities and accelerations are those of the configurations
+            inside = slice(3 * n, 3 * n + 4)
+            moved = pin.difference(model, q[3 * n], q[3 * n + 3])
+            np.testing.assert_allclose(step * lobatto.weights @ v[inside], moved, atol=5e-2 * step)
+            np.testing.assert_allclose(step * lobatto.weights @ a[inside], v[3 * n + 3] - v[3 * n], atol=1e-3)
+        ends.append(np.degrees(np.unwrap(np.arctan2(q[:, 3], q[:, 2]))[-1]) if flat else q[-1, 6])
+    # a unit quaternion and its negative are one attitude: which of them tells the winding
+    half = np.cos(np.radians(turn / 2))
+    np.testing.assert_allclose(
+        ends, [turn - 360, turn + 360, turn] if flat else [-half, -half, half], atol=1e-3
+    )
+
+
+def test_the_eigenaxis_turn_is_a_saddle_point_that_a_search_leaves(turning):
+    bench = Bench.of(turning(*FASTER), "interpreted")
+    program, problem = bench.program(bench.asked(), bench.meshes(12)), bench.problem
+    turned = solve(program, guess(problem, bench.lobatto, 12).unknowns, scale=3.0)
+    cost = program.objective(turned.w)
+    assert cost == pytest.approx(3.6494, abs=1e-3)
+    along, slopes = falling(program, turned, cost), program.jacobian_pattern.copy()
+    slopes.data, upper = program.jacobian(turned.w), program.hessian_pattern.copy()
+    upper.data = program.hessian(turned.w, 1.0, turned.multipliers)
+    assert along @ (upper + sparse.triu(upper, 1).T) @ along < -1e-3 * cost
+    equal = np.equal(*program.limits())
+    assert np.abs(slopes @ along)[equal].max() < 1e-5
+    judged = judge(
+        Course((bench.motion(bench.asked(), Attempt((), turned, bench.meshes(12), cost, None, "")),)),
+        program,
+        turned,
+        cost,
+        "interpreted",
+    )
+    assert judged.status == "saddle point"
+    found = search(bench, bench.asked(refine=False))
+    assert found.cost == pytest.approx(3.5050, abs=2e-4)
+    left = bench.program(bench.asked(), found.meshes)
+    assert falling(left, found.solved, found.cost) is None
+
+
+def test_a_plan_that_is_a_saddle_point_says_so(turning, capsys):
+    found = make_plan(turning(), backend="interpreted")
+    assert summary(found)["verdict"]["second_order"] == "minimum"
+    saddle = dataclasses.replace(found, verdict=dataclasses.replace(found.verdict, saddle=True))
+    assert summary(saddle)["verdict"]["second_order"] == dataset(saddle).status == "saddle point"
+    _show(saddle)
+    assert "saddle point: motions beside it cost less" in " ".join(capsys.readouterr().err.split())
