@@ -42,6 +42,8 @@ class Knots:
         Parts of an interval at which its points lie (s,).
     event
         That an interval ends; None where known times tell it.
+    parted
+        Whether each interval has rows of its own at both ends, so that forces may jump at knots.
     """
 
     context: Context
@@ -51,6 +53,7 @@ class Knots:
     pace: ca.SX
     nodes: Array
     event: Event | None
+    parted: bool = False
 
     @classmethod
     def at(
@@ -72,7 +75,7 @@ class Knots:
         begin
             When, in the time of the simulation (1x1) [s], the first point is; at its start if None.
         """
-        constants, ends = context.constants, times[:: points - 1]
+        constants, ends = context.constants, times[ends_of(times, points)]
         now, limits = context.time if time is None else time, ends[1:].copy()
         known = time is None and context.since is None
         if not known or begin is not None:  # what ends with the plan still belongs to its last interval
@@ -96,7 +99,8 @@ class Knots:
         if not known:
             owner = context.path if context.since is None else context.since.owner
             event = Event(f"{context.path}.knot", "reference", owner, now - last, ca.SX(1), kink=True)
-        return cls(context, cursor, (now - first) * pace, width, pace, nodes_of(times, points), event)
+        nodes, parted = nodes_of(times, points), is_parted(times, points)
+        return cls(context, cursor, (now - first) * pace, width, pace, nodes, event, parted)
 
     def here(self, name: str, values: ca.SX) -> ca.SX:
         """Row of the interval (m x 1), of those of all intervals and of what is behind them (n + 1 x m)."""
@@ -112,8 +116,10 @@ class Knots:
 
         Behind the last interval it is ``last`` (1 x m) at all of them.
         """
-        step, end = len(self.nodes) - 1, values.size1() - 1
-        blocks = [ca.vertcat(values[j : end - step + j + 1 : step, :], last) for j in range(step + 1)]
+        points = len(self.nodes)
+        step = points if self.parted else points - 1
+        count = (values.size1() - points) // step + 1
+        blocks = [ca.vertcat(values[j : (count - 1) * step + j + 1 : step, :], last) for j in range(points)]
         found = self.here(name, ca.horzcat(*blocks))
         return ca.vertsplit(found, values.size2()) if values.size2() > 1 else ca.vertsplit(found)
 
@@ -151,6 +157,23 @@ def _is_constant(column: ca.SX) -> bool:
     return column.is_constant() and len(np.unique(ca.DM(column).full())) == 1
 
 
+def is_parted(times: Sequence[float] | Array, points: int) -> bool:
+    """Whether each interval has rows of its own at both ends, so that knots stand in times twice."""
+    count, rest = divmod(len(times), points)
+    return not rest and count > 1 and times[points - 1] == times[points]
+
+
+def slices_of(times: Sequence[float] | Array, points: int) -> list[slice]:
+    """Rows of each interval."""
+    step = points if is_parted(times, points) else points - 1
+    return [slice(first, first + points) for first in range(0, len(times) - points + 1, step)]
+
+
+def ends_of(times: Sequence[float] | Array, points: int) -> list[int]:
+    """Row of each knot, the one behind it where there are two."""
+    return [*(own.start for own in slices_of(times, points)), len(times) - 1]
+
+
 def nodes_of(times: Array, points: int) -> Array:
     """Parts of each interval at which its points lie (s,), the same in all.
 
@@ -159,10 +182,9 @@ def nodes_of(times: Array, points: int) -> Array:
     ValueError
         If they are not, or the last interval has too few.
     """
-    count, rest = divmod(len(times) - 1, points - 1)
-    if rest:
+    if not is_parted(times, points) and (len(times) - 1) % (points - 1):
         raise ValueError(f"times: found {len(times)}, which intervals of {points} points do not make")
-    rows = np.array([times[i * (points - 1) : (i + 1) * (points - 1) + 1] for i in range(count)])
+    rows = np.array([times[own] for own in slices_of(times, points)])
     parts = (rows - rows[:, :1]) / (rows[:, -1:] - rows[:, :1])
     if np.abs(parts - parts[0]).max() > 1e-6:
         raise ValueError("times: points lie at other parts of one interval than of another")

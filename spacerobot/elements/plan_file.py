@@ -26,7 +26,7 @@ def read_joints(file: Path, where: str, phase: str | None = None) -> Mapping[str
     ScenarioError
         If the file is no plan or has no joints of that robot, or not that phase.
     """
-    plan, robot = _during(_opened(file, JOINTS), phase), _keys(where)[1]
+    plan, robot = _parted(_during(_opened(file, JOINTS), phase)), _keys(where)[1]
     owners = {str(label).partition("/")[0] for label in plan.joint.values}
     if robot not in owners:
         raise ScenarioError(f"a plan without robot {robot!r}; {near_names(robot, owners)}", source=file)
@@ -48,7 +48,7 @@ def read_base(file: Path, where: str, phase: str | None = None) -> Mapping[str, 
     ScenarioError
         If the file is no plan or drives no base of that robot, or has not that phase.
     """
-    plan, robot = _during(_opened(file, BASES), phase), _keys(where)[1]
+    plan, robot = _parted(_during(_opened(file, BASES), phase)), _keys(where)[1]
     labels = [str(label) for label in plan.drive.values if str(label).startswith(f"{robot}/")]
     if not labels:
         owners = {str(label).partition("/")[0] for label in plan.drive.values}
@@ -84,7 +84,7 @@ def read_tip(file: Path, where: str) -> Mapping[str, Any]:
     phases, name = _phases(plan), where.split(".")[1]
     if where.startswith("phases.") and name in phases:
         plan = _during(plan, name)
-    own = plan.sel(tip=label)
+    own = _parted(plan.sel(tip=label))
     position, velocity, rotation, spin = (_rows(own, name, ("time", "axis")).tolist() for name in TIPS)
     times = (own.time.values - own.time.values[0]).tolist()
     return {
@@ -162,7 +162,7 @@ def _during(plan: xr.Dataset, phase: str | None) -> xr.Dataset:
     """
     phases = _phases(plan)
     if phase is None:
-        if (np.diff(plan.time.values) == 0).any():
+        if len(phases) > 1 and (np.diff(plan.time.values) == 0).any():
             raise ScenarioError(f"a plan of several phases: name one by `phase`: {', '.join(phases)}")
         return plan
     if phase not in phases:
@@ -170,6 +170,18 @@ def _during(plan: xr.Dataset, phase: str | None) -> xr.Dataset:
     first, last = phases[phase]
     own = plan.isel(time=slice(first, last + 1)).drop_vars("phase")
     return own.assign_coords(time=own.time - own.time[0])
+
+
+def _parted(plan: xr.Dataset) -> xr.Dataset:
+    """A plan whose forces jump at some knots, with rows of its own for both ends of each interval."""
+    times, step, rows, first = plan.time.values, _points(plan) - 1, list[int](), 0
+    if (np.diff(times) > 0).all() or step < 1:
+        return plan
+    while first + step < len(times):
+        rows += range(first, first + step + 1)
+        first += step
+        first += int(first + 1 < len(times) and times[first + 1] == times[first])
+    return plan.isel(time=rows)
 
 
 def _phases(plan: xr.Dataset) -> dict[str, tuple[int, int]]:

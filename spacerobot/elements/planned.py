@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from typing import Any, Literal, TypeVar
 
@@ -10,7 +11,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from spacerobot.elements.context import RobotContext
-from spacerobot.elements.knots import nodes_of
+from spacerobot.elements.knots import is_parted, nodes_of
 from spacerobot.elements.numbers import Context
 from spacerobot.section import Name, Section, Vector, quantity
 
@@ -69,7 +70,10 @@ class Timed(Section):
     """Points in time, the same number in each interval between two knots."""
 
     times: Row = Field(
-        min_length=2, max_length=MOST_POINTS, description="times of the points, rising, the first one 0 [s]"
+        min_length=2,
+        max_length=MOST_POINTS,
+        description="times of the points, rising, the first one 0; where forces jump at knots, each "
+        "interval has rows of its own at both ends, two of the same time at each knot [s]",
     )
     points: int = Field(
         default=2,
@@ -82,8 +86,10 @@ class Timed(Section):
     def _check(self) -> Timed:
         if self.times[0] != 0:
             raise ValueError(f"times: must start at 0, found {self.times[0]:g}")
-        if any(b <= a for a, b in zip(self.times, self.times[1:], strict=False)):
-            raise ValueError("times: must rise strictly")
+        parted = is_parted(self.times, self.points)
+        for k, (a, b) in enumerate(itertools.pairwise(self.times), start=1):
+            if b < a if parted and k % self.points == 0 else b <= a:
+                raise ValueError("times: must rise strictly")
         nodes_of(np.array(self.times), self.points)
         for key, rows in self:
             if key != "times" and isinstance(rows, tuple) and isinstance(rows[0], tuple):

@@ -12,6 +12,7 @@ import pinocchio as pin
 from scipy.interpolate import KroghInterpolator
 
 from spacerobot.arrays import Array
+from spacerobot.elements.knots import ends_of, slices_of
 from spacerobot.elements.planned import Phased, TipMotion
 from spacerobot.elements.references.plan import Plan
 from spacerobot.pinocchio_engine.kinematics import Kinematics, cross
@@ -28,21 +29,21 @@ class Pieces(Generic[Piece]):
     """What is made of the points of each interval, when first asked for."""
 
     def __init__(self, times: Sequence[float], points: int, make: Callable[[slice], Piece]) -> None:
-        self._times, self._points, self._make = np.array(times), points, make
+        self._slices, self._make = slices_of(times, points), make
+        self._begins = np.array([times[own.start] for own in self._slices])
         self._made: dict[int, Piece] = {}
 
     def at(self, within: float) -> Piece:
         """That of the interval that a time before the last one lies in."""
-        step = self._points - 1
-        k = int(np.searchsorted(self._times[::step], within, side="right")) - 1
+        k = int(np.searchsorted(self._begins, within, side="right")) - 1
         if k not in self._made:
-            self._made[k] = self._make(slice(k * step, (k + 1) * step + 1))
+            self._made[k] = self._make(self._slices[k])
         return self._made[k]
 
 
 def window_ends(plan: Phased, phases: bool) -> tuple[float, ...]:
     """Times since a phase began of a plan's knots behind the first one, of each of its phases."""
-    knots = plan.times[:: plan.points - 1]
+    knots = [plan.times[k] for k in ends_of(plan.times, plan.points)]
     windows = [*plan.phases.values()] if phases else []
     windows = windows or [(0.0, plan.times[-1])]
     return tuple(t - begin for begin, end in windows for t in knots if begin < t <= end)

@@ -61,13 +61,16 @@ def scene_with(folder, name, **changes):
     return load_scene(file)
 
 
+@pytest.mark.parametrize("parted", [False, True])
 @pytest.mark.parametrize("points", [2, 4])
 @pytest.mark.parametrize("when", [0.0, 0.2, 0.35, 0.5, 1.1, 1.5, 2.0])
-def test_knots_are_joined_as_scipy_joins_them(when, points):
+def test_knots_are_joined_as_scipy_joins_them(when, points, parted):
     knots = np.array([0.0, 0.35, 0.5, 1.5])
     nodes = np.array([0, (1 - 5**-0.5) / 2, (1 + 5**-0.5) / 2]) if points == 4 else np.zeros(1)
     times = np.array([*(a + nodes * (b - a) for a, b in pairwise(knots)), knots[-1:]], dtype=object)
     times = np.concatenate(times).astype(float)
+    if parted:  # each interval has rows of its own at both ends
+        times = np.concatenate([times[k : k + points] for k in range(0, len(times) - 1, points - 1)])
     rng = np.random.default_rng(1)
     values, rates = rng.normal(size=(2, len(times), 3))
     context = Context("own", ca.SX.sym("t"), Parameters({}), Constants())
@@ -83,7 +86,7 @@ def test_knots_are_joined_as_scipy_joins_them(when, points):
     if when >= knots[-1]:
         np.testing.assert_allclose(seen, [values[-1], *np.zeros((3, 3))], atol=1e-12)
         return
-    first = (points - 1) * (np.searchsorted(knots, when, side="right") - 1)
+    first = (points if parted else points - 1) * (np.searchsorted(knots, when, side="right") - 1)
     piece = slice(first, first + points)
     both = np.stack([values[piece], rates[piece]], axis=1).reshape(-1, 3)
     curve = KroghInterpolator(np.repeat(times[piece], 2), both)

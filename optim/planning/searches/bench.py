@@ -23,6 +23,7 @@ from optim.planning.solver.solvable import Solvable
 from optim.planning.solver.solve import Solved
 from optim.planning.transcription.chain import Chain, Link, programs_of
 from optim.planning.transcription.functions import Instants, build_instants
+from optim.planning.transcription.jumps import between_jumps, segmented
 from optim.planning.transcription.lobatto import Lobatto
 from optim.planning.transcription.mesh import Mesh
 from optim.planning.transcription.motion import Course, Motion
@@ -292,14 +293,25 @@ class Bench:
         return tuple(Mesh.of(count) for count in counts)
 
     def program(self, ask: Ask, meshes: Sequence[Mesh]) -> Solvable:
-        """What is to be solved, on a mesh of each phase."""
+        """What is to be solved, on a mesh of each phase, or of each segment of the one phase there is."""
         problems = self.problems_of(ask)
+        if not self.later and len(meshes) > 1:
+            programs = [
+                Program(problem, self.instants, self.lobatto, mesh)
+                for problem, mesh in zip(segmented(problems[0], len(meshes)), meshes, strict=True)
+            ]
+            return Chain(programs, [self.joint] * (len(meshes) - 1), between_jumps(programs, problems[0]))
         evaluated = [self.instants, *(one.instants for one in self.later)]
         programs = [
             Program(problem, instants, self.lobatto, mesh)
             for problem, instants, mesh in zip(problems, evaluated, meshes, strict=True)
         ]
         return Chain(programs, [one.link for one in self.later]) if self.later else programs[0]
+
+    @cached_property
+    def joint(self) -> Link:
+        """What holds between two segments of a phase: the state goes on."""
+        return Link.into(self.problem.stage, False)
 
     def motion(self, ask: Ask, attempt: Attempt) -> Motion:
         """The motion of a solution, in the first phase."""

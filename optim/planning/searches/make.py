@@ -159,7 +159,9 @@ def planned(bench: Bench, ask: Ask, found: Mapping[str, Attempt], name: str = PL
     return Planned(
         bench.scene,
         course,
-        (bench.name, *(one.name for one in bench.later)),
+        (bench.name, *(one.name for one in bench.later))
+        if bench.later
+        else (bench.name,) * len(course.motions),
         sum(terms.values()),
         terms,
         (*solves, *attempt.solves),

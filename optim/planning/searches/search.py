@@ -13,6 +13,7 @@ from optim.planning.solver.elastic import Elastic
 from optim.planning.solver.solvable import Solvable
 from optim.planning.solver.solve import TIME_LIMIT, Solved, solve
 from optim.planning.transcription.guess import guesses, stretched
+from optim.planning.transcription.jumps import cut, may_jump
 from optim.planning.transcription.mesh import Mesh
 from optim.planning.transcription.motion import Course
 from optim.planning.transcription.refine import carried
@@ -35,6 +36,8 @@ AIMLESS = (
 """Message where the search from a feasible motion ends without a solution."""
 FEASIBLE = 1e-7
 """Violation of the elastic program's solution that counts as none."""
+MOST_SEGMENTS = 40
+"""Segments between jumps of the drives from which on a mesh is refined alone."""
 DRAWN = 2
 """Guesses that are drawn, at most, to leave a saddle point."""
 
@@ -57,7 +60,7 @@ def search(bench: Bench, ask: Ask) -> Attempt:
         run.cost, run.blame = near.cost, near.blame
         run.kept = None if near.solved is None else (near.solved, near.meshes)
     else:
-        if near is not None and near.solved is not None:
+        if near is not None and near.solved is not None and len(near.meshes) == 1 + len(bench.later):
             run.warm(near)
         if run.kept is None:
             run.cold()
@@ -128,7 +131,7 @@ class _Search:
 
     def refined(self) -> Verdict:
         """Verdict on the motion on meshes that become finer until it is good, or as fine as is allowed."""
-        bench = self.bench
+        bench, jumps = self.bench, not self.bench.later and not self.bench.name and may_jump(self.problem)
         while True:
             assert self.kept is not None
             solved, meshes = self.kept
@@ -138,6 +141,11 @@ class _Search:
             verdict = judge(course, program, solved, _size(self.cost), bench.backend)
             if verdict.fine_enough:
                 return verdict
+            if jumps and len(meshes) < MOST_SEGMENTS:
+                pieces = cut(course, self.problem)
+                jumps = pieces is not None and self._solve(pieces, tuple(m.mesh for m in pieces.motions))
+                if jumps:
+                    continue
             finer = refined_meshes(course, verdict, bench.plan.most_intervals, bench.backend)
             if finer is None:
                 self.blame = f"no finer mesh is allowed: raise `most_intervals`, {bench.plan.most_intervals}"

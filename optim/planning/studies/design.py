@@ -54,7 +54,9 @@ def cost_slopes(planned: Planned, paths: Sequence[str]) -> dict[str, float]:
     """
     if len(planned.course.motions) > 1:
         raise ScenarioError(
-            "slopes are told of plans of one phase", source=planned.scene.source, where="plan.phases"
+            "slopes are told of plans of one phase whose drives do not jump",
+            source=planned.scene.source,
+            where="plan.phases",
         )
     document = to_document(planned.scene.scenario)
     instants = build_instants(planned.motion.problem, "interpreted")

@@ -222,10 +222,13 @@ def _point(bench: Bench, ask: Ask, found: Mapping[str, Attempt], name: str) -> P
     if fault is not None:
         return Point(name, changes, {}, "refused", fault, None)
     plan = planned(bench, ask, found, name)
-    duration = plan.motion.duration_s
+    duration, sums = plan.course.duration_s, dict[str, float]()
+    for motion in plan.course.motions:
+        for term, value in integrals(motion).items():
+            sums[term] = sums.get(term, 0.0) + value
     values = {
         term: reported(bench.plan.costs[term], value, duration)
-        for term, value in integrals(plan.motion).items()
+        for term, value in sums.items()
         if term != "time"
     }
     return Point(name, changes, {"time": duration, **values}, "efficient", "", plan)

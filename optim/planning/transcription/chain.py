@@ -84,6 +84,23 @@ class Link:
         return np.array(self.functions[name](*given).full()).ravel()
 
 
+@dataclass(frozen=True, eq=False)
+class Linear:
+    """Constraints that are linear in all unknowns of a chain.
+
+    Attributes
+    ----------
+    matrix
+        Their slopes (rows, size).
+    least, greatest
+        Limits of their values (rows,) each.
+    """
+
+    matrix: sparse.csr_matrix
+    least: Array
+    greatest: Array
+
+
 class Chain:
     """Programs of phases in turn, and the links between them.
 
@@ -93,14 +110,23 @@ class Chain:
         One for each phase.
     links
         Between each two of them.
+    rest
+        What holds beside, linear in all unknowns: the last constraints; none if not given.
     """
 
-    def __init__(self, programs: Sequence[Program], links: Sequence[Link]) -> None:
+    def __init__(
+        self, programs: Sequence[Program], links: Sequence[Link], rest: Linear | None = None
+    ) -> None:
         self.programs, self.links = tuple(programs), tuple(links)
         self._sizes = [*(p.size for p in programs), *(link.impulses for link in links)]
-        self._counts = [*(p.rows for p in programs), *(link.rows for link in links)]
+        self._counts = [
+            *(p.rows for p in programs),
+            *(link.rows for link in links),
+            0 if rest is None else len(rest.least),
+        ]
         self.size, self.rows = sum(self._sizes), sum(self._counts)
         first = np.cumsum([0, *self._sizes])
+        self.rest = rest or Linear(sparse.csr_matrix((0, self.size)), np.empty(0), np.empty(0))
         self._joined = []  # the unknowns of each link
         for k, link in enumerate(links):
             before = programs[k]
@@ -136,7 +162,7 @@ class Chain:
         rows = np.split(solved.multipliers, np.cumsum(self._counts)[:-1])
         return [
             dataclasses.replace(solved, w=w, bound_multipliers=bounds, multipliers=own)
-            for (w, bounds), own in zip(of, rows, strict=True)
+            for (w, bounds), own in zip(of, rows, strict=False)
         ]
 
     def bounds(self) -> tuple[Array, Array]:
@@ -149,7 +175,8 @@ class Chain:
         """Least and greatest values of the constraints."""
         met = np.zeros(sum(link.rows for link in self.links))
         lower, upper = zip(*(p.limits() for p in self.programs), strict=True)
-        return np.concatenate([*lower, met]), np.concatenate([*upper, met])
+        rest = self.rest
+        return np.concatenate([*lower, met, rest.least]), np.concatenate([*upper, met, rest.greatest])
 
     def objective(self, w: Array) -> float:
         """Cost of all phases."""
@@ -163,12 +190,13 @@ class Chain:
     def constraints(self, w: Array) -> Array:
         """All constraints (rows,)."""
         found = [p.constraints(own) for p, own in zip(self.programs, self.parts(w), strict=False)]
-        return np.concatenate([*found, *self._linked("values", w)])
+        return np.concatenate([*found, *self._linked("values", w), self.rest.matrix @ w])
 
     def jacobian(self, w: Array) -> Array:
         """Entries of the constraints' first derivatives, as :attr:`jacobian_pattern` has them."""
         found = [p.jacobian(own) for p, own in zip(self.programs, self.parts(w), strict=False)]
-        return self._jacobian.entries(np.concatenate([*found, *self._linked("slopes", w)]))
+        slopes = np.concatenate([*found, *self._linked("slopes", w), self.rest.matrix.tocoo().data])
+        return self._jacobian.entries(slopes)
 
     def hessian(self, w: Array, factor: float, multipliers: Array) -> Array:
         """Entries of the upper triangle of the Lagrangian's second derivatives, likewise."""
@@ -179,7 +207,9 @@ class Chain:
         ]
         found += [
             link.call("bends", w[own], weight)
-            for link, own, weight in zip(self.links, self._joined, weights[len(self.programs) :], strict=True)
+            for link, own, weight in zip(
+                self.links, self._joined, weights[len(self.programs) :], strict=False
+            )
         ]
         return self._hessian.entries(np.concatenate(found))
 
@@ -196,6 +226,8 @@ class Chain:
         for k, (link, own) in enumerate(zip(self.links, self._joined, strict=True)):
             rows, columns = link.slopes
             found.append((first[len(self.programs) + k] + rows, own[columns]))
+        rest = self.rest.matrix.tocoo()
+        found.append((self.rows - len(self.rest.least) + rest.row, rest.col))
         return _summed(found, (self.rows, self.size))
 
     def _hessian_sums(self) -> Sums:

@@ -185,7 +185,9 @@ class Program:
         scaled[:, self.ncost :] *= duration
         bends = self.instants.call("bends", z.T, scaled.T).T
         goal = np.append(multipliers[self.rows - len(self.problem.goal) :], factor * self.end_weights)
-        last = self.instants.call("goal_bends", z[-1:].T, goal[:, None])[:, 0]
+        last = np.zeros(len(self.instants.goal_bends[0]))
+        if goal.size:  # a segment before the last one has neither goal nor costs of its end
+            last = self.instants.call("goal_bends", z[-1:].T, goal[:, None])[:, 0]
         return self._hessian.entries(
             np.concatenate([bends.ravel(), last, self._crossed(w, weights, multipliers)])
         )

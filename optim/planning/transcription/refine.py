@@ -61,7 +61,7 @@ def carried(solved: Solved, source: Solvable, target: Solvable) -> Solved:
     parts[: len(source.programs)] = [onward(*one) for one in of]
     return dataclasses.replace(
         solved,
-        multipliers=np.concatenate([part.multipliers for part in parts]),
+        multipliers=np.concatenate([*(part.multipliers for part in parts), np.zeros(len(target.rest.least))]),
         bound_multipliers=np.concatenate([part.bound_multipliers for part in parts]),
     )
 

@@ -48,7 +48,7 @@ def following(planned: Planned) -> Scenario:
         robot["controllers"] = {k: one for k, one in robot["controllers"].items() if one["kind"] != "mpc"}
     if flown_phase(scenario):
         return validate(_in_phases(planned, document))
-    document["simulation"]["duration"] = planned.motion.duration_s
+    document["simulation"]["duration"] = planned.course.duration_s
     for name, robot in document["robots"].items():
         robot |= overlay(robot, _resting(robot)) | {"controllers": _tracking(planned, name, 0, "plan")}
         robot["actuators"] = _actuated(planned, name, robot["actuators"])
@@ -109,7 +109,7 @@ def _in_phases(planned: Planned, document: Document) -> Document:
     rest, (then, otherwise) = None, successors(own)[last]
     if last not in closing:
         end |= {"then": then, "otherwise": otherwise}
-        end, rest = _parted(end, course.motions[-1].duration_s, left)
+        end, rest = _parted(end, course.motions[-1].duration_s if len(flown) > 1 else course.duration_s, left)
     document["simulation"]["duration"] = max(course.duration_s, scenario.simulation.duration)
     if rest is not None:
         rest["robots"] = overlay(rest["robots"], _waiting(planned, last))

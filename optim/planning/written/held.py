@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import casadi as ca
@@ -45,7 +45,15 @@ def held_variables(course: Course, names: Sequence[str]) -> tuple[dict[str, Any]
             np.array([(-most, most) for most in drives.values()]),
             {"long_name": "limits of what drives bases"},
         )
-    found = [one for k, name in enumerate(names) for one in _constraints(course, k, name)]
+    several = len(set(names)) > 1
+    found = list[_Held]()
+    for k, name in enumerate(names):
+        for one in _constraints(course, k, name if several else ""):
+            known = [i for i, other in enumerate(found) if other.name == one.name]
+            if known:  # of another segment of the same phase
+                found[known[0]] = replace(found[known[0]], values=np.fmax(found[known[0]].values, one.values))
+            else:
+                found.append(one)
     if found:
         variables |= {
             "constraint": (("time", "constraint_name"), np.array([one.values for one in found]).T),
@@ -94,7 +102,7 @@ def _constraints(course: Course, k: int, phase: str) -> Iterator[_Held]:
         over[sum(points[:k]) : sum(points[: k + 1])] = told
         share = first_held(motion.lobatto, motion.mesh, row.last)
         begin = course.begins[k] + share * motion.duration_s
-        name = f"{phase}: {row.name}" if len(points) > 1 else row.name
+        name = f"{phase}: {row.name}" if phase else row.name
         yield _Held(name, row.unit, over, limits, begin)
 
 

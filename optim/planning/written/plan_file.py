@@ -71,7 +71,8 @@ def dataset(planned: Planned) -> xr.Dataset:
     }
     told = _told("1", "norm of the multipliers of equations of motion and limits, as densities over time")
     variables["multiplier_norm"] = ("time", multiplier_norms(planned), told)
-    names = planned.names if any(planned.names) else (flown_phase(scene.scenario),)
+    alone = flown_phase(scene.scenario)
+    names = planned.names if any(planned.names) else (alone,) * len(course.motions)
     if any(names):
         phases = [name for name, m in zip(names, course.motions, strict=True) for _ in m.time]
         variables["phase"] = ("time", phases, {"long_name": "phase of the scenario"})
@@ -160,7 +161,8 @@ def summary(planned: Planned) -> dict[str, Any]:
     return {
         "scenario": planned.scene.scenario.name,
         "duration_s": course.duration_s,
-        "phases": phases if len(phases) > 1 else [],
+        "phases": phases if len(set(planned.names)) > 1 else [],
+        "jumps_s": course.begins[1:].tolist() if len(set(planned.names)) == 1 else [],
         "intervals": sum(motion.intervals for motion in course.motions),
         "order": 2 * planned.motion.lobatto.points - 2,
         "unknowns": len(course.unknowns),

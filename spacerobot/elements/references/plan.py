@@ -16,7 +16,7 @@ from spacerobot.arrays import Array
 from spacerobot.dynamics.joints import sparse
 from spacerobot.dynamics.rotations import rotation_exp
 from spacerobot.elements.context import ReferenceContext
-from spacerobot.elements.knots import Knots
+from spacerobot.elements.knots import Knots, ends_of, slices_of
 from spacerobot.elements.motion import Beginning, Motion, Profile
 from spacerobot.elements.planned import TipMotion, check_given, known, plan_file
 from spacerobot.elements.reference import PLANE_TOLERANCE, Reference
@@ -80,7 +80,8 @@ class Plan(Reference):
 
     def jumps(self) -> tuple[float, ...]:
         """Its knots behind the first one."""
-        return self.planned.times[:: self.planned.points - 1][1:]
+        times = self.planned.times
+        return tuple(times[k] for k in ends_of(times, self.planned.points)[1:])
 
     def way(self) -> tuple[Array, Array]:
         """What stands at the points, relative to the first one."""
@@ -107,7 +108,7 @@ def turning(planned: TipMotion) -> tuple[Array, Array, Array]:
     """
     step = planned.points - 1
     rotations, spins = [pin.exp3(np.array(vector)) for vector in planned.rotation], np.array(planned.spin)
-    starts = range(0, len(rotations) - 1, step)
+    starts = [own.start for own in slices_of(planned.times, planned.points)]
     turns, rates = np.zeros((2, step + 1, len(starts) + 1, 3))
     for j in range(step + 1):
         for i, k in enumerate(starts):

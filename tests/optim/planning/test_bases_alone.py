@@ -203,3 +203,14 @@ def test_a_plan_that_is_a_saddle_point_says_so(turning, capsys):
     assert summary(saddle)["verdict"]["second_order"] == dataset(saddle).status == "saddle point"
     _show(saddle)
     assert "saddle point: motions beside it cost less" in " ".join(capsys.readouterr().err.split())
+
+
+def test_the_least_time_of_half_a_turn_is_that_of_bilimoria_and_wie(turning):
+    """3.243 s with unit inertia and torques up to 1 N m about each axis; 3.545 s about the eigenaxis."""
+    bench = Bench.of(turning(*FASTER, ("plan.costs", {"time": 1})), "interpreted")
+    found = search(bench, bench.asked(start=1))
+    assert found.cost == pytest.approx(3.243, abs=5e-4)
+    assert not found.verdict.faults()
+    course = bench.course(bench.asked(), found)
+    torques = np.concatenate([motion.u for motion in course.motions if motion.duration_s > 0.1])
+    assert np.abs(torques).min() > 0.99

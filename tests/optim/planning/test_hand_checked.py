@@ -5,9 +5,13 @@ import pytest
 import yaml
 from scipy.integrate import solve_bvp, trapezoid
 
+from optim.planning.searches.bench import Bench
 from optim.planning.searches.make import make_plan
-from optim.planning.written.plan_file import dataset
+from optim.planning.transcription.mesh import Mesh
+from optim.planning.written.plan_file import FOLLOWED, dataset, write
+from spacerobot import pinocchio_engine
 from spacerobot.scene import load_scene
+from spacerobot.simulation import simulate
 
 RAIL = """<robot name="rail"><link name="rail"/>
 <link name="cart"><inertial><mass value="2"/>
@@ -175,3 +179,45 @@ def test_a_floating_arm_meets_pontryagins_conditions(tmp_path):
 def exact_square(exact, torques):
     at = exact.sol(np.linspace(0, 2, 4001))
     return np.square(torques(at[1], *at[6:])).sum(axis=0)
+
+
+LEAST = {
+    "duration": {"lower": 0.5, "upper": 5},
+    "goals": to(slide={"offset": 2}),
+    "costs": {"time": 1},
+    "limits": {"urdf": ["torque"]},
+}
+
+
+@pytest.mark.parametrize("intervals", [9, 16])
+def test_a_force_that_jumps_at_a_free_knot_takes_the_least_time(tmp_path, intervals):
+    """T = 2 sqrt(m d / F) with one jump in the middle, planned, written and flown by both engines."""
+    found = make_plan(scene(tmp_path, RAIL, "fixed", LEAST | {"intervals": intervals}), backend="interpreted")
+    assert found.cost == pytest.approx(2.0, abs=1e-6)
+    force = np.concatenate([motion.u[:, 0] for motion in found.course.motions])
+    np.testing.assert_allclose(force, np.where(found.course.time <= 1 - 1e-9, 4, force), atol=1e-4)
+    assert [motion.duration_s for motion in found.course.motions] == pytest.approx([1, 1], abs=1e-6)
+    assert found.solves[-1].intervals <= intervals + 2
+    write(found, tmp_path / "plan")
+    followed = load_scene(tmp_path / "plan" / FOLLOWED)
+    flown = simulate(followed, backend="interpreted").data
+    checked = pinocchio_engine.simulate(followed)
+    for q, v in ((flown.q.values, flown.v.values), (checked.state[:, :1], checked.state[:, 1:2])):
+        assert q[-1, 0] == pytest.approx(2, abs=1e-6)
+        assert v[-1, 0] == pytest.approx(0, abs=1e-6)
+
+
+def test_a_given_duration_and_limits_of_a_free_one_hold_for_all_segments_together(tmp_path):
+    limited = LEAST | {"duration": {"lower": 2.5, "upper": 5}, "costs": {"time": 1}, "intervals": 4}
+    bench = Bench.of(scene(tmp_path, RAIL, "fixed", limited), "interpreted")
+    meshes = (Mesh.of(2), Mesh.of(3))
+    program = bench.program(bench.asked(), meshes)
+    w = np.random.default_rng(0).uniform(0.5, 1, program.size)
+    slopes, along = program.jacobian_pattern.copy(), np.random.default_rng(1).uniform(-1, 1, program.size)
+    slopes.data = program.jacobian(w)
+    change = (program.constraints(w + 1e-6 * along) - program.constraints(w - 1e-6 * along)) / 2e-6
+    np.testing.assert_allclose(slopes @ along, change, atol=1e-7)
+    first = program.programs[0].size
+    durations = w[first - 1] + w[first + program.programs[1].size - 1]
+    assert program.constraints(w)[-len(program.rest.least)] == pytest.approx(durations)
+    assert (program.rest.least[0], program.rest.greatest[0]) == (2.5, 5)
