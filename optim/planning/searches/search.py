@@ -114,7 +114,7 @@ class _Search:
             if falling(self.bench.program(self.ask, kept[1]), kept[0], _size(cost)) is None:
                 return
             if not self._guessed(kept[1], self.ask.start + k * self.bench.plan.starts) or self.cost >= cost:
-                self.kept, self.cost = kept, cost
+                self.kept, self.cost, self.blame = kept, cost, ""
 
     def warm(self, near: Attempt) -> None:
         """Solve from the solution of a problem with another duration or other weights, on its mesh."""
@@ -146,6 +146,7 @@ class _Search:
                 jumps = pieces is not None and self._solve(pieces, tuple(m.mesh for m in pieces.motions))
                 if jumps:
                     continue
+                self.blame = ""
             finer = refined_meshes(course, verdict, bench.plan.most_intervals, bench.backend)
             if finer is None:
                 self.blame = f"no finer mesh is allowed: raise `most_intervals`, {bench.plan.most_intervals}"
