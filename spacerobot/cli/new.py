@@ -18,6 +18,8 @@ Examples:
     spacerobot new --robot planar_arm.urdf --target rectangle.urdf --out mine.yaml
 
     spacerobot new --robot panda.urdf --tip panda_hand --target satellite_box.urdf --out mine.yaml
+
+    spacerobot new --capture --robot panda.urdf --tip panda_hand --target satellite_box.urdf --out dock.yaml
 """
 Robots = Annotated[
     list[str],
@@ -49,30 +51,79 @@ Out = Annotated[
 ]
 
 
+Capture = Annotated[
+    bool,
+    typer.Option("--capture", help="Draft approach, capture and stop, with a plan section; of one robot."),
+]
+Point = Annotated[
+    str | None,
+    typer.Option(
+        "--point",
+        metavar="X,Y,Z",
+        help="With --capture: a point of the target's surface, root link's axes [m], in place of a frame.",
+    ),
+]
+
+
 def register(app: typer.Typer) -> None:
     """Add the command."""
     app.command("new", help=HELP)(command)
 
 
 def command(
-    robot: Robots, target: Target, tip: Tips = None, frame: Frames = None, base: Base = None, out: Out = None
+    robot: Robots,
+    target: Target,
+    tip: Tips = None,
+    frame: Frames = None,
+    base: Base = None,
+    out: Out = None,
+    capture: Capture = False,
+    point: Point = None,
 ) -> None:
     """Write the scenario and say what was chosen."""
     from spacerobot.errors import ScenarioError
     from spacerobot.files import write_text
-    from spacerobot.scene.draft import Order, draft_scenario
+    from spacerobot.scene.draft import Order, draft_capture, draft_scenario
     from spacerobot.scene.overlaps import overlaps
 
     file = out or Path(f"{Path(robot[0]).stem}.yaml")
     if file.exists():
         raise ScenarioError("is there already; name another file by --out", source=file)
-    text, scene = draft_scenario(Order(robot, target, tip or (), frame or (), base), file)
+    if point is not None:
+        target, frame = _with_point(target, point, file, frame, capture=capture)
+    draft = draft_capture if capture else draft_scenario
+    text, scene = draft(Order(robot, target, tip or (), frame or (), base), file)
     write_text(file, text)
     for warning in (*scene.warnings, *overlaps(scene)):
         warn(warning)
     for grasp in scene.grasps:
-        line = f"{grasp.tip.label} holds {grasp.config.frame}, {grasp.tip.body.base.joint} base"
+        verb = "captures" if capture else "holds"
+        line = f"{grasp.tip.label} {verb} {grasp.config.frame}, {grasp.tip.body.base.joint} base"
         console().print(line, markup=False, soft_wrap=True)
-    console().print(
-        f"{file}: try `spacerobot run {file}`, then `tune` and `campaign`", markup=False, soft_wrap=True
-    )
+    following = "`plan`, `tune` and `campaign`" if capture else "`tune` and `campaign`"
+    console().print(f"{file}: try `spacerobot run {file}`, then {following}", markup=False, soft_wrap=True)
+
+
+def _with_point(
+    target: str, point: str, file: Path, frame: list[str] | None, *, capture: bool
+) -> tuple[str, list[str]]:
+    """Write the object's URDF with a mating frame at a point; its file, and the frame's name."""
+    from spacerobot.errors import ScenarioError
+    from spacerobot.files import write_text
+    from spacerobot.scene.draft.capture import POINT, surface_point
+
+    try:
+        place = [float(part) for part in point.split(",")]
+    except ValueError:
+        place = []
+    if len(place) != 3 or not capture or frame:
+        raise ScenarioError(
+            f"found {point!r}, allowed: x,y,z [m] on the object's root link, with --capture, without --frame",
+            where="--point",
+        )
+    name, text = surface_point(target, place, file)
+    urdf = file.absolute().parent / name
+    if urdf.exists():
+        raise ScenarioError("is there already; name another file by --out", source=urdf)
+    write_text(urdf, text)
+    return str(urdf), [POINT]

@@ -58,19 +58,8 @@ def draft_scenario(order: Order, file: Path) -> tuple[str, Scene]:
         raise ScenarioError(
             "one robot alone may be fixed; the others are placed by their grasps", where="--base"
         )
-    arms = _arms(order, file.parent)
-    urdf, description = read(order.target, file.parent)
-    frames = _frames(description, order.frames, len(arms))
-    planar = all(arm.planar for arm in arms)
-    base = order.base or ("planar" if planar else "free_flyer")
-    if base == "free_flyer" and planar:
-        arms = [replace(arm, turns=False) for arm in arms]  # not about every axis of space
-    object_base = "planar" if planar and base != "free_flyer" else "free_flyer"
     source = file.absolute()
-    bare = _document(arms, frames, (base, object_base, urdf))
-    scene = build_scene(validate(bare, source=source), source=source)
-    bare["target"]["base"]["rotation_deg"] = _ahead(scene)
-    scene = build_scene(validate(bare, source=source), source=source)
+    arms, bare, scene = held_scene(order, source)
     numbers = Numbers(scene, {arm.name: arm for arm in arms})
     gains = {tip.label: numbers.gains(tip) for tip in scene.tips}
     move = numbers.move(min(found.bandwidth for found in gains.values()))
@@ -79,6 +68,29 @@ def draft_scenario(order: Order, file: Path) -> tuple[str, Scene]:
     text = text_of(found)
     document = parse_yaml(text, source=source)
     return text, build_scene(validate(document, source=source), source=source)
+
+
+def held_scene(order: Order, source: Path) -> tuple[list[Arm], Document, Scene]:
+    """Arms, scenario without gains, and its scene, in which the tips hold the target away from the arms.
+
+    Raises
+    ------
+    ScenarioError, DescriptionError
+        As :func:`draft_scenario`.
+    """
+    arms = _arms(order, source.parent)
+    urdf, description = read(order.target, source.parent)
+    frames = _frames(description, order.frames, len(arms))
+    planar = all(arm.planar for arm in arms)
+    base = order.base or ("planar" if planar else "free_flyer")
+    if base == "free_flyer" and planar:
+        arms = [replace(arm, turns=False) for arm in arms]  # not about every axis of space
+    object_base = "planar" if planar and base != "free_flyer" else "free_flyer"
+    bare = _document(arms, frames, (base, object_base, urdf))
+    scene = build_scene(validate(bare, source=source), source=source)
+    bare["target"]["base"]["rotation_deg"] = _ahead(scene)
+    scene = build_scene(validate(bare, source=source), source=source)
+    return arms, bare, scene
 
 
 def _arms(order: Order, folder: Path) -> list[Arm]:

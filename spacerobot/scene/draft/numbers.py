@@ -89,11 +89,15 @@ class Numbers:
             float(np.median(effective)) if len(columns) > directions else None,
         )
 
-    def move(self, bandwidth: float) -> Move:
-        """A line short and slow enough for every arm and for a bandwidth [rad/s]; equal along all axes."""
+    def move(self, bandwidth: float, direction: Array | None = None) -> Move:
+        """A line short and slow enough for every arm and for a bandwidth [rad/s].
+
+        It goes along a direction (3,), equally along all axes if none is given.
+        """
         axes = list(self.scene.translation_axes)
-        direction = np.zeros(3)
-        direction[axes] = 1 / np.sqrt(len(axes))
+        if direction is None:
+            direction = np.zeros(3)
+            direction[axes] = 1 / np.sqrt(len(axes))
         travel, rate, reach = 0.0, 0.0, np.inf
         for tip in self.scene.tips:
             arm, columns = self.arms[tip.body.name], self._columns(tip)

@@ -46,52 +46,53 @@ def text_of(found: Found) -> str:
     lines = [
         "# Drafted by `spacerobot new`: it runs as it is; every number is a proposal to edit.",
         "# Units are SI unless a name says otherwise; `spacerobot schema` exports every field with its unit.",
-        f"name: {_flow(as_name(found.name))}",
+        f"name: {flow(as_name(found.name))}",
         "",
         "robots:",
     ]
     for arm in found.arms:
-        lines += _robot(found, arm)
+        lines += robot_lines(found, arm)
     bare, move = found.bare, found.move
     reference = {"kind": "line", "displacement": move.displacement, "duration": move.duration}
     lines += [
         "",
         "target:",
-        f"  urdf: {_flow(bare['target']['urdf'])}",
-        f"  base: {_flow(bare['target']['base'])}   # placed so that this grasp closes, away from the arm",
+        f"  urdf: {flow(bare['target']['urdf'])}",
+        f"  base: {flow(bare['target']['base'])}   # placed so that this grasp closes, away from the arm",
         "  # as far as moves no joint by more than about 0.3 rad, bases giving way, and a tenth of the",
         "  # distance from base to tip at most; no joint faster than about a tenth of its greatest rate,",
         "  # and slow beside w",
-        f"  reference: {_flow(reference)}",
+        f"  reference: {flow(reference)}",
         "",
         "grasps:   # a weld is rigid; `kind: compliant` has a stiffness and a damping",
-        *(f"  {name}: {_flow(grasp)}" for name, grasp in bare["grasps"].items()),
+        *(f"  {name}: {flow(grasp)}" for name, grasp in bare["grasps"].items()),
         "",
-        f"simulation: {_flow({'duration': move.duration + 2, 'output_step': 0.02})}   "
+        f"simulation: {flow({'duration': move.duration + 2, 'output_step': 0.02})}   "
         "# its step is chosen by an error estimate",
         "",
-        *_tuning(found),
+        *tuning_lines(found),
         "",
         *_campaign(found),
     ]
     return "\n".join(lines) + "\n"
 
 
-def _robot(found: Found, arm: Arm) -> list[str]:
+def robot_lines(found: Found, arm: Arm) -> list[str]:
+    """A robot's section, line by line."""
     bare, gains = found.bare["robots"][arm.name], found.gains[f"{arm.name}/{arm.tip_name}"]
     chain = {name: state for name, state in arm.joints.items() if "locked" not in state}
     locked = {name: state for name, state in arm.joints.items() if "locked" in state}
     lines = [
         f"  {arm.name}:",
-        f"    urdf: {_flow(bare['urdf'])}",
-        f"    base: {_flow(bare['base'])}",
+        f"    urdf: {flow(bare['urdf'])}",
+        f"    base: {flow(bare['base'])}",
         *_bus(bare),
         "    joints:   # a posture, well within the ranges, from which the tip moves in every direction",
-        *(f"      {_flow(name)}: {_flow(state)}" for name, state in chain.items()),
+        *(f"      {flow(name)}: {flow(state)}" for name, state in chain.items()),
     ]
     if locked:
         lines.append("      # not between base and tip, so held where they begin")
-        lines += [f"      {_flow(name)}: {_flow(state)}" for name, state in locked.items()]
+        lines += [f"      {flow(name)}: {flow(state)}" for name, state in locked.items()]
     lines += [
         "    tips:",
         f"      {arm.tip_name}:",
@@ -102,16 +103,23 @@ def _robot(found: Found, arm: Arm) -> list[str]:
     ]
     tip = bare["tips"][arm.tip_name]
     if "frame" in tip:
-        lines.append(f"        frame: {_flow(tip['frame'])}")
-    lines.append(f"        pid: {_flow(gains.pid(gains.mass) | {'feedback': 'inertial'})}")
+        lines.append(f"        frame: {flow(tip['frame'])}")
+    lines.append(f"        pid: {flow(gains.pid(gains.mass) | {'feedback': 'inertial'})}")
+    if "amnesia" in tip:
+        lines.append("        # corrects the position at about w / 4")
+        lines.append(f"        amnesia: {flow(tip['amnesia'])}")
     if gains.inertia is not None:
         lines.append(f"        # likewise, for {gains.inertia:.3g} kg m^2")
         turn = gains.pid(gains.inertia) | {"feedback": "inertial"}
-        lines.append(f"        orientation_pid: {_flow(turn)}")
+        lines.append(f"        orientation_pid: {flow(turn)}")
+        if "orientation_amnesia" in tip:
+            lines.append(f"        orientation_amnesia: {flow(tip['orientation_amnesia'])}")
+    if "reference" in tip:
+        lines.append(f"        reference: {flow(tip['reference'])}")
     if gains.joint_inertia is not None:
         kd = short(gains.joint_inertia * gains.bandwidth)
         lines.append("    # damps motion of the joints that moves no tip: their median inertia times w")
-        lines.append(f"    joint_pd: {_flow({'kd': kd, 'null_space': True})}")
+        lines.append(f"    joint_pd: {flow({'kd': kd, 'null_space': True})}")
     return lines
 
 
@@ -122,11 +130,12 @@ def _bus(bare: Document) -> list[str]:
     return [
         "    # the URDF's own base is lighter than what it moves: a spacecraft stands in, of 20 times that",
         "    # mass, a cube of 300 kg/m^3; take the line out to have the bare base",
-        f"    links: {{{_flow(link)}: {_flow(bus)}}}",
+        f"    links: {{{flow(link)}: {flow(bus)}}}",
     ]
 
 
-def _tuning(found: Found) -> list[str]:
+def tuning_lines(found: Found) -> list[str]:
+    """The section of free numbers, line by line."""
     lines = [
         f"# Free numbers: a {SPAN:g}th to {SPAN:g} times what is proposed. `spacerobot tune`, docs/tuning.md",
         "tuning:",
@@ -143,7 +152,7 @@ def _tuning(found: Found) -> list[str]:
                     "upper": short(value * SPAN),
                     "scale": "log",
                 }
-                lines.append(f"    {prefix}{gain}{own}: {_flow(variable)}")
+                lines.append(f"    {prefix}{gain}{own}: {flow(variable)}")
     return [
         *lines,
         "  # integral of squared tip errors (minimax: the largest); a radian of the target counts as 0.3 m",
@@ -171,13 +180,13 @@ def _campaign(found: Found) -> list[str]:
     ]
 
 
-def _flow(value: Any) -> str:
+def flow(value: Any) -> str:
     """Value on one line."""
     if isinstance(value, str):
         value = yaml.dump(value, Dumper=Dumper, width=10_000, allow_unicode=True).splitlines()[0]
         return str(value)
     if isinstance(value, dict):
-        return "{" + ", ".join(f"{_flow(key)}: {_flow(item)}" for key, item in value.items()) + "}"
+        return "{" + ", ".join(f"{flow(key)}: {flow(item)}" for key, item in value.items()) + "}"
     if isinstance(value, list | tuple):
-        return "[" + ", ".join(_flow(item) for item in value) + "]"
+        return "[" + ", ".join(flow(item) for item in value) + "]"
     return f"{value:g}" if isinstance(value, float) else json.dumps(value)

@@ -1,0 +1,252 @@
+"""A docking around two URDFs: an arm approaches an object, captures it and stops it.
+
+The scene begins as the one in which the arm holds the object (:mod:`spacerobot.scene.draft.draft`), with the
+object moved away along the direction of approach, as far as moves no joint by more than about 0.3 rad. So the
+capture lies where the arm moves well, and the tip already has the orientation in which it is mated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from spacerobot.arrays import Array
+from spacerobot.description.parts import Joint, Link
+from spacerobot.description.write import urdf_xml
+from spacerobot.errors import ScenarioError
+from spacerobot.scenario.load import parse_yaml, validate
+from spacerobot.scenario.paths import Document
+from spacerobot.scene.build import build_scene
+from spacerobot.scene.draft.arms import as_name, read
+from spacerobot.scene.draft.draft import Order, held_scene
+from spacerobot.scene.draft.numbers import Numbers, short
+from spacerobot.scene.draft.text import Found, flow, robot_lines, tuning_lines
+from spacerobot.scene.scene import Scene
+
+POINT = "mate_point"
+"""Link that stands for a point of the object's surface."""
+PEAK = 1.875
+"""Greatest slope of the blend by which a rendezvous closes in."""
+DRIFT, TURN_DEG = 0.1, 2.0
+"""How far the object drifts, in parts of the way of the tip, and turns, until the tip is there."""
+
+
+def surface_point(target: str, point: Sequence[float], file: Path) -> tuple[str, str]:
+    """URDF of an object with a mating frame at a point of its surface, and the file that it belongs into.
+
+    The frame's x axis points into the object: from the point to the root link's centre of mass, along the
+    nearest of the root link's axes.
+
+    Parameters
+    ----------
+    target
+        URDF of the object.
+    point
+        In the axes of its root link (3,) [m].
+    file
+        Scenario beside which it will lie.
+
+    Returns
+    -------
+    tuple
+        File name and text.
+    """
+    _, description = read(target, file.absolute().parent)
+    root = next(link for link in description.links if link.name == description.root)
+    inward = root.com - np.array(point)
+    along = np.zeros(3)
+    along[int(np.argmax(np.abs(inward)))] = np.sign(inward[int(np.argmax(np.abs(inward)))])
+    if not along.any():
+        raise ScenarioError(
+            f"found the centre of mass of {root.name}, allowed: a point of the surface", where="--point"
+        )
+    across = np.eye(3)[(int(np.argmax(np.abs(along))) + 1) % 3]
+    origin = np.eye(4)
+    origin[:3, :3] = np.column_stack([along, across, np.cross(along, across)])
+    origin[:3, 3] = point
+    frame = Link(POINT, 0.0, np.zeros(3), np.zeros((3, 3)))
+    mount = Joint(f"{POINT}_mount", "fixed", root.name, POINT, origin, np.array([1.0, 0, 0]))
+    text = urdf_xml(description.path.stem, [*description.links, frame], [*description.joints, mount], "")
+    return f"{file.stem}_target.urdf", text
+
+
+def draft_capture(order: Order, file: Path) -> tuple[str, Scene]:
+    """Text of a scenario with approach, capture and stop that will stand in ``file``, and its scene.
+
+    Parameters
+    ----------
+    order
+        One robot and its object, and what is chosen.
+    file
+        Where the text will be written; URDFs are named relative to it.
+
+    Returns
+    -------
+    tuple
+        Text and scene; nothing is written.
+
+    Raises
+    ------
+    ScenarioError, DescriptionError
+        If a URDF cannot be used, a link is not there, or the object has no mating frame.
+    """
+    if len(order.robots) != 1:
+        raise ScenarioError(f"found {len(order.robots)} robots, allowed with --capture: one", where="--robot")
+    source = file.absolute()
+    (arm,), bare, held = held_scene(order, source)
+    grasp = held.grasps[0]
+    if held.target is not None and grasp.config.frame == held.target.description.root:
+        raise ScenarioError(
+            f"{held.target.description.path.name} has no mating frame (an end link without mass); name a "
+            "link of its surface by --frame, or a point by --point=x,y,z",
+            where="--frame",
+        )
+    data = held.model.createData()
+    pin.framesForwardKinematics(held.model, data, held.q)
+    tip, mate = data.oMf[grasp.tip.frame], data.oMf[grasp.frame]
+    axis = _inward(held, data, mate)
+    direction = mate.rotation @ axis
+    numbers = Numbers(held, {arm.name: arm})
+    gains = {one.label: numbers.gains(one) for one in held.tips}
+    ((label, own),) = gains.items()
+    w = own.bandwidth
+    move = numbers.move(w, direction)
+    way, half = (
+        float(np.linalg.norm(move.displacement)),
+        short(float(np.linalg.norm(move.displacement)) / 2, 2),
+    )
+    speed = short(PEAK * half / move.duration, 2)
+    until = move.duration + PEAK * half / speed
+    root = data.oMf[held.bodies[-1].root_frame]
+    mated = [
+        round(float(x), 3) + 0.0 for x in np.degrees(pin.rpy.matrixToRpy(mate.rotation.T @ tip.rotation))
+    ]
+
+    name, link = next(iter(bare["grasps"])), grasp.config.frame
+    robot, tip_name = bare["robots"][arm.name], arm.tip_name
+    section = robot["tips"][tip_name]
+    memory = {"ge": short(w**2 / 4), "ta": short(w)}
+    section["amnesia"] = memory
+    if arm.turns:
+        section["orientation_amnesia"] = memory
+    section["reference"] = {"kind": "hold"}
+    lever = float(np.linalg.norm(mate.translation - root.translation))
+    spin = min(TURN_DEG / until, np.degrees(DRIFT * way / max(lever, 1e-3) / until))
+    sideways = _sideways(direction, planar=held.planar)
+    base: dict[str, Any] = {"joint": bare["target"]["base"]["joint"]}
+    base["position"] = [round(float(x), 4) + 0.0 for x in root.translation + way * direction]
+    base["rotation_deg"] = bare["target"]["base"]["rotation_deg"]
+    base["velocity"] = [short(float(x), 2) + 0.0 for x in DRIFT * way / until * sideways]
+    base["spin_deg"] = [0, 0, short(spin, 1)]
+    limits: dict[str, Any] = {"distance": short(max(way / 10, 2e-3), 2)}
+    if arm.turns:
+        limits |= {"misalignment_deg": 5.0}
+    limits |= {"closing_speed": short(speed / 2, 2), "lateral_speed": short(speed / 2, 2)}
+    limits |= {"spin_deg": 2.0} if arm.turns else {}
+    at = {"axis": axis.tolist(), "mated_deg": mated} if arm.turns else {"axis": axis.tolist()}
+    bare["grasps"][name] |= {"begins": "open", "capture": limits | {"dwell": 0.1} | at}
+    bare["target"]["base"] = base
+    reference = {"kind": "rendezvous", "frame": link, "standoff": half, **at}
+    reference |= {"approach_time": move.duration, "closing_speed": speed}
+    goal = {"tip": label, "frame": link, **at, "orientation": arm.turns}
+    steps = numbers.step(gains, 1.0), numbers.step(gains, 10.0)
+    found = Found(file.stem, [arm], bare, gains, move, steps)
+    text = _text(found, reference, goal, until, floating=robot["base"]["joint"] != "fixed")
+    return text, build_scene(validate(parse_yaml(text, source=source), source=source), source=source)
+
+
+def _inward(scene: Scene, data: Any, mate: Any) -> Array:
+    """Direction of approach: the axis of the mating frame (3,) nearest to the way to the object's mass."""
+    target = scene.bodies[-1]
+    masses = [scene.model.inertias[joint].mass for joint in target.subtree]
+    places = [data.oMi[joint].act(scene.model.inertias[joint].lever) for joint in target.subtree]
+    centre = np.average(places, axis=0, weights=masses)
+    toward = mate.rotation.T @ (centre - mate.translation)
+    toward = toward * np.isin(range(3), scene.translation_axes) if scene.planar else toward
+    found = np.zeros(3)
+    found[int(np.argmax(np.abs(toward)))] = 1.0 if toward[int(np.argmax(np.abs(toward)))] >= 0 else -1.0
+    return found
+
+
+def _sideways(direction: Array, *, planar: bool) -> Array:
+    """A direction (3,) at right angles to another one, in the plane of a planar scene."""
+    if planar:
+        return np.array([-direction[1], direction[0], 0.0])
+    found = np.cross(direction, np.eye(3)[int(np.argmin(np.abs(direction)))])
+    return np.asarray(found / np.linalg.norm(found))
+
+
+def _text(found: Found, reference: Document, goal: Document, until: float, *, floating: bool) -> str:
+    """YAML text of the scenario; the tip is there after ``until`` [s]."""
+    (arm,), bare = found.arms, found.bare
+    ((name, grasp),) = bare["grasps"].items()
+    w = found.gains[f"{arm.name}/{arm.tip_name}"].bandwidth
+    latest = float(np.ceil(until + 20 / w + 5))
+    costs: dict[str, Any] = {"torque": 1e-3, "joint_acceleration": 1}
+    costs |= {"base_rotation": 1} if floating else {}
+
+    def led(section: Document) -> str:
+        """What a phase changes: the reference of the tip."""
+        return flow({arm.name: {"tips": {arm.tip_name: {"reference": section}}}})
+
+    lines = [
+        "# Drafted by `spacerobot new --capture`: approach, capture, stop; every number is a proposal.",
+        "# Units are SI unless a name says otherwise; `spacerobot schema` exports every field with its unit.",
+        f"name: {flow(as_name(found.name))}",
+        "",
+        "robots:",
+        *robot_lines(found, arm),
+        "",
+        "target:",
+        f"  urdf: {flow(bare['target']['urdf'])}",
+        "  # where the arm would hold it, moved away along the direction of approach as far as moves no",
+        "  # joint by more than about 0.3 rad; until the tip is there it drifts by a tenth of that and turns",
+        f"  base: {flow(bare['target']['base'])}",
+        "",
+        "grasps:",
+        f"  {name}:",
+        *(f"    {key}: {flow(grasp[key])}" for key in ("tip", "frame", "kind", "begins")),
+        "    # a tenth of the tip's way; half of the greatest closing speed, which is gone at the end",
+        f"    capture: {flow(grasp['capture'])}",
+        "",
+        "phases:",
+        "  approach:   # to a standoff at half of the way, then in along the axis",
+        f"    robots: {led(reference)}",
+        f"    until: {{captured: [{name}]}}",
+        f"    at_most: {latest:g}",
+        "    otherwise: end",
+        "  stop:",
+        f"    robots: {led({'kind': 'brake', 'deceleration': 0.01, 'spin_deceleration_deg': 0.5})}",
+        "    until: {settled: {speed: 0.002, spin_deg: 0.2, dwell: 0.5}}",
+        "    at_most: 20",
+        "",
+        f"simulation: {flow({'duration': latest + 25, 'output_step': 0.05})}   # its step is chosen",
+        "",
+        "# The same approach as an optimal one: `spacerobot plan`, docs/planning.md",
+        "plan:",
+        f"  duration: {until:.3g}",
+        f"  goals: {{{name}: {flow(goal)}}}",
+        f"  costs: {flow(costs)}",
+        "  limits: {urdf: [position, rate, torque]}",
+        "  intervals: 8",
+        "",
+        *tuning_lines(found),
+        "",
+        "# Over how fast the object drifts, and its mass: `spacerobot campaign`, docs/campaigns.md",
+        "campaign:",
+        "  parameters:",
+        "    object_mass: {paths: 'target.links.*.mass', apply: factor, lower: 0.8, upper: 1.2}",
+        *(
+            f"    drift_{axis}: {{paths: target.base.velocity.{i}, apply: offset, "
+            f"lower: {-size:g}, upper: {size:g}}}"
+            for i, axis in enumerate("xy")
+            for size in [short(float(np.linalg.norm(bare["target"]["base"]["velocity"])), 1)]
+        ),
+        "  samples: 64",
+        "  metrics: [capture_time, miss_distance]",
+    ]
+    return "\n".join(lines) + "\n"
