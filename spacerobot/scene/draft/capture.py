@@ -8,6 +8,7 @@ capture lies where the arm moves well, and the tip already has the orientation i
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -154,8 +155,14 @@ def draft_capture(order: Order, file: Path) -> tuple[str, Scene]:
     reference |= {"approach_time": move.duration, "closing_speed": speed}
     goal = {"tip": label, "frame": link, **at, "orientation": arm.turns}
     steps = numbers.step(gains, 1.0), numbers.step(gains, 10.0)
-    found = Found(file.stem, [arm], bare, gains, move, steps)
-    text = _text(found, reference, goal, until, floating=robot["base"]["joint"] != "fixed")
+    # an arm alone is lighter than one that holds the object: gains for the latter would make its loop stiff
+    alone = build_scene(validate({"name": "draft", "robots": bare["robots"]}, source=source), source=source)
+    free = replace(Numbers(alone, {arm.name: arm}).gains(alone.tips[0]), bandwidth=w)
+    found = Found(file.stem, [arm], bare, {label: free}, move, steps)
+    holding: Document = {"pid": own.pid(own.mass)}
+    if arm.turns and own.inertia is not None:
+        holding["orientation_pid"] = own.pid(own.inertia)
+    text = _text(found, reference, goal, until, holding)
     return text, build_scene(validate(parse_yaml(text, source=source), source=source), source=source)
 
 
@@ -180,18 +187,19 @@ def _sideways(direction: Array, *, planar: bool) -> Array:
     return np.asarray(found / np.linalg.norm(found))
 
 
-def _text(found: Found, reference: Document, goal: Document, until: float, *, floating: bool) -> str:
-    """YAML text of the scenario; the tip is there after ``until`` [s]."""
+def _text(found: Found, reference: Document, goal: Document, until: float, holding: Document) -> str:
+    """YAML text of the scenario; ``until`` [s] the tip is there, behind it gains are those ``holding``."""
     (arm,), bare = found.arms, found.bare
     ((name, grasp),) = bare["grasps"].items()
     w = found.gains[f"{arm.name}/{arm.tip_name}"].bandwidth
     latest = float(np.ceil(until + 20 / w + 5))
     costs: dict[str, Any] = {"torque": 1e-3, "joint_acceleration": 1}
-    costs |= {"base_rotation": 1} if floating else {}
+    costs |= {"base_rotation": 1} if bare["robots"][arm.name]["base"]["joint"] != "fixed" else {}
+    brake = {"kind": "brake", "deceleration": 0.01, "spin_deceleration_deg": 0.5}
 
     def led(section: Document) -> str:
-        """What a phase changes: the reference of the tip."""
-        return flow({arm.name: {"tips": {arm.tip_name: {"reference": section}}}})
+        """What a phase changes of the tip."""
+        return flow({arm.name: {"tips": {arm.tip_name: section}}})
 
     lines = [
         "# Drafted by `spacerobot new --capture`: approach, capture, stop; every number is a proposal.",
@@ -215,12 +223,12 @@ def _text(found: Found, reference: Document, goal: Document, until: float, *, fl
         "",
         "phases:",
         "  approach:   # to a standoff at half of the way, then in along the axis",
-        f"    robots: {led(reference)}",
+        f"    robots: {led({'reference': reference})}",
         f"    until: {{captured: [{name}]}}",
         f"    at_most: {latest:g}",
         "    otherwise: end",
-        "  stop:",
-        f"    robots: {led({'kind': 'brake', 'deceleration': 0.01, 'spin_deceleration_deg': 0.5})}",
+        "  stop:   # the tip feels the object now: gains by the same rule",
+        f"    robots: {led({'reference': brake} | holding)}",
         "    until: {settled: {speed: 0.002, spin_deg: 0.2, dwell: 0.5}}",
         "    at_most: 20",
         "",
