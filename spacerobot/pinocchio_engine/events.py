@@ -231,7 +231,8 @@ def _pair(engine: Engine, contact: SceneContact, place: int) -> Iterator[Event]:
         )
 
     if now is None:
-        yield event("touched", "pressed", lambda touch: -touch.gap)
+        touched = event("touched", "pressed", lambda touch: -touch.gap)
+        yield replace(touched, speed=lambda moment: abs(moment.touches[contact.name][place].opening))
         return
     yield event("parted", None, lambda touch: touch.gap)
     if taken and now == "pressed":

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -53,6 +52,15 @@ class Happened:
     before: Array
     after: Array
     impulses: Mapping[str, Array]
+
+
+def _may_meet(event: Event, early: Moment, late: Moment) -> bool:
+    """Whether shapes may meet and part again between two looks: a gap closes no faster than they move."""
+    if event.speed is None:
+        return False
+    gaps = -event.guard(early) - event.guard(late)
+    speed = max(event.speed(early), event.speed(late))
+    return gaps > 0 and event.guard(late) <= 0 and (late.t - early.t) * speed > gaps
 
 
 class Integrator:
@@ -164,10 +172,19 @@ class Integrator:
                 kept.append(solver.dense_output())
             return np.asarray(kept[0](t))
 
+        def seen(t: float) -> Moment:
+            return Moment(self._engine, t, solver.y if t == solver.t else dense(t), within)
+
         looks = np.linspace(self.t, solver.t, 2 + int((solver.t - self.t) / LOOK_S))
-        for early, late in itertools.pairwise(looks):
-            moment = Moment(self._engine, late, solver.y if late == solver.t else dense(late), within)
-            roots = []
+        waiting = [seen(t) for t in looks[:0:-1]]
+        before = Moment(self._engine, self.t, self.x, within)
+        while waiting:
+            moment, roots = waiting[-1], []
+            early, late = before.t, moment.t
+            if late - early > PAST_S and any(_may_meet(event, before, moment) for event in watched):
+                waiting.append(seen(early + (late - early) / 2))
+                continue
+            before = waiting.pop()
             for event in watched:
                 if event.guard(moment) > 0:
 

@@ -67,6 +67,8 @@ class Event:
         Grasp whose springs lose what they store.
     state
         The state (nx,) afterwards, where an actuator's jumps, from that before with what holds afterwards.
+    speed
+        How fast the guard moves, where it is minus a gap between shapes.
     """
 
     name: str
@@ -77,3 +79,4 @@ class Event:
     impact: bool = False
     springs: SceneGrasp | None = None
     state: Callable[[Moment], Array] | None = None
+    speed: Callable[[Moment], float] | None = None

@@ -26,7 +26,7 @@ from spacerobot.result.metrics import (
     tip_errors,
 )
 from spacerobot.result.missed import missed_captures
-from spacerobot.result.trust import advise, judge
+from spacerobot.result.trust import advise, deep_contacts, judge
 from spacerobot.rollout import Trajectory
 from spacerobot.scene import Scene
 
@@ -60,7 +60,8 @@ def build_summary(
     return {
         "format": FORMAT,
         "name": scene.scenario.name,
-        "status": _status(trajectory) | judge(trajectory.status == "completed", ledger, advice),
+        "status": _status(trajectory)
+        | judge(trajectory.status == "completed", ledger, advice, deep_contacts(scene.contacts, data)),
         "outcome": outcome_of(scene, events),
         **({"missed": missed} if (missed := missed_captures(scene, data, events)) else {}),
         "events": list(events),

@@ -2,13 +2,19 @@
 
 Nothing acts on a free scene from outside, so its momenta are constant, and work explains every change of
 energy. A rollout that does otherwise has steps too long for what happens in it. Runs, reports, pages and
-campaigns are judged by the limits stated here.
+campaigns are judged by the limits stated here. A contact's force is that of a shallow indentation: shapes
+half way through each other may leave on the other side, however well momenta and energy are kept.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from spacerobot.scene.scene import SceneContact, SceneShape
 
 MOST_DRIFT = 0.01
 """Greatest change of a momentum, in parts of the largest of a body."""
@@ -19,10 +25,15 @@ LEAST_MOMENTUM = 1e-5
 LEAST_ENERGY = 1e-6
 """The residual is compared with no less [J]."""
 
+MOST_DEPTH = 0.5
+"""Greatest indentation, in parts of the least distance from the smaller shape's middle to its surface."""
+
 KINDS = (("linear", "n_s"), ("angular", "n_m_s"))
 
 
-def judge(completed: bool, ledger: Mapping[str, Any], advice: str) -> dict[str, Any]:
+def judge(
+    completed: bool, ledger: Mapping[str, Any], advice: str, deep: Sequence[str] = ()
+) -> dict[str, Any]:
     """Verdict on a rollout, as it stands in a summary's status.
 
     Parameters
@@ -33,14 +44,53 @@ def judge(completed: bool, ledger: Mapping[str, Any], advice: str) -> dict[str, 
         As :func:`spacerobot.result.ledger.build_ledger` makes it.
     advice
         What to do where it is open.
+    deep
+        As :func:`deep_contacts` finds them.
 
     Returns
     -------
     dict
-        ``trusted``, what is ``open`` in words, ``advice`` (None where nothing is open).
+        ``trusted``, what is ``open`` in words, which contacts are too ``deep``, ``advice`` (None where
+        nothing is open).
     """
     found = [*_drifts(ledger["momentum"]), *_residual(ledger["energy"])] if completed else []
-    return {"trusted": completed and not found, "open": found, "advice": advice if found else None}
+    return {
+        "trusted": completed and not found and not deep,
+        "open": found,
+        "deep": list(deep),
+        "advice": advice if found else None,
+    }
+
+
+def deep_contacts(contacts: Sequence[SceneContact], data: xr.Dataset) -> list[str]:
+    """Contacts whose shapes are pressed into each other beyond what their law means, in words.
+
+    Parameters
+    ----------
+    contacts
+        Of the scene.
+    data
+        A result's dataset, with the gap of each contact's nearest pair of shapes [m].
+    """
+    found = []
+    for contact in contacts:
+        size = min(_half_thickness(shape) for pair in contact.pairs for shape in pair)
+        depth = -float(np.min(data.contact_gap.sel(contact=contact.name).values))
+        if depth > MOST_DEPTH * size:
+            found.append(
+                f"contact {contact.name} is {1e3 * depth:.3g} mm deep, where its smaller shape has "
+                f"{1e3 * size:.3g} mm from its middle to its surface"
+            )
+    return found
+
+
+def _half_thickness(shape: SceneShape) -> float:
+    """Least distance from a shape's middle to its surface [m]; infinite for a plane."""
+    radius, half = shape.measures
+    round_, flat = shape.kind != "box", shape.kind in ("cylinder", "box")
+    if shape.kind == "plane":
+        return float("inf")
+    return min([*([radius] if round_ else []), *(half if flat else [])])
 
 
 def _drifts(momentum: Mapping[str, Any]) -> list[str]:
@@ -95,15 +145,23 @@ def share(part: float) -> str:
 
 
 def open_words(status: Mapping[str, Any]) -> str:
-    """What is open, as it follows a status; empty where nothing is."""
-    return f"but the ledger is open: {'; '.join(status['open'])}" if status["open"] else ""
+    """What is open or too deep, as it follows a status; empty where nothing is."""
+    return f"but {'; '.join(_doubts(status))}" if _doubts(status) else ""
+
+
+def _doubts(status: Mapping[str, Any], limits: str = "") -> list[str]:
+    """Why a rollout is not trusted; results of earlier versions tell no depths."""
+    deep = [f"bodies pass into each other: {'; '.join(status['deep'])}"] if status.get("deep") else []
+    opened = "; ".join(status["open"])
+    told = f"the ledger is open ({opened}; allowed: {limits})" if limits else f"the ledger is open: {opened}"
+    return [*([told] if opened else []), *deep]
 
 
 def warning(status: Mapping[str, Any]) -> str | None:
-    """One sentence to warn with; None where nothing is open."""
-    if not status["open"]:
+    """One sentence to warn with; None where nothing is open or too deep."""
+    doubts = _doubts(status, f"{100 * MOST_DRIFT:g} % and {100 * MOST_RESIDUAL:g} %")
+    if not doubts:
         return None
-    return (
-        f"the ledger is open ({'; '.join(status['open'])}; allowed: {100 * MOST_DRIFT:g} % and "
-        f"{100 * MOST_RESIDUAL:g} %): do not trust these numbers; {status['advice']}"
-    )
+    advice = [status["advice"]] if status["advice"] else []
+    advice += ["take a stiffer contact, or let bodies meet more slowly"] if status.get("deep") else []
+    return f"{'; '.join(doubts)}: do not trust these numbers; {'; '.join(advice)}"

@@ -18,6 +18,7 @@ from spacerobot.rollout.grid import TimeGrid
 from spacerobot.rollout.kernel import Kernel
 from spacerobot.rollout.protocol import Array
 from spacerobot.rollout.raw import Raw
+from spacerobot.rollout.roots import GAP
 
 
 class StopFlag:
@@ -154,6 +155,7 @@ def _facts(kernel: Kernel) -> list[str]:
         "int ENDS": [event.ends for event in kernel.events],
         "int KINK": [event.kink for event in kernel.events],
         "int MOVES": kernel.moving or [False] * len(kernel.events),
+        "int GAP": [event.kind == GAP for event in kernel.events],
         "int SEEN": kernel.seen,
         "int FINE": [place for place, _, _ in kernel.fine],
         "int TABLE_CURSOR": [table.cursor for table in kernel.tables],

@@ -24,7 +24,7 @@ from spacerobot.rollout.raw import (
     GRAZING,
     TOGETHER,
 )
-from spacerobot.rollout.roots import Bracket, Tried
+from spacerobot.rollout.roots import GAP, Bracket, Tried
 from spacerobot.rollout.segments import HERE, Plan, Segment, graded, segments
 from spacerobot.rollout.tables import Integers, fill
 
@@ -105,6 +105,7 @@ class HybridRun:
         kernel = self.engine.kernel
         self._begin, self._level = self.x, np.zeros(len(kernel.events))
         self._kinks = np.array([event.kink for event in kernel.events], bool)
+        self._gaps = np.array([event.kind == GAP for event in kernel.events], bool)
         self._fresh, self._last = True, -1
         self._crossed = np.zeros(len(kernel.events), bool)  # what rose in the last step, with an event
         self._burst, self._since = 0, -np.inf
@@ -281,11 +282,13 @@ class HybridRun:
     def _tried(self, t: float, h: float, dt: float, dh: float) -> _Done:
         """The step, taken with other lengths until no guard is above its level before its end."""
         done, seen = self._evaluated(t, h, dt, dh)
-        for peaks in range(SECANTS + 1):
+        for peaks in range(TRIES + 1):
             if not self._sound(done.end):
                 return done
             shorter = self._shortest_peak(seen, done.length, GRAZES if peaks else MARGIN)
-            if shorter == done.length or peaks == SECANTS:
+            skipped = done.length > TOLERANCE and bool((seen.skips() & self._gaps).any())
+            shorter = min(shorter, done.length / 2) if skipped else shorter
+            if shorter == done.length or peaks >= (TRIES if skipped else SECANTS):
                 break
             done, seen = self._evaluated(t, shorter, dt, dh)
             done.cut = True

@@ -15,6 +15,11 @@ UNSURE, WRONG, CHECK = 0.01, 12, 2
 """Part of its bend by which a cubic is wrong where half the step is tried; by how many times that a guard may
 be above it; which of the places inside a step checks it."""
 
+SURGE = 1.3
+"""A gap may close so many times as fast where it turns as it is seen to elsewhere along the step."""
+GAP = "touched"
+"""Kind of the events whose guards are minus a gap between shapes."""
+
 
 @dataclass(frozen=True)
 class Tried:
@@ -74,6 +79,25 @@ class Tried:
             seen = np.max([self.first, *self._coefficients, self.end, check], axis=0)
             least = UNSURE * self._bend + ROUNDING * (abs(self.first) + abs(self.end))
             return np.asarray((wrong > least) & (seen + WRONG * wrong > 0))
+
+    def skips(self) -> npt.NDArray[np.bool_]:
+        """Whether shapes may meet and part between two looks at their gap, minus each guard, shape (ne,).
+
+        A gap closes no faster than the shapes move, so that between gaps a and b, seen a time T apart, it
+        stays above (a + b - speed T) / 2: conservative advancement. The speed is the largest that is seen
+        along the step, and more where the gap turns within T, as where one shape passes the other.
+        """
+        order, ne = [0, CHECK, 1], len(self.first)
+        g = np.vstack([self.first, self.inner[order], self.end])
+        length = np.diff([0.0, *(INNER[k] for k in order), 1.0])[:, None]
+        with np.errstate(all="ignore"):
+            change, both = np.diff(g, axis=0), g[1:] + g[:-1]
+            reach, chord = length * np.max(abs(change) / length, axis=0), abs(change)
+            before, after = np.vstack([self.rates, change[:-1]]), np.vstack([change[1:], np.full(ne, -1.0)])
+            turns = (chord < 0.8 * reach) | (np.arange(4) < 3)[:, None]
+            slow = (both + SURGE * reach > 0) & turns
+            fast = (both + reach > 0) & (chord < 0.999 * reach)
+            return np.asarray(((before > 0) & (after < 0) & (slow | fast)).any(axis=0))
 
     def _cubic(self, s: Array) -> Array:
         """The cubics at parts of the step (ne,)."""

@@ -1,7 +1,7 @@
 // Events of hybrid motion: where each fires, and what it changes. An event fires where its guard is above zero, and a
 // guard that is not armed is minus infinity. SWITCH lists the places in c of the switches, which are constant between
 // events; SETS holds what each event makes of them (-1: leaves it), ENDS whether the rollout is over with it,
-// KINK whether it only marks where a law is not smooth. FINE lists switches, FINE_STEP the longest step while one is on,
+// KINK whether it only marks where a law is not smooth, GAP whether its guard is minus a gap. FINE lists switches, FINE_STEP the longest step while one is on,
 // FINE_GROW over how many of these steps grow behind its beginning, and shrink before its end.
 //
 // Every step is tried. Where no guard is above zero at its end, it is done; else the lane takes it once more, with other
@@ -28,6 +28,7 @@ constexpr double GRAZES = 1e-3;       // part of a step within which a guard tha
 constexpr double MARGIN = 0.05;       // part of its bend that a guard's cubic may be wrong
 constexpr double UNSURE = 0.01;       // part of it by which it is wrong where half the step is tried
 constexpr double WRONG = 12;          // a guard may be above its cubic by so many times what that is wrong by at CHECK
+constexpr double SURGE = 1.3;         // a gap may close so many times as fast where it turns as it is seen to elsewhere
 enum { CHECK = 2 };                   // which of the places inside checks the cubic
 enum { SECANTS = 8, TRIES = 60 };     // lengths tried at peaks, or before they are halved; in all
 enum { BURST = 100 };                 // more events than that within one step are chattering
@@ -158,6 +159,25 @@ template <class T> INLINE T unsure(const Cubic<T>& g, T check) {
   return wrong > UNSURE * g.bend() + TOGETHER * (fabs(g.b[0]) + fabs(g.b[3])) && seen + WRONG * wrong > 0.;
 }
 
+// Truth where shapes may meet and part between two of the places at which their gap is seen (-g, with its rate where the
+// step begins). A gap closes no faster than the shapes move, so that between gaps a and b, seen a time T apart, it stays
+// above (a + b - speed T) / 2: conservative advancement. The speed is the largest that is seen along the step, and more
+// where the gap turns within T, as it does where one shape passes the other.
+template <class T> INLINE T skips(T rate, T g0, T third, T check, T two_thirds, T g1) {
+  constexpr double place[] = {0., M::INSIDE[0], M::INSIDE[CHECK], M::INSIDE[1], 1.};
+  const T g[] = {g0, third, check, two_thirds, g1};
+  T speed = 0., found = 0.;
+  for (int i = 0; i < 4; ++i) speed = fmax(speed, fabs(g[i + 1] - g[i]) / (place[i + 1] - place[i]));
+  for (int i = 0; i < 4; ++i) {
+    const T reach = speed * (place[i + 1] - place[i]), chord = fabs(g[i + 1] - g[i]), both = g[i] + g[i + 1];
+    const T before = i > 0 ? g[i] - g[i - 1] : rate, after = i < 3 ? g[i + 2] - g[i + 1] : T(-1.);
+    const T turns = i < 3 ? T(1.) : T(chord < 0.8 * reach), fast = both + reach > 0. && chord < 0.999 * reach;
+    const T slow = both + SURGE * reach > 0. && turns;
+    found = found || (before > 0. && after < 0. && (slow || fast));
+  }
+  return found;
+}
+
 // Where a cubic has its maximum; NAN where it has none.
 static double peak_of(const Cubic<double>& g) {
   const double first = g.b[1] - g.b[0], second = g.b[2] - g.b[1], third = g.b[3] - g.b[2];
@@ -165,8 +185,9 @@ static double peak_of(const Cubic<double>& g) {
   return b > 0 ? first / (b + root) : (b - root) / a;
 }
 
-// How long a step of lane l must be to end at the first peak of a guard that may rise above its level within it.
-static double shortest_peak(Trajectory& at, int l, const Tried& tried) {
+// How long a step of lane l must be to end at the first peak of a guard that may rise above its level within it; and
+// whether shapes may have met within it unseen.
+static double shortest_peak(Trajectory& at, int l, const Tried& tried, bool& skipped) {
   const double h = lane(at.now.step.h, l), margin = lane(at.now.watch.peak, l) != 0 ? GRAZES : MARGIN;
   double shortest = h;
   for (int i = 0; i < EVENTS; ++i) {
@@ -178,6 +199,10 @@ static double shortest_peak(Trajectory& at, int l, const Tried& tried) {
     if (s > SHORTEST && s < 1 - GRAZES && s * h > TOLERANCE && g.at(s) > -margin * bend)
       shortest = ::fmin(shortest, s * h);
     if (h > TOLERANCE && unsure(g, lane(tried.inner[CHECK][i], l))) shortest = ::fmin(shortest, h / 2);
+    if (GAP[i] && h > TOLERANCE &&
+        skips<double>(lane(tried.rate[i], l), lane(tried.g0[i], l), lane(tried.inner[0][i], l),
+                      lane(tried.inner[CHECK][i], l), lane(tried.inner[1][i], l), lane(tried.g1[i], l)))
+      shortest = ::fmin(shortest, h / 2), skipped = true;
   }
   return shortest;
 }
@@ -219,9 +244,10 @@ static void judge_lane(const Job& job, Trajectory& at, int l, const Tried& tried
     }
   }
   if (lane(w.high, l) == INFINITY) {
-    const double shorter = shortest_peak(at, l, tried);
+    bool skipped = false;
+    const double shorter = shortest_peak(at, l, tried, skipped);
     double& peaks = lane(w.peak, l);
-    if (shorter < h && peaks < SECANTS) {
+    if (shorter < h && peaks < (skipped ? TRIES : SECANTS)) {
       ++peaks, h = shorter;
       return;
     }
@@ -290,6 +316,8 @@ INLINE void judge(const Job& job, Trajectory& at, const real* k, const real* nex
     const real near = -3. * MARGIN * g.bend();
     stirs = stirs || g1 > 0. || (g0 > 0. && w.fresh) || g.b[1] > near || g.b[2] > near;
     stirs = stirs || unsure(g, tried.inner[CHECK][i]);
+    if (GAP[i])
+      stirs = stirs || skips<real>(1., g0, tried.inner[0][i], tried.inner[CHECK][i], tried.inner[1][i], g1);
     const real left = g1 / (3. * (g.b[2] - g1)) * s.h;
     for (int f = 0; f < FINES; ++f)
       if (SETS[i][FINE[f]] == 0) off[f] = select(left > 0., fmin(off[f], s.t + s.h + left), off[f]);
