@@ -97,7 +97,8 @@ class Tried:
             turns = (chord < 0.8 * reach) | (np.arange(4) < 3)[:, None]
             slow = (both + SURGE * reach > 0) & turns
             fast = (both + reach > 0) & (chord < 0.999 * reach)
-            return np.asarray(((before > 0) & (after < 0) & (slow | fast)).any(axis=0))
+            falls = (after < 0) | (change < 0)
+            return np.asarray(((before > 0) & falls & (slow | fast)).any(axis=0))
 
     def _cubic(self, s: Array) -> Array:
         """The cubics at parts of the step (ne,)."""

@@ -173,7 +173,7 @@ template <class T> INLINE T skips(T rate, T g0, T third, T check, T two_thirds, 
     const T before = i > 0 ? g[i] - g[i - 1] : rate, after = i < 3 ? g[i + 2] - g[i + 1] : T(-1.);
     const T turns = i < 3 ? T(1.) : T(chord < 0.8 * reach), fast = both + reach > 0. && chord < 0.999 * reach;
     const T slow = both + SURGE * reach > 0. && turns;
-    found = found || (before > 0. && after < 0. && (slow || fast));
+    found = found || (before > 0. && (after < 0. || g[i + 1] < g[i]) && (slow || fast));
   }
   return found;
 }
