@@ -50,14 +50,14 @@ def judge(
     Returns
     -------
     dict
-        ``trusted``, what is ``open`` in words, which contacts are too ``deep``, ``advice`` (None where
+        ``trusted``, what is ``open`` in words, which contacts are too ``deep`` if any, ``advice`` (None where
         nothing is open).
     """
     found = [*_drifts(ledger["momentum"]), *_residual(ledger["energy"])] if completed else []
     return {
         "trusted": completed and not found and not deep,
         "open": found,
-        "deep": list(deep),
+        **({"deep": list(deep)} if deep else {}),
         "advice": advice if found else None,
     }
 
@@ -150,7 +150,7 @@ def open_words(status: Mapping[str, Any]) -> str:
 
 
 def _doubts(status: Mapping[str, Any], limits: str = "") -> list[str]:
-    """Why a rollout is not trusted; results of earlier versions tell no depths."""
+    """Why a rollout is not trusted."""
     deep = [f"bodies pass into each other: {'; '.join(status['deep'])}"] if status.get("deep") else []
     opened = "; ".join(status["open"])
     told = f"the ledger is open ({opened}; allowed: {limits})" if limits else f"the ledger is open: {opened}"
