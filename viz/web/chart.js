@@ -225,7 +225,7 @@ export class Chart {
     const [min, max] = this.window;
     this.times ||= plotIn(this.axis, {
       series: [{}], scales: { x: { time: false }, y: { auto: false } }, padding: [0, this.right, 0, this.left], cursor: { show: false },
-      axes: [{ size: 16, gap: 2, space: 60, values: (_, splits) => splits.map((time) => `${Number(time.toPrecision(6))} s`) }],
+      axes: [{ size: 16, gap: 2, space: 60, values: (_, splits) => splits.map((time) => `${Number(time.toPrecision(6))} s`) }, { show: false }],
     }, [[0, 1]]);
     for (const { plot, place, range } of [...this.drawn, { plot: this.times, place: this.axis, range: [0, 1] }]) {
       const { clientWidth: width, clientHeight: height } = place;

@@ -11,7 +11,7 @@ export const LAYERS = [
   ["mates", "tips; ringed while captured", COLOURS.mate, "ring"],
   ["cloud", "tips of a campaign's samples", "#cfd8e3", "thin"], ["before", "previous design, or the plan", "#dfe6ee", "box"],
   ["ghosts", "initial poses of bodies", "#b9c3ce", "box"], ["magnifier", "tip errors, enlarged", "#8fa3b8", "ring"],
-  ["centres", "centres of mass; white: whole system", COLOURS.centre, "ring"],
+  ["centres", "centres of mass; white: total", COLOURS.centre, "ring"],
   ["momenta", "linear momenta", COLOURS.momentum, "arrow"],
   ["frames", "axes x, y, z: red, green, blue", AXIS_COLOURS[0], "line"],
 ];

@@ -119,6 +119,11 @@ def test_the_seek_bar_and_the_chart_agree_on_where_a_time_is(shown, paper, size)
     left, right, y = page.evaluate(AXIS)
     start, end, below = page.evaluate(SCRUB)
     assert (start + 8, end - 8) == pytest.approx((left, right), abs=0.6)  # half a knob farther on each side
+    for plot in ("panel", "axis"):
+        over = (
+            f"((b) => [b.left, b.right])(document.querySelector('.{plot} .u-over').getBoundingClientRect())"
+        )
+        assert page.evaluate(over) == pytest.approx((left, right), abs=0.6), plot
     x = left + 0.37 * (right - left)
     _click(page, x, y)
     by_chart = float(page.evaluate("document.body.dataset.time"))
