@@ -20,7 +20,7 @@ def main(folder: Path = Path("out/examples/first_steps"), duration_s: float = 10
     print(f"linear momentum changed by {drift:.1e} of the largest body's own")
 
     sr.save(result, folder / "result")  # and back: sr.load(folder / "result")
-    viz.write_animation(folder / "docking.html", result)
+    viz.write_animation(result, folder / "docking.html")
     viz.save_figures(result, folder / "figures", formats=("pdf",), names=["tip_errors", "docking"])
     print(f"open {folder / 'docking.html'}")
 

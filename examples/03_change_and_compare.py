@@ -20,7 +20,7 @@ def main(folder: Path = Path("out/examples/compare"), duration_s: float = 10.0) 
     # figures, pages and reports take several results and draw them over each other
     first, *others = results
     viz.save_figures(first, folder, *others, formats=("pdf",), names=["tip_errors"])
-    viz.write_animation(folder / "compared.html", *results)
+    viz.write_animation(first, folder / "compared.html", *others)
 
 
 if __name__ == "__main__":

@@ -6,7 +6,6 @@ import dataclasses
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from optim.problem.tuning_problem import TuningProblem, build_problem
 from optim.search.search import Progress
 from optim.search.session import Session
 from spacerobot.errors import ScenarioError
+from spacerobot.files import StrPath
 from spacerobot.scene import Scene, build_scene
 
 HALVINGS = 6
@@ -49,13 +49,18 @@ class Tuned:
     scene: Scene
     outcome: Outcome
 
+    def __repr__(self) -> str:
+        """Objective and how the best run ended, in one line."""
+        gains = ", ".join(f"{name} {value:.4g}" for name, value in self.gains.items())
+        return f"<Tuned {self.scene.scenario.name}: {self.status}, objective {self.objective:.6g}; {gains}>"
+
 
 def tune(
     problem: Scene | TuningProblem | ResultProblem,
     method: str = "nlp",
     *,
     effort: Effort | None = None,
-    folder: Path | None = None,
+    folder: StrPath | None = None,
     progress: Progress | None = None,
 ) -> Tuned:
     """Tune a problem.

@@ -9,6 +9,7 @@ import stat
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
+from typing import TypeAlias
 
 from spacerobot.errors import ResultError
 
@@ -17,11 +18,13 @@ try:
 except ImportError:  # Windows has none; there, writers are not kept apart
     fcntl = None  # type: ignore[assignment]
 
+StrPath: TypeAlias = str | os.PathLike[str]
+"""A path as users give it."""
 STAGE = ".spacerobot-"
 """Beginning of the names of folders in which files are prepared, perhaps by another process just now."""
 
 
-def write_text(path: Path, text: str) -> None:
+def write_text(path: StrPath, text: str) -> None:
     """Write a text file atomically.
 
     Raises
@@ -32,11 +35,12 @@ def write_text(path: Path, text: str) -> None:
     write_bytes(path, text.encode("utf-8"))
 
 
-def write_bytes(path: Path, content: bytes) -> None:
+def write_bytes(path: StrPath, content: bytes) -> None:
     """Write a file atomically; see :func:`write_text`.
 
     What a symbolic link names is written, and the link stays; a device or a pipe takes the bytes.
     """
+    path = Path(path)
     try:
         sink = _sink(path)
         if sink is not None:

@@ -21,7 +21,7 @@ from PIL import Image
 
 from spacerobot.arrays import Array
 from spacerobot.errors import ResultError, near_names
-from spacerobot.files import write_bytes
+from spacerobot.files import StrPath, write_bytes
 from spacerobot.result import Result, note_derived
 from viz.drawing.motion import Motion, greatest_force, pick_rows, sample_motion
 from viz.drawing.projection import fit
@@ -43,8 +43,8 @@ _LONGEST_ARROW = 0.06  # as a share of the scene's size
 
 
 def write_recording(
-    path: Path,
     result: Result,
+    path: StrPath,
     *,
     frames_per_s: float | None = None,
     speed: float | None = None,
@@ -55,10 +55,10 @@ def write_recording(
 
     Parameters
     ----------
-    path
-        ``.gif``, or ``.mp4``, which needs ffmpeg.
     result
         What to record; an unfinished one up to where it went.
+    path
+        ``.gif``, or ``.mp4``, which needs ffmpeg.
     frames_per_s, size_px
         Of the recording; those of :data:`USUAL` if not given.
     speed
@@ -71,6 +71,7 @@ def write_recording(
     ResultError
         If the format is not known, ffmpeg is missing or fails, or the file cannot be written.
     """
+    path = Path(path)
     kind = path.suffix.lower()
     if kind not in USUAL:
         raise ResultError(f"no recording {path.suffix!r}; {near_names(kind, USUAL)}", source=path)

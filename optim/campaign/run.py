@@ -15,6 +15,7 @@ from optim.campaign.store.intervals import Interval
 from optim.campaign.store.netcdf import Layout
 from optim.campaign.store.notes import Named, notes_of
 from spacerobot.arrays import Array
+from spacerobot.files import StrPath
 from spacerobot.scene import Scene
 
 CHUNK_S = 4.0  # long enough to hide what a chunk costs, short enough to lose
@@ -144,7 +145,7 @@ class Campaigned:
 
 def run_campaign(
     scene: Scene,
-    folder: Path,
+    folder: StrPath,
     *,
     gains: Gains | None = None,
     executor: Executor | None = None,
@@ -178,6 +179,7 @@ def run_campaign(
     ResultError
         If the folder holds another campaign, is in use, or cannot be written.
     """
+    folder = Path(folder)
     say = progress or repr
     check_place(folder)
     say(Progress("building and compiling"))

@@ -39,6 +39,10 @@ class Comparison:
     wall_s: float
     interrupted: bool = False
 
+    def __repr__(self) -> str:
+        """Name and contests, in one line."""
+        return f"<Comparison {self.name}: {', '.join(contest.name for contest in self.contests)}>"
+
 
 def compare(
     scene: Scene,

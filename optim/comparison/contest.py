@@ -166,7 +166,7 @@ def run_contest(entry: Entry, methods: Sequence[str], effort: Effort, session: S
     effort = replace(effort, repeats=effort.runs)  # as many independent runs of every method
     start, readiness = _made_ready(problem, gradients=any(name in WITH_GRADIENTS for name in methods))
     currency, effort = currency_of(nominal), replace(effort, repeats=effort.runs)
-    place = None if session.folder is None else session.folder / entry.name
+    place = None if session.place is None else session.place / entry.name
     own = replace(session, folder=place, workers=nominal.workers)
     outcomes: dict[str, Outcome] = {}
     for method in methods:

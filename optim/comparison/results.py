@@ -10,12 +10,12 @@ from typing import Any
 from optim.comparison.compare import Comparison
 from optim.comparison.contest import Contest
 from optim.comparison.report import to_data
-from spacerobot.files import write_text
+from spacerobot.files import StrPath, write_text
 from spacerobot.result import Result, save
 from spacerobot.simulation import simulate_designs
 
 
-def write(comparison: Comparison, folder: Path) -> dict[str, Any]:
+def write(comparison: Comparison, folder: StrPath) -> dict[str, Any]:
     """Write ``comparison.json`` and, under ``contest/method``, each design that was judged, as a result.
 
     Parameters
@@ -35,7 +35,7 @@ def write(comparison: Comparison, folder: Path) -> dict[str, Any]:
     ResultError
         If something cannot be written.
     """
-    data = to_data(comparison)
+    folder, data = Path(folder), to_data(comparison)
     for contest, found in zip(comparison.contests, data["contests"], strict=True):
         for method, made in results_of(contest):
             result = save(made, folder / contest.name / method)

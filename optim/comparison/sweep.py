@@ -67,7 +67,7 @@ def sweep(
         Who does the runs, and where journals are kept; this process, and nowhere, if None.
     """
     session = session or Session()
-    folder, progress = session.folder, session.progress
+    folder, progress = session.place, session.progress
     protocol = protocol or Protocol(budget=1000)
     for setting, value, changed in _settings(protocol):
 

@@ -92,6 +92,10 @@ class Outcome:
     method: str
     runs: tuple[Run, ...]
 
+    def __repr__(self) -> str:
+        """Runs and the best of them, in one line."""
+        return f"<Outcome of {self.method}: {len(self.runs)} runs, best {self.best!r}>"
+
     @property
     def best(self) -> Run:
         """The best run."""
@@ -162,7 +166,7 @@ class Begin:
     def __call__(self, name: str, index: int, seed: int, settings: str) -> Search:
         """A search by its name, number, seed and whatever else its values depend on."""
         text = f"{self.problem.fingerprint} {name} {index} {seed} {settings}"
-        folder = self.session.folder
+        folder = self.session.place
         path = None if folder is None else folder / f"{name}-{index}.journal"
         journal = Journal(path, hashlib.sha256(text.encode()).hexdigest())
         return Search(self.problem, name, index, seed, journal, self.session.progress)

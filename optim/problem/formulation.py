@@ -43,6 +43,10 @@ class Formulation:
     terms: Terms
     rollout: Rollout
 
+    def __repr__(self) -> str:
+        """Scenario and variables, in one line."""
+        return f"<{type(self).__name__} of {self.scene.scenario.name}: {', '.join(self.variables.names)}>"
+
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the variables."""

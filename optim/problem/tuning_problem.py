@@ -72,7 +72,7 @@ class ProblemRecipe:
         return problem
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class TuningProblem(Formulation):
     """A formulation that is evaluated by workers, as a :class:`optim.problem.problem.Problem`.
 

@@ -75,6 +75,12 @@ class Run:
     kkt: float | None = None
     log: tuple[Mapping[str, object], ...] = field(default=())
 
+    def __repr__(self) -> str:
+        """Objective and how it ended, in one line."""
+        return (
+            f"<Run {self.index} of {self.method}: {self.status}, objective {self.objective:.6g}, {self.cost}>"
+        )
+
     @property
     def feasible(self) -> bool:
         """Whether it found a point that violates no constraint."""

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from optim.search.search import Progress
 from optim.workers import Threads, Workers
+from spacerobot.files import StrPath
 
 Tell = Callable[[str], None]
 
@@ -26,7 +27,12 @@ class Session:
         Told how a search is getting on, and what begins.
     """
 
-    folder: Path | None = None
+    folder: StrPath | None = None
     workers: Workers = field(default_factory=Threads)
     progress: Progress | None = None
     tell: Tell = field(default=lambda _: None)
+
+    @property
+    def place(self) -> Path | None:
+        """Where journals are kept, as a path."""
+        return None if self.folder is None else Path(self.folder)

@@ -90,7 +90,7 @@ def command(
         from viz.record import write_recording
 
         with progress("recording") as tell:
-            write_recording(record, shown.results[0], speed=speed, progress=tell)
+            write_recording(shown.results[0], record, speed=speed, progress=tell)
         console().print(f"recording in {record}", markup=False, soft_wrap=True)
     if html is None and record is None:
         serve(shown.data, port, open_browser=not no_browser)

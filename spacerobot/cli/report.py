@@ -56,7 +56,8 @@ def command(folders: Folders, out: Out = None) -> None:
         if page is not None:
             write_text(path, page)
         else:
-            write_report(path, *find_results(folders))
+            first, *others = find_results(folders)
+            write_report(first, path, *others)
     console().print(f"report in {path}", markup=False, soft_wrap=True)
 
 

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from spacerobot.errors import DescriptionError, near_names
+from spacerobot.files import StrPath
 
 PACKAGE = "package://"
 """Begin of names in a ROS package."""
@@ -34,7 +35,7 @@ def shipped_names() -> tuple[str, ...]:
     return tuple(sorted(path.name for path in shipped_urdf_folder().glob("*.urdf")))
 
 
-def find_urdf(name: str | Path, relative_to: Path | None = None) -> Path:
+def find_urdf(name: StrPath, relative_to: StrPath | None = None) -> Path:
     """Absolute path of the URDF that ``name`` stands for.
 
     Tried in this order: an absolute path or one in a package; a path relative to the scenario's folder; the
@@ -52,8 +53,9 @@ def find_urdf(name: str | Path, relative_to: Path | None = None) -> Path:
     DescriptionError
         If no such file exists; lists near shipped names.
     """
-    if str(name).startswith(PACKAGE):
-        found = find_in_package(str(name), relative_to)
+    name, relative_to = os.fspath(name), None if relative_to is None else Path(relative_to)
+    if name.startswith(PACKAGE):
+        found = find_in_package(name, relative_to)
         if found is None:
             raise DescriptionError(
                 "no such URDF file above the scenario, in ROS_PACKAGE_PATH or in AMENT_PREFIX_PATH",

@@ -13,6 +13,7 @@ from spacerobot.description.syntax import check_syntax, parse_xml
 from spacerobot.description.topology import root_link
 from spacerobot.description.xacro import expand_xacro, needs_xacro
 from spacerobot.errors import DescriptionError
+from spacerobot.files import StrPath
 
 MOST_BYTES = 20_000_000
 """Larger files are refused."""
@@ -44,6 +45,12 @@ class Description:
     joints: tuple[Joint, ...]
     warnings: tuple[str, ...]
 
+    def __repr__(self) -> str:
+        """Name, file and size, in one line."""
+        return (
+            f"<Description {self.name}: {self.path.name}, {len(self.links)} links, {len(self.joints)} joints>"
+        )
+
     def to_pinocchio_xml(self, prefix: str) -> str:
         """URDF text for ``pinocchio.buildModelFromXML`` and ``buildGeomFromUrdfString``.
 
@@ -70,7 +77,7 @@ class Description:
         return replace(self, joints=settle(self.joints, positions, locked, self.path))
 
 
-def read_description(path: Path | str) -> Description:
+def read_description(path: StrPath) -> Description:
     """Read and check a URDF.
 
     Parameters

@@ -21,6 +21,7 @@ from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from spacerobot.elements.element import Element
 from spacerobot.errors import SpaceRobotError, near_names
+from spacerobot.files import StrPath
 
 GROUP = "spacerobot.elements"
 """Entry points by which installed packages add kinds: each names a module that registers them."""
@@ -110,7 +111,7 @@ def on_change(listener: Callable[[], None]) -> None:
     _LISTENERS.append(listener)
 
 
-def load_plugin(path: Path) -> None:
+def load_plugin(path: StrPath) -> None:
     """Run a Python file that registers kinds; one that has been run is run again only if it changed.
 
     Raises
@@ -118,6 +119,7 @@ def load_plugin(path: Path) -> None:
     SpaceRobotError
         If there is no such file, or it fails; the line it fails in is named.
     """
+    path = Path(path)
     if not path.is_file():
         raise SpaceRobotError("no such file", source=path)
     text = path.read_bytes()

@@ -8,14 +8,14 @@ import json
 from collections.abc import Iterable
 from pathlib import Path
 
-from spacerobot.files import locked, write_text
+from spacerobot.files import StrPath, locked, write_text
 from spacerobot.result.result import Result
 
 DERIVED = "derived.json"
 """File that lists what was made from a result and lies in its folder, by path, with the sha256 of each."""
 
 
-def note_derived(results: Iterable[Result], paths: Iterable[Path]) -> None:
+def note_derived(results: Iterable[Result], paths: Iterable[StrPath]) -> None:
     """Remember which files were made from results; those outside of a result's folder are not its.
 
     Raises
@@ -23,7 +23,7 @@ def note_derived(results: Iterable[Result], paths: Iterable[Path]) -> None:
     ResultError
         If the list cannot be written.
     """
-    resolved = [path.resolve() for path in paths]
+    resolved = [Path(path).resolve() for path in paths]
     for result in results:
         if result.folder is None:
             continue

@@ -17,7 +17,7 @@ from typing import Any
 import xarray as xr
 
 from spacerobot.errors import ResultError, ScenarioError
-from spacerobot.files import STAGE, locked, staged
+from spacerobot.files import STAGE, StrPath, locked, staged
 from spacerobot.interrupts import uninterrupted
 from spacerobot.result.derived import DERIVED, remove_derived
 from spacerobot.result.result import Result
@@ -44,7 +44,7 @@ JOURNALS = "journals"
 """Folder in which jobs keep what a killed one goes on from."""
 
 
-def check_folder(folder: Path, job: str | None = None) -> None:
+def check_folder(folder: StrPath, job: str | None = None) -> None:
     """Refuse, before any work is done, a folder that could not be written or that holds something else.
 
     Parameters
@@ -59,6 +59,7 @@ def check_folder(folder: Path, job: str | None = None) -> None:
     ResultError
         With the reason.
     """
+    folder = Path(folder)
     if folder.exists() and not folder.is_dir():
         raise ResultError("is a file, not a folder", source=folder)
     names = [] if not folder.is_dir() else [p.name for p in folder.iterdir() if not p.name.startswith(STAGE)]
@@ -77,7 +78,7 @@ def check_folder(folder: Path, job: str | None = None) -> None:
         pass
 
 
-def save(result: Result, folder: Path) -> Result:
+def save(result: Result, folder: StrPath) -> Result:
     """Write a result; one that is there already is replaced, with the pages and figures made from it.
 
     Returns
@@ -92,6 +93,7 @@ def save(result: Result, folder: Path) -> Result:
     KeyboardInterrupt
         If Ctrl-C came meanwhile; the result is then written all the same.
     """
+    folder = Path(folder)
     with uninterrupted(), _writing(folder), _stage(folder) as stage:
         (stage / SCENARIO).write_text(to_yaml(result.scenario), encoding="utf-8")
         encoding = {str(name): {"zlib": True, "complevel": 1} for name in result.data.data_vars}
@@ -107,7 +109,7 @@ def save(result: Result, folder: Path) -> Result:
     return dataclasses.replace(result, folder=folder)
 
 
-def load(folder: Path | str) -> Result:
+def load(folder: StrPath) -> Result:
     """Read a result folder.
 
     Raises

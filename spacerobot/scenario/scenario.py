@@ -83,6 +83,11 @@ class Scenario(Section):
     campaign: Campaign | None = Field(default=None, description="uncertain numbers, and rollouts over them")
     plan: Planning | None = Field(default=None, description="the planning problem")
 
+    def __repr__(self) -> str:
+        """Name and names of what it holds, in one line."""
+        robots, grasps = ", ".join(self.robots), ", ".join(self.grasps) or "none"
+        return f"<Scenario {self.name}: robots {robots}; grasps {grasps}>"
+
     @model_validator(mode="after")
     def _check(self) -> Scenario:
         if "target" in self.robots:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import os
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -12,6 +13,7 @@ from typing import Any
 import pinocchio as pin
 
 from spacerobot.errors import ScenarioError, near_names
+from spacerobot.files import StrPath
 from spacerobot.scenario import Robot, Scenario
 from spacerobot.scenario.catalogue import find_scenario
 from spacerobot.scenario.load import read_document, to_document, validate
@@ -38,7 +40,7 @@ from spacerobot.scene.resolve import fill, forget_files, locate, read_descriptio
 from spacerobot.scene.scene import Scene, SceneBody, SceneGrasp, SceneTip
 
 
-def load_scene(name: str | Path, changes: Mapping[str, Any] | Sequence[tuple[str, Any]] = ()) -> Scene:
+def load_scene(name: StrPath, changes: Mapping[str, Any] | Sequence[tuple[str, Any]] = ()) -> Scene:
     """Scene of a scenario file or of a shipped scenario.
 
     Parameters
@@ -54,7 +56,7 @@ def load_scene(name: str | Path, changes: Mapping[str, Any] | Sequence[tuple[str
     ScenarioError, DescriptionError
         If anything in the scenario or its URDFs cannot be simulated.
     """
-    source = find_scenario(str(name))
+    source = find_scenario(os.fspath(name))
     named = re.sub(r"[^\w-]", "_", source.stem, flags=re.ASCII).lstrip("0123456789-")[:64]
     document = {"name": named or "scenario"} | read_document(source)
     return build_scene(validate(document, source=source), changes, source=source)
@@ -64,12 +66,13 @@ def build_scene(
     scenario: Scenario,
     changes: Mapping[str, Any] | Sequence[tuple[str, Any]] = (),
     *,
-    source: Path | None = None,
+    source: StrPath | None = None,
 ) -> Scene:
     """Scene of a scenario; see :func:`load_scene`.
 
     ``source`` is the file it came from: relative URDF paths start at its folder, and errors name it.
     """
+    source = None if source is None else Path(source)
     resolved, descriptions = resolve(scenario, changes, source=source)
     check_masses(resolved, descriptions, source=source)
     model, bodies = build_model(resolved, descriptions)

@@ -67,6 +67,10 @@ class SceneBody:
     ties: tuple[Tie, ...] = ()
     owned: tuple[int, ...] = ()
 
+    def __repr__(self) -> str:
+        """Name and size, in one line."""
+        return f"<SceneBody {self.name}: {self.description.path.name}, {len(self.joints)} joints>"
+
     @property
     def arm_joints(self) -> tuple[int, ...]:
         """Ids of its joints that no actuator owns."""
@@ -136,6 +140,11 @@ class SceneTip:
     config: Tip
     references: tuple[SceneReference, ...]
 
+    def __repr__(self) -> str:
+        """Label and references, in one line."""
+        led = ", ".join(reference.config.kind for reference in self.references)
+        return f"<SceneTip {self.label}: {led or 'no reference'}>"
+
     @property
     def reference(self) -> Reference:
         """What leads it from the start."""
@@ -157,6 +166,10 @@ class SceneGrasp:
     frame: int
     joint: int
     config: Grasp
+
+    def __repr__(self) -> str:
+        """Name and what it joins, in one line."""
+        return f"<SceneGrasp {self.name}: {self.config.kind}, {self.tip.label} and {self.config.frame}>"
 
 
 @dataclass(frozen=True, eq=False)

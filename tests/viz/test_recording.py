@@ -16,7 +16,7 @@ from viz.record import frames, write_recording
 
 def test_a_gif_moves_at_the_wanted_pace(paper, tmp_path):
     path = tmp_path / "docking.gif"
-    write_recording(path, paper, frames_per_s=2, speed=2, size_px=(320, 200))
+    write_recording(paper, path, frames_per_s=2, speed=2, size_px=(320, 200))
     with Image.open(path) as gif:
         assert gif.size == (320, 200)
         assert gif.n_frames == 11
@@ -32,7 +32,7 @@ def test_a_gif_moves_at_the_wanted_pace(paper, tmp_path):
 )
 def test_an_mp4_is_what_browsers_play_and_moves(paper, tmp_path):
     path, heard = tmp_path / "docking.MP4", []
-    write_recording(path, paper, frames_per_s=2, speed=2, size_px=(321, 201), progress=heard.append)
+    write_recording(paper, path, frames_per_s=2, speed=2, size_px=(321, 201), progress=heard.append)
     wanted = ["-show_entries", "stream=codec_name,pix_fmt,width,height,nb_frames", "-of", "json"]
     found = subprocess.run(["ffprobe", "-v", "error", *wanted, path], capture_output=True, check=True)
     video = json.loads(found.stdout)["streams"][0]
@@ -55,7 +55,7 @@ def test_what_ffmpeg_reports_is_told(paper, tmp_path, monkeypatch):
     program.chmod(program.stat().st_mode | stat.S_IXUSR)
     monkeypatch.setattr(record.shutil, "which", lambda _: str(program))
     with pytest.raises(ResultError, match="ffmpeg failed: no such codec"):
-        write_recording(tmp_path / "a.mp4", paper, frames_per_s=1, speed=10, size_px=(320, 200))
+        write_recording(paper, tmp_path / "a.mp4", frames_per_s=1, speed=10, size_px=(320, 200))
     assert not (tmp_path / "a.mp4").exists()
 
 
@@ -67,7 +67,7 @@ def test_the_end_of_a_diverged_run_says_so(diverged):
 
 def test_wrong_formats_and_a_missing_ffmpeg_are_told(paper, tmp_path, monkeypatch):
     with pytest.raises(ResultError, match=r"allowed: \.gif, \.mp4"):
-        write_recording(tmp_path / "a.avi", paper)
+        write_recording(paper, tmp_path / "a.avi")
     monkeypatch.setattr(record.shutil, "which", lambda _: None)
     with pytest.raises(ResultError, match="needs ffmpeg"):
-        write_recording(tmp_path / "a.mp4", paper)
+        write_recording(paper, tmp_path / "a.mp4")

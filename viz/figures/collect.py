@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from spacerobot.errors import ResultError, near_names
-from spacerobot.files import write_bytes
+from spacerobot.files import StrPath, write_bytes
 from spacerobot.result import Result, note_derived
 from viz.figures.approach import approach
 from viz.figures.bases import acting_bases, base_control, relative_orbit
@@ -170,7 +170,7 @@ def check_comparable(results: Sequence[Result]) -> None:
 
 def save_figures(
     result: Result,
-    folder: Path,
+    folder: StrPath,
     *others: Result,
     formats: Sequence[str] = ("pdf", "png"),
     names: Sequence[str] | None = None,
@@ -189,6 +189,7 @@ def save_figures(
         If a format, figure or width is not known, the results cannot be compared, or a file cannot be
         written.
     """
+    folder = Path(folder)
     for form in formats:
         if form not in FORMATS:
             raise ResultError(f"no format {form!r}; {near_names(form, FORMATS)}")

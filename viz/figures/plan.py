@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from spacerobot.arrays import Array
 from spacerobot.errors import ResultError
-from spacerobot.files import write_bytes
+from spacerobot.files import StrPath, write_bytes
 from spacerobot.result import Result
 from viz.figures.phases import shade
 from viz.figures.style import COLOURS, DASHES, Drawing, line, panels, styled, to_bytes, unit_scale
@@ -217,7 +217,7 @@ def plan_figures(
 
 
 def write_plan_figures(
-    plan: xr.Dataset, summary: Mapping[str, Any], folder: Path, *, flown: Result | None = None
+    plan: xr.Dataset, summary: Mapping[str, Any], folder: StrPath, *, flown: Result | None = None
 ) -> list[Path]:
     """Write the figures of a plan as PDF and PNG.
 
@@ -226,6 +226,7 @@ def write_plan_figures(
     ResultError
         If a file cannot be written, or ``flown`` has none of the plan's joints.
     """
+    folder = Path(folder)
     written = []
     for name, drawing in plan_figures(plan, summary, flown):
         for form in ("pdf", "png"):

@@ -24,6 +24,10 @@ class Embedded:
     page: str
     height_px: int = 600
 
+    def __repr__(self) -> str:
+        """Size of the page, in one line."""
+        return f"<Embedded page of {len(self.page) / 1e6:.1f} MB>"
+
     def _repr_html_(self) -> str:
         return frame(self.page, self.height_px)
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from spacerobot.errors import SpaceRobotError
-from spacerobot.files import write_text
+from spacerobot.files import StrPath, write_text
 from spacerobot.result import Result, note_derived
 from viz.page.animation import animation
 from viz.page.meshcat_scene import encoded, script_hash
@@ -41,16 +41,16 @@ def animation_page(*results: Result, title: str | None = None, autoplay: bool = 
     return page(animation(*results, title=title, autoplay=autoplay))
 
 
-def write_animation(path: Path, *results: Result, title: str | None = None) -> None:
-    """Write the page of :func:`animation_page`.
+def write_animation(result: Result, path: StrPath, *others: Result, title: str | None = None) -> None:
+    """Write the page of :func:`animation_page` of a result, or of several compared.
 
     Raises
     ------
     ResultError
         If the file cannot be written or the results cannot be compared.
     """
-    write_text(path, animation_page(*results, title=title))
-    note_derived(results, [path])
+    write_text(path, animation_page(result, *others, title=title))
+    note_derived([result, *others], [path])
 
 
 def page(payload: Mapping[str, Any], *, connect: str = "'none'") -> str:

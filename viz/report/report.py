@@ -8,7 +8,7 @@ from importlib.resources import files
 from pathlib import Path
 
 from spacerobot.errors import ResultError
-from spacerobot.files import write_text
+from spacerobot.files import StrPath, write_text
 from spacerobot.result import Result, load, note_derived
 from spacerobot.result.store import SUMMARY
 from viz.figures.collect import check_comparable
@@ -102,19 +102,19 @@ def page(heading: str, sections: Sequence[tuple[Section, str]]) -> str:
     )
 
 
-def write_report(path: Path, *results: Result, title: str | None = None) -> None:
-    """Write the page of :func:`report`.
+def write_report(result: Result, path: StrPath, *others: Result, title: str | None = None) -> None:
+    """Write the page of :func:`report` about a result, or about several compared.
 
     Raises
     ------
     ResultError
         If the file cannot be written or the results cannot be compared.
     """
-    write_text(path, report(*results, title=title))
-    note_derived(results, [path])
+    write_text(path, report(result, *others, title=title))
+    note_derived([result, *others], [path])
 
 
-def find_results(folders: Sequence[Path]) -> list[Result]:
+def find_results(folders: Sequence[StrPath]) -> list[Result]:
     """Results in folders: each is one, or holds several.
 
     Raises
@@ -123,7 +123,7 @@ def find_results(folders: Sequence[Path]) -> list[Result]:
         If a folder holds none, or one cannot be read.
     """
     found = []
-    for folder in folders:
+    for folder in map(Path, folders):
         inside = sorted(path.parent for path in folder.glob(f"*/{SUMMARY}")) if folder.is_dir() else []
         if (folder / SUMMARY).exists() or not inside:
             inside = [folder]

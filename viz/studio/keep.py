@@ -154,11 +154,11 @@ def _result(path: Path, scene: Scene, *_: Any) -> None:
 
 
 def _page(path: Path, scene: Scene, *_: Any) -> None:
-    write_animation(path, simulate(scene))
+    write_animation(simulate(scene), path)
 
 
 def _recording(path: Path, scene: Scene, _: Origin, __: Mapping[str, Any], tell: Tell) -> None:
-    write_recording(path, simulate(scene), progress=tell)
+    write_recording(simulate(scene), path, progress=tell)
 
 
 def _csv(path: Path, scene: Scene, *_: Any) -> None:

@@ -11,6 +11,7 @@ from typing import Any
 
 import tornado.web
 
+from spacerobot.files import StrPath
 from spacerobot.scene import Scene
 from viz.page.loopback import FIRST_PORT, Guarded, Loopback, Stream
 from viz.page.page import page
@@ -91,7 +92,7 @@ class Studio(Loopback):
         return {"title": self._title, "about": "connecting", "runs": [], "studio": True}
 
 
-def studio(scene: Scene, *, folder: Path | str = FOLDER, port: int = FIRST_PORT) -> Studio:
+def studio(scene: Scene, *, folder: StrPath = FOLDER, port: int = FIRST_PORT) -> Studio:
     """Studio of a scene, which shows itself as the last line of a notebook's cell.
 
     It serves until it is closed or Python ends.

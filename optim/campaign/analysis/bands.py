@@ -13,6 +13,7 @@ from optim.campaign.rollouts.series import BYTES_EACH
 from optim.campaign.store.netcdf import DATA
 from spacerobot.arrays import Array
 from spacerobot.errors import ResultError, near_names
+from spacerobot.files import StrPath
 
 AT_ONCE_BYTES = 128_000_000  # read at once
 PERCENT = (0.0, 5.0, 50.0, 95.0, 100.0)
@@ -53,7 +54,7 @@ class Bands:
     shown: Array
 
 
-def read_bands(folder: Path, name: str, gains: str, sample: int) -> Bands:
+def read_bands(folder: StrPath, name: str, gains: str, sample: int) -> Bands:
     """Percentile bands of a series of a campaign.
 
     Parameters
@@ -72,6 +73,7 @@ def read_bands(folder: Path, name: str, gains: str, sample: int) -> Bands:
     ResultError
         If it cannot be read, or there is no such series, set of gains or sample.
     """
+    folder = Path(folder)
     try:
         with netCDF4.Dataset(folder / DATA) as file:
             file.set_auto_mask(False)

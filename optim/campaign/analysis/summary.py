@@ -22,7 +22,7 @@ from optim.campaign.store.folder import load_campaign, load_head
 from optim.campaign.store.notes import Named, named_in
 from spacerobot.arrays import Array
 from spacerobot.errors import ResultError
-from spacerobot.files import write_text
+from spacerobot.files import StrPath, write_text
 from spacerobot.rollout import unclosed
 from spacerobot.scenario import Campaign
 from spacerobot.scenario.campaign import LIMITED
@@ -122,7 +122,7 @@ def _did_not_begin(found: Mapping[str, Sampled]) -> list[str]:
     return warnings
 
 
-def summarise(folder: Path, evaluator: Evaluator, named: Named | None = None) -> dict[str, Any]:
+def summarise(folder: StrPath, evaluator: Evaluator, named: Named | None = None) -> dict[str, Any]:
     """Percentiles, probabilities of failure, worst samples and what matters, written to ``summary.json``.
 
     Parameters
@@ -140,13 +140,15 @@ def summarise(folder: Path, evaluator: Evaluator, named: Named | None = None) ->
     ResultError
         If the store holds no sample, or cannot be read or written.
     """
+    folder = Path(folder)
     summary = told_of(folder, evaluator, named)
     write_text(folder / SUMMARY, json.dumps(summary, indent=1, allow_nan=False) + "\n")
     return summary
 
 
-def told_of(folder: Path, evaluator: Evaluator, named: Named | None = None) -> dict[str, Any]:
+def told_of(folder: StrPath, evaluator: Evaluator, named: Named | None = None) -> dict[str, Any]:
     """The summary that :func:`summarise` writes, as plain data."""
+    folder = Path(folder)
     data, campaign = load_campaign(folder), evaluator.campaign
     named = named or named_in(load_head(folder)["notes"])
     if len(data.sample) == 0:

@@ -138,6 +138,11 @@ class Evaluator:
     gains: Gains
     members: tuple[Member, ...]
 
+    def __repr__(self) -> str:
+        """Scenario, samples and sets of gains, in one line."""
+        name, gains = self.scene.scenario.name, ", ".join(self.gains)
+        return f"<Evaluator of {name}: {self.campaign.count} samples; gains {gains}>"
+
     @property
     def columns(self) -> tuple[Column, ...]:
         """What is kept, M of them."""

@@ -15,6 +15,7 @@ from optim.campaign.rollouts.evaluator import Evaluator, Table
 from optim.campaign.rollouts.metrics import Column
 from optim.campaign.rollouts.series import BYTES_EACH, Recording
 from spacerobot.errors import ResultError, near_names
+from spacerobot.files import StrPath
 
 FORMAT = 2
 DATA = "campaign.nc"
@@ -137,7 +138,7 @@ def is_complete(path: Path, count: int) -> bool:
         return False
 
 
-def load_campaign(folder: Path, series: Sequence[str] = ()) -> xr.Dataset:
+def load_campaign(folder: StrPath, series: Sequence[str] = ()) -> xr.Dataset:
     """Numbers of a campaign: its parameters, metrics and series by sample and set of gains.
 
     Parameters
@@ -152,6 +153,7 @@ def load_campaign(folder: Path, series: Sequence[str] = ()) -> xr.Dataset:
     ResultError
         If there is no campaign, it cannot be read, or it kept no such signal.
     """
+    folder = Path(folder)
     path = folder / DATA
     if not path.is_file():
         raise ResultError(f"holds no campaign that can be read: no {DATA}", source=folder)

@@ -11,6 +11,7 @@ from optim.campaign.store.folder import HEAD, difference, load_head, open_store
 from optim.campaign.store.netcdf import DATA, Layout, check_layout, is_complete
 from optim.campaign.store.notes import named_in
 from spacerobot.errors import ResultError, SpaceRobotError
+from spacerobot.files import StrPath
 from spacerobot.scenario.load import validate
 from spacerobot.scene import build_scene
 from spacerobot.scene.resolve import read_descriptions
@@ -18,7 +19,7 @@ from spacerobot.scene.resolve import read_descriptions
 AGAIN = "run the campaign again in another folder"
 
 
-def reopen(folder: Path) -> Evaluator:
+def reopen(folder: StrPath) -> Evaluator:
     """What made the campaign in a folder, its store merged as far as it is; nothing is compiled.
 
     Parameters
@@ -32,6 +33,7 @@ def reopen(folder: Path) -> Evaluator:
         If it holds no campaign, no sample yet, or one that another process writes; or if it was made by
         another version of the library or from URDFs that have changed since; or if its data are damaged.
     """
+    folder = Path(folder)
     head = load_head(folder)
     try:
         _check_urdfs(folder, head)

@@ -20,6 +20,7 @@ from optim.planning.solver.solve import Solved
 from optim.planning.transcription.motion import Course, Motion
 from optim.planning.verification.verdict import Verdict
 from spacerobot.errors import NoPlanError
+from spacerobot.files import StrPath
 from spacerobot.scene import Scene
 
 Progress = Callable[[str], None]
@@ -62,6 +63,11 @@ class Planned:
     backend: str
     tried: tuple[Tried, ...] = ()
 
+    def __repr__(self) -> str:
+        """Scenario, duration and cost, in one line."""
+        duration = f"{self.course.duration_s:.4g} s"
+        return f"<Planned {self.scene.scenario.name}: {duration}, cost {self.cost:.6g}, {self.backend}>"
+
     @property
     def motion(self) -> Motion:
         """The motion in the first phase."""
@@ -73,7 +79,7 @@ def make_plan(
     *,
     backend: str = "auto",
     progress: Progress | None = None,
-    folder: Path | None = None,
+    folder: StrPath | None = None,
     dask: str | None = None,
 ) -> Planned:
     """Plan what a scene's ``plan`` section asks for.
@@ -99,6 +105,7 @@ def make_plan(
     NoPlanError
         If no motion was found, naming what stands against it, or the one found does not hold.
     """
+    folder = None if folder is None else Path(folder)
 
     def of(each: Scene, words: str) -> tuple[float, Planned]:
         """Plan of one candidate, and its cost."""

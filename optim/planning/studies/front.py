@@ -24,6 +24,7 @@ from optim.planning.searches.tasks import Task, carry_out
 from spacerobot.elements import PlanCost, kinds
 from spacerobot.elements.plan_costs.time import TimeCost
 from spacerobot.errors import ScenarioError, near_names
+from spacerobot.files import StrPath
 from spacerobot.scene import Scene
 
 DECADES = 3.0
@@ -109,7 +110,7 @@ def make_front(
     *,
     backend: str = "auto",
     progress: Progress | None = None,
-    folder: Path | None = None,
+    folder: StrPath | None = None,
     dask: str | None = None,
 ) -> Front:
     """Plan every point of a front.
@@ -128,6 +129,7 @@ def make_front(
     ScenarioError
         If the terms have no weights, or the duration that is to be swept is given.
     """
+    folder = None if folder is None else Path(folder)
     bench = Bench.of(scene, backend, progress or (lambda _: None), motions=wanted.count)
     asks = _asks(bench, wanted)
     names = [f"point_{k + 1}" for k in range(len(asks))]

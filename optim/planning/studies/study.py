@@ -21,6 +21,7 @@ from optim.planning.studies.design import Solution
 from optim.problem.variables import Variables, variables_of
 from spacerobot.arrays import Array
 from spacerobot.errors import NoPlanError, ScenarioError
+from spacerobot.files import StrPath
 from spacerobot.scene import Scene, build_scene
 
 DESIGNS = 50
@@ -95,7 +96,7 @@ def make_study(
     *,
     backend: str = "auto",
     progress: Progress | None = None,
-    folder: Path | None = None,
+    folder: StrPath | None = None,
     dask: str | None = None,
 ) -> Study:
     """Find the design with the least cost within its bounds, and sweep each variable around it.
@@ -116,6 +117,7 @@ def make_study(
     NoPlanError
         If the scenario's own design, or the one that was found, has no plan that holds.
     """
+    folder = None if folder is None else Path(folder)
     variables = design_of(scene)
     first = build_scene(scene.scenario, variables.as_changes(variables.start), source=scene.source)
     begun = make_plan(first, backend=backend, progress=progress, folder=folder, dask=dask)

@@ -12,14 +12,14 @@ from optim.planning.formulation.costs import headings
 from optim.planning.studies.front import Front, Point
 from optim.planning.written.plan_file import summary
 from optim.planning.written.plan_file import write as write_plan
-from spacerobot.files import write_text
+from spacerobot.files import StrPath, write_text
 from spacerobot.result.store import check_folder
 from spacerobot.scene import build_scene
 
 FRONT = "front.json"
 
 
-def check_front_folder(folder: Path) -> None:
+def check_front_folder(folder: StrPath) -> None:
     """Refuse, before any work is done, a folder that cannot be written or holds something else.
 
     Raises
@@ -27,6 +27,7 @@ def check_front_folder(folder: Path) -> None:
     ResultError
         With the reason.
     """
+    folder = Path(folder)
     check_folder(folder, FRONT)
 
 
@@ -53,7 +54,7 @@ def _point(point: Point) -> dict[str, Any]:
     return told | ({} if point.plan is None else {"plan": summary(point.plan)})
 
 
-def write(front: Front, folder: Path) -> dict[str, Any]:
+def write(front: Front, folder: StrPath) -> dict[str, Any]:
     """Write a front, and each plan into a folder of its own; gives what stands in ``front.json``.
 
     Raises
@@ -61,6 +62,7 @@ def write(front: Front, folder: Path) -> dict[str, Any]:
     ResultError
         If the folder cannot be written.
     """
+    folder = Path(folder)
     data = plain(to_data(front))
     for point in front.points:
         if point.plan is not None:

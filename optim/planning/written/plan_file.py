@@ -26,7 +26,7 @@ from optim.planning.written.held import held_variables
 from optim.planning.written.multipliers import multiplier_norms
 from spacerobot.arrays import Array
 from spacerobot.errors import ResultError
-from spacerobot.files import staged, write_text
+from spacerobot.files import StrPath, staged, write_text
 from spacerobot.interrupts import uninterrupted
 from spacerobot.result.store import check_folder
 from spacerobot.scenario.load import to_yaml
@@ -36,7 +36,7 @@ SUMMARY, FOLLOWED, SCENARIO = "plan.json", "followed.yaml", "scenario.yaml"
 AXES = ["x", "y", "z"]
 
 
-def check_plan_folder(folder: Path) -> None:
+def check_plan_folder(folder: StrPath) -> None:
     """Refuse, before any work is done, a folder that cannot be written or holds something else.
 
     Raises
@@ -44,6 +44,7 @@ def check_plan_folder(folder: Path) -> None:
     ResultError
         With the reason.
     """
+    folder = Path(folder)
     check_folder(folder, SUMMARY)
 
 
@@ -183,7 +184,7 @@ def summary(planned: Planned) -> dict[str, Any]:
     }
 
 
-def write(planned: Planned, folder: Path) -> None:
+def write(planned: Planned, folder: StrPath) -> None:
     """Write a plan; one that is there already is replaced.
 
     Raises
@@ -191,6 +192,7 @@ def write(planned: Planned, folder: Path) -> None:
     ResultError
         If the folder cannot be written; what was there before is then still there.
     """
+    folder = Path(folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with uninterrupted(), staged(folder) as stage:
@@ -207,7 +209,7 @@ def write(planned: Planned, folder: Path) -> None:
         raise ResultError(f"cannot be written: {fault}", source=folder) from None
 
 
-def read(folder: Path) -> tuple[xr.Dataset, dict[str, Any]]:
+def read(folder: StrPath) -> tuple[xr.Dataset, dict[str, Any]]:
     """What stands in a plan's ``plan.nc`` and ``plan.json``.
 
     Raises
@@ -215,6 +217,7 @@ def read(folder: Path) -> tuple[xr.Dataset, dict[str, Any]]:
     ResultError
         If they cannot be read.
     """
+    folder = Path(folder)
     try:
         summary = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
         with xr.open_dataset(folder / PLAN, engine="netcdf4") as stored:

@@ -11,7 +11,7 @@ from optim.planning.studies.study import Study, Trial
 from optim.planning.written.plan_file import summary
 from optim.planning.written.plan_file import write as write_plan
 from optim.problem.variables import at_bound
-from spacerobot.files import write_text
+from spacerobot.files import StrPath, write_text
 from spacerobot.scenario.units import unit_at
 
 DESIGN = "design.json"
@@ -47,7 +47,7 @@ def to_data(study: Study) -> dict[str, Any]:
     return dict(plain(data))
 
 
-def write(study: Study, folder: Path) -> dict[str, Any]:
+def write(study: Study, folder: StrPath) -> dict[str, Any]:
     """Write a study, and the plan of the design that it found; gives what stands in ``design.json``.
 
     Raises
@@ -55,6 +55,7 @@ def write(study: Study, folder: Path) -> dict[str, Any]:
     ResultError
         If the folder cannot be written.
     """
+    folder = Path(folder)
     data = to_data(study)
     write_plan(study.plan, folder)
     write_text(folder / DESIGN, json.dumps(data, indent=1, allow_nan=False) + "\n")

@@ -12,6 +12,7 @@ import pinocchio as pin
 
 from spacerobot.description.read import Description
 from spacerobot.errors import ScenarioError, near_names
+from spacerobot.files import StrPath
 from spacerobot.scenario.load import parse_yaml, validate
 from spacerobot.scenario.paths import Document
 from spacerobot.scene.build import build_scene
@@ -44,7 +45,7 @@ class Order:
     base: str | None = None
 
 
-def draft_scenario(order: Order, file: Path) -> tuple[str, Scene]:
+def draft_scenario(order: Order, file: StrPath) -> tuple[str, Scene]:
     """Text of a scenario that will stand in ``file``, and its scene; nothing is written.
 
     Raises
@@ -52,6 +53,7 @@ def draft_scenario(order: Order, file: Path) -> tuple[str, Scene]:
     ScenarioError, DescriptionError
         If a URDF cannot be used, a link is not there, or no such scene can be simulated.
     """
+    file = Path(file)
     if order.base is not None and order.base not in BASES:
         raise ScenarioError(f"found {order.base!r}; {near_names(order.base, BASES)}", where="--base")
     if order.base == "fixed" and len(order.robots) > 1:

@@ -151,7 +151,7 @@ def test_a_result_of_a_single_instant_and_a_body_without_shapes_are_shown(browse
     assert page.evaluate("document.getElementById('play').disabled")
     assert page.errors == []
     assert len(list(draw_all(instant))) == sum(kind.applies(instant) for kind in KINDS)
-    write_recording(tmp_path / "instant.gif", instant, size_px=(160, 100))
+    write_recording(instant, tmp_path / "instant.gif", size_px=(160, 100))
 
 
 def test_the_close_view_holds_the_object_and_more_than_a_tip_that_stands_still(paper):
@@ -199,7 +199,7 @@ def test_spatial_scene_and_scripts_in_names_are_harmless(browser, spatial, tmp_p
 
 
 def test_size_is_a_megabyte_and_a_half_for_ten_seconds(paper, tmp_path):
-    write_animation(tmp_path / "page.html", paper)
+    write_animation(paper, tmp_path / "page.html")
     assert 0.9e6 < (tmp_path / "page.html").stat().st_size < 1.7e6
 
 
@@ -331,7 +331,7 @@ def test_results_that_differ_too_much_are_refused(paper, spatial):
 def test_a_folder_that_cannot_be_written_is_one_clear_line(paper, tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(ResultError, match="cannot be written") as fault:
-        write_animation(tmp_path / "file" / "page.html", paper)
+        write_animation(paper, tmp_path / "file" / "page.html")
     assert "\n" not in str(fault.value)
 
 

@@ -110,7 +110,7 @@ def test_folders_of_results_are_found(paper, blind, tmp_path):
 def test_a_folder_that_cannot_be_written_is_one_clear_line(paper, tmp_path, undrawn):
     (tmp_path / "file").write_text("")
     with pytest.raises(ResultError, match=r"file.report\.html: cannot be written"):
-        write_report(tmp_path / "file" / "report.html", dataclasses.replace(paper))
+        write_report(dataclasses.replace(paper), tmp_path / "file" / "report.html")
 
 
 def test_the_commands_write_what_they_say(paper, blind, tmp_path, undrawn):
