@@ -78,6 +78,12 @@ def run_variants(simulate: Callable[[Scene], Result]) -> Iterator[tuple[Variant,
         yield variant, simulate(variant.scene())
 
 
+def is_of_the_paper(result: Result) -> bool:
+    """Whether a result is of the paper's robots, whose figures the paper prints."""
+    tips = {tip for tip, _ in AXES}
+    return result.scenario.name == "paper" and tips <= set(result.summary["tip_error"])
+
+
 def error_bands_mm(summary: Mapping[str, Any]) -> list[tuple[float, float]]:
     """Least and greatest tip error [mm] in the order of ``AXES``."""
     errors = summary["tip_error"]

@@ -74,7 +74,7 @@ def _check_size(key: str, value: Any) -> None:
         raise ValueError(f"{key}: found {value:g}, allowed: numbers up to {LARGEST:g}")
 
 
-def quantity(unit: str, description: str, **options: Any) -> Any:
+def quantity(unit: str, description: str, *, rotation: str | None = None, **options: Any) -> Any:
     """Pydantic field of a physical quantity; ``options`` go to :func:`pydantic.Field`.
 
     Parameters
@@ -83,10 +83,13 @@ def quantity(unit: str, description: str, **options: Any) -> Any:
         Unit as written in the documentation, ``1`` for a pure number.
     description
         What it is.
+    rotation
+        Unit where the section is that of a controller of rotation; the same if None.
     **options
         ``default``, ``ge``, ``gt``, ``le``, ... as for :func:`pydantic.Field`.
     """
-    return Field(description=f"{description} [{unit}]", json_schema_extra={"unit": unit}, **options)
+    units = {"unit": unit} | ({"unit_of_rotation": rotation} if rotation else {})
+    return Field(description=f"{description} [{unit}]", json_schema_extra=units, **options)
 
 
 def matching(names: Iterable[str], pattern: str) -> list[str]:

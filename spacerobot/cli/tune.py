@@ -133,7 +133,7 @@ def _show_trials(found: Tuned) -> None:
     heads = list(log[0])
     shown = [HEADS.get(head, head) for head in heads]
     cells = [["-" if row[h] is None else _short(row[h]) for h in heads] for row in log]
-    console().print(table("section 4.3, step by step", shown, cells))
+    console().print(table("the manual procedure, step by step", shown, cells))
 
 
 def _short(value: object) -> str:

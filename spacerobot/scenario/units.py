@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
+from spacerobot.elements.controller import TipController
 from spacerobot.scenario.scenario import Scenario
 from spacerobot.section import SIGNALS_UNIT, Section
-
-OF_ROTATION = ("orientation_pid", "orientation_amnesia")
-"""Controllers of a tip whose fields name the units of translation."""
 
 
 def unit_at(scenario: Scenario, path: str) -> str:
@@ -25,20 +23,19 @@ def unit_at(scenario: Scenario, path: str) -> str:
     if keys[0] == "phases" and keys[2] in ("robots", "target", "grasps"):
         scenario, path = scenario.during(keys[1]), path.removeprefix(f"phases.{keys[1]}.")
     node: Any = scenario
-    unit = "SI"
+    unit, turns = "SI", False
     while path:
         key = _first(node, path)
         path = path[len(key) + 1 :]
-        if key in OF_ROTATION:
-            return "SI"
         if isinstance(node, Section):
             found = type(node).model_fields[key].json_schema_extra
             # a sensor's calibration is in the unit of what it measures
             if isinstance(found, dict) and found.get("unit") != SIGNALS_UNIT:
-                unit = str(found["unit"])
+                unit = str(found.get("unit_of_rotation", found["unit"]) if turns else found["unit"])
             node = getattr(node, key)
         else:
             node = node[key] if isinstance(node, dict) else node[int(key)]
+        turns = turns or (isinstance(node, TipController) and node.controls(key) == "rotation")
     return unit
 
 

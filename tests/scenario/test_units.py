@@ -10,7 +10,9 @@ from spacerobot.section import leaves
 
 @pytest.fixture(scope="module")
 def scenario():
-    return load_scene("paper", {"robots.*.sensors": {}}).scenario
+    turning = {"orientation_pid": {"kp": 1.0}, "orientation_amnesia": {"ge": 1.0, "ta": 1.0}}
+    changes = {f"robots.*.tips.tip.{key}": section for key, section in turning.items()}
+    return load_scene("paper", {"robots.*.sensors": {}} | changes).scenario
 
 
 @pytest.mark.parametrize(
@@ -22,7 +24,13 @@ def scenario():
         ("robots.rpr1.sensors.tip_position.offset", "m"),
         ("robots.rpr1.sensors.joint_rate.offset", "rad/s, m/s"),
         ("robots.rpr1.sensors.tip_position.scale", "1"),
-        ("robots.rpr1.tips.tip.orientation_pid.kp", "SI"),
+        ("robots.rpr1.tips.tip.pid.kp", "N s/m"),
+        ("robots.rpr1.tips.tip.orientation_pid.kp", "N m s/rad"),
+        ("robots.rpr1.tips.tip.orientation_pid.ki", "N m/rad"),
+        ("robots.rpr1.tips.tip.orientation_pid.kd", "N m s^2/rad"),
+        ("robots.rpr1.tips.tip.orientation_pid.filter_time", "s"),
+        ("robots.rpr1.tips.tip.orientation_amnesia.ge", "1/s^2"),
+        ("robots.rpr1.tips.tip.orientation_amnesia.ta", "1/s"),
         ("grasps.left.stiffness", "N/m"),
     ],
 )

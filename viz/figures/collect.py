@@ -40,6 +40,8 @@ class Kind:
         Whether it takes several results.
     applies
         Whether a result has what it shows.
+    printed
+        Figure of the paper that shows the same of the paper's robots, if any.
     """
 
     name: str
@@ -47,6 +49,7 @@ class Kind:
     draw: Callable[..., Drawing]
     compares: bool = False
     applies: Callable[[Result], bool] = lambda _: True
+    printed: str = ""
 
 
 def _leads_tips(result: Result) -> bool:
@@ -75,11 +78,11 @@ def _has_target(result: Result) -> bool:
 
 
 KINDS = (
-    Kind("tip_paths", "Reference and actual tip paths (as the paper's Fig. 5)", tip_paths, True, _leads_tips),
-    Kind("object_motion", "Object rotation and translation (Fig. 6)", object_motion, True, _has_target),
-    Kind("tip_errors", "Tip errors (Fig. 7 and 10)", tip_errors, True, _leads_tips),
+    Kind("tip_paths", "Reference and actual tip paths", tip_paths, True, _leads_tips, "Fig. 5"),
+    Kind("object_motion", "Object rotation and translation", object_motion, True, _has_target, "Fig. 6"),
+    Kind("tip_errors", "Tip errors", tip_errors, True, _leads_tips, "Fig. 7 and 10"),
     Kind("orientation_errors", "Orientation errors of tips", orientation_errors, True, _controls_orientation),
-    Kind("docking", "The docking, frame by frame (Fig. 8)", docking),
+    Kind("docking", "The motion, frame by frame", docking, printed="Fig. 8"),
     Kind(
         "approach",
         "The approach: lateral error and speeds over the distance to go",

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import NullFormatter
 
 from spacerobot.arrays import Array
-from spacerobot.paper import AXES, FIGURE_7_MM, FIGURE_10_MM
+from spacerobot.paper import AXES, FIGURE_7_MM, FIGURE_10_MM, is_of_the_paper
 from spacerobot.result import Result
 from viz.figures.phases import mark_phases
 from viz.figures.style import (
@@ -118,7 +118,7 @@ def enlargement(error: float, reach: float) -> float:
 def tip_errors(*results: Result) -> Drawing:
     """Tip errors, reference minus position (Fig. 7 and 10): a row for each tip, a column for each axis.
 
-    All panels have one scale. The paper's bands lie behind where the scenario is called ``paper``. Several
+    All panels have one scale. The paper's bands lie behind those of its own robots. Several
     results, before and after tuning for example, are drawn over each other; a last column then shows the size
     of their errors on a logarithmic scale, on which the smaller ones are seen as well.
     """
@@ -173,7 +173,7 @@ def _draw(results: Sequence[Result], error: _Error, names: Sequence[str]) -> Dra
 
 def _errors(panel: Axes, results: Sequence[Result], error: _Error, tip: str, name: str) -> None:
     """Errors of a tip along an axis, over the paper's bands."""
-    published = results[0].scenario.name == "paper" and error is _POSITION
+    published = is_of_the_paper(results[0]) and error is _POSITION
     if published:
         _bands(panel, tip, name)
     for index, (result, label) in enumerate(zip(results, labels_of(results), strict=True)):

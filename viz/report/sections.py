@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from spacerobot.paper import AXES, FIGURE_7_MM, FIGURE_10_MM, PID_ONLY_MM, error_bands_mm
+from spacerobot.paper import AXES, FIGURE_7_MM, FIGURE_10_MM, PID_ONLY_MM, error_bands_mm, is_of_the_paper
 from spacerobot.result import Result
 from spacerobot.result.events import HEADINGS, event_rows
 from spacerobot.result.table import status_text
@@ -104,13 +104,11 @@ def events(subject: Subject) -> str | None:
 
 
 def against_the_paper(subject: Subject) -> str | None:
-    """Tip errors beside those the paper prints, for scenarios called ``paper``."""
+    """Tip errors beside those that the paper prints, for its own robots."""
     ours = [
         (result, label)
         for result, label in zip(subject.results, subject.labels, strict=True)
-        if result.scenario.name == "paper"
-        and result.completed
-        and {tip for tip, _ in AXES} <= set(result.summary["tip_error"])
+        if is_of_the_paper(result) and result.completed
     ]
     if not ours:
         return None
@@ -158,6 +156,8 @@ def figures(subject: Subject) -> str | None:
         single = not kind.compares and len(subject.drawn) > 1
         which = int(name.removeprefix(f"{kind.name}_")) - 1 if name != kind.name else 0
         title = f"{kind.title}: {subject.labels[which]}" if single else kind.title
+        if kind.printed and is_of_the_paper(subject.drawn[which]):
+            title += f" (the paper's {kind.printed})"
         parts.append(picture(name, title, to_bytes(drawing, "svg")))
     return "".join(parts)
 

@@ -36,9 +36,9 @@ class Pid(TipController):
 
     by_phase: ClassVar[tuple[str, ...]] = ("feedback",)
     kind: Literal["pid"] = "pid"
-    kp: float = quantity("N s/m", "proportional gain K_p", default=0.0, ge=0)
-    ki: float = quantity("N/m", "integral gain K_i", default=0.0, ge=0)
-    kd: float = quantity("kg", "derivative gain K_d", default=0.0, ge=0)
+    kp: float = quantity("N s/m", "proportional gain K_p", rotation="N m s/rad", default=0.0, ge=0)
+    ki: float = quantity("N/m", "integral gain K_i", rotation="N m/rad", default=0.0, ge=0)
+    kd: float = quantity("kg", "derivative gain K_d", rotation="N m s^2/rad", default=0.0, ge=0)
     feedback: Literal["base", "inertial"] = Field(
         default="base",
         description="velocity that is fed back: seen from the robot's own base (joint rates through the "

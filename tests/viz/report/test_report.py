@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 from spacerobot.cli import animate, figures, report
 from spacerobot.errors import ResultError
 from spacerobot.result.result import Result
+from viz.figures import KINDS
 from viz.report.report import SECTIONS, Section, find_results, write_report
 from viz.report.report import report as report_page
 from viz.report.sections import differences
@@ -79,6 +80,21 @@ def test_a_diverged_result_says_so_first(diverged):
     text = report_page(diverged, sections=SECTIONS[:2])
     assert "diverged after 0.42 s of 10 s" in text
     assert text.index('id="warnings"') < text.index('id="run"')
+
+
+def test_only_the_papers_robots_are_held_against_its_figures(paper, monkeypatch):
+    """Of own robots neither a heading nor a caption refers to the paper."""
+    monkeypatch.setattr("viz.report.sections.to_bytes", lambda *_: b"<svg/>")
+    drawn = [(kind.name, kind, None) for kind in KINDS]
+    monkeypatch.setattr("viz.report.sections.draw_all", lambda *_: drawn)
+    scenario = paper.scenario.model_copy(update={"name": "mine"})
+    own = "".join(
+        re.findall(r"<(?:h\d|figcaption)>[^<]*", report_page(dataclasses.replace(paper, scenario=scenario)))
+    )
+    theirs = report_page(paper)
+    assert not re.search(r"[Pp]aper|Fig\.", own)
+    assert "(the paper&#x27;s Fig. 5)" in theirs
+    assert "Against the paper" in theirs
 
 
 def test_events_have_a_table_where_there_are_any(docked, paper, undrawn):
