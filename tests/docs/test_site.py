@@ -2,6 +2,8 @@
 
 import os
 import re
+import shutil
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -25,6 +27,17 @@ def test_nothing_is_loaded_from_another_host(site):
     styles = [path.read_text() for path in site.rglob("*.css")]
     assert styles
     assert not any(re.search(r"url\([\"']?(?:https?:)?//", text) for text in styles)
+
+
+def test_pages_opened_from_the_disk_have_a_search(site):
+    program = shutil.which("chromium") or shutil.which("google-chrome")
+    if program is None:
+        pytest.skip("no chromium on this computer")
+    for page in ("index.html", "api/index.html"):
+        address = f"{(site / page).resolve().as_uri()}?q=thrusters"
+        options = ("--headless", "--no-sandbox", "--disable-gpu", "--virtual-time-budget=8000", "--dump-dom")
+        found = subprocess.run([program, *options, address], capture_output=True, text=True, check=True)
+        assert re.search(r'md-search-result__item"><a href="file:[^"]*/bases.html', found.stdout), page
 
 
 def test_links_of_the_repository_are_links_of_the_site(site):
