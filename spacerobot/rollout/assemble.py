@@ -21,6 +21,8 @@ def trajectory_of(raw: Raw, kernel: Kernel, grid: TimeGrid, p: Array) -> Traject
     lost: Status = "chattering" if raw.fate[0] == CHATTERING else "diverged"
     status: Status = "unclosed" if cause else "completed" if raw.completed[0] else lost
     samples = int(np.searchsorted(grid.time, raw.reached[0], side="left" if ended else "right"))
+    if status == "diverged" and raw.x is not None and samples:
+        cause = _lost(kernel, p, raw.x[0, samples - 1], raw.reached[0] + grid.step_s)
     state = np.empty((0, 0)) if raw.x is None else raw.x[0, :samples, : kernel.nx]
     y = np.empty((samples, 0)) if raw.y is None else raw.y[0, :samples]
     return Trajectory(
@@ -43,6 +45,22 @@ def trajectory_of(raw: Raw, kernel: Kernel, grid: TimeGrid, p: Array) -> Traject
         events=_fired(raw, kernel, p),
         ended_at_s=float(raw.reached[0]) if ended else None,
     )
+
+
+def _lost(kernel: Kernel, p: Array, x: Array, time: float) -> str:
+    """What makes a rollout diverge: what has no rate at the time when it is lost, else what grows fastest.
+
+    ``x`` is the last good sample; rates are compared with how far a state may go.
+    """
+    c = kernel.functions["setup"](p)[1].full().ravel()
+    for place in kernel.jumps:
+        c[place] = np.inf if time < c[place] else -np.inf
+    rate = kernel.functions["dynamics"](time, x, c)[0].full().ravel()
+    (missing,) = np.nonzero(~np.isfinite(rate))
+    if len(missing):
+        more = f" and {len(missing) - 1} more" if len(missing) > 1 else ""
+        return f"{kernel.names[missing[0]]}{more}: its rate is not a number"
+    return f"{kernel.names[int(np.argmax(np.abs(rate) * kernel.scale))]} grows fastest"
 
 
 def _fired(raw: Raw, kernel: Kernel, p: Array) -> tuple[Fired, ...]:

@@ -12,6 +12,7 @@ import numpy as np
 from spacerobot.rollout.closure import Closure
 from spacerobot.rollout.measures import Measures, Signals
 from spacerobot.rollout.methods import DEFAULT, METHODS, Tableau
+from spacerobot.rollout.missing import check_measures
 from spacerobot.rollout.protocol import Array, ClosedLoopFunctions, EventRule, TableRule
 
 POSITION_LIMIT = VELOCITY_LIMIT = 1e6
@@ -57,6 +58,8 @@ class Kernel:
         Places in x of what changes between events and guards depend on.
     moving
         Derivatives: whether parameters may move the time of each event.
+    names
+        Of the entries of x, the integrals of measures behind those of the state.
     jump_slopes, rate
         Forward sensitivities: places in c of the jumps' derivatives, -1 likewise, and of that of time, if
         any jump moves.
@@ -84,6 +87,7 @@ class Kernel:
     c_bars: tuple[int, ...] = ()
     c_slopes: tuple[int, ...] = ()
     moving: tuple[bool, ...] = ()
+    names: tuple[str, ...] = ()
 
     def size(self, function: str, argument: str) -> int:
         """Length of an argument of a function."""
@@ -111,17 +115,24 @@ def build_kernel(
         What to gather; nothing if None.
     method
         What integrates.
+
+    Raises
+    ------
+    SpaceRobotError
+        If a measure or a cost depends on an output where it does not exist.
     """
     measures = measures or Measures(Signals.of(loop), {})
     nx = loop.dynamics.numel_in(1)
     integrals = measures.of_kind("integral")
-    count = sum(e.numel() for e in integrals.values())
+    summed = [f"the integral {name!r}" for name, e in integrals.items() for _ in range(e.numel())]
+    count = len(summed)
     p, t = ca.SX.sym("p", len(loop.parameter_paths)), ca.SX.sym("t")
     state, sums = ca.SX.sym("x", nx), ca.SX.sym("sums", count)
     used = _used_parameters(measures)
     prepared, chosen = ca.SX.sym("c", loop.setup.numel_out(1)), ca.SX.sym("p", len(used))
     x, c = ca.vertcat(state, sums), ca.vertcat(prepared, chosen)
     y, signals = _as_list(loop.outputs(t, state, prepared)), measures.signals
+    check_measures(loop, measures, y)
     symbols = [signals.t, signals.x, *signals.outputs.values(), *[signals.parameters[path] for path in used]]
     values = [t, state, *y, *ca.vertsplit(chosen)]
 
@@ -157,6 +168,7 @@ def build_kernel(
         tuple(loop.fine),
         seen=_seen(functions) if loop.events else (),
         tables=tuple(loop.tables),
+        names=(*loop.state_names, *summed),
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import casadi as ca
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 
 from spacerobot.closedloop import build_closed_loop
+from spacerobot.closedloop.closed_loop import Variable
 from spacerobot.errors import SpaceRobotError
 from spacerobot.rollout import Measures, Signals, build_rollout, final, integral, peak
 from tests.oracles.small_scenes import PLANAR, small_scene
@@ -147,3 +149,53 @@ def test_derivatives_of_a_single_state_with_a_single_constant(wrt):
         assert len(forward.trajectory.events) == len(events)
     closed = np.array([{"rate": -1.0, "start": 1.0}[name] for name in wrt]) * np.exp(-1.3)
     np.testing.assert_allclose(adjoint.gradients["end"], closed, rtol=1e-3)
+
+
+def test_a_lost_rollout_names_what_was_lost(rollout, loop):
+    assert rollout.run(LOST).cause.endswith("grows fastest")
+    s = Signals.of(loop)
+    broken = Measures(s, {"sink": integral(ca.sqrt(0.5 - s.t))})
+    lost = build_rollout(loop, **GRID, measures=broken, backend=rollout.backend).run()
+    assert lost.status == "diverged"
+    assert lost.cause == "the integral 'sink': its rate is not a number"
+
+
+class Half:
+    """A closed loop one of whose outputs exists for the first of two labels only."""
+
+    variables = (Variable("load", ("tip", "axis"), "N", "load of tips", ("a", "b")),)
+
+    def __init__(self, loop):
+        self._loop = loop
+        inputs = [ca.SX.sym(loop.outputs.name_in(k), loop.outputs.size_in(k)) for k in range(3)]
+        load = ca.vertcat(inputs[1][:3], ca.SX.nan(3, 1))
+        self.outputs = ca.Function("outputs", inputs, [load], loop.outputs.name_in(), ["load"])
+
+    def __getattr__(self, name):
+        return getattr(self._loop, name)
+
+
+@pytest.mark.parametrize(
+    ("named", "costs", "what"),
+    [
+        (lambda load: {"m": integral(ca.sumsqr(load))}, None, "the integral 'm'"),
+        (lambda load: {"m": peak(ca.sumsqr(load))}, None, "the cost 'm'"),
+        (lambda load: {"m": final(load)}, lambda r, p: {"J": ca.sum1(r["m"])}, "the cost 'J'"),
+    ],
+)
+def test_a_measure_of_what_exists_for_other_labels_only_is_refused(loop, named, costs, what):
+    half = Half(loop)
+    s = Signals.of(half)
+    words = f"{what} depends on 'load' where that does not exist; take the entries of a (0:3)"
+    with pytest.raises(SpaceRobotError, match=re.escape(words)):
+        build_rollout(half, **GRID, measures=Measures(s, named(s["load"]), costs), backend="interpreted")
+
+
+def test_entries_that_exist_are_measured_and_peaks_of_all_are_no_numbers_where_there_are_none(loop):
+    half = Half(loop)
+    s = Signals.of(half)
+    named = {"m": integral(ca.sumsqr(s["load"][:3])), "all": peak(s["load"])}
+    found = build_rollout(half, **GRID, measures=Measures(s, named), backend="interpreted").run()
+    assert found.status == "completed"
+    assert np.isfinite(found.costs["m"])
+    assert np.isfinite(found.measures["all"]).tolist() == [True] * 3 + [False] * 3
