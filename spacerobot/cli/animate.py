@@ -10,6 +10,7 @@ import typer
 from spacerobot.cli.options import Port
 from spacerobot.cli.output import console, progress
 from spacerobot.cli.playing import campaign, campaign_at_once, is_campaign, to_play
+from spacerobot.cli.plugins import load_plugins_of
 from spacerobot.interrupts import keep
 
 if TYPE_CHECKING:
@@ -76,6 +77,7 @@ def command(
     from viz.page.page import page
 
     folders = [*folders, *([compare] if compare else [])]
+    load_plugins_of(folders)
     if html is None and record is None and is_campaign(folders):
         serve_campaign(folders[0], port, open_browser=not no_browser)
         return

@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 import typer
 
 from spacerobot.cli.output import console, progress
+from spacerobot.cli.plugins import load_plugins_of
 
 ResultFolder = Annotated[Path, typer.Argument(metavar="RESULT", help="Folder of a result.")]
 Compare = Annotated[
@@ -60,6 +61,7 @@ def command(
     from spacerobot.result import load
     from viz.figures import save_figures
 
+    load_plugins_of([folder for folder in (result, compare) if folder is not None])
     if is_plan(result):
         _plan(result, compare, out or result / "figures")
         return

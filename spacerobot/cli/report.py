@@ -10,6 +10,7 @@ import typer
 
 from spacerobot.cli.campaign_page import campaign_page
 from spacerobot.cli.output import console, progress
+from spacerobot.cli.plugins import load_plugins_of
 from spacerobot.errors import ResultError
 
 Folders = Annotated[
@@ -51,6 +52,7 @@ def command(folders: Folders, out: Out = None) -> None:
     from viz.report.report import find_results, write_report
 
     path = out or folders[0] / "report.html"
+    load_plugins_of(folders)
     with progress("writing the report") as tell:
         page = _special_page(folders, tell)
         if page is not None:

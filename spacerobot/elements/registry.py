@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import functools
+import hashlib
 import importlib
 import importlib.util
 import operator
@@ -145,6 +146,13 @@ def load_plugin(path: StrPath) -> None:
 def plugins() -> tuple[Path, ...]:
     """Files that :func:`load_plugin` ran, in their order; other processes need them for the same scenario."""
     return tuple(_PLUGINS)
+
+
+def plugin_records() -> list[dict[str, str]]:
+    """The same as results keep them: ``file``, absolute, and ``sha256`` of what was run."""
+    return [
+        {"file": str(path), "sha256": hashlib.sha256(text).hexdigest()} for path, text in _PLUGINS.items()
+    ]
 
 
 def _line(fault: BaseException, path: Path) -> str | None:

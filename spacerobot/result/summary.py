@@ -11,6 +11,7 @@ from typing import Any
 import xarray as xr
 
 import spacerobot
+from spacerobot.elements.registry import plugin_records
 from spacerobot.result.events import outcome_of
 from spacerobot.result.ledger import build_ledger
 from spacerobot.result.limits import beyond_limits, limit_warnings
@@ -83,6 +84,7 @@ def build_summary(
         "assumptions": list(scene.assumptions),
         "warnings": [*scene.warnings, *limit_warnings(beyond)],
         "urdf_sha256": {body.name: body.description.sha256 for body in scene.bodies},
+        **({"plugins": plugins} if (plugins := plugin_records()) else {}),
         "versions": dict(_versions()),
     }
 

@@ -1,0 +1,109 @@
+"""Plugins that results were made with: found by the name and hash that a result keeps, run once allowed.
+
+A plugin is Python code, so a folder that somebody sent must not have it run unasked. What is given by
+``--plugin`` is allowed, and what the user's list of trusted plugins names by its hash; else the user is asked
+where there is a terminal.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import sys
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+from spacerobot.errors import ResultError
+
+TRUSTED = Path("spacerobot") / "trusted_plugins"
+"""File in the user's folder of configuration: a line for each plugin, as ``sha256sum FILE`` writes it."""
+
+
+def load_plugins_of(folders: Iterable[Path]) -> None:
+    """Run the plugins that results in folders were made with, those that are allowed.
+
+    Raises
+    ------
+    ResultError
+        If one is not found as it was, or not allowed; says how to allow it.
+    """
+    from spacerobot.elements import load_plugin
+    from spacerobot.elements.registry import plugin_records
+
+    for folder, record in _kept(folders):
+        loaded = plugin_records()
+        if any(one["sha256"] == record["sha256"] or _name(one) == _name(record) for one in loaded):
+            continue
+        path = _found(folder, record)
+        if not _is_allowed(folder, path, record["sha256"]):
+            raise ResultError(
+                f"made with the plugin {path}, which is code that would be run; allow it by --plugin {path}, "
+                f"or for good by `sha256sum {path} >> {trusted_list()}`",
+                source=folder,
+            )
+        load_plugin(path)
+
+
+def trusted_list() -> Path:
+    """The user's list of trusted plugins, whether or not it is there."""
+    home = os.environ.get("XDG_CONFIG_HOME") or Path.home() / ".config"
+    return Path(home) / TRUSTED
+
+
+def _kept(folders: Iterable[Path]) -> Iterator[tuple[Path, dict[str, str]]]:
+    """Results' folders in folders, and what each keeps of a plugin; what is damaged is for who reads it."""
+    for folder in folders:
+        for path in sorted(
+            {*folder.glob("summary.json"), *folder.glob("*/summary.json"), *folder.glob("*/*/summary.json")}
+        ):
+            try:
+                summary: Any = json.loads(path.read_text(encoding="utf-8"))
+            except (OSError, ValueError, RecursionError):
+                continue
+            records = summary.get("plugins") if isinstance(summary, dict) else None
+            for record in records if isinstance(records, list) else ():
+                if isinstance(record, dict) and all(
+                    isinstance(record.get(k), str) for k in ("file", "sha256")
+                ):
+                    yield path.parent, record
+
+
+def _name(record: dict[str, str]) -> str:
+    return Path(record["file"]).name
+
+
+def _found(folder: Path, record: dict[str, str]) -> Path:
+    """The plugin's file, where it was or beside the result, with the content that it had."""
+    places = [
+        Path(record["file"]),
+        folder / _name(record),
+        folder.parent / _name(record),
+        Path(_name(record)),
+    ]
+    there = [place for place in places if place.is_file()]
+    for place in there:
+        if hashlib.sha256(place.read_bytes()).hexdigest() == record["sha256"]:
+            return place
+    state = f"{there[0]} has changed since" if there else f"which is not at {record['file']} any more"
+    raise ResultError(
+        f"made with the plugin {_name(record)} (sha256 {record['sha256'][:12]}...); {state}; "
+        "name the file by --plugin FILE",
+        source=folder,
+    )
+
+
+def _is_allowed(folder: Path, path: Path, sha256: str) -> bool:
+    """Whether the user's list names a hash, or the user says yes."""
+    import typer
+
+    try:
+        lines = trusted_list().read_text(encoding="utf-8").splitlines()
+    except (OSError, ValueError):
+        lines = []
+    if sha256 in {line.split()[0].removeprefix("\\") for line in lines if line.split()}:
+        return True
+    if not (sys.stdin.isatty() and sys.stderr.isatty()):
+        return False
+    return typer.confirm(f"{folder} was made with the plugin {path}. Run that file?", err=True)
