@@ -88,7 +88,7 @@ def quantity(unit: str, description: str, *, rotation: str | None = None, **opti
     **options
         ``default``, ``ge``, ``gt``, ``le``, ... as for :func:`pydantic.Field`.
     """
-    units = {"unit": unit} | ({"unit_of_rotation": rotation} if rotation else {})
+    units: dict[str, Any] = {"unit": unit} | ({"unit_of_rotation": rotation} if rotation else {})
     return Field(description=f"{description} [{unit}]", json_schema_extra=units, **options)
 
 
