@@ -19,6 +19,7 @@ from spacerobot.arrays import Array
 from spacerobot.description.parts import Joint, Link
 from spacerobot.description.write import urdf_xml
 from spacerobot.errors import ScenarioError
+from spacerobot.files import StrPath
 from spacerobot.scenario.load import parse_yaml, validate
 from spacerobot.scenario.paths import Document
 from spacerobot.scene.build import build_scene
@@ -36,7 +37,7 @@ DRIFT, TURN_DEG = 0.1, 2.0
 """How far the object drifts, in parts of the way of the tip, and turns, until the tip is there."""
 
 
-def surface_point(target: str, point: Sequence[float], file: Path) -> tuple[str, str]:
+def surface_point(target: str, point: Sequence[float], file: StrPath) -> tuple[str, str]:
     """URDF of an object with a mating frame at a point of its surface, and the file that it belongs into.
 
     The frame's x axis points into the object: from the point to the root link's centre of mass, along the
@@ -56,6 +57,7 @@ def surface_point(target: str, point: Sequence[float], file: Path) -> tuple[str,
     tuple
         File name and text.
     """
+    file = Path(file)
     _, description = read(target, file.absolute().parent)
     root = next(link for link in description.links if link.name == description.root)
     inward = root.com - np.array(point)
@@ -75,7 +77,7 @@ def surface_point(target: str, point: Sequence[float], file: Path) -> tuple[str,
     return f"{file.stem}_target.urdf", text
 
 
-def draft_capture(order: Order, file: Path) -> tuple[str, Scene]:
+def draft_capture(order: Order, file: StrPath) -> tuple[str, Scene]:
     """Text of a scenario with approach, capture and stop that will stand in ``file``, and its scene.
 
     Parameters
@@ -95,6 +97,7 @@ def draft_capture(order: Order, file: Path) -> tuple[str, Scene]:
     ScenarioError, DescriptionError
         If a URDF cannot be used, a link is not there, or the object has no mating frame.
     """
+    file = Path(file)
     if len(order.robots) != 1:
         raise ScenarioError(f"found {len(order.robots)} robots, allowed with --capture: one", where="--robot")
     source = file.absolute()
