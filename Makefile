@@ -6,7 +6,7 @@ WHEEL_VENV := build/wheel-venv
 export PIP_CONSTRAINT := $(CURDIR)/constraints.txt
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: demo test check check-js docs bench wheel-check clean
+.PHONY: demo test check check-js docs bench wheel-check floors clean
 
 demo: $(VENV)/installed  ## Run the main jobs: a docking, and the paper's scenario, from URDF to a result
 	$(BIN)/spacerobot run docking --out out/docking
@@ -51,6 +51,14 @@ wheel-check: $(VENV)/installed-all  ## The built wheel, alone in a fresh environ
 	$(PYTHON) -m venv $(WHEEL_VENV)
 	$(WHEEL_VENV)/bin/python -m pip install --quiet dist/*.whl
 	cd build && wheel-venv/bin/spacerobot run paper --out out
+
+floors:  ## The lowest versions that pyproject.toml names run the paper's scenario
+	rm -rf build/floors && $(PYTHON) -m venv build/floors
+	$(PYTHON) -c "import tomllib; d = tomllib.load(open('pyproject.toml', 'rb'))['project']['dependencies']; \
+		open('build/floors.txt', 'w').write('\n'.join(x.replace('>=', '==') for x in d) + '\n')"
+	PIP_CONSTRAINT= build/floors/bin/python -m pip install --quiet -r build/floors.txt
+	PIP_CONSTRAINT= build/floors/bin/python -m pip install --quiet --no-deps --editable .
+	build/floors/bin/spacerobot run paper --out build/floors-paper
 
 $(VENV)/installed: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)

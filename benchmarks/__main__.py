@@ -1,4 +1,8 @@
-"""``python -m benchmarks``: measure everything, print the table, write ``out/bench.json``."""
+"""``python -m benchmarks [JOB...] [--keep]``: measure, print the table, write ``out/bench.json``.
+
+With ``--keep`` the ratios are appended to ``history.jsonl`` with date, machine and commit. Ratios that are
+worse than those kept for the same kind of machine are printed.
+"""
 
 from __future__ import annotations
 
@@ -21,6 +25,7 @@ from benchmarks import (
     dockings,
     events,
     follow,
+    history,
     methods,
     planning,
     process,
@@ -66,7 +71,8 @@ JOBS: dict[str, Callable[[], list[Row]]] = {
 
 def main() -> None:
     """Measure the jobs named on the command line, or all."""
-    wanted = sys.argv[1:] or list(JOBS)
+    given = [word for word in sys.argv[1:] if word != "--keep"]
+    wanted = given or list(JOBS)
     unknown = [name for name in wanted if name not in JOBS]
     if unknown:
         sys.exit(f"error: no benchmark {', '.join(unknown)}; allowed: {', '.join(JOBS)}")
@@ -85,6 +91,10 @@ def main() -> None:
     report = {"machine": machine, "rows": [dataclasses.asdict(row) for row in rows]}
     write_text(Path("out/bench.json"), json.dumps(report, indent=2) + "\n")
     console.print("medians; each ratio within one run; also in out/bench.json")
+    for line in history.regressions(rows, history.previous(machine)):
+        console.print(f"worse than kept: {line}", style="yellow")
+    if "--keep" in sys.argv[1:]:
+        history.keep(rows, machine)
 
 
 def _table(rows: list[Row]) -> Table:

@@ -1,0 +1,53 @@
+"""Results kept with date, machine and commit, so that a regression shows."""
+
+from __future__ import annotations
+
+import datetime
+import json
+import subprocess
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from benchmarks.row import Row
+
+HISTORY = Path(__file__).with_name("history.jsonl")
+REGRESSION = 1.1
+"""Factor by which a ratio may worsen before it is reported: quiet runs scatter by less."""
+
+
+def previous(machine: Mapping[str, Any], path: Path = HISTORY) -> dict[str, float]:
+    """Latest kept ratio of each row on machines of the same kind."""
+    found: dict[str, float] = {}
+    for line in path.read_text(encoding="utf-8").splitlines() if path.exists() else ():
+        entry = json.loads(line)
+        if all(entry["machine"].get(key) == machine[key] for key in ("processor", "cores")):
+            found |= entry["ratios"]
+    return found
+
+
+def regressions(rows: Sequence[Row], before: Mapping[str, float]) -> list[str]:
+    """Rows whose ratio is worse than the kept one, in words."""
+    found = []
+    for row in rows:
+        name = f"{row.what} / {row.against}"
+        if row.ratio is None or name not in before:
+            continue
+        change = row.ratio / before[name]
+        larger_is_better = "faster" in row.target or "at least" in row.target
+        worse = 1 / change if larger_is_better else change
+        if worse > REGRESSION:
+            found.append(f"{name}: ratio {row.ratio:.3g}, kept {before[name]:.3g}")
+    return found
+
+
+def keep(rows: Sequence[Row], machine: Mapping[str, Any], path: Path = HISTORY) -> None:
+    """Append an entry with today's date and the commit that was measured."""
+    commit = subprocess.run(
+        ["git", "describe", "--always", "--dirty"], capture_output=True, text=True, check=False
+    ).stdout.strip()
+    ratios = {f"{row.what} / {row.against}": row.ratio for row in rows if row.ratio is not None}
+    date = datetime.datetime.now(tz=datetime.UTC).date().isoformat()
+    entry = {"date": date, "commit": commit, "machine": dict(machine), "ratios": ratios}
+    with path.open("a", encoding="utf-8") as file:
+        file.write(json.dumps(entry) + "\n")
