@@ -34,21 +34,34 @@ class Section(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
+    @classmethod
+    def known_keys(cls) -> list[str]:
+        """Keys that the section may have."""
+        return list(cls.model_fields)
+
+    @classmethod
+    def unit_of(cls, key: str, *, rotation: bool = False) -> str | None:
+        """Unit of a key's number, where it controls a rotation if so said; None if its field states none."""
+        extra = cls.model_fields[key].json_schema_extra
+        if not isinstance(extra, dict):
+            return None
+        return str(extra.get("unit_of_rotation", extra["unit"]) if rotation else extra["unit"])
+
     @model_validator(mode="before")
     @classmethod
-    def _known_keys(cls, data: Any) -> Any:
+    def _check_keys(cls, data: Any) -> Any:
         """Refuse unknown keys with the near names, and truth values where a number belongs."""
         if not isinstance(data, dict):
             return data
+        known = cls.known_keys()
         for key, value in data.items():
-            if key not in cls.model_fields:
+            if key not in known:
                 kind = f" (kind: {data['kind']})" if "kind" in cls.model_fields and "kind" in data else ""
-                raise ValueError(f"unknown key {key!r}; {near_names(str(key), cls.model_fields)}{kind}")
+                raise ValueError(f"unknown key {key!r}; {near_names(str(key), known)}{kind}")
             values = value if isinstance(value, list | tuple) else [value]
-            if any(isinstance(item, bool) for item in values) and cls.model_fields[key].annotation not in (
-                bool,
-                bool | None,
-            ):
+            field = cls.model_fields.get(key)
+            is_flag = field is not None and field.annotation in (bool, bool | None)
+            if any(isinstance(item, bool) for item in values) and not is_flag:
                 raise ValueError(f"{key}: found {value!r}, a truth value, which is not allowed here")
             _check_size(key, value)
         return data

@@ -4,31 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import partial
 
 import casadi as ca
 import numpy as np
 
-from optim.problem.bases import (
-    attitude_peaks,
-    attitude_squares,
-    jitters,
-    propellants,
-    wheel_peaks,
-    wheel_squares,
-    with_jitter,
-)
-from optim.problem.docking import Measured, capture_times, event_energy, impulses
+from optim.problem.measured import context_of, measure, required_measure, with_added_states
 from optim.problem.problem import Form
 from optim.problem.tied import extend
 from spacerobot.arrays import Array
 from spacerobot.errors import ScenarioError
+from spacerobot.quantities import Context, Quantity, find_quantity
 from spacerobot.rollout import ClosedLoopFunctions, Measure, Measures, Signals, integral, peak
 from spacerobot.scenario import Constraints, Objective
 from spacerobot.scene import Scene
 
 SMALLEST_LENGTH = 1e-9  # m; keeps the distance smooth where the error is zero
-SMALLEST_FORCE = 1e-6  # N; the same for forces
 OBJECTIVE = "objective"
 UNITS = {
     "minimax": (1e3, "mm"),
@@ -84,7 +74,7 @@ class Terms:
 
 
 def extended_loop(loop: ClosedLoopFunctions, scene: Scene, objective: Objective) -> ClosedLoopFunctions:
-    """The closed loop with the memories that jitter and Eq. 45 need, where the objective asks for them.
+    """The closed loop with the states that the objective's quantities and Eq. 45 need.
 
     Eq. 45 reads e = exp(-t_a t) int exp(+-t_a s) (e_x + e_y) ds: a state e' = -t_a e + k (e_x + e_y), with
     k = 1 as it must be for a leaky integral, and k = exp(-2 t_a t) as printed.
@@ -94,8 +84,8 @@ def extended_loop(loop: ClosedLoopFunctions, scene: Scene, objective: Objective)
     ScenarioError
         If a tip has no amnesia controller, and so no t_a.
     """
-    if objective.jitter and scene.tips:
-        loop = with_jitter(loop, scene, objective.jitter_frequency)
+    weighed = [find_quantity(name) for name, weight in objective.given.items() if weight]
+    loop = with_added_states(loop, scene, weighed, objective.jitter_frequency)
     if objective.kind not in EQ45:
         return loop
     for tip in scene.tips:
@@ -141,29 +131,20 @@ def build_terms(
     ScenarioError
         If the objective is not a scalar measure, or a term needs what the scene does not have.
     """
-    signals = Signals.of(loop)
-    named = _watched(signals, scene)
-    limits = {
-        name: limit
-        for name, limit in (
-            ("joint_torque_peak", constraints.max_joint_torque),
-            ("grip_force_peak", constraints.max_grip_force),
-            ("base_rotation_peak_deg", constraints.max_base_rotation_deg),
-        )
-        if limit is not None
-    }
-    for name, limit, make in (
-        ("impulse", "max_impulse", impulses),
-        ("attitude_error_peak_deg", "max_attitude_error_deg", partial(attitude_peaks, loop)),
-        ("wheel_momentum_peak", "max_wheel_momentum", partial(wheel_peaks, loop)),
-        ("propellant", "max_propellant", partial(propellants, loop)),
-    ):
-        if getattr(constraints, limit) is not None:
-            limits[name] = getattr(constraints, limit)
-            named[name] = _found(make, signals, scene, f"constraints.{limit}")
+    context = context_of(scene, loop)
+    signals = context.signals
+    named = _watched(context)
+    limits = constraints.given
+    for name in limits:
+        quantity = find_quantity(name)
+        named[name] = required_measure(quantity, context, f"tuning.constraints.max_{quantity.limit}")
     if isinstance(objective, Objective):
-        extras = _extras(loop, signals, scene, objective)
-        return _standard(signals, scene, objective, (named, extras), limits)
+        weights = {find_quantity(name): weight for name, weight in objective.given.items() if weight}
+        extras = {
+            quantity: required_measure(quantity, context, f"tuning.objective.{quantity.weight}")
+            for quantity in weights
+        }
+        return _standard(signals, scene, objective, (named, extras, weights), limits)
     own = objective(signals)
     if isinstance(own, Measure) and own.expression.numel() == 1:
         own = Reduced(own, lambda whole: whole)
@@ -178,18 +159,19 @@ def _standard(
     signals: Signals,
     scene: Scene,
     objective: Objective,
-    measured: tuple[dict[str, Measure], dict[str, Measure]],
+    measured: tuple[dict[str, Measure], dict[Quantity, Measure], dict[Quantity, float]],
     limits: dict[str, float],
 ) -> Terms:
-    """Terms of a scenario's objective; measured are what is watched, and what counts once at its weight."""
+    """Terms of a scenario's objective; measured are peaks, weighed quantities, and their weights."""
     if objective.object_rotation and scene.target is None:
         raise ScenarioError(
             "there is no target whose rotation could count",
             source=scene.source,
             where="tuning.objective.object_rotation",
         )
-    watched, extras = measured
-    named = watched | extras
+    watched, extras, own_weights = measured
+    duration = scene.scenario.simulation.duration
+    named = watched | {quantity.name: own for quantity, own in extras.items()}
     weights = _penalties(signals, scene, objective)
     for name, (weight, factor) in weights.items():
         if weight:
@@ -204,8 +186,9 @@ def _standard(
         total = objective.weight * tracking
         for name, weight in counted.items():
             total = total + weight * r[f"{name}_squared"]
-        for name in extras:
-            total = total + getattr(objective, name) * ca.sum1(r[name])
+        for quantity, weight in own_weights.items():
+            values = ca.SX(quantity.reduced(r[quantity.name], duration))
+            total = total + weight * ca.SX(ca.sum1(values))
         return {OBJECTIVE: total}
 
     forms: dict[str, Form] = {"ise": "squares", "minimax": "minimax"}
@@ -214,56 +197,6 @@ def _standard(
         residuals["tip_error"] = (objective.weight, np.ones(3 * len(scene.tips)))
     form = "smooth" if extras else forms.get(objective.kind, "smooth")
     return Terms(Measures(signals, named, costs), form, limits, residuals)
-
-
-def _extras(
-    loop: ClosedLoopFunctions, signals: Signals, scene: Scene, objective: Objective
-) -> dict[str, Measure]:
-    """What an objective counts beside errors and penalties, by its key.
-
-    Raises
-    ------
-    ScenarioError
-        If the scene has nothing for it.
-    """
-    makers: dict[str, Callable[[Signals, Scene], Measured]] = {
-        "capture_time": capture_times,
-        "event_energy": event_energy,
-        "base_attitude": partial(attitude_squares, loop),
-        "wheel_momentum": partial(wheel_squares, loop),
-        "propellant": partial(propellants, loop),
-        "jitter": partial(jitters, loop),
-    }
-    return {
-        name: _found(make, signals, scene, f"objective.{name}")
-        for name, make in makers.items()
-        if getattr(objective, name)
-    }
-
-
-NOTHING = {
-    "attitude": "no robot of this scene holds its base's attitude by a controller of kind base_attitude",
-    "wheel": "no robot of this scene has wheels, an actuator of kind reaction_wheels",
-    "propellant": "no robot of this scene has thrusters, an actuator of kind thrusters",
-    "jitter": "no robot of this scene has a tip",
-}
-"""Why a scene has nothing for a key that holds a word; elsewhere it lacks a grasp."""
-
-
-def _found(make: Callable[[Signals, Scene], Measured], signals: Signals, scene: Scene, key: str) -> Measure:
-    """Measure that a key of the tuning section asks for.
-
-    Raises
-    ------
-    ScenarioError
-        If the scene has nothing for it.
-    """
-    found = make(signals, scene)
-    if not found.places:
-        reasons = (why for word, why in NOTHING.items() if word in key)
-        why = next(reasons, "no grasp of this scene is captured so")
-        raise ScenarioError(why, source=scene.source, where=f"tuning.{key}")
-    return found.measure
 
 
 def _track(signals: Signals, scene: Scene, kind: str) -> Measure | None:
@@ -290,21 +223,18 @@ def _penalties(signals: Signals, scene: Scene, objective: Objective) -> dict[str
     return found
 
 
-def _watched(signals: Signals, scene: Scene) -> dict[str, Measure]:
-    """Peaks that every rollout reports, and that constraints are made of."""
-    error = tip_errors(signals, scene)
+WATCHED = ("joint_torque_peak", "grip_force_peak", "base_rotation_peak")
+"""Quantities that every rollout of a tuning problem measures."""
+
+
+def _watched(context: Context) -> dict[str, Measure]:
+    """Peaks that every rollout reports; of tip errors both signs, which a minimax objective is made of."""
+    error = tip_errors(context.signals, context.scene)
     named = {"tip_error_peak": peak(ca.vertcat(error, -error))}
-    if signals["joint_torque"].numel():
-        named["joint_torque_peak"] = peak(ca.fabs(signals["joint_torque"]))
-    forces = [ca.sqrt(ca.sumsqr(f) + SMALLEST_FORCE**2) for f in _threes(signals["grasp_force"])]
-    if forces:
-        named["grip_force_peak"] = peak(ca.vertcat(*forces))
-    rotation = _threes(signals["body_rotation"])
-    turned = [rotation[i] for i, body in enumerate(scene.bodies) if body.path != "target"]
-    smallest = np.radians(1e-9)
-    named["base_rotation_peak_deg"] = peak(
-        ca.vertcat(*(np.degrees(1) * ca.sqrt(ca.sumsqr(r) + smallest**2) for r in turned))
-    )
+    for name in WATCHED:
+        found, own = measure(find_quantity(name), context)
+        if found.labels:
+            named[name] = own
     return named
 
 

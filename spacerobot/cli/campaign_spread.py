@@ -34,9 +34,9 @@ def distributions(evaluator: Evaluator, data: xr.Dataset) -> list[dict[str, Any]
 
 
 def _spread(evaluator: Evaluator, data: xr.Dataset, gains: str, again: int) -> dict[str, Any]:
+    from spacerobot.quantities import metrics as all_metrics
     from viz.figures.style import unit_scale
     from viz.page.meshcat_scene import packed
-    from viz.page.panel import LABELS
     from viz.page.spread import Spread
 
     member = evaluator.member(gains)
@@ -44,9 +44,11 @@ def _spread(evaluator: Evaluator, data: xr.Dataset, gains: str, again: int) -> d
     for begin in range(0, len(rows), spread.most):
         spread.roll(member.space.paths, rows[begin : begin + spread.most])
     metrics = []
-    for key, (label, _) in LABELS.items():
+    for key, quantity in all_metrics().items():
         if key in data:
             factor, unit = unit_scale(str(data[key].attrs["units"]))
             values = factor * data[key].sel(gains=gains).max(f"{key}_of", skipna=False)
-            metrics.append({"key": key, "label": label, "unit": unit, "values": packed(values.values)})
+            metrics.append(
+                {"key": key, "label": quantity.label, "unit": unit, "values": packed(values.values)}
+            )
     return {"name": gains, "metrics": metrics, **spread.data()}

@@ -7,22 +7,15 @@ from typing import Any
 
 from spacerobot.cli.output import console, prose, table, warn
 
-MARK = {
-    "": "+",
-    "unclosed": "O",
-    "diverged": "D",
-    "joint_torque": "T",
-    "grip_force": "G",
-    "tip_error": "E",
-    "target_rotation_deg": "R",
-    "base_rotation_deg": "B",
-    "capture_time": "C",
-    "impulse": "I",
-}
-MARKS = (
-    "+ it does; O open at the start; D diverged; limits: T torque, G grip, E tip error, R target's, "
-    "B base's rotation, C time of capture, I impulse"
-)
+MARKS = {"": ("+", "holds"), "unclosed": ("O", "open at the start"), "diverged": ("D", "diverged")}
+"""Letter and meaning of each outcome in the map of a campaign, limits of quantities aside."""
+
+
+def marks() -> dict[str, tuple[str, str]]:
+    """Letter and meaning of every outcome in the map of a campaign, by its cause."""
+    from spacerobot.quantities import limited
+
+    return MARKS | {key: (each.symbol, each.label) for key, each in limited().items() if each.symbol}
 
 
 def show(summary: Mapping[str, Any]) -> None:
@@ -44,7 +37,11 @@ def show(summary: Mapping[str, Any]) -> None:
         for metric, entry in told["matters"].items():
             prose(depends(metric, entry), indent=2)
         if told["map"] is not None:
-            title = f"{name}: where it holds ({MARKS})"
+            found = {cause for row in told["map"]["failed"] for cause in row}
+            legend = ", ".join(
+                f"{letter} {words}" for cause, (letter, words) in marks().items() if cause in found
+            )
+            title = f"{name}: where it holds ({legend})"
             console().print(table(title, *_map(told["map"], summary["parameters"])))
         worst = told["worst"][0]
         draws = ", ".join(f"{key} {drawn(summary, key, value)}" for key, value in worst["draw"].items())
@@ -103,9 +100,10 @@ def _percentiles(told: Mapping[str, Any]) -> Rows:
 
 
 def _map(told: Mapping[str, Any], parameters: list[str]) -> Rows:
+    letters = marks()
     head = [f"{parameters[0]} \\ {parameters[1]}", *(f"{value:.4g}" for value in told["second"])]
     rows = [
-        [f"{value:.4g}", *(MARK.get(cause, "?") for cause in causes)]
+        [f"{value:.4g}", *(letters.get(cause, ("?",))[0] for cause in causes)]
         for value, causes in zip(told["first"], told["failed"], strict=True)
     ]
     return head, rows

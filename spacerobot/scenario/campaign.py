@@ -10,28 +10,12 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from spacerobot.errors import near_names
+from spacerobot.quantities import find_quantity, metrics
+from spacerobot.scenario.quantity_numbers import QuantityLimits
 from spacerobot.section import Name, Section, quantity
 
 Distribution = Literal["uniform", "normal", "lognormal", "truncated_normal"]
 Design = Literal["monte_carlo", "latin_hypercube", "sobol", "grid", "saltelli"]
-Metric = Literal[
-    "tip_error_peak",
-    "tip_error_rms",
-    "target_rotation_peak",
-    "base_rotation_peak",
-    "joint_torque_peak",
-    "grip_force_peak",
-    "capture_time",
-    "miss_distance",
-    "impulse",
-    "event_energy",
-    "attitude_error_peak",
-    "wheel_momentum_peak",
-    "propellant",
-    "jitter",
-]
-METRICS: tuple[Metric, ...] = get_args(Metric)
-
 NEEDS: dict[str, tuple[str, ...]] = {
     "uniform": ("lower", "upper"),
     "normal": ("mean", "std"),
@@ -39,21 +23,6 @@ NEEDS: dict[str, tuple[str, ...]] = {
     "truncated_normal": ("mean", "std", "lower", "upper"),
 }
 """Numbers that each distribution is described by."""
-
-LIMITED: dict[str, Metric] = {
-    "joint_torque": "joint_torque_peak",
-    "grip_force": "grip_force_peak",
-    "tip_error": "tip_error_peak",
-    "target_rotation_deg": "target_rotation_peak",
-    "base_rotation_deg": "base_rotation_peak",
-    "capture_time": "capture_time",
-    "impulse": "impulse",
-    "attitude_error_deg": "attitude_error_peak",
-    "wheel_momentum": "wheel_momentum_peak",
-    "propellant": "propellant",
-    "jitter": "jitter",
-}
-"""Metric that each limit is held against."""
 
 MOST_SAMPLES = 1_000_000
 EIGENVALUE = 1e-10  # least eigenvalue of a correlation matrix
@@ -115,24 +84,8 @@ class Uncertain(Section):
             raise ValueError("lower and upper cut away all but a millionth of the normal distribution")
 
 
-class Limits(Section):
-    """What counts as a failure beside divergence; no limit where nothing is given."""
-
-    joint_torque: float | None = quantity("N m or N", "of any joint", default=None, gt=0)
-    grip_force: float | None = quantity("N", "of any grasp", default=None, gt=0)
-    tip_error: float | None = quantity("m", "of any tip along any axis", default=None, gt=0)
-    target_rotation_deg: float | None = quantity("deg", "of the target", default=None, gt=0)
-    base_rotation_deg: float | None = quantity(
-        "deg", "of any robot's base since the start", default=None, gt=0
-    )
-    capture_time: float | None = quantity(
-        "s", "of any grasp that begins open; missed ones are as late as the simulation", default=None, gt=0
-    )
-    impulse: float | None = quantity("N s", "of all impacts in any grasp", default=None, gt=0)
-    attitude_error_deg: float | None = quantity("deg", "of any base that is held", default=None, gt=0)
-    wheel_momentum: float | None = quantity("N m s", "of all wheels of a base together", default=None, gt=0)
-    propellant: float | None = quantity("kg", "that any robot's thrusters spend", default=None, gt=0)
-    jitter: float | None = quantity("m", "of any tip, root mean square", default=None, gt=0)
+class Limits(QuantityLimits):
+    """Values beyond which a rollout counts as failed, in addition to divergence."""
 
 
 class Campaign(Section):
@@ -163,8 +116,8 @@ class Campaign(Section):
         description="sets of gains to compare on the same samples: changes to the scenario by dotted path; "
         "the scenario's own gains alone if not given",
     )
-    metrics: tuple[Metric, ...] = Field(
-        default=tuple(metric for metric in METRICS if metric != "jitter"),
+    metrics: tuple[str, ...] = Field(
+        default_factory=lambda: tuple(name for name, each in metrics().items() if each.is_default),
         min_length=1,
         description="which numbers are kept of each rollout; all but jitter, which takes states of its own, "
         "if not given",
@@ -196,9 +149,9 @@ class Campaign(Section):
         """Refuse unknown designs and metrics with the near names."""
         if isinstance(data, dict):
             _check_word(data.get("design", "sobol"), "design", get_args(Design))
-            metrics = data.get("metrics", ())
-            for word in metrics if isinstance(metrics, list | tuple) else ():
-                _check_word(word, "metrics", METRICS)
+            named = data.get("metrics", ())
+            for word in named if isinstance(named, list | tuple) else ():
+                _check_word(word, "metrics", metrics())
         return data
 
     @model_validator(mode="after")
@@ -210,9 +163,9 @@ class Campaign(Section):
             raise ValueError(f"series: {twice[0]} stands twice")
         if self.series_step is not None and not self.series:
             raise ValueError("series_step: there is no series; name signals in `series`")
-        for limit, metric in LIMITED.items():
-            if getattr(self.limits, limit) is not None and metric not in self.metrics:
-                raise ValueError(f"limits.{limit}: {metric} must be among the metrics")
+        for name in self.limits.given:
+            if name not in self.metrics:
+                raise ValueError(f"limits.{find_quantity(name).limit}: {name} must be among the metrics")
         if self.correlation is not None:
             if self.design in ("grid", "saltelli"):
                 raise ValueError(f"correlation: the design {self.design} takes parameters as independent")

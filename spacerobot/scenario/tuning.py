@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, Literal
 
 from pydantic import Field, model_validator
 
 from spacerobot.errors import near_names
+from spacerobot.quantities import Quantity, limited
+from spacerobot.scenario.quantity_numbers import QuantityLimits, QuantityWeights
 from spacerobot.section import Name, Section, quantity
 
 Method = Literal["manual", "ga", "de", "pso", "cmaes", "sobol", "random", "nlp", "nlp_ga"]
@@ -53,8 +56,8 @@ class Variable(Section):
         return self
 
 
-class Objective(Section):
-    """What is to become small: a measure of the tip errors, and weighted penalties beside it."""
+class Objective(QuantityWeights):
+    """What is minimised: a measure of the tip errors, weighted penalties, and weighted quantities."""
 
     kind: Literal["ise", "itae", "minimax", "eq45", "eq45_printed"] = Field(
         default="ise",
@@ -75,51 +78,16 @@ class Objective(Section):
     object_rotation: float = quantity(
         "objective/(rad^2 s)", "weight of the integral of the object's squared rotation", default=0.0, ge=0
     )
-    capture_time: float = quantity(
-        "objective/s",
-        "weight of the last captures' times, summed over grasps that begin open",
-        default=0.0,
-        ge=0,
-    )
-    event_energy: float = quantity(
-        "objective/J", "weight of the energy that impacts and springs let go take", default=0.0, ge=0
-    )
-    base_attitude: float = quantity(
-        "objective/(rad^2 s)",
-        "weight of the integral of the squared attitude errors of bases that are held",
-        default=0.0,
-        ge=0,
-    )
-    wheel_momentum: float = quantity(
-        "objective/(N^2 m^2 s^3)",
-        "weight of the integral of the squared momentum of each base's wheels together",
-        default=0.0,
-        ge=0,
-    )
-    propellant: float = quantity(
-        "objective/kg", "weight of the propellant that thrusters spend", default=0.0, ge=0
-    )
-    jitter: float = quantity(
-        "objective/(m^2 s)",
-        "weight of the integral of the tips' squared jitter: their error behind a high pass of first order",
-        default=0.0,
-        ge=0,
-    )
     jitter_frequency: float = quantity("Hz", "corner frequency of that high pass", default=1.0, gt=0)
 
 
-class Constraints(Section):
-    """What must not be exceeded at any time; no limit where nothing is given."""
+class Constraints(QuantityLimits):
+    """Largest values of quantities; no limit where none is given."""
 
-    max_joint_torque: float | None = quantity("N m or N", "of any joint", default=None, gt=0)
-    max_grip_force: float | None = quantity("N", "of any grasp", default=None, gt=0)
-    max_base_rotation_deg: float | None = quantity("deg", "of any robot's base", default=None, gt=0)
-    max_impulse: float | None = quantity("N s", "of all impacts in any grasp", default=None, gt=0)
-    max_attitude_error_deg: float | None = quantity("deg", "of any base that is held", default=None, gt=0)
-    max_wheel_momentum: float | None = quantity(
-        "N m s", "of all wheels of a base together", default=None, gt=0
-    )
-    max_propellant: float | None = quantity("kg", "that any robot's thrusters spend", default=None, gt=0)
+    @classmethod
+    def quantities(cls) -> Mapping[str, Quantity]:
+        """Those that can be bounded, by ``max_`` and the key of their limit."""
+        return {f"max_{key}": each for key, each in limited().items()}
 
 
 class Robustness(Section):

@@ -28,10 +28,10 @@ def unit_at(scenario: Scenario, path: str) -> str:
         key = _first(node, path)
         path = path[len(key) + 1 :]
         if isinstance(node, Section):
-            found = type(node).model_fields[key].json_schema_extra
+            found = type(node).unit_of(key, rotation=turns)
             # a sensor's calibration is in the unit of what it measures
-            if isinstance(found, dict) and found.get("unit") != SIGNALS_UNIT:
-                unit = str(found.get("unit_of_rotation", found["unit"]) if turns else found["unit"])
+            if found is not None and found != SIGNALS_UNIT:
+                unit = found
             node = getattr(node, key)
         else:
             node = node[key] if isinstance(node, dict) else node[int(key)]

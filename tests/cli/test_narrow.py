@@ -140,7 +140,7 @@ CAMPAIGN = {
     ],
     "gains": {
         "scenario": {
-            "failure": dict.fromkeys(("any", *filter(None, campaign_tables.MARK)), ESTIMATE),
+            "failure": dict.fromkeys(("any", *filter(None, campaign_tables.marks())), ESTIMATE),
             "captured": ESTIMATE,
             "metrics": [METRIC, METRIC],
             "map": {

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from optim.campaign.rollouts.metrics import build_kept
-from optim.problem.bases import with_jitter
+from optim.problem.measured import with_added_states
 from optim.problem.objectives import OBJECTIVE, build_terms, extended_loop
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.errors import ScenarioError
+from spacerobot.quantities import find_quantity
 from spacerobot.rollout import build_rollout
 from spacerobot.scenario import Constraints, Objective
 from tests.oracles.small_scenes import PLANAR, small_scene
@@ -36,13 +37,18 @@ def test_objectives_have_exact_gradients(held):
     objective = Objective(weight=0, base_attitude=3.0, propellant=50.0, jitter=200.0, jitter_frequency=2.0)
     extended = extended_loop(loop, scene, objective)
     terms = build_terms(extended, scene, objective, Constraints(max_attitude_error_deg=2, max_propellant=0.1))
-    assert terms.limits == {"attitude_error_peak_deg": 2, "propellant": 0.1}
+    assert terms.limits == {"attitude_error_peak": 2, "propellant": 0.1}
     rollout = build_rollout(extended, measures=terms.measures, **RUN)
     paths = ["robots.one.controllers.turn.kp", "robots.one.actuators.jets.specific_impulse"]
     found = rollout.value_and_gradient(wrt=paths)
     parts = rollout.run().measures
-    whole = 3 * parts["base_attitude"] + 50 * parts["propellant"] + 200 * sum(parts["jitter"])
-    assert min(3 * parts["base_attitude"], 50 * parts["propellant"], 200 * sum(parts["jitter"])) > 1e-6
+    weighed = [
+        3 * parts["attitude_error_squared"],
+        50 * parts["propellant"],
+        200 * sum(parts["jitter_squared"]),
+    ]
+    whole = sum(weighed)
+    assert min(weighed) > 1e-6
     assert found.costs[OBJECTIVE] == pytest.approx(float(np.sum(whole)))
     for path, slope in zip(paths, found.gradients[OBJECTIVE], strict=True):
         value = loop.parameter_values[loop.index(path)]
@@ -52,7 +58,7 @@ def test_objectives_have_exact_gradients(held):
 
 def test_jitter_is_the_error_behind_a_high_pass(held):
     scene, loop = held
-    extended, frequency = with_jitter(loop, scene, 2.0), 2.0
+    extended, frequency = with_added_states(loop, scene, [find_quantity("jitter")], 2.0), 2.0
     kept = build_kept(loop, scene, ["jitter", "propellant", "attitude_error_peak"], extended)
     rollout = build_rollout(extended, measures=kept.measures, output_step_s=1e-3, **(RUN | {"step_s": 1e-3}))
     run = rollout.run()
@@ -91,7 +97,7 @@ def test_a_scene_without_them_refuses_them(objective, limits, told):
 def test_an_event_leaves_what_is_slow_of_the_errors_as_it_is():
     scene = small_scene(PLANAR, HELD | {"robots.one.actuators.jets.mode": "pulsed"})
     loop = build_closed_loop(scene)
-    extended = with_jitter(loop, scene, 1.0)
+    extended = with_added_states(loop, scene, [find_quantity("jitter")], 1.0)
     x0, c = extended.setup(extended.parameter_values)
     x = x0.full().ravel() + np.r_[np.zeros(len(loop.state_names)), np.arange(1, 7)]
     for event in range(len(loop.events)):

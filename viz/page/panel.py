@@ -7,25 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from spacerobot.quantities import metrics
 from spacerobot.result import Result
 from spacerobot.scenario.load import to_document
-
-LABELS = {
-    "tip_error_peak": ("largest tip error, per axis", "largest error of a tip along an axis, at any time"),
-    "tip_error_rms": ("RMS tip error", "root mean square of the tip error over time"),
-    "target_rotation_peak": ("object rotation", "largest rotation of the object since the start"),
-    "base_rotation_peak": ("base rotation", "largest rotation of a base since the start"),
-    "joint_torque_peak": ("joint torque", "largest torque or force of an actuator"),
-    "grip_force_peak": ("grip force", "largest force of a grip"),
-    "capture_time": ("capture time", "time of the last capture of a grasp that begins open"),
-    "miss_distance": ("miss distance", "minimum distance of a tip from its capture point"),
-    "impulse": ("impulse", "total impulse of impacts on the target"),
-    "event_energy": ("energy lost in events", "energy dissipated by impacts and released springs"),
-    "attitude_error_peak": ("attitude error", "largest attitude error of a controlled base"),
-    "wheel_momentum_peak": ("momentum of wheels", "largest momentum of a base's wheels together"),
-    "propellant": ("propellant", "mass consumed by thrusters"),
-}
-"""Metrics of results, in the order in which they are shown: label and description."""
 
 MOST_DIFFERENCES = 60
 
@@ -41,9 +25,13 @@ def panel_data(results: Sequence[Result], names: Sequence[str]) -> dict[str, Any
         dotted path.
     """
     found = [dict(_metrics(result)) for result in results]
-    keys = [key for key in LABELS if any(key in one for one in found)]
+    known = metrics()
+    keys = [key for key in known if any(key in one for one in found)]
     units = {key: next(one[key][1] for one in found if key in one) for key in keys}
-    told = [{"key": key, "label": LABELS[key][0], "unit": units[key], "text": LABELS[key][1]} for key in keys]
+    told = [
+        {"key": key, "label": known[key].label, "unit": units[key], "text": known[key].description}
+        for key in keys
+    ]
     differing = differences([to_document(result.scenario) for result in results])[:MOST_DIFFERENCES]
     designs = [
         {

@@ -12,6 +12,7 @@ import numpy as np
 import xarray as xr
 
 from spacerobot.arrays import Array
+from spacerobot.quantities import find_quantity, metrics
 from spacerobot.result import Result
 from viz.figures import Bands, Spread, bands, distributions, moving_components, sensitivities, to_bytes
 from viz.figures.style import Drawing, unit_scale
@@ -32,16 +33,6 @@ from viz.report.campaign_words import (
 )
 from viz.report.report import SECTIONS, Section, page, report
 from viz.report.sections import Subject, escape, table
-
-LIMITS = {
-    "tip_error_peak": "tip_error",
-    "joint_torque_peak": "joint_torque",
-    "grip_force_peak": "grip_force",
-    "target_rotation_peak": "target_rotation_deg",
-    "base_rotation_peak": "base_rotation_deg",
-    "capture_time": "capture_time",
-}
-"""Metrics that are drawn, and the limit of each."""
 
 KEPT = ("warnings", "numbers", "figures", "ledger", "assumptions", "origins")
 """Sections that a campaign's report takes over for its worst samples."""
@@ -179,13 +170,13 @@ def _against(summary: Mapping[str, Any]) -> str:
 
 def _spread(shown: Shown) -> str:
     spreads = []
-    for metric, limit in LIMITS.items():
-        if metric not in shown.data:
+    for metric, quantity in metrics().items():
+        if quantity.limit is None or metric not in shown.data:
             continue
         factor, unit = unit_scale(str(shown.data[metric].attrs["units"]))
         largest = factor * shown.data[metric].max(f"{metric}_of", skipna=False)
         samples = {str(name): largest.sel(gains=name).values for name in shown.data.gains.values}
-        most = shown.summary["limits"].get(limit)
+        most = shown.summary["limits"].get(quantity.limit)
         spreads.append(Spread(samples, quantity_of(metric), unit, None if most is None else factor * most))
     text = _percentiles(shown.summary)
     if not spreads:
@@ -301,7 +292,7 @@ def _reason(row: Mapping[str, Any], summary: Mapping[str, Any]) -> str:
     metric = row["metric"]
     rows = next(iter(summary["gains"].values()))["metrics"]
     factor, unit = unit_scale(next(one["unit"] for one in rows if one["metric"] == metric))
-    failed = ", past its limit" if LIMITS.get(metric) in row["failed"] else ""
+    failed = ", past its limit" if find_quantity(metric).limit in row["failed"] else ""
     return f"{quantity_of(metric)}, {factor * row['value']:.4g} {unit}{failed}"
 
 

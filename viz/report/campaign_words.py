@@ -5,21 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-QUANTITIES = {
-    "tip_error_peak": "largest tip error",
-    "tip_error_rms": "rms tip error",
-    "target_rotation_peak": "largest rotation of the target",
-    "base_rotation_peak": "largest rotation of a base",
-    "joint_torque_peak": "largest joint torque",
-    "grip_force_peak": "largest grip force",
-    "capture_time": "time of capture",
-    "miss_distance": "least distance",
-    "event_energy": "energy lost at events",
-    "attitude_error_peak": "largest attitude error",
-    "wheel_momentum_peak": "largest momentum of wheels",
-    "missed": "probability of a miss",
-}
-"""Metrics in plain words."""
+from spacerobot.quantities import quantities
 
 HOW = {
     "rises": "grows with {}",
@@ -33,7 +19,10 @@ SAID = 4  # parameters that a sentence names
 
 def quantity_of(metric: str) -> str:
     """A metric in plain words."""
-    return QUANTITIES.get(metric, metric.replace("_", " "))
+    if metric == "missed":
+        return "probability of a miss"
+    known = quantities()
+    return known[metric].label if metric in known else metric.replace("_", " ")
 
 
 def place_of(metric: str, of: str) -> str:

@@ -2,35 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
 
-from optim.campaign.rollouts.metrics import Column, build_kept
-from optim.campaign.rollouts.trust import DRIFT, RESIDUAL
+from optim.campaign.rollouts.metrics import Kept, build_kept
 from optim.problem.objectives import Reduced
 from spacerobot.closedloop import ClosedLoop
 from spacerobot.errors import SpaceRobotError, near_names
+from spacerobot.quantities import find_quantity, metrics
 from spacerobot.rollout import Measure, Measures, Signals
 from spacerobot.scene import Scene
-from viz.page.panel import LABELS
 
 MILLIMETRES = 1e3
-
-
-def _together(parts: ca.SX) -> ca.SX:
-    return ca.sqrt(ca.sumsqr(parts))
-
-
-TOTALS: Mapping[str, Callable[[ca.SX], ca.SX]] = {
-    "tip_error_rms": _together,
-    "impulse": ca.sum1,
-    "event_energy": ca.sum1,
-    "propellant": ca.sum1,
-}
-"""How the places of a quantity become one, where that is not the largest."""
 
 
 @dataclass(frozen=True)
@@ -70,12 +56,8 @@ class Metric:
 
     def expression(self, measured: ca.SX) -> ca.SX:
         """Its value, in the rollout's own unit, of the quantity's measure."""
-        parts = measured[list(self.places)]
-        if self.kind == "tip_error_rms":
-            parts = ca.sqrt(parts / self.duration_s)
-        if self.kind == "miss_distance":
-            parts = -parts
-        return TOTALS.get(self.kind, ca.mmax)(parts) if len(self.places) > 1 else parts
+        quantity = find_quantity(self.kind)
+        return quantity.combined(quantity.reduced(measured[list(self.places)], self.duration_s))
 
 
 @dataclass(frozen=True)
@@ -127,39 +109,44 @@ class Metrics:
 
 def build_metrics(loop: ClosedLoop, scene: Scene) -> Metrics:
     """Metrics of a scene's closed loop: totals first, then what they are made of."""
-    kept = build_kept(loop, scene, list(LABELS))
-    columns = [column for column in kept.columns if column.metric not in (DRIFT, RESIDUAL)]
-    metrics = (*_totals(columns, kept.duration_s), *_singles(columns, kept.duration_s))
+    kept = build_kept(loop, scene, [name for name, each in metrics().items() if each.is_default])
+    found = (*_totals(kept), *_singles(kept))
 
     def costs(r: Mapping[str, ca.SX], _: Mapping[str, ca.SX]) -> dict[str, ca.SX]:
-        return {m.key: m.expression(r[m.kind]) for m in metrics}
+        return {m.key: m.expression(r[m.kind]) for m in found}
 
-    named = {name: measure for name, measure in kept.measures.named.items() if name in LABELS}
-    return Metrics(metrics, replace(kept.measures, named=named, costs=costs))
+    named = {name: measure for name, measure in kept.measures.named.items() if name in kept.labels}
+    return Metrics(found, replace(kept.measures, named=named, costs=costs))
 
 
-def _totals(columns: Sequence[Column], duration_s: float) -> list[Metric]:
+def _totals(kept: Kept) -> list[Metric]:
     found = []
-    for kind, (label, text) in LABELS.items():
-        own = [column for column in columns if column.metric == kind]
-        if own:
-            unit, factor = _told(own[0].unit)
-            places = tuple(range(len(own)))
-            found.append(Metric(kind, label, text, unit, factor, kind, places, duration_s))
+    for name, labels in kept.labels.items():
+        quantity = find_quantity(name)
+        unit, factor = _shown(_unit(kept, name))
+        places = tuple(range(len(labels)))
+        text = quantity.description
+        found.append(Metric(name, quantity.label, text, unit, factor, name, places, kept.duration_s))
     return found
 
 
-def _singles(columns: Sequence[Column], duration_s: float) -> list[Metric]:
+def _singles(kept: Kept) -> list[Metric]:
     """Parts of the totals that have several."""
     found = []
-    for kind, (label, text) in LABELS.items():
-        own = [column for column in columns if column.metric == kind]
-        for place, column in enumerate(own if len(own) > 1 else ()):
-            unit, factor = _told(column.unit)
-            name = f"{label}, {column.where}"
-            found.append(Metric(column.name, name, text, unit, factor, kind, (place,), duration_s))
+    for name, labels in kept.labels.items():
+        quantity, parts = find_quantity(name), list(dict.fromkeys(labels))
+        unit, factor = _shown(_unit(kept, name))
+        for part in parts if len(parts) > 1 else ():
+            places = tuple(i for i, label in enumerate(labels) if label == part)
+            title, text = f"{quantity.label}, {part}", quantity.description
+            found.append(Metric(f"{name} {part}", title, text, unit, factor, name, places, kept.duration_s))
     return found
 
 
-def _told(unit: str) -> tuple[str, float]:
+def _unit(kept: Kept, name: str) -> str:
+    return next(column.unit for column in kept.columns if column.metric == name)
+
+
+def _shown(unit: str) -> tuple[str, float]:
+    """Unit in which a page shows numbers, and the factor to it."""
     return {"m": ("mm", MILLIMETRES), "kg": ("g", 1e3)}.get(unit, (unit, 1.0))

@@ -23,9 +23,9 @@ from optim.campaign.store.notes import Named, named_in
 from spacerobot.arrays import Array
 from spacerobot.errors import ResultError
 from spacerobot.files import StrPath, write_text
+from spacerobot.quantities import find_quantity
 from spacerobot.rollout import unclosed
 from spacerobot.scenario import Campaign
-from spacerobot.scenario.campaign import LIMITED
 
 SUMMARY = "summary.json"
 WORST = 5  # samples that are told of each set of gains
@@ -65,8 +65,7 @@ class Sampled:
 
     def badness(self, campaign: Campaign) -> tuple[list[str], Array]:
         """Metric that each sample is worst in, and how bad it is (n,), as a share of its limit."""
-        limits = {str(metric): getattr(campaign.limits, limit) for limit, metric in LIMITED.items()}
-        limited = {m: most for m, most in limits.items() if most is not None and m in self.metrics}
+        limited = {name: most for name, most in campaign.limits.given.items() if name in self.metrics}
         limited = limited or {next(iter(self.metrics)): 1.0}
         ratios = np.array([self.largest(metric) / most for metric, most in limited.items()])
         names = list(limited)
@@ -89,10 +88,9 @@ def sampled_of(data: xr.Dataset, evaluator: Evaluator) -> dict[str, Sampled]:
         metrics = {m: np.where(lost[:, None], np.inf, chosen[m].values) for m in kept}
         failed = {"unclosed": unclosed} if "gap" in chosen else {}
         failed["diverged"] = lost & ~unclosed
-        for limit, metric in LIMITED.items():
-            most = getattr(campaign.limits, limit)
-            if most is not None and metric in metrics:
-                failed[limit] = (metrics[metric].max(axis=1) > most) & ~lost
+        for metric, most in campaign.limits.given.items():
+            if metric in metrics:
+                failed[str(find_quantity(metric).limit)] = (metrics[metric].max(axis=1) > most) & ~lost
         places = {m: tuple(map(str, chosen[f"{m}_of"].values)) for m in kept}
         units = {m: str(chosen[m].attrs["units"]) for m in kept}
         duration = evaluator.member(name).scene.scenario.simulation.duration

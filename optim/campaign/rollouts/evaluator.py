@@ -15,14 +15,14 @@ from optim.campaign.draws.sampling import draw
 from optim.campaign.draws.space import Space, campaign_of, check_range, gain_set, resolve_space
 from optim.campaign.rollouts.metrics import Column, Kept, build_kept
 from optim.campaign.rollouts.series import Recording, build_recording, check_size, series_step
-from optim.problem.bases import with_jitter
+from optim.problem.measured import with_added_states
 from optim.problem.scenes import SceneRecipe
 from spacerobot.arrays import Array
 from spacerobot.errors import ScenarioError
 from spacerobot.kept import kept_closed_loop
+from spacerobot.quantities import find_quantity
 from spacerobot.rollout import Rollout, build_rollout, time_grid
 from spacerobot.scenario import Campaign
-from spacerobot.scenario.campaign import LIMITED
 from spacerobot.scenario.load import to_document
 from spacerobot.scene import Scene
 
@@ -285,15 +285,16 @@ def all_draws(evaluator: Evaluator) -> Array:
 def _member(scene: Scene, campaign: Campaign, sets: int, compiled: bool) -> Member:
     space = resolve_space(scene, campaign)
     loop = kept_closed_loop(scene, vary=space.paths)
-    jittering = "jitter" in campaign.metrics and bool(scene.tips)
-    rolled = with_jitter(loop, scene, campaign.jitter_frequency) if jittering else loop
+    wanted = [find_quantity(name) for name in campaign.metrics]
+    rolled = with_added_states(loop, scene, wanted, campaign.jitter_frequency)
     kept = build_kept(loop, scene, campaign.metrics, rolled)
     if not kept.columns:
         raise ScenarioError("none of the metrics fits this scene", where="campaign.metrics")
     kinds = {column.metric for column in kept.columns}
-    for limit, metric in LIMITED.items():
-        if getattr(campaign.limits, limit) is not None and metric not in kinds:
-            raise ScenarioError("this scene has nothing that it limits", where=f"campaign.limits.{limit}")
+    for name in campaign.limits.given:
+        if name not in kinds:
+            quantity = find_quantity(name)
+            raise ScenarioError(quantity.absent, where=f"campaign.limits.{quantity.limit}")
     duration = scene.scenario.simulation.duration
     sample_s = series_step(campaign, duration)
     time = time_grid(duration, campaign.step, sample_s).time if sample_s else np.empty(0)

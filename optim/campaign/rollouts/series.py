@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from spacerobot.arrays import Array
 from spacerobot.closedloop import ClosedLoop, Variable
 from spacerobot.errors import ScenarioError, near_names
+from spacerobot.quantities.joint_torque import torque_unit
 from spacerobot.scenario import Campaign
 from spacerobot.scene import Scene
 
@@ -134,16 +135,6 @@ def _described(variable: Variable, scene: Scene) -> tuple[list[str], str]:
     parts = itertools.product(*(labels.get(dimension, variable.labels) for dimension in variable.dims))
     unit = torque_unit(scene) if variable.name == "joint_torque" else variable.unit
     return [" ".join(part) for part in parts], unit
-
-
-def torque_unit(scene: Scene) -> str:
-    """Unit of what the scene's actuators give."""
-    kinds = {
-        scene.model.joints[joint].shortname().startswith("JointModelP")
-        for body in scene.bodies
-        for joint in body.arm_joints
-    }
-    return {(False,): "N m", (True,): "N"}.get(tuple(kinds), "N m or N")
 
 
 def _joints(scene: Scene) -> list[str]:

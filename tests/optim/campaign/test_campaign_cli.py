@@ -111,7 +111,10 @@ def test_gains_of_a_result_and_unknown_ones(small, small_file, tmp_path):
         ),
         (["--set", "campaign=null", "--samples", 9], "no campaign section"),
         (["--set", "campaign.series=[tip_eror]"], "no signal 'tip_eror'; did you mean tip_error"),
-        (["--set", "grasps={}", "--set", "target=null", "--set", f"campaign={KP}"], "nothing that it limits"),
+        (
+            ["--set", "grasps={}", "--set", "target=null", "--set", f"campaign={KP}"],
+            "this scene has no grasp",
+        ),
     ],
 )
 def test_faults_are_told_before_anything_runs(invoke, small_file, tmp_path, words, fault):

@@ -251,7 +251,7 @@ def test_several_results_stand_side_by_side_and_are_shown_by_a_tick(browser, pap
         for r in (paper, blind)
     ]
     shown = [f"{float(f'{1e3 * peak:.3g}'):g} mm" for peak in peaks]
-    assert rows[1] == ["largest tip error, per axis", *shown]
+    assert rows[1] == ["peak tip error (one axis)", *shown]
     assert any(row[0].endswith("tip.amnesia") and row[2] == "none" for row in rows)
     before = page.evaluate("readout.innerText")
     page.evaluate("document.querySelector('[aria-label=\"Show without\"]').click()")

@@ -38,10 +38,10 @@ def test_how_a_parameter_acts_is_told():
     assert strongest(matters(lambda x: -np.abs(x[3] - 1))) == [("d", "middle")]
     assert entry["value"]["b"] == pytest.approx(0, abs=0.05)  # a rank correlation alone would not see it
     assert depends("tip_error_peak", matters(lambda x: np.exp(x[1]))) == (
-        "The largest tip error grows with b (+1.00)."
+        "The peak tip error (one axis) grows with b (+1.00)."
     )
     both = depends("joint_torque_peak", matters(lambda x: x[0] + 0.9 * x[1]))
-    assert both.startswith("The largest joint torque grows with a (+0.")
+    assert both.startswith("The peak joint torque grows with a (+0.")
     assert " and b (+0." in both
 
 
@@ -55,7 +55,7 @@ def test_nothing_is_made_of_chance():
     assert np.mean(taken) < 0.12
     assert noise_of(64, section) > 0.2
     nothing = {"strongest": [], "kind": "rank_correlation"}
-    assert depends("tip_error_rms", nothing) == "The rms tip error depends on none of them clearly."
+    assert depends("tip_error_rms", nothing) == "The RMS tip error depends on none of them clearly."
 
 
 def test_what_does_not_vary_or_always_diverges():

@@ -1,0 +1,60 @@
+"""Registered quantities as measures of a rollout."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from optim.problem.tied import extend
+from spacerobot.errors import ScenarioError
+from spacerobot.quantities import Components, Context, Quantity
+from spacerobot.rollout import ClosedLoopFunctions, Measure, Signals, final, integral, peak
+from spacerobot.scene import Scene
+
+_REDUCERS = {"integral": integral, "rms": integral, "peak": peak, "final": final}
+
+
+def context_of(scene: Scene, loop: ClosedLoopFunctions, signals: Signals | None = None) -> Context:
+    """A closed loop of a scene as quantities see it."""
+    return Context(scene, loop, Signals.of(loop) if signals is None else signals)
+
+
+def with_added_states(
+    loop: ClosedLoopFunctions, scene: Scene, quantities: Iterable[Quantity], frequency_hz: float
+) -> ClosedLoopFunctions:
+    """The closed loop with the states that quantities need.
+
+    Parameters
+    ----------
+    loop, scene
+        The closed loop, and its scene.
+    quantities
+        Those that are measured.
+    frequency_hz
+        Corner frequency of high passes.
+    """
+    for states in dict.fromkeys(each.states for each in quantities if each.states is not None):
+        added = states(scene, frequency_hz)
+        if added.names:
+            loop = extend(loop, added.names, added.rates)
+    return loop
+
+
+def measure(quantity: Quantity, context: Context) -> tuple[Components, Measure]:
+    """Components of a quantity, and their reduction; :meth:`Quantity.reduced` completes it."""
+    found = quantity.components(context)
+    values = -found.values if quantity.reducer == "lowest" else found.values
+    return found, _REDUCERS.get(quantity.reducer, peak)(values)
+
+
+def required_measure(quantity: Quantity, context: Context, where: str) -> Measure:
+    """Measure of a quantity that a scenario names.
+
+    Raises
+    ------
+    ScenarioError
+        If the scene has nothing that the quantity describes; ``where`` is the place in the scenario.
+    """
+    found, reduced = measure(quantity, context)
+    if not found.labels:
+        raise ScenarioError(quantity.absent, source=context.scene.source, where=where)
+    return reduced

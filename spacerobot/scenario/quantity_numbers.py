@@ -1,0 +1,95 @@
+"""Sections whose keys are those of registered quantities: limits, constraints, weights of an objective."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Annotated
+
+from pydantic import ConfigDict, Field, GetJsonSchemaHandler
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema
+
+from spacerobot.quantities import Quantity, limited, weighted
+from spacerobot.section import Section
+
+
+class QuantityNumbers(Section):
+    """A number for each quantity that is named; every registered quantity, also a plugin's, has a key."""
+
+    model_config = ConfigDict(extra="allow", frozen=True, allow_inf_nan=False)
+
+    @classmethod
+    def quantities(cls) -> Mapping[str, Quantity]:
+        """Quantities by their keys in this section."""
+        raise NotImplementedError
+
+    @classmethod
+    def described(cls, quantity: Quantity) -> tuple[str, str]:
+        """Unit and description of a quantity's key."""
+        return quantity.unit, quantity.description
+
+    @classmethod
+    def known_keys(cls) -> list[str]:
+        """Keys of fields and of quantities."""
+        return [*cls.model_fields, *cls.quantities()]
+
+    @classmethod
+    def unit_of(cls, key: str, *, rotation: bool = False) -> str | None:
+        """Unit of a field's or a quantity's number."""
+        known = cls.quantities()
+        return cls.described(known[key])[0] if key in known else super().unit_of(key, rotation=rotation)
+
+    @property
+    def given(self) -> dict[str, float]:
+        """Numbers that are given, by the quantities' names, in the order of the registry."""
+        values = self.model_extra or {}
+        return {
+            each.name: values[key] for key, each in self.quantities().items() if values.get(key) is not None
+        }
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        """Schema with a property for each quantity."""
+        schema = handler.resolve_ref_schema(handler(core_schema))
+        properties = schema.setdefault("properties", {})
+        for key, quantity in cls.quantities().items():
+            unit, text = cls.described(quantity)
+            properties[key] = {
+                "type": "number",
+                "description": f"{text} [{unit}]",
+                "unit": unit,
+                "minimum": 0,
+            }
+        schema["additionalProperties"] = False
+        return schema
+
+
+class QuantityLimits(QuantityNumbers):
+    """Largest values of quantities."""
+
+    if not TYPE_CHECKING:  # pydantic's annotation of values, which type checkers take for a field
+        __pydantic_extra__: dict[str, Annotated[float, Field(gt=0)] | None]
+
+    @classmethod
+    def quantities(cls) -> Mapping[str, Quantity]:
+        """Those that can be bounded."""
+        return limited()
+
+
+class QuantityWeights(QuantityNumbers):
+    """Weights of quantities in an objective."""
+
+    if not TYPE_CHECKING:
+        __pydantic_extra__: dict[str, Annotated[float, Field(ge=0)]]
+
+    @classmethod
+    def quantities(cls) -> Mapping[str, Quantity]:
+        """Those that an objective can weigh."""
+        return weighted()
+
+    @classmethod
+    def described(cls, quantity: Quantity) -> tuple[str, str]:
+        """A weight has a unit of its own."""
+        return quantity.weight_unit, f"weight: {quantity.description}"

@@ -1,0 +1,166 @@
+"""Quantities: registered once, and known to every section and every call that names them."""
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from optim.campaign.rollouts.metrics import build_kept
+from optim.evaluation import BatchResult, GradientResult, batch, gradient
+from spacerobot.closedloop import build_closed_loop
+from spacerobot.errors import ResultError, ScenarioError, SpaceRobotError
+from spacerobot.quantities import (
+    Components,
+    Quantity,
+    find_quantity,
+    limited,
+    metrics,
+    quantities,
+    register_quantity,
+    weighted,
+)
+from spacerobot.quantities import quantity as registry
+from spacerobot.rollout import build_rollout
+from spacerobot.scenario import Constraints, Objective
+from spacerobot.scenario.campaign import Limits
+from spacerobot.scene import build_scene
+from tests.oracles.small_scenes import PLANAR, small_scene
+
+MASS = "target.links.body.mass"
+SHORT = {"simulation.duration": 0.2, "simulation.step": 0.01}
+
+
+@pytest.fixture
+def tip_height():
+    """A quantity of a plugin: the largest height of a tip."""
+
+    def heights(context):
+        tips = [position[1] for position in context.vectors("tip_position")]
+        return Components(tuple(tip.label for tip in context.scene.tips), ca.vertcat(*tips))
+
+    made = Quantity(
+        "tip_height",
+        "tip height",
+        "largest y of a tip",
+        "m",
+        "peak",
+        heights,
+        limit="tip_height",
+        weight="tip_height",
+        weight_unit="objective/m",
+    )
+    yield register_quantity(made)
+    registry._REGISTERED.pop("tip_height")
+
+
+def test_names_keys_and_symbols_are_unique_and_every_quantity_is_described():
+    known = list(quantities().values())
+    for key in ("name", "limit", "weight", "symbol"):
+        given = [getattr(each, key) for each in known if getattr(each, key)]
+        assert len(given) == len(set(given)), key
+    for each in known:
+        assert min(len(text) for text in (each.label, each.description, each.unit, each.absent)) > 0
+        assert (each.weight is None) == (not each.weight_unit)
+
+
+def test_the_values_are_those_of_the_outputs():
+    scene = small_scene(PLANAR, {"simulation.duration": 0.4})
+    loop = build_closed_loop(scene)
+    kept = build_kept(loop, scene, list(metrics()))
+    rollout = build_rollout(
+        loop, duration_s=0.4, step_s=0.01, output_step_s=0.01, measures=kept.measures, backend="interpreted"
+    )
+    run = rollout.run()
+    row = kept.table({name: np.atleast_2d(value) for name, value in run.measures.items()})[0]
+    found = dict(zip([column.name for column in kept.columns], row, strict=True))
+    error = run.outputs["tip_error"].reshape(-1, len(scene.tips), 3)
+    for k, tip in enumerate(scene.tips):
+        peak = np.abs(error[:, k, 0]).max()
+        assert found[f"tip_error_peak {tip.label} x"] == pytest.approx(peak, rel=1e-12)
+        squares = (error[:, k] ** 2).sum(axis=1)
+        rms = np.sqrt(np.trapezoid(squares, run.time) / 0.4)
+        assert found[f"tip_error_rms {tip.label}"] == pytest.approx(rms, rel=2e-2)
+    owners = find_quantity("joint_torque_peak").components(
+        type("C", (), {"scene": scene, "signals": kept.measures.signals})()
+    )
+    torque = np.abs(run.outputs["joint_torque"]).max(axis=0)
+    for name in dict.fromkeys(owners.labels):
+        own = torque[[label == name for label in owners.labels]].max()
+        assert found[f"joint_torque_peak {name}"] == pytest.approx(own, rel=1e-12)
+
+
+def test_a_plugins_quantity_is_a_limit_a_constraint_a_weight_and_a_metric(tip_height):
+    assert Limits(tip_height=2.0).given == {"tip_height": 2.0}
+    assert Constraints(max_tip_height=2.0).given == {"tip_height": 2.0}
+    assert Objective(tip_height=3.0).given == {"tip_height": 3.0}
+    assert Objective.model_json_schema()["properties"]["tip_height"]["unit"] == "objective/m"
+    scene = small_scene(PLANAR, SHORT)
+    campaign = {
+        "parameters": {"mass": {"paths": MASS, "lower": 10, "upper": 20}},
+        "metrics": ["tip_height"],
+        "limits": {"tip_height": 1.0},
+    }
+    assert build_scene(scene.scenario, {"campaign": campaign}).scenario.campaign.metrics == ("tip_height",)
+    found = batch(scene, "tip_height", {MASS: [20.0, 25.0]}, backend="interpreted")
+    assert found.data.tip_height.shape == (2, len(scene.tips))
+    assert "tip_height" not in weighted() or weighted()["tip_height"] is tip_height
+
+
+@pytest.mark.parametrize(
+    ("section", "values", "words"),
+    [
+        (Limits, {"joint_torq": 1.0}, "joint_torque"),
+        (Constraints, {"joint_torque": 1.0}, "max_joint_torque"),
+        (Objective, {"propelant": 1.0}, "propellant"),
+        (Limits, {"joint_torque": 0.0}, "greater than 0"),
+        (Limits, {"joint_torque": True}, "truth value"),
+        (Objective, {"propellant": -1.0}, "greater than or equal to 0"),
+        (Objective, {"propellant": float("inf")}, "finite"),
+    ],
+)
+def test_a_wrong_key_or_number_is_refused_with_the_near_name(section, values, words):
+    with pytest.raises(ValueError, match=words):
+        section(**values)
+
+
+def test_a_name_is_taken_once():
+    taken = find_quantity("impulse")
+    other = Quantity("impulse", "i", "i", "N s", "final", lambda _: None)
+    with pytest.raises(SpaceRobotError, match="impulse"):
+        register_quantity(other)
+    assert register_quantity(taken) is taken
+    with pytest.raises(SpaceRobotError, match="joint_torque_peak"):
+        find_quantity("joint_torque")
+    assert all(key for key in limited())
+
+
+def test_gradients_of_quantities_agree_with_differences(tmp_path):
+    scene = small_scene(PLANAR, SHORT)
+    names = ["tip_error_rms", "joint_torque_peak"]
+    found = gradient(scene, names, [MASS], backend="interpreted")
+    assert found.status == "exact"
+    mass = float(found.data.parameter_value[0])
+    ends = batch(scene, names, {MASS: [mass * 1.0001, mass * 0.9999]}, backend="interpreted").data
+    rms = np.linalg.norm(ends.tip_error_rms.values, axis=1)
+    torque = ends.joint_torque_peak.values.max(axis=1)
+    for name, values in (("tip_error_rms", rms), ("joint_torque_peak", torque)):
+        slope = (values[0] - values[1]) / (2e-4 * mass)
+        assert float(found.data.gradient.sel(quantity=name)[0]) == pytest.approx(slope, rel=1e-5)
+    found.save(tmp_path / "gradient.nc")
+    again = GradientResult.load(tmp_path / "gradient.nc")
+    assert again.data.equals(found.data)
+    assert again.status == found.status
+    assert MASS in again._repr_html_()
+    with pytest.raises(ResultError, match="diverged_at"):
+        BatchResult.load(tmp_path / "gradient.nc")
+
+
+def test_batches_are_saved_and_bad_values_refused(tmp_path):
+    scene = small_scene(PLANAR, SHORT)
+    found = batch(scene, "joint_torque_peak", {MASS: [20.0, 30.0, 40.0]}, backend="interpreted")
+    found.save(tmp_path / "deep" / "batch.nc")
+    assert BatchResult.load(tmp_path / "deep" / "batch.nc").data.equals(found.data)
+    assert "3 simulations" in repr(found)
+    with pytest.raises(ScenarioError, match="as long"):
+        batch(scene, "joint_torque_peak", {MASS: [1.0, 2.0], "simulation.duration": [1.0]})
+    with pytest.raises(ScenarioError, match="thrusters"):
+        gradient(scene, "propellant", [MASS])
