@@ -1,8 +1,10 @@
-"""Robot arms on floating bases that dock with, grip and move a floating object: simulate, tune, show.
+"""Robot arms on floating bases that dock with, capture, carry and release a floating object.
 
     import spacerobot as sr
 
-    result = sr.simulate(sr.load_scene("paper"))
+    scene = sr.load_scene("docking")
+    result = sr.simulate(scene)
+    sr.animate(result, "docking.html")
 
 The names below are loaded when they are first used, so that importing the package takes no time.
 """
@@ -14,11 +16,25 @@ from typing import TYPE_CHECKING
 from spacerobot.front_door import front_door
 
 if TYPE_CHECKING:
+    from optim.comparison.compare import compare as compare
+    from optim.evaluation import BatchResult as BatchResult
+    from optim.evaluation import GradientResult as GradientResult
+    from optim.evaluation import batch as batch
+    from optim.evaluation import gradient as gradient
+    from optim.tuning import tune as tune
+    from spacerobot.api import CampaignResult as CampaignResult
+    from spacerobot.api import animate as animate
+    from spacerobot.api import campaign as campaign
+    from spacerobot.api import figures as figures
+    from spacerobot.api import report as report
+    from spacerobot.api import simulate as simulate
     from spacerobot.closedloop import ClosedLoop as ClosedLoop
     from spacerobot.closedloop import build_closed_loop as build_closed_loop
     from spacerobot.elements import load_plugin as load_plugin
     from spacerobot.elements import register as register
     from spacerobot.errors import SpaceRobotError as SpaceRobotError
+    from spacerobot.quantities import Quantity as Quantity
+    from spacerobot.quantities import register_quantity as register_quantity
     from spacerobot.result import Result as Result
     from spacerobot.result import load as load
     from spacerobot.result import save as save
@@ -26,26 +42,38 @@ if TYPE_CHECKING:
     from spacerobot.rollout import build_rollout as build_rollout
     from spacerobot.scene import Scene as Scene
     from spacerobot.scene import load_scene as load_scene
-    from spacerobot.simulation import simulate as simulate
     from viz.studio.server import studio as studio
 
 __version__ = "0.1.0"
 
 _HOME = {
+    "BatchResult": "optim.evaluation",
+    "CampaignResult": "spacerobot.api",
     "ClosedLoop": "spacerobot.closedloop",
+    "GradientResult": "optim.evaluation",
+    "Quantity": "spacerobot.quantities",
     "Result": "spacerobot.result",
     "Rollout": "spacerobot.rollout",
     "Scene": "spacerobot.scene",
     "SpaceRobotError": "spacerobot.errors",
+    "animate": "spacerobot.api",
+    "batch": "optim.evaluation",
     "build_closed_loop": "spacerobot.closedloop",
     "build_rollout": "spacerobot.rollout",
+    "campaign": "spacerobot.api",
+    "compare": "optim.comparison.compare",
+    "figures": "spacerobot.api",
+    "gradient": "optim.evaluation",
     "load": "spacerobot.result",
     "load_plugin": "spacerobot.elements",
     "load_scene": "spacerobot.scene",
     "register": "spacerobot.elements",
+    "register_quantity": "spacerobot.quantities",
+    "report": "spacerobot.api",
     "save": "spacerobot.result",
-    "simulate": "spacerobot.simulation",
+    "simulate": "spacerobot.api",
     "studio": "viz.studio.server",
+    "tune": "optim.tuning",
 }
 """Where each name of the front door lives."""
 

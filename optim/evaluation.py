@@ -1,0 +1,303 @@
+"""Quantities of a scene at many values of its parameters, and their exact gradients."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from optim.problem.measured import context_of, measure, with_added_states
+from spacerobot.errors import ResultError, ScenarioError
+from spacerobot.files import staged
+from spacerobot.kept import kept_closed_loop
+from spacerobot.notebook import html_table
+from spacerobot.quantities import Quantity, find_quantity
+from spacerobot.rollout import Measures, Rollout, build_rollout
+from spacerobot.rollout.build import Backend
+from spacerobot.scene import Scene
+
+JITTER_FREQUENCY_HZ = 1.0
+"""Corner frequency of the high pass of the quantity ``jitter``, as campaigns have it by default."""
+
+Folder = str | os.PathLike[str]
+
+
+@dataclass(frozen=True)
+class GradientResult:
+    """Quantities of one simulation, and their exact derivatives.
+
+    Attributes
+    ----------
+    data
+        ``value`` (quantity) and ``gradient`` (quantity, parameter), with units; the parameters' own values
+        are ``parameter_value`` (parameter).
+    status
+        ``exact``, or why the gradient may not hold; see :class:`spacerobot.rollout.Gradient`.
+    """
+
+    data: xr.Dataset
+    status: str
+
+    def save(self, path: Folder) -> None:
+        """Write it to a netCDF file.
+
+        Raises
+        ------
+        ResultError
+            If the file cannot be written.
+        """
+        _write(self.data.assign_attrs(status=self.status), path)
+
+    @classmethod
+    def load(cls, path: Folder) -> GradientResult:
+        """Read what :meth:`save` wrote.
+
+        Raises
+        ------
+        ResultError
+            If it cannot be read.
+        """
+        data = _read(path, "gradient")
+        return cls(data, str(data.attrs["status"]))
+
+    def __repr__(self) -> str:
+        """Quantities, number of parameters and status, in one line."""
+        names = ", ".join(map(str, self.data.quantity.values))
+        return f"<GradientResult {names} by {self.data.sizes['parameter']} parameters: {self.status}>"
+
+    def _repr_html_(self) -> str:
+        """Table for notebooks."""
+        rows = [("status", self.status)]
+        for name in self.data.quantity.values:
+            own = self.data.sel(quantity=name)
+            rows.append((str(name), f"{float(own.value):.6g} {own.unit.item()}"))
+            for path, slope in zip(self.data.parameter.values, own.gradient.values, strict=True):
+                rows.append((f"d {name} / d {path}", f"{slope:.6g}"))
+        return html_table("Gradient", rows)
+
+
+@dataclass(frozen=True)
+class BatchResult:
+    """Quantities of many simulations.
+
+    Attributes
+    ----------
+    data
+        One variable for each quantity, (sample, ``<quantity>_of``), with units; ``parameter_value``
+        (sample, parameter); ``diverged_at`` (sample) [s], NaN where a simulation reached its end.
+    """
+
+    data: xr.Dataset
+
+    def save(self, path: Folder) -> None:
+        """Write it to a netCDF file.
+
+        Raises
+        ------
+        ResultError
+            If the file cannot be written.
+        """
+        _write(self.data, path)
+
+    @classmethod
+    def load(cls, path: Folder) -> BatchResult:
+        """Read what :meth:`save` wrote.
+
+        Raises
+        ------
+        ResultError
+            If it cannot be read.
+        """
+        return cls(_read(path, "diverged_at"))
+
+    def __repr__(self) -> str:
+        """Number of simulations, and quantities, in one line."""
+        lost = int(np.isfinite(self.data.diverged_at.values).sum())
+        return f"<BatchResult of {self.data.sizes['sample']} simulations, {lost} diverged>"
+
+    def _repr_html_(self) -> str:
+        """Least, median and largest value of each quantity, for notebooks."""
+        rows = []
+        for name, variable in self.data.data_vars.items():
+            if f"{name}_of" in variable.dims:
+                good = variable.values[np.isfinite(variable.values)]
+                if good.size:
+                    numbers = " .. ".join(f"{value:.4g}" for value in np.quantile(good, [0, 0.5, 1]))
+                    rows.append((f"{name} [{variable.attrs['units']}]", numbers))
+        return html_table(f"{self!r}: least .. median .. largest", rows)
+
+
+def gradient(
+    scene: Scene,
+    quantities: str | Sequence[str],
+    parameters: Sequence[str],
+    *,
+    backend: Backend = "auto",
+) -> GradientResult:
+    """Exact derivatives of quantities of a simulation, by the discrete adjoint through all events.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    quantities
+        Names of registered quantities, such as ``tip_error_rms``; the components of each (tips, robots)
+        are combined as :attr:`spacerobot.quantities.Quantity.total` says.
+    parameters
+        Dotted paths of the scenario's numbers to differentiate with respect to.
+    backend
+        ``auto``, ``compiled`` or ``interpreted``.
+
+    Returns
+    -------
+    GradientResult
+        Its status says where the gradient may not hold.
+
+    Raises
+    ------
+    ScenarioError
+        If the scene has nothing that a quantity describes, or does not depend on a parameter.
+    SpaceRobotError
+        If there is no such quantity or parameter.
+    DivergedError
+        If no step keeps to the tolerance.
+    """
+    chosen = [find_quantity(name) for name in ([quantities] if isinstance(quantities, str) else quantities)]
+    rollout, _ = _rollout(scene, chosen, parameters, backend)
+    found = rollout.value_and_gradient(wrt=parameters)
+    places = rollout.indices(parameters)
+    names = [each.name for each in chosen]
+    data = xr.Dataset(
+        {
+            "value": ("quantity", [float(found.costs[name]) for name in names]),
+            "gradient": (("quantity", "parameter"), np.array([found.gradients[name] for name in names])),
+            "parameter_value": ("parameter", rollout.values(None)[places]),
+        },
+        {
+            "quantity": names,
+            "parameter": list(parameters),
+            "unit": ("quantity", [each.unit_in(scene) for each in chosen]),
+        },
+    )
+    return GradientResult(data, found.status[0])
+
+
+def batch(
+    scene: Scene,
+    quantities: str | Sequence[str],
+    values: Mapping[str, npt.ArrayLike],
+    *,
+    backend: Backend = "auto",
+    threads: int | None = None,
+) -> BatchResult:
+    """Quantities of many simulations that differ in some of the scenario's numbers.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    quantities
+        Names of registered quantities.
+    values
+        Values (N,) of each parameter that varies, by dotted path.
+    backend
+        ``auto``, ``compiled`` or ``interpreted``.
+    threads
+        One for each usable core if None; the numbers do not depend on it.
+
+    Returns
+    -------
+    BatchResult
+        N samples; NaN where a simulation diverged.
+
+    Raises
+    ------
+    ScenarioError
+        If the scene has nothing that a quantity describes.
+    SpaceRobotError
+        If there is no such quantity or parameter, or the values differ in number.
+    """
+    chosen = [find_quantity(name) for name in ([quantities] if isinstance(quantities, str) else quantities)]
+    columns = {path: np.atleast_1d(np.asarray(column, dtype=float)) for path, column in values.items()}
+    lengths = {len(column) for column in columns.values()}
+    if len(lengths) != 1:
+        raise ScenarioError(f"values: one list of numbers for each parameter, all as long; found {lengths}")
+    rollout, labels = _rollout(scene, chosen, list(columns), backend)
+    rows = np.column_stack(list(columns.values()))
+    done = rollout.batch(list(columns), rows, threads=threads)
+    duration = scene.scenario.simulation.duration
+    data: dict[str, object] = {
+        "parameter_value": (("sample", "parameter"), rows),
+        "diverged_at": ("sample", np.array(done.diverged_at_s), {"units": "s"}),
+    }
+    coordinates: dict[str, object] = {"parameter": list(columns)}
+    for each in chosen:
+        reduced = np.asarray(each.reduced(np.array(done.measures[each.name]), duration))
+        owners = np.array(labels[each.name])
+        unique = list(dict.fromkeys(labels[each.name]))
+        of = f"{each.name}_of"
+        grouped = np.column_stack([reduced[:, owners == label].max(axis=1) for label in unique])
+        attributes = {"units": each.unit_in(scene), "long_name": each.label}
+        data[each.name] = (("sample", of), grouped, attributes)
+        coordinates[of] = unique
+    return BatchResult(xr.Dataset(data, coordinates))
+
+
+def _rollout(
+    scene: Scene, chosen: Sequence[Quantity], vary: Sequence[str], backend: Backend
+) -> tuple[Rollout, dict[str, tuple[str, ...]]]:
+    """Rollout whose measures and costs are the quantities, and the labels of each one's components."""
+    loop = kept_closed_loop(scene, vary=vary)
+    extended = with_added_states(loop, scene, chosen, JITTER_FREQUENCY_HZ)
+    context = context_of(scene, extended)
+    simulation, named, labels = scene.scenario.simulation, {}, {}
+    for each in chosen:
+        found, named[each.name] = measure(each, context)
+        labels[each.name] = found.labels
+        if not found.labels:
+            raise ScenarioError(f"{each.name}: {each.absent}", source=scene.source)
+
+    def costs(reduced: Mapping[str, ca.SX], _: Mapping[str, ca.SX]) -> dict[str, ca.SX]:
+        duration = simulation.duration
+        return {each.name: each.combined(each.reduced(reduced[each.name], duration)) for each in chosen}
+
+    rollout = build_rollout(
+        extended,
+        duration_s=simulation.duration,
+        step_s=simulation.step,
+        output_step_s=simulation.output_step,
+        tolerance=simulation.tolerance,
+        method=simulation.method,
+        measures=Measures(context.signals, named, costs),
+        backend=backend,
+    )
+    return rollout, labels
+
+
+def _write(data: xr.Dataset, path: Folder) -> None:
+    target = Path(path)
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        with staged(target.parent) as stage:
+            data.to_netcdf(stage / target.name, engine="netcdf4")
+            (stage / target.name).replace(target)
+    except (OSError, RuntimeError) as fault:
+        raise ResultError(f"cannot be written: {fault}", source=target) from None
+
+
+def _read(path: Path | Folder, needed: str) -> xr.Dataset:
+    source = Path(path)
+    try:
+        with xr.open_dataset(source, engine="netcdf4") as stored:
+            data = stored.load()
+    except (OSError, ValueError, RuntimeError) as fault:
+        raise ResultError(f"cannot be read: {fault}", source=source) from None
+    if needed not in data:
+        raise ResultError(f"holds no {needed!r}, so it is not such a result", source=source)
+    return data

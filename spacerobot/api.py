@@ -1,0 +1,322 @@
+"""One call for each job: simulate, differentiate, tune, plan, run a campaign, draw, animate, report.
+
+These functions are the public namespace (``import spacerobot as sr``). They join the library with the
+packages ``optim`` and ``viz``, which are built on it, and import those when they are called.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from spacerobot.errors import ResultError
+from spacerobot.notebook import html_table
+from spacerobot.result import Result
+from spacerobot.scene import Scene
+from spacerobot.simulation import Backend, Progress
+from spacerobot.simulation import simulate as _simulate
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from optim.campaign import Evaluator
+    from viz.figures import Drawing
+    from viz.page.notebook import Embedded
+
+PathLike = str | os.PathLike[str]
+Results = Result | Sequence[Result]
+
+
+def simulate(scene: Scene, *, backend: Backend = "auto", progress: Progress | None = None) -> Result:
+    """Simulate a scene; with model predictive control where a controller of kind ``mpc`` asks for it.
+
+    Parameters
+    ----------
+    scene
+        From :func:`load_scene`.
+    backend
+        ``auto`` (compiled where a compiler is found), ``compiled`` or ``interpreted``.
+    progress
+        Called with a few words whenever a step that may take a while begins.
+
+    Returns
+    -------
+    Result
+        Also of a simulation that diverged, up to that time; ``result.summary["status"]`` says so.
+
+    Raises
+    ------
+    CompileError
+        If a compiled backend is required and cannot be had.
+    DivergedError
+        If there is no finite sample at all, no step keeps to the tolerance, or a grasp does not close.
+    NoPlanError
+        If model predictive control finds no first plan.
+    ScenarioError
+        If the scenario cannot be simulated by its engine, or its result does not fit into the memory.
+    """
+    if uses_mpc(scene):
+        from optim.planning.receding.flight import fly
+
+        return fly(scene, backend=backend, progress=progress)
+    return _simulate(scene, backend=backend, progress=progress)
+
+
+def uses_mpc(scene: Scene) -> bool:
+    """Whether a robot of a scene is under model predictive control, by the engine that can be resumed."""
+    controllers = [one for robot in scene.scenario.robots.values() for one in robot.controllers.values()]
+    return scene.scenario.simulation.engine == "casadi" and any(one.kind == "mpc" for one in controllers)
+
+
+@dataclass(frozen=True)
+class CampaignResult:
+    """A Monte Carlo campaign in its folder.
+
+    Attributes
+    ----------
+    folder
+        Where its samples are stored.
+    evaluator
+        Simulates samples; see :meth:`simulate`.
+    is_complete
+        Whether every sample was run; started again with the same folder, an interrupted one continues.
+    """
+
+    folder: Path
+    evaluator: Evaluator
+    is_complete: bool = True
+    _kept: Any = field(default=None, repr=False)
+
+    @cached_property
+    def data(self) -> xr.Dataset:
+        """Draws (sample, parameter) and metrics (sample, gains, ...) of every sample."""
+        from optim.campaign import load_campaign
+
+        return load_campaign(self.folder)
+
+    @cached_property
+    def summary(self) -> Mapping[str, Any]:
+        """Failure probabilities with confidence intervals, percentiles, worst samples, sensitivities."""
+        from optim.campaign import summarise
+
+        return summarise(self.folder, self.evaluator)
+
+    def simulate(self, sample: int, gains: str | None = None) -> Result:
+        """Result of one sample.
+
+        Parameters
+        ----------
+        sample
+            Its number.
+        gains
+            Name of a set of gains; the first if None.
+        """
+        from optim.campaign import simulate_sample
+
+        draw = self.data.draw.values[sample]
+        return simulate_sample(self.evaluator, draw, gains or str(self.data.gains.values[0]))
+
+    def save(self, path: PathLike) -> CampaignResult:
+        """Copy the campaign's folder.
+
+        Raises
+        ------
+        ResultError
+            If it cannot be copied, or something is there already.
+        """
+        target = Path(path)
+        if target.resolve() == self.folder.resolve():
+            return self
+        try:
+            shutil.copytree(self.folder, target)
+        except OSError as fault:
+            raise ResultError(f"cannot be written: {fault}", source=target) from None
+        return CampaignResult(target, self.evaluator, self.is_complete)
+
+    @classmethod
+    def load(cls, path: PathLike) -> CampaignResult:
+        """Open the folder of a campaign.
+
+        Raises
+        ------
+        ResultError
+            If it holds none, or was made by another version or from other URDFs.
+        """
+        from optim.campaign import reopen
+
+        return cls(Path(path), reopen(Path(path)))
+
+    def __repr__(self) -> str:
+        """Name and failure probabilities, in one line."""
+        failures = (
+            f"{name} fails with {100 * told['failure']['any']['value']:.3g} %"
+            for name, told in self.summary["gains"].items()
+        )
+        return f"<CampaignResult of {self.summary['samples']} samples: {', '.join(failures)}>"
+
+    def _repr_html_(self) -> str:
+        """Failure probabilities for notebooks."""
+        rows = [("samples", str(self.summary["samples"])), ("folder", str(self.folder))]
+        for name, told in self.summary["gains"].items():
+            any_ = told["failure"]["any"]
+            text = f"{100 * any_['value']:.3g} %"
+            if any_["low"] is not None:
+                text += f" ({100 * any_['low']:.3g} to {100 * any_['high']:.3g} %)"
+            rows.append((f"probability of failure, gains {name}", text))
+        return html_table("Campaign", rows)
+
+
+def campaign(
+    scene: Scene,
+    folder: PathLike | None = None,
+    *,
+    gains: Mapping[str, Mapping[str, Any]] | None = None,
+    progress: Callable[[Any], object] | None = None,
+) -> CampaignResult:
+    """Run the Monte Carlo campaign of a scene's ``campaign`` section.
+
+    Parameters
+    ----------
+    scene
+        A scene whose scenario has a ``campaign`` section.
+    folder
+        Where samples are stored as they end, so that an interrupted campaign continues when it is called
+        again; a temporary folder, removed with the result, if None.
+    gains
+        Sets of gains to compare, changes by dotted path by name; the section's if None.
+    progress
+        Called with an :class:`optim.campaign.Progress` when a phase begins and after every chunk.
+
+    Raises
+    ------
+    ScenarioError
+        If the section does not fit the scene.
+    ResultError
+        If the folder holds something else, is in use or cannot be written.
+    """
+    from optim.campaign import run_campaign
+
+    kept = None if folder is not None else tempfile.TemporaryDirectory(prefix="spacerobot-campaign-")
+    place = Path(folder) if folder is not None else Path(kept.name) / "campaign"  # type: ignore[union-attr]
+    done = run_campaign(scene, place, gains=gains, progress=progress)
+    return CampaignResult(place, done.evaluator, not done.interrupted, kept)
+
+
+def figures(
+    results: Results,
+    folder: PathLike | None = None,
+    *,
+    names: Sequence[str] | None = None,
+    formats: Sequence[str] = ("pdf", "png"),
+    width: str = "double",
+) -> dict[str, Drawing]:
+    """Draw the figures of a result, or of several compared.
+
+    Parameters
+    ----------
+    results
+        One result or several.
+    folder
+        Where each figure is written as ``NAME.FORMAT``; nothing is written if None.
+    names
+        Which figures, as in :data:`viz.figures.KINDS`; all that apply if None.
+    formats
+        Of the files: ``pdf``, ``svg``, ``png``.
+    width
+        ``single`` (89 mm) or ``double`` (183 mm) column of a journal.
+
+    Returns
+    -------
+    dict
+        Matplotlib figures by name; each shows itself in a notebook.
+
+    Raises
+    ------
+    ResultError
+        If a name, a format or the width is unknown, the results cannot be compared, or a file cannot be
+        written.
+    """
+    from viz.figures import draw_all, save_figures
+    from viz.figures.style import drawn_for
+
+    shown = _several(results)
+    if folder is not None:
+        save_figures(shown[0], Path(folder), *shown[1:], formats=formats, names=names, width=width)
+    with drawn_for(width):
+        return {name: drawing for name, _, drawing in draw_all(*shown, names=names)}
+
+
+def animate(results: Results, path: PathLike | None = None, *, title: str | None = None) -> Embedded | None:
+    """Animate a result, or several beside each other.
+
+    Parameters
+    ----------
+    results
+        One result or several.
+    path
+        File to write: ``.html`` (a page that works offline), or of the first result ``.gif`` or ``.mp4``
+        (needs ffmpeg). If None, the animation is returned and shows itself in a notebook's cell.
+    title
+        Of the page.
+
+    Raises
+    ------
+    ResultError
+        If the format is unknown, the results cannot be compared, or the file cannot be written.
+    """
+    shown = _several(results)
+    if path is None:
+        from viz.page.notebook import embed
+
+        return embed(*shown)
+    target = Path(path)
+    if target.suffix.lower() in (".html", ".htm"):
+        from viz.page.page import animation_page
+
+        _write_page(animation_page(*shown, title=title), shown, target)
+    else:
+        from viz.record import write_recording
+
+        write_recording(shown[0], target)
+    return None
+
+
+def report(results: Results, path: PathLike, *, title: str | None = None) -> None:
+    """Write one self-contained page about results: numbers, figures, animation, ledger, warnings.
+
+    Parameters
+    ----------
+    results
+        One result or several compared.
+    path
+        The page, ``.html``.
+    title
+        Its heading; made of the results' names if None.
+
+    Raises
+    ------
+    ResultError
+        If the results cannot be compared or the file cannot be written.
+    """
+    from viz.report.report import report as make_page
+
+    shown = _several(results)
+    _write_page(make_page(*shown, title=title), shown, Path(path))
+
+
+def _write_page(text: str, results: Sequence[Result], path: Path) -> None:
+    from spacerobot.files import write_text
+    from spacerobot.result import note_derived
+
+    write_text(path, text)
+    note_derived(results, [path])
+
+
+def _several(results: Results) -> list[Result]:
+    return [results] if isinstance(results, Result) else list(results)
