@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +13,7 @@ import xarray as xr
 
 from optim.problem.measured import context_of, measure, with_added_states
 from spacerobot.errors import ResultError, ScenarioError
-from spacerobot.files import staged
+from spacerobot.files import StrPath, staged
 from spacerobot.kept import kept_closed_loop
 from spacerobot.notebook import html_table
 from spacerobot.quantities import Quantity, find_quantity
@@ -24,8 +23,6 @@ from spacerobot.scene import Scene
 
 JITTER_FREQUENCY_HZ = 1.0
 """Corner frequency of the high pass of the quantity ``jitter``, as campaigns have it by default."""
-
-Folder = str | os.PathLike[str]
 
 
 @dataclass(frozen=True)
@@ -44,7 +41,7 @@ class GradientResult:
     data: xr.Dataset
     status: str
 
-    def save(self, path: Folder) -> None:
+    def save(self, path: StrPath) -> None:
         """Write it to a netCDF file.
 
         Raises
@@ -55,7 +52,7 @@ class GradientResult:
         _write(self.data.assign_attrs(status=self.status), path)
 
     @classmethod
-    def load(cls, path: Folder) -> GradientResult:
+    def load(cls, path: StrPath) -> GradientResult:
         """Read what :meth:`save` wrote.
 
         Raises
@@ -95,7 +92,7 @@ class BatchResult:
 
     data: xr.Dataset
 
-    def save(self, path: Folder) -> None:
+    def save(self, path: StrPath) -> None:
         """Write it to a netCDF file.
 
         Raises
@@ -106,7 +103,7 @@ class BatchResult:
         _write(self.data, path)
 
     @classmethod
-    def load(cls, path: Folder) -> BatchResult:
+    def load(cls, path: StrPath) -> BatchResult:
         """Read what :meth:`save` wrote.
 
         Raises
@@ -280,7 +277,7 @@ def _rollout(
     return rollout, labels
 
 
-def _write(data: xr.Dataset, path: Folder) -> None:
+def _write(data: xr.Dataset, path: StrPath) -> None:
     target = Path(path)
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -291,7 +288,7 @@ def _write(data: xr.Dataset, path: Folder) -> None:
         raise ResultError(f"cannot be written: {fault}", source=target) from None
 
 
-def _read(path: Path | Folder, needed: str) -> xr.Dataset:
+def _read(path: StrPath, needed: str) -> xr.Dataset:
     source = Path(path)
     try:
         with xr.open_dataset(source, engine="netcdf4") as stored:

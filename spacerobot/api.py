@@ -6,7 +6,6 @@ packages ``optim`` and ``viz``, which are built on it, and import those when the
 
 from __future__ import annotations
 
-import os
 import shutil
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
@@ -16,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from spacerobot.errors import ResultError
+from spacerobot.files import StrPath
 from spacerobot.notebook import html_table
 from spacerobot.result import Result
 from spacerobot.scene import Scene
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from viz.figures import Drawing
     from viz.page.notebook import Embedded
 
-PathLike = str | os.PathLike[str]
 Results = Result | Sequence[Result]
 
 
@@ -122,7 +121,7 @@ class CampaignResult:
         draw = self.data.draw.values[sample]
         return simulate_sample(self.evaluator, draw, gains or str(self.data.gains.values[0]))
 
-    def save(self, path: PathLike) -> CampaignResult:
+    def save(self, path: StrPath) -> CampaignResult:
         """Copy the campaign's folder.
 
         Raises
@@ -140,7 +139,7 @@ class CampaignResult:
         return CampaignResult(target, self.evaluator, self.is_complete)
 
     @classmethod
-    def load(cls, path: PathLike) -> CampaignResult:
+    def load(cls, path: StrPath) -> CampaignResult:
         """Open the folder of a campaign.
 
         Raises
@@ -174,7 +173,7 @@ class CampaignResult:
 
 def campaign(
     scene: Scene,
-    folder: PathLike | None = None,
+    folder: StrPath | None = None,
     *,
     gains: Mapping[str, Mapping[str, Any]] | None = None,
     progress: Callable[[Any], object] | None = None,
@@ -210,7 +209,7 @@ def campaign(
 
 def figures(
     results: Results,
-    folder: PathLike | None = None,
+    folder: StrPath | None = None,
     *,
     names: Sequence[str] | None = None,
     formats: Sequence[str] = ("pdf", "png"),
@@ -252,7 +251,7 @@ def figures(
         return {name: drawing for name, _, drawing in draw_all(*shown, names=names)}
 
 
-def animate(results: Results, path: PathLike | None = None, *, title: str | None = None) -> Embedded | None:
+def animate(results: Results, path: StrPath | None = None, *, title: str | None = None) -> Embedded | None:
     """Animate a result, or several beside each other.
 
     Parameters
@@ -287,7 +286,7 @@ def animate(results: Results, path: PathLike | None = None, *, title: str | None
     return None
 
 
-def report(results: Results, path: PathLike, *, title: str | None = None) -> None:
+def report(results: Results, path: StrPath, *, title: str | None = None) -> None:
     """Write one self-contained page about results: numbers, figures, animation, ledger, warnings.
 
     Parameters

@@ -79,7 +79,9 @@ def test_tags_that_do_not_fit_are_refused(text, told):
 def test_numbers_that_cannot_be_computed_with_are_refused(wrong, told):
     document = copy.deepcopy(filled(BY_NAME["reach.yaml"]))
     document["plan"]["costs"]["torque"] = wrong
-    with pytest.raises(ScenarioError, match=rf"plan\.costs\.torque: .*{told.removeprefix('torque: ')}"):
+    with pytest.raises(
+        ScenarioError, match=rf"plan\.costs\.torque(\.weight)?: .*{told.removeprefix('torque: ')}"
+    ):
         validate(document)
     document = copy.deepcopy(filled(BY_NAME["reach.yaml"]))
     document["plan"]["seed"] = wrong
