@@ -46,6 +46,14 @@ Design = Annotated[
 Points = Annotated[
     int, typer.Option("--points", min=2, metavar="N", help="Points of the front, or of each sweep.")
 ]
+From = Annotated[
+    Path | None,
+    typer.Option(
+        "--from",
+        metavar="PLAN",
+        help="Warm start: a plan's folder or plan.nc, of a scene of the same bodies, as the first guess.",
+    ),
+]
 HELP = """Plan the motion that a scenario's `plan` section asks for, and judge it.
 
 The plan is replayed by the simulator before it is kept: plan.nc, plan.json and followed.yaml, the scenario
@@ -59,6 +67,8 @@ Examples:
     spacerobot plan docking --out out/plan
 
     spacerobot plan mine.yaml --set plan.duration=12 --out out/plan
+
+    spacerobot plan mine.yaml --set plan.costs.time=0.1 --from out/plan --out out/faster
 
     spacerobot run out/plan/followed.yaml --out out/flown
 
@@ -81,6 +91,7 @@ def command(
     dask: Machines = None,
     slopes: Slopes = None,
     design: Design = False,
+    warm_start: From = None,
     view: View = False,
     port: Port = 7000,
 ) -> None:
@@ -97,6 +108,8 @@ def command(
     if design and (pareto is not None or slopes):
         other = "--slopes, which it tells itself" if slopes else "--pareto, which keeps the design"
         raise typer.BadParameter(f"does not go with {other}", param_hint="--design")
+    if warm_start is not None and (pareto is not None or design):
+        raise typer.BadParameter("does not go with --pareto or --design", param_hint="--from")
     scene = load_scene(scenario, parse_changes(changes))
     for warning in scene.warnings:
         warn(warning)
@@ -115,7 +128,7 @@ def command(
             if design:
                 show = _design(scene, points, out, how)
             elif pareto is None:
-                show = _plan(scene, out, how, slopes)
+                show = _plan(scene, out, how | {"warm_start": warm_start}, slopes)
             else:
                 show = _front(scene, (pareto, points), out, how)
         except KeyboardInterrupt:

@@ -26,12 +26,12 @@ def read_joints(file: Path, where: str, phase: str | None = None) -> Mapping[str
     ScenarioError
         If the file is no plan or has no joints of that robot, or not that phase.
     """
-    plan, robot = _parted(_during(_opened(file, JOINTS), phase)), _keys(where)[1]
+    plan, robot = _parted(_during(open_plan(file, JOINTS), phase)), _keys(where)[1]
     owners = {str(label).partition("/")[0] for label in plan.joint.values}
     if robot not in owners:
         raise ScenarioError(f"a plan without robot {robot!r}; {near_names(robot, owners)}", source=file)
     own = plan.sel(joint=[label for label in plan.joint.values if str(label).startswith(f"{robot}/")])
-    position, rate, effort = (_rows(own, name, ("time", "joint")) for name in JOINTS)
+    position, rate, effort = (numbers(own, name, ("time", "joint")) for name in JOINTS)
     return _timed(plan) | {
         "joints": [str(label).partition("/")[2] for label in own.joint.values],
         "position": position.tolist(),
@@ -48,13 +48,13 @@ def read_base(file: Path, where: str, phase: str | None = None) -> Mapping[str, 
     ScenarioError
         If the file is no plan or drives no base of that robot, or has not that phase.
     """
-    plan, robot = _parted(_during(_opened(file, BASES), phase)), _keys(where)[1]
+    plan, robot = _parted(_during(open_plan(file, BASES), phase)), _keys(where)[1]
     labels = [str(label) for label in plan.drive.values if str(label).startswith(f"{robot}/")]
     if not labels:
         owners = {str(label).partition("/")[0] for label in plan.drive.values}
         raise ScenarioError(f"a plan that does not drive the base of {robot!r}; {near_names(robot, owners)}")
     own = plan.sel(drive=labels)
-    wrench, rate = (_rows(own, name, ("time", "drive")).tolist() for name in BASES)
+    wrench, rate = (numbers(own, name, ("time", "drive")).tolist() for name in BASES)
     axes = [label.rpartition(".")[2] for label in labels]
     return _timed(plan) | {"axes": axes, "wrench": wrench, "rate": rate}
 
@@ -62,7 +62,7 @@ def read_base(file: Path, where: str, phase: str | None = None) -> Mapping[str, 
 def _timed(plan: xr.Dataset) -> dict[str, Any]:
     """Times, points of an interval, and phases, plain."""
     times = plan.time.values
-    phases = {name: [float(times[a]), float(times[b])] for name, (a, b) in _phases(plan).items()}
+    phases = {name: [float(times[a]), float(times[b])] for name, (a, b) in phase_rows(plan).items()}
     return {"times": times.tolist(), "points": _points(plan), "phases": phases}
 
 
@@ -74,18 +74,18 @@ def read_tip(file: Path, where: str) -> Mapping[str, Any]:
     ScenarioError
         If the file is no plan, or does not have that tip.
     """
-    plan, keys = _opened(file, TIPS), _keys(where)
+    plan, keys = open_plan(file, TIPS), _keys(where)
     if keys[2:3] != ["tips"]:
         raise ScenarioError("a plan leads tips, so it is no reference of the target", where=where)
     label = f"{keys[1]}/{keys[3]}"
     known = [str(name) for name in plan.tip.values]
     if label not in known:
         raise ScenarioError(f"a plan without tip {label!r}; {near_names(label, known)}", source=file)
-    phases, name = _phases(plan), where.split(".")[1]
+    phases, name = phase_rows(plan), where.split(".")[1]
     if where.startswith("phases.") and name in phases:
         plan = _during(plan, name)
     own = _parted(plan.sel(tip=label))
-    position, velocity, rotation, spin = (_rows(own, name, ("time", "axis")).tolist() for name in TIPS)
+    position, velocity, rotation, spin = (numbers(own, name, ("time", "axis")).tolist() for name in TIPS)
     times = (own.time.values - own.time.values[0]).tolist()
     return {
         "times": times,
@@ -103,7 +103,7 @@ def _keys(where: str) -> list[str]:
     return keys[2:] if keys[0] == "phases" else keys
 
 
-def _opened(file: Path, names: tuple[str, ...]) -> xr.Dataset:
+def open_plan(file: Path, names: tuple[str, ...]) -> xr.Dataset:
     """Content of a plan's file that has these variables.
 
     Raises
@@ -128,7 +128,7 @@ def _opened(file: Path, names: tuple[str, ...]) -> xr.Dataset:
     return plan
 
 
-def _rows(plan: xr.Dataset, name: str, dims: tuple[str, str]) -> Array:
+def numbers(plan: xr.Dataset, name: str, dims: tuple[str, str]) -> Array:
     """Numbers of a variable, (n, m).
 
     Raises
@@ -160,7 +160,7 @@ def _during(plan: xr.Dataset, phase: str | None) -> xr.Dataset:
     ScenarioError
         If there is no such phase.
     """
-    phases = _phases(plan)
+    phases = phase_rows(plan)
     if phase is None:
         if len(phases) > 1 and (np.diff(plan.time.values) == 0).any():
             raise ScenarioError(f"a plan of several phases: name one by `phase`: {', '.join(phases)}")
@@ -184,7 +184,7 @@ def _parted(plan: xr.Dataset) -> xr.Dataset:
     return plan.isel(time=rows)
 
 
-def _phases(plan: xr.Dataset) -> dict[str, tuple[int, int]]:
+def phase_rows(plan: xr.Dataset) -> dict[str, tuple[int, int]]:
     """First and last row of each phase of a plan, by name; none where it tells no phases.
 
     A phase ends with a row of its own at the time at which the next one begins, or with the next one's first.

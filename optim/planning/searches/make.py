@@ -16,6 +16,7 @@ from optim.planning.searches.bench import Ask, Attempt, Bench, Solve
 from optim.planning.searches.choices import Tried, best_of
 from optim.planning.searches.kept import Kept
 from optim.planning.searches.tasks import Task, carry_out
+from optim.planning.searches.warm_start import stored_motion
 from optim.planning.solver.solve import Solved
 from optim.planning.transcription.motion import Course, Motion
 from optim.planning.verification.verdict import Verdict
@@ -81,6 +82,7 @@ def make_plan(
     progress: Progress | None = None,
     folder: StrPath | None = None,
     dask: str | None = None,
+    warm_start: StrPath | None = None,
 ) -> Planned:
     """Plan what a scene's ``plan`` section asks for.
 
@@ -97,11 +99,14 @@ def make_plan(
     dask
         Address of a cluster, as for :func:`optim.workers.cluster.connect`, whose workers search from several
         starts at once; this process alone if None. No number but times depends on it.
+    warm_start
+        A plan's folder, or its ``plan.nc``, whose motion is the first guess of the first start, with its
+        multipliers where they fit; see :func:`optim.planning.searches.warm_start.stored_motion`.
 
     Raises
     ------
     ScenarioError
-        If the section asks for what cannot be.
+        If the section asks for what cannot be, or ``warm_start`` is no plan of such a scene.
     NoPlanError
         If no motion was found, naming what stands against it, or the one found does not hold.
     """
@@ -111,7 +116,9 @@ def make_plan(
         """Plan of one candidate, and its cost."""
         tell = progress or (lambda _: None)
         bench = Bench.of(each, backend, (lambda text: tell(f"{words}: {text}")) if words else tell)
-        found = carry_out(bench, plan_tasks(bench, bench.asked()), kept_in(folder, bench), dask)
+        near = None if warm_start is None else stored_motion(bench, Path(warm_start))
+        tasks = plan_tasks(bench, bench.asked(near=near))
+        found = carry_out(bench, tasks, kept_in(folder, bench), dask)
         fault = fault_of(found[PLAN], bench.plan.starts)
         if fault is not None:
             raise NoPlanError(fault, source=scene.source, where="plan")
@@ -123,10 +130,17 @@ def make_plan(
 
 
 def plan_tasks(bench: Bench, ask: Ask, name: str = PLAN) -> dict[str, Task]:
-    """Searches from every start on the first mesh, and the one, so named, that refines the best of them."""
+    """Searches from every start on the first mesh, and the one, so named, that refines the best of them.
+
+    A motion that is asked to be begun with is the first start's.
+    """
     starts = tuple(f"{name}, start {k + 1}" for k in range(bench.plan.starts))
     tasks = {
-        start: Task(lambda _, k=k: dataclasses.replace(ask, start=k, refine=False))  # type: ignore[misc]
+        start: Task(
+            lambda _, k=k: dataclasses.replace(  # type: ignore[misc]
+                ask, start=k, near=None if k else ask.near, refine=False
+            )
+        )
         for k, start in enumerate(starts)
     }
 

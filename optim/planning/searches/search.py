@@ -122,12 +122,9 @@ class _Search:
         course, (least, greatest, _) = self.bench.course(self.ask, near), self.problem.duration
         motion, *others = course.motions
         duration = float(np.clip(motion.duration_s, least, greatest))
-        motion, barrier = stretched(motion, self.problem, duration), max(near.solved.barrier, BARRIER)
-        self._solve(
-            dataclasses.replace(course, motions=(motion, *others)),
-            near.meshes,
-            dataclasses.replace(near.solved, barrier=barrier),
-        )
+        course = dataclasses.replace(course, motions=(stretched(motion, self.problem, duration), *others))
+        solved = dataclasses.replace(near.solved, barrier=max(near.solved.barrier, BARRIER))
+        self._solve(course, near.meshes, solved)
 
     def refined(self) -> Verdict:
         """Verdict on the motion on meshes that become finer until it is good, or as fine as is allowed."""

@@ -28,6 +28,9 @@ LEAST_BARRIER = 1e-8
 FROM_A_GUESS = {"mu_init": 1e-2, "constr_mult_init_max": 0.0}
 """Options without multipliers to begin with: those of least squares lead astray more often than zeros do."""
 
+FROM_A_MOTION = {"constr_mult_init_max": 1e3}
+"""Options near a solution whose multipliers are not known: those of least squares are near its own there."""
+
 THROWN = "NonIpopt_Exception_Thrown"
 """IPOPT's word where something raised; our own functions' faults never reach it, which leaves Ctrl-C."""
 
@@ -89,7 +92,8 @@ def solve(
         Unknowns to begin with.
     warm
         A solution of a program of the same shape that is near: its multipliers, barrier parameter and scale
-        are gone on with. Where that leads nowhere, the search begins anew without them.
+        are gone on with. Where that leads nowhere, the search begins anew without them. Without multipliers
+        (of no length) those of least squares are begun with.
     scale
         Size of the cost: residuals are taken relative to it. That of ``warm``, or one, if not given.
     iterations
@@ -107,8 +111,9 @@ def solve(
     presolved = Presolved(program, first)
     if warm is None:
         return _solve(presolved, first, None, ipopt_options(iterations, scale), told)
-    options = ipopt_options(min(iterations, PATIENCE), scale, warm.barrier)
-    found = _solve(presolved, first, warm, options, told)
+    known = warm.multipliers.size > 0
+    options = ipopt_options(min(iterations, PATIENCE), scale, warm.barrier, known=known)
+    found = _solve(presolved, first, warm if known else None, options, told)
     if found.converged or iterations <= PATIENCE or found.status == TIME_LIMIT:
         return found
     anew = _solve(presolved, first, None, ipopt_options(iterations, scale), told)
@@ -164,8 +169,10 @@ def _solve(
     )
 
 
-def ipopt_options(iterations: int, scale: float, barrier: float | None = None) -> dict[str, Any]:
-    """IPOPT's options; with a barrier parameter to begin with where multipliers are given."""
+def ipopt_options(
+    iterations: int, scale: float, barrier: float | None = None, *, known: bool = True
+) -> dict[str, Any]:
+    """IPOPT's options; with a barrier parameter where the search begins near a solution."""
     options: dict[str, Any] = {
         "print_level": 0,
         "sb": "yes",
@@ -181,6 +188,8 @@ def ipopt_options(iterations: int, scale: float, barrier: float | None = None) -
     }
     if barrier is None:
         options |= FROM_A_GUESS
+    elif not known:
+        options |= FROM_A_MOTION | {"mu_init": barrier}
     else:
         options |= {
             "warm_start_init_point": "yes",

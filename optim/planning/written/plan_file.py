@@ -72,6 +72,17 @@ def dataset(planned: Planned) -> xr.Dataset:
     }
     told = _told("1", "norm of the multipliers of equations of motion and limits, as densities over time")
     variables["multiplier_norm"] = ("time", multiplier_norms(planned), told)
+    solved, text = planned.solved, "for warm starts, in the program's order"
+    variables["multiplier"] = (
+        "equation",
+        solved.multipliers,
+        {"long_name": f"multipliers of constraints, {text}"},
+    )
+    variables["bound_multiplier"] = (
+        "unknown",
+        solved.bound_multipliers,
+        {"long_name": f"multipliers of the unknowns' limits, {text}"},
+    )
     alone = flown_phase(scene.scenario)
     names = planned.names if any(planned.names) else (alone,) * len(course.motions)
     if any(names):
@@ -245,6 +256,7 @@ def _attributes(planned: Planned) -> dict[str, Any]:
         "duration_s": planned.course.duration_s,
         "cost": planned.cost,
         "residual": verdict.residual,
+        "barrier": planned.solved.barrier,
         "replay_error_m": verdict.replay_error_m,
         "followed_error_m": verdict.followed_error_m,
     }

@@ -4,7 +4,9 @@ import dataclasses
 
 import numpy as np
 import pytest
+import xarray as xr
 from scipy import sparse
+from typer.testing import CliRunner
 
 from optim.planning.formulation.formulate import formulate
 from optim.planning.searches import search as searching
@@ -19,6 +21,9 @@ from optim.planning.transcription.motion import Motion
 from optim.planning.transcription.program import Program
 from optim.planning.transcription.refine import carried, solve_from
 from optim.planning.verification.verdict import residual
+from optim.planning.written.plan_file import write
+from spacerobot.cli.app import app
+from spacerobot.errors import ScenarioError
 
 
 @pytest.fixture(scope="module")
@@ -133,3 +138,59 @@ def test_a_fine_first_mesh_is_solved_from_a_coarse_one(reach, monkeypatch):
     assert (coarse.intervals, fine.intervals) == (8 // searching.COARSER, 8)
     assert fine.cost == pytest.approx(direct.cost, rel=1e-6)
     assert fine.iterations < direct.iterations
+
+
+LIMITED = ("plan.limits.torque", 0.13)
+
+
+@pytest.fixture(scope="module")
+def stored(reach, tmp_path_factory):
+    """A plan, and its folder."""
+    folder = tmp_path_factory.mktemp("stored")
+    planned = make_plan(reach(LIMITED, ("plan.tolerance", 1e-3)), backend="interpreted")
+    write(planned, folder)
+    return planned, folder
+
+
+@pytest.mark.parametrize(
+    ("changes", "file", "most"),
+    [
+        ([], "", 2),
+        ([], "plan.nc", 2),
+        ([], "bare.nc", 9),
+        ([("plan.order", 4)], "", 8),  # another mesh: interpolated, without multipliers
+        ([("plan.intervals", 24)], "", 9),
+    ],
+)
+def test_a_warm_start_from_a_file_takes_fewer_iterations_to_the_same_plan(reach, stored, changes, file, most):
+    _, folder = stored
+    with xr.open_dataset(folder / "plan.nc") as plan:
+        plan.load().drop_vars(["multiplier", "bound_multiplier"]).to_netcdf(folder / "bare.nc")
+    scene = reach(LIMITED, ("plan.tolerance", 1e-3), *changes)
+    cold = make_plan(scene, backend="interpreted")
+    warm = make_plan(scene, backend="interpreted", warm_start=folder / file)
+    assert warm.cost == pytest.approx(cold.cost, rel=1e-6)
+    assert warm.solves[0].iterations <= most < cold.solves[0].iterations
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ([("robots.one.joints.joint_3.locked", True)], "its joints differ, one/joint_3 only in the file"),
+        ([("target", None)], "its bodies differ, target only in the file"),
+    ],
+)
+def test_a_plan_of_another_scene_is_refused(reach, stored, changes, told):
+    changes += [("plan.goals", {"look": {"tip": "one/tip", "position": [0.5, 0.5, 0]}})]
+    with pytest.raises(ScenarioError, match=f"a plan of another scene: {told}"):
+        make_plan(reach(*changes), backend="interpreted", warm_start=stored[1])
+
+
+def test_a_file_that_is_no_plan_is_refused_in_one_line(reach, tmp_path):
+    file = tmp_path / "other.nc"
+    xr.Dataset({"q": 1.0}).to_netcdf(file)
+    for path, told in ((file, "not a plan: no time"), (tmp_path / "none.nc", "no such file")):
+        given = ["plan", str(reach().source), "--from", str(path)]
+        found = CliRunner().invoke(app, given)
+        assert isinstance(found.exception, ScenarioError)
+        assert told in str(found.exception)
