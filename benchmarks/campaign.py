@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from benchmarks.row import Row
-from optim.campaign import Evaluator, Progress, all_draws, build_evaluator, run_campaign
+from optim.campaign import CampaignEvaluator, CampaignProgress, all_draws, build_evaluator, run_campaign
 from spacerobot.arrays import Array
 from spacerobot.compiled import usable_cores
 from spacerobot.scene import Scene, load_scene
@@ -92,7 +92,7 @@ def _phases(scene: Scene) -> dict[str, Spent]:
     """What each phase of a campaign takes, in a store of its own."""
     begun: list[tuple[str, Spent]] = []
 
-    def note(now: Progress) -> None:
+    def note(now: CampaignProgress) -> None:
         if not now.total:
             begun.append((now.phase, Spent.now()))
 
@@ -102,7 +102,7 @@ def _phases(scene: Scene) -> dict[str, Spent]:
     return {phase: later.since(at) for (phase, at), (_, later) in itertools.pairwise(begun)}
 
 
-def _bare(evaluator: Evaluator, draws: Array) -> Spent:
+def _bare(evaluator: CampaignEvaluator, draws: Array) -> Spent:
     """The same rollouts and measures in one batch for each set of gains, nothing kept."""
     begin = Spent.now()
     for member in evaluator.members:

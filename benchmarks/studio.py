@@ -13,7 +13,7 @@ from tornado.websocket import WebSocketClientConnection, websocket_connect
 
 from benchmarks.row import Row, hand_row
 from spacerobot.scene import load_scene
-from viz.studio.plant import Origin
+from viz.studio.prepared import Origin
 from viz.studio.server import Studio
 
 WARM, COUNT = 20, 200

@@ -11,7 +11,7 @@ from typing import Any
 from benchmarks.browser import NO_3D, Browser, chromium
 from benchmarks.row import Row, hand_row
 from spacerobot.scene import load_scene
-from viz.studio.plant import Origin
+from viz.studio.prepared import Origin
 from viz.studio.server import Studio
 
 WARM, COUNT = 10, 100

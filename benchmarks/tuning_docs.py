@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from optim.comparison import tables
-from optim.comparison.verdict import verdict
+from optim.comparison.conclusion import conclusion
 
 ROOT = Path(__file__).parents[1]
 DATA = ROOT / "docs" / "data"
@@ -39,7 +39,7 @@ def blocks(data: Mapping[str, Any]) -> dict[str, str]:
         return "\n\n".join(f"{tables.heading(c)}:\n\n{tables.as_markdown(table(c))}" for c in contests)
 
     return {
-        "verdict": f"**{verdict(data)}**",
+        "verdict": f"**{conclusion(data)}**",
         "table": tables.as_markdown(tables.summary_table(data)),
         "found": each(tables.found_table),
         "gains": each(tables.gains_table),

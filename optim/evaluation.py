@@ -14,7 +14,7 @@ import xarray as xr
 from optim.problem.measured import context_of, measure, with_added_states
 from spacerobot.errors import ResultError, ScenarioError
 from spacerobot.files import StrPath, staged
-from spacerobot.kept import kept_closed_loop
+from spacerobot.loop_cache import cached_closed_loop
 from spacerobot.notebook import html_table
 from spacerobot.quantities import Quantity, find_quantity
 from spacerobot.rollout import Measures, Rollout, build_rollout
@@ -250,7 +250,7 @@ def _rollout(
     scene: Scene, chosen: Sequence[Quantity], vary: Sequence[str], backend: Backend
 ) -> tuple[Rollout, dict[str, tuple[str, ...]]]:
     """Rollout whose measures and costs are the quantities, and the labels of each one's components."""
-    loop = kept_closed_loop(scene, vary=vary)
+    loop = cached_closed_loop(scene, vary=vary)
     extended = with_added_states(loop, scene, chosen, JITTER_FREQUENCY_HZ)
     context = context_of(scene, extended)
     simulation, named, labels = scene.scenario.simulation, {}, {}

@@ -9,13 +9,13 @@ from functools import partial
 
 import numpy as np
 
-from optim.methods.by_name import Effort, Outcome, effort_of, run_method
 from optim.methods.evolutionary import METHODS as EVOLUTIONARY
+from optim.methods.run_method import Effort, MethodOutcome, effort_of, run_method
 from optim.problem.blackbox import ResultProblem
 from optim.problem.scenes import tuning_of
 from optim.problem.tuning_problem import TuningProblem, build_problem
 from optim.search.search import Progress
-from optim.search.session import Session
+from optim.search.session import SearchSession
 from spacerobot.errors import ScenarioError
 from spacerobot.files import StrPath
 from spacerobot.scene import Scene, build_scene
@@ -25,7 +25,7 @@ HALVINGS = 6
 
 
 @dataclass(frozen=True)
-class Tuned:
+class TuningResult:
     """What tuning found.
 
     Attributes
@@ -47,7 +47,7 @@ class Tuned:
     status: str
     message: str
     scene: Scene
-    outcome: Outcome
+    outcome: MethodOutcome
 
     def __repr__(self) -> str:
         """Objective and how the best run ended, in one line."""
@@ -62,7 +62,7 @@ def tune(
     effort: Effort | None = None,
     folder: StrPath | None = None,
     progress: Progress | None = None,
-) -> Tuned:
+) -> TuningResult:
     """Tune a problem.
 
     Parameters
@@ -93,7 +93,7 @@ def tune(
     if stated is not nominal and method not in EVOLUTIONARY:
         raise ScenarioError(f"a function of a result has no gradients; methods: {', '.join(EVOLUTIONARY)}")
     effort = effort or effort_of(tuning_of(nominal.scene))
-    run = partial(run_method, stated, effort=effort, session=Session(folder, nominal.workers, progress))
+    run = partial(run_method, stated, effort=effort, session=SearchSession(folder, nominal.workers, progress))
     outcome = _from_the_ga(run) if method == "nlp_ga" else run(method)
     if method in ("nlp", "nlp_ga"):
         nominal, outcome = _refined(nominal, outcome, effort, progress)
@@ -101,8 +101,8 @@ def tune(
 
 
 def _refined(
-    problem: TuningProblem, outcome: Outcome, effort: Effort, progress: Progress | None
-) -> tuple[TuningProblem, Outcome]:
+    problem: TuningProblem, outcome: MethodOutcome, effort: Effort, progress: Progress | None
+) -> tuple[TuningProblem, MethodOutcome]:
     """Descend again from the best point with half the step, until derivatives are accurate there.
 
     What was found with a longer step is not compared with it: its objective is not that of the same motion.
@@ -119,7 +119,7 @@ def _refined(
         if not doubt:
             break
         problem = problem.refined
-        session = Session(None, problem.workers, progress)
+        session = SearchSession(None, problem.workers, progress)
         (found,) = run_method(problem, "nlp_ga", effort, first=np.array(best.u), session=session).runs
         told = f"{found.message}; step refined to {problem.rollout.grid.step_s:.3g} s: {doubt}"
         found = dataclasses.replace(found, method=best.method, cost=best.cost + found.cost, message=told)
@@ -127,7 +127,7 @@ def _refined(
     return problem, outcome
 
 
-def _from_the_ga(run: Callable[..., Outcome]) -> Outcome:
+def _from_the_ga(run: Callable[..., MethodOutcome]) -> MethodOutcome:
     """The GA, and the NLP from its best."""
     ga = run("ga")
     if ga.interrupted:
@@ -136,8 +136,10 @@ def _from_the_ga(run: Callable[..., Outcome]) -> Outcome:
     return dataclasses.replace(outcome, runs=(*ga.runs, *outcome.runs))
 
 
-def _tuned(problem: TuningProblem, outcome: Outcome) -> Tuned:
+def _tuned(problem: TuningProblem, outcome: MethodOutcome) -> TuningResult:
     best, variables = outcome.best, problem.variables
     values = variables.values(best.u)
     scene = build_scene(problem.scene.scenario, variables.as_changes(values), source=problem.scene.source)
-    return Tuned(variables.as_mapping(values), best.objective, best.status, best.message, scene, outcome)
+    return TuningResult(
+        variables.as_mapping(values), best.objective, best.status, best.message, scene, outcome
+    )

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from spacerobot.front_door import front_door
+from spacerobot.lazy_names import lazy_names
 
 if TYPE_CHECKING:
     from optim.comparison.compare import compare as compare
@@ -78,4 +78,4 @@ _HOME = {
 """Where each name of the front door lives."""
 
 __all__ = ["__version__", *_HOME]  # noqa: PLE0604 (names that are loaded when used)
-__getattr__, __dir__ = front_door(__name__, _HOME)
+__getattr__, __dir__ = lazy_names(__name__, _HOME)

@@ -25,9 +25,9 @@ from spacerobot.simulation import simulate as _simulate
 if TYPE_CHECKING:
     import xarray as xr
 
-    from optim.campaign import Evaluator
+    from optim.campaign import CampaignEvaluator
     from viz.figures import Drawing
-    from viz.page.notebook import Embedded
+    from viz.page.notebook import EmbeddedPage
 
 Results = Result | Sequence[Result]
 
@@ -88,7 +88,7 @@ class CampaignResult:
     """
 
     folder: Path
-    evaluator: Evaluator
+    evaluator: CampaignEvaluator
     is_complete: bool = True
     _kept: Any = field(default=None, repr=False)
 
@@ -251,7 +251,9 @@ def figures(
         return {name: drawing for name, _, drawing in draw_all(*shown, names=names)}
 
 
-def animate(results: Results, path: StrPath | None = None, *, title: str | None = None) -> Embedded | None:
+def animate(
+    results: Results, path: StrPath | None = None, *, title: str | None = None
+) -> EmbeddedPage | None:
     """Animate a result, or several beside each other.
 
     Parameters

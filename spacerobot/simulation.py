@@ -13,7 +13,7 @@ import numpy as np
 
 from spacerobot.closedloop import ClosedLoop, find_fastest_rate
 from spacerobot.errors import DivergedError, ScenarioError
-from spacerobot.kept import kept_closed_loop
+from spacerobot.loop_cache import cached_closed_loop
 from spacerobot.result import Result
 from spacerobot.result.dataset import build_dataset
 from spacerobot.result.events import build_events
@@ -21,7 +21,7 @@ from spacerobot.result.metrics import fastest_joint
 from spacerobot.result.summary import build_summary
 from spacerobot.result.trust import fast_words
 from spacerobot.rollout import (
-    Fired,
+    FiredEvent,
     Measures,
     Rollout,
     TimeGrid,
@@ -99,7 +99,7 @@ def simulate(scene: Scene, *, backend: Backend = "auto", progress: Progress | No
     begin = time.perf_counter()
     check_size(scene)
     tell("building the closed loop")
-    loop = kept_closed_loop(scene)
+    loop = cached_closed_loop(scene)
     _check_events(scene, loop)
     built = time.perf_counter()
     with np.errstate(over="ignore", invalid="ignore"):  # a rollout that diverges says so by its status
@@ -126,14 +126,14 @@ def simulate_designs(
     DivergedError
         As :func:`simulate`.
     """
-    ready = make_ready(scene, loop)
+    ready = prepare_simulation(scene, loop)
     for name, design in designs.items():
         own = build_scene(scene.scenario, design, source=scene.source)
         yield name, ready.simulate(own, design)[0]
 
 
 @dataclass(frozen=True)
-class Ready:
+class PreparedSimulation:
     """A scene, its closed loop, and what rolls that out at any values of its parameters, by fixed steps."""
 
     scene: Scene
@@ -156,9 +156,9 @@ class Ready:
         return _result(run, self.loop, begin, begin), run.trajectory
 
 
-def make_ready(
+def prepare_simulation(
     scene: Scene, loop: ClosedLoop, measures: Measures | None = None, progress: Progress | None = None
-) -> Ready:
+) -> PreparedSimulation:
     """Compile a closed loop of a scene, or find it compiled.
 
     Parameters
@@ -175,7 +175,9 @@ def make_ready(
     DivergedError
         If the step was to be chosen and none keeps to the tolerance.
     """
-    return Ready(scene, loop, _ready(scene, loop, "auto", progress or (lambda _: None), measures))
+    return PreparedSimulation(
+        scene, loop, _ready(scene, loop, "auto", progress or (lambda _: None), measures)
+    )
 
 
 def _result(run: _Run, loop: ClosedLoop, begin: float, built: float) -> Result:
@@ -337,7 +339,7 @@ def _check(scene: Scene, loop: ClosedLoop, tell: Progress) -> _Run:
     return _Run(scene, ready, dataclasses.replace(checked, events=_fired(scene, loop, checked)))
 
 
-def _fired(scene: Scene, loop: ClosedLoop, checked: Checked) -> tuple[Fired, ...]:
+def _fired(scene: Scene, loop: ClosedLoop, checked: Checked) -> tuple[FiredEvent, ...]:
     """Events of the independent engine as the closed loop's, whose memory it has only in part."""
     names = list(loop.state_names)
     first, c = (value.full().ravel() for value in loop.setup(loop.parameter_values))
@@ -355,7 +357,7 @@ def _fired(scene: Scene, loop: ClosedLoop, checked: Checked) -> tuple[Fired, ...
                     after[place : place + len(rows)] = impulse[list(rows)]
         for place, value in loop.events[rules[event.name]].sets:
             switches[place] = float(value)
-        found.append(Fired(event.time_s, rules[event.name], before, after, switches.copy()))
+        found.append(FiredEvent(event.time_s, rules[event.name], before, after, switches.copy()))
         before = after.copy()
     return tuple(found)
 

@@ -9,10 +9,10 @@ import sys
 import numpy as np
 import pytest
 
-from spacerobot import kept
+from spacerobot import loop_cache as kept
 from spacerobot.elements import registry
 from spacerobot.errors import ScenarioError, SpaceRobotWarning
-from spacerobot.kept import SUFFIX, kept_closed_loop
+from spacerobot.loop_cache import SUFFIX, cached_closed_loop
 from spacerobot.rollout import build_rollout
 from spacerobot.scene import load_scene
 from tests.oracles import one_arm
@@ -43,7 +43,7 @@ def names(folder):
 
 def test_the_second_time_nothing_is_built_and_nothing_differs(file, folder, builds):
     scene = load_scene(file)
-    built, again = kept_closed_loop(scene), kept_closed_loop(load_scene(file))
+    built, again = cached_closed_loop(scene), cached_closed_loop(load_scene(file))
     assert len(builds) == 1
     (path,) = folder.iterdir()
     assert path.suffix == SUFFIX
@@ -62,28 +62,28 @@ def test_another_process_finds_it(file, folder, builds):
         f"kept.kept_closed_loop(load_scene({str(file)!r}))"
     )
     subprocess.run([sys.executable, "-c", program], check=True)
-    kept_closed_loop(load_scene(file))
+    cached_closed_loop(load_scene(file))
     assert not builds
 
 
 def test_another_number_model_or_choice_is_another_entry(file, folder, builds, tmp_path):
     scene = load_scene(file)
-    kept_closed_loop(scene)
-    kept_closed_loop(load_scene(file, {"robots.arm.tips.tip.pid.kp": 1.0}))
-    kept_closed_loop(scene, vary=["target.links.body.com.1"])
+    cached_closed_loop(scene)
+    cached_closed_loop(load_scene(file, {"robots.arm.tips.tip.pid.kp": 1.0}))
+    cached_closed_loop(scene, vary=["target.links.body.com.1"])
     urdf = tmp_path / "arm.urdf"
     urdf.write_text(urdf.read_text(encoding="utf-8") + "<!-- -->", encoding="utf-8")
-    kept_closed_loop(load_scene(file))
+    cached_closed_loop(load_scene(file))
     scene.model.inertias[3].mass += 1.0  # by a user in Python
-    kept_closed_loop(scene)
+    cached_closed_loop(scene)
     assert len(builds) == len(names(folder)) == 5
 
 
 def test_another_source_of_this_package_is_another_entry(file, folder, builds, monkeypatch):
     scene = load_scene(file)
-    kept_closed_loop(scene)
+    cached_closed_loop(scene)
     monkeypatch.setattr(kept, "_code", lambda: "another")
-    kept_closed_loop(scene)
+    cached_closed_loop(scene)
     assert len(builds) == 2
 
 
@@ -91,7 +91,7 @@ def test_kinds_of_a_users_own_are_always_built(file, folder, builds, monkeypatch
     own = type("Own", (), {"__module__": "spacerobot_plugin_own", "fills": None})
     monkeypatch.setitem(registry._KINDS["reference"], "own", own)
     for _ in range(2):
-        kept_closed_loop(load_scene(file))
+        cached_closed_loop(load_scene(file))
     assert len(builds) == 2
     assert not folder.exists()
 
@@ -99,21 +99,21 @@ def test_kinds_of_a_users_own_are_always_built(file, folder, builds, monkeypatch
 @pytest.mark.parametrize("damage", [b"", b"no closed loop", None])
 def test_a_damaged_entry_is_built_again(file, folder, builds, damage):
     scene = load_scene(file)
-    kept_closed_loop(scene)
+    cached_closed_loop(scene)
     (path,) = folder.iterdir()
     path.write_bytes(path.read_bytes()[:-100] if damage is None else damage)
-    kept_closed_loop(scene)
+    cached_closed_loop(scene)
     assert len(builds) == 2
-    kept_closed_loop(scene)
+    cached_closed_loop(scene)
     assert len(builds) == 2
 
 
 def test_nothing_is_loaded_from_a_folder_that_others_may_write(file, folder, builds):
     scene = load_scene(file)
-    kept_closed_loop(scene)
+    cached_closed_loop(scene)
     folder.chmod(0o777)
     with pytest.warns(SpaceRobotWarning, match="can be written by others"):
-        kept_closed_loop(scene)
+        cached_closed_loop(scene)
     assert len(builds) == 2
 
 
@@ -122,11 +122,11 @@ def test_a_full_disk_ends_no_simulation(file, folder, builds, monkeypatch):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(kept.cache, "store", full)
-    assert kept_closed_loop(load_scene(file)).nx
+    assert cached_closed_loop(load_scene(file)).nx
     assert not names(folder)
 
 
 def test_what_a_loop_does_not_depend_on_is_refused_each_time(file, folder):
     for _ in range(2):
         with pytest.raises(ScenarioError, match="nothing"):
-            kept_closed_loop(load_scene(file), vary=["nothing"])
+            cached_closed_loop(load_scene(file), vary=["nothing"])

@@ -23,7 +23,7 @@ from spacerobot.arrays import Array
 from spacerobot.errors import ResultError, near_names
 from spacerobot.files import StrPath, write_bytes
 from spacerobot.result import Result, note_derived
-from viz.drawing.motion import Motion, greatest_force, pick_rows, sample_motion
+from viz.drawing.motion import BodyMotion, greatest_force, pick_rows, sample_motion
 from viz.drawing.projection import fit
 from viz.drawing.view import View, view_of
 from viz.figures.bases import draw_plumes
@@ -119,7 +119,7 @@ class Frames:
     """
 
     result: Result
-    motion: Motion
+    motion: BodyMotion
     view: View
     points: Array
     size_px: tuple[int, int]

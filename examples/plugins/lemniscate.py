@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 import spacerobot as sr
-from spacerobot.elements import Context, Profile, Reference, cubic_blend
+from spacerobot.elements import Reference, SectionContext, TimeProfile, cubic_blend
 from spacerobot.pinocchio_engine import path_of
 from spacerobot.pinocchio_engine.references import Jet, Path
 from spacerobot.section import quantity
@@ -23,7 +23,7 @@ class Lemniscate(Reference):
     size: float = quantity("m", "from the crossing to the farthest point", default=0.1, gt=0)
     duration: float = quantity("s", "time for the whole figure", default=10.0, gt=0)
 
-    def moved(self, context: Context) -> Profile:
+    def moved(self, context: SectionContext) -> TimeProfile:
         """Displacement and its derivatives, by CasADi's own derivative along the blend."""
         size, blend = context.number("size"), cubic_blend(context)
         angle = ca.SX.sym("angle")
@@ -33,7 +33,9 @@ class Lemniscate(Reference):
         turn = 2 * np.pi
         value, first, second = shape(turn * blend.value)
         rate, acceleration = turn * blend.rate, turn * blend.acceleration
-        return Profile(size * value, size * first * rate, size * (second * rate**2 + first * acceleration))
+        return TimeProfile(
+            size * value, size * first * rate, size * (second * rate**2 + first * acceleration)
+        )
 
     def jumps(self) -> tuple[float, ...]:
         """Its end."""

@@ -8,7 +8,15 @@ from typing import Literal
 import casadi as ca
 
 import spacerobot as sr
-from spacerobot.elements import Actuator, ActuatorContext, Contribution, Output, Power, State, Stored
+from spacerobot.elements import (
+    Actuator,
+    ActuatorContext,
+    Contribution,
+    Output,
+    PowerTerm,
+    State,
+    StoredMomentum,
+)
 from spacerobot.section import Vector, quantity
 
 
@@ -35,7 +43,7 @@ class ReactionWheel(Actuator):
         return Contribution(
             states=(State(name, momentum, inertia * about, torque),),
             wrenches=(actuator.on_base(torque=-torque * axis - turning),),
-            stored=(Stored(actuator.robot, momentum * axis, momentum**2 / (2 * inertia)),),
-            powers=(Power("actuator", torque * speed, "in"),),
+            stored=(StoredMomentum(actuator.robot, momentum * axis, momentum**2 / (2 * inertia)),),
+            powers=(PowerTerm("actuator", torque * speed, "in"),),
             outputs=(Output("wheel_speed", speed, "rad/s", text, "body", actuator.robot),),
         )

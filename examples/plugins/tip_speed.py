@@ -10,7 +10,7 @@ import casadi as ca
 from pydantic import Field
 
 import spacerobot as sr
-from spacerobot.elements import Instant, PlanCost, PlanLimit, Row, within
+from spacerobot.elements import BoundedRow, PlanCost, PlanInstant, PlanLimit, within
 from spacerobot.section import quantity
 
 
@@ -24,7 +24,7 @@ class TipSpeedCost(PlanCost):
     weight: float = quantity("s/m^2", "weight of the integral of the tip's squared speed", ge=0)
     tip: str = Field(description="which tip, as robot/tip")
 
-    def expression(self, instant: Instant) -> ca.SX:
+    def expression(self, instant: PlanInstant) -> ca.SX:
         """The squared speed."""
         return ca.sumsqr(instant.tip(self.tip).velocity)
 
@@ -37,6 +37,6 @@ class TipSpeedLimit(PlanLimit):
     upper: float = quantity("m/s", "greatest speed", gt=0)
     tip: str = Field(description="which tip, as robot/tip")
 
-    def rows(self, instant: Instant) -> Iterator[Row]:
+    def rows(self, instant: PlanInstant) -> Iterator[BoundedRow]:
         """One row."""
         yield within(f"speed of {self.tip}", "m/s", instant.tip(self.tip).velocity, self.upper)

@@ -11,8 +11,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from optim.campaign.rollouts.evaluator import Evaluator, Recipe, Table
-from optim.campaign.run import CHUNK_S, Chunks, first_size, sized
+from optim.campaign.rollouts.evaluator import CampaignEvaluator, EvaluatorRecipe, SampleTable
+from optim.campaign.run import CHUNK_S, ChunkQueue, first_size, sized
 from optim.workers.cluster import connect, distributed_module, faults_of, submit, threads_of
 from spacerobot.arrays import Array
 
@@ -20,7 +20,7 @@ AHEAD = 2  # chunks in flight for each thread of a worker: one runs, one waits
 
 
 @dataclass(frozen=True)
-class Dask:
+class DaskExecutor:
     """Dask's workers.
 
     Attributes
@@ -37,7 +37,9 @@ class Dask:
     chunk_s: float = CHUNK_S
     size: int | None = None
 
-    def work(self, evaluator: Evaluator, draws: Array, chunks: Chunks) -> Iterator[tuple[int, Table]]:
+    def work(
+        self, evaluator: CampaignEvaluator, draws: Array, chunks: ChunkQueue
+    ) -> Iterator[tuple[int, SampleTable]]:
         """Every chunk as it comes; see :class:`optim.campaign.Executor`.
 
         Raises
@@ -50,7 +52,7 @@ class Dask:
             yield from _spread(client, evaluator.recipe, draws, chunks, self, first)
 
 
-def run_chunk(evaluator: Evaluator, draws: Array) -> tuple[Table, float]:
+def run_chunk(evaluator: CampaignEvaluator, draws: Array) -> tuple[SampleTable, float]:
     """Work of one chunk, on a worker: its table, and the seconds that its rollouts took.
 
     One thread: the worker runs as many chunks at once as it was given threads.
@@ -61,8 +63,8 @@ def run_chunk(evaluator: Evaluator, draws: Array) -> tuple[Table, float]:
 
 
 def _spread(
-    client: Any, recipe: Recipe, draws: Array, chunks: Chunks, how: Dask, first: int
-) -> Iterator[tuple[int, Table]]:
+    client: Any, recipe: EvaluatorRecipe, draws: Array, chunks: ChunkQueue, how: DaskExecutor, first: int
+) -> Iterator[tuple[int, SampleTable]]:
     """Keep every worker busy, with few chunks in flight, and give out results as they come."""
     flight = distributed_module().as_completed([], loop=client.loop, with_results=False)
     pieces: dict[str, tuple[int, int]] = {}

@@ -9,11 +9,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-from optim.campaign.rollouts.evaluator import Evaluator, Gains, Table, all_draws, build_evaluator
+from optim.campaign.rollouts.evaluator import (
+    CampaignEvaluator,
+    Gains,
+    SampleTable,
+    all_draws,
+    build_evaluator,
+)
 from optim.campaign.store.folder import check_place, open_store
 from optim.campaign.store.intervals import Interval
-from optim.campaign.store.netcdf import Layout
-from optim.campaign.store.notes import Named, notes_of
+from optim.campaign.store.netcdf import DatasetLayout
+from optim.campaign.store.notes import ScenarioSource, notes_of
 from spacerobot.arrays import Array
 from spacerobot.files import StrPath
 from spacerobot.scene import Scene
@@ -27,7 +33,7 @@ GRAIN = 64  # samples by which chunks grow: whole groups of lanes for every thre
 
 
 @dataclass(frozen=True)
-class Progress:
+class CampaignProgress:
     """What a campaign is doing, and how far it is.
 
     Attributes
@@ -49,7 +55,7 @@ class Progress:
     left_s: float = math.nan
 
 
-class Chunks:
+class ChunkQueue:
     """Samples still to do, handed out in pieces of any size up to ``most``, in order."""
 
     def __init__(self, missing: Sequence[Interval], most: int | None = None) -> None:
@@ -70,12 +76,14 @@ class Chunks:
 class Executor(Protocol):
     """What works through chunks: this process, or many machines."""
 
-    def work(self, evaluator: Evaluator, draws: Array, chunks: Chunks) -> Iterator[tuple[int, Table]]:
+    def work(
+        self, evaluator: CampaignEvaluator, draws: Array, chunks: ChunkQueue
+    ) -> Iterator[tuple[int, SampleTable]]:
         """Every chunk's table with its first sample, in any order."""
 
 
 @dataclass(frozen=True)
-class Here:
+class LocalExecutor:
     """The process itself.
 
     Attributes
@@ -92,7 +100,9 @@ class Here:
     chunk_s: float = CHUNK_S
     size: int | None = None
 
-    def work(self, evaluator: Evaluator, draws: Array, chunks: Chunks) -> Iterator[tuple[int, Table]]:
+    def work(
+        self, evaluator: CampaignEvaluator, draws: Array, chunks: ChunkQueue
+    ) -> Iterator[tuple[int, SampleTable]]:
         """Every chunk in order; see :class:`Executor`."""
         size = self.size or first_size(evaluator)
         while (piece := chunks.take(size)) is not None:
@@ -102,12 +112,12 @@ class Here:
             size = self.size or sized(len(table), time.perf_counter() - since, self.chunk_s)
 
 
-def first_size(evaluator: Evaluator) -> int:
+def first_size(evaluator: CampaignEvaluator) -> int:
     """Samples of a first chunk, whose time is not known yet."""
     return max(1, FIRST // len(evaluator.members))
 
 
-def most_samples(evaluator: Evaluator) -> int | None:
+def most_samples(evaluator: CampaignEvaluator) -> int | None:
     """Samples whose series fit into a chunk; None where no series is kept."""
     each = evaluator.bytes_per_sample
     return max(1, CHUNK_BYTES // each) if each else None
@@ -121,7 +131,7 @@ def sized(samples: int, seconds: float, chunk_s: float) -> int:
 
 
 @dataclass(frozen=True)
-class Campaigned:
+class CampaignRun:
     """State of a campaign after a call.
 
     Attributes
@@ -137,7 +147,7 @@ class Campaigned:
     """
 
     folder: Path
-    evaluator: Evaluator
+    evaluator: CampaignEvaluator
     done: int
     total: int
     interrupted: bool
@@ -149,9 +159,9 @@ def run_campaign(
     *,
     gains: Gains | None = None,
     executor: Executor | None = None,
-    progress: Callable[[Progress], object] | None = None,
-    named: Named | None = None,
-) -> Campaigned:
+    progress: Callable[[CampaignProgress], object] | None = None,
+    named: ScenarioSource | None = None,
+) -> CampaignRun:
     """Roll out every sample of a campaign that is not in its folder yet.
 
     Killed at any time, it goes on where it was when it is called again; the numbers do not depend on how
@@ -182,26 +192,26 @@ def run_campaign(
     folder = Path(folder)
     say = progress or repr
     check_place(folder)
-    say(Progress("building and compiling"))
+    say(CampaignProgress("building and compiling"))
     evaluator = build_evaluator(scene, gains)
     draws = all_draws(evaluator)
     notes = notes_of(evaluator, named)
     with open_store(folder, evaluator.identity(draws), len(draws), notes) as store:
         before, since, interrupted = store.done, time.perf_counter(), False
-        chunks = Chunks(store.missing, most_samples(evaluator))
-        say(Progress(ROLLING_OUT))
+        chunks = ChunkQueue(store.missing, most_samples(evaluator))
+        say(CampaignProgress(ROLLING_OUT))
         try:
-            for begin, table in (executor or Here()).work(evaluator, draws, chunks):
+            for begin, table in (executor or LocalExecutor()).work(evaluator, draws, chunks):
                 store.add(begin, table)
                 say(_progress(store.done, before, len(draws), since, len(evaluator.members)))
         except KeyboardInterrupt:
             interrupted = True
-        say(Progress("merging"))
-        store.merge(Layout.of(evaluator, notes["about"]))
-        return Campaigned(folder, evaluator, store.done, len(draws), interrupted)
+        say(CampaignProgress("merging"))
+        store.merge(DatasetLayout.of(evaluator, notes["about"]))
+        return CampaignRun(folder, evaluator, store.done, len(draws), interrupted)
 
 
-def _progress(done: int, before: int, total: int, since: float, sets: int) -> Progress:
+def _progress(done: int, before: int, total: int, since: float, sets: int) -> CampaignProgress:
     seconds = max(time.perf_counter() - since, 1e-9)
     per_second = (done - before) / seconds
-    return Progress(ROLLING_OUT, done, total, sets * per_second, (total - done) / per_second)
+    return CampaignProgress(ROLLING_OUT, done, total, sets * per_second, (total - done) / per_second)

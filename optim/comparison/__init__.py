@@ -1,7 +1,7 @@
 """Tuning methods compared: contests, their currency, expected running times and data profiles."""
 
+from optim.comparison.benchmark_problem import ProblemComparison
 from optim.comparison.compare import Comparison, compare
-from optim.comparison.contest import Contest
-from optim.search.session import Session
+from optim.search.session import SearchSession
 
-__all__ = ["Comparison", "Contest", "Session", "compare"]
+__all__ = ["Comparison", "ProblemComparison", "SearchSession", "compare"]

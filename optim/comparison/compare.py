@@ -6,12 +6,12 @@ import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from optim.comparison.contest import Contest, Entry, run_contest
-from optim.comparison.plants import build_judge
-from optim.methods.by_name import Effort, effort_of
+from optim.comparison.benchmark_problem import BenchmarkProblem, ProblemComparison, compare_on_problem
+from optim.comparison.design_evaluator import build_design_evaluator
+from optim.methods.run_method import Effort, effort_of
 from optim.problem.scenes import tuning_of
 from optim.problem.tuning_problem import build_problem
-from optim.search.session import Session
+from optim.search.session import SearchSession
 from spacerobot.errors import ScenarioError, near_names
 from spacerobot.scenario import Tuning
 from spacerobot.scene import Scene
@@ -35,7 +35,7 @@ class Comparison:
     """
 
     name: str
-    contests: tuple[Contest, ...]
+    contests: tuple[ProblemComparison, ...]
     wall_s: float
     interrupted: bool = False
 
@@ -51,7 +51,7 @@ def compare(
     variants: Sequence[str] | None = None,
     sets: Sequence[str] | None = None,
     effort: Effort | None = None,
-    session: Session | None = None,
+    session: SearchSession | None = None,
 ) -> Comparison:
     """Run methods on the problems of a scene's tuning section.
 
@@ -77,7 +77,7 @@ def compare(
         If there is no tuning section, or it does not have what was asked for, or the memory does not hold
         what a design's result takes.
     """
-    tuning, session = tuning_of(scene), session or Session()
+    tuning, session = tuning_of(scene), session or SearchSession()
     check_size(scene)
     effort = effort or even_effort(tuning)
     chosen = [
@@ -109,7 +109,7 @@ def even_effort(
 
 
 def compete(
-    name: str, contests: Iterable[tuple[Entry, Sequence[str], Effort]], session: Session
+    name: str, contests: Iterable[tuple[BenchmarkProblem, Sequence[str], Effort]], session: SearchSession
 ) -> Comparison:
     """Run contests one after the other.
 
@@ -122,27 +122,30 @@ def compete(
     session
         Who does it.
     """
-    begin, done = time.perf_counter(), list[Contest]()
+    begin, done = time.perf_counter(), list[ProblemComparison]()
     for entry, methods, effort in contests:
-        done.append(run_contest(entry, methods, effort, session))
+        done.append(compare_on_problem(entry, methods, effort, session))
         if done[-1].interrupted:
             return Comparison(name, tuple(done), time.perf_counter() - begin, True)
     return Comparison(name, tuple(done), time.perf_counter() - begin)
 
 
 def _entries(
-    scene: Scene, chosen: Sequence[tuple[str | None, str | None]], session: Session
-) -> Iterable[Entry]:
+    scene: Scene, chosen: Sequence[tuple[str | None, str | None]], session: SearchSession
+) -> Iterable[BenchmarkProblem]:
     tuning, judge, judged = tuning_of(scene), None, object()
     for variant, name in chosen:
         if judge is None or judged != variant:
             session.tell(f"{variant or 'tuning'}: building and compiling the rollout that judges")
-            judge, judged = build_judge(scene, variant=variant, threads=session.workers.threads), variant
+            judge, judged = (
+                build_design_evaluator(scene, variant=variant, threads=session.workers.threads),
+                variant,
+            )
         session.tell(f"{variant or 'tuning'}, {name or 'all variables'}: building and compiling")
         variables = tuning.sets[name] if name is not None else None
         problem = build_problem(scene, variables=variables, variant=variant, workers=session.workers)
         title = "-".join(part for part in (variant, name) if part) or "tuning"
-        yield Entry(title, problem, problem, judge)
+        yield BenchmarkProblem(title, problem, problem, judge)
 
 
 def _chosen(wanted: Sequence[str] | None, known: Sequence[str], scene: Scene, what: str) -> list[str | None]:

@@ -17,7 +17,7 @@ BUDGETS = 60  # for which a profile is computed, evenly over the decades
 
 
 @dataclass(frozen=True)
-class Profile:
+class DataProfile:
     """Share solved over budget.
 
     Attributes
@@ -43,7 +43,7 @@ def budgets_of(hits: Mapping[str, Sequence[Array]]) -> Array:
     return np.geomspace(max(1.0, solved.min() / 2), max(2.0, solved.max()), BUDGETS)
 
 
-def profile(hits: Sequence[Array], budgets: Array) -> Profile:
+def profile(hits: Sequence[Array], budgets: Array) -> DataProfile:
     """Data profile of one method.
 
     Each contest counts the same, and in it each target and run. The bootstrap draws contests, and runs in
@@ -66,4 +66,4 @@ def profile(hits: Sequence[Array], budgets: Array) -> Profile:
         drawn = [solved[c] for c in rng.integers(len(solved), size=len(solved))]
         again[i] = np.mean([t[rng.integers(len(t), size=len(t))].mean(axis=0) for t in drawn], axis=0)
     low, high = np.quantile(again, ((1 - LEVEL) / 2, (1 + LEVEL) / 2), axis=0)
-    return Profile(budgets, share, low, high)
+    return DataProfile(budgets, share, low, high)

@@ -7,17 +7,17 @@ from typing import Any
 
 import numpy as np
 
+from optim.comparison.benchmark_problem import UNRANKED, WITH_GRADIENTS, Assessment, ProblemComparison
 from optim.comparison.compare import Comparison
-from optim.comparison.contest import UNRANKED, WITH_GRADIENTS, Assessment, Contest
+from optim.comparison.conclusion import conclusion
 from optim.comparison.profiles import budgets_of, profile
-from optim.comparison.running_time import LEVEL, PRECISIONS, Trial, running_time, target_of
+from optim.comparison.running_time import LEVEL, PRECISIONS, MethodRun, running_time, target_of
 from optim.comparison.statistics import statistics
-from optim.comparison.verdict import verdict
-from optim.methods.by_name import Outcome
-from optim.plain import plain
+from optim.json_values import plain
+from optim.methods.run_method import MethodOutcome
 from optim.problem.objectives import OBJECTIVE, UNITS
-from optim.problem.problem import Cost
-from optim.search.search import Run
+from optim.problem.problem import EvaluationCost
+from optim.search.search import SearchRun
 from spacerobot.arrays import Array
 
 FORMAT = 2
@@ -37,15 +37,15 @@ def to_data(comparison: Comparison) -> dict[str, Any]:
         "profiles": _profiles(comparison),
     }
     found: dict[str, Any] = plain(data)
-    return {"verdict": verdict(found), **found}
+    return {"verdict": conclusion(found), **found}
 
 
-def spent(outcome: Outcome) -> Cost:
+def spent(outcome: MethodOutcome) -> EvaluationCost:
     """What all runs of a method spent together."""
-    return sum((run.cost for run in outcome.runs), Cost())
+    return sum((run.cost for run in outcome.runs), EvaluationCost())
 
 
-def directions(contest: Contest) -> list[str]:
+def directions(contest: ProblemComparison) -> list[str]:
     """Tip and axis of each entry of a contest's errors."""
     scene = contest.nominal.scene
     return [f"{tip.label} {'xyz'[axis]}" for tip in scene.tips for axis in scene.translation_axes]
@@ -69,11 +69,11 @@ def _without(mapping: dict[str, Any], name: str) -> dict[str, Any]:
     return {key: value for key, value in mapping.items() if key != name}
 
 
-def _targets(contest: Contest) -> list[float]:
+def _targets(contest: ProblemComparison) -> list[float]:
     return [target_of(contest.best_known, precision) for precision in PRECISIONS]
 
 
-def _contest(contest: Contest) -> dict[str, Any]:
+def _contest(contest: ProblemComparison) -> dict[str, Any]:
     nominal, variables = contest.nominal, contest.nominal.variables
     tuning = nominal.scene.scenario.tuning
     factor, unit = UNITS[tuning.objective.kind] if tuning is not None else (1.0, "SI")
@@ -109,7 +109,7 @@ def _contest(contest: Contest) -> dict[str, Any]:
     }
 
 
-def _method(contest: Contest, name: str) -> dict[str, Any]:
+def _method(contest: ProblemComparison, name: str) -> dict[str, Any]:
     """What a method found and spent."""
     outcome, variables = contest.outcomes[name], contest.nominal.variables
     values = np.array([run.objective for run in outcome.runs])
@@ -138,12 +138,12 @@ def _method(contest: Contest, name: str) -> dict[str, Any]:
     }
 
 
-def _running_times(contest: Contest, name: str) -> list[dict[str, Any]]:
+def _running_times(contest: ProblemComparison, name: str) -> list[dict[str, Any]]:
     trials = contest.trials(name)
     return [asdict(running_time(trials, target)) for target in _targets(contest)] if trials else []
 
 
-def _spent(contest: Contest, outcome: Outcome) -> dict[str, Any]:
+def _spent(contest: ProblemComparison, outcome: MethodOutcome) -> dict[str, Any]:
     cost, wall_s = spent(outcome), sum(run.seconds for run in outcome.runs)
     ready = contest.readiness
     readied_s = ready.rollout_s + (ready.gradient_s if outcome.method in WITH_GRADIENTS else 0.0)
@@ -172,7 +172,7 @@ def _assessment(found: Assessment) -> dict[str, Any]:
     }
 
 
-def _run(contest: Contest, run: Run) -> dict[str, Any]:
+def _run(contest: ProblemComparison, run: SearchRun) -> dict[str, Any]:
     variables = contest.nominal.variables
     return {
         "method": run.method,
@@ -191,7 +191,7 @@ def _run(contest: Contest, run: Run) -> dict[str, Any]:
     }
 
 
-def _trial(trial: Trial) -> dict[str, Any]:
+def _trial(trial: MethodRun) -> dict[str, Any]:
     """A trial as it is drawn: cost and best objective wherever it improved, thinned if there are many."""
     history = np.column_stack([trial.costs, trial.objectives])
     kept = np.unique(np.linspace(0, max(len(history) - 1, 0), MOST_MOMENTS).astype(int))

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from optim.comparison.benchmark_problem import ProblemComparison
 from optim.comparison.compare import Comparison
-from optim.comparison.contest import Contest
 from optim.comparison.report import to_data
 from spacerobot.files import StrPath, write_text
 from spacerobot.result import Result, save
@@ -47,7 +47,7 @@ def write(comparison: Comparison, folder: StrPath) -> dict[str, Any]:
     return data
 
 
-def results_of(contest: Contest) -> Iterator[tuple[str, Result]]:
+def results_of(contest: ProblemComparison) -> Iterator[tuple[str, Result]]:
     """The untuned design and each method's best, if they were judged, simulated at the scenario's own step.
 
     They share one closed loop, so that they are quick; ``simulate`` on the scenario of one gives the same.

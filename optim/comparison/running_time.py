@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from optim.comparison.currency import Currency
-from optim.problem.problem import Cost
-from optim.search.search import Run
+from optim.comparison.cost_unit import CostUnit
+from optim.problem.problem import EvaluationCost
+from optim.search.search import SearchRun
 from spacerobot.arrays import Array
 
 PRECISIONS = (0.1, 0.01, 0.001)  # targets: relative distance from the best known value
@@ -25,7 +25,7 @@ SEED = 0  # of every bootstrap
 
 
 @dataclass(frozen=True)
-class Trial:
+class MethodRun:
     """One independent run of a method, as a comparison sees it.
 
     Attributes
@@ -74,7 +74,7 @@ class RunningTime:
     until_end: float
 
 
-def trial_of(run: Run, currency: Currency, before: Cost | None = None) -> Trial:
+def trial_of(run: SearchRun, currency: CostUnit, before: EvaluationCost | None = None) -> MethodRun:
     """A run as a trial.
 
     Parameters
@@ -86,13 +86,13 @@ def trial_of(run: Run, currency: Currency, before: Cost | None = None) -> Trial:
     before
         What had to be spent before it could begin.
     """
-    before = before or Cost()
+    before = before or EvaluationCost()
     costs, objectives = list[float](), list[float]()
     for moment in run.history:
         if np.isfinite(moment.objective) and (not objectives or moment.objective < objectives[-1]):
             costs.append(currency.rollouts(before + moment.cost))
             objectives.append(moment.objective)
-    return Trial(np.array(costs), np.array(objectives), currency.rollouts(before + run.cost))
+    return MethodRun(np.array(costs), np.array(objectives), currency.rollouts(before + run.cost))
 
 
 def target_of(best: float, precision: float) -> float:
@@ -100,7 +100,7 @@ def target_of(best: float, precision: float) -> float:
     return best + precision * abs(best)
 
 
-def running_time(trials: Sequence[Trial], target: float) -> RunningTime:
+def running_time(trials: Sequence[MethodRun], target: float) -> RunningTime:
     """Expected running time to a target and success rate, with intervals.
 
     Parameters

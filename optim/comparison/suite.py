@@ -6,13 +6,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from importlib import resources
 from typing import Any
 
+from optim.comparison.benchmark_problem import BenchmarkProblem
 from optim.comparison.compare import Comparison, compete, even_effort
-from optim.comparison.contest import Entry
-from optim.methods.by_name import Effort
+from optim.methods.run_method import Effort
 from optim.problem.scenes import tuning_of
 from optim.problem.tuning_problem import build_problem
 from optim.robust.problem import Statistic, build_robust
-from optim.search.session import Session
+from optim.search.session import SearchSession
 from spacerobot.errors import SpaceRobotError, near_names
 from spacerobot.scenario.load import parse_yaml, validate
 from spacerobot.scene import Scene, build_scene, load_scene
@@ -33,7 +33,7 @@ def compare_suite(
     *,
     methods: Sequence[str] | None = None,
     effort: Mapping[str, int | None] | None = None,
-    session: Session | None = None,
+    session: SearchSession | None = None,
 ) -> Comparison:
     """Run methods on the contests of the suite.
 
@@ -53,7 +53,7 @@ def compare_suite(
     SpaceRobotError
         If there is no such contest.
     """
-    suite, session = read_suite(), session or Session()
+    suite, session = read_suite(), session or SearchSession()
     chosen = list(contests or suite["contests"])
     for name in chosen:
         if name not in suite["contests"]:
@@ -87,16 +87,16 @@ def _made(
     chosen: Sequence[str],
     methods: Sequence[str],
     effort: Mapping[str, int | None],
-    session: Session,
-) -> Iterator[tuple[Entry, Sequence[str], Effort]]:
+    session: SearchSession,
+) -> Iterator[tuple[BenchmarkProblem, Sequence[str], Effort]]:
     """Each contest, built when its turn comes."""
     for name in chosen:
         session.tell(f"{name}: building and compiling")
         scene, robust = scene_of(suite, name), suite["contests"][name].get("robust")
         if robust is None:
             problem = build_problem(scene, workers=session.workers)
-            entry = Entry(name, problem, problem)
+            entry = BenchmarkProblem(name, problem, problem)
         else:
             several = build_robust(scene, Statistic(**robust), workers=session.workers)
-            entry = Entry(name, several, several.nominal)
+            entry = BenchmarkProblem(name, several, several.nominal)
         yield entry, methods, even_effort(tuning_of(scene), effort)

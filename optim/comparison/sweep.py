@@ -10,11 +10,11 @@ from functools import partial
 
 import numpy as np
 
-from optim.methods.evolutionary import Protocol, evolve
-from optim.problem.problem import Problem
+from optim.methods.evolutionary import EvolutionSettings, evolve
+from optim.problem.problem import OptimisationProblem
 from optim.search.journal import Journal
-from optim.search.search import Run, Search
-from optim.search.session import Session
+from optim.search.search import Search, SearchRun
+from optim.search.session import SearchSession
 from spacerobot.arrays import Array
 
 PROBABILITIES = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
@@ -22,7 +22,7 @@ POPULATIONS = (10, 20, 50, 100, 200)
 
 
 @dataclass(frozen=True)
-class Trial:
+class SweepRun:
     """Runs of the GA with one setting changed.
 
     Attributes
@@ -35,7 +35,7 @@ class Trial:
 
     setting: str
     value: float
-    runs: tuple[Run, ...]
+    runs: tuple[SearchRun, ...]
 
     @property
     def objectives(self) -> Array:
@@ -44,13 +44,13 @@ class Trial:
 
 
 def sweep(
-    problem: Problem,
+    problem: OptimisationProblem,
     *,
-    protocol: Protocol | None = None,
+    protocol: EvolutionSettings | None = None,
     runs: int = 3,
     seed: int = 0,
-    session: Session | None = None,
-) -> Iterator[Trial]:
+    session: SearchSession | None = None,
+) -> Iterator[SweepRun]:
     """Run the GA with each setting in turn, the others as in the protocol; every run has the same budget.
 
     Parameters
@@ -66,12 +66,14 @@ def sweep(
     session
         Who does the runs, and where journals are kept; this process, and nowhere, if None.
     """
-    session = session or Session()
+    session = session or SearchSession()
     folder, progress = session.place, session.progress
-    protocol = protocol or Protocol(budget=1000)
+    protocol = protocol or EvolutionSettings(budget=1000)
     for setting, value, changed in _settings(protocol):
 
-        def run(i: int, setting: str = setting, value: float = value, changed: Protocol = changed) -> Run:
+        def run(
+            i: int, setting: str = setting, value: float = value, changed: EvolutionSettings = changed
+        ) -> SearchRun:
             settings = changed.fingerprint("ga", seed + i)
             key = hashlib.sha256(f"{problem.fingerprint} sweep {settings}".encode()).hexdigest()
             path = folder / f"{setting}-{value:g}-{i}.journal" if folder is not None else None
@@ -80,10 +82,10 @@ def sweep(
         found = session.workers.together([partial(run, i) for i in range(runs)])
         if any(ended.status == "interrupted" for ended in found):
             raise KeyboardInterrupt
-        yield Trial(setting, value, tuple(found))
+        yield SweepRun(setting, value, tuple(found))
 
 
-def _settings(protocol: Protocol) -> Iterator[tuple[str, float, Protocol]]:
+def _settings(protocol: EvolutionSettings) -> Iterator[tuple[str, float, EvolutionSettings]]:
     for p in PROBABILITIES:
         yield "crossover", p, dataclasses.replace(protocol, crossover=(p, p))
     for p in (0.01, protocol.mutation, *PROBABILITIES):

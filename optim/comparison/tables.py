@@ -9,14 +9,14 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from optim.comparison.verdict import lowest_of, percent
+from optim.comparison.conclusion import lowest_of, percent
 
 Data = Mapping[str, Any]
 NEVER = "-"
 
 
 @dataclass(frozen=True)
-class Table:
+class TextTable:
     """Rows of text.
 
     Attributes
@@ -34,7 +34,7 @@ class Table:
     rows: tuple[tuple[str, ...], ...]
 
 
-def summary_table(data: Data) -> Table:
+def summary_table(data: Data) -> TextTable:
     """Expected running times of all contests to 1 % and 0.1 %, the lowest of each contest marked."""
     precisions = data["precisions"]
     shown = [i for i, p in enumerate(precisions) if p <= 0.01] or [0]
@@ -46,10 +46,10 @@ def summary_table(data: Data) -> Table:
             cells = [_expected(contest["methods"].get(name), i) + "*" * (name == best) for name in names]
             rows.append((contest["name"], percent(precisions[i]), *cells))
     title = "Expected running time [rollouts] to so much above the best known value; * lowest, - never met"
-    return Table(title, ("contest", "to", *names), tuple(rows))
+    return TextTable(title, ("contest", "to", *names), tuple(rows))
 
 
-def running_time_table(contest: Data, precisions: list[float], *, narrow: bool = False) -> Table:
+def running_time_table(contest: Data, precisions: list[float], *, narrow: bool = False) -> TextTable:
     """Expected running time of each ranked method, its interval unless narrow, and how many runs met it."""
     heads = [head for p in precisions for head in (f"to {percent(p)}", "met")]
     rows = []
@@ -63,20 +63,22 @@ def running_time_table(contest: Data, precisions: list[float], *, narrow: bool =
             cells += [expected + mark, f"{time['met']}/{time['runs']}"]
         rows.append(tuple(cells))
     title = f"Expected running time [rollouts]{'' if narrow else ' (90 % interval)'}; * lowest"
-    return Table(title, ("method", *heads), tuple(rows))
+    return TextTable(title, ("method", *heads), tuple(rows))
 
 
-def success_table(contest: Data, precisions: list[float]) -> Table:
+def success_table(contest: Data, precisions: list[float]) -> TextTable:
     """Success rate of each ranked method with its binomial interval."""
     rows = tuple(
         (name, *(_rate(time) for time in method["running_times"]))
         for name, method in contest["methods"].items()
         if method["running_times"]
     )
-    return Table("Success rate (90 % interval)", ("method", *(f"to {percent(p)}" for p in precisions)), rows)
+    return TextTable(
+        "Success rate (90 % interval)", ("method", *(f"to {percent(p)}" for p in precisions)), rows
+    )
 
 
-def found_table(contest: Data) -> Table:
+def found_table(contest: Data) -> TextTable:
     """What each method found, what all its runs spent, and how the best one ended."""
     number = number_of(contest)
     rows = [(_untuned(contest), number(_untuned_objective(contest)), *[""] * 4)]
@@ -95,21 +97,21 @@ def found_table(contest: Data) -> Table:
         )
     unit = contest["unit"]["name"]
     heads = ("method", f"best [{unit}]", "median", "spent", "time [s]", "ended")
-    return Table(
+    return TextTable(
         "Found by all runs; spent in rollouts; time without and (with) compiling", heads, tuple(rows)
     )
 
 
-def gains_table(contest: Data) -> Table:
+def gains_table(contest: Data) -> TextTable:
     """Gains of each method's best; those at a bound are marked."""
     rows = tuple(
         (name, *(_gain(best, gain) for gain in best["gains"]))
         for name, best in ((name, method["best"]) for name, method in contest["methods"].items())
     )
-    return Table("Gains of the best run; * at a bound", ("method", *contest["variables"]), rows)
+    return TextTable("Gains of the best run; * at a bound", ("method", *contest["variables"]), rows)
 
 
-def designs_table(contest: Data) -> Table | None:
+def designs_table(contest: Data) -> TextTable | None:
     """Loads of the best designs, and their objective on other plants; None if they were not judged."""
     if contest["baseline"] is None:
         return None
@@ -131,10 +133,12 @@ def designs_table(contest: Data) -> Table | None:
             )
         )
     heads = ("design", "error [mm]", "torque [N m]", "grip [N]", f"other plants [{unit}]", "worst")
-    return Table("The best designs: largest values, and the objective on other plants", heads, tuple(rows))
+    return TextTable(
+        "The best designs: largest values, and the objective on other plants", heads, tuple(rows)
+    )
 
 
-def sensitivity_table(contest: Data) -> Table | None:
+def sensitivity_table(contest: Data) -> TextTable | None:
     """Relative change of the objective, to first order, if a gain crossed its range; None if unknown."""
     if contest["sensitivity"] is None:
         return None
@@ -143,10 +147,10 @@ def sensitivity_table(contest: Data) -> Table | None:
         for where, across in contest["sensitivity"]["over_range"].items()
     )
     title = "Relative change of the objective, to first order, if the gain crossed its range"
-    return Table(title, ("point", *contest["variables"]), rows)
+    return TextTable(title, ("point", *contest["variables"]), rows)
 
 
-def tables_of(contest: Data, precisions: list[float], *, narrow: bool = False) -> list[Table]:
+def tables_of(contest: Data, precisions: list[float], *, narrow: bool = False) -> list[TextTable]:
     """All tables of a contest, most important first; without intervals if the terminal is narrow."""
     made = [
         running_time_table(contest, precisions, narrow=narrow),
@@ -196,7 +200,7 @@ def markdown(data: Data) -> str:
     return "\n\n".join(parts) + "\n"
 
 
-def as_markdown(table: Table) -> str:
+def as_markdown(table: TextTable) -> str:
     """A table of a document."""
     rows = [table.headings, ("---",) * len(table.headings), *table.rows]
     return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in rows)

@@ -15,7 +15,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from optim.methods.model import MARGIN, Model, Point
+from optim.methods.local_model import MARGIN, EvaluatedPoint, LocalModel
 from optim.problem.problem import Form, Linearisation
 from spacerobot.arrays import Array
 
@@ -29,10 +29,10 @@ STALE = 2  # steps in a row that fail before derivatives from secants are taken 
 
 
 @dataclass(frozen=True)
-class Ask:
+class EvaluationRequest:
     """What a descent wants to know: samples, or linearisations, at points (N, k).
 
-    The answer is a list of :class:`optim.methods.model.Point`, or of linearisations.
+    The answer is a list of :class:`optim.methods.local_model.EvaluatedPoint`, or of linearisations.
     """
 
     kind: Literal["sample", "linearise"]
@@ -40,12 +40,12 @@ class Ask:
 
 
 @dataclass(frozen=True)
-class Ended:
+class DescentResult:
     """How a descent ended, where, and after how many steps."""
 
     status: str
     message: str
-    point: Point
+    point: EvaluatedPoint
     steps: int
 
 
@@ -57,7 +57,7 @@ FLAT = (
 
 
 @dataclass(frozen=True)
-class Manner:
+class DescentSettings:
     """Settings of a descent.
 
     Attributes
@@ -81,10 +81,12 @@ class Manner:
     tolerance: float
 
 
-Asking = Generator[Ask, Any, Any]
+Asking = Generator[EvaluationRequest, Any, Any]
 
 
-def descend(start: Point, manner: Manner) -> Generator[Ask, Any, Ended]:
+def descend(
+    start: EvaluatedPoint, manner: DescentSettings
+) -> Generator[EvaluationRequest, Any, DescentResult]:
     """Search from a point whose values are known.
 
     Parameters
@@ -95,27 +97,27 @@ def descend(start: Point, manner: Manner) -> Generator[Ask, Any, Ended]:
         Settings of the descent.
     """
     if not start.known:
-        return Ended("failed", "the rollout diverges at the start", start, 0)
+        return DescentResult("failed", "the rollout diverges at the start", start, 0)
     state, falls = _State(start, manner), list[float]()
     for step in range(manner.steps):
         if state.model is None and not (yield from state.renew()):
-            return Ended("failed", "the rollout diverges all around the point", state.at, step)
+            return DescentResult("failed", "the rollout diverges all around the point", state.at, step)
         ended = yield from state.advance()
         if ended:
             status, message = ended
-            return Ended(status, message, state.at, step + 1)
+            return DescentResult(status, message, state.at, step + 1)
         falls.append(state.at.objective if state.at.excess <= 2 * MARGIN else np.inf)
         if len(falls) > PATIENCE and falls[-1 - PATIENCE] - falls[-1] < manner.tolerance * abs(falls[-1]):
-            return Ended("settled", "no further improvement", state.at, step + 1)
-    return Ended("steps spent", "the best point so far is kept", state.at, manner.steps)
+            return DescentResult("settled", "no further improvement", state.at, step + 1)
+    return DescentResult("steps spent", "the best point so far is kept", state.at, manner.steps)
 
 
 class _State:
     """Where a descent is."""
 
-    def __init__(self, start: Point, manner: Manner) -> None:
+    def __init__(self, start: EvaluatedPoint, manner: DescentSettings) -> None:
         self.at = start
-        self.model: Model | None = None
+        self.model: LocalModel | None = None
         self._manner, self._radius, self._failed, self._fresh = manner, manner.radius, 0, False
         k = len(start.u)
         self._curvature, self._curved = np.zeros((k, k)), False
@@ -131,7 +133,7 @@ class _State:
     def renew(self) -> Asking:
         """Take the derivatives at the point anew; whether there are any."""
         if self._manner.exact:
-            (found,) = yield Ask("linearise", self.at.u[None])
+            (found,) = yield EvaluationRequest("linearise", self.at.u[None])
             slopes = _exact(found, self._manner.form)
         else:
             slopes = yield from self._differences()
@@ -144,18 +146,20 @@ class _State:
         return True
 
     def _renewed(self, slopes: Array) -> None:
-        self.model = Model(self._manner.form, self.at, slopes, self._curvature, self._scale, self._weight)
+        self.model = LocalModel(
+            self._manner.form, self.at, slopes, self._curvature, self._scale, self._weight
+        )
         self._fresh, self._failed = True, 0
 
     def _differences(self) -> Asking:
         """Derivatives by one rollout more for each variable; by exact ones where those diverge."""
         u, form = self.at.u, self._manner.form
         moved = np.where(u + DIFFERENCE <= 1, DIFFERENCE, -DIFFERENCE)
-        points = yield Ask("sample", u + np.diag(moved))
+        points = yield EvaluationRequest("sample", u + np.diag(moved))
         if all(point.known for point in points):
             y = self.at.stacked(form)
             return np.stack([(p.stacked(form) - y) / h for p, h in zip(points, moved, strict=True)], axis=1)
-        (found,) = yield Ask("linearise", u[None])
+        (found,) = yield EvaluationRequest("linearise", u[None])
         return _exact(found, self._manner.form)
 
     def advance(self) -> Asking:
@@ -183,7 +187,7 @@ class _State:
             return "settled", "steps became too small to change anything"
         return None
 
-    def _small(self, model: Model, tolerance: float) -> tuple[str, str] | None:
+    def _small(self, model: LocalModel, tolerance: float) -> tuple[str, str] | None:
         """Where the predicted fall is small: renew the derivatives, look further away, or end."""
         if not self._fresh:
             self.model = None
@@ -205,12 +209,12 @@ class _State:
     def _try(self, u: Array) -> Asking:
         """The point at u, and its derivatives where they come with it."""
         if self._manner.exact:
-            (found,) = yield Ask("linearise", u[None])
-            return Point.of(u, found), _exact(found, self._manner.form)
-        (point,) = yield Ask("sample", u[None])
+            (found,) = yield EvaluationRequest("linearise", u[None])
+            return EvaluatedPoint.of(u, found), _exact(found, self._manner.form)
+        (point,) = yield EvaluationRequest("sample", u[None])
         return point, None
 
-    def _learn(self, model: Model, d: Array, trial: Point, slopes: Array | None) -> None:
+    def _learn(self, model: LocalModel, d: Array, trial: EvaluatedPoint, slopes: Array | None) -> None:
         """Correct the model by what the trial showed."""
         if not trial.known:
             return
@@ -242,7 +246,7 @@ class _State:
             y = share * y + (1 - share) * bent
         self._curvature = self._curvature - np.outer(bent, bent) / there + np.outer(y, y) / (d @ y)
 
-    def _move(self, trial: Point, slopes: Array | None) -> None:
+    def _move(self, trial: EvaluatedPoint, slopes: Array | None) -> None:
         self.at, self._failed = trial, 0
         if slopes is not None:
             self._renewed(slopes)

@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from optim.problem.problem import Evaluation, Problem
-from optim.search.search import FEASIBLE, Run, Search, better
+from optim.problem.problem import Evaluation, OptimisationProblem
+from optim.search.search import FEASIBLE, Search, SearchRun, better
 from spacerobot.arrays import Array
 from spacerobot.errors import SpaceRobotError, near_names
 
@@ -32,7 +32,7 @@ DIVERGED = 1e3  # violation that a diverged rollout stands for: behind every oth
 
 
 @dataclass(frozen=True)
-class Protocol:
+class EvolutionSettings:
     """How an evolutionary method is run; the defaults are the paper's.
 
     Attributes
@@ -55,7 +55,7 @@ class Protocol:
         return hashlib.sha256(repr((self, method, seed)).encode()).hexdigest()
 
 
-def evolve(search: Search, protocol: Protocol) -> Run:
+def evolve(search: Search, protocol: EvolutionSettings) -> SearchRun:
     """Search with the method that ``search.method`` names, until the budget is spent.
 
     Parameters
@@ -92,7 +92,7 @@ def evolve(search: Search, protocol: Protocol) -> Run:
     return search.finish("budget spent", times)
 
 
-def _try_points(search: Search, protocol: Protocol) -> None:
+def _try_points(search: Search, protocol: EvolutionSettings) -> None:
     """Points of a random or of a scrambled Sobol sequence, one after the other; the start before them."""
     from scipy.stats import qmc
 
@@ -105,7 +105,7 @@ def _try_points(search: Search, protocol: Protocol) -> None:
         search.tell(search.cost.rollouts / protocol.budget)
 
 
-def _generations(search: Search, protocol: Protocol, begun: int) -> bool:
+def _generations(search: Search, protocol: EvolutionSettings, begun: int) -> bool:
     """One population from its beginning; whether another may follow it."""
     from pymoo.core.evaluator import Evaluator
     from pymoo.core.termination import NoTermination
@@ -196,7 +196,7 @@ class _Fitness:
         return value[:, None], np.column_stack([constraints, np.where(lost, DIVERGED, -1.0)])
 
 
-def _shape(problem: Problem, *, penalised: bool) -> Any:
+def _shape(problem: OptimisationProblem, *, penalised: bool) -> Any:
     from pymoo.core.problem import Problem as PymooProblem
 
     k = len(problem.names)
@@ -204,7 +204,7 @@ def _shape(problem: Problem, *, penalised: bool) -> Any:
     return PymooProblem(n_var=k, n_obj=1, n_ieq_constr=constraints, xl=np.zeros(k), xu=np.ones(k))
 
 
-def _anneal(algorithm: Any, protocol: Protocol, share: float) -> None:
+def _anneal(algorithm: Any, protocol: EvolutionSettings, share: float) -> None:
     """Let the GA's crossover probability fall linearly with the budget spent."""
     mating = getattr(algorithm, "mating", None)
     if mating is not None and hasattr(mating, "annealed"):
@@ -212,7 +212,7 @@ def _anneal(algorithm: Any, protocol: Protocol, share: float) -> None:
         mating.crossover.prob.set(first + (last - first) * min(share, 1.0))
 
 
-def _ga(protocol: Protocol, first: Array) -> Any:
+def _ga(protocol: EvolutionSettings, first: Array) -> Any:
     from pymoo.algorithms.soo.nonconvex.ga import GA
     from pymoo.operators.crossover.sbx import SBX
     from pymoo.operators.mutation.pm import PM
@@ -228,19 +228,19 @@ def _ga(protocol: Protocol, first: Array) -> Any:
     return algorithm
 
 
-def _de(protocol: Protocol, first: Array) -> Any:
+def _de(protocol: EvolutionSettings, first: Array) -> Any:
     from pymoo.algorithms.soo.nonconvex.de import DE
 
     return DE(pop_size=protocol.population, sampling=first, variant="DE/rand/1/bin", CR=0.9, F=0.6)
 
 
-def _pso(protocol: Protocol, first: Array) -> Any:
+def _pso(protocol: EvolutionSettings, first: Array) -> Any:
     from pymoo.algorithms.soo.nonconvex.pso import PSO
 
     return PSO(pop_size=protocol.population, sampling=first)
 
 
-def _cmaes(protocol: Protocol, first: Array) -> Any:
+def _cmaes(protocol: EvolutionSettings, first: Array) -> Any:
     from pymoo.algorithms.soo.nonconvex.cmaes import CMAES
 
     return CMAES(
@@ -254,7 +254,7 @@ def _cmaes(protocol: Protocol, first: Array) -> Any:
     )
 
 
-POPULATIONS: dict[str, Callable[[Protocol, Array], Any]] = {
+POPULATIONS: dict[str, Callable[[EvolutionSettings, Array], Any]] = {
     "ga": _ga,
     "de": _de,
     "pso": _pso,

@@ -16,9 +16,9 @@ from collections.abc import Mapping
 import numpy as np
 
 from optim.problem.objectives import OBJECTIVE, error_rows
-from optim.problem.problem import Cost
+from optim.problem.problem import EvaluationCost
 from optim.problem.tuning_problem import TuningProblem
-from optim.search.search import Run, Search
+from optim.search.search import Search, SearchRun
 from spacerobot.arrays import Array
 
 FIRST, FACTOR, TRIALS = 1.0, 2.0, 14
@@ -30,7 +30,7 @@ PATIENCE = 4  # trials in a row that do not help
 NEEDED = ("kp", "ki", "kd")
 
 
-def manual(search: Search, problem: TuningProblem) -> Run:
+def manual(search: Search, problem: TuningProblem) -> SearchRun:
     """Tune ``kp``, ``ki`` and ``kd`` by the manual procedure; the other variables stay at the start.
 
     The procedure is the paper's way to find bounds, so it does not keep to them: the point found may lie
@@ -109,13 +109,13 @@ class _Trials:
                 return
             value *= FACTOR
 
-    def finish(self, gains: Mapping[str, float], status: str) -> Run:
+    def finish(self, gains: Mapping[str, float], status: str) -> SearchRun:
         """The run that ends at some gains."""
         u = self._point(gains)
         found = self._problem.evaluate(u[None, :])
         self._search.u, self._search.objective = u, float(found.objective[0])
         self._search.violation = float(found.violation[0])
-        self._search.cost += Cost(rollouts=1)
+        self._search.cost += EvaluationCost(rollouts=1)
         outside = "" if ((u >= 0) & (u <= 1)).all() else "outside the bounds, which it does not know"
         return self._search.finish(status, outside, log=tuple(self._log))
 
@@ -133,7 +133,7 @@ class _Trials:
             point |= dict.fromkeys(self._amnesia, 0.0)
         row = list(point.values())
         batch = rollout.batch(tuple(point), [row], outputs=["tip_error"], threads=1)
-        self._search.cost += Cost(rollouts=1)
+        self._search.cost += EvaluationCost(rollouts=1)
         lost = bool(np.isfinite(batch.diverged_at_s[0]))
         errors = batch.outputs["tip_error"][0][:, error_rows(self._problem.scene)]
         largest = np.inf if lost else float(np.abs(errors).max())

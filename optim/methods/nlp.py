@@ -8,11 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from optim.methods.descent import Ask, Ended, Manner, descend
+from optim.methods.descent import DescentResult, DescentSettings, EvaluationRequest, descend
 from optim.methods.kkt import kkt_residual
-from optim.methods.model import Point
-from optim.problem.problem import Cost, Linearisation
-from optim.search.search import FEASIBLE, Run, Search
+from optim.methods.local_model import EvaluatedPoint
+from optim.problem.problem import EvaluationCost, Linearisation
+from optim.search.search import FEASIBLE, Search, SearchRun
 from spacerobot.arrays import Array
 
 GRADIENT, SLOPE = 4.0, 3.0  # rollouts that they cost, about: decides where derivatives come from
@@ -46,7 +46,7 @@ class NlpSettings:
         return hashlib.sha256(repr((self, *others)).encode()).hexdigest()
 
 
-def solve(search: Search, start: Array, settings: NlpSettings, *, warm: bool = False) -> Run:
+def solve(search: Search, start: Array, settings: NlpSettings, *, warm: bool = False) -> SearchRun:
     """Descend from one start.
 
     Parameters
@@ -73,7 +73,7 @@ def solve(search: Search, start: Array, settings: NlpSettings, *, warm: bool = F
     return multi.finish()
 
 
-def solve_from_many(search: Search, settings: NlpSettings, starts: int) -> Run:
+def solve_from_many(search: Search, settings: NlpSettings, starts: int) -> SearchRun:
     """Descend from several starts: the scenario's own point and a Sobol sequence are screened for the best.
 
     One descent goes first; 2, 4, ... follow side by side, from the best screened points that lie apart from
@@ -120,10 +120,10 @@ class _MultiStart:
         self._search, self._settings, self._starts = search, settings, starts
         problem = search.problem
         exact = problem.form == "smooth" and _price(problem.linear_cost) <= len(problem.names)
-        self._manner = Manner(problem.form, exact, radius, settings.iterations, settings.tolerance)
-        self._offered: list[Point] = []
+        self._manner = DescentSettings(problem.form, exact, radius, settings.iterations, settings.tolerance)
+        self._offered: list[EvaluatedPoint] = []
         self._known: list[Array] = []  # starts and optima
-        self.ended: list[Ended] = []
+        self.ended: list[DescentResult] = []
         self.log: list[dict[str, object]] = []
 
     @property
@@ -132,18 +132,18 @@ class _MultiStart:
         budget = self._settings.budget
         return budget is not None and _price(self._search.cost) >= budget
 
-    def screened(self, u: Array) -> list[Point]:
+    def screened(self, u: Array) -> list[EvaluatedPoint]:
         """Points u (N, k) with their values."""
-        return Point.all_of(u, self._search.sample(u))
+        return EvaluatedPoint.all_of(u, self._search.sample(u))
 
     def offer(self, u: Array) -> None:
         """Screen points (N, k) that descents may start from."""
         self._offered += self.screened(u)
 
-    def chosen(self, count: int) -> list[Point]:
+    def chosen(self, count: int) -> list[EvaluatedPoint]:
         """The best of those offered that lie apart; they are taken from the offer."""
         ranked = sorted(self._offered, key=lambda p: (not p.known, max(p.excess, FEASIBLE), p.objective))
-        found: list[Point] = []
+        found: list[EvaluatedPoint] = []
         for apart in (APART, 0.0):
             for point in ranked:
                 away = [float(np.abs(point.u - u).max()) for u in self._known]
@@ -157,10 +157,10 @@ class _MultiStart:
         self._offered = [point for point in self._offered if not any(point is p for p in found)]
         return found
 
-    def together(self, starts: Sequence[Point]) -> None:
+    def together(self, starts: Sequence[EvaluatedPoint]) -> None:
         """Descend from points, what is asked at the same time evaluated at the same time."""
         running = {i: descend(start, self._manner) for i, start in enumerate(starts)}
-        asked: dict[int, Ask] = {}
+        asked: dict[int, EvaluationRequest] = {}
         for i in list(running):
             self._answer(i, running, asked, None, starts[i])
         while asked and not self.spent:
@@ -173,16 +173,16 @@ class _MultiStart:
     def _answer(
         self,
         i: int,
-        running: dict[int, Generator[Ask, object, Ended]],
-        asked: dict[int, Ask],
+        running: dict[int, Generator[EvaluationRequest, object, DescentResult]],
+        asked: dict[int, EvaluationRequest],
         answer: object,
-        start: Point,
+        start: EvaluatedPoint,
     ) -> None:
         """Send a descent its answer, and note what it asks next or how it ended."""
         try:
             asked[i] = running[i].send(answer)
         except StopIteration as stopped:
-            ended: Ended = stopped.value
+            ended: DescentResult = stopped.value
             del running[i]
             self.ended.append(ended)
             self._known.append(ended.point.u)
@@ -196,9 +196,11 @@ class _MultiStart:
                 }
             )
 
-    def _answers(self, asked: dict[int, Ask]) -> dict[int, list[Point] | list[Linearisation]]:
+    def _answers(
+        self, asked: dict[int, EvaluationRequest]
+    ) -> dict[int, list[EvaluatedPoint] | list[Linearisation]]:
         """Answers to all that is asked, one batch for each kind."""
-        found: dict[int, list[Point] | list[Linearisation]] = {}
+        found: dict[int, list[EvaluatedPoint] | list[Linearisation]] = {}
         for kind in ("sample", "linearise"):
             who = [i for i, ask in asked.items() if ask.kind == kind]
             if not who:
@@ -219,7 +221,7 @@ class _MultiStart:
             share = max(share, _price(self._search.cost) / budget)
         self._search.tell(min(1.0, share))
 
-    def finish(self) -> Run:
+    def finish(self) -> SearchRun:
         """The run, its first-order conditions judged at the best point by exact derivatives."""
         search, log = self._search, tuple(self.log)
         ended = [e for e in self.ended if e.point.known]
@@ -240,5 +242,5 @@ class _MultiStart:
         return search.finish(status, message, kkt=kkt, log=log)
 
 
-def _price(cost: Cost) -> float:
+def _price(cost: EvaluationCost) -> float:
     return cost.equivalent(GRADIENT, SLOPE)

@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from optim.problem.problem import Cost, Evaluation, Form, Linearisation
+from optim.problem.problem import Evaluation, EvaluationCost, Form, Linearisation
 from optim.problem.tuning_problem import TuningProblem
 from spacerobot.arrays import Array
 from spacerobot.errors import SpaceRobotError
@@ -49,14 +49,14 @@ class ResultProblem:
         return "smooth"
 
     @property
-    def linear_cost(self) -> Cost:
+    def linear_cost(self) -> EvaluationCost:
         """Nothing, since there is no gradient."""
-        return Cost()
+        return EvaluationCost()
 
     @property
-    def sample_cost(self) -> Cost:
+    def sample_cost(self) -> EvaluationCost:
         """A rollout."""
-        return Cost(rollouts=1)
+        return EvaluationCost(rollouts=1)
 
     @property
     def fingerprint(self) -> str:

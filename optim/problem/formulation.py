@@ -8,7 +8,7 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
-from optim.problem.objectives import OBJECTIVE, Terms
+from optim.problem.objectives import OBJECTIVE, ObjectiveTerms
 from optim.problem.problem import Form
 from optim.problem.scenes import tuning_of
 from optim.problem.variables import Variables
@@ -40,7 +40,7 @@ class Formulation:
     scene: Scene
     loop: ClosedLoop
     variables: Variables
-    terms: Terms
+    terms: ObjectiveTerms
     rollout: Rollout
 
     def __repr__(self) -> str:
@@ -78,7 +78,7 @@ class Formulation:
         return ca.Function("slope", [r, p], [ca.densify(ca.jacobian(objective(r, p)[row], r))])
 
 
-def rollout_of(scene: Scene, loop: ClosedLoopFunctions, terms: Terms) -> Rollout:
+def rollout_of(scene: Scene, loop: ClosedLoopFunctions, terms: ObjectiveTerms) -> Rollout:
     """Rollout of a closed loop by the step of the scene's tuning section, which gathers what is measured.
 
     Parameters

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from optim.problem.tied import extend
+from optim.problem.derived_loop import extend
 from spacerobot.errors import ScenarioError
 from spacerobot.quantities import Components, Context, Quantity
 from spacerobot.rollout import ClosedLoopFunctions, Measure, Signals, final, integral, peak

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 import casadi as ca
 import numpy as np
 
+from optim.problem.derived_loop import extend
 from optim.problem.measured import context_of, measure, required_measure, with_added_states
 from optim.problem.problem import Form
-from optim.problem.tied import extend
 from spacerobot.arrays import Array
 from spacerobot.errors import ScenarioError
 from spacerobot.quantities import Context, Quantity, find_quantity
@@ -32,7 +32,7 @@ EQ45 = ("eq45", "eq45_printed")
 
 
 @dataclass(frozen=True)
-class Reduced:
+class ReducedObjective:
     """An objective made of a measure of several components.
 
     Attributes
@@ -47,12 +47,12 @@ class Reduced:
     cost: Callable[[ca.SX], ca.SX]
 
 
-UserObjective = Callable[[Signals], Measure | Reduced]
+UserObjective = Callable[[Signals], Measure | ReducedObjective]
 """A user's own objective: a measure of an expression over the closed loop's outputs, a scalar or reduced."""
 
 
 @dataclass(frozen=True)
-class Terms:
+class ObjectiveTerms:
     """What is measured of each rollout, and how objective and constraints follow from it.
 
     Attributes
@@ -112,7 +112,7 @@ def build_terms(
     scene: Scene,
     objective: Objective | UserObjective,
     constraints: Constraints,
-) -> Terms:
+) -> ObjectiveTerms:
     """Measures of a tuning problem.
 
     Parameters
@@ -147,12 +147,12 @@ def build_terms(
         return _standard(signals, scene, objective, (named, extras, weights), limits)
     own = objective(signals)
     if isinstance(own, Measure) and own.expression.numel() == 1:
-        own = Reduced(own, lambda whole: whole)
-    if not isinstance(own, Reduced):
+        own = ReducedObjective(own, lambda whole: whole)
+    if not isinstance(own, ReducedObjective):
         raise ScenarioError("an objective is one scalar measure: integral(...), peak(...) or final(...)")
     cost = own.cost
     measures = Measures(signals, named | {"own": own.measure}, costs=lambda r, _: {OBJECTIVE: cost(r["own"])})
-    return Terms(measures, "smooth", limits)
+    return ObjectiveTerms(measures, "smooth", limits)
 
 
 def _standard(
@@ -161,7 +161,7 @@ def _standard(
     objective: Objective,
     measured: tuple[dict[str, Measure], dict[Quantity, Measure], dict[Quantity, float]],
     limits: dict[str, float],
-) -> Terms:
+) -> ObjectiveTerms:
     """Terms of a scenario's objective; measured are peaks, weighed quantities, and their weights."""
     if objective.object_rotation and scene.target is None:
         raise ScenarioError(
@@ -196,7 +196,7 @@ def _standard(
     if objective.kind == "ise":
         residuals["tip_error"] = (objective.weight, np.ones(3 * len(scene.tips)))
     form = "smooth" if extras else forms.get(objective.kind, "smooth")
-    return Terms(Measures(signals, named, costs), form, limits, residuals)
+    return ObjectiveTerms(Measures(signals, named, costs), form, limits, residuals)
 
 
 def _track(signals: Signals, scene: Scene, kind: str) -> Measure | None:

@@ -86,7 +86,7 @@ class Linearisation:
 
 
 @dataclass(frozen=True)
-class Cost:
+class EvaluationCost:
     """What was spent, by kind; a problem over several plants counts all of them as one.
 
     Attributes
@@ -106,12 +106,12 @@ class Cost:
     slopes: int = 0
     samples: int = 0
 
-    def __add__(self, other: Cost) -> Cost:
-        return Cost(*(a + b for a, b in zip(astuple(self), astuple(other), strict=True)))
+    def __add__(self, other: EvaluationCost) -> EvaluationCost:
+        return EvaluationCost(*(a + b for a, b in zip(astuple(self), astuple(other), strict=True)))
 
-    def times(self, count: int) -> Cost:
+    def times(self, count: int) -> EvaluationCost:
         """Cost of doing the same a number of times."""
-        return Cost(*(count * each for each in astuple(self)))
+        return EvaluationCost(*(count * each for each in astuple(self)))
 
     def __str__(self) -> str:
         told = [f"{count} {kind}" for kind, count in asdict(self).items() if count]
@@ -123,7 +123,7 @@ class Cost:
         return self.rollouts + others
 
 
-class Problem(Protocol):
+class OptimisationProblem(Protocol):
     """An optimisation problem over the unit cube."""
 
     @property
@@ -143,11 +143,11 @@ class Problem(Protocol):
         """How the objective is made up, which decides how an NLP is posed."""
 
     @property
-    def linear_cost(self) -> Cost:
+    def linear_cost(self) -> EvaluationCost:
         """What values and derivatives at one point cost; values alone cost one rollout."""
 
     @property
-    def sample_cost(self) -> Cost:
+    def sample_cost(self) -> EvaluationCost:
         """What values and rows at one point cost."""
 
     @property

@@ -12,16 +12,16 @@ from functools import cached_property, partial
 import numpy as np
 
 from optim.problem import operations
+from optim.problem.derived_loop import tie
 from optim.problem.formulation import Formulation, rollout_of
 from optim.problem.objectives import OBJECTIVE, UserObjective, build_terms, extended_loop
-from optim.problem.problem import Cost, Evaluation, Linearisation
+from optim.problem.problem import Evaluation, EvaluationCost, Linearisation
 from optim.problem.scenes import NewVariables, SceneRecipe, changed_scene, tuning_of, with_variables
-from optim.problem.tied import tie
 from optim.problem.variables import resolve_variables
 from optim.workers import Arrays, Threads, Workers
 from optim.workers.workers import LANES
 from spacerobot.arrays import Array
-from spacerobot.kept import kept_closed_loop
+from spacerobot.loop_cache import cached_closed_loop
 from spacerobot.rollout.accuracy import inaccurate
 from spacerobot.scene import Scene
 from spacerobot.scene.size import check_size
@@ -74,7 +74,7 @@ class ProblemRecipe:
 
 @dataclass(frozen=True, repr=False)
 class TuningProblem(Formulation):
-    """A formulation that is evaluated by workers, as a :class:`optim.problem.problem.Problem`.
+    """A formulation that is evaluated by workers, as a :class:`optim.problem.problem.OptimisationProblem`.
 
     Attributes
     ----------
@@ -109,16 +109,16 @@ class TuningProblem(Formulation):
         return inaccurate(of(at), of(finer), values, np.ones(len(u)), self.names)
 
     @property
-    def linear_cost(self) -> Cost:
+    def linear_cost(self) -> EvaluationCost:
         """A gradient where the adjoint tells all, else a rollout and as many slopes as variables."""
         if self.form == "smooth" and not self.terms.limits:
-            return Cost(gradients=1)
-        return Cost(rollouts=1, slopes=len(self.names))
+            return EvaluationCost(gradients=1)
+        return EvaluationCost(rollouts=1, slopes=len(self.names))
 
     @property
-    def sample_cost(self) -> Cost:
+    def sample_cost(self) -> EvaluationCost:
         """A rollout, and its samples where the objective is made of any."""
-        return Cost(rollouts=1) if self.form == "smooth" else Cost(samples=1)
+        return EvaluationCost(rollouts=1) if self.form == "smooth" else EvaluationCost(samples=1)
 
     @cached_property
     def fingerprint(self) -> str:
@@ -224,7 +224,7 @@ def build_problem(
     check_size(scene)
     tuning = tuning_of(scene)
     free = resolve_variables(scene, tuning, chosen)
-    loop = kept_closed_loop(scene, vary=[*free.all_paths, *also_vary])
+    loop = cached_closed_loop(scene, vary=[*free.all_paths, *also_vary])
     for path in free.all_paths:
         loop.index(path)
     extended = extended_loop(loop, scene, tuning.objective)

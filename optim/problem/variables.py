@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from optim.problem.numbers import find_numbers
+from optim.problem.scenario_numbers import find_numbers
 from spacerobot.arrays import Array
 from spacerobot.scenario import Tuning
-from spacerobot.scenario.tuning import Variable
+from spacerobot.scenario.tuning import DesignVariable
 from spacerobot.scene import Scene
 
 NEAR_BOUND = 1e-3  # of the unit cube: nearer counts as being there
@@ -101,7 +101,7 @@ def resolve_variables(scene: Scene, tuning: Tuning, chosen: Sequence[str] | None
     return variables_of(scene, {name: tuning.variables[name] for name in names}, "tuning.variables")
 
 
-def variables_of(scene: Scene, named: Mapping[str, Variable], section: str) -> Variables:
+def variables_of(scene: Scene, named: Mapping[str, DesignVariable], section: str) -> Variables:
     """Variables that a section names.
 
     Parameters

@@ -17,17 +17,23 @@ from typing import Literal
 import numpy as np
 
 from optim.campaign.analysis.statistics import percentile
-from optim.campaign.draws.sampling import draw
-from optim.campaign.draws.space import Space, campaign_of, check_range, gain_set, resolve_space
-from optim.methods.by_name import Effort, Outcome, effort_of, run_method
-from optim.plain import plain
+from optim.campaign.sampling.parameter_space import (
+    ParameterSpace,
+    campaign_of,
+    check_range,
+    gain_set,
+    resolve_space,
+)
+from optim.campaign.sampling.samplers import draw
+from optim.json_values import plain
+from optim.methods.run_method import Effort, MethodOutcome, effort_of, run_method
 from optim.problem import operations
 from optim.problem.objectives import OBJECTIVE
-from optim.problem.problem import Cost, Evaluation, Form, Linearisation
+from optim.problem.problem import Evaluation, EvaluationCost, Form, Linearisation
 from optim.problem.scenes import changed_scene, tuning_of
 from optim.problem.tuning_problem import TuningProblem, build_problem
 from optim.search.search import Progress
-from optim.search.session import Session
+from optim.search.session import SearchSession
 from optim.workers import Arrays, Workers
 from spacerobot.arrays import Array
 from spacerobot.errors import ScenarioError, SpaceRobotError
@@ -44,7 +50,7 @@ AT_ONCE = 8192  # rollouts of one batch
 
 @dataclass(frozen=True)
 class RobustProblem:
-    """A tuning problem over samples; see :class:`optim.problem.problem.Problem`.
+    """A tuning problem over samples; see :class:`optim.problem.problem.OptimisationProblem`.
 
     Attributes
     ----------
@@ -58,7 +64,7 @@ class RobustProblem:
     """
 
     nominal: TuningProblem
-    space: Space
+    space: ParameterSpace
     draws: Array
     kind: Kind
     percent: float = 95.0
@@ -84,14 +90,14 @@ class RobustProblem:
         return "minimax" if self.kind == "worst" else "smooth"
 
     @property
-    def linear_cost(self) -> Cost:
+    def linear_cost(self) -> EvaluationCost:
         """A gradient, and as many slopes as variables if there are constraints; all samples count as one."""
-        return Cost(gradients=1, slopes=len(self.names) if self.constraint_names else 0)
+        return EvaluationCost(gradients=1, slopes=len(self.names) if self.constraint_names else 0)
 
     @property
-    def sample_cost(self) -> Cost:
+    def sample_cost(self) -> EvaluationCost:
         """A rollout of each sample, which count as one."""
-        return Cost(rollouts=1)
+        return EvaluationCost(rollouts=1)
 
     @cached_property
     def fingerprint(self) -> str:
@@ -264,7 +270,7 @@ def build_robust(
 
 
 @dataclass(frozen=True)
-class RobustTuned:
+class RobustTuningResult:
     """What robust tuning found.
 
     Attributes
@@ -285,7 +291,7 @@ class RobustTuned:
     gains: Mapping[str, float]
     objective: float
     changes: Mapping[str, float]
-    outcome: Outcome
+    outcome: MethodOutcome
     fresh: Mapping[str, Array]
 
     @property
@@ -310,7 +316,7 @@ def tune_robust(
     fresh: int = FRESH,
     folder: Path | None = None,
     progress: Progress | None = None,
-) -> RobustTuned:
+) -> RobustTuningResult:
     """Tune robustly and nominally by the same method, and judge both on fresh samples.
 
     Parameters
@@ -338,13 +344,15 @@ def tune_robust(
     scene = problem.nominal.scene
     effort = effort or effort_of(tuning_of(scene))
     places = {name: None if folder is None else folder / name for name in ("robust", "nominal")}
-    sessions = {name: Session(place, problem.nominal.workers, progress) for name, place in places.items()}
+    sessions = {
+        name: SearchSession(place, problem.nominal.workers, progress) for name, place in places.items()
+    }
     outcome = run_method(problem, method, effort, session=sessions["robust"])
     other = run_method(problem.nominal, method, effort, session=sessions["nominal"])
     designs = {"start": problem.start, "nominal": other.best.u, "robust": outcome.best.u}
     draws = _draws(scene, fresh, 1)
     values = problem.nominal.variables.values(outcome.best.u)
-    return RobustTuned(
+    return RobustTuningResult(
         problem.nominal.variables.as_mapping(values),
         outcome.best.objective,
         problem.nominal.variables.as_changes(values),
@@ -361,7 +369,7 @@ def _draws(scene: Scene, samples: int, offset: int) -> Array:
     return draw(campaign.model_copy(update=changes))
 
 
-def save_robust(problem: RobustProblem, found: RobustTuned, folder: Path) -> Result:
+def save_robust(problem: RobustProblem, found: RobustTuningResult, folder: Path) -> Result:
     """Simulate the robust design on the nominal plant, and save it with ``robust.json`` beside it.
 
     The folder is then a set of gains for a campaign. The status of the result says whether to trust it.

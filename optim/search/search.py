@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from optim.problem.problem import Cost, Evaluation, Linearisation, Problem
+from optim.problem.problem import Evaluation, EvaluationCost, Linearisation, OptimisationProblem
 from optim.search.journal import Journal
 from spacerobot.arrays import Array
 
@@ -17,7 +17,7 @@ KEPT_BYTES = 100_000  # larger samples and derivatives are not kept in journals 
 
 
 @dataclass(frozen=True)
-class Moment:
+class HistoryPoint:
     """How far a search was at one time.
 
     Attributes
@@ -30,13 +30,13 @@ class Moment:
         Best so far; infinite if nothing feasible was found yet.
     """
 
-    cost: Cost
+    cost: EvaluationCost
     seconds: float
     objective: float
 
 
 @dataclass(frozen=True)
-class Run:
+class SearchRun:
     """Outcome of one search.
 
     Attributes
@@ -67,11 +67,11 @@ class Run:
     u: Array
     objective: float
     violation: float
-    cost: Cost
+    cost: EvaluationCost
     seconds: float
     status: str
     message: str = ""
-    history: tuple[Moment, ...] = ()
+    history: tuple[HistoryPoint, ...] = ()
     kkt: float | None = None
     log: tuple[Mapping[str, object], ...] = field(default=())
 
@@ -88,7 +88,7 @@ class Run:
 
 
 @dataclass(frozen=True)
-class Report:
+class SearchProgress:
     """Progress of one search.
 
     Attributes
@@ -111,7 +111,7 @@ class Report:
     left_s: float
 
 
-Progress = Callable[[Report], object]
+Progress = Callable[[SearchProgress], object]
 
 
 def better(objective: float, violation: float, than_objective: float, than_violation: float) -> bool:
@@ -140,7 +140,7 @@ class Search:
 
     def __init__(
         self,
-        problem: Problem,
+        problem: OptimisationProblem,
         method: str,
         index: int = 0,
         seed: int = 0,
@@ -149,10 +149,10 @@ class Search:
     ) -> None:
         self.problem = problem
         self.method, self.index, self.seed = method, index, seed
-        self.cost = Cost()
+        self.cost = EvaluationCost()
         self.u = np.array(problem.start, dtype=float)
         self.objective, self.violation = np.nan, np.inf
-        self.history: list[Moment] = []
+        self.history: list[HistoryPoint] = []
         self.share = 0.0
         self._journal = Journal(None) if journal is None else journal
         self._progress = progress
@@ -160,7 +160,7 @@ class Search:
 
     def evaluate(self, u: Array) -> Evaluation:
         """Values at points u (N, k), each counted as a rollout."""
-        return self._values("values", self.problem.evaluate, u, Cost(rollouts=1))
+        return self._values("values", self.problem.evaluate, u, EvaluationCost(rollouts=1))
 
     def sample(self, u: Array) -> Evaluation:
         """Values and rows at points u (N, k), counted as the problem says."""
@@ -189,7 +189,9 @@ class Search:
         self._note(u, Evaluation(objective, constraints), self.problem.linear_cost)
         return found
 
-    def _values(self, kind: str, ask: Callable[[Array], Evaluation], u: Array, each: Cost) -> Evaluation:
+    def _values(
+        self, kind: str, ask: Callable[[Array], Evaluation], u: Array, each: EvaluationCost
+    ) -> Evaluation:
         u = np.ascontiguousarray(np.atleast_2d(u), dtype=float)
         record = self._journal.replay(kind, u)
         if record is not None and "objective" in record:
@@ -221,7 +223,7 @@ class Search:
         if self._progress is not None:
             spent = self.seconds
             left = spent / share - spent if share > 0 else np.nan
-            self._progress(Report(self.method, self.index, share, self.objective, spent, left))
+            self._progress(SearchProgress(self.method, self.index, share, self.objective, spent, left))
 
     @property
     def feasible(self) -> bool:
@@ -233,9 +235,9 @@ class Search:
         """Time spent, that of an earlier, killed process included."""
         return self._seconds + time.perf_counter() - self._since
 
-    def finish(self, status: str, message: str = "", **more: object) -> Run:
-        """The run as it ended; ``more`` are further fields of :class:`Run`."""
-        return Run(
+    def finish(self, status: str, message: str = "", **more: object) -> SearchRun:
+        """The run as it ended; ``more`` are further fields of :class:`SearchRun`."""
+        return SearchRun(
             self.method,
             self.index,
             self.seed,
@@ -250,7 +252,7 @@ class Search:
             **more,  # type: ignore[arg-type]
         )
 
-    def _note(self, u: Array, found: Evaluation, each: Cost) -> None:
+    def _note(self, u: Array, found: Evaluation, each: EvaluationCost) -> None:
         """Record points u (N, k), one after the other: the history tells at which of them it improved."""
         violation, before = found.violation, self.cost
         for i in range(len(u)):
@@ -261,7 +263,7 @@ class Search:
                 self.u, self.objective, self.violation = np.array(u[i]), value, excess
             if improved or i == len(u) - 1:
                 shown = self.objective if self.feasible else np.inf
-                self.history.append(Moment(self.cost, self.seconds, shown))
+                self.history.append(HistoryPoint(self.cost, self.seconds, shown))
 
     def _tick(self) -> float:
         """Time spent so far, which a journal keeps."""

@@ -14,7 +14,7 @@ Tell = Callable[[str], None]
 
 
 @dataclass(frozen=True)
-class Session:
+class SearchSession:
     """Who does searches, where they are kept and who is told of them.
 
     Attributes

@@ -23,7 +23,7 @@ from optim.workers.cluster import (
     threads_of,
 )
 from optim.workers.threads import Threads, joined
-from optim.workers.turns import Turns
+from optim.workers.turns import TurnLock
 from optim.workers.workers import LANES, Arrays, Ended, Operation, Portable, Workers
 from spacerobot.arrays import Array
 
@@ -47,7 +47,7 @@ class DaskWorkers:
 
     def __init__(self, client: Any, threads: int | None = None) -> None:
         self.threads = threads
-        self._client, self._turns = client, Turns()
+        self._client, self._turns = client, TurnLock()
         self._row_s: dict[tuple[str, str], float] = {}
 
     def map(self, problem: Portable, operation: Operation, rows: Array, *, grain: int = LANES) -> Arrays:

@@ -19,7 +19,7 @@ from optim.workers.workers import Ended
 TICK_S = 0.2  # how often the waiting thread looks for Ctrl-C
 
 
-class Turns:
+class TurnLock:
     """A baton, and whether everything shall stop."""
 
     def __init__(self) -> None:

@@ -16,10 +16,10 @@ Operation = Callable[[Any, Array], Arrays]
 It works on one thread. Others may get it, and the rows, by another process: a function of a module, or a
 ``functools.partial`` of one.
 """
-Ended = TypeVar("Ended", bound="Finished")
+Ended = TypeVar("Ended", bound="SearchSummary")
 
 
-class Finished(Protocol):
+class SearchSummary(Protocol):
     """A search that has ended, as far as workers must know."""
 
     @property

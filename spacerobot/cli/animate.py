@@ -9,7 +9,7 @@ import typer
 
 from spacerobot.cli.options import Port
 from spacerobot.cli.output import console, progress
-from spacerobot.cli.playing import campaign, campaign_at_once, is_campaign, to_play
+from spacerobot.cli.page_data import campaign, campaign_at_once, is_campaign, to_play
 from spacerobot.cli.plugins import load_plugins_of
 from spacerobot.interrupts import keep
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from spacerobot.cli import playing
+from spacerobot.cli import page_data as playing
 from spacerobot.cli.animate import serve
 from spacerobot.cli.campaign_page import campaign_page
 from spacerobot.cli.campaign_tables import show
@@ -16,7 +16,7 @@ from spacerobot.cli.output import console, progress, warn
 from spacerobot.interrupts import keep
 
 if TYPE_CHECKING:
-    from optim.campaign.run import Executor, Progress
+    from optim.campaign.run import CampaignProgress, Executor
     from spacerobot.scene import Scene
 
 Folder = Annotated[
@@ -78,7 +78,7 @@ def command(
     port: Port = 7000,
 ) -> None:
     """Run a campaign; exit code 130 after Ctrl-C, with what was found until then."""
-    from optim.campaign import ROLLING_OUT, Named, run_campaign, summarise
+    from optim.campaign import ROLLING_OUT, ScenarioSource, run_campaign, summarise
     from optim.campaign.rollouts.gains import gain_sets
     from spacerobot.files import write_text
     from spacerobot.scene import load_scene
@@ -88,7 +88,7 @@ def command(
     chosen = gain_sets(scene, gains or [])
     with progress("reading") as tell:
 
-        def report(now: Progress) -> None:
+        def report(now: CampaignProgress) -> None:
             """Say what is being done; what is rolled out is kept."""
             keep(now.phase == ROLLING_OUT)
             tell(_words(now))
@@ -99,7 +99,7 @@ def command(
             gains=chosen,
             executor=_executor(threads, dask),
             progress=report,
-            named=Named(scenario, given),
+            named=ScenarioSource(scenario, given),
         )
         summary = None
         if found.done:
@@ -127,7 +127,7 @@ def command(
 
 def _with_samples(scene: Scene, samples: int | None) -> Scene:
     """Scene with another number of samples, refused where the design decides it."""
-    from optim.campaign.draws.space import campaign_of
+    from optim.campaign.sampling.parameter_space import campaign_of
     from spacerobot.errors import ScenarioError
     from spacerobot.scene import build_scene
 
@@ -141,15 +141,15 @@ def _with_samples(scene: Scene, samples: int | None) -> Scene:
 
 
 def _executor(threads: int | None, dask: str | None) -> Executor:
-    from optim.campaign import Here
-    from optim.campaign.cluster import Dask
+    from optim.campaign import LocalExecutor
+    from optim.campaign.cluster import DaskExecutor
 
     if dask is not None:
-        return Dask(dask)
-    return Here(threads)
+        return DaskExecutor(dask)
+    return LocalExecutor(threads)
 
 
-def _words(now: Progress) -> str:
+def _words(now: CampaignProgress) -> str:
     if not now.total:
         return now.phase
     done = f"{now.done} of {now.total} samples, {100 * now.done / now.total:.0f} %"

@@ -9,12 +9,14 @@ from typing import TYPE_CHECKING
 from spacerobot.cli.campaign_spread import spreads
 
 if TYPE_CHECKING:
-    from optim.campaign import Evaluator
+    from optim.campaign import CampaignEvaluator
     from spacerobot.result import Result
-    from viz.report.campaign_section import Shown
+    from viz.report.campaign_section import CampaignReport
 
 
-def campaign_page(folder: Path, tell: Callable[[str], object], evaluator: Evaluator | None = None) -> str:
+def campaign_page(
+    folder: Path, tell: Callable[[str], object], evaluator: CampaignEvaluator | None = None
+) -> str:
     """HTML of the report about a campaign; as for :func:`campaign_shown`."""
     from viz.report.campaign_section import campaign_report
 
@@ -23,7 +25,9 @@ def campaign_page(folder: Path, tell: Callable[[str], object], evaluator: Evalua
     return campaign_report(shown)
 
 
-def campaign_shown(folder: Path, tell: Callable[[str], object], evaluator: Evaluator | None = None) -> Shown:
+def campaign_shown(
+    folder: Path, tell: Callable[[str], object], evaluator: CampaignEvaluator | None = None
+) -> CampaignReport:
     """What pages show of a campaign.
 
     Parameters
@@ -41,15 +45,15 @@ def campaign_shown(folder: Path, tell: Callable[[str], object], evaluator: Evalu
         If the folder holds no campaign that can be told of (see :func:`optim.campaign.reopen`), or none whose
         samples begin.
     """
-    from optim.campaign import load_campaign, read_bands, reopen, simulate_sample, told_of
+    from optim.campaign import load_campaign, read_bands, reopen, simulate_sample, summary_data
     from spacerobot.errors import ResultError, SpaceRobotError
-    from viz.report.campaign_section import Shown
+    from viz.report.campaign_section import CampaignReport
 
     if evaluator is None:
         tell("opening the campaign")
         evaluator = reopen(folder)
     tell("working out what it says")
-    summary = told_of(folder, evaluator)
+    summary = summary_data(folder, evaluator)
     worst = {name: told["worst"][0] for name, told in summary["gains"].items()}
     tell("reading the kept signals")
     bands = {
@@ -71,4 +75,4 @@ def campaign_shown(folder: Path, tell: Callable[[str], object], evaluator: Evalu
         raise ResultError(f"no sample begins, so there is nothing to show: {cause}", source=folder)
     tell("rolling out some samples for the cloud")
     data = load_campaign(folder)
-    return Shown(summary, data, results, bands, spreads(evaluator, data) if results else (), faults)
+    return CampaignReport(summary, data, results, bands, spreads(evaluator, data) if results else (), faults)

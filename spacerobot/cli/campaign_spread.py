@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     import xarray as xr
 
-    from optim.campaign import Evaluator
+    from optim.campaign import CampaignEvaluator
 
 MOST_AGAIN = 100
 """Samples that are rolled out again."""
 
 
-def spreads(evaluator: Evaluator, data: xr.Dataset) -> list[dict[str, Any]]:
+def spreads(evaluator: CampaignEvaluator, data: xr.Dataset) -> list[dict[str, Any]]:
     """What the page tells of all samples, one for each set of gains.
 
     Parameters
@@ -28,19 +28,19 @@ def spreads(evaluator: Evaluator, data: xr.Dataset) -> list[dict[str, Any]]:
     return [_spread(evaluator, data, name, MOST_AGAIN) for name in evaluator.gains]
 
 
-def distributions(evaluator: Evaluator, data: xr.Dataset) -> list[dict[str, Any]]:
+def distributions(evaluator: CampaignEvaluator, data: xr.Dataset) -> list[dict[str, Any]]:
     """The same as far as it is known without a rollout: how the metrics are distributed."""
     return [_spread(evaluator, data, name, 0) for name in evaluator.gains]
 
 
-def _spread(evaluator: Evaluator, data: xr.Dataset, gains: str, again: int) -> dict[str, Any]:
+def _spread(evaluator: CampaignEvaluator, data: xr.Dataset, gains: str, again: int) -> dict[str, Any]:
     from spacerobot.quantities import metrics as all_metrics
     from viz.figures.style import unit_scale
     from viz.page.meshcat_scene import packed
-    from viz.page.spread import Spread
+    from viz.page.spread import CampaignSpread
 
     member = evaluator.member(gains)
-    spread, rows = Spread(member.scene, member.rollout), member.space.values(data.draw.values[:again])
+    spread, rows = CampaignSpread(member.scene, member.rollout), member.space.values(data.draw.values[:again])
     for begin in range(0, len(rows), spread.most):
         spread.roll(member.space.paths, rows[begin : begin + spread.most])
     metrics = []

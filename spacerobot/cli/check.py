@@ -55,9 +55,9 @@ def _check_limits(scene: Scene) -> None:
     """Refuse limits of outputs that there are not: the closed loop alone knows which there are."""
     phases = scene.scenario.phases.values()
     if any(phase.until is not None and phase.until.limit is not None for phase in phases):
-        from spacerobot.kept import kept_closed_loop
+        from spacerobot.loop_cache import cached_closed_loop
 
-        kept_closed_loop(scene)
+        cached_closed_loop(scene)
 
 
 def _print_phases(phases: Mapping[str, Phase]) -> None:

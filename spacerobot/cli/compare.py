@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.markup import escape
 
-from spacerobot.cli import playing
+from spacerobot.cli import page_data as playing
 from spacerobot.cli.animate import serve
 from spacerobot.cli.options import Changes, Machines, Out, Port, Threads, View, parse_changes
 from spacerobot.cli.output import console, table, warn
@@ -17,7 +17,7 @@ from spacerobot.cli.tuning_options import Budget, Runs, Seed, Starts, journals, 
 
 if TYPE_CHECKING:
     from optim.comparison.compare import Comparison
-    from optim.comparison.tables import Table
+    from optim.comparison.tables import TextTable
 
 Name = Annotated[
     str,
@@ -96,7 +96,7 @@ def command(
     port: Port = 7000,
 ) -> None:
     """Compare methods; exit code 130 after Ctrl-C, with what was found until then."""
-    from optim.comparison import Session, compare
+    from optim.comparison import SearchSession, compare
     from optim.comparison.compare import even_effort
     from optim.comparison.report import to_data
     from optim.comparison.suite import compare_suite
@@ -109,7 +109,7 @@ def command(
             raise typer.BadParameter("needs --out DIR, where what it shows is written", param_hint=name)
     asked = {"budget": budget, "runs": runs, "starts": starts, "seed": seed}
     with shown() as (tell, report), open_workers(threads, dask) as workers:
-        session = Session(journals(out, "comparison.json"), workers, report, tell)
+        session = SearchSession(journals(out, "comparison.json"), workers, report, tell)
         if scenario == SUITE:
             _refuse(
                 "suite", {"--variants": variants, "--sets": sets, "--set": changes, "--full": full or None}
@@ -185,5 +185,5 @@ def show(data: Mapping[str, Any]) -> None:
     console().print(LEGEND, markup=False)
 
 
-def _print(made: Table, keys: int = 1) -> None:
+def _print(made: TextTable, keys: int = 1) -> None:
     console().print(table(made.title, made.headings, made.rows, keys=keys))

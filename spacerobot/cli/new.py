@@ -83,7 +83,7 @@ def command(
     """Write the scenario and say what was chosen."""
     from spacerobot.errors import ScenarioError
     from spacerobot.files import write_text
-    from spacerobot.scene.draft import Order, draft_capture, draft_scenario
+    from spacerobot.scene.draft import DraftRequest, draft_capture, draft_scenario
     from spacerobot.scene.overlaps import overlaps
 
     file = out or Path(f"{Path(robot[0]).stem}.yaml")
@@ -92,7 +92,7 @@ def command(
     if point is not None:
         target, frame = _with_point(target, point, file, frame, capture=capture)
     draft = draft_capture if capture else draft_scenario
-    text, scene = draft(Order(robot, target, tip or (), frame or (), base), file)
+    text, scene = draft(DraftRequest(robot, target, tip or (), frame or (), base), file)
     write_text(file, text)
     for warning in (*scene.warnings, *overlaps(scene)):
         warn(warning)

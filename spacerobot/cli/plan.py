@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from spacerobot.cli import playing
+from spacerobot.cli import page_data as playing
 from spacerobot.cli.animate import serve
 from spacerobot.cli.options import Changes, Machines, Out, Port, ScenarioName, View, parse_changes
 from spacerobot.cli.output import console, pairs, progress, table, warn

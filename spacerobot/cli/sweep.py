@@ -45,7 +45,7 @@ def command(
     dask: Machines = None,
 ) -> None:
     """Run the GA with one setting changed at a time."""
-    from optim import Protocol, Session, build_problem
+    from optim import EvolutionSettings, SearchSession, build_problem
     from optim.comparison.statistics import statistics
     from optim.comparison.sweep import sweep
     from optim.problem.scenes import tuning_of
@@ -60,8 +60,8 @@ def command(
     with shown() as (tell, report), open_workers(threads, dask) as workers:
         tell("building and compiling")
         problem = build_problem(scene, variables=chosen, variant=variant, workers=workers)
-        protocol = Protocol(population=tuning.population, budget=budget or 1000)
-        session = Session(journals(out, "sweep.json"), workers, report)
+        protocol = EvolutionSettings(population=tuning.population, budget=budget or 1000)
+        session = SearchSession(journals(out, "sweep.json"), workers, report)
         trials = sweep(problem, protocol=protocol, runs=runs or 3, seed=seed or 0, session=session)
         for trial in trials:
             found = statistics(trial.objectives)

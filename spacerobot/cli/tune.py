@@ -25,7 +25,7 @@ from spacerobot.cli.tuning_options import (
 )
 
 if TYPE_CHECKING:
-    from optim import Tuned
+    from optim import TuningResult
     from spacerobot.result import Result
 
 Method = Annotated[
@@ -80,7 +80,7 @@ def command(
     """Tune, simulate the best design, and save it if a folder is given."""
     from optim import build_problem, effort_of, tune
     from optim.problem.scenes import tuning_of
-    from optim.problem.vary import vary as varied
+    from optim.problem.varied_parameters import vary as varied
     from optim.workers.dask import open_workers
     from spacerobot.result import save
     from spacerobot.scene import load_scene
@@ -108,7 +108,7 @@ def command(
     fail_if_diverged(result)
 
 
-def _show(found: Tuned, result: Result, method: str, kind: str) -> None:
+def _show(found: TuningResult, result: Result, method: str, kind: str) -> None:
     """Print the gains, what each run found, and the best design's numbers."""
     from optim.problem.objectives import UNITS
     from optim.problem.variables import at_bound
@@ -127,7 +127,7 @@ def _show(found: Tuned, result: Result, method: str, kind: str) -> None:
 HEADS = {"largest_error_m": "largest error [m]", "swings_hz": "swings [1/s]"}
 
 
-def _show_trials(found: Tuned) -> None:
+def _show_trials(found: TuningResult) -> None:
     """Print the trials of the manual procedure."""
     log = found.outcome.best.log
     heads = list(log[0])
@@ -140,10 +140,10 @@ def _short(value: object) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
-def _write(found: Tuned, out: object) -> None:
+def _write(found: TuningResult, out: object) -> None:
     from pathlib import Path
 
-    from optim.plain import plain
+    from optim.json_values import plain
     from optim.problem.variables import at_bound
     from spacerobot.files import write_text
 

@@ -14,7 +14,7 @@ from spacerobot.interrupts import keep
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from optim import Report, Run
+    from optim import SearchProgress, SearchRun
     from optim.search.search import Progress
     from spacerobot.scenario import Tuning
 
@@ -40,7 +40,7 @@ def chosen_variables(given: str | None, tuning: Tuning) -> list[str] | None:
     return list(tuning.sets[given]) if given in tuning.sets else parts(given)
 
 
-def show_runs(runs: Sequence[Run], factor: float = 1.0) -> None:
+def show_runs(runs: Sequence[SearchRun], factor: float = 1.0) -> None:
     """Print what each run found, times a factor, what it spent and how it ended."""
     for run in runs:
         ended = f"{run.status}{': ' + run.message if run.message else ''}"
@@ -82,7 +82,7 @@ def shown() -> Iterator[tuple[Callable[[str], None], Progress]]:
             begun[0] = words
             tell(words)
 
-        def report(now: Report) -> None:
+        def report(now: SearchProgress) -> None:
             keep()
             left = f", about {now.left_s:.0f} s left" if now.left_s == now.left_s else ""
             done = f"{100 * now.done:.0f} %, best so far {now.objective:.4g}{left}"

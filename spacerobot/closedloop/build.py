@@ -9,26 +9,26 @@ from typing import Any
 
 import casadi as ca
 
-from spacerobot.closedloop.closed_loop import ClosedLoop, Variable
-from spacerobot.closedloop.elements import Builder
-from spacerobot.closedloop.energy import Work, build_works, plant_powers, stored_energies
+from spacerobot.closedloop.closed_loop import ClosedLoop, OutputVariable
+from spacerobot.closedloop.elements import LoopBuilder
+from spacerobot.closedloop.energy import EnergyTerm, build_works, plant_powers, stored_energies
 from spacerobot.closedloop.events import booked, guards_of, rules_of, update_of
+from spacerobot.closedloop.external_impulse import impulse_of, on_bases, unbooked
 from spacerobot.closedloop.forward_dynamics import solve_accelerations
 from spacerobot.closedloop.impulse import strike
+from spacerobot.closedloop.initial_state import initial_state
 from spacerobot.closedloop.outputs import added_up, combine, core_outputs
-from spacerobot.closedloop.outside import impulse_of, on_bases, unbooked
 from spacerobot.closedloop.phases import phased
 from spacerobot.closedloop.plant import build_plant
-from spacerobot.closedloop.start import initial_state
 from spacerobot.dynamics import configuration_derivative, normalise
-from spacerobot.elements import Context, Contribution, State
+from spacerobot.elements import Contribution, SectionContext, State
 from spacerobot.elements.contribution import concatenate
 from spacerobot.errors import SpaceRobotError
 from spacerobot.scenario.load import to_document
 from spacerobot.scene import Scene
-from spacerobot.scene.closing import has_loops, open_grasps
+from spacerobot.scene.grasp_closing import has_loops, open_grasps
 from spacerobot.section import leaves, numbers
-from spacerobot.symbolic import Constants, Parameters, Start
+from spacerobot.symbolic import Constants, InitialState, Parameters
 
 
 def build_closed_loop(scene: Scene, vary: Collection[str] = ()) -> ClosedLoop:
@@ -54,9 +54,9 @@ def build_closed_loop(scene: Scene, vary: Collection[str] = ()) -> ClosedLoop:
     phases = {name: constants.switch(f"phases.{name}", name == names[0]) for name in names}
     differing = leaves({"phases": {name: p.changes for name, p in scene.scenario.phases.items()}})
     words = {path: word for path, word in differing if isinstance(word, str)}
-    context = Context("", ca.SX.sym("t"), parameters, constants, phases, words=words)
+    context = SectionContext("", ca.SX.sym("t"), parameters, constants, phases, words=words)
     start = initial_state(scene, parameters)
-    builder = Builder(scene, context, build_plant(scene, parameters, context.constants), start)
+    builder = LoopBuilder(scene, context, build_plant(scene, parameters, context.constants), start)
     loop = _assemble(builder, _evaluate(builder))
     for path in vary:
         loop.index(path)
@@ -73,12 +73,12 @@ class _Evaluated:
     acting: Contribution
     acceleration: ca.SX
     torque: ca.SX
-    works: Sequence[Work]
-    variables: tuple[Variable, ...]
+    works: Sequence[EnergyTerm]
+    variables: tuple[OutputVariable, ...]
     outputs: Mapping[str, ca.SX]
 
 
-def _evaluate(builder: Builder) -> _Evaluated:
+def _evaluate(builder: LoopBuilder) -> _Evaluated:
     """Everything that acts, the accelerations it causes, and what is observed of it."""
     scene, plant = builder.scene, builder.plant
     _ = builder.motions  # built first, so that their constants stand in front of those of the controllers
@@ -109,7 +109,7 @@ def _evaluate(builder: Builder) -> _Evaluated:
     return _Evaluated(acting, solution.acceleration, solution.torque, works, variables, outputs)
 
 
-def _beginning(builder: Builder, acting: Contribution, x: ca.SX) -> tuple[Start, ca.SX]:
+def _beginning(builder: LoopBuilder, acting: Contribution, x: ca.SX) -> tuple[InitialState, ca.SX]:
     """Start with a velocity that rigid grasps allow which no base could close, and where the states begin."""
     start, constants = builder.start, builder.context.constants
     arguments = [builder.context.time, x, constants.symbols]
@@ -130,7 +130,7 @@ def _beginning(builder: Builder, acting: Contribution, x: ca.SX) -> tuple[Start,
     return start, ca.vertcat(start.q, start.v, z)
 
 
-def _gaps(start: Start, scene: Scene) -> tuple[ca.SX, dict[str, float]]:
+def _gaps(start: InitialState, scene: Scene) -> tuple[ca.SX, dict[str, float]]:
     """Initial gaps [m] of the grasps that no base closes (n x 1), and the greatest ones allowed, by path."""
     grasps = open_grasps(scene)
     gaps = [start.placement(grasp.tip.frame)[1] - start.placement(grasp.frame)[1] for grasp in grasps]
@@ -138,7 +138,7 @@ def _gaps(start: Start, scene: Scene) -> tuple[ca.SX, dict[str, float]]:
     return found, {grasp.path: grasp.config.max_gap for grasp in grasps}
 
 
-def _assemble(builder: Builder, found: _Evaluated) -> ClosedLoop:
+def _assemble(builder: LoopBuilder, found: _Evaluated) -> ClosedLoop:
     """Named functions of the finished expressions."""
     context, plant, acting = builder.context, builder.plant, found.acting
     model, q, v = plant.model, plant.q, plant.v
@@ -175,7 +175,7 @@ def _assemble(builder: Builder, found: _Evaluated) -> ClosedLoop:
     )
 
 
-def _hybrid(builder: Builder, acting: Contribution, arguments: Mapping[str, ca.SX]) -> dict[str, Any]:
+def _hybrid(builder: LoopBuilder, acting: Contribution, arguments: Mapping[str, ca.SX]) -> dict[str, Any]:
     """What the closed loop says of its switches and events."""
     places, events = builder.context.constants.switches, acting.events
     rate, which = ca.SX.sym("xdot", arguments["x"].size1()), ca.SX.sym("e")

@@ -9,14 +9,14 @@ from typing import Any
 import casadi as ca
 
 from spacerobot.arrays import Array
-from spacerobot.closedloop.events import EventRule
+from spacerobot.closedloop.events import LoopEvent
 from spacerobot.errors import ScenarioError, near_names
 from spacerobot.notebook import html_table
-from spacerobot.symbolic import Table
+from spacerobot.symbolic import WindowTable
 
 
 @dataclass(frozen=True)
-class Variable:
+class OutputVariable:
     """An output as it stands in a result.
 
     Attributes
@@ -109,16 +109,16 @@ class ClosedLoop:
     outputs: ca.Function
     gaps: ca.Function
     max_gaps: Mapping[str, float]
-    variables: tuple[Variable, ...]
+    variables: tuple[OutputVariable, ...]
     works: Mapping[str, int]
     outside: tuple[str, ...]
     jumps: tuple[int, ...]
     switches: tuple[int, ...]
-    events: tuple[EventRule, ...]
+    events: tuple[LoopEvent, ...]
     guards: ca.Function
     update: ca.Function
     fine: tuple[tuple[int, float, float], ...]
-    tables: tuple[Table, ...]
+    tables: tuple[WindowTable, ...]
     rows: ca.Function
 
     def at(self, t: Any, x: Any, c: Any) -> Any:

@@ -9,39 +9,39 @@ from typing import Any, Literal
 
 import casadi as ca
 
-from spacerobot.closedloop.references import Lead
+from spacerobot.closedloop.references import TipGuidance
 from spacerobot.dynamics.joints import sparse
 from spacerobot.dynamics.rotations import rotation_from_rpy
 from spacerobot.elements import (
     Actuator,
     ActuatorContext,
     ContactContext,
-    Context,
     Contribution,
+    DesiredMotion,
     EnvironmentContext,
     GraspContext,
-    Motion,
     RobotContext,
+    SectionContext,
     State,
     TipContext,
     either,
     memory,
     negated,
 )
-from spacerobot.elements.context import Affine, Surface
+from spacerobot.elements.capture_release import living
+from spacerobot.elements.context import Affine, ContactSurface
 from spacerobot.elements.contribution import gated
-from spacerobot.elements.life import living
 from spacerobot.elements.reference import DEGREE
 from spacerobot.elements.sensor import ideal
 from spacerobot.scenario import Robot
 from spacerobot.scene import Scene, SceneBody, SceneGrasp, SceneTip
 from spacerobot.scene.scene import SceneContact, SceneShape
 from spacerobot.shapes import Shape
-from spacerobot.symbolic import Plant, Start
+from spacerobot.symbolic import InitialState, Plant
 
 
 @dataclass(frozen=True)
-class Builder:
+class LoopBuilder:
     """What the elements of one closed loop are built from.
 
     Attributes
@@ -57,16 +57,16 @@ class Builder:
     """
 
     scene: Scene
-    context: Context
+    context: SectionContext
     plant: Plant
-    start: Start
+    start: InitialState
     remembered: dict[str, State] = field(default_factory=dict)
 
     @functools.cached_property
-    def leads(self) -> Mapping[str, Lead]:
+    def leads(self) -> Mapping[str, TipGuidance]:
         """The references of each tip, by the tip's label."""
         return {
-            tip.label: Lead(
+            tip.label: TipGuidance(
                 tip,
                 self.context,
                 self.plant,
@@ -79,7 +79,7 @@ class Builder:
         }
 
     @functools.cached_property
-    def motions(self) -> Mapping[str, Motion]:
+    def motions(self) -> Mapping[str, DesiredMotion]:
         """What the reference of each tip asks for, by the tip's label."""
         return {label: lead.motion for label, lead in self.leads.items()}
 
@@ -144,7 +144,7 @@ class Builder:
             return ideal
         return lambda signal: sensors[signal].affine(self.context.at(f"{body.path}.sensors.{signal}"))
 
-    def _holding(self, body: SceneBody) -> dict[str, Context]:
+    def _holding(self, body: SceneBody) -> dict[str, SectionContext]:
         sensors = body.config.sensors if isinstance(body.config, Robot) else None
         return {
             signal: self.context.at(f"{body.path}.sensors.{signal}")
@@ -240,7 +240,7 @@ class Builder:
         pairs = tuple((surfaces[first], surfaces[second]) for first, second in contact.pairs)
         return ContactContext(self.context.at(contact.path), self.plant, contact.name, pairs)
 
-    def _surface(self, shape: SceneShape) -> Surface:
+    def _surface(self, shape: SceneShape) -> ContactSurface:
         """A shape where it is now; a pad's numbers can be varied."""
         rotation, origin = self.plant.placement(shape.frame)
         if shape.path is None:
@@ -249,10 +249,10 @@ class Builder:
         else:
             radius, half, turn, position = _pad(self.context.at(shape.path), shape)
         own = Shape(ca.mtimes(rotation, turn), origin + ca.mtimes(rotation, position), radius, half)
-        return Surface(shape.kind, own, shape.frame, shape.joint)
+        return ContactSurface(shape.kind, own, shape.frame, shape.joint)
 
 
-def _pad(context: Context, shape: SceneShape) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
+def _pad(context: SectionContext, shape: SceneShape) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
     """Radius, half lengths, rotation and position of a pad."""
     radius = context.number("radius") if shape.measures[0] else ca.SX(1, 1)
     half = ca.SX(0, 1)

@@ -16,7 +16,7 @@ from typing import Literal
 import casadi as ca
 
 from spacerobot.dynamics import kinetic_energy
-from spacerobot.elements import Contribution, Output, Power, State
+from spacerobot.elements import Contribution, Output, PowerTerm, State
 from spacerobot.scene import Scene
 from spacerobot.symbolic import Plant
 
@@ -30,7 +30,7 @@ WORKS: dict[str, tuple[Literal["in", "out"], str]] = {
 
 
 @dataclass(frozen=True)
-class Work:
+class EnergyTerm:
     """A work of the energy balance: its name, its sign, what it is, and its state."""
 
     name: str
@@ -44,7 +44,7 @@ class Work:
         return Output(f"work_{self.name}", self.state.symbol, "J", self.text)
 
 
-def build_works(powers: Iterable[Power]) -> list[Work]:
+def build_works(powers: Iterable[PowerTerm]) -> list[EnergyTerm]:
     """Works as states that begin at zero [J], those of :data:`WORKS` first."""
     totals: dict[str, ca.SX] = {name: ca.SX(1, 1) for name in WORKS}
     kinds = dict(WORKS)
@@ -53,7 +53,7 @@ def build_works(powers: Iterable[Power]) -> list[Work]:
         kinds.setdefault(power.name, (power.sign, f"work {verb}: {power.name.replace('_', ' ')}"))
         totals[power.name] = totals.get(power.name, ca.SX(1, 1)) + power.value
     return [
-        Work(
+        EnergyTerm(
             name,
             *kinds[name],
             State(f"work.{name}", ca.SX.sym(f"work.{name}"), ca.SX.zeros(1), ca.densify(total)),
@@ -62,11 +62,11 @@ def build_works(powers: Iterable[Power]) -> list[Work]:
     ]
 
 
-def plant_powers(plant: Plant, torque: ca.SX) -> tuple[Power, ...]:
+def plant_powers(plant: Plant, torque: ca.SX) -> tuple[PowerTerm, ...]:
     """Powers of the actuators (their generalized forces nv x 1) and of the joints' resistance."""
     return (
-        Power("actuator", ca.dot(torque, plant.v), "in"),
-        Power("joint", ca.dot(plant.damping * plant.v, plant.v)),
+        PowerTerm("actuator", ca.dot(torque, plant.v), "in"),
+        PowerTerm("joint", ca.dot(plant.damping * plant.v, plant.v)),
     )
 
 

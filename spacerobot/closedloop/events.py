@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from spacerobot.closedloop.impulse import Impact, strike
-from spacerobot.elements import Contribution, Event, Power
+from spacerobot.closedloop.impulse import PlasticImpact, strike
+from spacerobot.elements import Contribution, Event, PowerTerm
 from spacerobot.symbolic import Plant
 
 WORK = "event"
@@ -16,7 +16,7 @@ WORK = "event"
 
 
 @dataclass(frozen=True)
-class EventRule:
+class LoopEvent:
     """An event as integrators see it.
 
     Attributes
@@ -39,17 +39,17 @@ class EventRule:
     kink: bool = False
 
 
-def booked(events: Sequence[Event]) -> tuple[Power, ...]:
+def booked(events: Sequence[Event]) -> tuple[PowerTerm, ...]:
     """The work that events book, if any takes energy; between them it stays as it is."""
     taken = any(event.impact or event.loss is not None for event in events)
-    return (Power(WORK, ca.SX(1, 1)),) if taken else ()
+    return (PowerTerm(WORK, ca.SX(1, 1)),) if taken else ()
 
 
-def rules_of(events: Sequence[Event], switches: Sequence[str]) -> tuple[EventRule, ...]:
+def rules_of(events: Sequence[Event], switches: Sequence[str]) -> tuple[LoopEvent, ...]:
     """Events as data, for switches of these names."""
     places = {name: i for i, name in enumerate(switches)}
     return tuple(
-        EventRule(
+        LoopEvent(
             event.name,
             event.kind,
             event.who,
@@ -86,7 +86,7 @@ def update_of(plant: Plant, acting: Contribution, which: ca.SX) -> ca.SX:
 
 
 def _new_values(
-    event: Event, acting: Contribution, impact: Impact | None, symbols: Mapping[str, ca.SX]
+    event: Event, acting: Contribution, impact: PlasticImpact | None, symbols: Mapping[str, ca.SX]
 ) -> Iterator[tuple[str, ca.SX]]:
     """What an event gives states by name: its own updates, what impulses leave behind, and the work."""
     yield from event.updates.items()

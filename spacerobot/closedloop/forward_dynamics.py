@@ -31,13 +31,19 @@ from dataclasses import dataclass
 import casadi as ca
 
 from spacerobot.closedloop.impulse import idleness, masked
-from spacerobot.elements import Channel, Constraint, Contribution, Drive, Torque
+from spacerobot.elements import (
+    AccelerationConstraint,
+    ActuatorDrive,
+    CommandedTorque,
+    Contribution,
+    ControlChannel,
+)
 from spacerobot.elements.contribution import concatenate
 from spacerobot.symbolic import Plant
 
 
 @dataclass(frozen=True)
-class Solution:
+class ForwardDynamicsResult:
     """What the closed loop does at one instant.
 
     Attributes
@@ -59,7 +65,7 @@ class Solution:
     driven: Contribution
 
 
-def solve_accelerations(plant: Plant, acting: Contribution) -> Solution:
+def solve_accelerations(plant: Plant, acting: Contribution) -> ForwardDynamicsResult:
     """Accelerations, actuator torques and constraint wrenches.
 
     Parameters
@@ -97,7 +103,7 @@ def solve_accelerations(plant: Plant, acting: Contribution) -> Solution:
     acceleration = plant.articulated.motion(driven)
     own = zip(acting.constraints, reactions[: len(acting.constraints)], strict=True)
     on_targets = tuple(constraint.on_target(along) for constraint, along in own)
-    return Solution(acceleration, torque, on_targets, concatenate([early, answer]))
+    return ForwardDynamicsResult(acceleration, torque, on_targets, concatenate([early, answer]))
 
 
 @dataclass(frozen=True)
@@ -109,7 +115,7 @@ class _Held:
     idle: ca.SX
 
     @classmethod
-    def of(cls, constraint: Constraint) -> _Held:
+    def of(cls, constraint: AccelerationConstraint) -> _Held:
         """A constraint, which may not be active."""
         active = constraint.active
         return cls(
@@ -119,7 +125,7 @@ class _Held:
         )
 
 
-def _projected(plant: Plant, asked: Torque, channels: Sequence[Channel]) -> ca.SX:
+def _projected(plant: Plant, asked: CommandedTorque, channels: Sequence[ControlChannel]) -> ca.SX:
     """Torque that was asked for; in the null space, without the part that accelerates the robot's tips.
 
     Subtracted is ``J^T F`` with the tip force F that cancels the acceleration the tips' feedback would see.
@@ -136,7 +142,7 @@ def _projected(plant: Plant, asked: Torque, channels: Sequence[Channel]) -> ca.S
 
 
 def _solve(
-    plant: Plant, driven: ca.SX, ideal: Sequence[Channel], held: Sequence[_Held]
+    plant: Plant, driven: ca.SX, ideal: Sequence[ControlChannel], held: Sequence[_Held]
 ) -> tuple[list[ca.SX], list[ca.SX]]:
     """Outputs of ideal channels and reactions of what is held, one vector each.
 
@@ -191,11 +197,13 @@ def eliminate(matrix: ca.SX, right: ca.SX) -> ca.SX:
     return ca.vertcat(*b)
 
 
-def _in_turn(drives: Sequence[Drive], ideal: Sequence[Channel]) -> tuple[list[Drive], list[Drive]]:
+def _in_turn(
+    drives: Sequence[ActuatorDrive], ideal: Sequence[ControlChannel]
+) -> tuple[list[ActuatorDrive], list[ActuatorDrive]]:
     """Actuators of places on which no output that is still to be solved for acts, and the others."""
     acting = {row for channel in ideal for row in channel.actuation.sparsity().row()}
-    first: list[Drive] = []
-    then: list[Drive] = []
+    first: list[ActuatorDrive] = []
+    then: list[ActuatorDrive] = []
     for drive in drives:
         if acting.isdisjoint(drive.columns):
             first.append(drive)
@@ -206,7 +214,7 @@ def _in_turn(drives: Sequence[Drive], ideal: Sequence[Channel]) -> tuple[list[Dr
 
 
 def _deliver(
-    torque: ca.SX, drives: Sequence[Drive], later: Collection[int] = ()
+    torque: ca.SX, drives: Sequence[ActuatorDrive], later: Collection[int] = ()
 ) -> tuple[ca.SX, Contribution]:
     """Generalized forces that actuators deliver, one after the other, and what else they bring.
 

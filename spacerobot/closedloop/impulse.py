@@ -9,12 +9,12 @@ from dataclasses import dataclass
 import casadi as ca
 
 from spacerobot.dynamics.algebra import SymmetricFactors
-from spacerobot.elements import Constraint
+from spacerobot.elements import AccelerationConstraint
 from spacerobot.symbolic import Plant
 
 
 @dataclass(frozen=True)
-class Impact:
+class PlasticImpact:
     """A plastic impact: what stops the relative motion of everything that is rigidly connected.
 
     Attributes
@@ -32,7 +32,7 @@ class Impact:
     loss: ca.SX
 
 
-def strike(plant: Plant, constraints: Sequence[Constraint]) -> Impact:
+def strike(plant: Plant, constraints: Sequence[AccelerationConstraint]) -> PlasticImpact:
     """Velocity changed so that no active constraint slips, at the least kinetic energy of the change.
 
     That is what an impulse in each of them makes, ``M (v+ - v-) = G^T j`` with ``G v+ = 0``, as if all closed
@@ -51,7 +51,7 @@ def strike(plant: Plant, constraints: Sequence[Constraint]) -> Impact:
     for constraint in constraints:
         ends.append(ends[-1] + constraint.size)
     parts = tuple(impulse[a:b] for a, b in itertools.pairwise(ends))
-    return Impact(velocity, parts, -ca.dot(impulse, slip) / 2)
+    return PlasticImpact(velocity, parts, -ca.dot(impulse, slip) / 2)
 
 
 def masked(loads: ca.SX, active: ca.SX | None) -> ca.SX:

@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import casadi as ca
 
-from spacerobot.closedloop.closed_loop import Variable
-from spacerobot.closedloop.elements import Builder
+from spacerobot.closedloop.closed_loop import OutputVariable
+from spacerobot.closedloop.elements import LoopBuilder
 from spacerobot.dynamics import momentum
-from spacerobot.elements import Output, Stored
+from spacerobot.elements import Output, StoredMomentum
 from spacerobot.elements.grasp import OBSERVED
 from spacerobot.scene import Scene
 
@@ -28,7 +28,7 @@ VECTORS: dict[str, tuple[str, str, str]] = {
 """Vectors in world axes that every result has, whether or not there is something to observe."""
 
 
-def core_outputs(builder: Builder, torque: ca.SX, stored: Sequence[Stored]) -> Iterator[Output]:
+def core_outputs(builder: LoopBuilder, torque: ca.SX, stored: Sequence[StoredMomentum]) -> Iterator[Output]:
     """Of tips, bodies, the whole and the joints.
 
     Parameters
@@ -62,7 +62,7 @@ def core_outputs(builder: Builder, torque: ca.SX, stored: Sequence[Stored]) -> I
         yield Output(name, ca.SX(3, 1), unit, text, "grasp")
 
 
-def _tips(builder: Builder) -> dict[tuple[str, str], ca.SX]:
+def _tips(builder: LoopBuilder) -> dict[tuple[str, str], ca.SX]:
     found: dict[tuple[str, str], ca.SX] = {}
     plant = builder.plant
     for tip in builder.scene.tips:
@@ -78,7 +78,7 @@ def _tips(builder: Builder) -> dict[tuple[str, str], ca.SX]:
     return found
 
 
-def _bodies(builder: Builder) -> dict[tuple[str, str], ca.SX]:
+def _bodies(builder: LoopBuilder) -> dict[tuple[str, str], ca.SX]:
     found: dict[tuple[str, str], ca.SX] = {}
     plant = builder.plant
     for body in builder.scene.bodies:
@@ -105,7 +105,7 @@ def added_up(outputs: Iterable[Output]) -> list[Output]:
     return list(found.values())
 
 
-def combine(scene: Scene, outputs: Iterable[Output]) -> tuple[tuple[Variable, ...], dict[str, ca.SX]]:
+def combine(scene: Scene, outputs: Iterable[Output]) -> tuple[tuple[OutputVariable, ...], dict[str, ca.SX]]:
     """Variables of the result, and their expressions: outputs of one name stacked in the scene's order.
 
     Where an element of a dimension does not declare an output that others do, it is not a number.
@@ -136,5 +136,5 @@ def combine(scene: Scene, outputs: Iterable[Output]) -> tuple[tuple[Variable, ..
             expressions[name] = ca.densify(first.value)
         if first.dimension != "joint" and size == 3:
             axes = (*axes, "axis")
-        variables.append(Variable(name, axes, first.unit, first.text, tuple(own)))
+        variables.append(OutputVariable(name, axes, first.unit, first.text, tuple(own)))
     return tuple(variables), expressions

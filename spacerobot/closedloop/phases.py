@@ -9,8 +9,8 @@ from typing import Literal
 import casadi as ca
 import numpy as np
 
-from spacerobot.closedloop.elements import Builder
-from spacerobot.elements import Context, Contribution, Event, Output, both, negated
+from spacerobot.closedloop.elements import LoopBuilder
+from spacerobot.elements import Contribution, Event, Output, SectionContext, both, negated
 from spacerobot.errors import ScenarioError, near_names
 from spacerobot.scenario.phases import END, Limit, Phase, Settled, successors
 
@@ -19,7 +19,7 @@ Condition = tuple[str, ca.SX, ca.SX]
 """Name of a way in which a phase ends, its guard, and whether it is armed (1x1 each)."""
 
 
-def phased(builder: Builder, outputs: Sequence[Output]) -> Contribution:
+def phased(builder: LoopBuilder, outputs: Sequence[Output]) -> Contribution:
     """What phases add to the closed loop; nothing where there is one only.
 
     Parameters
@@ -47,11 +47,11 @@ def phased(builder: Builder, outputs: Sequence[Output]) -> Contribution:
 class _Phases:
     """The phases of one closed loop."""
 
-    builder: Builder
+    builder: LoopBuilder
     outputs: Sequence[Output]
 
     @property
-    def context(self) -> Context:
+    def context(self) -> SectionContext:
         """Time and the scenario's numbers."""
         return self.builder.context
 
@@ -130,7 +130,7 @@ class _Phases:
         yield Event(f"{name}.settling", "settling", settled.of, room, waiting, {turned: True}, updates)
         yield Event(f"{name}.moving", "moving", settled.of, -room, both(active, switch), {turned: False})
 
-    def _limit(self, context: Context, limit: Limit) -> ca.SX:
+    def _limit(self, context: SectionContext, limit: Limit) -> ca.SX:
         """Above zero where an output has passed its limit (1x1)."""
         found = {(output.name, output.label): output.value for output in self.outputs}
         key, path = (limit.output, limit.of or ""), f"{context.path}.until.limit"

@@ -11,14 +11,23 @@ import pinocchio as pin
 
 from spacerobot.dynamics import forward_kinematics, frame_velocity
 from spacerobot.dynamics.rotations import rotation_exp
-from spacerobot.elements import Beginning, Context, Event, Motion, Since, State, either, memory
+from spacerobot.elements import (
+    DesiredMotion,
+    Event,
+    InitialMotion,
+    SectionContext,
+    StartInstant,
+    State,
+    either,
+    memory,
+)
 from spacerobot.elements.context import Affine, ReferenceContext
 from spacerobot.scene import SceneBody, SceneReference, SceneTip
-from spacerobot.symbolic import Plant, Start
+from spacerobot.symbolic import InitialState, Plant
 
 
 @dataclass(frozen=True)
-class Held:
+class SampledMeasurement:
     """What a sensor measured last.
 
     Attributes
@@ -37,7 +46,7 @@ class Held:
     event: Event
 
     @classmethod
-    def of(cls, name: str, who: str, time: ca.SX, period: ca.SX, shown: ca.SX) -> Held:
+    def of(cls, name: str, who: str, time: ca.SX, period: ca.SX, shown: ca.SX) -> SampledMeasurement:
         """A sensor that measures at the start and then once in each period."""
         value, then = memory(f"{name}.measured", shown), memory(f"{name}.next", period)
         updates = {value.name: shown, then.name: then.symbol + period}
@@ -46,7 +55,7 @@ class Held:
 
 
 @dataclass(frozen=True)
-class Lead:
+class TipGuidance:
     """A tip and the references that lead it.
 
     Attributes
@@ -70,15 +79,15 @@ class Lead:
     """
 
     tip: SceneTip
-    context: Context
+    context: SectionContext
     plant: Plant
-    start: Start
+    start: InitialState
     target: SceneBody | None
     sensors: Callable[[str], Affine]
-    holding: Mapping[str, Context]
+    holding: Mapping[str, SectionContext]
     kept: dict[str, State] = field(default_factory=dict)
     seen: dict[str, tuple[State, ca.SX]] = field(default_factory=dict)
-    held: dict[str, Held] = field(default_factory=dict)
+    held: dict[str, SampledMeasurement] = field(default_factory=dict)
 
     @property
     def root(self) -> int | None:
@@ -86,19 +95,19 @@ class Lead:
         return None if self.target is None else self.target.root_frame
 
     @functools.cached_property
-    def motion(self) -> Motion:
+    def motion(self) -> DesiredMotion:
         """What is asked for now."""
         found, *others = self.motions
         for motion, since in zip(others, self.sinces[1:], strict=True):
             parts = {
                 part.name: ca.if_else(since.active, getattr(motion, part.name), getattr(found, part.name))
-                for part in fields(Motion)
+                for part in fields(DesiredMotion)
             }
-            found = Motion(**parts)
+            found = DesiredMotion(**parts)
         return found
 
     @functools.cached_property
-    def motions(self) -> tuple[Motion, ...]:
+    def motions(self) -> tuple[DesiredMotion, ...]:
         """What each reference asks for."""
         if not self.context.phases:
             return (self._from_start(self.tip.references[0]),)
@@ -108,29 +117,29 @@ class Lead:
         )
 
     @functools.cached_property
-    def sinces(self) -> tuple[Since, ...]:
+    def sinces(self) -> tuple[StartInstant, ...]:
         """When each reference leads."""
         switches = self.context.phases
         return tuple(
-            Since(self.tip.label, either(*(switches[name] for name in reference.phases)))
+            StartInstant(self.tip.label, either(*(switches[name] for name in reference.phases)))
             for reference in self.tip.references
         )
 
-    def _from_start(self, reference: SceneReference) -> Motion:
+    def _from_start(self, reference: SceneReference) -> DesiredMotion:
         """A reference that leads from the start on, so that all about its beginning is known."""
         pivot = None
         if reference.from_target and self.root is not None:
             pivot = self.start.placement(self.root)[1]
-        beginning = Beginning(*self.start.placement(self.tip.frame), self._first_twist, self._at_start)
+        beginning = InitialMotion(*self.start.placement(self.tip.frame), self._first_twist, self._at_start)
         return reference.config.motion(self._context(self.context.at(reference.path)), beginning, pivot)
 
-    def _context(self, context: Context) -> ReferenceContext:
+    def _context(self, context: SectionContext) -> ReferenceContext:
         """What a reference sees."""
         target, model = self.target, self.plant.model
         links = {} if target is None else {link.name: link for link in target.description.links}
         frames = {name: int(model.getFrameId(f"target/{name}", pin.FrameType.BODY)) for name in links}
         return ReferenceContext(
-            **{part.name: getattr(context, part.name) for part in fields(Context)},
+            **{part.name: getattr(context, part.name) for part in fields(SectionContext)},
             plant=self.plant,
             tip=self.tip.frame,
             links=frames,
@@ -146,7 +155,9 @@ class Lead:
         name = f"{self.tip.label}.{path}.{signal}"
         if name not in self.held:
             period = self.holding[signal].number("period")
-            self.held[name] = Held.of(name, self.tip.label, self.context.time, period, _changing(shown))
+            self.held[name] = SampledMeasurement.of(
+                name, self.tip.label, self.context.time, period, _changing(shown)
+            )
         return _filled(shown, self.held[name].value.symbol)
 
     def _at_start(self, name: str, value: ca.SX) -> ca.SX:
@@ -172,7 +183,7 @@ class Lead:
         moving = forward_kinematics(start.model, start.q, start.v)
         return frame_velocity(start.model, moving, self.tip.frame)
 
-    def _since(self, reference: SceneReference, since: Since) -> Motion:
+    def _since(self, reference: SceneReference, since: StartInstant) -> DesiredMotion:
         """A reference that leads from an instant on that events decide."""
         time = self.context.time - self._symbol("since")
         context = replace(self.context.at(reference.path), time=time, since=since)
@@ -181,7 +192,7 @@ class Lead:
             rotation = ca.mtimes(rotation_exp(self._vector("rotation")), self._first_rotation)
         else:
             rotation = ca.reshape(self._symbol("rotation"), 3, 3)
-        beginning = Beginning(
+        beginning = InitialMotion(
             rotation,
             self._vector("origin"),
             lambda: (self._vector("velocity"), self._vector("spin")),
@@ -217,7 +228,7 @@ class Lead:
             return list(range(9))
         return list(self.plant.rotation_axes if key in ("rotation", "spin") else self.plant.translation_axes)
 
-    def _values(self, led: Motion | None) -> Mapping[str, ca.SX]:
+    def _values(self, led: DesiredMotion | None) -> Mapping[str, ca.SX]:
         """What a reference that begins now remembers: where the tip is, or where a motion leads it."""
         plant, frame = self.plant, self.tip.frame
         rotation, origin = plant.placement(frame)

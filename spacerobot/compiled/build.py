@@ -29,7 +29,7 @@ Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)
-class Unit:
+class SourceUnit:
     """A source.
 
     Attributes
@@ -45,7 +45,7 @@ class Unit:
 
 
 def build(
-    units: Sequence[Unit], toolchain: Toolchain, folder: Path, progress: Progress | None = None
+    units: Sequence[SourceUnit], toolchain: Toolchain, folder: Path, progress: Progress | None = None
 ) -> Path:
     """Compile and link, in a private folder inside another, so that the result can be moved atomically.
 

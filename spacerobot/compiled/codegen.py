@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from spacerobot.compiled import pieces
-from spacerobot.compiled.pieces import Piece, Section
+from spacerobot.compiled.pieces import CodePiece, CodeSection
 from spacerobot.compiled.schedule import LANES_WINDOW, WINDOW, order_statements
 from spacerobot.errors import CompileError
 
@@ -37,7 +37,7 @@ _CONDITIONAL = re.compile(r"\((a\d+)\?(a\d+):0\)")
 
 
 @dataclass(frozen=True)
-class Source:
+class GeneratedSource:
     """Functions as C++.
 
     Attributes
@@ -50,7 +50,7 @@ class Source:
     """
 
     struct: str
-    pieces: tuple[Piece, ...]
+    pieces: tuple[CodePiece, ...]
 
 
 def source_of(
@@ -59,7 +59,7 @@ def source_of(
     cold: Collection[str] = (),
     lanes: int = 1,
     struct: str = "Generated",
-) -> Source:
+) -> GeneratedSource:
     """C++ of some functions.
 
     A function ``f: (a[3], b) -> (y[2])`` becomes ``static void f(const real* a, const real* b, real* y)``
@@ -97,7 +97,7 @@ def source_of(
     declared = [f"{HIDDEN} {piece.head};" for piece in parts]
     exports = [_export(name, function, struct) for name, function in functions.items()]
     text = "\n".join([*declared, f"struct {struct} {{", *members, "};", *exports, ""])
-    return Source(text, tuple(parts))
+    return GeneratedSource(text, tuple(parts))
 
 
 def maths_of(vector_symbols: Mapping[str, str]) -> str:
@@ -134,7 +134,7 @@ def _chains(functions: Mapping[str, ca.Function], cold: Collection[str]) -> list
     return list(chains.values())
 
 
-def _together(chain: Mapping[str, ca.Function]) -> tuple[list[str], list[Piece]] | None:
+def _together(chain: Mapping[str, ca.Function]) -> tuple[list[str], list[CodePiece]] | None:
     """Members and pieces of functions of the same inputs, each of which goes on where the one before ended.
 
     None where they cannot be told apart in the common code.
@@ -144,7 +144,7 @@ def _together(chain: Mapping[str, ca.Function]) -> tuple[list[str], list[Piece]]
     values = [value for function in chain.values() for value in function.call(given)]
     statements = _statements("together", ca.Function("together", given, values, {"cse": True}))
     writes = [int(match.group(1)) if (match := _RESULT.match(line)) else -1 for line in statements]
-    sections: list[Section] = []
+    sections: list[CodeSection] = []
     begin, begun = 0, 0
     for name, function in chain.items():
         reads, _ = _parameters(function)
@@ -155,7 +155,7 @@ def _together(chain: Mapping[str, ca.Function]) -> tuple[list[str], list[Piece]]
             return None
         hot = not sections
         size = pieces.PIECE if hot else pieces.COLD_PIECE
-        sections.append(Section(name, parameters, tuple(statements[begin:end]), size, not hot))
+        sections.append(CodeSection(name, parameters, tuple(statements[begin:end]), size, not hot))
         begin, begun = end, own.stop
     cut, slots = pieces.cut(sections)
     members, calls, scratch = [], [], [f"  real between[{slots + 1}];"]
@@ -170,7 +170,7 @@ def _together(chain: Mapping[str, ca.Function]) -> tuple[list[str], list[Piece]]
     return members, [part for parts in cut for part in parts]
 
 
-def _alone(name: str, function: ca.Function, cold: bool, lanes: int) -> tuple[str, list[Piece]]:
+def _alone(name: str, function: ca.Function, cold: bool, lanes: int) -> tuple[str, list[CodePiece]]:
     """Member and pieces of one function."""
     statements = _statements(name, function)
     reads, writes = _parameters(function)
@@ -180,7 +180,7 @@ def _alone(name: str, function: ca.Function, cold: bool, lanes: int) -> tuple[st
         if not cold:  # in pieces, a new order gains nothing
             statements = order_statements(statements, WINDOW if lanes == 1 else LANES_WINDOW)
         size = max(1, len(statements))
-    (parts,), slots = pieces.cut([Section(name, parameters, tuple(statements), size, cold)])
+    (parts,), slots = pieces.cut([CodeSection(name, parameters, tuple(statements), size, cold)])
     if len(parts) == 1 and len(statements) <= SHORT:
         return _member(name, function, parameters, parts[0].lines), []
     arguments = ", ".join(["between", *(parameter.split()[-1] for parameter in parameters)])

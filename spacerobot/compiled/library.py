@@ -17,9 +17,9 @@ import numpy.typing as npt
 
 from spacerobot.arrays import Array
 from spacerobot.compiled import cache
-from spacerobot.compiled.build import Progress, Unit, build
-from spacerobot.compiled.codegen import HIDDEN, Source, maths_of, source_of
-from spacerobot.compiled.pieces import Piece
+from spacerobot.compiled.build import Progress, SourceUnit, build
+from spacerobot.compiled.codegen import HIDDEN, GeneratedSource, maths_of, source_of
+from spacerobot.compiled.pieces import CodePiece
 from spacerobot.compiled.toolchain import NO_COMPILER, Toolchain, find_toolchain
 from spacerobot.errors import CompileError, near_names
 from spacerobot.progress import tell
@@ -150,12 +150,12 @@ UNIT = 3000
 """Statements from which on a source holds no further piece."""
 
 
-def _units(source: Source, lanes: int, tail: str, toolchain: Toolchain) -> list[Unit]:
+def _units(source: GeneratedSource, lanes: int, tail: str, toolchain: Toolchain) -> list[SourceUnit]:
     """Sources of about the same length, the longest first; the last holds everything but the pieces."""
     vector_symbols = toolchain.vector_symbols if lanes == toolchain.lanes else {}
     header = resources.files("spacerobot.compiled").joinpath("lanes.hpp").read_text(encoding="utf-8")
     head = "\n".join([f"#define LANES {lanes}", header, maths_of(vector_symbols)])
-    bins: list[list[Piece]] = []
+    bins: list[list[CodePiece]] = []
     for piece in sorted(source.pieces, key=lambda piece: (piece.cold, -len(piece.lines))):
         room = UNIT - sum(len(other.lines) for other in bins[-1]) if bins else 0
         if bins and len(piece.lines) <= room and bins[-1][0].cold == piece.cold:
@@ -163,16 +163,16 @@ def _units(source: Source, lanes: int, tail: str, toolchain: Toolchain) -> list[
         else:
             bins.append([piece])
     units = [
-        Unit(
+        SourceUnit(
             "\n".join(["#define PIECES", head, *(f"{HIDDEN} {piece.text}" for piece in held), ""]),
             held[0].cold,
         )
         for held in bins
     ]
-    return [*units, Unit("\n".join([head, source.struct, tail, ""]))]
+    return [*units, SourceUnit("\n".join([head, source.struct, tail, ""]))]
 
 
-def _key(units: Sequence[Unit], toolchain: Toolchain) -> str:
+def _key(units: Sequence[SourceUnit], toolchain: Toolchain) -> str:
     told = " ".join([*toolchain.command, *toolchain.flags, *toolchain.libraries])
     parts = [*(unit.text for unit in units), toolchain.version, told, toolchain.processor]
     return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:32]

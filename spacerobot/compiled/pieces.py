@@ -25,7 +25,7 @@ _REGISTER = re.compile(r"\ba\d+\b")
 
 
 @dataclass(frozen=True)
-class Section:
+class CodeSection:
     """Consecutive statements of a body that are cut together.
 
     Attributes
@@ -50,7 +50,7 @@ class Section:
 
 
 @dataclass(frozen=True)
-class Piece:
+class CodePiece:
     """A function that does a part of the work.
 
     Attributes
@@ -76,7 +76,7 @@ class Piece:
         return "\n".join([f"{self.head} {{", *self.lines, "}"])
 
 
-def cut(sections: Sequence[Section]) -> tuple[list[list[Piece]], int]:
+def cut(sections: Sequence[CodeSection]) -> tuple[list[list[CodePiece]], int]:
     """Pieces of each section, which run one after the other, and how many registers pass between them.
 
     The first parameter of every piece is ``real* __restrict between``, the place of these registers.
@@ -94,7 +94,7 @@ def cut(sections: Sequence[Section]) -> tuple[list[list[Piece]], int]:
     uses = [_uses(statements) for _, _, statements in parts]
     passed = _passed_on(uses)
     slots = {register: i for i, register in enumerate(sorted(set().union(*passed)))}
-    pieces: dict[str, list[Piece]] = {section.name: [] for section in sections}
+    pieces: dict[str, list[CodePiece]] = {section.name: [] for section in sections}
     for (section, k, statements), (read, written), kept in zip(parts, uses, passed, strict=True):
         loads = [f"{register}=between[{slots[register]}];" for register in sorted(read)]
         stores = [f"between[{slots[register]}]={register};" for register in sorted(kept)]
@@ -102,7 +102,7 @@ def cut(sections: Sequence[Section]) -> tuple[list[list[Piece]], int]:
         name = f"{section.name}_{k // section.size}"
         head = f"void {name}({', '.join(['real* __restrict between', *section.parameters])})"
         lines = (*registers, *loads, *statements, *stores)
-        pieces[section.name].append(Piece(name, head, lines, section.cold))
+        pieces[section.name].append(CodePiece(name, head, lines, section.cold))
     return [pieces[section.name] for section in sections], len(slots)
 
 

@@ -1,7 +1,7 @@
 """Descriptions of robots and objects: find, read, check and write URDF."""
 
 from spacerobot.description.find import find_urdf, shipped_names, shipped_urdf_folder
-from spacerobot.description.parts import Geometry, Joint, Link, Shape
+from spacerobot.description.parts import Geometry, LinkShape, UrdfJoint, UrdfLink
 from spacerobot.description.planar import PlanarBase, PlanarLink, planar_arm_urdf, rectangle_urdf
 from spacerobot.description.read import Description, read_description
 from spacerobot.description.spatial import satellite_box_urdf, servicer_urdf
@@ -9,11 +9,11 @@ from spacerobot.description.spatial import satellite_box_urdf, servicer_urdf
 __all__ = [
     "Description",
     "Geometry",
-    "Joint",
-    "Link",
+    "LinkShape",
     "PlanarBase",
     "PlanarLink",
-    "Shape",
+    "UrdfJoint",
+    "UrdfLink",
     "find_urdf",
     "planar_arm_urdf",
     "read_description",

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from spacerobot.arrays import Array
-from spacerobot.description.parts import Joint, Link
+from spacerobot.description.parts import UrdfJoint, UrdfLink
 from spacerobot.errors import DescriptionError
 
 _ROUNDING = 1e-9  # relative; files print inertias with few digits
@@ -17,7 +17,7 @@ _TINY_BASE = 1e-3  # of another link's mass or inertia
 
 
 @dataclass(eq=False)
-class Body:
+class RigidBody:
     """Links welded together, named after the uppermost; kg, and kg m^2 about the common centre of mass.
 
     Attributes
@@ -41,13 +41,13 @@ class Body:
     carries: bool = False
 
 
-def welded_bodies(links: Sequence[Link], joints: Sequence[Joint], root: str) -> list[Body]:
+def welded_bodies(links: Sequence[UrdfLink], joints: Sequence[UrdfJoint], root: str) -> list[RigidBody]:
     """Bodies that move as one, the base first; each named after its uppermost link."""
     by_name = {link.name: link for link in links}
-    below: dict[str, list[Joint]] = {link.name: [] for link in links}
+    below: dict[str, list[UrdfJoint]] = {link.name: [] for link in links}
     for joint in joints:
         below[joint.parent].append(joint)
-    bodies: list[Body] = []
+    bodies: list[RigidBody] = []
     above: list[int | None] = []
     tops: list[tuple[str, str | None, int | None]] = [(root, None, None)]
     while tops:
@@ -68,7 +68,7 @@ def welded_bodies(links: Sequence[Link], joints: Sequence[Joint], root: str) -> 
     return bodies
 
 
-def _composite(name: str, joint: str | None, group: Sequence[tuple[Link, Array]]) -> Body:
+def _composite(name: str, joint: str | None, group: Sequence[tuple[UrdfLink, Array]]) -> RigidBody:
     """Sum of rigid bodies by the parallel-axis theorem."""
     mass = sum(link.mass for link, _ in group)
     centres = [placement[:3, :3] @ link.com + placement[:3, 3] for link, placement in group]
@@ -79,10 +79,10 @@ def _composite(name: str, joint: str | None, group: Sequence[tuple[Link, Array]]
         turn, arm = placement[:3, :3], centre - com
         inertia += turn @ link.inertia @ turn.T + link.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
     extent = sum(link.mass * float(c @ c) for (link, _), c in zip(group, centres, strict=True))
-    return Body(name, mass, inertia, extent, joint)
+    return RigidBody(name, mass, inertia, extent, joint)
 
 
-def check_bodies(bodies: Sequence[Body], source: Path, *, floating: bool) -> None:
+def check_bodies(bodies: Sequence[RigidBody], source: Path, *, floating: bool) -> None:
     """Check what moves for mass, and for inertias that are not negative.
 
     Links that are welded together are judged by their sum. A body without any mass may stand between the
@@ -116,7 +116,7 @@ def check_bodies(bodies: Sequence[Body], source: Path, *, floating: bool) -> Non
     )
 
 
-def _fault(body: Body, *, is_base: bool = False) -> str:
+def _fault(body: RigidBody, *, is_base: bool = False) -> str:
     """What keeps a body from being accelerated; empty if nothing does."""
     if body.mass == 0 and np.any(body.inertia):
         return "has an inertia but no mass"
@@ -130,7 +130,7 @@ def _fault(body: Body, *, is_base: bool = False) -> str:
     return f"has principal inertias {_listed(principal)} kg m^2, allowed: none below 0"
 
 
-def odd_bodies(bodies: Sequence[Body], *, floating: bool) -> list[str]:
+def odd_bodies(bodies: Sequence[RigidBody], *, floating: bool) -> list[str]:
     """Warnings about inertias that no distribution of mass has, and about a base that is thrown about."""
     warnings = []
     for body in bodies if floating else bodies[1:]:
@@ -143,7 +143,7 @@ def odd_bodies(bodies: Sequence[Body], *, floating: bool) -> list[str]:
     return warnings + (_light_base(bodies) if floating else [])
 
 
-def _light_base(bodies: Sequence[Body]) -> list[str]:
+def _light_base(bodies: Sequence[RigidBody]) -> list[str]:
     base, rest = bodies[0], bodies[1:]
     warnings = []
     if any(base.mass < _TINY_BASE * body.mass for body in rest):

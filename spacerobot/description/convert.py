@@ -11,7 +11,7 @@ from lxml import etree
 from spacerobot.arrays import Array
 from spacerobot.description.library import yourdfpy as yp
 from spacerobot.description.meshes import is_readable, missing_meshes, resolve_mesh, stand_in
-from spacerobot.description.parts import Geometry, Joint, Link, Mimic, Shape, frozen
+from spacerobot.description.parts import Geometry, LinkShape, Mimic, UrdfJoint, UrdfLink, frozen
 from spacerobot.errors import DescriptionError
 
 _SHORTEST_AXIS = 1e-9
@@ -47,7 +47,7 @@ def _complete_limits(root: etree._Element) -> None:
             limit.set(attribute, limit.get(attribute, "0"))
 
 
-def convert_joint(joint: yp.Joint, source: Path) -> Joint:
+def convert_joint(joint: yp.Joint, source: Path) -> UrdfJoint:
     """One joint, its axis of unit length.
 
     Raises
@@ -67,7 +67,7 @@ def convert_joint(joint: yp.Joint, source: Path) -> Joint:
             f"lower limit {lower:g} lies above upper {upper:g}", source=source, where=where
         )
     dynamics = joint.dynamics or yp.Dynamics()
-    return Joint(
+    return UrdfJoint(
         name=joint.name,
         kind=joint.type,
         parent=joint.parent,
@@ -84,7 +84,7 @@ def convert_joint(joint: yp.Joint, source: Path) -> Joint:
     )
 
 
-def convert_links(robot: yp.Robot, source: Path) -> tuple[tuple[Link, ...], list[str]]:
+def convert_links(robot: yp.Robot, source: Path) -> tuple[tuple[UrdfLink, ...], list[str]]:
     """All links, and a warning about meshes that are missing.
 
     A box stands in for a mesh that would be drawn. Collision meshes are drawn only where there are no
@@ -103,7 +103,7 @@ def _link(
     source: Path,
     drawn: str,
     missing: dict[tuple[str, str], list[str]],
-) -> Link:
+) -> UrdfLink:
     mass, com, inertia = 0.0, np.zeros(3), np.zeros((3, 3))
     if link.inertial is not None:
         origin = _placement(link.inertial.origin)
@@ -111,7 +111,7 @@ def _link(
         if link.inertial.inertia is not None:
             inertia = turn @ link.inertial.inertia @ turn.T
             inertia = (inertia + inertia.T) / 2
-    shapes: dict[str, list[Shape]] = {"visual": [], "collision": []}
+    shapes: dict[str, list[LinkShape]] = {"visual": [], "collision": []}
     for kind, found in (("visual", link.visuals), ("collision", link.collisions)):
         for shape in found:
             geometry = _geometry(shape.geometry, source)
@@ -124,8 +124,8 @@ def _link(
                 continue
             material = getattr(shape, "material", None)
             rgba = _rgba(material, colours)
-            shapes[kind].append(Shape(shape.name, _placement(shape.origin), geometry, rgba))
-    return Link(
+            shapes[kind].append(LinkShape(shape.name, _placement(shape.origin), geometry, rgba))
+    return UrdfLink(
         name=link.name,
         mass=mass,
         com=frozen(com),

@@ -12,7 +12,7 @@ import numpy as np
 
 from spacerobot.arrays import Array
 from spacerobot.description.find import PACKAGE, find_in_package, is_file
-from spacerobot.description.parts import Geometry, Shape, frozen
+from spacerobot.description.parts import Geometry, LinkShape, frozen
 
 _FRAME_BOX_M = 0.05  # of a link without mass
 _SHORTEST_EDGE_M, _LONGEST_EDGE_M = 5e-4, 1e3
@@ -86,7 +86,7 @@ def _read(path: Path, scale: tuple[float, ...], _written_ns: int, _bytes: int) -
     return coal.MeshLoader().load(str(path), np.array(scale))
 
 
-def stand_in(mass: float, com: Array, inertia: Array) -> Shape:
+def stand_in(mass: float, com: Array, inertia: Array) -> LinkShape:
     """Grey uniform box of the same mass and inertia, in place of a mesh that is missing.
 
     Parameters
@@ -105,4 +105,4 @@ def stand_in(mass: float, com: Array, inertia: Array) -> Shape:
         with np.errstate(over="ignore", invalid="ignore"):
             squares = 6 * (principal.sum() - 2 * principal) / mass
         edges = np.sqrt(np.clip(np.nan_to_num(squares), _SHORTEST_EDGE_M**2, _LONGEST_EDGE_M**2))
-    return Shape(None, frozen(placement), Geometry("box", frozen(edges)), frozen((0.6, 0.6, 0.6, 1.0)))
+    return LinkShape(None, frozen(placement), Geometry("box", frozen(edges)), frozen((0.6, 0.6, 0.6, 1.0)))

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from spacerobot.description.parts import Joint, Mimic, frozen
+from spacerobot.description.parts import Mimic, UrdfJoint, frozen
 from spacerobot.errors import DescriptionError, near_names
 
 
 def settle(
-    joints: Sequence[Joint], positions: Mapping[str, float], locked: Collection[str], source: Path
-) -> tuple[Joint, ...]:
+    joints: Sequence[UrdfJoint], positions: Mapping[str, float], locked: Collection[str], source: Path
+) -> tuple[UrdfJoint, ...]:
     """Joints with the locked ones made fixed, and each follower naming the free joint at its chain's end.
 
     A follower of a joint that does not move becomes fixed too; one that is locked itself follows no more.
@@ -52,8 +52,11 @@ def settle(
 
 
 def _settled(
-    joint: Joint, by_name: Mapping[str, Joint], positions: Mapping[str, float], locked: Collection[str]
-) -> Joint:
+    joint: UrdfJoint,
+    by_name: Mapping[str, UrdfJoint],
+    positions: Mapping[str, float],
+    locked: Collection[str],
+) -> UrdfJoint:
     if joint.kind == "fixed":
         return joint
     leader, multiplier, offset = joint, 1.0, 0.0
@@ -76,7 +79,7 @@ def _settled(
     return dataclasses.replace(joint, mimic=mimic)
 
 
-def _fixed(joint: Joint, position: float) -> Joint:
+def _fixed(joint: UrdfJoint, position: float) -> UrdfJoint:
     """Fixed joint that keeps the place which a joint has at ``position`` [rad or m]."""
     motion, (x, y, z) = np.eye(4), joint.axis
     if joint.kind == "prismatic":

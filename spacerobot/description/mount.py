@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from spacerobot.description.parts import Joint, frozen
+from spacerobot.description.parts import UrdfJoint, frozen
 from spacerobot.description.read import Description
 from spacerobot.errors import DescriptionError, near_names
 
@@ -41,7 +41,9 @@ def mounted(
         )
     links = tuple(replace(own, name=f"{name}_{own.name}") for own in arm.links)
     joints = tuple(_renamed(joint, name) for joint in arm.joints)
-    weld = Joint(f"{name}_mount", "fixed", parent, f"{name}_{arm.root}", frozen(placement), frozen([1, 0, 0]))
+    weld = UrdfJoint(
+        f"{name}_mount", "fixed", parent, f"{name}_{arm.root}", frozen(placement), frozen([1, 0, 0])
+    )
     twice = {own.name for own in links} & set(names)
     twice |= {own.name for own in (weld, *joints)} & {own.name for own in host.joints}
     if twice:
@@ -58,7 +60,7 @@ def mounted(
     )
 
 
-def _renamed(joint: Joint, name: str) -> Joint:
+def _renamed(joint: UrdfJoint, name: str) -> UrdfJoint:
     mimic = joint.mimic and replace(joint.mimic, joint=f"{name}_{joint.mimic.joint}")
     return replace(
         joint,

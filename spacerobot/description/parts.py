@@ -42,7 +42,7 @@ class Geometry:
 
 
 @dataclass(frozen=True, eq=False)
-class Shape:
+class LinkShape:
     """Geometry fixed to a link.
 
     Attributes
@@ -64,7 +64,7 @@ class Shape:
 
 
 @dataclass(frozen=True, eq=False)
-class Link:
+class UrdfLink:
     """A rigid body, or a mere frame if its mass is 0.
 
     Attributes
@@ -85,8 +85,8 @@ class Link:
     mass: float
     com: Array
     inertia: Array
-    visuals: tuple[Shape, ...] = ()
-    collisions: tuple[Shape, ...] = ()
+    visuals: tuple[LinkShape, ...] = ()
+    collisions: tuple[LinkShape, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,7 @@ class Mimic:
 
 
 @dataclass(frozen=True, eq=False)
-class Joint:
+class UrdfJoint:
     """Connection of a link to its parent.
 
     Attributes

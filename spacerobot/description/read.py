@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from spacerobot.description.mimic import settle
-from spacerobot.description.parts import Joint, Link
+from spacerobot.description.parts import UrdfJoint, UrdfLink
 from spacerobot.description.syntax import check_syntax, parse_xml
 from spacerobot.description.topology import root_link
 from spacerobot.description.xacro import expand_xacro, needs_xacro
@@ -41,8 +41,8 @@ class Description:
     path: Path
     sha256: str
     root: str
-    links: tuple[Link, ...]
-    joints: tuple[Joint, ...]
+    links: tuple[UrdfLink, ...]
+    joints: tuple[UrdfJoint, ...]
     warnings: tuple[str, ...]
 
     def __repr__(self) -> str:
@@ -132,7 +132,7 @@ def _read_bytes(source: Path) -> bytes:
         raise DescriptionError(f"cannot be read: {reason}", source=source) from error
 
 
-def _joint_warnings(joints: Sequence[Joint], without_dynamics: set[str]) -> list[str]:
+def _joint_warnings(joints: Sequence[UrdfJoint], without_dynamics: set[str]) -> list[str]:
     """One line for each thing that is ignored, assumed or strange, with the joints it concerns."""
     moving = [joint for joint in joints if joint.kind != "fixed"]
     concerned = {

@@ -6,14 +6,14 @@ from collections import defaultdict
 from collections.abc import Sequence
 from pathlib import Path
 
-from spacerobot.description.parts import Joint, Link
+from spacerobot.description.parts import UrdfJoint, UrdfLink
 from spacerobot.errors import DescriptionError, near_names
 
 MOST_LINKS = 1000
 """More than any robot has; whoever builds the model does so recursively."""
 
 
-def root_link(links: Sequence[Link], joints: Sequence[Joint], source: Path) -> str:
+def root_link(links: Sequence[UrdfLink], joints: Sequence[UrdfJoint], source: Path) -> str:
     """Name of the one link that has no parent and from which all others are reached.
 
     Raises
@@ -42,10 +42,12 @@ def root_link(links: Sequence[Link], joints: Sequence[Joint], source: Path) -> s
     return roots[0]
 
 
-def _parent_joints(links: Sequence[Link], joints: Sequence[Joint], source: Path) -> dict[str, Joint]:
+def _parent_joints(
+    links: Sequence[UrdfLink], joints: Sequence[UrdfJoint], source: Path
+) -> dict[str, UrdfJoint]:
     """Joint above each link, by the link's name."""
     names = {link.name for link in links}
-    parent_joint: dict[str, Joint] = {}
+    parent_joint: dict[str, UrdfJoint] = {}
     for joint in joints:
         where = f"joint {joint.name!r}"
         for end, name in (("parent", joint.parent), ("child", joint.child)):
@@ -66,7 +68,7 @@ def _parent_joints(links: Sequence[Link], joints: Sequence[Joint], source: Path)
     return parent_joint
 
 
-def reached_from(start: str, joints: Sequence[Joint]) -> set[str]:
+def reached_from(start: str, joints: Sequence[UrdfJoint]) -> set[str]:
     """Names of ``start`` and of all links below it."""
     children: dict[str, list[str]] = defaultdict(list)
     for joint in joints:

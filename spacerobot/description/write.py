@@ -8,10 +8,10 @@ import numpy as np
 from lxml import etree
 
 from spacerobot.description.library import yourdfpy as yp
-from spacerobot.description.parts import Geometry, Joint, Link, Shape
+from spacerobot.description.parts import Geometry, LinkShape, UrdfJoint, UrdfLink
 
 
-def urdf_xml(name: str, links: Sequence[Link], joints: Sequence[Joint], prefix: str) -> str:
+def urdf_xml(name: str, links: Sequence[UrdfLink], joints: Sequence[UrdfJoint], prefix: str) -> str:
     """URDF of these links and joints, each named ``prefix`` + its own name.
 
     Inertias are written in link axes, colours inside the shape that has them, meshes by absolute path.
@@ -27,7 +27,7 @@ def urdf_xml(name: str, links: Sequence[Link], joints: Sequence[Joint], prefix: 
     return str(etree.tostring(urdf.write_xml(), encoding="unicode", pretty_print=True))
 
 
-def _link(link: Link, prefix: str) -> yp.Link:
+def _link(link: UrdfLink, prefix: str) -> yp.Link:
     inertial = None
     if link.mass > 0:
         at_com = np.eye(4)
@@ -57,7 +57,7 @@ def _geometry(geometry: Geometry) -> yp.Geometry:
     return yp.Geometry(mesh=yp.Mesh(str(geometry.mesh), size))
 
 
-def _material(shape: Shape) -> yp.Material | None:
+def _material(shape: LinkShape) -> yp.Material | None:
     """Material named after its colour: of two with the same name, readers take the first for both."""
     if shape.rgba is None:
         return None
@@ -65,7 +65,7 @@ def _material(shape: Shape) -> yp.Material | None:
     return yp.Material(name=name, color=yp.Color(shape.rgba))
 
 
-def _joint(joint: Joint, prefix: str) -> yp.Joint:
+def _joint(joint: UrdfJoint, prefix: str) -> yp.Joint:
     limits = {
         "effort": joint.effort,
         "velocity": joint.velocity,

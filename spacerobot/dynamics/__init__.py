@@ -5,7 +5,7 @@ from spacerobot.dynamics.composite import mass_matrix
 from spacerobot.dynamics.configuration import configuration_derivative, normalise
 from spacerobot.dynamics.free_floating import FreeFloating, FreeFloatingRobot
 from spacerobot.dynamics.inertias import Inertias
-from spacerobot.dynamics.joints import Joint, JointKind, read_joints
+from spacerobot.dynamics.joints import JointKind, JointModel, read_joints
 from spacerobot.dynamics.kinematics import (
     Kinematics,
     forward_kinematics,
@@ -31,8 +31,8 @@ __all__ = [
     "FreeFloating",
     "FreeFloatingRobot",
     "Inertias",
-    "Joint",
     "JointKind",
+    "JointModel",
     "Kinematics",
     "Wrench",
     "centre_of_mass",

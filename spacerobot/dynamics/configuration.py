@@ -5,7 +5,7 @@ from __future__ import annotations
 import casadi as ca
 import pinocchio
 
-from spacerobot.dynamics.joints import Joint, JointKind, read_joints
+from spacerobot.dynamics.joints import JointKind, JointModel, read_joints
 from spacerobot.dynamics.rotations import rotation_from_quaternion
 
 
@@ -34,7 +34,7 @@ def normalise(model: pinocchio.Model, q: ca.SX) -> ca.SX:
     return ca.vertcat(*(_normalised(joint, joint.coordinates(q)) for joint in read_joints(model)))
 
 
-def _rate(joint: Joint, q: ca.SX, v: ca.SX) -> ca.SX:
+def _rate(joint: JointModel, q: ca.SX, v: ca.SX) -> ca.SX:
     match joint.kind:
         case JointKind.UNBOUNDED:
             return ca.vertcat(-q[1] * v, q[0] * v)
@@ -64,7 +64,7 @@ def _quaternion_rate(quaternion: ca.SX, spin: ca.SX) -> ca.SX:
     )
 
 
-def _normalised(joint: Joint, q: ca.SX) -> ca.SX:
+def _normalised(joint: JointModel, q: ca.SX) -> ca.SX:
     match joint.kind:
         case JointKind.UNBOUNDED:
             return q / ca.norm_2(q)

@@ -21,7 +21,7 @@ from spacerobot.arrays import Array
 from spacerobot.dynamics.algebra import IDENTITY3, SymmetricFactors, cross_columns
 from spacerobot.dynamics.composite import mass_matrix
 from spacerobot.dynamics.inertias import Inertias
-from spacerobot.dynamics.joints import Joint, JointKind
+from spacerobot.dynamics.joints import JointKind, JointModel
 from spacerobot.dynamics.kinematics import Kinematics, forward_kinematics, frame_jacobian
 from spacerobot.dynamics.momentum import centre_of_mass, subtree
 from spacerobot.errors import DescriptionError, near_names
@@ -48,7 +48,7 @@ class FreeFloating:
     model: pinocchio.Model
     kinematics: Kinematics
     inertias: Inertias
-    base: Joint
+    base: JointModel
     columns: tuple[int, ...]
     base_inertia: ca.SX
     base_coupling: ca.SX
@@ -226,11 +226,11 @@ class FreeFloatingRobot:
         return np.asarray(right[rank:].T)
 
 
-def _range(joint: Joint) -> range:
+def _range(joint: JointModel) -> range:
     return range(joint.idx_v, joint.idx_v + joint.nv)
 
 
-def _base(model: pinocchio.Model, kinematics: Kinematics, root: int) -> Joint:
+def _base(model: pinocchio.Model, kinematics: Kinematics, root: int) -> JointModel:
     """Root joint of a free-floating robot, or an error that names what was found instead."""
     if root:
         joint = kinematics.joints[root - 1]

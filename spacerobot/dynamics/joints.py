@@ -48,7 +48,7 @@ _KINDS = {
 
 
 @dataclass(frozen=True)
-class Joint:
+class JointModel:
     """One joint of a model, with exact zeros and ones where the model means them.
 
     Attributes
@@ -86,7 +86,7 @@ class Joint:
         return v[self.idx_v : self.idx_v + self.nv]
 
 
-def read_joints(model: pinocchio.Model) -> tuple[Joint, ...]:
+def read_joints(model: pinocchio.Model) -> tuple[JointModel, ...]:
     """Joints of a model in Pinocchio's order, without the universe.
 
     Raises
@@ -98,7 +98,7 @@ def read_joints(model: pinocchio.Model) -> tuple[Joint, ...]:
     return tuple(_read(model, index, neutral) for index in range(1, model.njoints))
 
 
-def _read(model: pinocchio.Model, index: int, neutral: Array) -> Joint:
+def _read(model: pinocchio.Model, index: int, neutral: Array) -> JointModel:
     source: Any = model.joints[index]
     name = source.shortname().removeprefix("JointModel")
     if name not in _KINDS:
@@ -110,7 +110,7 @@ def _read(model: pinocchio.Model, index: int, neutral: Array) -> Joint:
     source.calc(data, neutral)
     subspace = np.asarray(data.S, dtype=float).reshape(6, source.nv)
     placement = model.jointPlacements[index]
-    return Joint(
+    return JointModel(
         index=index,
         parent=int(model.parents[index]),
         kind=_KINDS[name],
@@ -140,7 +140,7 @@ def sparse(array: npt.ArrayLike) -> ca.SX:
     return ca.SX(ca.sparsify(ca.DM(np.where(np.abs(values) <= NOISE * largest, 0.0, values))))
 
 
-def joint_rotation(joint: Joint, coordinates: ca.SX) -> ca.SX:
+def joint_rotation(joint: JointModel, coordinates: ca.SX) -> ca.SX:
     """Rotation from the moved joint frame to the resting one, 3x3."""
     match joint.kind:
         case JointKind.REVOLUTE:
@@ -155,7 +155,7 @@ def joint_rotation(joint: Joint, coordinates: ca.SX) -> ca.SX:
             return IDENTITY3
 
 
-def joint_translation(joint: Joint, coordinates: ca.SX) -> ca.SX:
+def joint_translation(joint: JointModel, coordinates: ca.SX) -> ca.SX:
     """Origin of the moved joint frame in the resting one, m, 3x1."""
     match joint.kind:
         case JointKind.PRISMATIC:

@@ -13,7 +13,7 @@ import casadi as ca
 import pinocchio
 
 from spacerobot.dynamics.algebra import ZERO3, cross
-from spacerobot.dynamics.joints import Joint, exact_directions, read_joints, sparse
+from spacerobot.dynamics.joints import JointModel, exact_directions, read_joints, sparse
 from spacerobot.dynamics.local_motion import LocalMotion, local_motions
 
 
@@ -41,7 +41,7 @@ class Kinematics:
         Of the joint frame at its origin, m/s and rad/s, 3x1.
     """
 
-    joints: tuple[Joint, ...]
+    joints: tuple[JointModel, ...]
     velocity: ca.SX
     local: tuple[LocalMotion, ...]
     rotation: tuple[ca.SX, ...]
@@ -51,9 +51,9 @@ class Kinematics:
     linear_velocity: tuple[ca.SX, ...]
     angular_velocity: tuple[ca.SX, ...]
 
-    def support(self, index: int) -> tuple[Joint, ...]:
+    def support(self, index: int) -> tuple[JointModel, ...]:
         """Joints between the universe and joint ``index``, both ends included, from the root."""
-        chain: list[Joint] = []
+        chain: list[JointModel] = []
         while index:
             chain.append(self.joints[index - 1])
             index = chain[-1].parent

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from spacerobot.dynamics.algebra import IDENTITY3, ZERO3, ZERO33, cross, mirror, velocity_gradient
-from spacerobot.dynamics.joints import Joint, JointKind, joint_rotation, joint_translation
+from spacerobot.dynamics.joints import JointKind, JointModel, joint_rotation, joint_translation
 
 _TURNING = (JointKind.REVOLUTE, JointKind.UNBOUNDED, JointKind.PLANAR)
 _CARRIED = (JointKind.PLANAR, JointKind.FREE_FLYER)
@@ -87,7 +87,7 @@ UNIVERSE = LocalMotion(
 """The universe: at rest, in world axes."""
 
 
-def local_motions(joints: tuple[Joint, ...], q: ca.SX, v: ca.SX) -> tuple[LocalMotion, ...]:
+def local_motions(joints: tuple[JointModel, ...], q: ca.SX, v: ca.SX) -> tuple[LocalMotion, ...]:
     """Motion of the universe (index 0) and of every joint at (q, v)."""
     bends = _bends(joints)
     motions = [UNIVERSE]
@@ -96,7 +96,7 @@ def local_motions(joints: tuple[Joint, ...], q: ca.SX, v: ca.SX) -> tuple[LocalM
     return tuple(motions)
 
 
-def _step(joint: Joint, parent: LocalMotion, q: ca.SX, v: ca.SX, bends: bool) -> LocalMotion:
+def _step(joint: JointModel, parent: LocalMotion, q: ca.SX, v: ca.SX, bends: bool) -> LocalMotion:
     """Motion of a joint from its parent's."""
     coordinates, rates = joint.coordinates(q), joint.rates(v)
     resting = ca.mtimes(parent.body, joint.rotation)
@@ -135,9 +135,9 @@ def _step(joint: Joint, parent: LocalMotion, q: ca.SX, v: ca.SX, bends: bool) ->
     )
 
 
-def _bends(joints: tuple[Joint, ...]) -> frozenset[int]:
+def _bends(joints: tuple[JointModel, ...]) -> frozenset[int]:
     """Joints worth their own axes: those with a child about another coordinate axis, and free bodies."""
-    children: dict[int, list[Joint]] = {}
+    children: dict[int, list[JointModel]] = {}
     for joint in joints:
         children.setdefault(joint.parent, []).append(joint)
     chosen = set()
@@ -154,7 +154,7 @@ def _bends(joints: tuple[Joint, ...]) -> frozenset[int]:
     return frozenset(chosen)
 
 
-def _axes_beyond(index: int, rotation: ca.SX, children: dict[int, list[Joint]]) -> list[ca.SX]:
+def _axes_beyond(index: int, rotation: ca.SX, children: dict[int, list[JointModel]]) -> list[ca.SX]:
     """Axes of the next turning joints, seen through prismatic ones, in the axes of joint ``index``."""
     axes: list[ca.SX] = []
     for child in children.get(index, ()):

@@ -10,47 +10,48 @@ from spacerobot.elements.context import (
     TipContext,
 )
 from spacerobot.elements.contribution import (
-    Channel,
-    Constraint,
+    AccelerationConstraint,
+    ActuatorDrive,
+    CommandedTorque,
     Contribution,
-    Drive,
+    ControlChannel,
     Output,
-    Power,
+    PowerTerm,
     State,
-    Stored,
-    Torque,
+    StoredMomentum,
     memory,
 )
 from spacerobot.elements.controller import RobotController, TipController
+from spacerobot.elements.desired_motion import DesiredMotion, InitialMotion, TimeProfile, cubic_blend
 from spacerobot.elements.element import Element
 from spacerobot.elements.environment import Environment, EnvironmentContext
 from spacerobot.elements.event import Event, both, either, negated
 from spacerobot.elements.goal import Goal, TipGoal
 from spacerobot.elements.grasp import Grasp
-from spacerobot.elements.instant import Instant, Row, within, zero
-from spacerobot.elements.motion import Beginning, Motion, Profile, cubic_blend
-from spacerobot.elements.numbers import Context, Since
 from spacerobot.elements.plan_cost import AxesCost, JointCost, PlanCost
+from spacerobot.elements.plan_instant import BoundedRow, PlanInstant, within, zero
 from spacerobot.elements.plan_limit import PlanLimit, PlannedJoint
 from spacerobot.elements.reference import Reference
 from spacerobot.elements.registry import FAMILIES, PLANS, Family, kinds, load_plugin, register
-from spacerobot.elements.robot_element import RobotElement, RobotFacts
+from spacerobot.elements.robot_element import RobotElement, RobotProperties
+from spacerobot.elements.section_context import SectionContext, StartInstant
 from spacerobot.elements.sensor import Sensor
 
 __all__ = [
     "FAMILIES",
     "PLANS",
+    "AccelerationConstraint",
     "Actuator",
     "ActuatorContext",
+    "ActuatorDrive",
     "AxesCost",
-    "Beginning",
-    "Channel",
-    "Constraint",
+    "BoundedRow",
+    "CommandedTorque",
     "Contact",
     "ContactContext",
-    "Context",
     "Contribution",
-    "Drive",
+    "ControlChannel",
+    "DesiredMotion",
     "Element",
     "Environment",
     "EnvironmentContext",
@@ -59,29 +60,28 @@ __all__ = [
     "Goal",
     "Grasp",
     "GraspContext",
-    "Instant",
+    "InitialMotion",
     "JointCost",
-    "Motion",
     "Output",
     "PlanCost",
+    "PlanInstant",
     "PlanLimit",
     "PlannedJoint",
-    "Power",
-    "Profile",
+    "PowerTerm",
     "Reference",
     "RobotContext",
     "RobotController",
     "RobotElement",
-    "RobotFacts",
-    "Row",
+    "RobotProperties",
+    "SectionContext",
     "Sensor",
-    "Since",
+    "StartInstant",
     "State",
-    "Stored",
+    "StoredMomentum",
+    "TimeProfile",
     "TipContext",
     "TipController",
     "TipGoal",
-    "Torque",
     "both",
     "cubic_blend",
     "either",

@@ -13,8 +13,8 @@ from spacerobot.elements.robot_element import RobotElement
 class Actuator(RobotElement):
     """An actuator of a robot, of its joints or of its base.
 
-    By a :class:`~spacerobot.elements.contribution.Drive` it takes over places of the velocity: it is told
-    what controllers ask for there, and says what is delivered. What none takes over is delivered as asked.
+    By a :class:`~spacerobot.elements.contribution.ActuatorDrive` it acts on components of the velocity: it
+    receives the forces commanded there and returns those delivered. Others are delivered as commanded.
     A wheel brings a state, a wrench on the base and the momentum it stores; a thruster a wrench from outside.
     Several actuators of one joint act one after the other, in the scenario's order.
 

@@ -41,7 +41,7 @@ _NO_ZERO = 1e-300
 
 
 @dataclass(frozen=True)
-class Layout:
+class ThrusterLayout:
     """What thrusters do and spend at full thrust.
 
     Attributes
@@ -59,7 +59,7 @@ class Layout:
     squares: tuple[ca.SX, ...]
 
     @classmethod
-    def of(cls, matrix: ca.SX, propellant: ca.SX) -> Layout:
+    def of(cls, matrix: ca.SX, propellant: ca.SX) -> ThrusterLayout:
         """Of wrenches (m x n) and flows of propellant (n x 1), in any unit."""
         gains = ca.sparsify(
             ca.mtimes(matrix, ca.diag(ca.sum1(propellant) / (propellant.numel() * propellant)))
@@ -93,7 +93,7 @@ class _Path:
     ended: ca.SX
 
 
-def allocate(layout: Layout, wanted: ca.SX, steps: int) -> ca.SX:
+def allocate(layout: ThrusterLayout, wanted: ca.SX, steps: int) -> ca.SX:
     """Parts a (n x 1) of the thrusters' thrust.
 
     Where the steps do not suffice they are those of the last kink, near to those of a lesser or greater
@@ -121,10 +121,10 @@ def steps_needed(matrix: Array, propellant: Array) -> int:
     Parameters
     ----------
     matrix, propellant
-        As for :meth:`Layout.of`, numbers.
+        As for :meth:`ThrusterLayout.of`, numbers.
     """
     size, most = sum(matrix.shape), 3
-    layout = Layout.of(ca.sparsify(ca.SX(matrix)), ca.SX(propellant))
+    layout = ThrusterLayout.of(ca.sparsify(ca.SX(matrix)), ca.SX(propellant))
     wanted = np.random.default_rng(0).normal(size=(len(matrix), 100))
     reach = np.maximum(matrix.T @ wanted, 0).sum(0) / (wanted**2).sum(0)
     wanted = np.hstack([wanted * reach * part for part in (0.1, 0.4, 0.6, 1.0, 2.0)])
@@ -143,7 +143,7 @@ def steps_needed(matrix: Array, propellant: Array) -> int:
     return most * size
 
 
-def _begin(layout: Layout, wanted: ca.SX) -> _Path:
+def _begin(layout: ThrusterLayout, wanted: ca.SX) -> _Path:
     """At no wrench; for one that is far out of reach or nearly so, where all that help are open."""
     square = ca.dot(wanted, wanted)
     reached = ca.sum1(ca.fmax(ca.densify(ca.mtimes(layout.matrix.T, wanted)), 0))
@@ -153,7 +153,7 @@ def _begin(layout: Layout, wanted: ca.SX) -> _Path:
     return _Path((values > 0) + (values >= 1), values, wrench, ca.SX(0), ca.SX(0))
 
 
-def _step(layout: Layout, path: _Path) -> _Path:
+def _step(layout: ThrusterLayout, path: _Path) -> _Path:
     """To the next kink, or to the end."""
     moves = _worth(layout, _system(layout, path.levels), path.wrench) / EVEN
     levels, values, left = [], [], 1 - path.part
@@ -180,7 +180,7 @@ def _step(layout: Layout, path: _Path) -> _Path:
     )
 
 
-def _solved(layout: Layout, wanted: ca.SX, levels: ca.SX) -> ca.SX:
+def _solved(layout: ThrusterLayout, wanted: ca.SX, levels: ca.SX) -> ca.SX:
     """Parts (n x 1) that are optimal if no level changes.
 
     The second round takes away what rounding leaves of a system that is singular but for e.
@@ -196,7 +196,7 @@ def _solved(layout: Layout, wanted: ca.SX, levels: ca.SX) -> ca.SX:
     return parts
 
 
-def _system(layout: Layout, levels: ca.SX) -> tuple[ca.SX, ca.SX, list[int]]:
+def _system(layout: ThrusterLayout, levels: ca.SX) -> tuple[ca.SX, ca.SX, list[int]]:
     """Factors of the system of those that are throttled (m x m)."""
     system = NEAREST * ca.SX.eye(layout.matrix.size1())
     for level, square in zip(ca.vertsplit(levels), layout.squares, strict=True):
@@ -205,7 +205,7 @@ def _system(layout: Layout, levels: ca.SX) -> tuple[ca.SX, ca.SX, list[int]]:
     return diagonal, factor, order
 
 
-def _worth(layout: Layout, system: tuple[ca.SX, ca.SX, list[int]], wrench: ca.SX) -> ca.SX:
+def _worth(layout: ThrusterLayout, system: tuple[ca.SX, ca.SX, list[int]], wrench: ca.SX) -> ca.SX:
     """``B^T y`` (n x 1) of a wrench."""
     return ca.densify(ca.mtimes(layout.gains.T, ca.ldl_solve(wrench, *system)))
 

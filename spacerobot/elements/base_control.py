@@ -21,11 +21,11 @@ from typing import Literal
 import casadi as ca
 
 from spacerobot.elements.context import RobotContext
-from spacerobot.elements.contribution import Channel, Contribution, Output, State
+from spacerobot.elements.contribution import Contribution, ControlChannel, Output, State
 
 
 @dataclass(frozen=True)
-class Reaction:
+class ArmReaction:
     """``h' - J w'``: loads along which v' gives it, reduced (nv x 3), and what remains of it (3x1).
 
     Or, without loads, ``momentum`` (3x1) whose filtered rate it is, beside what remains.
@@ -41,7 +41,7 @@ def held(
     motion: Literal["translation", "rotation"],
     error: ca.SX,
     actuation: ca.SX,
-    reaction: Reaction | None,
+    reaction: ArmReaction | None,
 ) -> Contribution:
     """What holds a base: its error is driven to zero.
 
@@ -82,7 +82,7 @@ def held(
             command = command + part * states[-1].derivative
     actuation = actuation[:, axes]
     drive = reduced(robot, actuation)
-    channel = Channel(robot.name, actuation, drive, sense, command, gain, moves_tip=False)
+    channel = ControlChannel(robot.name, actuation, drive, sense, command, gain, moves_tip=False)
     called, unit, text = (
         ("base_attitude_error", "rad", "rotation vector from bases to the attitudes they shall have")
         if turns

@@ -16,7 +16,7 @@ import casadi as ca
 from pydantic import Field
 
 from spacerobot.elements.context import ContactContext
-from spacerobot.elements.contribution import Contribution, Output, Power, State
+from spacerobot.elements.contribution import Contribution, Output, PowerTerm, State
 from spacerobot.elements.element import Element
 from spacerobot.elements.event import Event, both, negated
 from spacerobot.section import quantity
@@ -75,7 +75,7 @@ class Contact(Element):
 
 
 @dataclass(frozen=True)
-class Touch:
+class ContactPair:
     """One pair of shapes of a contact, and what it does; world axes.
 
     Attributes
@@ -109,13 +109,13 @@ class Touch:
         return self.velocity - self.opening * self.normal
 
 
-def touches(contact: ContactContext) -> list[Touch]:
+def touches(contact: ContactContext) -> list[ContactPair]:
     """Every pair of shapes of a contact."""
     found = []
     for first, second in contact.pairs:
         near = contact.proximity(first, second)
         velocity = contact.velocity(second, near.point) - contact.velocity(first, near.point)
-        found.append(Touch(near.gap, near.normal, near.point, velocity, near.lead))
+        found.append(ContactPair(near.gap, near.normal, near.point, velocity, near.lead))
     return found
 
 
@@ -124,7 +124,7 @@ _WINDOW = 8
 
 
 @dataclass(frozen=True)
-class Watch:
+class ContactEvents:
     """Events of a contact, at which its force has a kink, and its finer steps.
 
     The force itself depends on no switch: events only have steps end where it is not smooth.
@@ -135,8 +135,13 @@ class Watch:
 
 
 def watch(
-    contact: ContactContext, touching: Sequence[Touch], config: Contact, pull: Sequence[ca.SX], *, rough: bool
-) -> Watch:
+    contact: ContactContext,
+    touching: Sequence[ContactPair],
+    config: Contact,
+    pull: Sequence[ca.SX],
+    *,
+    rough: bool,
+) -> ContactEvents:
     """Where each pair of shapes touches and parts, and where its force ends because it would pull.
 
     It would where ``pull`` (1x1 each) is above zero; empty if none ever would. Where the force is ``rough``,
@@ -170,11 +175,11 @@ def watch(
             ]
         if rough or longest < math.inf:
             fine.append((touches, longest, window))
-    return Watch(tuple(events), tuple(fine))
+    return ContactEvents(tuple(events), tuple(fine))
 
 
 @dataclass(frozen=True)
-class Press:
+class ContactForce:
     """What a pair of shapes does.
 
     Attributes
@@ -192,12 +197,14 @@ class Press:
     taken: ca.SX
 
 
-def booked(contact: ContactContext, touching: Sequence[Touch], presses: Sequence[Press]) -> Contribution:
+def booked(
+    contact: ContactContext, touching: Sequence[ContactPair], presses: Sequence[ContactForce]
+) -> Contribution:
     """Wrenches of all pairs, the power they take, and what is observed: sums, and the nearest pair."""
     nearest = touching[0]
     for touch in touching[1:]:
         nearer, parts = touch.gap < nearest.gap, ("gap", "normal", "point", "velocity")
-        nearest = Touch(*(ca.if_else(nearer, getattr(touch, k), getattr(nearest, k)) for k in parts))
+        nearest = ContactPair(*(ca.if_else(nearer, getattr(touch, k), getattr(nearest, k)) for k in parts))
     force = sum((press.force for press in presses), ca.SX(3, 1))
     taken = sum((press.taken for press in presses), ca.SX(1, 1))
     impulse, loss = (
@@ -226,7 +233,7 @@ def booked(contact: ContactContext, touching: Sequence[Touch], presses: Sequence
     return Contribution(
         states=(impulse, loss),
         wrenches=tuple(wrenches),
-        powers=(Power("contact", taken),),
+        powers=(PowerTerm("contact", taken),),
         outputs=tuple(
             Output(name, values[name], *told, "contact", contact.name) for name, told in OBSERVED.items()
         ),

@@ -10,13 +10,13 @@ import casadi as ca
 
 from spacerobot.dynamics import Wrench
 from spacerobot.dynamics.algebra import cross
-from spacerobot.elements.contribution import Torque
-from spacerobot.elements.hold import Hold
-from spacerobot.elements.motion import Motion
-from spacerobot.elements.numbers import Context
+from spacerobot.elements.contribution import CommandedTorque
+from spacerobot.elements.desired_motion import DesiredMotion
+from spacerobot.elements.grasp_state import GraspState
+from spacerobot.elements.section_context import SectionContext
 from spacerobot.section import Section
 from spacerobot.shapes import Proximity, Shape, ShapeKind, proximity
-from spacerobot.symbolic import Plant, Start
+from spacerobot.symbolic import InitialState, Plant
 
 Affine = tuple[ca.SX | None, ca.SX]
 """Offset, none where it is zero by construction, and scale (1x1 each) of a measured signal."""
@@ -52,9 +52,9 @@ class RobotContext:
         Its tips.
     """
 
-    context: Context
+    context: SectionContext
     plant: Plant
-    start: Start
+    start: InitialState
     name: str
     joints: tuple[int, ...]
     columns: tuple[int, ...]
@@ -76,12 +76,12 @@ class RobotContext:
         """Id of the floating base's joint; 0 for a fixed base."""
         return joint_of(self.plant, self.base_frame)
 
-    def torque(self, values: ca.SX, *, null_space: bool = False) -> Torque:
+    def torque(self, values: ca.SX, *, null_space: bool = False) -> CommandedTorque:
         """Torques of the robot's free joints (n x 1), in their order [N m or N]."""
         torque = ca.SX(self.plant.v.size1(), 1)
         for i, column in enumerate(self.columns):
             torque[column] = values[i]
-        return Torque(self.name, torque, null_space)
+        return CommandedTorque(self.name, torque, null_space)
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ class TipContext:
         What else stands in the tip's section, by key.
     """
 
-    context: Context
+    context: SectionContext
     plant: Plant
     label: str
     path: str
@@ -117,7 +117,7 @@ class TipContext:
     columns: tuple[int, ...]
     frame: int
     base_frame: int
-    motion: Motion
+    motion: DesiredMotion
     sensors: Callable[[str], Affine]
     siblings: Mapping[str, Section]
 
@@ -164,12 +164,12 @@ class TipContext:
         part[:, columns] = jacobian[:, columns]
         return self.plant.gathered(part.T).T
 
-    def torque(self, force: ca.SX | None = None, couple: ca.SX | None = None) -> Torque:
+    def torque(self, force: ca.SX | None = None, couple: ca.SX | None = None) -> CommandedTorque:
         """Joint torques ``J^T u`` that press on the tip with a force [N] and a couple [N m] (3x1 each)."""
         none = ca.SX(3, 1)
         wrench = ca.vertcat(none if force is None else force, none if couple is None else couple)
         axes = [*self.plant.translation_axes, *(axis + 3 for axis in self.plant.rotation_axes)]
-        return Torque(self.robot, ca.mtimes(self.arm_jacobian[axes, :].T, wrench[axes]))
+        return CommandedTorque(self.robot, ca.mtimes(self.arm_jacobian[axes, :].T, wrench[axes]))
 
     def reduced_loads(self, axes: list[int], *, rotation: bool) -> tuple[ca.SX, ca.SX]:
         """Unit loads on the tip, reduced, as the arm's joints bring them about and as wrenches (nv x n each).
@@ -227,9 +227,9 @@ class ActuatorContext:
         Angular momentum (3x1) of the robot's wheels about their axes.
     """
 
-    context: Context
+    context: SectionContext
     plant: Plant
-    start: Start
+    start: InitialState
     robot: str
     path: str
     columns: Mapping[str, int]
@@ -275,15 +275,15 @@ class GraspContext:
         How it holds; None if it is always closed.
     """
 
-    context: Context
+    context: SectionContext
     plant: Plant
-    start: Start
+    start: InitialState
     name: str
     tip_frame: int
     mate_frame: int
     may_close: ca.SX = field(default_factory=lambda: ca.SX(1))
     lets_go: ca.SX = field(default_factory=lambda: ca.SX(0))
-    hold: Hold | None = None
+    hold: GraspState | None = None
 
     @property
     def tip_joint(self) -> int:
@@ -305,7 +305,7 @@ class GraspContext:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ReferenceContext(Context):
+class ReferenceContext(SectionContext):
     """A tip and the target as the tip's references see them; everything in world axes.
 
     Attributes
@@ -334,7 +334,7 @@ class ReferenceContext(Context):
 
 
 @dataclass(frozen=True)
-class Surface:
+class ContactSurface:
     """A shape of a body, and the frame and joint in the model that carry it."""
 
     kind: ShapeKind
@@ -359,22 +359,24 @@ class ContactContext:
         Every first shape with every second one.
     """
 
-    context: Context
+    context: SectionContext
     plant: Plant
     name: str
-    pairs: tuple[tuple[Surface, Surface], ...]
+    pairs: tuple[tuple[ContactSurface, ContactSurface], ...]
 
-    def proximity(self, first: Surface, second: Surface) -> Proximity:
+    def proximity(self, first: ContactSurface, second: ContactSurface) -> Proximity:
         """How near two shapes are."""
         crown = self.context.number("crown")
         return proximity((first.kind, second.kind), first.shape, second.shape, crown)
 
-    def velocity(self, surface: Surface, point: ca.SX) -> ca.SX:
+    def velocity(self, surface: ContactSurface, point: ca.SX) -> ca.SX:
         """Velocity (3x1) [m/s] of the body's material point that is at a point (3x1) [m]."""
         linear, angular = self.plant.velocity(surface.frame)
         return linear + cross(angular, point - self.plant.placement(surface.frame)[1])
 
-    def opposite(self, pair: tuple[Surface, Surface], force: ca.SX, point: ca.SX) -> tuple[Wrench, Wrench]:
+    def opposite(
+        self, pair: tuple[ContactSurface, ContactSurface], force: ca.SX, point: ca.SX
+    ) -> tuple[Wrench, Wrench]:
         """One pair of opposite forces at a point (3x1 each): on the second as given, and on the first."""
         none = ca.SX(3, 1)
         return Wrench(pair[1].joint, force, none, point), Wrench(pair[0].joint, -force, none, point)

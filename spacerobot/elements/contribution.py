@@ -12,7 +12,7 @@ import casadi as ca
 from spacerobot.dynamics import Wrench
 from spacerobot.elements.event import Event, both
 
-Item = TypeVar("Item", "State", "Torque", "Power", "Output", Wrench)
+Item = TypeVar("Item", "State", "CommandedTorque", "PowerTerm", "Output", Wrench)
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ def memory(name: str, initial: ca.SX) -> State:
 
 
 @dataclass(frozen=True)
-class Torque:
+class CommandedTorque:
     """What a robot's actuators are asked for.
 
     Attributes
@@ -71,7 +71,7 @@ class Torque:
 
 
 @dataclass(frozen=True)
-class Drive:
+class ActuatorDrive:
     """What an actuator makes of the generalized forces that it is asked for.
 
     Attributes
@@ -95,7 +95,7 @@ class Drive:
 
 
 @dataclass(frozen=True)
-class Stored:
+class StoredMomentum:
     """Momentum and kinetic energy that an element holds beside those of the links, as a wheel does.
 
     Attributes
@@ -114,7 +114,7 @@ class Stored:
 
 
 @dataclass(frozen=True)
-class Channel:
+class ControlChannel:
     """A law that may depend on the acceleration it causes: ``u = command - derivative_gain (C v' + drift)``.
 
     Attributes
@@ -150,7 +150,7 @@ class Channel:
 
 
 @dataclass(frozen=True)
-class Power:
+class PowerTerm:
     """A power of the energy balance.
 
     Attributes
@@ -198,7 +198,7 @@ class Output:
 
 
 @dataclass(frozen=True)
-class Constraint:
+class AccelerationConstraint:
     """Accelerations that vanish, ``G v' + drift = 0``, and the wrenches that see to it.
 
     Attributes
@@ -278,16 +278,16 @@ class Contribution:
     """
 
     states: tuple[State, ...] = ()
-    torques: tuple[Torque, ...] = ()
+    torques: tuple[CommandedTorque, ...] = ()
     wrenches: tuple[Wrench, ...] = ()
     outside: tuple[Wrench, ...] = ()
-    channels: tuple[Channel, ...] = ()
-    drives: tuple[Drive, ...] = ()
-    stored: tuple[Stored, ...] = ()
+    channels: tuple[ControlChannel, ...] = ()
+    drives: tuple[ActuatorDrive, ...] = ()
+    stored: tuple[StoredMomentum, ...] = ()
     wheels: tuple[ca.SX, ...] = ()
-    constraints: tuple[Constraint, ...] = ()
+    constraints: tuple[AccelerationConstraint, ...] = ()
     energy: ca.SX | None = None
-    powers: tuple[Power, ...] = ()
+    powers: tuple[PowerTerm, ...] = ()
     outputs: tuple[Output, ...] = ()
     events: tuple[Event, ...] = ()
     fine: tuple[tuple[ca.SX, float, float], ...] = ()
@@ -311,7 +311,7 @@ def gated(contribution: Contribution, switch: ca.SX, outputs: Collection[str] = 
     ``outputs`` are the names of those that are then zero.
     """
 
-    def commanded(channel: Channel) -> Channel:
+    def commanded(channel: ControlChannel) -> ControlChannel:
         gain = None if channel.derivative_gain is None else channel.derivative_gain * switch
         return dataclasses.replace(channel, command=channel.command * switch, derivative_gain=gain)
 

@@ -10,9 +10,9 @@ import casadi as ca
 
 from spacerobot.dynamics import Wrench
 from spacerobot.dynamics.algebra import cross
-from spacerobot.elements.contribution import Contribution, Power
+from spacerobot.elements.contribution import Contribution, PowerTerm
 from spacerobot.elements.element import Element
-from spacerobot.elements.numbers import Context
+from spacerobot.elements.section_context import SectionContext
 from spacerobot.symbolic import Plant
 
 
@@ -57,7 +57,7 @@ class EnvironmentContext:
         Frames of the bodies' root links, by the bodies' names.
     """
 
-    context: Context
+    context: SectionContext
     plant: Plant
     roots: dict[str, int]
 
@@ -79,7 +79,7 @@ class EnvironmentContext:
         velocity = kinematics.linear_velocity[joint] + cross(spin, lever)
         return Load(joint, mass, kinematics.origin[joint] + lever, rotation, central, velocity, spin)
 
-    def acting(self, load: Load, force: ca.SX, torque: ca.SX) -> tuple[Wrench, Power]:
+    def acting(self, load: Load, force: ca.SX, torque: ca.SX) -> tuple[Wrench, PowerTerm]:
         """Force at a centre of mass [N] and torque [N m] (3x1 each), and the work that they do.
 
         Where nothing can leave the plane, what would act out of it is left out.
@@ -89,7 +89,7 @@ class EnvironmentContext:
             force[2], torque[:2] = 0, 0
         force, torque = ca.sparsify(force), ca.sparsify(torque)
         power = ca.dot(force, load.velocity) + ca.dot(torque, load.spin)
-        return Wrench(load.joint, force, torque, load.com), Power("environment", power, "in")
+        return Wrench(load.joint, force, torque, load.com), PowerTerm("environment", power, "in")
 
 
 class Environment(Element):

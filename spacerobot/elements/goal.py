@@ -9,7 +9,7 @@ import casadi as ca
 from pydantic import Field, model_validator
 
 from spacerobot.elements.element import Element
-from spacerobot.elements.instant import Instant, Row
+from spacerobot.elements.plan_instant import BoundedRow, PlanInstant
 from spacerobot.elements.reference import Reference
 from spacerobot.section import quantity
 
@@ -72,12 +72,12 @@ class Goal(Element):
         """Whose joints these are."""
         raise NotImplementedError
 
-    def arrival(self, instant: Instant) -> tuple[ca.SX, ca.SX] | None:
+    def arrival(self, instant: PlanInstant) -> tuple[ca.SX, ca.SX] | None:
         """Velocity [m/s] and spin [rad/s] of a tip relative to its mating frame, for a goal that has one."""
         del instant
         return None
 
-    def rows(self, instant: Instant) -> Iterator[Row]:
+    def rows(self, instant: PlanInstant) -> Iterator[BoundedRow]:
         """What holds at the last instant, the joints' rest aside.
 
         Raises
@@ -103,7 +103,7 @@ class TipGoal(Goal):
         """Link of the target that it follows, if any."""
         return None
 
-    def place(self, instant: Instant) -> ca.SX:
+    def place(self, instant: PlanInstant) -> ca.SX:
         """Where the tip shall be (3x1) [m], world axes.
 
         Raises

@@ -1,6 +1,7 @@
 """Grasps: what holds a tip and a mating frame of the target together.
 
-A kind says how it holds; when it closes and lets go is the same for all (:mod:`spacerobot.elements.life`).
+A kind defines how it holds; capture and release are the same for all
+(:mod:`spacerobot.elements.capture_release`).
 
 All act as *one* pair of opposite wrenches at one point, the tip's, so that momentum is conserved to rounding.
 Velocities are those of the tip relative to the target's material point that coincides with it. The mating
@@ -19,9 +20,9 @@ from spacerobot.dynamics.algebra import cross
 from spacerobot.dynamics.rotations import rotation_exp
 from spacerobot.elements.capture import Capture, Release
 from spacerobot.elements.context import GraspContext
-from spacerobot.elements.contribution import Contribution, Output, Power
+from spacerobot.elements.contribution import Contribution, Output, PowerTerm
 from spacerobot.elements.element import Element
-from spacerobot.elements.hold import Hold
+from spacerobot.elements.grasp_state import GraspState
 from spacerobot.section import quantity
 
 OBSERVED = {
@@ -90,7 +91,7 @@ class Grasp(Element):
 
 
 @dataclass(frozen=True)
-class Rest:
+class RestPose:
     """Tip relative to mating frame where the grasp is at rest, world axes (3x1 each).
 
     Attributes
@@ -109,15 +110,15 @@ class Rest:
     acceleration: ca.SX
     angular_acceleration: ca.SX
 
-    def powers(self, force: ca.SX, torque: ca.SX) -> tuple[Power, ...]:
+    def powers(self, force: ca.SX, torque: ca.SX) -> tuple[PowerTerm, ...]:
         """What drawing in takes, of a force and a torque on the target (3x1 each); none where it stays."""
         if not self.velocity.nnz() and not self.spin.nnz():
             return ()
-        return (Power("draw_in", -ca.dot(force, self.velocity) - ca.dot(torque, self.spin), "in"),)
+        return (PowerTerm("draw_in", -ca.dot(force, self.velocity) - ca.dot(torque, self.spin), "in"),)
 
 
 @dataclass(frozen=True)
-class Relative:
+class RelativeMotion:
     """Tip relative to where the grasp is at rest, world axes.
 
     Attributes
@@ -136,10 +137,10 @@ class Relative:
     twist: ca.SX
     velocity: ca.SX
     spin: ca.SX
-    rest: Rest
+    rest: RestPose
 
 
-def relative_motion(grasp: GraspContext) -> Relative:
+def relative_motion(grasp: GraspContext) -> RelativeMotion:
     """Relative position, orientation and velocity of a grasp's two frames."""
     plant, start, hold = grasp.plant, grasp.start, grasp.hold
     tip_rotation, mate_rotation = plant.placement(grasp.tip_frame)[0], plant.placement(grasp.mate_frame)[0]
@@ -147,11 +148,11 @@ def relative_motion(grasp: GraspContext) -> Relative:
         tip0, mate0 = start.placement(grasp.tip_frame)[0], start.placement(grasp.mate_frame)[0]
         wanted = ca.mtimes(mate_rotation, grasp.context.once("rest", ca.mtimes(mate0.T, tip0)))
         none = ca.SX(3, 1)
-        rest = Rest(none, none, none, none, none)
+        rest = RestPose(none, none, none, none, none)
     else:
         wanted, rest = _held(grasp, hold)
     gap, velocity, spin = apart(grasp)
-    return Relative(
+    return RelativeMotion(
         gap - rest.gap,
         plant.orientation_error(tip_rotation, wanted),
         velocity - rest.velocity,
@@ -169,7 +170,7 @@ def apart(grasp: GraspContext) -> tuple[ca.SX, ca.SX, ca.SX]:
     return gap, tip_velocity - mate_velocity - cross(mate_spin, gap), tip_spin - mate_spin
 
 
-def _held(grasp: GraspContext, hold: Hold) -> tuple[ca.SX, Rest]:
+def _held(grasp: GraspContext, hold: GraspState) -> tuple[ca.SX, RestPose]:
     """Tip's orientation at rest (3x3), and its place, which may be drawn in."""
     plant, rotation = grasp.plant, grasp.plant.placement(grasp.mate_frame)[0]
     mate_spin = plant.velocity(grasp.mate_frame)[1]
@@ -179,7 +180,7 @@ def _held(grasp: GraspContext, hold: Hold) -> tuple[ca.SX, Rest]:
     )
     mated = ca.mtimes(rotation, hold.mated)
     moving = ca.mtimes(rotation, hold.gap.rate)
-    rest = Rest(
+    rest = RestPose(
         ca.mtimes(rotation, hold.gap.value),
         moving,
         rate,
@@ -189,7 +190,9 @@ def _held(grasp: GraspContext, hold: Hold) -> tuple[ca.SX, Rest]:
     return ca.mtimes(rotation_exp(value), mated) if value.nnz() else mated, rest
 
 
-def observed(grasp: GraspContext, relative: Relative, force: ca.SX, torque: ca.SX) -> tuple[Output, ...]:
+def observed(
+    grasp: GraspContext, relative: RelativeMotion, force: ca.SX, torque: ca.SX
+) -> tuple[Output, ...]:
     """Force and torque on the target at the tip's point (3x1 each), and the gap."""
     values = {"grasp_force": force, "grasp_torque": torque, "grasp_gap": relative.gap + relative.rest.gap}
     return tuple(Output(name, value, *OBSERVED[name], "grasp", grasp.name) for name, value in values.items())

@@ -14,9 +14,9 @@ import casadi as ca
 import numpy as np
 
 from spacerobot.arrays import Array
+from spacerobot.elements.desired_motion import TimeProfile
 from spacerobot.elements.event import Event
-from spacerobot.elements.motion import Profile
-from spacerobot.elements.numbers import Context
+from spacerobot.elements.section_context import SectionContext
 
 ROUNDING = 1e-12
 """Of a time."""
@@ -46,7 +46,7 @@ class Knots:
         Whether each interval has rows of its own at both ends, so that forces may jump at knots.
     """
 
-    context: Context
+    context: SectionContext
     cursor: int
     u: ca.SX
     width: ca.SX
@@ -58,7 +58,7 @@ class Knots:
     @classmethod
     def at(
         cls,
-        context: Context,
+        context: SectionContext,
         times: Array,
         points: int,
         time: ca.SX | None = None,
@@ -128,17 +128,17 @@ class Knots:
         points = self.points(name, values, ca.SX(1, values.size2()))
         return _summed([weight for weight, _, _ in lagrange(self.nodes, self.u)], points)
 
-    def motion(self, name: str, values: ca.SX, rates: ca.SX) -> Profile:
+    def motion(self, name: str, values: ca.SX, rates: ca.SX) -> TimeProfile:
         """Position (m x 1) through what stands at the points; the last one behind the last interval."""
         none = ca.SX(1, rates.size2())
         return self.between(
             self.points(name, values, values[-1, :]), self.points(f"{name} rate", rates, none)
         )
 
-    def between(self, values: list[ca.SX], rates: list[ca.SX]) -> Profile:
+    def between(self, values: list[ca.SX], rates: list[ca.SX]) -> TimeProfile:
         """The same for what stands at the points of the interval (s of m x 1 each)."""
         by_value, by_rate = hermite(self.nodes, self.u)
-        return Profile(
+        return TimeProfile(
             *(
                 self.pace**order * (_summed(first, values) + self.width * _summed(second, rates))
                 for order, (first, second) in enumerate(zip(by_value, by_rate, strict=True))

@@ -9,7 +9,7 @@ import casadi as ca
 from pydantic import Field
 
 from spacerobot.elements.element import Element
-from spacerobot.elements.instant import Instant, Joint
+from spacerobot.elements.plan_instant import JointCoordinate, PlanInstant
 from spacerobot.section import Vector, quantity
 
 Factor = Annotated[float, Field(ge=0)]
@@ -47,7 +47,7 @@ class PlanCost(Element):
 
     weight: float
 
-    def expression(self, instant: Instant) -> ca.SX:
+    def expression(self, instant: PlanInstant) -> ca.SX:
         """Integrand, or cost of the last instant, without the weight (1x1).
 
         Raises
@@ -57,7 +57,7 @@ class PlanCost(Element):
         """
         raise NotImplementedError
 
-    def magnitudes(self, instant: Instant) -> ca.SX:
+    def magnitudes(self, instant: PlanInstant) -> ca.SX:
         """Driving forces whose magnitudes the term integrates (n x 1), where the expression rounds them off.
 
         The integral of the magnitudes themselves is then reported.
@@ -77,11 +77,11 @@ class JointCost(PlanCost):
         "wins over a pattern; 1 where none is given [1]",
     )
 
-    def value(self, joint: Joint) -> ca.SX:
+    def value(self, joint: JointCoordinate) -> ca.SX:
         """What is squared of a joint (1x1)."""
         raise NotImplementedError
 
-    def expression(self, instant: Instant) -> ca.SX:
+    def expression(self, instant: PlanInstant) -> ca.SX:
         """Sum of the squares."""
         factors = instant.by_joint(self.joints, "joints")
         found = ca.SX(0)
@@ -97,11 +97,11 @@ class AxesCost(PlanCost):
         "1", "factor of the square along or about each axis x, y, z", default=(1.0, 1.0, 1.0)
     )
 
-    def vectors(self, instant: Instant) -> Iterator[ca.SX]:
+    def vectors(self, instant: PlanInstant) -> Iterator[ca.SX]:
         """What is squared (3x1 each)."""
         raise NotImplementedError
 
-    def expression(self, instant: Instant) -> ca.SX:
+    def expression(self, instant: PlanInstant) -> ca.SX:
         """Sum of the squares."""
         return sum((weighted_square(one, self.axes) for one in self.vectors(instant)), ca.SX(0))
 

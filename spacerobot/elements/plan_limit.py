@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 from spacerobot.elements.element import Element
-from spacerobot.elements.instant import Instant, Row
+from spacerobot.elements.plan_instant import BoundedRow, PlanInstant
 
 JointQuantity = Literal["rate", "torque"]
 WrenchPart = Literal["force", "torque"]
@@ -65,7 +65,7 @@ class PlanLimit(Element):
         del joint
         yield from ()
 
-    def rows(self, instant: Instant) -> Iterator[Row]:
+    def rows(self, instant: PlanInstant) -> Iterator[BoundedRow]:
         """Path constraints.
 
         Raises

@@ -15,9 +15,16 @@ from spacerobot.arrays import Array
 from spacerobot.dynamics.algebra import cross
 from spacerobot.dynamics.rotations import rotation_exp
 from spacerobot.elements.context import ReferenceContext
+from spacerobot.elements.desired_motion import (
+    STILL,
+    DesiredMotion,
+    InitialMotion,
+    TimeProfile,
+    along,
+    cubic_blend,
+)
 from spacerobot.elements.element import Element
-from spacerobot.elements.motion import STILL, Beginning, Motion, Profile, along, cubic_blend
-from spacerobot.elements.numbers import Context
+from spacerobot.elements.section_context import SectionContext
 from spacerobot.section import Vector, numbers, quantity
 from spacerobot.symbolic import Constants, Parameters
 
@@ -41,11 +48,11 @@ class Reference(Element):
         """Signals that it reads from sensors."""
         return set()
 
-    def moved(self, context: Context) -> Profile:
+    def moved(self, context: SectionContext) -> TimeProfile:
         """Displacement since the start (3x1) [m] and its derivatives, world axes."""
         raise NotImplementedError
 
-    def turned(self, context: Context) -> Profile:
+    def turned(self, context: SectionContext) -> TimeProfile:
         """Rotation vector since the start (3x1) [rad], of constant direction, and its derivatives."""
         del context
         return STILL
@@ -54,7 +61,9 @@ class Reference(Element):
         """Times at which it is not smooth [s], rising; the last one is its end."""
         return ()
 
-    def motion(self, context: ReferenceContext, start: Beginning, pivot: ca.SX | None = None) -> Motion:
+    def motion(
+        self, context: ReferenceContext, start: InitialMotion, pivot: ca.SX | None = None
+    ) -> DesiredMotion:
         """Motion of a frame that begins at ``start``.
 
         Parameters
@@ -73,7 +82,7 @@ class Reference(Element):
         """Displacements [m] and rotation vectors [rad] on the whole way, (n, 3) each."""
         time, constants = ca.SX.sym("t"), Constants()
         parameters = Parameters(dict(numbers(self.model_dump(), "reference")))
-        context = Context("reference", time, parameters, constants)
+        context = SectionContext("reference", time, parameters, constants)
         found = ca.horzcat(self.moved(context).value, self.turned(context).value)
         prepared = ca.Function("prepared", [parameters.symbols], [constants.expressions])(parameters.values)
         at = ca.Function("way", [time, constants.symbols, parameters.symbols], [ca.densify(found)])
@@ -89,7 +98,9 @@ class Reference(Element):
             yield "kind", [float(size) for size in farthest]
 
 
-def carried(context: Context, start: Beginning, pivot: ca.SX | None, way: tuple[Profile, Profile]) -> Motion:
+def carried(
+    context: SectionContext, start: InitialMotion, pivot: ca.SX | None, way: tuple[TimeProfile, TimeProfile]
+) -> DesiredMotion:
     """Motion of a frame on a way: a displacement, and a rotation vector of constant direction (3x1 each)."""
     moved, turned = way
     rotation0 = context.begun("start.rotation", start.rotation)
@@ -98,7 +109,7 @@ def carried(context: Context, start: Beginning, pivot: ca.SX | None, way: tuple[
     rotation = ca.SX.eye(3) if turned.value.nnz() == 0 else rotation_exp(turned.value)
     lever = ca.mtimes(rotation, lever0)
     swing = cross(turned.rate, lever)
-    return Motion(
+    return DesiredMotion(
         position=pivot0 + moved.value + lever,
         velocity=moved.rate + swing,
         acceleration=moved.acceleration + cross(turned.acceleration, lever) + cross(turned.rate, swing),
@@ -118,11 +129,11 @@ class TimedReference(Reference):
         default=(0.0, 0.0, 0.0),
     )
 
-    def blend(self, context: Context) -> Profile:
+    def blend(self, context: SectionContext) -> TimeProfile:
         """From 0 to 1 over the duration."""
         return cubic_blend(context)
 
-    def turned(self, context: Context) -> Profile:
+    def turned(self, context: SectionContext) -> TimeProfile:
         """About a fixed axis, structurally none where no rotation is asked for."""
         full = context.vector("rotation_deg", DEGREE)
         return along(full, self.blend(context)) if full.nnz() else STILL

@@ -8,7 +8,7 @@ import casadi as ca
 
 from spacerobot.dynamics.algebra import cross
 from spacerobot.elements.context import GraspContext, unit_load
-from spacerobot.elements.contribution import Constraint, Contribution, Power
+from spacerobot.elements.contribution import AccelerationConstraint, Contribution, PowerTerm
 from spacerobot.elements.grasp import Grasp, apart, observed, relative_motion
 from spacerobot.section import quantity
 
@@ -48,12 +48,12 @@ class RigidGrasp(Grasp):
         def answer(force: ca.SX, torque: ca.SX) -> Contribution:
             power = -ca.dot(force, relative.velocity) - ca.dot(torque, relative.spin)
             return Contribution(
-                powers=(Power("constraint", power, "in"), *relative.rest.powers(force, torque)),
+                powers=(PowerTerm("constraint", power, "in"), *relative.rest.powers(force, torque)),
                 outputs=observed(grasp, relative, force, torque),
             )
 
         sense, slips = ca.horzcat(*loads), ca.vertcat(*slip)
-        constraint = Constraint(tuple(directions), sense, ca.vertcat(*drift), slips, answer)
+        constraint = AccelerationConstraint(tuple(directions), sense, ca.vertcat(*drift), slips, answer)
         return Contribution(constraints=(constraint,))
 
 

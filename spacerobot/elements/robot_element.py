@@ -17,7 +17,7 @@ Part = Literal["force", "torque"]
 
 
 @dataclass(frozen=True)
-class RobotFacts:
+class RobotProperties:
     """A robot in its initial posture, in numbers.
 
     Attributes
@@ -80,12 +80,12 @@ class RobotElement(Element):
         """Those parts that this one asks for or takes over, as its section says."""
         return self.base_wrench
 
-    def faults(self, robot: RobotFacts) -> Iterable[tuple[str, str]]:
+    def faults(self, robot: RobotProperties) -> Iterable[tuple[str, str]]:
         """Why it cannot act on this robot: the key of its section, empty for all of it, and a sentence."""
         del robot
         return ()
 
-    def cautions(self, robot: RobotFacts) -> Iterable[str]:
+    def cautions(self, robot: RobotProperties) -> Iterable[str]:
         """What a user should look at where it acts on this robot, a sentence each."""
         del robot
         return ()

@@ -8,7 +8,7 @@ import casadi as ca
 
 from spacerobot.elements.context import Affine
 from spacerobot.elements.element import Element
-from spacerobot.elements.numbers import Context
+from spacerobot.elements.section_context import SectionContext
 
 
 class Sensor(Element):
@@ -23,7 +23,7 @@ class Sensor(Element):
     family: ClassVar[str] = "sensor"
     holds: ClassVar[bool] = False
 
-    def affine(self, context: Context) -> Affine:
+    def affine(self, context: SectionContext) -> Affine:
         """Offset a and scale b of the reading a + b s."""
         raise NotImplementedError
 

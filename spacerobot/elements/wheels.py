@@ -82,7 +82,7 @@ class Wheels(Actuator):
 
     def motors(
         self, actuator: ActuatorContext, asked: ca.SX, axes: ca.SX, speed: ca.SX, friction: ca.SX
-    ) -> Motors:
+    ) -> WheelMotors:
         """What the motors do of what would be asked of them if all were free, at these speeds (n x 1 each).
 
         Their axes (k x n) have the parts that can turn the base.
@@ -101,7 +101,7 @@ class Wheels(Actuator):
             events += _clips(actuator, ca.fabs(command) / limit - 1, switches)
             command = ca.fmin(ca.fmax(command, -limit), limit)
         if self.speed_limit is None:
-            return Motors(command, command - friction, friction, tuple(events))
+            return WheelMotors(command, command - friction, friction, tuple(events))
         most, free = actuator.context.number("speed_limit"), list[ca.SX]()
         for i, (name, held) in enumerate(zip(names_of(actuator, count), switches, strict=True)):
             over = ca.fabs(speed[i]) / most - 1
@@ -121,10 +121,10 @@ class Wheels(Actuator):
             ]
             free.append(1 - held)
         net = (command - friction) * ca.vertcat(*free)
-        return Motors(net + friction, net, friction, tuple(events))
+        return WheelMotors(net + friction, net, friction, tuple(events))
 
     def observed(
-        self, actuator: ActuatorContext, motors: Motors, speed: ca.SX, momentum: ca.SX
+        self, actuator: ActuatorContext, motors: WheelMotors, speed: ca.SX, momentum: ca.SX
     ) -> tuple[Output, ...]:
         """Speed, torque and margin of each wheel (n x 1 each), and the momentum of all (3x1), world axes."""
         names, found = names_of(actuator, speed.size1()), list[Output]()
@@ -142,7 +142,7 @@ class Wheels(Actuator):
 
 
 @dataclass(frozen=True)
-class Motors:
+class WheelMotors:
     """What the motors of n wheels do at one instant.
 
     Attributes

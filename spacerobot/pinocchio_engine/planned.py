@@ -13,8 +13,8 @@ from scipy.interpolate import KroghInterpolator
 
 from spacerobot.arrays import Array
 from spacerobot.elements.knots import ends_of, slices_of
-from spacerobot.elements.planned import Phased, TipMotion
-from spacerobot.elements.references.plan import Plan
+from spacerobot.elements.plan_following import PhasedPlan, TipMotion
+from spacerobot.elements.references.plan import PlanReference
 from spacerobot.pinocchio_engine.kinematics import Kinematics, cross
 from spacerobot.pinocchio_engine.references import Begins, Leads, Motion, leading
 from spacerobot.pinocchio_engine.robot_law import Asking
@@ -41,7 +41,7 @@ class Pieces(Generic[Piece]):
         return self._made[k]
 
 
-def window_ends(plan: Phased, phases: bool) -> tuple[float, ...]:
+def window_ends(plan: PhasedPlan, phases: bool) -> tuple[float, ...]:
     """Times since a phase began of a plan's knots behind the first one, of each of its phases."""
     knots = [plan.times[k] for k in ends_of(plan.times, plan.points)]
     windows = [*plan.phases.values()] if phases else []
@@ -49,7 +49,7 @@ def window_ends(plan: Phased, phases: bool) -> tuple[float, ...]:
     return tuple(t - begin for begin, end in windows for t in knots if begin < t <= end)
 
 
-def plan_time(plan: Phased, now: Asking) -> tuple[float, float]:
+def plan_time(plan: PhasedPlan, now: Asking) -> tuple[float, float]:
     """Time in the plan, and one that tells which piece is meant [s]."""
     if not (now.phase and plan.phases):
         return now.t, now.within
@@ -124,6 +124,6 @@ def _spin(vector: Array, rate: Array, acceleration: Array) -> tuple[Array, Array
 
 
 @leading.register
-def _(reference: Plan, begins: Begins) -> Leads:
+def _(reference: PlanReference, begins: Begins) -> Leads:
     del begins
     return PlannedTip(reference.planned)

@@ -21,8 +21,8 @@ AT_ONCE = 1e-9
 """A grasp that is released so soon after its capture [s] was never held."""
 
 
-class Happened(Protocol):
-    """An event of a rollout, as :class:`spacerobot.rollout.trajectory.Fired` is one."""
+class EventRecord(Protocol):
+    """An event of a rollout, as :class:`spacerobot.rollout.trajectory.FiredEvent` is one."""
 
     @property
     def time_s(self) -> float:
@@ -45,7 +45,7 @@ class Happened(Protocol):
         """Values of the switches after it (ns,)."""
 
 
-def build_events(scene: Scene, loop: ClosedLoop, happened: Sequence[Happened]) -> list[dict[str, Any]]:
+def build_events(scene: Scene, loop: ClosedLoop, happened: Sequence[EventRecord]) -> list[dict[str, Any]]:
     """Events as they stand in a summary, in their order.
 
     Each has ``time_s``, ``kind``, ``who``, ``name``; of a grasp, the tip's velocity and spin relative to the

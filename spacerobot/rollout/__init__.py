@@ -1,6 +1,6 @@
 """Fixed-step rollouts of a closed loop: one, many at once, and their exact derivatives."""
 
-from spacerobot.rollout.batch import Report
+from spacerobot.rollout.batch import BatchProgress
 from spacerobot.rollout.build import Backend, build_rollout, choose_step
 from spacerobot.rollout.closure import unclosed
 from spacerobot.rollout.cvodes import integrate_cvodes
@@ -9,20 +9,28 @@ from spacerobot.rollout.measures import Measure, Measures, Signals, final, integ
 from spacerobot.rollout.protocol import ClosedLoopFunctions, EventRule
 from spacerobot.rollout.rollout import Rollout
 from spacerobot.rollout.step import StepChoice
-from spacerobot.rollout.trajectory import Batch, BatchEvents, Fired, Gradient, Jacobian, Slopes, Trajectory
+from spacerobot.rollout.trajectory import (
+    Batch,
+    BatchEvents,
+    FiredEvent,
+    Gradient,
+    Jacobian,
+    Slopes,
+    Trajectory,
+)
 
 __all__ = [
     "Backend",
     "Batch",
     "BatchEvents",
+    "BatchProgress",
     "ClosedLoopFunctions",
     "EventRule",
-    "Fired",
+    "FiredEvent",
     "Gradient",
     "Jacobian",
     "Measure",
     "Measures",
-    "Report",
     "Rollout",
     "Signals",
     "Slopes",

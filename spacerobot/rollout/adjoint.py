@@ -12,15 +12,15 @@ import numpy as np
 
 from spacerobot.compiled import Library
 from spacerobot.errors import CompileError
+from spacerobot.rollout.adjoint_sweep import AdjointSweep
+from spacerobot.rollout.arrays import RolloutArrays
 from spacerobot.rollout.engines import StopFlag, make_job
 from spacerobot.rollout.grid import TimeGrid
 from spacerobot.rollout.interpreted import InterpretedEngine
 from spacerobot.rollout.kernel import Kernel, entries, slices, sx_function
 from spacerobot.rollout.moving import moving_events
 from spacerobot.rollout.protocol import Array
-from spacerobot.rollout.raw import Raw
 from spacerobot.rollout.segments import FEWEST
-from spacerobot.rollout.sweep import Sweep
 from spacerobot.rollout.tables import places_in, reached_with, sources
 
 WHOLE_BYTES = 128 * 2**20
@@ -126,7 +126,7 @@ class AdjointEngine(Protocol):
         """Rollouts carried at once."""
 
     def gradients(
-        self, p: Array, seed: Array, grid: TimeGrid, raw: Raw, gradient: Array, stop: StopFlag
+        self, p: Array, seed: Array, grid: TimeGrid, raw: RolloutArrays, gradient: Array, stop: StopFlag
     ) -> None:
         """Fill ``raw`` and ``gradient`` (N, k) for rows p (N, np) and cost weights ``seed`` (N, nj)."""
 
@@ -163,7 +163,7 @@ class CompiledAdjoint:
         return (1 + self.kernel.method.stages) * self.kernel.scale.size * 8 * self.lanes
 
     def gradients(
-        self, p: Array, seed: Array, grid: TimeGrid, raw: Raw, gradient: Array, stop: StopFlag
+        self, p: Array, seed: Array, grid: TimeGrid, raw: RolloutArrays, gradient: Array, stop: StopFlag
     ) -> None:
         """Costs and gradients of every row; see :class:`AdjointEngine`."""
         job, _keep = make_job(self.kernel, p, grid, raw, (), stop)
@@ -193,7 +193,7 @@ class InterpretedAdjoint:
     lanes: int = field(default=1, init=False)
 
     def gradients(
-        self, p: Array, seed: Array, grid: TimeGrid, raw: Raw, gradient: Array, stop: StopFlag
+        self, p: Array, seed: Array, grid: TimeGrid, raw: RolloutArrays, gradient: Array, stop: StopFlag
     ) -> None:
         """Costs and gradients of every row; see :class:`AdjointEngine`."""
         engine, objective = InterpretedEngine(self.kernel), self.kernel.functions["objective"]
@@ -205,5 +205,5 @@ class InterpretedAdjoint:
             if path.whole:
                 raw.r[i] = engine.reduce(path)
                 part = None if raw.instants is None else raw.instants.part(slice(i, i + 1))
-                gradient[i] = Sweep(self.kernel, path, part).gradient(row, seed[i], raw.r[i])
+                gradient[i] = AdjointSweep(self.kernel, path, part).gradient(row, seed[i], raw.r[i])
             raw.cost[i] = objective(raw.r[i], row).full().ravel()

@@ -6,15 +6,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from spacerobot.rollout.engines import Engine
+from spacerobot.rollout.arrays import AT_END, CHATTERING, COINCIDENT, ENDED, GRAZING, RolloutArrays
+from spacerobot.rollout.engines import KernelEngine
 from spacerobot.rollout.grid import TimeGrid
 from spacerobot.rollout.kernel import Kernel
 from spacerobot.rollout.protocol import Array
-from spacerobot.rollout.raw import AT_END, CHATTERING, COINCIDENT, ENDED, GRAZING, Raw
-from spacerobot.rollout.trajectory import Batch, BatchEvents, Fired, Gradient, Status, Trajectory, frozen
+from spacerobot.rollout.trajectory import Batch, BatchEvents, FiredEvent, Gradient, Status, Trajectory, frozen
 
 
-def trajectory_of(raw: Raw, kernel: Kernel, grid: TimeGrid, p: Array) -> Trajectory:
+def trajectory_of(raw: RolloutArrays, kernel: Kernel, grid: TimeGrid, p: Array) -> Trajectory:
     """The only rollout of ``raw``, which holds every state and output; cut short where it ended."""
     done, ended = int(raw.done[0]), raw.fate[0] == ENDED
     (cause,) = kernel.closure.told(raw.gaps)
@@ -63,7 +63,7 @@ def _lost(kernel: Kernel, p: Array, x: Array, time: float) -> str:
     return f"{kernel.names[int(np.argmax(np.abs(rate) * kernel.scale))]} grows fastest"
 
 
-def _fired(raw: Raw, kernel: Kernel, p: Array) -> tuple[Fired, ...]:
+def _fired(raw: RolloutArrays, kernel: Kernel, p: Array) -> tuple[FiredEvent, ...]:
     """Events of the only rollout of ``raw``, which holds the states at them."""
     if not kernel.events or raw.log.jump is None:
         return ()
@@ -73,11 +73,13 @@ def _fired(raw: Raw, kernel: Kernel, p: Array) -> tuple[Fired, ...]:
         for place, on in kernel.events[event].sets:
             switches[place] = on
         before, after = (frozen(state.copy()) for state in jump[k])
-        found.append(Fired(float(raw.log.when[0, k]), int(event), before, after, frozen(switches.copy())))
+        found.append(
+            FiredEvent(float(raw.log.when[0, k]), int(event), before, after, frozen(switches.copy()))
+        )
     return tuple(found)
 
 
-def _events_of(raw: Raw, kernel: Kernel) -> BatchEvents | None:
+def _events_of(raw: RolloutArrays, kernel: Kernel) -> BatchEvents | None:
     if not kernel.events:
         return None
     return BatchEvents(
@@ -90,7 +92,12 @@ def _events_of(raw: Raw, kernel: Kernel) -> BatchEvents | None:
 
 
 def batch_of(
-    raw: Raw, engine: Engine, grid: TimeGrid, outputs: Sequence[str], threads: int, wall_s: float
+    raw: RolloutArrays,
+    engine: KernelEngine,
+    grid: TimeGrid,
+    outputs: Sequence[str],
+    threads: int,
+    wall_s: float,
 ) -> Batch:
     """Every rollout of ``raw``, which holds the named outputs."""
     kernel = engine.kernel
@@ -113,7 +120,7 @@ def batch_of(
 
 
 def gradient_of(
-    raw: Raw, gradient: Array, kernel: Kernel, paths: Sequence[str], costs: Sequence[str]
+    raw: RolloutArrays, gradient: Array, kernel: Kernel, paths: Sequence[str], costs: Sequence[str]
 ) -> Gradient:
     """Gradients of shape (N, len(costs), k), flattened to (N len(costs), k) as ``raw`` is, by cost."""
     every = len(costs)
@@ -131,7 +138,7 @@ def gradient_of(
     )
 
 
-def statuses(raw: Raw, kernel: Kernel, every: int = 1) -> tuple[str, ...]:
+def statuses(raw: RolloutArrays, kernel: Kernel, every: int = 1) -> tuple[str, ...]:
     """Whether the derivatives of each rollout hold, in words, where so many rows in turn are of one."""
 
     def told(whole: bool, doubt: int, event: int) -> str:
@@ -154,18 +161,18 @@ def statuses(raw: Raw, kernel: Kernel, every: int = 1) -> tuple[str, ...]:
     )
 
 
-def gaps_of(raw: Raw, kernel: Kernel) -> dict[str, Array]:
+def gaps_of(raw: RolloutArrays, kernel: Kernel) -> dict[str, Array]:
     """Initial gaps by grasp (N,) [m]."""
     return {name: frozen(gap) for name, gap in zip(kernel.closure.largest, raw.gaps.T, strict=True)}
 
 
-def diverged_at(raw: Raw) -> Array:
+def diverged_at(raw: RolloutArrays) -> Array:
     """Time of the last good state of each rollout that diverged, 0 if it did not begin, NaN elsewhere."""
     lost = (raw.done >= 0) & ~raw.completed
     return frozen(np.where(lost, raw.reached, np.nan))
 
 
-def split(raw: Raw, kernel: Kernel, grid: TimeGrid, outputs: Sequence[str]) -> dict[str, Array]:
+def split(raw: RolloutArrays, kernel: Kernel, grid: TimeGrid, outputs: Sequence[str]) -> dict[str, Array]:
     """The named outputs, which ``raw`` holds one after the other, each of shape (N, nt, n)."""
     sizes = [kernel.outputs[name].stop - kernel.outputs[name].start for name in outputs]
     ends = np.cumsum([0, *sizes])

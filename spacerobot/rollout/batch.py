@@ -12,18 +12,18 @@ import numpy as np
 
 from spacerobot.compiled import usable_cores
 from spacerobot.rollout.adjoint import AdjointEngine
-from spacerobot.rollout.coincidence import judge_orders
-from spacerobot.rollout.engines import Engine, StopFlag
+from spacerobot.rollout.arrays import MOST_EVENTS, CoincidentInstants, Integers, RolloutArrays
+from spacerobot.rollout.coincident_events import judge_orders
+from spacerobot.rollout.engines import KernelEngine, StopFlag
 from spacerobot.rollout.grid import TimeGrid
 from spacerobot.rollout.protocol import Array
-from spacerobot.rollout.raw import MOST_EVENTS, Instants, Integers, Raw
 
 TASK_STEPS = 20_000
 """Most steps of a task, over its groups: long enough to hide Python, short enough to report and cancel."""
 
 
 @dataclass(frozen=True)
-class Report:
+class BatchProgress:
     """How far a batch is.
 
     Attributes
@@ -51,7 +51,7 @@ class Stop(Protocol):
         """Whether to stop."""
 
 
-Progress = Callable[[Report], object]
+Progress = Callable[[BatchProgress], object]
 
 
 class Controls(TypedDict, total=False):
@@ -114,18 +114,18 @@ class Samples:
 
 
 @dataclass(frozen=True)
-class Done:
+class BatchArrays:
     """What :func:`run_batch` returns: arrays, threads used and time taken in s."""
 
-    raw: Raw
+    raw: RolloutArrays
     threads: int
     wall_s: float
 
 
-def run_one(engine: Engine, grid: TimeGrid, p: Array, estimate: bool) -> Raw:
+def run_one(engine: KernelEngine, grid: TimeGrid, p: Array, estimate: bool) -> RolloutArrays:
     """One rollout of parameters p (np,) with every state and output, and the states at all of its events."""
     outputs = range(engine.kernel.size("outputs", "y"))
-    raw = Raw.empty(engine.kernel, grid, 1, True, outputs)
+    raw = RolloutArrays.empty(engine.kernel, grid, 1, True, outputs)
     raw = replace(raw, error=np.zeros(1)) if estimate else raw
     most = MOST_EVENTS if engine.kernel.events else 0
     while True:  # once more where there were more events than room for them
@@ -139,20 +139,20 @@ def run_one(engine: Engine, grid: TimeGrid, p: Array, estimate: bool) -> Raw:
 
 
 def run_batch(
-    engine: Engine,
+    engine: KernelEngine,
     grid: TimeGrid,
     p: Callable[[slice], Array],
     total: int,
     samples: Samples,
     control: Control,
-) -> Done:
+) -> BatchArrays:
     """Roll out ``total`` rows of parameters on some threads.
 
     Every group of lanes does the same arithmetic wherever it runs, so results depend neither on threads nor
     on N. ``p`` gives the full rows (n, np) of a piece when its turn comes: all at once may be too many.
     Sensitivities with events or jumps at one instant are taken in both orders.
     """
-    raw, flag = Raw.empty(engine.kernel, grid, total, samples.states, samples.rows), StopFlag()
+    raw, flag = RolloutArrays.empty(engine.kernel, grid, total, samples.states, samples.rows), StopFlag()
     raw = replace(raw, backwards=control.backwards)
 
     def work(piece: slice) -> int:
@@ -171,10 +171,10 @@ def run_batch(
         other = replace(control, progress=None, orders=False, backwards=True)
         again = run_batch(engine, grid, given.__getitem__, len(rows), samples, other).raw
         raw.trust_same(rows, again, _derivatives(raw, rows), _derivatives(again, slice(None)))
-    return Done(raw, control.threads or 1, seconds)
+    return BatchArrays(raw, control.threads or 1, seconds)
 
 
-def _derivatives(raw: Raw, rows: Integers | slice) -> Array:
+def _derivatives(raw: RolloutArrays, rows: Integers | slice) -> Array:
     """Everything that a rollout of sensitivities gave (n, ...)."""
     r = raw.r[rows]
     return r if raw.y is None else np.hstack([r, raw.y[rows].reshape(len(r), -1)])
@@ -182,11 +182,11 @@ def _derivatives(raw: Raw, rows: Integers | slice) -> Array:
 
 def run_gradients(
     engine: AdjointEngine, grid: TimeGrid, p: Array, seed: Array, control: Control
-) -> tuple[Raw, Array]:
+) -> tuple[RolloutArrays, Array]:
     """Costs of every row of p (N, np), and gradients (N, k) of their sum weighted by ``seed`` (N, nj)."""
     kernel, control = engine.kernel, control.on(engine.backend)
-    raw, flag = Raw.empty(kernel, grid, len(p), False, ()), StopFlag()
-    raw = replace(raw, instants=Instants.empty(len(p), kernel) if control.orders else None)
+    raw, flag = RolloutArrays.empty(kernel, grid, len(p), False, ()), StopFlag()
+    raw = replace(raw, instants=CoincidentInstants.empty(len(p), kernel) if control.orders else None)
     gradient = np.full((len(p), kernel.size("setup_reverse", "pbar")), np.nan)
 
     def work(piece: slice) -> int:
@@ -259,7 +259,7 @@ def run_tasks(
                     break
                 finished, pending = wait(pending, timeout=0.1, return_when=FIRST_COMPLETED)
                 done += sum(future.result() for future in finished)
-                report = Report(done, total, time.perf_counter() - begin_s)
+                report = BatchProgress(done, total, time.perf_counter() - begin_s)
                 if (progress and finished and progress(report) is False) or (stop and stop.is_set()):
                     flag.set()
         except BaseException:

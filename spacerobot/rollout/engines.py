@@ -14,11 +14,11 @@ import numpy.typing as npt
 
 from spacerobot.compiled import Library, Toolchain, compile_functions
 from spacerobot.errors import CompileError
+from spacerobot.rollout.arrays import RolloutArrays
+from spacerobot.rollout.event_location import GAP
 from spacerobot.rollout.grid import TimeGrid
 from spacerobot.rollout.kernel import Kernel
 from spacerobot.rollout.protocol import Array
-from spacerobot.rollout.raw import Raw
-from spacerobot.rollout.roots import GAP
 
 
 class StopFlag:
@@ -42,7 +42,7 @@ class StopFlag:
         return ctypes.addressof(self._value)
 
 
-class Engine(Protocol):
+class KernelEngine(Protocol):
     """Evaluates a kernel."""
 
     @property
@@ -57,7 +57,9 @@ class Engine(Protocol):
     def lanes(self) -> int:
         """Rollouts carried at once."""
 
-    def rollouts(self, p: Array, grid: TimeGrid, raw: Raw, rows: Sequence[int], stop: StopFlag) -> None:
+    def rollouts(
+        self, p: Array, grid: TimeGrid, raw: RolloutArrays, rows: Sequence[int], stop: StopFlag
+    ) -> None:
         """Roll out every row of parameters (N, np) into ``raw``, recording outputs ``rows``."""
 
 
@@ -191,8 +193,10 @@ class CompiledEngine:
         """Rollouts carried at once."""
         return self.library.lanes
 
-    def rollouts(self, p: Array, grid: TimeGrid, raw: Raw, rows: Sequence[int], stop: StopFlag) -> None:
-        """Roll out every row of parameters; see :class:`Engine`."""
+    def rollouts(
+        self, p: Array, grid: TimeGrid, raw: RolloutArrays, rows: Sequence[int], stop: StopFlag
+    ) -> None:
+        """Roll out every row of parameters; see :class:`KernelEngine`."""
         job, _keep = make_job(self.kernel, p, grid, raw, rows, stop)
         entry = self.library.entry("rollouts")
         entry.restype = ctypes.c_int64
@@ -201,7 +205,7 @@ class CompiledEngine:
 
 
 def make_job(
-    kernel: Kernel, p: Array, grid: TimeGrid, raw: Raw, rows: Sequence[int], stop: StopFlag
+    kernel: Kernel, p: Array, grid: TimeGrid, raw: RolloutArrays, rows: Sequence[int], stop: StopFlag
 ) -> tuple[_Job, list[Any]]:
     """The structure that the compiled loops read, and the arrays that must outlive the call."""
     given = np.ascontiguousarray(p, dtype=float)

@@ -8,7 +8,7 @@ from typing import TypeVar
 
 from spacerobot.compiled import Library, Toolchain
 from spacerobot.rollout.adjoint import AdjointEngine, CompiledAdjoint, InterpretedAdjoint, adjoint_kernel
-from spacerobot.rollout.engines import CompiledEngine, Engine, compile_kernel
+from spacerobot.rollout.engines import CompiledEngine, KernelEngine, compile_kernel
 from spacerobot.rollout.interpreted import InterpretedEngine
 from spacerobot.rollout.kernel import Kernel
 from spacerobot.rollout.sensitivity import sensitivity_kernel
@@ -43,12 +43,12 @@ class Engines:
         self._locks: dict[tuple[object, ...], threading.Lock] = {}
 
     @property
-    def single(self) -> Engine:
+    def single(self) -> KernelEngine:
         """For one rollout at a time."""
         return self._once(("forward", 1), lambda: self._forward(self.kernel, 1))
 
     @property
-    def batch(self) -> Engine:
+    def batch(self) -> KernelEngine:
         """For many: as many lanes as the processor's vectors have."""
         lanes = self._lanes
         return self._once(("forward", lanes), lambda: self._forward(self.kernel, lanes))
@@ -58,10 +58,10 @@ class Engines:
         lanes = self._lanes if many else 1
         return self._once(("adjoint", wrt, lanes), lambda: self._adjoint(wrt, lanes))
 
-    def sensitivity(self, wrt: tuple[int, ...], outputs: tuple[str, ...]) -> Engine:
+    def sensitivity(self, wrt: tuple[int, ...], outputs: tuple[str, ...]) -> KernelEngine:
         """For derivatives along directions, one in each lane; ``engine.kernel`` names what it returns."""
 
-        def make() -> Engine:
+        def make() -> KernelEngine:
             return self._forward(sensitivity_kernel(self.kernel, wrt, outputs), self._lanes)
 
         return self._once(("sensitivity", wrt, outputs), make)
@@ -70,7 +70,7 @@ class Engines:
     def _lanes(self) -> int:
         return 1 if self.toolchain is None else self.toolchain.lanes
 
-    def _forward(self, kernel: Kernel, lanes: int) -> Engine:
+    def _forward(self, kernel: Kernel, lanes: int) -> KernelEngine:
         if self.toolchain is None:
             return InterpretedEngine(kernel)
         return CompiledEngine(kernel, self._compiled(kernel, lanes, adjoint=False))

@@ -9,12 +9,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from spacerobot.rollout.grid import ROUNDING, TimeGrid
-from spacerobot.rollout.happening import Happening
-from spacerobot.rollout.kernel import Kernel
-from spacerobot.rollout.methods.tableau import INNER
-from spacerobot.rollout.protocol import Array
-from spacerobot.rollout.raw import (
+from spacerobot.rollout.arrays import (
     AT_END,
     CHATTERING,
     COINCIDENT,
@@ -24,8 +19,13 @@ from spacerobot.rollout.raw import (
     GRAZING,
     TOGETHER,
 )
-from spacerobot.rollout.roots import GAP, Bracket, Tried
-from spacerobot.rollout.segments import HERE, Plan, Segment, graded, segments
+from spacerobot.rollout.event_location import GAP, RootBracket, TrialStep
+from spacerobot.rollout.grid import ROUNDING, TimeGrid
+from spacerobot.rollout.interpreted_event import InterpretedEvent
+from spacerobot.rollout.kernel import Kernel
+from spacerobot.rollout.methods.tableau import INNER
+from spacerobot.rollout.protocol import Array
+from spacerobot.rollout.segments import HERE, Segment, StepPlan, graded, segments
 from spacerobot.rollout.tables import Integers, fill
 
 TOLERANCE = 1e-12
@@ -91,7 +91,7 @@ class HybridRun:
     backwards: bool = False
     fate: int = COMPLETED
     doubt: tuple[int, int] = (0, 0)
-    happenings: list[Happening] = field(default_factory=list)
+    happenings: list[InterpretedEvent] = field(default_factory=list)
     cut: list[bool] = field(default_factory=list)
     states: list[Array] = field(default_factory=list)
     constants: list[Array] = field(default_factory=list)
@@ -133,10 +133,10 @@ class HybridRun:
                 self.shown.append(self.c.copy())
 
     @property
-    def plan(self) -> Plan:
+    def plan(self) -> StepPlan:
         """The steps that were done."""
         t, h, index, number, first, last = (np.array(column) for column in zip(*self.rows, strict=True))
-        return Plan(t, h, index, number, first, last, np.array(self.sampled))
+        return StepPlan(t, h, index, number, first, last, np.array(self.sampled))
 
     def _look_up(self, t: float) -> None:
         """Let windows show the rows that hold from here on."""
@@ -261,7 +261,7 @@ class HybridRun:
             far = np.sum(((x - self._begin) * self.engine.kernel.scale) ** 2)
         return bool(far < 1)  # false for a NaN as well
 
-    def _evaluated(self, t: float, h: float, dt: float, dh: float) -> tuple[_Done, Tried]:
+    def _evaluated(self, t: float, h: float, dt: float, dh: float) -> tuple[_Done, TrialStep]:
         """A step of length h, and the guards along it."""
         found = self.engine.steps(1, self.estimate)(self.x, t, h, dt, dh, self.c)
         end, m, error = (value.full().ravel() for value in found[:3])
@@ -269,7 +269,7 @@ class HybridRun:
         times = [t + part * h for part in (*INNER, 1)]
         rows = [values(*at, self.c).full().ravel() for at in zip(times, states, strict=True)]
         seen = np.array(rows) - self._level
-        return _Done(end, m, error, h), Tried(self._first, self._rates, seen[:-1], seen[-1])
+        return _Done(end, m, error, h), TrialStep(self._first, self._rates, seen[:-1], seen[-1])
 
     def _at_root(self, t: float, dt: float, event: int) -> _Done:
         """A step of length zero to an event's root."""
@@ -293,7 +293,7 @@ class HybridRun:
             done, seen = self._evaluated(t, shorter, dt, dh)
             done.cut = True
         if seen.rise:
-            done, seen = self._located(t, Bracket(0.0, self._first, done.length, seen.end), done, seen)
+            done, seen = self._located(t, RootBracket(0.0, self._first, done.length, seen.end), done, seen)
             done.near = self._judge(done.event, done.length, seen)
         self._judge_end(t + done.length, seen)
         self._crossed = seen.end > 0
@@ -306,7 +306,7 @@ class HybridRun:
             self._off[i] = t + done.length + min(ends, default=np.inf)
         return done
 
-    def _shortest_peak(self, seen: Tried, h: float, margin: float) -> float:
+    def _shortest_peak(self, seen: TrialStep, h: float, margin: float) -> float:
         """How long a step must be to end at the first peak of a guard that may rise above its level."""
         s, peak, bend = seen.peaks()
         with np.errstate(all="ignore"):
@@ -317,7 +317,9 @@ class HybridRun:
         half = h / 2 if h > TOLERANCE and seen.unsure().any() else h
         return float((s[high] * h).min(initial=half))
 
-    def _located(self, t: float, bracket: Bracket, done: _Done, seen: Tried) -> tuple[_Done, Tried]:
+    def _located(
+        self, t: float, bracket: RootBracket, done: _Done, seen: TrialStep
+    ) -> tuple[_Done, TrialStep]:
         """The step up to the earliest root, where a guard is just above its level, and the guards there."""
         tries, tolerance = 0, 2 * TOGETHER if self.backwards else TOLERANCE
         while True:
@@ -334,7 +336,7 @@ class HybridRun:
             else:
                 bracket.low, bracket.before = done.length, seen.end
 
-    def _judge(self, event: int, h: float, seen: Tried) -> int:
+    def _judge(self, event: int, h: float, seen: TrialStep) -> int:
         """Doubts in a gradient through an event at the end of a step of length h; how many are close."""
         g = seen.end
         rise = 2 * ((g[event] - self._first[event]) / h - self._rates[event]) / h if h > 0 else 0.0
@@ -347,7 +349,7 @@ class HybridRun:
         self._doubt(COINCIDENT, others)
         return len(others)
 
-    def _judge_end(self, t: float, seen: Tried) -> None:
+    def _judge_end(self, t: float, seen: TrialStep) -> None:
         """Doubt a gradient where parameters move an event at the rollout's end, or just behind it."""
         moving = self.engine.kernel.moving
         if not moving or t < self.grid.duration_s - TOGETHER:
@@ -399,7 +401,7 @@ class HybridRun:
             self.fate = DIVERGED
             return
         now = near is not None, first, self.c.copy(), self.row, near or 0
-        self.happenings.append(Happening(event, t, self.x, after, len(self.rows), *now))
+        self.happenings.append(InterpretedEvent(event, t, self.x, after, len(self.rows), *now))
         self.x, self._fresh, self._last = after, True, event
         self._look_up(t)
         close = t - self._since <= self.grid.step_s

@@ -10,14 +10,14 @@ from itertools import pairwise
 import casadi as ca
 import numpy as np
 
+from spacerobot.rollout.arrays import COMPLETED, DIVERGED, ENDED, RolloutArrays
 from spacerobot.rollout.engines import StopFlag
 from spacerobot.rollout.grid import TimeGrid
-from spacerobot.rollout.happening import Happening
 from spacerobot.rollout.hybrid import HybridRun
+from spacerobot.rollout.interpreted_event import InterpretedEvent
 from spacerobot.rollout.kernel import Kernel
 from spacerobot.rollout.protocol import Array
-from spacerobot.rollout.raw import COMPLETED, DIVERGED, ENDED, Raw
-from spacerobot.rollout.segments import Plan, plan
+from spacerobot.rollout.segments import StepPlan, plan
 from spacerobot.rollout.tables import Integers, fill
 
 BLOCK = 64  # steps that CasADi's virtual machine does between two looks from Python
@@ -55,7 +55,7 @@ class DiscreteTrajectory:
         Why derivatives may not hold, and at which event; zero where they do.
     """
 
-    plan: Plan
+    plan: StepPlan
     c: Array
     x: Array
     m: Array
@@ -65,7 +65,7 @@ class DiscreteTrajectory:
     shown: Array
     end_s: float
     fate: int
-    happenings: tuple[Happening, ...] = ()
+    happenings: tuple[InterpretedEvent, ...] = ()
     cut: Sequence[bool] = ()
     doubt: tuple[int, int] = (0, 0)
 
@@ -83,8 +83,10 @@ class InterpretedEngine:
     backend: str = field(default="interpreted", init=False)
     lanes: int = field(default=1, init=False)
 
-    def rollouts(self, p: Array, grid: TimeGrid, raw: Raw, rows: Sequence[int], stop: StopFlag) -> None:
-        """Roll out every row of parameters; see :class:`spacerobot.rollout.engines.Engine`."""
+    def rollouts(
+        self, p: Array, grid: TimeGrid, raw: RolloutArrays, rows: Sequence[int], stop: StopFlag
+    ) -> None:
+        """Roll out every row of parameters; see :class:`spacerobot.rollout.engines.KernelEngine`."""
         for i, row in enumerate(p):
             if stop.is_set:
                 return
@@ -134,7 +136,7 @@ class InterpretedEngine:
         fate = COMPLETED if whole else DIVERGED
         return DiscreteTrajectory(steps, c, x, m, error, done, rows[: done + 1], shown, end_s, fate)
 
-    def _looked_up(self, sides: Array, begin: Array, steps: Plan) -> Integers:
+    def _looked_up(self, sides: Array, begin: Array, steps: StepPlan) -> Integers:
         """Rows of tables (K + 1, cursors) where jumps alone tell them; the constants then show them."""
         kernel = self.kernel
         if not kernel.tables:
@@ -165,7 +167,7 @@ class InterpretedEngine:
             doubt=run.doubt,
         )
 
-    def _moved(self, c: Array, steps: Plan) -> tuple[Array, Array]:
+    def _moved(self, c: Array, steps: StepPlan) -> tuple[Array, Array]:
         """Derivatives of each step's beginning and length along the direction of a sensitivity."""
         slopes = np.array([0.0 if place < 0 else c[place] for place in (*self.kernel.jump_slopes, -1)])
         if len(slopes) == 1:
@@ -174,7 +176,7 @@ class InterpretedEngine:
         dh = (end - begin) / steps.number
         return begin + steps.index * dh, dh
 
-    def _one(self, p: Array, grid: TimeGrid, raw: Raw, rows: Sequence[int]) -> None:
+    def _one(self, p: Array, grid: TimeGrid, raw: RolloutArrays, rows: Sequence[int]) -> None:
         path = self.path(p, grid, estimate=raw.error is not None, backwards=raw.backwards)
         at = path.plan.sampled[: len(path.shown)]
         if raw.x is not None:
@@ -190,7 +192,7 @@ class InterpretedEngine:
             raw.r[0] = self.reduce(path)
         raw.cost[0] = self.kernel.functions["objective"](raw.r[0], p).full().ravel()
 
-    def note(self, path: DiscreteTrajectory, raw: Raw) -> None:
+    def note(self, path: DiscreteTrajectory, raw: RolloutArrays) -> None:
         """Write down how the only rollout of ``raw`` went, and its events."""
         raw.done[0], raw.reached[0], raw.fate[0] = path.done, path.end_s, path.fate
         log, first = raw.log, path.happenings[: raw.log.event.shape[1]]
@@ -269,7 +271,7 @@ class InterpretedEngine:
         return self._made[n, estimate]
 
 
-def _sides(c: Array, jumps: Sequence[int], times: Array, steps: Plan) -> Array:
+def _sides(c: Array, jumps: Sequence[int], times: Array, steps: StepPlan) -> Array:
     """Constants before each step and at the end, with the side of each jump in its place."""
     sides = np.tile(c, (steps.steps + 1, 1))
     sides[:, list(jumps)] = np.where(times <= 0, -np.inf, np.inf)
@@ -278,7 +280,7 @@ def _sides(c: Array, jumps: Sequence[int], times: Array, steps: Plan) -> Array:
     return sides
 
 
-def _blocks(steps: Plan) -> list[tuple[int, int]]:
+def _blocks(steps: StepPlan) -> list[tuple[int, int]]:
     """First step and length of pieces in which no jump is passed."""
     cuts = np.unique(np.concatenate([[0], steps.passes, [steps.steps]]))
     return [

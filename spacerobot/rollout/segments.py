@@ -18,7 +18,7 @@ from spacerobot.rollout.grid import ROUNDING, TimeGrid
 from spacerobot.rollout.protocol import Array
 
 HERE = -2
-"""What a segment begins at that an event began; see :class:`Plan`."""
+"""What a segment begins at that an event began; see :class:`StepPlan`."""
 
 FEWEST = 8
 """Steps at least of what begins and ends with a jump within a sample interval: a motion of its own."""
@@ -94,7 +94,7 @@ def graded(step_s: float, window_s: float, near: float) -> float:
 
 
 @dataclass(frozen=True)
-class Plan:
+class StepPlan:
     """Every step of a rollout, K of them.
 
     Attributes
@@ -129,7 +129,7 @@ class Plan:
         return np.flatnonzero((self.first >= 0) & (self.index == 0))
 
 
-def plan(grid: TimeGrid, times: Sequence[float] | Array, *, backwards: bool = False) -> Plan:
+def plan(grid: TimeGrid, times: Sequence[float] | Array, *, backwards: bool = False) -> StepPlan:
     """All steps of a rollout whose dynamics jump at given times [s]."""
     parts = list(segments(grid, times, backwards=backwards))
     number = np.array([part.steps for part in parts], dtype=np.int64)
@@ -139,4 +139,4 @@ def plan(grid: TimeGrid, times: Sequence[float] | Array, *, backwards: bool = Fa
     begin = np.repeat([part.begin_s for part in parts], number)
     first, last = (np.repeat([getattr(part, end) for part in parts], number) for end in ("first", "last"))
     sampled = np.concatenate([[0], ends[[part.samples for part in parts]]])
-    return Plan(begin + index * h, h, index, np.repeat(number, number), first, last, sampled)
+    return StepPlan(begin + index * h, h, index, np.repeat(number, number), first, last, sampled)

@@ -17,7 +17,7 @@ Integers = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True)
-class Fired:
+class FiredEvent:
     """An event of a rollout. Every array is read-only.
 
     Attributes
@@ -116,7 +116,7 @@ class Trajectory:
     wall_s: float
     step_error: float = float("nan")
     cause: str = ""
-    events: tuple[Fired, ...] = ()
+    events: tuple[FiredEvent, ...] = ()
     ended_at_s: float | None = None
     state_names: tuple[str, ...] = ()
 

@@ -28,7 +28,7 @@ MOST_SAMPLES = 1_000_000
 EIGENVALUE = 1e-10  # least eigenvalue of a correlation matrix
 
 
-class Uncertain(Section):
+class UncertainParameter(Section):
     """A number that is not known, in one place of the scenario or in several at once."""
 
     paths: tuple[str, ...] = Field(
@@ -63,7 +63,7 @@ class Uncertain(Section):
         return data
 
     @model_validator(mode="after")
-    def _check(self) -> Uncertain:
+    def _check(self) -> UncertainParameter:
         needed = NEEDS[self.kind]
         for name in ("lower", "upper", "mean", "std", "median", "sigma"):
             given = getattr(self, name) is not None
@@ -91,7 +91,7 @@ class Limits(QuantityLimits):
 class Campaign(Section):
     """Many rollouts over what is not known, and what is asked of them."""
 
-    parameters: dict[Name, Uncertain] = Field(min_length=1, description="uncertain numbers by name")
+    parameters: dict[Name, UncertainParameter] = Field(min_length=1, description="uncertain numbers by name")
     correlation: tuple[tuple[float, ...], ...] | None = Field(
         default=None,
         description="correlation matrix of the parameters' normal scores, in the order of `parameters` "

@@ -40,7 +40,7 @@ class Limit(Section):
         return self
 
 
-class Until(Section):
+class PhaseEnd(Section):
     """How a phase ends: by one of these."""
 
     time: float | None = quantity("s", "time since the phase began", default=None, gt=0)
@@ -52,7 +52,7 @@ class Until(Section):
     limit: Limit | None = Field(default=None, description="an output passes a limit")
 
     @model_validator(mode="after")
-    def _check(self) -> Until:
+    def _check(self) -> PhaseEnd:
         given = [name for name, value in self if value is not None]
         if len(given) != 1:
             names = ", ".join(type(self).model_fields)
@@ -78,7 +78,7 @@ class Until(Section):
 class Phase(Section):
     """A part of the time: what differs from the scenario, how it ends, and what follows."""
 
-    until: Until | None = Field(default=None, description="how it ends")
+    until: PhaseEnd | None = Field(default=None, description="how it ends")
     at_most: float | None = quantity("s", "it ends at the latest after so long", default=None, gt=0)
     then: Name | None = Field(
         default=None, description="phase that follows, or end; the next one, end for the last, if not given"
@@ -247,7 +247,7 @@ def _names(
     for key, found in (("then", phase.then), ("otherwise", phase.otherwise)):
         if found is not None:
             yield key, found, following
-    until = phase.until or Until(time=1.0)
+    until = phase.until or PhaseEnd(time=1.0)
     named = {"captures": phase.captures, "releases": phase.releases}
     named |= {"until.captured": until.captured, "until.released": until.released}
     for key, names in named.items():

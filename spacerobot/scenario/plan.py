@@ -23,7 +23,7 @@ from spacerobot.elements.plan_limits.keep_out import KeepOut
 from spacerobot.elements.plan_limits.sight import Sight
 from spacerobot.scenario.faults import explain
 from spacerobot.scenario.merge import overlay, pick, without_null
-from spacerobot.scenario.tuning import Variable
+from spacerobot.scenario.tuning import DesignVariable
 from spacerobot.section import Name, Section, Vector, quantity
 
 
@@ -163,7 +163,7 @@ class Planning(Section):
         description="numbers of the scenario, by dotted path, that are others in the model that plans are "
         "made with, by `mpc` too, than in the plant: masses, inertias, lengths",
     )
-    design: dict[Name, Variable] = Field(
+    design: dict[Name, DesignVariable] = Field(
         default={}, description="numbers of the scenario that a design study is free to choose, by name"
     )
     choices: dict[Name, Choice] = Field(

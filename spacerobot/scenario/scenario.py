@@ -13,11 +13,11 @@ from spacerobot.scenario.bodies import Base, Robot, Target, Tip
 from spacerobot.scenario.campaign import Campaign
 from spacerobot.scenario.faults import explain
 from spacerobot.scenario.merge import check_changes, expand_names, overlay, pick, without_resting
-from spacerobot.scenario.pads import Pad
 from spacerobot.scenario.paths import Document
 from spacerobot.scenario.phases import Phase, check_phases, check_planned
 from spacerobot.scenario.plan import Planning
 from spacerobot.scenario.sensors import Sensors
+from spacerobot.scenario.shapes import Pad
 from spacerobot.scenario.tuning import Tuning
 from spacerobot.section import Name, Section, Vector, quantity
 

@@ -26,7 +26,7 @@ METHODS: tuple[Method, ...] = (
 )
 
 
-class Variable(Section):
+class DesignVariable(Section):
     """A number that is free, in one place of the scenario or in several at once."""
 
     paths: tuple[str, ...] = Field(
@@ -48,7 +48,7 @@ class Variable(Section):
         return data
 
     @model_validator(mode="after")
-    def _check(self) -> Variable:
+    def _check(self) -> DesignVariable:
         if not self.lower < self.upper:
             raise ValueError(f"lower must be below upper, found {self.lower:g} and {self.upper:g}")
         if self.scale == "log" and self.lower <= 0:
@@ -105,7 +105,7 @@ class Robustness(Section):
 class Tuning(Section):
     """The tuning problem, and how much may be spent on it."""
 
-    variables: dict[Name, Variable] = Field(min_length=1, description="free numbers by name")
+    variables: dict[Name, DesignVariable] = Field(min_length=1, description="free numbers by name")
     sets: dict[Name, tuple[Name, ...]] = Field(
         default={}, description="choices of variables that are tuned and compared; all of them if not given"
     )

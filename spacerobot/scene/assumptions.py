@@ -11,10 +11,10 @@ from spacerobot.arrays import Array
 from spacerobot.description.bodies import odd_bodies
 from spacerobot.scenario import Robot
 from spacerobot.scene.checks import resolved_bodies, robot_elements, robot_facts
-from spacerobot.scene.closing import Closing, find_closings, has_loops, is_rigid, open_grasps
 from spacerobot.scene.configure import initial_state
 from spacerobot.scene.contacts import dome_warnings
 from spacerobot.scene.envelopes import envelope_warnings, mating_warnings
+from spacerobot.scene.grasp_closing import ClosingBase, find_closings, has_loops, is_rigid, open_grasps
 from spacerobot.scene.reach import reference_warnings
 from spacerobot.scene.scene import Scene, SceneBody, SceneTip
 
@@ -133,7 +133,7 @@ def _unread_sensors(scene: Scene, body: SceneBody) -> list[str]:
     ]
 
 
-def _closed(scene: Scene, closing: Closing) -> str:
+def _closed(scene: Scene, closing: ClosingBase) -> str:
     """What of a base gives way to a grasp, and where that places it."""
     x, y, z = _base_motion(scene, closing.body)[0]
     turned = f", turned by {_vector(_base_turn(scene, closing.body))} deg," if closing.aligns else ""

@@ -30,9 +30,9 @@ from spacerobot.scene.checks import (
     check_rank,
     is_planar,
 )
-from spacerobot.scene.closing import has_loops
 from spacerobot.scene.configure import close_velocity, initial_state
 from spacerobot.scene.contacts import check_overlap, find_contacts
+from spacerobot.scene.grasp_closing import has_loops
 from spacerobot.scene.model import build_model
 from spacerobot.scene.reach import check_followed, check_in_plane
 from spacerobot.scene.references import references_of

@@ -12,14 +12,14 @@ import numpy as np
 import pinocchio as pin
 
 from spacerobot.arrays import Array
-from spacerobot.description.bodies import Body, check_bodies, welded_bodies
-from spacerobot.description.parts import Link
+from spacerobot.description.bodies import RigidBody, check_bodies, welded_bodies
+from spacerobot.description.parts import UrdfLink
 from spacerobot.description.read import Description
-from spacerobot.elements import Actuator, RobotElement, RobotFacts, kinds
+from spacerobot.elements import Actuator, RobotElement, RobotProperties, kinds
 from spacerobot.errors import DescriptionError, ScenarioError
 from spacerobot.scenario import Robot, Scenario, Target
-from spacerobot.scene.closing import begun, find_closings, is_rigid
 from spacerobot.scene.configure import relative_jacobian
+from spacerobot.scene.grasp_closing import begun, find_closings, is_rigid
 from spacerobot.scene.resolve import position
 from spacerobot.scene.scene import Scene, SceneBody, SceneGrasp
 
@@ -51,16 +51,16 @@ def check_masses(scenario: Scenario, descriptions: Mapping[str, Description], *,
             raise ScenarioError(message, source=source, where=f"{path}.links") from None
 
 
-def resolved_bodies(config: Robot | Target, description: Description) -> list[Body]:
+def resolved_bodies(config: Robot | Target, description: Description) -> list[RigidBody]:
     """Bodies that move as one, the base first, with the mass properties of a resolved scenario."""
     return welded_bodies(_resolved_links(config, description), description.joints, description.root)
 
 
-def _resolved_links(config: Robot | Target, description: Description) -> list[Link]:
+def _resolved_links(config: Robot | Target, description: Description) -> list[UrdfLink]:
     return [_with_masses(link, config.links.get(link.name)) for link in description.links]
 
 
-def _with_masses(link: Link, given: Any) -> Link:
+def _with_masses(link: UrdfLink, given: Any) -> UrdfLink:
     """Link with the mass properties of a resolved scenario."""
     if given is None:
         return link
@@ -306,11 +306,11 @@ def robot_elements(scene: Scene) -> Iterator[tuple[SceneBody, str, RobotElement]
                 yield body, f"{body.path}.{key}", element
 
 
-def robot_facts(scene: Scene, body: SceneBody) -> RobotFacts:
+def robot_facts(scene: Scene, body: SceneBody) -> RobotProperties:
     """A robot in its initial posture, as its elements judge it."""
     free = {joint: body.joint_name(scene.model, joint) for joint in body.free_joints}
     names = tuple(free[joint] for joint in body.driven_joints)
-    return RobotFacts(
+    return RobotProperties(
         body.name,
         names,
         {name: body.config.joints[name].torque_limit for name in names},

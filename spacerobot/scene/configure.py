@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from spacerobot.arrays import Array
 from spacerobot.scene import turns
-from spacerobot.scene.closing import Closing, begun, find_closings, is_rigid
+from spacerobot.scene.grasp_closing import ClosingBase, begun, find_closings, is_rigid
 from spacerobot.scene.scene import Scene, SceneBody, SceneGrasp
 
 
@@ -40,7 +40,7 @@ def initial_state(
 
 
 def _align(
-    model: Any, closing: Closing, turned: Mapping[int, turns.Quaternion], q: Array, v: Array
+    model: Any, closing: ClosingBase, turned: Mapping[int, turns.Quaternion], q: Array, v: Array
 ) -> turns.Quaternion:
     """Turn a base so that its grasp begins aligned, and its described velocity with its axes."""
     joint = model.joints[closing.body.root_joint]
@@ -59,7 +59,7 @@ def _align(
     return found
 
 
-def _close(model: Any, closing: Closing, q: Array, v: Array) -> None:
+def _close(model: Any, closing: ClosingBase, q: Array, v: Array) -> None:
     """Move a base, and set it in motion, so that its grasp begins closed."""
     data = model.createData()
     pin.forwardKinematics(model, data, q, v)
@@ -119,7 +119,7 @@ def relative_jacobian(scene: Scene, grasp: SceneGrasp) -> Array:
 
 
 def _set_base(
-    model: Any, body: SceneBody, closing: Closing | None, q: Array, v: Array
+    model: Any, body: SceneBody, closing: ClosingBase | None, q: Array, v: Array
 ) -> Mapping[int, turns.Quaternion]:
     """Set a floating base as described, to zero what gives way to a grasp; its turn by its joint's id."""
     if not body.root_joint:

@@ -12,12 +12,12 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from spacerobot.description.parts import Shape as UrdfShape
+from spacerobot.description.parts import LinkShape as UrdfShape
 from spacerobot.elements import Contact
 from spacerobot.elements.contact import Wrap
 from spacerobot.errors import ScenarioError, near_names
 from spacerobot.scenario import Scenario
-from spacerobot.scenario.pads import Pad
+from spacerobot.scenario.shapes import Pad
 from spacerobot.scene.scene import Scene, SceneBody, SceneContact, SceneShape
 from spacerobot.scene.wrapping import wrapped
 from spacerobot.section import matching

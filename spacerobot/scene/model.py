@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from spacerobot.description.read import Description
 from spacerobot.scenario import Body, Robot, Scenario, Target
-from spacerobot.scene.scene import SceneBody, Tie
+from spacerobot.scene.scene import MimicJoint, SceneBody
 
 ROOT = "root"
 """Name, behind the body's prefix, of the joint that floats a base; ``root_`` if the URDF has a ``root``."""
@@ -89,7 +89,7 @@ def _body(model: Any, path: str, config: Robot | Target, description: Descriptio
     ids = {str(model.names[j]).removeprefix(f"{name}/"): j for j in joints}
     root_frame = int(model.getFrameId(f"{name}/{description.root}", pin.FrameType.BODY))
     ties = tuple(
-        Tie(ids[joint.name], ids[joint.mimic.joint], joint.mimic.multiplier, joint.mimic.offset)
+        MimicJoint(ids[joint.name], ids[joint.mimic.joint], joint.mimic.multiplier, joint.mimic.offset)
         for joint in description.joints
         if joint.mimic is not None and joint.kind != "fixed"
     )

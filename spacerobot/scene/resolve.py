@@ -12,7 +12,7 @@ import pinocchio as pin
 from spacerobot.arrays import Array
 from spacerobot.description.find import find_urdf, is_file
 from spacerobot.description.mount import mounted
-from spacerobot.description.parts import Joint as UrdfJoint
+from spacerobot.description.parts import UrdfJoint as UrdfJoint
 from spacerobot.description.place import placed
 from spacerobot.description.read import Description, read_description
 from spacerobot.elements import FAMILIES, Element, kinds

@@ -19,7 +19,7 @@ from spacerobot.shapes import ShapeKind
 
 
 @dataclass(frozen=True)
-class Tie:
+class MimicJoint:
     """A joint that mimics another one: ``q = multiplier q_leader + offset`` [rad or m].
 
     ``joint`` and ``leader`` are ids in the scene's model.
@@ -64,7 +64,7 @@ class SceneBody:
     root_frame: int
     root_joint: int
     joints: tuple[int, ...]
-    ties: tuple[Tie, ...] = ()
+    ties: tuple[MimicJoint, ...] = ()
     owned: tuple[int, ...] = ()
 
     def __repr__(self) -> str:
@@ -274,7 +274,7 @@ class Scene:
         return next((body for body in self.bodies if isinstance(body.config, Target)), None)
 
     @property
-    def ties(self) -> tuple[Tie, ...]:
+    def ties(self) -> tuple[MimicJoint, ...]:
         """Joints that mimic another one."""
         return tuple(tie for body in self.bodies for tie in body.ties)
 

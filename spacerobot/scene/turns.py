@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from spacerobot.scene.closing import Closing
+from spacerobot.scene.grasp_closing import ClosingBase
 
 Quaternion = Sequence[Any]
 NOISE = 1e-14  # of a constant quaternion's entries
@@ -54,7 +54,9 @@ def joint(model: Any, index: int, cosine: Any, sine: Any) -> Quaternion:
     return (*(float(a) * sine for a in axis), cosine) if axis.any() else (0.0, 0.0, 0.0, 1.0)
 
 
-def aligned(model: Any, closing: Closing, turns: Mapping[int, Quaternion], offset: Quaternion) -> Quaternion:
+def aligned(
+    model: Any, closing: ClosingBase, turns: Mapping[int, Quaternion], offset: Quaternion
+) -> Quaternion:
     """Turn of a closing's base by which its tip begins turned by ``offset`` in the mating frame.
 
     Parameters

@@ -39,7 +39,7 @@ _ASIDE = ca.DM([0.6e-9, 0.48e-9, 0.64e-9])
 
 
 @dataclass(frozen=True)
-class Part:
+class CrownPart:
     """A segment along an axis (3x1), or a disc across it, of half length or radius ``size`` (1x1) [m]."""
 
     size: ca.SX
@@ -57,12 +57,12 @@ class Part:
         return ca.fmax(1 - along**2, 0) if self.disc else along**2
 
 
-def parts_of(kind: ShapeKind, shape: Shape, rotation: ca.SX) -> list[Part]:
+def parts_of(kind: ShapeKind, shape: Shape, rotation: ca.SX) -> list[CrownPart]:
     """Segments and disc of a shape that is turned (3x3)."""
     if kind == "box":
-        return [Part(shape.half[i], rotation[:, i], False) for i in range(3)]
-    parts = [Part(shape.half, rotation[:, 2], False)]
-    return [*parts, Part(shape.radius, rotation[:, 2], True)] if kind == "cylinder" else parts
+        return [CrownPart(shape.half[i], rotation[:, i], False) for i in range(3)]
+    parts = [CrownPart(shape.half, rotation[:, 2], False)]
+    return [*parts, CrownPart(shape.radius, rotation[:, 2], True)] if kind == "cylinder" else parts
 
 
 def ball_of(kind: ShapeKind, shape: Shape) -> ca.SX:
@@ -124,7 +124,7 @@ def _nearest(kinds: tuple[ShapeKind, ShapeKind]) -> ca.Function:
     return ca.Function("near", given, ca.cse([reach.value(normal), normal, nearest, lead]))
 
 
-def _directions(centre: ca.SX, own: Sequence[Part], others: Sequence[Part]) -> Iterator[ca.SX]:
+def _directions(centre: ca.SX, own: Sequence[CrownPart], others: Sequence[CrownPart]) -> Iterator[ca.SX]:
     """Directions (3x1) in which the way out may be the shortest: of axes, across two of them, radial."""
     axes = [[part.axis for part in parts if not part.disc] for parts in (own, others)]
     yield from (*axes[0], *axes[1])
@@ -137,7 +137,7 @@ class _Reach:
     """Value n.c - h(n) of a Minkowski sum about the origin, seen from a centre (3x1) [m]."""
 
     centre: ca.SX
-    parts: list[Part]
+    parts: list[CrownPart]
     ball: ca.SX
     crown: ca.SX
 
@@ -223,7 +223,7 @@ class _Reach:
         step = ca.mtimes(plane.T, _solved(bend, self.value(n), pull))
         return step, [self._held(part, n, step, old) for part, old in zip(self.parts, held, strict=True)]
 
-    def _held(self, part: Part, n: ca.SX, step: ca.SX, old: ca.SX) -> ca.SX:
+    def _held(self, part: CrownPart, n: ca.SX, step: ca.SX, old: ca.SX) -> ca.SX:
         """What a part sees over its length after a step: along a segment (1x1), across a disc (3x1)."""
         length = ca.sqrt(part.square(n) + self.crown**2)
         along, further = ca.dot(part.axis, n), ca.dot(part.axis, step)

@@ -2,7 +2,7 @@
 
 from spacerobot.symbolic.parameters import Constants, Parameters
 from spacerobot.symbolic.plant import Plant
-from spacerobot.symbolic.start import Start
-from spacerobot.symbolic.tables import Table
+from spacerobot.symbolic.start import InitialState
+from spacerobot.symbolic.tables import WindowTable
 
-__all__ = ["Constants", "Parameters", "Plant", "Start", "Table"]
+__all__ = ["Constants", "InitialState", "Parameters", "Plant", "WindowTable"]

@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 
 from spacerobot.arrays import Array
-from spacerobot.symbolic.tables import Table
+from spacerobot.symbolic.tables import WindowTable
 
 
 class Parameters:
@@ -96,7 +96,7 @@ class Constants:
         self._jumps: dict[str, int] = {}
         self._switches: dict[str, int] = {}
         self._cursors: dict[str, ca.SX] = {}
-        self._tables: dict[str, Table] = {}
+        self._tables: dict[str, WindowTable] = {}
 
     def jump(self, name: str, time: ca.SX) -> ca.SX:
         """Symbol (1x1) of a time [s] at which the dynamics jump, to be compared with time and nothing else.
@@ -156,12 +156,12 @@ class Constants:
             first, entries = len(self._symbols), ca.vertsplit(ca.densify(ca.vec(rows.T)))
             self._symbols += [ca.SX.sym(symbol) for symbol in symbols]
             self._expressions += [*entries, *entries[:width]]
-            self._tables[name] = Table(cursor, first, first + count * width, width, count)
+            self._tables[name] = WindowTable(cursor, first, first + count * width, width, count)
         place = self._tables[name]
         return ca.vertcat(*self._symbols[place.window : place.window + place.width])
 
     @property
-    def tables(self) -> tuple[Table, ...]:
+    def tables(self) -> tuple[WindowTable, ...]:
         """Where the tables are in c."""
         return tuple(self._tables.values())
 

@@ -11,7 +11,7 @@ from spacerobot.dynamics import Kinematics, frame_placement
 
 
 @dataclass(frozen=True)
-class Start:
+class InitialState:
     """The initial state, an expression of the parameters.
 
     Attributes

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
-class Table:
+class WindowTable:
     """Rows of equal width in c, one after the other, and a window that shows one of them.
 
     Attributes

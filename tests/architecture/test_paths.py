@@ -15,11 +15,11 @@ import pytest
 import optim
 import spacerobot
 import viz
-from optim.campaign import Campaigned, load_campaign
-from optim.campaign.rollouts.evaluator import Evaluator
-from optim.methods.by_name import Outcome
+from optim.campaign import CampaignRun, load_campaign
+from optim.campaign.rollouts.evaluator import CampaignEvaluator
+from optim.methods.run_method import MethodOutcome
 from optim.problem.formulation import Formulation
-from optim.problem.problem import Cost
+from optim.problem.problem import EvaluationCost
 from spacerobot.description import find_urdf, read_description
 from spacerobot.errors import ResultError
 from spacerobot.result import check_folder, note_derived
@@ -120,7 +120,7 @@ def test_descriptions_plugins_and_campaigns_are_found_by_any_kind_of_path(kind, 
     spacerobot.load_plugin(kind(plugin))
     with pytest.raises(ResultError, match="no campaign"):
         load_campaign(kind(tmp_path))
-    assert optim.Session(kind(tmp_path)).place == tmp_path
+    assert optim.SearchSession(kind(tmp_path)).place == tmp_path
 
 
 def check_small(thing):
@@ -135,11 +135,11 @@ def test_what_functions_return_shows_itself_in_one_line(result):
     rollout = spacerobot.build_rollout(loop, duration_s=0.02, backend="interpreted")
     assert optim.TuningProblem.__repr__ is Formulation.__repr__
     problem = Formulation(scene, loop, SimpleNamespace(names=("kp", "ki")), None, None)
-    run = optim.Run(
-        "nlp", 0, 0, scene.q, 1.0, 0.0, Cost(rollouts=7), 1.0, "converged", log=({"step": 1},) * 99
+    run = optim.SearchRun(
+        "nlp", 0, 0, scene.q, 1.0, 0.0, EvaluationCost(rollouts=7), 1.0, "converged", log=({"step": 1},) * 99
     )
-    outcome = Outcome("nlp", (run,) * 9)
-    evaluator = Evaluator(scene, scene.scenario.campaign, {"scenario": {}, "tuned": {}}, ())
+    outcome = MethodOutcome("nlp", (run,) * 9)
+    evaluator = CampaignEvaluator(scene, scene.scenario.campaign, {"scenario": {}, "tuned": {}}, ())
     for thing in (
         result,
         viz.embed(result),
@@ -155,9 +155,11 @@ def test_what_functions_return_shows_itself_in_one_line(result):
         problem,
         run,
         outcome,
-        optim.Tuned({"kp": 1.0, "ki": 2.0}, 1.0, "converged", "no step promises a fall", scene, outcome),
+        optim.TuningResult(
+            {"kp": 1.0, "ki": 2.0}, 1.0, "converged", "no step promises a fall", scene, outcome
+        ),
         optim.Comparison("paper", (), 1.0),
         evaluator,
-        Campaigned(Path("out/campaign"), evaluator, 1, 2, interrupted=False),
+        CampaignRun(Path("out/campaign"), evaluator, 1, 2, interrupted=False),
     ):
         check_small(thing)

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from spacerobot.cli.playing import to_play
+from spacerobot.cli.page_data import to_play
 from spacerobot.errors import ResultError
 from spacerobot.result import save
 from spacerobot.scene import load_scene

@@ -11,7 +11,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog, lsq_linear
 
-from spacerobot.elements.allocation import EVEN, Layout, allocate, steps_needed
+from spacerobot.elements.allocation import EVEN, ThrusterLayout, allocate, steps_needed
 from spacerobot.pinocchio_engine.thrusters import _shared
 
 DETUMBLE = 2 * np.array(
@@ -29,7 +29,7 @@ def sharing(rows, count):
     """Parts from matrix, propellant and wrench, and how they change with a change of the wrench."""
     sizes = {"matrix": (rows, count), "propellant": (count,), "wanted": (rows,), "change": (rows,)}
     given = {name: ca.SX.sym(name, *size) for name, size in sizes.items()}
-    layout = Layout.of(given["matrix"], given["propellant"])
+    layout = ThrusterLayout.of(given["matrix"], given["propellant"])
     parts = allocate(layout, given["wanted"], 3 * (rows + count))
     slope = ca.jtimes(parts, given["wanted"], given["change"])
     return ca.Function("sharing", list(given.values()), [parts, slope])
@@ -99,7 +99,7 @@ def test_derivatives_are_those_of_what_is_computed(size):
 
 def test_steps_that_do_not_suffice_give_parts_all_the_same():
     w = ca.SX.sym("w", 3)
-    parts = allocate(Layout.of(ca.sparsify(ca.SX(scaled(DETUMBLE))), ca.SX.ones(8)), w, 1)
+    parts = allocate(ThrusterLayout.of(ca.sparsify(ca.SX(scaled(DETUMBLE))), ca.SX.ones(8)), w, 1)
     share = ca.Function("share", [w], [parts, ca.jacobian(parts, w)])
     found, slopes = share([0.3, 0.2, 0.1])
     assert 0 <= ca.mmin(found) <= ca.mmax(found) <= 1

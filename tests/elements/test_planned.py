@@ -11,7 +11,7 @@ from scipy.interpolate import CubicHermiteSpline, KroghInterpolator
 
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.description.planar import PlanarBase, PlanarLink, planar_arm_urdf
-from spacerobot.elements import Context
+from spacerobot.elements import SectionContext
 from spacerobot.elements.knots import Knots
 from spacerobot.errors import ScenarioError
 from spacerobot.result.store import load, save
@@ -21,7 +21,7 @@ from spacerobot.simulation import simulate
 from spacerobot.symbolic import Constants, Parameters
 from tests.oracles.plans import plan_of, write_plan
 from tests.oracles.two_engines import Numeric, Symbolic
-from viz.studio.numbers import find_leaves
+from viz.studio.parameters import find_leaves
 
 DURATION, KNOTS = 2.0, 21
 TURNS = {"arm/joint_1": 0.9, "arm/joint_2": -0.6}
@@ -73,7 +73,7 @@ def test_knots_are_joined_as_scipy_joins_them(when, points, parted):
         times = np.concatenate([times[k : k + points] for k in range(0, len(times) - 1, points - 1)])
     rng = np.random.default_rng(1)
     values, rates = rng.normal(size=(2, len(times), 3))
-    context = Context("own", ca.SX.sym("t"), Parameters({}), Constants())
+    context = SectionContext("own", ca.SX.sym("t"), Parameters({}), Constants())
     found, given = Knots.at(context, times, points), ca.SX(ca.DM(values))
     motion = found.motion("motion", given, ca.SX(ca.DM(rates)))
     constants, outputs = context.constants, [motion.value, motion.rate, motion.acceleration]

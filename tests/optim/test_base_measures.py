@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from optim.campaign.rollouts.metrics import build_kept
+from optim.campaign.rollouts.metrics import build_campaign_metrics
 from optim.problem.measured import with_added_states
 from optim.problem.objectives import OBJECTIVE, build_terms, extended_loop
 from spacerobot.closedloop import build_closed_loop
@@ -59,7 +59,7 @@ def test_objectives_have_exact_gradients(held):
 def test_jitter_is_the_error_behind_a_high_pass(held):
     scene, loop = held
     extended, frequency = with_added_states(loop, scene, [find_quantity("jitter")], 2.0), 2.0
-    kept = build_kept(loop, scene, ["jitter", "propellant", "attitude_error_peak"], extended)
+    kept = build_campaign_metrics(loop, scene, ["jitter", "propellant", "attitude_error_peak"], extended)
     rollout = build_rollout(extended, measures=kept.measures, output_step_s=1e-3, **(RUN | {"step_s": 1e-3}))
     run = rollout.run()
     slow, squares = np.zeros(6), 0.0

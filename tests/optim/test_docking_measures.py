@@ -3,7 +3,7 @@
 import casadi as ca
 import pytest
 
-from optim.campaign.rollouts.metrics import build_kept
+from optim.campaign.rollouts.metrics import build_campaign_metrics
 from optim.problem.objectives import build_terms
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.errors import ScenarioError
@@ -29,7 +29,7 @@ def final_values(measures, run):
 def test_a_campaign_keeps_what_a_docking_took(tmp_path, distance):
     scene = free_bodies(tmp_path, FLAT, {"kind": "point", "capture": {"distance": distance}})
     loop = build_closed_loop(scene)
-    kept = build_kept(loop, scene, metrics())
+    kept = build_campaign_metrics(loop, scene, metrics())
     names = [column.name for column in kept.columns]
     assert {"capture_time left", "miss_distance left", "impulse left", "event_energy total"} <= set(names)
     run = roll(loop, 3.0)
@@ -59,7 +59,9 @@ def test_tuning_weighs_and_limits_it(tmp_path):
 def test_a_scene_without_captures_refuses_them():
     scene = small_scene(PLANAR)
     loop = build_closed_loop(scene)
-    assert not {"capture_time", "impulse"} & {c.metric for c in build_kept(loop, scene, metrics()).columns}
+    assert not {"capture_time", "impulse"} & {
+        c.metric for c in build_campaign_metrics(loop, scene, metrics()).columns
+    }
     with pytest.raises(ScenarioError, match=r"tuning\.objective\.capture_time"):
         build_terms(loop, scene, Objective(capture_time=1.0), Constraints())
     with pytest.raises(ScenarioError, match=r"tuning\.constraints\.max_impulse"):

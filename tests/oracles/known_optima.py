@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from optim.problem.problem import Cost, Evaluation, Linearisation
+from optim.problem.problem import Evaluation, EvaluationCost, Linearisation
 
 
 @dataclass
@@ -28,11 +28,11 @@ class Known:
 
     @property
     def linear_cost(self):
-        return Cost(gradients=1)
+        return EvaluationCost(gradients=1)
 
     @property
     def sample_cost(self):
-        return Cost(samples=1)
+        return EvaluationCost(samples=1)
 
     def sample(self, u):
         found = self.evaluate(u)

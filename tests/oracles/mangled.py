@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from optim.campaign.draws.space import campaign_of, resolve_space
+from optim.campaign.sampling.parameter_space import campaign_of, resolve_space
 from optim.planning.formulation.formulate import formulate_phases
 from optim.planning.studies.study import design_of
 from optim.problem.scenes import tuning_of

@@ -4,7 +4,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from optim.campaign.rollouts.metrics import build_kept
+from optim.campaign.rollouts.metrics import build_campaign_metrics
 from optim.evaluation import BatchResult, GradientResult, batch, gradient
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.errors import ResultError, ScenarioError, SpaceRobotError
@@ -65,7 +65,7 @@ def test_names_keys_and_symbols_are_unique_and_every_quantity_is_described():
 def test_the_values_are_those_of_the_outputs():
     scene = small_scene(PLANAR, {"simulation.duration": 0.4})
     loop = build_closed_loop(scene)
-    kept = build_kept(loop, scene, list(metrics()))
+    kept = build_campaign_metrics(loop, scene, list(metrics()))
     rollout = build_rollout(
         loop, duration_s=0.4, step_s=0.01, output_step_s=0.01, measures=kept.measures, backend="interpreted"
     )

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from spacerobot.closedloop import build_closed_loop
-from spacerobot.closedloop.closed_loop import Variable
+from spacerobot.closedloop.closed_loop import OutputVariable
 from spacerobot.errors import SpaceRobotError
 from spacerobot.rollout import Measures, Signals, build_rollout, final, integral, peak
 from tests.oracles.small_scenes import PLANAR, small_scene
@@ -163,7 +163,7 @@ def test_a_lost_rollout_names_what_was_lost(rollout, loop):
 class Half:
     """A closed loop one of whose outputs exists for the first of two labels only."""
 
-    variables = (Variable("load", ("tip", "axis"), "N", "load of tips", ("a", "b")),)
+    variables = (OutputVariable("load", ("tip", "axis"), "N", "load of tips", ("a", "b")),)
 
     def __init__(self, loop):
         self._loop = loop

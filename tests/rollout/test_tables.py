@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 
 from spacerobot.rollout import Measures, Signals, build_rollout, final, integral, peak
-from spacerobot.symbolic import Table
+from spacerobot.symbolic import WindowTable
 from tests.rollout.hybrid_loops import Hybrid, Rule
 
 ROWS = [(1, 0.3), (0.4, -0.2), (1.3, 0.1)]
 PARAMETERS = {f"rate.{k}.{j}": value for k, row in enumerate(ROWS) for j, value in enumerate(row)}
 PARAMETERS |= {"force.0": 0.8, "force.1": -0.5, "force.2": 0.0, "late": 0.31, "level": 0.25, "first": 0.05}
 JUMPS, SWITCH, LEVEL = (0, 1), 2, 3
-RATES = Table(cursor=0, first=4, window=10, width=2, count=3)
-FORCES = Table(cursor=1, first=12, window=18, width=2, count=3)
+RATES = WindowTable(cursor=0, first=4, window=10, width=2, count=3)
+FORCES = WindowTable(cursor=1, first=12, window=18, width=2, count=3)
 
 
 def rows(t, x, c):

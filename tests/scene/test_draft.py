@@ -7,11 +7,11 @@ import pytest
 
 from spacerobot.errors import SpaceRobotError
 from spacerobot.scene import load_scene
-from spacerobot.scene.draft import Order, draft_scenario
+from spacerobot.scene.draft import DraftRequest, draft_scenario
 from spacerobot.scene.overlaps import overlaps
 from spacerobot.simulation import simulate
 
-PLANAR = Order(["planar_arm.urdf"], "rectangle.urdf")
+PLANAR = DraftRequest(["planar_arm.urdf"], "rectangle.urdf")
 
 
 def test_a_drafted_scenario_runs_and_follows_its_reference(tmp_path):

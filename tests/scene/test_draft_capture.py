@@ -11,11 +11,11 @@ import pytest
 from spacerobot.errors import ScenarioError
 from spacerobot.scene import load_scene
 from spacerobot.scene.checks import gap
-from spacerobot.scene.draft import Order, draft_capture, surface_point
+from spacerobot.scene.draft import DraftRequest, draft_capture, surface_point
 from spacerobot.simulation import simulate
 
-FLAT = Order(["short_arm.urdf"], "rectangle.urdf")
-DEEP = Order(["panda_arm.urdf"], "satellite_box.urdf")
+FLAT = DraftRequest(["short_arm.urdf"], "rectangle.urdf")
+DEEP = DraftRequest(["panda_arm.urdf"], "satellite_box.urdf")
 
 
 def drafted(order, file):

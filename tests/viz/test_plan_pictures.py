@@ -12,7 +12,7 @@ from optim.planning.written.held import with_flown
 from optim.planning.written.plan_file import SCENARIO, read, write
 from spacerobot import simulation
 from spacerobot.cli.app import app
-from spacerobot.cli.playing import to_play
+from spacerobot.cli.page_data import to_play
 from spacerobot.errors import ResultError
 from spacerobot.result import load, save
 from spacerobot.scene import load_scene

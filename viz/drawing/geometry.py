@@ -7,7 +7,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from spacerobot.arrays import Array
 from spacerobot.description import Geometry
-from viz.drawing.meshes import Surface, load_mesh, mesh_file
+from viz.drawing.meshes import TriangleMesh, load_mesh, mesh_file
 
 _SIDES = 24  # of a cylinder's outline
 _CORNERS = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
@@ -33,11 +33,11 @@ def faces(geometry: Geometry) -> list[Array]:
     return []
 
 
-def surface(geometry: Geometry) -> Surface:
+def surface(geometry: Geometry) -> TriangleMesh:
     """Triangles of a box, a cylinder or a sphere, in the shape's frame."""
     if geometry.kind == "box":
         quads = np.array(_BOX_FACES)
-        return Surface(_CORNERS * geometry.size, np.concatenate([quads[:, :3], quads[:, [0, 2, 3]]]))
+        return TriangleMesh(_CORNERS * geometry.size, np.concatenate([quads[:, :3], quads[:, [0, 2, 3]]]))
     if geometry.kind == "cylinder":
         radius, half = geometry.size[0], geometry.size[1] / 2
         profile = [(0.0, -half), (radius, -half), (radius, half), (0.0, half)]
@@ -47,7 +47,7 @@ def surface(geometry: Geometry) -> Surface:
     return _turned(np.array(profile))
 
 
-def _turned(profile: Array) -> Surface:
+def _turned(profile: Array) -> TriangleMesh:
     """Surface of a profile (k, 2) of radii and heights, from below to above, that is turned about z."""
     angle = np.linspace(0, 2 * np.pi, _SIDES, endpoint=False)
     rings = [np.outer(profile[:, 0], np.cos(angle)), np.outer(profile[:, 0], np.sin(angle))]
@@ -56,7 +56,7 @@ def _turned(profile: Array) -> Surface:
     beside = below - below % _SIDES + (below + 1) % _SIDES
     above, across = below + _SIDES, beside + _SIDES
     triangles = np.concatenate([np.stack([below, beside, across], 1), np.stack([below, across, above], 1)])
-    return Surface(vertices, triangles)
+    return TriangleMesh(vertices, triangles)
 
 
 def is_round(geometry: Geometry) -> bool:

@@ -25,7 +25,7 @@ _FEWEST_CELLS = 10  # across any mesh, however small it is beside others
 _PULL = 1e-3  # towards the mean of a cell's vertices, in directions in which its faces say nothing
 
 
-class Surface(NamedTuple):
+class TriangleMesh(NamedTuple):
     """Vertices (n, 3) in m and triangles (m, 3), counter-clockwise seen from outside."""
 
     vertices: Array
@@ -47,7 +47,7 @@ def mesh_file(geometry: Geometry) -> MeshFile:
 
 
 @lru_cache(maxsize=256)
-def load_mesh(file: MeshFile) -> Surface:
+def load_mesh(file: MeshFile) -> TriangleMesh:
     """All of a mesh file, by the library that Pinocchio uses."""
     model = read_mesh(*file)
     vertices = np.array(model.vertices(), dtype=np.float64).reshape(-1, 3)
@@ -55,16 +55,16 @@ def load_mesh(file: MeshFile) -> Surface:
     corners = [
         np.fromiter(map(itemgetter(k), triangles), dtype=np.int64, count=len(triangles)) for k in range(3)
     ]
-    return Surface(vertices, np.stack(corners, axis=1))
+    return TriangleMesh(vertices, np.stack(corners, axis=1))
 
 
-def shown_meshes(files: Iterable[MeshFile]) -> dict[MeshFile, Surface]:
+def shown_meshes(files: Iterable[MeshFile]) -> dict[MeshFile, TriangleMesh]:
     """Surfaces of mesh files, simplified alike until all have :data:`MOST_TRIANGLES` together."""
     return _shown_meshes(tuple(dict.fromkeys(files)))
 
 
 @lru_cache(maxsize=16)
-def _shown_meshes(files: tuple[MeshFile, ...]) -> dict[MeshFile, Surface]:
+def _shown_meshes(files: tuple[MeshFile, ...]) -> dict[MeshFile, TriangleMesh]:
     whole = {file: load_mesh(file) for file in files}
     extents = {file: float(np.ptp(s.vertices, axis=0).max(initial=0.0)) for file, s in whole.items()}
     shown, cell, before = whole, _FINEST * max(extents.values(), default=0.0), 0
@@ -75,7 +75,7 @@ def _shown_meshes(files: tuple[MeshFile, ...]) -> dict[MeshFile, Surface]:
     return shown
 
 
-def simplified(surface: Surface, cell: float) -> Surface:
+def simplified(surface: TriangleMesh, cell: float) -> TriangleMesh:
     """A surface whose vertices in each cell of a grid have become one.
 
     It lies where the planes of the cell's faces meet as nearly as can be (least squares), so that edges and
@@ -100,7 +100,7 @@ def simplified(surface: Surface, cell: float) -> Surface:
     return _compact(best, merged[kept][np.sort(first)])
 
 
-def _meeting_points(surface: Surface, owner: Indices, mean: Array) -> Array:
+def _meeting_points(surface: TriangleMesh, owner: Indices, mean: Array) -> Array:
     """Point (size, 3) nearest to the planes of the faces at each cell's vertices, from the vertices' mean."""
     corners = surface.vertices[surface.triangles]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -131,7 +131,7 @@ def _sums(owner: Indices, values: Array, size: int) -> Array:
     return np.stack([np.bincount(owner, column, minlength=size) for column in values.T], axis=1)
 
 
-def _compact(vertices: Array, triangles: Indices) -> Surface:
+def _compact(vertices: Array, triangles: Indices) -> TriangleMesh:
     """The same without vertices that no triangle has."""
     used, renamed = np.unique(triangles, return_inverse=True)
-    return Surface(vertices[used], renamed.reshape(-1, 3))
+    return TriangleMesh(vertices[used], renamed.reshape(-1, 3))

@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from spacerobot.arrays import Array
 from spacerobot.description import Geometry
-from spacerobot.dynamics.joints import Joint, read_joints
+from spacerobot.dynamics.joints import JointModel, read_joints
 from spacerobot.result import Result
 from spacerobot.scene import Scene
 from spacerobot.scene.scene import SceneShape
@@ -72,7 +72,7 @@ class Node:
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class BodyMotion:
     """Placements of all nodes at some times.
 
     Attributes
@@ -203,7 +203,7 @@ def _primitives(shape: SceneShape) -> list[tuple[Geometry, float]]:
     return [(Geometry("box", rod[1:]), 0.0)] if shape.kind == "box" else []
 
 
-def only(motion: Motion, body: str) -> Motion:
+def only(motion: BodyMotion, body: str) -> BodyMotion:
     """A motion of one body alone, by name."""
     kept = [k for k, node in enumerate(motion.nodes) if node.body == body]
     nodes = tuple(motion.nodes[k] for k in kept)
@@ -223,7 +223,7 @@ def pick_rows(time: Array, *, rate_hz: float, most: int) -> Rows:
 
 
 @dataclass(frozen=True, eq=False)
-class Stage:
+class SceneGeometry:
     """What of a scene moves, read once to be placed many times: nodes and joints.
 
     Attributes
@@ -235,29 +235,29 @@ class Stage:
     """
 
     nodes: tuple[Node, ...]
-    joints: tuple[Joint, ...]
+    joints: tuple[JointModel, ...]
 
     @classmethod
-    def of(cls, scene: Scene) -> Stage:
+    def of(cls, scene: Scene) -> SceneGeometry:
         """Of a scene."""
         return cls(scene_nodes(scene), read_joints(scene.model))
 
 
 def sample_motion(
-    result: Result, scene: Scene, rows: Sequence[int] | Rows, stage: Stage | None = None
-) -> Motion:
+    result: Result, scene: Scene, rows: Sequence[int] | Rows, stage: SceneGeometry | None = None
+) -> BodyMotion:
     """Placements at rows of a result's data; ``stage`` is the scene's, read anew if not given."""
     rows = np.asarray(rows, dtype=np.int64)
     q, time = result.array("q")[rows], result.array("time")[rows]
-    return replace(place(scene, stage or Stage.of(scene), q, time), rows=rows)
+    return replace(place(scene, stage or SceneGeometry.of(scene), q, time), rows=rows)
 
 
-def initial_motion(scene: Scene) -> Motion:
+def initial_motion(scene: Scene) -> BodyMotion:
     """Placements of a scene that has not been simulated yet: one frame at 0 s."""
-    return place(scene, Stage.of(scene), scene.q[None], np.zeros(1))
+    return place(scene, SceneGeometry.of(scene), scene.q[None], np.zeros(1))
 
 
-def place(scene: Scene, stage: Stage, q: Array, time: Array) -> Motion:
+def place(scene: Scene, stage: SceneGeometry, q: Array, time: Array) -> BodyMotion:
     """Placements of a scene at configurations q (nt, nq) and times (nt,) [s], each a row of its own."""
     nodes, joints = stage.nodes, joint_placements(scene, stage.joints, q)
     moving = [node.joint for node in nodes]
@@ -268,10 +268,10 @@ def place(scene: Scene, stage: Stage, q: Array, time: Array) -> Motion:
     points = [joints.points(frame.parentJoint, frame.placement.translation) for frame in mates]
     places = np.stack(points, axis=1) if points else np.zeros((len(q), 0, 3))
     rows = np.arange(len(q), dtype=np.int64)
-    return Motion(nodes, rows, time, joints.origin[:, moving], quaternion, places, joints)
+    return BodyMotion(nodes, rows, time, joints.origin[:, moving], quaternion, places, joints)
 
 
-def bounds(motion: Motion, *, farthest: float = 3.0) -> tuple[Array, Array]:
+def bounds(motion: BodyMotion, *, farthest: float = 3.0) -> tuple[Array, Array]:
     """Least and greatest corner (3,) of a box around everything seen at all times, m.
 
     A diverged rollout may throw bodies far away: the box reaches at most ``farthest`` times the initial one's
@@ -291,7 +291,7 @@ def greatest_force(result: Result) -> float:
     return max((float(np.linalg.norm(forces, axis=-1).max(initial=0.0)) for forces in found), default=0.0)
 
 
-def extremes(motion: Motion, low: Array, high: Array) -> Array:
+def extremes(motion: BodyMotion, low: Array, high: Array) -> Array:
     """Few points (k, 3) that reach as far as anything seen, in 98 directions, kept inside a box, m."""
     points = np.clip(_seen_points(motion).reshape(-1, 3), low, high)
     steps = np.arange(-2, 3)
@@ -301,7 +301,7 @@ def extremes(motion: Motion, low: Array, high: Array) -> Array:
     return np.unique(points[sorted(farthest)], axis=0)
 
 
-def _seen_points(motion: Motion) -> Array:
+def _seen_points(motion: BodyMotion) -> Array:
     """Corners of boxes around all solids at all times (nt, corners, 3), m, world."""
     boxes = [_node_corners(node) for node in motion.nodes]
     frames = []

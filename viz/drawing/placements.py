@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from spacerobot.arrays import Array
-from spacerobot.dynamics.joints import Joint, JointKind
+from spacerobot.dynamics.joints import JointKind, JointModel
 from spacerobot.scene import Scene
 
 
@@ -34,7 +34,7 @@ class JointPlacements:
         return self.origin[:, joint] + self.rotation[:, joint] @ point
 
 
-def joint_placements(scene: Scene, joints: Sequence[Joint], q: Array) -> JointPlacements:
+def joint_placements(scene: Scene, joints: Sequence[JointModel], q: Array) -> JointPlacements:
     """Placements of all joints of a scene's model at configurations q (nt, nq), all at once."""
     model = scene.model
     rotation, origin = np.zeros((model.njoints, len(q), 3, 3)), np.zeros((model.njoints, len(q), 3))
@@ -67,7 +67,7 @@ def quaternions(rotation: Array) -> Array:
     return np.asarray(found / np.sqrt((found**2).sum(axis=-1, keepdims=True)))
 
 
-def _moved(joint: Joint, own: Array) -> Array:
+def _moved(joint: JointModel, own: Array) -> Array:
     """Origins (nt, 3) [m] of a joint's moved frame in its resting one, at coordinates (nt, nq)."""
     if joint.kind is JointKind.PRISMATIC:
         return own * np.array(ca.DM(joint.linear)).T
@@ -79,7 +79,7 @@ def _moved(joint: Joint, own: Array) -> Array:
     return there
 
 
-def _turned(joints: Sequence[Joint], owns: Sequence[Array]) -> list[Array]:
+def _turned(joints: Sequence[JointModel], owns: Sequence[Array]) -> list[Array]:
     """Rotations (nt, 3, 3) of joints' moved frames in their resting ones, at coordinates (nt, nq) of each."""
     vectors = [_rotation_vectors(joint, own) for joint, own in zip(joints, owns, strict=True)]
     if not vectors:
@@ -87,7 +87,7 @@ def _turned(joints: Sequence[Joint], owns: Sequence[Array]) -> list[Array]:
     return list(Rotation.from_rotvec(np.concatenate(vectors)).as_matrix().reshape(len(joints), -1, 3, 3))
 
 
-def _rotation_vectors(joint: Joint, own: Array) -> Array:
+def _rotation_vectors(joint: JointModel, own: Array) -> Array:
     """Rotation vectors (nt, 3) [rad] of a joint at coordinates (nt, nq)."""
     if joint.kind is JointKind.FREE_FLYER:
         return np.asarray(Rotation.from_quat(own[:, 3:]).as_rotvec())

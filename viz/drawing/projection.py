@@ -15,7 +15,7 @@ from matplotlib.image import AxesImage
 from spacerobot.arrays import Array
 from viz.drawing.geometry import faces, is_round, silhouette, surface
 from viz.drawing.meshes import Indices, mesh_file, shown_meshes
-from viz.drawing.motion import Motion, Node
+from viz.drawing.motion import BodyMotion, Node
 from viz.drawing.raster import Faces, Picture, cover, draw_faces
 from viz.drawing.view import View
 
@@ -25,7 +25,7 @@ _GHOST = (0.93, 0.93, 0.93)
 _POINT_M = 1e-9
 
 
-def draw_nodes(axes: Axes, motion: Motion, frame: int, view: View, *, dpi: float = 300) -> None:
+def draw_nodes(axes: Axes, motion: BodyMotion, frame: int, view: View, *, dpi: float = 300) -> None:
     """Draw all nodes as they stand at a frame, in axes whose limits are set.
 
     Scenes with meshes are drawn as one image of ``dpi`` pixels an inch, all others as polygons.
@@ -55,7 +55,7 @@ def draw_nodes(axes: Axes, motion: Motion, frame: int, view: View, *, dpi: float
     )
 
 
-def draw_ghosts(axes: Axes, motion: Motion, view: View, *, dpi: float = 300) -> None:
+def draw_ghosts(axes: Axes, motion: BodyMotion, view: View, *, dpi: float = 300) -> None:
     """Bases and object where each of them began, pale, behind what is drawn; see :func:`draw_nodes`."""
     look: dict[str, Any] = {"linewidths": 0.5, "linestyles": "--", "zorder": 2}
     if has_meshes(motion):
@@ -75,7 +75,7 @@ def draw_ghosts(axes: Axes, motion: Motion, view: View, *, dpi: float = 300) -> 
     axes.add_collection(PolyCollection(polygons, facecolors=_GHOST, edgecolors="0.55", **look))
 
 
-def has_meshes(motion: Motion) -> bool:
+def has_meshes(motion: BodyMotion) -> bool:
     """Whether any shape that can be seen is a mesh."""
     return any(solid.geometry.kind == "mesh" for node in motion.nodes for solid in node.solids)
 
@@ -104,13 +104,13 @@ def _add_image(axes: Axes, image: Array, grid: _Grid, zorder: float) -> None:
 
 
 @lru_cache(maxsize=2)
-def _ghosts(motion: Motion, view: View, grid: _Grid) -> Picture:
+def _ghosts(motion: BodyMotion, view: View, grid: _Grid) -> Picture:
     """Share (h, w) of each pixel that bases cover at the first frame, kept because all pictures have them."""
     bases = [k for k, node in enumerate(motion.nodes) if node.is_base]
     return cover(_faces(motion, 0, view, bases, grid).corners, grid.width, grid.height)
 
 
-def _faces(motion: Motion, frame: int, view: View, chosen: Iterable[int], grid: _Grid) -> Faces:
+def _faces(motion: BodyMotion, frame: int, view: View, chosen: Iterable[int], grid: _Grid) -> Faces:
     """Faces of chosen nodes in pixels, lit on the side that looks at the eye."""
     turned = np.stack([view.across, view.up, view.towards])
     left, right, bottom, top = grid.extent

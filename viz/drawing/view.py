@@ -12,7 +12,7 @@ from spacerobot.arrays import Array
 from spacerobot.result import Result
 from spacerobot.scene import Scene
 from viz.drawing.geometry import corners
-from viz.drawing.motion import Motion, Node, initial_motion, sample_motion
+from viz.drawing.motion import BodyMotion, Node, initial_motion, sample_motion
 
 _AZIMUTH_DEG, _ELEVATION_DEG = -60.0, 25.0
 _TURNS_DEG = (0, 30, -30, 60, -60, 90, -90, 120, -120, 150, -150, 180)
@@ -71,7 +71,7 @@ def first_view(scene: Scene) -> View:
     return TOP if scene.planar else _clearest(initial_motion(scene))
 
 
-def _clearest(motion: Motion) -> View:
+def _clearest(motion: BodyMotion) -> View:
     """From the side that hides the least, of sides that do equally well the one nearest to the usual."""
     views = [oblique(_AZIMUTH_DEG + turn) for turn in _TURNS_DEG]
     frames = [_frame(motion, k) for k in range(len(motion.time))]
@@ -118,7 +118,7 @@ class _Frame(NamedTuple):
         return np.asarray(((leave > np.maximum(enter, self.near)) & (enter > -self.near)).any(axis=-1))
 
 
-def _frame(motion: Motion, index: int) -> _Frame:
+def _frame(motion: BodyMotion, index: int) -> _Frame:
     arms: list[tuple[Array, Array]] = []
     others: list[tuple[Array, Array]] = []
     for placement, node in zip(motion.placements(index), motion.nodes, strict=True):

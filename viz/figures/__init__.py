@@ -1,9 +1,9 @@
 """Figures: functions that return matplotlib figures, in one style, without a display."""
 
 from viz.figures.approach import approach
-from viz.figures.bands import Bands, bands, moving_components
+from viz.figures.bands import BandSeries, bands, moving_components
 from viz.figures.bodies import base_motion, grip_forces, object_motion
-from viz.figures.campaign import Spread, distributions, robustness
+from viz.figures.campaign import SampleSpread, distributions, robustness
 from viz.figures.collect import KINDS, draw_all, save_figures
 from viz.figures.contacts import contact_forces
 from viz.figures.disturbance import disturbance
@@ -17,9 +17,9 @@ from viz.figures.wheels import momentum_budget, wheels
 
 __all__ = [
     "KINDS",
-    "Bands",
+    "BandSeries",
     "Drawing",
-    "Spread",
+    "SampleSpread",
     "approach",
     "bands",
     "base_motion",

@@ -13,7 +13,7 @@ from viz.figures.campaign import BAD
 from viz.figures.style import COLOURS, Drawing, legend_above, panels, styled, unit_scale
 
 
-class Bands(Protocol):
+class BandSeries(Protocol):
     """How a signal of c components spreads over time (nt,); see ``optim.campaign.Bands``."""
 
     @property
@@ -70,7 +70,7 @@ ROOM = 4  # widths of the 5 to 95 % band that extremes may reach beyond it befor
 
 
 @styled
-def bands(signal: Bands) -> Drawing:
+def bands(signal: BandSeries) -> Drawing:
     """Percentile bands over time of every component that moves, each in its panel.
 
     Parameters
@@ -98,13 +98,13 @@ def bands(signal: Bands) -> Drawing:
     return figure
 
 
-def moving_components(signal: Bands) -> list[int]:
+def moving_components(signal: BandSeries) -> list[int]:
     """Places of the components that are not the same all the time in every sample."""
     span = np.nan_to_num(signal.greatest).max(axis=0) - np.nan_to_num(signal.least).min(axis=0)
     return [int(i) for i in np.flatnonzero(span > 1e-12 * max(float(span.max(initial=0.0)), 1e-300))]
 
 
-def _bands(panel: Axes, signal: Bands, i: int, factor: float) -> None:
+def _bands(panel: Axes, signal: BandSeries, i: int, factor: float) -> None:
     t, colour = signal.time, COLOURS[0]
     least, low, median, high, greatest, shown = (
         factor * part[:, i]

@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 
 from spacerobot.arrays import Array
 from spacerobot.result import Result
-from viz.drawing.motion import Motion
+from viz.drawing.motion import BodyMotion
 from viz.drawing.view import View
 from viz.figures.style import Drawing, called, legend_over, line, panels, shown_axes, styled, until
 
@@ -101,7 +101,9 @@ def relative_orbit(result: Result) -> Drawing:
     return figure
 
 
-def draw_plumes(panel: Axes, result: Result, motion: Motion, frame: int, view: View, longest: float) -> None:
+def draw_plumes(
+    panel: Axes, result: Result, motion: BodyMotion, frame: int, view: View, longest: float
+) -> None:
     """Plumes of the thrusters that fire in a frame, against their forces; the longest is ``longest`` m."""
     if "thruster" not in result.data.dims:
         return

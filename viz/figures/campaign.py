@@ -20,7 +20,7 @@ BAD, BEYOND = "#B00020", "#FBE9EA"
 
 
 @dataclass(frozen=True)
-class Spread:
+class SampleSpread:
     """A number of many samples.
 
     Attributes
@@ -49,16 +49,16 @@ def robustness(
     Parameters
     ----------
     samples, quantity, unit, limit
-        As those of :class:`Spread`.
+        As those of :class:`SampleSpread`.
     """
     figure, axes = panels(1, 1, height_in=2.2 + 0.17 * len(samples))  # the legend has a line for each
-    _draw(axes[0, 0], Spread(samples, quantity, unit, limit), numbers=True)
+    _draw(axes[0, 0], SampleSpread(samples, quantity, unit, limit), numbers=True)
     legend_above(figure, axes[0, 0], columns=1)
     return figure
 
 
 @styled
-def distributions(spreads: Sequence[Spread]) -> Drawing:
+def distributions(spreads: Sequence[SampleSpread]) -> Drawing:
     """The same for several quantities, each in its panel.
 
     Parameters
@@ -79,7 +79,7 @@ def distributions(spreads: Sequence[Spread]) -> Drawing:
     return figure
 
 
-def _draw(panel: Axes, spread: Spread, *, numbers: bool) -> None:
+def _draw(panel: Axes, spread: SampleSpread, *, numbers: bool) -> None:
     """Curves of one quantity; with their numbers in the legend, or at their marks."""
     drawn = [np.asarray(values, dtype=np.float64) for values in spread.samples.values()]
     alone = len(drawn) == 1
@@ -148,7 +148,7 @@ def _lost(panel: Axes, share: float, lost: int, k: int, alone: bool) -> None:
     )
 
 
-def _scale(panel: Axes, finite: Array, spread: Spread) -> None:
+def _scale(panel: Axes, finite: Array, spread: SampleSpread) -> None:
     """Choose the axis, and draw the limit if it is within reach of the values."""
     limit = spread.limit
     reach = float(finite.min()), float(finite.max())

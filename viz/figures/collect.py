@@ -25,7 +25,7 @@ FORMATS = ("pdf", "svg", "png")
 
 
 @dataclass(frozen=True)
-class Kind:
+class FigureKind:
     """A kind of figure.
 
     Attributes
@@ -78,48 +78,54 @@ def _has_target(result: Result) -> bool:
 
 
 KINDS = (
-    Kind("tip_paths", "Reference and actual tip paths", tip_paths, True, _leads_tips, "Fig. 5"),
-    Kind("object_motion", "Object rotation and translation", object_motion, True, _has_target, "Fig. 6"),
-    Kind("tip_errors", "Tip errors", tip_errors, True, _leads_tips, "Fig. 7 and 10"),
-    Kind("orientation_errors", "Orientation errors of tips", orientation_errors, True, _controls_orientation),
-    Kind("docking", "The motion, frame by frame", docking, printed="Fig. 8"),
-    Kind(
+    FigureKind("tip_paths", "Reference and actual tip paths", tip_paths, True, _leads_tips, "Fig. 5"),
+    FigureKind(
+        "object_motion", "Object rotation and translation", object_motion, True, _has_target, "Fig. 6"
+    ),
+    FigureKind("tip_errors", "Tip errors", tip_errors, True, _leads_tips, "Fig. 7 and 10"),
+    FigureKind(
+        "orientation_errors", "Orientation errors of tips", orientation_errors, True, _controls_orientation
+    ),
+    FigureKind("docking", "The motion, frame by frame", docking, printed="Fig. 8"),
+    FigureKind(
         "approach",
         "The approach: lateral error and speeds over the distance to go",
         approach,
         applies=_is_caught,
     ),
-    Kind("base_motion", "Motion of the bases", base_motion),
-    Kind(
+    FigureKind("base_motion", "Motion of the bases", base_motion),
+    FigureKind(
         "joints", "Joint angles and actuator torques", joints, applies=lambda r: bool(r.data.sizes["joint"])
     ),
-    Kind("grip_forces", "Grip forces", grip_forces, applies=lambda r: bool(r.data.sizes["grasp"])),
-    Kind("contact_forces", "Contact forces and gaps", contact_forces, applies=_may_touch),
-    Kind(
+    FigureKind("grip_forces", "Grip forces", grip_forces, applies=lambda r: bool(r.data.sizes["grasp"])),
+    FigureKind("contact_forces", "Contact forces and gaps", contact_forces, applies=_may_touch),
+    FigureKind(
         "base_control",
         "Attitude errors of bases, and what their actuators do",
         base_control,
         applies=lambda r: bool(acting_bases(r)),
     ),
-    Kind(
+    FigureKind(
         "relative_orbit",
         "Motion relative to the reference orbit",
         relative_orbit,
         applies=lambda r: "hill_position" in r.data,
     ),
-    Kind("wheels", "Reaction wheels: speeds and torques", wheels, applies=_has_wheels),
-    Kind(
+    FigureKind("wheels", "Reaction wheels: speeds and torques", wheels, applies=_has_wheels),
+    FigureKind(
         "momentum_budget",
         "Where the momentum is: robots, wheels, object, outside",
         momentum_budget,
         applies=lambda r: _has_wheels(r) or "impulse_angular" in r.data,
     ),
-    Kind("ledger", "The ledger: momentum and energy", ledger),
+    FigureKind("ledger", "The ledger: momentum and energy", ledger),
 )
 """Every kind of figure that a single result can show, in the order a reader wants them."""
 
 
-def draw_all(*results: Result, names: Sequence[str] | None = None) -> Iterator[tuple[str, Kind, Drawing]]:
+def draw_all(
+    *results: Result, names: Sequence[str] | None = None
+) -> Iterator[tuple[str, FigureKind, Drawing]]:
     """File name, kind and drawing of every figure.
 
     Parameters

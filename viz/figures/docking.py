@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 
 from spacerobot.arrays import Array
 from spacerobot.result import Result
-from viz.drawing.motion import Motion, bounds, extremes, pick_rows, sample_motion
+from viz.drawing.motion import BodyMotion, bounds, extremes, pick_rows, sample_motion
 from viz.drawing.projection import draw_ghosts, draw_nodes, fit
 from viz.drawing.view import View, view_of
 from viz.figures.style import COLOURS, Drawing, called, is_narrow, styled, width_in
@@ -44,7 +44,9 @@ def docking(result: Result, *, frames: int = 6) -> Drawing:
     return figure
 
 
-def draw_frame(panel: Axes, result: Result, motion: Motion, frame: int, view: View, dpi: float = 300) -> None:
+def draw_frame(
+    panel: Axes, result: Result, motion: BodyMotion, frame: int, view: View, dpi: float = 300
+) -> None:
     """One frame in axes whose limits are set: bodies, where bases began, references, paths up to now.
 
     ``dpi`` is the pixels an inch of what is drawn as pixels.
@@ -62,7 +64,7 @@ def draw_frame(panel: Axes, result: Result, motion: Motion, frame: int, view: Vi
         panel.plot(*trace.T, color=COLOURS[2], linewidth=1.2, zorder=6)
 
 
-def draw_names(panel: Axes, motion: Motion, frame: int, view: View) -> None:
+def draw_names(panel: Axes, motion: BodyMotion, frame: int, view: View) -> None:
     """Names of robots on their bases, and of the object beside it."""
     for k, node in enumerate(motion.nodes):
         if not node.is_base:
@@ -81,7 +83,9 @@ def draw_names(panel: Axes, motion: Motion, frame: int, view: View) -> None:
         )
 
 
-def draw_forces(panel: Axes, result: Result, motion: Motion, frame: int, view: View, scale: float) -> None:
+def draw_forces(
+    panel: Axes, result: Result, motion: BodyMotion, frame: int, view: View, scale: float
+) -> None:
     """Forces of grasps and contacts, arrows at mating and contact points; ``scale`` is in m/N."""
     data, row = result.data, int(motion.rows[frame])
     acting = [("#C2185B", motion.mates[frame], data.grasp_force.values[row])]
@@ -94,7 +98,7 @@ def draw_forces(panel: Axes, result: Result, motion: Motion, frame: int, view: V
                 panel.annotate("", tuple(start + force), tuple(start), arrowprops=arrow, zorder=8)
 
 
-def seen_points(result: Result, motion: Motion) -> Array:
+def seen_points(result: Result, motion: BodyMotion) -> Array:
     """Points (k, 3) that a picture of the whole motion must hold, m."""
     low, high = bounds(motion)
     references = np.clip(result.data.tip_reference.values[motion.rows].reshape(-1, 3), low, high)

@@ -13,8 +13,8 @@ from spacerobot.result import Result
 from spacerobot.result.trust import warning
 from spacerobot.scene import Scene
 from viz.drawing.motion import (
-    Motion,
-    Stage,
+    BodyMotion,
+    SceneGeometry,
     bounds,
     extremes,
     greatest_force,
@@ -80,7 +80,9 @@ def animation(
     return data | {"panel": panel_data(results, labels) | {"first": first}}
 
 
-def shown_data(shown: Sequence[Shown], title: str | None = None, autoplay: bool = False) -> dict[str, Any]:
+def shown_data(
+    shown: Sequence[AnimatedResult], title: str | None = None, autoplay: bool = False
+) -> dict[str, Any]:
     """The same of results as they were looked at, without the panel."""
     meshes = Meshes(node for one in shown for node in one.motion.nodes)
     boxes = [_box(one) for one in shown]
@@ -106,23 +108,25 @@ def shown_data(shown: Sequence[Shown], title: str | None = None, autoplay: bool 
 
 
 @dataclass(frozen=True, eq=False)
-class Shown:
+class AnimatedResult:
     """A result, the scene it ran in, how that moved, and what to call it."""
 
     result: Result
     scene: Scene
-    motion: Motion
+    motion: BodyMotion
     label: str
 
 
-def look_at(result: Result, label: str, scene: Scene | None = None, stage: Stage | None = None) -> Shown:
+def look_at(
+    result: Result, label: str, scene: Scene | None = None, stage: SceneGeometry | None = None
+) -> AnimatedResult:
     """A result as a page shows it.
 
     ``scene`` is the result's own, and ``stage`` the scene's; they are made anew if not given.
     """
     scene = scene or result.scene()
     rows = pick_rows(result.array("time"), rate_hz=FRAMES_PER_S, most=MOST_FRAMES)
-    return Shown(result, scene, sample_motion(result, scene, rows, stage), label)
+    return AnimatedResult(result, scene, sample_motion(result, scene, rows, stage), label)
 
 
 def still(scene: Scene, *, about: str | None = None) -> dict[str, Any]:
@@ -169,7 +173,7 @@ def still(scene: Scene, *, about: str | None = None) -> dict[str, Any]:
     }
 
 
-def run_data(shown: Shown) -> dict[str, Any]:
+def run_data(shown: AnimatedResult) -> dict[str, Any]:
     """Everything of a run that changes with its numbers: all but its nodes."""
     result, motion = shown.result, shown.motion
     rows = motion.rows
@@ -202,7 +206,7 @@ def run_data(shown: Shown) -> dict[str, Any]:
     }
 
 
-def _box(shown: Shown) -> tuple[Array, Array]:
+def _box(shown: AnimatedResult) -> tuple[Array, Array]:
     """Box around bodies and references, m."""
     result, motion = shown.result, shown.motion
     low, high = bounds(motion)
@@ -212,7 +216,7 @@ def _box(shown: Shown) -> tuple[Array, Array]:
     return low, high
 
 
-def _near(shown: Shown, low: Array, high: Array) -> Array:
+def _near(shown: AnimatedResult, low: Array, high: Array) -> Array:
     """Points (k, 3) around what the tips do: the object, tips and references; none without tips."""
     result, motion = shown.result, shown.motion
     points = [result.array(name)[motion.rows].reshape(-1, 3) for name in ("tip_reference", "tip_position")]
@@ -232,7 +236,7 @@ def _title(labels: Sequence[str]) -> str:
     return " and ".join(labels) if len(labels) <= FIRST_SHOWN else f"{labels[0]} and {len(labels) - 1} others"
 
 
-def _about(shown: Sequence[Shown]) -> str:
+def _about(shown: Sequence[AnimatedResult]) -> str:
     """What is shown, for a reader who does not know the scenario."""
     first, engine = shown[0], shown[0].result.summary["engine"]["name"]
     scenario, kind = first.result.scenario, "planar" if first.scene.planar else "spatial"
@@ -242,7 +246,7 @@ def _about(shown: Sequence[Shown]) -> str:
     return f"{about} ({text})" if about else text
 
 
-def _notices(shown: Sequence[Shown]) -> list[str]:
+def _notices(shown: Sequence[AnimatedResult]) -> list[str]:
     """Warnings that belong beside the picture."""
     found = []
     for one in shown:

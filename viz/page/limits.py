@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from spacerobot.description.parts import Joint
+from spacerobot.description.parts import UrdfJoint
 from spacerobot.scene import Scene
 
 Limits = Mapping[tuple[str, str], tuple[float | None, float | None]]
@@ -24,7 +24,7 @@ def joint_limits(scene: Scene) -> Limits:
     return found
 
 
-def _limits(joint: Joint) -> Iterator[tuple[str, float, float]]:
+def _limits(joint: UrdfJoint) -> Iterator[tuple[str, float, float]]:
     turns = joint.kind != "prismatic"
     factor = np.degrees(1.0) if turns else 1e3
     names = ("angle", "rate", "torque") if turns else ("travel", "speed", "force")

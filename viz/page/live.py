@@ -10,7 +10,7 @@ from typing import Any
 from spacerobot.result import Result
 from spacerobot.scene import Scene
 from viz.page.animation import animation, still
-from viz.page.loopback import FIRST_PORT, Guarded, Loopback, Stream
+from viz.page.loopback import FIRST_PORT, LocalRequestHandler, Loopback, Stream
 from viz.page.page import json_text, page
 
 
@@ -87,7 +87,7 @@ class LiveViewer(Loopback):
             stream.send(text)
 
 
-class _Page(Guarded):
+class _Page(LocalRequestHandler):
     def get(self) -> None:
         waiting = {"title": "spacerobot", "about": "waiting for a result", "runs": [], "live": True}
         self.set_header("Cache-Control", "no-store")

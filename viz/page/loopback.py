@@ -57,7 +57,7 @@ class Loopback:
         return f"http://{ADDRESS}:{self.port}/"
 
     def handlers(self) -> list[Any]:
-        """What is served, as tornado takes it; each a :class:`Guarded`."""
+        """What is served, as tornado takes it; each a :class:`LocalRequestHandler`."""
         raise NotImplementedError
 
     def allows(self, host: str) -> bool:
@@ -127,7 +127,7 @@ class Loopback:
         self._loop.close()
 
 
-class Guarded(tornado.web.RequestHandler):
+class LocalRequestHandler(tornado.web.RequestHandler):
     """Answers requests that name this computer only.
 
     A foreign web page whose own name has been made to lead here (DNS rebinding) is one origin with this
@@ -144,7 +144,7 @@ class Guarded(tornado.web.RequestHandler):
             raise tornado.web.HTTPError(403)
 
 
-class Stream(Guarded, tornado.websocket.WebSocketHandler):
+class Stream(LocalRequestHandler, tornado.websocket.WebSocketHandler):
     """A page's connection."""
 
     def check_origin(self, origin: str) -> bool:
@@ -170,7 +170,7 @@ class Stream(Guarded, tornado.websocket.WebSocketHandler):
         self.server.leave(self)
 
 
-class _Nowhere(Guarded):
+class _Nowhere(LocalRequestHandler):
     def prepare(self) -> None:
         super().prepare()
         raise tornado.web.HTTPError(404)

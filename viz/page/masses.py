@@ -9,7 +9,7 @@ import numpy as np
 from spacerobot.arrays import Array
 from spacerobot.result import Result
 from spacerobot.scene import Scene
-from viz.drawing.motion import Motion
+from viz.drawing.motion import BodyMotion
 from viz.drawing.placements import JointPlacements
 from viz.page.meshcat_scene import packed
 
@@ -44,7 +44,7 @@ def centres_of_mass(scene: Scene, joints: JointPlacements) -> tuple[Array, Array
     return centres, masses
 
 
-def mass_data(result: Result, scene: Scene, motion: Motion) -> dict[str, Any]:
+def mass_data(result: Result, scene: Scene, motion: BodyMotion) -> dict[str, Any]:
     """Centres of mass and linear momenta of moving bodies, then of all together, at times of a motion.
 
     Returns

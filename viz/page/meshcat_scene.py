@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from spacerobot.result import Result
 from spacerobot.scene import Scene
 from viz.drawing.meshes import mesh_file, shown_meshes
-from viz.drawing.motion import Motion, Node, Solid
+from viz.drawing.motion import BodyMotion, Node, Solid
 
 DIGITS = 7
 """Significant digits of numbers that are written as text: those of single precision."""
@@ -87,7 +87,7 @@ def solid_data(solid: Solid) -> dict[str, Any]:
     }
 
 
-def poses(motion: Motion) -> Packed:
+def poses(motion: BodyMotion) -> Packed:
     """Position and quaternion (x, y, z, w) of each node at each time, packed (nt, nodes, 7)."""
     return packed(np.concatenate([motion.position, motion.quaternion], axis=-1))
 

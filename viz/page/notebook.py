@@ -10,7 +10,7 @@ from viz.page.page import animation_page
 
 
 @dataclass(frozen=True)
-class Embedded:
+class EmbeddedPage:
     """An animated page inside another one.
 
     Attributes
@@ -32,7 +32,7 @@ class Embedded:
         return frame(self.page, self.height_px)
 
 
-def embed(*results: Result, height_px: int = 600) -> Embedded:
+def embed(*results: Result, height_px: int = 600) -> EmbeddedPage:
     """Animation of a result, or of several compared, that shows itself as the last line of a cell.
 
     It needs no server and stays in the saved notebook.
@@ -42,7 +42,7 @@ def embed(*results: Result, height_px: int = 600) -> Embedded:
     ResultError
         If the results cannot be compared.
     """
-    return Embedded(animation_page(*results, autoplay=False), height_px)
+    return EmbeddedPage(animation_page(*results, autoplay=False), height_px)
 
 
 def frame(page: str, height_px: int) -> str:

@@ -17,7 +17,7 @@ from spacerobot.result import Result
 from spacerobot.scenario.plan import Planning
 from spacerobot.scene import Scene
 from spacerobot.scene.contacts import find_pairs
-from viz.drawing.motion import Motion, Solid, Stage, pad_solids, place, scene_nodes
+from viz.drawing.motion import BodyMotion, SceneGeometry, Solid, pad_solids, place, scene_nodes
 from viz.page.animation import FRAMES_PER_S, animation
 from viz.page.meshcat_scene import packed, poses, rounded, solid_data
 
@@ -69,12 +69,12 @@ def beside_its_plan(flown: Result, scene: Scene, plan: xr.Dataset) -> dict[str, 
     return data | {"runs": [run | {"nodes": nodes}, ghost], "over": True}
 
 
-def _motion(scene: Scene, plan: xr.Dataset) -> Motion:
+def _motion(scene: Scene, plan: xr.Dataset) -> BodyMotion:
     """The plan's motion in frames; between its points configurations are splined."""
     end = float(plan.time.values[-1])
     time = np.linspace(0.0, end, max(2, round(end * FRAMES_PER_S) + 1))
     q = _over(plan.time.values, plan.q.values, time)
-    return place(scene, Stage.of(scene), q, time)
+    return place(scene, SceneGeometry.of(scene), q, time)
 
 
 def _over(time: Array, values: Array, wanted: Array) -> Array:
@@ -83,7 +83,7 @@ def _over(time: Array, values: Array, wanted: Array) -> Array:
     return np.asarray(CubicSpline(time[first], values[first], axis=0)(wanted))
 
 
-def _target(scene: Scene, motion: Motion, flown: Any) -> Any:
+def _target(scene: Scene, motion: BodyMotion, flown: Any) -> Any:
     """Path of the target's root, where there is a target."""
     if flown is None or scene.target is None:
         return None

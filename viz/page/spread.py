@@ -32,7 +32,7 @@ PIECE_BYTES = 100_000_000
 """Of a batch whose states and outputs are all kept."""
 
 
-class Spread:
+class CampaignSpread:
     """Rollouts of one scene, gathered piece by piece.
 
     Parameters

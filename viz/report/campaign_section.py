@@ -14,7 +14,15 @@ import xarray as xr
 from spacerobot.arrays import Array
 from spacerobot.quantities import find_quantity, metrics
 from spacerobot.result import Result
-from viz.figures import Bands, Spread, bands, distributions, moving_components, sensitivities, to_bytes
+from viz.figures import (
+    BandSeries,
+    SampleSpread,
+    bands,
+    distributions,
+    moving_components,
+    sensitivities,
+    to_bytes,
+)
 from viz.figures.style import Drawing, unit_scale
 from viz.page.animation import animation
 from viz.page.notebook import frame
@@ -31,7 +39,7 @@ from viz.report.campaign_words import (
     unfinished,
     with_gains,
 )
-from viz.report.report import SECTIONS, Section, page, report
+from viz.report.report import SECTIONS, ReportSection, page, report
 from viz.report.sections import Subject, escape, table
 
 KEPT = ("warnings", "numbers", "figures", "ledger", "assumptions", "origins")
@@ -41,7 +49,7 @@ MOST_ANIMATED = 4
 
 
 @dataclass(frozen=True)
-class Shown:
+class CampaignReport:
     """What a report about a campaign shows.
 
     Attributes
@@ -64,21 +72,21 @@ class Shown:
     summary: Mapping[str, Any]
     data: xr.Dataset
     worst: Mapping[str, Result]
-    bands: Mapping[str, Mapping[str, Bands]]
+    bands: Mapping[str, Mapping[str, BandSeries]]
     spreads: Sequence[Mapping[str, Any]] = ()
     faults: Mapping[str, str] = field(default_factory=dict)
 
 
-def campaign_sections(shown: Shown) -> tuple[Section, ...]:
+def campaign_sections(shown: CampaignReport) -> tuple[ReportSection, ...]:
     """Sections of a report about a campaign itself."""
     return tuple(section for section, _ in _written(shown))
 
 
-def _written(shown: Shown) -> list[tuple[Section, str]]:
+def _written(shown: CampaignReport) -> list[tuple[ReportSection, str]]:
     """Those sections that hold anything, with their HTML."""
 
-    def section(name: str, title: str, text: str) -> tuple[Section, str]:
-        return Section(name, title, lambda _: text), text
+    def section(name: str, title: str, text: str) -> tuple[ReportSection, str]:
+        return ReportSection(name, title, lambda _: text), text
 
     made = (
         section("campaign", "Campaign", _in_short(shown.summary)),
@@ -90,12 +98,12 @@ def _written(shown: Shown) -> list[tuple[Section, str]]:
     return [(part, text) for part, text in made if text]
 
 
-def campaign_report(shown: Shown) -> str:
+def campaign_report(shown: CampaignReport) -> str:
     """HTML of a report about a campaign; the worst sample of each set of gains is shown and animated."""
     summary = shown.summary
     results = [replace(result, folder=None) for result in shown.worst.values()]
     labelled = partial(_animations, shown)
-    animation = Section("animation", "Worst samples, animated", labelled)
+    animation = ReportSection("animation", "Worst samples, animated", labelled)
     rest = [
         replace(section, title=f"{section.title}: worst samples") if section.name != "origins" else section
         for section in SECTIONS
@@ -168,7 +176,7 @@ def _against(summary: Mapping[str, Any]) -> str:
     return heading + table(["", *columns], rows)
 
 
-def _spread(shown: Shown) -> str:
+def _spread(shown: CampaignReport) -> str:
     spreads = []
     for metric, quantity in metrics().items():
         if quantity.limit is None or metric not in shown.data:
@@ -177,7 +185,9 @@ def _spread(shown: Shown) -> str:
         largest = factor * shown.data[metric].max(f"{metric}_of", skipna=False)
         samples = {str(name): largest.sel(gains=name).values for name in shown.data.gains.values}
         most = shown.summary["limits"].get(quantity.limit)
-        spreads.append(Spread(samples, quantity_of(metric), unit, None if most is None else factor * most))
+        spreads.append(
+            SampleSpread(samples, quantity_of(metric), unit, None if most is None else factor * most)
+        )
     text = _percentiles(shown.summary)
     if not spreads:
         return text
@@ -248,7 +258,7 @@ def _numbers(values: Mapping[str, float | None], parameters: list[str]) -> Array
     return np.array([values[name] or 0.0 for name in parameters])
 
 
-def _series(shown: Shown) -> str:
+def _series(shown: CampaignReport) -> str:
     parts = []
     for signal, by_gains in shown.bands.items():
         parts.append(f"<h3>{escape(signal.replace('_', ' '))}</h3>")
@@ -264,7 +274,7 @@ def _series(shown: Shown) -> str:
     return "".join(parts)
 
 
-def _worst(shown: Shown) -> str:
+def _worst(shown: CampaignReport) -> str:
     """Draw of each set's worst sample, a column for each, what cannot be simulated, and the commands."""
     summary = shown.summary
     worst = {name: told["worst"][0] for name, told in summary["gains"].items()}
@@ -296,7 +306,7 @@ def _reason(row: Mapping[str, Any], summary: Mapping[str, Any]) -> str:
     return f"{quantity_of(metric)}, {factor * row['value']:.4g} {unit}{failed}"
 
 
-def animated_worst(shown: Shown) -> dict[str, Any]:
+def animated_worst(shown: CampaignReport) -> dict[str, Any]:
     """Data of the page that plays the worst sample of each set of gains, all samples beside it."""
     named = {
         f"Gains {name}, sample {shown.summary['gains'][name]['worst'][0]['sample']}": result
@@ -307,7 +317,7 @@ def animated_worst(shown: Shown) -> dict[str, Any]:
     return data | {"panel": data["panel"] | {"spreads": list(shown.spreads)}}
 
 
-def _animations(shown: Shown, _: Subject) -> str:
+def _animations(shown: CampaignReport, _: Subject) -> str:
     text = '<p class="onpaper">The animation plays on a screen; its frames stand among the figures.</p>'
     text += frame(animated(animated_worst(shown)), 640)
     left = list(shown.worst)[MOST_ANIMATED:]

@@ -13,7 +13,7 @@ from spacerobot.errors import ResultError
 from spacerobot.result import Result, load
 from spacerobot.result.store import DATA
 from viz.figures.comparison import PROFILES
-from viz.report.report import SECTIONS, Section, page, report
+from viz.report.report import SECTIONS, ReportSection, page, report
 from viz.report.sections import escape, picture, table
 
 COMPARISON = "comparison.json"
@@ -31,7 +31,7 @@ PROFILE_TITLE = (
 )
 
 
-def comparison_section(folder: Path) -> Section:
+def comparison_section(folder: Path) -> ReportSection:
     """Section of a report about the comparison in a folder.
 
     Parameters
@@ -45,7 +45,7 @@ def comparison_section(folder: Path) -> Section:
         If it holds no comparison that can be shown.
     """
     text = _text(folder)
-    return Section(NAME, TITLE, lambda _: text)
+    return ReportSection(NAME, TITLE, lambda _: text)
 
 
 def _text(folder: Path) -> str:
@@ -136,7 +136,7 @@ def _contest(contest: Mapping[str, Any], precisions: list[float], folder: Path) 
     )
 
 
-def _table(made: tables.Table) -> str:
+def _table(made: tables.TextTable) -> str:
     return f"<p>{escape(made.title)}</p>{table(made.headings, made.rows)}"
 
 

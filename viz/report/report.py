@@ -17,7 +17,7 @@ from viz.report import sections as parts
 
 
 @dataclass(frozen=True)
-class Section:
+class ReportSection:
     """A part of a report.
 
     Attributes
@@ -37,21 +37,21 @@ class Section:
 
 
 SECTIONS = (
-    Section("warnings", "Look at this first", parts.warnings),
-    Section("run", "What was run", parts.what_was_run),
-    Section("numbers", "Headline numbers", parts.numbers),
-    Section("events", "Events", parts.events),
-    Section("paper", "Against the paper", parts.against_the_paper),
-    Section("animation", "Animation", parts.moving),
-    Section("figures", "Figures", parts.figures),
-    Section("ledger", "Ledger", parts.ledger),
-    Section("assumptions", "Assumptions", parts.assumptions),
-    Section("origins", "Versions and scenarios", parts.origins),
+    ReportSection("warnings", "Look at this first", parts.warnings),
+    ReportSection("run", "What was run", parts.what_was_run),
+    ReportSection("numbers", "Headline numbers", parts.numbers),
+    ReportSection("events", "Events", parts.events),
+    ReportSection("paper", "Against the paper", parts.against_the_paper),
+    ReportSection("animation", "Animation", parts.moving),
+    ReportSection("figures", "Figures", parts.figures),
+    ReportSection("ledger", "Ledger", parts.ledger),
+    ReportSection("assumptions", "Assumptions", parts.assumptions),
+    ReportSection("origins", "Versions and scenarios", parts.origins),
 )
 """What every report holds, in order."""
 
 
-def report(*results: Result, title: str | None = None, sections: Sequence[Section] = SECTIONS) -> str:
+def report(*results: Result, title: str | None = None, sections: Sequence[ReportSection] = SECTIONS) -> str:
     """HTML of a report; it needs no network and prints well.
 
     Parameters
@@ -75,7 +75,7 @@ def report(*results: Result, title: str | None = None, sections: Sequence[Sectio
     return page(heading, [(section, body) for section, body in bodies if body is not None])
 
 
-def page(heading: str, sections: Sequence[tuple[Section, str]]) -> str:
+def page(heading: str, sections: Sequence[tuple[ReportSection, str]]) -> str:
     """HTML of a page of sections with a heading; it needs no network and prints well.
 
     Parameters

@@ -8,21 +8,21 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
-from optim.campaign.draws.sampling import draw
+from optim.campaign.sampling.samplers import draw
 from spacerobot.arrays import Array
 from spacerobot.errors import ScenarioError
 from spacerobot.scenario import Campaign
 from spacerobot.scenario.faults import explain
-from viz.page.spread import Spread
+from viz.page.spread import CampaignSpread
 from viz.studio.job import Job
 from viz.studio.messages import Request
-from viz.studio.plant import Plant, Plants
+from viz.studio.prepared import DesignCache, PreparedDesign
 
 MOST_SAMPLES = 4096
 CHUNK = 64  # rollouts between two messages
 
 
-def cloud(_: Plants, plant: Plant, numbers: Mapping[str, float], job: Job) -> None:
+def cloud(_: DesignCache, plant: PreparedDesign, numbers: Mapping[str, float], job: Job) -> None:
     """Roll out samples chunk by chunk, and tell what they say so far.
 
     Raises
@@ -40,7 +40,7 @@ def cloud(_: Plants, plant: Plant, numbers: Mapping[str, float], job: Job) -> No
     job.tell(always=True, progress=0.0, message="compiling many rollouts at once")
     others = {path: value for path, value in numbers.items() if path not in paths}
     names, fixed = [*paths, *others], list(others.values())
-    spread, costs = Spread(plant.scene, plant.ready.rollout), np.zeros(0)
+    spread, costs = CampaignSpread(plant.scene, plant.ready.rollout), np.zeros(0)
     chunk = min(CHUNK, spread.most)
     for begin in range(0, len(draws), chunk):
         piece = draws[begin : begin + chunk]
@@ -55,7 +55,7 @@ def cloud(_: Plants, plant: Plant, numbers: Mapping[str, float], job: Job) -> No
         job.tell("stopped", **(_told(spread, metric.factor * costs, len(draws)) if costs.size else {}))
 
 
-def _campaign(request: Request, plant: Plant, numbers: Mapping[str, float]) -> Campaign:
+def _campaign(request: Request, plant: PreparedDesign, numbers: Mapping[str, float]) -> Campaign:
     """Campaign section of what a request says is uncertain."""
     spreads = request.pairs("spreads")
     if not spreads:
@@ -75,7 +75,7 @@ def _campaign(request: Request, plant: Plant, numbers: Mapping[str, float]) -> C
         raise ScenarioError(message, where=f"spreads ({where})") from None
 
 
-def _told(spread: Spread, values: Array, total: int) -> dict[str, Any]:
+def _told(spread: CampaignSpread, values: Array, total: int) -> dict[str, Any]:
     """What samples say so far: the metric of each, quantiles of signals over time, paths of some."""
     return {
         "progress": len(values) / total,

@@ -12,7 +12,7 @@ from viz.studio.messages import Request
 
 
 @dataclass(frozen=True)
-class Found:
+class SearchFound:
     """How far a search is.
 
     Attributes
@@ -88,7 +88,7 @@ class Job:
             about = {"type": "job", "id": self.id, "kind": self.request.kind, "state": state}
             self.send(self.page, {**about, "metric": self.request.more.get("metric"), **what})
 
-    def found(self, found: Found, state: str = "running", *, always: bool = False) -> None:
+    def found(self, found: SearchFound, state: str = "running", *, always: bool = False) -> None:
         """Tell how far a search is."""
         if always or state != "running" or time.monotonic() - self.told_at > PAUSE_S:
             self.tell(state, always=True, **found.plain())

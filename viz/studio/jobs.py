@@ -11,7 +11,7 @@ from spacerobot.errors import SpaceRobotError
 from viz.studio.campaign import cloud
 from viz.studio.job import Job, Send
 from viz.studio.messages import Request
-from viz.studio.plant import Plants
+from viz.studio.prepared import DesignCache
 from viz.studio.search import METHODS, improve, tune
 
 
@@ -28,7 +28,7 @@ class Jobs:
 
     methods = METHODS
 
-    def __init__(self, plants: Plants, send: Send) -> None:
+    def __init__(self, plants: DesignCache, send: Send) -> None:
         self._plants, self._send = plants, send
         self._names = map(str, itertools.count(1))
         self._job: Job | None = None

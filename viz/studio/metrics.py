@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
-from optim.campaign.rollouts.metrics import Kept, build_kept
-from optim.problem.objectives import Reduced
+from optim.campaign.rollouts.metrics import CampaignMetrics, build_campaign_metrics
+from optim.problem.objectives import ReducedObjective
 from spacerobot.closedloop import ClosedLoop
 from spacerobot.errors import SpaceRobotError, near_names
 from spacerobot.quantities import find_quantity, metrics
@@ -93,23 +93,23 @@ class Metrics:
         found = [metric.factor * float(costs[metric.key]) for metric in self.metrics]
         return [value if np.isfinite(value) else None for value in found]
 
-    def reduced(self, metric: Metric) -> Callable[[Signals], Reduced]:
+    def reduced(self, metric: Metric) -> Callable[[Signals], ReducedObjective]:
         """A metric as what a search makes small."""
         measure, own = self.measures.named[metric.kind], self.measures.signals
         known = ca.vertcat(own.t, own.x, *own.outputs.values())
 
-        def objective(signals: Signals) -> Reduced:
+        def objective(signals: Signals) -> ReducedObjective:
             """The same over other symbols."""
             given = ca.vertcat(signals.t, signals.x, *signals.outputs.values())
             parts = ca.densify(ca.substitute(measure.expression, known, given))
-            return Reduced(Measure(measure.kind, parts), metric.expression)
+            return ReducedObjective(Measure(measure.kind, parts), metric.expression)
 
         return objective
 
 
 def build_metrics(loop: ClosedLoop, scene: Scene) -> Metrics:
     """Metrics of a scene's closed loop: totals first, then what they are made of."""
-    kept = build_kept(loop, scene, [name for name, each in metrics().items() if each.is_default])
+    kept = build_campaign_metrics(loop, scene, [name for name, each in metrics().items() if each.is_default])
     found = (*_totals(kept), *_singles(kept))
 
     def costs(r: Mapping[str, ca.SX], _: Mapping[str, ca.SX]) -> dict[str, ca.SX]:
@@ -119,7 +119,7 @@ def build_metrics(loop: ClosedLoop, scene: Scene) -> Metrics:
     return Metrics(found, replace(kept.measures, named=named, costs=costs))
 
 
-def _totals(kept: Kept) -> list[Metric]:
+def _totals(kept: CampaignMetrics) -> list[Metric]:
     found = []
     for name, labels in kept.labels.items():
         quantity = find_quantity(name)
@@ -130,7 +130,7 @@ def _totals(kept: Kept) -> list[Metric]:
     return found
 
 
-def _singles(kept: Kept) -> list[Metric]:
+def _singles(kept: CampaignMetrics) -> list[Metric]:
     """Parts of the totals that have several."""
     found = []
     for name, labels in kept.labels.items():
@@ -143,7 +143,7 @@ def _singles(kept: Kept) -> list[Metric]:
     return found
 
 
-def _unit(kept: Kept, name: str) -> str:
+def _unit(kept: CampaignMetrics, name: str) -> str:
     return next(column.unit for column in kept.columns if column.metric == name)
 
 

@@ -11,18 +11,18 @@ from typing import Any
 import numpy as np
 from scipy.optimize import minimize
 
-from optim.methods.by_name import effort_of, run_method
-from optim.problem.problem import Cost, Evaluation, Linearisation
+from optim.methods.run_method import effort_of, run_method
+from optim.problem.problem import Evaluation, EvaluationCost, Linearisation
 from optim.problem.scenes import tuning_of
 from optim.problem.tuning_problem import TuningProblem, build_problem
-from optim.problem.vary import LARGE_RATIO
+from optim.problem.varied_parameters import LARGE_RATIO
 from spacerobot.arrays import Array
 from spacerobot.errors import ScenarioError
 from spacerobot.scene import build_scene
-from viz.studio.job import Found, Job
+from viz.studio.job import Job, SearchFound
 from viz.studio.messages import Request
 from viz.studio.metrics import Metric
-from viz.studio.plant import Plant, Plants
+from viz.studio.prepared import DesignCache, PreparedDesign
 from viz.studio.slopes import differences
 
 METHODS = ("nlp", "ga", "cmaes", "de", "pso", "sobol", "random")
@@ -35,7 +35,7 @@ MOST_ROLLOUTS = 100_000
 
 
 @dataclass(frozen=True)
-class Box:
+class SearchBox:
     """Numbers that are searched, within bounds; where these are far apart, equal ratios are equal distances.
 
     Attributes
@@ -51,7 +51,7 @@ class Box:
     upper: Array
 
     @classmethod
-    def of(cls, request: Request, plant: Plant) -> Box:
+    def of(cls, request: Request, plant: PreparedDesign) -> SearchBox:
         """What a request asks for.
 
         Raises
@@ -122,7 +122,7 @@ class _StoppedError(Exception):
     """The page wants no more."""
 
 
-def improve(_: Plants, plant: Plant, numbers: Mapping[str, float], job: Job) -> None:
+def improve(_: DesignCache, plant: PreparedDesign, numbers: Mapping[str, float], job: Job) -> None:
     """A few quasi-Newton steps within the bounds, each along the gradient with a line search.
 
     Gradients are exact where they are compiled and exist, else differences of rollouts.
@@ -132,7 +132,7 @@ def improve(_: Plants, plant: Plant, numbers: Mapping[str, float], job: Job) -> 
     SpaceRobotError
         If the request asks for what there is not.
     """
-    box, metric = Box.of(job.request, plant), plant.metric(job.request.text("metric"))
+    box, metric = SearchBox.of(job.request, plant), plant.metric(job.request.text("metric"))
     nominal = plant.nominal | dict(numbers)
     begin = box.unit([nominal[path] for path in box.paths])
     start = plant.cost(numbers, metric)
@@ -169,7 +169,7 @@ def improve(_: Plants, plant: Plant, numbers: Mapping[str, float], job: Job) -> 
 class _Track:
     """The best point of a search, and how it came to it."""
 
-    def __init__(self, box: Box, begin: Array, start: float) -> None:
+    def __init__(self, box: SearchBox, begin: Array, start: float) -> None:
         self._box, self._start = box, start
         self._at, self._best, self._spent = begin, np.inf, 0.0
         self.curve: list[tuple[float, float]] = []
@@ -186,12 +186,12 @@ class _Track:
         """Part of a budget that is spent."""
         return self._spent / budget
 
-    def found(self, progress: float, message: str = "") -> Found:
+    def found(self, progress: float, message: str = "") -> SearchFound:
         """How far it is."""
-        return Found(progress, self._box.plain(self._at), self._best, self._start, self.curve, message)
+        return SearchFound(progress, self._box.plain(self._at), self._best, self._start, self.curve, message)
 
 
-def tune(plants: Plants, plant: Plant, numbers: Mapping[str, float], job: Job) -> None:
+def tune(plants: DesignCache, plant: PreparedDesign, numbers: Mapping[str, float], job: Job) -> None:
     """A search by a method of tuning.
 
     Raises
@@ -200,13 +200,13 @@ def tune(plants: Plants, plant: Plant, numbers: Mapping[str, float], job: Job) -
         If the request asks for what there is not.
     """
     request = job.request
-    box, metric = Box.of(request, plant), plant.metric(request.text("metric"))
+    box, metric = SearchBox.of(request, plant), plant.metric(request.text("metric"))
     method = request.text("method", METHODS)
     budget = request.count("budget", 2500, MOST_ROLLOUTS)
     problem = _problem(plants, plant, box, metric, request)
     start = plant.cost(numbers, metric)
     track = _Track(box, np.array(problem.start), np.nan if start is None else start)
-    watched = Watched(problem, metric, job, track, budget)
+    watched = MonitoredProblem(problem, metric, job, track, budget)
     effort = effort_of(tuning_of(problem.scene), budget=budget, rival_budget=budget, runs=1)
     effort = replace(effort, nlp=replace(effort.nlp, budget=budget))
     outcome = run_method(watched, method, effort)
@@ -214,7 +214,9 @@ def tune(plants: Plants, plant: Plant, numbers: Mapping[str, float], job: Job) -
     job.found(track.found(1.0, outcome.best.message or outcome.best.status), state)
 
 
-def _problem(plants: Plants, plant: Plant, box: Box, metric: Metric, request: Request) -> TuningProblem:
+def _problem(
+    plants: DesignCache, plant: PreparedDesign, box: SearchBox, metric: Metric, request: Request
+) -> TuningProblem:
     """Tuning problem of a design: these numbers within their bounds, this metric."""
     scene = plants.origin.build(plants.changes(request.values))
     section = {"variables": box.variables(), "step": plant.ready.rollout.grid.step_s}
@@ -227,7 +229,7 @@ def _problem(plants: Plants, plant: Plant, box: Box, metric: Metric, request: Re
     return build_problem(scene, objective=objective)
 
 
-class Watched:
+class MonitoredProblem:
     """A problem whose evaluations are told to a page, and end where it wants no more.
 
     Parameters
@@ -249,7 +251,7 @@ class Watched:
 
     def evaluate(self, u: Array) -> Evaluation:
         """As the problem does."""
-        return self._noted(u, self._problem.evaluate(u), Cost(rollouts=1))
+        return self._noted(u, self._problem.evaluate(u), EvaluationCost(rollouts=1))
 
     def sample(self, u: Array) -> Evaluation:
         """As the problem does."""
@@ -266,7 +268,7 @@ class Watched:
         self._noted(u, Evaluation(objective, np.zeros((len(u), 0))), self._problem.linear_cost)
         return found
 
-    def _noted(self, u: Array, found: Evaluation, each: Cost) -> Evaluation:
+    def _noted(self, u: Array, found: Evaluation, each: EvaluationCost) -> Evaluation:
         for point, value in zip(np.atleast_2d(u), found.objective, strict=True):
             told = self._metric.factor * value if np.isfinite(value) else np.inf
             self._track.note(point, told, each.equivalent(4.0))

@@ -13,11 +13,11 @@ import tornado.web
 
 from spacerobot.files import StrPath
 from spacerobot.scene import Scene
-from viz.page.loopback import FIRST_PORT, Guarded, Loopback, Stream
+from viz.page.loopback import FIRST_PORT, LocalRequestHandler, Loopback, Stream
 from viz.page.page import page
 from viz.studio.messages import MOST_BYTES
-from viz.studio.plant import Origin
-from viz.studio.session import Session
+from viz.studio.prepared import Origin
+from viz.studio.session import StudioSession
 
 FOLDER = Path("out/studio")
 """Where files are kept if nothing else is said."""
@@ -59,7 +59,7 @@ class Studio(Loopback):
         tell: Callable[[str], None] = lambda _: None,
     ) -> None:
         self.token = secrets.token_urlsafe(24)
-        self.session = Session(origin, folder, tell)
+        self.session = StudioSession(origin, folder, tell)
         self._title = origin.scene.scenario.name
         super().__init__(port)
 
@@ -114,7 +114,7 @@ def studio(scene: Scene, *, folder: StrPath = FOLDER, port: int = FIRST_PORT) ->
     return Studio(Origin(scene), Path(folder), port)
 
 
-class _Known(Guarded):
+class _Known(LocalRequestHandler):
     """Answers who knows the token."""
 
     def prepare(self) -> None:

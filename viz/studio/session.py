@@ -17,12 +17,12 @@ from spacerobot.rollout.factory import ADJOINT
 from spacerobot.simulation import STEP_ERROR_LIMIT
 from viz.page.animation import notices, run_data, shown_data
 from viz.page.meshcat_scene import Meshes
+from viz.studio.bookmarks import KINDS as SAVED
+from viz.studio.bookmarks import command_line, keep
 from viz.studio.jobs import Jobs
-from viz.studio.keep import KINDS as SAVED
-from viz.studio.keep import command_line, keep
 from viz.studio.messages import Request, packets, read
-from viz.studio.numbers import suggested
-from viz.studio.plant import Origin, Plant, Plants
+from viz.studio.parameters import suggested
+from viz.studio.prepared import DesignCache, Origin, PreparedDesign
 from viz.studio.slopes import differences
 
 REST_S = 0.2
@@ -35,7 +35,7 @@ NEWEST = ("set", "gradient", "command")
 """Requests of which only a page's newest counts, the more urgent ones first."""
 
 
-class Page(Protocol):
+class PageConnection(Protocol):
     """A page that is connected."""
 
     def send(self, parts: Sequence[str | bytes]) -> None:
@@ -46,7 +46,7 @@ class Page(Protocol):
         """Whether it has not taken what was sent to it before."""
 
 
-class Session:
+class StudioSession:
     """Answers what pages ask about designs of one scene.
 
     Parameters
@@ -66,29 +66,29 @@ class Session:
 
     def __init__(self, origin: Origin, folder: Path, tell: Callable[[str], None] = lambda _: None) -> None:
         self.origin, self.folder = origin, folder
-        self._pages: dict[Page, Plant] = {}
+        self._pages: dict[PageConnection, PreparedDesign] = {}
         self._tell = tell
-        self.plants = Plants(origin, self._say)
+        self.plants = DesignCache(origin, self._say)
         self._tell = lambda _: None
-        self._newest: dict[tuple[Page, str], Request] = {}
-        self._held: dict[tuple[Page, str], Request] = {}
-        self._making: set[tuple[Page, str]] = set()
-        self._resting: dict[Page, Request] = {}
-        self._waiting: deque[tuple[Page, Request]] = deque()
+        self._newest: dict[tuple[PageConnection, str], Request] = {}
+        self._held: dict[tuple[PageConnection, str], Request] = {}
+        self._making: set[tuple[PageConnection, str]] = set()
+        self._resting: dict[PageConnection, Request] = {}
+        self._waiting: deque[tuple[PageConnection, Request]] = deque()
         self._change = threading.Condition()
         self._closed = self._prepared = False
         self._jobs = Jobs(self.plants, self._broadcast)
         self._thread = _begin(self._work)
         _begin(self._write)
 
-    def greet(self, page: Page) -> None:
+    def greet(self, page: PageConnection) -> None:
         """A page has connected; it is told what there is."""
         with self._change:
             self._pages[page] = self.plants.base
             self._newest[page, "set"] = Request("hello")
             self._change.notify_all()
 
-    def leave(self, page: Page) -> None:
+    def leave(self, page: PageConnection) -> None:
         """A page has gone; what it asked is forgotten, its job is stopped."""
         with self._change:
             self._pages.pop(page, None)
@@ -98,7 +98,7 @@ class Session:
                 self._held.pop((page, kind), None)
         self._jobs.stop_all(page)
 
-    def ask(self, page: Page, text: str | bytes) -> None:
+    def ask(self, page: PageConnection, text: str | bytes) -> None:
         """A page asks something; returns at once."""
         request = Request("message")
         try:
@@ -154,7 +154,7 @@ class Session:
     def _has_work(self) -> bool:
         return self._closed or any(not page.behind for page, _ in self._newest)
 
-    def _take(self) -> tuple[Page, Request]:
+    def _take(self) -> tuple[PageConnection, Request]:
         """The most urgent request; a page that is behind waits, and pages take turns."""
         urgent = sorted(self._newest, key=lambda asked: NEWEST.index(asked[1]))
         page, kind = next(asked for asked in urgent if not asked[0].behind)
@@ -170,7 +170,9 @@ class Session:
                 page, request = self._waiting.popleft()
             self._attempt(self._save, page, request)
 
-    def _attempt(self, do: Callable[[Page, Request], None], page: Page, request: Request) -> None:
+    def _attempt(
+        self, do: Callable[[PageConnection, Request], None], page: PageConnection, request: Request
+    ) -> None:
         try:
             do(page, request)
         except SpaceRobotError as fault:
@@ -178,7 +180,7 @@ class Session:
         except Exception as fault:  # a defect must not end the session for all pages
             self._fail(page, request, SpaceRobotError(f"a defect: {type(fault).__name__}: {fault}"))
 
-    def _answer(self, page: Page, request: Request) -> None:
+    def _answer(self, page: PageConnection, request: Request) -> None:
         if request.kind in ("hello", "set"):
             self._roll(page, request)
         elif request.kind == "check":
@@ -190,8 +192,8 @@ class Session:
             self._send(page, {"type": "command", "text": self._command(request)})
 
     def _plant(
-        self, page: Page, request: Request, *, gradients: bool = False
-    ) -> tuple[Plant, dict[str, float]] | None:
+        self, page: PageConnection, request: Request, *, gradients: bool = False
+    ) -> tuple[PreparedDesign, dict[str, float]] | None:
         """Structure and numbers of a design; None while it is compiled, whereupon the request comes again."""
         found = self.plants.find(request.values)
         if found is not None and (found[0].has_gradients or not gradients):
@@ -204,7 +206,7 @@ class Session:
                 _begin(lambda: self._attempt(self._make, page, request))
         return None
 
-    def _make(self, page: Page, request: Request) -> None:
+    def _make(self, page: PageConnection, request: Request) -> None:
         """Compile what a request takes, then ask again what was asked last."""
         try:
             if self.plants.find(request.values) is None:
@@ -245,7 +247,7 @@ class Session:
             self._prepared = True
             _begin(prepare)
 
-    def _roll(self, page: Page, request: Request) -> None:
+    def _roll(self, page: PageConnection, request: Request) -> None:
         begin = time.perf_counter()
         found = self._plant(page, request)
         if found is None:
@@ -282,7 +284,7 @@ class Session:
         with self._change:
             self._resting[page] = request
 
-    def _hello(self, plant: Plant) -> dict[str, Any]:
+    def _hello(self, plant: PreparedDesign) -> dict[str, Any]:
         sliders = suggested(plant.scene, plant.free)
         scenario, own = plant.scene.scenario, self.plants.base.leaves  # what designs differ from
         return {
@@ -300,7 +302,7 @@ class Session:
             "suggested": list(sliders),
         }
 
-    def _gradient(self, page: Page, request: Request) -> None:
+    def _gradient(self, page: PageConnection, request: Request) -> None:
         """Slopes of a metric; by differences where there are no exact ones, or not before a compilation."""
         given = request.more.get("paths", ())
         wanted = [path for path in given if isinstance(path, str)] if isinstance(given, list) else []
@@ -332,7 +334,7 @@ class Session:
         chosen = found[0].chosen_step if found is not None else None
         return command_line(self.origin, self.plants.changes(request.values), chosen)
 
-    def _save(self, page: Page, request: Request) -> None:
+    def _save(self, page: PageConnection, request: Request) -> None:
         what = request.text("what", tuple(SAVED))
         changes = self.plants.changes(request.values)
 
@@ -344,14 +346,14 @@ class Session:
             page, {"type": "saved", "what": what, "path": str(path), "command": self._command(request)}
         )
 
-    def _fail(self, page: Page, request: Request, fault: SpaceRobotError) -> None:
+    def _fail(self, page: PageConnection, request: Request, fault: SpaceRobotError) -> None:
         told = {"seq": request.seq, "what": request.kind, "path": fault.where, "message": fault.message}
         self._send(page, {"type": "failed", **told})
 
-    def _send(self, page: Page, message: dict[str, Any]) -> None:
+    def _send(self, page: PageConnection, message: dict[str, Any]) -> None:
         page.send(packets(message))
 
-    def _broadcast(self, page: Page | None, message: dict[str, Any]) -> None:
+    def _broadcast(self, page: PageConnection | None, message: dict[str, Any]) -> None:
         for each in [page] if page is not None else list(self._pages):
             self._send(each, message)
 

@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 
 from spacerobot.errors import ScenarioError
 from viz.studio.metrics import Metric
-from viz.studio.numbers import Leaf
-from viz.studio.plant import Plant
+from viz.studio.parameters import Leaf
+from viz.studio.prepared import PreparedDesign
 
 SHARE = 1e-4
 """Half a difference's width, as a share of the number, or of its slider where it is zero."""
@@ -19,7 +19,7 @@ PART_S = 0.3
 
 
 def differences(
-    plant: Plant,
+    plant: PreparedDesign,
     numbers: Mapping[str, float],
     metric: Metric,
     paths: Sequence[str],

@@ -20,7 +20,7 @@ PERCENT = (0.0, 5.0, 50.0, 95.0, 100.0)
 
 
 @dataclass(frozen=True)
-class Bands:
+class QuantileBands:
     """How a kept signal spreads over the samples under one set of gains.
 
     Attributes
@@ -54,7 +54,7 @@ class Bands:
     shown: Array
 
 
-def read_bands(folder: StrPath, name: str, gains: str, sample: int) -> Bands:
+def read_bands(folder: StrPath, name: str, gains: str, sample: int) -> QuantileBands:
     """Percentile bands of a series of a campaign.
 
     Parameters
@@ -85,7 +85,7 @@ def read_bands(folder: StrPath, name: str, gains: str, sample: int) -> Bands:
         raise ResultError(f"cannot be read: {fault}", source=folder / DATA) from None
 
 
-def _bands(file: Any, name: str, which: int, sample: int) -> Bands:
+def _bands(file: Any, name: str, which: int, sample: int) -> QuantileBands:
     variable, time = file[name], np.asarray(file["time"][:])
     samples, width = variable.shape[0], variable.shape[3]
     step = variable.chunking()[2]
@@ -102,7 +102,9 @@ def _bands(file: Any, name: str, which: int, sample: int) -> Bands:
     least, low, median, high, greatest = found
     of = tuple(map(str, file[f"{name}_of"][:]))
     shown = np.asarray(variable[row, which])
-    return Bands(name, str(variable.units), of, time, least, low, median, high, greatest, left, sample, shown)
+    return QuantileBands(
+        name, str(variable.units), of, time, least, low, median, high, greatest, left, sample, shown
+    )
 
 
 def _percentiles(ordered: Array, left: np.typing.NDArray[np.int64]) -> Array:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from optim.campaign.rollouts.evaluator import Evaluator
+from optim.campaign.rollouts.evaluator import CampaignEvaluator
 from optim.campaign.store.notes import Changes
 from spacerobot.arrays import Array
 from spacerobot.result import Result
@@ -20,7 +20,9 @@ from spacerobot.scene import build_scene
 from spacerobot.simulation import simulate
 
 
-def command_of(evaluator: Evaluator, draw: Array, gains: str, scenario: str, given: Changes = ()) -> str:
+def command_of(
+    evaluator: CampaignEvaluator, draw: Array, gains: str, scenario: str, given: Changes = ()
+) -> str:
     """Command that runs one sample again.
 
     Parameters
@@ -55,7 +57,7 @@ def command_of(evaluator: Evaluator, draw: Array, gains: str, scenario: str, giv
     return " ".join(["spacerobot run", shlex.quote(scenario), *parts])
 
 
-def simulate_sample(evaluator: Evaluator, draw: Sequence[float], gains: str) -> Result:
+def simulate_sample(evaluator: CampaignEvaluator, draw: Sequence[float], gains: str) -> Result:
     """Result of one sample, as its command gives it, named after the set of gains.
 
     Parameters

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from optim.campaign.draws.sampling import salib
+from optim.campaign.sampling.samplers import salib
 from spacerobot.arrays import Array
 
 

@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from optim.campaign.analysis.matters import correlated, noise_of, what_matters
 from optim.campaign.analysis.samples import command_of
+from optim.campaign.analysis.sensitivity import correlated, noise_of, what_matters
 from optim.campaign.analysis.statistics import Estimate, percentile, share
-from optim.campaign.draws.space import sensor_offsets, units_of
-from optim.campaign.rollouts.evaluator import Evaluator
+from optim.campaign.rollouts.evaluator import CampaignEvaluator
 from optim.campaign.rollouts.trust import doubts, untrusted
+from optim.campaign.sampling.parameter_space import sensor_offsets, units_of
 from optim.campaign.store.folder import load_campaign, load_head
-from optim.campaign.store.notes import Named, named_in
+from optim.campaign.store.notes import ScenarioSource, named_in
 from spacerobot.arrays import Array
 from spacerobot.errors import ResultError
 from spacerobot.files import StrPath, write_text
@@ -34,7 +34,7 @@ INDEPENDENT = ("monte_carlo", "latin_hypercube", "sobol")
 
 
 @dataclass(frozen=True)
-class Sampled:
+class SampleStatistics:
     """What the samples of one set of gains gave.
 
     Attributes
@@ -77,7 +77,7 @@ class Sampled:
         return np.asarray(np.logical_or.reduce(list(self.failed.values())), dtype=np.bool_)
 
 
-def sampled_of(data: xr.Dataset, evaluator: Evaluator) -> dict[str, Sampled]:
+def sample_statistics(data: xr.Dataset, evaluator: CampaignEvaluator) -> dict[str, SampleStatistics]:
     """Numbers of a store by set of gains."""
     campaign, found = evaluator.campaign, {}
     for name in map(str, data.gains.values):
@@ -96,7 +96,7 @@ def sampled_of(data: xr.Dataset, evaluator: Evaluator) -> dict[str, Sampled]:
         duration = evaluator.member(name).scene.scenario.simulation.duration
         times = metrics.get("capture_time")  # as late as the simulation where a grasp was missed
         missed = None if times is None else np.asarray(times.max(axis=1) >= duration)
-        found[name] = Sampled(metrics, places, units, failed, told, missed)
+        found[name] = SampleStatistics(metrics, places, units, failed, told, missed)
     return found
 
 
@@ -109,7 +109,7 @@ def _unclosed(chosen: xr.Dataset) -> tuple[str, ...]:
     return tuple(unclosed(dict(zip(most, map(float, row), strict=True)), most) for row in chosen.gap.values)
 
 
-def _did_not_begin(found: Mapping[str, Sampled]) -> list[str]:
+def _did_not_begin(found: Mapping[str, SampleStatistics]) -> list[str]:
     """Warnings about samples whose grasps did not close."""
     warnings = []
     for name, sampled in found.items():
@@ -120,7 +120,9 @@ def _did_not_begin(found: Mapping[str, Sampled]) -> list[str]:
     return warnings
 
 
-def summarise(folder: StrPath, evaluator: Evaluator, named: Named | None = None) -> dict[str, Any]:
+def summarise(
+    folder: StrPath, evaluator: CampaignEvaluator, named: ScenarioSource | None = None
+) -> dict[str, Any]:
     """Percentiles, probabilities of failure, worst samples and what matters, written to ``summary.json``.
 
     Parameters
@@ -139,19 +141,21 @@ def summarise(folder: StrPath, evaluator: Evaluator, named: Named | None = None)
         If the store holds no sample, or cannot be read or written.
     """
     folder = Path(folder)
-    summary = told_of(folder, evaluator, named)
+    summary = summary_data(folder, evaluator, named)
     write_text(folder / SUMMARY, json.dumps(summary, indent=1, allow_nan=False) + "\n")
     return summary
 
 
-def told_of(folder: StrPath, evaluator: Evaluator, named: Named | None = None) -> dict[str, Any]:
+def summary_data(
+    folder: StrPath, evaluator: CampaignEvaluator, named: ScenarioSource | None = None
+) -> dict[str, Any]:
     """The summary that :func:`summarise` writes, as plain data."""
     folder = Path(folder)
     data, campaign = load_campaign(folder), evaluator.campaign
     named = named or named_in(load_head(folder)["notes"])
     if len(data.sample) == 0:
         raise ResultError("holds no sample yet", source=folder)
-    found = sampled_of(data, evaluator)
+    found = sample_statistics(data, evaluator)
     draws = data.draw.values
     trust = untrusted(data, {name: sampled.any_failure for name, sampled in found.items()})
     return {
@@ -185,7 +189,7 @@ def told_of(folder: StrPath, evaluator: Evaluator, named: Named | None = None) -
     }
 
 
-def _failures(sampled: Sampled, campaign: Campaign) -> dict[str, Any]:
+def _failures(sampled: SampleStatistics, campaign: Campaign) -> dict[str, Any]:
     causes = {"any": sampled.any_failure, **sampled.failed}
     return {
         cause: {"count": int(hits.sum())}
@@ -194,7 +198,7 @@ def _failures(sampled: Sampled, campaign: Campaign) -> dict[str, Any]:
     }
 
 
-def _captured(sampled: Sampled, campaign: Campaign) -> dict[str, Any] | None:
+def _captured(sampled: SampleStatistics, campaign: Campaign) -> dict[str, Any] | None:
     """How often every grasp that begins open was captured in a rollout that was completed."""
     if sampled.missed is None:
         return None
@@ -202,7 +206,7 @@ def _captured(sampled: Sampled, campaign: Campaign) -> dict[str, Any] | None:
     return {"count": count} | _interval(share(count, len(sampled.missed), campaign.confidence), campaign)
 
 
-def _matters(sampled: Sampled, draws: Array, campaign: Campaign) -> dict[str, Any]:
+def _matters(sampled: SampleStatistics, draws: Array, campaign: Campaign) -> dict[str, Any]:
     """What each metric depends on, and whether a capture is missed."""
     values = {metric: sampled.largest(metric) for metric in sampled.metrics}
     if sampled.missed is not None:
@@ -211,7 +215,7 @@ def _matters(sampled: Sampled, draws: Array, campaign: Campaign) -> dict[str, An
     return {name: what_matters(draws, of, campaign, complete=complete) for name, of in values.items()}
 
 
-def _percentiles(sampled: Sampled, campaign: Campaign) -> list[dict[str, Any]]:
+def _percentiles(sampled: SampleStatistics, campaign: Campaign) -> list[dict[str, Any]]:
     rows = []
     for metric, values in sampled.metrics.items():
         for place, column in zip(sampled.places[metric], values.T, strict=True):
@@ -230,7 +234,7 @@ def _interval(estimate: Estimate, campaign: Campaign) -> dict[str, Any]:
     return {"value": _plain(estimate.value), "low": _plain(ends[0]), "high": _plain(ends[1])}
 
 
-def _map(sampled: Sampled, draws: Array, campaign: Campaign) -> dict[str, Any] | None:
+def _map(sampled: SampleStatistics, draws: Array, campaign: Campaign) -> dict[str, Any] | None:
     """Where a grid over two parameters fails and why: causes by level of the first and of the second."""
     if campaign.design != "grid" or draws.shape[1] != 2 or len(draws) != campaign.count:
         return None
@@ -247,7 +251,11 @@ def _map(sampled: Sampled, draws: Array, campaign: Campaign) -> dict[str, Any] |
 
 
 def _worst(
-    sampled: Sampled, data: xr.Dataset, evaluator: Evaluator, index: int, named: Named
+    sampled: SampleStatistics,
+    data: xr.Dataset,
+    evaluator: CampaignEvaluator,
+    index: int,
+    named: ScenarioSource,
 ) -> list[dict[str, Any]]:
     """Worst samples: those that diverged, the earliest first, then by what comes nearest to its limit or
     passes it furthest, those that missed a capture first; by the first metric kept where there is no limit;
@@ -277,7 +285,7 @@ def _worst(
     return rows
 
 
-def _against(found: Mapping[str, Sampled], campaign: Campaign) -> list[dict[str, Any]]:
+def _against(found: Mapping[str, SampleStatistics], campaign: Campaign) -> list[dict[str, Any]]:
     """Every two sets of gains on the same samples: how often one is better, and which fails where."""
     rows = []
     for (a, first), (b, second) in combinations(found.items(), 2):

@@ -11,15 +11,21 @@ from typing import Any
 
 import numpy as np
 
-from optim.campaign.draws.sampling import draw
-from optim.campaign.draws.space import Space, campaign_of, check_range, gain_set, resolve_space
-from optim.campaign.rollouts.metrics import Column, Kept, build_kept
-from optim.campaign.rollouts.series import Recording, build_recording, check_size, series_step
+from optim.campaign.rollouts.metrics import CampaignMetrics, MetricColumn, build_campaign_metrics
+from optim.campaign.rollouts.series import SignalRecording, build_recording, check_size, series_step
+from optim.campaign.sampling.parameter_space import (
+    ParameterSpace,
+    campaign_of,
+    check_range,
+    gain_set,
+    resolve_space,
+)
+from optim.campaign.sampling.samplers import draw
 from optim.problem.measured import with_added_states
 from optim.problem.scenes import SceneRecipe
 from spacerobot.arrays import Array
 from spacerobot.errors import ScenarioError
-from spacerobot.kept import kept_closed_loop
+from spacerobot.loop_cache import cached_closed_loop
 from spacerobot.quantities import find_quantity
 from spacerobot.rollout import Rollout, build_rollout, time_grid
 from spacerobot.scenario import Campaign
@@ -35,7 +41,7 @@ ASKED_AFTERWARDS = ("limits", "percentiles", "confidence", "gains")
 
 
 @dataclass(frozen=True)
-class Table:
+class SampleTable:
     """Numbers of n samples under G sets of gains.
 
     Attributes
@@ -61,13 +67,15 @@ class Table:
     def __len__(self) -> int:
         return len(self.draws)
 
-    def part(self, rows: slice) -> Table:
+    def part(self, rows: slice) -> SampleTable:
         """Some of the samples."""
         series = {name: values[rows] for name, values in self.series.items()}
-        return Table(self.draws[rows], self.metrics[rows], self.diverged_at_s[rows], self.gaps[rows], series)
+        return SampleTable(
+            self.draws[rows], self.metrics[rows], self.diverged_at_s[rows], self.gaps[rows], series
+        )
 
     @classmethod
-    def joined(cls, tables: Sequence[Table]) -> Table:
+    def joined(cls, tables: Sequence[SampleTable]) -> SampleTable:
         """The samples of several tables, one after the other."""
         if len(tables) == 1:
             return tables[0]
@@ -81,18 +89,18 @@ class Table:
 
 
 @dataclass(frozen=True)
-class Member:
+class GainSet:
     """One set of gains: its scene, where draws go in it, what is kept of it and over time, its rollout."""
 
     scene: Scene
-    space: Space
-    kept: Kept
-    recording: Recording
+    space: ParameterSpace
+    kept: CampaignMetrics
+    recording: SignalRecording
     rollout: Rollout
 
 
 @dataclass(frozen=True)
-class Recipe:
+class EvaluatorRecipe:
     """All it takes to build an evaluator anywhere: plain data that can be sent to another machine.
 
     Attributes
@@ -112,13 +120,13 @@ class Recipe:
         text = json.dumps([dataclasses.asdict(self.scene), self.gains], sort_keys=True, default=str)
         return hashlib.sha256(text.encode()).hexdigest()
 
-    def build(self) -> Evaluator:
+    def build(self) -> CampaignEvaluator:
         """The evaluator."""
         return build_evaluator(self.scene.build(), self.gains)
 
 
 @dataclass(frozen=True)
-class Evaluator:
+class CampaignEvaluator:
     """A campaign ready to run.
 
     Attributes
@@ -136,7 +144,7 @@ class Evaluator:
     scene: Scene
     campaign: Campaign
     gains: Gains
-    members: tuple[Member, ...]
+    members: tuple[GainSet, ...]
 
     def __repr__(self) -> str:
         """Scenario, samples and sets of gains, in one line."""
@@ -144,12 +152,12 @@ class Evaluator:
         return f"<Evaluator of {name}: {self.campaign.count} samples; gains {gains}>"
 
     @property
-    def columns(self) -> tuple[Column, ...]:
+    def columns(self) -> tuple[MetricColumn, ...]:
         """What is kept, M of them."""
         return self.members[0].kept.columns
 
     @property
-    def recording(self) -> Recording:
+    def recording(self) -> SignalRecording:
         """What is kept over time."""
         return self.members[0].recording
 
@@ -163,14 +171,14 @@ class Evaluator:
         """What a sample's series take in memory, all sets of gains together."""
         return len(self.members) * self.recording.bytes_per_rollout
 
-    def member(self, gains: str) -> Member:
+    def member(self, gains: str) -> GainSet:
         """The member of one set of gains."""
         return self.members[list(self.gains).index(gains)]
 
     @property
-    def recipe(self) -> Recipe:
+    def recipe(self) -> EvaluatorRecipe:
         """What builds the same one elsewhere."""
-        return Recipe(SceneRecipe.of(self.scene), self.gains)
+        return EvaluatorRecipe(SceneRecipe.of(self.scene), self.gains)
 
     def identity(self, draws: Array) -> dict[str, Any]:
         """What decides the numbers: plain data, leaves of which can be compared, and a hash of everything.
@@ -199,7 +207,7 @@ class Evaluator:
             digest.update(np.ascontiguousarray(member.rollout.values()).tobytes())
         return plain | {"fingerprint": digest.hexdigest()}
 
-    def evaluate(self, draws: Array, threads: int | None = None) -> Table:
+    def evaluate(self, draws: Array, threads: int | None = None) -> SampleTable:
         """Rollouts of some draws (n, k) under every set of gains.
 
         The numbers of a draw depend neither on the others nor on the threads, not even by a bit.
@@ -226,10 +234,10 @@ class Evaluator:
             for name in names:
                 series[name][:, i] = batch.outputs[name]
         metrics, diverged, gap = (np.stack(parts, axis=1) for parts in (tables, times, gaps))
-        return Table(draws, metrics, diverged, gap, series)
+        return SampleTable(draws, metrics, diverged, gap, series)
 
 
-def build_evaluator(scene: Scene, gains: Gains | None = None, *, compiled: bool = True) -> Evaluator:
+def build_evaluator(scene: Scene, gains: Gains | None = None, *, compiled: bool = True) -> CampaignEvaluator:
     """Campaign of a scene, built and compiled.
 
     Parameters
@@ -249,7 +257,7 @@ def build_evaluator(scene: Scene, gains: Gains | None = None, *, compiled: bool 
     """
     campaign = campaign_of(scene)
     chosen: Gains = dict(campaign.gains if gains is None else gains) or {NOMINAL: {}}
-    made: list[Member] = []
+    made: list[GainSet] = []
     for name, changes in chosen.items():
         try:
             made.append(_member(gain_set(scene, changes), campaign, len(chosen), compiled))
@@ -265,10 +273,10 @@ def build_evaluator(scene: Scene, gains: Gains | None = None, *, compiled: bool 
         raise ScenarioError("sets of gains differ in robots, tips or grasps", source=scene.source)
     campaign = campaign.model_copy(update={"gains": {n: dict(c) for n, c in chosen.items()}})
     scenario = scene.scenario.model_copy(update={"campaign": campaign})
-    return Evaluator(dataclasses.replace(scene, scenario=scenario), campaign, chosen, tuple(made))
+    return CampaignEvaluator(dataclasses.replace(scene, scenario=scenario), campaign, chosen, tuple(made))
 
 
-def all_draws(evaluator: Evaluator) -> Array:
+def all_draws(evaluator: CampaignEvaluator) -> Array:
     """Every draw (N, k) of a campaign, judged.
 
     Raises
@@ -282,12 +290,12 @@ def all_draws(evaluator: Evaluator) -> Array:
     return draws
 
 
-def _member(scene: Scene, campaign: Campaign, sets: int, compiled: bool) -> Member:
+def _member(scene: Scene, campaign: Campaign, sets: int, compiled: bool) -> GainSet:
     space = resolve_space(scene, campaign)
-    loop = kept_closed_loop(scene, vary=space.paths)
+    loop = cached_closed_loop(scene, vary=space.paths)
     wanted = [find_quantity(name) for name in campaign.metrics]
     rolled = with_added_states(loop, scene, wanted, campaign.jitter_frequency)
-    kept = build_kept(loop, scene, campaign.metrics, rolled)
+    kept = build_campaign_metrics(loop, scene, campaign.metrics, rolled)
     if not kept.columns:
         raise ScenarioError("none of the metrics fits this scene", where="campaign.metrics")
     kinds = {column.metric for column in kept.columns}
@@ -310,4 +318,4 @@ def _member(scene: Scene, campaign: Campaign, sets: int, compiled: bool) -> Memb
         backend="auto" if compiled else "interpreted",
         many=True,
     )
-    return Member(scene, space, kept, recording, rollout)
+    return GainSet(scene, space, kept, recording, rollout)

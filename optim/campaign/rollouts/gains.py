@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from optim.campaign.draws.space import campaign_of
 from optim.campaign.rollouts.evaluator import NOMINAL, Gains
+from optim.campaign.sampling.parameter_space import campaign_of
 from spacerobot.errors import ScenarioError, near_names
 from spacerobot.result.store import SCENARIO
 from spacerobot.scenario import Scenario

@@ -28,7 +28,7 @@ LEDGER = {DRIFT: drift_of, RESIDUAL: residual_of}
 
 
 @dataclass(frozen=True)
-class Column:
+class MetricColumn:
     """One number of each rollout.
 
     Attributes
@@ -52,7 +52,7 @@ class Column:
 
 
 @dataclass(frozen=True)
-class Kept:
+class CampaignMetrics:
     """Measures of a closed loop, and the columns that follow from them.
 
     Attributes
@@ -69,7 +69,7 @@ class Kept:
     """
 
     measures: Measures
-    columns: tuple[Column, ...]
+    columns: tuple[MetricColumn, ...]
     duration_s: float
 
     labels: Mapping[str, tuple[str, ...]]
@@ -89,9 +89,9 @@ class Kept:
         return np.column_stack(parts)
 
 
-def build_kept(
+def build_campaign_metrics(
     loop: ClosedLoop, scene: Scene, wanted: Sequence[str], extended: ClosedLoopFunctions | None = None
-) -> Kept:
+) -> CampaignMetrics:
     """What is kept of rollouts of a closed loop; a metric that a scene has nothing for is left out.
 
     The residual of the energy is kept besides, and the drift of the momenta where they are constant: they say
@@ -108,7 +108,7 @@ def build_kept(
     """
     context = context_of(scene, extended or loop)
     named: dict[str, Measure] = {}
-    columns: list[Column] = []
+    columns: list[MetricColumn] = []
     labels: dict[str, tuple[str, ...]] = {}
     for name, quantity in quantities().items():
         if name not in wanted:
@@ -116,13 +116,15 @@ def build_kept(
         found, own = measure(quantity, context)
         if found.labels:
             named[name], labels[name] = own, found.labels
-            columns += [Column(name, label, quantity.unit_in(scene)) for label in dict.fromkeys(found.labels)]
+            columns += [
+                MetricColumn(name, label, quantity.unit_in(scene)) for label in dict.fromkeys(found.labels)
+            ]
     signals = context.signals
     if columns:
         named[RESIDUAL] = residual_measure(loop, signals)
-        columns.append(Column(RESIDUAL, "total", "1"))
+        columns.append(MetricColumn(RESIDUAL, "total", "1"))
     if columns and not loop.outside:
         named[DRIFT] = drift_measure(loop, signals)
-        columns += [Column(DRIFT, kind, "1") for kind in KINDS]
+        columns += [MetricColumn(DRIFT, kind, "1") for kind in KINDS]
     measures = Measures(signals, named, costs=lambda _r, _p: {})
-    return Kept(measures, tuple(columns), scene.scenario.simulation.duration, labels)
+    return CampaignMetrics(measures, tuple(columns), scene.scenario.simulation.duration, labels)

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from spacerobot.arrays import Array
-from spacerobot.closedloop import ClosedLoop, Variable
+from spacerobot.closedloop import ClosedLoop, OutputVariable
 from spacerobot.errors import ScenarioError, near_names
 from spacerobot.quantities.joint_torque import torque_unit
 from spacerobot.scenario import Campaign
@@ -19,7 +19,7 @@ BYTES_EACH = 8  # double precision, so that bits compare
 
 
 @dataclass(frozen=True)
-class Series:
+class RecordedSignal:
     """A signal that is kept over time.
 
     Attributes
@@ -38,7 +38,7 @@ class Series:
 
 
 @dataclass(frozen=True)
-class Recording:
+class SignalRecording:
     """All that a campaign keeps over time.
 
     Attributes
@@ -49,7 +49,7 @@ class Recording:
         When they are kept (nt,) [s].
     """
 
-    series: tuple[Series, ...]
+    series: tuple[RecordedSignal, ...]
     time: Array
 
     @property
@@ -75,7 +75,7 @@ def series_step(campaign: Campaign, duration_s: float) -> float | None:
     return campaign.series_step or duration_s / 100
 
 
-def build_recording(loop: ClosedLoop, scene: Scene, wanted: Sequence[str], time_s: Array) -> Recording:
+def build_recording(loop: ClosedLoop, scene: Scene, wanted: Sequence[str], time_s: Array) -> SignalRecording:
     """What is kept over time of rollouts of a closed loop.
 
     Parameters
@@ -105,11 +105,11 @@ def build_recording(loop: ClosedLoop, scene: Scene, wanted: Sequence[str], time_
         components, unit = _described(variables[name], scene)
         if len(components) != sizes[name]:
             raise ValueError(f"{name} has {sizes[name]} components, {len(components)} are named")
-        found.append(Series(name, tuple(components), unit))
-    return Recording(tuple(found), time_s)
+        found.append(RecordedSignal(name, tuple(components), unit))
+    return SignalRecording(tuple(found), time_s)
 
 
-def check_size(recording: Recording, samples: int, sets: int) -> None:
+def check_size(recording: SignalRecording, samples: int, sets: int) -> None:
     """Refuse series that would be too large to keep.
 
     Raises
@@ -129,7 +129,7 @@ def check_size(recording: Recording, samples: int, sets: int) -> None:
         )
 
 
-def _described(variable: Variable, scene: Scene) -> tuple[list[str], str]:
+def _described(variable: OutputVariable, scene: Scene) -> tuple[list[str], str]:
     """Names of the components of an output, and their unit."""
     labels: Mapping[str, Sequence[str]] = {"joint": _joints(scene), "axis": AXES}
     parts = itertools.product(*(labels.get(dimension, variable.labels) for dimension in variable.dims))

@@ -19,21 +19,21 @@ from typing import Any
 
 import numpy as np
 
-from optim.campaign.rollouts.evaluator import Table
+from optim.campaign.rollouts.evaluator import SampleTable
 from optim.campaign.store.intervals import Interval, Intervals
-from optim.campaign.store.netcdf import DATA, FORMAT, Layout, is_complete, load_campaign, write_tables
+from optim.campaign.store.netcdf import DATA, FORMAT, DatasetLayout, is_complete, load_campaign, write_tables
 from spacerobot.errors import ResultError
 from spacerobot.files import write_bytes, write_text
 from spacerobot.interrupts import uninterrupted
 from spacerobot.section import leaves
 
-__all__ = ["HEAD", "Store", "difference", "load_campaign", "load_head", "open_store"]
+__all__ = ["HEAD", "CampaignStore", "difference", "load_campaign", "load_head", "open_store"]
 
 HEAD, CHUNKS, LOCK = "campaign.json", "chunks", ".lock"
 SERIES = "series."  # before the names of series in a chunk
 
 
-class Store:
+class CampaignStore:
     """Folder of one campaign, held by one process at a time; see :func:`open_store`."""
 
     def __init__(self, folder: Path, count: int) -> None:
@@ -52,7 +52,7 @@ class Store:
         """Samples that are not, as intervals in order."""
         return self._there.gaps(self.count)
 
-    def add(self, begin: int, table: Table) -> None:
+    def add(self, begin: int, table: SampleTable) -> None:
         """Write a chunk.
 
         Raises
@@ -76,7 +76,7 @@ class Store:
             write_bytes(self._chunk((begin, end)), buffer.getvalue())
             self._chunks.append((begin, end))
 
-    def merge(self, layout: Layout) -> None:
+    def merge(self, layout: DatasetLayout) -> None:
         """Make ``campaign.nc`` of what is there, chunk by chunk, and drop the chunks if nothing is missing.
 
         Raises
@@ -125,7 +125,7 @@ class Store:
 @contextlib.contextmanager
 def open_store(
     folder: Path, identity: Mapping[str, Any], count: int, notes: Mapping[str, Any] | None = None
-) -> Iterator[Store]:
+) -> Iterator[CampaignStore]:
     """The store of a campaign, made if it is not there, held until left.
 
     Parameters
@@ -155,7 +155,7 @@ def open_store(
         text = json.dumps(wanted, indent=1) + "\n"
         if found != json.loads(text):
             write_text(head, text)
-        yield Store(folder, count)
+        yield CampaignStore(folder, count)
 
 
 def load_head(folder: Path) -> dict[str, Any]:
@@ -259,7 +259,7 @@ def _held(folder: Path) -> Iterator[None]:
         yield
 
 
-def _read(path: Path) -> Table:
+def _read(path: Path) -> SampleTable:
     try:
         with np.load(path, allow_pickle=False) as stored:
             series = {
@@ -267,7 +267,7 @@ def _read(path: Path) -> Table:
             }
             times = stored["diverged_at_s"]
             gaps = stored["gaps"] if "gaps" in stored else np.empty((*times.shape, 0))  # of an older version
-            return Table(stored["draws"], stored["metrics"], times, gaps, series)
+            return SampleTable(stored["draws"], stored["metrics"], times, gaps, series)
     except Exception as fault:  # whatever a spoilt archive makes zipfile, zlib or numpy say
         raise ResultError(f"cannot be read: {fault}", source=path) from None
 

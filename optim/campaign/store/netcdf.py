@@ -11,9 +11,9 @@ import netCDF4
 import numpy as np
 import xarray as xr
 
-from optim.campaign.rollouts.evaluator import Evaluator, Table
-from optim.campaign.rollouts.metrics import Column
-from optim.campaign.rollouts.series import BYTES_EACH, Recording
+from optim.campaign.rollouts.evaluator import CampaignEvaluator, SampleTable
+from optim.campaign.rollouts.metrics import MetricColumn
+from optim.campaign.rollouts.series import BYTES_EACH, SignalRecording
 from spacerobot.errors import ResultError, near_names
 from spacerobot.files import StrPath
 
@@ -25,7 +25,7 @@ PIECE_BYTES = 1_000_000  # of series that are packed together
 
 
 @dataclass(frozen=True)
-class Layout:
+class DatasetLayout:
     """Names along the axes of a campaign's file.
 
     Attributes
@@ -44,13 +44,13 @@ class Layout:
 
     parameters: Sequence[str]
     gains: Sequence[str]
-    columns: Sequence[Column]
-    recording: Recording
+    columns: Sequence[MetricColumn]
+    recording: SignalRecording
     max_gaps: Mapping[str, float]
     about: str
 
     @classmethod
-    def of(cls, evaluator: Evaluator, about: str) -> Layout:
+    def of(cls, evaluator: CampaignEvaluator, about: str) -> DatasetLayout:
         """Layout of an evaluator's tables."""
         names = list(evaluator.campaign.parameters), list(evaluator.gains)
         return cls(*names, evaluator.columns, evaluator.recording, evaluator.max_gaps, about)
@@ -63,7 +63,9 @@ class Layout:
         return int(min(ROWS, 1 << (fitting.bit_length() - 1)))
 
 
-def write_tables(path: Path, layout: Layout, tables: Iterator[tuple[int, Table]], complete: bool) -> None:
+def write_tables(
+    path: Path, layout: DatasetLayout, tables: Iterator[tuple[int, SampleTable]], complete: bool
+) -> None:
     """Write a campaign's file.
 
     Parameters
@@ -84,7 +86,7 @@ def write_tables(path: Path, layout: Layout, tables: Iterator[tuple[int, Table]]
             _append(file, samples, table, layout.columns)
 
 
-def check_layout(path: Path, layout: Layout) -> None:
+def check_layout(path: Path, layout: DatasetLayout) -> None:
     """Refuse a file that lacks something of its campaign.
 
     Raises
@@ -101,7 +103,7 @@ def check_layout(path: Path, layout: Layout) -> None:
         raise ResultError(f"damaged: {missing}; remove it and run the campaign again", source=path)
 
 
-def _missing(file: Any, layout: Layout) -> str | None:
+def _missing(file: Any, layout: DatasetLayout) -> str | None:
     """What a file lacks of a campaign, in words; None if nothing."""
     metrics = list(dict.fromkeys(column.metric for column in layout.columns))
     series = [one.name for one in layout.recording.series]
@@ -178,10 +180,10 @@ def load_campaign(folder: StrPath, series: Sequence[str] = ()) -> xr.Dataset:
 
 
 def blocks(
-    tables: Iterator[tuple[int, Table]], rows: int
-) -> Iterator[tuple[np.typing.NDArray[np.int64], Table]]:
+    tables: Iterator[tuple[int, SampleTable]], rows: int
+) -> Iterator[tuple[np.typing.NDArray[np.int64], SampleTable]]:
     """The same samples in blocks of so many rows, the last one may be shorter; with the samples' numbers."""
-    kept: list[tuple[np.typing.NDArray[np.int64], Table]] = []
+    kept: list[tuple[np.typing.NDArray[np.int64], SampleTable]] = []
     count = 0
     for begin, table in tables:
         at = 0
@@ -197,12 +199,14 @@ def blocks(
 
 
 def _joined(
-    parts: Sequence[tuple[np.typing.NDArray[np.int64], Table]],
-) -> tuple[np.typing.NDArray[np.int64], Table]:
-    return np.concatenate([samples for samples, _ in parts]), Table.joined([table for _, table in parts])
+    parts: Sequence[tuple[np.typing.NDArray[np.int64], SampleTable]],
+) -> tuple[np.typing.NDArray[np.int64], SampleTable]:
+    return np.concatenate([samples for samples, _ in parts]), SampleTable.joined(
+        [table for _, table in parts]
+    )
 
 
-def _define(file: Any, layout: Layout) -> None:
+def _define(file: Any, layout: DatasetLayout) -> None:
     """Dimensions and variables; ``sample`` has no limit."""
     file.createDimension("sample", None)
     axes = {"parameter": list(layout.parameters), "gains": list(layout.gains)}
@@ -233,7 +237,7 @@ def _define(file: Any, layout: Layout) -> None:
         _define_series(file, layout)
 
 
-def _define_series(file: Any, layout: Layout) -> None:
+def _define_series(file: Any, layout: DatasetLayout) -> None:
     """Series, packed by whole blocks of samples and a few times, so that a moment of all samples is near."""
     times = layout.recording.time
     file.createDimension("time", len(times))
@@ -247,7 +251,9 @@ def _define_series(file: Any, layout: Layout) -> None:
         file[one.name].units = one.unit
 
 
-def _append(file: Any, samples: np.typing.NDArray[np.int64], table: Table, columns: Sequence[Column]) -> None:
+def _append(
+    file: Any, samples: np.typing.NDArray[np.int64], table: SampleTable, columns: Sequence[MetricColumn]
+) -> None:
     at = len(file.dimensions["sample"])
     rows = slice(at, at + len(table))
     file["sample"][rows] = samples

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from optim.campaign.rollouts.evaluator import Evaluator
+from optim.campaign.rollouts.evaluator import CampaignEvaluator
 
 Changes = Sequence[tuple[str, Any]]
 ASKED = ("limits", "percentiles", "confidence")
@@ -15,7 +15,7 @@ ASKED = ("limits", "percentiles", "confidence")
 
 
 @dataclass(frozen=True)
-class Named:
+class ScenarioSource:
     """How the command line names a scenario.
 
     Attributes
@@ -30,7 +30,7 @@ class Named:
     changes: Changes = ()
 
 
-def notes_of(evaluator: Evaluator, named: Named | None) -> dict[str, Any]:
+def notes_of(evaluator: CampaignEvaluator, named: ScenarioSource | None) -> dict[str, Any]:
     """Notes for the folder of a campaign, as plain data.
 
     Parameters
@@ -41,7 +41,7 @@ def notes_of(evaluator: Evaluator, named: Named | None) -> dict[str, Any]:
         How the command line names its scenario; its file if None.
     """
     scene = evaluator.scene
-    named = named or Named(scene.scenario.name if scene.source is None else str(scene.source))
+    named = named or ScenarioSource(scene.scenario.name if scene.source is None else str(scene.source))
     about = "; ".join(dict.fromkeys(member.rollout.summary for member in evaluator.members))
     asked = evaluator.campaign.model_dump(mode="json", include=set(ASKED))
     changes = [list(change) for change in named.changes]
@@ -49,6 +49,8 @@ def notes_of(evaluator: Evaluator, named: Named | None) -> dict[str, Any]:
     return dict(json.loads(json.dumps(notes)))
 
 
-def named_in(notes: Mapping[str, Any]) -> Named:
+def named_in(notes: Mapping[str, Any]) -> ScenarioSource:
     """How the command line named the scenario, by a folder's notes."""
-    return Named(str(notes["scenario"]), tuple((str(path), value) for path, value in notes["changes"]))
+    return ScenarioSource(
+        str(notes["scenario"]), tuple((str(path), value) for path, value in notes["changes"])
+    )

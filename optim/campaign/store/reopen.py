@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from optim.campaign.rollouts.evaluator import Evaluator, all_draws, build_evaluator
+from optim.campaign.rollouts.evaluator import CampaignEvaluator, all_draws, build_evaluator
 from optim.campaign.store.folder import HEAD, difference, load_head, open_store
-from optim.campaign.store.netcdf import DATA, Layout, check_layout, is_complete
+from optim.campaign.store.netcdf import DATA, DatasetLayout, check_layout, is_complete
 from optim.campaign.store.notes import named_in
 from spacerobot.errors import ResultError, SpaceRobotError
 from spacerobot.files import StrPath
@@ -19,7 +19,7 @@ from spacerobot.scene.resolve import read_descriptions
 AGAIN = "run the campaign again in another folder"
 
 
-def reopen(folder: StrPath) -> Evaluator:
+def reopen(folder: StrPath) -> CampaignEvaluator:
     """What made the campaign in a folder, its store merged as far as it is; nothing is compiled.
 
     Parameters
@@ -39,7 +39,7 @@ def reopen(folder: StrPath) -> Evaluator:
         _check_urdfs(folder, head)
         evaluator = _evaluator(folder, head)
         draws = all_draws(evaluator)
-        layout = Layout.of(evaluator, head["notes"]["about"])
+        layout = DatasetLayout.of(evaluator, head["notes"]["about"])
         named_in(head["notes"])
     except (KeyError, TypeError, AttributeError) as fault:
         raise ResultError(f"is no campaign's: {fault!r}", source=folder / HEAD) from None
@@ -62,7 +62,7 @@ def reopen(folder: StrPath) -> Evaluator:
     return evaluator
 
 
-def _evaluator(folder: Path, head: Mapping[str, Any]) -> Evaluator:
+def _evaluator(folder: Path, head: Mapping[str, Any]) -> CampaignEvaluator:
     document = dict(head["scenario"])
     document["campaign"] = document["campaign"] | head["notes"]["asked"]
     source = folder / HEAD

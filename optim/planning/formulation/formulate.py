@@ -21,8 +21,8 @@ from spacerobot.elements.grasp import Grasp
 from spacerobot.errors import ScenarioError
 from spacerobot.scenario.plan import Planning
 from spacerobot.scene import Scene, build_scene
-from spacerobot.scene.closing import is_rigid
 from spacerobot.scene.configure import close_velocity
+from spacerobot.scene.grasp_closing import is_rigid
 from spacerobot.scene.scene import SceneGrasp
 
 

@@ -7,10 +7,10 @@ import dataclasses
 from optim.planning.formulation.instant import Seen
 from optim.planning.formulation.stage import Stage
 from spacerobot.elements.goal import Goal
-from spacerobot.elements.instant import Row
+from spacerobot.elements.plan_instant import BoundedRow
 
 
-def goal_rows(stage: Stage, name: str, goal: Goal) -> list[Row]:
+def goal_rows(stage: Stage, name: str, goal: Goal) -> list[BoundedRow]:
     """Rows of one goal.
 
     Raises
@@ -24,7 +24,7 @@ def goal_rows(stage: Stage, name: str, goal: Goal) -> list[Row]:
         body = next(body for body in scene.bodies if body.name == goal.body)
         tolerance = goal.rate_within
         rows += [
-            Row(
+            BoundedRow(
                 f"rate of {scene.model.names[j]}",
                 "rad/s or m/s",
                 stage.v[scene.model.idx_vs[j]],

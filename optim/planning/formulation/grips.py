@@ -20,7 +20,7 @@ from spacerobot.dynamics.joints import exact_directions
 from spacerobot.elements.grasps.compliant import Compliant
 from spacerobot.errors import ScenarioError
 from spacerobot.scene import Scene
-from spacerobot.scene.closing import begun, is_rigid
+from spacerobot.scene.grasp_closing import begun, is_rigid
 from spacerobot.scene.scene import SceneGrasp
 
 AXES = "xyz"

@@ -18,7 +18,7 @@ from spacerobot.dynamics import forward_kinematics
 from spacerobot.dynamics.joints import exact_directions, sparse
 from spacerobot.elements.contact import Wrap
 from spacerobot.elements.goal import Goal
-from spacerobot.elements.instant import About, Base, Frame, Joint, Wheels
+from spacerobot.elements.plan_instant import Base, JointCoordinate, MovingFrame, Surrogate, Wheels
 from spacerobot.errors import ScenarioError, near_names
 from spacerobot.scene.contacts import find_pairs
 from spacerobot.scene.scene import SceneShape
@@ -32,7 +32,7 @@ AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """What a section sees of an instant: a :class:`spacerobot.elements.instant.Instant`.
+    """What a section sees of an instant: a :class:`spacerobot.elements.plan_instant.PlanInstant`.
 
     Attributes
     ----------
@@ -58,11 +58,11 @@ class Seen:
         """About which things turn."""
         return self.stage.scene.rotation_axes
 
-    def tip(self, label: str, key: str = "tip") -> Frame:
+    def tip(self, label: str, key: str = "tip") -> MovingFrame:
         """A tip, by robot/tip."""
         return self._frame(find_tip(self.stage.scene, label, f"{self.where}.{key}").frame)
 
-    def mating(self, link: str, key: str = "frame") -> Frame:
+    def mating(self, link: str, key: str = "frame") -> MovingFrame:
         """A link of the target."""
         return self._frame(find_frame(self.stage.scene, link, f"{self.where}.{key}"))
 
@@ -74,7 +74,7 @@ class Seen:
         middle = first + size - (3 if size == 6 else 1)
         return self.stage.v[first:middle], self.stage.v[middle : first + size]
 
-    def base(self, robot: str, key: str) -> Frame:
+    def base(self, robot: str, key: str) -> MovingFrame:
         """The floating root link of a robot."""
         scene, where = self.stage.scene, f"{self.where}.{key}"
         body = find_robot(scene, robot, where)
@@ -87,7 +87,7 @@ class Seen:
             )
         return self._frame(body.root_frame)
 
-    def joints(self, robot: str, given: Mapping[str, T], key: str) -> Iterator[tuple[Joint, T]]:
+    def joints(self, robot: str, given: Mapping[str, T], key: str) -> Iterator[tuple[JointCoordinate, T]]:
         """Joints of a robot that patterns name, and what is given for each."""
         scene = self.stage.scene
         body = find_robot(scene, robot, f"{self.where}.robot")
@@ -102,7 +102,7 @@ class Seen:
         """Error that names the place of a key of the section."""
         return ScenarioError(message, source=self.stage.scene.source, where=f"{self.where}.{key}")
 
-    def link(self, label: str, key: str = "link") -> Frame:
+    def link(self, label: str, key: str = "link") -> MovingFrame:
         """A link of a robot, by robot/link."""
         scene, (robot, _, link) = self.stage.scene, label.partition("/")
         links = [one.name for one in find_robot(scene, robot, f"{self.where}.{key}").description.links]
@@ -111,7 +111,7 @@ class Seen:
             raise ScenarioError(told, source=scene.source, where=f"{self.where}.{key}")
         return self._frame(int(scene.model.getFrameId(label, pin.FrameType.BODY)))
 
-    def joint_states(self) -> dict[str, Joint]:
+    def joint_states(self) -> dict[str, JointCoordinate]:
         """Joints of all robots that are planned, by robot/joint."""
         driven = self.stage.driven
         named = zip(driven.names, driven.joints, strict=False)
@@ -180,29 +180,31 @@ class Seen:
             if found is not None:
                 yield found
 
-    def gaps(self, between: tuple[str, str], wrap: Wrap | None) -> Iterator[tuple[str, ca.SX, About]]:
+    def gaps(self, between: tuple[str, str], wrap: Wrap | None) -> Iterator[tuple[str, ca.SX, Surrogate]]:
         """Distances of pairs of shapes."""
         for first, second in find_pairs(self.stage.scene, between, wrap, self.where):
             yield f"{first.label} to {second.label}", *gap_of(self.stage, first, second)
 
-    def _joint(self, name: str, joint: int) -> Joint:
+    def _joint(self, name: str, joint: int) -> JointCoordinate:
         own, stage = self.stage.scene.model.joints[joint], self.stage
         torque = stage.u[stage.driven.joints.index(joint)]
         place = slice(own.idx_q, own.idx_q + own.nq)
         model, bounded = stage.scene.model, own.nq == own.nv
         lower = float(model.lowerPositionLimit[own.idx_q]) if bounded else -np.inf
         upper = float(model.upperPositionLimit[own.idx_q]) if bounded else np.inf
-        return Joint(name, stage.q[place], stage.v[own.idx_v], stage.a[own.idx_v], torque, lower, upper)
+        return JointCoordinate(
+            name, stage.q[place], stage.v[own.idx_v], stage.a[own.idx_v], torque, lower, upper
+        )
 
-    def _frame(self, frame: int) -> Frame:
-        return Frame(*self.stage.placement(frame), *self.stage.velocity(frame))
+    def _frame(self, frame: int) -> MovingFrame:
+        return MovingFrame(*self.stage.placement(frame), *self.stage.velocity(frame))
 
 
-def gap_of(stage: Stage, first: SceneShape, second: SceneShape) -> tuple[ca.SX, About]:
+def gap_of(stage: Stage, first: SceneShape, second: SceneShape) -> tuple[ca.SX, Surrogate]:
     """Distance of two shapes (1x1) [m], and the expression that is differentiated for it."""
     pair = (first.kind, second.kind), _shape(stage, first), _shape(stage, second)
     near, symbol = proximity(*pair), ca.SX.sym("normal", 3)
-    return near.gap, About(symbol, ca.densify(near.normal), gap_about(*pair, symbol))
+    return near.gap, Surrogate(symbol, ca.densify(near.normal), gap_about(*pair, symbol))
 
 
 def _shape(stage: Stage, shape: SceneShape) -> Shape:

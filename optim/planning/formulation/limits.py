@@ -14,8 +14,8 @@ from optim.planning.formulation.instant import AXES, Seen
 from optim.planning.formulation.stage import Driven, Stage
 from optim.planning.formulation.wheels import wheel_rows
 from spacerobot.arrays import Array
-from spacerobot.description.parts import Joint as UrdfJoint
-from spacerobot.elements.instant import Row
+from spacerobot.description.parts import UrdfJoint as UrdfJoint
+from spacerobot.elements.plan_instant import BoundedRow
 from spacerobot.elements.plan_limit import JointQuantity, PlanLimit, PlannedJoint
 from spacerobot.errors import ScenarioError
 from spacerobot.scenario.plan import Planning
@@ -79,7 +79,7 @@ def instant_limits(stage: Stage, given: Limits) -> tuple[Array, Array]:
     return lower, upper
 
 
-def path_rows(stage: Stage, plan: Planning) -> list[Row]:
+def path_rows(stage: Stage, plan: Planning) -> list[BoundedRow]:
     """What must hold at all instants beside the limits of z."""
     rows = [*_hold_rows(stage), *wheel_rows(stage, plan)]
     for section in ("limits", "keep_out", "cones", "sights"):
@@ -125,8 +125,8 @@ def _bases(scene: Scene, given: Limits) -> Iterator[tuple[str, int, float]]:
                 yield f"{body.name}/base.{AXES[axis]}", first + k, float(limits[axis])
 
 
-def _hold_rows(stage: Stage) -> Iterator[Row]:
+def _hold_rows(stage: Stage) -> Iterator[BoundedRow]:
     """What rigid grasps hold together."""
     names = [f"{grip.name}.{axis}" for grip in stage.grips for axis in axes_of(stage.scene, grip)]
     for name, value in zip(names, ca.vertsplit(stage.parting), strict=True):
-        yield Row(f"hold of {name}", "m/s^2 or rad/s^2", value, 0.0, 0.0)
+        yield BoundedRow(f"hold of {name}", "m/s^2 or rad/s^2", value, 0.0, 0.0)

@@ -17,10 +17,10 @@ from optim.planning.formulation.stage import Stage
 from spacerobot.dynamics.algebra import SymmetricFactors
 from spacerobot.elements.goal import Goal
 from spacerobot.elements.goals.mated import Mated
-from spacerobot.elements.instant import Row, zero
+from spacerobot.elements.plan_instant import BoundedRow, zero
 
 
-def settled_rows(stage: Stage, goals: Mapping[str, Goal]) -> Iterator[Row]:
+def settled_rows(stage: Stage, goals: Mapping[str, Goal]) -> Iterator[BoundedRow]:
     """Rows of the robots whose goals ask for it."""
     asked = {name: goal for name, goal in goals.items() if isinstance(goal, Mated) and goal.settled}
     for robot in dict.fromkeys(goal.body for goal in asked.values()):
@@ -36,7 +36,7 @@ def _twist(seen: Seen, goal: Mated) -> ca.SX:
     return ca.vertcat(*(tip.velocity[i] for i in seen.axes), *turns)
 
 
-def _settled(stage: Stage, robot: str, twist: ca.SX) -> Iterator[Row]:
+def _settled(stage: Stage, robot: str, twist: ca.SX) -> Iterator[BoundedRow]:
     """Rows of one robot."""
     model = stage.scene.model
     joints = next(body for body in stage.scene.bodies if body.name == robot).driven_joints

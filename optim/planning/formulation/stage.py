@@ -30,9 +30,9 @@ from spacerobot.dynamics import (
     rotation_log,
 )
 from spacerobot.dynamics.joints import sparse
-from spacerobot.elements.instant import Row
+from spacerobot.elements.plan_instant import BoundedRow
 from spacerobot.scene import Scene
-from spacerobot.scene.closing import is_rigid
+from spacerobot.scene.grasp_closing import is_rigid
 from spacerobot.scene.scene import SceneGrasp
 
 
@@ -206,8 +206,8 @@ class Problem:
     """
 
     stage: Stage
-    path: tuple[Row, ...]
-    goal: tuple[Row, ...]
+    path: tuple[BoundedRow, ...]
+    goal: tuple[BoundedRow, ...]
     terms: Mapping[str, ca.SX]
     ends: Mapping[str, ca.SX]
     weights: Mapping[str, float]

@@ -9,7 +9,7 @@ from optim.planning.formulation.limits import urdf_joint
 from optim.planning.formulation.names import find_robot, joints_named
 from optim.planning.formulation.stage import Stage
 from spacerobot.arrays import Array
-from spacerobot.elements.instant import Row
+from spacerobot.elements.plan_instant import BoundedRow
 from spacerobot.errors import ScenarioError
 from spacerobot.scenario.plan import Beginning, Planning, Room
 from spacerobot.scene.scene import SceneBody
@@ -18,7 +18,9 @@ Sides = tuple[Array, Array]
 """Least and greatest configuration and velocity at the start (nq + nv,)."""
 
 
-def beginnings(stage: Stage, plan: Planning, fixed: Array, limits: Sides) -> tuple[Sides | None, list[Row]]:
+def beginnings(
+    stage: Stage, plan: Planning, fixed: Array, limits: Sides
+) -> tuple[Sides | None, list[BoundedRow]]:
     """Limits of the start, none where nothing is free, and what must hold there beside.
 
     Parameters
@@ -38,7 +40,7 @@ def beginnings(stage: Stage, plan: Planning, fixed: Array, limits: Sides) -> tup
     if not plan.start:
         return None, []
     least, greatest = fixed.copy(), fixed.copy()
-    rows: list[Row] = []
+    rows: list[BoundedRow] = []
     for name, room in plan.start.items():
         where = f"plan.start.{name}"
         body = find_robot(stage.scene, name, where)
@@ -63,7 +65,7 @@ def _check_unit(stage: Stage, body: SceneBody, joint: int, given: Room, where: s
         )
 
 
-def _free_joint(stage: Stage, joint: int, given: Room, sides: Sides) -> list[Row]:
+def _free_joint(stage: Stage, joint: int, given: Room, sides: Sides) -> list[BoundedRow]:
     own, name = stage.scene.model.joints[joint], stage.scene.model.names[joint]
     if own.nq == 2:
         return [_turned(stage, own.idx_q, np.radians(given.angle_deg or 0.0), sides, f"start of {name}")]
@@ -73,7 +75,7 @@ def _free_joint(stage: Stage, joint: int, given: Room, sides: Sides) -> list[Row
     return []
 
 
-def _free_base(stage: Stage, body: SceneBody, room: Beginning, sides: Sides, where: str) -> list[Row]:
+def _free_base(stage: Stage, body: SceneBody, room: Beginning, sides: Sides, where: str) -> list[BoundedRow]:
     scene = stage.scene
     if not body.root_joint:
         raise ScenarioError(
@@ -96,14 +98,14 @@ def _free_base(stage: Stage, body: SceneBody, room: Beginning, sides: Sides, whe
     ]
 
 
-def _turned(stage: Stage, place: int, reach: float, sides: Sides, name: str) -> Row:
+def _turned(stage: Stage, place: int, reach: float, sides: Sides, name: str) -> BoundedRow:
     """Cosine and sine of an angle that is free to both sides: limits of each, and that they are a pair."""
     angle = float(np.arctan2(sides[0][place + 1], sides[0][place]))
     angles = angle + np.linspace(-reach, reach, 721)
     for k, values in enumerate((np.cos(angles), np.sin(angles))):
         sides[0][place + k], sides[1][place + k] = values.min(), values.max()
     pair = stage.q[place : place + 2]
-    return Row(name, "1", ca.sumsqr(pair) - 1, 0.0, 0.0, first=True)
+    return BoundedRow(name, "1", ca.sumsqr(pair) - 1, 0.0, 0.0, first=True)
 
 
 def _check_counted(stage: Stage, plan: Planning) -> None:

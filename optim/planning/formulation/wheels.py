@@ -25,13 +25,13 @@ from spacerobot.dynamics import Inertias, Kinematics, centre_of_mass, forward_ki
 from spacerobot.dynamics.algebra import cross
 from spacerobot.dynamics.joints import sparse
 from spacerobot.elements.actuators.reaction_wheels import ReactionWheels
-from spacerobot.elements.instant import Row, zero
+from spacerobot.elements.plan_instant import BoundedRow, zero
 from spacerobot.errors import ScenarioError
 from spacerobot.scenario.bodies import Robot
 from spacerobot.scenario.plan import Planning
 from spacerobot.scene import Scene
-from spacerobot.scene.closing import is_rigid
 from spacerobot.scene.configure import close_velocity
+from spacerobot.scene.grasp_closing import is_rigid
 from spacerobot.scene.scene import SceneBody
 
 
@@ -97,7 +97,7 @@ def turned_by_wheels(stage: Stage) -> dict[str, Turned]:
     return found
 
 
-def wheel_rows(stage: Stage, plan: Planning) -> Iterator[Row]:
+def wheel_rows(stage: Stage, plan: Planning) -> Iterator[BoundedRow]:
     """Limits of the wheels' torques and speeds.
 
     Raises
@@ -123,7 +123,7 @@ def wheel_rows(stage: Stage, plan: Planning) -> Iterator[Row]:
             if most is not None:
                 for k, value in enumerate(ca.vertsplit(values)):
                     label = f"{what} of {name}'s wheel {k}"
-                    yield Row(label, unit, value, -most, most, size=most)
+                    yield BoundedRow(label, unit, value, -most, most, size=most)
 
 
 def asked_of_bases(stage: Stage) -> ca.SX:

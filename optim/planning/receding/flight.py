@@ -19,7 +19,7 @@ from spacerobot.arrays import Array
 from spacerobot.closedloop import ClosedLoop
 from spacerobot.elements.controllers.mpc import Mpc
 from spacerobot.errors import ScenarioError
-from spacerobot.kept import kept_closed_loop
+from spacerobot.loop_cache import cached_closed_loop
 from spacerobot.result import Result
 from spacerobot.result.dataset import build_dataset
 from spacerobot.result.events import build_events
@@ -313,7 +313,7 @@ def _rollout(scene: Scene, horizon: Horizon, period: float, backend: str) -> tup
         changes["simulation.duration"] = horizon.full
     for robot, (key, _) in controllers_of(scene).items():
         changes[f"robots.{robot}.controllers.{key}.knots"] = horizon.knots(0.0, period, robot)
-    flown = kept_closed_loop(build_scene(scene.scenario, changes, source=scene.source))
+    flown = cached_closed_loop(build_scene(scene.scenario, changes, source=scene.source))
     simulation = scene.scenario.simulation
     rollout = build_rollout(
         resumed(flown),

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 import spacerobot
-from optim.plain import plain
+from optim.json_values import plain
 from optim.planning.searches.bench import Ask, Attempt, Solve
 from optim.planning.solver.solve import TIME_LIMIT, Solved
 from optim.planning.transcription.mesh import Mesh

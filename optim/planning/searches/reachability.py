@@ -26,7 +26,7 @@ from optim.planning.formulation.stage import Problem
 from optim.planning.transcription.guess import drift
 from optim.planning.transcription.lobatto import Lobatto
 from spacerobot.arrays import Array
-from spacerobot.elements.instant import Row
+from spacerobot.elements.plan_instant import BoundedRow
 from spacerobot.errors import ScenarioError
 
 POSTURES = 20
@@ -105,7 +105,7 @@ class _Postures:
     """
 
     problem: Problem
-    rows: tuple[Row, ...]
+    rows: tuple[BoundedRow, ...]
     values: ca.Function
     columns: list[int]
     floating: list[int]

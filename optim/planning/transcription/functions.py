@@ -14,7 +14,7 @@ import numpy.typing as npt
 from optim.planning.formulation.stage import Problem
 from spacerobot.arrays import Array
 from spacerobot.compiled import Library, compile_functions, find_toolchain
-from spacerobot.elements.instant import About
+from spacerobot.elements.plan_instant import Surrogate
 from spacerobot.errors import CompileError
 
 Places = npt.NDArray[np.int64]
@@ -84,7 +84,7 @@ def revalued(instants: Instants, problem: Problem) -> Instants:
     return dataclasses.replace(instants, symbolic=functions, call=_in_turn(functions), backend="interpreted")
 
 
-def _rows(problem: Problem) -> dict[str, tuple[ca.SX, dict[int, About]]]:
+def _rows(problem: Problem) -> dict[str, tuple[ca.SX, dict[int, Surrogate]]]:
     """F of one instant, and the goal's rows, by the prefix of their functions' names.
 
     With each of them, by number, what is differentiated in place of some rows.
@@ -103,7 +103,7 @@ def _rows(problem: Problem) -> dict[str, tuple[ca.SX, dict[int, About]]]:
 
 
 def derived(
-    z: ca.SX, rows: ca.SX, prefix: str, about: Mapping[int, About] = types.MappingProxyType({})
+    z: ca.SX, rows: ca.SX, prefix: str, about: Mapping[int, Surrogate] = types.MappingProxyType({})
 ) -> tuple[dict[str, ca.Function], list[Pattern]]:
     """Values and first and second derivatives of rows, and where the derivatives' entries stand.
 

@@ -7,7 +7,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from optim.plain import plain
+from optim.json_values import plain
 from optim.planning.formulation.costs import headings
 from optim.planning.studies.front import Front, Point
 from optim.planning.written.plan_file import summary

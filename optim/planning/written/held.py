@@ -14,7 +14,7 @@ from optim.planning.formulation.formulate import formulate_phases
 from optim.planning.transcription.motion import Course
 from optim.planning.transcription.program import first_held
 from spacerobot.arrays import Array
-from spacerobot.elements.instant import Row
+from spacerobot.elements.plan_instant import BoundedRow
 from spacerobot.scene import Scene
 
 SIDES = ["lower", "upper"]
@@ -114,7 +114,7 @@ def _limits(course: Course, places: list[int]) -> Array:
     return np.stack([lower.min(axis=0), upper.max(axis=0)], axis=1)
 
 
-def _told(row: Row, values: Array) -> tuple[Array, Array]:
+def _told(row: BoundedRow, values: Array) -> tuple[Array, Array]:
     """Values and limits (2,) in the row's unit; a square becomes a size again, a cosine an angle."""
     if row.form == "square":
         limit = 2 * row.scale

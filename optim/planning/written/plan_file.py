@@ -14,7 +14,7 @@ import pinocchio as pin
 import xarray as xr
 
 import spacerobot
-from optim.plain import plain
+from optim.json_values import plain
 from optim.planning.formulation.bases import limits_taken
 from optim.planning.formulation.formulate import plan_of
 from optim.planning.formulation.grips import axes_of

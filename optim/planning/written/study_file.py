@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from optim.plain import plain
+from optim.json_values import plain
 from optim.planning.studies.study import Study, Trial
 from optim.planning.written.plan_file import summary
 from optim.planning.written.plan_file import write as write_plan

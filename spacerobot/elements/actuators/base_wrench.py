@@ -8,7 +8,7 @@ import casadi as ca
 
 from spacerobot.elements.actuator import Actuator
 from spacerobot.elements.context import ActuatorContext
-from spacerobot.elements.contribution import Contribution, Drive
+from spacerobot.elements.contribution import ActuatorDrive, Contribution
 from spacerobot.elements.registry import register
 from spacerobot.elements.robot_element import Part
 from spacerobot.section import quantity
@@ -42,7 +42,9 @@ class BaseWrench(Actuator):
             limit = ca.SX(ca.inf) if given is None else actuator.context.number(key)
             limits.append(ca.repmat(limit, count, 1))
         most = ca.vertcat(*limits)
-        return Contribution(drives=(Drive(columns, lambda asked: ca.fmin(ca.fmax(asked, -most), most)),))
+        return Contribution(
+            drives=(ActuatorDrive(columns, lambda asked: ca.fmin(ca.fmax(asked, -most), most)),)
+        )
 
     def words(self) -> str:
         """The limits."""

@@ -11,11 +11,11 @@ from pydantic import Field, model_validator
 
 from spacerobot.dynamics.algebra import cross
 from spacerobot.elements.context import ActuatorContext
-from spacerobot.elements.contribution import Contribution, Drive, Power, State, Stored
+from spacerobot.elements.contribution import ActuatorDrive, Contribution, PowerTerm, State, StoredMomentum
 from spacerobot.elements.reference import DEGREE
 from spacerobot.elements.registry import register
-from spacerobot.elements.robot_element import RobotFacts
-from spacerobot.elements.wheels import Motors, Wheels, are_independent, shares, turning
+from spacerobot.elements.robot_element import RobotProperties
+from spacerobot.elements.wheels import WheelMotors, Wheels, are_independent, shares, turning
 from spacerobot.section import Section, Vector, quantity
 
 
@@ -90,14 +90,14 @@ class ReactionWheels(Wheels):
         friction = self.rub(actuator, speed)
         viscous = context.once("viscous", context.parameters.sparse(f"{context.path}.viscous"))
         friction = friction + viscous * speed
-        lost = (Power("wheel_friction", ca.dot(friction, speed)),) if friction.nnz() else ()
+        lost = (PowerTerm("wheel_friction", ca.dot(friction, speed)),) if friction.nnz() else ()
         whole = ca.mtimes(axes, momentum)
         began = ca.vertcat(
             *(context.parameters(f"{context.path}.speeds.{i}") for i in range(len(self.speeds)))
         )
         first = inertia * (carried + (context.once("speeds", began) if self.speeds else 0))
 
-        def motors(asked: ca.SX) -> Motors:
+        def motors(asked: ca.SX) -> WheelMotors:
             return self.motors(
                 actuator, -ca.mtimes(inverse[:, about], asked), axes[about, :], speed, friction
             )
@@ -109,7 +109,7 @@ class ReactionWheels(Wheels):
             return Contribution(
                 states=(State(f"{name}.momentum", momentum, first, found.net),),
                 wrenches=(actuator.on_base(torque=torque),),
-                powers=(Power("actuator", ca.dot(found.net + found.friction, speed), "in"), *lost),
+                powers=(PowerTerm("actuator", ca.dot(found.net + found.friction, speed), "in"), *lost),
                 outputs=self.observed(actuator, found, speed, ca.mtimes(rotation, whole)),
                 events=found.events,
             )
@@ -117,10 +117,10 @@ class ReactionWheels(Wheels):
         def left(asked: ca.SX) -> ca.SX:
             return asked + ca.mtimes(axes[about, :], motors(asked).command)
 
-        stored = Stored(
+        stored = StoredMomentum(
             actuator.robot, ca.mtimes(rotation, whole), ca.dot(momentum, momentum) / (2 * inertia)
         )
-        drive = Drive(columns, left, answer, passes_on=columns)
+        drive = ActuatorDrive(columns, left, answer, passes_on=columns)
         return Contribution(drives=(drive,), stored=(stored,), wheels=(ca.mtimes(rotation, whole),))
 
     def _geometry(self, actuator: ActuatorContext, about: list[int]) -> tuple[ca.SX, ca.SX]:
@@ -145,7 +145,7 @@ class ReactionWheels(Wheels):
             inverse[:, about] = shares(axes[about, :])
         return context.once("axes", axes), context.once("shares", inverse)
 
-    def faults(self, robot: RobotFacts) -> Iterable[tuple[str, str]]:
+    def faults(self, robot: RobotProperties) -> Iterable[tuple[str, str]]:
         """Axes across which a planar base cannot turn."""
         if robot.base != "planar":
             return

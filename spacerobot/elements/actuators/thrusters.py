@@ -19,12 +19,12 @@ from pydantic import AfterValidator, Field, model_validator
 
 from spacerobot.dynamics.algebra import cross
 from spacerobot.elements.actuator import Actuator
-from spacerobot.elements.allocation import Layout, allocate, steps_needed
+from spacerobot.elements.allocation import ThrusterLayout, allocate, steps_needed
 from spacerobot.elements.context import ActuatorContext
-from spacerobot.elements.contribution import Contribution, Drive, Output, Power, State, memory
+from spacerobot.elements.contribution import ActuatorDrive, Contribution, Output, PowerTerm, State, memory
 from spacerobot.elements.event import Event
 from spacerobot.elements.registry import register
-from spacerobot.elements.robot_element import Part, RobotFacts
+from spacerobot.elements.robot_element import Part, RobotProperties
 from spacerobot.section import Name, Section, Vector, quantity
 
 GRAVITY = 9.80665
@@ -119,17 +119,21 @@ class Thrusters(Actuator):
         """Wrench from outside, propellant, and the pulses' events."""
         jets, columns = _Jets(self, actuator), actuator.base_columns
         if self.mode == "proportional":
-            return Contribution(drives=(Drive(columns, jets.left, jets.throttled, passes_on=columns),))
+            return Contribution(
+                drives=(ActuatorDrive(columns, jets.left, jets.throttled, passes_on=columns),)
+            )
         if self.unloads:
-            return Contribution(drives=(Drive(columns, jets.less_pulses, jets.pulsed, passes_on=columns),))
-        return Contribution(drives=(Drive(columns, lambda asked: ca.SX(*asked.shape), jets.pulsed),))
+            return Contribution(
+                drives=(ActuatorDrive(columns, jets.less_pulses, jets.pulsed, passes_on=columns),)
+            )
+        return Contribution(drives=(ActuatorDrive(columns, lambda asked: ca.SX(*asked.shape), jets.pulsed),))
 
     @property
     def unloads(self) -> bool:
         """Whether it unloads wheels."""
         return self.unload is not None
 
-    def faults(self, robot: RobotFacts) -> Iterable[tuple[str, str]]:
+    def faults(self, robot: RobotProperties) -> Iterable[tuple[str, str]]:
         """Nozzles that push a planar base out of its plane."""
         for name, nozzle in self.nozzles.items():
             if robot.base == "planar" and nozzle.direction[2]:
@@ -138,7 +142,7 @@ class Thrusters(Actuator):
                     f"found {nozzle.direction[2]:g} along z; the base moves in its x-y plane alone",
                 )
 
-    def cautions(self, robot: RobotFacts) -> Iterable[str]:
+    def cautions(self, robot: RobotProperties) -> Iterable[str]:
         """Wrenches that no combination gives."""
         from scipy.optimize import nnls  # takes time to load, and a run without thrusters needs none of it
 
@@ -219,7 +223,7 @@ class _Jets:
         return [0, 1, 5] if len(self.actuator.base_columns) == 3 else list(range(6))
 
     @functools.cached_property
-    def layout(self) -> tuple[Layout, ca.SX, int]:
+    def layout(self) -> tuple[ThrusterLayout, ca.SX, int]:
         """Layout of rows of one size, the rows' scales, both computed once, and how many steps it takes."""
         context = self.actuator.context
         own = context.constants.expanded(self.full)[self.rows, :]
@@ -227,9 +231,9 @@ class _Jets:
         scales = ca.if_else(sizes > 0, 1 / sizes, 0)
         matrix = ca.sparsify(ca.mtimes(ca.diag(scales), own))
         flows = context.constants.expanded(self.flows)
-        layout = Layout.of(matrix, flows)
+        layout = ThrusterLayout.of(matrix, flows)
         squares = [context.once(f"layout.square.{i}", square) for i, square in enumerate(layout.squares)]
-        hoisted = Layout(
+        hoisted = ThrusterLayout(
             context.once("layout.matrix", matrix), context.once("layout.gains", layout.gains), tuple(squares)
         )
         numbers = context.parameters.nominal
@@ -337,6 +341,6 @@ class _Jets:
         return Contribution(
             states=(State(f"{self.name}.propellant", spent, ca.SX.zeros(1), flow),),
             outside=(actuator.on_base(force=force, torque=torque),),
-            powers=(Power("thruster", power, "in"),),
+            powers=(PowerTerm("thruster", power, "in"),),
             outputs=tuple(outputs),
         )

@@ -10,9 +10,9 @@ from pydantic import Field
 
 from spacerobot.elements.actuator import Actuator
 from spacerobot.elements.context import ActuatorContext
-from spacerobot.elements.contribution import Contribution, Drive
+from spacerobot.elements.contribution import ActuatorDrive, Contribution
 from spacerobot.elements.registry import register
-from spacerobot.elements.robot_element import RobotFacts
+from spacerobot.elements.robot_element import RobotProperties
 from spacerobot.errors import near_names
 from spacerobot.section import matching, quantity
 
@@ -40,13 +40,15 @@ class TorqueLimit(Actuator):
         else:
             limit = ca.repmat(actuator.context.number("limit"), len(names), 1)
         columns = tuple(actuator.columns[name] for name in names)
-        return Contribution(drives=(Drive(columns, lambda asked: ca.fmin(ca.fmax(asked, -limit), limit)),))
+        return Contribution(
+            drives=(ActuatorDrive(columns, lambda asked: ca.fmin(ca.fmax(asked, -limit), limit)),)
+        )
 
     def limits(self, joints: Sequence[str]) -> list[str]:
         """Joints that the pattern stands for."""
         return matching(joints, self.joints)
 
-    def faults(self, robot: RobotFacts) -> Iterable[tuple[str, str]]:
+    def faults(self, robot: RobotProperties) -> Iterable[tuple[str, str]]:
         """A pattern that no joint matches, and joints for which there is no number."""
         names = self.limits(robot.joints)
         if not names and self.joints != "*":

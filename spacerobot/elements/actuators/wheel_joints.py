@@ -9,10 +9,10 @@ import casadi as ca
 from pydantic import Field
 
 from spacerobot.elements.context import ActuatorContext
-from spacerobot.elements.contribution import Contribution, Drive, Power
+from spacerobot.elements.contribution import ActuatorDrive, Contribution, PowerTerm
 from spacerobot.elements.registry import register
-from spacerobot.elements.robot_element import RobotFacts
-from spacerobot.elements.wheels import Motors, Wheels, are_independent, shares, turning
+from spacerobot.elements.robot_element import RobotProperties
+from spacerobot.elements.wheels import WheelMotors, Wheels, are_independent, shares, turning
 from spacerobot.errors import near_names
 from spacerobot.section import matching
 
@@ -40,7 +40,7 @@ class WheelJoints(Wheels):
         rotation = plant.placement(actuator.base_frame)[0]
         whole = ca.mtimes(rotation, ca.mtimes(axes, inertia * (speed + ca.mtimes(axes.T, spin))))
 
-        def motors(asked: ca.SX) -> Motors:
+        def motors(asked: ca.SX) -> WheelMotors:
             wanted = -ca.mtimes(inverse, asked[: len(base)])
             return self.motors(actuator, wanted, axes[about, :], speed, friction)
 
@@ -51,19 +51,21 @@ class WheelJoints(Wheels):
 
         def answer(asked: ca.SX) -> Contribution:
             found, taken = motors(asked), ca.dot(rub, speed)
-            lost = (Power("actuator", taken, "in"), Power("wheel_friction", taken)) if rub.nnz() else ()
+            lost = (
+                (PowerTerm("actuator", taken, "in"), PowerTerm("wheel_friction", taken)) if rub.nnz() else ()
+            )
             return Contribution(
                 powers=lost, outputs=self.observed(actuator, found, speed, whole), events=found.events
             )
 
-        drive = Drive((*base, *places), deliver, answer, passes_on=base)
+        drive = ActuatorDrive((*base, *places), deliver, answer, passes_on=base)
         return Contribution(drives=(drive,), wheels=(whole,))
 
     def owns(self, joints: Sequence[str]) -> list[str]:
         """Joints that the pattern stands for."""
         return matching(joints, self.joints)
 
-    def faults(self, robot: RobotFacts) -> Iterable[tuple[str, str]]:
+    def faults(self, robot: RobotProperties) -> Iterable[tuple[str, str]]:
         """Joints that are no wheels, or that there are none of."""
         known = (*robot.joints, *robot.owned)
         names = self.owns(known)

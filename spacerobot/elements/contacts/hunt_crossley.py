@@ -8,11 +8,11 @@ from typing import Literal
 import casadi as ca
 from pydantic import model_validator
 
-from spacerobot.elements.contact import Contact, Press, Touch, booked, touches, watch
+from spacerobot.elements.contact import Contact, ContactForce, ContactPair, booked, touches, watch
 from spacerobot.elements.context import ContactContext
 from spacerobot.elements.contribution import Contribution
-from spacerobot.elements.numbers import Context
 from spacerobot.elements.registry import register
+from spacerobot.elements.section_context import SectionContext
 from spacerobot.section import quantity
 
 _SHALLOWEST = 1e-30
@@ -72,14 +72,14 @@ class HuntCrossley(Contact):
             normal = ca.fmax(spring * (1 - dissipation * touch.opening), 0)
             rub = self._friction(context, touch, normal)
             taken = (spring - normal) * touch.opening - ca.dot(rub, touch.velocity)
-            presses.append(Press(normal * touch.normal + rub, normal, taken))
+            presses.append(ContactForce(normal * touch.normal + rub, normal, taken))
             energy += spring * depth / (exponent + 1)
         pull = [dissipation * touch.opening - 1 for touch in touching] if dissipation.nnz() else []
         marks = watch(contact, touching, self, pull, rough=not self.exponent.is_integer())
         found = booked(contact, touching, presses)
         return dataclasses.replace(found, energy=energy, events=marks.events, fine=marks.fine)
 
-    def _dissipation(self, context: Context) -> ca.SX:
+    def _dissipation(self, context: SectionContext) -> ca.SX:
         """The coefficient a (1x1) [s/m]."""
         if self.restitution is None:
             return context.number("dissipation") if self.dissipation is not None else ca.SX(1, 1)
@@ -87,7 +87,7 @@ class HuntCrossley(Contact):
         relative = speed_ratio(number(f"{path}.restitution"))
         return context.once("dissipation", relative / number(f"{path}.restitution_speed"))
 
-    def _friction(self, context: Context, touch: Touch, press: ca.SX) -> ca.SX:
+    def _friction(self, context: SectionContext, touch: ContactPair, press: ca.SX) -> ca.SX:
         """Force on the second across the normal (3x1): mu N against sliding, linear near none."""
         path = f"{context.path}.friction"
         coefficient = context.once("friction", context.parameters.sparse(path))

@@ -6,7 +6,7 @@ import casadi as ca
 
 from spacerobot.elements.context import TipContext
 from spacerobot.elements.contribution import State
-from spacerobot.elements.motion import Profile
+from spacerobot.elements.desired_motion import TimeProfile
 from spacerobot.section import Section, quantity
 
 
@@ -17,7 +17,7 @@ class Amnesia(Section):
     ta: float = quantity("1/s", "forgetting rate t_a = K_e / R_e", ge=0)
 
 
-def correct(tip: TipContext, key: str, error: ca.SX) -> tuple[State, Profile]:
+def correct(tip: TipContext, key: str, error: ca.SX) -> tuple[State, TimeProfile]:
     """State X_ta, and the correction G_e X_ta of the reference velocity with its rate.
 
     X_ta' = -t_a X_ta + (X_ref - X_tip); ``key`` is the section's in the tip's.
@@ -30,4 +30,4 @@ def correct(tip: TipContext, key: str, error: ca.SX) -> tuple[State, Profile]:
     memory = ca.SX.sym(name, size)
     rate = error - ta * memory
     state = State(name, memory, ca.SX.zeros(size), rate)
-    return state, Profile(ge * memory, ge * rate, ca.SX(size, 1))
+    return state, TimeProfile(ge * memory, ge * rate, ca.SX(size, 1))

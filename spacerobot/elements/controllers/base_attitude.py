@@ -10,7 +10,7 @@ from pydantic import Field
 from spacerobot.dynamics import FreeFloating, centre_of_mass, momentum, subtree, total_mass
 from spacerobot.dynamics.algebra import cross, cross_columns
 from spacerobot.dynamics.rotations import rotation_from_rpy
-from spacerobot.elements.base_control import Reaction, held, reduced, resistance
+from spacerobot.elements.base_control import ArmReaction, held, reduced, resistance
 from spacerobot.elements.context import RobotContext
 from spacerobot.elements.contribution import Contribution
 from spacerobot.elements.controller import RobotController
@@ -62,7 +62,7 @@ class BaseAttitude(RobotController):
         reaction = None if context.is_zero("feed_forward") else self._reaction(robot, turning)
         return held(robot, "rotation", error, turning, reaction)
 
-    def _reaction(self, robot: RobotContext, turning: ca.SX) -> Reaction:
+    def _reaction(self, robot: RobotContext, turning: ca.SX) -> ArmReaction:
         """Rate of the angular momentum about the centre of mass that is not the base's own."""
         plant, joints = robot.plant, subtree(robot.plant.model, robot.base_joint)
         rotation, origin = plant.placement(robot.base_frame)
@@ -72,12 +72,12 @@ class BaseAttitude(RobotController):
             spin = plant.velocity(robot.base_frame)[1]
             carried = ca.mtimes(own, spin)
             whole = momentum(plant.model, plant.kinematics, plant.inertias, joints, centre)[1]
-            return Reaction(None, cross(spin, carried), whole - carried)
+            return ArmReaction(None, cross(spin, carried), whole - carried)
         lever = centre - origin
         force, torque = plant.articulated.inertia_force(joints)
         about_centre = ca.vertcat(cross_columns(lever, ca.SX.eye(3)), ca.SX.eye(3))
         sense = resistance(robot, about_centre) - reduced(robot, ca.mtimes(turning, own))
-        return Reaction(sense, torque - cross(lever, force))
+        return ArmReaction(sense, torque - cross(lever, force))
 
     def assumptions(self) -> list[str]:
         """Of what it knows."""

@@ -9,7 +9,7 @@ from pydantic import Field
 
 from spacerobot.dynamics import centre_of_mass, momentum, subtree, total_mass
 from spacerobot.dynamics.algebra import cross_columns
-from spacerobot.elements.base_control import Reaction, held, reduced, resistance
+from spacerobot.elements.base_control import ArmReaction, held, reduced, resistance
 from spacerobot.elements.context import RobotContext
 from spacerobot.elements.contribution import Contribution
 from spacerobot.elements.controller import RobotController
@@ -64,17 +64,17 @@ class BasePosition(RobotController):
         reaction = None if context.is_zero("feed_forward") else self._reaction(robot, jacobian[:3, :].T)
         return held(robot, "translation", wanted - here, ca.sparsify(actuation).T, reaction)
 
-    def _reaction(self, robot: RobotContext, moving: ca.SX) -> Reaction:
+    def _reaction(self, robot: RobotContext, moving: ca.SX) -> ArmReaction:
         """Rate of the linear momentum that is not the base's own."""
         plant, joints = robot.plant, subtree(robot.plant.model, robot.base_joint)
         mass = total_mass(plant.model, plant.inertias, joints)
         if self.derivative == "filtered":
             whole = momentum(plant.model, plant.kinematics, plant.inertias, joints)[0]
-            return Reaction(None, ca.SX(3, 1), whole - mass * plant.velocity(robot.base_frame)[0])
+            return ArmReaction(None, ca.SX(3, 1), whole - mass * plant.velocity(robot.base_frame)[0])
         along = ca.vertcat(ca.SX.eye(3), ca.SX(3, 3))
         sense = resistance(robot, along) - reduced(robot, mass * moving)
         drift = plant.articulated.inertia_force(joints)[0] - mass * plant.drift(robot.base_frame)[0]
-        return Reaction(sense, drift)
+        return ArmReaction(sense, drift)
 
     def assumptions(self) -> list[str]:
         """Of what it knows."""

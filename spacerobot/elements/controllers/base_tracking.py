@@ -17,12 +17,12 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from spacerobot.elements.context import RobotContext
-from spacerobot.elements.contribution import Contribution, Torque
+from spacerobot.elements.contribution import CommandedTorque, Contribution
 from spacerobot.elements.controller import RobotController
 from spacerobot.elements.knots import Knots
-from spacerobot.elements.planned import BaseMotion, check_given, known, plan_file, plan_phase, table
+from spacerobot.elements.plan_following import BaseMotion, check_given, known, plan_file, plan_phase, table
 from spacerobot.elements.registry import register
-from spacerobot.elements.robot_element import Part, RobotFacts
+from spacerobot.elements.robot_element import Part, RobotProperties
 from spacerobot.section import Name, quantity
 
 PLANAR, SPATIAL = ("fx", "fy", "tz"), ("fx", "fy", "fz", "tx", "ty", "tz")
@@ -81,9 +81,9 @@ class BaseTracking(RobotController):
             gain = number("kd_angular" if axis.startswith("t") else "kd_linear")
             asked[column] = number("feed_forward") * wrench[k] + gain * (rate[k] - robot.plant.v[column])
         events = () if knots.event is None else (knots.event,)
-        return Contribution(torques=(Torque(robot.name, asked),), events=events)
+        return Contribution(torques=(CommandedTorque(robot.name, asked),), events=events)
 
-    def faults(self, robot: RobotFacts) -> Iterable[tuple[str, str]]:
+    def faults(self, robot: RobotProperties) -> Iterable[tuple[str, str]]:
         """Axes that a planar base does not have."""
         for axis in self.planned.axes:
             if robot.base == "planar" and axis not in PLANAR:

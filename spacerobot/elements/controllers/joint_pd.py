@@ -23,7 +23,7 @@ from spacerobot.elements.contribution import Contribution, State
 from spacerobot.elements.controller import RobotController
 from spacerobot.elements.joint_position import joint_position, nearest_position
 from spacerobot.elements.registry import register
-from spacerobot.elements.robot_element import RobotFacts
+from spacerobot.elements.robot_element import RobotProperties
 from spacerobot.elements.sensor import measured
 from spacerobot.section import quantity
 
@@ -72,7 +72,7 @@ class JointPd(RobotController):
         """Its gains."""
         return f"{self.kp:g} / {self.kd:g}" + (", in the null space" if self.null_space else "")
 
-    def faults(self, robot: RobotFacts) -> Iterable[tuple[str, str]]:
+    def faults(self, robot: RobotProperties) -> Iterable[tuple[str, str]]:
         """A null space that does not exist."""
         if not self.null_space:
             return
@@ -85,7 +85,7 @@ class JointPd(RobotController):
                 "leave `null_space` out, or control fewer directions",
             )
 
-    def cautions(self, robot: RobotFacts) -> Iterable[str]:
+    def cautions(self, robot: RobotProperties) -> Iterable[str]:
         """A null space that leaves nothing."""
         if not self.null_space:
             return

@@ -21,9 +21,9 @@ from spacerobot.elements.contribution import Contribution
 from spacerobot.elements.controller import RobotController
 from spacerobot.elements.joint_position import nearest_position
 from spacerobot.elements.knots import Knots
-from spacerobot.elements.planned import JointMotion, check_given, known, plan_file, plan_phase, table
+from spacerobot.elements.plan_following import JointMotion, check_given, known, plan_file, plan_phase, table
 from spacerobot.elements.registry import register
-from spacerobot.elements.robot_element import RobotFacts
+from spacerobot.elements.robot_element import RobotProperties
 from spacerobot.elements.sensor import measured
 from spacerobot.section import Name, quantity
 
@@ -96,7 +96,7 @@ class JointTracking(RobotController):
         """Joint positions and rates."""
         return {"joint_position", "joint_rate"}
 
-    def faults(self, robot: RobotFacts) -> Iterable[tuple[str, str]]:
+    def faults(self, robot: RobotProperties) -> Iterable[tuple[str, str]]:
         """Joints that are not the robot's."""
         given, wanted = set(self.planned.joints), set(robot.joints)
         for what, names in (("no joint", given - wanted), ("no motion of joint", wanted - given)):
@@ -104,7 +104,7 @@ class JointTracking(RobotController):
                 told = ", ".join(sorted(names))
                 yield "knots.joints", f"{what} {told}; {robot.name} has {', '.join(robot.joints)}"
 
-    def cautions(self, robot: RobotFacts) -> Iterable[str]:
+    def cautions(self, robot: RobotProperties) -> Iterable[str]:
         """A plan that begins elsewhere than the robot."""
         motion = self.planned
         if motion.phases or self.phase is not None:

@@ -13,7 +13,7 @@ from spacerobot.elements.contribution import Contribution
 from spacerobot.elements.controllers.joint_tracking import JointTracking
 from spacerobot.elements.knots import Knots
 from spacerobot.elements.registry import register
-from spacerobot.elements.robot_element import RobotFacts
+from spacerobot.elements.robot_element import RobotProperties
 from spacerobot.errors import ScenarioError
 from spacerobot.section import quantity
 
@@ -68,11 +68,11 @@ class Mpc(JointTracking):
         """When the plan begins [s]."""
         return self.begin
 
-    def faults(self, robot: RobotFacts) -> Iterable[tuple[str, str]]:
+    def faults(self, robot: RobotProperties) -> Iterable[tuple[str, str]]:
         """Joints that are not the robot's, where there is a plan."""
         return () if self.knots is None else super().faults(robot)
 
-    def cautions(self, robot: RobotFacts) -> Iterable[str]:
+    def cautions(self, robot: RobotProperties) -> Iterable[str]:
         """None: each plan begins where the robot is."""
         del robot
         return ()

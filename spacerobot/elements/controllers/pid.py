@@ -19,7 +19,7 @@ from pydantic import Field
 
 from spacerobot.dynamics import configuration_derivative
 from spacerobot.elements.context import TipContext
-from spacerobot.elements.contribution import Channel, Contribution, State
+from spacerobot.elements.contribution import Contribution, ControlChannel, State
 from spacerobot.elements.controller import TipController
 from spacerobot.elements.controllers.amnesia import correct
 from spacerobot.elements.registry import register
@@ -67,7 +67,7 @@ class Pid(TipController):
         error = wanted - fed_back.velocity
         command, gain, own = self._law(tip, error, wanted_rate - fed_back.drift)
         rows = [axis + 3 * turns for axis in axes]
-        channel = Channel(
+        channel = ControlChannel(
             tip.robot, tip.arm_jacobian[rows, :].T, fed_back.drive, fed_back.sense, command, gain
         )
         return Contribution(states=(*states, *own), channels=(channel,))

@@ -29,7 +29,7 @@ from spacerobot.elements.context import RobotContext, TipContext
 from spacerobot.elements.contribution import Contribution
 from spacerobot.elements.controller import RobotController
 from spacerobot.elements.registry import register
-from spacerobot.elements.robot_element import RobotFacts
+from spacerobot.elements.robot_element import RobotProperties
 from spacerobot.elements.sensor import measured
 from spacerobot.section import quantity
 
@@ -95,7 +95,7 @@ class ResolvedRate(RobotController):
         turning = {"tip_orientation", "tip_angular_velocity"} if self.orientation else set()
         return {"joint_rate", "tip_position", "tip_velocity"} | turning
 
-    def faults(self, robot: RobotFacts) -> Iterable[tuple[str, str]]:
+    def faults(self, robot: RobotProperties) -> Iterable[tuple[str, str]]:
         """A base that is fixed, or more to do than there are joints."""
         if self.keeps == "nothing":
             return

@@ -13,16 +13,16 @@ from pydantic import Field, model_validator
 from spacerobot.dynamics.algebra import cross
 from spacerobot.elements.contribution import Contribution, Output
 from spacerobot.elements.environment import Environment, EnvironmentContext
-from spacerobot.elements.numbers import Context
 from spacerobot.elements.reference import DEGREE
 from spacerobot.elements.registry import register
+from spacerobot.elements.section_context import SectionContext
 from spacerobot.section import quantity
 
 _ITERATIONS = 7  # exact to rounding up to an eccentricity of 0.999
 
 
 @dataclass(frozen=True)
-class OrbitNow:
+class OrbitState:
     """The reference orbit at one instant; its plane is x-y of the world.
 
     Attributes
@@ -106,7 +106,7 @@ class Orbit(Environment):
             outputs=(*_outputs(now), *_relative(now, environment)),
         )
 
-    def _now(self, context: Context) -> OrbitNow:
+    def _now(self, context: SectionContext) -> OrbitState:
         number, path = context.parameters, context.path
         mu, e = number(f"{path}.gravitational_parameter"), number.sparse(f"{path}.eccentricity")
         if self.semi_major_axis is not None:
@@ -120,7 +120,7 @@ class Orbit(Environment):
             now = context.once("anomaly", first) + angle
             anomaly = ca.atan2(ca.sin(now), ca.cos(now))
             line = ca.vertcat(ca.cos(angle), ca.sin(angle), 0)
-            return OrbitNow(line, a, rate, context.once("strength", mu / axis**3), anomaly)
+            return OrbitState(line, a, rate, context.once("strength", mu / axis**3), anomaly)
         narrow = ca.sqrt((1 - e) * (1 + e))
         swept = ca.atan2(narrow * ca.sin(first), e + ca.cos(first))
         mean = context.once("mean", swept - e * ca.sin(swept))
@@ -131,9 +131,9 @@ class Orbit(Environment):
         cos0, sin0 = context.once("cos", ca.cos(first)), context.once("sin", ca.sin(first))
         line = ca.vertcat(cos * cos0 + sin * sin0, sin * cos0 - cos * sin0, 0)
         turning = rate * narrow / near**2
-        return OrbitNow(line, a * near, turning, rate**2 / near**3, ca.atan2(sin, cos))
+        return OrbitState(line, a * near, turning, rate**2 / near**3, ca.atan2(sin, cos))
 
-    def _pull(self, now: OrbitNow, place: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+    def _pull(self, now: OrbitState, place: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Acceleration relative to the origin's at a place (3x1), the vertical there and mu / r^3.
 
         Exact without the cancellation of two large accelerations: with R of the origin and |R + p|^2 =
@@ -194,12 +194,12 @@ def eccentric_anomaly(mean: ca.SX, eccentricity: ca.SX) -> ca.SX:
     return swept
 
 
-def _outputs(now: OrbitNow) -> Iterator[Output]:
+def _outputs(now: OrbitState) -> Iterator[Output]:
     yield Output("orbit_anomaly", now.anomaly, "rad", "true anomaly of the reference orbit")
     yield Output("orbit_radius", now.radius, "m", "distance of the world's origin from the planet's centre")
 
 
-def _relative(now: OrbitNow, environment: EnvironmentContext) -> Iterator[Output]:
+def _relative(now: OrbitState, environment: EnvironmentContext) -> Iterator[Output]:
     """Bodies' root links as seen in Hill axes, which turn."""
     axis = ca.vertcat(ca.SX(2, 1), now.rate)
     axes = "radial, along-track, cross-track"

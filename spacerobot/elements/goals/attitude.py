@@ -11,7 +11,7 @@ from pydantic import Field
 
 from spacerobot.dynamics.joints import exact_directions
 from spacerobot.elements.goal import Goal
-from spacerobot.elements.instant import Instant, Row, within, zero
+from spacerobot.elements.plan_instant import BoundedRow, PlanInstant, within, zero
 from spacerobot.elements.registry import register
 from spacerobot.section import Name, Vector, quantity
 
@@ -34,7 +34,7 @@ class Attitude(Goal):
         """The robot."""
         return self.attitude
 
-    def rows(self, instant: Instant) -> Iterator[Row]:
+    def rows(self, instant: PlanInstant) -> Iterator[BoundedRow]:
         """What is left of the turn."""
         wanted = exact_directions(pin.rpy.rpyToMatrix(np.radians(self.rotation_deg)))
         turn = instant.turned(wanted, instant.base(self.attitude, "attitude").rotation)

@@ -12,7 +12,7 @@ from pydantic import Field, model_validator
 
 from spacerobot.dynamics.joints import exact_directions
 from spacerobot.elements.goal import TipGoal
-from spacerobot.elements.instant import Instant, Row, matched, unit, zero
+from spacerobot.elements.plan_instant import BoundedRow, PlanInstant, matched, unit, zero
 from spacerobot.elements.reference import Reference
 from spacerobot.elements.references.rendezvous import Rendezvous
 from spacerobot.elements.registry import register
@@ -81,7 +81,7 @@ class Mated(TipGoal):
         """The mating frame."""
         return self.frame
 
-    def rows(self, instant: Instant) -> Iterator[Row]:
+    def rows(self, instant: PlanInstant) -> Iterator[BoundedRow]:
         """Pose and motion relative to the mating frame."""
         tip, mate, axis = instant.tip(self.tip), instant.mating(self.frame), unit(self.axis)
         place, speed, spin = tip.seen_from(mate)
@@ -98,12 +98,12 @@ class Mated(TipGoal):
         within = None if self.spin_within_deg is None else float(np.radians(self.spin_within_deg))
         yield from matched("spin", "rad/s", spin, instant.turns, within)
 
-    def arrival(self, instant: Instant) -> tuple[ca.SX, ca.SX]:
+    def arrival(self, instant: PlanInstant) -> tuple[ca.SX, ca.SX]:
         """In the mating frame; no spin where orientation is free."""
         _, speed, spin = instant.tip(self.tip).seen_from(instant.mating(self.frame))
         return speed, spin if self.orientation else ca.SX(0, 1)
 
-    def place(self, instant: Instant) -> ca.SX:
+    def place(self, instant: PlanInstant) -> ca.SX:
         """Before the mating frame."""
         mate = instant.mating(self.frame)
         return mate.origin - self.standoff * ca.mtimes(mate.rotation, unit(self.axis))

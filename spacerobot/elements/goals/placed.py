@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from spacerobot.dynamics.joints import exact_directions, sparse
 from spacerobot.elements.goal import TipGoal
-from spacerobot.elements.instant import Instant, Row, matched, within, zero
+from spacerobot.elements.plan_instant import BoundedRow, PlanInstant, matched, within, zero
 from spacerobot.elements.registry import register
 from spacerobot.section import Vector, quantity
 
@@ -35,7 +35,7 @@ class Placed(TipGoal):
         "deg", "greatest rotation from `rotation_deg`; none if not given", default=None, gt=0
     )
 
-    def rows(self, instant: Instant) -> Iterator[Row]:
+    def rows(self, instant: PlanInstant) -> Iterator[BoundedRow]:
         """Position, and orientation where it is given."""
         tip = instant.tip(self.tip)
         off = tip.origin - self.place(instant)
@@ -50,7 +50,7 @@ class Placed(TipGoal):
             for k, i in enumerate(instant.turns):
                 yield zero(f"orientation {'xyz'[i]}", "rad", turn[k])
 
-    def place(self, instant: Instant) -> ca.SX:
+    def place(self, instant: PlanInstant) -> ca.SX:
         """As given."""
         del instant
         return sparse(np.array(self.position))

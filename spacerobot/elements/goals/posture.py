@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from spacerobot.elements.goal import Goal
-from spacerobot.elements.instant import Instant, Row
+from spacerobot.elements.plan_instant import BoundedRow, PlanInstant
 from spacerobot.elements.registry import register
 from spacerobot.section import Name, Section, quantity
 
@@ -52,7 +52,7 @@ class Posture(Goal):
         """The robot."""
         return self.robot
 
-    def rows(self, instant: Instant) -> Iterator[Row]:
+    def rows(self, instant: PlanInstant) -> Iterator[BoundedRow]:
         """What is left of the way, joint by joint; of an unbounded one the angle."""
         for joint, end in instant.joints(self.robot, self.joints, "joints"):
             turns = end.offset is None
@@ -63,4 +63,4 @@ class Posture(Goal):
                 raise instant.fault(f"{text} {'deg' if turns else 'm'}", f"joints.{joint.name}")
             tolerance = float(np.radians(self.within_deg)) if turns else self.within
             name = "position" if joint.position.numel() == 1 else "angle"
-            yield Row(f"{name} of {joint.name}", "rad or m", joint.off(wanted), -tolerance, tolerance)
+            yield BoundedRow(f"{name} of {joint.name}", "rad or m", joint.off(wanted), -tolerance, tolerance)

@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import Field
 
 from spacerobot.elements.goal import Goal
-from spacerobot.elements.instant import Instant, Row, matched, within, zero
+from spacerobot.elements.plan_instant import BoundedRow, PlanInstant, matched, within, zero
 from spacerobot.elements.registry import register
 from spacerobot.section import Name, quantity
 
@@ -36,7 +36,7 @@ class Still(Goal):
         """The one that comes to rest."""
         return self.still
 
-    def rows(self, instant: Instant) -> Iterator[Row]:
+    def rows(self, instant: PlanInstant) -> Iterator[BoundedRow]:
         """Velocity and spin of its root link."""
         velocity, spin = instant.root(self.still, "still")
         yield from matched("velocity", "m/s", velocity, range(velocity.numel()), self.speed_within)

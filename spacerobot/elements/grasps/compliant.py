@@ -7,7 +7,7 @@ from typing import Literal
 import casadi as ca
 
 from spacerobot.elements.context import GraspContext
-from spacerobot.elements.contribution import Contribution, Power
+from spacerobot.elements.contribution import Contribution, PowerTerm
 from spacerobot.elements.grasp import Grasp, observed, only, relative_motion
 from spacerobot.elements.registry import register
 from spacerobot.section import quantity
@@ -49,7 +49,7 @@ class Compliant(Grasp):
         return Contribution(
             wrenches=grasp.opposite(force, torque),
             energy=energy,
-            powers=(Power("grasp", taken), *relative.rest.powers(force, torque)),
+            powers=(PowerTerm("grasp", taken), *relative.rest.powers(force, torque)),
             outputs=observed(grasp, relative, force, torque),
         )
 

@@ -6,8 +6,8 @@ from typing import ClassVar, Literal
 
 import casadi as ca
 
-from spacerobot.elements.instant import Instant
 from spacerobot.elements.plan_cost import PlanCost, weight
+from spacerobot.elements.plan_instant import PlanInstant
 from spacerobot.elements.registry import register
 from spacerobot.section import quantity
 
@@ -25,7 +25,7 @@ class BaseReactionCost(PlanCost):
     force: float = quantity("1", "factor of the squared forces", default=1.0, ge=0)
     torque: float = quantity("1", "factor of the squared torques", default=1.0, ge=0)
 
-    def expression(self, instant: Instant) -> ca.SX:
+    def expression(self, instant: PlanInstant) -> ca.SX:
         """Sum of the squares."""
         found = ca.SX(0)
         for force, torque in instant.base_reactions().values():

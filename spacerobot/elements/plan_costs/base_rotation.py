@@ -7,8 +7,8 @@ from typing import ClassVar, Literal
 
 import casadi as ca
 
-from spacerobot.elements.instant import Instant
 from spacerobot.elements.plan_cost import AxesCost, weight
+from spacerobot.elements.plan_instant import PlanInstant
 from spacerobot.elements.registry import register
 
 
@@ -26,7 +26,7 @@ class BaseRotationCost(AxesCost):
         "the integral of the robots' squared base rotations since the start, root link's axes there",
     )
 
-    def vectors(self, instant: Instant) -> Iterator[ca.SX]:
+    def vectors(self, instant: PlanInstant) -> Iterator[ca.SX]:
         """Of each floating base."""
         for base in instant.bases().values():
             yield base.rotation

@@ -7,8 +7,8 @@ from typing import ClassVar, Literal
 
 import casadi as ca
 
-from spacerobot.elements.instant import Instant
 from spacerobot.elements.plan_cost import AxesCost, weight
+from spacerobot.elements.plan_instant import PlanInstant
 from spacerobot.elements.registry import register
 
 
@@ -22,7 +22,7 @@ class BaseTorqueCost(AxesCost):
     kind: Literal["base_torque"] = "base_torque"
     weight: float = weight("1/(N^2 m^2 s)", "the integral of squared torques on the bases, root link's axes")
 
-    def vectors(self, instant: Instant) -> Iterator[ca.SX]:
+    def vectors(self, instant: PlanInstant) -> Iterator[ca.SX]:
         """Of each floating base."""
         for base in instant.bases().values():
             yield base.torque

@@ -6,8 +6,8 @@ from typing import ClassVar, Literal
 
 import casadi as ca
 
-from spacerobot.elements.instant import Instant
 from spacerobot.elements.plan_cost import PlanCost, weight
+from spacerobot.elements.plan_instant import PlanInstant
 from spacerobot.elements.registry import register
 
 
@@ -21,7 +21,7 @@ class BaseWrenchCost(PlanCost):
     kind: Literal["base_wrench"] = "base_wrench"
     weight: float = weight("1/(N^2 s)", "the integral of squared forces [N] and torques [N m] on the bases")
 
-    def expression(self, instant: Instant) -> ca.SX:
+    def expression(self, instant: PlanInstant) -> ca.SX:
         """Sum of the squares."""
         bases = instant.bases().values()
         return sum((ca.sumsqr(base.force) + ca.sumsqr(base.torque) for base in bases), ca.SX(0))

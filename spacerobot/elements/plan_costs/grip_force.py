@@ -6,8 +6,8 @@ from typing import ClassVar, Literal
 
 import casadi as ca
 
-from spacerobot.elements.instant import Instant
 from spacerobot.elements.plan_cost import PlanCost, weight
+from spacerobot.elements.plan_instant import PlanInstant
 from spacerobot.elements.registry import register
 
 
@@ -21,6 +21,6 @@ class GripForceCost(PlanCost):
     kind: Literal["grip_force"] = "grip_force"
     weight: float = weight("1/(N^2 s)", "the integral of squared forces of grasps that hold")
 
-    def expression(self, instant: Instant) -> ca.SX:
+    def expression(self, instant: PlanInstant) -> ca.SX:
         """Sum of the squares."""
         return sum((ca.sumsqr(force) for force, _ in instant.grips().values()), ca.SX(0))

@@ -6,8 +6,8 @@ from typing import ClassVar, Literal
 
 import casadi as ca
 
-from spacerobot.elements.instant import Instant
 from spacerobot.elements.plan_cost import PlanCost, weight
+from spacerobot.elements.plan_instant import PlanInstant
 from spacerobot.elements.registry import register
 
 
@@ -26,7 +26,7 @@ class ImpactSpeedCost(PlanCost):
         "the squared speeds [m/s] and spins [rad/s] with which tips come to their mating frames",
     )
 
-    def expression(self, instant: Instant) -> ca.SX:
+    def expression(self, instant: PlanInstant) -> ca.SX:
         """Sum of the squares."""
         found = ca.SX(0)
         for speed, spin in instant.arrivals():

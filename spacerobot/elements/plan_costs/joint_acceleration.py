@@ -6,8 +6,8 @@ from typing import ClassVar, Literal
 
 import casadi as ca
 
-from spacerobot.elements.instant import Joint
 from spacerobot.elements.plan_cost import JointCost, weight
+from spacerobot.elements.plan_instant import JointCoordinate
 from spacerobot.elements.registry import register
 
 
@@ -20,6 +20,6 @@ class JointAccelerationCost(JointCost):
     kind: Literal["joint_acceleration"] = "joint_acceleration"
     weight: float = weight("s^3/rad^2", "the integral of squared joint accelerations")
 
-    def value(self, joint: Joint) -> ca.SX:
+    def value(self, joint: JointCoordinate) -> ca.SX:
         """Acceleration."""
         return joint.acceleration

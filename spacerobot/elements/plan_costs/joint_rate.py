@@ -6,8 +6,8 @@ from typing import ClassVar, Literal
 
 import casadi as ca
 
-from spacerobot.elements.instant import Joint
 from spacerobot.elements.plan_cost import JointCost, weight
+from spacerobot.elements.plan_instant import JointCoordinate
 from spacerobot.elements.registry import register
 
 
@@ -20,6 +20,6 @@ class JointRateCost(JointCost):
     kind: Literal["joint_rate"] = "joint_rate"
     weight: float = weight("s/rad^2", "the integral of squared joint rates and speeds")
 
-    def value(self, joint: Joint) -> ca.SX:
+    def value(self, joint: JointCoordinate) -> ca.SX:
         """Rate."""
         return joint.rate

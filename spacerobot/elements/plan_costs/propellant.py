@@ -7,8 +7,8 @@ from typing import ClassVar, Literal
 import casadi as ca
 import numpy as np
 
-from spacerobot.elements.instant import Instant
 from spacerobot.elements.plan_cost import PlanCost, weight
+from spacerobot.elements.plan_instant import PlanInstant
 from spacerobot.elements.registry import register
 
 SMOOTH = 0.01
@@ -30,11 +30,11 @@ class PropellantCost(PlanCost):
         "driven bases; the search rounds them off below 1 % of their limit, the plan reports what is spent",
     )
 
-    def magnitudes(self, instant: Instant) -> ca.SX:
+    def magnitudes(self, instant: PlanInstant) -> ca.SX:
         """The forces."""
         return ca.vertcat(ca.SX(0, 1), *(base.force for base in instant.bases().values()))
 
-    def expression(self, instant: Instant) -> ca.SX:
+    def expression(self, instant: PlanInstant) -> ca.SX:
         """Magnitudes of the forces, smooth where they are small [N]."""
         found = ca.SX(0)
         for base in instant.bases().values():

@@ -6,8 +6,8 @@ from typing import ClassVar, Literal
 
 import casadi as ca
 
-from spacerobot.elements.instant import Joint
 from spacerobot.elements.plan_cost import JointCost, weight
+from spacerobot.elements.plan_instant import JointCoordinate
 from spacerobot.elements.registry import register
 
 
@@ -20,6 +20,6 @@ class TorqueCost(JointCost):
     kind: Literal["torque"] = "torque"
     weight: float = weight("1/(N^2 m^2 s)", "the integral of squared joint torques and forces")
 
-    def value(self, joint: Joint) -> ca.SX:
+    def value(self, joint: JointCoordinate) -> ca.SX:
         """Torque."""
         return joint.torque

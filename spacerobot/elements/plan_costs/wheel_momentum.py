@@ -6,8 +6,8 @@ from typing import ClassVar, Literal
 
 import casadi as ca
 
-from spacerobot.elements.instant import Instant
 from spacerobot.elements.plan_cost import PlanCost, weight
+from spacerobot.elements.plan_instant import PlanInstant
 from spacerobot.elements.registry import register
 
 
@@ -24,6 +24,6 @@ class WheelMomentumCost(PlanCost):
         "a base",
     )
 
-    def expression(self, instant: Instant) -> ca.SX:
+    def expression(self, instant: PlanInstant) -> ca.SX:
         """Sum of the squares."""
         return sum((ca.sumsqr(wheels.momenta) for wheels in instant.wheels().values()), ca.SX(0))

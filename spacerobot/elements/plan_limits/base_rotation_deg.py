@@ -7,7 +7,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from spacerobot.elements.instant import Instant, Row, within
+from spacerobot.elements.plan_instant import BoundedRow, PlanInstant, within
 from spacerobot.elements.plan_limit import PlanLimit
 from spacerobot.elements.registry import register
 from spacerobot.section import quantity
@@ -22,7 +22,7 @@ class BaseRotationLimit(PlanLimit):
     kind: Literal["base_rotation_deg"] = "base_rotation_deg"
     upper: float = quantity("deg", "greatest rotation of any robot's base since the start", gt=0, lt=180)
 
-    def rows(self, instant: Instant) -> Iterator[Row]:
+    def rows(self, instant: PlanInstant) -> Iterator[BoundedRow]:
         """One for each base."""
         for name, base in instant.bases().items():
             yield within(f"rotation of {name}'s base", "rad", base.rotation, float(np.radians(self.upper)))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import ClassVar, Literal
 
-from spacerobot.elements.instant import Instant, Row, within
+from spacerobot.elements.plan_instant import BoundedRow, PlanInstant, within
 from spacerobot.elements.plan_limit import PlanLimit
 from spacerobot.elements.registry import register
 from spacerobot.section import quantity
@@ -20,7 +20,7 @@ class BaseTranslationLimit(PlanLimit):
     kind: Literal["base_translation"] = "base_translation"
     upper: float = quantity("m", "greatest displacement of any robot's base since the start", gt=0)
 
-    def rows(self, instant: Instant) -> Iterator[Row]:
+    def rows(self, instant: PlanInstant) -> Iterator[BoundedRow]:
         """One for each base."""
         for name, base in instant.bases().items():
             yield within(f"displacement of {name}'s base", "m", base.translation, self.upper)

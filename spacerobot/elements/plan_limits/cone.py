@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 from pydantic import Field
 
-from spacerobot.elements.instant import Instant, Row, unit
+from spacerobot.elements.plan_instant import BoundedRow, PlanInstant, unit
 from spacerobot.elements.plan_limit import PlanLimit
 from spacerobot.elements.registry import register
 from spacerobot.section import Vector, quantity
@@ -31,11 +31,11 @@ class Cone(PlanLimit):
         "1", "part of the duration, at its end, for which it holds", default=0.2, gt=0, le=1
     )
 
-    def rows(self, instant: Instant) -> Iterator[Row]:
+    def rows(self, instant: PlanInstant) -> Iterator[BoundedRow]:
         """Distance from the axis below the cone's radius there, smooth on the axis."""
         place = instant.tip(self.tip).seen_from(instant.mating(self.frame))[0]
         before, small = -ca.dot(unit(self.axis), place), self.radius / 10
         across = ca.sqrt(ca.sumsqr(place + before * unit(self.axis)) + small**2)
         slope = float(np.tan(np.radians(self.half_angle_deg)))
         upper = self.radius + small
-        yield Row("off the cone's axis", "m", across - slope * before, upper=upper, last=self.last)
+        yield BoundedRow("off the cone's axis", "m", across - slope * before, upper=upper, last=self.last)

@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Iterator
 from typing import Literal
 
-from spacerobot.elements.instant import Instant, Row, within
+from spacerobot.elements.plan_instant import BoundedRow, PlanInstant, within
 from spacerobot.elements.plan_limit import PlanLimit
 from spacerobot.elements.registry import register
 from spacerobot.section import quantity
@@ -19,7 +19,7 @@ class GripTorqueLimit(PlanLimit):
     kind: Literal["grip_torque"] = "grip_torque"
     upper: float = quantity("N m", "greatest torque of any grasp that holds", gt=0)
 
-    def rows(self, instant: Instant) -> Iterator[Row]:
+    def rows(self, instant: PlanInstant) -> Iterator[BoundedRow]:
         """One for each grasp."""
         for name, wrench in instant.grips().items():
             value = wrench[1]

@@ -8,7 +8,7 @@ from typing import ClassVar, Literal
 from pydantic import Field
 
 from spacerobot.elements.contact import Wrap
-from spacerobot.elements.instant import Instant, Row
+from spacerobot.elements.plan_instant import BoundedRow, PlanInstant
 from spacerobot.elements.plan_limit import PlanLimit
 from spacerobot.elements.registry import register
 from spacerobot.section import quantity
@@ -30,7 +30,7 @@ class KeepOut(PlanLimit):
         default=None, description="shape around meshes and cylinders that stands in for them"
     )
 
-    def rows(self, instant: Instant) -> Iterator[Row]:
+    def rows(self, instant: PlanInstant) -> Iterator[BoundedRow]:
         """The distance of each pair."""
         for label, gap, about in instant.gaps(self.between, self.wrap):
-            yield Row(label, "m", gap, lower=self.distance, about=about)
+            yield BoundedRow(label, "m", gap, lower=self.distance, about=about)

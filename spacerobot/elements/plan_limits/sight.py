@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 from pydantic import Field, model_validator
 
-from spacerobot.elements.instant import Instant, Row, unit
+from spacerobot.elements.plan_instant import BoundedRow, PlanInstant, unit
 from spacerobot.elements.plan_limit import PlanLimit
 from spacerobot.elements.registry import register
 from spacerobot.section import Vector, quantity
@@ -39,7 +39,7 @@ class Sight(PlanLimit):
             raise ValueError("axis: found 0 0 0, allowed: a direction")
         return self
 
-    def rows(self, instant: Instant) -> Iterator[Row]:
+    def rows(self, instant: PlanInstant) -> Iterator[BoundedRow]:
         """Cosine of the angle between the camera's axis and the direction to the mating frame."""
         camera = instant.link(self.camera, "camera")
         away = instant.mating(self.frame).origin - camera.origin
@@ -47,7 +47,7 @@ class Sight(PlanLimit):
             ca.sumsqr(away) + NEAR**2
         )
         limit = np.radians(self.half_angle_deg)
-        yield Row(
+        yield BoundedRow(
             "off the camera's axis",
             "rad",
             cosine,

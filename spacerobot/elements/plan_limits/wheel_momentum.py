@@ -7,7 +7,7 @@ from typing import Literal
 
 import casadi as ca
 
-from spacerobot.elements.instant import Instant, Row
+from spacerobot.elements.plan_instant import BoundedRow, PlanInstant
 from spacerobot.elements.plan_limit import PlanLimit
 from spacerobot.elements.registry import register
 from spacerobot.section import quantity
@@ -24,9 +24,9 @@ class WheelMomentumLimit(PlanLimit):
         gt=0,
     )
 
-    def rows(self, instant: Instant) -> Iterator[Row]:
+    def rows(self, instant: PlanInstant) -> Iterator[BoundedRow]:
         """One for each wheel."""
         for robot, wheels in instant.wheels().items():
             for k, value in enumerate(ca.vertsplit(wheels.momenta)):
                 label = f"momentum of {robot}'s wheel {k}"
-                yield Row(label, "N m s", value, -self.upper, self.upper, size=self.upper)
+                yield BoundedRow(label, "N m s", value, -self.upper, self.upper, size=self.upper)

@@ -10,7 +10,7 @@ import numpy as np
 from spacerobot.arrays import Array
 from spacerobot.dynamics.algebra import cross
 from spacerobot.elements.context import ReferenceContext
-from spacerobot.elements.motion import Beginning, Motion, Profile
+from spacerobot.elements.desired_motion import DesiredMotion, InitialMotion, TimeProfile
 from spacerobot.elements.reference import DEGREE, Reference, carried
 from spacerobot.elements.registry import register
 from spacerobot.section import quantity
@@ -29,7 +29,9 @@ class Brake(Reference):
     deceleration: float = quantity("m/s^2", "greatest deceleration", default=0.01, gt=0)
     spin_deceleration_deg: float = quantity("deg/s^2", "greatest angular deceleration", default=1.0, gt=0)
 
-    def motion(self, context: ReferenceContext, start: Beginning, pivot: ca.SX | None = None) -> Motion:
+    def motion(
+        self, context: ReferenceContext, start: InitialMotion, pivot: ca.SX | None = None
+    ) -> DesiredMotion:
         """Velocity and spin fall together, along their own directions; so does what is rigidly carried."""
         spin, linear = start.angular_velocity, start.velocity
         if pivot is not None:
@@ -42,9 +44,9 @@ class Brake(Reference):
         way = duration * u * (1 - u * u * (1 - u / 2))
         fall, slope = 1 - u * u * (3 - 2 * u), -6 * u * (1 - u) / duration
 
-        def fading(name: str, vector: ca.SX) -> Profile:
+        def fading(name: str, vector: ca.SX) -> TimeProfile:
             first = context.begun(name, vector)
-            return Profile(first * way, first * fall, first * slope)
+            return TimeProfile(first * way, first * fall, first * slope)
 
         return carried(context, start, pivot, (fading("velocity", linear), fading("spin", spin)))
 

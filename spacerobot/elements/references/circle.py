@@ -10,10 +10,10 @@ import numpy as np
 import pinocchio as pin
 
 from spacerobot.dynamics.rotations import rotation_from_rpy
-from spacerobot.elements.motion import Profile
-from spacerobot.elements.numbers import Context
+from spacerobot.elements.desired_motion import TimeProfile
 from spacerobot.elements.reference import DEGREE, PLANE_TOLERANCE, TimedReference
 from spacerobot.elements.registry import register
+from spacerobot.elements.section_context import SectionContext
 from spacerobot.section import Vector, quantity
 
 
@@ -31,7 +31,7 @@ class Circle(TimedReference):
         default=(0.0, 0.0, 0.0),
     )
 
-    def moved(self, context: Context) -> Profile:
+    def moved(self, context: SectionContext) -> TimeProfile:
         """X_ref - X_ref(0) of Eq. 40, 41, and its derivatives (Eq. 43, 44)."""
         blend, parameters, path = self.blend(context), context.parameters, context.path
         first = context.once("start_angle", parameters.sparse(f"{path}.start_deg") * DEGREE)
@@ -45,13 +45,13 @@ class Circle(TimedReference):
         def in_plane(x: ca.SX, y: ca.SX) -> ca.SX:
             return ca.mtimes(across, ca.vertcat(x, y))
 
-        return Profile(
+        return TimeProfile(
             value=in_plane(cos - ca.cos(first), sin - ca.sin(first)),
             rate=in_plane(-sin * rate, cos * rate),
             acceleration=in_plane(-sin * acceleration - cos * rate**2, cos * acceleration - sin * rate**2),
         )
 
-    def _plane(self, context: Context) -> ca.SX:
+    def _plane(self, context: SectionContext) -> ca.SX:
         """Axes of the circle's plane, 3x3."""
         if not any(self.plane_deg):
             return ca.SX.eye(3)

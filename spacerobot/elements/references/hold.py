@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Literal
 
-from spacerobot.elements.motion import STILL, Profile
-from spacerobot.elements.numbers import Context
+from spacerobot.elements.desired_motion import STILL, TimeProfile
 from spacerobot.elements.reference import Reference
 from spacerobot.elements.registry import register
+from spacerobot.elements.section_context import SectionContext
 
 
 @register
@@ -16,7 +16,7 @@ class Hold(Reference):
 
     kind: Literal["hold"] = "hold"
 
-    def moved(self, context: Context) -> Profile:
+    def moved(self, context: SectionContext) -> TimeProfile:
         """None."""
         del context
         return STILL

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Literal
 
-from spacerobot.elements.motion import Profile, along
-from spacerobot.elements.numbers import Context
+from spacerobot.elements.desired_motion import TimeProfile, along
 from spacerobot.elements.reference import TimedReference
 from spacerobot.elements.registry import register
+from spacerobot.elements.section_context import SectionContext
 from spacerobot.section import Vector, quantity
 
 
@@ -19,7 +19,7 @@ class Line(TimedReference):
     kind: Literal["line"] = "line"
     displacement: Vector = quantity("m", "from start to end, world axes", default=(0.0, 0.0, 0.0))
 
-    def moved(self, context: Context) -> Profile:
+    def moved(self, context: SectionContext) -> TimeProfile:
         """Along the line, by the cubic blend."""
         return along(context.vector("displacement"), self.blend(context))
 

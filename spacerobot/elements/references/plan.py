@@ -16,15 +16,15 @@ from spacerobot.arrays import Array
 from spacerobot.dynamics.joints import sparse
 from spacerobot.dynamics.rotations import rotation_exp
 from spacerobot.elements.context import ReferenceContext
+from spacerobot.elements.desired_motion import DesiredMotion, InitialMotion, TimeProfile
 from spacerobot.elements.knots import Knots, ends_of, slices_of
-from spacerobot.elements.motion import Beginning, Motion, Profile
-from spacerobot.elements.planned import TipMotion, check_given, known, plan_file
+from spacerobot.elements.plan_following import TipMotion, check_given, known, plan_file
 from spacerobot.elements.reference import PLANE_TOLERANCE, Reference
 from spacerobot.elements.registry import register
 
 
 @register
-class Plan(Reference):
+class PlanReference(Reference):
     """Where a plan leads the tip, in the world, wherever the tip is when it begins."""
 
     kind: Literal["plan"] = "plan"
@@ -33,7 +33,7 @@ class Plan(Reference):
     knots: TipMotion | None = Field(default=None, description="the planned motion, if not in a file")
 
     @model_validator(mode="after")
-    def _check(self) -> Plan:
+    def _check(self) -> PlanReference:
         check_given(self.file, self.knots)
         return self
 
@@ -50,7 +50,9 @@ class Plan(Reference):
         """The planned motion, which was given or read."""
         return known(self.knots)
 
-    def motion(self, context: ReferenceContext, start: Beginning, pivot: ca.SX | None = None) -> Motion:
+    def motion(
+        self, context: ReferenceContext, start: InitialMotion, pivot: ca.SX | None = None
+    ) -> DesiredMotion:
         """Through the points; the rotation is one from the knot behind, whose vector is a polynomial."""
         del start, pivot
         planned = self.planned
@@ -69,7 +71,7 @@ class Plan(Reference):
         if context.since is not None and knots.event is not None:
             context.since.knots.append(replace(knots.event, armed=context.since.active))
         spin, gain = _spin(turned)
-        return Motion(
+        return DesiredMotion(
             position=moved.value,
             velocity=moved.rate,
             acceleration=moved.acceleration,
@@ -118,7 +120,7 @@ def turning(planned: TipMotion) -> tuple[Array, Array, Array]:
     return np.array([rotations[k].T.ravel() for k in (*starts, -1)]), turns, rates
 
 
-def _spin(turned: Profile) -> tuple[ca.SX, ca.SX]:
+def _spin(turned: TimeProfile) -> tuple[ca.SX, ca.SX]:
     """Spin and its rate (3x1 each) of a rotation whose vector changes."""
     if turned.value.nnz() <= 1:
         return turned.rate, turned.acceleration

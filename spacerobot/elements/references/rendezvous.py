@@ -14,8 +14,8 @@ from spacerobot.dynamics.algebra import SymmetricFactors, cross
 from spacerobot.dynamics.inertias import shifted_inertia
 from spacerobot.dynamics.rotations import rotation_exp, rotation_from_rpy
 from spacerobot.elements.context import ReferenceContext
+from spacerobot.elements.desired_motion import DesiredMotion, InitialMotion, TimeProfile, smooth_blend
 from spacerobot.elements.grasp import only
-from spacerobot.elements.motion import Beginning, Motion, Profile, smooth_blend
 from spacerobot.elements.reference import DEGREE, Reference
 from spacerobot.elements.registry import register
 from spacerobot.elements.sensor import measured
@@ -72,7 +72,9 @@ class Rendezvous(Reference):
         """What is seen of the target."""
         return {"target_position", "target_velocity", "target_spin"}
 
-    def motion(self, context: ReferenceContext, start: Beginning, pivot: ca.SX | None = None) -> Motion:
+    def motion(
+        self, context: ReferenceContext, start: InitialMotion, pivot: ca.SX | None = None
+    ) -> DesiredMotion:
         """A way in the mating frame, carried by it."""
         del pivot
         plant, seen = context.plant, _Seen.of(context, context.links[self.frame])
@@ -85,7 +87,7 @@ class Rendezvous(Reference):
         turning, gain = ca.mtimes(rotation, turned.rate), ca.mtimes(rotation, turned.acceleration)
         linear, angular = _free_acceleration(context, seen)
         swing, about = cross(spin, lever), plant.rotation_axes
-        return Motion(
+        return DesiredMotion(
             position=seen.position + lever,
             velocity=seen.velocity + swing + rate,
             acceleration=linear + cross(angular, lever) + cross(spin, swing + 2 * rate) + bend,
@@ -95,8 +97,8 @@ class Rendezvous(Reference):
         )
 
     def _way(
-        self, context: ReferenceContext, start: Beginning, seen: _Seen, mated: ca.SX
-    ) -> tuple[Profile, Profile]:
+        self, context: ReferenceContext, start: InitialMotion, seen: _Seen, mated: ca.SX
+    ) -> tuple[TimeProfile, TimeProfile]:
         """Displacement and rotation vector (3x1 each) relative to the mated pose, axes of the mating frame.
 
         The way to the standoff begins with the velocity that the tip has relative to the mating frame; the
@@ -118,12 +120,12 @@ class Rendezvous(Reference):
         onward = -context.number("end_distance") * axis - standoff
         coast = _coasting(context, time)
         away = offset - standoff
-        moved = Profile(
+        moved = TimeProfile(
             standoff + away * (1 - arrive.value) + drift * coast.value + onward * close.value,
             -away * arrive.rate + drift * coast.rate + onward * close.rate,
             -away * arrive.acceleration + drift * coast.acceleration + onward * close.acceleration,
         )
-        return moved, Profile(turn * (1 - arrive.value), -turn * arrive.rate, -turn * arrive.acceleration)
+        return moved, TimeProfile(turn * (1 - arrive.value), -turn * arrive.rate, -turn * arrive.acceleration)
 
     def _times(self, context: ReferenceContext) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Times at which it comes to the standoff and leaves it, and from there to the end (1x1 each) [s]."""
@@ -189,7 +191,7 @@ class _Seen:
             read("target_spin", spin, spin, plant.rotation_axes),
         )
 
-    def at(self, start: Beginning) -> _Seen:
+    def at(self, start: InitialMotion) -> _Seen:
         """When the reference began."""
         return _Seen(**{name: start.keep(name, value) for name, value in vars(self).items()})
 
@@ -198,10 +200,10 @@ def _vector(context: ReferenceContext, key: str) -> ca.SX:
     return context.parameters.sparse_vector(f"{context.path}.{key}")
 
 
-def _coasting(context: ReferenceContext, time: ca.SX) -> Profile:
+def _coasting(context: ReferenceContext, time: ca.SX) -> TimeProfile:
     """How far an initial velocity of 1 leads on (1x1) [s]: T u (1 - u)^3 (1 + 3 u), gone at the end."""
     u = ca.if_else(context.time < context.jump("arrived", time), context.time / time, 1)
-    return Profile(
+    return TimeProfile(
         time * u * (1 - u) ** 3 * (1 + 3 * u),
         (1 - u) ** 2 * (1 + 2 * u - 15 * u * u),
         -12 * u * (1 - u) * (3 - 5 * u) / time,

@@ -10,10 +10,10 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from spacerobot.arrays import Array
-from spacerobot.elements.motion import Profile
-from spacerobot.elements.numbers import Context
+from spacerobot.elements.desired_motion import TimeProfile
 from spacerobot.elements.reference import Reference
 from spacerobot.elements.registry import register
+from spacerobot.elements.section_context import SectionContext
 from spacerobot.section import Vector
 
 OVERSHOOT = 0.25
@@ -48,7 +48,7 @@ class Spline(Reference):
             )
         return self
 
-    def moved(self, context: Context) -> Profile:
+    def moved(self, context: SectionContext) -> TimeProfile:
         """Clamped cubic spline; its coefficients are linear in the waypoints."""
         knots, count = np.array(self.times), len(self.times)
         given = [
@@ -57,11 +57,11 @@ class Spline(Reference):
         points = ca.vertcat(*given)
         second = context.once("curvature", ca.mtimes(_clamped_spline_operator(knots), points))
         points = context.once("displacements", points)
-        found = Profile(points[count - 1, :].T, ca.SX(3, 1), ca.SX(3, 1))
+        found = TimeProfile(points[count - 1, :].T, ca.SX(3, 1), ca.SX(3, 1))
         for i in reversed(range(count - 1)):
             here = context.time < context.jump(f"times.{i + 1}", float(knots[i + 1]))
             inside = _piece(knots[i : i + 2], context.time, points[i : i + 2, :], second[i : i + 2, :])
-            found = Profile(
+            found = TimeProfile(
                 ca.if_else(here, inside.value, found.value),
                 ca.if_else(here, inside.rate, found.rate),
                 ca.if_else(here, inside.acceleration, found.acceleration),
@@ -104,12 +104,12 @@ def _between(knots: Array, points: Array) -> Array:
     return flat
 
 
-def _piece(knots: Array, time: ca.SX, points: ca.SX, second: ca.SX) -> Profile:
+def _piece(knots: Array, time: ca.SX, points: ca.SX, second: ca.SX) -> TimeProfile:
     """Cubic between two knots, from the waypoints and second derivatives (2x3 each) there."""
     width = float(knots[1] - knots[0])
     left, right = (knots[1] - time) / width, (time - knots[0]) / width
     a, b, m, n = points[0, :].T, points[1, :].T, second[0, :].T, second[1, :].T
-    return Profile(
+    return TimeProfile(
         left * a + right * b + (m * (left**3 - left) + n * (right**3 - right)) * (width**2 / 6),
         (b - a) / width + (n * (3 * right**2 - 1) - m * (3 * left**2 - 1)) * (width / 6),
         left * m + right * n,

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Literal
 
 from spacerobot.elements.context import Affine
-from spacerobot.elements.numbers import Context
 from spacerobot.elements.registry import register
+from spacerobot.elements.section_context import SectionContext
 from spacerobot.elements.sensor import Sensor
 from spacerobot.section import SIGNALS_UNIT, quantity
 
@@ -19,7 +19,7 @@ class Linear(Sensor):
     offset: float = quantity(SIGNALS_UNIT, "a", default=0.0)
     scale: float = quantity("1", "b", default=1.0)
 
-    def affine(self, context: Context) -> Affine:
+    def affine(self, context: SectionContext) -> Affine:
         """Both are numbers of the section."""
         return context.number("offset"), context.number("scale")
 

@@ -13,7 +13,7 @@ import pinocchio as pin
 from spacerobot.arrays import Array
 from spacerobot.description.bodies import welded_bodies
 from spacerobot.description.find import find_urdf, shipped_urdf_folder
-from spacerobot.description.parts import Joint
+from spacerobot.description.parts import UrdfJoint
 from spacerobot.description.read import Description, read_description
 from spacerobot.errors import ScenarioError, near_names
 from spacerobot.scenario.load import validate
@@ -32,7 +32,7 @@ MOVES = 1e-3  # least singular value of a tip's Jacobian, lengths in units of it
 
 
 @dataclass(frozen=True)
-class Arm:
+class DraftArm:
     """A robot of the draft.
 
     Attributes
@@ -60,7 +60,7 @@ class Arm:
     urdf: str
     description: Description
     tip: str
-    chain: tuple[Joint, ...]
+    chain: tuple[UrdfJoint, ...]
     joints: Document
     planar: bool
     turns: bool
@@ -122,7 +122,7 @@ def choose_tip(description: Description, wanted: str | None) -> str:
     return found[0]
 
 
-def make_arm(name: str, named: tuple[str, Description], tip: str | None) -> Arm:
+def make_arm(name: str, named: tuple[str, Description], tip: str | None) -> DraftArm:
     """Arm with a chain and a posture.
 
     Raises
@@ -133,7 +133,7 @@ def make_arm(name: str, named: tuple[str, Description], tip: str | None) -> Arm:
     urdf, description = named
     link = choose_tip(description, tip)
     above = {joint.child: joint for joint in description.joints}
-    chain, at = list[Joint](), link
+    chain, at = list[UrdfJoint](), link
     while at in above:
         chain.append(above[at])
         at = above[at].parent
@@ -148,7 +148,7 @@ def make_arm(name: str, named: tuple[str, Description], tip: str | None) -> Arm:
     trial["tips"] = {"tip": {"frame": link}}
     scene = build_scene(validate({"robots": {"trial": trial}}))
     joints, turns = _posture(scene, chain)
-    return Arm(
+    return DraftArm(
         name, urdf, description, link, tuple(chain), joints | locked, scene.planar, turns, _bus(description)
     )
 
@@ -164,7 +164,7 @@ def _bus(description: Description) -> Document | None:
     return {"mass": mass, "inertia": [inertia, inertia, inertia, 0, 0, 0]}
 
 
-def _posture(scene: Scene, chain: Sequence[Joint]) -> tuple[Document, bool]:
+def _posture(scene: Scene, chain: Sequence[UrdfJoint]) -> tuple[Document, bool]:
     """The posture, of some drawn about the middles of the joints' ranges, from which the tip moves best."""
     free = [joint for joint in chain if joint.mimic is None]
     middle = np.array([_middle(joint) for joint in free])
@@ -184,7 +184,7 @@ def _posture(scene: Scene, chain: Sequence[Joint]) -> tuple[Document, bool]:
     return shown, turns
 
 
-def _agility(scene: Scene, free: Sequence[Joint], posture: Array) -> tuple[float, bool]:
+def _agility(scene: Scene, free: Sequence[UrdfJoint], posture: Array) -> tuple[float, bool]:
     """How well the tip moves in its worst direction, less near the base; whether it moves in every one."""
     model, data, q = scene.model, scene.model.createData(), pin.neutral(scene.model)
     for joint, x in zip(free, posture, strict=True):
@@ -216,7 +216,7 @@ def _outward(tip: Array, chain: Sequence[Array]) -> float:
     return 0.5 + 0.5 * float(end @ out) / lengths if lengths > 0 else 0.5
 
 
-def _rounded(joints: Sequence[Joint], values: Array) -> Array:
+def _rounded(joints: Sequence[UrdfJoint], values: Array) -> Array:
     """Angles in steps that read well, within the joints' ranges."""
     step = np.array([1e-2 if joint.kind == "prismatic" else np.radians(ROUND_DEG) for joint in joints])
     rounded = np.round(values / step) * step
@@ -224,10 +224,10 @@ def _rounded(joints: Sequence[Joint], values: Array) -> Array:
     return np.where(inside, rounded, values)
 
 
-def _middle(joint: Joint) -> float:
+def _middle(joint: UrdfJoint) -> float:
     limited = np.isfinite(joint.lower) and np.isfinite(joint.upper)
     return (joint.lower + joint.upper) / 2 if limited else 0.0
 
 
-def _half_range(joint: Joint) -> float:
+def _half_range(joint: UrdfJoint) -> float:
     return float((joint.upper - joint.lower) / 2)

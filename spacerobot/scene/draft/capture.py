@@ -16,7 +16,7 @@ import numpy as np
 import pinocchio as pin
 
 from spacerobot.arrays import Array
-from spacerobot.description.parts import Joint, Link
+from spacerobot.description.parts import UrdfJoint, UrdfLink
 from spacerobot.description.write import urdf_xml
 from spacerobot.errors import ScenarioError
 from spacerobot.files import StrPath
@@ -24,9 +24,9 @@ from spacerobot.scenario.load import parse_yaml, validate
 from spacerobot.scenario.paths import Document
 from spacerobot.scene.build import build_scene
 from spacerobot.scene.draft.arms import as_name, read
-from spacerobot.scene.draft.draft import Order, held_scene
-from spacerobot.scene.draft.numbers import Numbers, short
-from spacerobot.scene.draft.text import Found, flow, robot_lines, tuning_lines
+from spacerobot.scene.draft.draft import DraftRequest, held_scene
+from spacerobot.scene.draft.numbers import DraftNumbers, short
+from spacerobot.scene.draft.text import DraftText, flow, robot_lines, tuning_lines
 from spacerobot.scene.scene import Scene
 
 POINT = "mate_point"
@@ -71,13 +71,13 @@ def surface_point(target: str, point: Sequence[float], file: StrPath) -> tuple[s
     origin = np.eye(4)
     origin[:3, :3] = np.column_stack([along, across, np.cross(along, across)])
     origin[:3, 3] = point
-    frame = Link(POINT, 0.0, np.zeros(3), np.zeros((3, 3)))
-    mount = Joint(f"{POINT}_mount", "fixed", root.name, POINT, origin, np.array([1.0, 0, 0]))
+    frame = UrdfLink(POINT, 0.0, np.zeros(3), np.zeros((3, 3)))
+    mount = UrdfJoint(f"{POINT}_mount", "fixed", root.name, POINT, origin, np.array([1.0, 0, 0]))
     text = urdf_xml(description.path.stem, [*description.links, frame], [*description.joints, mount], "")
     return f"{file.stem}_target.urdf", text
 
 
-def draft_capture(order: Order, file: StrPath) -> tuple[str, Scene]:
+def draft_capture(order: DraftRequest, file: StrPath) -> tuple[str, Scene]:
     """Text of a scenario with approach, capture and stop that will stand in ``file``, and its scene.
 
     Parameters
@@ -114,7 +114,7 @@ def draft_capture(order: Order, file: StrPath) -> tuple[str, Scene]:
     tip, mate = data.oMf[grasp.tip.frame], data.oMf[grasp.frame]
     axis = _inward(held, data, mate)
     direction = mate.rotation @ axis
-    numbers = Numbers(held, {arm.name: arm})
+    numbers = DraftNumbers(held, {arm.name: arm})
     gains = {one.label: numbers.gains(one) for one in held.tips}
     ((label, own),) = gains.items()
     w = own.bandwidth
@@ -160,8 +160,8 @@ def draft_capture(order: Order, file: StrPath) -> tuple[str, Scene]:
     steps = numbers.step(gains, 1.0), numbers.step(gains, 10.0)
     # an arm alone is lighter than one that holds the object: gains for the latter would make its loop stiff
     alone = build_scene(validate({"name": "draft", "robots": bare["robots"]}, source=source), source=source)
-    free = replace(Numbers(alone, {arm.name: arm}).gains(alone.tips[0]), bandwidth=w)
-    found = Found(file.stem, [arm], bare, {label: free}, move, steps)
+    free = replace(DraftNumbers(alone, {arm.name: arm}).gains(alone.tips[0]), bandwidth=w)
+    found = DraftText(file.stem, [arm], bare, {label: free}, move, steps)
     holding: Document = {"pid": own.pid(own.mass)}
     if arm.turns and own.inertia is not None:
         holding["orientation_pid"] = own.pid(own.inertia)
@@ -190,7 +190,7 @@ def _sideways(direction: Array, *, planar: bool) -> Array:
     return np.asarray(found / np.linalg.norm(found))
 
 
-def _text(found: Found, reference: Document, goal: Document, until: float, holding: Document) -> str:
+def _text(found: DraftText, reference: Document, goal: Document, until: float, holding: Document) -> str:
     """YAML text of the scenario; ``until`` [s] the tip is there, behind it gains are those ``holding``."""
     (arm,), bare = found.arms, found.bare
     ((name, grasp),) = bare["grasps"].items()

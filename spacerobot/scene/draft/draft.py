@@ -16,16 +16,16 @@ from spacerobot.files import StrPath
 from spacerobot.scenario.load import parse_yaml, validate
 from spacerobot.scenario.paths import Document
 from spacerobot.scene.build import build_scene
-from spacerobot.scene.draft.arms import Arm, as_name, ends, make_arm, read
-from spacerobot.scene.draft.numbers import Numbers
-from spacerobot.scene.draft.text import Found, text_of
+from spacerobot.scene.draft.arms import DraftArm, as_name, ends, make_arm, read
+from spacerobot.scene.draft.numbers import DraftNumbers
+from spacerobot.scene.draft.text import DraftText, text_of
 from spacerobot.scene.scene import Scene
 
 BASES = ("free_flyer", "planar", "fixed")
 
 
 @dataclass(frozen=True)
-class Order:
+class DraftRequest:
     """What a scenario is asked for.
 
     Attributes
@@ -45,7 +45,7 @@ class Order:
     base: str | None = None
 
 
-def draft_scenario(order: Order, file: StrPath) -> tuple[str, Scene]:
+def draft_scenario(order: DraftRequest, file: StrPath) -> tuple[str, Scene]:
     """Text of a scenario that will stand in ``file``, and its scene; nothing is written.
 
     Raises
@@ -62,17 +62,17 @@ def draft_scenario(order: Order, file: StrPath) -> tuple[str, Scene]:
         )
     source = file.absolute()
     arms, bare, scene = held_scene(order, source)
-    numbers = Numbers(scene, {arm.name: arm for arm in arms})
+    numbers = DraftNumbers(scene, {arm.name: arm for arm in arms})
     gains = {tip.label: numbers.gains(tip) for tip in scene.tips}
     move = numbers.move(min(found.bandwidth for found in gains.values()))
     steps = numbers.step(gains, 1.0), numbers.step(gains, 10.0)
-    found = Found(file.stem, arms, bare, gains, move, steps)
+    found = DraftText(file.stem, arms, bare, gains, move, steps)
     text = text_of(found)
     document = parse_yaml(text, source=source)
     return text, build_scene(validate(document, source=source), source=source)
 
 
-def held_scene(order: Order, source: Path) -> tuple[list[Arm], Document, Scene]:
+def held_scene(order: DraftRequest, source: Path) -> tuple[list[DraftArm], Document, Scene]:
     """Arms, scenario without gains, and its scene, in which the tips hold the target away from the arms.
 
     Raises
@@ -95,7 +95,7 @@ def held_scene(order: Order, source: Path) -> tuple[list[Arm], Document, Scene]:
     return arms, bare, scene
 
 
-def _arms(order: Order, folder: Path) -> list[Arm]:
+def _arms(order: DraftRequest, folder: Path) -> list[DraftArm]:
     if len(order.tips) > 1 and len(order.tips) != len(order.robots):
         found = (
             f"found {len(order.tips)} for {len(order.robots)} robots, allowed: one for all, or one for each"
@@ -104,7 +104,7 @@ def _arms(order: Order, folder: Path) -> list[Arm]:
     tips: list[str | None] = [*order.tips]
     if len(tips) < 2:
         tips = (tips or [None]) * len(order.robots)
-    arms: list[Arm] = []
+    arms: list[DraftArm] = []
     for urdf, tip in zip(order.robots, tips, strict=True):
         named = read(urdf, folder.absolute())
         name = as_name(named[1].path.stem, [arm.name for arm in arms])
@@ -155,7 +155,7 @@ def _ahead(scene: Scene) -> list[float]:
     return [round(float(x), 3) + 0.0 for x in np.degrees(pin.rpy.matrixToRpy(best))]
 
 
-def _document(arms: Sequence[Arm], frames: Sequence[str], placed: tuple[str, str, str]) -> Document:
+def _document(arms: Sequence[DraftArm], frames: Sequence[str], placed: tuple[str, str, str]) -> Document:
     """The scenario without gains, from the arms, their mating frames, and bases and URDF of the target."""
     base, object_base, urdf = placed
     robots, grasps = dict[str, Any](), dict[str, Any]()

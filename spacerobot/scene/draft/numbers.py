@@ -14,9 +14,9 @@ import numpy as np
 import pinocchio as pin
 
 from spacerobot.arrays import Array
-from spacerobot.description.parts import Joint
+from spacerobot.description.parts import UrdfJoint
 from spacerobot.scene.configure import relative_jacobian
-from spacerobot.scene.draft.arms import Arm
+from spacerobot.scene.draft.arms import DraftArm
 from spacerobot.scene.scene import Scene, SceneTip
 
 DEFAULT_BANDWIDTH = 2.0  # [rad/s] where the URDF has no limits
@@ -53,14 +53,14 @@ class Gains:
 
 
 @dataclass(frozen=True)
-class Move:
+class DraftMotion:
     """A line that the target is carried along: displacement [m], its duration [s]."""
 
     displacement: tuple[float, float, float]
     duration: float
 
 
-class Numbers:
+class DraftNumbers:
     """What the draft's numbers follow from, in the scene's initial state.
 
     Parameters
@@ -71,7 +71,7 @@ class Numbers:
         Its robots by name.
     """
 
-    def __init__(self, scene: Scene, arms: Mapping[str, Arm]) -> None:
+    def __init__(self, scene: Scene, arms: Mapping[str, DraftArm]) -> None:
         self.scene, self.arms = scene, arms
         self.response = _response(scene)
 
@@ -89,7 +89,7 @@ class Numbers:
             float(np.median(effective)) if len(columns) > directions else None,
         )
 
-    def move(self, bandwidth: float, direction: Array | None = None) -> Move:
+    def move(self, bandwidth: float, direction: Array | None = None) -> DraftMotion:
         """A line short and slow enough for every arm and for a bandwidth [rad/s].
 
         It goes along a direction (3,), equally along all axes if none is given.
@@ -113,7 +113,7 @@ class Numbers:
         slow = max(1.5 * length * rate / SHARE_OF_RATE, PERIODS / bandwidth)
         duration = float(np.clip(np.ceil(slow), 8, 60))
         x, y, z = (short(length * a, 2) for a in direction)
-        return Move((x, y, z), duration)
+        return DraftMotion((x, y, z), duration)
 
     def step(self, gains: Mapping[str, Gains], factor: float) -> float:
         """Step [s] that resolves the fastest rate with the gains times a factor; at most 4 ms."""
@@ -129,7 +129,7 @@ class Numbers:
         rate = float(np.abs(np.linalg.eigvals(self.response @ force)).max())
         return min(0.004, short(0.8 / max(rate, 1e-9), 1))
 
-    def _bandwidth(self, arm: Arm, effective: Array) -> float:
+    def _bandwidth(self, arm: DraftArm, effective: Array) -> float:
         known = [
             joint.effort / (inertia * joint.velocity)
             for joint, inertia in zip(_free(arm), effective, strict=True)
@@ -177,7 +177,7 @@ class Numbers:
         return float(np.linalg.norm(ends))
 
 
-def _free(arm: Arm) -> list[Joint]:
+def _free(arm: DraftArm) -> list[UrdfJoint]:
     return [joint for joint in arm.chain if joint.name in arm.joints]
 
 

@@ -11,12 +11,12 @@ import yaml
 
 from spacerobot.scenario.paths import Document
 from spacerobot.scenario.yaml_text import Dumper
-from spacerobot.scene.draft.arms import Arm, as_name
-from spacerobot.scene.draft.numbers import SPAN, Gains, Move, short
+from spacerobot.scene.draft.arms import DraftArm, as_name
+from spacerobot.scene.draft.numbers import SPAN, DraftMotion, Gains, short
 
 
 @dataclass(frozen=True)
-class Found:
+class DraftText:
     """All that the text says.
 
     Attributes
@@ -34,14 +34,14 @@ class Found:
     """
 
     name: str
-    arms: Sequence[Arm]
+    arms: Sequence[DraftArm]
     bare: Document
     gains: Mapping[str, Gains]
-    move: Move
+    move: DraftMotion
     steps: tuple[float, float]
 
 
-def text_of(found: Found) -> str:
+def text_of(found: DraftText) -> str:
     """YAML text of the scenario."""
     lines = [
         "# Drafted by `spacerobot new`: it runs as it is; every number is a proposal to edit.",
@@ -77,7 +77,7 @@ def text_of(found: Found) -> str:
     return "\n".join(lines) + "\n"
 
 
-def robot_lines(found: Found, arm: Arm) -> list[str]:
+def robot_lines(found: DraftText, arm: DraftArm) -> list[str]:
     """A robot's section, line by line."""
     bare, gains = found.bare["robots"][arm.name], found.gains[f"{arm.name}/{arm.tip_name}"]
     chain = {name: state for name, state in arm.joints.items() if "locked" not in state}
@@ -134,7 +134,7 @@ def _bus(bare: Document) -> list[str]:
     ]
 
 
-def tuning_lines(found: Found) -> list[str]:
+def tuning_lines(found: DraftText) -> list[str]:
     """The section of free numbers, line by line."""
     lines = [
         f"# Free numbers: a {SPAN:g}th to {SPAN:g} times what is proposed. `spacerobot tune`, docs/tuning.md",
@@ -162,7 +162,7 @@ def tuning_lines(found: Found) -> list[str]:
     ]
 
 
-def _campaign(found: Found) -> list[str]:
+def _campaign(found: DraftText) -> list[str]:
     peak = 1.5 * max(found.move.displacement) / found.move.duration
     allowed = short(max(found.move.displacement) / 5, 1)
     return [

@@ -157,13 +157,13 @@ def test_a_full_disk_takes_nothing_with_it(invoke, small_file, tmp_path):
 
 
 def test_ctrl_c_keeps_what_is_there(invoke, small_file, tmp_path, monkeypatch):
-    from optim.campaign import Here
+    from optim.campaign import LocalExecutor
 
     def work(self, evaluator, draws, chunks):
         yield 0, evaluator.evaluate(draws[:11])
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(Here, "work", work)
+    monkeypatch.setattr(LocalExecutor, "work", work)
     done = invoke(small_file, "--out", tmp_path / "store")
     assert done.exit_code == 130
     assert "11 of 100 samples" in done.output

@@ -7,8 +7,8 @@ import sys
 import pytest
 import xarray as xr
 
-from optim.campaign import Here, load_campaign, run_campaign
-from optim.campaign.cluster import Dask
+from optim.campaign import LocalExecutor, load_campaign, run_campaign
+from optim.campaign.cluster import DaskExecutor
 from optim.campaign.rollouts.evaluator import build_evaluator
 from optim.workers.cluster import connect
 from spacerobot.errors import SpaceRobotError
@@ -19,12 +19,12 @@ distributed = pytest.importorskip("distributed")
 @pytest.fixture(scope="module")
 def plain(small, tmp_path_factory):
     folder = tmp_path_factory.mktemp("plain") / "store"
-    run_campaign(small(), folder, executor=Here())
+    run_campaign(small(), folder, executor=LocalExecutor())
     return load_campaign(folder)
 
 
 def test_a_worker_changes_no_bit(small, plain, tmp_path):
-    run_campaign(small(), tmp_path / "store", executor=Dask("local:1", size=9))
+    run_campaign(small(), tmp_path / "store", executor=DaskExecutor("local:1", size=9))
     xr.testing.assert_identical(load_campaign(tmp_path / "store"), plain)
 
 
@@ -40,7 +40,7 @@ def test_two_workers_and_a_killed_one_change_no_bit(small, plain, tmp_path):
                 killed.append(victims[0])
                 os.kill(victims[0], signal.SIGKILL)
 
-        dask = Dask(cluster.scheduler_address, size=5)
+        dask = DaskExecutor(cluster.scheduler_address, size=5)
         found = run_campaign(small(), tmp_path / "store", executor=dask, progress=kill)
     assert killed
     assert found.done == 100

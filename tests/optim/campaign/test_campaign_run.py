@@ -11,8 +11,8 @@ import pytest
 import xarray as xr
 
 from optim.campaign.rollouts.evaluator import all_draws, build_evaluator
-from optim.campaign.run import Chunks, Here, run_campaign, sized
-from optim.campaign.store.folder import Store, load_campaign
+from optim.campaign.run import ChunkQueue, LocalExecutor, run_campaign, sized
+from optim.campaign.store.folder import CampaignStore, load_campaign
 from spacerobot.errors import ResultError, ScenarioError
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
@@ -21,7 +21,7 @@ from spacerobot.simulation import simulate
 @pytest.fixture(scope="module")
 def whole(small, tmp_path_factory):
     folder = tmp_path_factory.mktemp("whole") / "store"
-    return run_campaign(small(), folder, executor=Here(size=100))
+    return run_campaign(small(), folder, executor=LocalExecutor(size=100))
 
 
 def test_a_store_holds_every_sample_once_with_its_draw(whole):
@@ -38,7 +38,7 @@ def test_a_store_holds_every_sample_once_with_its_draw(whole):
 
 @pytest.mark.parametrize(("size", "threads"), [(1, 1), (7, 3)])
 def test_neither_chunks_nor_threads_change_a_bit(small, whole, tmp_path, size, threads):
-    run_campaign(small(), tmp_path / "store", executor=Here(size=size, threads=threads))
+    run_campaign(small(), tmp_path / "store", executor=LocalExecutor(size=size, threads=threads))
     xr.testing.assert_identical(load_campaign(tmp_path / "store"), load_campaign(whole.folder))
 
 
@@ -73,7 +73,7 @@ def test_a_diverged_rollout_is_kept_as_such(small, tmp_path):
     assert np.isfinite(data.tip_error_peak.sel(gains="tame")).all()
 
 
-class Interrupted(Here):
+class Interrupted(LocalExecutor):
     """Stops after two chunks, as Ctrl-C does."""
 
     def work(self, evaluator, draws, chunks):
@@ -88,7 +88,7 @@ def test_an_interruption_leaves_what_was_found_and_it_goes_on(small, whole, tmp_
     found = run_campaign(small(), folder, executor=Interrupted(size=20))
     assert (found.done, found.interrupted) == (40, True)
     assert load_campaign(folder).sample.values.tolist() == list(range(40))
-    found = run_campaign(small(), folder, executor=Here(size=33), progress=told.append)
+    found = run_campaign(small(), folder, executor=LocalExecutor(size=33), progress=told.append)
     assert (found.done, found.interrupted) == (100, False)
     assert [p.phase for p in told if not p.total] == ["building and compiling", "rolling out", "merging"]
     kept = [p for p in told if p.total]
@@ -173,7 +173,7 @@ def test_a_store_in_use_and_a_folder_of_something_else_are_refused(small, whole,
 
 
 def test_a_chunk_twice_is_refused(whole):
-    store = Store(whole.folder, 100)
+    store = CampaignStore(whole.folder, 100)
     table = whole.evaluator.evaluate(all_draws(whole.evaluator)[:3])
     with pytest.raises(ResultError, match="there already"):
         store.add(50, table)
@@ -186,7 +186,7 @@ def test_a_number_the_closed_loop_does_not_know(small):
 
 
 def test_chunks_cover_what_is_missing_once():
-    chunks, taken = Chunks([(0, 10), (15, 16), (20, 40)]), []
+    chunks, taken = ChunkQueue([(0, 10), (15, 16), (20, 40)]), []
     for size in (4, 100, 3, 1, 100, 9, 9):
         taken.append(chunks.take(size))
     assert taken == [(0, 4), (4, 10), (15, 16), (20, 21), (21, 40), None, None]
@@ -212,7 +212,7 @@ def test_ctrl_c_while_the_last_chunk_is_written_loses_nothing(small, whole, tmp_
         write(path, content)
 
     monkeypatch.setattr(store, "write_bytes", interrupted)
-    ran = run_campaign(small(), tmp_path / "store", executor=Here(size=30))
+    ran = run_campaign(small(), tmp_path / "store", executor=LocalExecutor(size=30))
     assert ran.interrupted
     assert ran.done == 100
     xr.testing.assert_identical(load_campaign(ran.folder), load_campaign(whole.folder))

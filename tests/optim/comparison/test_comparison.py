@@ -11,9 +11,18 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from optim import Effort, NlpSettings, Protocol, ResultProblem, Session, compare, run_method, tune
+from optim import (
+    Effort,
+    EvolutionSettings,
+    NlpSettings,
+    ResultProblem,
+    SearchSession,
+    compare,
+    run_method,
+    tune,
+)
 from optim.comparison import tables
-from optim.comparison.plants import build_judge
+from optim.comparison.design_evaluator import build_design_evaluator
 from optim.comparison.report import to_data
 from optim.comparison.results import write
 from optim.comparison.statistics import statistics
@@ -28,7 +37,7 @@ from spacerobot.result import load
 from spacerobot.scenario.tuning import METHODS
 from tests.oracles.known_optima import quadratic
 
-TINY = Protocol(population=8, budget=48)
+TINY = EvolutionSettings(population=8, budget=48)
 EFFORT = Effort(TINY, TINY, runs=2, nlp=NlpSettings(iterations=15, screen=8), starts=2)
 
 
@@ -36,7 +45,7 @@ EFFORT = Effort(TINY, TINY, runs=2, nlp=NlpSettings(iterations=15, screen=8), st
 def found(small, tmp_path_factory):
     folder = tmp_path_factory.mktemp("compared")
     made = compare(
-        small(), variants=["base"], sets=["four"], effort=EFFORT, session=Session(folder / "journals")
+        small(), variants=["base"], sets=["four"], effort=EFFORT, session=SearchSession(folder / "journals")
     )
     write(made, folder)
     return made, folder
@@ -102,7 +111,7 @@ def test_a_comparison_run_again_is_read_from_its_journals(found, small, monkeypa
     first, folder = found
     monkeypatch.setattr("optim.problem.tuning_problem.TuningProblem.evaluate", None)
     again = run_method(
-        first.contests[0].problem, "ga", EFFORT, session=Session(folder / "journals" / "base-four")
+        first.contests[0].problem, "ga", EFFORT, session=SearchSession(folder / "journals" / "base-four")
     )
     assert again.best.objective == first.contests[0].outcomes["ga"].best.objective
 
@@ -148,7 +157,7 @@ def test_sensitivities_are_relative_slopes(small, interpreted):
 
 
 def test_plants_stay_within_their_spreads_and_are_seeded(small):
-    judge = build_judge(small(), variant="base")
+    judge = build_design_evaluator(small(), variant="base")
     plants = judge.plants
     assert {path.split(".")[-1] for path in plants} >= {"mass", "stiffness", "offset"}
     assert any(path.startswith("target.links") and ".inertia." in path for path in plants)
@@ -156,9 +165,9 @@ def test_plants_stay_within_their_spreads_and_are_seeded(small):
     assert stiffness.min() >= 70
     assert stiffness.max() <= 130
     assert stiffness.std() > 10
-    again = build_judge(small(), variant="base").plants
+    again = build_design_evaluator(small(), variant="base").plants
     assert all(np.array_equal(again[path], values) for path, values in plants.items())
-    other = build_judge(small(tuning__robustness__seed=9), variant="base").plants
+    other = build_design_evaluator(small(tuning__robustness__seed=9), variant="base").plants
     assert not np.array_equal(other["grasps.left.stiffness"], stiffness)
 
 
@@ -166,7 +175,7 @@ def test_a_python_function_of_a_result_serves_the_ga(small, interpreted):
     def score(result):
         return result.summary["tip_error"]["arm/tip"]["norm"]["rms_m"]
 
-    effort = Effort(Protocol(population=6, budget=18), runs=1)
+    effort = Effort(EvolutionSettings(population=6, budget=18), runs=1)
     problem = ResultProblem(build_problem(small(), variables=["kd"]), score)
     tuned = tune(problem, "ga", effort=effort)
     assert 20 <= tuned.gains["kd"] <= 100
@@ -190,7 +199,7 @@ def test_new_variables_need_no_tuning_section(small, interpreted):
 
 
 def test_the_sweep_covers_probabilities_and_populations(small):
-    trials = list(sweep(quadratic(), protocol=Protocol(population=10, budget=60), runs=2))
+    trials = list(sweep(quadratic(), protocol=EvolutionSettings(population=10, budget=60), runs=2))
     settings = {(trial.setting, trial.value) for trial in trials}
     assert {("crossover", 0.1), ("crossover", 0.9), ("mutation", 0.9), ("population", 20)} <= settings
     assert all(len(trial.runs) == 2 and np.isfinite(trial.objectives).all() for trial in trials)

@@ -6,19 +6,19 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from optim.comparison.currency import Currency, currency_of, operations
+from optim.comparison.conclusion import conclusion
+from optim.comparison.cost_unit import CostUnit, currency_of, operations
 from optim.comparison.profiles import budgets_of, profile
-from optim.comparison.running_time import Trial, running_time, target_of, trial_of
-from optim.comparison.verdict import verdict
-from optim.problem.problem import Cost
+from optim.comparison.running_time import MethodRun, running_time, target_of, trial_of
+from optim.problem.problem import EvaluationCost
 from optim.problem.tuning_problem import build_problem
-from optim.search.search import Moment, Run
+from optim.search.search import HistoryPoint, SearchRun
 from tests.oracles.known_optima import quadratic
 
 
 def trial(*steps, spent):
     costs, objectives = zip(*steps, strict=True) if steps else ((), ())
-    return Trial(np.array(costs, dtype=float), np.array(objectives, dtype=float), spent)
+    return MethodRun(np.array(costs, dtype=float), np.array(objectives, dtype=float), spent)
 
 
 def test_expected_running_time_is_what_all_spent_over_how_many_met_it():
@@ -53,9 +53,15 @@ def test_the_intervals_of_ert_cover_the_truth_and_wilson_s_are_known():
 
 
 def test_a_run_is_charged_what_came_before_it():
-    history = (Moment(Cost(1), 0.1, np.inf), Moment(Cost(2), 0.2, 5.0), Moment(Cost(2, 1), 0.3, 4.0))
-    run = Run("nlp", 0, 0, np.zeros(1), 4.0, 0.0, Cost(3, 1), 0.4, "converged", history=history)
-    made = trial_of(run, Currency(100, 4.0, 2.0, 1.5), Cost(rollouts=10, slopes=1))
+    history = (
+        HistoryPoint(EvaluationCost(1), 0.1, np.inf),
+        HistoryPoint(EvaluationCost(2), 0.2, 5.0),
+        HistoryPoint(EvaluationCost(2, 1), 0.3, 4.0),
+    )
+    run = SearchRun(
+        "nlp", 0, 0, np.zeros(1), 4.0, 0.0, EvaluationCost(3, 1), 0.4, "converged", history=history
+    )
+    made = trial_of(run, CostUnit(100, 4.0, 2.0, 1.5), EvaluationCost(rollouts=10, slopes=1))
     assert made.costs.tolist() == [14, 18]
     assert made.objectives.tolist() == [5, 4]
     assert made.spent == 19
@@ -96,7 +102,7 @@ def test_the_verdict_says_who_is_ahead_where_and_why():
         {"name": "two", "methods": {"ga": times(5, 50, 60), "nlp": times(70, 80, 50)}},
         {"name": "three", "methods": {"ga": times(5, 50, 500), "nlp": times(9, 90, 90, met=2, until=40)}},
     ]
-    said = verdict({"precisions": [0.1, 0.01, 0.001], "contests": contests})
+    said = conclusion({"precisions": [0.1, 0.01, 0.001], "contests": contests})
     assert said.startswith(
         "nlp has the lowest expected running time to 1 % on 1 and to 0.1 % on 3 of 3 contests"
     )
@@ -104,11 +110,11 @@ def test_the_verdict_says_who_is_ahead_where_and_why():
     assert "three to 1 %, ga (50 rollouts against 90: nlp meets it in 2 of 5 runs, ga in 5 of 5)" in said
     contests[1]["methods"]["nlp"] = times(None, None, None, met=0)
     contests.append(contests[0] | {"name": "four"})
-    assert "two to 1 %, ga (nlp meets it in none of 5 runs)" in verdict(
+    assert "two to 1 %, ga (nlp meets it in none of 5 runs)" in conclusion(
         {"precisions": [0.1, 0.01, 0.001], "contests": contests}
     )
     alone = [{"name": "one", "methods": {"nlp": times(70, 80, 90)}}]
-    assert "Fewer than two" in verdict({"precisions": [0.1, 0.01, 0.001], "contests": alone})
+    assert "Fewer than two" in conclusion({"precisions": [0.1, 0.01, 0.001], "contests": alone})
 
 
 def test_operations_are_what_a_function_computes():
@@ -126,7 +132,9 @@ def test_prices_follow_from_the_functions_that_are_evaluated(small):
     assert 2 < found.gradient < 5  # the reverse of a function costs at most four times the function
     assert 1.5 < found.slope < 3.5
     assert 1 < found.sample < 1.5
-    assert found.rollouts(Cost(10, 2, 3)) == pytest.approx(10 + 2 * found.gradient + 3 * found.slope)
+    assert found.rollouts(EvaluationCost(10, 2, 3)) == pytest.approx(
+        10 + 2 * found.gradient + 3 * found.slope
+    )
 
 
 def test_a_longer_tape_is_integrated_again_and_paid_for(small):
@@ -136,11 +144,11 @@ def test_a_longer_tape_is_integrated_again_and_paid_for(small):
 
 
 def test_searches_of_a_problem_without_a_scene_have_trials_too():
-    from optim.methods.by_name import Effort, run_method
-    from optim.methods.evolutionary import Protocol
+    from optim.methods.evolutionary import EvolutionSettings
+    from optim.methods.run_method import Effort, run_method
 
-    tiny = Protocol(population=10, budget=60)
+    tiny = EvolutionSettings(population=10, budget=60)
     runs = run_method(quadratic(), "ga", Effort(tiny, tiny, runs=2)).runs
-    made = [trial_of(run, Currency(1, 4.0, 2.0, 1.0)) for run in runs]
+    made = [trial_of(run, CostUnit(1, 4.0, 2.0, 1.0)) for run in runs]
     assert all(one.spent == 60 for one in made)
     assert all((np.diff(one.objectives) < 0).all() and (np.diff(one.costs) >= 0).all() for one in made)

@@ -7,9 +7,9 @@ import pytest
 
 from optim.comparison.report import to_data
 from optim.comparison.suite import compare_suite, read_suite, scene_of
-from optim.methods.by_name import ALL
+from optim.methods.run_method import ALL
 from optim.problem.variables import resolve_variables
-from optim.search.session import Session
+from optim.search.session import SearchSession
 from spacerobot.errors import SpaceRobotError
 
 SUITE = read_suite()
@@ -35,7 +35,7 @@ def test_each_contest_names_variables_of_its_scene(name):
 
 def test_two_contests_run_and_are_resumed(tmp_path):
     effort = {"budget": 32, "runs": 2, "starts": 1}
-    asked = {"methods": ["de", "nlp"], "effort": effort, "session": Session(tmp_path)}
+    asked = {"methods": ["de", "nlp"], "effort": effort, "session": SearchSession(tmp_path)}
     data = [to_data(compare_suite(["carry-ise", "carry-torque"], **asked)) for _ in range(2)]
     for contest, again in zip(data[0]["contests"], data[1]["contests"], strict=True):
         assert contest["baseline"] is None

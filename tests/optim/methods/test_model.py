@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from optim.methods.model import solve_program
+from optim.methods.local_model import solve_program
 
 
 def test_a_nearly_singular_program_ends_at_a_good_point():

@@ -7,12 +7,12 @@ import dataclasses
 import numpy as np
 import pytest
 
-from optim.methods.descent import FLAT, Manner, descend
-from optim.methods.evolutionary import METHODS, POPULATIONS, Protocol, evolve
+from optim.methods.descent import FLAT, DescentSettings, descend
+from optim.methods.evolutionary import METHODS, POPULATIONS, EvolutionSettings, evolve
 from optim.methods.kkt import kkt_residual
-from optim.methods.model import Point
+from optim.methods.local_model import EvaluatedPoint
 from optim.methods.nlp import NlpSettings, solve, solve_from_many
-from optim.problem.problem import Cost
+from optim.problem.problem import EvaluationCost
 from optim.search.search import Search, better
 from spacerobot.errors import SpaceRobotError
 from tests.oracles.known_optima import (
@@ -25,7 +25,7 @@ from tests.oracles.known_optima import (
     two_basins,
 )
 
-SMALL = Protocol(population=20, budget=1200)
+SMALL = EvolutionSettings(population=20, budget=1200)
 
 
 @pytest.mark.parametrize("method", POPULATIONS)
@@ -66,7 +66,7 @@ def test_a_population_that_has_converged_is_begun_anew_within_the_budget(method)
     points = []
     evaluate = problem.evaluate
     problem.evaluate = lambda u: points.append(u) or evaluate(u)
-    run = evolve(Search(problem, method, seed=2), Protocol(population=10, budget=6000))
+    run = evolve(Search(problem, method, seed=2), EvolutionSettings(population=10, budget=6000))
     spread = np.array([np.ptp(u, axis=0).max() for u in points])
     assert run.status == "budget spent"
     assert run.cost.rollouts <= 6000
@@ -94,7 +94,7 @@ def test_every_method_tries_the_start_among_its_first_points(method):
 
 @pytest.mark.parametrize("method", ["sobol", "random"])
 def test_a_search_without_a_method_is_the_floor(method):
-    run = evolve(Search(quadratic(), method, seed=3), Protocol(budget=200))
+    run = evolve(Search(quadratic(), method, seed=3), EvolutionSettings(budget=200))
     assert run.cost.rollouts == 200
     assert run.status == "budget spent"
     assert run.objective < 5
@@ -110,7 +110,7 @@ def test_the_crossover_probability_falls_as_in_the_paper(monkeypatch):
         seen.append(float(algorithm.mating.crossover.prob.get()))
 
     monkeypatch.setattr(module, "_anneal", spy)
-    evolve(Search(quadratic(), "ga", seed=0), Protocol(population=10, budget=200))
+    evolve(Search(quadratic(), "ga", seed=0), EvolutionSettings(population=10, budget=200))
     assert seen[0] == 0.5
     assert seen[-1] == pytest.approx(0.15, abs=0.03)
     assert seen == sorted(seen, reverse=True)
@@ -207,8 +207,8 @@ def test_descents_in_lockstep_share_batches_and_end_as_each_alone(monkeypatch):
 
 def test_a_descent_where_nothing_changes_says_so():
     """As where pulses are rounded: it is no optimum. A constraint that is met changes nothing of it."""
-    start = Point(np.array([0.4, 0.6]), 1.0, np.array([-0.5]), np.empty(0))
-    descent = descend(start, Manner("smooth", exact=False, radius=0.1, steps=10, tolerance=1e-6))
+    start = EvaluatedPoint(np.array([0.4, 0.6]), 1.0, np.array([-0.5]), np.empty(0))
+    descent = descend(start, DescentSettings("smooth", exact=False, radius=0.1, steps=10, tolerance=1e-6))
 
     def answered():
         asked = next(descent)
@@ -269,8 +269,8 @@ def test_the_books_tell_each_kind_and_the_point_that_improved():
     search.linearise(problem.optimum)
     assert [m.cost.rollouts for m in search.history] == [1, 3, 4, 4]
     assert [m.cost.gradients for m in search.history] == [0, 0, 0, 1]
-    assert Cost(3, 2, 5).equivalent(4.0, 3.0) == 3 + 8 + 15
-    assert str(Cost(3, 0, 5)) == "3 rollouts, 5 slopes"
+    assert EvaluationCost(3, 2, 5).equivalent(4.0, 3.0) == 3 + 8 + 15
+    assert str(EvaluationCost(3, 0, 5)) == "3 rollouts, 5 slopes"
 
 
 def test_feasible_points_beat_infeasible_ones():

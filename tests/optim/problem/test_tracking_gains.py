@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from optim import Effort, Protocol, build_problem, tune
+from optim import Effort, EvolutionSettings, build_problem, tune
 from spacerobot.description.planar import PlanarBase, PlanarLink, planar_arm_urdf
 from spacerobot.scene import load_scene
 from tests.oracles.plans import plan_of, write_plan
@@ -53,7 +53,7 @@ def test_derivatives_by_the_gains_are_exact(problem):
 
 def test_gradients_find_what_evolution_looks_for(problem):
     nlp = tune(problem, "nlp", effort=Effort(starts=1))
-    ga = tune(problem, "ga", effort=Effort(runs=1, protocol=Protocol(budget=80, population=20)))
+    ga = tune(problem, "ga", effort=Effort(runs=1, protocol=EvolutionSettings(budget=80, population=20)))
     assert nlp.objective <= ga.objective
     assert nlp.objective < 0.2 * problem.evaluate(problem.variables.unit(problem.variables.start)).objective
     assert nlp.gains["feed_forward"] > 1.1  # more mass than planned for

@@ -9,7 +9,7 @@ import yaml
 
 from optim import build_problem, integral, tune
 from optim.problem.objectives import OBJECTIVE
-from optim.problem.problem import Cost
+from optim.problem.problem import EvaluationCost
 from optim.workers import Threads
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.rollout import build_rollout
@@ -178,9 +178,9 @@ def test_fingerprints_differ_where_answers_may(small):
 @pytest.mark.parametrize(
     ("kind", "limits", "cost"),
     [
-        ("itae", {}, Cost(gradients=1)),
-        ("itae", {"tuning__constraints__max_joint_torque": 50}, Cost(rollouts=1, slopes=2)),
-        ("minimax", {}, Cost(rollouts=1, slopes=2)),
+        ("itae", {}, EvaluationCost(gradients=1)),
+        ("itae", {"tuning__constraints__max_joint_torque": 50}, EvaluationCost(rollouts=1, slopes=2)),
+        ("minimax", {}, EvaluationCost(rollouts=1, slopes=2)),
     ],
 )
 def test_derivatives_are_booked_as_they_are_computed(small, kind, limits, cost):

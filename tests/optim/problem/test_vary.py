@@ -3,7 +3,7 @@
 import pytest
 
 from optim.problem.scenes import tuning_of
-from optim.problem.vary import vary
+from optim.problem.varied_parameters import vary
 from spacerobot.errors import ScenarioError
 from spacerobot.scene import load_scene
 

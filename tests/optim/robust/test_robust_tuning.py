@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from optim.methods.by_name import effort_of, run_method
+from optim.methods.run_method import effort_of, run_method
 from optim.problem.objectives import OBJECTIVE
 from optim.robust.problem import Statistic, build_robust, tune_robust
-from optim.search.session import Session
+from optim.search.session import SearchSession
 from spacerobot.errors import ScenarioError, SpaceRobotError
 
 TUNING = {
@@ -91,7 +91,7 @@ def test_dask_changes_no_bit(small, problems):
         for kind, method in (("mean", "nlp"), ("worst", "ga"), ("worst", "nlp")):
             there = build_robust(small(tuning=TUNING), Statistic(kind, samples=21), workers=workers)
             one = run_method(problems[kind], method, effort).best
-            other = run_method(there, method, effort, session=Session(workers=workers)).best
+            other = run_method(there, method, effort, session=SearchSession(workers=workers)).best
             assert np.array_equal(one.u, other.u)
             assert one.objective == other.objective
 

@@ -14,14 +14,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from optim.methods.evolutionary import Protocol, evolve
+from optim.methods.evolutionary import EvolutionSettings, evolve
 from optim.methods.nlp import NlpSettings, solve_from_many
 from optim.search.journal import Journal
 from optim.search.search import Search
 from spacerobot.errors import ResultError
 from tests.oracles.known_optima import quadratic, rosenbrock
 
-SMALL = Protocol(population=10, budget=150)
+SMALL = EvolutionSettings(population=10, budget=150)
 
 
 def _search(method, path):

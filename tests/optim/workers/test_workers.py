@@ -10,13 +10,13 @@ from functools import partial
 import numpy as np
 import pytest
 
-from optim.methods.evolutionary import Protocol, evolve
+from optim.methods.evolutionary import EvolutionSettings, evolve
 from optim.methods.nlp import NlpSettings, solve
 from optim.problem.tuning_problem import build_problem
 from optim.search.search import Search
 from optim.tuning import tune
 from optim.workers import Threads
-from optim.workers.turns import Turns
+from optim.workers.turns import TurnLock
 from spacerobot.errors import SpaceRobotError
 from tests.oracles.known_optima import constrained, quadratic, rosenbrock
 
@@ -46,9 +46,10 @@ class Waiting:
 def searches(make):
     """CMA-ES draws from NumPy's global state."""
     found = [
-        partial(evolve, Search(make(quadratic()), "cmaes", seed=s), Protocol(budget=400)) for s in (1, 2)
+        partial(evolve, Search(make(quadratic()), "cmaes", seed=s), EvolutionSettings(budget=400))
+        for s in (1, 2)
     ]
-    found.append(partial(evolve, Search(make(constrained()), "ga", seed=3), Protocol(20, 400)))
+    found.append(partial(evolve, Search(make(constrained()), "ga", seed=3), EvolutionSettings(20, 400)))
     for start in ([0.2, 0.75], [0.9, 0.1]):
         search = Search(make(rosenbrock("squares")), "nlp")
         found.append(partial(solve, search, np.array(start), NlpSettings()))
@@ -56,7 +57,7 @@ def searches(make):
 
 
 def test_searches_that_take_turns_end_as_they_do_alone():
-    turns = Turns()
+    turns = TurnLock()
     alone = [search() for search in searches(lambda problem: problem)]
     together = turns.together(searches(lambda problem: Waiting(problem, turns)))
     for one, other in zip(alone, together, strict=True):
@@ -67,7 +68,7 @@ def test_searches_that_take_turns_end_as_they_do_alone():
 
 
 def test_only_one_search_computes_at_a_time_while_all_wait_side_by_side():
-    turns, inside, most, begun = Turns(), [0], [0], threading.Barrier(4)
+    turns, inside, most, begun = TurnLock(), [0], [0], threading.Barrier(4)
 
     class Ended:
         status = "done"
@@ -87,7 +88,7 @@ def test_only_one_search_computes_at_a_time_while_all_wait_side_by_side():
 
 
 def test_a_fault_of_one_search_stops_the_others_and_is_raised():
-    turns = Turns()
+    turns = TurnLock()
 
     def fault():
         with turns.away():
@@ -95,13 +96,13 @@ def test_a_fault_of_one_search_stops_the_others_and_is_raised():
         raise SpaceRobotError("no")
 
     slow = Waiting(quadratic(), turns, 0.01)
-    endless = partial(evolve, Search(slow, "ga"), Protocol(20, 10**9))
+    endless = partial(evolve, Search(slow, "ga"), EvolutionSettings(20, 10**9))
     with pytest.raises(SpaceRobotError, match="no"):
         turns.together([endless, fault])
 
 
 def test_ctrl_c_ends_every_search_with_what_it_has():
-    turns = Turns()
+    turns = TurnLock()
     problem = Waiting(quadratic(), turns, 0.001)
 
     pressed = []
@@ -112,7 +113,7 @@ def test_ctrl_c_ends_every_search_with_what_it_has():
             signal.raise_signal(signal.SIGINT)
 
     both = [Search(problem, "ga", seed=s, progress=tell) for s in (0, 1)]
-    ended = turns.together([partial(evolve, search, Protocol(20, 10**9)) for search in both])
+    ended = turns.together([partial(evolve, search, EvolutionSettings(20, 10**9)) for search in both])
     assert [run.status for run in ended] == ["interrupted"] * 2
     assert all(np.isfinite(run.objective) for run in ended)
 
@@ -122,7 +123,7 @@ def test_ctrl_c_before_anything_has_ended_is_an_interruption():
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        Turns().together([interrupted])
+        TurnLock().together([interrupted])
 
 
 LOCAL = {"threads_per_worker": 1, "dashboard_address": "127.0.0.1:0", "host": "127.0.0.1"}

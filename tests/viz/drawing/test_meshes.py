@@ -12,7 +12,7 @@ from spacerobot.description.meshes import read_mesh
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
 from viz.drawing.geometry import surface
-from viz.drawing.meshes import MOST_TRIANGLES, MeshFile, Surface, load_mesh, shown_meshes, simplified
+from viz.drawing.meshes import MOST_TRIANGLES, MeshFile, TriangleMesh, load_mesh, shown_meshes, simplified
 from viz.drawing.raster import Faces, cover, draw_faces
 from viz.figures import docking, to_bytes
 from viz.page.animation import animation
@@ -68,7 +68,7 @@ def ball(rings, radius=0.1):
     beside = below - below % len(angle) + (below + 1) % len(angle)
     up = len(angle)
     quads = [np.stack([below, below + up, beside + up], 1), np.stack([below, beside + up, beside], 1)]
-    return Surface(radius * vertices.reshape(-1, 3), np.concatenate(quads))
+    return TriangleMesh(radius * vertices.reshape(-1, 3), np.concatenate(quads))
 
 
 def write_obj(path, surface):
@@ -123,7 +123,7 @@ def test_a_simplified_mesh_is_near_what_it_was_and_keeps_edges(tmp_path):
     quads = np.concatenate(
         [np.stack([place, place + 41, place + 42], 1), np.stack([place, place + 42, place + 1], 1)]
     )
-    roof = Surface(np.column_stack([grid, -np.abs(grid[:, 0] - 0.5)]), quads)
+    roof = TriangleMesh(np.column_stack([grid, -np.abs(grid[:, 0] - 0.5)]), quads)
     flat = simplified(roof, 0.09)
     np.testing.assert_allclose(flat.vertices[:, 2], -np.abs(flat.vertices[:, 0] - 0.5), atol=5e-3)
     assert flat.vertices[:, 2].max() > -5e-3

@@ -4,7 +4,7 @@ import numpy as np
 
 from spacerobot.description import Geometry
 from spacerobot.scene import load_scene
-from viz.drawing.motion import GREY, Motion, Node, Solid
+from viz.drawing.motion import GREY, BodyMotion, Node, Solid
 from viz.drawing.placements import JointPlacements
 from viz.drawing.view import TOP, _clearest, first_view, oblique, view_of
 from viz.figures import docking
@@ -23,7 +23,7 @@ def motion(*places):
     quaternion = np.tile([0.0, 0.0, 0.0, 1.0], (1, len(nodes), 1))
     nothing = JointPlacements(np.zeros((1, 0, 3, 3)), np.zeros((1, 0, 3)))
     rows, none = np.zeros(1, dtype=np.int64), np.zeros((1, 0, 3))
-    return Motion(nodes, rows, np.zeros(1), position, quaternion, none, nothing)
+    return BodyMotion(nodes, rows, np.zeros(1), position, quaternion, none, nothing)
 
 
 def test_an_arm_behind_the_object_is_seen_from_another_side():
@@ -38,7 +38,9 @@ def test_an_arm_behind_the_object_is_seen_from_another_side():
 def test_a_mate_on_the_far_face_is_behind_the_object():
     shown = motion([0.0, 0.6, 0.0])  # the link touches a face that looks along -y, towards the usual eye
     mates = np.array([[[0.0, 1.1, 0.0]]])  # the other face
-    moved = Motion(shown.nodes, shown.rows, shown.time, shown.position, shown.quaternion, mates, shown.joints)
+    moved = BodyMotion(
+        shown.nodes, shown.rows, shown.time, shown.position, shown.quaternion, mates, shown.joints
+    )
     assert (_clearest(shown).towards == oblique().towards).all()
     assert _clearest(moved).towards[1] > -0.6
 

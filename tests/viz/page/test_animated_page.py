@@ -23,7 +23,7 @@ from viz.page.animation import animation
 from viz.page.meshcat_scene import packed
 from viz.page.page import animation_page, json_text, meshcat_script, write_animation
 from viz.page.page import page as to_html
-from viz.page.spread import Spread
+from viz.page.spread import CampaignSpread
 from viz.record import write_recording
 
 BOX = (
@@ -271,7 +271,7 @@ def test_a_campaign_is_told_by_its_distribution_bands_and_cloud(browser, tmp_pat
     scene = load_scene(one_arm.write(tmp_path))
     shown = simulate(scene, backend="interpreted")
     options = {"step_s": 0.02, "output_step_s": 0.1, "backend": "interpreted"}
-    cloud = Spread(scene, build_rollout(build_closed_loop(scene), duration_s=1.0, **options))
+    cloud = CampaignSpread(scene, build_rollout(build_closed_loop(scene), duration_s=1.0, **options))
     cloud.roll(["robots.arm.tips.tip.pid.kp"], np.array([[100.0], [150.0], [200.0]]))
     metric = {"key": "tip_error_peak", "label": "largest tip error", "unit": "mm"}
     spread = {
@@ -302,7 +302,7 @@ def test_bands_reach_as_far_as_rollouts_go(tmp_path):
     grasp = {"kind": "weld", "capture": {"distance": 0.05, "spin_deg": 60}}
     scene = free_bodies(tmp_path, FLAT, grasp, phases=phases)
     options = {"step_s": 0.02, "output_step_s": 0.1, "backend": "interpreted"}
-    cloud = Spread(scene, build_rollout(build_closed_loop(scene), duration_s=3.0, **options))
+    cloud = CampaignSpread(scene, build_rollout(build_closed_loop(scene), duration_s=3.0, **options))
     ended = cloud.roll(["target.base.velocity.0"], np.array([[-0.1], [-0.12]])).events.ended_at_s
     told = cloud.data()
     assert told["drawn"] == 2

@@ -12,7 +12,7 @@ from spacerobot.cli import animate, figures, report
 from spacerobot.errors import ResultError
 from spacerobot.result.result import Result
 from viz.figures import KINDS
-from viz.report.report import SECTIONS, Section, find_results, write_report
+from viz.report.report import SECTIONS, ReportSection, find_results, write_report
 from viz.report.report import report as report_page
 from viz.report.sections import differences
 
@@ -104,8 +104,8 @@ def test_events_have_a_table_where_there_are_any(docked, paper, undrawn):
 
 
 def test_others_may_add_sections(paper):
-    extra = Section("tuning", "Tuning", lambda subject: f"<p>{subject.labels[0]}</p>")
-    text = report_page(paper, sections=[extra, Section("none", "None", lambda _: None)])
+    extra = ReportSection("tuning", "Tuning", lambda subject: f"<p>{subject.labels[0]}</p>")
+    text = report_page(paper, sections=[extra, ReportSection("none", "None", lambda _: None)])
     assert re.findall(r'<section id="(\w+)">', text) == ["tuning"]
 
 

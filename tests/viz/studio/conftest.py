@@ -8,8 +8,8 @@ import pytest
 
 from spacerobot.scene import load_scene
 from tests.oracles import one_arm
-from viz.studio.plant import Origin
-from viz.studio.session import Session
+from viz.studio.prepared import Origin
+from viz.studio.session import StudioSession
 
 
 class Asker:
@@ -61,7 +61,7 @@ def arm(tmp_path_factory):
 @pytest.fixture(scope="package")
 def session(arm):
     """A session about that arm."""
-    made = Session(Origin(load_scene(arm), str(arm)), arm.parent / "kept")
+    made = StudioSession(Origin(load_scene(arm), str(arm)), arm.parent / "kept")
     yield made
     made.close()
 

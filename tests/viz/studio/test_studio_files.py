@@ -8,8 +8,8 @@ from spacerobot.result import load
 from spacerobot.scenario.load import parse_yaml, to_document
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
+from viz.studio.bookmarks import as_yaml, place
 from viz.studio.edit import edited
-from viz.studio.keep import as_yaml, place
 
 KP = "robots.arm.tips.tip.pid.kp"
 

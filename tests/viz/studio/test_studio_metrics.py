@@ -8,7 +8,7 @@ from spacerobot.rollout import build_rollout
 from spacerobot.scenario import Constraints
 from tests.oracles.free_bodies import FLAT, free_bodies
 from viz.studio.metrics import build_metrics
-from viz.studio.plant import Plant
+from viz.studio.prepared import PreparedDesign
 
 
 def test_a_search_makes_small_what_is_shown_a_miss_distance_too(tmp_path):
@@ -33,7 +33,7 @@ def test_a_changed_pad_has_another_shape_in_the_picture(tmp_path):
     scene = free_bodies(
         tmp_path, FLAT, {"kind": "weld", "capture": {"distance": 1e-3}}, pads=pads, contacts={"bump": bump}
     )
-    plant = Plant(scene, None, None, frozenset())
+    plant = PreparedDesign(scene, None, None, frozenset())
 
     def greatest_radius(numbers):  # the plane's normal ends in a small ball of its own
         nodes = plant.stage(plant.drawn(numbers)).nodes

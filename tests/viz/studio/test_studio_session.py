@@ -15,8 +15,8 @@ from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
 from viz.studio.jobs import Jobs
 from viz.studio.messages import Request
-from viz.studio.numbers import Leaf
-from viz.studio.plant import Origin, Plant
+from viz.studio.parameters import Leaf
+from viz.studio.prepared import Origin, PreparedDesign
 from viz.studio.slopes import differences
 
 PID = "robots.arm.tips.tip.pid"
@@ -162,7 +162,7 @@ def test_another_structure_is_compiled_and_then_follows(page, arm):
 
 def test_every_number_that_is_said_to_follow_does(page, monkeypatch):
     """Whatever part of the scenario it stands in."""
-    monkeypatch.setattr("viz.studio.plant.PLACES", ())
+    monkeypatch.setattr("viz.studio.prepared.PLACES", ())
     plants = page.session.plants
     assert all(plants.find({path: plants.base.nominal[path]}) for path in plants.base.free)
 
@@ -183,15 +183,15 @@ def test_gradients_are_those_of_differences(page):
 def test_slopes_are_there_before_exact_ones_are_compiled(page, monkeypatch):
     plant = page.session.plants.base
     exact = plant.gradient({}, plant.metric("tip_error_rms"))[1]
-    monkeypatch.setattr(Plant, "has_gradients", property(lambda plant: not plant.waits))
-    monkeypatch.setattr(Plant, "waits", True, raising=False)
+    monkeypatch.setattr(PreparedDesign, "has_gradients", property(lambda plant: not plant.waits))
+    monkeypatch.setattr(PreparedDesign, "waits", True, raising=False)
     ready = threading.Event()
 
     def prepare(plant):
         assert ready.wait(60)
         plant.__dict__["waits"] = False
 
-    monkeypatch.setattr(Plant, "prepare_gradients", prepare)
+    monkeypatch.setattr(PreparedDesign, "prepare_gradients", prepare)
     page.ask("gradient", seq=5, values={}, metric="tip_error_rms", paths=[KP, STIFFNESS])
     quick = page.take("gradient")
     while len(quick["d"]) < 2:  # a slow computer tells them one by one
@@ -217,14 +217,14 @@ def test_differences_keep_to_what_is_allowed_and_give_way(page):
 
 
 def test_where_events_leave_no_exact_slopes_differences_stand_in(page, monkeypatch):
-    plant, told = page.session.plants.base, Plant.gradient
+    plant, told = page.session.plants.base, PreparedDesign.gradient
     exact = plant.gradient({}, plant.metric("tip_error_rms"))[1]
 
     def without(plant, numbers, metric):
         value, slopes, _ = told(plant, numbers, metric)
         return value, dict.fromkeys(slopes), "coincident"
 
-    monkeypatch.setattr(Plant, "gradient", without)
+    monkeypatch.setattr(PreparedDesign, "gradient", without)
     page.ask("gradient", seq=5, values={}, metric="tip_error_rms", paths=[KP])
     found = [page.take("gradient") for _ in range(2)]
     assert [part["status"] for part in found] == ["coincident", "coincident"]

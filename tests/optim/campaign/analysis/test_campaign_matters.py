@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from matplotlib.colors import same_color
 
-from optim.campaign.analysis.matters import correlated, noise_of, what_matters
+from optim.campaign.analysis.sensitivity import correlated, noise_of, what_matters
 from optim.campaign.analysis.statistics import percentile
-from optim.campaign.draws.sampling import draw
+from optim.campaign.sampling.samplers import draw
 from spacerobot.scenario import Campaign
-from viz.figures import Spread, bands, distributions, moving_components, robustness
+from viz.figures import SampleSpread, bands, distributions, moving_components, robustness
 from viz.figures.campaign import BAD
 from viz.report.campaign_words import depends, failing, mixed, unfinished
 
@@ -113,10 +113,10 @@ def test_distributions_show_limits_and_what_diverged():
     lost = np.where(np.arange(101) < 20, np.nan, values)
     figure = distributions(
         [
-            Spread({"a": values, "b": values}, "near", "mm", 1.9),
-            Spread({"a": values, "b": lost}, "far", "N", 90.0),
-            Spread({"a": lost * np.nan, "b": lost * np.nan}, "gone", "N", 3.0),
-            Spread({"a": values, "b": 1000 * values}, "wide", "N"),
+            SampleSpread({"a": values, "b": values}, "near", "mm", 1.9),
+            SampleSpread({"a": values, "b": lost}, "far", "N", 90.0),
+            SampleSpread({"a": lost * np.nan, "b": lost * np.nan}, "gone", "N", 3.0),
+            SampleSpread({"a": values, "b": 1000 * values}, "wide", "N"),
         ]
     )
     near, far, gone, wide = figure.axes

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from optim.campaign import Here, load_campaign, reopen, run_campaign, simulate_sample, summarise
-from optim.campaign.draws.space import sensor_offsets
-from optim.campaign.store.notes import Named
+from optim.campaign import LocalExecutor, load_campaign, reopen, run_campaign, simulate_sample, summarise
+from optim.campaign.sampling.parameter_space import sensor_offsets
+from optim.campaign.store.notes import ScenarioSource
 from spacerobot.cli.campaign_page import campaign_page
-from spacerobot.cli.playing import campaign_at_once
+from spacerobot.cli.page_data import campaign_at_once
 from spacerobot.errors import DivergedError, ResultError
-from spacerobot.scenario import Uncertain
+from spacerobot.scenario import UncertainParameter
 from spacerobot.scene import load_scene
 from viz.report.campaign_words import stepping
 
@@ -30,7 +30,7 @@ def quiet(_):
 def told(small, tmp_path_factory):
     folder = tmp_path_factory.mktemp("shown") / "store"
     scene = small(**{"campaign.series": ["tip_error", "grasp_torque"]})
-    found = run_campaign(scene, folder, named=Named("a<b.yaml", [("gravity", [0.0, 0.0, 0.0])]))
+    found = run_campaign(scene, folder, named=ScenarioSource("a<b.yaml", [("gravity", [0.0, 0.0, 0.0])]))
     return folder, found.evaluator, summarise(folder, found.evaluator)
 
 
@@ -96,7 +96,9 @@ def test_draws_have_units_and_a_sensors_offset_is_told_to_be_a_step(told, page):
     assert summary["units"]["spin"] == "deg/s"
     assert stepping(summary) is None
     assert "A sensor" not in page
-    parameter = {"offset": Uncertain(paths="robots.*.sensors.tip_position.offset", lower=0, upper=1e-3)}
+    parameter = {
+        "offset": UncertainParameter(paths="robots.*.sensors.tip_position.offset", lower=0, upper=1e-3)
+    }
     named = sensor_offsets(evaluator.campaign.model_copy(update={"parameters": parameter}))
     assert "from t = 0 on" in stepping({"sensor_offsets": named})
 
@@ -142,7 +144,7 @@ def test_report_finds_out_what_a_folder_holds(told, tmp_path, undrawn):
     assert fault.exit_code == 2
 
 
-class Stopped(Here):
+class Stopped(LocalExecutor):
     def work(self, evaluator, draws, chunks):
         for i, found in enumerate(super().work(evaluator, draws, chunks)):
             if i == 1:
@@ -150,7 +152,7 @@ class Stopped(Here):
             yield found
 
 
-class Killed(Here):
+class Killed(LocalExecutor):
     """Ends as a kill does: what was added stays in chunks, and nothing is merged."""
 
     def work(self, evaluator, draws, chunks):
@@ -170,7 +172,7 @@ def test_a_half_done_campaign_tells_how_much_is_there(small, tmp_path, undrawn):
 
 
 def test_a_campaign_without_a_sample_says_so(small, tmp_path):
-    class Nothing(Here):
+    class Nothing(LocalExecutor):
         def work(self, evaluator, draws, chunks):
             raise KeyboardInterrupt
             yield

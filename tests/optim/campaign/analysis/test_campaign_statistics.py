@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from optim.campaign.analysis.statistics import percentile, rank_correlations, rank_noise, share, sobol_indices
-from optim.campaign.draws.sampling import draw
+from optim.campaign.sampling.samplers import draw
 from spacerobot.scenario import Campaign
 
 

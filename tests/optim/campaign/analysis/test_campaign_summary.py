@@ -8,11 +8,11 @@ import pytest
 from typer.testing import CliRunner
 
 from optim.campaign.analysis.samples import command_of
-from optim.campaign.analysis.summary import sampled_of, summarise
+from optim.campaign.analysis.summary import sample_statistics, summarise
 from optim.campaign.rollouts.evaluator import build_evaluator
 from optim.campaign.run import run_campaign
 from optim.campaign.store.folder import load_campaign
-from optim.campaign.store.notes import Named
+from optim.campaign.store.notes import ScenarioSource
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.scenario.load import to_document
 from spacerobot.scenario.paths import get
@@ -23,7 +23,7 @@ from spacerobot.scene import build_scene
 def told(small, small_file, tmp_path_factory):
     folder = tmp_path_factory.mktemp("told") / "store"
     ran = run_campaign(small(), folder)
-    return ran, summarise(folder, ran.evaluator, Named(str(small_file))), load_campaign(folder)
+    return ran, summarise(folder, ran.evaluator, ScenarioSource(str(small_file))), load_campaign(folder)
 
 
 def test_failures_are_counted(told):
@@ -138,7 +138,7 @@ def test_divergence_counts_as_the_worst(told):
     lost = data.copy(deep=True)
     lost.diverged_at[7, 0] = 0.5
     lost.tip_error_peak[7, 0] = np.nan
-    found = sampled_of(lost, ran.evaluator)["soft"]
+    found = sample_statistics(lost, ran.evaluator)["soft"]
     assert found.failed["diverged"].sum() == 1
     assert found.largest("tip_error_peak")[7] == np.inf
     assert not found.failed["grip_force"][7]

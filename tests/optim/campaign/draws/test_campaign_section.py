@@ -2,7 +2,7 @@
 
 import pytest
 
-from optim.campaign.draws.space import campaign_of, check_range, gain_set, resolve_space
+from optim.campaign.sampling.parameter_space import campaign_of, check_range, gain_set, resolve_space
 from spacerobot.errors import ScenarioError
 from spacerobot.scenario.load import read_document, to_yaml, validate
 from spacerobot.scenario.paths import assign

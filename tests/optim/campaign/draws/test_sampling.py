@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 from scipy.stats import qmc
 
-from optim.campaign.draws.sampling import draw, unit_points
+from optim.campaign.sampling.samplers import draw, unit_points
 from spacerobot.scenario import Campaign
 
 KINDS = {

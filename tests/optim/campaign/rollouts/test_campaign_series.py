@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from optim.campaign import Here, load_campaign, read_bands, reopen, run_campaign
+from optim.campaign import LocalExecutor, load_campaign, read_bands, reopen, run_campaign
 from optim.campaign.rollouts.evaluator import all_draws, build_evaluator
-from optim.campaign.rollouts.series import Recording, Series, check_size
-from optim.campaign.run import Chunks, most_samples
-from optim.campaign.store.netcdf import Layout, blocks
+from optim.campaign.rollouts.series import RecordedSignal, SignalRecording, check_size
+from optim.campaign.run import ChunkQueue, most_samples
+from optim.campaign.store.netcdf import DatasetLayout, blocks
 from spacerobot.errors import ResultError, ScenarioError
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
@@ -29,7 +29,7 @@ SECTION = {"campaign.series": KEPT, "campaign.series_step": 0.05}
 @pytest.fixture(scope="module")
 def whole(small, tmp_path_factory):
     folder = tmp_path_factory.mktemp("series") / "store"
-    return run_campaign(small(**SECTION), folder, executor=Here(size=100))
+    return run_campaign(small(**SECTION), folder, executor=LocalExecutor(size=100))
 
 
 def same(folder, other):
@@ -80,15 +80,15 @@ def test_series_change_other_numbers_by_rounding_alone(small, whole, tmp_path):
 
 @pytest.mark.parametrize(("size", "threads"), [(1, 1), (7, 3)])
 def test_neither_chunks_nor_threads_change_a_bit(small, whole, tmp_path, size, threads):
-    run_campaign(small(**SECTION), tmp_path / "store", executor=Here(size=size, threads=threads))
+    run_campaign(small(**SECTION), tmp_path / "store", executor=LocalExecutor(size=size, threads=threads))
     same(tmp_path / "store", whole.folder)
 
 
 def test_a_worker_of_dask_changes_no_bit(small, whole, tmp_path):
     pytest.importorskip("distributed")
-    from optim.campaign.cluster import Dask
+    from optim.campaign.cluster import DaskExecutor
 
-    run_campaign(small(**SECTION), tmp_path / "store", executor=Dask("local:2", size=9))
+    run_campaign(small(**SECTION), tmp_path / "store", executor=DaskExecutor("local:2", size=9))
     same(tmp_path / "store", whole.folder)
 
 
@@ -119,7 +119,7 @@ def test_kill_9_and_going_on_change_no_bit(small, small_file, whole, tmp_path):
 def test_blocks_of_the_file_change_no_bit(small, whole, tmp_path, monkeypatch):
     monkeypatch.setattr("optim.campaign.store.netcdf.BLOCK_BYTES", 40_000)
     monkeypatch.setattr("optim.campaign.store.netcdf.PIECE_BYTES", 2_000)
-    run_campaign(small(**SECTION), tmp_path / "store", executor=Here(size=13))
+    run_campaign(small(**SECTION), tmp_path / "store", executor=LocalExecutor(size=13))
     same(tmp_path / "store", whole.folder)
     with netCDF4.Dataset(tmp_path / "store" / "campaign.nc") as file:
         rows, sets, times, width = file["tip_error"].chunking()
@@ -144,7 +144,7 @@ def test_chunks_keep_within_their_bytes(whole, monkeypatch):
     assert whole.evaluator.bytes_per_sample == each
     monkeypatch.setattr("optim.campaign.run.CHUNK_BYTES", 10 * each + 1)
     assert most_samples(whole.evaluator) == 10
-    chunks = Chunks([(0, 25)], most_samples(whole.evaluator))
+    chunks = ChunkQueue([(0, 25)], most_samples(whole.evaluator))
     assert [chunks.take(64), chunks.take(3), chunks.take(64), chunks.take(64)] == [
         (0, 10),
         (10, 13),
@@ -154,10 +154,10 @@ def test_chunks_keep_within_their_bytes(whole, monkeypatch):
 
 
 def test_blocks_fit_into_memory():
-    recording = Recording((Series("a", tuple(map(str, range(100))), "1"),), np.zeros(9_001))
-    layout = Layout(["p"], ["g"], [], recording, {}, "")
+    recording = SignalRecording((RecordedSignal("a", tuple(map(str, range(100))), "1"),), np.zeros(9_001))
+    layout = DatasetLayout(["p"], ["g"], [], recording, {}, "")
     assert layout.rows == 4  # 7.2 MB each
-    assert replace(layout, recording=Recording((), np.empty(0))).rows == 1024
+    assert replace(layout, recording=SignalRecording((), np.empty(0))).rows == 1024
 
 
 @pytest.mark.parametrize(
@@ -186,7 +186,7 @@ def test_faults_are_told(small_file, changes, words):
 
 
 def test_a_store_that_would_not_end_is_refused(small):
-    recording = Recording((Series("a", ("x", "y"), "1"),), np.zeros(1001))
+    recording = SignalRecording((RecordedSignal("a", ("x", "y"), "1"),), np.zeros(1001))
     check_size(recording, 600_000, 2)
     with pytest.raises(ScenarioError, match=r"32 GB \(1000000 samples x 2 sets of gains x 1001 times x 2 "):
         check_size(recording, 1_000_000, 2)

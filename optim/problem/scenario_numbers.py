@@ -12,7 +12,7 @@ from spacerobot.scene import Scene
 
 
 @dataclass(frozen=True)
-class Number:
+class ScenarioNumber:
     """One number of a scenario.
 
     Attributes
@@ -30,7 +30,9 @@ class Number:
     value: float
 
 
-def find_numbers(scene: Scene, named: Mapping[str, Sequence[str]], section: str) -> dict[str, list[Number]]:
+def find_numbers(
+    scene: Scene, named: Mapping[str, Sequence[str]], section: str
+) -> dict[str, list[ScenarioNumber]]:
     """Numbers that patterns name, by who sets them; each once.
 
     Parameters
@@ -48,7 +50,7 @@ def find_numbers(scene: Scene, named: Mapping[str, Sequence[str]], section: str)
         If a path is not in the scenario, is no number, or is set by two names.
     """
     document, owner = to_document(scene.scenario), dict[str, str]()
-    found: dict[str, list[Number]] = {}
+    found: dict[str, list[ScenarioNumber]] = {}
     for name, patterns in named.items():
         where = f"{section}.{name}.paths"
         found[name] = []
@@ -56,7 +58,7 @@ def find_numbers(scene: Scene, named: Mapping[str, Sequence[str]], section: str)
             for path in _expand(document, pattern, where, scene):
                 if path not in owner:
                     owner[path] = name
-                    found[name].append(Number(path, pattern, _value(document, path, where, scene)))
+                    found[name].append(ScenarioNumber(path, pattern, _value(document, path, where, scene)))
                 elif owner[path] != name:
                     fault = f"{path} is set by {owner[path]} already"
                     raise ScenarioError(fault, source=scene.source, where=where)

@@ -19,7 +19,7 @@ from spacerobot.errors import ScenarioError
 T = TypeVar("T")
 
 
-class About(NamedTuple):
+class Surrogate(NamedTuple):
     """Another expression of a value, which is cheaper to differentiate.
 
     Attributes
@@ -36,7 +36,7 @@ class About(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Row:
+class BoundedRow:
     """Something that must stay between limits.
 
     Attributes
@@ -72,7 +72,7 @@ class Row:
     scale: float = 1.0
     size: float | None = None
     first: bool = False
-    about: About | None = None
+    about: Surrogate | None = None
     form: Literal["itself", "square", "cosine"] = "itself"
 
     def held(self, share: Array, begins: float) -> npt.NDArray[np.bool_]:
@@ -80,20 +80,20 @@ class Row:
         return np.asarray(share == 0 if self.first else share >= begins - 1e-12)
 
 
-def zero(name: str, unit: str, value: ca.SX) -> Row:
+def zero(name: str, unit: str, value: ca.SX) -> BoundedRow:
     """Something that must be zero."""
-    return Row(name, unit, value, 0.0, 0.0)
+    return BoundedRow(name, unit, value, 0.0, 0.0)
 
 
-def within(name: str, unit: str, value: ca.SX, limit: float) -> Row:
+def within(name: str, unit: str, value: ca.SX, limit: float) -> BoundedRow:
     """A vector no longer than a limit, as its square over the limit's, which is smooth where it is zero."""
     square = ca.sumsqr(value) / limit**2
-    return Row(name, unit, square, upper=1.0, scale=limit / 2, form="square")
+    return BoundedRow(name, unit, square, upper=1.0, scale=limit / 2, form="square")
 
 
 def matched(
     name: str, unit_name: str, value: ca.SX, axes: Sequence[int], tolerance: float | None
-) -> Iterator[Row]:
+) -> Iterator[BoundedRow]:
     """Zero along each of some axes, or no longer than a tolerance.
 
     Parameters
@@ -118,7 +118,7 @@ def unit(axis: Sequence[float]) -> ca.SX:
     return sparse(np.array(axis) / np.linalg.norm(axis))
 
 
-class Frame(NamedTuple):
+class MovingFrame(NamedTuple):
     """A frame that moves, world axes.
 
     Attributes
@@ -134,7 +134,7 @@ class Frame(NamedTuple):
     velocity: ca.SX
     spin: ca.SX
 
-    def seen_from(self, other: Frame) -> tuple[ca.SX, ca.SX, ca.SX]:
+    def seen_from(self, other: MovingFrame) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Position (3x1) [m], velocity (3x1) [m/s] and spin (3x1) [rad/s] in another frame."""
         away = self.origin - other.origin
         relative = self.velocity - other.velocity - cross(other.spin, away)
@@ -144,7 +144,7 @@ class Frame(NamedTuple):
         return place, speed, spin
 
 
-class Joint(NamedTuple):
+class JointCoordinate(NamedTuple):
     """A joint of one degree of freedom.
 
     Attributes
@@ -195,7 +195,7 @@ class Base(NamedTuple):
         there is no limit.
     """
 
-    frame: Frame
+    frame: MovingFrame
     rotation: ca.SX
     translation: ca.SX
     force: ca.SX
@@ -222,7 +222,7 @@ class Wheels(NamedTuple):
     motors: ca.SX
 
 
-class Instant(Protocol):
+class PlanInstant(Protocol):
     """What goals, costs and limits of a plan see of an instant of the motion.
 
     A ``key`` is the key of the section that names what is looked for, for messages.
@@ -238,19 +238,19 @@ class Instant(Protocol):
     def turns(self) -> Sequence[int]:
         """About which things turn: z, or all."""
 
-    def tip(self, label: str, key: str = "tip") -> Frame:
+    def tip(self, label: str, key: str = "tip") -> MovingFrame:
         """A tip, by robot/tip."""
 
-    def mating(self, link: str, key: str = "frame") -> Frame:
+    def mating(self, link: str, key: str = "frame") -> MovingFrame:
         """A link of the target."""
 
     def root(self, body: str, key: str) -> tuple[ca.SX, ca.SX]:
         """Velocity and spin of a floating root link, its own axes, as many as there are [m/s, rad/s]."""
 
-    def base(self, robot: str, key: str) -> Frame:
+    def base(self, robot: str, key: str) -> MovingFrame:
         """The floating root link of a robot."""
 
-    def joints(self, robot: str, given: Mapping[str, T], key: str) -> Iterator[tuple[Joint, T]]:
+    def joints(self, robot: str, given: Mapping[str, T], key: str) -> Iterator[tuple[JointCoordinate, T]]:
         """Joints of a robot that patterns name, and what is given for each."""
 
     def turned(self, wanted: ca.SX, found: ca.SX) -> ca.SX:
@@ -259,10 +259,10 @@ class Instant(Protocol):
     def fault(self, message: str, key: str) -> ScenarioError:
         """Error that names the place of a key of the section."""
 
-    def link(self, label: str, key: str = "link") -> Frame:
+    def link(self, label: str, key: str = "link") -> MovingFrame:
         """A link of a robot, by robot/link."""
 
-    def joint_states(self) -> Mapping[str, Joint]:
+    def joint_states(self) -> Mapping[str, JointCoordinate]:
         """Joints of all robots that are planned, by robot/joint."""
 
     def by_joint(self, given: Mapping[str, T], key: str) -> Mapping[str, T]:
@@ -286,5 +286,5 @@ class Instant(Protocol):
     def arrivals(self) -> Iterator[tuple[ca.SX, ca.SX]]:
         """Velocity [m/s] and spin [rad/s] of tips relative to the mating frames that goals lead them to."""
 
-    def gaps(self, between: tuple[str, str], wrap: Wrap | None) -> Iterator[tuple[str, ca.SX, About]]:
+    def gaps(self, between: tuple[str, str], wrap: Wrap | None) -> Iterator[tuple[str, ca.SX, Surrogate]]:
         """Distances [m] of pairs of shapes: a label, the distance, and what it is differentiated about."""

@@ -33,7 +33,7 @@ FLAT = 0.01  # least weight of a variable that hardly matters, of that which mat
 
 
 @dataclass(frozen=True)
-class Point:
+class EvaluatedPoint:
     """What is known at a point u (k,): objective, constraints (m,) and rows (n,)."""
 
     u: Array
@@ -42,13 +42,13 @@ class Point:
     rows: Array
 
     @classmethod
-    def all_of(cls, u: Array, found: Evaluation) -> list[Point]:
+    def all_of(cls, u: Array, found: Evaluation) -> list[EvaluatedPoint]:
         """Points u (N, k) with the values found there."""
         rows = np.empty((len(u), 0)) if found.rows is None else found.rows
         return [cls(u[i], float(found.objective[i]), found.constraints[i], rows[i]) for i in range(len(u))]
 
     @classmethod
-    def of(cls, u: Array, at: Linearisation) -> Point:
+    def of(cls, u: Array, at: Linearisation) -> EvaluatedPoint:
         """A point that was linearised."""
         return cls(u, at.objective, at.constraints, at.rows)
 
@@ -75,7 +75,7 @@ def outer(form: Form, rows: Array) -> float:
 
 
 @dataclass(frozen=True)
-class Model:
+class LocalModel:
     """First derivatives at a point, perhaps from secants, and curvature of what is beside the rows.
 
     Attributes
@@ -93,13 +93,13 @@ class Model:
     """
 
     form: Form
-    at: Point
+    at: EvaluatedPoint
     slopes: Array
     curvature: Array
     scale: float
     weight: float
 
-    def merit(self, point: Point) -> float:
+    def merit(self, point: EvaluatedPoint) -> float:
         """Phi at another point; infinite where the rollout diverged."""
         if not point.known:
             return np.inf

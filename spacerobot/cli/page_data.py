@@ -11,21 +11,21 @@ from spacerobot.cli.campaign_page import campaign_shown
 from spacerobot.cli.campaign_spread import distributions
 
 if TYPE_CHECKING:
-    from optim.campaign import Evaluator
+    from optim.campaign import CampaignEvaluator
     from spacerobot.result import Result
 
 Tell = Callable[[str], None]
 
 
 @dataclass(frozen=True)
-class Played:
+class PageData:
     """Data of the page, and the results in it."""
 
     data: dict[str, Any]
     results: Sequence[Result]
 
 
-def to_play(folders: Sequence[Path], tell: Tell) -> Played:
+def to_play(folders: Sequence[Path], tell: Tell) -> PageData:
     """What to play of folders of results, or of one comparison, campaign or plan.
 
     Raises
@@ -47,7 +47,7 @@ def to_play(folders: Sequence[Path], tell: Tell) -> Played:
     if len(folders) == 2 and is_plan(folders[1]):
         return _over_its_plan(load(folders[0]), folders[1])
     results = [load(folder) for folder in folders]
-    return Played(animation(*results), results)
+    return PageData(animation(*results), results)
 
 
 def is_campaign(folders: Sequence[Path]) -> bool:
@@ -57,17 +57,17 @@ def is_campaign(folders: Sequence[Path]) -> bool:
     return len(folders) == 1 and (folders[0] / HEAD).is_file()
 
 
-def comparison(folder: Path, tell: Tell) -> Played:
+def comparison(folder: Path, tell: Tell) -> PageData:
     """The first contest's untuned design and each method's best."""
     from viz.page.animation import animation
     from viz.report.comparison_section import designs_of
 
     del tell
     title, named = designs_of(folder)
-    return Played(animation(*named.values(), names=list(named), title=title), list(named.values()))
+    return PageData(animation(*named.values(), names=list(named), title=title), list(named.values()))
 
 
-def campaign(folder: Path, tell: Tell, evaluator: Evaluator | None = None) -> Played:
+def campaign(folder: Path, tell: Tell, evaluator: CampaignEvaluator | None = None) -> PageData:
     """The worst sample of each set of gains, all samples beside it."""
     from spacerobot.errors import ResultError
     from viz.report.campaign_section import animated_worst
@@ -77,10 +77,10 @@ def campaign(folder: Path, tell: Tell, evaluator: Evaluator | None = None) -> Pl
         raise ResultError(
             f"no worst sample can be simulated: {next(iter(shown.faults.values()))}", source=folder
         )
-    return Played(animated_worst(shown), list(shown.worst.values()))
+    return PageData(animated_worst(shown), list(shown.worst.values()))
 
 
-def campaign_at_once(folder: Path) -> tuple[dict[str, Any], Evaluator]:
+def campaign_at_once(folder: Path) -> tuple[dict[str, Any], CampaignEvaluator]:
     """Data of a page about a campaign as far as nothing must be compiled for it, and what made the campaign.
 
     Raises
@@ -99,7 +99,7 @@ def campaign_at_once(folder: Path) -> tuple[dict[str, Any], Evaluator]:
     return still(scene, about=about) | {"panel": panel}, evaluator
 
 
-def plan(folder: Path, tell: Tell) -> Played:
+def plan(folder: Path, tell: Tell) -> PageData:
     """The motion of a plan, and the flight of the scenario that follows it."""
     from optim.planning.written.plan_file import FOLLOWED
     from spacerobot.scene import load_scene
@@ -108,9 +108,9 @@ def plan(folder: Path, tell: Tell) -> Played:
     return _over_its_plan(simulate(load_scene(folder / FOLLOWED), progress=tell), folder)
 
 
-def _over_its_plan(flown: Result, folder: Path) -> Played:
+def _over_its_plan(flown: Result, folder: Path) -> PageData:
     from optim.planning.written.plan_file import SCENARIO, read
     from spacerobot.scene import load_scene
     from viz.page.planned import beside_its_plan
 
-    return Played(beside_its_plan(flown, load_scene(folder / SCENARIO), read(folder)[0]), [flown])
+    return PageData(beside_its_plan(flown, load_scene(folder / SCENARIO), read(folder)[0]), [flown])

@@ -22,7 +22,7 @@ GAP = "touched"
 
 
 @dataclass(frozen=True)
-class Tried:
+class TrialStep:
     """Guards of a step that was tried, from their levels.
 
     Attributes
@@ -115,7 +115,7 @@ class Tried:
 
 
 @dataclass
-class Bracket:
+class RootBracket:
     """Lengths of a step without and with a guard above its level, and the guards there."""
 
     low: float
@@ -123,7 +123,7 @@ class Bracket:
     high: float
     after: Array
 
-    def earliest(self, tried: Tried) -> float:
+    def earliest(self, tried: TrialStep) -> float:
         """The least root of the guards that are above their levels at the longer length."""
         above: npt.NDArray[np.int64] = np.flatnonzero(self.after > 0)
         return min(self._root(int(i), tried.first[i], tried.rates[i]) for i in above)

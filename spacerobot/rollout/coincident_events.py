@@ -15,9 +15,17 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from spacerobot.rollout.arrays import (
+    COINCIDENT,
+    FAINT,
+    SAME,
+    THINGS,
+    TOGETHER,
+    CoincidentInstants,
+    RolloutArrays,
+)
 from spacerobot.rollout.kernel import Kernel
 from spacerobot.rollout.protocol import Array
-from spacerobot.rollout.raw import COINCIDENT, FAINT, SAME, THINGS, TOGETHER, Instants, Raw
 from spacerobot.rollout.tables import Integers, fill, gather
 
 BETWEEN, BEHIND = 1, 2
@@ -28,7 +36,7 @@ ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
-class Thing:
+class Occurrence:
     """An event, or jump J as -1 - J, as the interpreted sweep back meets it.
 
     Attributes
@@ -53,7 +61,7 @@ class Thing:
     near: int = 0
 
 
-class Notes:
+class SweepNotes:
     """What an interpreted sweep back tells of instants; see ``loops/adjoint.hpp``.
 
     Parameters
@@ -64,12 +72,12 @@ class Notes:
         Of one rollout.
     """
 
-    def __init__(self, kernel: Kernel, instants: Instants) -> None:
+    def __init__(self, kernel: Kernel, instants: CoincidentInstants) -> None:
         self._modes, self._instants = [*kernel.switches, *kernel.jumps], instants
         self._now, self._counts = np.zeros(1, dtype=instants.found.dtype)[0], False
         self._now["first"] = np.inf
 
-    def note(self, thing: Thing, bar: Array, met: Array) -> None:
+    def note(self, thing: Occurrence, bar: Array, met: Array) -> None:
         """Note a thing, behind which the state has a bar (nx,) and some peaks are met (peaks,)."""
         now = self._now
         if thing.time_s < now["first"] - TOGETHER:
@@ -160,7 +168,7 @@ class _Bars:
     noise_t: float
 
 
-class Instant:
+class CoincidentInstant:
     """Things at one instant of a rollout.
 
     Parameters
@@ -170,7 +178,7 @@ class Instant:
     c
         Prepared constants of the rollout (nc,).
     found
-        The instant, of :class:`~spacerobot.rollout.raw.Instants`.
+        The instant, of :class:`~spacerobot.rollout.arrays.CoincidentInstants`.
     """
 
     def __init__(self, kernel: Kernel, calls: Mapping[str, _Call], c: Array, found: Any) -> None:
@@ -359,7 +367,7 @@ def _apart(a: Array, b: Array, noise: Array | float) -> bool:
 CALLED = ("dynamics", "rows", "values", "update", "guards_reverse", "update_reverse", "peaks_reverse")
 
 
-def judge_orders(kernel: Kernel, p: Array, seed: Array, raw: Raw) -> None:
+def judge_orders(kernel: Kernel, p: Array, seed: Array, raw: RolloutArrays) -> None:
     """Doubt gradients where the order of what happens at one instant counts, and nowhere else.
 
     Parameters
@@ -382,7 +390,7 @@ def judge_orders(kernel: Kernel, p: Array, seed: Array, raw: Raw) -> None:
         c = kernel.functions["setup"](p[i])[1].full().ravel()
         rbar = kernel.functions["objective_reverse"](raw.r[i], p[i], seed[i])[0].full().ravel()
         peaks = (raw.r[i, first:last], rbar[first:last])
-        found = [Instant(kernel, calls, c, row) for row in instants.found[i, : instants.told[i]]]
+        found = [CoincidentInstant(kernel, calls, c, row) for row in instants.found[i, : instants.told[i]]]
         counts = (here.event for here in found if here.order_counts(*peaks))
         left = -1 if instants.told[i] > len(found) else None
         event = next(counts, left)

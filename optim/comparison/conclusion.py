@@ -10,7 +10,7 @@ JUDGED = (0.01, 0.001)  # precisions that the sentence speaks of
 Data = Mapping[str, Any]
 
 
-def verdict(data: Data) -> str:
+def conclusion(data: Data) -> str:
     """Which method has the lowest expected running time on how many contests; where not, which has, and why.
 
     Parameters

@@ -11,14 +11,14 @@ from functools import partial
 import numpy as np
 
 from optim.methods.evolutionary import METHODS as EVOLUTIONARY
-from optim.methods.evolutionary import Protocol, evolve
+from optim.methods.evolutionary import EvolutionSettings, evolve
 from optim.methods.manual import manual
 from optim.methods.nlp import NlpSettings, solve, solve_from_many
-from optim.problem.problem import Problem
+from optim.problem.problem import OptimisationProblem
 from optim.problem.tuning_problem import TuningProblem
 from optim.search.journal import Journal
-from optim.search.search import Run, Search, better
-from optim.search.session import Session
+from optim.search.search import Search, SearchRun, better
+from optim.search.session import SearchSession
 from spacerobot.arrays import Array
 from spacerobot.errors import SpaceRobotError, near_names
 from spacerobot.scenario import Tuning
@@ -42,8 +42,8 @@ class Effort:
         Seed of everything random.
     """
 
-    protocol: Protocol = field(default_factory=Protocol)
-    rivals: Protocol = field(default_factory=Protocol)
+    protocol: EvolutionSettings = field(default_factory=EvolutionSettings)
+    rivals: EvolutionSettings = field(default_factory=EvolutionSettings)
     runs: int = 6
     nlp: NlpSettings = field(default_factory=NlpSettings)
     starts: int = 4
@@ -63,7 +63,7 @@ def effort_of(tuning: Tuning, **changes: int | None) -> Effort:
         leaves it.
     """
     asked = {name: value for name, value in changes.items() if value is not None}
-    whole = Protocol(population=tuning.population, budget=asked.get("budget", tuning.budget))
+    whole = EvolutionSettings(population=tuning.population, budget=asked.get("budget", tuning.budget))
     rival_budget = min(whole.budget, asked.get("rival_budget", tuning.rival_budget))
     rivals = dataclasses.replace(whole, budget=rival_budget)
     return Effort(
@@ -78,7 +78,7 @@ def effort_of(tuning: Tuning, **changes: int | None) -> Effort:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class MethodOutcome:
     """What one method found.
 
     Attributes
@@ -90,14 +90,14 @@ class Outcome:
     """
 
     method: str
-    runs: tuple[Run, ...]
+    runs: tuple[SearchRun, ...]
 
     def __repr__(self) -> str:
         """Runs and the best of them, in one line."""
         return f"<Outcome of {self.method}: {len(self.runs)} runs, best {self.best!r}>"
 
     @property
-    def best(self) -> Run:
+    def best(self) -> SearchRun:
         """The best run."""
         best = self.runs[0]
         for run in self.runs[1:]:
@@ -114,13 +114,13 @@ class Outcome:
 
 
 def run_method(
-    problem: Problem,
+    problem: OptimisationProblem,
     method: str,
     effort: Effort,
     *,
     first: Array | None = None,
-    session: Session | None = None,
-) -> Outcome:
+    session: SearchSession | None = None,
+) -> MethodOutcome:
     """Run a method as often as the effort says.
 
     Parameters
@@ -143,25 +143,25 @@ def run_method(
     """
     if method not in ALL:
         raise SpaceRobotError(f"no method '{method}', {near_names(method, ALL)}")
-    session = session or Session()
-    begin = Begin(problem, session)
+    session = session or SearchSession()
+    begin = SearchFactory(problem, session)
     if method == "manual":
         if not isinstance(problem, TuningProblem):
             raise SpaceRobotError("the manual procedure tunes a scenario's gains, nothing else")
-        return Outcome(method, (manual(begin(method, 0, 0, ""), problem),))
+        return MethodOutcome(method, (manual(begin(method, 0, 0, ""), problem),))
     if method in EVOLUTIONARY:
-        return Outcome(method, tuple(session.workers.together(_evolutions(begin, method, effort))))
+        return MethodOutcome(method, tuple(session.workers.together(_evolutions(begin, method, effort))))
     if method == "nlp_ga" and first is None:
         raise SpaceRobotError("nlp_ga starts from the GA's best: run ga too")
-    return Outcome(method, tuple(session.workers.together(_solutions(begin, method, first, effort))))
+    return MethodOutcome(method, tuple(session.workers.together(_solutions(begin, method, first, effort))))
 
 
 @dataclass(frozen=True)
-class Begin:
+class SearchFactory:
     """Begins searches of one problem, each with a journal of its own."""
 
-    problem: Problem
-    session: Session
+    problem: OptimisationProblem
+    session: SearchSession
 
     def __call__(self, name: str, index: int, seed: int, settings: str) -> Search:
         """A search by its name, number, seed and whatever else its values depend on."""
@@ -172,23 +172,25 @@ class Begin:
         return Search(self.problem, name, index, seed, journal, self.session.progress)
 
 
-def _evolutions(begin: Begin, method: str, effort: Effort) -> list[Callable[[], Run]]:
+def _evolutions(begin: SearchFactory, method: str, effort: Effort) -> list[Callable[[], SearchRun]]:
     protocol = effort.protocol if method == "ga" else effort.rivals
 
-    def run(index: int) -> Run:
+    def run(index: int) -> SearchRun:
         seed = effort.seed + index
         return evolve(begin(method, index, seed, protocol.fingerprint(method, seed)), protocol)
 
     return [partial(run, i) for i in range(effort.runs)]
 
 
-def _solutions(begin: Begin, method: str, first: Array | None, effort: Effort) -> list[Callable[[], Run]]:
-    def from_first() -> Run:
+def _solutions(
+    begin: SearchFactory, method: str, first: Array | None, effort: Effort
+) -> list[Callable[[], SearchRun]]:
+    def from_first() -> SearchRun:
         assert first is not None
         search = begin(method, 0, effort.seed, effort.nlp.fingerprint(first.tolist()))
         return solve(search, first, effort.nlp, warm=True)
 
-    def from_many(index: int) -> Run:
+    def from_many(index: int) -> SearchRun:
         seed = effort.seed + index
         search = begin(method, index, seed, effort.nlp.fingerprint(effort.starts))
         return solve_from_many(search, effort.nlp, effort.starts)

@@ -9,7 +9,7 @@ from spacerobot.rollout.tables import Integers
 
 
 @dataclass(frozen=True)
-class Happening:
+class InterpretedEvent:
     """An event of an interpreted rollout.
 
     Attributes
@@ -25,7 +25,7 @@ class Happening:
     located
         Whether it fired at its guard's root, at the end of a step; else at once, where one begins.
     first
-        What the segment behind it begins with, as in :class:`~spacerobot.rollout.segments.Plan`.
+        What the segment behind it begins with, as in :class:`~spacerobot.rollout.segments.StepPlan`.
     c, row
         Constants after it, and the rows of tables before it.
     near

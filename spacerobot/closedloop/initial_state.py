@@ -16,13 +16,13 @@ from spacerobot.dynamics import forward_kinematics, frame_placement, frame_veloc
 from spacerobot.dynamics.algebra import cross
 from spacerobot.dynamics.rotations import rotation_from_quaternion, rotation_from_rpy
 from spacerobot.scene import Scene, SceneBody, turns
-from spacerobot.scene.closing import Closing, find_closings
-from spacerobot.symbolic import Parameters, Start
+from spacerobot.scene.grasp_closing import ClosingBase, find_closings
+from spacerobot.symbolic import InitialState, Parameters
 
 DEGREE = np.pi / 180
 
 
-def initial_state(scene: Scene, parameters: Parameters) -> Start:
+def initial_state(scene: Scene, parameters: Parameters) -> InitialState:
     """Initial state of a scene as an expression of its parameters.
 
     Bases give way to their grasps in closed form; the velocity of loops is left to
@@ -41,10 +41,10 @@ def initial_state(scene: Scene, parameters: Parameters) -> Start:
             found = turns.aligned(scene.model, closing, turned, _turn(vector * DEGREE))
             turned[closing.body.root_joint] = _align(scene.model, closing, found, q, v)
         _close(scene.model, closing, q, v)
-    return Start(scene.model, q, v, forward_kinematics(scene.model, q))
+    return InitialState(scene.model, q, v, forward_kinematics(scene.model, q))
 
 
-def _align(model: Any, closing: Closing, found: turns.Quaternion, q: ca.SX, v: ca.SX) -> turns.Quaternion:
+def _align(model: Any, closing: ClosingBase, found: turns.Quaternion, q: ca.SX, v: ca.SX) -> turns.Quaternion:
     """Turn a base so that its grasp begins aligned, and its described velocity with its axes."""
     joint = model.joints[closing.body.root_joint]
     if joint.nv == 3:
@@ -61,7 +61,7 @@ def _align(model: Any, closing: Closing, found: turns.Quaternion, q: ca.SX, v: c
     return found
 
 
-def _close(model: Any, closing: Closing, q: ca.SX, v: ca.SX) -> None:
+def _close(model: Any, closing: ClosingBase, q: ca.SX, v: ca.SX) -> None:
     """Move a base, and set it in motion, so that its grasp begins closed."""
     root = closing.body.root_joint
     joint = model.joints[root]
@@ -84,7 +84,7 @@ def _close(model: Any, closing: Closing, q: ca.SX, v: ca.SX) -> None:
 
 
 def _set_base(
-    model: Any, body: SceneBody, closing: Closing | None, parameters: Parameters, q: ca.SX, v: ca.SX
+    model: Any, body: SceneBody, closing: ClosingBase | None, parameters: Parameters, q: ca.SX, v: ca.SX
 ) -> Mapping[int, turns.Quaternion]:
     """Set a floating base as described, to zero what gives way to a grasp; its turn by its joint's id.
 

@@ -13,11 +13,18 @@ import numpy as np
 from spacerobot.dynamics.rotations import rotation_from_rpy
 from spacerobot.elements.capture import Capture
 from spacerobot.elements.context import GraspContext
-from spacerobot.elements.contribution import Constraint, Contribution, Output, State, gated, memory
+from spacerobot.elements.contribution import (
+    AccelerationConstraint,
+    Contribution,
+    Output,
+    State,
+    gated,
+    memory,
+)
+from spacerobot.elements.desired_motion import STILL, TimeProfile, along
 from spacerobot.elements.event import Event, both, negated
 from spacerobot.elements.grasp import OBSERVED, Grasp, apart, only
-from spacerobot.elements.hold import Hold
-from spacerobot.elements.motion import STILL, Profile, along
+from spacerobot.elements.grasp_state import GraspState
 
 DEGREE = np.pi / 180
 TINY = 1e-12
@@ -130,33 +137,33 @@ class _Life:
         return grasp.context.once("rest", ca.mtimes(mate.T, tip))
 
     @functools.cached_property
-    def hold(self) -> Hold:
+    def hold(self) -> GraspState:
         """How it holds: as captured, or drawn in from there."""
         capture, plant = self.config.capture, self.grasp.plant
         if capture is None:
-            return Hold(self.closed, self.mated, STILL, STILL)
+            return GraspState(self.closed, self.mated, STILL, STILL)
         gap, turn = self.memory["rest_gap"].symbol, self._said("rest_turn", plant.rotation_axes)
-        kept = Profile(ca.SX(1), ca.SX(1, 1), ca.SX(1, 1))
+        kept = TimeProfile(ca.SX(1), ca.SX(1, 1), ca.SX(1, 1))
         drawing = self._fade() if self._is_drawn else kept
-        return Hold(
+        return GraspState(
             self.closed,
             self.mated,
             along(gap, kept if capture.draw_in is None else drawing),
             along(turn, kept if capture.draw_in_deg is None else drawing),
         )
 
-    def _fade(self) -> Profile:
+    def _fade(self) -> TimeProfile:
         """From 1 to 0 since the capture, by the cubic blend of Eq. 42; 0 where nothing is drawn any more."""
         time = self.memory["draw_time"].symbol
         passed = (self.grasp.context.time - self.memory["captured_at"].symbol) / time
         s = ca.fmin(ca.fmax(passed, 0), 1)
-        return Profile(
+        return TimeProfile(
             self.drawn * (1 - s * s * (3 - 2 * s)),
             -self.drawn * 6 * s * (1 - s) / time,
             -self.drawn * (6 - 12 * s) / time**2,
         )
 
-    def _remembering(self, held: Constraint, loss: ca.SX | None) -> Constraint:
+    def _remembering(self, held: AccelerationConstraint, loss: ca.SX | None) -> AccelerationConstraint:
         """Constraint whose impulses are remembered, and that slips off."""
         plant = self.grasp.plant
 

@@ -12,7 +12,7 @@ from pydantic import Field, model_validator
 
 from spacerobot.elements.context import RobotContext
 from spacerobot.elements.knots import is_parted, nodes_of
-from spacerobot.elements.numbers import Context
+from spacerobot.elements.section_context import SectionContext
 from spacerobot.section import Name, Section, Vector, quantity
 
 MOST_POINTS = 2000
@@ -60,13 +60,13 @@ def known(knots: M | None) -> M:
     return knots
 
 
-def table(context: Context, key: str, count: int, columns: Sequence[int]) -> ca.SX:
+def table(context: SectionContext, key: str, count: int, columns: Sequence[int]) -> ca.SX:
     """What stands at the points (count x columns) under a key of a section."""
     rows = [[context.parameters(f"{context.path}.{key}.{k}.{j}") for j in columns] for k in range(count)]
     return ca.vertcat(*(ca.horzcat(*row) for row in rows))
 
 
-class Timed(Section):
+class CollocationTimes(Section):
     """Points in time, the same number in each interval between two knots."""
 
     times: Row = Field(
@@ -83,7 +83,7 @@ class Timed(Section):
     )
 
     @model_validator(mode="after")
-    def _check(self) -> Timed:
+    def _check(self) -> CollocationTimes:
         if self.times[0] != 0:
             raise ValueError(f"times: must start at 0, found {self.times[0]:g}")
         parted = is_parted(self.times, self.points)
@@ -108,7 +108,7 @@ class Timed(Section):
         return 3
 
 
-class Phased(Timed):
+class PhasedPlan(CollocationTimes):
     """What a plan says of a robot, by its phases."""
 
     phases: dict[Name, tuple[float, float]] = quantity(
@@ -136,7 +136,7 @@ class Phased(Timed):
         return found
 
 
-class BaseMotion(Phased):
+class BaseMotion(PhasedPlan):
     """What drives a base, and how it moves, along some of its own axes: what stands at points."""
 
     axes: tuple[Literal["fx", "fy", "fz", "tx", "ty", "tz"], ...] = Field(
@@ -149,7 +149,7 @@ class BaseMotion(Phased):
         return len(self.axes)
 
 
-class JointMotion(Phased):
+class JointMotion(PhasedPlan):
     """How joints shall move: what stands at points, polynomials in between."""
 
     joints: tuple[str, ...] = Field(min_length=1, description="names of joints, in the order of each row")
@@ -163,7 +163,7 @@ class JointMotion(Phased):
         return len(self.joints)
 
 
-class TipMotion(Timed):
+class TipMotion(CollocationTimes):
     """How a tip shall move, world axes: what stands at points, polynomials in between."""
 
     position: tuple[Vector, ...] = Field(description="at each point [m]")

@@ -72,7 +72,7 @@ class EventLog:
 
 
 @dataclass(frozen=True)
-class Instants:
+class CoincidentInstants:
     """Instants at which several things happened, or an event with others close by, from the last one back.
 
     Attributes
@@ -87,7 +87,7 @@ class Instants:
     found: npt.NDArray[np.void]
 
     @classmethod
-    def empty(cls, count: int, kernel: Kernel) -> Instants:
+    def empty(cls, count: int, kernel: Kernel) -> CoincidentInstants:
         """Room for those of so many rollouts."""
         nx, modes = kernel.scale.size, len(kernel.switches) + len(kernel.jumps)
         sizes = {
@@ -102,13 +102,13 @@ class Instants:
         form = np.dtype([*numbers, *((name, np.float64, (size,)) for name, size in sizes.items())])
         return cls(np.zeros(count, dtype=np.int64), np.zeros((count, MOST_INSTANTS), dtype=form))
 
-    def part(self, rows: slice) -> Instants:
+    def part(self, rows: slice) -> CoincidentInstants:
         """View of some rollouts."""
-        return Instants(self.told[rows], self.found[rows])
+        return CoincidentInstants(self.told[rows], self.found[rows])
 
 
 @dataclass(frozen=True)
-class Raw:
+class RolloutArrays:
     """Arrays that an engine fills, one row for each rollout.
 
     Attributes
@@ -147,10 +147,12 @@ class Raw:
     log: EventLog
     error: Array | None = None
     backwards: bool = False
-    instants: Instants | None = None
+    instants: CoincidentInstants | None = None
 
     @classmethod
-    def empty(cls, kernel: Kernel, grid: TimeGrid, count: int, states: bool, rows: Sequence[int]) -> Raw:
+    def empty(
+        cls, kernel: Kernel, grid: TimeGrid, count: int, states: bool, rows: Sequence[int]
+    ) -> RolloutArrays:
         """Arrays full of NaN for so many rollouts, the error not asked for, nor states at events."""
         samples = grid.intervals + 1
         nx, nr, nj = kernel.nx + kernel.integrals, kernel.size("objective", "r"), len(kernel.costs)
@@ -166,16 +168,18 @@ class Raw:
             EventLog.empty(count, MOST_EVENTS if kernel.events else 0, None),
         )
 
-    def part(self, rows: slice) -> Raw:
+    def part(self, rows: slice) -> RolloutArrays:
         """View of some rollouts."""
         x = None if self.x is None else self.x[rows]
         y = None if self.y is None else self.y[rows]
         error = None if self.error is None else self.error[rows]
         own = (self.r[rows], self.cost[rows], self.done[rows], self.reached[rows], self.fate[rows])
         instants = None if self.instants is None else self.instants.part(rows)
-        return Raw(x, y, *own, self.gaps[rows], self.log.part(rows), error, self.backwards, instants)
+        return RolloutArrays(
+            x, y, *own, self.gaps[rows], self.log.part(rows), error, self.backwards, instants
+        )
 
-    def with_events(self, most: int) -> Raw:
+    def with_events(self, most: int) -> RolloutArrays:
         """The same with room for so many events, and for the states before and after them."""
         nx = None if self.x is None else self.x.shape[2]
         return replace(self, log=EventLog.empty(len(self.done), most, nx))
@@ -215,7 +219,7 @@ class Raw:
         """Rollouts of which two events may change places, by their rows."""
         return np.flatnonzero(self.log.doubt[:, 0] == COINCIDENT)
 
-    def trust_same(self, rows: Integers, again: Raw, found: Array, other: Array) -> None:
+    def trust_same(self, rows: Integers, again: RolloutArrays, found: Array, other: Array) -> None:
         """Doubt no more what is the same (n, ...) with what is at one instant in the other order."""
         turned = (again.log.event != self.log.event[rows]).any(axis=1) | (self.log.doubt[rows, 1] < 0)
         found, other = found.reshape(len(rows), -1), other.reshape(len(rows), -1)

@@ -12,14 +12,14 @@ from optim.problem.formulation import rollout_of
 from optim.problem.objectives import OBJECTIVE, build_terms, extended_loop
 from optim.problem.scenes import changed_scene, tuning_of
 from spacerobot.arrays import Array
-from spacerobot.kept import kept_closed_loop
+from spacerobot.loop_cache import cached_closed_loop
 from spacerobot.rollout import Rollout
 from spacerobot.scenario import Robustness
 from spacerobot.scene import Scene, build_scene
 
 
 @dataclass(frozen=True)
-class Judge:
+class DesignEvaluator:
     """Rolls out designs, given by dotted paths, on the nominal plant and on others.
 
     Attributes
@@ -74,7 +74,9 @@ class Judge:
         return {OBJECTIVE: batch.costs[OBJECTIVE], **batch.measures}
 
 
-def build_judge(scene: Scene, *, variant: str | None = None, threads: int | None = None) -> Judge:
+def build_design_evaluator(
+    scene: Scene, *, variant: str | None = None, threads: int | None = None
+) -> DesignEvaluator:
     """Judge of the designs of one variant.
 
     Parameters
@@ -93,11 +95,11 @@ def build_judge(scene: Scene, *, variant: str | None = None, threads: int | None
     tuning = tuning_of(scene)
     variable = [path for prefixes, _, _ in _groups(scene, tuning.robustness) for path in prefixes]
     prefixes = tuple(f"{path}." for path in variable)
-    known = kept_closed_loop(scene).parameter_paths
-    loop = kept_closed_loop(scene, vary=[path for path in known if f"{path}.".startswith(prefixes)])
+    known = cached_closed_loop(scene).parameter_paths
+    loop = cached_closed_loop(scene, vary=[path for path in known if f"{path}.".startswith(prefixes)])
     extended = extended_loop(loop, scene, tuning.objective)
     terms = build_terms(extended, scene, tuning.objective, tuning.constraints)
-    return Judge(scene, rollout_of(scene, extended, terms), tuning.robustness, threads)
+    return DesignEvaluator(scene, rollout_of(scene, extended, terms), tuning.robustness, threads)
 
 
 def _groups(scene: Scene, spread: Robustness) -> list[tuple[list[str], float, float]]:

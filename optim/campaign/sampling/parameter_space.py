@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from optim.problem.numbers import find_numbers
+from optim.problem.scenario_numbers import find_numbers
 from spacerobot.arrays import Array
 from spacerobot.errors import ScenarioError
 from spacerobot.scenario import Campaign
@@ -19,7 +19,7 @@ from spacerobot.scene import Scene, build_scene
 
 
 @dataclass(frozen=True)
-class Space:
+class ParameterSpace:
     """Where the draws of k uncertain parameters go: m numbers of the scenario.
 
     Attributes
@@ -83,7 +83,7 @@ def gain_set(scene: Scene, changes: Mapping[str, Any]) -> Scene:
     return build_scene(made.scenario, ideal, source=scene.source) if ideal else made
 
 
-def resolve_space(scene: Scene, campaign: Campaign) -> Space:
+def resolve_space(scene: Scene, campaign: Campaign) -> ParameterSpace:
     """Where a campaign's draws go in a scene.
 
     Raises
@@ -97,7 +97,7 @@ def resolve_space(scene: Scene, campaign: Campaign) -> Space:
     numbers = [number for name in named for number in found[name]]
     applied = [list(campaign.parameters.values())[index].apply for index in owners]
     pairs = list(zip(numbers, applied, strict=True))
-    return Space(
+    return ParameterSpace(
         tuple(named),
         tuple(number.path for number in numbers),
         tuple(number.pattern for number in numbers),
@@ -107,7 +107,7 @@ def resolve_space(scene: Scene, campaign: Campaign) -> Space:
     )
 
 
-def units_of(scene: Scene, campaign: Campaign, space: Space) -> dict[str, str]:
+def units_of(scene: Scene, campaign: Campaign, space: ParameterSpace) -> dict[str, str]:
     """Unit of each parameter's draw, and what is done with it where it is not the number itself."""
     units = {}
     for index, (name, parameter) in enumerate(campaign.parameters.items()):
@@ -126,7 +126,7 @@ def sensor_offsets(campaign: Campaign) -> list[str]:
     ]
 
 
-def check_range(scene: Scene, space: Space, draws: Array) -> None:
+def check_range(scene: Scene, space: ParameterSpace, draws: Array) -> None:
     """Refuse draws that no scenario may hold, such as a negative mass.
 
     Parameters

@@ -17,7 +17,7 @@ from scipy.stats import qmc
 
 from spacerobot.arrays import Array
 from spacerobot.errors import SpaceRobotError
-from spacerobot.scenario import Campaign, Uncertain
+from spacerobot.scenario import Campaign, UncertainParameter
 
 INSIDE = 2.0**-53  # nearest that a coordinate may come to 0 or 1: distributions without bounds end there
 
@@ -77,7 +77,7 @@ def correlate(u: Array, correlation: Array) -> Array:
     return np.asarray(np.clip(ndtr(z), INSIDE, 1 - INSIDE))
 
 
-def quantiles(parameter: Uncertain, u: Array) -> Array:
+def quantiles(parameter: UncertainParameter, u: Array) -> Array:
     """Values (N,) of a distribution at probabilities u (N,)."""
     low, high = parameter.lower or 0.0, parameter.upper or 0.0
     mean, std = parameter.mean or 0.0, parameter.std or 1.0

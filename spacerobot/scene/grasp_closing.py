@@ -17,7 +17,7 @@ from spacerobot.scene.scene import Scene, SceneBody, SceneGrasp
 
 
 @dataclass(frozen=True)
-class Closing:
+class ClosingBase:
     """A base that gives way so that a grasp begins closed.
 
     Attributes
@@ -74,7 +74,7 @@ def begun(grasps: Sequence[SceneGrasp]) -> tuple[SceneGrasp, ...]:
 
 def find_closings(
     bodies: Sequence[SceneBody], grasps: Sequence[SceneGrasp], *, source: Path | None = None
-) -> tuple[Closing, ...]:
+) -> tuple[ClosingBase, ...]:
     """Bases that give way, each behind the body that it follows.
 
     Raises
@@ -153,9 +153,9 @@ def _is_circle(gives: Mapping[str, SceneGrasp], name: str) -> bool:
 
 def _ordered(
     bodies: Sequence[SceneBody], gives: Mapping[str, SceneGrasp], source: Path | None
-) -> tuple[Closing, ...]:
+) -> tuple[ClosingBase, ...]:
     waiting = [body for body in bodies if body.name in gives]
-    order: list[Closing] = []
+    order: list[ClosingBase] = []
     while waiting:
         names = {body.name for body in waiting}
         ready = [body for body in waiting if _followed(body.name, gives[body.name]) not in names]
@@ -163,6 +163,6 @@ def _ordered(
             stuck = [body for body in waiting if body.base.close_grasp is not None]
             paths = " and ".join(f"{body.path}.base.close_grasp" for body in stuck)
             raise ScenarioError(f"{paths} wait for each other; give one of them a position", source=source)
-        order += [Closing(body, gives[body.name]) for body in ready]
+        order += [ClosingBase(body, gives[body.name]) for body in ready]
         waiting = [body for body in waiting if body not in ready]
     return tuple(order)

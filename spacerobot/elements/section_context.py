@@ -13,7 +13,7 @@ from spacerobot.symbolic import Constants, Parameters
 
 
 @dataclass(frozen=True)
-class Since:
+class StartInstant:
     """An instant that events decide, from which a law counts its time.
 
     Attributes
@@ -35,7 +35,7 @@ class Since:
 
 
 @dataclass(frozen=True)
-class Context:
+class SectionContext:
     """Time and the numbers of one section.
 
     Attributes
@@ -59,10 +59,10 @@ class Context:
     parameters: Parameters
     constants: Constants
     phases: Mapping[str, ca.SX] = field(default_factory=dict)
-    since: Since | None = None
+    since: StartInstant | None = None
     words: Mapping[str, str] = field(default_factory=dict)
 
-    def at(self, path: str) -> Context:
+    def at(self, path: str) -> SectionContext:
         """The same for another section."""
         return dataclasses.replace(self, path=path)
 

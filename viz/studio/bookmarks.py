@@ -22,7 +22,7 @@ from viz.page.page import write_animation
 from viz.page.signals import quantities
 from viz.record import write_recording
 from viz.studio.edit import edited, flow
-from viz.studio.plant import Origin, Tell
+from viz.studio.prepared import Origin, Tell
 
 NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")
 """What a file may be called."""

@@ -11,22 +11,22 @@ from typing import Any
 
 import numpy as np
 
-from optim.problem.vary import PLACES
+from optim.problem.varied_parameters import PLACES
 from spacerobot.closedloop import ClosedLoop
 from spacerobot.elements.registry import FAMILIES, kinds
 from spacerobot.errors import ScenarioError
-from spacerobot.kept import kept_closed_loop
+from spacerobot.loop_cache import cached_closed_loop
 from spacerobot.result import Result
 from spacerobot.rollout import Trajectory
 from spacerobot.scenario.load import to_document
 from spacerobot.scenario.paths import get
 from spacerobot.scene import Scene, build_scene, load_scene
 from spacerobot.section import leaves, numbers
-from spacerobot.simulation import Ready, make_ready
-from viz.drawing.motion import Stage
-from viz.page.animation import Shown, look_at
+from spacerobot.simulation import PreparedSimulation, prepare_simulation
+from viz.drawing.motion import SceneGeometry
+from viz.page.animation import AnimatedResult, look_at
 from viz.studio.metrics import Metric, Metrics, build_metrics
-from viz.studio.numbers import Leaf, find_leaves
+from viz.studio.parameters import Leaf, find_leaves
 
 Values = Mapping[str, Any]
 """What differs from the scenario, by dotted path: a design."""
@@ -38,7 +38,7 @@ MOST_KEPT = 4
 
 
 @dataclass(frozen=True, eq=False)
-class Plant:
+class PreparedDesign:
     """One structure, ready.
 
     Attributes
@@ -54,7 +54,7 @@ class Plant:
     """
 
     scene: Scene
-    ready: Ready
+    ready: PreparedSimulation
     metrics: Metrics
     varied: frozenset[str]
 
@@ -145,17 +145,17 @@ class Plant:
         value = _finite(metric.factor * float(found.costs[metric.key]))
         return value, dict(zip(self._wrt, slopes, strict=True)), found.status[0]
 
-    def look(self, scene: Scene, result: Result) -> Shown:
+    def look(self, scene: Scene, result: Result) -> AnimatedResult:
         """A rollout as the page shows it; ``scene`` is the one that was drawn."""
         return look_at(result, scene.scenario.name, scene, self.stage(scene))
 
-    def stage(self, scene: Scene) -> Stage:
+    def stage(self, scene: Scene) -> SceneGeometry:
         """What of a scene moves: with other pads it has other shapes."""
-        return self._stage if scene.scenario.pads == self.scene.scenario.pads else Stage.of(scene)
+        return self._stage if scene.scenario.pads == self.scene.scenario.pads else SceneGeometry.of(scene)
 
     @cached_property
-    def _stage(self) -> Stage:
-        return Stage.of(self.scene)
+    def _stage(self) -> SceneGeometry:
+        return SceneGeometry.of(self.scene)
 
 
 @dataclass(frozen=True)
@@ -189,7 +189,7 @@ class Origin:
         return load_scene(self.name, [*self.given, *changes.items()])
 
 
-class Plants:
+class DesignCache:
     """Structures of a scene, made ready when first asked for.
 
     Parameters
@@ -205,13 +205,13 @@ class Plants:
         self._tell = tell
         self._document = to_document(origin.scene.scenario)
         self._numbers = dict(numbers(self._document))
-        self._kept: dict[str, Plant] = {}
+        self._kept: dict[str, PreparedDesign] = {}
         self._fixed: set[str] = set()
         self._free: frozenset[str] = frozenset()
         self.base = self.make({})
         self._free = self.base.free
 
-    def find(self, values: Values) -> tuple[Plant, dict[str, float]] | None:
+    def find(self, values: Values) -> tuple[PreparedDesign, dict[str, float]] | None:
         """The structure that a design has, if it is ready, and the design's numbers.
 
         Raises
@@ -228,7 +228,7 @@ class Plants:
                 plant.leaves[path].check(value)
         return plant, inner
 
-    def make(self, values: Values) -> Plant:
+    def make(self, values: Values) -> PreparedDesign:
         """Make the structure of a design ready.
 
         Raises
@@ -285,21 +285,21 @@ class Plants:
                 others[path] = value
         return inner, others, sorted(path for path in inner if path not in self._free)
 
-    def _made(self, others: Mapping[str, Any], asked: Sequence[str]) -> Plant:
+    def _made(self, others: Mapping[str, Any], asked: Sequence[str]) -> PreparedDesign:
         scene = self.origin.build(others) if others else self.origin.scene
         engine = scene.scenario.simulation.engine
         if engine != "casadi":
             raise ScenarioError(f"found {engine!r}, allowed in the studio: casadi", where="simulation.engine")
         vary = set(asked) | {f"{link}.mass" for link in map(_link, asked) if link}
         try:
-            loop = kept_closed_loop(scene, sorted(vary))
+            loop = cached_closed_loop(scene, sorted(vary))
         except ScenarioError as fault:
             if asked:
                 raise UnknownParameterError from fault
             raise
         metrics = build_metrics(loop, scene)
-        ready = make_ready(scene, loop, metrics.measures, self._tell)
-        return Plant(scene, ready, metrics, frozenset(vary))
+        ready = prepare_simulation(scene, loop, metrics.measures, self._tell)
+        return PreparedDesign(scene, ready, metrics, frozenset(vary))
 
 
 class UnknownParameterError(Exception):

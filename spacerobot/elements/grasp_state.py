@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from spacerobot.elements.motion import Profile
+from spacerobot.elements.desired_motion import TimeProfile
 
 
 @dataclass(frozen=True)
-class Hold:
+class GraspState:
     """How a grasp holds that was not always closed, or will not always be.
 
     Attributes
@@ -28,5 +28,5 @@ class Hold:
 
     closed: ca.SX
     mated: ca.SX
-    gap: Profile
-    turn: Profile
+    gap: TimeProfile
+    turn: TimeProfile

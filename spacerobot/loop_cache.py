@@ -31,7 +31,7 @@ from spacerobot.scene import Scene
 SUFFIX = ".loop"
 
 
-def kept_closed_loop(scene: Scene, vary: Collection[str] = ()) -> ClosedLoop:
+def cached_closed_loop(scene: Scene, vary: Collection[str] = ()) -> ClosedLoop:
     """The same as :func:`build_closed_loop`, to the bit, but kept for the next time.
 
     It is always built where a user's own kinds of elements are registered, whose source is not known.

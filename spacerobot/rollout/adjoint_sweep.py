@@ -6,17 +6,17 @@ from typing import Any
 
 import numpy as np
 
-from spacerobot.rollout.coincidence import Notes, Thing
-from spacerobot.rollout.happening import Happening
+from spacerobot.rollout.arrays import ENDED, CoincidentInstants
+from spacerobot.rollout.coincident_events import Occurrence, SweepNotes
 from spacerobot.rollout.interpreted import DiscreteTrajectory
+from spacerobot.rollout.interpreted_event import InterpretedEvent
 from spacerobot.rollout.kernel import Kernel
 from spacerobot.rollout.protocol import Array
-from spacerobot.rollout.raw import ENDED, Instants
 from spacerobot.rollout.segments import HERE
 from spacerobot.rollout.tables import Integers, gather
 
 
-class Sweep:
+class AdjointSweep:
     """Bars of one rollout, from its end to its beginning.
 
     Parameters
@@ -29,12 +29,14 @@ class Sweep:
         Where instants at which several things happened are told, if at all.
     """
 
-    def __init__(self, kernel: Kernel, path: DiscreteTrajectory, instants: Instants | None = None) -> None:
+    def __init__(
+        self, kernel: Kernel, path: DiscreteTrajectory, instants: CoincidentInstants | None = None
+    ) -> None:
         self._kernel, self._path, self._f = kernel, path, kernel.functions
         self._happenings = list(path.happenings)
         self._x, self._c = np.empty(0), np.empty(0)
         self._begin = 0.0  # of the time of the event that began the segment
-        self._notes = None if instants is None else Notes(kernel, instants)
+        self._notes = None if instants is None else SweepNotes(kernel, instants)
 
     def gradient(self, p: Array, seed: Array, r: Array) -> Array:
         """Gradient (k,) of the costs of parameters p (np,), weighted by a seed (nj,); r are the measures."""
@@ -62,7 +64,7 @@ class Sweep:
         found = self._f["setup_reverse"](p, self._x, self._c).full().ravel() + direct
         return np.asarray(found, dtype=np.float64)
 
-    def _note(self, thing: Thing, step: int) -> None:
+    def _note(self, thing: Occurrence, step: int) -> None:
         """Tell of a thing before a step."""
         if self._notes is not None:
             self._notes.note(thing, self._x, self._when == step)
@@ -101,10 +103,10 @@ class Sweep:
         """Through the events behind so many steps that fired at once."""
         while self._happenings and self._happenings[-1].steps == steps and not self._happenings[-1].located:
             here = self._happenings.pop()
-            self._note(Thing(here.event, False, here.time_s, here.before, here.c), steps)
+            self._note(Occurrence(here.event, False, here.time_s, here.before, here.c), steps)
             self._end(here.first, self._update(here))
 
-    def _update(self, here: Happening) -> float:
+    def _update(self, here: InterpretedEvent) -> float:
         """Through what an event changed; bar of its time."""
         arguments = (here.time_s, here.before, here.c, here.event, self._x)
         self._x, c, tbar = self._reverse("update", here.row, *arguments)
@@ -120,13 +122,13 @@ class Sweep:
         if not (len(self._path.cut) and self._path.cut[k]):
             if steps.last[k] >= 0 and steps.index[k] + 1 == steps.number[k]:
                 t, x, c = steps.t[k] + steps.h[k], self._path.x[k + 1], self._path.c[k]
-                self._note(Thing(-1 - int(steps.last[k]), True, t, x, c), k + 1)
+                self._note(Occurrence(-1 - int(steps.last[k]), True, t, x, c), k + 1)
             self._x, c, t, h = self._step_back(k, self._x)
             self._c = self._c + c
             return t, h
         here = self._happenings.pop() if self._happenings and self._happenings[-1].steps == k + 1 else None
         if here is not None:
-            thing = Thing(here.event, True, here.time_s, here.before, self._path.c[k], here.near)
+            thing = Occurrence(here.event, True, here.time_s, here.before, self._path.c[k], here.near)
             self._note(thing, k + 1)
         end = 0.0 if here is None else self._update(here)
         end, self._begin = end + self._begin, 0.0

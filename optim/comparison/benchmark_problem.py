@@ -8,16 +8,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from optim.comparison.currency import Currency, currency_of
-from optim.comparison.plants import Judge
-from optim.comparison.running_time import Trial, trial_of
-from optim.methods.by_name import Effort, Outcome, run_method
+from optim.comparison.cost_unit import CostUnit, currency_of
+from optim.comparison.design_evaluator import DesignEvaluator
+from optim.comparison.running_time import MethodRun, trial_of
 from optim.methods.evolutionary import METHODS as EVOLUTIONARY
-from optim.problem.problem import Cost, Problem
+from optim.methods.run_method import Effort, MethodOutcome, run_method
+from optim.problem.problem import EvaluationCost, OptimisationProblem
 from optim.problem.sensitivities import Sensitivity, sensitivity
 from optim.problem.tuning_problem import TuningProblem
 from optim.problem.variables import at_bound
-from optim.search.session import Session
+from optim.search.session import SearchSession
 from spacerobot.arrays import Array
 from spacerobot.errors import SpaceRobotError
 
@@ -45,7 +45,7 @@ class Assessment:
 
 
 @dataclass(frozen=True)
-class Readiness:
+class CompileTimes:
     """Time to compile what rollouts and their derivatives need, or to load it from the cache.
 
     Attributes
@@ -59,7 +59,7 @@ class Readiness:
 
 
 @dataclass(frozen=True)
-class Contest:
+class ProblemComparison:
     """All methods on one problem.
 
     Attributes
@@ -85,16 +85,16 @@ class Contest:
     """
 
     name: str
-    problem: Problem
+    problem: OptimisationProblem
     nominal: TuningProblem
-    outcomes: dict[str, Outcome]
+    outcomes: dict[str, MethodOutcome]
     errors: dict[str, Array]
     start: float
     baseline: Assessment | None
     assessments: dict[str, Assessment]
     sensitivity: Sensitivity | None
-    currency: Currency
-    readiness: Readiness
+    currency: CostUnit
+    readiness: CompileTimes
     interrupted: bool = False
 
     @property
@@ -108,10 +108,10 @@ class Contest:
         runs = [run for name in self.ranked for run in self.outcomes[name].runs if run.feasible]
         return min((run.objective for run in runs), default=float("nan"))
 
-    def trials(self, method: str) -> list[Trial]:
+    def trials(self, method: str) -> list[MethodRun]:
         """Independent runs of a method; one that begins with the GA's best is charged all runs of the GA."""
         outcome = self.outcomes[method]
-        before = Cost()
+        before = EvaluationCost()
         if method == "nlp_ga":
             before = sum((run.cost for run in _evolved(self.outcomes).runs), before)
         return [trial_of(run, self.currency, before) for run in outcome.runs]
@@ -122,7 +122,7 @@ class Contest:
 
 
 @dataclass(frozen=True)
-class Entry:
+class BenchmarkProblem:
     """A problem to compare methods on.
 
     Attributes
@@ -132,18 +132,20 @@ class Entry:
     problem
         What is searched.
     nominal
-        As :class:`Contest` has it.
+        As :class:`ProblemComparison` has it.
     judge
         Rolls out designs on other plants; they are not judged there if None.
     """
 
     name: str
-    problem: Problem
+    problem: OptimisationProblem
     nominal: TuningProblem
-    judge: Judge | None = None
+    judge: DesignEvaluator | None = None
 
 
-def run_contest(entry: Entry, methods: Sequence[str], effort: Effort, session: Session) -> Contest:
+def compare_on_problem(
+    entry: BenchmarkProblem, methods: Sequence[str], effort: Effort, session: SearchSession
+) -> ProblemComparison:
     """Run methods on one problem.
 
     Parameters
@@ -168,7 +170,7 @@ def run_contest(entry: Entry, methods: Sequence[str], effort: Effort, session: S
     currency, effort = currency_of(nominal), replace(effort, repeats=effort.runs)
     place = None if session.place is None else session.place / entry.name
     own = replace(session, folder=place, workers=nominal.workers)
-    outcomes: dict[str, Outcome] = {}
+    outcomes: dict[str, MethodOutcome] = {}
     for method in methods:
         outcomes[method] = run_method(
             problem,
@@ -183,7 +185,7 @@ def run_contest(entry: Entry, methods: Sequence[str], effort: Effort, session: S
     leader = min(outcomes.values(), key=_rank)
     points = {"start": problem.start, leader.method: np.clip(leader.best.u, 0, 1)}
     judge = entry.judge
-    return Contest(
+    return ProblemComparison(
         entry.name,
         problem,
         nominal,
@@ -199,23 +201,23 @@ def run_contest(entry: Entry, methods: Sequence[str], effort: Effort, session: S
     )
 
 
-def assess(judge: Judge, design: dict[str, float]) -> Assessment:
+def assess(judge: DesignEvaluator, design: dict[str, float]) -> Assessment:
     """Judge a design, given by dotted paths."""
     return Assessment(design, judge.nominal(design), judge.varied(design))
 
 
-def _made_ready(problem: Problem, *, gradients: bool) -> tuple[float, Readiness]:
+def _made_ready(problem: OptimisationProblem, *, gradients: bool) -> tuple[float, CompileTimes]:
     """Objective at the start, and how long it took to get there."""
     begin = time.perf_counter()
     found = problem.evaluate(problem.start[None])
     rolled_out = time.perf_counter()
     if gradients:
         problem.linearise(problem.start)
-    readiness = Readiness(rolled_out - begin, time.perf_counter() - rolled_out)
+    readiness = CompileTimes(rolled_out - begin, time.perf_counter() - rolled_out)
     return float(found.objective[0]), readiness
 
 
-def _evolved(outcomes: dict[str, Outcome]) -> Outcome:
+def _evolved(outcomes: dict[str, MethodOutcome]) -> MethodOutcome:
     """The GA's outcome; that of another evolutionary method if the GA did not run.
 
     Raises
@@ -233,12 +235,12 @@ def _design(problem: TuningProblem, u: Array) -> dict[str, float]:
     return problem.variables.as_changes(problem.variables.values(u))
 
 
-def _rank(outcome: Outcome) -> tuple[bool, float]:
+def _rank(outcome: MethodOutcome) -> tuple[bool, float]:
     value = outcome.best.objective
     return not outcome.best.feasible, value if np.isfinite(value) else np.inf
 
 
-def _errors(problem: TuningProblem, outcome: Outcome) -> Array:
+def _errors(problem: TuningProblem, outcome: MethodOutcome) -> Array:
     """Largest absolute error on each tip and axis of each run's best, (runs, n) in m."""
     points = np.array([run.u for run in outcome.runs])
     peaks = problem.measure(points)["tip_error_peak"]

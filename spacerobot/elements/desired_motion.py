@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from spacerobot.elements.numbers import Context
+from spacerobot.elements.section_context import SectionContext
 
 
 @dataclass(frozen=True)
-class Motion:
+class DesiredMotion:
     """Where a frame shall be and how it shall move, world axes.
 
     Attributes
@@ -33,7 +33,7 @@ class Motion:
 
 
 @dataclass(frozen=True)
-class Beginning:
+class InitialMotion:
     """Where a frame is, and how it moves, when a reference begins to lead it; world axes.
 
     Attributes
@@ -65,7 +65,7 @@ class Beginning:
 
 
 @dataclass(frozen=True)
-class Profile:
+class TimeProfile:
     """A scalar or vector function of time with its first two derivatives."""
 
     value: ca.SX
@@ -73,23 +73,25 @@ class Profile:
     acceleration: ca.SX
 
 
-STILL = Profile(ca.SX(3, 1), ca.SX(3, 1), ca.SX(3, 1))
+STILL = TimeProfile(ca.SX(3, 1), ca.SX(3, 1), ca.SX(3, 1))
 """A vector that stays zero."""
 
 
-def cubic_blend(context: Context, key: str = "duration") -> Profile:
+def cubic_blend(context: SectionContext, key: str = "duration") -> TimeProfile:
     """From 0 to 1 at rest at both ends, held afterwards (Eq. 42), over the duration that stands at a key."""
     duration = context.number(key)
     moving = context.time < context.jump(key)
     s = ca.if_else(moving, context.time / duration, 1)
-    return Profile(
+    return TimeProfile(
         value=s * s * (3 - 2 * s),
         rate=6 * s * (1 - s) / duration,
         acceleration=ca.if_else(moving, (6 - 12 * s) / duration**2, 0),
     )
 
 
-def smooth_blend(context: Context, keys: tuple[str | None, str], begin: ca.SX, duration: ca.SX) -> Profile:
+def smooth_blend(
+    context: SectionContext, keys: tuple[str | None, str], begin: ca.SX, duration: ca.SX
+) -> TimeProfile:
     """From 0 to 1 with neither velocity nor acceleration at both ends, between two instants.
 
     Parameters
@@ -104,13 +106,13 @@ def smooth_blend(context: Context, keys: tuple[str | None, str], begin: ca.SX, d
     began = ca.SX(1) if keys[0] is None else context.time >= context.jump(keys[0], begin)
     moving = ca.logic_and(began, context.time < context.jump(keys[1], begin + duration))
     s = ca.if_else(moving, (context.time - begin) / duration, ca.if_else(began, 1, 0))
-    return Profile(
+    return TimeProfile(
         value=s**3 * (10 - 15 * s + 6 * s * s),
         rate=30 * (s * (1 - s)) ** 2 / duration,
         acceleration=60 * s * (1 - s) * (1 - 2 * s) / duration**2,
     )
 
 
-def along(direction: ca.SX, blend: Profile) -> Profile:
+def along(direction: ca.SX, blend: TimeProfile) -> TimeProfile:
     """A constant vector (n x 1), carried by a scalar profile."""
-    return Profile(direction * blend.value, direction * blend.rate, direction * blend.acceleration)
+    return TimeProfile(direction * blend.value, direction * blend.rate, direction * blend.acceleration)

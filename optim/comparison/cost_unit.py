@@ -11,7 +11,7 @@ from dataclasses import asdict, dataclass
 
 import casadi as ca
 
-from optim.problem.problem import Cost
+from optim.problem.problem import EvaluationCost
 from optim.problem.tuning_problem import TuningProblem
 from spacerobot.rollout.adjoint import SEGMENT_BYTES, WHOLE_BYTES, adjoint_kernel
 from spacerobot.rollout.grid import TimeGrid
@@ -23,7 +23,7 @@ MOVES = {ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST}  # instructions that compute no
 
 
 @dataclass(frozen=True)
-class Currency:
+class CostUnit:
     """What evaluations cost.
 
     Attributes
@@ -43,13 +43,13 @@ class Currency:
     slope: float
     sample: float
 
-    def rollouts(self, cost: Cost) -> float:
+    def rollouts(self, cost: EvaluationCost) -> float:
         """A cost, in plain rollouts."""
         prices = {"rollouts": 1.0, "gradients": self.gradient, "slopes": self.slope, "samples": self.sample}
         return float(sum(prices[kind] * count for kind, count in asdict(cost).items()))
 
 
-def currency_of(problem: TuningProblem) -> Currency:
+def currency_of(problem: TuningProblem) -> CostUnit:
     """Prices of a problem's evaluations, from the operations of the functions that its rollouts evaluate.
 
     A plain rollout evaluates the dynamics four times a step. The adjoint does so too, then their reverse four
@@ -68,7 +68,7 @@ def currency_of(problem: TuningProblem) -> Currency:
     adjoint = adjoint_kernel(kernel, wrt)
     sensitivity = sensitivity_kernel(kernel, wrt, _sampled(problem))
     slope, sample = (_rollout(k, grid) + _samples(k, grid) for k in (sensitivity, kernel))
-    return Currency(plain, 1 + _sweep_back(adjoint, grid) / plain, slope / plain, sample / plain)
+    return CostUnit(plain, 1 + _sweep_back(adjoint, grid) / plain, slope / plain, sample / plain)
 
 
 def operations(function: ca.Function) -> int:

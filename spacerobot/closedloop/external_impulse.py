@@ -20,17 +20,17 @@ KINDS = {
 
 
 @dataclass(frozen=True)
-class Impulse:
+class ExternalImpulse:
     """Impulse from outside since the start: states and outputs, none where nothing acts."""
 
     states: tuple[State, ...] = ()
     outputs: tuple[Output, ...] = ()
 
 
-def impulse_of(plant: Plant, wrenches: Sequence[Wrench]) -> Impulse:
+def impulse_of(plant: Plant, wrenches: Sequence[Wrench]) -> ExternalImpulse:
     """Impulse of wrenches from outside, linear and angular about the world's origin."""
     if not wrenches:
-        return Impulse()
+        return ExternalImpulse()
     rates = {"linear": ca.SX(3, 1), "angular": ca.SX(3, 1)}
     for wrench in wrenches:
         rates["linear"] = rates["linear"] + wrench.force
@@ -43,7 +43,7 @@ def impulse_of(plant: Plant, wrenches: Sequence[Wrench]) -> Impulse:
         symbol = ca.SX.sym(f"impulse.{kind}", 3)
         states.append(State(f"impulse.{kind}", symbol, ca.SX.zeros(3), ca.densify(rates[kind])))
         outputs.append(Output(f"impulse_{kind}", symbol, unit, text))
-    return Impulse(tuple(states), tuple(outputs))
+    return ExternalImpulse(tuple(states), tuple(outputs))
 
 
 def on_bases(scene: Scene, plant: Plant, torque: ca.SX) -> Iterator[Wrench]:
