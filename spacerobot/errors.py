@@ -70,8 +70,19 @@ class NoPlanError(SpaceRobotError):
     exit_code = 4
 
 
+FORMER_NAMES = {
+    "at_most": "timeout",
+    "then": "next",
+    "otherwise": "on_timeout",
+    "least": "min_horizon",
+    "rival_budget": "baseline_budget",
+    "readings": "variants",
+}
+"""Keys of earlier versions and those that replaced them; an unknown key gets its new name in the message."""
+
+
 def near_names(name: str, allowed: Iterable[str]) -> str:
-    """Sentence that helps after a wrong name: near ones first, else all (at most twelve).
+    """Sentence that helps after a wrong name: its new name, else near ones, else all (at most twelve).
 
     Parameters
     ----------
@@ -81,6 +92,8 @@ def near_names(name: str, allowed: Iterable[str]) -> str:
         What would have been valid.
     """
     names = sorted(allowed)
+    if FORMER_NAMES.get(name) in names:
+        return f"use {FORMER_NAMES[name]!r}"
     close = difflib.get_close_matches(name, names, n=3, cutoff=0.6)
     if close:
         return "did you mean " + " or ".join(close) + "?"

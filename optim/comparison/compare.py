@@ -99,13 +99,13 @@ def even_effort(
     Parameters
     ----------
     tuning
-        Its ``rival_budget``, or its ``budget`` if ``full``, is that of each run.
+        Its ``baseline_budget``, or its ``budget`` if ``full``, is that of each run.
     changes
         ``budget``, ``runs``, ``starts``, ``seed`` in place of the section's; None leaves one.
     """
     asked = dict(changes or {})
-    budget = asked.get("budget") or (tuning.budget if full else min(tuning.budget, tuning.rival_budget))
-    return effort_of(tuning, **(asked | {"budget": budget, "rival_budget": budget}))
+    budget = asked.get("budget") or (tuning.budget if full else min(tuning.budget, tuning.baseline_budget))
+    return effort_of(tuning, **(asked | {"budget": budget, "baseline_budget": budget}))
 
 
 def compete(

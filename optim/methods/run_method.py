@@ -34,7 +34,7 @@ class Effort:
     ----------
     protocol, runs
         Of the evolutionary methods.
-    rivals
+    baseline
         Protocol of those that are not the GA.
     nlp, starts, repeats
         Settings of the NLP, its number of starts, and how often it is repeated with another seed.
@@ -43,7 +43,7 @@ class Effort:
     """
 
     protocol: EvolutionSettings = field(default_factory=EvolutionSettings)
-    rivals: EvolutionSettings = field(default_factory=EvolutionSettings)
+    baseline: EvolutionSettings = field(default_factory=EvolutionSettings)
     runs: int = 6
     nlp: NlpSettings = field(default_factory=NlpSettings)
     starts: int = 4
@@ -59,16 +59,16 @@ def effort_of(tuning: Tuning, **changes: int | None) -> Effort:
     tuning
         The section.
     **changes
-        ``budget``, ``rival_budget``, ``runs``, ``starts``, ``seed`` and ``repeats`` in its place; None
+        ``budget``, ``baseline_budget``, ``runs``, ``starts``, ``seed`` and ``repeats`` in its place; None
         leaves it.
     """
     asked = {name: value for name, value in changes.items() if value is not None}
     whole = EvolutionSettings(population=tuning.population, budget=asked.get("budget", tuning.budget))
-    rival_budget = min(whole.budget, asked.get("rival_budget", tuning.rival_budget))
-    rivals = dataclasses.replace(whole, budget=rival_budget)
+    baseline_budget = min(whole.budget, asked.get("baseline_budget", tuning.baseline_budget))
+    baseline = dataclasses.replace(whole, budget=baseline_budget)
     return Effort(
         whole,
-        rivals,
+        baseline,
         asked.get("runs", tuning.runs),
         NlpSettings(iterations=tuning.iterations),
         asked.get("starts", tuning.starts),
@@ -173,7 +173,7 @@ class SearchFactory:
 
 
 def _evolutions(begin: SearchFactory, method: str, effort: Effort) -> list[Callable[[], SearchRun]]:
-    protocol = effort.protocol if method == "ga" else effort.rivals
+    protocol = effort.protocol if method == "ga" else effort.baseline
 
     def run(index: int) -> SearchRun:
         seed = effort.seed + index

@@ -41,7 +41,8 @@ Contests = Annotated[
 Full = Annotated[
     bool,
     typer.Option(
-        "--full", help="Give every method the section's `budget`, for the paper its GA's, not `rival_budget`."
+        "--full",
+        help="Give every method the section's `budget`, for the paper its GA's, not `baseline_budget`.",
     ),
 ]
 Page = Annotated[

@@ -70,7 +70,7 @@ def command(
 
     scene = load_scene(scenario, parse_changes(changes))
     tuning = tuning_of(scene)
-    effort = effort_of(tuning, budget=budget, rival_budget=budget, runs=runs, starts=starts, seed=seed)
+    effort = effort_of(tuning, budget=budget, baseline_budget=budget, runs=runs, starts=starts, seed=seed)
     folder = journals(out, "robust.json")
     with shown() as (tell, report), open_workers(threads, dask) as workers:
         tell("building and compiling")

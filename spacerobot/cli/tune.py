@@ -88,7 +88,7 @@ def command(
 
     scene = varied(load_scene(scenario, parse_changes(changes)), vary or [])
     tuning = tuning_of(scene)
-    effort = effort_of(tuning, budget=budget, rival_budget=budget, runs=runs, starts=starts, seed=seed)
+    effort = effort_of(tuning, budget=budget, baseline_budget=budget, runs=runs, starts=starts, seed=seed)
     with shown() as (tell, report), open_workers(threads, dask) as workers:
         tell("building and compiling")
         chosen = chosen_variables(variables, tuning)

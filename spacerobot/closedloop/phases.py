@@ -75,11 +75,13 @@ class _Phases:
 
     def _events(self, name: str) -> Iterator[Event]:
         """How a phase ends, and whether it settles meanwhile."""
-        phase, (then, otherwise) = self.phases[name], successors(self.phases)[name]
+        phase, (following, on_timeout) = self.phases[name], successors(self.phases)[name]
         if phase.until is not None and phase.until.settled is not None and phase.until.settled.dwell:
             yield from self._settling(name, phase.until.settled)
         for how, guard, armed in self._conditions(name, phase):
-            yield self._ended(f"{name}.{how}", name, otherwise if how == "at_most" else then, guard, armed)
+            yield self._ended(
+                f"{name}.{how}", name, on_timeout if how == "timeout" else following, guard, armed
+            )
 
     def _conditions(self, name: str, phase: Phase) -> Iterator[Condition]:
         """Ways in which a phase ends, apart from being the phase."""
@@ -95,8 +97,8 @@ class _Phases:
             kind: Literal["closed", "released"] = "closed" if until.captured else "released"
             armed = both(*(switch(grasp, kind) for grasp in names))
             yield "captured" if until.captured else "released", always, armed
-        if phase.at_most is not None:
-            yield "at_most", self.builder.passed() - context.number("at_most"), always
+        if phase.timeout is not None:
+            yield "timeout", self.builder.passed() - context.number("timeout"), always
 
     def _room(self, name: str, settled: Settled) -> ca.SX:
         """Above zero where a body hardly moves (1x1)."""

@@ -244,7 +244,7 @@ def _pair(engine: Engine, contact: SceneContact, place: int) -> Iterator[Event]:
 def _phase(engine: Engine) -> Iterator[Event]:
     """How the present phase ends."""
     name, mode = engine.mode.phase, engine.mode
-    phase, (then, otherwise) = (
+    phase, (following, on_timeout) = (
         engine.scene.scenario.phases[name],
         successors(engine.scene.scenario.phases)[name],
     )
@@ -261,7 +261,7 @@ def _phase(engine: Engine) -> Iterator[Event]:
 
             yield Event(f"{name}.settling", "settling", settled.of, room_left, settles)
     for how, guard in _conditions(engine):
-        follows = otherwise if how == "at_most" else then
+        follows = on_timeout if how == "timeout" else following
         if follows == END:
             yield Event(f"{name}.{how}", "end", name, guard, None)
         else:
@@ -285,7 +285,7 @@ def _conditions(engine: Engine) -> Iterator[tuple[str, Callable[[Moment], float]
     """Ways in which the present phase may end, with their guards."""
     mode = engine.mode
     phase = engine.scene.scenario.phases[mode.phase]
-    until, latest = phase.until, phase.at_most
+    until, latest = phase.until, phase.timeout
     if until is not None and until.time is not None:
         time = until.time
         yield "time", lambda m: m.t - mode.began_at - time
@@ -305,7 +305,7 @@ def _conditions(engine: Engine) -> Iterator[tuple[str, Callable[[Moment], float]
     ):
         yield "released", lambda _: 1.0
     if latest is not None:
-        yield "at_most", lambda m: m.t - mode.began_at - latest
+        yield "timeout", lambda m: m.t - mode.began_at - latest
 
 
 def _slowly(engine: Engine, settled: Settled) -> Callable[[Moment], float]:

@@ -79,12 +79,12 @@ class Phase(Section):
     """A part of the time: what differs from the scenario, how it ends, and what follows."""
 
     until: PhaseEnd | None = Field(default=None, description="how it ends")
-    at_most: float | None = quantity("s", "it ends at the latest after so long", default=None, gt=0)
-    then: Name | None = Field(
+    timeout: float | None = quantity("s", "it ends at the latest after so long", default=None, gt=0)
+    next: Name | None = Field(
         default=None, description="phase that follows, or end; the next one, end for the last, if not given"
     )
-    otherwise: Name | None = Field(
-        default=None, description="what follows where it ends by `at_most`; as `then` if not given"
+    on_timeout: Name | None = Field(
+        default=None, description="what follows where it ends by `timeout`; as `next` if not given"
     )
     captures: tuple[Name, ...] | None = Field(
         default=None,
@@ -109,10 +109,10 @@ class Phase(Section):
 
     @model_validator(mode="after")
     def _check(self) -> Phase:
-        if self.otherwise is not None and self.at_most is None:
-            raise ValueError("otherwise: never followed, for there is no `at_most`")
-        if self.then is not None and self.until is None and self.at_most is None:
-            raise ValueError("then: never followed; say how the phase ends by `until` or `at_most`")
+        if self.on_timeout is not None and self.timeout is None:
+            raise ValueError("on_timeout: never followed, for there is no `timeout`")
+        if self.next is not None and self.until is None and self.timeout is None:
+            raise ValueError("next: never followed; say how the phase ends by `until` or `timeout`")
         return self
 
     @property
@@ -124,29 +124,29 @@ class Phase(Section):
     @property
     def ends(self) -> bool:
         """Whether it ends before the simulation does."""
-        return self.until is not None or self.at_most is not None
+        return self.until is not None or self.timeout is not None
 
 
 Phases = Mapping[str, Phase]
 
 
 def successors(phases: Phases) -> dict[str, tuple[str, str]]:
-    """What follows each phase, as it ends and where it ends by ``at_most``."""
+    """What follows each phase, as it ends and where it ends by ``timeout``."""
     names = list(phases)
     found = {}
-    for name, following in zip(names, [*names[1:], END], strict=True):
-        then = phases[name].then or following
-        found[name] = (then, phases[name].otherwise or then)
+    for name, default in zip(names, [*names[1:], END], strict=True):
+        following = phases[name].next or default
+        found[name] = (following, phases[name].on_timeout or following)
     return found
 
 
 def ways(name: str, phases: Phases) -> str:
     """How a phase ends and what follows, in words."""
-    phase, (then, otherwise) = phases[name], successors(phases)[name]
-    found = [] if phase.until is None else [f"{phase.until.words()} -> {then}"]
-    if phase.at_most is not None:
+    phase, (following, on_timeout) = phases[name], successors(phases)[name]
+    found = [] if phase.until is None else [f"{phase.until.words()} -> {following}"]
+    if phase.timeout is not None:
         latest = " at the latest" if phase.until is not None else ""
-        found.append(f"after {phase.at_most:g} s{latest} -> {otherwise}")
+        found.append(f"after {phase.timeout:g} s{latest} -> {on_timeout}")
     return "; ".join(found) or "to the end of the simulation"
 
 
@@ -189,7 +189,7 @@ def check_phases(phases: Phases, grasps: Mapping[str, Any], bodies: list[str]) -
         for key, found, allowed in _names(phase, [*phases, END], list(grasps), bodies):
             if found not in allowed:
                 what = (
-                    "phase" if key in ("then", "otherwise") else "grasp" if "settled" not in key else "body"
+                    "phase" if key in ("next", "on_timeout") else "grasp" if "settled" not in key else "body"
                 )
                 raise ValueError(f"phases.{name}.{key}: no {what} {found!r}; {near_names(found, allowed)}")
         for grasp in (*(phase.captures or ()), *((phase.until and phase.until.captured) or ())):
@@ -244,7 +244,7 @@ def _names(
     phase: Phase, following: list[str], grasps: list[str], bodies: list[str]
 ) -> Iterator[tuple[str, str, list[str]]]:
     """Names that a phase mentions: key, name, those allowed there."""
-    for key, found in (("then", phase.then), ("otherwise", phase.otherwise)):
+    for key, found in (("next", phase.next), ("on_timeout", phase.on_timeout)):
         if found is not None:
             yield key, found, following
     until = phase.until or PhaseEnd(time=1.0)
@@ -269,7 +269,7 @@ def _check_reached(phases: Phases) -> None:
         if name not in reached:
             before = list(phases)[list(phases).index(name) - 1]
             why = f"; {before!r} never ends" if not phases[before].ends else ""
-            raise ValueError(f"phases.{name}: never reached{why}; lead to it by `then` or `otherwise`")
+            raise ValueError(f"phases.{name}: never reached{why}; lead to it by `next` or `on_timeout`")
 
 
 def _check_captured(phases: Phases, grasps: Mapping[str, Any]) -> None:

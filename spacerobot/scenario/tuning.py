@@ -120,7 +120,7 @@ class Tuning(Section):
     robustness: Robustness = Field(default=Robustness(), description="plants on which the outcome is tried")
     methods: tuple[Method, ...] = Field(default=METHODS, min_length=1, description="methods to compare")
     budget: int = Field(default=7500, ge=1, description="rollouts that one run of the GA may spend")
-    rival_budget: int = Field(
+    baseline_budget: int = Field(
         default=2500, ge=1, description="rollouts that one run of another evolutionary method may spend"
     )
     population: int = Field(default=50, ge=4, description="of the evolutionary methods")
@@ -129,14 +129,6 @@ class Tuning(Section):
     iterations: int = Field(default=100, ge=1, description="of the NLP from one start, at most")
     seed: int = Field(default=0, ge=0, description="everything random follows from it")
     step: float = quantity("s", "step of the rollouts that tune", default=0.01, gt=0)
-
-    @model_validator(mode="before")
-    @classmethod
-    def _former_name(cls, data: Any) -> Any:
-        """``variants`` were called ``readings`` until 0.1; scenarios and results of that time still load."""
-        if isinstance(data, dict) and "readings" in data and "variants" not in data:
-            return {"variants" if key == "readings" else key: value for key, value in data.items()}
-        return data
 
     @model_validator(mode="after")
     def _check(self) -> Tuning:

@@ -9,10 +9,10 @@ from tests.oracles.free_bodies import FLAT, free_bodies
 
 def test_phases_are_printed_as_a_timeline(tmp_path):
     phases = {
-        "approach": {"until": {"captured": ["left"]}, "at_most": 2.5, "otherwise": "lost"},
+        "approach": {"until": {"captured": ["left"]}, "timeout": 2.5, "on_timeout": "lost"},
         "carry": {
             "until": {"settled": {"speed": 0.001, "dwell": 1}},
-            "then": "end",
+            "next": "end",
             "releases": ["left"],
             "robots": {"*": {"tips": {"*": {"reference": {"kind": "line"}}}}},
         },

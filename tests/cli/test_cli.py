@@ -92,8 +92,8 @@ def test_a_grip_that_catches_and_lets_go_without_end_chatters_and_is_kept_up_to_
     """One phase ends when the grip has closed, the next one opens it, and its envelope still holds."""
     monkeypatch.setenv("SPACEROBOT_COMPILER", "none")
     phases = {
-        "catch": {"captures": ["left"], "until": {"captured": ["left"]}, "at_most": 2, "otherwise": "end"},
-        "drop": {"releases": ["left"], "until": {"released": ["left"]}, "then": "catch"},
+        "catch": {"captures": ["left"], "until": {"captured": ["left"]}, "timeout": 2, "on_timeout": "end"},
+        "drop": {"releases": ["left"], "until": {"released": ["left"]}, "next": "catch"},
     }
     free_bodies(tmp_path, FLAT, {"kind": "compliant", "capture": {"distance": 0.05}}, phases=phases)
     code, out, err = spacerobot("run", tmp_path / "bodies.yaml", "--out", tmp_path / "r")

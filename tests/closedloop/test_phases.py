@@ -150,24 +150,24 @@ def test_controllers_keep_their_states_unless_they_begin_anew():
 
 def test_a_docking_in_phases(tmp_path):
     phases = {
-        "approach": {"until": {"captured": ["left"]}, "at_most": 2.5, "otherwise": "lost"},
+        "approach": {"until": {"captured": ["left"]}, "timeout": 2.5, "on_timeout": "lost"},
         "carry": {
             "until": {"limit": {"output": "momentum_linear", "above": 1e3}},
-            "at_most": 0.3,
-            "then": "part",
+            "timeout": 0.3,
+            "next": "part",
         },
-        "part": {"releases": ["left"], "until": {"released": ["left"]}, "then": "end"},
-        "lost": {"until": {"time": 1.0}, "then": "end"},
+        "part": {"releases": ["left"], "until": {"released": ["left"]}, "next": "end"},
+        "lost": {"until": {"time": 1.0}, "next": "end"},
     }
     grasp = {"kind": "weld", "capture": {"distance": 0.05}}
     loop = build_closed_loop(free_bodies(tmp_path, FLAT, grasp, phases=phases))
     run = roll(loop, 5.0)
-    assert run.names == ["left.captured", "approach.captured", "carry.at_most", "left.told", "part.released"]
+    assert run.names == ["left.captured", "approach.captured", "carry.timeout", "left.told", "part.released"]
     assert run.events[1].time == run.events[0].time
     assert run.events[2].time == pytest.approx(run.events[0].time + 0.3, abs=1e-9)
     assert run.events[-1].time == run.t
     run = roll(loop, 5.0, {"grasps.left.capture.distance": 1e-3})
-    assert run.names == ["approach.at_most", "lost.time"]
+    assert run.names == ["approach.timeout", "lost.time"]
     assert run.t == pytest.approx(3.5, abs=1e-9)
 
 
@@ -176,7 +176,7 @@ def test_grasps_close_only_in_phases_that_let_them(tmp_path):
     phases = {
         "wait": {"captures": [], "until": {"time": 1.2}},
         "catch": {"until": {"released": ["left"]}},
-        "again": {"captures": ["left"], "until": {"captured": ["left"]}, "at_most": 0.5, "then": "end"},
+        "again": {"captures": ["left"], "until": {"captured": ["left"]}, "timeout": 0.5, "next": "end"},
     }
     run = roll(build_closed_loop(free_bodies(tmp_path, FLAT, grasp, phases=phases)), 6.0)
     assert run.names[:4] == ["wait.time", "left.captured", "left.slipped_by_force", "catch.released"]
@@ -185,7 +185,7 @@ def test_grasps_close_only_in_phases_that_let_them(tmp_path):
 
 def test_a_phase_ends_when_a_body_has_settled(tmp_path):
     settled = {"of": "target", "speed": 0.05, "spin_deg": 10, "dwell": 0.5}
-    phases = {"calm": {"until": {"settled": settled}, "then": "end"}}
+    phases = {"calm": {"until": {"settled": settled}, "next": "end"}}
     run = roll(
         build_closed_loop(free_bodies(tmp_path, FLAT, {"capture": {"at": 9}, "kind": "weld"}, phases=phases)),
         2.0,
@@ -195,9 +195,9 @@ def test_a_phase_ends_when_a_body_has_settled(tmp_path):
 
 
 BAD = {
-    "a name": ({"one": {"then": "two", "at_most": 1.0}}, "phases.one.then", "no phase 'two'"),
+    "a name": ({"one": {"next": "two", "timeout": 1.0}}, "phases.one.next", "no phase 'two'"),
     "unreached": ({"one": {}, "two": {}}, "phases.two", "never reached; 'one' never ends"),
-    "skipped": ({"one": {"at_most": 1.0, "then": "end"}, "two": {}}, "phases.two", "never reached"),
+    "skipped": ({"one": {"timeout": 1.0, "next": "end"}, "two": {}}, "phases.two", "never reached"),
     "a grasp": ({"one": {"until": {"captured": ["lef"]}}}, "phases.one.until.captured", "'lef'"),
     "no release": ({"one": {"until": {"released": ["left"]}}}, "phases.one.until.released", "never lets go"),
     "two ways": ({"one": {"until": {"time": 1, "captured": ["left"]}}}, "phases.one.until", "time, captured"),
@@ -244,12 +244,12 @@ BAD = {
         "only a number",
     ),
     "no time passes": (
-        {"one": {"until": {"captured": ["left"]}}, "two": {"until": {"captured": ["right"]}, "then": "one"}},
+        {"one": {"until": {"captured": ["left"]}}, "two": {"until": {"captured": ["right"]}, "next": "one"}},
         "phases.one",
         "no time passes in one -> two -> one",
     ),
     "end": ({"end": {}}, "phases.end", "rename"),
-    "otherwise": ({"one": {"otherwise": "end"}}, "phases.one.otherwise", "never followed"),
+    "on_timeout": ({"one": {"on_timeout": "end"}}, "phases.one.on_timeout", "never followed"),
 }
 
 
@@ -283,14 +283,14 @@ def test_a_grasp_that_no_phase_lets_close_is_refused(tmp_path):
 
 def test_a_phase_that_waits_for_a_grasp_that_cannot_close_in_it_is_refused(tmp_path):
     phases = {
-        "one": {"until": {"captured": ["left"]}, "captures": [], "at_most": 1.0},
+        "one": {"until": {"captured": ["left"]}, "captures": [], "timeout": 1.0},
         "two": {"until": {"captured": ["left"]}, "captures": ["left"]},
     }
     grasp = {"capture": {"distance": 0.1}, "kind": "weld"}
     told = r"phases\.one\.until\.captured: never holds, for 'left' is open when the phase begins"
     with pytest.raises(ScenarioError, match=told):
         free_bodies(tmp_path, FLAT, grasp, phases=phases)
-    again = {"one": {"captures": ["left"], "at_most": 1.0}, "two": phases["one"], "three": {}}
+    again = {"one": {"captures": ["left"], "timeout": 1.0}, "two": phases["one"], "three": {}}
     free_bodies(tmp_path, FLAT, grasp, phases=again)  # it may have closed before
 
 

@@ -85,7 +85,7 @@ def test_the_docking_pages_scenario_is_caught_carried_and_let_go(tmp_path):
         "approach.captured",
         "carry.settled",
         "hand.told",
-        "part.at_most",
+        "part.timeout",
     ]
     assert told == carried
 

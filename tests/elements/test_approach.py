@@ -127,14 +127,14 @@ def test_they_begin_with_their_phase(case, begins_at):
     phases = {
         name: {
             "robots": {"one": {"tips": {"tip": {"reference": way}}}},
-            "at_most": 0.3,
+            "timeout": 0.3,
             "begins_at": begins_at,
         }
         for name, way in zip(("away", "meet", "rest"), ways, strict=True)
     }
     loop = build_closed_loop(drifting(case, phases=phases))
     run = roll(loop, 0.8, rtol=1e-8)
-    changes = [event for event in run.events if event.name in ("away.at_most", "meet.at_most")]
+    changes = [event for event in run.events if event.name in ("away.timeout", "meet.timeout")]
     assert len(changes) == 2, run.names
     for event in changes:
         before = run.outputs(event.time, event.before, event.c_before)

@@ -21,7 +21,7 @@ TUNING = {
     "objective": {"kind": "ise"},
     "robustness": {"plants": 8},
     "budget": 120,
-    "rival_budget": 120,
+    "baseline_budget": 120,
     "population": 12,
     "runs": 2,
     "starts": 2,

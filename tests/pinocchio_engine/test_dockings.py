@@ -111,13 +111,13 @@ def test_ways_to_close_and_to_let_go(tmp_path, bases, grasp, names):
 
 
 PHASES = {
-    "approach": {"until": {"captured": ["left"]}, "at_most": 2.5, "otherwise": "end"},
+    "approach": {"until": {"captured": ["left"]}, "timeout": 2.5, "on_timeout": "end"},
     "carry": {
         "until": {"time": 0.6},
-        "at_most": 1.0,
+        "timeout": 1.0,
         "grasps": {"left": {"stiffness": 150}},
     },
-    "part": {"releases": ["left"], "captures": [], "at_most": 0.5},
+    "part": {"releases": ["left"], "captures": [], "timeout": 0.5},
 }
 
 
@@ -126,7 +126,7 @@ def test_phases_follow_each_other_and_end(tmp_path, bases):
     grasp = {"kind": "compliant", "capture": {"distance": 0.05, "dwell": 0.05}}
     names = hold_together(free_bodies(tmp_path, bases, grasp, phases=PHASES), 3.0)
     expected = ["left.entered", "left.captured", "approach.captured", "carry.time", "left.told"]
-    assert names == [*expected, "part.at_most"]
+    assert names == [*expected, "part.timeout"]
 
 
 SETTLING = {
@@ -138,7 +138,7 @@ SETTLING = {
 
 @pytest.mark.parametrize("until", SETTLING.values(), ids=SETTLING)
 def test_a_phase_ends_as_something_settles_or_passes_a_limit(tmp_path, until):
-    phases = {"approach": {"until": until, "at_most": 2.0}, "second": {"captures": []}}
+    phases = {"approach": {"until": until, "timeout": 2.0}, "second": {"captures": []}}
     grasp = {"kind": "compliant", "stiffness": 40, "damping": 5, "capture": {"at": 0.63}}
     names = hold_together(free_bodies(tmp_path, DEEP, grasp, phases=phases), 2.4)
     assert names

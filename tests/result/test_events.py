@@ -33,7 +33,7 @@ def told(scene, duration):
 
 @pytest.mark.parametrize("bases", [FLAT, DEEP], ids=["planar", "spatial"])
 def test_a_capture_is_told_with_what_it_took(tmp_path, bases):
-    phases = {"approach": {"until": {"captured": ["left"]}}, "carry": {"until": {"time": 0.2}, "then": "end"}}
+    phases = {"approach": {"until": {"captured": ["left"]}}, "carry": {"until": {"time": 0.2}, "next": "end"}}
     scene = free_bodies(tmp_path, bases, {"kind": "weld", "capture": {"distance": 0.05}}, phases=phases)
     events = told(scene, 3.0)
     assert [event["kind"] for event in events] == ["captured", "phase", "end"]

@@ -12,9 +12,9 @@ from tests.oracles.free_bodies import DEEP, FLAT, free_bodies
 from tests.oracles.hybrid import roll
 
 PHASES = {
-    "approach": {"until": {"captured": ["left"]}, "at_most": 2.5, "otherwise": "end"},
-    "carry": {"until": {"time": 0.6}, "at_most": 1.0},
-    "part": {"releases": ["left"], "captures": [], "at_most": 0.5},
+    "approach": {"until": {"captured": ["left"]}, "timeout": 2.5, "on_timeout": "end"},
+    "carry": {"until": {"time": 0.6}, "timeout": 1.0},
+    "part": {"releases": ["left"], "captures": [], "timeout": 0.5},
 }
 CAPTURE = {"distance": 0.05, "dwell": 0.05, "draw_in": 0.4, "draw_in_deg": 120}
 
@@ -29,7 +29,7 @@ def test_a_docking_goes_as_an_independent_integrator_has_it(tmp_path, bases, kin
     found = build_rollout(loop, duration_s=3.0, step_s=0.01, backend="interpreted").run()
     names = [loop.events[fired.event].name for fired in found.events]
     assert names == expected.names
-    assert "part.at_most" in names
+    assert "part.timeout" in names
     for one, other in zip(found.events, expected.events, strict=True):
         assert one.time_s == pytest.approx(other.time, abs=1e-8)
         np.testing.assert_allclose(one.after, other.after, atol=1e-7)
@@ -84,7 +84,7 @@ def test_the_shipped_capture_grips_a_tumbling_satellite_arm_by_arm():
 def test_gradients_go_through_captures_phases_and_releases(tmp_path, kind):
     """Capture time, impulse or energy, and where the object ends, against central differences."""
     phases = {
-        "approach": {"until": {"captured": ["left"]}, "at_most": 2.5, "otherwise": "end"},
+        "approach": {"until": {"captured": ["left"]}, "timeout": 2.5, "on_timeout": "end"},
         "carry": {"until": {"time": 0.3}},
         "part": {"releases": ["left"], "captures": []},
     }

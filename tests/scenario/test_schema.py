@@ -206,7 +206,7 @@ def test_every_number_has_a_unit_and_every_field_a_description():
             numeric = field.get("type") == "number" or any(
                 option.get("type") == "number" for option in field.get("anyOf", ())
             )
-            assert not numeric or "unit" in field or where == "Variable", f"{where}.{name} has no unit"
+            assert not numeric or "unit" in field or where == "DesignVariable", f"{where}.{name} has no unit"
 
     schema = json_schema()
     assert schema["title"] == "spacerobot scenario"

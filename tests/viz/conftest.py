@@ -37,9 +37,9 @@ CAPTURE = {"distance": 0.05, "spin_deg": 60}
 def docked(tmp_path_factory):
     """Two free bodies that meet, go on together and part, in phases."""
     phases = {
-        "approach": {"until": {"captured": ["left"]}, "at_most": 2.5, "otherwise": "end"},
+        "approach": {"until": {"captured": ["left"]}, "timeout": 2.5, "on_timeout": "end"},
         "carry": {"until": {"time": 0.6}},
-        "part": {"releases": ["left"], "captures": [], "at_most": 0.5},
+        "part": {"releases": ["left"], "captures": [], "timeout": 0.5},
     }
     folder = tmp_path_factory.mktemp("docked")
     scene = free_bodies(folder, FLAT, {"kind": "weld", "capture": CAPTURE}, phases=phases)

@@ -207,7 +207,7 @@ def tune(plants: DesignCache, plant: PreparedDesign, numbers: Mapping[str, float
     start = plant.cost(numbers, metric)
     track = _Track(box, np.array(problem.start), np.nan if start is None else start)
     watched = MonitoredProblem(problem, metric, job, track, budget)
-    effort = effort_of(tuning_of(problem.scene), budget=budget, rival_budget=budget, runs=1)
+    effort = effort_of(tuning_of(problem.scene), budget=budget, baseline_budget=budget, runs=1)
     effort = replace(effort, nlp=replace(effort.nlp, budget=budget))
     outcome = run_method(watched, method, effort)
     state = "stopped" if outcome.interrupted else "done"

@@ -175,7 +175,7 @@ def fly(scene: Scene, *, backend: str = "auto", progress: Progress | None = None
     bench = Bench.of(scene, backend, tell, motions=OFTEN)
     _check_driven(bench)
     sensors, state = sensors_of(scene), np.concatenate([scene.q, scene.v])
-    horizon = Horizon.of(bench, sensed(scene, bench.plan, sensors, state), lead.least)
+    horizon = Horizon.of(bench, sensed(scene, bench.plan, sensors, state), lead.min_horizon)
     tell("compiling the closed loop, or finding it compiled")
     rollout, loop = _rollout(scene, horizon, lead.period, backend)
     flight = _Flight(scene, loop, rollout, lead, horizon, sensors, start_of(loop))
@@ -219,7 +219,7 @@ def lead_of(scene: Scene) -> Mpc:
                 where=f"robots.{body.name}.controllers",
             )
     leads = [lead for _, lead in given.values()]
-    for key in ("period", "least", "delay", "iterations"):
+    for key in ("period", "min_horizon", "delay", "iterations"):
         if len({getattr(lead, key) for lead in leads}) > 1:
             told = f"controllers of kind mpc differ in {key}, allowed: one for all robots"
             raise ScenarioError(told, source=source, where="robots")

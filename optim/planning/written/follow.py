@@ -106,9 +106,9 @@ def _in_phases(planned: Planned, document: Document) -> Document:
         motion = course.motions[k]
         _closing(document, phases[name], float(course.begins[k]) + motion.duration_s, motion.duration_s)
     end, left = phases.pop(last), _unused(f"{last}_wait", set(phases))
-    rest, (then, otherwise) = None, successors(own)[last]
+    rest, (following, on_timeout) = None, successors(own)[last]
     if last not in closing:
-        end |= {"then": then, "otherwise": otherwise}
+        end |= {"next": following, "on_timeout": on_timeout}
         end, rest = _parted(end, course.motions[-1].duration_s if len(flown) > 1 else course.duration_s, left)
     document["simulation"]["duration"] = max(course.duration_s, scenario.simulation.duration)
     if rest is not None:
@@ -138,7 +138,7 @@ def _closing(document: Document, phase: Document, now: float, duration: float) -
     """Let a planned phase end after its duration, with what it captures closed then, in place."""
     captured = (phase["until"] or {}).get("captured") or []
     until = {"captured": captured} if captured else {"time": duration}
-    phase |= {"until": until, "at_most": None, "otherwise": None, "captures": captured}
+    phase |= {"until": until, "timeout": None, "on_timeout": None, "captures": captured}
     for name in captured:
         before = document["grasps"][name]["capture"]
         document["grasps"][name]["capture"] = {"at": now, **{k: before[k] for k in ("axis", "mated_deg")}}
@@ -167,20 +167,20 @@ def _track(planned: Planned, document: Document, phases: Document, flown: Sequen
 def _parted(own: Document, duration: float, left: str) -> tuple[Document, Document | None]:
     """A phase that names its successors, for as long as the plan lasts, and what is left of it, if any."""
     timed = (own["until"] or {}).get("time")
-    end = min(time for time in (timed, own["at_most"], np.inf) if time is not None)
-    first = own | {"until": None if timed else own["until"], "at_most": duration}
+    end = min(time for time in (timed, own["timeout"], np.inf) if time is not None)
+    first = own | {"until": None if timed else own["until"], "timeout": duration}
     if end <= duration:
-        return first | {"otherwise": own["then"] if timed == end else own["otherwise"]}, None
+        return first | {"on_timeout": own["next"] if timed == end else own["on_timeout"]}, None
     rest = own | {"releases": [], "reset": False}
     if timed:
         rest["until"] = own["until"] | {"time": timed - duration}
-    if own["at_most"] is None:
-        rest["otherwise"] = None
+    if own["timeout"] is None:
+        rest["on_timeout"] = None
     else:
-        rest["at_most"] = own["at_most"] - duration
+        rest["timeout"] = own["timeout"] - duration
     if end == np.inf and own["until"] is None:
-        rest["then"] = None
-    return first | {"otherwise": left}, rest
+        rest["next"] = None
+    return first | {"on_timeout": left}, rest
 
 
 def _resting(robot: Document) -> Document:

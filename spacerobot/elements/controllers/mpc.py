@@ -26,7 +26,7 @@ class Mpc(JointTracking):
     file: None = Field(default=None, description="none: plans are made in flight")
     phase: None = Field(default=None, description="none: plans are of one phase")
     period: float = quantity("s", "time between two plans", default=0.5, gt=0)
-    least: float = quantity(
+    min_horizon: float = quantity(
         "s", "time that a plan looks ahead at least; the last one before the end is kept", default=1.0, gt=0
     )
     delay: float = quantity(

@@ -28,7 +28,7 @@ GRIPPING = (
     ("grasps.left", GRIP),
 )
 UNTIL = {"captured": ["left"]}
-APPROACH = {"until": UNTIL, "at_most": 7, "otherwise": "end"}
+APPROACH = {"until": UNTIL, "timeout": 7, "on_timeout": "end"}
 HOLD = {"until": {"time": 0.5}, "target": {"reference": {"kind": "hold"}}}
 
 
@@ -72,8 +72,8 @@ def test_the_object_is_captured_at_the_plans_end_and_the_scenario_goes_on(phased
             "when left is captured -> hold; after 1 s at the latest -> end",
         ),
         ({"until": {"time": 8}}, "after 6 s -> approach_wait", "after 2 s -> hold"),
-        ({"until": {"time": 5}, "at_most": 9, "otherwise": "end"}, "after 6 s -> hold", None),
-        (APPROACH | {"at_most": 5}, "when left is captured -> hold; after 6 s at the latest -> end", None),
+        ({"until": {"time": 5}, "timeout": 9, "on_timeout": "end"}, "after 6 s -> hold", None),
+        (APPROACH | {"timeout": 5}, "when left is captured -> hold; after 6 s at the latest -> end", None),
     ],
     ids=["endless", "captured", "longer", "shorter", "late"],
 )

@@ -190,7 +190,7 @@ def test_a_plan_of_two_phases_is_flown_through_the_capture(reach, tmp_path, grip
     assert np.abs(flown.data.v.values[-1][:3]).max() < 1e-4
 
 
-WAIT, LAST = {"duration": 1, "goals": {"rest": {"still": "one"}}}, {"until": {"time": 1}, "then": "stop"}
+WAIT, LAST = {"duration": 1, "goals": {"rest": {"still": "one"}}}, {"until": {"time": 1}, "next": "stop"}
 
 
 @pytest.mark.parametrize(
@@ -206,7 +206,7 @@ WAIT, LAST = {"duration": 1, "goals": {"rest": {"still": "one"}}}, {"until": {"t
         ([("plan.phases.approach.goals.mate.tip", "one/top")], "plan.phases.approach.goals.mate.tip: no tip"),
         ([("plan.phases.stop.limits", {})], "plan.phases.stop.goals.rest: one cannot come to rest"),
         ([("plan.phases.wait", WAIT), ("phases.wait", LAST)], None),
-        ([("phases.wait", LAST), ("phases.approach.then", "wait")], "found where 'wait' is in turn"),
+        ([("phases.wait", LAST), ("phases.approach.next", "wait")], "found where 'wait' is in turn"),
     ],
 )
 def test_what_phases_cannot_be_is_refused(reach, changes, message):

@@ -16,7 +16,7 @@ from spacerobot.rollout.resumed import end_of, joined, resumed, start_of
 from spacerobot.scene import load_scene
 from tests.oracles.small_scenes import PLANAR, small_scene
 
-LEAD = {"kind": "mpc", "period": 0.5, "least": 1.0, "kp": 2, "kd": 1}
+LEAD = {"kind": "mpc", "period": 0.5, "min_horizon": 1.0, "kp": 2, "kd": 1}
 FLIGHT = [
     ("robots.one.controllers", {"lead": LEAD}),
     ("robots.one.sensors.target_velocity", {"scale": 0.5, "offset": 0.01}),
@@ -36,7 +36,7 @@ def miss(result, scene):
 def test_plans_made_anew_take_back_what_sensors_misread(reach):
     scene = reach(*FLIGHT)
     flown = fly(scene, backend="interpreted")
-    once = fly(reach(*FLIGHT, ("robots.one.controllers.lead.least", 100)), backend="interpreted")
+    once = fly(reach(*FLIGHT, ("robots.one.controllers.lead.min_horizon", 100)), backend="interpreted")
     assert miss(once, scene) > 0.015
     assert miss(flown, scene) < 0.45 * miss(once, scene)  # the last plan is one second old of three
     told = flown.summary["mpc"]
@@ -52,7 +52,7 @@ def test_plans_made_anew_take_back_what_sensors_misread(reach):
 def test_where_no_plan_is_found_the_last_one_is_flown_on(reach, monkeypatch):
     from optim.planning.receding import horizon
 
-    whole = fly(reach(*FLIGHT, ("robots.one.controllers.lead.least", 100)), backend="interpreted")
+    whole = fly(reach(*FLIGHT, ("robots.one.controllers.lead.min_horizon", 100)), backend="interpreted")
     real = horizon.solve
     monkeypatch.setattr(horizon, "solve", lambda *a, **k: real(*a, **(k | {"iterations": 1})))
     lost = fly(reach(*FLIGHT), backend="interpreted")
@@ -198,8 +198,8 @@ SLOW = [
             "come": {
                 "robots": {"one": {"tips": {"tip": {"pid": None}}}},
                 "until": {"captured": ["grip"]},
-                "at_most": 4,
-                "otherwise": "end",
+                "timeout": 4,
+                "on_timeout": "end",
             },
             "hold": {"robots": {"one": {"controllers": {"lead": None}}}, "until": {"time": 0.5}},
         },
@@ -275,7 +275,7 @@ def test_plans_are_made_with_a_model_of_their_own(reach):
     assert formulate(scene).stage.scene.model.inertias[base].mass < 0.8 * scene.model.inertias[base].mass
     exact, flown, once = (
         fly(reach(FLIGHT[0], *FLIGHT[2:], *more), backend="interpreted")
-        for more in ((), (model,), (model, ("robots.one.controllers.lead.least", 100)))
+        for more in ((), (model,), (model, ("robots.one.controllers.lead.min_horizon", 100)))
     )
     misses = [miss(one, scene) for one in (exact, flown, once)]
     assert misses[0] < misses[1] < 0.6 * misses[2]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 import pytest
-import yaml
 
 from optim import build_problem, integral, tune
 from optim.problem.objectives import OBJECTIVE
@@ -186,14 +185,6 @@ def test_fingerprints_differ_where_answers_may(small):
 def test_derivatives_are_booked_as_they_are_computed(small, kind, limits, cost):
     problem = build_problem(small(tuning__objective__kind=kind, **limits), variables=["kp", "ta"])
     assert problem.linear_cost == cost
-
-
-def test_variants_under_their_former_name_still_load(small_file):
-    document = yaml.safe_load(small_file.read_text(encoding="utf-8"))
-    document["tuning"]["readings"] = document["tuning"].pop("variants")
-    former = small_file.with_name("former.yaml")
-    former.write_text(yaml.safe_dump(document), encoding="utf-8")
-    assert load_scene(former).scenario == load_scene(small_file).scenario
 
 
 def test_the_step_is_refined_where_it_falsifies_the_derivatives_at_the_best_point():

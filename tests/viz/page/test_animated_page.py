@@ -296,7 +296,7 @@ def test_a_campaign_is_told_by_its_distribution_bands_and_cloud(browser, tmp_pat
 def test_bands_reach_as_far_as_rollouts_go(tmp_path):
     """An event ends both of these after the capture, long before the scenario's end."""
     phases = {
-        "approach": {"until": {"captured": ["left"]}, "at_most": 2.5},
+        "approach": {"until": {"captured": ["left"]}, "timeout": 2.5},
         "carry": {"until": {"time": 0.3}},
     }
     grasp = {"kind": "weld", "capture": {"distance": 0.05, "spin_deg": 60}}
