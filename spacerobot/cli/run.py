@@ -131,7 +131,9 @@ def run_scene(
 def plans_in_flight(scene: Scene) -> bool:
     """Whether a robot makes its plan anew in each period, by the engine that can be resumed."""
     controllers = [one for robot in scene.scenario.robots.values() for one in robot.controllers.values()]
-    return scene.scenario.simulation.engine == "casadi" and any(one.kind == "mpc" for one in controllers)
+    return scene.scenario.simulation.engine == "casadi" and any(
+        one.replanning is not None for one in controllers
+    )
 
 
 def fail_if_diverged(result: Result) -> None:

@@ -32,7 +32,7 @@ from spacerobot.elements.plan_cost import AxesCost, JointCost, PlanCost
 from spacerobot.elements.plan_instant import BoundedRow, PlanInstant, within, zero
 from spacerobot.elements.plan_limit import PlanLimit, PlannedJoint
 from spacerobot.elements.reference import Reference
-from spacerobot.elements.registry import FAMILIES, PLANS, Family, kinds, load_plugin, register
+from spacerobot.elements.registry import FAMILIES, PLANS, Family, create, kinds, load_plugin, register
 from spacerobot.elements.robot_element import RobotElement, RobotProperties
 from spacerobot.elements.section_context import SectionContext, StartInstant
 from spacerobot.elements.sensor import Sensor
@@ -83,6 +83,7 @@ __all__ = [
     "TipController",
     "TipGoal",
     "both",
+    "create",
     "cubic_blend",
     "either",
     "kinds",

@@ -2,12 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import ClassVar
 
+from spacerobot.arrays import Array
 from spacerobot.elements.context import ActuatorContext
 from spacerobot.elements.contribution import Contribution
-from spacerobot.elements.robot_element import RobotElement
+from spacerobot.elements.robot_element import Part, RobotElement
+
+
+@dataclass(frozen=True)
+class MomentumStorage:
+    """A set of n equal wheels on a base, whose inertia is not the root link's.
+
+    Attributes
+    ----------
+    axes
+        Unit vectors along the wheels' axes (3, n), root link's axes.
+    inertia
+        Of each about its axis [kg m^2].
+    speeds
+        At the start, relative to the base (n,) [rad/s].
+    torque_limit, speed_limit
+        Of each [N m, rad/s]; None where not limited.
+    """
+
+    axes: Array
+    inertia: float
+    speeds: Array
+    torque_limit: float | None
+    speed_limit: float | None
 
 
 class Actuator(RobotElement):
@@ -31,6 +56,27 @@ class Actuator(RobotElement):
     def unloads(self) -> bool:
         """Whether it drives the momentum of the robot's wheels to a goal."""
         return False
+
+    def wrench_limits(self, *, planar: bool) -> Mapping[Part, Array]:
+        """Force and torque on the base that it delivers, however they come together.
+
+        Parameters
+        ----------
+        planar
+            Whether the base moves in the x-y plane alone.
+
+        Returns
+        -------
+        mapping
+            Greatest force along [N] and torque about [N m] each axis of the root link (3,), infinite where
+            there is no limit; without the parts that plans may not use. Empty for one that plans do not use.
+        """
+        del planar
+        return {}
+
+    def momentum_storage(self) -> MomentumStorage | None:
+        """Wheels that exchange angular momentum with the base, for a plan to follow their momentum."""
+        return None
 
     def build(self, actuator: ActuatorContext) -> Contribution:
         """What it adds to the closed loop."""

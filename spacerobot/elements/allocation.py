@@ -20,6 +20,8 @@ one linear system. So derivatives go through that system alone, and are exact wh
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import casadi as ca
@@ -35,6 +37,8 @@ FAR = 100.0
 """Length of y where a path begins at thrusters that are open."""
 SLACK = 1e-8
 """By which the s of a throttled one passes 0 or 1 before it changes, so that rounding cannot turn it back."""
+NOT_DRIVEN = 1e-6
+"""Part of the greatest side of a box of wrenches below which an axis counts as one that is not driven."""
 SHUT, THROTTLED, OPEN = 0, 1, 2
 _GRID = 2.0**20
 _NO_ZERO = 1e-300
@@ -212,3 +216,43 @@ def _worth(layout: ThrusterLayout, system: tuple[ca.SX, ca.SX, list[int]], wrenc
 
 def _cut(values: ca.SX) -> ca.SX:
     return ca.fmin(ca.fmax(values, 0), 1)
+
+
+def largest_box(full: Array, rows: Sequence[int]) -> Array:
+    """Half the sides of a box of wrenches all of which thrusters give at once.
+
+    Parameters
+    ----------
+    full
+        Wrench of each thruster at full thrust (6, n) [N, N m].
+    rows
+        Those of a wrench's entries that move the base.
+
+    Returns
+    -------
+    Array
+        Greatest force along [N] and torque about [N m] each axis (6,), with the sides in the ratio of what
+        each axis gets alone.
+    """
+    own = full[rows]
+    alone = np.array([min(_reach(own, sign * side) for sign in (1, -1)) for side in np.eye(len(rows))])
+    alone[alone < NOT_DRIVEN * alone.max(initial=0.0)] = 0.0
+    found, sides = np.zeros(6), np.flatnonzero(alone)
+    if sides.size:
+        corners = (np.array(signs) for signs in itertools.product((1, -1), repeat=sides.size))
+        onto = np.eye(len(rows))[:, sides] * alone[sides]
+        found[rows] = min(_reach(own, onto @ signs) for signs in corners) * alone
+    return found
+
+
+def _reach(full: Array, wanted: Array) -> float:
+    """How much of a wrench nozzles between shut and open give, and nothing else."""
+    from scipy.optimize import linprog  # takes time to load, and a run needs none of it
+
+    count = full.shape[1]
+    size = np.abs(full).max(axis=1, keepdims=True) + (np.abs(full).max(axis=1, keepdims=True) == 0)
+    equal = np.hstack([full, -wanted[:, None]]) / size
+    cost = np.append(np.zeros(count), -1.0)
+    bounds = [(0, 1)] * count + [(0, None)]
+    found = linprog(cost, A_eq=equal, b_eq=np.zeros(len(wanted)), bounds=bounds)
+    return float(found.x[-1]) if found.status == 0 else 0.0

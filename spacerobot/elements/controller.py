@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 from spacerobot.elements.context import RobotContext, TipContext
@@ -34,10 +35,37 @@ class TipController(Element):
         return None
 
 
+@dataclass(frozen=True)
+class Replanning:
+    """How the plan that a controller tracks is made again in flight.
+
+    Attributes
+    ----------
+    period
+        Time between two plans [s].
+    min_horizon
+        Time that a plan looks ahead at least [s].
+    delay
+        Time from what is sensed to the plan that is made from it being flown [s].
+    iterations
+        Of the solver, at most, for one plan.
+    """
+
+    period: float
+    min_horizon: float
+    delay: float
+    iterations: int
+
+
 class RobotController(RobotElement):
     """A controller of all joints of a robot."""
 
     family: ClassVar[str] = "robot_controller"
+
+    @property
+    def replanning(self) -> Replanning | None:
+        """How its plan is made again in flight (model predictive control); None for one without."""
+        return None
 
     def build(self, robot: RobotContext) -> Contribution:
         """What it adds to the closed loop."""

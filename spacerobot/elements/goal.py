@@ -72,6 +72,27 @@ class Goal(Element):
         """Whose joints these are."""
         raise NotImplementedError
 
+    @property
+    def stops(self) -> str | None:
+        """Name of the body whose root link is at rest in the world at the end, momentum and all; if any."""
+        return None
+
+    def settling(self, instant: PlanInstant) -> ca.SX | None:
+        """Motion that the joints produce at the end with the least rates, and without acceleration.
+
+        Parameters
+        ----------
+        instant
+            The last instant.
+
+        Returns
+        -------
+        casadi.SX or None
+            Velocities [m/s] and spins [rad/s] of a tip (n x 1); None where joints may move as they like.
+        """
+        del instant
+        return None
+
     def arrival(self, instant: PlanInstant) -> tuple[ca.SX, ca.SX] | None:
         """Velocity [m/s] and spin [rad/s] of a tip relative to its mating frame, for a goal that has one."""
         del instant
@@ -101,6 +122,19 @@ class TipGoal(Goal):
     @property
     def follows(self) -> str | None:
         """Link of the target that it follows, if any."""
+        return None
+
+    @property
+    def end_distance(self) -> float:
+        """Distance from what it follows at the end [m]."""
+        return 0.0
+
+    @property
+    def end_speed(self) -> float | None:
+        """Speed of the tip relative to what it follows at the end [m/s], where it then moves along with it.
+
+        None where its joints, or some of its motion relative to the frame, are free.
+        """
         return None
 
     def place(self, instant: PlanInstant) -> ca.SX:

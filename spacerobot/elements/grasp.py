@@ -10,6 +10,7 @@ points' own motion (Eq. 14-25) follows from the target's frames; a test holds it
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
@@ -33,6 +34,24 @@ OBSERVED = {
 """Vectors that every grasp declares: unit and text."""
 
 
+@dataclass(frozen=True)
+class Displacement:
+    """Tip relative to where a grasp is at rest, world axes (3x1 each).
+
+    Attributes
+    ----------
+    gap, twist
+        Displacement [m] and rotation vector [rad].
+    velocity, spin
+        Of the tip relative to the target's point there [m/s, rad/s].
+    """
+
+    gap: ca.SX
+    twist: ca.SX
+    velocity: ca.SX
+    spin: ca.SX
+
+
 class Grasp(Element):
     """A connection of a tip and a mating frame.
 
@@ -40,11 +59,14 @@ class Grasp(Element):
     ----------
     fixes_position, fixes_orientation
         What a rigid connection takes away: the two or three translations, and the one or three rotations.
+    has_springs
+        Whether its wrench depends on the tip's displacement and motion alone: :meth:`spring_wrench`.
     """
 
     family: ClassVar[str] = "grasp"
     fixes_position: ClassVar[bool] = False
     fixes_orientation: ClassVar[bool] = False
+    has_springs: ClassVar[bool] = False
 
     tip: str = Field(pattern=r"^[^/]+/[^/]+$", description="the tip, as robot/tip")
     frame: str = Field(min_length=1, description="mating frame: a link of the target's URDF")
@@ -84,6 +106,28 @@ class Grasp(Element):
         never = "lets go as phases say" if told else "never lets go"
         found.append(never if self.release is None else self.release.words())
         return "; ".join(found)
+
+    @property
+    def holds_orientation(self) -> bool:
+        """Whether it holds the tip's orientation too, rigidly or by springs and dampers."""
+        return self.fixes_orientation
+
+    def spring_wrench(self, number: Callable[[str], ca.SX], tip: Displacement) -> tuple[ca.SX, ca.SX]:
+        """Force [N] and torque [N m] on the target by springs and dampers, world axes (3x1 each).
+
+        Parameters
+        ----------
+        number
+            Value of a key of this section (1x1): a symbol in a closed loop, the number itself in a plan.
+        tip
+            The tip relative to where the grasp is at rest.
+
+        Raises
+        ------
+        NotImplementedError
+            If :attr:`has_springs` is not set: the wrench depends on more than that, as that of a rigid one.
+        """
+        raise NotImplementedError
 
     def build(self, grasp: GraspContext) -> Contribution:
         """What it adds to the closed loop while it is closed."""

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
+from spacerobot.elements.contact import Wrap
 from spacerobot.elements.element import Element
 from spacerobot.elements.plan_instant import BoundedRow, PlanInstant
 
@@ -35,6 +36,44 @@ class PlannedJoint:
     file: str
 
 
+@dataclass(frozen=True)
+class SeparatedShapes:
+    """Shapes that a limit keeps apart.
+
+    Attributes
+    ----------
+    between
+        The two: each the name of a pad, or a link with ``*`` for any letters.
+    wrap
+        Shape around meshes and cylinders that stands in for them.
+    """
+
+    between: tuple[str, str]
+    wrap: Wrap | None
+
+
+@dataclass(frozen=True)
+class ApproachCone:
+    """A cone that opens from a mating frame against the direction of approach.
+
+    Attributes
+    ----------
+    frame
+        The mating frame, a link of the target's URDF.
+    axis
+        Direction of approach in that frame (3,).
+    half_angle_deg
+        Between its axis and its surface [deg].
+    radius
+        Of its cut in the frame's plane [m].
+    """
+
+    frame: str
+    axis: tuple[float, ...]
+    half_angle_deg: float
+    radius: float
+
+
 class PlanLimit(Element):
     """A limit: bounds of unknowns, which cost the solver nothing, or path constraints.
 
@@ -59,6 +98,16 @@ class PlanLimit(Element):
     def base_limits(self) -> Mapping[WrenchPart, float]:
         """Greatest force [N] along and torque [N m] about each axis that drives a floating base."""
         return {}
+
+    @property
+    def separated(self) -> SeparatedShapes | None:
+        """Shapes that it keeps apart, for drawings and for what is checked before planning; if any."""
+        return None
+
+    @property
+    def approach_cone(self) -> ApproachCone | None:
+        """Cone in which it keeps a tip, for drawings; if any."""
+        return None
 
     def faults(self, joint: PlannedJoint) -> Iterator[str]:
         """Why a joint cannot be planned with it."""

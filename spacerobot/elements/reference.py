@@ -6,7 +6,7 @@ All kinds start where the frame is when they begin, at rest, and hold where they
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import casadi as ca
 import numpy as np
@@ -42,6 +42,22 @@ class Reference(Element):
     @property
     def follows(self) -> str | None:
         """Link of the target that it follows, if any."""
+        return None
+
+    def from_standoff(self, standoff: float) -> dict[str, Any] | None:
+        """Section that goes on as this one does, for a tip that is already near the link that it follows.
+
+        Parameters
+        ----------
+        standoff
+            Distance before that link at which the tip is [m].
+
+        Returns
+        -------
+        dict or None
+            The section without what lies behind the tip; None for a reference that cannot begin there.
+        """
+        del standoff
         return None
 
     def reads(self) -> set[str]:

@@ -102,6 +102,17 @@ def kinds(family: str) -> Mapping[str, type[Element]]:
     return MappingProxyType(dict(ordered))
 
 
+def create(family: str, kind: str, **values: Any) -> Any:
+    """Section of a kind by its name, of these values and its defaults.
+
+    Raises
+    ------
+    pydantic.ValidationError
+        If a value is not what the kind takes.
+    """
+    return kinds(family)[kind].model_validate({"kind": kind} | values)
+
+
 def only_shipped() -> bool:
     """Whether every kind of element there is ships with this package."""
     return all(kind.__module__.startswith(home) for f, home in _HOMES.items() for kind in kinds(f).values())
@@ -191,14 +202,19 @@ class Family:
         Of the family.
     default
         Kind of a section that names none; it must name one if None.
+    only
+        The one kind that the field takes, where its key names it; any kind of the family if None.
     """
 
     name: str
     default: str | None = None
+    only: str | None = None
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         """Schema of the union of all kinds there are now."""
         found = kinds(self.name)
+        if self.only is not None:
+            return handler.generate_schema(found[self.only])
         union = handler.generate_schema(
             Annotated[functools.reduce(operator.or_, found.values()), Field(discriminator="kind")]
         )

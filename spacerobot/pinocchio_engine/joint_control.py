@@ -17,7 +17,7 @@ from scipy.interpolate import KroghInterpolator
 
 from spacerobot.arrays import Array
 from spacerobot.elements.controllers.joint_pd import JointPd
-from spacerobot.elements.controllers.joint_tracking import JointTracking
+from spacerobot.elements.joint_plan import JointPlanController
 from spacerobot.pinocchio_engine.kinematics import Kinematics, joint_space_inertia, rotation_vector
 from spacerobot.pinocchio_engine.planned import Pieces, hermite, plan_time, window_ends
 from spacerobot.pinocchio_engine.references import Motion
@@ -146,7 +146,7 @@ def _set_position(joint: Any, value: float, q: Array) -> None:
 class JointTracker(_Joints):
     """A robot that follows a planned motion of its joints."""
 
-    config: JointTracking
+    config: JointPlanController
     state_names: ClassVar[tuple[str, ...]] = ()
 
     @property
@@ -204,7 +204,7 @@ def _(controller: JointPd, scene: Scene, body: SceneBody, key: str) -> RobotLaw:
 
 
 @robot_law.register
-def _(controller: JointTracking, scene: Scene, body: SceneBody, key: str) -> RobotLaw:
+def _(controller: JointPlanController, scene: Scene, body: SceneBody, key: str) -> RobotLaw:
     del key
     return JointTracker(scene, body, controller)
 

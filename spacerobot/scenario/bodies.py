@@ -7,13 +7,13 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from spacerobot.elements import Actuator, Family, Reference, RobotController, TipController
-from spacerobot.elements.actuators.torque_limit import TorqueLimit
+from spacerobot.elements import Actuator, Family, Reference, RobotController, TipController, create
 from spacerobot.elements.controllers.amnesia import Amnesia
-from spacerobot.elements.controllers.joint_pd import JointPd
-from spacerobot.elements.controllers.pid import Pid
 from spacerobot.scenario.sensors import Sensors
 from spacerobot.section import Name, Section, Vector, quantity
+
+Pid = Annotated[TipController, Family("tip_controller", only="pid")]
+JointPd = Annotated[RobotController, Family("robot_controller", only="joint_pd")]
 
 
 class Base(Section):
@@ -242,7 +242,7 @@ class Robot(Body):
     def driven_by(self) -> Iterator[tuple[str, Actuator]]:
         """Its actuators with their places in the section, in the order in which they act."""
         if self.torque_limits:
-            yield "torque_limits", TorqueLimit()
+            yield "torque_limits", create("actuator", "torque_limit")
         for name, actuator in self.actuators.items():
             yield f"actuators.{name}", actuator
 

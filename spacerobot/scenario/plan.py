@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Annotated, Any, Literal
 
 from pydantic import (
@@ -18,9 +19,6 @@ from spacerobot.elements import Family, kinds
 from spacerobot.elements.goal import Goal
 from spacerobot.elements.plan_cost import PlanCost
 from spacerobot.elements.plan_limit import PlanLimit
-from spacerobot.elements.plan_limits.cone import Cone
-from spacerobot.elements.plan_limits.keep_out import KeepOut
-from spacerobot.elements.plan_limits.sight import Sight
 from spacerobot.scenario.faults import explain
 from spacerobot.scenario.merge import overlay, pick, without_null
 from spacerobot.scenario.tuning import DesignVariable
@@ -150,9 +148,15 @@ class Planning(Section):
         description="limits that hold at all times, by name: a number alone, or a section; the name is the "
         "kind where the section gives none. Ranges, rates and efforts of the URDFs hold in any case",
     )
-    keep_out: dict[Name, KeepOut] = Field(default={}, description="what stays apart, by name")
-    cones: dict[Name, Cone] = Field(default={}, description="approach cones, by name")
-    sights: dict[Name, Sight] = Field(default={}, description="lines of sight that are kept, by name")
+    keep_out: dict[Name, Annotated[PlanLimit, Family("plan_limit", only="keep_out")]] = Field(
+        default={}, description="what stays apart, by name"
+    )
+    cones: dict[Name, Annotated[PlanLimit, Family("plan_limit", only="cone")]] = Field(
+        default={}, description="approach cones, by name"
+    )
+    sights: dict[Name, Annotated[PlanLimit, Family("plan_limit", only="sight")]] = Field(
+        default={}, description="lines of sight that are kept, by name"
+    )
     phases: dict[Name, dict[str, Any]] = Field(
         default={},
         description="the scenario's first phases, planned as one motion: duration and goals of each, and "
@@ -281,6 +285,12 @@ class Planning(Section):
             if isinstance(document[key], dict):
                 document[key] = without_null(document[key])
         return Planning.model_validate(document, context=context)
+
+    def every_limit(self) -> Iterator[tuple[str, str, PlanLimit]]:
+        """Section, name and limit of each, those of sections that are named after their kind too."""
+        for section in ("limits", "keep_out", "cones", "sights"):
+            for name, limit in getattr(self, section).items():
+                yield section, name, limit
 
     @property
     def by_phase(self) -> dict[str, Planning]:

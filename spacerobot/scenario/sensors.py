@@ -6,48 +6,47 @@ from typing import Annotated
 
 from pydantic import model_validator
 
-from spacerobot.elements import Family, Sensor
-from spacerobot.elements.sensors.linear import Linear
+from spacerobot.elements import Family, Sensor, create
 from spacerobot.section import Section, quantity
 
 AnySensor = Annotated[Sensor, Family("sensor", default="linear")]
+IDEAL: Sensor = create("sensor", "linear")
+"""A sensor without errors."""
 
 
 class Sensors(Section):
     """Sensors of one robot, one for each signal that a controller feeds back."""
 
-    joint_position: AnySensor = quantity("rad, m", "joint positions, used by the joint PD", default=Linear())
+    joint_position: AnySensor = quantity("rad, m", "joint positions, used by the joint PD", default=IDEAL)
     joint_rate: AnySensor = quantity(
-        "rad/s, m/s", "joint rates, used by `feedback: base` and the joint PD", default=Linear()
+        "rad/s, m/s", "joint rates, used by `feedback: base` and the joint PD", default=IDEAL
     )
-    tip_position: AnySensor = quantity("m", "tip positions, used by the amnesia controller", default=Linear())
-    tip_velocity: AnySensor = quantity(
-        "m/s", "tip velocities, used by `feedback: inertial`", default=Linear()
-    )
+    tip_position: AnySensor = quantity("m", "tip positions, used by the amnesia controller", default=IDEAL)
+    tip_velocity: AnySensor = quantity("m/s", "tip velocities, used by `feedback: inertial`", default=IDEAL)
     tip_orientation: AnySensor = quantity(
         "rad",
         "rotation vector of tips relative to their references, for the amnesia controller",
-        default=Linear(),
+        default=IDEAL,
     )
     tip_angular_velocity: AnySensor = quantity(
-        "rad/s", "angular velocities of tips, used by `feedback: inertial`", default=Linear()
+        "rad/s", "angular velocities of tips, used by `feedback: inertial`", default=IDEAL
     )
     target_position: AnySensor = quantity(
-        "m", "mating frames relative to tips, used by `rendezvous`", default=Linear()
+        "m", "mating frames relative to tips, used by `rendezvous`", default=IDEAL
     )
-    target_velocity: AnySensor = quantity("m/s", "velocities of mating frames, likewise", default=Linear())
+    target_velocity: AnySensor = quantity("m/s", "velocities of mating frames, likewise", default=IDEAL)
     target_orientation: AnySensor = quantity(
-        "rad", "rotation vector from tips to mating frames, world axes, used by `mpc`", default=Linear()
+        "rad", "rotation vector from tips to mating frames, world axes, used by `mpc`", default=IDEAL
     )
-    target_spin: AnySensor = quantity("rad/s", "angular velocity of the target, likewise", default=Linear())
-    base_position: AnySensor = quantity("m", "root link of a floating base, used by `mpc`", default=Linear())
+    target_spin: AnySensor = quantity("rad/s", "angular velocity of the target, likewise", default=IDEAL)
+    base_position: AnySensor = quantity("m", "root link of a floating base, used by `mpc`", default=IDEAL)
     base_orientation: AnySensor = quantity(
-        "rad", "rotation vector of the root link in the world, likewise", default=Linear()
+        "rad", "rotation vector of the root link in the world, likewise", default=IDEAL
     )
     base_velocity: AnySensor = quantity(
-        "m/s", "velocity of the root link, world axes, likewise", default=Linear()
+        "m/s", "velocity of the root link, world axes, likewise", default=IDEAL
     )
-    base_spin: AnySensor = quantity("rad/s", "angular velocity of the root link, likewise", default=Linear())
+    base_spin: AnySensor = quantity("rad/s", "angular velocity of the root link, likewise", default=IDEAL)
 
     @model_validator(mode="after")
     def _check(self) -> Sensors:

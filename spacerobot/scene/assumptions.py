@@ -104,8 +104,9 @@ def _never(scene: Scene) -> list[str]:
 def _unused_pads(scene: Scene) -> list[str]:
     """Warnings about pads that neither a contact nor a plan names."""
     plan = scene.scenario.plan
-    pairs = [*scene.scenario.contacts.values(), *(plan.keep_out.values() if plan is not None else ())]
-    named = {side for pair in pairs for side in pair.between}
+    named = {side for contact in scene.scenario.contacts.values() for side in contact.between}
+    for _, _, limit in plan.every_limit() if plan is not None else ():
+        named |= set(limit.separated.between if limit.separated is not None else ())
     return [
         f"pads.{name}: without effect, no contact names it"
         for name in scene.scenario.pads

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from spacerobot.elements.references.hold import Hold
+from spacerobot.elements import create
 from spacerobot.scenario import Scenario
 from spacerobot.scenario.paths import Document
 from spacerobot.scene.scene import SceneReference
@@ -45,7 +45,8 @@ def _reference(label: str, scenario: Scenario, changes: Document, phase: str) ->
     if tip.reference is None and held and target is not None and target.reference is not None:
         given = changes.get("target", {})
         return SceneReference(_in(phase, "target.reference", "reference" in given), target.reference, True)
-    return SceneReference(_in(phase, place, own.get("reference") is not None), tip.reference or Hold(), False)
+    reference = tip.reference or create("reference", "hold")
+    return SceneReference(_in(phase, place, own.get("reference") is not None), reference, False)
 
 
 def _in(phase: str, path: str, differs: bool) -> str:

@@ -11,7 +11,7 @@ import xarray as xr
 from scipy.interpolate import CubicSpline
 
 from spacerobot.arrays import Array
-from spacerobot.elements.plan_limits.cone import Cone
+from spacerobot.elements.plan_limit import ApproachCone
 from spacerobot.errors import ResultError
 from spacerobot.result import Result
 from spacerobot.scenario.plan import Planning
@@ -114,8 +114,12 @@ def _marks(scene: Scene, size: float) -> dict[int, list[dict[str, Any]]]:
         return found
     for joint, solid in _kept_out(scene, plan):
         found.setdefault(joint, []).append(solid_data(solid))
-    cones = {name: cone for part in plan.by_phase.values() for name, cone in part.cones.items()}
-    for cone in cones.values():
+    cones = {
+        (section, name): limit.approach_cone
+        for part in plan.by_phase.values()
+        for section, name, limit in part.every_limit()
+    }
+    for cone in filter(None, cones.values()):
         frame = scene.model.frames[scene.model.getFrameId(f"target/{cone.frame}", pin.FrameType.BODY)]
         found.setdefault(int(frame.parentJoint), []).append(
             _cone(frame.placement.homogeneous, cone, LONG * size)
@@ -128,15 +132,16 @@ def _kept_out(scene: Scene, plan: Planning) -> Iterator[tuple[int, Solid]]:
     pairs = [
         pair
         for part in plan.by_phase.values()
-        for name, apart in part.keep_out.items()
-        for pair in find_pairs(scene, apart.between, apart.wrap, f"plan.keep_out.{name}")
+        for section, name, limit in part.every_limit()
+        if (apart := limit.separated) is not None
+        for pair in find_pairs(scene, apart.between, apart.wrap, f"plan.{section}.{name}")
     ]
     for shape in {shape.label: shape for pair in pairs for shape in pair if shape.path is not None}.values():
         for solid in pad_solids(scene, shape, pairs):
             yield shape.joint, solid
 
 
-def _cone(frame: Array, cone: Cone, length: float) -> dict[str, Any]:
+def _cone(frame: Array, cone: ApproachCone, length: float) -> dict[str, Any]:
     """A cone that opens from its mating frame against the direction of approach."""
     back = -np.array(cone.axis) / np.linalg.norm(cone.axis)
     turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), back).toRotationMatrix()

@@ -15,8 +15,7 @@ from optim.planning.formulation.limits import instant_limits, path_rows, what_dr
 from optim.planning.formulation.settled import settled_rows
 from optim.planning.formulation.stage import Problem, Stage
 from optim.planning.formulation.start import beginnings
-from spacerobot.elements.goal import Goal
-from spacerobot.elements.goals.mated import Mated
+from spacerobot.elements.goal import Goal, TipGoal
 from spacerobot.elements.grasp import Grasp
 from spacerobot.errors import ScenarioError
 from spacerobot.scenario.plan import Planning
@@ -212,7 +211,7 @@ def mated(grasp: Grasp, goals: Mapping[str, Goal]) -> list[str]:
     return [
         name
         for name, goal in goals.items()
-        if isinstance(goal, Mated) and (goal.tip, goal.frame) == (grasp.tip, grasp.frame)
+        if isinstance(goal, TipGoal) and (goal.tip, goal.follows) == (grasp.tip, grasp.frame)
     ]
 
 
@@ -228,7 +227,7 @@ def _check_mated(scene: Scene, grasp: SceneGrasp, goals: Mapping[str, Goal], pha
             where=where,
         )
     goal = goals[mating[0]]
-    if not is_rigid(grasp) and isinstance(goal, Mated) and goal.standoff:
+    if not is_rigid(grasp) and isinstance(goal, TipGoal) and goal.end_distance:
         raise ScenarioError(
             f"found a standoff, where {grasp.name!r} closes and its springs are at rest; leave it out",
             source=scene.source,

@@ -17,7 +17,7 @@ from spacerobot.arrays import Array
 from spacerobot.dynamics import Kinematics, frame_placement, frame_velocity, rotation_log
 from spacerobot.dynamics.algebra import cross
 from spacerobot.dynamics.joints import exact_directions
-from spacerobot.elements.grasps.compliant import Compliant
+from spacerobot.elements.grasp import Displacement
 from spacerobot.errors import ScenarioError
 from spacerobot.scene import Scene
 from spacerobot.scene.grasp_closing import begun, is_rigid
@@ -36,9 +36,10 @@ def held(scene: Scene) -> tuple[SceneGrasp, ...]:
     """
     found = begun(scene.grasps)
     for grasp in found:
-        if not is_rigid(grasp) and not isinstance(grasp.config, Compliant):
+        if not is_rigid(grasp) and not grasp.config.has_springs:
             raise ScenarioError(
-                f"found {grasp.config.kind!r}, closed from the start; plans know weld, point and compliant",
+                f"found {grasp.config.kind!r}, closed from the start; plans know rigid grasps, "
+                "and springs and dampers",
                 source=scene.source,
                 where=grasp.path,
             )
@@ -48,7 +49,7 @@ def held(scene: Scene) -> tuple[SceneGrasp, ...]:
 def axes_of(scene: Scene, grasp: SceneGrasp) -> list[str]:
     """Names of the entries of a grasp's wrench: ``fx``, ... and where it turns ``tz``, ..., world axes."""
     forces = [f"f{AXES[i]}" for i in scene.translation_axes]
-    turns = scene.rotation_axes if _turns(grasp) else ()
+    turns = scene.rotation_axes if grasp.config.holds_orientation else ()
     return forces + [f"t{AXES[i]}" for i in turns]
 
 
@@ -61,29 +62,23 @@ def slip(scene: Scene, kinematics: Kinematics, grasps: Sequence[SceneGrasp]) -> 
         )
         linear = speed - moving - cross(turning, _gap(scene, kinematics, grasp))
         found = ca.vertcat(found, linear[list(scene.translation_axes)])
-        if _turns(grasp):
+        if grasp.config.holds_orientation:
             found = ca.vertcat(found, (spin - turning)[list(scene.rotation_axes)])
     return found
 
 
 def pull(scene: Scene, kinematics: Kinematics, grasp: SceneGrasp) -> tuple[ca.SX, ca.SX]:
     """Force and torque of springs and dampers on a tip, world axes."""
-    config, count = grasp.config, len(scene.translation_axes)
-    assert isinstance(config, Compliant)
+    config, turns = grasp.config, grasp.config.holds_orientation
+    along, about = list(scene.translation_axes), list(scene.rotation_axes)
     rate = slip(scene, kinematics, [grasp])
-    gap = _gap(scene, kinematics, grasp)[list(scene.translation_axes)]
-    force = -config.stiffness * gap - config.damping * rate[:count]
-    if not _turns(grasp):
-        return force, ca.SX(0, 1)
-    turn, damping = config.rotational_stiffness or 0.0, config.rotational_damping or 0.0
-    return force, -turn * _twist(scene, kinematics, grasp) - damping * rate[count:]
-
-
-def _turns(grasp: SceneGrasp) -> bool:
-    """Whether a grasp holds the orientation too."""
-    config = grasp.config
-    soft = isinstance(config, Compliant) and bool(config.rotational_stiffness or config.rotational_damping)
-    return config.fixes_orientation or soft
+    gap, twist, velocity, spin = (ca.SX(3, 1) for _ in range(4))
+    gap[along], velocity[along] = _gap(scene, kinematics, grasp)[along], rate[: len(along)]
+    if turns:
+        twist[about], spin[about] = _twist(scene, kinematics, grasp), rate[len(along) :]
+    tip = Displacement(gap, twist, velocity, spin)
+    force, torque = config.spring_wrench(lambda key: ca.SX(getattr(config, key)), tip)
+    return -force[along], -torque[about] if turns else ca.SX(0, 1)
 
 
 def _gap(scene: Scene, kinematics: Kinematics, grasp: SceneGrasp) -> ca.SX:

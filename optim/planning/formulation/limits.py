@@ -82,11 +82,10 @@ def instant_limits(stage: Stage, given: Limits) -> tuple[Array, Array]:
 def path_rows(stage: Stage, plan: Planning) -> list[BoundedRow]:
     """What must hold at all instants beside the limits of z."""
     rows = [*_hold_rows(stage), *wheel_rows(stage, plan)]
-    for section in ("limits", "keep_out", "cones", "sights"):
-        for name, limit in getattr(plan, section).items():
-            found = limit.rows(Seen(stage, f"plan.{section}.{name}", plan.goals))
-            prefix = "" if name == limit.kind else f"{name}: "
-            rows += [dataclasses.replace(row, name=f"{prefix}{row.name}") for row in found]
+    for section, name, limit in plan.every_limit():
+        found = limit.rows(Seen(stage, f"plan.{section}.{name}", plan.goals))
+        prefix = "" if name == limit.kind else f"{name}: "
+        rows += [dataclasses.replace(row, name=f"{prefix}{row.name}") for row in found]
     return rows
 
 

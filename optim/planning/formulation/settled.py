@@ -16,24 +16,18 @@ from optim.planning.formulation.instant import Seen
 from optim.planning.formulation.stage import Stage
 from spacerobot.dynamics.algebra import SymmetricFactors
 from spacerobot.elements.goal import Goal
-from spacerobot.elements.goals.mated import Mated
 from spacerobot.elements.plan_instant import BoundedRow, zero
 
 
 def settled_rows(stage: Stage, goals: Mapping[str, Goal]) -> Iterator[BoundedRow]:
     """Rows of the robots whose goals ask for it."""
-    asked = {name: goal for name, goal in goals.items() if isinstance(goal, Mated) and goal.settled}
-    for robot in dict.fromkeys(goal.body for goal in asked.values()):
-        own = {name: goal for name, goal in asked.items() if goal.body == robot}
-        twists = [_twist(Seen(stage, f"plan.goals.{name}"), goal) for name, goal in own.items()]
-        yield from _settled(stage, robot, ca.vertcat(*twists))
-
-
-def _twist(seen: Seen, goal: Mated) -> ca.SX:
-    """What of a tip's motion is matched (n x 1)."""
-    tip = seen.tip(goal.tip)
-    turns = [tip.spin[i] for i in seen.turns] if goal.orientation else []
-    return ca.vertcat(*(tip.velocity[i] for i in seen.axes), *turns)
+    twists = dict[str, list[ca.SX]]()
+    for name, goal in goals.items():
+        twist = goal.settling(Seen(stage, f"plan.goals.{name}"))
+        if twist is not None:
+            twists.setdefault(goal.body, []).append(twist)
+    for robot, own in twists.items():
+        yield from _settled(stage, robot, ca.vertcat(*own))
 
 
 def _settled(stage: Stage, robot: str, twist: ca.SX) -> Iterator[BoundedRow]:

@@ -24,7 +24,7 @@ from spacerobot.arrays import Array
 from spacerobot.dynamics import Inertias, Kinematics, centre_of_mass, forward_kinematics, momentum
 from spacerobot.dynamics.algebra import cross
 from spacerobot.dynamics.joints import sparse
-from spacerobot.elements.actuators.reaction_wheels import ReactionWheels
+from spacerobot.elements.actuator import MomentumStorage
 from spacerobot.elements.plan_instant import BoundedRow, zero
 from spacerobot.errors import ScenarioError
 from spacerobot.scenario.bodies import Robot
@@ -35,23 +35,12 @@ from spacerobot.scene.grasp_closing import is_rigid
 from spacerobot.scene.scene import SceneBody
 
 
-def axes_of_wheels(wheels: ReactionWheels) -> Array:
-    """Directions of the wheels' axes (3, n), root link's axes."""
-    if wheels.pyramid is None:
-        vectors = np.array(wheels.axes, dtype=float).T
-        return np.asarray(vectors / np.linalg.norm(vectors, axis=0))
-    tilt = np.radians(wheels.pyramid.tilt_deg)
-    return np.array(
-        [(np.cos(tilt) * x, np.cos(tilt) * y, np.sin(tilt)) for x, y in wheels.pyramid.directions()]
-    ).T
-
-
-def wheels_alone(body: SceneBody) -> ReactionWheels | None:
-    """The one set of reaction wheels of a robot on whose base nothing else acts."""
+def wheels_alone(body: SceneBody) -> MomentumStorage | None:
+    """The one set of wheels of a robot on whose base nothing else acts."""
     if not isinstance(body.config, Robot):
         return None
     own = [part for _, part in body.config.driven_by() if part.base_wrench]
-    return own[0] if len(own) == 1 and isinstance(own[0], ReactionWheels) else None
+    return own[0].momentum_storage() if len(own) == 1 else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,8 +53,6 @@ class Turned:
         Its name.
     wheels
         The set.
-    axes
-        Of its wheels (3, n), root link's axes.
     momenta
         Angular momentum of each about its axis (n x 1) [N m s].
     speeds
@@ -75,8 +62,7 @@ class Turned:
     """
 
     robot: str
-    wheels: ReactionWheels
-    axes: Array
+    wheels: MomentumStorage
     momenta: ca.SX
     speeds: ca.SX
     asked: ca.SX
@@ -84,7 +70,7 @@ class Turned:
     @property
     def motors(self) -> ca.SX:
         """Torques of the motors (n x 1) [N m]."""
-        return ca.mtimes(sparse(-np.linalg.pinv(self.axes)), self.asked)
+        return ca.mtimes(sparse(-np.linalg.pinv(self.wheels.axes)), self.asked)
 
 
 def turned_by_wheels(stage: Stage) -> dict[str, Turned]:
@@ -137,15 +123,15 @@ def asked_of_bases(stage: Stage) -> ca.SX:
     return ca.vertcat(ca.SX(0, 1), *asked)
 
 
-def _turned(stage: Stage, body: SceneBody, wheels: ReactionWheels) -> Turned:
-    scene, axes, inertia = stage.scene, axes_of_wheels(wheels), wheels.inertia
+def _turned(stage: Stage, body: SceneBody, wheels: MomentumStorage) -> Turned:
+    scene, axes, inertia = stage.scene, wheels.axes, wheels.inertia
     first, size = int(scene.model.idx_vs[body.root_joint]), int(scene.model.nvs[body.root_joint])
     about, columns = ([2], [first + 2]) if size == 3 else ([0, 1, 2], [first + k for k in (3, 4, 5)])
     start = close_velocity(scene) if any(is_rigid(grasp) for grasp in held(scene)) else scene.v
     before = forward_kinematics(scene.model, ca.SX(np.array(scene.q)), ca.SX(np.array(start)))
     spins = np.zeros(3)
     spins[about] = np.array(start)[columns]
-    began = inertia * (axes.T @ spins + np.array(wheels.speeds or np.zeros(axes.shape[1])))
+    began = inertia * (axes.T @ spins + wheels.speeds)
     turn = np.array(ca.DM(before.rotation[body.root_joint]))
     whole = np.array(ca.DM(_angular(scene, body, before))).ravel() + turn @ axes @ began
     left = sparse(whole) - _angular(scene, body, stage.kinematics)
@@ -156,7 +142,7 @@ def _turned(stage: Stage, body: SceneBody, wheels: ReactionWheels) -> Turned:
     for k, axis in zip(about, ("tx", "ty", "tz") if size == 6 else ("tz",), strict=True):
         torque[k] = stage.u[stage.driven.names.index(f"{body.name}/base.{axis}")]
     speeds = momenta / inertia - ca.mtimes(sparse(axes.T), spin)
-    return Turned(body.name, wheels, axes, momenta, speeds, torque + cross(spin, carried))
+    return Turned(body.name, wheels, momenta, speeds, torque + cross(spin, carried))
 
 
 def _angular(scene: Scene, body: SceneBody, kinematics: Kinematics) -> ca.SX:
@@ -170,7 +156,7 @@ def _angular(scene: Scene, body: SceneBody, kinematics: Kinematics) -> ca.SX:
 
 def _across(stage: Stage, turned: Turned) -> Array:
     """Directions about which the wheels give no torque (k, 3)."""
-    return np.zeros((0, 3)) if stage.scene.planar else np.asarray(null_space(turned.axes.T).T)
+    return np.zeros((0, 3)) if stage.scene.planar else np.asarray(null_space(turned.wheels.axes.T).T)
 
 
 def _check_alone(stage: Stage, name: str) -> None:

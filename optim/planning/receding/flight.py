@@ -17,7 +17,7 @@ from optim.planning.receding.sensed import sensed, sensors_of
 from optim.planning.searches.bench import Bench
 from spacerobot.arrays import Array
 from spacerobot.closedloop import ClosedLoop
-from spacerobot.elements.controllers.mpc import Mpc
+from spacerobot.elements.controller import Replanning
 from spacerobot.errors import ScenarioError
 from spacerobot.loop_cache import cached_closed_loop
 from spacerobot.result import Result
@@ -38,13 +38,13 @@ OFTEN = 1000
 """Motions that are made in flight, as far as it counts whether compiling pays: time presses there."""
 
 
-def controllers_of(scene: Scene) -> dict[str, tuple[str, Mpc]]:
-    """Key and section of each robot's controller of kind ``mpc``, by robot."""
+def controllers_of(scene: Scene) -> dict[str, tuple[str, Replanning]]:
+    """Key of each robot's controller whose plan is made again in flight, and how that is done, by robot."""
     return {
-        body: (key, controller)
+        body: (key, controller.replanning)
         for body, robot in scene.scenario.robots.items()
         for key, controller in robot.controllers.items()
-        if isinstance(controller, Mpc)
+        if controller.replanning is not None
     }
 
 
@@ -75,7 +75,7 @@ class _Flight:
     scene: Scene
     loop: ClosedLoop
     rollout: Rollout
-    lead: Mpc
+    lead: Replanning
     horizon: Horizon
     sensors: Mapping[str, Sensors]
     start: Array
@@ -196,7 +196,7 @@ def fly(scene: Scene, *, backend: str = "auto", progress: Progress | None = None
     return _result(flight, began)
 
 
-def lead_of(scene: Scene) -> Mpc:
+def lead_of(scene: Scene) -> Replanning:
     """What the controllers have in common: period, delay, and when the last plan is made.
 
     Parameters

@@ -16,8 +16,6 @@ from optim.planning.transcription.guess import drift
 from optim.planning.transcription.lobatto import Lobatto
 from spacerobot.arrays import Array
 from spacerobot.elements.goal import TipGoal
-from spacerobot.elements.goals.mated import Mated
-from spacerobot.elements.goals.still import Still
 from spacerobot.errors import ScenarioError
 from spacerobot.scenario.plan import Planning
 from spacerobot.scene import Scene
@@ -87,12 +85,10 @@ def check_momentum(problem: Problem, plan: Planning) -> None:
     """
     scene, resting = problem.stage.scene, dict[str, str]()
     for name, goal in plan.goals.items():
-        if not isinstance(goal, Still) or not goal.rests:
+        if goal.stops is None:
             continue
-        if goal.speed_within is not None or goal.spin_within_deg is not None:
-            continue  # some momentum may stay
         where = f"plan.goals.{name}"
-        body = next(body for body in scene.bodies if body.name == goal.still)
+        body = next(body for body in scene.bodies if body.name == goal.stops)
         group = _moving_with(problem, body)
         if body.name in resting:
             raise ScenarioError(
@@ -152,7 +148,7 @@ def check_joined(problem: Problem, plan: Planning) -> None:
     if driven.drives_bases or problem.stage.grips or problem.begin is not None:
         return
     for name, goal in plan.goals.items():
-        if not isinstance(goal, Mated) or not (goal.rests and goal.orientation) or goal.rate_within:
+        if not isinstance(goal, TipGoal) or goal.follows is None or goal.end_speed is None:
             continue
         tip = tips[goal.tip]
         if not tip.body.root_joint:
@@ -160,9 +156,9 @@ def check_joined(problem: Problem, plan: Planning) -> None:
         linear, angular = _momenta(scene, [tip.body])
         mass = sum(float(scene.model.inertias[joint].mass) for joint in tip.body.subtree)
         own, near = linear / mass, _greatest_distance(problem, tip)
-        velocities, spins = _mate_motion(problem, goal)
+        velocities, spins = _mate_motion(problem, goal.follows)
         turning, turned = np.linalg.norm(spins, axis=1), float(np.linalg.norm(angular))
-        apart = np.linalg.norm(velocities - own, axis=1) - turning * near - goal.closing_speed
+        apart = np.linalg.norm(velocities - own, axis=1) - turning * near - goal.end_speed
         fault = ""
         if apart.min() > SLACK:
             fault = f"its centre of mass goes on at {np.linalg.norm(own):.4g} m/s, another velocity than that"
@@ -177,11 +173,11 @@ def check_joined(problem: Problem, plan: Planning) -> None:
             )
 
 
-def _mate_motion(problem: Problem, goal: Mated) -> tuple[Array, Array]:
+def _mate_motion(problem: Problem, name: str) -> tuple[Array, Array]:
     """Velocity and spin of a mating frame, world axes, when a plan may end (n, 3) each [m/s, rad/s]."""
     scene, (least, greatest, _) = problem.stage.scene, problem.duration
     model, data = scene.model, scene.model.createData()
-    frame = model.getFrameId(f"target/{goal.frame}", pin.FrameType.BODY)
+    frame = model.getFrameId(f"target/{name}", pin.FrameType.BODY)
     qs, vs = (
         part[int(INSTANTS * least / greatest) :]
         for part in drift(problem, Lobatto.of_order(2), INSTANTS, greatest)

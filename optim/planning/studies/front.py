@@ -21,8 +21,7 @@ from optim.planning.formulation.formulate import plan_of
 from optim.planning.searches.bench import Ask, Attempt, Bench
 from optim.planning.searches.make import Planned, Progress, fault_of, integrals, kept_in, plan_tasks, planned
 from optim.planning.searches.tasks import Task, carry_out
-from spacerobot.elements import PlanCost, kinds
-from spacerobot.elements.plan_costs.time import TimeCost
+from spacerobot.elements import PlanCost, create, kinds
 from spacerobot.errors import ScenarioError, near_names
 from spacerobot.files import StrPath
 from spacerobot.scene import Scene
@@ -85,7 +84,10 @@ class Front:
     def costs(self) -> dict[str, PlanCost]:
         """The two terms, by name; the duration is one though it may have no weight."""
         given = plan_of(self.scene).costs
-        return {name: given[name] if name in given else TimeCost(weight=0.0) for name in self.names}
+        return {
+            name: given[name] if name in given else create("plan_cost", name, weight=0.0)
+            for name in self.names
+        }
 
 
 @dataclass(frozen=True)

@@ -44,8 +44,10 @@ def following(planned: Planned) -> Scenario:
     named = {side for contact in scenario.contacts.values() for side in contact.between}
     document["pads"] = {name: pad for name, pad in document["pads"].items() if name in named}
     _begin(planned, document)
-    for robot in document["robots"].values():  # what plans in flight does not follow
-        robot["controllers"] = {k: one for k, one in robot["controllers"].items() if one["kind"] != "mpc"}
+    for name, robot in scenario.robots.items():  # what plans in flight does not follow
+        for key, controller in robot.controllers.items():
+            if controller.replanning is not None:
+                del document["robots"][name]["controllers"][key]
     if flown_phase(scenario):
         return validate(_in_phases(planned, document))
     document["simulation"]["duration"] = planned.course.duration_s

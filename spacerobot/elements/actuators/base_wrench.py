@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import ClassVar, Literal
 
 import casadi as ca
+import numpy as np
 
+from spacerobot.arrays import Array
 from spacerobot.elements.actuator import Actuator
 from spacerobot.elements.context import ActuatorContext
 from spacerobot.elements.contribution import ActuatorDrive, Contribution
@@ -30,6 +33,12 @@ class BaseWrench(Actuator):
         default=None,
         gt=0,
     )
+
+    def wrench_limits(self, *, planar: bool) -> Mapping[Part, Array]:
+        """Its own limits, along and about every axis."""
+        del planar
+        given: dict[Part, float | None] = {"force": self.force, "torque": self.torque}
+        return {part: np.full(3, np.inf if most is None else most) for part, most in given.items()}
 
     def build(self, actuator: ActuatorContext) -> Contribution:
         """Wrench clipped axis by axis."""

@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Literal
 
 import casadi as ca
 import numpy as np
 from pydantic import Field, model_validator
 
+from spacerobot.arrays import Array
 from spacerobot.dynamics.algebra import cross
+from spacerobot.elements.actuator import MomentumStorage
 from spacerobot.elements.context import ActuatorContext
 from spacerobot.elements.contribution import ActuatorDrive, Contribution, PowerTerm, State, StoredMomentum
 from spacerobot.elements.reference import DEGREE
 from spacerobot.elements.registry import register
-from spacerobot.elements.robot_element import RobotProperties
+from spacerobot.elements.robot_element import Part, RobotProperties
 from spacerobot.elements.wheels import WheelMotors, Wheels, are_independent, shares, turning
 from spacerobot.section import Section, Vector, quantity
+
+ACROSS = 1e-6
+"""Greatest cosine between a wheel's axis and one of the root link that it cannot turn about."""
 
 
 class Pyramid(Section):
@@ -76,6 +81,27 @@ class ReactionWheels(Wheels):
     def count(self) -> int:
         """How many wheels."""
         return self.pyramid.wheels if self.pyramid else len(self.axes)
+
+    def momentum_storage(self) -> MomentumStorage:
+        """All its wheels."""
+        if self.pyramid is None:
+            vectors = np.array(self.axes, dtype=float).T
+            axes = vectors / np.linalg.norm(vectors, axis=0)
+        else:
+            tilt = np.radians(self.pyramid.tilt_deg)
+            across, up = np.cos(tilt), np.sin(tilt)
+            axes = np.array([(across * x, across * y, up) for x, y in self.pyramid.directions()]).T
+        speeds = np.array(self.speeds or np.zeros(self.count))
+        return MomentumStorage(axes, self.inertia, speeds, self.torque_limit, self.speed_limit)
+
+    def wrench_limits(self, *, planar: bool) -> Mapping[Part, Array]:
+        """Torque that the motors give by the pseudo-inverse of their axes, whatever other axes take."""
+        axes = self.momentum_storage().axes
+        if not planar and np.linalg.matrix_rank(axes) < 3:
+            return {"torque": np.zeros(3)}
+        shared = np.abs(np.linalg.pinv(axes)).sum(axis=1).max()
+        limit = np.inf if self.torque_limit is None else self.torque_limit / shared
+        return {"torque": np.where(np.abs(axes).max(axis=1) > ACROSS, limit, 0.0)}
 
     def build(self, actuator: ActuatorContext) -> Contribution:
         """The wheels' angular momenta are states; motors press on wheels and base alike."""

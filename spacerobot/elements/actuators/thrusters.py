@@ -9,7 +9,7 @@ so steps end there and derivatives go through it.
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal
 
@@ -17,9 +17,10 @@ import casadi as ca
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
+from spacerobot.arrays import Array
 from spacerobot.dynamics.algebra import cross
 from spacerobot.elements.actuator import Actuator
-from spacerobot.elements.allocation import ThrusterLayout, allocate, steps_needed
+from spacerobot.elements.allocation import ThrusterLayout, allocate, largest_box, steps_needed
 from spacerobot.elements.context import ActuatorContext
 from spacerobot.elements.contribution import ActuatorDrive, Contribution, Output, PowerTerm, State, memory
 from spacerobot.elements.event import Event
@@ -114,6 +115,18 @@ class Thrusters(Actuator):
                         f"{self.period:g} s, at whose beginning on-times are decided"
                     )
         return self
+
+    def wrench_limits(self, *, planar: bool) -> Mapping[Part, Array]:
+        """The largest box of wrenches, with sides in the ratio of what each axis gets alone."""
+        if self.unloads:
+            return {}
+        pushes = list[Array]()
+        for nozzle in self.nozzles.values():
+            line = np.array(nozzle.direction) / np.linalg.norm(nozzle.direction)
+            push = (self.thrust if nozzle.thrust is None else nozzle.thrust) * line
+            pushes.append(np.concatenate([push, np.cross(nozzle.position, push)]))
+        box = largest_box(np.array(pushes).T, [0, 1, 5] if planar else range(6))
+        return {"force": box[:3], "torque": box[3:]}
 
     def build(self, actuator: ActuatorContext) -> Contribution:
         """Wrench from outside, propellant, and the pulses' events."""

@@ -10,7 +10,8 @@ from pydantic import Field, model_validator
 
 from spacerobot.elements.context import RobotContext
 from spacerobot.elements.contribution import Contribution
-from spacerobot.elements.controllers.joint_tracking import JointTracking
+from spacerobot.elements.controller import Replanning
+from spacerobot.elements.joint_plan import JointPlanController
 from spacerobot.elements.knots import Knots
 from spacerobot.elements.registry import register
 from spacerobot.elements.robot_element import RobotProperties
@@ -19,10 +20,10 @@ from spacerobot.section import quantity
 
 
 @register
-class Mpc(JointTracking):
+class Mpc(JointPlanController):
     """Joints track a plan that is made anew in each period for the time that is left (MPC)."""
 
-    kind: Literal["mpc"] = "mpc"  # type: ignore[assignment]
+    kind: Literal["mpc"] = "mpc"
     file: None = Field(default=None, description="none: plans are made in flight")
     phase: None = Field(default=None, description="none: plans are of one phase")
     period: float = quantity("s", "time between two plans", default=0.5, gt=0)
@@ -41,6 +42,11 @@ class Mpc(JointTracking):
         if self.delay > self.period:
             raise ValueError(f"delay: found {self.delay:g} s, allowed: at most the period, {self.period:g} s")
         return self
+
+    @property
+    def replanning(self) -> Replanning:
+        """Once in each period."""
+        return Replanning(self.period, self.min_horizon, self.delay, self.iterations)
 
     def build(self, robot: RobotContext) -> Contribution:
         """Torques; the plan is that of the present period.

@@ -14,7 +14,6 @@ from spacerobot.dynamics.joints import exact_directions
 from spacerobot.elements.goal import TipGoal
 from spacerobot.elements.plan_instant import BoundedRow, PlanInstant, matched, unit, zero
 from spacerobot.elements.reference import Reference
-from spacerobot.elements.references.rendezvous import Rendezvous
 from spacerobot.elements.registry import register
 from spacerobot.section import Vector, quantity
 
@@ -81,6 +80,24 @@ class Mated(TipGoal):
         """The mating frame."""
         return self.frame
 
+    @property
+    def end_distance(self) -> float:
+        """The standoff."""
+        return self.standoff
+
+    @property
+    def end_speed(self) -> float | None:
+        """The closing speed, where the tip then neither turns nor moves otherwise relative to the frame."""
+        return self.closing_speed if self.rests and self.orientation and not self.rate_within else None
+
+    def settling(self, instant: PlanInstant) -> ca.SX | None:
+        """Velocity of the tip, and its spin where orientation is matched."""
+        if not self.settled:
+            return None
+        tip = instant.tip(self.tip)
+        turns = [tip.spin[i] for i in instant.turns] if self.orientation else []
+        return ca.vertcat(*(tip.velocity[i] for i in instant.axes), *turns)
+
     def rows(self, instant: PlanInstant) -> Iterator[BoundedRow]:
         """Pose and motion relative to the mating frame."""
         tip, mate, axis = instant.tip(self.tip), instant.mating(self.frame), unit(self.axis)
@@ -110,11 +127,11 @@ class Mated(TipGoal):
 
     def kept(self, own: Reference | None) -> dict[str, Any]:
         """At the mating frame, and on as the scenario's own reference if that leads there too."""
-        document: dict[str, Any] = {"kind": "rendezvous", "frame": self.frame, "end_distance": self.standoff}
-        document |= {"axis": self.axis, "mated_deg": self.mated_deg}
-        if isinstance(own, Rendezvous) and own.frame == self.frame:
-            document = own.model_dump(mode="json") | {"wait": 0.0}
-            if own.end_distance >= self.standoff:
-                document |= {"closing_speed": None, "end_distance": self.standoff}
+        document = None
+        if own is not None and own.follows == self.frame:
+            document = own.from_standoff(self.standoff)
+        if document is None:
+            document = {"kind": "rendezvous", "frame": self.frame, "end_distance": self.standoff}
+            document |= {"axis": self.axis, "mated_deg": self.mated_deg}
         settling = {"approach_time": SETTLING} if self.orientation else {}
         return document | settling | {"standoff": self.standoff}

@@ -36,6 +36,12 @@ class Still(Goal):
         """The one that comes to rest."""
         return self.still
 
+    @property
+    def stops(self) -> str | None:
+        """That body, unless some motion of it may stay."""
+        within = self.speed_within is not None or self.spin_within_deg is not None
+        return self.still if self.rests and not within else None
+
     def rows(self, instant: PlanInstant) -> Iterator[BoundedRow]:
         """Velocity and spin of its root link."""
         velocity, spin = instant.root(self.still, "still")

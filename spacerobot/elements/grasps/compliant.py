@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from collections.abc import Callable
+from typing import ClassVar, Literal
 
 import casadi as ca
 
 from spacerobot.elements.context import GraspContext
 from spacerobot.elements.contribution import Contribution, PowerTerm
-from spacerobot.elements.grasp import Grasp, observed, only, relative_motion
+from spacerobot.elements.grasp import Displacement, Grasp, observed, only, relative_motion
 from spacerobot.elements.registry import register
 from spacerobot.section import quantity
 
@@ -16,6 +17,8 @@ from spacerobot.section import quantity
 @register
 class Compliant(Grasp):
     """Spring and damper between tip and mating frame; one pair of opposite wrenches at the tip's point."""
+
+    has_springs: ClassVar[bool] = True
 
     kind: Literal["compliant"] = "compliant"
     stiffness: float = quantity("N/m", "translational stiffness K_g", default=100.0, ge=0)
@@ -27,25 +30,34 @@ class Compliant(Grasp):
         "N m s/rad", "rotational damping; none if not given", default=None, ge=0
     )
 
+    @property
+    def holds_orientation(self) -> bool:
+        """Where it has rotational springs or dampers."""
+        return bool(self.rotational_stiffness or self.rotational_damping)
+
+    def spring_wrench(self, number: Callable[[str], ca.SX], tip: Displacement) -> tuple[ca.SX, ca.SX]:
+        """``K_g gap + R_g velocity``, and likewise between the orientations if asked."""
+        force = number("stiffness") * tip.gap + number("damping") * tip.velocity
+        torque = ca.SX(3, 1)
+        if self.rotational_stiffness is not None:
+            torque = torque + number("rotational_stiffness") * tip.twist
+        if self.rotational_damping is not None:
+            torque = torque + number("rotational_damping") * tip.spin
+        return force, torque
+
     def build(self, grasp: GraspContext) -> Contribution:
-        """Springs and dampers, between the orientations too if asked."""
+        """Springs and dampers, the energy that they store and the power that they take."""
         plant, number, relative = grasp.plant, grasp.context.number, relative_motion(grasp)
-        stiffness, damping = number("stiffness"), number("damping")
         gap = only(relative.gap, plant.translation_axes)
         velocity = only(relative.velocity, plant.translation_axes)
-        force = stiffness * gap + damping * velocity
-        energy = stiffness * ca.dot(gap, gap) / 2
-        taken = damping * ca.dot(velocity, velocity)
-        torque = ca.SX(3, 1)
         twist, spin = only(relative.twist, plant.rotation_axes), only(relative.spin, plant.rotation_axes)
+        force, torque = self.spring_wrench(number, Displacement(gap, twist, velocity, spin))
+        energy = number("stiffness") * ca.dot(gap, gap) / 2
+        taken = number("damping") * ca.dot(velocity, velocity)
         if self.rotational_stiffness is not None:
-            rotational = number("rotational_stiffness")
-            torque = torque + rotational * twist
-            energy = energy + rotational * ca.dot(twist, twist) / 2
+            energy = energy + number("rotational_stiffness") * ca.dot(twist, twist) / 2
         if self.rotational_damping is not None:
-            rotational = number("rotational_damping")
-            torque = torque + rotational * spin
-            taken = taken + rotational * ca.dot(spin, spin)
+            taken = taken + number("rotational_damping") * ca.dot(spin, spin)
         return Contribution(
             wrenches=grasp.opposite(force, torque),
             energy=energy,

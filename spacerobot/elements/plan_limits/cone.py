@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import Field
 
 from spacerobot.elements.plan_instant import BoundedRow, PlanInstant, unit
-from spacerobot.elements.plan_limit import PlanLimit
+from spacerobot.elements.plan_limit import ApproachCone, PlanLimit
 from spacerobot.elements.registry import register
 from spacerobot.section import Vector, quantity
 
@@ -30,6 +30,11 @@ class Cone(PlanLimit):
     last: float = quantity(
         "1", "part of the duration, at its end, for which it holds", default=0.2, gt=0, le=1
     )
+
+    @property
+    def approach_cone(self) -> ApproachCone:
+        """The cone."""
+        return ApproachCone(self.frame, self.axis, self.half_angle_deg, self.radius)
 
     def rows(self, instant: PlanInstant) -> Iterator[BoundedRow]:
         """Distance from the axis below the cone's radius there, smooth on the axis."""

@@ -9,7 +9,7 @@ from pydantic import Field
 
 from spacerobot.elements.contact import Wrap
 from spacerobot.elements.plan_instant import BoundedRow, PlanInstant
-from spacerobot.elements.plan_limit import PlanLimit
+from spacerobot.elements.plan_limit import PlanLimit, SeparatedShapes
 from spacerobot.elements.registry import register
 from spacerobot.section import quantity
 
@@ -29,6 +29,11 @@ class KeepOut(PlanLimit):
     wrap: Wrap | None = Field(
         default=None, description="shape around meshes and cylinders that stands in for them"
     )
+
+    @property
+    def separated(self) -> SeparatedShapes:
+        """The two."""
+        return SeparatedShapes(self.between, self.wrap)
 
     def rows(self, instant: PlanInstant) -> Iterator[BoundedRow]:
         """The distance of each pair."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Literal
+from typing import Any, Literal
 
 import casadi as ca
 import numpy as np
@@ -67,6 +67,12 @@ class Rendezvous(Reference):
     def follows(self) -> str | None:
         """The mating frame."""
         return self.frame
+
+    def from_standoff(self, standoff: float) -> dict[str, Any]:
+        """Without the wait; it stays where its own end is farther away than that."""
+        document = self.model_dump(mode="json") | {"wait": 0.0}
+        stays = self.end_distance >= standoff
+        return document | ({"closing_speed": None, "end_distance": standoff} if stays else {})
 
     def reads(self) -> set[str]:
         """What is seen of the target."""

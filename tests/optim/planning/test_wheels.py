@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 import yaml
 
-from optim.planning.formulation.bases import thrusters_box
 from optim.planning.formulation.wheels import turned_by_wheels
 from optim.planning.searches.bench import Bench
 from optim.planning.searches.make import make_plan
@@ -130,8 +129,8 @@ def test_limits_not_given_are_those_of_the_actuators(spinning):
 
 def test_the_box_of_thrusters_is_one_whose_corners_they_reach():
     """Force u + w and torque (w - u) / 2 of two pairs, each between -1 and 1."""
-    box = thrusters_box(Thrusters(nozzles=JETS), planar=True)
-    np.testing.assert_allclose(box, [1, 0, 0, 0, 0, 0.5], atol=1e-9)
+    box = Thrusters(nozzles=JETS).wrench_limits(planar=True)
+    np.testing.assert_allclose([box["force"], box["torque"]], [[1, 0, 0], [0, 0, 0.5]], atol=1e-9)
 
 
 @pytest.mark.parametrize(
