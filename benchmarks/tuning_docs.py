@@ -1,7 +1,7 @@
-"""What a comparison says, in README and docs/tuning.md: ``python -m benchmarks.tuning_docs OUT [OUT ...]``.
+"""Tables of a comparison in docs/validation: ``python -m benchmarks.tuning_docs OUT [OUT ...]``.
 
 Each folder is what ``spacerobot compare`` wrote. Its data, without single runs, is kept in ``docs/data``; the
-texts between the marks are made from it, and a test holds them to it.
+texts between the marks are made from it, and a test compares them.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from optim.comparison.conclusion import conclusion
 
 ROOT = Path(__file__).parents[1]
 DATA = ROOT / "docs" / "data"
-PAGES = (ROOT / "README.md", ROOT / "docs" / "tuning.md")
-BLOCK = re.compile(r"<!-- (\w+): (verdict|table|found|gains|prices) -->\n.*?<!-- end -->", re.DOTALL)
+PAGES = tuple(ROOT / "docs" / "validation" / name for name in ("tuning_results.md", "tuning_suite.md"))
+BLOCK = re.compile(r"<!-- (\w+): (conclusion|table|found|gains|prices) -->\n.*?<!-- end -->", re.DOTALL)
 LEFT_OUT = ("runs", "trials", "log", "values", "profiles", "largest_errors_m")
 
 
 def kept(value: Any) -> Any:
-    """Data without what no table shows."""
+    """Data that some table shows."""
     if isinstance(value, Mapping):
         # `runs` is a list of all runs in one place, a count in the other
         return {k: kept(v) for k, v in value.items() if k not in LEFT_OUT or isinstance(v, int)}
@@ -39,7 +39,7 @@ def blocks(data: Mapping[str, Any]) -> dict[str, str]:
         return "\n\n".join(f"{tables.heading(c)}:\n\n{tables.as_markdown(table(c))}" for c in contests)
 
     return {
-        "verdict": f"**{conclusion(data)}**",
+        "conclusion": f"**{conclusion(data)}**",
         "table": tables.as_markdown(tables.summary_table(data)),
         "found": each(tables.found_table),
         "gains": each(tables.gains_table),
@@ -48,12 +48,12 @@ def blocks(data: Mapping[str, Any]) -> dict[str, str]:
 
 
 def filled(text: str) -> str:
-    """A page with the texts between its marks made anew."""
+    """A page with the texts between its marks generated again."""
 
     def made(found: re.Match[str]) -> str:
-        name, what = found.groups()
+        name, block = found.groups()
         data = json.loads((DATA / f"comparison-{name}.json").read_text(encoding="utf-8"))
-        return f"<!-- {name}: {what} -->\n{blocks(data)[what]}\n<!-- end -->"
+        return f"<!-- {name}: {block} -->\n{blocks(data)[block]}\n<!-- end -->"
 
     return BLOCK.sub(made, text)
 

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from spacerobot.api import animate as animate
     from spacerobot.api import campaign as campaign
     from spacerobot.api import figures as figures
+    from spacerobot.api import plan as plan
     from spacerobot.api import report as report
     from spacerobot.api import simulate as simulate
     from spacerobot.closedloop import ClosedLoop as ClosedLoop
@@ -67,6 +68,7 @@ _HOME = {
     "load": "spacerobot.result",
     "load_plugin": "spacerobot.elements",
     "load_scene": "spacerobot.scene",
+    "plan": "spacerobot.api",
     "register": "spacerobot.elements",
     "register_quantity": "spacerobot.quantities",
     "report": "spacerobot.api",

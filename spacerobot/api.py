@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from optim.campaign import CampaignEvaluator
+    from optim.planning.searches.make import Planned
     from viz.figures import Drawing
     from viz.page.notebook import EmbeddedPage
 
@@ -207,6 +208,55 @@ def campaign(
     place = Path(folder) if folder is not None else Path(kept.name) / "campaign"  # type: ignore[union-attr]
     done = run_campaign(scene, place, gains=gains, progress=progress)
     return CampaignResult(place, done.evaluator, not done.interrupted, kept)
+
+
+def plan(
+    scene: Scene,
+    folder: StrPath | None = None,
+    *,
+    warm_start: StrPath | None = None,
+    backend: Backend = "auto",
+    progress: Progress | None = None,
+) -> Planned:
+    """Solve the trajectory optimisation problem of a ``plan`` section, and verify the solution by replay.
+
+    Parameters
+    ----------
+    scene
+        A scene whose scenario has a ``plan`` section.
+    folder
+        Where ``plan.nc``, ``plan.json`` and ``followed.yaml``, the scenario that follows the plan, are
+        written; nothing is written if None.
+    warm_start
+        Folder of an earlier plan, or its ``plan.nc``, as the first guess.
+    backend
+        ``auto`` (compiled where that pays), ``compiled`` or ``interpreted``.
+    progress
+        Called with a few words whenever a step that may take a while begins.
+
+    Returns
+    -------
+    Planned
+        Motion, cost and the result of the verification.
+
+    Raises
+    ------
+    ScenarioError
+        If the section does not fit the scene, or ``warm_start`` is no plan of such a scene.
+    NoPlanError
+        If no feasible motion was found, or the solution fails the verification.
+    ResultError
+        If the folder holds something else or cannot be written.
+    """
+    from optim.planning.searches.make import make_plan
+    from optim.planning.written.plan_file import check_plan_folder, write
+
+    if folder is not None:
+        check_plan_folder(folder)
+    planned = make_plan(scene, backend=backend, progress=progress, warm_start=warm_start)
+    if folder is not None:
+        write(planned, Path(folder))
+    return planned
 
 
 def figures(

@@ -11,7 +11,7 @@ Data = Mapping[str, Any]
 
 
 def conclusion(data: Data) -> str:
-    """Which method has the lowest expected running time on how many contests; where not, which has, and why.
+    """Which method has the lowest expected running time on how many problems; elsewhere, which, and why.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ def conclusion(data: Data) -> str:
     total = len(data["contests"])
     text = (
         f"{first} has the lowest expected running time {' and '.join(counts)} of {total} "
-        f"{'contest' if total == 1 else 'contests'} (targets: so much above the best known value)"
+        f"benchmark problem{'s' * (total != 1)} (targets: relative gap to the best known value)"
     )
     others = [
         _elsewhere(contest, p, data["precisions"].index(p), first, lowest[contest["name"], p])

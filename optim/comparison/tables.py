@@ -45,8 +45,8 @@ def summary_table(data: Data) -> TextTable:
             best = lowest_of(contest, i)
             cells = [_expected(contest["methods"].get(name), i) + "*" * (name == best) for name in names]
             rows.append((contest["name"], percent(precisions[i]), *cells))
-    title = "Expected running time [rollouts] to so much above the best known value; * lowest, - never met"
-    return TextTable(title, ("contest", "to", *names), tuple(rows))
+    title = "Expected running time [rollouts] to a gap to the best known value; * lowest, - not reached"
+    return TextTable(title, ("problem", "to", *names), tuple(rows))
 
 
 def running_time_table(contest: Data, precisions: list[float], *, narrow: bool = False) -> TextTable:

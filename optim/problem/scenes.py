@@ -60,7 +60,7 @@ def tuning_of(scene: Scene) -> Tuning:
     if scene.scenario.tuning is None:
         raise ScenarioError(
             "this scenario has no tuning section; name what varies by `spacerobot tune --vary kp=20..2000`, "
-            "or let `spacerobot new` write a scenario that has one (docs/tuning.md)",
+            "or let `spacerobot new` write a scenario that has one (docs/explanation/tuning_methods.md)",
             source=scene.source,
             where="tuning",
         )

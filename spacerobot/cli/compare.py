@@ -51,8 +51,8 @@ Page = Annotated[
 
 HELP = """Tune by every method and compare: what each finds, at which cost, how often, and how it holds up.
 
-The verdict comes first. Costs are operations of the generated code, in plain rollouts; `docs/tuning.md` says
-how they are counted. A comparison that was killed goes on where it was when it is started again with the same
+The conclusion is printed first. Costs are operations of the generated code, in plain rollouts; see
+`docs/explanation/tuning_methods.md`. An interrupted comparison resumes when it is started again with the same
 --out.
 
 Examples:
@@ -65,9 +65,9 @@ Examples:
 """
 
 LEGEND = (
-    "To so much above the best known value, over all methods and runs of the contest: expected running time, "
-    "all that the runs spent until they met the target, or ended, over the number of runs that met it. Costs "
-    "in rollouts, of all runs together where it says spent. nlp_ga is charged all runs of the GA that it "
+    "Targets: relative gap to the best known value over all methods and runs of the problem. Expected "
+    "running time: total cost of all runs divided by the number of runs that reached the target. Costs are "
+    "in rollouts, of all runs together in the column spent. nlp_ga is charged all runs of the GA that it "
     "starts from. manual knows no bounds and is not ranked. Times are of this machine, under its load."
 )
 

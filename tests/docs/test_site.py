@@ -41,7 +41,7 @@ def test_pages_opened_from_the_disk_have_a_search(site):
 
 
 def test_links_of_the_repository_are_links_of_the_site(site):
-    assert 'href="examples/05_tune.html"' in (site / "tuning.html").read_text()
+    assert 'href="../examples/05_tune.html"' in (site / "explanation" / "tuning_methods.html").read_text()
     assert 'href="elements.html#a-kind-of-your-own"' in (site / "contributing.html").read_text()
     assert 'href="05_tune.html"' in (site / "examples" / "index.html").read_text()
     assert "examples/index.html" in (site / "index.html").read_text()

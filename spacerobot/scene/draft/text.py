@@ -137,7 +137,7 @@ def _bus(bare: Document) -> list[str]:
 def tuning_lines(found: DraftText) -> list[str]:
     """The section of free numbers, line by line."""
     lines = [
-        f"# Free numbers: a {SPAN:g}th to {SPAN:g} times what is proposed. `spacerobot tune`, docs/tuning.md",
+        f"# Free numbers, {1 / SPAN:g} to {SPAN:g} times the proposed (docs/explanation/tuning_methods.md)",
         "tuning:",
         "  variables:",
     ]
