@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, model_validator
@@ -35,9 +35,9 @@ class Section(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     @classmethod
-    def known_keys(cls) -> list[str]:
+    def known_keys(cls) -> Collection[str]:
         """Keys that the section may have."""
-        return list(cls.model_fields)
+        return cls.model_fields
 
     @classmethod
     def unit_of(cls, key: str, *, rotation: bool = False) -> str | None:
@@ -53,18 +53,21 @@ class Section(BaseModel):
         """Refuse unknown keys with the near names, and truth values where a number belongs."""
         if not isinstance(data, dict):
             return data
-        known = cls.known_keys()
+        known, fields = cls.known_keys(), cls.model_fields
         for key, value in data.items():
             if key not in known:
-                kind = f" (kind: {data['kind']})" if "kind" in cls.model_fields and "kind" in data else ""
+                kind = f" (kind: {data['kind']})" if "kind" in fields and "kind" in data else ""
                 raise ValueError(f"unknown key {key!r}; {near_names(str(key), known)}{kind}")
-            values = value if isinstance(value, list | tuple) else [value]
-            field = cls.model_fields.get(key)
-            is_flag = field is not None and field.annotation in (bool, bool | None)
-            if any(isinstance(item, bool) for item in values) and not is_flag:
-                raise ValueError(f"{key}: found {value!r}, a truth value, which is not allowed here")
-            _check_size(key, value)
+            if value is True or value is False or (isinstance(value, list | tuple) and _has_flag(value)):
+                if key not in fields or fields[key].annotation not in (bool, bool | None):
+                    raise ValueError(f"{key}: found {value!r}, a truth value, which is not allowed here")
+            elif isinstance(value, int | float | list | tuple):
+                _check_size(key, value)
         return data
+
+
+def _has_flag(values: Sequence[Any]) -> bool:
+    return any(item is True or item is False for item in values)
 
 
 def _check_size(key: str, value: Any) -> None:

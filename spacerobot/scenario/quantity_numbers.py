@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import TYPE_CHECKING, Annotated
 
 from pydantic import ConfigDict, Field, GetJsonSchemaHandler
@@ -29,7 +29,7 @@ class QuantityNumbers(Section):
         return quantity.unit, quantity.description
 
     @classmethod
-    def known_keys(cls) -> list[str]:
+    def known_keys(cls) -> Collection[str]:
         """Keys of fields and of quantities."""
         return [*cls.model_fields, *cls.quantities()]
 

@@ -43,6 +43,10 @@ DRAWN = 2
 
 MANY, COARSER = 40, 4
 """Intervals from which on a first mesh is solved from one that is coarser by a factor."""
+STALL = "Stalled"
+STALLED_AT, STALLED = 20, 0.25
+"""A search whose violation is above this share of its guess's after so many iterations is given up
+for one on a coarser mesh; searches that converge soon have reduced it further by then."""
 
 
 def search(bench: Bench, ask: Ask) -> Attempt:
@@ -90,13 +94,20 @@ class _Search:
         self.cost, self.blame, self.why = np.inf, "", ""
         self.deadline = time.thread_time() + bench.plan.time_limit
         self.ended: tuple[Solvable, Solved, Meshes] | None = None
+        self.stalled = False
 
     def cold(self) -> None:
         """Solve from a first guess, on the first mesh, and before on a coarser one where that is fine."""
         many = self.bench.plan.intervals
         wanted = self.bench.meshes(many)
         if many < MANY:
-            self._guessed(wanted)
+            coarser = many // COARSER
+            found = self._guessed(wanted, give_up=coarser > 1)
+            if self.stalled and not found:
+                found = self._guessed(self.bench.meshes(coarser)) and self._finer(wanted)
+                if not found:
+                    self.kept, self.cost = None, np.inf
+                    self._guessed(wanted)
         elif not self._guessed(self.bench.meshes(many // COARSER)) or not self._finer(wanted):
             self.kept, self.cost = None, np.inf
             self._guessed(wanted)
@@ -182,14 +193,17 @@ class _Search:
         self.bench.tell(words)
         return time.thread_time() > self.deadline
 
-    def _guessed(self, meshes: Meshes, start: int | None = None) -> bool:
-        """Solve from a first guess on a mesh, that of the search's start if none is named."""
+    def _guessed(self, meshes: Meshes, start: int | None = None, *, give_up: bool = False) -> bool:
+        """Solve from a first guess on a mesh, that of the search's start if none is named.
+
+        With ``give_up`` the solver is stopped where it stalls.
+        """
         start = self.ask.start if start is None else start
         rng = np.random.default_rng([self.bench.plan.seed, start]) if start else None
         bench = self.bench
         course = guesses(bench.problems_of(self.ask), bench.lobatto, meshes, rng, start)
         impulses = tuple(np.zeros(one.link.impulses) for one in bench.later)
-        return self._solve(dataclasses.replace(course, impulses=impulses), meshes)
+        return self._solve(dataclasses.replace(course, impulses=impulses), meshes, give_up=give_up)
 
     def _finer(self, wanted: Meshes) -> bool:
         """Solve on a finer mesh from what is kept."""
@@ -200,7 +214,9 @@ class _Search:
         finer = course.on(bench.lobatto, wanted)
         return self._solve(finer, wanted, carried(solved, coarse, fine))
 
-    def _solve(self, course: Course, meshes: Meshes, warm: Solved | None = None) -> bool:
+    def _solve(
+        self, course: Course, meshes: Meshes, warm: Solved | None = None, *, give_up: bool = False
+    ) -> bool:
         bench, costs, violations = self.bench, list[float](), list[float]()
         program = bench.program(self.ask, meshes)
         intervals = sum(mesh.intervals for mesh in meshes)
@@ -211,7 +227,9 @@ class _Search:
             """Note an iteration, and tell of it."""
             costs.append(cost)
             violations.append(violation)
-            return self._late(f"{words}, iteration {iteration}, cost {cost:.4g}, violation {violation:.1e}")
+            late = self._late(f"{words}, iteration {iteration}, cost {cost:.4g}, violation {violation:.1e}")
+            self.stalled = give_up and len(violations) == STALLED_AT and violation > STALLED * violations[0]
+            return late or self.stalled
 
         first = self._first = course.unknowns
         self.ended, fault = None, bad_start(program, first)
@@ -227,7 +245,7 @@ class _Search:
                 self.ask.start,
                 intervals,
                 cost,
-                solved.status,
+                STALL if self.stalled else solved.status,
                 converged,
                 solved.iterations,
                 solved.evaluations_s,
