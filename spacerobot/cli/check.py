@@ -46,9 +46,28 @@ def command(scenario: ScenarioName, changes: Changes = None) -> None:
     if scene.scenario.phases:
         console().print("\nphases", style="bold")
         _print_phases(scene.scenario.phases)
+    if scene.scenario.plan is not None:
+        console().print("\nplan", style="bold")
+        prose(_avoidance(scene), indent=2)
     console().print("\nassumptions", style="bold")
     for assumption in scene.assumptions:
         prose(assumption, indent=2)
+
+
+def _avoidance(scene: Scene) -> str:
+    """Which pairs of links plans keep apart by themselves."""
+    from optim.planning.formulation.link_pairs import link_pairs
+
+    pairs = link_pairs(scene)
+    if not pairs:
+        return "collision avoidance: no links; switched off, or none have collision shapes and may meet"
+    by_bodies: dict[str, int] = {}
+    for pair in pairs:
+        one, other = (name.partition("/")[0] for name in (pair.first, pair.second))
+        bodies = f"within {one}" if one == other else f"of {one} and {other}"
+        by_bodies[bodies] = by_bodies.get(bodies, 0) + 1
+    told = ", ".join(f"{count} {bodies}" for bodies, count in by_bodies.items())
+    return f"collision avoidance: plans keep {len(pairs)} pairs of links apart, {told}"
 
 
 def _check_limits(scene: Scene) -> None:

@@ -237,6 +237,7 @@ def _show(planned: Planned) -> None:
         ("mesh", f"{intervals} intervals of order {order}, {len(course.unknowns)} unknowns"),
         *((f"candidate {_named(one)}", _outcome(one)) for one in planned.tried),
         *((f"base of {name}", f"within the limits of {own}") for name, own in _base_limits(planned)),
+        *((("collision avoidance", _avoided(planned)),) if planned.pairs else ()),
         ("cost", f"{planned.cost:.6g}"),
         *((f"  {name.replace('_', ' ')}", f"{value:.6g}") for name, value in planned.terms.items()),
         ("first-order residual", f"{verdict.residual:.1e}"),
@@ -261,6 +262,12 @@ def _show(planned: Planned) -> None:
     ]
     heads = ["start", "intervals", "cost", "iterations", "time [s]", "status"]
     console().print(table("runs of IPOPT", heads, cells))
+
+
+def _avoided(planned: Planned) -> str:
+    """How many pairs of links were checked, and those that needed a constraint."""
+    names = ", ".join(" and ".join(names) for names in planned.kept_apart)
+    return f"{planned.pairs} pairs of links apart" + (f", by a constraint {names}" if names else "")
 
 
 def _base_limits(planned: Planned) -> Iterable[tuple[str, str]]:

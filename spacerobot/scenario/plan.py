@@ -108,6 +108,7 @@ WHOLE = (
     "choices",
     "model",
     "design",
+    "collision_avoidance",
     "start",
     "most_intervals",
     "order",
@@ -156,6 +157,11 @@ class Planning(Section):
     )
     sights: dict[Name, Annotated[PlanLimit, Family("plan_limit", only="sight")]] = Field(
         default={}, description="lines of sight that are kept, by name"
+    )
+    collision_avoidance: bool = Field(
+        default=True,
+        description="keep links apart that have collision shapes and touch nothing on purpose: of one robot, "
+        "of several and of the target",
     )
     phases: dict[Name, dict[str, Any]] = Field(
         default={},

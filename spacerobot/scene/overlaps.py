@@ -11,12 +11,40 @@ import coal
 import numpy as np
 import pinocchio as pin
 
+from spacerobot.arrays import Array
 from spacerobot.description.parts import Geometry
 from spacerobot.scene.scene import Scene, SceneBody
 
 DEPTH = 1e-3
 """[m] that primitives may reach into one another: shapes that touch are no overlap."""
 NAMED = 3  # pairs of links in a warning
+CONTACTS = 100
+"""Of two meshes, at most, whose depths are compared."""
+
+
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """A collision shape.
+
+    Attributes
+    ----------
+    link, joint
+        Its link, and the joint that moves it.
+    geometry, placement
+        Coal's form of it, and where it is in the joint's frame (``pin.SE3``).
+    primitive
+        Whether it is no mesh.
+    centre, radius
+        Of a sphere around it, the joint's frame (3,) [m], [m].
+    """
+
+    link: str
+    joint: int
+    geometry: Any
+    placement: Any
+    primitive: bool
+    centre: Array
+    radius: float
 
 
 def overlaps(scene: Scene) -> list[str]:
@@ -26,15 +54,17 @@ def overlaps(scene: Scene) -> list[str]:
     not compared, nor bodies without collision shapes.
     """
     data = scene.model.createData()
-    pin.framesForwardKinematics(scene.model, data, scene.q)
+    pin.forwardKinematics(scene.model, data, scene.q)
     gripped = {(grasp.tip.joint, grasp.joint) for grasp in scene.grasps}
-    solids = {body.name: list(_solids(scene, data, body)) for body in scene.bodies}
+    of_body = {body.name: list(solids(scene, body)) for body in scene.bodies}
     found = []
     for one, other in itertools.combinations(scene.bodies, 2):
         pairs = [
             f"{a.link} and {b.link}"
-            for a, b in itertools.product(solids[one.name], solids[other.name])
-            if not {(a.joint, b.joint), (b.joint, a.joint)} & gripped and _meet(a, b)
+            for a, b in itertools.product(of_body[one.name], of_body[other.name])
+            if not {(a.joint, b.joint), (b.joint, a.joint)} & gripped
+            and overlap_depth(a, b, data.oMi[a.joint], data.oMi[b.joint])
+            > (DEPTH if a.primitive and b.primitive else 0.0)
         ]
         pairs = list(dict.fromkeys(pairs))
         if pairs:
@@ -46,27 +76,42 @@ def overlaps(scene: Scene) -> list[str]:
     return found
 
 
-@dataclass(frozen=True)
-class _Solid:
-    """A collision shape: its link, the joint that moves it, its geometry, and where it is."""
-
-    link: str
-    joint: int
-    geometry: Any
-    placement: Any
-    primitive: bool
-
-
-def _solids(scene: Scene, data: Any, body: SceneBody) -> Iterator[_Solid]:
+def solids(scene: Scene, body: SceneBody) -> Iterator[Solid]:
+    """Collision shapes of a body."""
     for link in body.description.links:
-        frame = scene.model.getFrameId(f"{body.name}/{link.name}", pin.FrameType.BODY)
+        frame = scene.model.frames[scene.model.getFrameId(f"{body.name}/{link.name}", pin.FrameType.BODY)]
         for shape in link.collisions:
             geometry = _geometry(shape.geometry)
-            if geometry is not None:
-                at = data.oMf[frame] * pin.SE3(np.array(shape.placement))
-                placement = coal.Transform3s(at.rotation, at.translation)
-                joint = int(scene.model.frames[frame].parentJoint)
-                yield _Solid(link.name, joint, geometry, placement, shape.geometry.mesh is None)
+            if geometry is None:
+                continue
+            geometry.computeLocalAABB()
+            place = frame.placement * pin.SE3(np.array(shape.placement))
+            centre, radius = place.act(np.array(geometry.aabb_center)), float(geometry.aabb_radius)
+            primitive = shape.geometry.mesh is None
+            yield Solid(link.name, int(frame.parentJoint), geometry, place, primitive, centre, radius)
+
+
+def overlap_depth(one: Solid, other: Solid, *joints: Any) -> float:
+    """Depth [m] by which two shapes overlap, negative where they are apart.
+
+    Parameters
+    ----------
+    one, other
+        The shapes; of meshes that are apart the distance is not known, but -1.
+    joints
+        Placements of their joints (``pin.SE3``), world axes.
+    """
+    at = [joint * solid.placement for joint, solid in zip(joints, (one, other), strict=True)]
+    placed = [coal.Transform3s(place.rotation, place.translation) for place in at]
+    if one.primitive and other.primitive:
+        apart = coal.DistanceResult()
+        coal.distance(one.geometry, placed[0], other.geometry, placed[1], coal.DistanceRequest(), apart)
+        return -float(apart.min_distance)
+    request, met = coal.CollisionRequest(), coal.CollisionResult()
+    request.enable_contact, request.num_max_contacts = True, CONTACTS
+    if not coal.collide(one.geometry, placed[0], other.geometry, placed[1], request, met):
+        return -1.0
+    return max(abs(float(met.getContact(k).penetration_depth)) for k in range(met.numContacts()))
 
 
 def _geometry(geometry: Geometry) -> Any:
@@ -78,11 +123,3 @@ def _geometry(geometry: Geometry) -> Any:
             return None
     makers = {"box": coal.Box, "cylinder": coal.Cylinder, "sphere": coal.Sphere}
     return makers[geometry.kind](*(float(x) for x in geometry.size))
-
-
-def _meet(a: _Solid, b: _Solid) -> bool:
-    request = coal.CollisionRequest()
-    if a.primitive and b.primitive:
-        request.security_margin = -DEPTH
-    result = coal.CollisionResult()
-    return bool(coal.collide(a.geometry, a.placement, b.geometry, b.placement, request, result))

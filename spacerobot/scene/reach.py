@@ -8,7 +8,7 @@ import pinocchio as pin
 from spacerobot.arrays import Array
 from spacerobot.elements import Reference
 from spacerobot.errors import ScenarioError, near_names
-from spacerobot.scene.scene import Scene, SceneTip
+from spacerobot.scene.scene import Scene, SceneBody, SceneTip
 
 
 def check_in_plane(scene: Scene) -> None:
@@ -106,3 +106,26 @@ def reach(scene: Scene, tip: SceneTip) -> float:
     # what is left hangs in the root joint or, of a fixed base, in the universe as its root link does
     base = pin.SE3.Identity() if tip.body.root_joint else model.frames[tip.body.root_frame].placement
     return reach + float(np.linalg.norm(base.actInv(placement).translation))
+
+
+def joint_from_base(scene: Scene, body: SceneBody, joint: int) -> float:
+    """Greatest distance [m] of a joint's origin from that of its floating base, or of the world."""
+    model, by_name, found = scene.model, {own.name: own for own in body.description.joints}, 0.0
+    while joint in body.joints:
+        found += float(np.linalg.norm(model.jointPlacements[joint].translation))
+        urdf = by_name[body.joint_name(model, joint)]
+        if urdf.kind == "prismatic":
+            found += max(abs(urdf.lower), abs(urdf.upper))
+        joint = model.parents[joint]
+    return found
+
+
+def com_from_base(scene: Scene, body: SceneBody) -> float:
+    """Bound of the distance [m] of a floating body's centre of mass from its base's origin."""
+    inertias = scene.model.inertias
+    masses = {joint: float(inertias[joint].mass) for joint in body.subtree}
+    moment = masses[body.root_joint] * float(np.linalg.norm(inertias[body.root_joint].lever))
+    for joint in body.joints:  # the farthest that its link can be from the base's origin
+        distance = joint_from_base(scene, body, joint) + float(np.linalg.norm(inertias[joint].lever))
+        moment += masses[joint] * distance
+    return moment / sum(masses.values())

@@ -10,7 +10,6 @@ import numpy as np
 import pinocchio as pin
 
 from optim.planning.formulation.instant import Seen
-from optim.planning.formulation.limits import urdf_joint
 from optim.planning.formulation.stage import Problem
 from optim.planning.transcription.guess import drift
 from optim.planning.transcription.lobatto import Lobatto
@@ -19,7 +18,7 @@ from spacerobot.elements.goal import TipGoal
 from spacerobot.errors import ScenarioError
 from spacerobot.scenario.plan import Planning
 from spacerobot.scene import Scene
-from spacerobot.scene.reach import reach
+from spacerobot.scene.reach import com_from_base, reach
 from spacerobot.scene.scene import SceneBody, SceneTip
 
 SLACK = 1e-9
@@ -128,7 +127,7 @@ def _taken(problem: Problem, group: list[SceneBody]) -> tuple[float, float]:
     bases = [body for body in group if body is not scene.target]
     force, torque = (sum(driven.strength(body.name, part) for body in bases) for part in "ft")
     # forces on a base turn what lies beside it: bounded for a robot alone
-    lever = _from_base(problem, bases[0]) if len(group) == 1 else np.inf
+    lever = com_from_base(scene, bases[0]) if len(group) == 1 else np.inf
     return force, torque + (lever * force if force else 0.0)
 
 
@@ -304,30 +303,7 @@ def _greatest_distance(problem: Problem, tip: SceneTip) -> float:
     length = reach(scene, tip)
     if not tip.body.root_joint:
         return length
-    return length + _from_base(problem, tip.body)
-
-
-def _from_base(problem: Problem, body: SceneBody) -> float:
-    """Bound of the distance of a floating robot's centre of mass from its base's origin [m]."""
-    inertias = problem.stage.scene.model.inertias
-    masses = {joint: float(inertias[joint].mass) for joint in body.subtree}
-    moment = masses[body.root_joint] * float(np.linalg.norm(inertias[body.root_joint].lever))
-    for joint in body.joints:  # the farthest that its link can be from the base's origin
-        distance = _length(problem, body, joint) + float(np.linalg.norm(inertias[joint].lever))
-        moment += masses[joint] * distance
-    return moment / sum(masses.values())
-
-
-def _length(problem: Problem, body: SceneBody, joint: int) -> float:
-    """Greatest distance of a joint's origin from the base's [m]."""
-    scene, found = problem.stage.scene, 0.0
-    while joint in body.joints:
-        found += float(np.linalg.norm(scene.model.jointPlacements[joint].translation))
-        urdf = urdf_joint(scene, body, joint)
-        if urdf.kind == "prismatic":
-            found += max(abs(urdf.lower), abs(urdf.upper))
-        joint = scene.model.parents[joint]
-    return found
+    return length + com_from_base(scene, tip.body)
 
 
 def _centre(problem: Problem, tip: SceneTip, data: Any, q: Array) -> Array:

@@ -66,6 +66,34 @@ def carried(solved: Solved, source: Solvable, target: Solvable) -> Solved:
     )
 
 
+def constrained(solved: Solved, source: Solvable, target: Solvable) -> Solved:
+    """What a solver found, for the same problem on the same mesh with further path constraints.
+
+    Parameters
+    ----------
+    solved
+        Where it ended.
+    source, target
+        Its program, and the one whose path has all rows of the source's, in the same order, and more of other
+        names: their multipliers are zero.
+    """
+    parts, found = source.parted(solved) if isinstance(source, Chain) else [solved], list[Array]()
+    for part, old, new in zip(parts, programs_of(source), programs_of(target), strict=False):
+        last = old.rows - len(old.problem.goal)
+        held = part.multipliers[old.defects : last].reshape(old.points, -1)
+        values, k = np.zeros((new.points, new.per_point)), new.nv
+        values[:, : new.nv] = held[:, : old.nv]
+        for column, row in enumerate(new.problem.path, start=new.nv):
+            if k < old.per_point and row.name == old.problem.path[k - old.nv].name:
+                values[:, column] = held[:, k]
+                k += 1
+        found.append(
+            np.concatenate([part.multipliers[: old.defects], values.ravel(), part.multipliers[last:]])
+        )
+    found.append(solved.multipliers[sum(one.rows for one in programs_of(source)) :])  # of links
+    return dataclasses.replace(solved, multipliers=np.concatenate(found))
+
+
 def onward(solved: Solved, source: Program, target: Program, begin: float = 0.0) -> Solved:
     """What a solver found for one phase, on another mesh, for what is left of it.
 

@@ -189,6 +189,10 @@ def summary(planned: Planned) -> dict[str, Any]:
             "violations": [vars(violation) for violation in verdict.violations],
         },
         "base_limits": limits_taken(planned.scene, plan_of(planned.scene).by_phase.values()),
+        "collision_avoidance": {
+            "pairs": planned.pairs,
+            "kept_apart": [list(names) for names in planned.kept_apart],
+        },
         "choices": [vars(one) for one in planned.tried],
         "evaluation": planned.backend,
         "solves": statistics(planned),

@@ -29,6 +29,11 @@ class KeepOut(PlanLimit):
     wrap: Wrap | None = Field(
         default=None, description="shape around meshes and cylinders that stands in for them"
     )
+    only: tuple[int, ...] | None = Field(
+        default=None,
+        description="which pairs of their shapes, counted from 0 as the URDFs list them, the second side's "
+        "first; all if not given",
+    )
 
     @property
     def separated(self) -> SeparatedShapes:
@@ -37,5 +42,7 @@ class KeepOut(PlanLimit):
 
     def rows(self, instant: PlanInstant) -> Iterator[BoundedRow]:
         """The distance of each pair."""
-        for label, gap, about in instant.gaps(self.between, self.wrap):
+        for k, (label, gap, about) in enumerate(instant.gaps(self.between, self.wrap)):
+            if self.only is not None and k not in self.only:
+                continue
             yield BoundedRow(label, "m", gap, lower=self.distance, about=about)

@@ -1,0 +1,281 @@
+"""Pairs of links that a plan keeps apart by itself: of one robot, of two, and of a robot and the target.
+
+All links with collision shapes are paired, without those that collide on purpose or cannot come near:
+
+* links that one joint joins, and links that do not move relative to each other;
+* a tip's link and the mating frame's link that it comes to or holds: approach cones and keep-out zones are
+  for these;
+* links whose shapes overlap where the motion begins, and pairs that a contact of the scenario names;
+* links of bodies that stay too far apart in the longest duration. Nothing acts on a floating body whose base
+  is not driven and which no grasp joins to another one, so its centre of mass goes straight on, and no point
+  of a link is farther from it than the lengths of the joints between allow.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from optim.planning.formulation.bases import able
+from optim.planning.formulation.formulate import plan_of
+from spacerobot.arrays import Array
+from spacerobot.elements.contact import Wrap
+from spacerobot.elements.goal import TipGoal
+from spacerobot.errors import ScenarioError
+from spacerobot.scene import Scene, build_scene
+from spacerobot.scene.contacts import coal_distance, find_pairs
+from spacerobot.scene.overlaps import Solid, overlap_depth, solids
+from spacerobot.scene.reach import com_from_base, joint_from_base
+from spacerobot.scene.scene import SceneBody
+
+PREFIX = "collision_avoidance"
+"""Of the names of keep-out zones that are added."""
+ALLOWED = 1e-4
+"""[m] Overlap between the points of a mesh that is allowed, as of keep-out zones."""
+WRAPS: tuple[Wrap | None, ...] = (None, "capsule", "box", "sphere")
+"""Shapes that a keep-out zone may have around meshes and cylinders, the nearest to the shape first."""
+
+
+@dataclass(frozen=True, eq=False)
+class LinkPair:
+    """Two links that must not collide.
+
+    Attributes
+    ----------
+    first, second
+        body/link.
+    shapes
+        Collision shapes of each.
+    """
+
+    first: str
+    second: str
+    shapes: tuple[tuple[Solid, ...], tuple[Solid, ...]]
+
+
+@dataclass(frozen=True)
+class Collision:
+    """Two links that overlap along a motion.
+
+    Attributes
+    ----------
+    first, second
+        body/link.
+    depth_m
+        Greatest depth [m].
+    time_s
+        When that is [s].
+    only
+        Which pairs of their shapes overlap, as a keep-out zone counts them.
+    """
+
+    first: str
+    second: str
+    depth_m: float
+    time_s: float
+    only: tuple[int, ...]
+
+    def words(self) -> str:
+        """The collision in a few words."""
+        return f"{self.first} and {self.second} overlap by {self.depth_m:.3g} m at {self.time_s:.3g} s"
+
+
+def link_pairs(scene: Scene) -> list[LinkPair]:
+    """Pairs of links that the plan of a scene keeps apart; none with `collision_avoidance: false`.
+
+    Parameters
+    ----------
+    scene
+        With a ``plan`` section.
+    """
+    if not plan_of(scene).collision_avoidance:
+        return []
+    model, found = scene.model, list[LinkPair]()
+    by_link = {body.name: _by_link(scene, body) for body in scene.bodies}
+    data, meant = model.createData(), _meant(scene)
+    pin.centerOfMass(model, data, scene.q, scene.v)
+    drifts = {body.name: _Drift.of(scene, body, data) for body in scene.bodies}
+    longest = sum(plan.duration.upper for plan in plan_of(scene).by_phase.values())
+    for one, other in itertools.combinations_with_replacement(scene.bodies, 2):
+        if one is other:
+            links = list(itertools.combinations(by_link[one.name].items(), 2))
+        else:
+            links = list(itertools.product(by_link[one.name].items(), by_link[other.name].items()))
+        for (first, own), (second, others) in links:
+            joints = own[0].joint, others[0].joint
+            if joints[0] == joints[1] or frozenset(joints) in meant:
+                continue
+            if joints[0] == model.parents[joints[1]] or joints[1] == model.parents[joints[0]]:
+                continue
+            if one is not other and not _may_meet(drifts[one.name], own, drifts[other.name], others, longest):
+                continue
+            places = [data.oMi[joint] for joint in joints]
+            if max(overlap_depth(*both, *places) for both in itertools.product(own, others)) <= 0:
+                found.append(LinkPair(first, second, (own, others)))
+    return found
+
+
+def collisions(pairs: Sequence[LinkPair], model: Any, q: Array, time: Array) -> list[Collision]:
+    """Pairs that overlap by more than :data:`ALLOWED` along a motion, the deepest first.
+
+    Bounding spheres leave few instants for exact distances.
+
+    Parameters
+    ----------
+    pairs, model
+        The pairs, and the ``pinocchio.Model`` of their scene.
+    q, time
+        Configurations (n, nq) and their times (n,) [s].
+    """
+    data, places = model.createData(), list[list[Any]]()
+    for row in q:
+        pin.forwardKinematics(model, data, row)
+        places.append([place.copy() for place in data.oMi])
+    rotations = np.array([[place.rotation for place in row] for row in places])
+    origins = np.array([[place.translation for place in row] for row in places])
+    centres = {
+        id(solid): origins[:, solid.joint] + rotations[:, solid.joint] @ solid.centre
+        for pair in pairs
+        for side in pair.shapes
+        for solid in side
+    }
+    found = []
+    for pair in pairs:
+        depth, when, only = 0.0, 0.0, list[int]()
+        for number, (a, b) in enumerate(itertools.product(*pair.shapes)):
+            apart = np.linalg.norm(centres[id(a)] - centres[id(b)], axis=1) - a.radius - b.radius
+            depths = [
+                (overlap_depth(a, b, places[k][a.joint], places[k][b.joint]), -float(time[k]))
+                for k in np.flatnonzero(apart < -ALLOWED)
+            ]
+            own, before = max(depths, default=(0.0, 0.0))
+            if own > ALLOWED:
+                only.append(number)
+                depth, when = max((depth, when), (own, -before), key=lambda one: one[0])
+        if only:
+            found.append(Collision(pair.first, pair.second, depth, when, tuple(only)))
+    return sorted(found, key=lambda one: -one.depth_m)
+
+
+def keep_apart(scene: Scene, entered: Sequence[Collision]) -> Scene:
+    """The scene whose plan has a keep-out zone for the shapes that overlap of each of some pairs of links.
+
+    Raises
+    ------
+    ScenarioError
+        If a pair's shapes have no distance that is positive where the motion begins.
+    """
+    zones = {
+        name: one.model_dump(mode="json", exclude_none=True) for name, one in plan_of(scene).keep_out.items()
+    }
+    for one in entered:
+        number = next(k for k in itertools.count(1) if f"{PREFIX}_{k}" not in zones)
+        between = (one.first, one.second)
+        zones[f"{PREFIX}_{number}"] = {
+            "between": list(between),
+            "only": list(one.only),
+            "wrap": _wrap(scene, one),
+        }
+    return build_scene(scene.scenario, [("plan.keep_out", zones)], source=scene.source)
+
+
+def _wrap(scene: Scene, entered: Collision) -> str | None:
+    """Shape around meshes and cylinders with which the shapes of two links are apart at the start."""
+    data, between = scene.model.createData(), (entered.first, entered.second)
+    pin.framesForwardKinematics(scene.model, data, scene.q)
+    for wrap in WRAPS:
+        try:
+            pairs = find_pairs(scene, between, wrap, "plan.keep_out")
+        except ScenarioError:
+            continue  # a mesh without a shape around it
+        own = [pairs[k] for k in entered.only]
+        gaps = [coal_distance(*pair, [data.oMf[shape.frame] for shape in pair]).min_distance for pair in own]
+        if min(gaps) > ALLOWED:
+            return wrap
+    raise ScenarioError(
+        f"{entered.words()} in the plan, and primitives around their shapes at the start, so that nothing "
+        "keeps them apart; name pads in `keep_out`, or give `collision_avoidance: false`",
+        source=scene.source,
+        where="plan",
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Drift:
+    """How far a body may come.
+
+    Attributes
+    ----------
+    centre, velocity
+        Of its centre of mass at the start (3,) [m], (3,) [m/s]; the world's origin for a fixed base.
+    joints
+        Greatest distance of each joint's origin from that centre, by joint [m]; infinite where it is driven.
+    """
+
+    centre: Array
+    velocity: Array
+    joints: dict[int, float]
+
+    @classmethod
+    def of(cls, scene: Scene, body: SceneBody, data: Any) -> _Drift:
+        """Of a body, with Pinocchio's data of the start."""
+        plan, root = plan_of(scene), body.root_joint
+        if not root:
+            own = {joint: joint_from_base(scene, body, joint) for joint in (0, *body.joints)}
+            return cls(np.zeros(3), np.zeros(3), own)
+        driven = body is not scene.target and any(
+            able(phase.limits, body, scene.planar).most.any() for phase in plan.by_phase.values()
+        )
+        grasped = any(
+            body in (grasp.tip.body, scene.target) and (plan.phases or grasp.config.begins == "closed")
+            for grasp in scene.grasps
+        )
+        falls = bool(np.any(scene.model.gravity.linear))
+        placed = body.name in plan.start and plan.start[body.name].places
+        least = np.inf if driven or grasped or falls or placed else com_from_base(scene, body)
+        joints = {joint: least + joint_from_base(scene, body, joint) for joint in body.subtree}
+        place = data.oMi[root]
+        return cls(place.act(data.com[root]), place.rotation @ data.vcom[root], joints)
+
+
+def _may_meet(
+    one: _Drift, own: Sequence[Solid], other: _Drift, others: Sequence[Solid], longest: float
+) -> bool:
+    """Whether shapes of two bodies may come near within the longest duration [s]."""
+    radii = [
+        max(drift.joints[s.joint] + float(np.linalg.norm(s.centre)) + s.radius for s in solids)
+        for drift, solids in ((one, own), (other, others))
+    ]
+    away, rate = other.centre - one.centre, other.velocity - one.velocity
+    when = np.clip(-(away @ rate) / max(float(rate @ rate), 1e-300), 0.0, longest)
+    return bool(np.linalg.norm(away + when * rate) <= sum(radii))
+
+
+def _by_link(scene: Scene, body: SceneBody) -> dict[str, tuple[Solid, ...]]:
+    """Collision shapes of a body by body/link; of links all of whose meshes can be read."""
+    known = list(solids(scene, body))
+    own = {link.name: tuple(one for one in known if one.link == link.name) for link in body.description.links}
+    return {
+        f"{body.name}/{link.name}": own[link.name]
+        for link in body.description.links
+        if link.collisions and len(own[link.name]) == len(link.collisions)
+    }
+
+
+def _meant(scene: Scene) -> set[frozenset[int]]:
+    """Joints whose links may collide: of tips and the mating frames that they come to, and of contacts."""
+    tips = {tip.label: tip.joint for tip in scene.tips}
+    found = {frozenset((grasp.tip.joint, grasp.joint)) for grasp in scene.grasps}
+    found |= {frozenset(shape.joint for shape in pair) for one in scene.contacts for pair in one.pairs}
+    for plan in plan_of(scene).by_phase.values():
+        for goal in plan.goals.values():
+            if isinstance(goal, TipGoal) and goal.follows and goal.tip in tips:
+                frame = scene.model.getFrameId(f"target/{goal.follows}", pin.FrameType.BODY)
+                if frame < scene.model.nframes:  # what there is not is refused where the plan is formulated
+                    found.add(frozenset((tips[goal.tip], int(scene.model.frames[frame].parentJoint))))
+    return found

@@ -1,0 +1,87 @@
+"""Links that touch nothing on purpose are kept apart by plans without being named."""
+
+import numpy as np
+import pytest
+
+from optim.planning.formulation.link_pairs import collisions, link_pairs
+from optim.planning.searches.make import make_plan, plan_collisions
+from optim.planning.written.plan_file import summary
+from spacerobot.cli.check import command as check
+
+LOOK = {"look": {"tip": "one/tip", "position": [1.2, 0.15, 0]}}
+CROSSED = [
+    ("plan.goals", LOOK),
+    ("plan.costs", {"torque": 0.01, "joint_acceleration": 1}),
+    ("plan.tolerance", 1.0),
+    ("plan.intervals", 8),
+    ("robots.one.joints.joint_2.angle_deg", -20),
+    ("robots.one.joints.joint_3.angle_deg", -20),
+    ("target.base", {"joint": "planar", "position": [0.75, 0.2, 0]}),
+]
+"""The shortest way of the last link ends inside the target."""
+
+
+def names(scene):
+    return {(pair.first.removeprefix("one/"), pair.second.removeprefix("one/")) for pair in link_pairs(scene)}
+
+
+def test_a_link_that_would_enter_the_target_stays_outside(reach):
+    scene = reach(*CROSSED)
+    without = make_plan(reach(*CROSSED, ("plan.collision_avoidance", False)), backend="interpreted")
+    (entered,) = plan_collisions(without, link_pairs(scene))
+    assert (entered.first, entered.second) == ("one/link_3", "target/body")
+    assert entered.depth_m > 0.02
+    planned = make_plan(scene, backend="interpreted")
+    assert plan_collisions(planned, link_pairs(scene)) == []
+    assert planned.cost > without.cost
+    assert summary(planned)["collision_avoidance"] == {
+        "pairs": len(link_pairs(scene)),
+        "kept_apart": [["one/link_3", "target/body"]],
+    }
+    cold, warm = planned.solves
+    assert cold.cost == pytest.approx(without.cost)
+    assert warm.iterations < 30
+
+
+@pytest.mark.parametrize(
+    ("changes", "there", "missing"),
+    [
+        # links that a joint joins are left out, and the tip's link with that of its mating frame
+        ([], ("base", "link_2"), ("link_1", "link_2")),
+        ([], ("link_2", "target/body"), ("link_3", "target/body")),
+        # a target that no link reaches, and one that comes nearer
+        (
+            [("target.base.position.1", 9.0), ("plan.goals", LOOK)],
+            ("base", "link_3"),
+            ("link_3", "target/body"),
+        ),
+        (
+            [("target.base.position.1", 9.0), ("target.base.velocity.1", -1.5), ("plan.goals", LOOK)],
+            ("link_3", "target/body"),
+            None,
+        ),
+        # links that begin inside each other
+        ([("robots.one.joints.joint_2.angle_deg", 170), ("plan.goals", LOOK)], None, ("base", "link_2")),
+    ],
+)
+def test_pairs_that_may_come_near(reach, changes, there, missing):
+    found = names(reach(*changes))
+    assert there is None or there in found
+    assert missing not in found
+    assert names(reach(*changes, ("plan.collision_avoidance", False))) == set()
+
+
+def test_the_depth_of_an_overlap_is_the_deepest_of_the_motion(reach):
+    scene = reach(*CROSSED)
+    pairs, path = link_pairs(scene), np.tile(scene.q, (11, 1))
+    joint = scene.model.joints[scene.model.getJointId("one/joint_1")].idx_q
+    path[:, joint] -= np.linspace(0.0, 0.6, 11)
+    found = collisions(pairs, scene.model, path, np.arange(11.0))
+    assert ("one/link_2", "target/body") in {(one.first, one.second) for one in found}
+    assert [one.depth_m for one in found] == sorted((one.depth_m for one in found), reverse=True)
+
+
+def test_check_reports_them(reach, capsys):
+    check(str(reach().source))
+    printed = " ".join(capsys.readouterr().out.split())
+    assert f"collision avoidance: plans keep {len(link_pairs(reach()))} pairs of links apart" in printed
