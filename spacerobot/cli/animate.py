@@ -44,9 +44,9 @@ def register(app: typer.Typer) -> None:
 
 HELP = """Play results in the browser, or write a page or a recording.
 
-Several results stand side by side with their metrics and whatever differs. The folder of a comparison gives
+Several results are shown side by side with their metrics and differences. The folder of a comparison gives
 the untuned design and each method's best, that of a campaign the worst samples among all others, that of a
-plan the planned motion, followed; behind a result the plan lies pale under what was flown.
+plan the result of following it, with the plan drawn pale underneath.
 
 Examples:
 

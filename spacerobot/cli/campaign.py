@@ -44,10 +44,10 @@ Samples = Annotated[
 Page = Annotated[
     bool, typer.Option("--report", help="Write DIR/report.html too, as `spacerobot report DIR` does.")
 ]
-HELP = """Roll out a scenario over its uncertain numbers: percentiles, probability of failure, what matters.
+HELP = """Monte Carlo robustness analysis: percentiles, probability of failure, sensitivities.
 
-What is uncertain, limits, sets of gains and signals to keep over time stand in the scenario's `campaign`
-section (docs/campaigns.md); the shipped `paper` has one. Killed, the same command goes on where it was;
+The scenario's `campaign` section (docs/campaigns.md) defines uncertain parameters, limits, sets of gains and
+signals to keep over time; the shipped `paper` has one. Interrupted campaigns resume: repeat the same command.
 Ctrl-C keeps what is there, and `spacerobot report DIR` makes a page of it, finished or not.
 
 Examples:

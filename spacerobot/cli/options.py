@@ -15,7 +15,7 @@ Changes = Annotated[
     typer.Option(
         "--set",
         metavar="PATH=VALUE",
-        help="Change a value by its dotted path; `*` stands for every name. Repeatable. "
+        help="Change a value by its dotted path; `*` matches every name. Repeatable. "
         "Example: --set 'grasps.*.stiffness=200'",
     ),
 ]

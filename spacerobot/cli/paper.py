@@ -22,7 +22,7 @@ def register(app: typer.Typer) -> None:
     app.command("paper", help=HELP)(command)
 
 
-HELP = """Run PID only and PID + amnesia, with both feedback variants and both radii, beside the paper.
+HELP = """Run PID only and PID + amnesia, with both feedback variants and both radii; compare with the paper.
 
 Example:
 

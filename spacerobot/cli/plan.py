@@ -28,19 +28,21 @@ Pareto = Annotated[
     typer.Option(
         "--pareto",
         metavar="A,B",
-        help="Plan the front of two terms of the cost, such as time,base_rotation; see --points.",
+        help="Compute the Pareto front of two cost terms, such as time,base_rotation; see --points.",
     ),
 ]
 Slopes = Annotated[
     str | None,
     typer.Option(
-        "--slopes", metavar="PATHS", help="Slopes of the least cost by numbers of the scenario; by commas."
+        "--slopes",
+        metavar="PATHS",
+        help="Sensitivities of the optimal cost to numbers of the scenario; by commas.",
     ),
 ]
 Design = Annotated[
     bool,
     typer.Option(
-        "--design", help="Find the values of `plan.design` with the least cost, and sweep each; see --points."
+        "--design", help="Optimise the values of `plan.design` with the motion, and sweep each; see --points."
     ),
 ]
 Points = Annotated[
@@ -54,13 +56,13 @@ From = Annotated[
         help="Warm start: a plan's folder or plan.nc, of a scene of the same bodies, as the first guess.",
     ),
 ]
-HELP = """Plan the motion that a scenario's `plan` section asks for, and judge it.
+HELP = """Solve the trajectory optimisation problem of a scenario's `plan` section, and verify the solution.
 
 The plan is replayed by the simulator before it is kept: plan.nc, plan.json and followed.yaml, the scenario
-that follows it. Exit code 4 where no plan was found that holds. With --pareto two terms of the cost are
-weighed against each other: front.json, its figure, and a plan for each point. With --design the numbers
+that follows it. Exit code 4 if no plan passes the verification. With --pareto two cost terms are
+traded against each other: front.json, its figure, and a plan for each point. With --design the numbers
 that `plan.design` names are chosen too: design.json, its figure, and the plan of the design that was found.
-Killed, the same command goes on where it was.
+Interrupted runs resume: repeat the same command.
 
 Examples:
 

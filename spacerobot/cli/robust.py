@@ -28,9 +28,9 @@ Measure = Annotated[
 ]
 Percent = Annotated[float, typer.Option("--percent", min=1, max=99, metavar="P", help="Which percentile.")]
 Common = Annotated[int, typer.Option("--samples", min=2, metavar="N", help="Samples that are tuned for.")]
-Fresh = Annotated[int, typer.Option("--fresh", min=2, metavar="N", help="Samples that judge afterwards.")]
+Fresh = Annotated[int, typer.Option("--fresh", min=2, metavar="N", help="Samples of the verification.")]
 Method = Annotated[str, typer.Option("--method", metavar="NAME", help="ga, de, pso, cmaes or nlp.")]
-HELP = """Tune gains for the uncertain numbers of the campaign section; judge them on fresh samples.
+HELP = """Tune gains for the uncertain numbers of the campaign section; verify them on fresh samples.
 
 Example:
 

@@ -39,13 +39,13 @@ Vary = Annotated[
     typer.Option(
         "--vary",
         metavar="PATH=LOW..HIGH",
-        help="Tune this number, whatever the tuning section says; a path's end (kp, pid.kp) stands for all "
+        help="Tune this number instead of the tuning section's; a path's end (kp, pid.kp) matches all "
         "that end so. Repeatable.",
     ),
 ]
 HELP = """Tune a scenario's gains and simulate it with the best ones.
 
-Killed, it goes on where it was when it is started again with the same --out; Ctrl-C keeps the best so far.
+Interrupted runs resume: repeat the same command with the same --out. Ctrl-C keeps the best so far.
 
 Examples:
 

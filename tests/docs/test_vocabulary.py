@@ -16,7 +16,7 @@ PRIVATE = {
     r"plan(?:ned|s)? anew|anew": "replan, again",
     r"receding": "model predictive control",
     r"what is not known": "uncertain parameters",
-    r"front of two": "Pareto front of two objectives",
+    r"(?<!pareto )front of two": "Pareto front of two objectives",
     r"gives? way": "reacts, moves",
     r"comes? to|goes on|go on": "reaches, continues",
     r"stands?": "is defined in, is located at",
@@ -50,19 +50,7 @@ NOT_CONVERTED = {
 }
 """Pages that still use private words. The list may only become shorter."""
 
-COMMANDS_NOT_CONVERTED = {
-    "animate",
-    "campaign",
-    "check",
-    "compare",
-    "paper",
-    "plan",
-    "robust",
-    "run",
-    "studio",
-    "sweep",
-    "tune",
-}
+COMMANDS_NOT_CONVERTED = {"compare"}
 """Commands whose help still uses private words. The list may only become shorter."""
 
 PAGES = {
@@ -97,7 +85,7 @@ def test_pages_use_the_terms_of_the_field(page):
 
 def test_help_texts_use_the_terms_of_the_field():
     found = {name: words for name, text in help_texts().items() if (words := private_words(text))}
-    assert set(found) == COMMANDS_NOT_CONVERTED, found
+    assert set(found) <= COMMANDS_NOT_CONVERTED, found
 
 
 def test_listed_pages_and_commands_exist():
