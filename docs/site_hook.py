@@ -8,12 +8,14 @@ import re
 from pathlib import Path
 from typing import Any
 
+import reference_pages
 from mkdocs.structure.files import File, Files, InclusionLevel
 from mkdocs.structure.pages import Page
 
 ROOT = Path(__file__).parents[1]
 LINK = re.compile(r"(?<=\]\()(?![a-z]+:|#)([^)#\s]+)")
-DOOR = re.compile(r"^<!-- front door of (\w+) -->$", re.MULTILINE)
+NAMES = re.compile(r"^<!-- names of ([\w.]+) -->$", re.MULTILINE)
+GENERATED = re.compile(r"^<!-- generated: ([\w ]+) -->$", re.MULTILINE)
 ROLE = re.compile(r":(?:class|func|meth|mod|data|attr):(?=<code>)")
 
 
@@ -43,8 +45,8 @@ def on_files(files: Files, config: Any) -> Files:
     return files
 
 
-def front_door(package: str) -> str:
-    """Reference of a package's front door: the names of its own modules, figures aside."""
+def names_of(package: str) -> str:
+    """Reference of the names that a package loads from its own modules when they are used, figures aside."""
     module = importlib.import_module(package)
     names = [name for name in module.__all__ if name != "__version__"]
     homes = {name: getattr(module, name).__module__ for name in names}
@@ -64,7 +66,9 @@ def on_page_markdown(markdown: str, page: Page, config: Any, files: Files) -> st
         site = PAGES.get(target, target.removeprefix("docs/"))
         return posixpath.relpath(site, posixpath.dirname(here) or ".")
 
-    return DOOR.sub(lambda match: front_door(match[1]), LINK.sub(moved, markdown))
+    linked = LINK.sub(moved, markdown)
+    named = NAMES.sub(lambda match: names_of(match[1]), linked)
+    return GENERATED.sub(lambda match: reference_pages.PAGES[match[1]](), named)
 
 
 def on_page_content(html: str, page: Page, config: Any, files: Files) -> str:

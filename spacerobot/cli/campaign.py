@@ -46,9 +46,9 @@ Page = Annotated[
 ]
 HELP = """Monte Carlo robustness analysis: percentiles, probability of failure, sensitivities.
 
-The scenario's `campaign` section (docs/campaigns.md) defines uncertain parameters, limits, sets of gains and
-signals to keep over time; the shipped `paper` has one. Interrupted campaigns resume: repeat the same command.
-Ctrl-C keeps what is there, and `spacerobot report DIR` makes a page of it, finished or not.
+The scenario's `campaign` section (docs/how_to/monte_carlo.md) defines uncertain parameters, limits, sets of
+gains and signals to keep over time; the shipped `paper` has one. Interrupted campaigns resume: repeat the
+same command. Ctrl-C keeps what is there, and `spacerobot report DIR` makes a page of it, finished or not.
 
 Examples:
 

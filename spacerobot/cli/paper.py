@@ -33,7 +33,7 @@ LEGEND = (
     "Tip errors are reference minus position, least .. greatest over 10 s, in mm. base: the PID feeds back "
     "the velocity seen from the robot's own base; inertial: the true velocity. The paper does not say which, "
     "and states R = 0.1 m in Table 1 but 0.15 m in the text. held: both bases are held where they begin. See "
-    "docs/validation/paper.md and docs/bases.md."
+    "docs/validation/paper.md and docs/validation/planning.md."
 )
 
 

@@ -11,6 +11,8 @@ PAGES = [
     *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "examples/README.md")),
     *sorted((ROOT / "docs").rglob("*.md")),
 ]
+FILE = re.compile(r"# ([\w-]+\.(?:yaml|py))\n")
+"""First line of a block that the reader saves as a file."""
 
 
 def blocks(page, language):
@@ -19,13 +21,38 @@ def blocks(page, language):
     )
 
 
-@pytest.mark.parametrize("page", [p for p in PAGES if blocks(p, "python")], ids=lambda p: p.name)
+def files_of(page):
+    """Blocks that a page asks the reader to save: their first line is a comment with the file's name."""
+    for language in ("yaml", "python"):
+        for source in blocks(page, language):
+            if named := FILE.match(source):
+                yield named[1], source
+
+
+def test_tutorials_import_nothing_deeper_than_one_level():
+    for page in (ROOT / "docs" / "tutorials").glob("*.md"):
+        text = "\n".join(blocks(page, "python"))
+        assert not re.findall(r"^ *(?:from|import) (?:spacerobot|optim|viz)\.\w+\.\w+", text, re.MULTILINE), (
+            page
+        )
+        assert "import spacerobot as sr" in text, page
+
+
+@pytest.mark.parametrize(
+    "page", [p for p in PAGES if blocks(p, "python")], ids=lambda p: p.relative_to(ROOT).as_posix()
+)
 def test_python_of_a_page_runs(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     namespace = {}
+    for other in {*page.parent.glob("*.md"), page} if page.parent.name == "tutorials" else {page}:
+        for file, source in files_of(other):  # a tutorial uses files of others
+            (tmp_path / file).write_text(source, encoding="utf-8")
     for source in blocks(page, "python"):
+        if FILE.match(source):
+            continue
         with monkeypatch.context() as patch:
-            if "build_rollout" in source:  # its few rollouts take less time than to compile them
+            if re.search(r"build_rollout|sr\.(gradient|batch)\(", source):
+                # its few rollouts take less time than to compile them
                 patch.setenv("SPACEROBOT_COMPILER", "none")
             exec(compile(source, str(page), "exec"), namespace)
 
@@ -75,7 +102,7 @@ def test_the_docking_pages_scenario_is_caught_carried_and_let_go(tmp_path):
     from spacerobot.scene import load_scene
     from tests.oracles.hybrid import roll
 
-    (text,) = blocks(ROOT / "docs" / "docking.md", "yaml")
+    (text,) = blocks(ROOT / "docs" / "tutorials" / "first_docking.md", "yaml")
     (tmp_path / "catch.yaml").write_text(text, encoding="utf-8")
     run = roll(build_closed_loop(load_scene(tmp_path / "catch.yaml")), 30.0, rtol=1e-7)
     told = [name for name in run.names if not name.endswith(("settling", "moving", "passed"))]
@@ -93,7 +120,7 @@ def test_the_docking_pages_scenario_is_caught_carried_and_let_go(tmp_path):
 def test_the_scenario_of_the_page_on_bases_holds_the_servicer():
     from spacerobot.scene import load_scene
 
-    for text in blocks(ROOT / "docs" / "bases.md", "yaml"):
+    for text in blocks(ROOT / "docs" / "how_to" / "base_actuation.md", "yaml"):
         own = yaml.safe_load(text)["robots"]["servicer"]
         scene = load_scene("servicer", {f"robots.servicer.{key}": value for key, value in own.items()})
         assert any("robots.servicer.controllers.attitude" in told for told in scene.assumptions)

@@ -33,28 +33,31 @@ def test_pages_opened_from_the_disk_have_a_search(site):
     program = shutil.which("chromium") or shutil.which("google-chrome")
     if program is None:
         pytest.skip("no chromium on this computer")
-    for page in ("index.html", "api/index.html"):
+    for page in ("index.html", "reference/api/index.html"):
         address = f"{(site / page).resolve().as_uri()}?q=thrusters"
         options = ("--headless", "--no-sandbox", "--disable-gpu", "--virtual-time-budget=8000", "--dump-dom")
         found = subprocess.run([program, *options, address], capture_output=True, text=True, check=True)
-        assert re.search(r'md-search-result__item"><a href="file:[^"]*/bases.html', found.stdout), page
+        assert re.search(r'md-search-result__item"><a href="file:[^"]*/base_actuation.html', found.stdout), (
+            page
+        )
 
 
 def test_links_of_the_repository_are_links_of_the_site(site):
     assert 'href="../examples/05_tune.html"' in (site / "explanation" / "tuning_methods.html").read_text()
-    assert 'href="elements.html#a-kind-of-your-own"' in (site / "contributing.html").read_text()
+    assert 'href="tutorials/plugin.html"' in (site / "contributing.html").read_text()
     assert 'href="05_tune.html"' in (site / "examples" / "index.html").read_text()
     assert "examples/index.html" in (site / "index.html").read_text()
 
 
-def test_front_doors_are_in_the_reference(site):
+def test_names_of_packages_are_in_the_reference(site):
     import optim
     import viz
 
     pages = {
-        package.__name__: (site / "api" / f"{package.__name__}.html").read_text() for package in (optim, viz)
+        package.__name__: (site / "reference" / "api" / f"{package.__name__}.html").read_text()
+        for package in (optim, viz)
     }
-    rollout = (site / "api" / "rollout.html").read_text()
+    rollout = (site / "reference" / "api" / "rollout.html").read_text()
     for package in (optim, viz):
         for name in package.__all__:
             assert re.search(rf'id="[\w.]+\.{name}"', pages[package.__name__] + rollout), name

@@ -33,21 +33,7 @@ PRIVATE = {
 WORDS = re.compile(rf"(?<![\w`./_-])(?:{'|'.join(PRIVATE)})(?![\w`_/-])", re.IGNORECASE)
 CODE = re.compile(r"^```.*?^```|^    .*?$|`[^`\n]*`|(?<=\]\()[^)\s]+", re.DOTALL | re.MULTILINE)
 
-NOT_CONVERTED = {
-    "docs/api/index.md",
-    "docs/api/optim.md",
-    "docs/api/viz.md",
-    "docs/bases.md",
-    "docs/campaigns.md",
-    "docs/docking.md",
-    "docs/elements.md",
-    "docs/gallery.md",
-    "docs/own_robot.md",
-    "docs/planning.md",
-    "docs/python.md",
-    "docs/scaling.md",
-    "docs/studio.md",
-}
+NOT_CONVERTED: set[str] = set()
 """Pages that still use private words. The list may only become shorter."""
 
 COMMANDS_NOT_CONVERTED = {"compare"}

@@ -374,7 +374,7 @@ def test_headline_and_words_name_the_wheels(folder):
 
 
 def test_the_servicer_holds_its_attitude_to_a_tenth_of_a_degree():
-    """Its greatest error is that of the first seconds; docs/bases.md states 0.035 deg."""
+    """Its greatest error is that of the first seconds; docs/validation/planning.md states 0.035 deg."""
     scene = load_scene("servicer-wheels", {"simulation.duration": 6, "simulation.step": 0.04})
     result = simulate(scene, backend="interpreted")
     assert 0.03 < result.summary["attitude_error"]["servicer"]["max_deg"] < 0.035

@@ -58,7 +58,7 @@ def campaign_of(scene: Scene) -> Campaign:
     """
     if scene.scenario.campaign is None:
         raise ScenarioError(
-            "this scenario has no campaign section, which says what is not known (docs/campaigns.md); "
+            "no campaign section, which defines the uncertain parameters (docs/how_to/monte_carlo.md); "
             "`spacerobot new` writes a scenario that has one",
             source=scene.source,
             where="campaign",

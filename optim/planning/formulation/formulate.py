@@ -35,7 +35,9 @@ def plan_of(scene: Scene) -> Planning:
     """
     if scene.scenario.plan is None:
         raise ScenarioError(
-            "no such section: it says what to plan (docs/planning.md)", source=scene.source, where="plan"
+            "no such section: it defines the planning problem (docs/how_to/plan_and_follow.md)",
+            source=scene.source,
+            where="plan",
         )
     return scene.scenario.plan
 

@@ -166,7 +166,7 @@ def _campaign(found: DraftText) -> list[str]:
     peak = 1.5 * max(found.move.displacement) / found.move.duration
     allowed = short(max(found.move.displacement) / 5, 1)
     return [
-        "# What is not known; spreads are proposals. `spacerobot campaign`, docs/campaigns.md",
+        "# What is not known; spreads are proposals. `spacerobot campaign`, docs/how_to/monte_carlo.md",
         "campaign:",
         "  parameters:",
         "    object_mass: {paths: 'target.links.*.mass', apply: factor, lower: 0.8, upper: 1.2}",

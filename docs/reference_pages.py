@@ -1,0 +1,155 @@
+"""Reference pages that are generated when the site is built: scenario, elements, quantities, command line."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
+
+Schema = Mapping[str, Any]
+BOUNDS = {"exclusiveMinimum": ">", "minimum": ">=", "exclusiveMaximum": "<", "maximum": "<="}
+SECTIONS = 2
+"""Heading level of the first heading on a generated page, below the page's own."""
+
+
+def cell(text: str) -> str:
+    """Text as one cell of a table."""
+    return re.sub(r"\s+", " ", text).replace("|", "\\|").replace("<", "&lt;")
+
+
+def anchor(name: str) -> str:
+    """Anchor of the section about a definition of the schema."""
+    return f"section-{name.lower()}"
+
+
+def referred(schema: Schema) -> Iterator[str]:
+    """Names of the definitions that a key's schema refers to, each once, in their order."""
+    text = re.findall(r"'\$ref': '#/\$defs/(\w+)'", str(dict(schema)))
+    yield from dict.fromkeys(text)
+
+
+def type_of(schema: Schema) -> str:
+    """Type of a key in words, with links to the sections that it may hold."""
+    links = [f"[{name}](#{anchor(name)})" for name in referred(schema)]
+    if "patternProperties" in schema or isinstance(schema.get("additionalProperties"), dict):
+        return "by name: " + (", ".join(links) or "values")
+    options = [one for one in schema.get("anyOf", [schema]) if one.get("type") != "null"]
+    words = list(dict.fromkeys(_plain(one) for one in options if "$ref" not in str(one)))
+    return " or ".join([word for word in words if word] + ([", ".join(links)] if links else [])) or "any"
+
+
+def _plain(schema: Schema) -> str:
+    if "enum" in schema:
+        return ", ".join(f"`{value}`" for value in schema["enum"])
+    if "const" in schema:
+        return f"`{schema['const']}`"
+    kind = str(schema.get("type", ""))
+    if kind == "array":
+        count = schema.get("minItems")
+        return f"list of {count}" if count and count == schema.get("maxItems") else "list"
+    names = {"string": "text", "object": "section", "boolean": "true or false", "integer": "whole number"}
+    return names.get(kind, kind)
+
+
+def range_of(schema: Schema) -> str:
+    """Bounds of a key's number, from the key itself and from its alternatives."""
+    found = [
+        f"{sign} {one[key]:g}"
+        for one in (schema, *schema.get("anyOf", ()))
+        for key, sign in BOUNDS.items()
+        if key in one
+    ]
+    return ", ".join(dict.fromkeys(found))
+
+
+def default_of(name: str, schema: Schema, required: Mapping[str, Any] | list[str]) -> str:
+    """Default of a key; sections and empty mappings have none that would help a reader."""
+    if name in required:
+        return "required"
+    value = schema.get("default")
+    if value is None or value in ("", []) or isinstance(value, dict):
+        return ""
+    text = str(value).lower() if isinstance(value, bool) else str(value)
+    return f"`{text}`"
+
+
+def section_table(schema: Schema) -> str:
+    """Keys of one section as a table."""
+    rows = ["| key | type | default | unit | range | description |", "|---|---|---|---|---|---|"]
+    required = schema.get("required", [])
+    for name, own in schema.get("properties", {}).items():
+        described = cell(re.sub(r"\s*\[[^\[\]]*\]$", "", str(own.get("description", ""))))
+        cells = (type_of(own), default_of(name, own, required), own.get("unit", ""), range_of(own))
+        rows.append(f"| `{name}` | " + " | ".join(cell(str(c)) for c in cells) + f" | {described} |")
+    return "\n".join(rows)
+
+
+def scenario() -> str:
+    """Every key of a scenario: one section of the page for each section that a scenario can hold."""
+    from spacerobot.scenario.load import json_schema
+
+    schema = json_schema()
+    parts = [section_table(schema)]
+    for name, own in schema["$defs"].items():
+        if "properties" in own:
+            first = cell(str(own.get("description", "")).split("\n\n")[0])
+            parts.append(f"{'#' * SECTIONS} {name} {{ #{anchor(name)} }}\n\n{first}\n\n{section_table(own)}")
+    return "\n\n".join(parts)
+
+
+def elements() -> str:
+    """Every kind of element by family."""
+    from spacerobot.elements.table import markdown
+
+    return re.sub(r"^### ", "#" * SECTIONS + " ", markdown(), flags=re.MULTILINE)
+
+
+def quantities() -> str:
+    """Every registered quantity with its names in scenarios."""
+    from spacerobot.quantities import quantities as registered
+
+    titles = ("name", "unit", "description", "over time")
+    uses = ("`campaign.limits`", "`tuning.constraints`", "`tuning.objective`")
+    rows = [f"| {' | '.join((*titles, *uses))} |", "|---|---|---|---|---|---|---|"]
+    for name, own in registered().items():
+        limits = (f"`{own.limit}`", f"`max_{own.limit}`") if own.limit else ("", "")
+        weight = f"`{own.weight}` [{own.weight_unit}]" if own.weight else ""
+        described = f"{own.label}: {own.description}" if own.description else own.label
+        cells = (own.unit, described, own.reducer, *limits, weight)
+        rows.append(f"| `{name}` | " + " | ".join(cell(c) for c in cells) + " |")
+    return "\n".join(rows)
+
+
+def command_line() -> str:
+    """Every command with its help, arguments and options, from the Typer application."""
+    import typer
+
+    from spacerobot.cli.app import app
+
+    group = typer.main.get_command(app)
+    parts = [_options(group)]
+    for name, command in group.commands.items():  # type: ignore[attr-defined]
+        parts.append(f"{'#' * SECTIONS} spacerobot {name}\n\n{command.help.strip()}\n\n{_options(command)}")
+    return "\n\n".join(parts)
+
+
+def _options(command: Any) -> str:
+    rows = ["| argument or option | default | description |", "|---|---|---|"]
+    for own in command.params:
+        if own.name == "help" or getattr(own, "hidden", False):
+            continue
+        is_option = own.param_type_name == "option"
+        names = ", ".join(f"`{name}`" for name in (own.opts if is_option else [str(own.name).upper()]))
+        value = own.default
+        default = "" if value is None or value is False or callable(value) or value == () else f"`{value}`"
+        rows.append(f"| {names} | {default} | {cell(own.help or '')} |")
+    return "\n".join(rows)
+
+
+PAGES: dict[str, Callable[[], str]] = {
+    "scenario": scenario,
+    "elements": elements,
+    "quantities": quantities,
+    "command line": command_line,
+}
+"""What a page's line ``<!-- generated: NAME -->`` is replaced by."""
