@@ -1,0 +1,94 @@
+"""The plugins of ``examples/plugins``, all in one scene: simulated, differentiated, planned and on a page."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+PLUGINS = sorted(path.stem for path in (ROOT / "examples" / "plugins").glob("*.py"))
+
+SCRIPT = """
+import sys
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+import spacerobot as sr
+from optim.planning.searches.make import make_plan
+from tests.optim.planning.conftest import REACH
+
+for file in sorted(Path("examples/plugins").glob("*.py")):
+    sr.load_plugin(file)
+robot, tip, folder = "robots.one", {"tip": "one/tip"}, Path(sys.argv[1])
+own = {
+    "actuators": {"wheel": {"kind": "reaction_wheel", "gain": 0.5}},
+    "sensors": {"joint_rate": {"kind": "thermal", "temperature": 45}},
+    "joint_pd": {"kp": 0, "kd": 5},
+    "tips": {
+        "tip": {
+            "controllers": {"soft": {"kind": "impedance"}},
+            "reference": {"kind": "lemniscate", "duration": 2},
+        }
+    },
+}
+plan = REACH["plan"] | {
+    "costs": {"torque": 0.01, "tip_speed": tip | {"weight": 1.0}},
+    "limits": {"tip_speed": tip | {"upper": 0.2}},
+    "tolerance": 1e-2,
+    "order": 4,
+    "intervals": 6,
+}
+document = REACH | {
+    "robots": {"one": REACH["robots"]["one"] | own},
+    "simulation": {"duration": 0.5, "step": 0.01, "output_step": 0.05},
+    "plan": plan,
+}
+(folder / "scene.yaml").write_text(yaml.safe_dump(document))
+scene = sr.load_scene(folder / "scene.yaml")
+
+result = sr.simulate(scene, backend="interpreted")
+assert result.summary["status"]["state"] == "completed"
+assert float(abs(result.data.wheel_speed.sel(body="one")).max()) > 0
+assert float(abs(result.data.impedance_force).max()) > 0
+
+paths = [
+    f"{robot}.tips.tip.controllers.soft.stiffness",
+    f"{robot}.tips.tip.reference.size",
+    f"{robot}.actuators.wheel.gain",
+    f"{robot}.sensors.joint_rate.temperature",
+]
+peak = ["base_rotation_peak"]
+slopes = sr.gradient(scene, peak, paths, backend="interpreted").data.gradient.values[0]
+loop = sr.build_closed_loop(scene)
+for path, slope in zip(paths, slopes, strict=True):
+    value = float(loop.parameters()[loop.index(path)])
+    near = [sr.load_scene(folder / "scene.yaml", {path: value * (1 + sign * 1e-4)}) for sign in (1, -1)]
+    above, below = (sr.simulate(one, backend="interpreted").data.q.values[-1, 2] for one in near)
+    ahead, behind = (
+        sr.gradient(one, peak, [path], backend="interpreted").data.value.item() for one in near
+    )
+    assert above != below
+    assert abs((ahead - behind) / (2e-4 * value) - slope) < 1e-4 * abs(slope), path
+
+found = make_plan(scene, backend="interpreted")
+assert found.terms["tip_speed"] > 0
+wide = sr.load_scene(folder / "scene.yaml", {"plan.limits.tip_speed.upper": 9})
+loose = make_plan(wide, backend="interpreted")
+assert loose.cost <= found.cost + 1e-9
+
+sr.animate(result, folder / "page.html")
+assert "speed of reaction wheels" in (folder / "page.html").read_text(encoding="utf-8")
+"""
+
+
+def test_there_is_a_plugin_of_each_kind_that_the_documentation_shows():
+    assert PLUGINS == ["impedance", "lemniscate", "reaction_wheel", "thermal", "tip_speed"]
+
+
+def test_plugins_are_simulated_differentiated_planned_with_and_shown(tmp_path):
+    """In a process of its own, so that kinds stay out of other tests."""
+    done = subprocess.run(
+        [sys.executable, "-c", SCRIPT, str(tmp_path)], capture_output=True, text=True, cwd=ROOT, check=False
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
