@@ -24,6 +24,24 @@ MOST_SAMPLES = 1200
 
 ENERGIES = {"energy_kinetic": "kinetic", "energy_spring": "springs of grips", "energy_potential": "potential"}
 
+SHIPPED = {
+    "base_": "attitude_error position_error",
+    "body_": "angle momentum_angular momentum_linear orientation position rotation",
+    "contact_": "force gap impulse loss normal_force point velocity",
+    "energy_": "kinetic potential spring",
+    "grasp_": "force gap impulse impulse_couple misalignment state torque",
+    "grasp_capture": "_spin _velocity d_at",
+    "hill_": "position velocity",
+    "impulse_": "angular linear",
+    "joint_": "position torque velocity",
+    "momentum_": "angular linear",
+    "orbit_": "anomaly radius",
+    "thruster_": "force position",
+    "tip_": "error orientation_error position reference velocity",
+    "": "phase propellant q v z",
+}
+"""Variables that this module draws, or leaves out, by name: those of all elements that ship but wheels."""
+
 
 @dataclass(frozen=True, eq=False)
 class Signal:
@@ -52,7 +70,7 @@ def quantities(result: Result) -> list[Quantity]:
     first = _tip_errors(result) or [*errors, *orbit, *momenta]
     found = [*first, *_tips(result), *_grasps(result), *_contacts(result), *_joints(result)]
     found += [*_bodies(result), *momenta, *_wheels(result), *errors, *_thrusters(result), *orbit]
-    found += _energies(result)
+    found += [*_energies(result), *_declared(result)]
     by_title = {quantity.title: quantity for quantity in found if quantity.signals}
     return list(by_title.values())
 
@@ -311,3 +329,28 @@ def _energies(result: Result) -> list[Quantity]:
         Quantity("energy", "J", [Signal(text, result.array(name)) for name, text in ENERGIES.items()]),
         Quantity("work since the start", "J", [Signal(text, values) for text, values in works.items()]),
     ]
+
+
+def _declared(result: Result) -> list[Quantity]:
+    """Outputs of kinds of one's own, as they declare them: text, unit, and who they are of."""
+    known, found = (
+        {head + tail for head, tails in SHIPPED.items() for tail in tails.split()},
+        list[Quantity](),
+    )
+    for key, variable in result.data.data_vars.items():
+        name, (along, *dims) = str(key), variable.dims
+        by_wheel = name.startswith("wheel_") and "wheel" in result.data.dims
+        if along != "time" or name in known or name.startswith("work_") or by_wheel:
+            continue
+        if dims and dims[0] != "axis":
+            variable = variable.dropna(dims[0], how="all")
+            values, owners = variable.values, [called(str(label)) for label in variable[dims[0]].values]
+        else:  # of the whole scene
+            values, owners = variable.values[:, None], [name.replace("_", " ")]
+        title, unit = str(variable.attrs["long_name"]), str(variable.attrs["units"])
+        if values.ndim == 3:
+            found.append(Quantity(title, unit, _along(values, owners, shown_axes(result))))
+        else:
+            signals = [Signal(owner, values[:, k]) for k, owner in enumerate(owners)]
+            found.append(Quantity(title, unit, signals))
+    return found
