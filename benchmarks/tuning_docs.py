@@ -33,17 +33,17 @@ def kept(value: Any) -> Any:
 
 def blocks(data: Mapping[str, Any]) -> dict[str, str]:
     """Texts by the name of their mark."""
-    contests = data["contests"]
+    problems = data["problems"]
 
     def each(table: Any) -> str:
-        return "\n\n".join(f"{tables.heading(c)}:\n\n{tables.as_markdown(table(c))}" for c in contests)
+        return "\n\n".join(f"{tables.heading(c)}:\n\n{tables.as_markdown(table(c))}" for c in problems)
 
     return {
         "conclusion": f"**{conclusion(data)}**",
         "table": tables.as_markdown(tables.summary_table(data)),
         "found": each(tables.found_table),
         "gains": each(tables.gains_table),
-        "prices": "\n".join(f"- {contest['name']}: {tables.prices(contest)}" for contest in contests),
+        "prices": "\n".join(f"- {benchmark['name']}: {tables.prices(benchmark)}" for benchmark in problems),
     }
 
 

@@ -1,4 +1,4 @@
-"""Tuning methods compared: contests, their currency, expected running times and data profiles."""
+"""Tuning methods compared: problems, their cost unit, expected running times and data profiles."""
 
 from optim.comparison.benchmark_problem import ProblemComparison
 from optim.comparison.compare import Comparison, compare

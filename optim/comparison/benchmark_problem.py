@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from optim.comparison.cost_unit import CostUnit, currency_of
+from optim.comparison.cost_unit import CostUnit, cost_unit_of
 from optim.comparison.design_evaluator import DesignEvaluator
 from optim.comparison.running_time import MethodRun, trial_of
 from optim.methods.evolutionary import METHODS as EVOLUTIONARY
@@ -80,7 +80,7 @@ class ProblemComparison:
         The untuned design, and each method's best, by method; empty without a judge.
     sensitivity
         How much each variable matters at the start and at the best point found.
-    currency, readiness
+    cost unit, readiness
         What evaluations cost, and what making them ready took.
     """
 
@@ -93,7 +93,7 @@ class ProblemComparison:
     baseline: Assessment | None
     assessments: dict[str, Assessment]
     sensitivity: Sensitivity | None
-    currency: CostUnit
+    cost_unit: CostUnit
     readiness: CompileTimes
     interrupted: bool = False
 
@@ -114,7 +114,7 @@ class ProblemComparison:
         before = EvaluationCost()
         if method == "nlp_ga":
             before = sum((run.cost for run in _evolved(self.outcomes).runs), before)
-        return [trial_of(run, self.currency, before) for run in outcome.runs]
+        return [trial_of(run, self.cost_unit, before) for run in outcome.runs]
 
     def active(self, method: str) -> list[str]:
         """Variables of a method's best that are at (or beyond) a bound."""
@@ -128,7 +128,7 @@ class BenchmarkProblem:
     Attributes
     ----------
     name
-        Of the contest.
+        Of the problem.
     problem
         What is searched.
     nominal
@@ -161,13 +161,13 @@ def compare_on_problem(
 
     Returns
     -------
-    Contest
+    Problem
         After Ctrl-C, what was found until then.
     """
     problem, nominal = entry.problem, entry.nominal
     effort = replace(effort, repeats=effort.runs)  # as many independent runs of every method
     start, readiness = _made_ready(problem, gradients=any(name in WITH_GRADIENTS for name in methods))
-    currency, effort = currency_of(nominal), replace(effort, repeats=effort.runs)
+    cost_unit, effort = cost_unit_of(nominal), replace(effort, repeats=effort.runs)
     place = None if session.place is None else session.place / entry.name
     own = replace(session, folder=place, workers=nominal.workers)
     outcomes: dict[str, MethodOutcome] = {}
@@ -195,7 +195,7 @@ def compare_on_problem(
         None if judge is None else assess(judge, {}),
         {} if judge is None else {n: assess(judge, _design(nominal, o.best.u)) for n, o in outcomes.items()},
         None if interrupted or judge is None else sensitivity(nominal, points),
-        currency,
+        cost_unit,
         readiness,
         interrupted,
     )

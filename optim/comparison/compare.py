@@ -20,13 +20,13 @@ from spacerobot.scene.size import check_size
 
 @dataclass(frozen=True)
 class Comparison:
-    """Contests on several problems.
+    """Tuning methods compared on several benchmark problems.
 
     Attributes
     ----------
     name
         Of the scenario, or of the suite.
-    contests
+    problems
         One for each problem.
     wall_s
         Time it all took.
@@ -35,13 +35,13 @@ class Comparison:
     """
 
     name: str
-    contests: tuple[ProblemComparison, ...]
+    problems: tuple[ProblemComparison, ...]
     wall_s: float
     interrupted: bool = False
 
     def __repr__(self) -> str:
-        """Name and contests, in one line."""
-        return f"<Comparison {self.name}: {', '.join(contest.name for contest in self.contests)}>"
+        """Name and problems, in one line."""
+        return f"<Comparison {self.name}: {', '.join(benchmark.name for benchmark in self.problems)}>"
 
 
 def compare(
@@ -69,7 +69,7 @@ def compare(
     Returns
     -------
     Comparison
-        One contest for each variant and set of variables. After Ctrl-C, what was found until then.
+        One problem for each variant and set of variables. After Ctrl-C, what was found until then.
 
     Raises
     ------
@@ -109,21 +109,21 @@ def even_effort(
 
 
 def compete(
-    name: str, contests: Iterable[tuple[BenchmarkProblem, Sequence[str], Effort]], session: SearchSession
+    name: str, problems: Iterable[tuple[BenchmarkProblem, Sequence[str], Effort]], session: SearchSession
 ) -> Comparison:
-    """Run contests one after the other.
+    """Run problems one after the other.
 
     Parameters
     ----------
     name
         Of the comparison.
-    contests
+    problems
         Problem, methods and effort of each; built when their turn comes.
     session
         Who does it.
     """
     begin, done = time.perf_counter(), list[ProblemComparison]()
-    for entry, methods, effort in contests:
+    for entry, methods, effort in problems:
         done.append(compare_on_problem(entry, methods, effort, session))
         if done[-1].interrupted:
             return Comparison(name, tuple(done), time.perf_counter() - begin, True)

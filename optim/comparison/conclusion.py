@@ -25,37 +25,37 @@ def conclusion(data: Data) -> str:
     """
     judged = [p for p in JUDGED if p in data["precisions"]]
     lowest = {
-        (c["name"], p): lowest_of(c, data["precisions"].index(p)) for c in data["contests"] for p in judged
+        (c["name"], p): lowest_of(c, data["precisions"].index(p)) for c in data["problems"] for p in judged
     }
     wins = Counter(method for method in lowest.values() if method is not None)
-    named = {name for c in data["contests"] for name, m in c["methods"].items() if m["running_times"]}
+    named = {name for c in data["problems"] for name, m in c["methods"].items() if m["running_times"]}
     if len(named) < 2 or not wins:
         return "Fewer than two methods were run that can be ranked against each other."
     # the most wins; among equals the one that was run first
-    order = [name for c in data["contests"] for name in c["methods"]]
+    order = [name for c in data["problems"] for name in c["methods"]]
     first = max(wins, key=lambda name: (wins[name], -order.index(name)))
     counts = [
-        f"to {percent(p)} on {sum(lowest[c['name'], p] == first for c in data['contests'])}" for p in judged
+        f"to {percent(p)} on {sum(lowest[c['name'], p] == first for c in data['problems'])}" for p in judged
     ]
-    total = len(data["contests"])
+    total = len(data["problems"])
     text = (
         f"{first} has the lowest expected running time {' and '.join(counts)} of {total} "
         f"benchmark problem{'s' * (total != 1)} (targets: relative gap to the best known value)"
     )
     others = [
-        _elsewhere(contest, p, data["precisions"].index(p), first, lowest[contest["name"], p])
-        for contest in data["contests"]
+        _elsewhere(benchmark, p, data["precisions"].index(p), first, lowest[benchmark["name"], p])
+        for benchmark in data["problems"]
         for p in judged
-        if lowest[contest["name"], p] != first
+        if lowest[benchmark["name"], p] != first
     ]
     return f"{text}; elsewhere: {'; '.join(others)}." if others else f"{text}."
 
 
-def lowest_of(contest: Data, target: int) -> str | None:
+def lowest_of(benchmark: Data, target: int) -> str | None:
     """The method with the lowest expected running time to a target, by its number; None if none met it."""
     times = {
         name: method["running_times"][target]["expected"]
-        for name, method in contest["methods"].items()
+        for name, method in benchmark["methods"].items()
         if method["running_times"] and method["running_times"][target]["expected"] is not None
     }
     return min(times, key=times.__getitem__) if times else None
@@ -66,20 +66,20 @@ def percent(fraction: float) -> str:
     return f"{100 * fraction:g} %"
 
 
-def _elsewhere(contest: Data, precision: float, target: int, first: str, winner: str | None) -> str:
-    """Which method is ahead in one contest, and why the overall winner is not."""
-    where = f"{contest['name']} to {percent(precision)}"
+def _elsewhere(benchmark: Data, precision: float, target: int, first: str, winner: str | None) -> str:
+    """Which method is ahead in one problem, and why the overall winner is not."""
+    where = f"{benchmark['name']} to {percent(precision)}"
     if winner is None:
         return f"{where}, no method"
-    ahead = contest["methods"][winner]["running_times"][target]
-    if first not in contest["methods"] or not contest["methods"][first]["running_times"]:
+    ahead = benchmark["methods"][winner]["running_times"][target]
+    if first not in benchmark["methods"] or not benchmark["methods"][first]["running_times"]:
         return f"{where}, {winner} ({first} was not run)"
-    behind = contest["methods"][first]["running_times"][target]
+    behind = benchmark["methods"][first]["running_times"][target]
     return f"{where}, {winner} ({_reason(first, behind, winner, ahead)})"
 
 
 def _reason(first: str, behind: Data, winner: str, ahead: Data) -> str:
-    """What costs more: the runs that meet the target, or those that do not."""
+    """The larger part of the cost: runs that meet the target, or runs that do not."""
     if not behind["met"]:
         return f"{first} meets it in none of {behind['runs']} runs"
     text = f"{ahead['expected']:.0f} rollouts against {behind['expected']:.0f}: "
@@ -93,6 +93,6 @@ def _reason(first: str, behind: Data, winner: str, ahead: Data) -> str:
     return text + (", intervals overlap" if overlap else "")
 
 
-def methods_of(contests: Sequence[Data]) -> list[str]:
-    """Ranked methods of all contests, in order."""
-    return list(dict.fromkeys(n for c in contests for n, m in c["methods"].items() if m["running_times"]))
+def methods_of(problems: Sequence[Data]) -> list[str]:
+    """Ranked methods of all problems, in order."""
+    return list(dict.fromkeys(n for c in problems for n, m in c["methods"].items() if m["running_times"]))

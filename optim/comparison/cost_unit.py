@@ -1,4 +1,4 @@
-"""The currency of a comparison: operations of the generated code, in units of one plain rollout.
+"""The cost unit of a comparison: operations of the generated code, in units of one plain rollout.
 
 An operation is one instruction of a CasADi function: an addition, a product, a sine. What is counted does not
 depend on the load of the machine, its compiler or its number of lanes.
@@ -24,7 +24,7 @@ MOVES = {ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST}  # instructions that compute no
 
 @dataclass(frozen=True)
 class CostUnit:
-    """What evaluations cost.
+    """Cost of each kind of evaluation.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class CostUnit:
         return float(sum(prices[kind] * count for kind, count in asdict(cost).items()))
 
 
-def currency_of(problem: TuningProblem) -> CostUnit:
+def cost_unit_of(problem: TuningProblem) -> CostUnit:
     """Prices of a problem's evaluations, from the operations of the functions that its rollouts evaluate.
 
     A plain rollout evaluates the dynamics four times a step. The adjoint does so too, then their reverse four

@@ -103,7 +103,7 @@ def build_design_evaluator(
 
 
 def _groups(scene: Scene, spread: Robustness) -> list[tuple[list[str], float, float]]:
-    """What varies together: paths (or what they begin with), relative and absolute spread."""
+    """Parameters that vary together: paths (or what they begin with), relative and absolute spread."""
     groups: list[tuple[list[str], float, float]] = []
     for body in scene.bodies:
         if body.path == "target":

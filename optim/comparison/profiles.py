@@ -25,7 +25,7 @@ class DataProfile:
     budgets
         In rollouts (n,).
     share, low, high
-        Solved within each budget, and the bootstrap interval of it, over contests and runs, each (n,).
+        Solved within each budget, and the bootstrap interval of it, over problems and runs, each (n,).
     """
 
     budgets: Array
@@ -46,18 +46,18 @@ def budgets_of(hits: Mapping[str, Sequence[Array]]) -> Array:
 def profile(hits: Sequence[Array], budgets: Array) -> DataProfile:
     """Data profile of one method.
 
-    Each contest counts the same, and in it each target and run. The bootstrap draws contests, and runs in
-    each contest drawn.
+    Each problem counts the same, and in it each target and run. The bootstrap draws problems, and runs in
+    each problem drawn.
 
     Parameters
     ----------
     hits
-        For each contest, the cost at which each run met each target, (runs, targets); infinite where it did
+        For each problem, the cost at which each run met each target, (runs, targets); infinite where it did
         not.
     budgets
         In rollouts (n,).
     """
-    # share of the targets that run i of contest c solved within budget b
+    # share of the targets that run i of problem c solved within budget b
     solved = [(table[:, :, None] <= budgets).mean(axis=1) for table in hits]
     share = np.mean([table.mean(axis=0) for table in solved], axis=0)
     rng = np.random.default_rng(SEED)

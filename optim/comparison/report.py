@@ -1,4 +1,4 @@
-"""A comparison as plain data: what stands in ``comparison.json``, and what tables and figures are made of."""
+"""A comparison as plain data: the content of ``comparison.json``, from which tables and figures are made."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from optim.problem.problem import EvaluationCost
 from optim.search.search import SearchRun
 from spacerobot.arrays import Array
 
-FORMAT = 2
+FORMAT = 3
 MOST_MOMENTS = 200  # of each trial's history that are kept
 
 
 def to_data(comparison: Comparison) -> dict[str, Any]:
-    """Everything, as plain values; what is no number is null."""
+    """The comparison as plain values; null where a number is not finite."""
     data = {
         "format": FORMAT,
         "name": comparison.name,
@@ -33,31 +33,31 @@ def to_data(comparison: Comparison) -> dict[str, Any]:
         "wall_s": comparison.wall_s,
         "precisions": PRECISIONS,
         "interval": LEVEL,
-        "contests": [_contest(contest) for contest in comparison.contests],
+        "problems": [_benchmark(benchmark) for benchmark in comparison.problems],
         "profiles": _profiles(comparison),
     }
     found: dict[str, Any] = plain(data)
-    return {"verdict": conclusion(found), **found}
+    return {"conclusion": conclusion(found), **found}
 
 
 def spent(outcome: MethodOutcome) -> EvaluationCost:
-    """What all runs of a method spent together."""
+    """Cost of all runs of a method together."""
     return sum((run.cost for run in outcome.runs), EvaluationCost())
 
 
-def directions(contest: ProblemComparison) -> list[str]:
-    """Tip and axis of each entry of a contest's errors."""
-    scene = contest.nominal.scene
+def directions(benchmark: ProblemComparison) -> list[str]:
+    """Tip and axis of each entry of a problem's errors."""
+    scene = benchmark.nominal.scene
     return [f"{tip.label} {'xyz'[axis]}" for tip in scene.tips for axis in scene.translation_axes]
 
 
 def _profiles(comparison: Comparison) -> dict[str, Any]:
-    """Data profiles of the ranked methods over the contests that they took part in."""
+    """Data profiles of the ranked methods over the problems that they took part in."""
     hits: dict[str, list[Array]] = {}
-    for contest in comparison.contests:
-        targets = _targets(contest)
-        for name in contest.ranked:
-            table = [[trial.hit(target) for target in targets] for trial in contest.trials(name)]
+    for benchmark in comparison.problems:
+        targets = _targets(benchmark)
+        for name in benchmark.ranked:
+            table = [[trial.hit(target) for target in targets] for trial in benchmark.trials(name)]
             if table:
                 hits.setdefault(name, []).append(np.array(table))
     budgets = budgets_of(hits)
@@ -69,16 +69,16 @@ def _without(mapping: dict[str, Any], name: str) -> dict[str, Any]:
     return {key: value for key, value in mapping.items() if key != name}
 
 
-def _targets(contest: ProblemComparison) -> list[float]:
-    return [target_of(contest.best_known, precision) for precision in PRECISIONS]
+def _targets(benchmark: ProblemComparison) -> list[float]:
+    return [target_of(benchmark.best_known, precision) for precision in PRECISIONS]
 
 
-def _contest(contest: ProblemComparison) -> dict[str, Any]:
-    nominal, variables = contest.nominal, contest.nominal.variables
+def _benchmark(benchmark: ProblemComparison) -> dict[str, Any]:
+    nominal, variables = benchmark.nominal, benchmark.nominal.variables
     tuning = nominal.scene.scenario.tuning
     factor, unit = UNITS[tuning.objective.kind] if tuning is not None else (1.0, "SI")
     return {
-        "name": contest.name,
+        "name": benchmark.name,
         "objective": tuning.objective.model_dump() if tuning else None,
         "unit": {"factor": factor, "name": unit},
         "constraints": tuning.constraints.model_dump() if tuning else None,
@@ -95,60 +95,60 @@ def _contest(contest: ProblemComparison) -> dict[str, Any]:
         },
         "step_s": nominal.rollout.grid.step_s,
         "engine": nominal.rollout.summary,
-        "currency": asdict(contest.currency),
-        "compile_or_load": asdict(contest.readiness),
-        "directions": directions(contest),
-        "start_objective": contest.start,
-        "best_known": contest.best_known,
-        "targets": _targets(contest),
-        "baseline": None if contest.baseline is None else _assessment(contest.baseline),
-        "methods": {name: _method(contest, name) for name in contest.outcomes},
+        "cost_unit": asdict(benchmark.cost_unit),
+        "compile_or_load": asdict(benchmark.readiness),
+        "directions": directions(benchmark),
+        "start_objective": benchmark.start,
+        "best_known": benchmark.best_known,
+        "targets": _targets(benchmark),
+        "baseline": None if benchmark.baseline is None else _assessment(benchmark.baseline),
+        "methods": {name: _method(benchmark, name) for name in benchmark.outcomes},
         "sensitivity": None
-        if contest.sensitivity is None
-        else {"relative": contest.sensitivity.relative, "over_range": contest.sensitivity.over_range},
+        if benchmark.sensitivity is None
+        else {"relative": benchmark.sensitivity.relative, "over_range": benchmark.sensitivity.over_range},
     }
 
 
-def _method(contest: ProblemComparison, name: str) -> dict[str, Any]:
-    """What a method found and spent."""
-    outcome, variables = contest.outcomes[name], contest.nominal.variables
+def _method(benchmark: ProblemComparison, name: str) -> dict[str, Any]:
+    """Results and costs of one method."""
+    outcome, variables = benchmark.outcomes[name], benchmark.nominal.variables
     values = np.array([run.objective for run in outcome.runs])
-    best, assessed = outcome.best, contest.assessments.get(name)
+    best, assessed = outcome.best, benchmark.assessments.get(name)
     return {
         "ranked": name not in UNRANKED,
-        "running_times": [] if name in UNRANKED else _running_times(contest, name),
+        "running_times": [] if name in UNRANKED else _running_times(benchmark, name),
         "objective": statistics(values),
         "largest_errors_m": {
             where: statistics(column)
-            for where, column in zip(directions(contest), contest.errors[name].T, strict=True)
+            for where, column in zip(directions(benchmark), benchmark.errors[name].T, strict=True)
         },
-        "spent": _spent(contest, outcome),
+        "spent": _spent(benchmark, outcome),
         "best": {
             "objective": best.objective,
             "feasible": best.feasible,
             "gains": variables.as_mapping(variables.values(best.u)),
-            "active_bounds": contest.active(name),
+            "active_bounds": benchmark.active(name),
             "kkt": best.kkt,
             "status": best.status,
             "message": best.message,
             **({} if assessed is None else _assessment(assessed)),
         },
-        "trials": [] if name in UNRANKED else [_trial(trial) for trial in contest.trials(name)],
-        "runs": [_run(contest, run) for run in outcome.runs],
+        "trials": [] if name in UNRANKED else [_trial(trial) for trial in benchmark.trials(name)],
+        "runs": [_run(benchmark, run) for run in outcome.runs],
     }
 
 
-def _running_times(contest: ProblemComparison, name: str) -> list[dict[str, Any]]:
-    trials = contest.trials(name)
-    return [asdict(running_time(trials, target)) for target in _targets(contest)] if trials else []
+def _running_times(benchmark: ProblemComparison, name: str) -> list[dict[str, Any]]:
+    trials = benchmark.trials(name)
+    return [asdict(running_time(trials, target)) for target in _targets(benchmark)] if trials else []
 
 
-def _spent(contest: ProblemComparison, outcome: MethodOutcome) -> dict[str, Any]:
+def _spent(benchmark: ProblemComparison, outcome: MethodOutcome) -> dict[str, Any]:
     cost, wall_s = spent(outcome), sum(run.seconds for run in outcome.runs)
-    ready = contest.readiness
+    ready = benchmark.readiness
     readied_s = ready.rollout_s + (ready.gradient_s if outcome.method in WITH_GRADIENTS else 0.0)
     return {
-        "equivalent_rollouts": contest.currency.rollouts(cost),
+        "equivalent_rollouts": benchmark.cost_unit.rollouts(cost),
         **asdict(cost),
         "wall_s": wall_s,
         "wall_with_compilation_s": wall_s + readied_s,
@@ -172,8 +172,8 @@ def _assessment(found: Assessment) -> dict[str, Any]:
     }
 
 
-def _run(contest: ProblemComparison, run: SearchRun) -> dict[str, Any]:
-    variables = contest.nominal.variables
+def _run(benchmark: ProblemComparison, run: SearchRun) -> dict[str, Any]:
+    variables = benchmark.nominal.variables
     return {
         "method": run.method,
         "index": run.index,
@@ -181,7 +181,7 @@ def _run(contest: ProblemComparison, run: SearchRun) -> dict[str, Any]:
         "objective": run.objective,
         "violation": run.violation,
         "gains": variables.as_mapping(variables.values(run.u)),
-        "equivalent_rollouts": contest.currency.rollouts(run.cost),
+        "equivalent_rollouts": benchmark.cost_unit.rollouts(run.cost),
         **asdict(run.cost),
         "seconds": run.seconds,
         "status": run.status,

@@ -1,4 +1,4 @@
-"""What a comparison writes: its data, and each method's best design as an ordinary result."""
+"""Files of a comparison: its data, and each method's best design as an ordinary result."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from spacerobot.simulation import simulate_designs
 
 
 def write(comparison: Comparison, folder: StrPath) -> dict[str, Any]:
-    """Write ``comparison.json`` and, under ``contest/method``, each design that was judged, as a result.
+    """Write ``comparison.json`` and, under ``problem/method``, each evaluated design as a result.
 
     Parameters
     ----------
@@ -28,7 +28,7 @@ def write(comparison: Comparison, folder: StrPath) -> dict[str, Any]:
     Returns
     -------
     dict
-        What stands in ``comparison.json``.
+        The content of ``comparison.json``.
 
     Raises
     ------
@@ -36,27 +36,27 @@ def write(comparison: Comparison, folder: StrPath) -> dict[str, Any]:
         If something cannot be written.
     """
     folder, data = Path(folder), to_data(comparison)
-    for contest, found in zip(comparison.contests, data["contests"], strict=True):
-        for method, made in results_of(contest):
-            result = save(made, folder / contest.name / method)
+    for benchmark, found in zip(comparison.problems, data["problems"], strict=True):
+        for method, made in results_of(benchmark):
+            result = save(made, folder / benchmark.name / method)
             entry = found["baseline"] if method == "baseline" else found["methods"][method]["best"]
-            entry["result"] = f"{contest.name}/{method}"
+            entry["result"] = f"{benchmark.name}/{method}"
             entry["largest_error_checked_m"] = largest_error(result)
             entry["trusted"], entry["open"] = (result.summary["status"][name] for name in ("trusted", "open"))
     write_text(folder / "comparison.json", json.dumps(data, indent=1, allow_nan=False) + "\n")
     return data
 
 
-def results_of(contest: ProblemComparison) -> Iterator[tuple[str, Result]]:
-    """The untuned design and each method's best, if they were judged, simulated at the scenario's own step.
+def results_of(benchmark: ProblemComparison) -> Iterator[tuple[str, Result]]:
+    """The untuned design and each method's best, if evaluated, simulated at the scenario's own step.
 
     They share one closed loop, so that they are quick; ``simulate`` on the scenario of one gives the same.
     """
-    if contest.baseline is None:
+    if benchmark.baseline is None:
         return
-    judged = {"baseline": contest.baseline} | contest.assessments
+    judged = {"baseline": benchmark.baseline} | benchmark.assessments
     designs = {method: assessed.design for method, assessed in judged.items()}
-    yield from simulate_designs(contest.nominal.scene, contest.nominal.loop, designs)
+    yield from simulate_designs(benchmark.nominal.scene, benchmark.nominal.loop, designs)
 
 
 def largest_error(result: Result) -> float | None:

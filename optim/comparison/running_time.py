@@ -48,7 +48,7 @@ class MethodRun:
 
 @dataclass(frozen=True)
 class RunningTime:
-    """What a target costs a method.
+    """Cost at which a method reaches a target.
 
     Attributes
     ----------
@@ -74,14 +74,14 @@ class RunningTime:
     until_end: float
 
 
-def trial_of(run: SearchRun, currency: CostUnit, before: EvaluationCost | None = None) -> MethodRun:
+def trial_of(run: SearchRun, cost_unit: CostUnit, before: EvaluationCost | None = None) -> MethodRun:
     """A run as a trial.
 
     Parameters
     ----------
     run
         The run.
-    currency
+    cost unit
         What its evaluations cost.
     before
         What had to be spent before it could begin.
@@ -90,9 +90,9 @@ def trial_of(run: SearchRun, currency: CostUnit, before: EvaluationCost | None =
     costs, objectives = list[float](), list[float]()
     for moment in run.history:
         if np.isfinite(moment.objective) and (not objectives or moment.objective < objectives[-1]):
-            costs.append(currency.rollouts(before + moment.cost))
+            costs.append(cost_unit.rollouts(before + moment.cost))
             objectives.append(moment.objective)
-    return MethodRun(np.array(costs), np.array(objectives), currency.rollouts(before + run.cost))
+    return MethodRun(np.array(costs), np.array(objectives), cost_unit.rollouts(before + run.cost))
 
 
 def target_of(best: float, precision: float) -> float:

@@ -1,4 +1,4 @@
-"""A suite of tuning problems of many kinds, which stand in ``suite.yaml``."""
+"""The benchmark suite: tuning problems of many kinds, defined in ``suite.yaml``."""
 
 from __future__ import annotations
 
@@ -22,24 +22,24 @@ Plain = Mapping[str, Any]
 
 
 def read_suite() -> dict[str, Any]:
-    """The suite as plain data: effort, methods, scenes, variables and contests."""
+    """The suite as plain data: effort, methods, scenes, variables and problems."""
     text = resources.files("optim.comparison").joinpath("suite.yaml").read_text(encoding="utf-8")
     found: dict[str, Any] = parse_yaml(text, source="suite.yaml")
     return found
 
 
 def compare_suite(
-    contests: Sequence[str] | None = None,
+    problems: Sequence[str] | None = None,
     *,
     methods: Sequence[str] | None = None,
     effort: Mapping[str, int | None] | None = None,
     session: SearchSession | None = None,
 ) -> Comparison:
-    """Run methods on the contests of the suite.
+    """Run methods on the problems of the suite.
 
     Parameters
     ----------
-    contests
+    problems
         Which; all if None.
     methods
         Which; the suite's if None.
@@ -51,34 +51,34 @@ def compare_suite(
     Raises
     ------
     SpaceRobotError
-        If there is no such contest.
+        If there is no such problem.
     """
     suite, session = read_suite(), session or SearchSession()
-    chosen = list(contests or suite["contests"])
+    chosen = list(problems or suite["problems"])
     for name in chosen:
-        if name not in suite["contests"]:
-            raise SpaceRobotError(f"no contest '{name}' in the suite, {near_names(name, suite['contests'])}")
+        if name not in suite["problems"]:
+            raise SpaceRobotError(f"no problem '{name}' in the suite, {near_names(name, suite['problems'])}")
     made = _made(suite, chosen, methods or suite["methods"], dict(effort or {}), session)
     return compete(NAME, made, session)
 
 
 def scene_of(suite: Plain, name: str) -> Scene:
-    """The scene of a contest, with its tuning section.
+    """The scene of a problem, with its tuning section.
 
     Parameters
     ----------
     suite
         As :func:`read_suite` gives it.
     name
-        Of the contest.
+        Of the problem.
     """
-    contest = suite["contests"][name]
-    own = suite["scenes"].get(contest["scene"])
-    variables = {variable: suite["variables"][variable] for variable in contest["tune"]}
-    tuning = {"variables": variables, **suite["effort"], **contest["tuning"]}
-    changes = {**contest.get("changes", {}), "tuning": tuning}
+    benchmark = suite["problems"][name]
+    own = suite["scenes"].get(benchmark["scene"])
+    variables = {variable: suite["variables"][variable] for variable in benchmark["tune"]}
+    tuning = {"variables": variables, **suite["effort"], **benchmark["tuning"]}
+    changes = {**benchmark.get("changes", {}), "tuning": tuning}
     if own is None:
-        return load_scene(contest["scene"], changes)
+        return load_scene(benchmark["scene"], changes)
     return build_scene(validate(dict(own), source="suite.yaml"), changes, source=None)
 
 
@@ -89,10 +89,10 @@ def _made(
     effort: Mapping[str, int | None],
     session: SearchSession,
 ) -> Iterator[tuple[BenchmarkProblem, Sequence[str], Effort]]:
-    """Each contest, built when its turn comes."""
+    """Each problem, built when its turn comes."""
     for name in chosen:
         session.tell(f"{name}: building and compiling")
-        scene, robust = scene_of(suite, name), suite["contests"][name].get("robust")
+        scene, robust = scene_of(suite, name), suite["problems"][name].get("robust")
         if robust is None:
             problem = build_problem(scene, workers=session.workers)
             entry = BenchmarkProblem(name, problem, problem)

@@ -1,6 +1,6 @@
-"""A comparison, as it stands in ``comparison.json``, as tables for terminals, documents and pages.
+"""Tables of a comparison, from the data of ``comparison.json``, for terminals, documents and pages.
 
-All numbers of one contest are in the units that its title names, the same everywhere.
+All numbers of one problem are in the units that its title names, the same everywhere.
 """
 
 from __future__ import annotations
@@ -35,30 +35,30 @@ class TextTable:
 
 
 def summary_table(data: Data) -> TextTable:
-    """Expected running times of all contests to 1 % and 0.1 %, the lowest of each contest marked."""
+    """Expected running times of all problems to 1 % and 0.1 %, the lowest of each problem marked."""
     precisions = data["precisions"]
     shown = [i for i, p in enumerate(precisions) if p <= 0.01] or [0]
-    names = list(dict.fromkeys(n for c in data["contests"] for n, m in c["methods"].items() if m["ranked"]))
+    names = list(dict.fromkeys(n for c in data["problems"] for n, m in c["methods"].items() if m["ranked"]))
     rows = []
-    for contest in data["contests"]:
+    for benchmark in data["problems"]:
         for i in shown:
-            best = lowest_of(contest, i)
-            cells = [_expected(contest["methods"].get(name), i) + "*" * (name == best) for name in names]
-            rows.append((contest["name"], percent(precisions[i]), *cells))
+            best = lowest_of(benchmark, i)
+            cells = [_expected(benchmark["methods"].get(name), i) + "*" * (name == best) for name in names]
+            rows.append((benchmark["name"], percent(precisions[i]), *cells))
     title = "Expected running time [rollouts] to a gap to the best known value; * lowest, - not reached"
     return TextTable(title, ("problem", "to", *names), tuple(rows))
 
 
-def running_time_table(contest: Data, precisions: list[float], *, narrow: bool = False) -> TextTable:
+def running_time_table(benchmark: Data, precisions: list[float], *, narrow: bool = False) -> TextTable:
     """Expected running time of each ranked method, its interval unless narrow, and how many runs met it."""
     heads = [head for p in precisions for head in (f"to {percent(p)}", "met")]
     rows = []
-    for name, method in contest["methods"].items():
+    for name, method in benchmark["methods"].items():
         if not method["running_times"]:
             continue
         cells = [name]
         for i, time in enumerate(method["running_times"]):
-            mark = "*" if lowest_of(contest, i) == name else ""
+            mark = "*" if lowest_of(benchmark, i) == name else ""
             expected = short(time["expected"]) if narrow else _with_interval(time)
             cells += [expected + mark, f"{time['met']}/{time['runs']}"]
         rows.append(tuple(cells))
@@ -66,11 +66,11 @@ def running_time_table(contest: Data, precisions: list[float], *, narrow: bool =
     return TextTable(title, ("method", *heads), tuple(rows))
 
 
-def success_table(contest: Data, precisions: list[float]) -> TextTable:
+def success_table(benchmark: Data, precisions: list[float]) -> TextTable:
     """Success rate of each ranked method with its binomial interval."""
     rows = tuple(
         (name, *(_rate(time) for time in method["running_times"]))
-        for name, method in contest["methods"].items()
+        for name, method in benchmark["methods"].items()
         if method["running_times"]
     )
     return TextTable(
@@ -78,11 +78,11 @@ def success_table(contest: Data, precisions: list[float]) -> TextTable:
     )
 
 
-def found_table(contest: Data) -> TextTable:
-    """What each method found, what all its runs spent, and how the best one ended."""
-    number = number_of(contest)
-    rows = [(_untuned(contest), number(_untuned_objective(contest)), *[""] * 4)]
-    for name, method in contest["methods"].items():
+def found_table(benchmark: Data) -> TextTable:
+    """Best objective of each method, cost of all its runs, and how the best run ended."""
+    number = number_of(benchmark)
+    rows = [(_untuned(benchmark), number(_untuned_objective(benchmark)), *[""] * 4)]
+    for name, method in benchmark["methods"].items():
         best, used = method["best"], method["spent"]
         marks = ("" if best["feasible"] else " (infeasible)") + (" (ledger open)" if best.get("open") else "")
         rows.append(
@@ -95,29 +95,29 @@ def found_table(contest: Data) -> TextTable:
                 best["status"],
             )
         )
-    unit = contest["unit"]["name"]
-    heads = ("method", f"best [{unit}]", "median", "spent", "time [s]", "ended")
+    unit = benchmark["unit"]["name"]
+    heads = ("method", f"best [{unit}]", "median", "cost", "time [s]", "status")
     return TextTable(
-        "Found by all runs; spent in rollouts; time without and (with) compiling", heads, tuple(rows)
+        "Results of all runs; cost in rollouts; time without and (with) compilation", heads, tuple(rows)
     )
 
 
-def gains_table(contest: Data) -> TextTable:
+def gains_table(benchmark: Data) -> TextTable:
     """Gains of each method's best; those at a bound are marked."""
     rows = tuple(
         (name, *(_gain(best, gain) for gain in best["gains"]))
-        for name, best in ((name, method["best"]) for name, method in contest["methods"].items())
+        for name, best in ((name, method["best"]) for name, method in benchmark["methods"].items())
     )
-    return TextTable("Gains of the best run; * at a bound", ("method", *contest["variables"]), rows)
+    return TextTable("Gains of the best run; * at a bound", ("method", *benchmark["variables"]), rows)
 
 
-def designs_table(contest: Data) -> TextTable | None:
-    """Loads of the best designs, and their objective on other plants; None if they were not judged."""
-    if contest["baseline"] is None:
+def designs_table(benchmark: Data) -> TextTable | None:
+    """Peak loads of the best designs, and their objective on other plants; None if not evaluated."""
+    if benchmark["baseline"] is None:
         return None
-    number, unit = number_of(contest), contest["unit"]["name"]
-    designs = {"untuned": contest["baseline"]}
-    designs |= {name: method["best"] for name, method in contest["methods"].items()}
+    number, unit = number_of(benchmark), benchmark["unit"]["name"]
+    designs = {"untuned": benchmark["baseline"]}
+    designs |= {name: method["best"] for name, method in benchmark["methods"].items()}
     rows = []
     for name, design in designs.items():
         other, peaks = design["other_plants"], design["peaks"]
@@ -133,69 +133,67 @@ def designs_table(contest: Data) -> TextTable | None:
             )
         )
     heads = ("design", "error [mm]", "torque [N m]", "grip [N]", f"other plants [{unit}]", "worst")
-    return TextTable(
-        "The best designs: largest values, and the objective on other plants", heads, tuple(rows)
-    )
+    return TextTable("Best designs: peak values, and the objective on other plants", heads, tuple(rows))
 
 
-def sensitivity_table(contest: Data) -> TextTable | None:
+def sensitivity_table(benchmark: Data) -> TextTable | None:
     """Relative change of the objective, to first order, if a gain crossed its range; None if unknown."""
-    if contest["sensitivity"] is None:
+    if benchmark["sensitivity"] is None:
         return None
     rows = tuple(
         (f"at {where}", *("" if value is None else f"{value:+.2g}" for value in across))
-        for where, across in contest["sensitivity"]["over_range"].items()
+        for where, across in benchmark["sensitivity"]["over_range"].items()
     )
     title = "Relative change of the objective, to first order, if the gain crossed its range"
-    return TextTable(title, ("point", *contest["variables"]), rows)
+    return TextTable(title, ("point", *benchmark["variables"]), rows)
 
 
-def tables_of(contest: Data, precisions: list[float], *, narrow: bool = False) -> list[TextTable]:
-    """All tables of a contest, most important first; without intervals if the terminal is narrow."""
+def tables_of(benchmark: Data, precisions: list[float], *, narrow: bool = False) -> list[TextTable]:
+    """All tables of a problem, most important first; without intervals if the terminal is narrow."""
     made = [
-        running_time_table(contest, precisions, narrow=narrow),
-        found_table(contest),
-        gains_table(contest),
+        running_time_table(benchmark, precisions, narrow=narrow),
+        found_table(benchmark),
+        gains_table(benchmark),
     ]
     return made + [
-        table for table in (designs_table(contest), sensitivity_table(contest)) if table is not None
+        table for table in (designs_table(benchmark), sensitivity_table(benchmark)) if table is not None
     ]
 
 
-def doubts(contest: Data) -> list[str]:
+def doubts(benchmark: Data) -> list[str]:
     """One sentence for each best design whose ledger is open."""
     told = []
-    for name, method in contest["methods"].items():
+    for name, method in benchmark["methods"].items():
         if method["best"].get("open"):
             what = "; ".join(method["best"]["open"])
-            told.append(f"{contest['name']}: the ledger of {name}'s best is open ({what}): do not trust it")
+            told.append(f"{benchmark['name']}: the ledger of {name}'s best is open ({what}): do not trust it")
     return told
 
 
-def heading(contest: Data) -> str:
-    """One line on what is compared: objective, unit, best known value."""
-    kind = contest["objective"]["kind"] if contest["objective"] else "objective"
-    value, unit = number_of(contest)(contest["best_known"]), contest["unit"]["name"]
-    return f"{contest['name']}: {kind} [{unit}], best known {value}"
+def heading(benchmark: Data) -> str:
+    """One line on the comparison: objective, unit, best known value."""
+    kind = benchmark["objective"]["kind"] if benchmark["objective"] else "objective"
+    value, unit = number_of(benchmark)(benchmark["best_known"]), benchmark["unit"]["name"]
+    return f"{benchmark['name']}: {kind} [{unit}], best known {value}"
 
 
-def prices(contest: Data) -> str:
-    """The currency of a contest in one sentence."""
-    found = contest["currency"]
+def prices(benchmark: Data) -> str:
+    """The cost unit of a problem in one sentence."""
+    found = benchmark["cost_unit"]
     return (
         f"One rollout is {found['operations'] / 1e6:.3g} million operations of the generated code; with a "
-        f"gradient it counts {found['gradient']:.2f}, with a slope along one direction {found['slope']:.2f}, "
-        f"with samples of its outputs {found['sample']:.2f}."
+        f"gradient it counts {found['gradient']:.2f}, with a directional derivative {found['slope']:.2f}, "
+        f"with sampled outputs {found['sample']:.2f}."
     )
 
 
 def markdown(data: Data) -> str:
-    """A comparison as a document: the verdict, then tables."""
-    parts = [f"**{data['verdict']}**", as_markdown(summary_table(data))]
-    for contest in data["contests"]:
-        parts += [f"## {heading(contest)}", prices(contest), *doubts(contest)]
-        tables = tables_of(contest, data["precisions"])
-        tables.insert(1, success_table(contest, data["precisions"]))
+    """A comparison as a document: the conclusion, then tables."""
+    parts = [f"**{data['conclusion']}**", as_markdown(summary_table(data))]
+    for benchmark in data["problems"]:
+        parts += [f"## {heading(benchmark)}", prices(benchmark), *doubts(benchmark)]
+        tables = tables_of(benchmark, data["precisions"])
+        tables.insert(1, success_table(benchmark, data["precisions"]))
         parts += [f"{table.title}:\n\n{as_markdown(table)}" for table in tables]
     return "\n\n".join(parts) + "\n"
 
@@ -206,9 +204,9 @@ def as_markdown(table: TextTable) -> str:
     return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in rows)
 
 
-def number_of(contest: Data) -> Callable[[float | None], str]:
-    """How a contest's objective is written, in its unit."""
-    factor = contest["unit"]["factor"]
+def number_of(benchmark: Data) -> Callable[[float | None], str]:
+    """How a problem's objective is written, in its unit."""
+    factor = benchmark["unit"]["factor"]
     return lambda value: "diverged" if value is None else f"{factor * value:.4g}"
 
 
@@ -241,13 +239,13 @@ def _rate(time: Data) -> str:
     return f"{time['met']}/{time['runs']} = {rate:.2f} ({time['rate_low']:.2f}..{time['rate_high']:.2f})"
 
 
-def _untuned(contest: Data) -> str:
-    return "start" if contest["baseline"] is None else "untuned"
+def _untuned(benchmark: Data) -> str:
+    return "start" if benchmark["baseline"] is None else "untuned"
 
 
-def _untuned_objective(contest: Data) -> float | None:
-    baseline = contest["baseline"]
-    found: float | None = contest["start_objective"] if baseline is None else baseline["nominal_objective"]
+def _untuned_objective(benchmark: Data) -> float | None:
+    baseline = benchmark["baseline"]
+    found: float | None = benchmark["start_objective"] if baseline is None else baseline["nominal_objective"]
     return found
 
 

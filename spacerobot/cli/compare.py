@@ -22,34 +22,40 @@ if TYPE_CHECKING:
 Name = Annotated[
     str,
     typer.Argument(
-        metavar="SCENARIO", help="A scenario, as for `run`; or `suite`: contests of many kinds that ship."
+        metavar="SCENARIO", help="A scenario, as for `run`; or `suite`: the shipped benchmark problems."
     ),
 ]
 Methods = Annotated[
     str | None,
-    typer.Option("--methods", metavar="LIST", help="Names of methods by commas; the section's if not given."),
+    typer.Option(
+        "--methods",
+        metavar="LIST",
+        help="Methods, separated by commas; those of the tuning section if not given.",
+    ),
 ]
 Variants = Annotated[
-    str | None, typer.Option("--variants", metavar="LIST", help="Variants of the tuning section; by commas.")
+    str | None,
+    typer.Option("--variants", metavar="LIST", help="Variants of the tuning section, separated by commas."),
 ]
 Sets = Annotated[
-    str | None, typer.Option("--sets", metavar="LIST", help="Sets of variables; by commas. All if not given.")
+    str | None,
+    typer.Option("--sets", metavar="LIST", help="Sets of variables, separated by commas; all if not given."),
 ]
-Contests = Annotated[
-    str | None, typer.Option("--contests", metavar="LIST", help="Contests of the suite; by commas.")
+Problems = Annotated[
+    str | None, typer.Option("--problems", metavar="LIST", help="Problems of the suite, separated by commas.")
 ]
 Full = Annotated[
     bool,
     typer.Option(
         "--full",
-        help="Give every method the section's `budget`, for the paper its GA's, not `baseline_budget`.",
+        help="Give every method the section's `budget` instead of its `baseline_budget`.",
     ),
 ]
 Page = Annotated[
-    bool, typer.Option("--report", help="Write DIR/report.html too, as `spacerobot report DIR` does.")
+    bool, typer.Option("--report", help="Also write DIR/report.html, as `spacerobot report DIR` does.")
 ]
 
-HELP = """Tune by every method and compare: what each finds, at which cost, how often, and how it holds up.
+HELP = """Run every tuning method on the same problems and compare objectives, costs and robustness.
 
 The conclusion is printed first. Costs are operations of the generated code, in plain rollouts; see
 `docs/explanation/tuning_methods.md`. An interrupted comparison resumes when it is started again with the same
@@ -84,7 +90,7 @@ def command(
     methods: Methods = None,
     variants: Variants = None,
     sets: Sets = None,
-    contests: Contests = None,
+    problems: Problems = None,
     budget: Budget = None,
     runs: Runs = None,
     starts: Starts = None,
@@ -96,7 +102,7 @@ def command(
     view: View = False,
     port: Port = 7000,
 ) -> None:
-    """Compare methods; exit code 130 after Ctrl-C, with what was found until then."""
+    """Compare methods; exit code 130 after Ctrl-C, with the results so far."""
     from optim.comparison import SearchSession, compare
     from optim.comparison.compare import even_effort
     from optim.comparison.report import to_data
@@ -115,9 +121,9 @@ def command(
             _refuse(
                 "suite", {"--variants": variants, "--sets": sets, "--set": changes, "--full": full or None}
             )
-            found = compare_suite(parts(contests), methods=parts(methods), effort=asked, session=session)
+            found = compare_suite(parts(problems), methods=parts(methods), effort=asked, session=session)
         else:
-            _refuse("scenario", {"--contests": contests})
+            _refuse("scenario", {"--problems": problems})
             picked: dict[str, Any] = {
                 "methods": parts(methods),
                 "variants": parts(variants),
@@ -133,7 +139,7 @@ def command(
         what = "report.html, comparison.json and figures" if page else "comparison.json and figures"
         console().print(f"{what} in {out}", markup=False, soft_wrap=True)
     if found.interrupted:
-        warn("interrupted: what was found until then is kept")
+        warn("interrupted: the results so far are kept")
         raise typer.Exit(130)
     if view and out is not None:
         serve(playing.comparison(out, print).data, port)
@@ -170,18 +176,18 @@ def _written(found: Comparison, out: Path, tell: Any, *, page: bool) -> dict[str
 
 
 def show(data: Mapping[str, Any]) -> None:
-    """Print a comparison: the verdict, all contests in one table, then each contest's tables."""
+    """Print a comparison: the conclusion, all problems in one table, then each problem's tables."""
     from optim.comparison import tables
 
-    console().print(f"\n{data['verdict']}\n", markup=False, style="bold")
+    console().print(f"\n{data['conclusion']}\n", markup=False, style="bold")
     _print(tables.summary_table(data), keys=2)
-    for contest in data["contests"]:
-        console().rule(escape(tables.heading(contest)), align="left", style="dim")
-        console().print(tables.prices(contest), markup=False)
+    for benchmark in data["problems"]:
+        console().rule(escape(tables.heading(benchmark)), align="left", style="dim")
+        console().print(tables.prices(benchmark), markup=False)
         narrow = console().width < ROOMY
-        for made in tables.tables_of(contest, data["precisions"], narrow=narrow):
+        for made in tables.tables_of(benchmark, data["precisions"], narrow=narrow):
             _print(made)
-        for doubt in tables.doubts(contest):
+        for doubt in tables.doubts(benchmark):
             warn(doubt)
     console().print(LEGEND, markup=False)
 

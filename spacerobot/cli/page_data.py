@@ -58,7 +58,7 @@ def is_campaign(folders: Sequence[Path]) -> bool:
 
 
 def comparison(folder: Path, tell: Tell) -> PageData:
-    """The first contest's untuned design and each method's best."""
+    """The first problem's untuned design and each method's best."""
     from viz.page.animation import animation
     from viz.report.comparison_section import designs_of
 

@@ -119,8 +119,8 @@ def test_a_comparison_that_lacks_a_key_or_holds_something_else_ends_in_one_line(
 ):
     folder = shutil.copytree(whole / "comparison", tmp_path / "c")
     data = json.loads((folder / "comparison.json").read_text())
-    for contest in data["contests"]:
-        contest["methods"] = {"nlp": contest["methods"]["nlp"] | {"runs": [], "trials": []}}
+    for benchmark in data["problems"]:
+        benchmark["methods"] = {"nlp": benchmark["methods"]["nlp"] | {"runs": [], "trials": []}}
     codes = []
     for found in dropped(data):
         (folder / "comparison.json").write_text(json.dumps(found))

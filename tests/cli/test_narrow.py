@@ -102,10 +102,10 @@ def test_every_word_of_every_table_is_shown(grid):
 
 
 def test_a_table_that_is_cut_repeats_what_names_its_rows(monkeypatch):
-    rows = [["contest-a", "1 %", *["123456789"] * 9], ["contest-b", "5 %", *["987654321"] * 9]]
-    made = output.table(None, ["contest", "to", *(f"method-{k}" for k in range(9))], rows, keys=2)
+    rows = [["problem-a", "1 %", *["123456789"] * 9], ["problem-b", "5 %", *["987654321"] * 9]]
+    made = output.table(None, ["problem", "to", *(f"method-{k}" for k in range(9))], rows, keys=2)
     lines = printed(monkeypatch, 80, lambda console: console.print(made))
-    assert sum("contest-a   1 %" in line for line in lines) == 2
+    assert sum("problem-a   1 %" in line for line in lines) == 2
 
 
 LONG = "robots.servicer_with_a_name.tips.gripper"

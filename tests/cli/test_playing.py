@@ -24,11 +24,11 @@ def arm(tmp_path_factory):
 def test_a_comparison_is_played_by_its_designs_the_untuned_one_first(arm, tmp_path):
     _, result = arm
     methods = {"ga": 0.3, "nlp": 0.25, "lost": None}
-    contest = {
+    benchmark = {
         "name": "base",
         "methods": {name: {"objective": {"best": best}} for name, best in methods.items()},
     }
-    (tmp_path / "comparison.json").write_text(json.dumps({"name": "small", "contests": [contest]}))
+    (tmp_path / "comparison.json").write_text(json.dumps({"name": "small", "problems": [benchmark]}))
     with pytest.raises(ResultError, match="no motion to play"):
         to_play([tmp_path], lambda _: None)
     for name in ("baseline", "ga", "nlp"):

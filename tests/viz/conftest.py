@@ -95,12 +95,12 @@ def _short():
 def _comparison(folder, gains, active):
     for name in ("baseline", "nlp"):
         save(_short(), folder / "base-five" / name)
-    contest = {
+    benchmark = {
         "name": "base-five",
         "objective": {"kind": "minimax"},
         "unit": {"factor": 1e3, "name": "mm"},
         "variables": {"kp": {}},
-        "currency": {"operations": 3.2e7, "gradient": 4.69, "slope": 2.86, "sample": 1.22},
+        "cost_unit": {"operations": 3.2e7, "gradient": 4.69, "slope": 2.86, "sample": 1.22},
         "best_known": 0.25,
         "start_objective": 0.5,
         "baseline": _design(0.5),
@@ -109,9 +109,9 @@ def _comparison(folder, gains, active):
     }
     share = {"share": [0.1, 0.9], "low": [0.0, 0.8], "high": [0.2, 1.0]}
     profiles = {"budgets": [1.0, 100.0], "methods": {"ga": share, "nlp": share}}
-    data = {"name": "<b>", "verdict": "nlp is ahead <b>", "precisions": [0.1, 0.01], "profiles": profiles}
-    (folder / "comparison.json").write_text(json.dumps(data | {"contests": [contest]}))
-    write_figures(data | {"contests": [contest]}, folder)
+    data = {"name": "<b>", "conclusion": "nlp is ahead <b>", "precisions": [0.1, 0.01], "profiles": profiles}
+    (folder / "comparison.json").write_text(json.dumps(data | {"problems": [benchmark]}))
+    write_figures(data | {"problems": [benchmark]}, folder)
     return folder
 
 

@@ -17,7 +17,7 @@ PROFILES = "data_profiles"
 
 
 def write_figures(data: Data, folder: Path) -> None:
-    """Write the data profiles to ``figures``, and each contest's figures to ``contest/figures``, as SVG.
+    """Write the data profiles to ``figures``, and each problem's figures to ``problem/figures``, as SVG.
 
     Raises
     ------
@@ -28,29 +28,29 @@ def write_figures(data: Data, folder: Path) -> None:
     if profiles["methods"]:
         figure = data_profiles(profiles["budgets"], profiles["methods"])
         write_bytes(folder / "figures" / f"{PROFILES}.svg", to_bytes(figure, "svg"))
-    for contest in data["contests"]:
-        for name, figure in figures_of(contest, data["precisions"]):
-            write_bytes(folder / contest["name"] / "figures" / f"{name}.svg", to_bytes(figure, "svg"))
+    for benchmark in data["problems"]:
+        for name, figure in figures_of(benchmark, data["precisions"]):
+            write_bytes(folder / benchmark["name"] / "figures" / f"{name}.svg", to_bytes(figure, "svg"))
 
 
-def figures_of(contest: Data, precisions: list[float]) -> Iterator[tuple[str, Drawing]]:
-    """Figures of one contest by name: running times, convergence, and what is known of the designs."""
-    ranked = {name: method for name, method in contest["methods"].items() if method["running_times"]}
+def figures_of(benchmark: Data, precisions: list[float]) -> Iterator[tuple[str, Drawing]]:
+    """Figures of one problem by name: running times, convergence, and what is known of the designs."""
+    ranked = {name: method for name, method in benchmark["methods"].items() if method["running_times"]}
     if ranked:
         times = {name: [_time(time) for time in method["running_times"]] for name, method in ranked.items()}
         yield "running_times", running_times(times, targets=[f"{100 * p:g} %" for p in precisions])
-        best = contest["best_known"]
+        best = benchmark["best_known"]
         gaps = {name: [_gaps(trial, best) for trial in m["trials"]] for name, m in ranked.items()}
         ends = {name: [trial["spent"] for trial in m["trials"]] for name, m in ranked.items()}
         yield "convergence", convergence(gaps, targets=precisions, ends=ends)
-    if contest["sensitivity"] is not None:
+    if benchmark["sensitivity"] is not None:
         shares = {
             where: np.array(values, dtype=float)
-            for where, values in contest["sensitivity"]["over_range"].items()
+            for where, values in benchmark["sensitivity"]["over_range"].items()
         }
-        yield "sensitivities", sensitivities(list(contest["variables"]), shares, quantity="the objective")
-    if contest["baseline"] is not None:
-        yield "robustness", _robustness(contest)
+        yield "sensitivities", sensitivities(list(benchmark["variables"]), shares, quantity="the objective")
+    if benchmark["baseline"] is not None:
+        yield "robustness", _robustness(benchmark)
 
 
 def _time(time: Data) -> list[float]:
@@ -62,10 +62,10 @@ def _gaps(trial: Data, best: float | None) -> list[tuple[float, float]]:
     return [(cost, (value - best) / abs(best) if best else value) for cost, value in trial["history"]]
 
 
-def _robustness(contest: Data) -> Drawing:
-    factor, unit = contest["unit"]["factor"], contest["unit"]["name"]
-    designs = {"untuned": contest["baseline"]}
-    designs |= {name: method["best"] for name, method in contest["methods"].items()}
+def _robustness(benchmark: Data) -> Drawing:
+    factor, unit = benchmark["unit"]["factor"], benchmark["unit"]["name"]
+    designs = {"untuned": benchmark["baseline"]}
+    designs |= {name: method["best"] for name, method in benchmark["methods"].items()}
     samples = {
         name: factor * np.array(design["other_plants"]["values"], dtype=float)
         for name, design in designs.items()

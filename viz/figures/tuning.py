@@ -136,7 +136,7 @@ def running_times(times: Mapping[str, Sequence[Sequence[float]]], *, targets: Se
 
 @styled
 def data_profiles(budgets: ArrayLike, shares: Mapping[str, Mapping[str, ArrayLike]]) -> Drawing:
-    """Share of all contests, targets and runs that each method solved within a budget.
+    """Share of all problems, targets and runs that each method solved within a budget.
 
     Parameters
     ----------
@@ -155,7 +155,7 @@ def data_profiles(budgets: ArrayLike, shares: Mapping[str, Mapping[str, ArrayLik
     panel.set_ylim(-0.02, 1.02)
     panel.yaxis.set_major_formatter(PercentFormatter(1.0))
     panel.set_xlabel("budget [rollouts]")
-    panel.set_ylabel("contests x targets x runs solved [%]")
+    panel.set_ylabel("problems x targets x runs solved [%]")
     legend_above(figure, panel, columns=5)
     return figure
 

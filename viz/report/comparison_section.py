@@ -1,4 +1,4 @@
-"""A comparison of tuning methods in a report: the verdict, then what each method found and at which cost."""
+"""Report section about a comparison of tuning methods: the conclusion, then the results and cost of each."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ DRAWINGS = {
     "running_times": "Expected running time to each target, with its 90 % interval",
     "convergence": "All runs of each method, from best to worst (band), and their median (line); "
     "the other methods' medians in grey; the targets dotted",
-    "sensitivities": "How far the objective moves if a gain crosses its range",
-    "robustness": "Objective on plants never tuned for",
+    "sensitivities": "Change of the objective across each gain's range",
+    "robustness": "Objective on plants that differ from the tuned one",
 }
 NAME, TITLE = "comparison", "Tuning methods, compared"
 PROFILE_TITLE = (
-    "Data profiles: share of all contests, targets and runs that each method solved within a budget, "
-    "with 90 % intervals over contests and runs"
+    "Data profiles: share of all problems, targets and runs that each method solved within a budget, "
+    "with 90 % intervals over problems and runs"
 )
 
 
@@ -51,9 +51,9 @@ def comparison_section(folder: Path) -> ReportSection:
 def _text(folder: Path) -> str:
     with _whole(folder):
         data = _read(folder)
-        text = f"<p><strong>{escape(data['verdict'])}</strong></p>{_table(tables.summary_table(data))}"
+        text = f"<p><strong>{escape(data['conclusion'])}</strong></p>{_table(tables.summary_table(data))}"
         text += _drawing(folder / "figures" / f"{PROFILES}.svg", PROFILES, PROFILE_TITLE)
-        return text + "".join(_contest(c, data["precisions"], folder) for c in data["contests"])
+        return text + "".join(_benchmark(c, data["precisions"], folder) for c in data["problems"])
 
 
 @contextlib.contextmanager
@@ -78,20 +78,20 @@ def comparison_report(folder: Path) -> str:
     section = comparison_section(folder)
     with _whole(folder):
         data = _read(folder)
-        contest = data["contests"][0]
-        ranked = {name: method for name, method in contest["methods"].items() if method["ranked"]}
-        best = min(ranked or contest["methods"], key=lambda name: _objective(contest["methods"][name]))
-        shown = [folder / contest["name"] / name for name in ("baseline", best)]
+        benchmark = data["problems"][0]
+        ranked = {name: method for name, method in benchmark["methods"].items() if method["ranked"]}
+        best = min(ranked or benchmark["methods"], key=lambda name: _objective(benchmark["methods"][name]))
+        shown = [folder / benchmark["name"] / name for name in ("baseline", best)]
         title = f"Tuning methods compared: {data['name']}"
     if not all((place / DATA).is_file() for place in shown):
         return page(title, [(section, _text(folder))])
     results: list[Result] = [load(place) for place in shown]
-    title += f"; shown: {contest['name']}, untuned and {best}"
+    title += f"; shown: {benchmark['name']}, untuned and {best}"
     return report(*results, title=title, sections=[section, *SECTIONS])
 
 
 def designs_of(folder: Path) -> tuple[str, dict[str, Result]]:
-    """Title, and the results of the first contest that was judged, the untuned design first, the best next.
+    """Title, and the results of the first problem that was judged, the untuned design first, the best next.
 
     Raises
     ------
@@ -100,13 +100,15 @@ def designs_of(folder: Path) -> tuple[str, dict[str, Result]]:
     """
     with _whole(folder):
         data = _read(folder)
-        contest = data["contests"][0]
-        ranked = sorted(contest["methods"], key=lambda name: _objective(contest["methods"][name]))
-        title = f"Tuning methods compared: {data['name']}, {contest['name']}"
-        places = {name: folder / contest["name"] / name for name in ("baseline", *ranked)}
+        benchmark = data["problems"][0]
+        ranked = sorted(benchmark["methods"], key=lambda name: _objective(benchmark["methods"][name]))
+        title = f"Tuning methods compared: {data['name']}, {benchmark['name']}"
+        places = {name: folder / benchmark["name"] / name for name in ("baseline", *ranked)}
     found = {name: load(place) for name, place in places.items() if (place / DATA).is_file()}
     if not found:
-        raise ResultError("none of its designs was judged, so there is no motion to play", source=folder)
+        raise ResultError(
+            "no design of this comparison was evaluated, so there is no motion to play", source=folder
+        )
     return title, found
 
 
@@ -119,18 +121,18 @@ def _read(folder: Path) -> Any:
     return json.loads((folder / COMPARISON).read_text(encoding="utf-8"))
 
 
-def _contest(contest: Mapping[str, Any], precisions: list[float], folder: Path) -> str:
-    name = contest["name"]
-    made = tables.tables_of(contest, precisions)
-    made.insert(1, tables.success_table(contest, precisions))
+def _benchmark(benchmark: Mapping[str, Any], precisions: list[float], folder: Path) -> str:
+    name = benchmark["name"]
+    made = tables.tables_of(benchmark, precisions)
+    made.insert(1, tables.success_table(benchmark, precisions))
     drawings = [
         _drawing(folder / name / "figures" / f"{kind}.svg", f"{name}-{kind}", title)
         for kind, title in DRAWINGS.items()
     ]
-    items = "".join(f"<li>{escape(doubt)}</li>" for doubt in tables.doubts(contest))
+    items = "".join(f"<li>{escape(doubt)}</li>" for doubt in tables.doubts(benchmark))
     doubts = f"<ul class='warnings'>{items}</ul>" if items else ""
     return (
-        f"<h3>{escape(tables.heading(contest))}</h3><p>{escape(tables.prices(contest))}</p>"
+        f"<h3>{escape(tables.heading(benchmark))}</h3><p>{escape(tables.prices(benchmark))}</p>"
         f"{doubts}{_table(made[0])}"
         f"{''.join(drawings[:2])}{''.join(map(_table, made[1:]))}{''.join(drawings[2:])}"
     )

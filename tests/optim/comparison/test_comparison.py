@@ -52,21 +52,21 @@ def found(small, tmp_path_factory):
 
 
 def test_every_method_runs_on_the_same_problem(found):
-    (contest,) = found[0].contests
-    assert list(contest.outcomes) == list(METHODS)
+    (benchmark,) = found[0].problems
+    assert list(benchmark.outcomes) == list(METHODS)
     for name in ("ga", "de", "pso", "cmaes"):
-        assert len(contest.outcomes[name].runs) == 2
-        assert contest.outcomes[name].best.objective < contest.baseline.nominal["objective"]
-    assert contest.outcomes["nlp_ga"].best.objective <= contest.outcomes["ga"].best.objective
-    everyone = [o.best.objective for n, o in contest.outcomes.items() if n != "manual"]
-    assert contest.outcomes["nlp"].best.objective <= min(everyone) * 1.001
-    assert contest.best_known == min(everyone)
+        assert len(benchmark.outcomes[name].runs) == 2
+        assert benchmark.outcomes[name].best.objective < benchmark.baseline.nominal["objective"]
+    assert benchmark.outcomes["nlp_ga"].best.objective <= benchmark.outcomes["ga"].best.objective
+    everyone = [o.best.objective for n, o in benchmark.outcomes.items() if n != "manual"]
+    assert benchmark.outcomes["nlp"].best.objective <= min(everyone) * 1.001
+    assert benchmark.best_known == min(everyone)
 
 
 def test_assessments_are_ordinary_rollouts_of_the_same_design(found):
-    (contest,) = found[0].contests
-    for name, found_there in contest.assessments.items():
-        reached = contest.outcomes[name].best.objective
+    (benchmark,) = found[0].problems
+    for name, found_there in benchmark.assessments.items():
+        reached = benchmark.outcomes[name].best.objective
         assert found_there.nominal["objective"] == pytest.approx(reached, rel=1e-6)
         assert found_there.varied["objective"].shape == (8,)
         assert len(np.unique(found_there.varied["objective"])) == 8
@@ -74,9 +74,9 @@ def test_assessments_are_ordinary_rollouts_of_the_same_design(found):
 
 def test_the_report_is_complete_and_strict_json(found):
     data = json.loads((found[1] / "comparison.json").read_text(), parse_constant=pytest.fail)
-    (contest,) = data["contests"]
-    assert contest["directions"] == ["arm/tip x", "arm/tip y"]
-    for name, method in contest["methods"].items():
+    (benchmark,) = data["problems"]
+    assert benchmark["directions"] == ["arm/tip x", "arm/tip y"]
+    for name, method in benchmark["methods"].items():
         assert {"best", "median", "lower", "upper", "worst"} <= set(method["objective"])
         assert method["best"]["other_plants"]["plants"] == 8
         assert set(method["best"]["gains"]) == {"kp", "ki", "kd", "ta"}
@@ -88,22 +88,22 @@ def test_the_report_is_complete_and_strict_json(found):
             assert list(costs) == sorted(costs)
             assert list(values) == sorted(values, reverse=True)
             assert costs[-1] <= trial["spent"]
-    best = min(m["objective"]["best"] for n, m in contest["methods"].items() if n != "manual")
-    assert contest["best_known"] == best
-    assert contest["targets"] == pytest.approx([1.1 * best, 1.01 * best, 1.001 * best])
-    assert data["verdict"].count("lowest expected running time") == 1
-    assert set(data["profiles"]["methods"]) == set(contest["methods"]) - {"manual"}
-    assert len(contest["methods"]["manual"]["runs"][0]["log"]) > 5
+    best = min(m["objective"]["best"] for n, m in benchmark["methods"].items() if n != "manual")
+    assert benchmark["best_known"] == best
+    assert benchmark["targets"] == pytest.approx([1.1 * best, 1.01 * best, 1.001 * best])
+    assert data["conclusion"].count("lowest expected running time") == 1
+    assert set(data["profiles"]["methods"]) == set(benchmark["methods"]) - {"manual"}
+    assert len(benchmark["methods"]["manual"]["runs"][0]["log"]) > 5
 
 
 def test_each_best_design_is_saved_as_a_result(found):
     made, folder = found
     data = json.loads((folder / "comparison.json").read_text())
     result = load(folder / "base-four" / "nlp")
-    best = data["contests"][0]["methods"]["nlp"]["best"]
+    best = data["problems"][0]["methods"]["nlp"]["best"]
     tip = result.scenario.robots["arm"].tips["tip"]
     assert tip.pid.kp == pytest.approx(best["gains"]["kp"])
-    largest = max(made.contests[0].assessments["nlp"].nominal["tip_error_peak"])
+    largest = max(made.problems[0].assessments["nlp"].nominal["tip_error_peak"])
     assert best["largest_error_checked_m"] == pytest.approx(largest, rel=1e-2)
 
 
@@ -111,15 +111,15 @@ def test_a_comparison_run_again_is_read_from_its_journals(found, small, monkeypa
     first, folder = found
     monkeypatch.setattr("optim.problem.tuning_problem.TuningProblem.evaluate", None)
     again = run_method(
-        first.contests[0].problem, "ga", EFFORT, session=SearchSession(folder / "journals" / "base-four")
+        first.problems[0].problem, "ga", EFFORT, session=SearchSession(folder / "journals" / "base-four")
     )
-    assert again.best.objective == first.contests[0].outcomes["ga"].best.objective
+    assert again.best.objective == first.problems[0].outcomes["ga"].best.objective
 
 
 def test_tables_have_a_cell_for_each_heading(found):
     data = to_data(found[0])
-    (contest,) = data["contests"]
-    made = [tables.summary_table(data), *tables.tables_of(contest, data["precisions"])]
+    (benchmark,) = data["problems"]
+    made = [tables.summary_table(data), *tables.tables_of(benchmark, data["precisions"])]
     assert len(made) == 6
     for table in made:
         assert table.rows
@@ -127,9 +127,9 @@ def test_tables_have_a_cell_for_each_heading(found):
 
 
 def test_the_nlp_from_the_ga_pays_for_the_ga(found):
-    (contest,) = found[0].contests
-    paid = sum(run.cost.rollouts for run in contest.outcomes["ga"].runs)
-    (trial,) = contest.trials("nlp_ga")
+    (benchmark,) = found[0].problems
+    paid = sum(run.cost.rollouts for run in benchmark.outcomes["ga"].runs)
+    (trial,) = benchmark.trials("nlp_ga")
     assert trial.costs[0] > paid
 
 
@@ -270,8 +270,8 @@ def test_ctrl_c_in_a_rollout_keeps_what_was_found(small, monkeypatch):
     monkeypatch.setattr(TuningProblem, "evaluate", evaluate)
     made = compare(small(), variants=["base"], sets=["two"], methods=["ga", "nlp"], effort=EFFORT)
     assert made.interrupted
-    assert list(made.contests[0].outcomes) == ["ga"]
-    assert np.isfinite(made.contests[0].outcomes["ga"].best.objective)
+    assert list(made.problems[0].outcomes) == ["ga"]
+    assert np.isfinite(made.problems[0].outcomes["ga"].best.objective)
 
 
 @pytest.fixture(scope="module")
@@ -298,7 +298,7 @@ def test_the_commands(app, small_file, tmp_path):
     done = runner.invoke(app, asked, catch_exceptions=False)
     assert done.exit_code == 0
     assert "base-two" in done.output
-    assert "lowest expected running time" in done.output.split("base-two")[0]  # the verdict comes first
+    assert "lowest expected running time" in done.output.split("base-two")[0]  # the conclusion comes first
     text = (tmp_path / "c" / "comparison.md").read_text()
     assert text.startswith("**")
     assert "of the generated code" in text

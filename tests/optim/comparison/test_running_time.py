@@ -1,4 +1,4 @@
-"""Expected running times, data profiles, the verdict and the currency, against what is known by hand."""
+"""Expected running times, data profiles, the conclusion and the cost unit, against what is known by hand."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from optim.comparison.conclusion import conclusion
-from optim.comparison.cost_unit import CostUnit, currency_of, operations
+from optim.comparison.cost_unit import CostUnit, cost_unit_of, operations
 from optim.comparison.profiles import budgets_of, profile
 from optim.comparison.running_time import MethodRun, running_time, target_of, trial_of
 from optim.problem.problem import EvaluationCost
@@ -97,24 +97,24 @@ def times(*expected, met=5, until=None, low=None, high=None):
 
 
 def test_the_verdict_says_who_is_ahead_where_and_why():
-    contests = [
+    problems = [
         {"name": "one", "methods": {"ga": times(90, 900, 9e3), "nlp": times(70, 80, 90)}},
         {"name": "two", "methods": {"ga": times(5, 50, 60), "nlp": times(70, 80, 50)}},
         {"name": "three", "methods": {"ga": times(5, 50, 500), "nlp": times(9, 90, 90, met=2, until=40)}},
     ]
-    said = conclusion({"precisions": [0.1, 0.01, 0.001], "contests": contests})
+    said = conclusion({"precisions": [0.1, 0.01, 0.001], "problems": problems})
     assert said.startswith(
-        "nlp has the lowest expected running time to 1 % on 1 and to 0.1 % on 3 of 3 contests"
+        "nlp has the lowest expected running time to 1 % on 1 and to 0.1 % on 3 of 3 problems"
     )
     assert "two to 1 %, ga (50 rollouts against 80: nlp needs more until it meets it)" in said
     assert "three to 1 %, ga (50 rollouts against 90: nlp meets it in 2 of 5 runs, ga in 5 of 5)" in said
-    contests[1]["methods"]["nlp"] = times(None, None, None, met=0)
-    contests.append(contests[0] | {"name": "four"})
+    problems[1]["methods"]["nlp"] = times(None, None, None, met=0)
+    problems.append(problems[0] | {"name": "four"})
     assert "two to 1 %, ga (nlp meets it in none of 5 runs)" in conclusion(
-        {"precisions": [0.1, 0.01, 0.001], "contests": contests}
+        {"precisions": [0.1, 0.01, 0.001], "problems": problems}
     )
     alone = [{"name": "one", "methods": {"nlp": times(70, 80, 90)}}]
-    assert "Fewer than two" in conclusion({"precisions": [0.1, 0.01, 0.001], "contests": alone})
+    assert "Fewer than two" in conclusion({"precisions": [0.1, 0.01, 0.001], "problems": alone})
 
 
 def test_operations_are_what_a_function_computes():
@@ -125,7 +125,7 @@ def test_operations_are_what_a_function_computes():
 
 def test_prices_follow_from_the_functions_that_are_evaluated(small):
     problem = build_problem(small(), variables=["kp", "ta"])
-    found, kernel = currency_of(problem), problem.rollout.kernel
+    found, kernel = cost_unit_of(problem), problem.rollout.kernel
     stages = kernel.method.stages
     step = stages * operations(kernel.functions["dynamics"]) + operations(kernel.functions["normalise"])
     assert found.operations == pytest.approx(problem.rollout.grid.steps * step, rel=0.05)
@@ -138,8 +138,8 @@ def test_prices_follow_from_the_functions_that_are_evaluated(small):
 
 
 def test_a_longer_tape_is_integrated_again_and_paid_for(small):
-    short = currency_of(build_problem(small(), variables=["kp"]))
-    long = currency_of(build_problem(small(**{"simulation__duration": 400.0}), variables=["kp"]))
+    short = cost_unit_of(build_problem(small(), variables=["kp"]))
+    long = cost_unit_of(build_problem(small(**{"simulation__duration": 400.0}), variables=["kp"]))
     assert long.gradient == pytest.approx(short.gradient + 1, abs=0.1)
 
 

@@ -38,7 +38,11 @@ def test_the_verdict_comes_first_and_then_what_each_method_found(undrawn, folder
     ):
         assert text in page
     assert page.index("nlp is ahead") < page.index("<table")
-    for title in ("Data profiles", "All runs of each method", "Objective on plants never tuned for"):
+    for title in (
+        "Data profiles",
+        "All runs of each method",
+        "Objective on plants that differ from the tuned one",
+    ):
         assert title in page
     assert "How far the objective moves" not in page
 
@@ -59,20 +63,20 @@ def test_names_from_files_are_escaped(undrawn, folder):
 def test_a_best_design_whose_ledger_is_open_is_marked_in_tables_and_on_the_page(undrawn, folder):
     file = folder / "comparison.json"
     data = json.loads(file.read_text())
-    data["contests"][0]["methods"]["nlp"]["best"] |= {
+    data["problems"][0]["methods"]["nlp"]["best"] |= {
         "trusted": False,
         "open": ["momentum drift 32 % linear"],
     }
     file.write_text(json.dumps(data))
     told = "the ledger of nlp's best is open (momentum drift 32 % linear): do not trust it"
-    assert any(told in line for line in tables.doubts(data["contests"][0]))
-    assert told in tables.markdown({**data, "contests": data["contests"][:1]})
+    assert any(told in line for line in tables.doubts(data["problems"][0]))
+    assert told in tables.markdown({**data, "problems": data["problems"][:1]})
     page = comparison_report(folder)
     assert html.escape(told) in page
     assert page.count("(ledger open)") == 1
 
 
-@pytest.mark.parametrize("content", ["", "{}", '{"contests": [{}]}', '{"contests": 3}'])
+@pytest.mark.parametrize("content", ["", "{}", '{"problems": [{}]}', '{"problems": 3}'])
 def test_a_broken_comparison_is_one_clear_line(undrawn, folder, content):
     (folder / "comparison.json").write_text(content)
     with pytest.raises(
