@@ -44,7 +44,7 @@ from spacerobot.interrupts import INTERRUPTED, minded
 
 app = typer.Typer(
     name="spacerobot",
-    help="Free-floating space robots that grip and move an object together: simulate, check, tune, show.",
+    help="Robot arms on floating bases that capture and carry an object: simulate, tune, plan, show.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode="rich",
@@ -92,7 +92,7 @@ def _options(
         list[Path] | None,
         typer.Option(
             metavar="FILE",
-            help="Python file that adds kinds of elements; it is run. Repeatable, also behind a command.",
+            help="Python file that registers kinds of elements; it is run. Repeatable; any position.",
         ),
     ] = None,
 ) -> None:

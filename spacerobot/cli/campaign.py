@@ -1,4 +1,4 @@
-"""``spacerobot campaign``: how sets of gains perform over uncertain parameters."""
+"""``spacerobot campaign``: Monte Carlo analysis of sets of gains over uncertain parameters."""
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ if TYPE_CHECKING:
     from spacerobot.scene import Scene
 
 Folder = Annotated[
-    Path, typer.Option("--out", metavar="DIR", help="The campaign's folder; taken up again if it is there.")
+    Path,
+    typer.Option("--out", metavar="DIR", help="Folder of the campaign; an existing campaign is resumed."),
 ]
 Gains = Annotated[
     list[str] | None,
@@ -37,12 +38,12 @@ Samples = Annotated[
         "--samples",
         min=1,
         metavar="N",
-        help="Number of samples, each rolled out once for every set of gains; a grid's follows from "
+        help="Number of samples, each simulated once for every set of gains; that of a grid follows from "
         "its levels.",
     ),
 ]
 Page = Annotated[
-    bool, typer.Option("--report", help="Write DIR/report.html too, as `spacerobot report DIR` does.")
+    bool, typer.Option("--report", help="Also write DIR/report.html, as `spacerobot report DIR` does.")
 ]
 HELP = """Monte Carlo robustness analysis: percentiles, probability of failure, sensitivities.
 
@@ -77,7 +78,7 @@ def command(
     view: View = False,
     port: Port = 7000,
 ) -> None:
-    """Run a campaign; exit code 130 after Ctrl-C, with what was found until then."""
+    """Run a campaign; exit code 130 after Ctrl-C, with the samples so far."""
     from optim.campaign import ROLLING_OUT, ScenarioSource, run_campaign, summarise
     from optim.campaign.rollouts.gains import gain_sets
     from spacerobot.files import write_text
@@ -104,7 +105,7 @@ def command(
         summary = None
         if found.done:
             keep(False)
-            tell("working out what it says")
+            tell("computing statistics")
             summary = summarise(out, found.evaluator)
             if page:
                 write_text(out / "report.html", campaign_page(out, tell, found.evaluator))
@@ -117,7 +118,7 @@ def command(
         )
         console().print(line, markup=False, soft_wrap=True)
     if found.interrupted:
-        warn("interrupted: the same command goes on where it was")
+        warn("interrupted: the same command resumes the campaign")
         raise typer.Exit(130)
     if view:
         with progress("simulating the worst samples") as tell:

@@ -28,21 +28,21 @@ def campaign_page(
 def campaign_shown(
     folder: Path, tell: Callable[[str], object], evaluator: CampaignEvaluator | None = None
 ) -> CampaignReport:
-    """What pages show of a campaign.
+    """Data of a campaign that pages show.
 
     Parameters
     ----------
     folder
         Its store.
     tell
-        Told in words what is being done.
+        Called with a text at each stage.
     evaluator
         What made it; made again from the folder if None.
 
     Raises
     ------
     ResultError
-        If the folder holds no campaign that can be told of (see :func:`optim.campaign.reopen`), or none whose
+        If the folder holds no readable campaign (see :func:`optim.campaign.reopen`), or none whose
         samples begin.
     """
     from optim.campaign import load_campaign, read_bands, reopen, simulate_sample, summary_data
@@ -52,7 +52,7 @@ def campaign_shown(
     if evaluator is None:
         tell("opening the campaign")
         evaluator = reopen(folder)
-    tell("working out what it says")
+    tell("computing statistics")
     summary = summary_data(folder, evaluator)
     worst = {name: told["worst"][0] for name, told in summary["gains"].items()}
     tell("reading the kept signals")
@@ -73,6 +73,6 @@ def campaign_shown(
     if not results and not faults:
         cause = next(iter(worst.values()))["unclosed"]
         raise ResultError(f"no sample begins, so there is nothing to show: {cause}", source=folder)
-    tell("rolling out some samples for the cloud")
+    tell("simulating some samples for the animation")
     data = load_campaign(folder)
     return CampaignReport(summary, data, results, bands, spreads(evaluator, data) if results else (), faults)

@@ -14,7 +14,7 @@ MOST_AGAIN = 100
 
 
 def spreads(evaluator: CampaignEvaluator, data: xr.Dataset) -> list[dict[str, Any]]:
-    """What the page tells of all samples, one for each set of gains.
+    """Data of all samples for the page, one entry for each set of gains.
 
     Parameters
     ----------

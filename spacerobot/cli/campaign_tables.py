@@ -1,4 +1,4 @@
-"""What ``spacerobot campaign`` prints."""
+"""Tables printed by ``spacerobot campaign``."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 from spacerobot.cli.output import console, prose, table, warn
 
-MARKS = {"": ("+", "holds"), "unclosed": ("O", "open at the start"), "diverged": ("D", "diverged")}
+MARKS = {"": ("+", "success"), "unclosed": ("O", "open at the start"), "diverged": ("D", "diverged")}
 """Letter and meaning of each outcome in the map of a campaign, limits of quantities aside."""
 
 
@@ -19,7 +19,7 @@ def marks() -> dict[str, tuple[str, str]]:
 
 
 def show(summary: Mapping[str, Any]) -> None:
-    """Print what a campaign says: how often it fails, percentiles, what matters, the worst samples."""
+    """Print the results of a campaign: probability of failure, percentiles, sensitivities, worst samples."""
     from viz.report.campaign_words import depends, drawn, mixed, stepping, unfinished
 
     level = f"{100 * summary['confidence']:g} %"
@@ -27,13 +27,15 @@ def show(summary: Mapping[str, Any]) -> None:
         if warning:
             warn(warning)
     head = f"{summary['name']}: {summary['samples']} samples, {summary['design']}"
-    asked = f"probability of failure and its {level} interval" if summary["intervals"] else "share that fails"
+    asked = (
+        f"probability of failure and its {level} interval" if summary["intervals"] else "share of failures"
+    )
     console().print(table(f"{head}; {asked}", *_failures(summary)))
     for name, told in summary["gains"].items():
-        sure = f", {level} intervals in brackets (open where the samples do not bound it)"
+        sure = f", {level} intervals in brackets (one-sided where the samples give no bound)"
         title = f"{name}: percentiles{sure if summary['intervals'] else ''}"
         console().print(table(title, *_percentiles(told)))
-        prose(f"{name}: what matters, and its rank correlation or share of the variance")
+        prose(f"{name}: sensitivity, as rank correlation or share of the variance")
         for metric, entry in told["matters"].items():
             prose(depends(metric, entry), indent=2)
         if told["map"] is not None:
@@ -41,14 +43,14 @@ def show(summary: Mapping[str, Any]) -> None:
             legend = ", ".join(
                 f"{letter} {words}" for cause, (letter, words) in marks().items() if cause in found
             )
-            title = f"{name}: where it holds ({legend})"
+            title = f"{name}: outcome over two parameters ({legend})"
             console().print(table(title, *_map(told["map"], summary["parameters"])))
         worst = told["worst"][0]
         draws = ", ".join(f"{key} {drawn(summary, key, value)}" for key, value in worst["draw"].items())
         console().print()
         prose(f"{name}: worst sample, {worst['sample']}, {_why(worst)}: {draws}")
         # to be copied as one line
-        console().print(f"again: {worst['command']}\n", markup=False, soft_wrap=True)
+        console().print(f"reproduce: {worst['command']}\n", markup=False, soft_wrap=True)
     for note in filter(None, (mixed(summary), stepping(summary))):
         prose(note)
         console().print()
@@ -57,7 +59,7 @@ def show(summary: Mapping[str, Any]) -> None:
 
 
 def _why(worst: Mapping[str, Any]) -> str:
-    """What makes a sample the worst."""
+    """Reason why a sample is the worst."""
     from viz.report.campaign_words import quantity_of
 
     if worst["unclosed"]:
@@ -116,10 +118,10 @@ def _against(summary: Mapping[str, Any]) -> Rows:
     for row in summary["against"]:
         two = [row["first"], row["second"]]
         if "fails_alone" in row:
-            rows.append([*two, "fails alone", " / ".join(str(row["fails_alone"][name]) for name in two)])
+            rows.append([*two, "fails only here", " / ".join(str(row["fails_alone"][name]) for name in two)])
         elif row["first_is_better"] is not None:
             rows.append([*two, quantity_of(row["metric"]), _estimate(row["first_is_better"], "%", 100)])
-    return ["first", "second", "", "first is smaller [%], or samples that fail alone"], rows
+    return ["first", "second", "", "first is smaller [%], or samples that fail only here"], rows
 
 
 def _estimate(told: Mapping[str, Any], unit: str, factor: float | None = None) -> str:

@@ -1,4 +1,4 @@
-"""``spacerobot check``: what a scenario is, before it is run."""
+"""``spacerobot check``: validate a scenario before it is run."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def register(app: typer.Typer) -> None:
     app.command("check", help=HELP)(command)
 
 
-HELP = """Check a scenario: print its scene as a tree and every assumption taken.
+HELP = """Validate a scenario: print its scene as a tree, and every modelling assumption.
 
 Example:
 

@@ -1,4 +1,4 @@
-"""``spacerobot plan --design``: the design with the least cost of a plan."""
+"""``spacerobot plan --design``: simultaneous optimisation of design and trajectory."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ def make(scene: Scene, points: int, out: Path | None, **how: Any) -> tuple[Study
 
 
 def show(data: dict[str, Any]) -> None:
-    """Print what was found, and how the cost changes around it."""
+    """Print the optimum, and the optimal cost over each variable."""
     cost, trials = data["cost"], data["trials"]
     rows = [
-        ("least cost", f"{cost['start']:.6g} as the scenario has it, {cost['found']:.6g} as found"),
+        ("optimal cost", f"{cost['start']:.6g} in the scenario, {cost['found']:.6g} at the optimum"),
         ("designs", f"{len(trials)}, {sum(trial['iterations'] for trial in trials)} iterations"),
-        ("ended", data["ended"]),
+        ("status", data["ended"]),
     ]
     console().print(pairs(f"design of {data['scenario']}", rows))
-    heads = ["variable", "unit", "from", "to", "scenario", "found", "slope", ""]
+    heads = ["variable", "unit", "from", "to", "scenario", "optimum", "sensitivity", ""]
     cells = [
         [
             name,
@@ -51,8 +51,10 @@ def show(data: dict[str, Any]) -> None:
     console().print(table("variables", heads, cells))
     for k, (name, sweep) in enumerate(data["sweeps"].items()):
         cells = [_cells(trial, k) for trial in sweep]
-        title = f"least cost over {name}, the others as found"
-        console().print(table(title, [f"{name} [{data['variables'][name]['unit']}]", "cost", "slope"], cells))
+        title = f"optimal cost over {name}, the other variables at their optimum"
+        console().print(
+            table(title, [f"{name} [{data['variables'][name]['unit']}]", "cost", "sensitivity"], cells)
+        )
 
 
 def _cells(trial: dict[str, Any], k: int) -> list[str]:

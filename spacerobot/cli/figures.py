@@ -12,20 +12,20 @@ from spacerobot.cli.plugins import load_plugins_of
 
 ResultFolder = Annotated[Path, typer.Argument(metavar="RESULT", help="Folder of a result.")]
 Compare = Annotated[
-    Path | None, typer.Option("--compare", metavar="OTHER", help="Another result, drawn over it.")
+    Path | None, typer.Option("--compare", metavar="OTHER", help="Another result, drawn in the same figures.")
 ]
 Folder = Annotated[
     Path | None,
     typer.Option("--out", metavar="DIR", help="Folder for the files; else RESULT/figures."),
 ]
-Formats = Annotated[str, typer.Option("--format", metavar="LIST", help="Among pdf, svg, png; by commas.")]
+Formats = Annotated[str, typer.Option("--format", metavar="LIST", help="pdf, svg, png, separated by commas.")]
 Only = Annotated[
     list[str] | None, typer.Option("--only", metavar="NAME", help="Draw this figure alone. Repeatable.")
 ]
 
 Width = Annotated[
     Literal["single", "double"],
-    typer.Option("--width", help="For one column of a journal (89 mm) or for two (183 mm)."),
+    typer.Option("--width", help="One column of a journal (89 mm) or two (183 mm)."),
 ]
 
 
@@ -34,7 +34,7 @@ def register(app: typer.Typer) -> None:
     app.command("figures", help=HELP)(command)
 
 
-HELP = """Draw a result: tips, docking, motions, joints, grips, ledger; or a plan, and what was flown of it.
+HELP = """Draw a result: tips, docking, motions, joints, grasps, ledger; or a plan and its simulation.
 
 Examples:
 

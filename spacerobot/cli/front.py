@@ -1,4 +1,4 @@
-"""``spacerobot plan --pareto``: the front of two terms of a plan's cost."""
+"""``spacerobot plan --pareto``: the Pareto front of two terms of a plan's cost."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def show(data: dict[str, Any]) -> None:
         cells = [_value(point["values"], name, data["units"][name]) for name in data["terms"]]
         told = [f"{found['cost']:.6g}", f"{found['intervals']}"] if found else ["", ""]
         rows.append([point["name"], *cells, *told, _words(point)])
-    title = f"front of {data['scenario']}"
+    title = f"Pareto front of {data['scenario']}"
     console().print(table(title, [*heads, ""], rows))
 
 

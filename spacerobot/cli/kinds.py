@@ -1,4 +1,4 @@
-"""``spacerobot kinds``: what a scenario can be made of."""
+"""``spacerobot kinds``: elements available to scenarios."""
 
 from __future__ import annotations
 
@@ -38,13 +38,13 @@ def command(
         return
     every = [(family, name, found) for family in FAMILIES | PLANS for name, found in kinds(family).items()]
     rows = [(family.replace("_", " "), name, tables.summary_of(found)) for family, name, found in every]
-    title = ("family", "kind", "what it is")
+    title = ("family", "kind", "description")
     if kind is not None:
         chosen = [found for _, name, found in every if name == kind]
         if not chosen:
             raise SpaceRobotError(f"no kind {kind!r}; {near_names(kind, [name for _, name, _ in every])}")
         rows, title = (
             [row for found in chosen for row in tables.fields_of(found)],
-            ("key", "default", "meaning"),
+            ("key", "default", "description"),
         )
     console().print(table(kind, title, rows))

@@ -1,4 +1,4 @@
-"""``spacerobot new``: a scenario around one's own URDFs."""
+"""``spacerobot new``: draft a scenario from URDFs."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import typer
 
 from spacerobot.cli.output import console, warn
 
-HELP = """Write a scenario that runs at once around robots and a target, ready to tune and to edit.
+HELP = """Draft a scenario from URDFs of robots and a target, ready to run, tune and edit.
 
-Bases, posture, gains, bounds and steps follow from the URDFs; comments in the file say how.
+Bases, posture, gains, bounds and steps are computed from the URDFs; comments in the file explain them.
 
 Examples:
 
@@ -25,7 +25,7 @@ Robots = Annotated[
     list[str],
     typer.Option("--robot", metavar="URDF", help="A robot: a file, or a shipped URDF. Repeatable."),
 ]
-Target = Annotated[str, typer.Option("--target", metavar="URDF", help="What is held, likewise.")]
+Target = Annotated[str, typer.Option("--target", metavar="URDF", help="The object that is held, likewise.")]
 Tips = Annotated[
     list[str] | None,
     typer.Option(
@@ -53,7 +53,7 @@ Out = Annotated[
 
 Capture = Annotated[
     bool,
-    typer.Option("--capture", help="Draft approach, capture and stop, with a plan section; of one robot."),
+    typer.Option("--capture", help="Draft approach, capture and stop of one robot, with a plan section."),
 ]
 Point = Annotated[
     str | None,
@@ -88,7 +88,7 @@ def command(
 
     file = out or Path(f"{Path(robot[0]).stem}.yaml")
     if file.exists():
-        raise ScenarioError("is there already; name another file by --out", source=file)
+        raise ScenarioError("exists already; name another file by --out", source=file)
     if point is not None:
         target, frame = _with_point(target, point, file, frame, capture=capture)
     draft = draft_capture if capture else draft_scenario
@@ -124,6 +124,6 @@ def _with_point(
     name, text = surface_point(target, place, file)
     urdf = file.absolute().parent / name
     if urdf.exists():
-        raise ScenarioError("is there already; name another file by --out", source=urdf)
+        raise ScenarioError("exists already; name another file by --out", source=urdf)
     write_text(urdf, text)
     return str(urdf), [POINT]

@@ -20,26 +20,24 @@ Changes = Annotated[
     ),
 ]
 Out = Annotated[
-    Path | None, typer.Option("--out", metavar="DIR", help="Folder for the result; made if it is not there.")
+    Path | None, typer.Option("--out", metavar="DIR", help="Folder for the result; created if missing.")
 ]
 Threads = Annotated[
     int | None,
-    typer.Option("--threads", min=1, metavar="N", help="Threads; they change no number."),
+    typer.Option("--threads", min=1, metavar="N", help="Number of threads; results do not depend on it."),
 ]
 Machines = Annotated[
     str | None,
     typer.Option(
         "--dask",
         metavar="WHERE",
-        help="Work on Dask: local:N, tcp://HOST:PORT, or a scheduler file. The numbers stay the same.",
+        help="Run on Dask: local:N, tcp://HOST:PORT, or a scheduler file. Results do not depend on it.",
     ),
 ]
-View = Annotated[bool, typer.Option("--view", help="Then play it in the browser, until Ctrl-C.")]
+View = Annotated[bool, typer.Option("--view", help="Then play it in the browser until Ctrl-C.")]
 Port = Annotated[
     int,
-    typer.Option(
-        "--port", min=0, max=65535, help="First port that the page tries; a busy one is stepped over."
-    ),
+    typer.Option("--port", min=0, max=65535, help="First port to try; busy ports are skipped."),
 ]
 
 

@@ -1,4 +1,4 @@
-"""``spacerobot paper``: every variant of the paper beside its figures."""
+"""``spacerobot paper``: every variant of the paper, compared with its figures."""
 
 from __future__ import annotations
 

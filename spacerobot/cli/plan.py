@@ -1,4 +1,4 @@
-"""``spacerobot plan``: plan the motion that a scenario asks for."""
+"""``spacerobot plan``: trajectory optimisation of a scenario."""
 
 from __future__ import annotations
 
@@ -21,7 +21,10 @@ if TYPE_CHECKING:
 
 Backend = Annotated[
     Literal["auto", "compiled", "interpreted"],
-    typer.Option("--backend", help="How the problem's functions are evaluated; auto compiles where it can."),
+    typer.Option(
+        "--backend",
+        help="Evaluation of functions; auto compiles if a compiler is available.",
+    ),
 ]
 Pareto = Annotated[
     str | None,
@@ -31,10 +34,10 @@ Pareto = Annotated[
         help="Compute the Pareto front of two cost terms, such as time,base_rotation; see --points.",
     ),
 ]
-Slopes = Annotated[
+Sensitivities = Annotated[
     str | None,
     typer.Option(
-        "--slopes",
+        "--sensitivities",
         metavar="PATHS",
         help="Sensitivities of the optimal cost to numbers of the scenario; by commas.",
     ),
@@ -91,7 +94,7 @@ def command(
     pareto: Pareto = None,
     points: Points = 9,
     dask: Machines = None,
-    slopes: Slopes = None,
+    sensitivities: Sensitivities = None,
     design: Design = False,
     warm_start: From = None,
     view: View = False,
@@ -103,12 +106,16 @@ def command(
 
     if view and out is None:
         raise typer.BadParameter("needs --out DIR, where the plan is written", param_hint="--view")
-    if slopes and pareto is not None:
-        raise typer.BadParameter("does not go with --pareto, which makes many plans", param_hint="--slopes")
+    if sensitivities and pareto is not None:
+        raise typer.BadParameter(
+            "does not go with --pareto, which makes many plans", param_hint="--sensitivities"
+        )
     if view and pareto is not None:
         raise typer.BadParameter("does not go with --pareto, which makes many plans", param_hint="--view")
-    if design and (pareto is not None or slopes):
-        other = "--slopes, which it tells itself" if slopes else "--pareto, which keeps the design"
+    if design and (pareto is not None or sensitivities):
+        other = (
+            "--sensitivities, which it prints itself" if sensitivities else "--pareto, which keeps the design"
+        )
         raise typer.BadParameter(f"does not go with {other}", param_hint="--design")
     if warm_start is not None and (pareto is not None or design):
         raise typer.BadParameter("does not go with --pareto or --design", param_hint="--from")
@@ -130,7 +137,7 @@ def command(
             if design:
                 show = _design(scene, points, out, how)
             elif pareto is None:
-                show = _plan(scene, out, how | {"warm_start": warm_start}, slopes)
+                show = _plan(scene, out, how | {"warm_start": warm_start}, sensitivities)
             else:
                 show = _front(scene, (pareto, points), out, how)
         except KeyboardInterrupt:
@@ -138,7 +145,7 @@ def command(
                 raise
             interrupted = True
     if interrupted:
-        warn("interrupted: the same command goes on where it was")
+        warn("interrupted: the same command resumes the search")
         raise typer.Exit(130)
     show()
     if view and out is not None:
@@ -147,7 +154,9 @@ def command(
         serve(played.data, port)
 
 
-def _plan(scene: Scene, out: Path | None, how: dict[str, Any], slopes: str | None) -> Callable[[], None]:
+def _plan(
+    scene: Scene, out: Path | None, how: dict[str, Any], sensitivities: str | None
+) -> Callable[[], None]:
     """Make a plan, and write it if a folder is given; what shows it."""
     from optim.planning.searches.make import make_plan
     from optim.planning.written.follow import PLAN, handover_warnings
@@ -156,10 +165,10 @@ def _plan(scene: Scene, out: Path | None, how: dict[str, Any], slopes: str | Non
     if out is not None:
         check_plan_folder(out)
     planned, found = make_plan(scene, **how), {}
-    if slopes is not None:
+    if sensitivities is not None:
         from optim.planning.studies.design import cost_slopes
 
-        found = cost_slopes(planned, [path.strip() for path in slopes.split(",")])
+        found = cost_slopes(planned, [path.strip() for path in sensitivities.split(",")])
     if out is not None:
         from viz.figures.plan import write_plan_figures
 
@@ -174,7 +183,7 @@ def _plan(scene: Scene, out: Path | None, how: dict[str, Any], slopes: str | Non
             warn(words)
         if found:
             rows = [[path, f"{slope:+.6g}"] for path, slope in found.items()]
-            console().print(table("slopes of the least cost", ["number", "by one unit of it"], rows))
+            console().print(table("sensitivities of the optimal cost", ["parameter", "per unit"], rows))
         if out is not None:
             words = f"\n{PLAN}, {SUMMARY}, {FOLLOWED} and figures in {out}"
             console().print(words, markup=False, soft_wrap=True)
@@ -228,7 +237,7 @@ def _front(scene: Scene, asked: tuple[str, int], out: Path | None, how: dict[str
 
 
 def _show(planned: Planned) -> None:
-    """Print the plan's numbers, its verdict, and what each run of the solver took."""
+    """Print the plan, its verification, and each run of the solver."""
     course, verdict = planned.course, planned.verdict
     order = 2 * planned.motion.lobatto.points - 2
     intervals = sum(motion.intervals for motion in course.motions)
@@ -250,7 +259,7 @@ def _show(planned: Planned) -> None:
     ]
     console().print(pairs(f"plan of {planned.scene.scenario.name}", rows))
     if verdict.saddle:
-        warn("the plan is a saddle point: motions beside it cost less; raise `plan.starts`")
+        warn("the plan is a saddle point: nearby motions cost less; raise `plan.starts`")
     cells = [
         [
             f"{one.start + 1}",

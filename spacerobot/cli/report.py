@@ -20,7 +20,8 @@ Folders = Annotated[
     ),
 ]
 Out = Annotated[
-    Path | None, typer.Option("--out", metavar="FILE", help="The page; FIRST/report.html if not given.")
+    Path | None,
+    typer.Option("--out", metavar="FILE", help="File of the page; FIRST/report.html if not given."),
 ]
 
 
@@ -29,10 +30,10 @@ def register(app: typer.Typer) -> None:
     app.command("report", help=HELP)(command)
 
 
-HELP = """Write one self-contained page: what was run, headline numbers, animation, figures, ledger, warnings.
+HELP = """Write one self-contained page: scenario, headline numbers, animation, figures, ledger, warnings.
 
-A folder that `spacerobot compare` wrote gives a page about the tuning methods, one that `spacerobot campaign`
-wrote a page about the campaign, with the worst samples animated, finished or not.
+For a folder written by `spacerobot compare` the page compares the tuning methods; for one written by
+`spacerobot campaign` it reports the campaign, finished or not, with the worst samples animated.
 
 Examples:
 

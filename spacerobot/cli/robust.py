@@ -89,7 +89,7 @@ def command(
     console().print(pairs(f"{method}, {measure}: {found.objective:.6g}", gains))
     show_runs(found.outcome.runs)
     rows = [[name, *(f"{value:.6g}" for value in told.values())] for name, told in found.told.items()]
-    title = f"objective on {fresh} fresh samples"
+    title = f"objective on {fresh} new samples"
     console().print(table(title, ("tuned", *next(iter(found.told.values()))), rows))
     if out is not None:
         warn_if_open(saved)

@@ -24,10 +24,13 @@ Engine = Annotated[
 ]
 Backend = Annotated[
     Literal["auto", "compiled", "interpreted"],
-    typer.Option("--backend", help="How the casadi engine evaluates; auto compiles where it can."),
+    typer.Option(
+        "--backend", help="Evaluation by the casadi engine; auto compiles if a compiler is available."
+    ),
 ]
 View = Annotated[
-    bool, typer.Option("--view", help="Show the scene in the browser while it runs, then play the result.")
+    bool,
+    typer.Option("--view", help="Show the scene in the browser during the simulation, then play the result."),
 ]
 
 
@@ -91,7 +94,7 @@ def _conclude(scene: Scene, result: Result) -> None:
     if events:
         console().print(table("events", HEADINGS, events))
     if "mpc" in result.summary:
-        console().print(pairs("plans made in flight", _planning(result.summary["mpc"])))
+        console().print(pairs("model predictive control", _planning(result.summary["mpc"])))
     if result.folder is not None:
         console().print(f"\nresult in {result.folder}", markup=False, soft_wrap=True)
 
@@ -175,13 +178,13 @@ def warn_if_open(result: Result) -> None:
 def _planning(told: Mapping[str, Any]) -> list[tuple[str, str]]:
     """How often was planned, and how long it took against the period."""
     again = told["plans"] - 1
-    missed = f", {told['missed']} led to no plan" if told["missed"] else ""
+    missed = f", {told['missed']} without a plan" if told["missed"] else ""
     took = f"{told['median_solve_s']:.3g} s, the longest {told['longest_solve_s']:.3g} s"
     within = "delay" if told["delay_s"] else "period"
     return [
-        ("period", f"{told['period_s']:g} s, flown {told['delay_s']:g} s behind what was sensed"),
-        ("plans", f"{told['plans']}{missed}; the first took {told['first_solve_s']:.3g} s"),
-        ("time of the others", f"median {took}; {told['in_time']} of {again} within the {within}"),
+        ("period", f"{told['period_s']:g} s, applied {told['delay_s']:g} s after the measurement"),
+        ("plans", f"{told['plans']}{missed}; the first in {told['first_solve_s']:.3g} s"),
+        ("solution time of the others", f"median {took}; {told['in_time']} of {again} within the {within}"),
     ]
 
 

@@ -1,4 +1,4 @@
-"""``spacerobot scenarios``: what ships."""
+"""``spacerobot scenarios``: shipped scenarios and URDFs."""
 
 from __future__ import annotations
 
@@ -30,6 +30,6 @@ def command() -> None:
         (name, " ".join(str(read_document(path).get("description", "")).split()))
         for name, path in shipped().items()
     ]
-    console().print(table("scenarios", ["name", "what it shows"], rows))
+    console().print(table("scenarios", ["name", "description"], rows))
     console().print()
     prose(f"URDFs in {shipped_urdf_folder()}: {', '.join(shipped_names())}")

@@ -11,7 +11,7 @@ from spacerobot.cli.options import Changes, Port, ScenarioName, parse_changes
 from spacerobot.cli.output import console, progress, warn
 
 Folder = Annotated[
-    Path, typer.Option("--out", metavar="DIR", help="Folder that what is kept goes to, and nothing else.")
+    Path, typer.Option("--out", metavar="DIR", help="Folder for everything that the studio saves.")
 ]
 NoBrowser = Annotated[
     bool, typer.Option("--no-browser", help="Print the page's address and open no browser.")
@@ -23,7 +23,7 @@ def register(app: typer.Typer) -> None:
     app.command("studio", help=HELP)(command)
 
 
-HELP = """Change a scenario's numbers in the browser and see motion, curves and metrics follow.
+HELP = """Change a scenario's parameters in the browser; motion, curves and metrics update at once.
 
 Examples:
 

@@ -1,4 +1,4 @@
-"""``spacerobot sweep``: how much the GA's own settings matter."""
+"""``spacerobot sweep``: sensitivity of the GA to its settings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the commands that tune share: their options, and how they say what is being done."""
+"""Options and progress messages shared by the tuning commands."""
 
 from __future__ import annotations
 
@@ -23,16 +23,21 @@ Variant = Annotated[
 ]
 Variables = Annotated[
     str | None,
-    typer.Option("--variables", metavar="LIST", help="A set of the tuning section, or variables by commas."),
+    typer.Option(
+        "--variables", metavar="LIST", help="A set of the tuning section, or variables separated by commas."
+    ),
 ]
 Budget = Annotated[
-    int | None, typer.Option("--budget", min=1, metavar="N", help="Rollouts of one run of the GA, at most.")
+    int | None,
+    typer.Option("--budget", min=1, metavar="N", help="Maximum number of rollouts of one run of the GA."),
 ]
 Runs = Annotated[
     int | None, typer.Option("--runs", min=1, metavar="N", help="Runs of each evolutionary method.")
 ]
 Starts = Annotated[int | None, typer.Option("--starts", min=1, metavar="N", help="Starts of the NLP.")]
-Seed = Annotated[int | None, typer.Option("--seed", min=0, metavar="N", help="Seed of everything random.")]
+Seed = Annotated[
+    int | None, typer.Option("--seed", min=0, metavar="N", help="Seed of the random number generator.")
+]
 
 
 def chosen_variables(given: str | None, tuning: Tuning) -> list[str] | None:

@@ -37,7 +37,7 @@ def test_a_campaign_from_the_command_line(invoke, small_file, tmp_path):
     words += ["--gains", "scenario", "--gains", "soft", "--gains", f"ran={tmp_path / 'result'}"]
     done = invoke(*words)
     assert done.exit_code == 0, done.output
-    for text in ("probability of failure", "percentiles", "worst sample", "again: spacerobot run", "ran"):
+    for text in ("probability of failure", "percentiles", "worst sample", "reproduce: spacerobot run", "ran"):
         assert text in done.output
     summary = json.loads((out / "summary.json").read_text())
     assert list(summary["gains"]) == ["scenario", "soft", "ran"]
@@ -176,7 +176,7 @@ def test_robust_tuning_from_the_command_line(invoke, small_file, tmp_path):
     words = [small_file, "--set", f"tuning={tuning}", "--samples", 9, "--fresh", 20, "--out", tmp_path / "r"]
     done = invoke(*words, "--measure", "mean", name="robust")
     assert done.exit_code == 0, done.output
-    for text in ("objective on 20 fresh samples", "start", "nominal", "robust"):
+    for text in ("objective on 20 new samples", "start", "nominal", "robust"):
         assert text in done.output
     told = json.loads((tmp_path / "r" / "robust.json").read_text())
     assert told["fresh"]["robust"]["mean"] < told["fresh"]["start"]["mean"]
@@ -192,7 +192,7 @@ def test_a_grid_over_two_parameters_is_a_map(invoke, small_file, tmp_path):
     done = invoke(small_file, *words, "--out", tmp_path / "store", "--report")
     assert done.exit_code == 0, done.output
     assert '<section id="campaign">' in (tmp_path / "store" / "report.html").read_text()
-    assert "where it holds" in done.output
+    assert "outcome over two parameters" in done.output
     summary = json.loads((tmp_path / "store" / "summary.json").read_text())
     told = summary["gains"]["scenario"]["map"]
     assert told["first"] == [10, 30, 50]

@@ -104,7 +104,7 @@ def test_the_verdict_says_who_is_ahead_where_and_why():
     ]
     said = conclusion({"precisions": [0.1, 0.01, 0.001], "problems": problems})
     assert said.startswith(
-        "nlp has the lowest expected running time to 1 % on 1 and to 0.1 % on 3 of 3 problems"
+        "nlp has the lowest expected running time to 1 % on 1 and to 0.1 % on 3 of 3 benchmark problems"
     )
     assert "two to 1 %, ga (50 rollouts against 80: nlp needs more until it meets it)" in said
     assert "three to 1 %, ga (50 rollouts against 90: nlp meets it in 2 of 5 runs, ga in 5 of 5)" in said
