@@ -205,19 +205,12 @@ def _check_events(scene: Scene, loop: ClosedLoop) -> None:
     ScenarioError
         Naming the engine, and what may happen.
     """
-    engine = scene.scenario.simulation.engine
-    if engine == "casadi":
-        return
-    allowed, jumps = "'casadi', 'pinocchio'", [rule for rule in loop.events if not rule.kink]
-    if engine == "pinocchio" and jumps:
-        allowed = "'casadi'"
-        from spacerobot.pinocchio_engine import EVENTS
-
-        jumps = [rule for rule in jumps if rule.kind not in EVENTS]
-    if jumps:
+    engine, jumps = scene.scenario.simulation.engine, [rule for rule in loop.events if not rule.kink]
+    if engine == "cvodes" and jumps:
         kinds = ", ".join(dict.fromkeys(rule.kind for rule in jumps))
         raise ScenarioError(
-            f"found {engine!r}, which finds no such events ({kinds}), allowed for this scenario: {allowed}",
+            f"found {engine!r}, which finds no such events ({kinds}), allowed for this scenario: "
+            "'casadi', 'pinocchio'",
             source=scene.source,
             where="simulation.engine",
         )
@@ -336,29 +329,19 @@ def _check(scene: Scene, loop: ClosedLoop, tell: Progress) -> _Run:
     ready = time.perf_counter()
     local = scene.scenario.simulation.tolerance * CHECKING_TOLERANCE
     checked = check(scene, rtol=local, atol=local / 10, progress=lambda part: tell(f"{words}: {part:.0%}"))
-    return _Run(scene, ready, dataclasses.replace(checked, events=_fired(scene, loop, checked)))
+    return _Run(scene, ready, dataclasses.replace(checked, events=_fired(loop, checked)))
 
 
-def _fired(scene: Scene, loop: ClosedLoop, checked: Checked) -> tuple[FiredEvent, ...]:
-    """Events of the independent engine as the closed loop's, whose memory it has only in part."""
-    names = list(loop.state_names)
-    first, c = (value.full().ravel() for value in loop.setup(loop.parameter_values))
-    own = [*range(scene.model.nq + scene.model.nv), *(names.index(name) for name in checked.state_names)]
+def _fired(loop: ClosedLoop, checked: Checked) -> tuple[FiredEvent, ...]:
+    """Events of the independent engine as the closed loop's, whose states are the same."""
+    switches = loop.setup(loop.parameter_values)[1].full().ravel()[list(loop.switches)]
     rules = {rule.name: place for place, rule in enumerate(loop.events)}
-    axes = {"impulse": scene.translation_axes, "couple": tuple(3 + i for i in scene.rotation_axes)}
-    before, switches, found = first, c[list(loop.switches)], []
+    found = []
     for event in checked.happened:
-        after = before.copy()
-        before[own], after[own] = event.before, event.after
-        for grasp, impulse in event.impulses.items():
-            for key, rows in axes.items():
-                if f"{grasp}.{key}[0]" in names:
-                    place = names.index(f"{grasp}.{key}[0]")
-                    after[place : place + len(rows)] = impulse[list(rows)]
-        for place, value in loop.events[rules[event.name]].sets:
+        number = rules[event.name]
+        for place, value in loop.events[number].sets:
             switches[place] = float(value)
-        found.append(FiredEvent(event.time_s, rules[event.name], before, after, switches.copy()))
-        before = after.copy()
+        found.append(FiredEvent(event.time_s, number, event.before, event.after, switches.copy()))
     return tuple(found)
 
 

@@ -10,8 +10,6 @@ import numpy as np
 
 import spacerobot as sr
 from spacerobot.elements import Reference, SectionContext, TimeProfile, cubic_blend
-from spacerobot.pinocchio_engine import path_of
-from spacerobot.pinocchio_engine.references import Jet, Path
 from spacerobot.section import quantity
 
 
@@ -40,22 +38,3 @@ class Lemniscate(Reference):
     def jumps(self) -> tuple[float, ...]:
         """Its end."""
         return (self.duration,)
-
-
-@path_of.register
-def _(reference: Lemniscate) -> Path:
-    """The same written again with double angles, for the pinocchio engine."""
-
-    def jet(t: float, within: float) -> Jet:
-        """Offset, its rate and its acceleration (3,) each."""
-        if within >= reference.duration:
-            return np.zeros(3), np.zeros(3), np.zeros(3)
-        s, T, size = t / reference.duration, reference.duration, reference.size
-        angle = 2 * np.pi * (3 * s**2 - 2 * s**3)
-        rate, acceleration = 12 * np.pi * (s - s**2) / T, 12 * np.pi * (1 - 2 * s) / T**2
-        value = np.array([np.sin(angle), np.sin(2 * angle) / 2, 0.0])
-        first = np.array([np.cos(angle), np.cos(2 * angle), 0.0])
-        second = np.array([-np.sin(angle), -2 * np.sin(2 * angle), 0.0])
-        return size * value, size * first * rate, size * (second * rate**2 + first * acceleration)
-
-    return jet

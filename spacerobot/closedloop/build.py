@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -14,7 +14,7 @@ from spacerobot.closedloop.elements import LoopBuilder
 from spacerobot.closedloop.energy import EnergyTerm, build_works, plant_powers, stored_energies
 from spacerobot.closedloop.events import booked, guards_of, rules_of, update_of
 from spacerobot.closedloop.external_impulse import impulse_of, on_bases, unbooked
-from spacerobot.closedloop.forward_dynamics import solve_accelerations
+from spacerobot.closedloop.forward_dynamics import ForwardDynamicsResult, solve_accelerations
 from spacerobot.closedloop.impulse import strike
 from spacerobot.closedloop.initial_state import initial_state
 from spacerobot.closedloop.outputs import added_up, combine, core_outputs
@@ -28,7 +28,7 @@ from spacerobot.scenario.load import to_document
 from spacerobot.scene import Scene
 from spacerobot.scene.grasp_closing import has_loops, open_grasps
 from spacerobot.section import leaves, numbers
-from spacerobot.symbolic import Constants, InitialState, Parameters
+from spacerobot.symbolic import Constants, InitialState, Parameters, Plant
 
 
 def build_closed_loop(scene: Scene, vary: Collection[str] = ()) -> ClosedLoop:
@@ -50,21 +50,26 @@ def build_closed_loop(scene: Scene, vary: Collection[str] = ()) -> ClosedLoop:
         If two elements give states the same name.
     """
     parameters = Parameters(dict(numbers(to_document(scene.scenario))), vary)
-    constants, names = Constants(), list(scene.scenario.phases)
-    phases = {name: constants.switch(f"phases.{name}", name == names[0]) for name in names}
-    differing = leaves({"phases": {name: p.changes for name, p in scene.scenario.phases.items()}})
-    words = {path: word for path, word in differing if isinstance(word, str)}
-    context = SectionContext("", ca.SX.sym("t"), parameters, constants, phases, words=words)
+    context = section_context(scene, parameters)
     start = initial_state(scene, parameters)
     builder = LoopBuilder(scene, context, build_plant(scene, parameters, context.constants), start)
-    loop = _assemble(builder, _evaluate(builder))
+    loop = _assemble(builder, evaluate(builder))
     for path in vary:
         loop.index(path)
     return loop
 
 
+def section_context(scene: Scene, parameters: Parameters) -> SectionContext:
+    """Time, and the scenario's numbers as its elements see them."""
+    constants, names = Constants(), list(scene.scenario.phases)
+    phases = {name: constants.switch(f"phases.{name}", name == names[0]) for name in names}
+    differing = leaves({"phases": {name: p.changes for name, p in scene.scenario.phases.items()}})
+    words = {path: word for path, word in differing if isinstance(word, str)}
+    return SectionContext("", ca.SX.sym("t"), parameters, constants, phases, words=words)
+
+
 @dataclass(frozen=True)
-class _Evaluated:
+class EvaluatedLoop:
     """Finished expressions: what acts, with all states behind (q, v) and events, and what follows from it.
 
     These are the acceleration and the actuators' forces (nv x 1 each), works, variables and outputs.
@@ -78,12 +83,22 @@ class _Evaluated:
     outputs: Mapping[str, ca.SX]
 
 
-def _evaluate(builder: LoopBuilder) -> _Evaluated:
-    """Everything that acts, the accelerations it causes, and what is observed of it."""
+def evaluate(
+    builder: LoopBuilder, solve: Callable[[Plant, Contribution], ForwardDynamicsResult] = solve_accelerations
+) -> EvaluatedLoop:
+    """Everything that acts, the accelerations it causes, and what is observed of it.
+
+    Parameters
+    ----------
+    builder
+        What the elements are built from.
+    solve
+        From mechanics and what acts to the accelerations.
+    """
     scene, plant = builder.scene, builder.plant
     _ = builder.motions  # built first, so that their constants stand in front of those of the controllers
     acting = concatenate(builder.contributions())
-    solution = solve_accelerations(plant, acting)
+    solution = solve(plant, acting)
     answers = concatenate(
         constraint.answer(force, torque)
         for constraint, (force, torque) in zip(acting.constraints, solution.wrenches, strict=True)
@@ -106,7 +121,7 @@ def _evaluate(builder: LoopBuilder) -> _Evaluated:
     variables, outputs = combine(scene, [*seen, *phases.outputs])
     states = (*acting.states, *impulse.states, *(work.state for work in works), *phases.states)
     acting = replace(acting, states=states, events=(*events, *phases.events))
-    return _Evaluated(acting, solution.acceleration, solution.torque, works, variables, outputs)
+    return EvaluatedLoop(acting, solution.acceleration, solution.torque, works, variables, outputs)
 
 
 def _beginning(builder: LoopBuilder, acting: Contribution, x: ca.SX) -> tuple[InitialState, ca.SX]:
@@ -138,7 +153,7 @@ def _gaps(start: InitialState, scene: Scene) -> tuple[ca.SX, dict[str, float]]:
     return found, {grasp.path: grasp.config.max_gap for grasp in grasps}
 
 
-def _assemble(builder: LoopBuilder, found: _Evaluated) -> ClosedLoop:
+def _assemble(builder: LoopBuilder, found: EvaluatedLoop) -> ClosedLoop:
     """Named functions of the finished expressions."""
     context, plant, acting = builder.context, builder.plant, found.acting
     model, q, v = plant.model, plant.q, plant.v
@@ -155,7 +170,7 @@ def _assemble(builder: LoopBuilder, found: _Evaluated) -> ClosedLoop:
     return ClosedLoop(
         parameter_paths=parameters.paths,
         parameter_values=parameters.values,
-        state_names=_state_names(model, acting.states),
+        state_names=state_names(model, acting.states),
         nq=model.nq,
         nv=model.nv,
         nz=z.size1(),
@@ -198,7 +213,8 @@ def _function(name: str, inputs: Mapping[str, ca.SX], outputs: Mapping[str, ca.S
     return ca.Function(name, list(inputs.values()), shared, list(inputs), list(outputs))
 
 
-def _state_names(model: Any, states: Sequence[State]) -> tuple[str, ...]:
+def state_names(model: Any, states: Sequence[State]) -> tuple[str, ...]:
+    """Names of the coordinates of q and v, then of the states."""
     names = []
     for kind, starts, sizes in (("q", model.idx_qs, model.nqs), ("v", model.idx_vs, model.nvs)):
         for joint in range(1, model.njoints):

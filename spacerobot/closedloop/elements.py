@@ -103,7 +103,7 @@ class LoopBuilder:
         """Of controllers, grasps, contacts, actuators and environments, in the scene's order."""
         found = [*self.controllers]
         found += [living(grasp.config, self._grasp(grasp)) for grasp in self.scene.grasps]
-        found += [contact.config.build(self._contact(contact)) for contact in self.scene.contacts]
+        found += [contact.config.build(self.contact(contact)) for contact in self.scene.contacts]
         for body in self.scene.robots:
             if isinstance(body.config, Robot):
                 found += self._actuators(body, dict(body.config.driven_by()))
@@ -235,7 +235,8 @@ class LoopBuilder:
         told = [switch for switch, opening in zip(switches.values(), opens, strict=True) if opening]
         return ca.SX(1) if all(closes) else may, either(*told) if told else ca.SX(0)
 
-    def _contact(self, contact: SceneContact) -> ContactContext:
+    def contact(self, contact: SceneContact) -> ContactContext:
+        """What a contact is built from."""
         surfaces = {shape: self._surface(shape) for pair in contact.pairs for shape in pair}
         pairs = tuple((surfaces[first], surfaces[second]) for first, second in contact.pairs)
         return ContactContext(self.context.at(contact.path), self.plant, contact.name, pairs)

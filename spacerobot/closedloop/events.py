@@ -70,10 +70,13 @@ def guards_of(events: Sequence[Event], time: ca.SX, x: ca.SX, rate: ca.SX) -> tu
     return ca.if_else(armed, values, -ca.inf), ca.if_else(armed, rates, 0)
 
 
-def update_of(plant: Plant, acting: Contribution, which: ca.SX) -> ca.SX:
-    """State after event number ``which`` (1x1), from that before it (nx x 1)."""
-    struck = any(event.impact for event in acting.events)
-    impact = strike(plant, acting.constraints) if struck else None
+def update_of(plant: Plant, acting: Contribution, which: ca.SX, impact: PlasticImpact | None = None) -> ca.SX:
+    """State after event number ``which`` (1x1), from that before it (nx x 1).
+
+    An impact is that of articulated bodies unless another one is given.
+    """
+    if impact is None and any(event.impact for event in acting.events):
+        impact = strike(plant, acting.constraints)
     symbols = {state.name: state.symbol for state in acting.states}
     velocity, values = plant.v, dict(symbols)
     for number, event in enumerate(acting.events):

@@ -82,8 +82,8 @@ def solve_accelerations(plant: Plant, acting: Contribution) -> ForwardDynamicsRe
             torque = torque + ca.mtimes(channel.actuation, channel.command)
     for asked in acting.torques:
         torque = torque + _projected(plant, asked, acting.channels)
-    first, then = _in_turn(acting.drives, ideal)
-    torque, early = _deliver(torque, first, {column for drive in then for column in drive.columns})
+    first, then = in_turn(acting.drives, ideal)
+    torque, early = deliver(torque, first, {column for drive in then for column in drive.columns})
     wrenches = [*acting.wrenches, *acting.outside, *early.wrenches, *early.outside]
     driven = plant.reduced_moving(torque, wrenches)
     held = [_Held.of(constraint) for constraint in acting.constraints]
@@ -94,7 +94,7 @@ def solve_accelerations(plant: Plant, acting: Contribution) -> ForwardDynamicsRe
     for channel, output in zip(ideal, outputs, strict=True):
         torque = torque + ca.mtimes(channel.actuation, output)
         driven = driven + ca.mtimes(channel.drive, output)
-    torque, answer = _deliver(torque, then)
+    torque, answer = deliver(torque, then)
     if then:
         driven = plant.reduced_moving(torque, [*wrenches, *answer.wrenches, *answer.outside])
         _, reactions = _solve(plant, driven, [], held)
@@ -197,7 +197,7 @@ def eliminate(matrix: ca.SX, right: ca.SX) -> ca.SX:
     return ca.vertcat(*b)
 
 
-def _in_turn(
+def in_turn(
     drives: Sequence[ActuatorDrive], ideal: Sequence[ControlChannel]
 ) -> tuple[list[ActuatorDrive], list[ActuatorDrive]]:
     """Actuators of places on which no output that is still to be solved for acts, and the others."""
@@ -213,7 +213,7 @@ def _in_turn(
     return first, then
 
 
-def _deliver(
+def deliver(
     torque: ca.SX, drives: Sequence[ActuatorDrive], later: Collection[int] = ()
 ) -> tuple[ca.SX, Contribution]:
     """Generalized forces that actuators deliver, one after the other, and what else they bring.

@@ -20,6 +20,16 @@ def build_plant(scene: Scene, parameters: Parameters, constants: Constants) -> P
     kinematics = forward_kinematics(scene.model, q, v)
     inertias = _inertias(scene, parameters, constants)
     articulated = ArticulatedBody.factorise(scene.model, kinematics, inertias)
+    damping = joint_damping(scene, parameters, constants)
+    spread = sparse(scene.spread)
+    relative = sparse(np.eye(scene.model.nv) - scene.spread)
+    tied = [relative[scene.model.idx_vs[tie.joint], :].T for tie in scene.ties]
+    ties = ca.horzcat(ca.SX(v.size1(), 0), *(articulated.reduced(torque) for torque in tied))
+    return Plant(scene.model, scene.planar, q, v, kinematics, inertias, articulated, damping, ties, spread)
+
+
+def joint_damping(scene: Scene, parameters: Parameters, constants: Constants) -> ca.SX:
+    """Viscous resistance of each velocity component (nv x 1), structurally zero where there is none."""
     damping = ca.SX(scene.model.nv, 1)
     for body in scene.bodies:
         for name in body.config.joints:
@@ -28,11 +38,7 @@ def build_plant(scene: Scene, parameters: Parameters, constants: Constants) -> P
             resistance = constants.hoist(path, parameters.sparse(path))
             if resistance.nnz():
                 damping[column] = resistance
-    spread = sparse(scene.spread)
-    relative = sparse(np.eye(scene.model.nv) - scene.spread)
-    tied = [relative[scene.model.idx_vs[tie.joint], :].T for tie in scene.ties]
-    ties = ca.horzcat(ca.SX(v.size1(), 0), *(articulated.reduced(torque) for torque in tied))
-    return Plant(scene.model, scene.planar, q, v, kinematics, inertias, articulated, damping, ties, spread)
+    return damping
 
 
 def _inertias(scene: Scene, parameters: Parameters, constants: Constants) -> Inertias:

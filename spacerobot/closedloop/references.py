@@ -165,9 +165,7 @@ class TipGuidance:
         del name
         for held in self.held.values():
             value = ca.substitute(value, held.value.symbol, held.shown)
-        constants, plant = self.context.constants, self.plant
-        found = ca.Function("first", [plant.q, plant.v, constants.symbols], [value])
-        return found(self.start.q, self.start.v, constants.expressions)
+        return self.plant.at_start(value, self.start, self.context.constants)
 
     def _remembered(self, path: str, name: str, value: ca.SX) -> ca.SX:
         """An expression of the state when the present reference began; what is constant of it stays so."""

@@ -120,5 +120,5 @@ def resistance(robot: RobotContext, motions: ca.SX) -> ca.SX:
     for motion in ca.horzsplit(motions):
         rates = ca.SX(plant.v.size1(), 1)
         rates[first : first + count] = ca.mtimes(jacobian.T, motion)  # whose columns are orthonormal
-        found = ca.horzcat(found, plant.articulated.resistance(ca.sparsify(rates)))
+        found = ca.horzcat(found, plant.resistance(ca.sparsify(rates)))
     return found

@@ -1,220 +1,177 @@
-"""Forward dynamics of the closed loop: one dense linear system for everything that is implicit.
+"""Forward dynamics and impacts in numbers, from what the elements contribute.
 
-    [ M       -J^T   G^T ] [v']   [tau - h ]
-    [ K_d C    1     0   ] [u ] = [command ]
-    [ G        0     0   ] [w ]   [b       ]
+    [ 1 + K_d C A D    K_d C A S     ] [u]   [command - K_d C a_0]
+    [ S^T A D          S^T A S + idle] [w] = [-drift - S^T a_0   ]
 
-M is the joint space inertia, h the bias forces with springs and resistance, u the channels' outputs and w the
-wrenches of the rigid grasps on the target and, last, the torques that hold joints to those they mimic. The
-acceleration itself is then the articulated-body algorithm's, under the torques and wrenches found.
+A is the inverse of the joint-space inertia (composite rigid bodies), a_0 the acceleration under all other
+loads (articulated bodies), D and S the generalized forces of the channels' outputs u and of the rigid
+connections' reactions w, and C v' what the channels' derivatives see. A connection that is not active is
+masked, and idle is 1 on its rows. Actuators on whose places an output u acts are asked once u is known.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+import itertools
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
 
+import casadi as ca
 import numpy as np
-import pinocchio as pin
 
 from spacerobot.arrays import Array
-from spacerobot.pinocchio_engine.actuation import Delivered, Push
-from spacerobot.pinocchio_engine.contacts import Pressure
-from spacerobot.pinocchio_engine.grasps import Constraint, Relative
-from spacerobot.pinocchio_engine.kinematics import Kinematics, joint_space_inertia
-from spacerobot.pinocchio_engine.tip_control import Command
-from spacerobot.scene import SceneGrasp
-
-Wrench = tuple[SceneGrasp, Relative, Array, Array]
-"""A grasp, its relative motion, and the force and torque on the target at the tip's point, (3,) each."""
+from spacerobot.closedloop.forward_dynamics import ForwardDynamicsResult, deliver, in_turn
+from spacerobot.closedloop.impulse import PlasticImpact, idleness, masked
+from spacerobot.elements import Contribution
+from spacerobot.elements.contribution import concatenate
+from spacerobot.pinocchio_engine.state import MechanicalState
+from spacerobot.symbolic import Plant
 
 
-@dataclass(frozen=True)
-class Drive:
-    """An actuator: its places in v, where it leaves the rest to the next one, and from asked to delivered."""
-
-    columns: Sequence[int]
-    passes_on: Sequence[int]
-    deliver: Callable[[Array], Delivered]
-
-
-@dataclass(frozen=True)
-class Loads:
-    """What acts on the plant and what it must obey.
+class Unknowns:
+    """Symbols of what NumPy solves for, and the loads and conditions that it is solved from.
 
     Attributes
     ----------
-    torque
-        Known generalized forces of the actuators (nv,).
-    resistance
-        Of the joints (nv,) [N m s/rad or N s/m].
-    wrenches
-        Of compliant grasps.
-    commands
-        Of the tips' channels.
-    constraints
-        Of rigid grasps.
-    drives
-        Of actuators, each after the one before.
-    spread
-        Velocities of all joints from those of the free ones (nv, nv).
-    pressures
-        Of contacts.
-    outside
-        Wrenches from outside.
+    null_space, output, reaction, acceleration
+        Symbols (n x 1): forces that keep tips still, outputs of implicit channels, reactions of rigid
+        connections along their directions, and v'.
+    struck
+        Symbols of an impact.
+    loads
+        Expressions that depend on no unknown, by name.
+    early, late
+        Generalized forces, commanded and of wrenches (nv x 1 each), before and after ``output`` is known.
     """
 
-    torque: Array
-    resistance: Array
-    wrenches: Sequence[Wrench]
-    commands: Sequence[Command]
-    constraints: Sequence[Constraint]
-    drives: Sequence[Drive]
-    spread: Array
-    pressures: Sequence[Pressure] = ()
-    outside: Sequence[Push] = ()
+    def __init__(self, plant: Plant, acting: Contribution) -> None:
+        size, channels = plant.v.size1(), acting.channels
+        self.implicit = [channel for channel in channels if channel.derivative_gain is not None]
+        self.ties = plant.ties
+        torque = ca.SX(size, 1)
+        for channel in channels:
+            if channel.derivative_gain is None:
+                torque = torque + ca.mtimes(channel.actuation, channel.command)
+        self.projections: list[tuple[str, int]] = []
+        self.null_space, self.loads = ca.SX(0, 1), dict[str, ca.SX]()
+        for number, asked in enumerate(acting.torques):
+            own = [one for one in channels if one.robot == asked.robot and one.moves_tip]
+            torque = torque + asked.value
+            if asked.null_space and own:
+                actuation = ca.horzcat(*(one.actuation for one in own))
+                force = ca.SX.sym(f"null_space_{number}", actuation.size2())
+                torque = torque - ca.mtimes(actuation, force)
+                self.null_space = ca.vertcat(self.null_space, force)
+                self.projections.append((f"asked_{number}", force.size1()))
+                self.loads |= {
+                    f"asked_{number}": asked.value,
+                    f"asked_{number}_sense": ca.horzcat(*(one.sense for one in own), plant.ties),
+                    f"asked_{number}_drive": ca.horzcat(*(one.drive for one in own), plant.ties),
+                }
+        first, self.then = in_turn(acting.drives, self.implicit)
+        torque, early = deliver(torque, first, {column for drive in self.then for column in drive.columns})
+        wrenches = [*acting.wrenches, *acting.outside, *early.wrenches, *early.outside]
+        pushed = plant.reduced(wrenches=wrenches) - plant.damping * plant.v
+        self.early = torque, pushed
+        self.output = ca.SX.sym("output", sum(channel.size for channel in self.implicit))
+        if self.implicit:
+            torque = torque + ca.mtimes(ca.horzcat(*(one.actuation for one in self.implicit)), self.output)
+        torque, answer = deliver(torque, self.then)
+        self.late = torque, pushed + plant.reduced(wrenches=[*answer.wrenches, *answer.outside])
+        self.driven = concatenate([early, answer])
+        self.reaction = ca.SX.sym("reaction", sum(held.size for held in acting.constraints))
+        self.acceleration = ca.SX.sym("acceleration", size)
+        self._describe(plant, acting)
+
+    def _describe(self, plant: Plant, acting: Contribution) -> None:
+        """Loads and conditions of implicit channels and rigid connections."""
+        none, ties, held = ca.SX(0, 1), plant.ties.size2(), acting.constraints
+        wide = ca.SX(plant.v.size1(), 0)
+        gains = (one.derivative_gain for one in self.implicit if one.derivative_gain is not None)
+        self.loads |= {
+            "channel_sense": ca.horzcat(wide, *(one.sense for one in self.implicit)),
+            "channel_drive": ca.horzcat(wide, *(one.drive for one in self.implicit)),
+            "command": ca.vertcat(none, *(one.command for one in self.implicit)),
+            "gain": ca.vertcat(none, *gains),
+            "held": ca.horzcat(wide, *(masked(one.sense, one.active) for one in held), plant.ties),
+            "drift": ca.vertcat(none, *(masked(one.drift, one.active) for one in held), ca.SX(ties, 1)),
+            "slip": ca.vertcat(none, *(masked(one.slip, one.active) for one in held), ca.SX(ties, 1)),
+            "idle": ca.vertcat(none, *(idleness(one.active, one.size) for one in held), ca.SX(ties, 1)),
+        }
+        cuts = np.cumsum([0, *(one.size for one in held)]).tolist()
+        self.reactions = tuple(self.reaction[a:b] for a, b in itertools.pairwise(cuts))
+        self.wrenches = tuple(one.on_target(along) for one, along in zip(held, self.reactions, strict=True))
+
+    @cached_property
+    def struck(self) -> PlasticImpact:
+        """An impact whose velocity, impulses and loss NumPy finds."""
+        cuts = np.cumsum([0, *(part.size1() for part in self.reactions)]).tolist()
+        impulse = ca.SX.sym("impulse", self.reaction.size1())
+        parts = tuple(impulse[a:b] for a, b in itertools.pairwise(cuts))
+        return PlasticImpact(ca.SX.sym("struck", self.acceleration.size1()), parts, ca.SX.sym("loss"))
 
     @property
-    def ties(self) -> Array:
-        """Velocity of each joint that mimics another one, relative to what it mimics (n, nv)."""
-        ties: Array = (np.eye(len(self.spread)) - self.spread)[np.diag(self.spread) == 0]
-        return ties
+    def result(self) -> ForwardDynamicsResult:
+        """What follows from the unknowns."""
+        return ForwardDynamicsResult(self.acceleration, self.late[0], self.wrenches, self.driven)
+
+    @property
+    def solved(self) -> ca.SX:
+        """All of them (n x 1), but those of an impact."""
+        return ca.vertcat(self.null_space, self.output, self.reaction, self.acceleration)
+
+    @property
+    def impact(self) -> ca.SX:
+        """Unknowns of an impact (n x 1)."""
+        return ca.vertcat(self.struck.velocity, *self.struck.impulses, self.struck.loss)
 
 
 @dataclass(frozen=True)
-class Solution:
-    """Acceleration (nv,), actuator torques (nv,), wrenches of rigid grasps, and what each actuator does."""
+class Conditions:
+    """Numbers of :attr:`Unknowns.loads` at one state, and mechanics there."""
 
-    acceleration: Array
-    torque: Array
-    wrenches: list[Wrench]
-    delivered: list[Delivered]
+    state: MechanicalState
+    loads: Mapping[str, Array]
 
+    def mobility(self, rows: Array, columns: Array) -> Array:
+        """Motion along loads (nv, m) that loads (nv, n) cause (m, n)."""
+        found: Array = rows.T @ np.linalg.solve(self.state.inertia, columns)
+        return found
 
-def solve(kinematics: Kinematics, loads: Loads) -> Solution:
-    """Solve the closed loop at one instant.
+    def kept_still(self, name: str, size: int) -> Array:
+        """Forces (size,) that cancel what a commanded torque does to the tips' feedback."""
+        sense, drive = self.loads[f"{name}_sense"], self.loads[f"{name}_drive"]
+        right = self.mobility(sense, self.loads[name])
+        force = np.linalg.solve(self.mobility(sense, drive), right)
+        return np.asarray(force[:size, 0], dtype=float)
 
-    Actuators of what implicit outputs act on are asked as if they delivered everything; the others deliver
-    before these are solved for.
+    def solve(self, effort: Array, *, outputs: bool) -> tuple[Array, Array, Array]:
+        """Outputs of implicit channels, if any are asked for, reactions, and v', under other loads (nv,)."""
+        free, held = self.state.free_acceleration(effort), self.loads["held"]
+        chosen = slice(None if outputs else 0)
+        sense, drive = self.loads["channel_sense"][:, chosen], self.loads["channel_drive"][:, chosen]
+        gain, command = self.loads["gain"][chosen, 0], self.loads["command"][chosen, 0]
+        unknown = np.hstack([drive, held])
+        if not unknown.size:
+            return np.empty(0), np.empty(0), free
+        caused = np.linalg.solve(self.state.inertia, unknown)
+        nu = len(gain)
+        matrix = np.vstack([gain[:, None] * (sense.T @ caused), held.T @ caused])
+        matrix[:nu, :nu] += np.eye(nu)
+        matrix[nu:, nu:] += np.diag(self.loads["idle"][:, 0])
+        right = np.concatenate(
+            [command - gain * (sense.T @ free), -self.loads["drift"][:, 0] - held.T @ free]
+        )
+        found = np.linalg.solve(matrix, right)
+        return found[:nu], found[nu:], free + caused @ found
 
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        In a posture in which rigid grasps fix a freedom twice.
-    """
-    implicit = [command for command in loads.commands if np.any(command.gain)]
-    explicit = [command for command in loads.commands if not np.any(command.gain)]
-    first, then = _in_turn(loads.drives, implicit)
-    delivered: dict[int, Delivered] = {}
-    torque = loads.torque + _summed(explicit, [command.command for command in explicit], len(loads.torque))
-    torque, loads = _delivered(torque, loads, first, delivered)
-    outputs, reactions = _implicit(kinematics, loads, torque, implicit)
-    torque = torque + _summed(implicit, outputs, len(torque))
-    if then:
-        torque, loads = _delivered(torque, loads, then, delivered)
-        _, reactions = _implicit(kinematics, loads, torque, [])
-    wrenches = []
-    *reactions, ties = reactions
-    for constraint, reaction in zip(loads.constraints, reactions, strict=True):
-        wrench = np.zeros(6)
-        wrench[constraint.rows] = reaction
-        wrenches.append((constraint.grasp, constraint.relative, wrench[:3], wrench[3:]))
-    model = kinematics.model
-    acceleration = pin.aba(
-        model,
-        model.createData(),
-        kinematics.q,
-        kinematics.v,
-        torque - loads.resistance * kinematics.v - loads.ties.T @ ties,
-        _external(kinematics, [*loads.wrenches, *wrenches], loads),
-    )
-    return Solution(np.array(acceleration), torque, wrenches, [delivered[k] for k in sorted(delivered)])
+    def strike(self, count: int) -> Array:
+        """Velocity after a plastic impact, impulses along the first directions, and loss (nv + count + 1,).
 
-
-def _summed(commands: Sequence[Command], outputs: Sequence[Array], size: int) -> Array:
-    """Torques (nv,) that outputs of channels come to."""
-    found = np.zeros(size)
-    for command, output in zip(commands, outputs, strict=True):
-        found += command.jacobian.T @ output
-    return found
-
-
-def _in_turn(drives: Sequence[Drive], implicit: Sequence[Command]) -> tuple[list[int], list[int]]:
-    """Numbers of the actuators of places on which no implicit output acts, and of the others."""
-    acting = {int(column) for command in implicit for column in np.flatnonzero(command.jacobian.any(axis=0))}
-    first, then = list[int](), list[int]()
-    for k, drive in enumerate(drives):
-        if acting.isdisjoint(drive.columns):
-            first.append(k)
-        else:
-            then.append(k)
-            acting |= set(drive.columns)
-    return first, then
-
-
-def _delivered(
-    torque: Array, loads: Loads, chosen: Sequence[int], found: dict[int, Delivered]
-) -> tuple[Array, Loads]:
-    """Torque (nv,) that some actuators deliver, and the loads with their wrenches; notes what each does."""
-    left, pushes = set[int](), list(loads.outside)
-    for k in chosen:
-        drive = loads.drives[k]
-        found[k] = drive.deliver(torque)
-        torque, left = found[k].torque, left.difference(drive.columns).union(drive.passes_on)
-        pushes += [*found[k].inner, *found[k].outside]
-    torque = np.array(torque)
-    torque[sorted(left)] = 0.0
-    return torque, replace(loads, outside=pushes)
-
-
-def _implicit(
-    kinematics: Kinematics, loads: Loads, torque: Array, commands: Sequence[Command]
-) -> tuple[list[Array], list[Array]]:
-    """Outputs of the channels; wrenches of the rigid grasps and, last, torques of joints that mimic."""
-    model, nv = kinematics.model, kinematics.model.nv
-    bias = pin.rnea(
-        model,
-        model.createData(),
-        kinematics.q,
-        kinematics.v,
-        np.zeros(nv),
-        _external(kinematics, loads.wrenches, loads),
-    )
-    jacobian = np.vstack([np.empty((0, nv)), *(c.jacobian for c in commands)])
-    fixed = np.vstack([np.empty((0, nv)), *(c.jacobian for c in loads.constraints), loads.ties])
-    nu, size = len(jacobian), nv + len(jacobian) + len(fixed)
-    matrix = np.eye(size)
-    matrix[:nv] = np.hstack([joint_space_inertia(kinematics), -jacobian.T, fixed.T])
-    matrix[nv : nv + nu, :nv] = np.vstack([np.empty((0, nv)), *(c.gain * c.feedback for c in commands)])
-    matrix[nv + nu :, :nv], matrix[nv + nu :, nv + nu :] = fixed, 0.0
-    right = np.concatenate(
-        [
-            torque - loads.resistance * kinematics.v - bias,
-            *(c.command for c in commands),
-            *(constraint.right for constraint in loads.constraints),
-            np.zeros(len(loads.ties)),
-        ]
-    )
-    unknown = np.linalg.solve(matrix, right)[nv:]
-    sizes = [len(c.command) for c in commands] + [len(c.rows) for c in loads.constraints]
-    parts = np.split(unknown, np.cumsum(sizes))
-    return parts[: len(commands)], parts[len(commands) :]
-
-
-def _external(kinematics: Kinematics, wrenches: Sequence[Wrench], loads: Loads) -> pin.StdVec_Force:
-    """Forces on each joint's body in its own axes: on the target or second as given, else opposite."""
-    total = [pin.Force.Zero() for _ in range(kinematics.model.njoints)]
-    for grasp, relative, force, torque in wrenches:
-        at = relative.point
-        total[grasp.joint] += kinematics.local_wrench(grasp.joint, force, torque, at)
-        total[grasp.tip.joint] += kinematics.local_wrench(grasp.tip.joint, -force, -torque, at)
-    for wrench in loads.outside:
-        own = kinematics.local_wrench(wrench.joint, wrench.force, wrench.torque, wrench.point)
-        total[wrench.joint] += own
-    for pressure in loads.pressures:
-        (first, second), at = pressure.touch.pair, pressure.touch.point
-        total[second.joint] += kinematics.local_wrench(second.joint, pressure.force, np.zeros(3), at)
-        total[first.joint] += kinematics.local_wrench(first.joint, -pressure.force, np.zeros(3), at)
-    external = pin.StdVec_Force()
-    external.extend(total)
-    return external
+        ``M (v+ - v-) = G^T j`` with ``G v+ = 0``.
+        """
+        held, slip = self.loads["held"], self.loads["slip"][:, 0]
+        caused = np.linalg.solve(self.state.inertia, held)
+        impulse = np.linalg.solve(held.T @ caused + np.diag(self.loads["idle"][:, 0]), -slip)
+        velocity = self.state.v + caused @ impulse
+        return np.concatenate([velocity, impulse[:count], [-0.5 * impulse @ slip]])

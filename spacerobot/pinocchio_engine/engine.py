@@ -1,175 +1,198 @@
-"""The closed loop of a scene as x' = f(t, x), y = h(t, x), evaluated with numpy and Pinocchio."""
+"""The closed loop of a scene as x' = f(t, x), y = h(t, x), evaluated with NumPy and Pinocchio.
+
+The laws are those of the elements' contributions, compiled once as functions of time, state, constants and
+mechanical inputs. Mechanics, forward dynamics, impacts, distances and time integration are this engine's own.
+"""
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from collections.abc import Mapping
+from dataclasses import dataclass
 
+import casadi as ca
 import numpy as np
 import pinocchio as pin
 
-import spacerobot.pinocchio_engine.wheels  # noqa: F401 (registers its kinds)
 from spacerobot.arrays import Array
-from spacerobot.pinocchio_engine.actuation import Now, Spinning
-from spacerobot.pinocchio_engine.contacts import Pressure, contact_of, touches
-from spacerobot.pinocchio_engine.dynamics import Drive, Loads, Solution, Wrench, solve
-from spacerobot.pinocchio_engine.environments import Surroundings, environment_of
-from spacerobot.pinocchio_engine.grasps import (
-    Constraint,
-    Coupling,
-    Relative,
-    Rest,
-    grasp_of,
-    relative_motion,
-    rest_orientation,
-)
-from spacerobot.pinocchio_engine.joint_control import null_space
-from spacerobot.pinocchio_engine.kinematics import Kinematics, configuration_rate, coordinates
-from spacerobot.pinocchio_engine.laws import has_writing, refusal
-from spacerobot.pinocchio_engine.life import first_lives, mated_orientation, works_of
-from spacerobot.pinocchio_engine.mode import Laws, Mode, laws_of, led
-from spacerobot.pinocchio_engine.outside import IMPULSE, impulse_rate, on_bases
-from spacerobot.pinocchio_engine.references import Motion
-from spacerobot.pinocchio_engine.robot_law import Asking
-from spacerobot.pinocchio_engine.sight import holding
-from spacerobot.pinocchio_engine.tip_control import Channel, Command
-from spacerobot.scene import Scene, SceneGrasp
-
-WORKS = ("actuator", "joint", "grasp", "constraint")
-"""Works that are booked whatever there is; those of contacts follow where there are any."""
+from spacerobot.closedloop.build import evaluate, section_context, state_names
+from spacerobot.closedloop.events import LoopEvent, rules_of, update_of
+from spacerobot.closedloop.forward_dynamics import ForwardDynamicsResult
+from spacerobot.elements import Contribution
+from spacerobot.pinocchio_engine.dynamics import Conditions, Unknowns
+from spacerobot.pinocchio_engine.inputs import InputBuilder, InputPlant, numeric_start
+from spacerobot.pinocchio_engine.state import MechanicalState, configuration_rate, coordinates
+from spacerobot.scenario.load import to_document
+from spacerobot.scene import Scene
+from spacerobot.section import numbers
+from spacerobot.symbolic import Constants, Parameters, Plant
 
 
 @dataclass(frozen=True)
 class Instant:
-    """Everything the closed loop does at one instant.
+    """Mechanics, numbers that every law sees, and what was solved for, at one time.
 
     Attributes
     ----------
-    kinematics
-        Of the plant.
-    motions
-        Of the tips' references, by label.
-    relatives
-        Of the grasps, in the scene's order.
-    couplings
-        Of the compliant grasps.
-    pressures
-        Of every pair of shapes of the contacts, by the contact's name.
-    surroundings
-        What the environments do, in the scenario's order.
-    solution
-        Acceleration, actuator torques, wrenches of rigid grasps.
-    rates
-        Of z (nz,).
+    state
+        Mechanics.
+    given
+        Arguments of the compiled laws: t, (q, v, z), c and inputs.
+    solved
+        The unknowns (n,); NaN where nobody asked for them.
+    acceleration
+        v' (nv,), the last of them.
     """
 
-    kinematics: Kinematics
-    motions: Mapping[str, Motion]
-    relatives: list[Relative]
-    couplings: list[Coupling]
-    pressures: Mapping[str, list[Pressure]]
-    surroundings: list[Surroundings]
-    solution: Solution
-    rates: Array
+    state: MechanicalState
+    given: tuple[float, Array, Array, Array]
+    solved: Array
+    acceleration: Array
 
 
 class Engine:
     """A scene made ready to evaluate.
 
-    The state is x = (q, v, z): Pinocchio's configuration and velocity, the controllers' states and the works
-    of the energy balance.
+    The state is x = (q, v, z), that of the closed loop. The constants c, which hold the switches, change by
+    :meth:`happen` alone.
 
     Attributes
     ----------
+    scene, model
+        The scene and its ``pinocchio.Model``.
     state_names
-        Names of z.
-    works
-        Names of the works.
+        Names of z, in the closed loop's order.
     x0
         Initial state (nx,).
-    laws
-        Of the controllers, by the phase's name.
-    mode
-        What is open and closed, and what leads; events replace it.
-    impulse
-        Names of the states that hold the impulse from outside, none where nothing acts from there.
-    touched
-        Places in z of impulse and loss of the contacts.
-    mated
-        Tip's orientation where mated (3, 3), axes of the mating frame, by the grasp's name.
+    c
+        Constants (nc,), with the switches as they are now.
+    events
+        What may happen, as data.
     """
 
     def __init__(self, scene: Scene) -> None:
-        environments = list(scene.scenario.environment.values())
-        for family, elements in (
-            (grasp_of, [g.config for g in scene.grasps]),
-            (environment_of, environments),
-        ):
-            for element in elements:
-                if not has_writing(family, type(element)):
-                    raise refusal(element)
         self.scene, self.model = scene, scene.model
-        self._places = coordinates(scene.model)
-        start = Kinematics(scene.model, np.array(scene.q), np.array(scene.v))
-        self.laws = laws_of(scene)
-        phase = next(iter(self.laws))
-        now = self.laws[phase].scene
-        held = {sensor.name: sensor.measured(start, {}) for sensor in holding(now)}
-        self.mode = Mode(phase, first_lives(scene), led(now, phase, start, 0.0, {}, held), held=held)
-        self.mated = {g.name: mated_orientation(g, rest_orientation(start, g)) for g in scene.grasps}
-        self.root_rotations = [start.frame(body.root_frame).rotation for body in scene.bodies]
-        self.resistance = _resistance(scene)
-        blocks = self.now.blocks
-        outside = ["environment"] if environments else []
-        own = dict.fromkeys(name for one in self.now.deliveries for name in one.works)
-        self.works = (*WORKS, *(["contact"] if scene.contacts else []), *outside, *own, *works_of(scene))
-        booked = [
-            f"contacts.{contact.name}.{part}"
-            for contact in scene.contacts
-            for part in ("impulse[0]", "impulse[1]", "impulse[2]", "loss[0]")
-        ]
-        names = [name for block in blocks for name in block.state_names]
-        driven = [name for one in self.now.deliveries for name in one.state_names]
-        self.touched = slice(len(names), len(names) + len(booked))
-        sizes = [self.touched.stop, *(len(one.state_names) for one in self.now.deliveries)]
-        self._driven_cuts = np.cumsum(sizes)
-        first = [one.initial(start) for one in self.now.deliveries]
-        given = any(one.from_outside for one in self.now.deliveries)
-        self.impulse = IMPULSE if environments or given else ()
-        works = [f"work.{name}[0]" for name in self.works]
-        self.state_names = (*names, *booked, *driven, *self.impulse, *works)
-        self._cuts = np.cumsum([len(block.state_names) for block in blocks])
-        self.x0: Array = np.concatenate(
-            [
-                scene.q,
-                scene.v,
-                self.first_states(start),
-                np.zeros(len(booked)),
-                *first,
-                np.zeros(len(self.impulse) + len(works)),
-            ]
-        )
+        parameters = Parameters(dict(numbers(to_document(scene.scenario))))
+        context = section_context(scene, parameters)
+        plant = InputPlant.of(scene, parameters, context.constants)
+        builder = InputBuilder(scene, context, plant, numeric_start(scene))
+        self._inputs, self._places = plant.inputs, coordinates(scene.model)
 
-    @property
-    def now(self) -> Laws:
-        """Laws of the present phase."""
-        return self.laws[self.mode.phase]
+        def solve(plant: Plant, acting: Contribution) -> ForwardDynamicsResult:
+            self._unknowns = Unknowns(plant, acting)
+            return self._unknowns.result
+
+        found = evaluate(builder, solve)
+        acting = found.acting
+        constants = context.constants
+        z = ca.vertcat(ca.SX(0, 1), *(state.symbol for state in acting.states))
+        self.state_names = state_names(self.model, acting.states)[self.model.nq + self.model.nv :]
+        p = parameters.values
+        self.c: Array = _numbers(ca.Function("c", [parameters.symbols], [constants.expressions])(p))
+        self._jumps, self._tables = list(constants.jumps), constants.tables
+        self._jump_times = self.c[self._jumps]
+        self._switches = list(constants.switches.values())
+        self.events: tuple[LoopEvent, ...] = rules_of(acting.events, list(constants.switches))
+        self._impacts = [event.impact for event in acting.events]
+        self._kept: dict[float, Array] = {}
+        self._compile(plant, context.time, z, constants, found.outputs, acting)
+        self.x0 = self._first(acting)
+
+    def _compile(
+        self,
+        plant: InputPlant,
+        time: ca.SX,
+        z: ca.SX,
+        constants: Constants,
+        outputs: Mapping[str, ca.SX],
+        acting: Contribution,
+    ) -> None:
+        """Functions of (t, x, c, inputs) and, later ones, of what was solved for."""
+        unknowns, which = self._unknowns, ca.SX.sym("which")
+        none = ca.SX(0, 1)
+        rates = ca.vertcat(none, *(state.derivative for state in acting.states))
+        guards = ca.vertcat(none, *(event.guard for event in acting.events))
+        armed = ca.vertcat(none, *(event.armed for event in acting.events))
+        start = ca.vertcat(none, *(state.initial for state in acting.states))
+        updated = update_of(plant, acting, which, unknowns.struck)
+        given = [time, ca.vertcat(plant.q, plant.v, z), constants.symbols, plant.inputs.symbols]
+        null_space, output, solved = unknowns.null_space, unknowns.output, unknowns.solved
+
+        def function(name: str, arguments: list[ca.SX], *values: ca.SX) -> ca.Function:
+            return ca.Function(name, arguments, ca.cse([ca.densify(value) for value in values]))
+
+        self._loads = function("loads", given, *unknowns.loads.values())
+        self._early = function("early", [*given, null_space], *unknowns.early)
+        self._late = function("late", [*given, null_space, output], *unknowns.late)
+        self._rates = function("rates", [*given, solved], rates)
+        self._outputs = function("outputs", [*given, solved], *outputs.values())
+        self._guards = function("guards", [*given, solved], guards)
+        self._armed = function("armed", [constants.symbols], armed)
+        self._update = function("update", [*given, solved, unknowns.impact, which], updated)
+        self._rows = function("rows", given, constants.cursors)
+        self._start = function("start", given, start)
+        self._output_names = tuple(outputs)
+        self._guards_see_forces = bool(ca.depends_on(guards, solved)) if guards.numel() else False
+
+    def _first(self, acting: Contribution) -> Array:
+        """Initial state (nx,): other states count as zero where one begins, but for what events change."""
+        q, v, model = np.array(self.scene.q), np.array(self.scene.v), self.model
+        remembers = np.concatenate(
+            [np.empty(0), *(np.full(one.symbol.size1(), one.remembers) for one in acting.states)]
+        )
+        inputs = self._inputs.values(MechanicalState(model, q, v))
+        z = np.zeros(len(remembers))
+        for _ in range(2):
+            x = np.concatenate([q, v, z * remembers])
+            z = _numbers(self._start(0.0, x, self.c, inputs))
+        return np.concatenate([q, v, z])
 
     @property
     def breakpoints(self) -> tuple[float, ...]:
-        """Times at which the pieces of the present references meet [s], rising."""
-        found = {t for lead in self.mode.leads.values() for t in lead.breakpoints}
-        since = self.mode.began_at
-        return tuple(sorted(found | {since + t for law in self.now.controllers for t in law.ends}))
+        """Times known beforehand at which the dynamics jump [s], rising."""
+        return tuple(sorted({float(t) for t in self._jump_times}))
 
-    def first_states(self, kinematics: Kinematics, t: float = 0.0) -> Array:
-        """States of the controllers as they begin at time t [s], of all phases' alike."""
-        motions = self._motions(t, t, kinematics)
-        parts = [c.initial(kinematics, motions[c.tip.label]) for c in self.now.channels]
-        parts += [c.initial(kinematics) for c in self.now.controllers]
-        return np.concatenate([np.empty(0), *parts])
+    @property
+    def switches(self) -> Array:
+        """Switches as they are now, 0 or 1."""
+        return self.c[self._switches]
+
+    def split(self, x: Array) -> tuple[Array, Array, Array]:
+        """Parts q (nq,), v (nv,) and z (nz,) of a state."""
+        nq, nv = self.model.nq, self.model.nv
+        return x[:nq], x[nq : nq + nv], x[nq + nv :]
+
+    def normalise(self, x: Array) -> Array:
+        """State with cosine-sine pairs and quaternions back on their unit spheres."""
+        q, v, z = self.split(x)
+        return np.concatenate([pin.normalize(self.model, q), v, z])
+
+    def instant(self, t: float, x: Array, within: float | None = None, *, solved: bool = True) -> Instant:
+        """Everything at one instant; arguments and errors as for :meth:`derivative`.
+
+        Without ``solved`` the unknowns are not asked for.
+        """
+        q, v, z = self.split(x)
+        state = MechanicalState(self.model, q, v)
+        x = np.concatenate([state.q, v, z])
+        inputs = self._inputs.values(state)
+        given = (t, x, self._shown(t, x, inputs, within), inputs)
+        if not solved:
+            return Instant(
+                state, given, np.full(self._unknowns.solved.size1(), np.nan), np.full(len(v), np.nan)
+            )
+        conditions = self._conditions(state, given)
+        parts = [conditions.kept_still(name, size) for name, size in self._unknowns.projections]
+        null_space = np.concatenate([np.empty(0), *parts])
+        commanded, pushed = self._early(*given, null_space)
+        effort = _numbers(commanded + pushed)
+        outputs, reactions, acceleration = conditions.solve(effort, outputs=True)
+        if len(outputs):
+            commanded, pushed = self._late(*given, null_space, outputs)
+            effort = _numbers(commanded + pushed)
+        if self._unknowns.then:
+            _, reactions, acceleration = conditions.solve(effort, outputs=False)
+        own = reactions[: self._unknowns.reaction.size1()]
+        return Instant(state, given, np.concatenate([null_space, outputs, own, acceleration]), acceleration)
 
     def derivative(self, t: float, x: Array, within: float | None = None) -> Array:
         """Rate x' (nx,) of the state at time t [s].
@@ -186,181 +209,76 @@ class Engine:
         numpy.linalg.LinAlgError
             In a posture in which rigid grasps fix a freedom twice.
         """
-        instant = self.instant(t, x, within)
+        now = self.instant(t, x, within)
         q, v, _ = self.split(x)
-        return np.concatenate(
-            [configuration_rate(self._places, q, v), instant.solution.acceleration, instant.rates]
-        )
+        rates = _numbers(self._rates(*now.given, now.solved))
+        return np.concatenate([configuration_rate(self._places, q, v), now.acceleration, rates])
 
-    def split(self, x: Array) -> tuple[Array, Array, Array]:
-        """Parts q (nq,), v (nv,) and z (nz,) of a state."""
-        nq, nv = self.model.nq, self.model.nv
-        return x[:nq], x[nq : nq + nv], x[nq + nv :]
+    def outputs(self, t: float, x: Array, within: float | None = None) -> dict[str, Array]:
+        """Outputs by name, column vectors of the closed loop's; arguments and errors as for the rate."""
+        now = self.instant(t, x, within)
+        found = self._outputs.call([*now.given, now.solved])
+        return {name: _numbers(value) for name, value in zip(self._output_names, found, strict=True)}
 
-    def normalise(self, x: Array) -> Array:
-        """State with cosine-sine pairs and quaternions back on their unit spheres."""
-        q, v, z = self.split(x)
-        return np.concatenate([pin.normalize(self.model, q), v, z])
+    def guards(self, t: float, x: Array, within: float) -> Array:
+        """Guards of all events (ne,), armed or not."""
+        now = self.instant(t, x, within, solved=self._guards_see_forces)
+        return _numbers(self._guards(*now.given, now.solved))
 
-    def instant(self, t: float, x: Array, within: float | None = None) -> Instant:
-        """Everything at one instant; arguments and errors as for :meth:`derivative`."""
-        q, v, z = self.split(x)
-        kinematics = Kinematics(self.model, pin.normalize(self.model, q), v)
-        motions = self._motions(t, t if within is None else within, kinematics)
-        states = np.split(z, self._cuts)[:-1]
-        channels = self.now.channels
-        asking = [
-            (channel, channel.evaluate(kinematics, motions[channel.tip.label], own))
-            for channel, own in zip(channels, states, strict=False)
-        ]
-        commands = [pair for pair, rests in zip(asking, self.now.rest, strict=False) if not rests]
-        since = self.mode.began_at
-        now = Asking(
-            t - since, (t if within is None else within) - since, self.mode.phase, kinematics, motions
-        )
-        torque, of_bases, own_rates = self._robot_control(now, commands, states[len(channels) :])
-        asked = [*(command for _, command in commands), *of_bases]
-        relatives = [self.relative(kinematics, grasp, t) for grasp in self.now.scene.grasps]
-        couplings, loads = self._loads(torque, asked, relatives)
-        pressures = {
-            contact.name: [contact_of(contact.config, touch) for touch in touches(kinematics, contact)]
-            for contact in self.scene.contacts
-        }
-        pressing = [pressure for several in pressures.values() for pressure in several]
-        around = self.scene.scenario.environment.values()
-        surroundings = [environment_of(config, self.scene, kinematics, t) for config in around]
-        pulls = [wrench for found in surroundings for wrench in found.wrenches]
-        drives = self._drives(t, kinematics, z)
-        solution = solve(kinematics, replace(loads, pressures=pressing, drives=drives, outside=pulls))
-        powers = self._powers(v, solution, (couplings, loads.wrenches), pressing)
-        powers["environment"] = sum(found.power for found in surroundings)
-        tip_rates = [
-            command.rates * (not rests) for (_, command), rests in zip(asking, self.now.rest, strict=False)
-        ]
-        booked = [
-            np.sum([[*p.force, p.dissipation] for p in several], axis=0) for several in pressures.values()
-        ]
-        driven = [one.rates for one in solution.delivered]
-        given = [push for one in solution.delivered for push in one.outside]
-        given += [*pulls, *on_bases(self.scene, kinematics, solution.torque)]
-        impulse = impulse_rate(given, self.scene.planar) if self.impulse else np.empty(0)
-        works = [powers[name] for name in self.works]
-        rates = np.concatenate([*tip_rates, *own_rates, *booked, *driven, impulse, works])
-        return Instant(kinematics, motions, relatives, couplings, pressures, surroundings, solution, rates)
+    @property
+    def armed(self) -> list[int]:
+        """Numbers of the events that may happen with the switches as they are."""
+        return [int(number) for number in np.flatnonzero(_numbers(self._armed(self.c)))]
 
-    def is_closed(self, name: str) -> bool:
-        """Whether a grasp holds."""
-        return name not in self.mode.lives or self.mode.lives[name].closed
+    def gaps(self, x: Array) -> tuple[Array, Array]:
+        """Gaps [m] between the shapes of all contacts, and how fast they change [m/s] (n,) each."""
+        q, v, _ = self.split(x)
+        state, found = MechanicalState(self.model, q, v), list[tuple[float, float]]()
+        for contact in self.scene.contacts:
+            for pair in contact.pairs:
+                near = state.proximity(pair, contact.config.crown)
+                found.append((near[0], state.opening(pair, near)))
+        gaps, speeds = np.array(found).reshape(-1, 2).T
+        return gaps, speeds
 
-    def relative(self, kinematics: Kinematics, grasp: SceneGrasp, t: float) -> Relative:
-        """Relative motion of a grasp, open or closed, at time t [s]."""
-        mated, life = self.mated[grasp.name], self.mode.lives.get(grasp.name)
-        rest = Rest(mated) if life is None else life.rest(grasp.config.capture, mated, t)
-        return relative_motion(kinematics, grasp, rest)
+    def happen(self, number: int, t: float, x: Array) -> Array:
+        """Turn the switches of an event; the state afterwards (nx,)."""
+        event = self.events[number]
+        if event.ends:
+            return x
+        for place, value in event.sets:
+            self.c[self._switches[place]] = float(value)
+        self._kept.clear()
+        now = self.instant(t, x)
+        impact = np.zeros(self._unknowns.impact.size1())
+        if self._impacts[number]:
+            conditions = self._conditions(now.state, now.given)
+            impact = conditions.strike(self._unknowns.reaction.size1())
+        after = _numbers(self._update(*now.given, now.solved, impact, number))
+        self._kept.clear()
+        return after
 
-    def _robot_control(
-        self, now: Asking, commands: Sequence[tuple[Channel, Command]], states: Sequence[Array]
-    ) -> tuple[Array, list[Command], list[Array]]:
-        """Generalized forces (nv,) of the robots' controllers, their commands, and rates of their states."""
-        torque = np.zeros(self.model.nv)
-        rates, of_bases = list[Array](), list[Command]()
-        rest = self.now.rest[len(self.now.channels) :]
-        for controller, own, rests in zip(self.now.controllers, states, rest, strict=True):
-            asked = controller.ask(now, own)
-            rates.append(asked.rates * (not rests))
-            if rests:
-                continue
-            if asked.command is not None:
-                of_bases.append(asked.command)
-                continue
-            part = asked.torque
-            if asked.null_space:
-                part = null_space(now.kinematics, part, controller.body, commands, self.scene.spread)
-            torque = torque + part
-        return torque, of_bases, rates
+    def _conditions(self, state: MechanicalState, given: tuple[float, Array, Array, Array]) -> Conditions:
+        found = self._loads.call(list(given))
+        names = self._unknowns.loads
+        return Conditions(state, {k: value.full() for k, value in zip(names, found, strict=True)})
 
-    def driven(self, k: int) -> slice:
-        """Places in x of the states of actuator number k."""
-        first = self.model.nq + self.model.nv
-        return slice(first + self._driven_cuts[k], first + self._driven_cuts[k + 1])
-
-    def _drives(self, t: float, kinematics: Kinematics, z: Array) -> list[Drive]:
-        """What each actuator makes of what it is asked for, in the order in which they act."""
-        states = np.split(z, self._driven_cuts)[1:]
-        wheels: dict[str, Array] = {}
-        for one, own in zip(self.now.deliveries, states, strict=False):
-            if isinstance(one, Spinning):
-                before = wheels.get(one.body.name, np.zeros(3))
-                wheels[one.body.name] = before + one.momentum(kinematics, own)
-        now = Now(t, self.mode.on, wheels)
-        return [
-            Drive(
-                one.columns,
-                one.passes_on,
-                functools.partial(one.deliver, kinematics, states=own, now=now),
-            )
-            for one, own in zip(self.now.deliveries, states, strict=False)
-        ]
-
-    def _loads(
-        self, torque: Array, asked: Sequence[Command], relatives: Sequence[Relative]
-    ) -> tuple[list[Coupling], Loads]:
-        """Compliant grasps, and everything that acts."""
-        couplings: list[Coupling] = []
-        wrenches: list[Wrench] = []
-        constraints: list[Constraint] = []
-        for grasp, relative in zip(self.now.scene.grasps, relatives, strict=True):
-            if not self.is_closed(grasp.name):
-                continue
-            found = grasp_of(grasp.config, self.scene, grasp, relative)
-            if isinstance(found, Coupling):
-                couplings.append(found)
-                wrenches.append((grasp, relative, found.force, found.torque))
-            else:
-                constraints.append(found)
-        spread = self.scene.spread
-        return couplings, Loads(torque, self.resistance, wrenches, asked, constraints, (), spread)
-
-    def _motions(self, t: float, within: float, kinematics: Kinematics) -> dict[str, Motion]:
-        return {label: lead.at(t, within, kinematics) for label, lead in self.mode.leads.items()}
-
-    def _powers(
-        self,
-        v: Array,
-        solution: Solution,
-        springs: tuple[list[Coupling], Sequence[Wrench]],
-        pressing: list[Pressure],
-    ) -> dict[str, float]:
-        """Rates of the works of what is within the scene, by name [W]."""
-        couplings, wrenches = springs
-        by_constraints = -sum(
-            float(np.concatenate([force, torque]) @ relative.velocity)
-            for _, relative, force, torque in solution.wrenches
-        )
-        drawn_in = -sum(
-            float(np.concatenate([force, torque]) @ relative.rest_velocity)
-            for _, relative, force, torque in [*wrenches, *solution.wrenches]
-        )
-        taken: dict[str, float] = {}
-        for one in solution.delivered:
-            for name, power in one.taken.items():
-                taken[name] = taken.get(name, 0.0) + power
-        return taken | {
-            "actuator": float(solution.torque @ v) + sum(one.power for one in solution.delivered),
-            "joint": float(self.resistance @ v**2),
-            "grasp": sum(coupling.dissipation for coupling in couplings),
-            "constraint": by_constraints,
-            "contact": sum(pressure.dissipation for pressure in pressing),
-            "draw_in": drawn_in,
-            "event": 0.0,
-        }
+    def _shown(self, t: float, x: Array, inputs: Array, within: float | None) -> Array:
+        """Constants (nc,) as they hold within an interval: jumps passed or not, rows of tables shown."""
+        at = t if within is None else within
+        if at in self._kept and within is not None:
+            return self._kept[at]
+        c = self.c.copy()
+        c[self._jumps] = np.where(self._jump_times <= at, -np.inf, np.inf)
+        if self._tables:
+            rows = _numbers(self._rows(t, x, c, inputs)).astype(int)
+            for table in self._tables:
+                first = table.first + rows[table.cursor] * table.width
+                c[table.window : table.window + table.width] = c[first : first + table.width]
+        self._kept = {at: c}
+        return c
 
 
-def _resistance(scene: Scene) -> Array:
-    """Resistance of each velocity component (nv,), zero where there is none."""
-    resistance = np.zeros(scene.model.nv)
-    for body in scene.bodies:
-        for name, config in body.config.joints.items():
-            joint: Any = scene.model.joints[scene.model.getJointId(f"{body.name}/{name}")]
-            resistance[joint.idx_v] = config.damping or 0.0
-    return resistance
+def _numbers(value: ca.DM) -> Array:
+    found: Array = value.full().ravel()
+    return found

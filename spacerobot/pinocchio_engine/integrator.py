@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,8 +12,6 @@ from scipy.optimize import brentq
 from spacerobot.arrays import Array
 from spacerobot.errors import SpaceRobotError
 from spacerobot.pinocchio_engine.engine import Engine
-from spacerobot.pinocchio_engine.events import armed, happen
-from spacerobot.pinocchio_engine.moment import Event, Moment
 
 POSITION_LIMIT = 1e6
 """Greatest position [m, rad] of a rollout that is not called diverged."""
@@ -30,7 +28,7 @@ CHATTER, CHATTER_S = 100, 1e-3
 
 
 @dataclass(frozen=True)
-class Happened:
+class LocatedEvent:
     """An event.
 
     Attributes
@@ -38,11 +36,9 @@ class Happened:
     time_s
         When it was [s].
     name, kind, who
-        What it was, as the other engine calls it.
+        What it was, as the closed loop calls it.
     before, after
         States (nx,).
-    impulses
-        Of all impacts so far on the target, force and couple (6,), by the grasp's name [N s, N m s].
     """
 
     time_s: float
@@ -51,16 +47,6 @@ class Happened:
     who: str
     before: Array
     after: Array
-    impulses: Mapping[str, Array]
-
-
-def _may_meet(event: Event, early: Moment, late: Moment) -> bool:
-    """Whether shapes may meet and part again between two looks: a gap closes no faster than they move."""
-    if event.speed is None:
-        return False
-    gaps = -event.guard(early) - event.guard(late)
-    speed = max(event.speed(early), event.speed(late))
-    return gaps > 0 and event.guard(late) <= 0 and (late.t - early.t) * speed > gaps
 
 
 class Integrator:
@@ -85,7 +71,7 @@ class Integrator:
         sizes = [len(part) for part in engine.split(engine.x0)]
         self._limits = np.repeat([POSITION_LIMIT, VELOCITY_LIMIT, CONTROLLER_LIMIT], sizes)
         self._step: float | None = None
-        self.events: list[Happened] = []
+        self.events: list[LocatedEvent] = []
         self.ended = self.chattering = False
 
     @property
@@ -114,20 +100,17 @@ class Integrator:
     def _settle(self) -> None:
         """Let happen what may at this instant."""
         while not self.stopped:
-            moment = Moment(self._engine, self.t, self.x, self.t)
-            due = next((event for event in armed(self._engine) if event.guard(moment) > 0), None)
+            guards = self._engine.guards(self.t, self.x, self.t)
+            due = next((number for number in self._engine.armed if guards[number] > 0), None)
             if due is None:
                 return
-            self._happen(due)
+            self._happen(int(due))
 
-    def _happen(self, event: Event) -> None:
-        moment = Moment(self._engine, self.t, self.x, self.t)
-        before = self.x
-        self.x = happen(self._engine, event, moment)
-        lives = self._engine.mode.lives.items()
-        impulses = {name: np.concatenate([life.impulse, life.couple]) for name, life in lives}
-        self.events.append(Happened(self.t, event.name, event.kind, event.who, before, self.x, impulses))
-        self.ended = event.then is None
+    def _happen(self, number: int) -> None:
+        before, event = self.x, self._engine.events[number]
+        self.x = self._engine.happen(number, self.t, self.x)
+        self.events.append(LocatedEvent(self.t, event.name, event.kind, event.who, before, self.x))
+        self.ended = event.ends
         recent = self.events[-CHATTER - 1 :]
         self.chattering = len(recent) > CHATTER and self.t - recent[0].time_s < CHATTER_S
         self._step = None
@@ -147,7 +130,7 @@ class Integrator:
 
     def _interval(self, until: float, within: float) -> bool:
         """Integrate to a time or an event, without breakpoints on the way; whether the state stays good."""
-        solver, watched = self._solver(until, within), armed(self._engine)
+        solver, watched = self._solver(until, within), self._engine.armed
         if not np.isfinite(solver.f).all():
             return False
         while solver.status == "running":
@@ -163,43 +146,53 @@ class Integrator:
         self.t, self.x = until, self._engine.normalise(solver.y)
         return True
 
-    def _first(self, watched: Sequence[Event], solver: DOP853, within: float) -> tuple[Event, float] | None:
-        """The first event of the step that a solver did, and about when it is."""
+    def _first(self, watched: Sequence[int], solver: DOP853, within: float) -> tuple[int, float] | None:
+        """Number of the first event of the step that a solver did, and about when it is."""
         kept: list[DenseOutput] = []  # costs three rates, and is seldom wanted in a short step
 
-        def dense(t: float) -> Array:
+        def state(t: float) -> Array:
+            if t in (self.t, solver.t):
+                return self.x if t == self.t else np.asarray(solver.y)
             if not kept:
                 kept.append(solver.dense_output())
             return np.asarray(kept[0](t))
 
-        def seen(t: float) -> Moment:
-            return Moment(self._engine, t, solver.y if t == solver.t else dense(t), within)
+        def guards(t: float) -> Array:
+            return self._engine.guards(t, state(t), within)
 
         looks = np.linspace(self.t, solver.t, 2 + int((solver.t - self.t) / LOOK_S))
-        waiting = [seen(t) for t in looks[:0:-1]]
-        before = Moment(self._engine, self.t, self.x, within)
+        early, waiting = self.t, list(looks[:0:-1])
         while waiting:
-            moment, roots = waiting[-1], []
-            early, late = before.t, moment.t
-            if late - early > PAST_S and any(_may_meet(event, before, moment) for event in watched):
-                waiting.append(seen(early + (late - early) / 2))
+            late = waiting[-1]
+            if late - early > PAST_S and self._may_meet(state(early), state(late), late - early):
+                waiting.append(early + (late - early) / 2)
                 continue
-            before = waiting.pop()
-            for event in watched:
-                if event.guard(moment) > 0:
+            waiting.pop()
+            roots, found = list[tuple[float, int]](), guards(late)
+            for number in watched:
+                if found[number] > 0:
 
-                    def guard(t: float, event: Event = event) -> float:
-                        return event.guard(Moment(self._engine, t, dense(t), within))
+                    def guard(t: float, number: int = number) -> float:
+                        return float(guards(t)[number])
 
                     root = early if guard(early) >= 0 else float(brentq(guard, early, late, xtol=1e-14))
-                    roots.append((root, event))
+                    roots.append((root, int(number)))
             if roots:
-                root, event = min(roots, key=lambda pair: pair[0])
-                return event, root
+                root, number = min(roots, key=lambda pair: pair[0])
+                return number, root
+            early = late
         return None
 
-    def _stop_at(self, event: Event, time: float, within: float) -> bool:
-        """Integrate anew to just past an event's root, and let it happen; whether the state stays good."""
+    def _may_meet(self, early: Array, late: Array, time: float) -> bool:
+        """Whether shapes may meet and part again between two looks: a gap closes no faster than they move."""
+        if not self._engine.scene.contacts:
+            return False
+        (first, fast), (last, speed) = self._engine.gaps(early), self._engine.gaps(late)
+        between, speeds = first + last, np.maximum(np.abs(fast), np.abs(speed))
+        return bool(((first > 0) & (last >= 0) & (between > 0) & (time * speeds > between)).any())
+
+    def _stop_at(self, number: int, time: float, within: float) -> bool:
+        """Integrate again to just past an event's root, and let it happen; whether the state stays good."""
         if time > self.t:
             solver = self._solver(time, within)
             while solver.status == "running":
@@ -208,11 +201,11 @@ class Integrator:
                 return False
             self.t, self.x = time, self._engine.normalise(solver.y)
         past = PAST_S
-        while event.guard(Moment(self._engine, self.t, self.x, within)) <= 0 and past < 1e-6:
+        while self._engine.guards(self.t, self.x, within)[number] <= 0 and past < 1e-6:
             self.x = self.x + past * self._rate(self.t, self.x, within)
             self.t, past = self.t + past, 2 * past
         self.x = self._engine.normalise(self.x)
-        self._happen(event)
+        self._happen(number)
         self._settle()
         return True
 

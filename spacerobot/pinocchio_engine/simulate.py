@@ -10,8 +10,7 @@ import numpy as np
 
 from spacerobot.arrays import Array
 from spacerobot.pinocchio_engine.engine import Engine
-from spacerobot.pinocchio_engine.integrator import Happened, Integrator
-from spacerobot.pinocchio_engine.outputs import outputs_at
+from spacerobot.pinocchio_engine.integrator import Integrator, LocatedEvent
 from spacerobot.rollout.grid import time_grid
 from spacerobot.rollout.trajectory import Trajectory, frozen
 from spacerobot.scene import Scene
@@ -30,7 +29,7 @@ class Checked(Trajectory):
         Its events; ``events`` is empty, for it holds those of a closed loop.
     """
 
-    happened: tuple[Happened, ...] = ()
+    happened: tuple[LocatedEvent, ...] = ()
 
 
 def simulate(
@@ -99,7 +98,7 @@ def _roll_out(
     engine: Engine, integrator: Integrator, samples: Array, progress: Progress
 ) -> tuple[list[Array], list[dict[str, Array]], float | None]:
     """States and outputs at the samples, and the time [s] at which they end early, if they do."""
-    states, outputs = [integrator.x], [outputs_at(engine, 0.0, integrator.x)]
+    states, outputs = [integrator.x], [engine.outputs(0.0, integrator.x)]
     for until in samples[1:]:
         x, within = integrator.advance(until)
         if integrator.stopped:
@@ -116,6 +115,6 @@ def _roll_out(
 def _outputs(engine: Engine, t: float, x: Array, within: float) -> dict[str, Array] | None:
     """Outputs of a sample; None where they do not exist."""
     try:
-        return outputs_at(engine, t, x, within)
+        return engine.outputs(t, x, within)
     except np.linalg.LinAlgError:
         return None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,12 +13,17 @@ from spacerobot.dynamics import (
     Inertias,
     Kinematics,
     Wrench,
+    configuration_derivative,
     frame_drift,
     frame_jacobian,
     frame_placement,
     frame_velocity,
+    inverse_dynamics,
+    mass_matrix,
 )
 from spacerobot.dynamics.rotations import rotation_log
+from spacerobot.symbolic.parameters import Constants
+from spacerobot.symbolic.start import InitialState
 
 
 @dataclass(frozen=True)
@@ -86,6 +91,39 @@ class Plant:
     def reduced_moving(self, torque: ca.SX, wrenches: Sequence[Wrench] = ()) -> ca.SX:
         """The same together with joint resistance, gravity and inertia forces (nv x 1)."""
         return self.articulated.reduced(torque - self.damping * self.v, wrenches, moving=True)
+
+    def resistance(self, acceleration: ca.SX) -> ca.SX:
+        """Loads that an acceleration from rest (nv x 1) takes, reduced (nv x 1)."""
+        return self.articulated.resistance(acceleration)
+
+    def inertia_force(self, joints: Iterable[int]) -> tuple[ca.SX, ca.SX]:
+        """Force and torque that bodies take to move as they do at zero joint acceleration, gravity removed.
+
+        Parameters
+        ----------
+        joints
+            A subtree of joints, its root first; the torque is about the root's origin.
+        """
+        return self.articulated.inertia_force(joints)
+
+    @property
+    def mass_matrix(self) -> ca.SX:
+        """Joint-space inertia (nv x nv)."""
+        return mass_matrix(self.model, self.kinematics, self.inertias)
+
+    @property
+    def bias(self) -> ca.SX:
+        """Generalized forces of gravity, centrifugal and Coriolis accelerations (nv x 1)."""
+        return inverse_dynamics(self.model, self.kinematics, self.inertias, ca.SX(self.v.size1(), 1))
+
+    def rate(self, expression: ca.SX) -> ca.SX:
+        """Rate of an expression of the posture alone."""
+        return ca.jtimes(expression, self.q, configuration_derivative(self.model, self.q, self.v))
+
+    def at_start(self, expression: ca.SX, start: InitialState, constants: Constants) -> ca.SX:
+        """An expression of (q, v, c) where everything begins, as one of the parameters."""
+        found = ca.Function("first", [self.q, self.v, constants.symbols], [expression])
+        return found(start.q, start.v, constants.expressions)
 
     def gathered(self, effort: ca.SX) -> ca.SX:
         """Generalized forces (nv x n), those on joints that mimic moved to the joints that they follow."""

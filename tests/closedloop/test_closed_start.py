@@ -13,11 +13,11 @@ import pytest
 
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.errors import DivergedError, ScenarioError
-from spacerobot.pinocchio_engine import Engine
 from spacerobot.rollout import Measures, Signals, build_rollout, integral, integrate_cvodes
 from spacerobot.scene import load_scene
 from spacerobot.scene.configure import initial_state, relative_jacobian
 from spacerobot.scene.grasp_closing import find_closings
+from tests.oracles.engine import Engine
 from tests.oracles.small_scenes import PLANAR, SPATIAL, small_scene
 
 

@@ -7,10 +7,10 @@ import pytest
 
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.errors import ScenarioError
-from spacerobot.pinocchio_engine import Engine
 from spacerobot.rollout import build_rollout
 from spacerobot.scenario.load import parse_yaml, to_yaml, validate
 from spacerobot.scene import build_scene, load_scene
+from tests.oracles.engine import Engine
 from tests.oracles.small_scenes import PLANAR, SPATIAL, random_x, small_scene
 
 LINK = {"planar": "robots.one.links.link_2", "spatial": "robots.one.links.b"}

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.optimize import linprog, lsq_linear
 
 from spacerobot.elements.allocation import EVEN, ThrusterLayout, allocate, steps_needed
-from spacerobot.pinocchio_engine.thrusters import _shared
+from tests.oracles.engine.thrusters import _shared
 
 DETUMBLE = 2 * np.array(
     [

@@ -15,15 +15,16 @@ from spacerobot.closedloop import build_closed_loop
 from spacerobot.elements.grasps.point import Point
 from spacerobot.errors import ScenarioError
 from spacerobot.pinocchio_engine import Engine
-from spacerobot.pinocchio_engine.actuation import delivery_of
-from spacerobot.pinocchio_engine.contacts import contact_of
-from spacerobot.pinocchio_engine.environments import environment_of
-from spacerobot.pinocchio_engine.grasps import grasp_of
-from spacerobot.pinocchio_engine.laws import has_writing
-from spacerobot.pinocchio_engine.references import leading, path_of
-from spacerobot.pinocchio_engine.robot_law import robot_law
-from spacerobot.pinocchio_engine.sensing import reading_of
-from spacerobot.pinocchio_engine.tip_control import tip_law
+from tests.oracles import engine as independent
+from tests.oracles.engine.actuation import delivery_of
+from tests.oracles.engine.contacts import contact_of
+from tests.oracles.engine.environments import environment_of
+from tests.oracles.engine.grasps import grasp_of
+from tests.oracles.engine.laws import has_writing
+from tests.oracles.engine.references import leading, path_of
+from tests.oracles.engine.robot_law import robot_law
+from tests.oracles.engine.sensing import reading_of
+from tests.oracles.engine.tip_control import tip_law
 from tests.oracles.small_scenes import PLANAR, random_x, small_scene
 from tests.oracles.small_scenes import SPATIAL as WITH_TWO
 
@@ -237,7 +238,7 @@ def state_of(scene, loop, seed):
 
 
 @pytest.mark.parametrize(("family", "kind"), KINDS)
-def test_a_kind_has_a_second_writing(family, kind):
+def test_a_kind_has_an_independent_implementation_in_the_tests(family, kind):
     found = has_writing(SECOND[family], elements.kinds(family)[kind])
     found |= family == "reference" and has_writing(leading, elements.kinds(family)[kind])
     assert found
@@ -245,14 +246,19 @@ def test_a_kind_has_a_second_writing(family, kind):
 
 @pytest.mark.parametrize("text", SCENES.values(), ids=SCENES)
 @pytest.mark.parametrize(("family", "kind"), KINDS)
-def test_the_two_engines_agree(family, kind, text):
+def test_the_engines_and_the_independent_laws_agree(family, kind, text):
     scene, loop = built(family, kind, text)
-    engine = Engine(scene)
+    engine, oracle = Engine(scene), independent.Engine(scene)
     _, c = loop.setup(loop.parameter_values)
+    first = scene.model.nq + scene.model.nv
+    assert engine.state_names == loop.state_names[first:]
+    own = [*range(first), *(loop.state_names.index(name) for name in oracle.state_names)]
     for seed in range(3):
         x, t = state_of(scene, loop, seed), 0.3 + 0.5 * seed
         rate = loop.dynamics(t, x, loop.at(t, x, c)).full().ravel()
-        np.testing.assert_allclose(rate, engine.derivative(t, x), rtol=1e-8, atol=1e-8 * np.abs(rate).max())
+        near = {"rtol": 1e-8, "atol": 1e-8 * np.abs(rate).max()}
+        np.testing.assert_allclose(rate, engine.derivative(t, x), **near)
+        np.testing.assert_allclose(rate[own], oracle.derivative(t, x[own]), **near)
 
 
 @pytest.mark.parametrize("text", SCENES.values(), ids=SCENES)

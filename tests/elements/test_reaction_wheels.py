@@ -11,9 +11,9 @@ from spacerobot import build_rollout, simulate
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.elements.actuators.reaction_wheels import ReactionWheels
 from spacerobot.errors import ScenarioError
-from spacerobot.pinocchio_engine import simulate as second
 from spacerobot.scenario.load import validate
 from spacerobot.scene import build_scene, load_scene
+from tests.oracles.engine import simulate as second
 from tests.oracles.small_scenes import PLANAR, small_scene
 
 MASS, TURN, WHEEL = 20.0, 2.0, 0.05

@@ -5,8 +5,8 @@ import pytest
 
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.errors import ScenarioError
-from spacerobot.pinocchio_engine import simulate
 from spacerobot.rollout import Measures, Signals, build_rollout, final
+from tests.oracles.engine import simulate
 from tests.oracles.small_scenes import PLANAR, small_scene
 
 PERIOD, OFFSET, SCALE, AHEAD = 0.15, 0.004, 1.02, 0.3

@@ -5,7 +5,7 @@ import pytest
 
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.errors import SpaceRobotError
-from spacerobot.pinocchio_engine import Engine
+from tests.oracles.engine import Engine
 from tests.oracles.small_scenes import PLANAR, random_x, small_scene
 
 BALL = {"shape": "sphere", "radius": 0.35}

@@ -9,7 +9,7 @@ from scipy.optimize import lsq_linear
 import spacerobot as sr
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.errors import ScenarioError
-from spacerobot.pinocchio_engine import simulate as second
+from tests.oracles.engine import simulate as second
 from tests.oracles.hybrid import roll
 from tests.oracles.small_scenes import small_scene
 from tests.pinocchio_engine.test_dockings import hold_together

@@ -7,10 +7,10 @@ from collections.abc import Mapping
 import numpy as np
 
 from spacerobot.closedloop import build_closed_loop
-from spacerobot.pinocchio_engine import Engine, simulate
-from spacerobot.pinocchio_engine.outputs import outputs_at
 from spacerobot.rollout import Trajectory, build_rollout
 from spacerobot.scene import Scene
+from tests.oracles.engine import Engine, simulate
+from tests.oracles.engine.outputs import outputs_at
 
 
 class Symbolic:

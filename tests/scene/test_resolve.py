@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from spacerobot.errors import ScenarioError
-from spacerobot.pinocchio_engine import Engine
 from spacerobot.scenario.load import parse_yaml, to_document, to_yaml, validate
 from spacerobot.scenario.paths import get
 from spacerobot.scene import build_scene, load_scene
+from tests.oracles.engine import Engine
 from tests.oracles.small_scenes import PLANAR, SPATIAL, folder, small_scene
 
 

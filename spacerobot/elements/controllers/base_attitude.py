@@ -74,7 +74,7 @@ class BaseAttitude(RobotController):
             whole = momentum(plant.model, plant.kinematics, plant.inertias, joints, centre)[1]
             return ArmReaction(None, cross(spin, carried), whole - carried)
         lever = centre - origin
-        force, torque = plant.articulated.inertia_force(joints)
+        force, torque = plant.inertia_force(joints)
         about_centre = ca.vertcat(cross_columns(lever, ca.SX.eye(3)), ca.SX.eye(3))
         sense = resistance(robot, about_centre) - reduced(robot, ca.mtimes(turning, own))
         return ArmReaction(sense, torque - cross(lever, force))

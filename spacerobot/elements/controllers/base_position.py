@@ -73,7 +73,7 @@ class BasePosition(RobotController):
             return ArmReaction(None, ca.SX(3, 1), whole - mass * plant.velocity(robot.base_frame)[0])
         along = ca.vertcat(ca.SX.eye(3), ca.SX(3, 3))
         sense = resistance(robot, along) - reduced(robot, mass * moving)
-        drift = plant.articulated.inertia_force(joints)[0] - mass * plant.drift(robot.base_frame)[0]
+        drift = plant.inertia_force(joints)[0] - mass * plant.drift(robot.base_frame)[0]
         return ArmReaction(sense, drift)
 
     def assumptions(self) -> list[str]:

@@ -17,7 +17,6 @@ from typing import ClassVar, Literal
 import casadi as ca
 from pydantic import Field
 
-from spacerobot.dynamics import configuration_derivative
 from spacerobot.elements.context import TipContext
 from spacerobot.elements.contribution import Contribution, ControlChannel, State
 from spacerobot.elements.controller import TipController
@@ -152,8 +151,7 @@ def _seen_from(feedback: str, tip: TipContext, axes: list[int], *, turns: bool) 
         ones = ca.SX(plant.v.size1(), 1)
         ones[list(tip.columns)] = 1
         seen = ca.mtimes(arm, ones)
-        turning = ca.jtimes(seen, plant.q, configuration_derivative(plant.model, plant.q, plant.v))
-        velocity, drift = velocity + offset * seen, drift + offset * turning
+        velocity, drift = velocity + offset * seen, drift + offset * plant.rate(seen)
     return _FedBack(velocity, drift, drive, scale * drive)
 
 

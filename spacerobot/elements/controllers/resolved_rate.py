@@ -23,7 +23,6 @@ from typing import Literal
 import casadi as ca
 from pydantic import Field
 
-from spacerobot.dynamics import inverse_dynamics, mass_matrix
 from spacerobot.dynamics.algebra import SymmetricFactors
 from spacerobot.elements.context import RobotContext, TipContext
 from spacerobot.elements.contribution import Contribution
@@ -178,9 +177,8 @@ class _FreeBase:
         joint = plant.model.joints[robot.base_joint]
         base = list(range(joint.idx_v, joint.idx_v + joint.nv)) if robot.base_joint else []
         gathered = plant.gathered
-        inertia = gathered(gathered(mass_matrix(plant.model, plant.kinematics, plant.inertias)).T)
-        none = ca.SX(plant.v.size1(), 1)
-        bias = gathered(inverse_dynamics(plant.model, plant.kinematics, plant.inertias, none))
+        inertia = gathered(gathered(plant.mass_matrix).T)
+        bias = gathered(plant.bias)
         if not base:
             nothing = ca.SX(0, len(columns)), ca.SX(0, 1)
             return cls(base, *nothing, inertia[columns, columns], bias[columns])

@@ -9,9 +9,9 @@ from optim.planning.searches.bench import Bench
 from optim.planning.searches.make import make_plan
 from optim.planning.transcription.mesh import Mesh
 from optim.planning.written.plan_file import FOLLOWED, dataset, write
-from spacerobot import pinocchio_engine
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
+from tests.oracles import engine as pinocchio_engine
 
 RAIL = """<robot name="rail"><link name="rail"/>
 <link name="cart"><inertial><mass value="2"/>

@@ -15,10 +15,10 @@ from spacerobot.arrays import Array
 from spacerobot.elements.knots import ends_of, slices_of
 from spacerobot.elements.plan_following import PhasedPlan, TipMotion
 from spacerobot.elements.references.plan import PlanReference
-from spacerobot.pinocchio_engine.kinematics import Kinematics, cross
-from spacerobot.pinocchio_engine.references import Begins, Leads, Motion, leading
-from spacerobot.pinocchio_engine.robot_law import Asking
-from spacerobot.pinocchio_engine.sight import Sight
+from tests.oracles.engine.kinematics import Kinematics, cross
+from tests.oracles.engine.references import Begins, Leads, Motion, leading
+from tests.oracles.engine.robot_law import Asking
+from tests.oracles.engine.sight import Sight
 
 Piece = TypeVar("Piece")
 SMALL = 1e-3

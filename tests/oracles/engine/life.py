@@ -10,9 +10,9 @@ import pinocchio as pin
 
 from spacerobot.arrays import Array
 from spacerobot.elements.capture import Capture
-from spacerobot.pinocchio_engine.grasps import Relative, Rest, mask
-from spacerobot.pinocchio_engine.references import Jet, cubic_blend
 from spacerobot.scene import Scene, SceneGrasp
+from tests.oracles.engine.grasps import Relative, Rest, mask
+from tests.oracles.engine.references import Jet, cubic_blend
 
 SHORTEST = 1e-6
 """Least way [m, rad] that is drawn in, so that it takes a time."""

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from spacerobot.arrays import Array
-from spacerobot.pinocchio_engine.engine import Engine
-from spacerobot.pinocchio_engine.grasps import Constraint, grasp_of
-from spacerobot.pinocchio_engine.kinematics import Kinematics, joint_space_inertia
+from tests.oracles.engine.engine import Engine
+from tests.oracles.engine.grasps import Constraint, grasp_of
+from tests.oracles.engine.kinematics import Kinematics, joint_space_inertia
 
 
 @dataclass(frozen=True)

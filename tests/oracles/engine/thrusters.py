@@ -12,9 +12,9 @@ from scipy.optimize import lsq_linear, nnls
 from spacerobot.arrays import Array
 from spacerobot.elements.actuators.thrusters import AT_ONCE, GRAVITY, WHOLE, Nozzle, Thrusters
 from spacerobot.elements.allocation import EVEN, NEAREST
-from spacerobot.pinocchio_engine.actuation import Delivered, Now, Push, Turn, base_columns, delivery_of
-from spacerobot.pinocchio_engine.kinematics import Kinematics
 from spacerobot.scene import Scene, SceneBody
+from tests.oracles.engine.actuation import Delivered, Now, Push, Turn, base_columns, delivery_of
+from tests.oracles.engine.kinematics import Kinematics
 
 ROUNDING = 1e-9
 """By which parts may pass 0 and 1 before they are cut, else none might give the same wrench."""

@@ -7,16 +7,16 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 from spacerobot.errors import ScenarioError
-from spacerobot.pinocchio_engine.actuation import Delivery, deliveries
-from spacerobot.pinocchio_engine.kinematics import Kinematics
-from spacerobot.pinocchio_engine.life import Life
-from spacerobot.pinocchio_engine.references import Begins, Leads, Motion, leading
-from spacerobot.pinocchio_engine.robot_law import RobotLaw, robot_law
-from spacerobot.pinocchio_engine.sight import Held, Holding, sight_of
-from spacerobot.pinocchio_engine.tip_control import Channel, tip_law
 from spacerobot.scenario import Robot, Scenario
 from spacerobot.scene import Scene
 from spacerobot.scene.scene import SceneReference
+from tests.oracles.engine.actuation import Delivery, deliveries
+from tests.oracles.engine.kinematics import Kinematics
+from tests.oracles.engine.life import Life
+from tests.oracles.engine.references import Begins, Leads, Motion, leading
+from tests.oracles.engine.robot_law import RobotLaw, robot_law
+from tests.oracles.engine.sight import Held, Holding, sight_of
+from tests.oracles.engine.tip_control import Channel, tip_law
 
 
 @dataclass(frozen=True)

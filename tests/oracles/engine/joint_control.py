@@ -18,13 +18,13 @@ from scipy.interpolate import KroghInterpolator
 from spacerobot.arrays import Array
 from spacerobot.elements.controllers.joint_pd import JointPd
 from spacerobot.elements.joint_plan import JointPlanController
-from spacerobot.pinocchio_engine.kinematics import Kinematics, joint_space_inertia, rotation_vector
-from spacerobot.pinocchio_engine.planned import Pieces, hermite, plan_time, window_ends
-from spacerobot.pinocchio_engine.references import Motion
-from spacerobot.pinocchio_engine.robot_law import Asked, Asking, RobotLaw, robot_law
-from spacerobot.pinocchio_engine.sensing import reading_of, sensors_of
-from spacerobot.pinocchio_engine.tip_control import Channel, Command
 from spacerobot.scene import Scene, SceneBody
+from tests.oracles.engine.kinematics import Kinematics, joint_space_inertia, rotation_vector
+from tests.oracles.engine.planned import Pieces, hermite, plan_time, window_ends
+from tests.oracles.engine.references import Motion
+from tests.oracles.engine.robot_law import Asked, Asking, RobotLaw, robot_law
+from tests.oracles.engine.sensing import reading_of, sensors_of
+from tests.oracles.engine.tip_control import Channel, Command
 
 
 @dataclass(frozen=True)

@@ -18,11 +18,11 @@ import pinocchio as pin
 from spacerobot.arrays import Array
 from spacerobot.elements.controllers.base_attitude import BaseAttitude
 from spacerobot.elements.controllers.base_position import BasePosition
-from spacerobot.pinocchio_engine.actuation import base_columns
-from spacerobot.pinocchio_engine.kinematics import Kinematics, joint_space_inertia, rotation_vector
-from spacerobot.pinocchio_engine.robot_law import Asked, Asking, robot_law
-from spacerobot.pinocchio_engine.tip_control import Command
 from spacerobot.scene import Scene, SceneBody
+from tests.oracles.engine.actuation import base_columns
+from tests.oracles.engine.kinematics import Kinematics, joint_space_inertia, rotation_vector
+from tests.oracles.engine.robot_law import Asked, Asking, robot_law
+from tests.oracles.engine.tip_control import Command
 
 
 @dataclass(frozen=True)

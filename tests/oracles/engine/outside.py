@@ -7,9 +7,9 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from spacerobot.arrays import Array
-from spacerobot.pinocchio_engine.actuation import Push
-from spacerobot.pinocchio_engine.kinematics import Kinematics, cross
 from spacerobot.scene import Scene
+from tests.oracles.engine.actuation import Push
+from tests.oracles.engine.kinematics import Kinematics, cross
 
 IMPULSE = tuple(f"impulse.{kind}[{i}]" for kind in ("linear", "angular") for i in range(3))
 """Names of the states that hold it."""

@@ -10,10 +10,10 @@ import pinocchio as pin
 
 from spacerobot.arrays import Array
 from spacerobot.elements.sensors.sampled import Sampled
-from spacerobot.pinocchio_engine.kinematics import Kinematics
-from spacerobot.pinocchio_engine.sensing import reading_of, sensors_of
 from spacerobot.scene import Scene, SceneTip
 from spacerobot.scene.scene import SceneReference
+from tests.oracles.engine.kinematics import Kinematics
+from tests.oracles.engine.sensing import reading_of, sensors_of
 
 SIGNALS = {"target_position", "target_velocity", "target_spin"}
 """What is seen of a mating frame."""

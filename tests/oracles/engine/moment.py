@@ -9,12 +9,12 @@ from dataclasses import dataclass
 import pinocchio as pin
 
 from spacerobot.arrays import Array
-from spacerobot.pinocchio_engine.contacts import Touch, touches
-from spacerobot.pinocchio_engine.engine import Engine, Instant
-from spacerobot.pinocchio_engine.grasps import Relative
-from spacerobot.pinocchio_engine.kinematics import Kinematics
-from spacerobot.pinocchio_engine.mode import Mode
 from spacerobot.scene import SceneGrasp
+from tests.oracles.engine.contacts import Touch, touches
+from tests.oracles.engine.engine import Engine, Instant
+from tests.oracles.engine.grasps import Relative
+from tests.oracles.engine.kinematics import Kinematics
+from tests.oracles.engine.mode import Mode
 
 
 @dataclass(frozen=True)

@@ -13,10 +13,10 @@ from spacerobot.arrays import Array
 from spacerobot.elements import Actuator
 from spacerobot.elements.actuators.base_wrench import BaseWrench
 from spacerobot.elements.actuators.torque_limit import TorqueLimit
-from spacerobot.pinocchio_engine.kinematics import Kinematics
-from spacerobot.pinocchio_engine.laws import refusal
 from spacerobot.scenario import Robot
 from spacerobot.scene import Scene, SceneBody
+from tests.oracles.engine.kinematics import Kinematics
+from tests.oracles.engine.laws import refusal
 
 
 @dataclass(frozen=True)

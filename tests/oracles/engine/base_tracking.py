@@ -11,10 +11,10 @@ from scipy.interpolate import KroghInterpolator
 
 from spacerobot.arrays import Array
 from spacerobot.elements.controllers.base_tracking import PLANAR, SPATIAL, BaseTracking
-from spacerobot.pinocchio_engine.kinematics import Kinematics
-from spacerobot.pinocchio_engine.planned import Pieces, plan_time, window_ends
-from spacerobot.pinocchio_engine.robot_law import Asked, Asking, RobotLaw, robot_law
 from spacerobot.scene import Scene, SceneBody
+from tests.oracles.engine.kinematics import Kinematics
+from tests.oracles.engine.planned import Pieces, plan_time, window_ends
+from tests.oracles.engine.robot_law import Asked, Asking, RobotLaw, robot_law
 
 
 @dataclass(frozen=True)

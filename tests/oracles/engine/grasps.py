@@ -13,10 +13,10 @@ from spacerobot.elements import Grasp
 from spacerobot.elements.grasps.compliant import Compliant
 from spacerobot.elements.grasps.point import Point
 from spacerobot.elements.grasps.weld import Weld
-from spacerobot.pinocchio_engine.kinematics import Kinematics, cross, rotation_vector
-from spacerobot.pinocchio_engine.laws import refusal
-from spacerobot.pinocchio_engine.references import Jet
 from spacerobot.scene import Scene, SceneGrasp
+from tests.oracles.engine.kinematics import Kinematics, cross, rotation_vector
+from tests.oracles.engine.laws import refusal
+from tests.oracles.engine.references import Jet
 
 
 @dataclass(frozen=True)

@@ -10,18 +10,18 @@ import numpy as np
 
 from spacerobot.arrays import Array
 from spacerobot.errors import ScenarioError, near_names
-from spacerobot.pinocchio_engine.contacts import Touch, dissipation_of
-from spacerobot.pinocchio_engine.engine import Engine
-from spacerobot.pinocchio_engine.grasps import Coupling, grasp_of
-from spacerobot.pinocchio_engine.impact import strike
-from spacerobot.pinocchio_engine.life import Life, draws, room
-from spacerobot.pinocchio_engine.mode import Mode, Touching, led
-from spacerobot.pinocchio_engine.moment import Event, Moment
-from spacerobot.pinocchio_engine.outputs import outputs_at
-from spacerobot.pinocchio_engine.sight import Holding, holding
 from spacerobot.scenario.phases import END, Limit, Settled, successors
 from spacerobot.scene import SceneGrasp
 from spacerobot.scene.scene import SceneContact
+from tests.oracles.engine.contacts import Touch, dissipation_of
+from tests.oracles.engine.engine import Engine
+from tests.oracles.engine.grasps import Coupling, grasp_of
+from tests.oracles.engine.impact import strike
+from tests.oracles.engine.life import Life, draws, room
+from tests.oracles.engine.mode import Mode, Touching, led
+from tests.oracles.engine.moment import Event, Moment
+from tests.oracles.engine.outputs import outputs_at
+from tests.oracles.engine.sight import Holding, holding
 
 KINDS = (
     *("captured", "entered", "left", "drawn", "released", "slipped"),

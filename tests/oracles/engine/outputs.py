@@ -11,9 +11,9 @@ import pinocchio as pin
 from spacerobot.arrays import Array
 from spacerobot.elements.controllers.base_attitude import BaseAttitude
 from spacerobot.elements.controllers.base_position import BasePosition
-from spacerobot.pinocchio_engine.base_control import BaseController
-from spacerobot.pinocchio_engine.engine import Engine, Instant
-from spacerobot.pinocchio_engine.kinematics import rotation_vector
+from tests.oracles.engine.base_control import BaseController
+from tests.oracles.engine.engine import Engine, Instant
+from tests.oracles.engine.kinematics import rotation_vector
 
 
 def outputs_at(engine: Engine, t: float, x: Array, within: float | None = None) -> dict[str, Array]:

@@ -11,10 +11,10 @@ from scipy.optimize import brentq
 from spacerobot.arrays import Array
 from spacerobot.elements import Environment
 from spacerobot.elements.environments.orbit import Orbit
-from spacerobot.pinocchio_engine.actuation import Push
-from spacerobot.pinocchio_engine.kinematics import Kinematics, cross
-from spacerobot.pinocchio_engine.laws import refusal
 from spacerobot.scene import Scene
+from tests.oracles.engine.actuation import Push
+from tests.oracles.engine.kinematics import Kinematics, cross
+from tests.oracles.engine.laws import refusal
 
 
 @dataclass(frozen=True)

@@ -9,11 +9,11 @@ from typing import Protocol
 
 from spacerobot.arrays import Array
 from spacerobot.elements import RobotController
-from spacerobot.pinocchio_engine.kinematics import Kinematics
-from spacerobot.pinocchio_engine.laws import refusal
-from spacerobot.pinocchio_engine.references import Motion
-from spacerobot.pinocchio_engine.tip_control import Command
 from spacerobot.scene import Scene, SceneBody
+from tests.oracles.engine.kinematics import Kinematics
+from tests.oracles.engine.laws import refusal
+from tests.oracles.engine.references import Motion
+from tests.oracles.engine.tip_control import Command
 
 
 @dataclass(frozen=True)

@@ -15,10 +15,10 @@ from spacerobot.arrays import Array
 from spacerobot.elements import Contact
 from spacerobot.elements.contacts.hunt_crossley import HuntCrossley
 from spacerobot.pinocchio_engine.crowned import crowned_distance
-from spacerobot.pinocchio_engine.kinematics import Kinematics, cross
-from spacerobot.pinocchio_engine.laws import refusal
 from spacerobot.scene.contacts import coal_distance
 from spacerobot.scene.scene import SceneContact, SceneShape
+from tests.oracles.engine.kinematics import Kinematics, cross
+from tests.oracles.engine.laws import refusal
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,34 @@
+"""The second opinion: the same closed loop, written again over Pinocchio's own algorithms."""
+
+from tests.oracles.engine import base_control as _base_control  # noqa: F401 (a writing of its own)
+from tests.oracles.engine import base_tracking as _base_tracking  # noqa: F401 (likewise)
+from tests.oracles.engine import planned as _planned  # noqa: F401 (a writing of its own)
+from tests.oracles.engine import rendezvous as _rendezvous  # noqa: F401 (a writing of its own)
+from tests.oracles.engine import resolved_rate as _resolved_rate  # noqa: F401 (a writing of its own)
+from tests.oracles.engine import thrusters as _thrusters  # noqa: F401 (a writing of its own)
+from tests.oracles.engine.contacts import contact_of
+from tests.oracles.engine.engine import Engine
+from tests.oracles.engine.environments import environment_of
+from tests.oracles.engine.events import KINDS as EVENTS
+from tests.oracles.engine.grasps import grasp_of
+from tests.oracles.engine.references import leading, path_of, turn_of
+from tests.oracles.engine.robot_law import robot_law
+from tests.oracles.engine.sensing import reading_of
+from tests.oracles.engine.simulate import Checked, simulate
+from tests.oracles.engine.tip_control import tip_law
+
+__all__ = [
+    "EVENTS",
+    "Checked",
+    "Engine",
+    "contact_of",
+    "environment_of",
+    "grasp_of",
+    "leading",
+    "path_of",
+    "reading_of",
+    "robot_law",
+    "simulate",
+    "tip_law",
+    "turn_of",
+]

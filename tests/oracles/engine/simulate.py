@@ -1,0 +1,119 @@
+"""Roll out a scene with an adaptive integrator of high order."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from spacerobot.arrays import Array
+from spacerobot.rollout.grid import time_grid
+from spacerobot.rollout.trajectory import Trajectory, frozen
+from spacerobot.scene import Scene
+from tests.oracles.engine.engine import Engine
+from tests.oracles.engine.integrator import Happened, Integrator
+from tests.oracles.engine.outputs import outputs_at
+
+Progress = Callable[[float], None]
+"""Told the part of the time, 0 to 1, that is done."""
+
+
+@dataclass(frozen=True, repr=False)
+class Checked(Trajectory):
+    """A rollout by this engine.
+
+    Attributes
+    ----------
+    happened
+        Its events; ``events`` is empty, for it holds those of a closed loop.
+    """
+
+    happened: tuple[Happened, ...] = ()
+
+
+def simulate(
+    scene: Scene,
+    *,
+    output_step_s: float | None = None,
+    duration_s: float | None = None,
+    rtol: float = 1e-11,
+    atol: float = 1e-12,
+    progress: Progress | None = None,
+) -> Checked:
+    """Simulate a scene with Pinocchio's algorithms and an explicit Runge-Kutta method of order 8.
+
+    The integration stops at every sample and wherever two pieces of a reference meet, so that each of its
+    steps sees a smooth right-hand side (clipped torques excepted) and samples are not interpolated.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    output_step_s, duration_s
+        Longest time between samples, and duration [s]; the scenario's own if None.
+    rtol, atol
+        Tolerances of the integrator, per component of x.
+    progress
+        Told how far it is, once for each sample.
+
+    Returns
+    -------
+    Checked
+        No measures and costs. A sample on the end of a reference shows what led up to it. Cut short, with
+        status ``diverged``, where the state leaves its bounds, becomes singular or cannot be integrated.
+
+    Raises
+    ------
+    SpaceRobotError
+        If a duration, a step or a tolerance is not positive and finite.
+    """
+    simulation = scene.scenario.simulation
+    output_step_s = simulation.output_step if output_step_s is None else output_step_s
+    duration_s = simulation.duration if duration_s is None else duration_s
+    samples = time_grid(duration_s, output_step_s, output_step_s).time
+    engine = Engine(scene)
+    integrator = Integrator(engine, rtol, atol)
+    states, outputs, bad = _roll_out(engine, integrator, samples, progress or (lambda _: None))
+    return Checked(
+        time=frozen(samples[: len(states)]),
+        state=frozen(np.array(states)),
+        outputs={name: frozen(np.array([y[name] for y in outputs])) for name in outputs[0]},
+        measures={},
+        costs={},
+        status="chattering" if integrator.chattering else "completed" if bad is None else "diverged",
+        diverged_at_s=bad,
+        steps=0,
+        step_s=float("nan"),
+        backend="pinocchio",
+        wall_s=0.0,
+        ended_at_s=integrator.t if integrator.ended else None,
+        happened=tuple(integrator.events),
+        state_names=engine.state_names,
+    )
+
+
+def _roll_out(
+    engine: Engine, integrator: Integrator, samples: Array, progress: Progress
+) -> tuple[list[Array], list[dict[str, Array]], float | None]:
+    """States and outputs at the samples, and the time [s] at which they end early, if they do."""
+    states, outputs = [integrator.x], [outputs_at(engine, 0.0, integrator.x)]
+    for until in samples[1:]:
+        x, within = integrator.advance(until)
+        if integrator.stopped:
+            return states, outputs, integrator.t if integrator.chattering else None
+        found = None if x is None else _outputs(engine, until, x, within)
+        if x is None or found is None:
+            return states, outputs, min(integrator.t, until)
+        states.append(x)
+        outputs.append(found)
+        progress(until / samples[-1])
+    return states, outputs, None
+
+
+def _outputs(engine: Engine, t: float, x: Array, within: float) -> dict[str, Array] | None:
+    """Outputs of a sample; None where they do not exist."""
+    try:
+        return outputs_at(engine, t, x, within)
+    except np.linalg.LinAlgError:
+        return None
