@@ -57,7 +57,8 @@ def build_summary(
         **notes,
     }
     advice = advise(engine, scene.scenario.simulation.tolerance, fastest)
-    beyond = beyond_limits(scene, data)
+    # a rollout that diverged passes every limit on its way: that explains nothing
+    beyond = beyond_limits(scene, data) if trajectory.status == "completed" else []
     return {
         "format": FORMAT,
         "name": scene.scenario.name,
