@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import coal
 import numpy as np
 import pinocchio as pin
-from scipy.optimize import minimize_scalar
 
 from spacerobot.arrays import Array
 from spacerobot.description.parts import Geometry
@@ -65,6 +64,8 @@ def _capsule(points: Array, axis: int) -> tuple[float, float, float, float]:
     def volume(radius: float) -> float:
         """Of the cylinder and the two half balls."""
         return float(np.pi * radius**2 * (2 * ends(radius)[0] + 4 / 3 * radius))
+
+    from scipy.optimize import minimize_scalar  # slow to import, and few scenes have meshes to wrap
 
     inside = minimize_scalar(volume, bounds=(least, most), method="bounded").x if least < most else least
     radius = min((least, float(inside), most), key=volume)
