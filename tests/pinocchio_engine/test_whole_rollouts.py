@@ -107,9 +107,9 @@ def test_divergence_is_a_status_and_keeps_what_was_good():
         assert np.isfinite(values).all()
 
 
-def test_state_without_a_rate_is_divergence_not_an_endless_search():
-    scene = small_scene(PLANAR, {"robots.one.links.link_1.mass": 1e308})
-    found = simulate(scene)
+def test_state_without_a_rate_is_divergence_not_an_endless_search(monkeypatch):
+    monkeypatch.setattr(Engine, "derivative", lambda self, t, x, within=None: np.full(len(x), np.nan))
+    found = simulate(small_scene(PLANAR))
     assert (found.status, found.diverged_at_s, len(found.time)) == ("diverged", 0.0, 1)
 
 
