@@ -202,7 +202,7 @@ def test_a_plan_that_is_a_saddle_point_says_so(turning, capsys):
     saddle = dataclasses.replace(found, verdict=dataclasses.replace(found.verdict, saddle=True))
     assert summary(saddle)["verdict"]["second_order"] == dataset(saddle).status == "saddle point"
     _show(saddle)
-    assert "saddle point: motions beside it cost less" in " ".join(capsys.readouterr().err.split())
+    assert "saddle point: nearby motions cost less" in " ".join(capsys.readouterr().err.split())
 
 
 def test_the_least_time_of_half_a_turn_is_that_of_bilimoria_and_wie(turning):
