@@ -11,6 +11,8 @@ import pytest
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as a shell has it for what it runs in the background
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
+os.environ.pop("COLUMNS", None)  # which pytest's workers set: tests of narrow terminals set their own
+
 FIXTURES = {"browser": {"browser"}, "dask": {"dask", "cluster"}}
 """Fixtures whose tests have a marker."""
 

@@ -25,8 +25,6 @@ SHORT = ("--set", "simulation.duration=0.5")
 
 @pytest.fixture
 def spacerobot(monkeypatch, capsys):
-    monkeypatch.delenv("COLUMNS", raising=False)  # which workers of tests have
-
     def run(*arguments):
         monkeypatch.setattr(sys, "argv", ["spacerobot", *map(str, arguments)])
         with pytest.raises(SystemExit) as left:
