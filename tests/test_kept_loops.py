@@ -58,8 +58,8 @@ def test_the_second_time_nothing_is_built_and_nothing_differs(file, folder, buil
 
 def test_another_process_finds_it(file, folder, builds):
     program = (
-        "from spacerobot import kept; from spacerobot.scene import load_scene;"
-        f"kept.kept_closed_loop(load_scene({str(file)!r}))"
+        "from spacerobot import loop_cache; from spacerobot.scene import load_scene;"
+        f"loop_cache.cached_closed_loop(load_scene({str(file)!r}))"
     )
     subprocess.run([sys.executable, "-c", program], check=True)
     cached_closed_loop(load_scene(file))

@@ -13,7 +13,7 @@ ROOT = Path(__file__).parents[2]
 
 BESIDE = """
 import pathlib, signal, sys, threading, time
-from spacerobot.compiled.build import Unit, build
+from spacerobot.compiled.build import SourceUnit, build
 from spacerobot.compiled.toolchain import Toolchain
 from spacerobot.interrupts import minded
 
@@ -23,7 +23,7 @@ compiler.write_text(f"#!/bin/sh\\nsleep 1000 &\\necho $$ $! > {folder}/started\\
 compiler.chmod(0o700)
 tools = Toolchain((str(compiler),), "", (), (), "", 2, {})
 with minded():
-    threading.Thread(target=build, args=([Unit("")], tools, folder), daemon=True).start()
+    threading.Thread(target=build, args=([SourceUnit("")], tools, folder), daemon=True).start()
     while not (folder / "started").exists() or not (folder / "started").read_text().strip():
         time.sleep(0.01)
     print("compiling", flush=True)

@@ -151,7 +151,7 @@ OWN = '''
 from typing import Literal
 import casadi as ca
 import spacerobot as sr
-from spacerobot.elements import Actuator, Contribution, Drive, State
+from spacerobot.elements import Actuator, Contribution, ActuatorDrive, State
 from spacerobot.section import quantity
 
 @sr.register
@@ -165,7 +165,7 @@ class Lag(Actuator):
         time, name = actuator.context.number("time"), f"{actuator.robot}/lag"
         def follow(asked):
             return Contribution(states=(State(name, held, ca.SX.zeros(len(columns)), (asked - held) / time),))
-        return Contribution(drives=(Drive(columns, lambda asked: held, follow),))
+        return Contribution(drives=(ActuatorDrive(columns, lambda asked: held, follow),))
 
 @sr.register
 class Spinner(Actuator):
@@ -175,7 +175,7 @@ class Spinner(Actuator):
     torque: float = quantity("N m", "torque", default=0.2)
     def build(self, actuator):
         torque = actuator.context.number("torque")
-        return Contribution(drives=(Drive((actuator.columns[self.joint],), lambda asked: torque),))
+        return Contribution(drives=(ActuatorDrive((actuator.columns[self.joint],), lambda asked: torque),))
     def owns(self, joints):
         return [self.joint]
 
@@ -186,7 +186,7 @@ class Jets(Actuator):
     thrust: float = quantity("N", "thrust", default=0.5)
     def build(self, actuator):
         thrust = actuator.context.number("thrust")
-        return Contribution(drives=(Drive(actuator.base_columns[:1], lambda asked: asked + thrust),))
+        return Contribution(drives=(ActuatorDrive(actuator.base_columns[:1], lambda asked: asked + thrust),))
 '''
 
 LAG = """

@@ -108,9 +108,9 @@ def test_what_is_complete_is_not_done_again(small, whole):
 KILLED = """
 import sys, time
 from pathlib import Path
-from optim.campaign.run import Here, run_campaign
+from optim.campaign.run import LocalExecutor, run_campaign
 from spacerobot.scene import load_scene
-run_campaign(load_scene(sys.argv[1]), Path(sys.argv[2]), executor=Here(size=5),
+run_campaign(load_scene(sys.argv[1]), Path(sys.argv[2]), executor=LocalExecutor(size=5),
              progress=lambda _: time.sleep(0.1))
 """
 

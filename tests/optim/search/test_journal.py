@@ -94,9 +94,9 @@ def test_a_journal_that_cannot_be_written_says_so(tmp_path):
 SCRIPT = """
     import sys
     from pathlib import Path
-    from optim import Effort, NlpSettings, Protocol, build_problem, tune
+    from optim import Effort, NlpSettings, EvolutionSettings, build_problem, tune
     from spacerobot.scene import load_scene
-    protocol = Protocol(population=10, budget=600)
+    protocol = EvolutionSettings(population=10, budget=600)
     effort = Effort(protocol, protocol, runs=2, nlp=NlpSettings(iterations=40), starts=3)
     scene = load_scene(sys.argv[1])
     problem = build_problem(scene, variables=["kp", "ta"])

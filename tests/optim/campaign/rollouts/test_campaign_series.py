@@ -95,10 +95,10 @@ def test_a_worker_of_dask_changes_no_bit(small, whole, tmp_path):
 KILLED = """
 import sys, time
 from pathlib import Path
-from optim.campaign.run import Here, run_campaign
+from optim.campaign.run import LocalExecutor, run_campaign
 from spacerobot.scene import load_scene
 scene = load_scene(sys.argv[1], {"campaign.series": sys.argv[3].split(","), "campaign.series_step": 0.05})
-run_campaign(scene, Path(sys.argv[2]), executor=Here(size=5), progress=lambda _: time.sleep(0.1))
+run_campaign(scene, Path(sys.argv[2]), executor=LocalExecutor(size=5), progress=lambda _: time.sleep(0.1))
 """
 
 
