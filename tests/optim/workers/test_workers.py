@@ -12,6 +12,7 @@ import pytest
 
 from optim.methods.evolutionary import EvolutionSettings, evolve
 from optim.methods.nlp import NlpSettings, solve
+from optim.problem import operations
 from optim.problem.tuning_problem import build_problem
 from optim.search.search import Search
 from optim.tuning import tune
@@ -227,10 +228,12 @@ def test_another_client_of_this_process_disturbs_nothing(small, dask, cluster):
 
 
 class Nobody(Threads):
-    """Rolls out nothing: everything must be in the journals."""
+    """Rolls out nothing but the check of the step at the best point: all else must be in the journals."""
 
     def map(self, problem, operation, rows, *, grain=8):
-        raise AssertionError("asked for a rollout")
+        assert operation is operations.linearisations, "a rollout is not in the journals"
+        assert len(rows) == 1
+        return super().map(problem, operation, rows, grain=grain)
 
 
 def test_constraints_and_peaks_travel(small, dask):
