@@ -23,7 +23,7 @@ from viz.page.planned import beside_its_plan
 
 PLAN = REACH["plan"] | {
     "intervals": 4,
-    "tolerance": 1.0,
+    "tolerance": 1e-4,
     "duration": 2,
     "limits": {"torque": 5, "base_rotation_deg": 0.4},
     "keep_out": {"apart": {"between": ["end", "ball"], "distance": 0.02}},
