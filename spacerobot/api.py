@@ -71,9 +71,8 @@ def simulate(scene: Scene, *, backend: Backend = "auto", progress: Progress | No
 def uses_mpc(scene: Scene) -> bool:
     """Whether a robot of a scene is under model predictive control, by the engine that can be resumed."""
     controllers = [one for robot in scene.scenario.robots.values() for one in robot.controllers.values()]
-    return scene.scenario.simulation.engine == "casadi" and any(
-        one.replanning is not None for one in controllers
-    )
+    is_resumable = scene.scenario.simulation.engine == "casadi"
+    return is_resumable and any(one.replanning is not None for one in controllers)
 
 
 @dataclass(frozen=True)

@@ -109,8 +109,8 @@ def run_scene(
 
     ``watch`` is told the same words as the spinner.
     """
+    from spacerobot.api import simulate
     from spacerobot.result import check_folder, save
-    from spacerobot.simulation import simulate
 
     if out is not None:
         check_folder(out)
@@ -122,21 +122,8 @@ def run_scene(
             if watch is not None:
                 watch(words)
 
-        if plans_in_flight(scene):
-            from optim.planning.receding.flight import fly
-
-            result = fly(scene, backend=backend, progress=tell)
-        else:
-            result = simulate(scene, backend=backend, progress=tell)
+        result = simulate(scene, backend=backend, progress=tell)
     return save(result, out) if out is not None else result
-
-
-def plans_in_flight(scene: Scene) -> bool:
-    """Whether a robot makes its plan anew in each period, by the engine that can be resumed."""
-    controllers = [one for robot in scene.scenario.robots.values() for one in robot.controllers.values()]
-    return scene.scenario.simulation.engine == "casadi" and any(
-        one.replanning is not None for one in controllers
-    )
 
 
 def fail_if_diverged(result: Result) -> None:

@@ -127,7 +127,7 @@ def run(monkeypatch, *arguments):
 
 
 def test_an_interrupt_lost_while_simulating_still_ends_the_run(monkeypatch, capsys, tmp_path):
-    import spacerobot.simulation as job
+    import spacerobot.api as job
 
     simulate = job.simulate
 
