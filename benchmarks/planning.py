@@ -13,6 +13,7 @@ import numpy as np
 from benchmarks.row import Row
 from benchmarks.timing import paired
 from optim.planning.formulation.formulate import formulate
+from optim.planning.formulation.rows import implicit_in
 from optim.planning.formulation.stage import Problem
 from optim.planning.solver.solve import LEAST_BARRIER, Solved, ipopt_options, one_thread, solve
 from optim.planning.transcription.functions import Instants, Places, build_instants
@@ -344,7 +345,7 @@ def _one(problem: Problem, length: float) -> tuple[ca.SX, ca.SX, ca.SX, tuple[li
 
     Normals of keep-outs are held constant in derivatives, as in ours: what stands for them, and they.
     """
-    about = [row.about for row in problem.path if row.about is not None]
+    about = implicit_in(problem.path)
     stage, model = problem.stage, problem.stage.scene.model
     force = -sparse(np.asarray(model.damping)) * stage.v
     for k, column in enumerate(stage.driven.columns):
@@ -353,7 +354,7 @@ def _one(problem: Problem, length: float) -> tuple[ca.SX, ca.SX, ca.SX, tuple[li
     x, rate = ca.vertcat(stage.q, stage.v), ca.vertcat(stage.rate, body.acceleration(force))
     path, goal, cost = ca.substitute(
         [
-            ca.vertcat(*(row.value if row.about is None else row.about.value for row in problem.path)),
+            ca.vertcat(*(row.value for row in problem.path)),
             ca.vertcat(*(row.value for row in problem.goal)),
             problem.cost,
         ],
@@ -363,7 +364,8 @@ def _one(problem: Problem, length: float) -> tuple[ca.SX, ca.SX, ca.SX, tuple[li
     moving = ca.Function("moving", [x, stage.u], [ca.densify(ca.vertcat(rate, cost))])
     symbols = [one.symbol for one in about]
     path_of = ca.Function("path", [x, stage.u, *symbols], [ca.densify(path)])
-    normals = ca.Function("normals", [x], [one.at for one in about])
+    found = [one.function(one.given) for one in about if one.function is not None]
+    normals = ca.Function("normals", [x], found)
     goal_of = ca.Function("goal", [x, stage.u], [ca.densify(goal)])
     nx, wide = x.numel(), x.numel() + stage.u.numel()
     pair = ca.SX.sym("pair", 2 * wide)

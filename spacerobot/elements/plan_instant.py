@@ -15,24 +15,9 @@ from spacerobot.dynamics.algebra import cross
 from spacerobot.dynamics.joints import sparse
 from spacerobot.elements.contact import Wrap
 from spacerobot.errors import ScenarioError
+from spacerobot.shapes import Implicit
 
 T = TypeVar("T")
-
-
-class Surrogate(NamedTuple):
-    """Another expression of a value, which is cheaper to differentiate.
-
-    Attributes
-    ----------
-    symbol, at
-        Symbol in it, and what that stands for (n x 1 each).
-    value
-        Expression (1x1): first and second derivatives at a constant symbol are those of the value.
-    """
-
-    symbol: ca.SX
-    at: ca.SX
-    value: ca.SX
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +31,7 @@ class BoundedRow:
     unit
         Of its values times its scale.
     value
-        Expression (1x1).
+        Expression (1x1) in an instant, and in the symbol of ``about``.
     lower, upper
         Limits.
     last
@@ -60,7 +45,7 @@ class BoundedRow:
     size
         Of the limit, in that unit, where violations between the points count relative to it.
     about
-        What its derivatives are taken of, if not of ``value``.
+        What an iteration finds for it, constant in the derivatives of ``value``.
     """
 
     name: str
@@ -72,7 +57,7 @@ class BoundedRow:
     scale: float = 1.0
     size: float | None = None
     first: bool = False
-    about: Surrogate | None = None
+    about: Implicit | None = None
     form: Literal["itself", "square", "cosine"] = "itself"
 
     def held(self, share: Array, begins: float) -> npt.NDArray[np.bool_]:
@@ -286,5 +271,5 @@ class PlanInstant(Protocol):
     def arrivals(self) -> Iterator[tuple[ca.SX, ca.SX]]:
         """Velocity [m/s] and spin [rad/s] of tips relative to the mating frames that goals lead them to."""
 
-    def gaps(self, between: tuple[str, str], wrap: Wrap | None) -> Iterator[tuple[str, ca.SX, Surrogate]]:
-        """Distances [m] of pairs of shapes: a label, the distance, and what it is differentiated about."""
+    def gaps(self, between: tuple[str, str], wrap: Wrap | None) -> Iterator[tuple[str, ca.SX, Implicit]]:
+        """Distances [m] of pairs of shapes: a label, the distance, and what an iteration finds for it."""

@@ -19,6 +19,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import casadi as ca
+import numpy as np
 
 from spacerobot.dynamics.algebra import cross
 from spacerobot.shapes.points import TINY, Nearest, clamp
@@ -95,14 +96,41 @@ def to_crowned(
     return found, lead if "cylinder" in kinds else None
 
 
-def gap_near(
-    kinds: tuple[ShapeKind, ShapeKind], one: Shape, other: Shape, normal: ca.SX, crown: ca.SX
-) -> ca.SX:
-    """Signed distance (1x1) [m] after a Newton step from a unit vector (3x1) towards the second."""
-    own, others = (parts_of(kind, at, at.rotation) for kind, at in zip(kinds, (one, other), strict=True))
-    balls = [ball_of(kind, shape) for kind, shape in zip(kinds, (one, other), strict=True)]
-    reach = _Reach(other.position - one.position, [*own, *others], balls[0] + balls[1], crown)
-    return reach.value(reach.nearer(normal))
+def gap_along(
+    kinds: tuple[ShapeKind, ShapeKind], one: Shape, other: Shape, crown: ca.SX
+) -> tuple[ca.SX, ca.SX, ca.Function, ca.SX]:
+    """Signed distance (1x1) [m] as a function of both poses for a given normal.
+
+    The distance is the maximum of V(x, n) over unit vectors n. With n = (n0 + T' d) / |n0 + T' d|, n0 the
+    maximum, and M0 = -V_dd there, both held constant, one Newton step
+
+        d(x) = M0^-1 V_d(x, 0)
+
+    gives a value V(x, d(x)) whose first derivative at the pose of n0 and M0 is V_x (V_d vanishes there), and
+    whose second one is V_xx + V_xd M0^-1 V_dx: both are the distance's.
+
+    Returns
+    -------
+    tuple
+        The distance; a symbol (6x1) for n0 in the first shape's axes and the entries 11, 12, 22 of M0^-1; the
+        function that finds them, and what it is given.
+    """
+    symbol = ca.SX.sym("normal", 6)
+    given = [
+        ca.mtimes(one.rotation.T, other.rotation),
+        one.inside(other.position),
+        one.radius,
+        one.half,
+        other.radius,
+        other.half,
+        crown,
+    ]
+    value, slope, step = _reach_between(kinds, *given)[0].about(symbol[:3])
+    a, b, c = (symbol[k] for k in (3, 4, 5))
+    pull = ca.substitute(slope, step, ca.SX.zeros(2))
+    newton = ca.vertcat(a * pull[0] + b * pull[1], b * pull[0] + c * pull[1])
+    flat = ca.vertcat(*(ca.densify(ca.vec(one)) for one in given))
+    return ca.substitute(value, step, newton), symbol, _maximum(kinds), flat
 
 
 @functools.cache
@@ -111,17 +139,54 @@ def _nearest(kinds: tuple[ShapeKind, ShapeKind]) -> ca.Function:
 
     And the lead of one way out over another.
     """
-    turn, centre, crown = ca.SX.sym("turn", 3, 3), ca.SX.sym("centre", 3), ca.SX.sym("crown")
-    sizes = [ca.SX.sym("size", 3 if kind == "box" else 1) for kind in kinds]
+    given = _symbols(kinds)
+    _, centre, *_, crown = given
+    reach, own, others, ball = _reach_between(kinds, *given)
+    normal, lead = reach.best(_directions(centre, own, others))
+    nearest = centre - _Reach(centre, others, ball, crown).farthest(normal)
+    return ca.Function("near", given, ca.cse([reach.value(normal), normal, nearest, lead]))
+
+
+@functools.cache
+def _maximum(kinds: tuple[ShapeKind, ShapeKind]) -> ca.Function:
+    """Normal in the first's axes, and the inverse of minus the value's second derivative there (6x1)."""
+    given = _symbols(kinds)
+    normal = ca.SX.sym("normal", 3)
+    value, slope, step = _reach_between(kinds, *given)[0].about(normal)
+    bent = -ca.jacobian(slope, step)
+    gap, bend = ca.substitute([value, ca.densify(bent)], [step], [ca.SX.zeros(2)])
+    inverse = ca.Function("inverse", [*given, normal], [_inverse((bend[0, 0], bend[0, 1], bend[1, 1]), gap)])
+    flat = ca.SX.sym("given", sum(one.numel() for one in given))
+    ends = np.cumsum([0, *(one.numel() for one in given)])
+    parts = [
+        ca.reshape(flat[int(a) : int(b)], one.shape)
+        for a, b, one in zip(ends[:-1], ends[1:], given, strict=True)
+    ]
+    found = _nearest(kinds)(*parts)[1]
+    name = f"maximum_{kinds[0]}_{kinds[1]}"
+    return ca.Function(name, [flat], [ca.vertcat(found, inverse(*parts, found))], ["given"], ["found"])
+
+
+def _symbols(kinds: tuple[ShapeKind, ShapeKind]) -> list[ca.SX]:
+    """Turn and centre of the second in the axes of the first, radius and size of each, and the crown."""
     radii = [ca.SX.sym("radius") for _ in kinds]
-    here = Shape(ca.SX.eye(3), ca.SX(3, 1), radii[0], sizes[0]), Shape(turn, centre, radii[1], sizes[1])
+    sizes = [ca.SX.sym("size", 3 if kind == "box" else 1) for kind in kinds]
+    of_shapes = (radii[0], sizes[0], radii[1], sizes[1])
+    return [ca.SX.sym("turn", 3, 3), ca.SX.sym("centre", 3), *of_shapes, ca.SX.sym("crown")]
+
+
+def _reach_between(
+    kinds: tuple[ShapeKind, ShapeKind],
+    turn: ca.SX,
+    centre: ca.SX,
+    *measures: ca.SX,
+) -> tuple[_Reach, list[CrownPart], list[CrownPart], ca.SX]:
+    """Sum of two shapes in the axes of the first, the parts of each, and the second's ball."""
+    *sizes, crown = measures
+    here = Shape(ca.SX.eye(3), ca.SX(3, 1), *sizes[:2]), Shape(turn, centre, *sizes[2:])
     own, others = (parts_of(kind, shape, shape.rotation) for kind, shape in zip(kinds, here, strict=True))
     balls = [ball_of(kind, shape) for kind, shape in zip(kinds, here, strict=True)]
-    reach = _Reach(centre, [*own, *others], balls[0] + balls[1], crown)
-    normal, lead = reach.best(_directions(centre, own, others))
-    nearest = centre - _Reach(centre, others, balls[1], crown).farthest(normal)
-    given = [turn, centre, radii[0], sizes[0], radii[1], sizes[1], crown]
-    return ca.Function("near", given, ca.cse([reach.value(normal), normal, nearest, lead]))
+    return _Reach(centre, [*own, *others], balls[0] + balls[1], crown), own, others, balls[1]
 
 
 def _directions(centre: ca.SX, own: Sequence[CrownPart], others: Sequence[CrownPart]) -> Iterator[ca.SX]:
@@ -189,21 +254,32 @@ class _Reach:
         """Unit vector (3x1) after steps towards a greater value."""
         held = [ca.SX.zeros(3 if part.disc else 1) for part in self.parts]
         for _ in range(_STEPS_ROUND if self.has_disc else _STEPS):
-            step, held = self._step(n, held)
-            whole = _scaled(n + step)
-            if self.has_disc:  # else all of it never does harm
-                worse = self.value(whole) < self.value(n) - _WORSE
-                whole = ca.if_else(worse, _scaled(n + _SHORTER * step), whole)
-            n = whole
+            n, *held = self._stepping(n, *held, *self._free)
         return n
 
-    def nearer(self, n: ca.SX) -> ca.SX:
-        """Unit vector (3x1) after one Newton step from where the value is nearly greatest."""
-        held = []
-        for part in self.parts:
-            seen = part.seen(n) if part.disc else ca.dot(part.axis, n)
-            held.append(seen / ca.sqrt(part.square(n) + self.crown**2))
-        return _scaled(n + self._step(n, held)[0])
+    def about(self, n: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """Value around a unit vector, its slope (2x1), and the symbol (2x1) of the step across it."""
+        step = ca.SX.sym("step", 2)
+        value = self.value(_scaled(n + ca.mtimes(_tangents(n).T, step)))
+        return value, ca.gradient(value, step), step
+
+    @functools.cached_property
+    def _free(self) -> list[ca.SX]:
+        """Symbols of which all is made."""
+        axes = (part.axis for part in self.parts)
+        return ca.symvar(ca.vertcat(self.centre, *axes, *(p.size for p in self.parts), self.ball, self.crown))
+
+    @functools.cached_property
+    def _stepping(self) -> ca.Function:
+        """One step as a function, which takes less time to repeat than its expressions to build."""
+        n = ca.SX.sym("n", 3)
+        held = [ca.SX.sym("held", 3 if part.disc else 1) for part in self.parts]
+        step, ahead = self._step(n, held)
+        whole = _scaled(n + step)
+        if self.has_disc:  # else all of it never does harm
+            worse = self.value(whole) < self.value(n) - _WORSE
+            whole = ca.if_else(worse, _scaled(n + _SHORTER * step), whole)
+        return ca.Function("step", [n, *held, *self._free], [whole, *ahead])
 
     def _step(self, n: ca.SX, held: Sequence[ca.SX]) -> tuple[ca.SX, list[ca.SX]]:
         """Step on the sphere (3x1), and u over its length of each part, as it will be."""
@@ -241,6 +317,15 @@ def _solved(bend: Sequence[ca.SX], value: ca.SX, pull: ca.SX) -> ca.SX:
     a, b, c = bend[0] + add, bend[1], bend[2] + add
     step = ca.vertcat(c * pull[0] - b * pull[1], a * pull[1] - b * pull[0]) / (a * c - b**2)
     return step * ca.fmin(1, _LONGEST / ca.sqrt(ca.dot(step, step) + TINY))
+
+
+def _inverse(bend: Sequence[ca.SX], value: ca.SX) -> ca.SX:
+    """Entries 11, 12, 22 of the inverse of minus a second derivative (3x1), kept positive as in a step."""
+    middle, half = (bend[0] + bend[2]) / 2, (bend[0] - bend[2]) / 2
+    least = middle - ca.sqrt(half**2 + bend[1] ** 2 + TINY)
+    add = ca.if_else(value > 0, 0, ca.fmax(0, -least - _CURVED * value)) + _WORSE
+    a, b, c = bend[0] + add, bend[1], bend[2] + add
+    return ca.vertcat(c, -b, a) / (a * c - b**2)
 
 
 def _tangents(n: ca.SX) -> ca.SX:

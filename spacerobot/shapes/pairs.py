@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import casadi as ca
 
@@ -93,26 +94,41 @@ def proximity(
     return Proximity(gap, -away, nearest + away * gap / 2, lead)
 
 
-def gap_about(
-    kinds: tuple[ShapeKind, ShapeKind],
-    one: Shape,
-    other: Shape,
-    normal: ca.SX,
-    crown: ca.SX | float = CROWN,
-) -> ca.SX:
-    """Signed distance of two shapes (1x1) [m] that is cheap to differentiate.
+class Implicit(NamedTuple):
+    """What an iteration finds, as a symbol that is held constant in derivatives.
 
-    The distance is the greatest value over all normals. Where ``normal`` is the one of :func:`proximity` and
-    is held constant, first and second derivatives are those of the distance: one Newton step from it moves as
-    the best normal does, to first order, and to second order the value does not ask how it moves.
+    Attributes
+    ----------
+    symbol
+        Symbol (n x 1); of no length where there is no iteration.
+    function
+        Finds its value (n x 1) by a fixed number of steps; None where there is none.
+    given
+        Expression (m x 1) that the function is called with.
+    """
+
+    symbol: ca.SX
+    function: ca.Function | None
+    given: ca.SX
+
+
+def held_gap(
+    kinds: tuple[ShapeKind, ShapeKind], one: Shape, other: Shape, crown: ca.SX | float = CROWN
+) -> tuple[ca.SX, Implicit]:
+    """Signed distance of two shapes that is cheap to differentiate.
 
     Parameters
     ----------
     kinds, one, other, crown
         As for :func:`proximity`.
-    normal
-        That of :func:`proximity` (3x1); without effect where the distance is found without steps.
+
+    Returns
+    -------
+    tuple
+        The distance (1x1) [m], and the symbol in it for the direction that an iteration finds: first and
+        second derivatives at a constant symbol are the distance's.
     """
     if {"sphere", "plane"} & {*kinds}:
-        return proximity(kinds, one, other, crown).gap
-    return crowned.gap_near(kinds, one, other, normal, ca.SX(crown))
+        return proximity(kinds, one, other, crown).gap, Implicit(ca.SX(0, 1), None, ca.SX(0, 1))
+    gap, symbol, function, given = crowned.gap_along(kinds, one, other, ca.SX(crown))
+    return gap, Implicit(symbol, function, given)

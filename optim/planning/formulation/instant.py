@@ -18,12 +18,12 @@ from spacerobot.dynamics import forward_kinematics
 from spacerobot.dynamics.joints import exact_directions, sparse
 from spacerobot.elements.contact import Wrap
 from spacerobot.elements.goal import Goal
-from spacerobot.elements.plan_instant import Base, JointCoordinate, MovingFrame, Surrogate, Wheels
+from spacerobot.elements.plan_instant import Base, JointCoordinate, MovingFrame, Wheels
 from spacerobot.errors import ScenarioError, near_names
 from spacerobot.scene.contacts import find_pairs
 from spacerobot.scene.scene import SceneShape
 from spacerobot.section import matching
-from spacerobot.shapes import Shape, gap_about, proximity
+from spacerobot.shapes import Implicit, Shape, held_gap
 
 T = TypeVar("T")
 AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
@@ -180,7 +180,7 @@ class Seen:
             if found is not None:
                 yield found
 
-    def gaps(self, between: tuple[str, str], wrap: Wrap | None) -> Iterator[tuple[str, ca.SX, Surrogate]]:
+    def gaps(self, between: tuple[str, str], wrap: Wrap | None) -> Iterator[tuple[str, ca.SX, Implicit]]:
         """Distances of pairs of shapes."""
         for first, second in find_pairs(self.stage.scene, between, wrap, self.where):
             yield f"{first.label} to {second.label}", *gap_of(self.stage, first, second)
@@ -200,11 +200,9 @@ class Seen:
         return MovingFrame(*self.stage.placement(frame), *self.stage.velocity(frame))
 
 
-def gap_of(stage: Stage, first: SceneShape, second: SceneShape) -> tuple[ca.SX, Surrogate]:
-    """Distance of two shapes (1x1) [m], and the expression that is differentiated for it."""
-    pair = (first.kind, second.kind), _shape(stage, first), _shape(stage, second)
-    near, symbol = proximity(*pair), ca.SX.sym("normal", 3)
-    return near.gap, Surrogate(symbol, ca.densify(near.normal), gap_about(*pair, symbol))
+def gap_of(stage: Stage, first: SceneShape, second: SceneShape) -> tuple[ca.SX, Implicit]:
+    """Distance of two shapes (1x1) [m], and what an iteration finds for it."""
+    return held_gap((first.kind, second.kind), _shape(stage, first), _shape(stage, second))
 
 
 def _shape(stage: Stage, shape: SceneShape) -> Shape:

@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from optim.planning.formulation.instant import Seen
+from optim.planning.formulation.rows import row_values
 from optim.planning.formulation.stage import Problem
 from optim.planning.transcription.guess import drift
 from optim.planning.transcription.lobatto import Lobatto
@@ -61,8 +62,7 @@ def check_start(problem: Problem) -> None:
     if not rows:
         return
     rest = np.zeros(problem.stage.z.numel() - len(problem.fixed))
-    values = ca.Function("start", [problem.stage.z], [ca.densify(ca.vertcat(*(row.value for row in rows)))])
-    found = np.array(values(np.concatenate([problem.fixed, rest]))).ravel()
+    found = row_values(rows, problem.stage.z, np.concatenate([problem.fixed, rest])[:, None])[:, 0]
     for row, value in zip(rows, found, strict=True):
         if not row.lower - SLACK <= value <= row.upper + SLACK:
             over = max(row.lower - value, value - row.upper) * row.scale

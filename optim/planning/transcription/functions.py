@@ -3,23 +3,26 @@
 from __future__ import annotations
 
 import dataclasses
-import types
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
+from optim.planning.formulation.rows import implicit_in, implicit_values, symbols_of
 from optim.planning.formulation.stage import Problem
 from spacerobot.arrays import Array
 from spacerobot.compiled import Library, compile_functions, find_toolchain
-from spacerobot.elements.plan_instant import Surrogate
+from spacerobot.elements.plan_instant import BoundedRow
 from spacerobot.errors import CompileError
+from spacerobot.shapes import Implicit
 
 Places = npt.NDArray[np.int64]
 Pattern = tuple[Places, Places]
 """Rows and columns of the entries of a sparse matrix."""
+NAMES = ("values", "slopes", "bends")
+"""Of the functions of rows."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,20 +31,17 @@ class Instants:
 
     Attributes
     ----------
-    symbolic
-        ``values(z -> F)``, ``slopes(z -> J's entries)`` and ``bends(z, weights -> H's entries)`` of one
-        instant, with F = (q', what is left of the equations of motion, path rows, terms of the cost) and H
-        the upper triangle of the second derivatives of weights . F; ``goal...`` the same of the goal rows
-        and of what the last instant costs.
     call
-        Evaluates one of them for many columns.
+        Evaluates one of ``values(z -> F)``, ``slopes(z -> J's entries)`` and ``bends(z, weights -> H's
+        entries)`` for many columns, with F = (q', what is left of the equations of motion, path rows, terms
+        of the cost) and H the upper triangle of the second derivatives of weights . F; ``goal_...`` the same
+        of the goal rows and of what the last instant costs.
     backend
         ``compiled`` or ``interpreted``.
     slopes, bends, goal_slopes, goal_bends
         Where the entries stand.
     """
 
-    symbolic: Mapping[str, ca.Function]
     call: Callable[..., Array]
     backend: str
     slopes: Pattern
@@ -65,68 +65,134 @@ def build_instants(problem: Problem, backend: str = "auto") -> Instants:
     CompileError
         If ``compiled`` cannot be had.
     """
-    functions: dict[str, ca.Function] = {}
-    patterns = []
-    for prefix, (expression, about) in _rows(problem).items():
-        found, where = derived(problem.stage.z, expression, prefix, about)
-        functions |= found
-        patterns += where
-    call, used = _caller(functions, backend)
-    return Instants(functions, call, used, *patterns)
+    return _instants(problem.stage.z, _rows(problem), backend)
+
+
+def extended(instants: Instants, problem: Problem, rows: Sequence[BoundedRow]) -> Instants:
+    """Functions of a problem with further rows at the end of its path, of which alone new ones are made.
+
+    Parameters
+    ----------
+    instants, problem
+        The functions, and what they are of.
+    rows
+        Added to its path.
+    """
+    z = problem.stage.z
+    expression = ca.densify(ca.vertcat(*(row.value for row in rows)))
+    added = _instants(z, {"": (expression, implicit_in(rows))}, instants.backend)
+    first = problem.stage.rate.numel() + problem.stage.balance.numel() + len(problem.path)
+    count = len(rows)
+
+    def call(name: str, *given: Array) -> Array:
+        """Values of both, the added rows after the path."""
+        if name.startswith("goal_"):
+            return instants.call(name, *given)
+        if name == "bends":
+            z, weights = given
+            own = np.delete(weights, slice(first, first + count), axis=0)
+            both = instants.call(name, z, own), added.call(name, z, weights[first : first + count])
+            return np.vstack(both)
+        one, other = instants.call(name, *given), added.call(name, *given)
+        return np.vstack([one[:first], other, one[first:]] if name == "values" else [one, other])
+
+    (rows_of, columns), (own, at) = instants.slopes, added.slopes
+    moved = np.where(rows_of < first, rows_of, rows_of + count)
+    slopes = np.concatenate([moved, first + own]), np.concatenate([columns, at])
+    bends = tuple(np.concatenate(both) for both in zip(instants.bends, added.bends, strict=True))
+    return dataclasses.replace(instants, call=call, slopes=slopes, bends=(bends[0], bends[1]))
 
 
 def revalued(instants: Instants, problem: Problem) -> Instants:
     """Functions with the values, interpreted, of a problem that differs by numbers alone; no derivatives."""
-    functions = {
-        f"{prefix}values": _function(f"{prefix}values", [problem.stage.z], expression)
-        for prefix, (expression, _) in _rows(problem).items()
-    }
-    return dataclasses.replace(instants, symbolic=functions, call=_in_turn(functions), backend="interpreted")
+    values = _instants(problem.stage.z, _rows(problem), "interpreted", derivatives=False)
+    return dataclasses.replace(instants, call=values.call, backend="interpreted")
 
 
-def _rows(problem: Problem) -> dict[str, tuple[ca.SX, dict[int, Surrogate]]]:
-    """F of one instant, and the goal's rows, by the prefix of their functions' names.
+Parts = tuple[ca.SX, list[Implicit]]
+"""Rows as one expression, and what iterations find for them."""
 
-    With each of them, by number, what is differentiated in place of some rows.
-    """
+
+def _rows(problem: Problem) -> dict[str, Parts]:
+    """F of one instant, and the goal's rows, by the prefix of their functions' names."""
     stage = problem.stage
     parts = {
         "": (ca.vertcat(stage.rate, stage.balance), problem.path, ca.vertcat(*problem.terms.values())),
         "goal_": (ca.SX(0, 1), problem.goal, ca.vertcat(ca.SX(0, 1), *problem.ends.values())),
     }
-    found = {}
-    for prefix, (before, rows, behind) in parts.items():
-        expression = ca.vertcat(before, *(row.value for row in rows), behind)
-        about = {before.numel() + k: row.about for k, row in enumerate(rows) if row.about is not None}
-        found[prefix] = ca.densify(expression), about
-    return found
+    return {
+        prefix: (
+            ca.densify(ca.vertcat(before, *(row.value for row in rows), behind)),
+            implicit_in(rows),
+        )
+        for prefix, (before, rows, behind) in parts.items()
+    }
+
+
+def _instants(z: ca.SX, rows: Mapping[str, Parts], backend: str, *, derivatives: bool = True) -> Instants:
+    """Functions of rows of an instant (nz x 1)."""
+    functions, patterns = dict[str, ca.Function](), list[Pattern]()
+    for prefix, (expression, found) in rows.items():
+        symbols = symbols_of(found) if found else None
+        if derivatives:
+            own, where = derived(z, expression, prefix, symbols)
+            functions |= own
+            patterns += where
+        else:
+            functions[f"{prefix}values"] = _function(f"{prefix}values", _inputs(z, symbols), expression)
+        if found:
+            given = ca.vertcat(*(one.given for one in found))
+            functions[f"{prefix}given"] = _function(f"{prefix}given", [z], given)
+            functions |= {one.function.name(): one.function for one in found if one.function is not None}
+    call, used = _caller(functions, backend)
+    none = (np.empty(0, dtype=np.int64),) * 2
+    return Instants(_held(call, rows), used, *(patterns + [none] * (4 - len(patterns))))
+
+
+def _held(call: Callable[..., Array], rows: Mapping[str, Parts]) -> Callable[..., Array]:
+    """What evaluates functions of an instant alone: what iterations find is kept for the last instants."""
+    implicit = {f"{prefix}{name}": (prefix, found) for prefix, (_, found) in rows.items() for name in NAMES}
+    kept: dict[str, tuple[bytes, Array]] = {}
+
+    def called(name: str, z: Array, *others: Array) -> Array:
+        """Values (n, count) of a function at columns of instants, and of what else it takes."""
+        prefix, found = implicit[name]
+        if not found:
+            return call(name, z, *others)
+        key = z.tobytes()
+        if prefix not in kept or kept[prefix][0] != key:
+            kept[prefix] = key, implicit_values(found, call(f"{prefix}given", z), call)
+        return call(name, z, kept[prefix][1], *others)
+
+    return called
 
 
 def derived(
-    z: ca.SX, rows: ca.SX, prefix: str, about: Mapping[int, Surrogate] = types.MappingProxyType({})
+    z: ca.SX, rows: ca.SX, prefix: str, held: ca.SX | None = None
 ) -> tuple[dict[str, ca.Function], list[Pattern]]:
     """Values and first and second derivatives of rows, and where the derivatives' entries stand.
 
-    Some rows, by number, may have another expression that is differentiated.
+    The functions are called with z, with the symbols that are held constant, if such are given, and the
+    second derivatives with weights of the rows.
     """
-    weights, cheap = ca.SX.sym("weights", rows.numel()), ca.SX(rows)
-    for k, other in about.items():
-        cheap[k] = other.value
-    slopes = ca.jacobian(cheap, z)
-    bends = ca.triu(ca.hessian(ca.dot(weights, cheap), z)[0])
-    symbols, at = ([getattr(one, name) for one in about.values()] for name in ("symbol", "at"))
-    entries = ca.substitute([_entries(slopes), _entries(bends)], symbols, at)
+    weights, given = ca.SX.sym("weights", rows.numel()), _inputs(z, held)
+    slopes = ca.jacobian(rows, z)
+    bends = ca.triu(ca.hessian(ca.dot(weights, rows), z)[0])
     functions = {
-        f"{prefix}values": _function(f"{prefix}values", [z], rows),
-        f"{prefix}slopes": _function(f"{prefix}slopes", [z], entries[0]),
-        f"{prefix}bends": _function(f"{prefix}bends", [z, weights], entries[1]),
+        f"{prefix}values": _function(f"{prefix}values", given, rows),
+        f"{prefix}slopes": _function(f"{prefix}slopes", given, _entries(slopes)),
+        f"{prefix}bends": _function(f"{prefix}bends", [*given, weights], _entries(bends)),
     }
     return functions, [_pattern(slopes), _pattern(bends)]
 
 
+def _inputs(z: ca.SX, held: ca.SX | None) -> list[ca.SX]:
+    """What functions of rows are called with first."""
+    return [z] if held is None else [z, held]
+
+
 def _function(name: str, inputs: list[ca.SX], output: ca.SX) -> ca.Function:
-    names = ["z", "weights"][: len(inputs)]
-    return ca.Function(name, inputs, [ca.densify(output)], names, ["found"], {"cse": True})
+    return ca.Function(name, inputs, [ca.densify(output)], {"cse": True})
 
 
 def _entries(matrix: ca.SX) -> ca.SX:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-import casadi as ca
 import numpy as np
 
+from optim.planning.formulation.rows import row_values
 from optim.planning.formulation.stage import Problem
 from optim.planning.solver.solvable import Solvable
 from optim.planning.solver.solve import Solved
@@ -229,8 +229,7 @@ def between_points(motion: Motion) -> Iterator[Passing]:
         over = np.maximum(problem.lower[k] - z[:, k], z[:, k] - problem.upper[k])
         yield Passing(name, unit, RELATIVE * float(size), time, over)
     if problem.path:
-        rows = ca.densify(ca.vertcat(*(row.value for row in problem.path)))
-        values = np.array(ca.Function("path", [problem.stage.z], [rows])(z.T).full())
+        values = row_values(problem.path, problem.stage.z, z.T)
         for row, found in zip(problem.path, values, strict=True):
             held = row.held(shares, first_held(motion.lobatto, mesh, row.last))
             allowed = ABSOLUTE if row.size is None else RELATIVE * row.size

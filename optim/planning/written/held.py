@@ -11,6 +11,7 @@ import numpy as np
 import xarray as xr
 
 from optim.planning.formulation.formulate import formulate_phases
+from optim.planning.formulation.rows import row_values
 from optim.planning.transcription.motion import Course
 from optim.planning.transcription.program import first_held
 from spacerobot.arrays import Array
@@ -94,8 +95,7 @@ def _constraints(course: Course, k: int, phase: str) -> Iterator[_Held]:
     rows = [row for row in motion.problem.path if row.lower < row.upper]  # equations hold nothing back
     if not rows:
         return
-    expression = ca.densify(ca.vertcat(*(row.value for row in rows)))
-    values = np.array(ca.Function("path", [motion.problem.stage.z], [expression])(motion.z.T).full())
+    values = row_values(rows, motion.problem.stage.z, motion.z.T)
     for row, own in zip(rows, values, strict=True):
         told, limits = _told(row, own)
         over = np.full(sum(points), np.nan)
@@ -154,7 +154,6 @@ def with_flown(plan: xr.Dataset, scene: Scene, flown: xr.Dataset) -> xr.Dataset:
         for row in phase.problem.path:
             name = f"{phase.name}: {row.name}" if len(phases) > 1 else row.name
             if name in names and not ca.depends_on(row.value, later):
-                values = ca.Function("row", [state], [ca.densify(row.value)])(at)
-                found[inside, names.index(name)] = _told(row, np.array(values).ravel())[0]
+                found[inside, names.index(name)] = _told(row, row_values([row], state, at)[0])[0]
     data = {"constraint_flown": (("flown_time", "constraint_name"), found)}
     return plan.assign(data).assign_coords(flown_time=times)
