@@ -39,12 +39,12 @@ def frame_placement(model: pin.Model, name: str, q: np.ndarray) -> pin.SE3:
 
 
 def test_every_shipped_file_is_regenerated_exactly() -> None:
-    assert set(SHIPPED) == set(shipped_names())
+    assert set(SHIPPED) <= set(shipped_names())  # those of missions are typed from publications
     for name, generate in SHIPPED.items():
         assert find_urdf(name).read_bytes().decode("utf-8") == generate(), name
 
 
-@pytest.mark.parametrize("name", sorted(SHIPPED))
+@pytest.mark.parametrize("name", shipped_names())
 def test_shipped_file_is_valid_by_itself(name: str) -> None:
     path = find_urdf(name)
     description = read_description(path)
