@@ -120,6 +120,48 @@ def test_linear_motion_on_a_circle_is_clohessy_and_wiltshires(lone):
     np.testing.assert_allclose(data.hill_velocity.values[:, 0, 2], cross, atol=1e-8 * np.abs(cross).max())
 
 
+def test_linear_motion_on_an_ellipse_is_yamanakas_and_ankersens(lone):
+    """Their state transition, JGCD 25(1), 2002, Table 1: x along the track, y against the normal, z down."""
+    e, axis, nu0 = 0.3, 1e7, np.radians(50)
+    parameter = axis * (1 - e**2)
+    k2 = np.sqrt(MU / parameter**3)
+    place, speed = np.array([20.0, -40, 15]), np.array([0.01, 0.03, -0.02])
+    turning = k2 * (1 + e * np.cos(nu0)) ** 2
+    base = {"position": list(place), "velocity": list(speed + np.cross([0, 0, turning], place))}
+    orbit = {"semi_major_axis": axis, "eccentricity": e, "true_anomaly_deg": 50, "model": "linear"}
+    data = rolled(lone(base, orbit, duration=7200.0)).data
+
+    def transition(nu, time):
+        rho, s, c, j = 1 + e * np.cos(nu), np.sin(nu), np.cos(nu), k2 * time
+        s, c = rho * s, rho * c
+        s1, c1 = np.cos(nu) + e * np.cos(2 * nu), -(np.sin(nu) + e * np.sin(2 * nu))
+        plane = [
+            [1, -c * (1 + 1 / rho), s * (1 + 1 / rho), 3 * rho**2 * j],
+            [0, s, c, 2 - 3 * e * s * j],
+            [0, 2 * s, 2 * c - e, 3 * (1 - 2 * e * s * j)],
+            [0, s1, c1, -3 * e * (s1 * j + s / rho**2)],
+        ]
+        return np.array(plane), np.array([[np.cos(nu), np.sin(nu)], [-np.sin(nu), np.cos(nu)]]), rho
+
+    def tilde(nu, x, v):
+        rho = 1 + e * np.cos(nu)
+        return rho * x, -e * np.sin(nu) * x + v / (k2 * rho)
+
+    (x, xr), (y, yr), (z, zr) = (
+        tilde(nu0, *pair) for pair in ((place[1], speed[1]), (-place[2], -speed[2]), (-place[0], -speed[0]))
+    )
+    plane0, across0, _ = transition(nu0, 0.0)
+    plane = np.linalg.solve(plane0, [x, z, xr, zr])
+    across = np.linalg.solve(across0, [y, yr])
+    wanted = []
+    for time, nu in zip(data.time.values, data.orbit_anomaly.values, strict=True):
+        moved, swung, rho = transition(nu, time)
+        (along, down, *_), (normal, _) = moved @ plane, swung @ across
+        wanted.append([-down / rho, along / rho, -normal / rho])
+    found, scale = data.hill_position.values[:, 0], np.abs(wanted).max()
+    np.testing.assert_allclose(found, wanted, atol=1e-7 * scale)
+
+
 def test_a_body_librates_as_the_closed_form_says(lone):
     """I_n a'' = -3/2 n^2 (I_t - I_r) sin 2a, of any amplitude by Jacobi's functions."""
     axis, (radial, along, normal), most = 7e6, (20.0, 50.0, 55.0), np.radians(40)
