@@ -198,6 +198,16 @@ def main() -> None:
         # the pipe's reader (head, less) has ended
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(0)
+    except ImportError as fault:
+        # Pinocchio's wheel needs OpenMP from the system, which a minimal container lacks
+        if "cannot open shared object file" not in str(fault):
+            raise
+        library = str(fault).split(":")[0]
+        print_error(
+            f"{library} is missing on this system, and {fault.name or 'a compiled package'} needs it. "
+            "Install it with the system's package manager (libgomp.so.1: `apt install libgomp1`)."
+        )
+        sys.exit(2)
     except OSError as fault:
         print_error(f"{fault.filename or 'file system'}: {fault.strerror or fault}")
         sys.exit(2)

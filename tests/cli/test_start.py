@@ -33,3 +33,24 @@ def test_a_run_loads_neither_meshes_nor_clusters_nor_pictures(tmp_path):
     found = loaded("run", "paper", "--out", tmp_path / "r", *short)
     assert {"casadi", "pinocchio", "xarray", "yourdfpy"} <= found
     assert not found & ONLY_SOME
+
+
+def test_a_missing_library_of_the_system_is_one_line():
+    # Debian's minimal image has no libgomp, which Pinocchio's wheel is linked with
+    script = """
+import sys
+class Missing:
+    def find_spec(self, name, *_):
+        if name == "pinocchio":
+            raise ImportError("libgomp.so.1: cannot open shared object file: No such file", name=name)
+sys.meta_path.insert(0, Missing())
+sys.argv[1:] = ["run", "paper"]
+from spacerobot.cli.start import main
+main()
+"""
+    command = [sys.executable, "-c", script]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert "Traceback" not in done.stderr
+    assert " ".join(done.stderr.split()).startswith("error: libgomp.so.1 is missing on this system")
+    assert "apt install libgomp1" in " ".join(done.stderr.split())
