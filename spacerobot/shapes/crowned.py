@@ -152,7 +152,8 @@ def _maximum(kinds: tuple[ShapeKind, ShapeKind]) -> ca.Function:
     """Normal in the first's axes, and the inverse of minus the value's second derivative there (6x1)."""
     given = _symbols(kinds)
     normal = ca.SX.sym("normal", 3)
-    value, slope, step = _reach_between(kinds, *given)[0].about(normal)
+    reach, own, others, _ = _reach_between(kinds, *given)
+    value, slope, step = reach.about(normal)
     bent = -ca.jacobian(slope, step)
     gap, bend = ca.substitute([value, ca.densify(bent)], [step], [ca.SX.zeros(2)])
     inverse = ca.Function("inverse", [*given, normal], [_inverse((bend[0, 0], bend[0, 1], bend[1, 1]), gap)])
@@ -162,7 +163,9 @@ def _maximum(kinds: tuple[ShapeKind, ShapeKind]) -> ca.Function:
         ca.reshape(flat[int(a) : int(b)], one.shape)
         for a, b, one in zip(ends[:-1], ends[1:], given, strict=True)
     ]
-    found = _nearest(kinds)(*parts)[1]
+    # without common parts taken out, which takes longer than it saves where nothing is compiled
+    best = ca.Function("best", given, [reach.best(_directions(given[1], own, others))[0]])
+    found = best(*parts)
     name = f"maximum_{kinds[0]}_{kinds[1]}"
     return ca.Function(name, [flat], [ca.vertcat(found, inverse(*parts, found))], ["given"], ["found"])
 

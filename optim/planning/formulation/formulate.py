@@ -11,7 +11,7 @@ import numpy as np
 from optim.planning.formulation.costs import cost_terms, magnitudes
 from optim.planning.formulation.goals import goal_rows
 from optim.planning.formulation.grips import held
-from optim.planning.formulation.limits import instant_limits, path_rows, what_drives
+from optim.planning.formulation.limits import avoidance_rows, instant_limits, path_rows, what_drives
 from optim.planning.formulation.settled import settled_rows
 from optim.planning.formulation.stage import Problem, Stage
 from optim.planning.formulation.start import beginnings
@@ -251,7 +251,7 @@ def _problem(scene: Scene, plan: Planning, closed: tuple[SceneGrasp, ...], *, be
         begin = (np.full(fixed.size, -np.inf), np.full(fixed.size, np.inf))
     return Problem(
         stage=stage,
-        path=(*path_rows(stage, plan), *beginning),
+        path=(*path_rows(stage, plan), *beginning, *avoidance_rows(stage, plan)),
         goal=tuple(goals),
         terms=terms,
         ends=ends,

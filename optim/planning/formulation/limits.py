@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 
 import casadi as ca
 import numpy as np
@@ -22,6 +22,8 @@ from spacerobot.scenario.plan import Planning
 from spacerobot.scene import Scene
 from spacerobot.scene.scene import SceneBody
 
+PREFIX = "collision_avoidance"
+"""Of the names of keep-out zones that a search adds for links that collide."""
 Limits = Mapping[str, PlanLimit]
 """A plan's ``limits``, by name."""
 
@@ -80,13 +82,37 @@ def instant_limits(stage: Stage, given: Limits) -> tuple[Array, Array]:
 
 
 def path_rows(stage: Stage, plan: Planning) -> list[BoundedRow]:
-    """What must hold at all instants beside the limits of z."""
+    """What must hold at all instants beside the limits of z, without what a search added."""
     rows = [*_hold_rows(stage), *wheel_rows(stage, plan)]
     for section, name, limit in plan.every_limit():
-        found = limit.rows(Seen(stage, f"plan.{section}.{name}", plan.goals))
-        prefix = "" if name == limit.kind else f"{name}: "
-        rows += [dataclasses.replace(row, name=f"{prefix}{row.name}") for row in found]
+        if not name.startswith(PREFIX):
+            rows += limit_rows(stage, plan, section, name, limit)
     return rows
+
+
+def avoidance_rows(stage: Stage, plan: Planning, known: Collection[str] = ()) -> list[BoundedRow]:
+    """Rows of the keep-out zones that a search added; they are the last ones of a path.
+
+    Parameters
+    ----------
+    stage, plan
+        An instant, and the section.
+    known
+        Names of zones that are left out.
+    """
+    return [
+        row
+        for name, limit in plan.keep_out.items()
+        if name.startswith(PREFIX) and name not in known
+        for row in limit_rows(stage, plan, "keep_out", name, limit)
+    ]
+
+
+def limit_rows(stage: Stage, plan: Planning, section: str, name: str, limit: PlanLimit) -> list[BoundedRow]:
+    """Rows of one limit, under its name where that is not its kind's."""
+    prefix = "" if name == limit.kind else f"{name}: "
+    found = limit.rows(Seen(stage, f"plan.{section}.{name}", plan.goals))
+    return [dataclasses.replace(row, name=f"{prefix}{row.name}") for row in found]
 
 
 def urdf_joint(scene: Scene, body: SceneBody, joint: int) -> UrdfJoint:

@@ -13,6 +13,7 @@ All links with collision shapes are paired, without those that collide on purpos
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -23,18 +24,18 @@ import pinocchio as pin
 
 from optim.planning.formulation.bases import able
 from optim.planning.formulation.formulate import plan_of
+from optim.planning.formulation.limits import PREFIX
 from spacerobot.arrays import Array
+from spacerobot.elements import create
 from spacerobot.elements.contact import Wrap
 from spacerobot.elements.goal import TipGoal
 from spacerobot.errors import ScenarioError
-from spacerobot.scene import Scene, build_scene
+from spacerobot.scene import Scene
 from spacerobot.scene.contacts import coal_distance, find_pairs
 from spacerobot.scene.overlaps import Solid, overlap_depth, solids
 from spacerobot.scene.reach import com_from_base, joint_from_base
 from spacerobot.scene.scene import SceneBody
 
-PREFIX = "collision_avoidance"
-"""Of the names of keep-out zones that are added."""
 ALLOWED = 1e-4
 """[m] Overlap between the points of a mesh that is allowed, as of keep-out zones."""
 WRAPS: tuple[Wrap | None, ...] = (None, "capsule", "box", "sphere")
@@ -170,21 +171,17 @@ def keep_apart(scene: Scene, entered: Sequence[Collision]) -> Scene:
     ScenarioError
         If a pair's shapes have no distance that is positive where the motion begins.
     """
-    zones = {
-        name: one.model_dump(mode="json", exclude_none=True) for name, one in plan_of(scene).keep_out.items()
-    }
+    plan = plan_of(scene)
+    zones = dict(plan.keep_out)
     for one in entered:
         number = next(k for k in itertools.count(1) if f"{PREFIX}_{k}" not in zones)
-        between = (one.first, one.second)
-        zones[f"{PREFIX}_{number}"] = {
-            "between": list(between),
-            "only": list(one.only),
-            "wrap": _wrap(scene, one),
-        }
-    return build_scene(scene.scenario, [("plan.keep_out", zones)], source=scene.source)
+        given = {"between": (one.first, one.second), "only": one.only, "wrap": _wrap(scene, one)}
+        zones[f"{PREFIX}_{number}"] = create("plan_limit", "keep_out", **given)
+    scenario = scene.scenario.model_copy(update={"plan": plan.model_copy(update={"keep_out": zones})})
+    return dataclasses.replace(scene, scenario=scenario)
 
 
-def _wrap(scene: Scene, entered: Collision) -> str | None:
+def _wrap(scene: Scene, entered: Collision) -> Wrap | None:
     """Shape around meshes and cylinders with which the shapes of two links are apart at the start."""
     data, between = scene.model.createData(), (entered.first, entered.second)
     pin.framesForwardKinematics(scene.model, data, scene.q)

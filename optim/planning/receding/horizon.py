@@ -21,9 +21,10 @@ from optim.planning.searches.make import fault_of
 from optim.planning.searches.search import search
 from optim.planning.solver.solve import PATIENCE, Solved, solve
 from optim.planning.transcription.guess import guess
-from optim.planning.transcription.motion import Motion
+from optim.planning.transcription.motion import Course, Motion
 from optim.planning.transcription.program import Program
-from optim.planning.transcription.refine import onward
+from optim.planning.transcription.refine import constrained, onward
+from optim.planning.verification.clearance import course_collisions
 from optim.planning.verification.replay import joint_angle
 from spacerobot.arrays import Array
 from spacerobot.errors import NoPlanError
@@ -95,7 +96,7 @@ class Horizon:
         found = search(own, ask)
         if found.solved is None:
             raise NoPlanError(str(fault_of(found)), source=bench.scene.source, where="plan")
-        motion = own.motion(ask, found)
+        motion, bench = own.motion(ask, found), bench.keeping_apart(found.apart)
         return cls(
             bench,
             motion,
@@ -129,39 +130,50 @@ class Horizon:
         iterations
             At most.
         """
-        clock = time.perf_counter()
-        problem = self._problem(begin, seen)
+        clock, bench, scale = time.perf_counter(), self.bench, self.solved.scale
+        problem = self._problem(bench, begin, seen)
         intervals = self._intervals(problem.duration[0])
-        program = Program(problem, self.bench.instants, self.bench.lobatto, intervals)
+        program = Program(problem, bench.instants, bench.lobatto, intervals)
         warm = onward(self.solved, self.program, program, self._gone(begin))
         found = solve(program, self._ahead(program, begin), warm, iterations=min(iterations, PATIENCE))
         spent = found.iterations
         if not good(program, found) and spent < iterations:
-            fresh = guess(problem, self.bench.lobatto, intervals).unknowns
-            found = solve(program, fresh, scale=self.solved.scale, iterations=iterations - spent)
+            fresh = guess(problem, bench.lobatto, intervals).unknowns
+            found = solve(program, fresh, scale=scale, iterations=iterations - spent)
             spent += found.iterations
-        if good(program, found):
+        while good(program, found):
             z, duration = program.split(found.w)
-            self.motion = Motion(problem, self.bench.lobatto, program.mesh, duration, z)
-            self.solved, self.program, self.since = found, program, begin
-            self.unfinished += not found.converged
+            motion = Motion(problem, bench.lobatto, program.mesh, duration, z)
+            wider = bench.keeping_apart(course_collisions(Course((motion,)), bench.pairs))
+            if wider is bench:
+                self.bench, self.motion = bench, motion
+                self.solved, self.program, self.since = found, program, begin
+                self.unfinished += not found.converged
+                break
+            # links collide: once more from here, with the keep-out zones that this plan needs
+            problem, before, bench = self._problem(wider, begin, seen), program, wider
+            program = Program(problem, bench.instants, bench.lobatto, intervals)
+            warm = constrained(found, before, program)
+            left = max(iterations - spent, 1)
+            found = solve(program, found.w, warm, scale=scale, iterations=min(left, PATIENCE))
+            spent += found.iterations
         else:
             self.missed += 1
         self.iterations.append(spent)
         self.seconds.append(time.perf_counter() - clock)
 
-    def _problem(self, begin: float, seen: Array) -> Problem:
+    def _problem(self, bench: Bench, begin: float, seen: Array) -> Problem:
         """The problem from a time on.
 
         What holds for a last part of the whole holds from the same time on, and no more behind the end. A
         limit that is violated already is not to be violated more.
         """
-        problem, left = self.bench.problem, self.full - begin
+        problem, left = bench.problem, self.full - begin
         behind = left < ROUNDING * self.full
         duration = self.least if behind else left
         z = np.concatenate(self.at(np.array([begin])), axis=1)[0]
         z[: seen.size] = seen
-        values = self.bench.instants.call("values", z[:, None])[seen.size :, 0]
+        values = bench.instants.call("values", z[:, None])[seen.size :, 0]
         rows = []
         for row, value in zip(problem.path, values, strict=False):
             if behind and row.last < 1:

@@ -8,8 +8,11 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 from optim.planning.formulation.formulate import Phase, check_weights, formulate_phases, plan_of, told_in
+from optim.planning.formulation.limits import avoidance_rows
+from optim.planning.formulation.link_pairs import Collision, LinkPair, keep_apart, link_pairs
 from optim.planning.formulation.stage import Problem
 from optim.planning.searches.early import (
     check_changeable,
@@ -22,7 +25,7 @@ from optim.planning.searches.reachability import check_posture
 from optim.planning.solver.solvable import Solvable
 from optim.planning.solver.solve import Solved
 from optim.planning.transcription.chain import Chain, Link, programs_of
-from optim.planning.transcription.functions import Instants, build_instants
+from optim.planning.transcription.functions import Instants, build_instants, extended
 from optim.planning.transcription.jumps import between_jumps, segmented
 from optim.planning.transcription.lobatto import Lobatto
 from optim.planning.transcription.mesh import Mesh
@@ -30,6 +33,7 @@ from optim.planning.transcription.motion import Course, Motion
 from optim.planning.transcription.program import Program
 from optim.planning.verification.verdict import Verdict
 from optim.problem.scenes import SceneRecipe
+from spacerobot.elements.plan_instant import BoundedRow
 from spacerobot.scenario.plan import Planning
 from spacerobot.scene import Scene
 
@@ -83,6 +87,8 @@ class Attempt:
         On it, where it was refined.
     blame
         What stands against a solution, where there is none.
+    apart
+        Pairs of links that collided where nothing kept them apart, each with a keep-out zone since.
     """
 
     solves: tuple[Solve, ...]
@@ -91,6 +97,7 @@ class Attempt:
     cost: float
     verdict: Verdict | None
     blame: str
+    apart: tuple[Collision, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +133,7 @@ class Ask:
         plain = [self.duration, dict(self.weights), self.start, self.solved, self.refine]
         digest = hashlib.sha256(json.dumps(plain, sort_keys=True).encode())
         if self.near is not None and self.near.solved is not None:
-            digest.update(self.near.solved.w.tobytes() + str(self.near.meshes).encode())
+            digest.update(self.near.solved.w.tobytes() + str((self.near.meshes, self.near.apart)).encode())
         return digest.hexdigest()
 
 
@@ -194,6 +201,9 @@ class Bench:
         Told in a few words what begins.
     name, later
         Where a plan has several phases: name of the first one, to which the above belong, and the others.
+    pairs, apart
+        Pairs of links that a plan keeps apart, and those of them that have a keep-out zone because they
+        collided in its search.
     """
 
     scene: Scene
@@ -205,6 +215,9 @@ class Bench:
     tell: Tell = field(default=lambda _: None)
     name: str = ""
     later: tuple[Later, ...] = ()
+    pairs: tuple[LinkPair, ...] = ()
+    apart: tuple[Collision, ...] = ()
+    _known: dict[Any, tuple[tuple[BoundedRow, ...], Instants]] = field(default_factory=dict, repr=False)
 
     @classmethod
     def of(
@@ -255,7 +268,58 @@ class Bench:
         instants = build_instants(problem, backend)
         later = tuple(Later.of(phase, backend) for phase in others)
         lobatto = Lobatto.of_order(plan.order)
-        return cls(scene, plan, problem, instants, lobatto, backend, tell, first.name, later)
+        pairs = tuple(link_pairs(scene))
+        return cls(scene, plan, problem, instants, lobatto, backend, tell, first.name, later, pairs)
+
+    def keeping_apart(self, apart: Sequence[Collision]) -> Bench:
+        """The same with a keep-out zone for each of some pairs of links, in this order.
+
+        Only their rows are differentiated. What is known of a pair of shapes already is left out.
+
+        Parameters
+        ----------
+        apart
+            The pairs, with the shapes that collided.
+
+        Raises
+        ------
+        ScenarioError
+            If shapes have no distance that is positive where the motion begins.
+        """
+        shapes = {(one.first, one.second, k) for one in self.apart for k in one.only}
+        new = [
+            dataclasses.replace(one, only=tuple(left))
+            for one in apart
+            if (left := [k for k in one.only if (one.first, one.second, k) not in shapes])
+        ]
+        if not new:
+            return self
+        scene, whole = keep_apart(self.scene, new), (*self.apart, *new)
+        plans = plan_of(scene).by_phase
+        zones = tuple((one.first, one.second, one.only) for one in whole)
+
+        def added(name: str, problem: Problem, instants: Instants) -> tuple[Problem, Instants]:
+            """One phase."""
+            if (name, zones) not in self._known:
+                rows = tuple(avoidance_rows(problem.stage, plans[name], plan_of(self.scene).keep_out))
+                self._known[name, zones] = rows, extended(instants, problem, rows)
+            rows, own = self._known[name, zones]
+            return dataclasses.replace(problem, path=(*problem.path, *rows)), own
+
+        problem, instants = added(self.name, self.problem, self.instants)
+        later = []
+        for one in self.later:
+            own, functions = added(one.name, one.problem, one.instants)
+            later.append(dataclasses.replace(one, problem=own, instants=functions, plan=plans[one.name]))
+        return dataclasses.replace(
+            self,
+            scene=scene,
+            plan=next(iter(plans.values())),
+            problem=problem,
+            instants=instants,
+            later=tuple(later),
+            apart=whole,
+        )
 
     @property
     def recipe(self) -> Recipe:
@@ -320,7 +384,8 @@ class Bench:
     def course(self, ask: Ask, attempt: Attempt) -> Course:
         """The motions of a solution, in all phases."""
         assert attempt.solved is not None
-        program, w = self.program(ask, attempt.meshes), attempt.solved.w
+        own = self.keeping_apart(attempt.apart)
+        program, w = own.program(ask, attempt.meshes), attempt.solved.w
         programs, parts = programs_of(program), program.parts(w) if isinstance(program, Chain) else [w]
         motions = [
             Motion(p.problem, p.lobatto, p.mesh, *p.split(own)[::-1])

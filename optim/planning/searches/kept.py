@@ -18,6 +18,7 @@ import numpy as np
 
 import spacerobot
 from optim.json_values import plain
+from optim.planning.formulation.link_pairs import Collision
 from optim.planning.searches.bench import Ask, Attempt, Solve
 from optim.planning.solver.solve import TIME_LIMIT, Solved
 from optim.planning.transcription.mesh import Mesh
@@ -79,6 +80,7 @@ def _arrays(attempt: Attempt) -> dict[str, Any]:
         "meshes": [mesh.knots for mesh in attempt.meshes],
         "cost": attempt.cost,
         "blame": attempt.blame,
+        "apart": [vars(one) for one in attempt.apart],
         "solved": None,
         "verdict": None if attempt.verdict is None else dataclasses.asdict(attempt.verdict),
     }
@@ -102,4 +104,5 @@ def _attempt(stored: dict[str, Any]) -> Attempt:
         verdict = Verdict(**(verdict | {"violations": tuple(Violation(**v) for v in verdict["violations"])}))
     cost = np.inf if told["cost"] is None else told["cost"]
     meshes = tuple(Mesh(tuple(knots)) for knots in told["meshes"])
-    return Attempt(solves, solved, meshes, cost, verdict, told["blame"])
+    apart = tuple(Collision(**(one | {"only": tuple(one["only"])})) for one in told["apart"])
+    return Attempt(solves, solved, meshes, cost, verdict, told["blame"], apart)

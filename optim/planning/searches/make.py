@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,17 +12,14 @@ import casadi as ca
 import numpy as np
 from numpy.polynomial import Polynomial
 
-from optim.planning.formulation.link_pairs import Collision, LinkPair, collisions, keep_apart, link_pairs
 from optim.planning.searches.bench import Ask, Attempt, Bench, Solve
 from optim.planning.searches.choices import Tried, best_of
 from optim.planning.searches.kept import Kept
 from optim.planning.searches.tasks import Task, carry_out
 from optim.planning.searches.warm_start import stored_motion
 from optim.planning.solver.solve import Solved
-from optim.planning.transcription.motion import Course, Motion, normalised
-from optim.planning.transcription.refine import constrained
-from optim.planning.verification.verdict import FINER, Verdict
-from spacerobot.arrays import Array
+from optim.planning.transcription.motion import Course, Motion
+from optim.planning.verification.verdict import Verdict
 from spacerobot.errors import NoPlanError
 from spacerobot.files import StrPath
 from spacerobot.scene import Scene
@@ -123,56 +120,18 @@ def make_plan(
     def of(each: Scene, words: str) -> tuple[float, Planned]:
         """Plan of one candidate, and its cost."""
         tell = progress or (lambda _: None)
-        pairs, apart, solves = link_pairs(each), dict[tuple[str, str], set[int]](), list[Solve]()
         bench = Bench.of(each, backend, (lambda text: tell(f"{words}: {text}")) if words else tell)
         near = None if warm_start is None else stored_motion(bench, Path(warm_start))
-        while True:
-            tasks = plan_tasks(bench, bench.asked(near=near))
-            found = carry_out(bench, tasks, kept_in(folder, bench), dask)
-            fault = fault_of(found[PLAN], bench.plan.starts)
-            if fault is not None:
-                names = ", ".join(" and ".join(names) for names in apart)
-                told = f"; `collision_avoidance` keeps apart {names}" if apart else ""
-                raise NoPlanError(fault + told, source=scene.source, where="plan")
-            plan = planned(bench, bench.asked(), found)
-            solves += plan.solves
-            # Most pairs never come near, so that a pair has a constraint only where a motion violates it.
-            entered = [
-                one
-                for one in plan_collisions(plan, pairs)
-                if not apart.get((one.first, one.second), set()) >= set(one.only)
-            ]
-            if not entered:
-                return plan.cost, dataclasses.replace(
-                    plan, solves=tuple(solves), pairs=len(pairs), kept_apart=tuple(apart)
-                )
-            tell(f"planning again: {entered[0].words()}")
-            for k, one in enumerate(entered):
-                known = apart.setdefault((one.first, one.second), set())
-                entered[k] = dataclasses.replace(one, only=tuple(n for n in one.only if n not in known))
-                known |= set(one.only)
-            source, near = bench.program(bench.asked(), plan.course.meshes), found[PLAN]
-            bench = Bench.of(keep_apart(bench.scene, entered), backend, bench.tell)
-            if len(plan.course.meshes) > 1 + len(bench.later):
-                near = None  # forces jump: from a first guess
-                continue
-            target = bench.program(bench.asked(), plan.course.meshes)
-            near = dataclasses.replace(near, solved=constrained(plan.solved, source, target))
+        tasks = plan_tasks(bench, bench.asked(near=near))
+        found = carry_out(bench, tasks, kept_in(folder, bench), dask)
+        fault = fault_of(found[PLAN], bench.plan.starts)
+        if fault is not None:
+            raise NoPlanError(fault, source=scene.source, where="plan")
+        plan = planned(bench, bench.asked(), found)
+        return plan.cost, plan
 
     best, tried = best_of(scene, of)
     return dataclasses.replace(best, tried=tried)
-
-
-def plan_collisions(plan: Planned, pairs: Sequence[LinkPair]) -> list[Collision]:
-    """Pairs of links that overlap along a plan, looked at where its limits are, the deepest first."""
-    places = np.arange(FINER) / FINER
-    q, time = list[Array](), list[Array]()
-    for begin, motion in zip(plan.course.begins, plan.course.motions, strict=True):
-        shares = np.append((motion.mesh.starts[:, None] + motion.mesh.widths[:, None] * places).ravel(), 1.0)
-        model = motion.problem.stage.scene.model
-        q.append(normalised(model, motion.parts(motion.along(shares))[0]))
-        time.append(begin + shares * motion.duration_s)
-    return collisions(pairs, model, np.vstack(q), np.concatenate(time))
 
 
 def plan_tasks(bench: Bench, ask: Ask, name: str = PLAN) -> dict[str, Task]:
@@ -205,14 +164,16 @@ def kept_in(folder: Path | None, bench: Bench) -> Kept:
 
 def fault_of(attempt: Attempt, starts: int = 1) -> str | None:
     """Why there is no plan; None if there is one."""
+    names = ", ".join(dict.fromkeys(f"{one.first} and {one.second}" for one in attempt.apart))
+    told = f"; `collision_avoidance` keeps apart {names}" if names else ""
     if attempt.solved is None:
         many = f" from {starts} starts" if starts > 1 else ""
-        return f"no plan was found{many}: {attempt.blame}"
+        return f"no plan was found{many}: {attempt.blame}{told}"
     assert attempt.verdict is not None
     faults = attempt.verdict.faults()
     if faults and attempt.blame:
         faults.append(attempt.blame)
-    return f"the plan is refused: {'; '.join(faults)}" if faults else None
+    return f"the plan is refused: {'; '.join(faults)}{told}" if faults else None
 
 
 def planned(bench: Bench, ask: Ask, found: Mapping[str, Attempt], name: str = PLAN) -> Planned:
@@ -221,7 +182,7 @@ def planned(bench: Bench, ask: Ask, found: Mapping[str, Attempt], name: str = PL
     assert attempt.verdict is not None
     assert attempt.solved is not None
     course = bench.course(ask, attempt)
-    terms = _terms(course)
+    terms, bench = _terms(course), bench.keeping_apart(attempt.apart)
     solves = [one for task, a in found.items() if task.startswith(f"{name}, start") for one in a.solves]
     return Planned(
         bench.scene,
@@ -235,6 +196,8 @@ def planned(bench: Bench, ask: Ask, found: Mapping[str, Attempt], name: str = PL
         attempt.solved,
         attempt.verdict,
         bench.instants.backend,
+        pairs=len(bench.pairs),
+        kept_apart=tuple(dict.fromkeys((one.first, one.second) for one in attempt.apart)),
     )
 
 

@@ -7,6 +7,7 @@ import time
 
 import numpy as np
 
+from optim.planning.formulation.stage import Problem
 from optim.planning.searches.bench import Ask, Attempt, Bench, Solve
 from optim.planning.searches.failure import bad_start, exhausted, infeasible, soft_rows
 from optim.planning.solver.elastic import Elastic
@@ -16,7 +17,8 @@ from optim.planning.transcription.guess import guesses, stretched
 from optim.planning.transcription.jumps import cut, may_jump
 from optim.planning.transcription.mesh import Mesh
 from optim.planning.transcription.motion import Course
-from optim.planning.transcription.refine import carried
+from optim.planning.transcription.refine import carried, constrained
+from optim.planning.verification.clearance import course_collisions
 from optim.planning.verification.curvature import falling
 from optim.planning.verification.refinement import refined_meshes
 from optim.planning.verification.verdict import Verdict, judge
@@ -59,20 +61,17 @@ def search(bench: Bench, ask: Ask) -> Attempt:
     ask
         What is asked for.
     """
-    run, near = _Search(bench, ask), ask.near
+    near = ask.near
+    run = _Search(bench if near is None else bench.keeping_apart(near.apart), ask)
     if near is not None and ask.solved:
         run.cost, run.blame = near.cost, near.blame
-        run.kept = None if near.solved is None else (near.solved, near.meshes)
+        run.kept, run.cleared = None if near.solved is None else (near.solved, near.meshes), near.solved
     else:
-        if near is not None and near.solved is not None and len(near.meshes) == 1 + len(bench.later):
-            run.warm(near)
-        if run.kept is None:
-            run.cold()
-        if run.kept is None:
-            run.relaxed()
+        run.solve(near)
+        run.clear()
     verdict = run.refined() if ask.refine and run.kept is not None else None
     solved, meshes = run.kept or (None, bench.meshes(bench.plan.intervals))
-    return Attempt(tuple(run.solves), solved, meshes, run.cost, verdict, run.blame)
+    return Attempt(tuple(run.solves), solved, meshes, run.cost, verdict, run.blame, run.bench.apart)
 
 
 NOTHING = 1e-12
@@ -88,13 +87,52 @@ class _Search:
     """Runs of the solver, one after the other."""
 
     def __init__(self, bench: Bench, ask: Ask) -> None:
-        self.bench, self.ask, self.problem = bench, ask, bench.problem_of(ask)
+        self.bench, self.ask = bench, ask
         self.solves: list[Solve] = []
         self.kept: tuple[Solved, Meshes] | None = None
+        self.cleared: Solved | None = None
         self.cost, self.blame, self.why = np.inf, "", ""
         self.deadline = time.thread_time() + bench.plan.time_limit
         self.ended: tuple[Solvable, Solved, Meshes] | None = None
         self.stalled = False
+
+    @property
+    def problem(self) -> Problem:
+        """The problem of the first phase, as it is asked."""
+        return self.bench.problem_of(self.ask)
+
+    def solve(self, near: Attempt | None) -> None:
+        """Solve from a motion nearby if there is one, else or where that fails from a first guess."""
+        if near is not None and near.solved is not None and len(near.meshes) == 1 + len(self.bench.later):
+            self.warm(near)
+        if self.kept is None:
+            self.cold()
+        if self.kept is None:
+            self.relaxed()
+
+    def clear(self) -> None:
+        """Solve again with keep-out zones for links that collide along what is kept, until none do.
+
+        Most pairs never come near, so that a pair has a constraint only where a motion violates it. What was
+        found before is begun with, its multipliers too.
+        """
+        while self.kept is not None and self.kept[0] is not self.cleared:
+            (solved, meshes), bench = self.kept, self.bench
+            found = Attempt((), solved, meshes, self.cost, None, "", bench.apart)
+            entered = course_collisions(bench.course(self.ask, found), bench.pairs)
+            self.bench = bench.keeping_apart(entered)
+            if self.bench is bench:
+                self.cleared = solved
+                return
+            bench.tell(f"planning again: {entered[0].words()}")
+            self.kept, self.cost = None, np.inf
+            near = None
+            if len(meshes) == 1 + len(bench.later):  # else forces jump: from a first guess
+                programs = (each.program(self.ask, meshes) for each in (bench, self.bench))
+                near = dataclasses.replace(
+                    found, solved=constrained(solved, *programs), apart=self.bench.apart
+                )
+            self.solve(near)
 
     def cold(self) -> None:
         """Solve from a first guess, on the first mesh, and before on a coarser one where that is fine."""
@@ -137,12 +175,15 @@ class _Search:
         solved = dataclasses.replace(near.solved, barrier=max(near.solved.barrier, BARRIER))
         self._solve(course, near.meshes, solved)
 
-    def refined(self) -> Verdict:
+    def refined(self) -> Verdict | None:
         """Verdict on the motion on meshes that become finer until it is good, or as fine as is allowed."""
-        bench, jumps = self.bench, not self.bench.later and not self.bench.name and may_jump(self.problem)
+        jumps = not self.bench.later and not self.bench.name and may_jump(self.problem)
+        verdict = None
         while True:
-            assert self.kept is not None
-            solved, meshes = self.kept
+            self.clear()
+            if self.kept is None:
+                return verdict
+            (solved, meshes), bench = self.kept, self.bench
             course = bench.course(self.ask, Attempt((), solved, meshes, self.cost, None, ""))
             bench.tell("replaying the plan")
             program = bench.exact.program(self.ask, meshes)

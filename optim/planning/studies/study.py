@@ -245,7 +245,8 @@ class _Designs:
         iterations = sum(solve.iterations for solve in attempt.solves)
         if attempt.solved is None:
             return _lost(values, f"no plan was found: {attempt.blame}", iterations)
-        solution = Solution(scene, bench.motion(ask, attempt), attempt.solved, bench.exact.instants)
+        own = bench.keeping_apart(attempt.apart)
+        solution = Solution(own.scene, bench.motion(ask, attempt), attempt.solved, own.exact.instants)
         tied = [dict.fromkeys(paths, float(v)) for paths, v in zip(variables.paths, values, strict=True)]
         slopes = np.array([solution.slope(numbers) for numbers in tied])
         return _Known(Trial(values, attempt.cost, slopes, "", iterations), bench, ask, attempt)

@@ -197,7 +197,7 @@ def _function(name: str, inputs: list[ca.SX], output: ca.SX) -> ca.Function:
 
 def _entries(matrix: ca.SX) -> ca.SX:
     """Entries of a sparse matrix as a dense column."""
-    return ca.vertcat(ca.SX(0, 1), matrix.nz[:])
+    return ca.reshape(matrix.nz[:], matrix.nnz(), 1)  # of a single row they come as a row
 
 
 def _pattern(matrix: ca.SX) -> Pattern:

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from optim.planning.formulation.link_pairs import collisions, link_pairs
-from optim.planning.searches.make import make_plan, plan_collisions
+from optim.planning.searches.make import make_plan
+from optim.planning.verification.clearance import course_collisions
 from optim.planning.written.plan_file import summary
 from spacerobot.cli.check import command as check
 
@@ -28,11 +29,11 @@ def names(scene):
 def test_a_link_that_would_enter_the_target_stays_outside(reach):
     scene = reach(*CROSSED)
     without = make_plan(reach(*CROSSED, ("plan.collision_avoidance", False)), backend="interpreted")
-    (entered,) = plan_collisions(without, link_pairs(scene))
+    (entered,) = course_collisions(without.course, link_pairs(scene))
     assert (entered.first, entered.second) == ("one/link_3", "target/body")
     assert entered.depth_m > 0.02
     planned = make_plan(scene, backend="interpreted")
-    assert plan_collisions(planned, link_pairs(scene)) == []
+    assert course_collisions(planned.course, link_pairs(scene)) == []
     assert planned.cost > without.cost
     assert summary(planned)["collision_avoidance"] == {
         "pairs": len(link_pairs(scene)),
