@@ -61,14 +61,14 @@ CAPTURE: Mapping[str, Any] = {
     "pads": {
         "object": {
             "link": "target/body",
-            "shape": "capsule",
+            "kind": "capsule",
             "radius": 0.1,
             "length": 0.15,
             "rotation_deg": [0, 90, 0],
         },
         "wrist": {
             "link": "arm/link_7",
-            "shape": "capsule",
+            "kind": "capsule",
             "radius": 0.05,
             "length": 0.25,
             "position": [0.175, 0, 0],

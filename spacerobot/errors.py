@@ -77,6 +77,7 @@ FORMER_NAMES = {
     "least": "min_horizon",
     "rival_budget": "baseline_budget",
     "readings": "variants",
+    "shape": "kind",
 }
 """Keys of earlier versions and those that replaced them; an unknown key gets its new name in the message."""
 

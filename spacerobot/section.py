@@ -4,10 +4,20 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field, StringConstraints, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    GetCoreSchemaHandler,
+    GetJsonSchemaHandler,
+    StringConstraints,
+    model_validator,
+)
+from pydantic_core import CoreSchema, PydanticKnownError, core_schema
 
 from spacerobot.errors import near_names
 
@@ -64,6 +74,43 @@ class Section(BaseModel):
             elif isinstance(value, int | float | list | tuple):
                 _check_size(key, value)
         return data
+
+
+@dataclass(frozen=True)
+class OneOf:
+    """Annotation of a text: one of the names that are registered when it is read.
+
+    Attributes
+    ----------
+    names
+        Returns them.
+    """
+
+    names: Callable[[], Iterable[str]]
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """Schema that looks the names up at each validation."""
+        del source, handler
+
+        def known(value: Any) -> str:
+            """The text, if it is one of them."""
+            found = tuple(self.names())
+            if value in found:
+                return str(value)
+            named = [repr(name) for name in found]
+            expected = " or ".join([", ".join(named[:-1]), named[-1]] if len(named) > 1 else named)
+            raise PydanticKnownError("literal_error", {"expected": expected})
+
+        return core_schema.no_info_plain_validator_function(
+            known, serialization=core_schema.to_string_ser_schema()
+        )
+
+    def __get_pydantic_json_schema__(
+        self, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> dict[str, Any]:
+        """The names as an enumeration."""
+        del schema, handler
+        return {"enum": list(self.names()), "type": "string"}
 
 
 def _has_flag(values: Sequence[Any]) -> bool:

@@ -245,25 +245,15 @@ class LoopBuilder:
         """A shape where it is now; a pad's numbers can be varied."""
         rotation, origin = self.plant.placement(shape.frame)
         if shape.path is None:
-            radius, half = (ca.SX(ca.DM(value)) for value in shape.measures)
+            measures = shape.config.measures()
             turn, position = sparse(shape.placement[:3, :3]), sparse(shape.placement[:3, 3])
         else:
-            radius, half, turn, position = _pad(self.context.at(shape.path), shape)
-        own = Shape(ca.mtimes(rotation, turn), origin + ca.mtimes(rotation, position), radius, half)
-        return ContactSurface(shape.kind, own, shape.frame, shape.joint)
-
-
-def _pad(context: SectionContext, shape: SceneShape) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
-    """Radius, half lengths, rotation and position of a pad."""
-    radius = context.number("radius") if shape.measures[0] else ca.SX(1, 1)
-    half = ca.SX(0, 1)
-    if len(shape.measures[1]) == 1:
-        half = context.number("length") / 2
-    elif shape.measures[1]:
-        half = context.vector("size") / 2
-    angles = context.parameters.sparse_vector(f"{context.path}.rotation_deg") * DEGREE
-    turn = context.once("turn", rotation_from_rpy(angles))
-    return radius, half, turn, context.vector("position")
+            context = self.context.at(shape.path)
+            measures, position = shape.config.measures(context), context.vector("position")
+            angles = context.parameters.sparse_vector(f"{context.path}.rotation_deg") * DEGREE
+            turn = context.once("turn", rotation_from_rpy(angles))
+        turned, place = ca.mtimes(rotation, turn), origin + ca.mtimes(rotation, position)
+        return ContactSurface(Shape(type(shape.config), turned, place, measures), shape.frame, shape.joint)
 
 
 def _positions(body: SceneBody, free: ca.SX) -> dict[int, ca.SX]:

@@ -34,11 +34,14 @@ class Geometry:
         Box: edge lengths (3,); cylinder: radius, length (2,); sphere: radius (1,), in m. Mesh: scale (3,).
     mesh
         Absolute path of the mesh file; None for a primitive.
+    corners
+        Of a mesh without a file, which is their convex hull (n, 3), m.
     """
 
     kind: GeometryKind
     size: Array
     mesh: Path | None = None
+    corners: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)

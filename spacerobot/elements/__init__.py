@@ -1,6 +1,7 @@
 """Elements: references, grasps, actuators, environments, ...; a kind is one file, section and law."""
 
 from spacerobot.elements.actuator import Actuator
+from spacerobot.elements.collision_shape import CollisionShape
 from spacerobot.elements.contact import Contact
 from spacerobot.elements.context import (
     ActuatorContext,
@@ -36,6 +37,8 @@ from spacerobot.elements.registry import FAMILIES, PLANS, Family, create, kinds,
 from spacerobot.elements.robot_element import RobotElement, RobotProperties
 from spacerobot.elements.section_context import SectionContext, StartInstant
 from spacerobot.elements.sensor import Sensor
+from spacerobot.section import Vector, quantity
+from spacerobot.shapes import CrownedTerm, SmoothTerm, Support
 
 __all__ = [
     "FAMILIES",
@@ -46,11 +49,13 @@ __all__ = [
     "ActuatorDrive",
     "AxesCost",
     "BoundedRow",
+    "CollisionShape",
     "CommandedTorque",
     "Contact",
     "ContactContext",
     "Contribution",
     "ControlChannel",
+    "CrownedTerm",
     "DesiredMotion",
     "Element",
     "Environment",
@@ -75,13 +80,16 @@ __all__ = [
     "RobotProperties",
     "SectionContext",
     "Sensor",
+    "SmoothTerm",
     "StartInstant",
     "State",
     "StoredMomentum",
+    "Support",
     "TimeProfile",
     "TipContext",
     "TipController",
     "TipGoal",
+    "Vector",
     "both",
     "create",
     "cubic_blend",
@@ -90,6 +98,7 @@ __all__ = [
     "load_plugin",
     "memory",
     "negated",
+    "quantity",
     "register",
     "within",
     "zero",

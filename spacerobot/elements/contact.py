@@ -10,11 +10,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import ClassVar
 
 import casadi as ca
 from pydantic import Field
 
+from spacerobot.elements.collision_shape import Wrap
 from spacerobot.elements.context import ContactContext
 from spacerobot.elements.contribution import Contribution, Output, PowerTerm, State
 from spacerobot.elements.element import Element
@@ -32,8 +33,6 @@ OBSERVED = {
     "contact_loss": ("J", "energy that contacts took since the start"),
 }
 """What every contact declares: unit and text."""
-
-Wrap = Literal["box", "capsule", "sphere"]
 
 
 class Contact(Element):

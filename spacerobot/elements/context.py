@@ -15,7 +15,7 @@ from spacerobot.elements.desired_motion import DesiredMotion
 from spacerobot.elements.grasp_state import GraspState
 from spacerobot.elements.section_context import SectionContext
 from spacerobot.section import Section
-from spacerobot.shapes import Proximity, Shape, ShapeKind, proximity
+from spacerobot.shapes import Proximity, Shape, proximity
 from spacerobot.symbolic import InitialState, Plant
 
 Affine = tuple[ca.SX | None, ca.SX]
@@ -337,7 +337,6 @@ class ReferenceContext(SectionContext):
 class ContactSurface:
     """A shape of a body, and the frame and joint in the model that carry it."""
 
-    kind: ShapeKind
     shape: Shape
     frame: int
     joint: int
@@ -367,7 +366,7 @@ class ContactContext:
     def proximity(self, first: ContactSurface, second: ContactSurface) -> Proximity:
         """How near two shapes are."""
         crown = self.context.number("crown")
-        return proximity((first.kind, second.kind), first.shape, second.shape, crown)
+        return proximity(first.shape, second.shape, crown)
 
     def velocity(self, surface: ContactSurface, point: ca.SX) -> ca.SX:
         """Velocity (3x1) [m/s] of the body's material point that is at a point (3x1) [m]."""

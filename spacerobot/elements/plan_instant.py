@@ -13,7 +13,7 @@ import numpy.typing as npt
 from spacerobot.arrays import Array
 from spacerobot.dynamics.algebra import cross
 from spacerobot.dynamics.joints import sparse
-from spacerobot.elements.contact import Wrap
+from spacerobot.elements.collision_shape import Wrap
 from spacerobot.errors import ScenarioError
 from spacerobot.shapes import Implicit
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
-from spacerobot.elements.contact import Wrap
+from spacerobot.elements.collision_shape import Wrap
 from spacerobot.elements.element import Element
 from spacerobot.elements.plan_instant import BoundedRow, PlanInstant
 

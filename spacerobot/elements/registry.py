@@ -21,7 +21,7 @@ from pydantic import Field, GetCoreSchemaHandler
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from spacerobot.elements.element import Element
-from spacerobot.errors import SpaceRobotError, near_names
+from spacerobot.errors import FORMER_NAMES, SpaceRobotError, near_names
 from spacerobot.files import StrPath
 
 GROUP = "spacerobot.elements"
@@ -36,6 +36,7 @@ FAMILIES = {
     "actuator": "spacerobot.elements.actuators",
     "sensor": "spacerobot.elements.sensors",
     "environment": "spacerobot.elements.environments",
+    "shape": "spacerobot.elements.collision_shapes",
 }
 """Families of a closed loop, and the package whose modules hold the kinds that ship."""
 
@@ -227,6 +228,9 @@ class Family:
                 value = {"kind": self.default} | value
             if isinstance(value, dict) and "kind" not in value:
                 value = _told(value, found)
+                former = [key for key in value if FORMER_NAMES.get(key) == "kind"]
+                if former and "kind" not in value:
+                    raise ValueError(f"unknown key {former[0]!r}; use 'kind'")
             if isinstance(value, dict) and value.get("kind") not in tuple(found):
                 raise PydanticCustomError("unknown_kind", "{told}", {"told": _unknown(value, tuple(found))})
             return value

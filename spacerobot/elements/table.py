@@ -19,6 +19,7 @@ PLACES = {
     "but those that are wheels",
     "sensor": "`robots.*.sensors.*`",
     "environment": "`environment.*`",
+    "shape": "`pads.*`",
     "goal": "`plan.goals.*`; the kind follows from `attitude`, `frame`, `position`, `joints` or `still`",
     "plan_cost": "`plan.costs.*`; the name is the kind if the section gives none, a number alone the weight",
     "plan_limit": "`plan.limits.*`, likewise; also `plan.keep_out.*`, `plan.cones.*`, `plan.sights.*`",

@@ -11,8 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from spacerobot.arrays import Array
-from spacerobot.pinocchio_engine.crowned import crowned_distance
-from spacerobot.scene.contacts import coal_distance
+from spacerobot.pinocchio_engine.crowned import shape_distance
 from spacerobot.scene.scene import SceneShape
 
 _AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
@@ -117,11 +116,7 @@ class MechanicalState:
     def proximity(self, pair: tuple[SceneShape, SceneShape], crown: float) -> Array:
         """Gap [m], normal and point halfway [m] (7,) of two shapes, by coal's distances."""
         places = [pin.SE3(f.rotation, f.position) for f in (self.frame(shape.frame) for shape in pair)]
-        near = coal_distance(*pair, places)
-        gap, normal = near.min_distance, np.array(near.normal)
-        point = (near.getNearestPoint1() + near.getNearestPoint2()) / 2
-        if all(shape.kind != "sphere" for shape in pair):
-            gap, normal, point = crowned_distance(pair, places, crown, normal)
+        gap, normal, point = shape_distance(pair, places, crown)
         return np.concatenate([[gap], normal, point])
 
     def opening(self, pair: tuple[SceneShape, SceneShape], near: Array) -> float:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from spacerobot.scene.scene import SceneContact, SceneShape
+from spacerobot.scene.scene import SceneContact
 
 MOST_DRIFT = 0.01
 """Greatest change of a momentum, in parts of the largest of a body."""
@@ -74,7 +74,7 @@ def deep_contacts(contacts: Sequence[SceneContact], data: xr.Dataset) -> list[st
     """
     found = []
     for contact in contacts:
-        size = min(_half_thickness(shape) for pair in contact.pairs for shape in pair)
+        size = min(shape.config.extent()[0] for pair in contact.pairs for shape in pair)
         depth = -float(np.min(data.contact_gap.sel(contact=contact.name).values))
         if depth > MOST_DEPTH * size:
             found.append(
@@ -82,15 +82,6 @@ def deep_contacts(contacts: Sequence[SceneContact], data: xr.Dataset) -> list[st
                 f"{1e3 * size:.3g} mm from its middle to its surface"
             )
     return found
-
-
-def _half_thickness(shape: SceneShape) -> float:
-    """Least distance from a shape's middle to its surface [m]; infinite for a plane."""
-    radius, half = shape.measures
-    round_, flat = shape.kind != "box", shape.kind in ("cylinder", "box")
-    if shape.kind == "plane":
-        return float("inf")
-    return min([*([radius] if round_ else []), *(half if flat else [])])
 
 
 def _drifts(momentum: Mapping[str, Any]) -> list[str]:

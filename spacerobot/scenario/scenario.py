@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, ValidationError, model_validator
 
-from spacerobot.elements import Contact, Environment, Family, Grasp
+from spacerobot.elements import CollisionShape, Contact, Environment, Family, Grasp
 from spacerobot.elements.registry import on_change
 from spacerobot.errors import near_names
 from spacerobot.scenario.bodies import Base, Robot, Target, Tip
@@ -17,7 +17,6 @@ from spacerobot.scenario.paths import Document
 from spacerobot.scenario.phases import Phase, check_phases, check_planned
 from spacerobot.scenario.plan import Planning
 from spacerobot.scenario.sensors import Sensors
-from spacerobot.scenario.shapes import Pad
 from spacerobot.scenario.tuning import Tuning
 from spacerobot.section import Name, Section, Vector, quantity
 
@@ -71,7 +70,9 @@ class Scenario(Section):
     robots: dict[Name, Robot] = Field(min_length=1, description="robots by name")
     target: Target | None = Field(default=None, description="the object that is held")
     grasps: dict[Name, Annotated[Grasp, Family("grasp")]] = Field(default={}, description="grasps by name")
-    pads: dict[Name, Pad] = Field(default={}, description="shapes for contact that no URDF has, by name")
+    pads: dict[Name, Annotated[CollisionShape, Family("shape")]] = Field(
+        default={}, description="shapes for contact that no URDF has, by name"
+    )
     contacts: dict[Name, Annotated[Contact, Family("contact", default="hunt_crossley")]] = Field(
         default={}, description="what may touch, by name"
     )

@@ -13,15 +13,14 @@ import numpy as np
 import pinocchio as pin
 
 from spacerobot.description.parts import LinkShape as UrdfShape
-from spacerobot.elements import Contact
-from spacerobot.elements.contact import Wrap
+from spacerobot.elements import CollisionShape, Contact
+from spacerobot.elements.collision_shape import Wrap, wrapping_shapes
 from spacerobot.errors import ScenarioError, near_names
 from spacerobot.scenario import Scenario
-from spacerobot.scenario.shapes import Pad
 from spacerobot.scene.scene import Scene, SceneBody, SceneContact, SceneShape
-from spacerobot.scene.wrapping import wrapped
+from spacerobot.scene.wrapping import shape_of, wrapped, wraps_around
 from spacerobot.section import matching
-from spacerobot.shapes import Shape, ShapeKind, have_distance, proximity
+from spacerobot.shapes import Shape, have_distance, proximity
 
 TOUCHING = 1e-9
 """[m] Shapes that reach no deeper into one another do not overlap at the start."""
@@ -95,9 +94,9 @@ class _Finder:
         named = f"{first.label} and {second.label}"
         if first.joint == second.joint:
             raise self._fault(f"{named} are fixed to each other and cannot touch", f"{path}.between")
-        if not have_distance(first.kind, second.kind):
+        if not have_distance(type(first.config), type(second.config)):
             raise self._fault(
-                f"{named} are two planes, which have no distance from each other; put another shape on one",
+                f"{named} are two half-spaces, which have no distance; put another shape on one",
                 f"{path}.between",
             )
 
@@ -131,7 +130,7 @@ class _Finder:
         frame = int(self.model.getFrameId(f"{body.name}/{link}", pin.FrameType.BODY))
         return frame, int(self.model.frames[frame].parentJoint)
 
-    def _pad(self, name: str, pad: Pad) -> SceneShape:
+    def _pad(self, name: str, pad: CollisionShape) -> SceneShape:
         where = f"pads.{name}"
         body = self._body(pad.link, f"no body for {pad.link!r}", [], f"{where}.link")
         link, names = pad.link.partition("/")[2], [link.name for link in body.description.links]
@@ -139,46 +138,25 @@ class _Finder:
             hint = near_names(link, names)
             raise self._fault(f"no link {link!r} in {body.description.path.name}; {hint}", f"{where}.link")
         placement = pin.SE3(pin.rpy.rpyToMatrix(np.radians(pad.rotation_deg)), np.array(pad.position))
-        half = [edge / 2 for edge in pad.size] if pad.size else [pad.length / 2] if pad.length else []
-        measures = (pad.radius or 0.0, tuple(half))
-        return SceneShape(name, where, pad.shape, measures, *self._frame(body, link), placement.homogeneous)
+        return SceneShape(name, where, pad, *self._frame(body, link), placement.homogeneous)
 
     def _urdf(
         self, body: SceneBody, link: str, shape: UrdfShape, wrap: Wrap | None, where: str
     ) -> SceneShape:
         label, geometry, placement = f"{body.name}/{link}", shape.geometry, np.array(shape.placement)
-        kind: ShapeKind
-        if geometry.kind in ("mesh", "cylinder") and wrap is not None:
-            kind, measures, own = wrapped(geometry, wrap)
-            return SceneShape(label, None, kind, measures, *self._frame(body, link), placement @ own)
-        if geometry.kind == "mesh":
+        own = np.eye(4)
+        if wraps_around(geometry) and wrap is not None:
+            config, own = wrapped(geometry, wrap, label)
+        elif geometry.mesh is not None:
+            names = " or ".join(f"`wrap: {name}`" for name in sorted(wrapping_shapes()))
             raise self._fault(
-                f"{label} collides by a mesh, which has no contact law; give `wrap: box`, `capsule` or "
-                "`sphere` to use one around it, or name a pad",
+                f"{label} collides by a mesh, which has no contact law; give {names} to use a shape around "
+                "it, or name a pad",
                 where,
             )
-        size = [float(x) for x in geometry.size]
-        if geometry.kind == "box":
-            kind, measures = "box", (0.0, tuple(edge / 2 for edge in size))
-        elif geometry.kind == "cylinder":
-            kind, measures = "cylinder", (size[0], (size[1] / 2,))
         else:
-            kind, measures = "sphere", (size[0], ())
-        return SceneShape(label, None, kind, measures, *self._frame(body, link), placement)
-
-
-def coal_of(shape: SceneShape) -> Any:
-    """Coal's form of a shape."""
-    radius, half = shape.measures
-    if shape.kind == "sphere":
-        return coal.Sphere(radius)
-    if shape.kind == "capsule":
-        return coal.Capsule(radius, 2 * half[0])
-    if shape.kind == "cylinder":
-        return coal.Cylinder(radius, 2 * half[0])
-    if shape.kind == "box":
-        return coal.Box(*(2 * edge for edge in half))
-    return coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0)
+            config = shape_of(geometry, label)
+        return SceneShape(label, None, config, *self._frame(body, link), placement @ own)
 
 
 def coal_distance(first: SceneShape, second: SceneShape, places: Sequence[Any]) -> Any:
@@ -189,7 +167,7 @@ def coal_distance(first: SceneShape, second: SceneShape, places: Sequence[Any]) 
     parts: list[Any] = []
     for shape, place in zip((first, second), places, strict=True):
         at = place * pin.SE3(shape.placement)
-        parts += [coal_of(shape), coal.Transform3s(at.rotation, at.translation)]
+        parts += [shape.config.coal(), coal.Transform3s(at.rotation, at.translation)]
     coal.distance(*parts, request, result)
     return result
 
@@ -243,7 +221,8 @@ def dome_warnings(scene: Scene) -> list[str]:
 
 def _domes(pair: tuple[SceneShape, SceneShape], crown: float) -> float:
     """No domes of two shapes are higher [m]."""
-    return crown * sum(sum(half) + radius for radius, half in (shape.measures for shape in pair))
+    found = (shape.config.extent()[1] for shape in pair if not shape.config.is_halfspace)
+    return 3**0.5 * crown * sum(found)
 
 
 def _within_domes(scene: Scene, pair: tuple[SceneShape, SceneShape], crown: float) -> float:
@@ -252,9 +231,9 @@ def _within_domes(scene: Scene, pair: tuple[SceneShape, SceneShape], crown: floa
     pin.framesForwardKinematics(scene.model, data, scene.q)
 
     def placed(shape: SceneShape) -> Shape:
-        at, (radius, half) = data.oMf[shape.frame] * pin.SE3(shape.placement), shape.measures
-        sizes = ca.SX(radius), ca.SX(ca.DM(list(half)))
-        return Shape(ca.SX(ca.DM(at.rotation)), ca.SX(ca.DM(at.translation)), *sizes)
+        at = data.oMf[shape.frame] * pin.SE3(shape.placement)
+        place = ca.SX(ca.DM(at.rotation)), ca.SX(ca.DM(at.translation))
+        return Shape(type(shape.config), *place, shape.config.measures())
 
     one, other = (placed(shape) for shape in pair)
-    return -float(ca.evalf(proximity((pair[0].kind, pair[1].kind), one, other, crown).gap))
+    return -float(ca.evalf(proximity(one, other, crown).gap))

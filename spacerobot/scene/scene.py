@@ -11,11 +11,10 @@ import numpy as np
 
 from spacerobot.arrays import Array
 from spacerobot.description.read import Description
-from spacerobot.elements import Contact, Grasp, Reference
+from spacerobot.elements import CollisionShape, Contact, Grasp, Reference
 from spacerobot.errors import ScenarioError, near_names
 from spacerobot.notebook import html_table
 from spacerobot.scenario import Base, Robot, Scenario, Target, Tip
-from spacerobot.shapes import ShapeKind
 
 
 @dataclass(frozen=True)
@@ -182,8 +181,8 @@ class SceneShape:
         The pad's name, or body/link.
     path
         The pad's place in the scenario; none for a collision shape of a URDF, whose numbers are fixed.
-    kind, measures
-        What it is; its radius and half its length or edges [m], as :class:`spacerobot.shapes.Shape` says.
+    config
+        What it is and its measures [m]; of a shape of a URDF without its place.
     frame, joint
         Of the link in the model.
     placement
@@ -192,8 +191,7 @@ class SceneShape:
 
     label: str
     path: str | None
-    kind: ShapeKind
-    measures: tuple[float, tuple[float, ...]]
+    config: CollisionShape
     frame: int
     joint: int
     placement: Array

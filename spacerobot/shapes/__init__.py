@@ -1,6 +1,21 @@
-"""Convex primitives as CasADi expressions: signed distance, normal and one point of a pair."""
+"""Convex shapes as CasADi expressions: signed distance, normal and one point of a pair."""
 
-from spacerobot.shapes.pairs import CROWN, Implicit, Proximity, have_distance, held_gap, proximity
-from spacerobot.shapes.shape import Shape, ShapeKind
+from spacerobot.shapes.pairs import CROWN, Implicit, Proximity, have_distance, held_gap, is_exact, proximity
+from spacerobot.shapes.shape import ConvexKind, Nearest, Shape
+from spacerobot.shapes.support import CrownedTerm, SmoothTerm, Support
 
-__all__ = ["CROWN", "Implicit", "Proximity", "Shape", "ShapeKind", "have_distance", "held_gap", "proximity"]
+__all__ = [
+    "CROWN",
+    "ConvexKind",
+    "CrownedTerm",
+    "Implicit",
+    "Nearest",
+    "Proximity",
+    "Shape",
+    "SmoothTerm",
+    "Support",
+    "have_distance",
+    "held_gap",
+    "is_exact",
+    "proximity",
+]

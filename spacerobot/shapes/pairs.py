@@ -1,16 +1,14 @@
-"""Which pairs of shapes there are, and how near they are to each other."""
+"""How near two shapes are to each other."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import casadi as ca
 
-from spacerobot.shapes import crowned, points
-from spacerobot.shapes.points import Nearest
-from spacerobot.shapes.shape import Shape, ShapeKind
+from spacerobot.shapes import crowned
+from spacerobot.shapes.shape import ConvexKind, Shape
 
 
 @dataclass(frozen=True)
@@ -36,61 +34,50 @@ class Proximity:
     lead: ca.SX | None = None
 
 
-FROM_POINT: dict[ShapeKind, Callable[[ca.SX, Shape], Nearest]] = {
-    "sphere": lambda point, sphere: points.to_point(point, sphere.position),
-    "capsule": points.to_segment,
-    "plane": points.to_plane,
-    "box": points.to_box,
-    "cylinder": points.to_cylinder,
-}
-"""From a sphere's centre to the core of another shape."""
-ROUND = ("sphere", "capsule")
-"""Shapes that are a core with a radius around it."""
 CROWN = 1e-3
 """Height of the dome on flat faces and straight edges, of half their length, if nothing says."""
 
 
-def have_distance(one: ShapeKind, other: ShapeKind) -> bool:
-    """Whether two shapes have a distance; planes have none from each other."""
-    return (one, other) != ("plane", "plane")
+def have_distance(one: type[ConvexKind], other: type[ConvexKind]) -> bool:
+    """Whether two kinds of shapes have a distance; half-spaces have none from each other."""
+    return not (one.is_halfspace and other.is_halfspace)
 
 
-def proximity(
-    kinds: tuple[ShapeKind, ShapeKind], one: Shape, other: Shape, crown: ca.SX | float = CROWN
-) -> Proximity:
+def proximity(one: Shape, other: Shape, crown: ca.SX | float = CROWN) -> Proximity:
     """How near two shapes are.
+
+    A ball's distance from a shape whose kind has a closed form is exact; otherwise support functions decide.
 
     Parameters
     ----------
-    kinds
-        Theirs.
     one, other
         The shapes.
     crown
         Height of the dome on flat faces and straight edges, of half their length (1x1); without effect where
-        one of the two is a sphere.
+        the distance is exact.
 
     Raises
     ------
     ValueError
-        If both are planes.
+        If both are half-spaces.
     """
-    if not have_distance(*kinds):
-        raise ValueError("planes have no distance from each other")
-    if kinds[0] == "plane" or (kinds[1] == "sphere" and kinds[0] != "sphere"):
-        found = proximity((kinds[1], kinds[0]), other, one, crown)
-        return Proximity(found.gap, -found.normal, found.point)
-    if kinds[0] == "sphere":
-        distance, away, nearest = FROM_POINT[kinds[1]](one.position, other)
-        radius = other.radius if kinds[1] in ROUND else ca.SX(0)
-        gap = distance - one.radius - radius
+    if not have_distance(one.kind, other.kind):
+        raise ValueError("half-spaces have no distance from each other")
+    if one.kind.is_halfspace or (other.is_ball and not one.is_ball):
+        found = proximity(other, one, crown)
+        return Proximity(found.gap, -found.normal, found.point, found.lead)
+    exact = other.kind.nearest(one.position, other) if one.is_ball else None
+    if exact is not None:
+        distance, away, nearest = exact
+        radius = other.support.ball
+        gap = distance - one.support.ball - radius
         # the surface points are those of the cores, moved by the radii towards each other
         return Proximity(gap, -away, nearest + away * (radius + gap / 2))
     lead = None
-    if kinds[1] == "plane":
-        gap, away, nearest = crowned.to_plane(kinds[0], one, other, ca.SX(crown))
+    if other.kind.is_halfspace:
+        gap, away, nearest = crowned.to_plane(one, other, ca.SX(crown))
     else:
-        (gap, away, nearest), lead = crowned.to_crowned(kinds, one, other, ca.SX(crown))
+        (gap, away, nearest), lead = crowned.to_shape(one, other, ca.SX(crown))
     return Proximity(gap, -away, nearest + away * gap / 2, lead)
 
 
@@ -112,14 +99,12 @@ class Implicit(NamedTuple):
     given: ca.SX
 
 
-def held_gap(
-    kinds: tuple[ShapeKind, ShapeKind], one: Shape, other: Shape, crown: ca.SX | float = CROWN
-) -> tuple[ca.SX, Implicit]:
+def held_gap(one: Shape, other: Shape, crown: ca.SX | float = CROWN) -> tuple[ca.SX, Implicit]:
     """Signed distance of two shapes that is cheap to differentiate.
 
     Parameters
     ----------
-    kinds, one, other, crown
+    one, other, crown
         As for :func:`proximity`.
 
     Returns
@@ -128,7 +113,14 @@ def held_gap(
         The distance (1x1) [m], and the symbol in it for the direction that an iteration finds: first and
         second derivatives at a constant symbol are the distance's.
     """
-    if {"sphere", "plane"} & {*kinds}:
-        return proximity(kinds, one, other, crown).gap, Implicit(ca.SX(0, 1), None, ca.SX(0, 1))
-    gap, symbol, function, given = crowned.gap_along(kinds, one, other, ca.SX(crown))
+    if is_exact(one, other) or one.kind.is_halfspace or other.kind.is_halfspace:
+        return proximity(one, other, crown).gap, Implicit(ca.SX(0, 1), None, ca.SX(0, 1))
+    gap, symbol, function, given = crowned.gap_along(one, other, ca.SX(crown))
     return gap, Implicit(symbol, function, given)
+
+
+def is_exact(one: Shape, other: Shape) -> bool:
+    """Whether the distance of two shapes has a closed form: one is a ball, and the other's kind has one."""
+    if other.is_ball and not one.is_ball:
+        one, other = other, one
+    return one.is_ball and other.kind.nearest(one.position, other) is not None

@@ -8,18 +8,8 @@ from __future__ import annotations
 
 import casadi as ca
 
-from spacerobot.shapes.shape import Shape
-
-Nearest = tuple[ca.SX, ca.SX, ca.SX]
-"""Distance (1x1) [m], unit direction (3x1), nearest point of the core (3x1) [m]."""
-
-TINY = 1e-24
-"""[m^2] added to the square of a distance, so that two points in one place have a direction without NaN."""
-
-
-def clamp(value: ca.SX, bound: ca.SX) -> ca.SX:
-    """Value between -bound and bound, entry by entry."""
-    return ca.fmin(ca.fmax(value, -bound), bound)
+from spacerobot.shapes.clamp import TINY, clamp
+from spacerobot.shapes.shape import Nearest, Shape
 
 
 def to_point(point: ca.SX, other: ca.SX) -> Nearest:
@@ -29,9 +19,9 @@ def to_point(point: ca.SX, other: ca.SX) -> Nearest:
     return distance, gap / distance, other
 
 
-def to_segment(point: ca.SX, segment: Shape) -> Nearest:
-    """From a point (3x1) to a capsule's segment."""
-    along = clamp(ca.dot(segment.axis, point - segment.position), segment.half)
+def to_segment(point: ca.SX, segment: Shape, half: ca.SX) -> Nearest:
+    """From a point (3x1) to a segment along own z of half length ``half`` (1x1) [m]."""
+    along = clamp(ca.dot(segment.axis, point - segment.position), half)
     return to_point(point, segment.position + along * segment.axis)
 
 
@@ -41,18 +31,21 @@ def to_plane(point: ca.SX, plane: Shape) -> Nearest:
     return distance, plane.axis, point - distance * plane.axis
 
 
-def to_box(point: ca.SX, box: Shape) -> Nearest:
-    """From a point (3x1) to a box."""
+def to_box(point: ca.SX, box: Shape, half: ca.SX) -> Nearest:
+    """From a point (3x1) to a box of half edges ``half`` (3x1) [m]."""
     own = box.inside(point)
-    distance, direction, nearest = _to_block(own, box.half)
+    distance, direction, nearest = _to_block(own, half)
     return distance, box.outside(direction), box.position + box.outside(nearest)
 
 
-def to_cylinder(point: ca.SX, cylinder: Shape) -> Nearest:
-    """From a point (3x1) to a cylinder: a rectangle in the plane of the point and the axis."""
+def to_cylinder(point: ca.SX, cylinder: Shape, radius: ca.SX, half: ca.SX) -> Nearest:
+    """From a point (3x1) to a cylinder along own z, of a radius and half a length (1x1 each) [m].
+
+    It is a rectangle in the plane of the point and the axis.
+    """
     own = cylinder.inside(point)
     out = ca.sqrt(own[0] ** 2 + own[1] ** 2 + TINY)
-    size = ca.vertcat(cylinder.radius, cylinder.half)
+    size = ca.vertcat(radius, half)
     distance, direction, nearest = _to_block(ca.vertcat(out, own[2]), size)
 
     def lifted(flat: ca.SX) -> ca.SX:

@@ -48,10 +48,12 @@ def _classes(node):
 
 
 def _is_kind(node):
-    """Whether an expression is ``x.kind`` or ``x["kind"]``."""
+    """Whether an expression is ``x.kind`` or ``x["kind"]`` of an element, not of a URDF's geometry."""
     if isinstance(node, ast.Subscript):
         return isinstance(node.slice, ast.Constant) and node.slice.value == "kind"
-    return isinstance(node, ast.Attribute) and node.attr == "kind"
+    if not isinstance(node, ast.Attribute) or node.attr != "kind":
+        return False
+    return not ast.unparse(node.value).endswith("geometry")
 
 
 @pytest.mark.parametrize("package", ["spacerobot", "optim", "viz"])

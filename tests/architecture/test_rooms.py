@@ -23,7 +23,7 @@ KNOWS = {
     "spacerobot.dynamics": set(),
     "spacerobot.symbolic": {"dynamics"},
     "spacerobot.shapes": {"dynamics"},
-    "spacerobot.elements": {"files", "section", "dynamics", "shapes", "symbolic"},
+    "spacerobot.elements": {"files", "section", "description", "dynamics", "shapes", "symbolic"},
     "spacerobot.quantities": set(),
     "spacerobot.scenario": {"section", "elements", "shapes", "quantities"},
     "spacerobot.description": {"files"},

@@ -8,7 +8,7 @@ import pytest
 from spacerobot.scene import load_scene
 from tests.oracles.balls import meeting
 from tests.oracles.engine import simulate as checked_by
-from viz.drawing.motion import PAD, PLATE, scene_nodes
+from viz.drawing.motion import PAD, scene_nodes
 from viz.figures import draw_all
 from viz.page.signals import quantities
 
@@ -36,12 +36,16 @@ def test_a_ball_bounces_off_and_everything_shows_it(bounce):
     assert "taken: contact" in shown["work since the start"]
 
 
+def is_pad(solid):
+    return np.array_equal(solid.rgba[:3], PAD[:3])
+
+
 def test_pads_are_drawn_where_they_are():
     scene = load_scene(
-        "bounce", {"pads.fist": {"link": "arm/tip", "shape": "capsule", "radius": 0.05, "length": 0.2}}
+        "bounce", {"pads.fist": {"link": "arm/tip", "kind": "capsule", "radius": 0.05, "length": 0.2}}
     )
-    (node,) = [n for n in scene_nodes(scene) if any(s.rgba is PAD for s in n.solids)]
-    drawn = [solid for solid in node.solids if solid.rgba is PAD]
+    (node,) = [n for n in scene_nodes(scene) if any(is_pad(s) for s in n.solids)]
+    drawn = [solid for solid in node.solids if is_pad(solid)]
     assert [solid.geometry.kind for solid in drawn] == ["cylinder", "sphere", "sphere"]
     heights = sorted(solid.placement[2, 3] for solid in drawn)
     np.testing.assert_allclose(heights, [-0.1, 0, 0.1])
@@ -55,12 +59,11 @@ def test_the_second_engine_sees_the_same(bounce):
 
 
 def test_a_plane_is_seen_as_a_plate_below_it_that_is_wide_enough_with_its_normal():
-    at = {
-        "floor": {"link": "one/body", "shape": "plane", "position": [0, 0.3, 0], "rotation_deg": [90, 0, 0]}
-    }
+    at = {"floor": {"link": "one/body", "kind": "plane", "position": [0, 0.3, 0], "rotation_deg": [90, 0, 0]}}
     found = meeting({"stiffness": 1e4, "between": ["floor", "target/body"]}, pads=at)
-    (node,) = (node for node in scene_nodes(found) if any(s.rgba is PLATE for s in node.solids))
-    plate, *normal = (s for s in node.solids if s.rgba is PLATE or s.rgba is PAD)
+    (node,) = (node for node in scene_nodes(found) if any(is_pad(s) for s in node.solids))
+    plate, *normal = (s for s in node.solids if is_pad(s))
+    assert plate.rgba[3] < 1
     up, surface = np.array([0, -1, 0]), np.array([0, 0.3, 0])
     half = plate.geometry.size / 2
     np.testing.assert_allclose(plate.placement[:3, 3] + half[2] * up, surface, atol=1e-12)

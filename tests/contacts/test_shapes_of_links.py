@@ -8,7 +8,6 @@ import pytest
 from scipy.spatial import ConvexHull
 
 from spacerobot.errors import ScenarioError
-from spacerobot.scene.contacts import coal_of
 from tests.oracles.balls import body, scene
 
 STL = "solid box\n{}endsolid box\n"
@@ -59,15 +58,15 @@ def test_a_wrapped_mesh_is_inside_its_shape(tmp_path, wrap):
     middle, edges = [0, 0.1, 0.05 + 0.1], [0.2, 0.6, 0.1]
     np.testing.assert_allclose(shape.placement[:3, 3], middle)
     if wrap == "box":
-        assert (shape.kind, shape.measures[0]) == ("box", 0.0)
-        np.testing.assert_allclose(shape.measures[1], np.array(edges) / 2)
+        assert shape.config.kind == "box"
+        np.testing.assert_allclose(shape.config.size, edges)
     elif wrap == "sphere":
-        assert shape.kind == "sphere"
-        assert shape.measures[0] == pytest.approx(np.linalg.norm(edges) / 2)
+        assert shape.config.kind == "sphere"
+        assert shape.config.radius == pytest.approx(np.linalg.norm(edges) / 2)
     else:
         np.testing.assert_allclose(np.abs(shape.placement[:3, 2]), [0, 1, 0])  # along the longest edge
         np.testing.assert_allclose(np.linalg.det(shape.placement[:3, :3]), 1)
-        radius, (half,) = shape.measures
+        radius, half = shape.config.radius, shape.config.length / 2
         assert radius**2 - 0.1**2 - 0.05**2 == pytest.approx((0.3 - half) ** 2)  # through the corners
         assert 0.1 < radius < 0.2
 
@@ -90,7 +89,7 @@ def test_no_point_of_a_mesh_is_nearer_than_what_wraps_it(tmp_path, wrap):
         at = coal.Transform3s(np.eye(3), 0.6 * place / np.linalg.norm(place) + [0, 0.1, 0.1])
         gaps = [
             coal.distance(one, of, ball, at, coal.DistanceRequest(), coal.DistanceResult())
-            for one, of in ((mesh, lifted), (coal_of(shape), own))
+            for one, of in ((mesh, lifted), (shape.config.coal(), own))
         ]
         nearer.append(gaps[0] - gaps[1])
     assert min(nearer) > -1e-6
@@ -99,13 +98,14 @@ def test_no_point_of_a_mesh_is_nearer_than_what_wraps_it(tmp_path, wrap):
 
 def test_primitives_are_taken_as_they_are_and_cylinders_wrapped_on_request(tmp_path):
     cylinder = '<cylinder radius="0.2" length="1.0"/>'
-    assert shape_of(with_shape(tmp_path, cylinder)).measures == (0.2, (0.5,))
+    bare = shape_of(with_shape(tmp_path, cylinder)).config
+    assert (bare.kind, bare.radius, bare.length) == ("cylinder", 0.2, 1.0)
     wrapped = shape_of(with_shape(tmp_path, cylinder, wrap="capsule"))
-    assert wrapped.kind == "capsule"
-    radius, (half,) = wrapped.measures
+    assert wrapped.config.kind == "capsule"
+    radius, half = wrapped.config.radius, wrapped.config.length / 2
     assert radius**2 - 0.2**2 == pytest.approx((0.5 - half) ** 2, abs=1e-12)  # through the rims
     box = shape_of(with_shape(tmp_path, '<box size="1 2 3"/>', wrap="sphere"))  # needs no wrapping
-    assert (box.kind, box.measures) == ("box", (0.0, (0.5, 1.0, 1.5)))
+    assert (box.config.kind, box.config.size) == ("box", (1.0, 2.0, 3.0))
     np.testing.assert_allclose(box.placement[:3, 3], [0, 0, 0.1])
 
 

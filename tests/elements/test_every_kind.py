@@ -156,15 +156,17 @@ NEEDS: dict[tuple[str, str], dict[str, object]] = {
 }
 """Values without which a section is not valid or does nothing."""
 
-KINDS = [(family, kind) for family in elements.FAMILIES for kind in elements.kinds(family)]
+SECTIONS = [(family, kind) for family in elements.FAMILIES for kind in elements.kinds(family)]
+KINDS = [(family, kind) for family, kind in SECTIONS if family != "shape"]
+"""Kinds with a law; shapes have tests of their own, ``tests/shapes`` and ``tests/contacts``."""
 SPATIAL = re.sub(r"  two:.*?(?=target:)|  right:.*?\n", "", WITH_TWO, flags=re.DOTALL)
 """One arm and its target; in the plane there are two arms."""
 SCENES = {"planar": PLANAR, "spatial": SPATIAL}
 
 
 PADS = {
-    "ball": {"link": "two/tip", "shape": "sphere", "radius": 0.35, "position": [0.05, 0.02, 0]},
-    "block": {"link": "one/tip", "shape": "box", "size": [0.5, 0.4, 0.6], "rotation_deg": [0, 0, 20]},
+    "ball": {"link": "two/tip", "kind": "sphere", "radius": 0.35, "position": [0.05, 0.02, 0]},
+    "block": {"link": "one/tip", "kind": "box", "size": [0.5, 0.4, 0.6], "rotation_deg": [0, 0, 20]},
 }
 """Shapes so large that they overlap in every random state."""
 
@@ -175,6 +177,11 @@ def changes(family, kind):
     if family == "contact":
         touching = {"between": ["ball", "block"], "may_overlap": True}
         return {"pads": PADS, "contacts": {"own": section | touching}}
+    if family == "shape":
+        sizes = {"radius": 0.2, "length": 0.3}
+        fields = elements.kinds(family)[kind].model_fields
+        own = {"link": "one/tip"} | {key: value for key, value in sizes.items() if key in fields}
+        return {"pads.own": section | own}
     if family == "reference":
         return {"robots.one.tips.tip.reference": section}
     if family == "tip_controller":
@@ -308,7 +315,7 @@ def test_derivatives_are_exact(family, kind):
 
 def bounded_fields():
     """Numbers of every kind with one that is not allowed."""
-    for family, kind in KINDS:
+    for family, kind in SECTIONS:
         for name, field in elements.kinds(family)[kind].model_fields.items():
             for rule in field.metadata:
                 if hasattr(rule, "gt"):
@@ -330,7 +337,7 @@ def test_a_number_out_of_range_is_refused_by_its_path(family, kind, key, bad):
     assert "allowed" in fault.value.message
 
 
-@pytest.mark.parametrize(("family", "kind"), KINDS)
+@pytest.mark.parametrize(("family", "kind"), SECTIONS)
 def test_every_field_has_a_description(family, kind):
     for name, field in elements.kinds(family)[kind].model_fields.items():
         assert field.description or name == "kind", name

@@ -8,7 +8,7 @@ from spacerobot.errors import SpaceRobotError
 from tests.oracles.engine import Engine
 from tests.oracles.small_scenes import PLANAR, random_x, small_scene
 
-BALL = {"shape": "sphere", "radius": 0.35}
+BALL = {"kind": "sphere", "radius": 0.35}
 TWICE = {
     "robots.one.joint_pd": {"kp": 20, "kd": 3},
     "robots.one.controllers": {"slow": {"kind": "joint_pd", "kp": 5, "ik_rate": 2}},

@@ -16,6 +16,7 @@ import yaml
 
 import spacerobot as sr
 from optim.planning.searches.make import make_plan
+from spacerobot.scene.contacts import gaps
 from tests.optim.planning.conftest import REACH
 
 for file in sorted(Path("examples/plugins").glob("*.py")):
@@ -35,55 +36,70 @@ own = {
 plan = REACH["plan"] | {
     "costs": {"torque": 0.01, "tip_speed": tip | {"weight": 1.0}},
     "limits": {"tip_speed": tip | {"upper": 0.2}},
+    "keep_out": {"apart": {"between": ["hand", "tank"], "distance": 0.01}},
     "tolerance": 1e-2,
     "order": 4,
     "intervals": 6,
 }
+tank = {"kind": "ellipsoid", "semi_axes": [0.25, 0.4, 0.2]}
+tank |= {"link": "target/body", "position": [-0.05, -0.1, 0]}
 document = REACH | {
+    "pads": {"hand": {"kind": "sphere", "link": "one/link_3", "radius": 0.1}, "tank": tank},
     "robots": {"one": REACH["robots"]["one"] | own},
-    "simulation": {"duration": 0.5, "step": 0.01, "output_step": 0.05},
+    "simulation": {"duration": 0.3, "step": 0.01, "output_step": 0.05},
     "plan": plan,
 }
 (folder / "scene.yaml").write_text(yaml.safe_dump(document))
 scene = sr.load_scene(folder / "scene.yaml")
+bump = {"between": ["hand", "tank"], "stiffness": 3e3, "exponent": 2, "dissipation": 0.5, "friction": 0.2}
+meets = {"contacts": {"bump": bump}, "target.base.velocity": [-0.4, -0.4, 0], "simulation.duration": 0.2}
 
-result = sr.simulate(scene, backend="interpreted")
+scene_with_contact = sr.load_scene(folder / "scene.yaml", meets)
+result = sr.simulate(scene_with_contact, backend="interpreted")
 assert result.summary["status"]["state"] == "completed"
 assert float(abs(result.data.wheel_speed.sel(body="one")).max()) > 0
 assert float(abs(result.data.impedance_force).max()) > 0
+assert float(result.data.contact_gap.min()) < -0.01
+(by_coal,) = gaps(scene_with_contact, scene_with_contact.contacts[0])
+assert abs(float(result.data.contact_gap[0, 0]) - by_coal) < 1e-8
+second = sr.simulate(sr.load_scene(folder / "scene.yaml", meets | {"simulation.engine": "pinocchio"}))
+assert float(abs(result.data.q - second.data.q).max()) < 1e-7
 
-paths = [
+plain = [
     f"{robot}.tips.tip.controllers.soft.stiffness",
     f"{robot}.tips.tip.reference.size",
     f"{robot}.actuators.wheel.gain",
     f"{robot}.sensors.joint_rate.temperature",
 ]
 peak = ["base_rotation_peak"]
-slopes = sr.gradient(scene, peak, paths, backend="interpreted").data.gradient.values[0]
-loop = sr.build_closed_loop(scene)
-for path, slope in zip(paths, slopes, strict=True):
-    value = float(loop.parameters()[loop.index(path)])
-    near = [sr.load_scene(folder / "scene.yaml", {path: value * (1 + sign * 1e-4)}) for sign in (1, -1)]
-    above, below = (sr.simulate(one, backend="interpreted").data.q.values[-1, 2] for one in near)
-    ahead, behind = (
-        sr.gradient(one, peak, [path], backend="interpreted").data.value.item() for one in near
-    )
-    assert above != below
-    assert abs((ahead - behind) / (2e-4 * value) - slope) < 1e-4 * abs(slope), path
+for changes, paths in (({}, plain), (meets, ["pads.tank.semi_axes.1"])):
+    own = sr.load_scene(folder / "scene.yaml", changes)
+    slopes = sr.gradient(own, peak, paths, backend="interpreted").data.gradient.values[0]
+    loop = sr.build_closed_loop(own)
+    for path, slope in zip(paths, slopes, strict=True):
+        value = float(loop.parameters()[loop.index(path)])
+        points = {path: [value * (1 - 1e-4), value * (1 + 1e-4)]}
+        behind, ahead = sr.batch(own, peak, points, backend="interpreted").data[peak[0]].values.ravel()
+        assert ahead != behind
+        assert abs((ahead - behind) / (2e-4 * value) - slope) < 1e-4 * abs(slope), path
 
 found = make_plan(scene, backend="interpreted")
 assert found.terms["tip_speed"] > 0
 wide = sr.load_scene(folder / "scene.yaml", {"plan.limits.tip_speed.upper": 9})
 loose = make_plan(wide, backend="interpreted")
 assert loose.cost <= found.cost + 1e-9
+free = make_plan(sr.load_scene(folder / "scene.yaml", {"plan.keep_out": {}}), backend="interpreted")
+assert free.cost < found.cost
 
 sr.animate(result, folder / "page.html")
-assert "speed of reaction wheels" in (folder / "page.html").read_text(encoding="utf-8")
+page = (folder / "page.html").read_text(encoding="utf-8")
+assert "speed of reaction wheels" in page
+assert '"kind":"mesh"' in page.replace(" ", "")
 """
 
 
 def test_there_is_a_plugin_of_each_kind_that_the_documentation_shows():
-    assert PLUGINS == ["impedance", "lemniscate", "reaction_wheel", "thermal", "tip_speed"]
+    assert PLUGINS == ["ellipsoid", "impedance", "lemniscate", "reaction_wheel", "thermal", "tip_speed"]
 
 
 def test_plugins_are_simulated_differentiated_planned_with_and_shown(tmp_path):

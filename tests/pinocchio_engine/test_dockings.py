@@ -218,9 +218,9 @@ def test_references_numbers_and_feedback_differ_by_phase():
 @BASES
 def test_a_target_is_pushed_away_and_captured_later(tmp_path, bases):
     pads = {
-        "nose": {"link": "one/tip", "shape": "sphere", "radius": 0.05},
-        "side": {"link": "target/mate", "shape": "sphere", "radius": 0.03},
-        "hook": {"link": "one/tip", "shape": "sphere", "radius": 0.05, "position": [0.17, 0, 0]},
+        "nose": {"link": "one/tip", "kind": "sphere", "radius": 0.05},
+        "side": {"link": "target/mate", "kind": "sphere", "radius": 0.03},
+        "hook": {"link": "one/tip", "kind": "sphere", "radius": 0.05, "position": [0.17, 0, 0]},
     }
     bump = {"stiffness": 4000, "exponent": 2, "dissipation": 40, "friction": 0.2, "slip_velocity": 0.01}
     contacts = {

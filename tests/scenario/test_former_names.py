@@ -16,6 +16,7 @@ PLACES = {
     "least": ("examples/receding.yaml", "robots.*.controllers.lead"),
     "rival_budget": ("docking", "tuning"),
     "readings": ("paper", "tuning"),
+    "shape": ("bounce", "pads.fist"),
 }
 
 

@@ -10,18 +10,21 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from spacerobot import elements
+from spacerobot.elements import create
 from spacerobot.pinocchio_engine.crowned import crowned_distance
 from spacerobot.scene.contacts import coal_distance
 from spacerobot.scene.scene import SceneShape
 from spacerobot.shapes import Shape, proximity
 
 SIZES = {
-    "sphere": (0.3, ()),
-    "capsule": (0.2, (0.35,)),
-    "cylinder": (0.4, (0.25,)),
-    "box": (0.0, (0.3, 0.2, 0.5)),
-    "plane": (0.0, ()),
+    "sphere": {"radius": 0.3},
+    "capsule": {"radius": 0.2, "length": 0.7},
+    "cylinder": {"radius": 0.4, "length": 0.5},
+    "box": {"size": (0.6, 0.4, 1.0)},
+    "plane": {},
 }
+CONFIGS = {kind: create("shape", kind, link="a/b", **sizes) for kind, sizes in SIZES.items()}
 PRECISE = 2e-9
 """[m] coal's own precision where it iterates."""
 SHALLOW = 0.05
@@ -38,11 +41,10 @@ def near(kinds):
     places = [ca.SX.sym("R1", 3, 3), ca.SX.sym("p1", 3), ca.SX.sym("R2", 3, 3), ca.SX.sym("p2", 3)]
     shapes = []
     for i, kind in enumerate(kinds):
-        radius, half = SIZES[kind]
-        sizes = ca.SX(radius), ca.SX(ca.DM(list(half))) if half else ca.SX(0, 1)
-        shapes.append(Shape(places[2 * i], places[2 * i + 1], *sizes))
+        own = CONFIGS[kind]
+        shapes.append(Shape(type(own), places[2 * i], places[2 * i + 1], own.measures()))
     crown = ca.SX.sym("crown")
-    found = proximity(kinds, *shapes, crown)
+    found = proximity(*shapes, crown)
     return ca.Function("near", [*places, crown], [found.gap, found.normal, found.point])
 
 
@@ -53,7 +55,7 @@ def ours(kinds, one, other, crown=1e-3):
 
 
 def scene_shapes(kinds):
-    return tuple(SceneShape(kind, None, kind, SIZES[kind], 0, 0, np.eye(4)) for kind in kinds)
+    return tuple(SceneShape(kind, None, CONFIGS[kind], 0, 0, np.eye(4)) for kind in kinds)
 
 
 def by_coal(kinds, one, other):
@@ -80,10 +82,12 @@ def parallel(seed, count):
 
 def dome(kinds, crown):
     """Greatest height of the domes of both [m]."""
-    return crown * sum(
-        sum(half) + radius * (kind == "cylinder")
-        for kind, (radius, half) in ((kind, SIZES[kind]) for kind in kinds)
-    )
+    heights = {"sphere": 0, "plane": 0, "capsule": 0.35, "cylinder": 0.4 + 0.25, "box": 0.3 + 0.2 + 0.5}
+    return crown * sum(heights[kind] for kind in kinds)
+
+
+def test_every_kind_is_here():
+    assert set(SIZES) == set(elements.kinds("shape"))
 
 
 @pytest.mark.parametrize("kinds", EXACT, ids="-".join)
@@ -91,7 +95,7 @@ def test_distance_normal_and_point_from_a_sphere_are_those_of_coal(kinds):
     inside = 0
     for one, other in poses(3, 200, 0.7):
         wanted, direction, middle = by_coal(kinds, one, other)
-        if "cylinder" in kinds and wanted < -SIZES["sphere"][0]:
+        if "cylinder" in kinds and wanted < -SIZES["sphere"]["radius"]:
             continue  # the centre inside a curved solid: coal's polytope ends at a way out that is longer
         gap, normal, point = ours(kinds, one, other)
         inside += wanted < 0
@@ -124,12 +128,11 @@ def test_crowned_shapes_are_as_far_apart_as_coal_says_but_for_their_domes(kinds)
 def _from_point(kind, place, point):
     """Signed distance of a point from a shape without domes [m]."""
     own = place.actInv(point)
-    radius, half = SIZES[kind]
     if kind == "plane":
         return own[2]
     if kind == "capsule":
-        return np.linalg.norm(own - [0, 0, np.clip(own[2], -half[0], half[0])]) - radius
-    over = np.abs(own) - half if kind == "box" else [np.hypot(*own[:2]) - radius, abs(own[2]) - half[0]]
+        return np.linalg.norm(own - [0, 0, np.clip(own[2], -0.35, 0.35)]) - 0.2
+    over = np.abs(own) - [0.3, 0.2, 0.5] if kind == "box" else [np.hypot(*own[:2]) - 0.4, abs(own[2]) - 0.25]
     return np.linalg.norm(np.maximum(over, 0)) + min(np.max(over), 0)
 
 

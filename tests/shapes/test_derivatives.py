@@ -4,6 +4,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from spacerobot import elements
 from spacerobot.dynamics import rotation_exp
 from spacerobot.shapes import Shape, held_gap, proximity
 
@@ -17,17 +18,17 @@ INSIDE = [0.1, 0.2, -0.1, 0.3, -0.2, 0.5, 0.3, 0.1, 0.0, 0.4, 0.8, -0.3]
 @pytest.mark.parametrize("at", [APART, INSIDE])
 def test_they_are_those_of_the_distance(kinds, at):
     x = ca.SX.sym("x", 12)
-    half = {"box": ca.SX([0.2, 0.3, 0.4]), "sphere": ca.SX(0, 1)}
+    measures = {"box": ca.SX([0.4, 0.6, 0.8]), "sphere": ca.SX(0.1)}
     shapes = [
         Shape(
+            elements.kinds("shape")[kind],
             rotation_exp(x[k + 3 : k + 6]),
             x[k : k + 3],
-            ca.SX(0 if kind == "box" else 0.1),
-            half.get(kind, ca.SX(0.3)),
+            measures.get(kind, ca.SX([0.1, 0.6])),
         )
         for k, kind in zip((0, 6), kinds, strict=True)
     ]
-    near, (about, (symbol, function, given)) = proximity(kinds, *shapes), held_gap(kinds, *shapes)
+    near, (about, (symbol, function, given)) = proximity(*shapes), held_gap(*shapes)
     slope = ca.Function("slope", [x], [ca.gradient(near.gap, x)])
     cheap = [about, ca.gradient(about, x), ca.hessian(about, x)[0]]
     held = ca.DM(0, 1) if function is None else function(ca.Function("given", [x], [given])(at))

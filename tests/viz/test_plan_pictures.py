@@ -30,8 +30,8 @@ PLAN = REACH["plan"] | {
     "cones": {"mate": {"tip": "one/tip", "frame": "mate_1", "half_angle_deg": 20, "last": 0.5}},
 }
 PADS = {
-    "ball": {"link": "target/body", "shape": "sphere", "radius": 0.1},
-    "end": {"link": "one/link_3", "shape": "capsule", "radius": 0.05, "length": 0.1},
+    "ball": {"link": "target/body", "kind": "sphere", "radius": 0.1},
+    "end": {"link": "one/link_3", "kind": "capsule", "radius": 0.05, "length": 0.1},
 }
 
 

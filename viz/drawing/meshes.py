@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import ConvexHull
 
 from spacerobot.arrays import Array
 from spacerobot.description import Geometry
@@ -33,29 +34,42 @@ class TriangleMesh(NamedTuple):
 
 
 class MeshFile(NamedTuple):
-    """A mesh file as a shape names it: its path and its scale (3,)."""
+    """A mesh as a shape names it: path of its file, or corners of a convex hull, and its scale (3,)."""
 
-    path: Path
+    path: Path | None
     scale: tuple[float, ...]
+    corners: tuple[tuple[float, ...], ...] = ()
 
 
 def mesh_file(geometry: Geometry) -> MeshFile:
     """What a shape of the kind ``mesh`` names."""
-    if geometry.mesh is None:
+    corners = () if geometry.corners is None else tuple(map(tuple, geometry.corners.tolist()))
+    if geometry.mesh is None and not corners:
         raise ValueError("a mesh without a file")
-    return MeshFile(geometry.mesh, tuple(float(x) for x in geometry.size))
+    return MeshFile(geometry.mesh, tuple(float(x) for x in geometry.size), corners)
 
 
 @lru_cache(maxsize=256)
 def load_mesh(file: MeshFile) -> TriangleMesh:
-    """All of a mesh file, by the library that Pinocchio uses."""
-    model = read_mesh(*file)
+    """All of a mesh file, by the library that Pinocchio uses, or of a convex hull."""
+    if file.path is None:
+        return _hull(np.array(file.corners) * file.scale)
+    model = read_mesh(file.path, file.scale)
     vertices = np.array(model.vertices(), dtype=np.float64).reshape(-1, 3)
     triangles = list(map(model.tri_indices, range(model.num_tris)))
     corners = [
         np.fromiter(map(itemgetter(k), triangles), dtype=np.int64, count=len(triangles)) for k in range(3)
     ]
     return TriangleMesh(vertices, np.stack(corners, axis=1))
+
+
+def _hull(corners: Array) -> TriangleMesh:
+    """Convex hull of points (n, 3), whose triangles Qhull gives in either sense."""
+    hull = ConvexHull(corners)
+    a, b, c = (corners[hull.simplices[:, k]] for k in range(3))
+    inward = np.sum(np.cross(b - a, c - a) * hull.equations[:, :3], axis=1) < 0
+    triangles = np.where(inward[:, None], hull.simplices[:, ::-1], hull.simplices)
+    return _compact(corners, triangles.astype(np.int64))
 
 
 def shown_meshes(files: Iterable[MeshFile]) -> dict[MeshFile, TriangleMesh]:

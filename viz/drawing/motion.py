@@ -26,9 +26,6 @@ GREY = np.array([0.6, 0.6, 0.6, 1.0])
 PAD = np.array([0.85, 0.45, 0.1, 1.0])
 """Colour of pads."""
 
-PLATE = np.array([*PAD[:3], 0.3])
-"""Colour of planes, which are drawn as plates."""
-
 
 @dataclass(frozen=True, eq=False)
 class Solid:
@@ -152,55 +149,23 @@ def _pads(scene: Scene) -> list[tuple[str, int, Solid]]:
 def pad_solids(
     scene: Scene, shape: SceneShape, pairs: Sequence[tuple[SceneShape, SceneShape]]
 ) -> list[Solid]:
-    """What is seen of a pad, in the frame of the joint that carries it.
-
-    A plane is a plate with a pin along its normal, wide enough for the other shapes of its pairs.
-    """
+    """What is seen of a pad, in the frame of the joint that carries it."""
     placement = scene.model.frames[shape.frame].placement.homogeneous @ shape.placement
-    if shape.kind == "plane":
-        others = {other for pair in pairs if shape in pair for other in pair if other is not shape}
-        parts = _plate(max(_reach(scene, shape, other) for other in others))
-    else:
-        parts = [(geometry, along, PAD) for geometry, along in _primitives(shape)]
+    others = {other for pair in pairs if shape in pair for other in pair if other is not shape}
     found = []
-    for geometry, along, rgba in parts:
+    for part in shape.config.drawing(max(_reach(scene, shape, other) for other in others)):
         moved = placement.copy()
-        moved[:3, 3] += along * placement[:3, 2]
-        found.append(Solid(moved, geometry, rgba))
+        moved[:3, 3] += part.along * placement[:3, 2]
+        found.append(Solid(moved, part.geometry, np.array([*PAD[:3], part.opacity])))
     return found
 
 
-def _reach(scene: Scene, plane: SceneShape, other: SceneShape) -> float:
-    """How far along a plane, from its origin, another shape reaches at the start [m]."""
+def _reach(scene: Scene, shape: SceneShape, other: SceneShape) -> float:
+    """Distance across a shape's z axis from its origin to the farthest of another one at the start [m]."""
     data = scene.model.createData()
     pin.framesForwardKinematics(scene.model, data, scene.q)
-    here, there = (data.oMf[shape.frame] * pin.SE3(shape.placement) for shape in (plane, other))
-    radius, half = other.measures
-    return float(np.linalg.norm(here.actInv(there.translation)[:2])) + radius + sum(half)
-
-
-def _plate(reach: float) -> list[tuple[Geometry, float, Array]]:
-    """What a plane is drawn as, each with its place along the normal [m] and its colour."""
-    edge, length = 3 * reach, 0.4 * reach
-    plate = Geometry("box", np.array([edge, edge, 0.01 * edge]))
-    stick, head = (
-        Geometry("cylinder", np.array([0.012 * reach, length])),
-        Geometry("sphere", np.array([0.03 * reach])),
-    )
-    return [(plate, -0.005 * edge, PLATE), (stick, length / 2, PAD), (head, length, PAD)]
-
-
-def _primitives(shape: SceneShape) -> list[tuple[Geometry, float]]:
-    """What a pad is drawn as, each with its place along the pad's z axis [m]."""
-    radius, half = shape.measures
-    ball, rod = Geometry("sphere", np.array([radius])), np.array([radius, *(2 * edge for edge in half)])
-    if shape.kind == "sphere":
-        return [(ball, 0.0)]
-    if shape.kind == "capsule":
-        return [(Geometry("cylinder", rod), 0.0), (ball, half[0]), (ball, -half[0])]
-    if shape.kind == "cylinder":
-        return [(Geometry("cylinder", rod), 0.0)]
-    return [(Geometry("box", rod[1:]), 0.0)] if shape.kind == "box" else []
+    here, there = (data.oMf[own.frame] * pin.SE3(own.placement) for own in (shape, other))
+    return float(np.linalg.norm(here.actInv(there.translation)[:2])) + other.config.extent()[1]
 
 
 def only(motion: BodyMotion, body: str) -> BodyMotion:

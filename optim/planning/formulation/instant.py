@@ -16,7 +16,7 @@ from optim.planning.formulation.stage import Stage
 from optim.planning.formulation.wheels import turned_by_wheels
 from spacerobot.dynamics import forward_kinematics
 from spacerobot.dynamics.joints import exact_directions, sparse
-from spacerobot.elements.contact import Wrap
+from spacerobot.elements.collision_shape import Wrap
 from spacerobot.elements.goal import Goal
 from spacerobot.elements.plan_instant import Base, JointCoordinate, MovingFrame, Wheels
 from spacerobot.errors import ScenarioError, near_names
@@ -202,16 +202,15 @@ class Seen:
 
 def gap_of(stage: Stage, first: SceneShape, second: SceneShape) -> tuple[ca.SX, Implicit]:
     """Distance of two shapes (1x1) [m], and what an iteration finds for it."""
-    return held_gap((first.kind, second.kind), _shape(stage, first), _shape(stage, second))
+    return held_gap(_shape(stage, first), _shape(stage, second))
 
 
 def _shape(stage: Stage, shape: SceneShape) -> Shape:
     """A shape where its link is."""
     rotation, origin = stage.placement(shape.frame)
-    radius, half = shape.measures
     return Shape(
+        type(shape.config),
         ca.mtimes(rotation, exact_directions(shape.placement[:3, :3])),
         origin + ca.mtimes(rotation, sparse(shape.placement[:3, 3])),
-        ca.SX(radius),
-        ca.SX(ca.DM(list(half))) if half else ca.SX(0, 1),
+        shape.config.measures(),
     )

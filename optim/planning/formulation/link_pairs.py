@@ -27,7 +27,7 @@ from optim.planning.formulation.formulate import plan_of
 from optim.planning.formulation.limits import PREFIX
 from spacerobot.arrays import Array
 from spacerobot.elements import create
-from spacerobot.elements.contact import Wrap
+from spacerobot.elements.collision_shape import Wrap, wrapping_shapes
 from spacerobot.elements.goal import TipGoal
 from spacerobot.errors import ScenarioError
 from spacerobot.scene import Scene
@@ -38,8 +38,6 @@ from spacerobot.scene.scene import SceneBody
 
 ALLOWED = 1e-4
 """[m] Overlap between the points of a mesh that is allowed, as of keep-out zones."""
-WRAPS: tuple[Wrap | None, ...] = (None, "capsule", "box", "sphere")
-"""Shapes that a keep-out zone may have around meshes and cylinders, the nearest to the shape first."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,7 +183,7 @@ def _wrap(scene: Scene, entered: Collision) -> Wrap | None:
     """Shape around meshes and cylinders with which the shapes of two links are apart at the start."""
     data, between = scene.model.createData(), (entered.first, entered.second)
     pin.framesForwardKinematics(scene.model, data, scene.q)
-    for wrap in WRAPS:
+    for wrap in (None, *wrapping_shapes()):  # the nearest to the shape first
         try:
             pairs = find_pairs(scene, between, wrap, "plan.keep_out")
         except ScenarioError:

@@ -7,7 +7,7 @@ from typing import ClassVar, Literal
 
 from pydantic import Field
 
-from spacerobot.elements.contact import Wrap
+from spacerobot.elements.collision_shape import Wrap
 from spacerobot.elements.plan_instant import BoundedRow, PlanInstant
 from spacerobot.elements.plan_limit import PlanLimit, SeparatedShapes
 from spacerobot.elements.registry import register

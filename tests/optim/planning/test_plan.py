@@ -51,8 +51,8 @@ def test_order_four_is_hermite_and_simpsons():
 def test_derivatives_of_the_program_equal_central_differences(reach, changes):
     held = [
         ("plan.limits", {"base_rotation_deg": 20, "base_translation": 0.5, "base_torque": 3}),
-        ("pads.ball", {"link": "target/body", "shape": "sphere", "radius": 0.2}),
-        ("pads.end", {"link": "one/link_3", "shape": "sphere", "radius": 0.05}),
+        ("pads.ball", {"link": "target/body", "kind": "sphere", "radius": 0.2}),
+        ("pads.end", {"link": "one/link_3", "kind": "sphere", "radius": 0.05}),
         ("plan.keep_out.apart", {"between": ["end", "ball"], "distance": 0.02}),
         ("plan.cones.mate", {"tip": "one/tip", "frame": "mate_1", "half_angle_deg": 20, "last": 0.5}),
     ]

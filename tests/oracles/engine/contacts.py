@@ -14,8 +14,7 @@ from scipy.special import lambertw
 from spacerobot.arrays import Array
 from spacerobot.elements import Contact
 from spacerobot.elements.contacts.hunt_crossley import HuntCrossley
-from spacerobot.pinocchio_engine.crowned import crowned_distance
-from spacerobot.scene.contacts import coal_distance
+from spacerobot.pinocchio_engine.crowned import shape_distance
 from spacerobot.scene.scene import SceneContact, SceneShape
 from tests.oracles.engine.kinematics import Kinematics, cross
 from tests.oracles.engine.laws import refusal
@@ -65,11 +64,7 @@ def touches(kinematics: Kinematics, contact: SceneContact) -> Iterator[Touch]:
     for pair in contact.pairs:
         frames = [kinematics.frame(shape.frame) for shape in pair]
         places = [pin.SE3(frame.rotation, frame.position) for frame in frames]
-        near = coal_distance(*pair, places)
-        gap, normal = near.min_distance, np.array(near.normal)
-        point = (near.getNearestPoint1() + near.getNearestPoint2()) / 2
-        if all(shape.kind != "sphere" for shape in pair):
-            gap, normal, point = crowned_distance(pair, places, contact.config.crown, normal)
+        gap, normal, point = shape_distance(pair, places, contact.config.crown)
         speeds = [f.velocity[:3] + cross(f.velocity[3:], point - f.position) for f in frames]
         yield Touch(pair, gap, normal, point, speeds[1] - speeds[0])
 

@@ -26,8 +26,8 @@ def test_a_search_makes_small_what_is_shown_a_miss_distance_too(tmp_path):
 
 def test_a_changed_pad_has_another_shape_in_the_picture(tmp_path):
     pads = {
-        "fist": {"link": "one/body", "shape": "sphere", "radius": 0.07},
-        "wall": {"link": "target/body", "shape": "plane"},
+        "fist": {"link": "one/body", "kind": "sphere", "radius": 0.07},
+        "wall": {"link": "target/body", "kind": "plane"},
     }
     bump = {"between": ["fist", "wall"], "stiffness": 1e4, "may_overlap": True}
     scene = free_bodies(

@@ -1,0 +1,1 @@
+"""Collision shapes: one file for each kind."""
