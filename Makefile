@@ -3,10 +3,11 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 WHEEL_VENV := build/wheel-venv
+PEERS := build/peers-venv/bin/python -m
 export PIP_CONSTRAINT := $(CURDIR)/constraints.txt
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: demo test check check-js docs bench wheel-check floors clean
+.PHONY: demo test check check-js docs bench peers wheel-check floors clean
 
 demo: $(VENV)/installed  ## Run the main jobs: a docking, and the paper's scenario, from URDF to a result
 	$(BIN)/spacerobot run docking --out out/docking
@@ -42,8 +43,15 @@ docs: $(VENV)/installed-all  ## The documentation's site, in build/site; a warni
 	@echo "Open build/site/index.html."
 
 bench: $(VENV)/installed-all  ## Measure, each row as a ratio to something in the same run
-	$(BIN)/python -m pip install --quiet --editable '.[bench]'
 	$(BIN)/python -m benchmarks
+
+# Each peer is installed by itself, so that one that cannot be is one line of the table.
+peers: export PIP_CONSTRAINT := $(CURDIR)/benchmarks/peers/constraints.txt
+peers:  ## Simulate the same scenes with Basilisk, Drake, MuJoCo and Pinocchio; fill the table of docs/validation/peers.md
+	$(PYTHON) -m venv build/peers-venv
+	$(PEERS) pip install --quiet --editable .
+	for peer in bsk drake mujoco; do $(PEERS) pip install --quiet $$peer || echo "$$peer cannot be installed"; done
+	$(PEERS) benchmarks.peers
 
 wheel-check: $(VENV)/installed-all  ## The built wheel, alone in a fresh environment, runs the paper's scenario
 	rm -rf dist $(WHEEL_VENV)

@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import os
-import platform
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -35,19 +33,7 @@ from benchmarks import (
     wheels,
 )
 from benchmarks.row import Row
-from spacerobot.compiled import find_toolchain
 from spacerobot.files import write_text
-
-
-def passive_plant() -> list[Row]:
-    """MuJoCo, where it is installed."""
-    try:
-        from benchmarks import mujoco_plant
-
-        return [mujoco_plant.row()]
-    except ImportError:
-        return [Row("passive plant", "MuJoCo", "", note="not measured: `pip install mujoco`")]
-
 
 JOBS: dict[str, Callable[[], list[Row]]] = {
     "single": lambda: [rollouts.single()],
@@ -60,7 +46,6 @@ JOBS: dict[str, Callable[[], list[Row]]] = {
     "campaign": lambda: [campaign.row()],
     "aba": aba.rows,
     "compilation": compilation.rows,
-    "mujoco": passive_plant,
     "process": process.rows,
     "planning": planning.rows,
     "dockings": dockings.rows,
@@ -81,13 +66,7 @@ def main() -> None:
         with Console(stderr=True).status(f"measuring {name}"):
             rows += JOBS[name]()
     console.print(_table(rows))
-    toolchain = find_toolchain()
-    machine = {
-        "processor": platform.processor() or platform.machine(),
-        "cores": os.cpu_count(),
-        "python": platform.python_version(),
-        "toolchain": toolchain.summary if toolchain else "none",
-    }
+    machine = history.machine()
     report = {"machine": machine, "rows": [dataclasses.asdict(row) for row in rows]}
     write_text(Path("out/bench.json"), json.dumps(report, indent=2) + "\n")
     console.print("medians; each ratio within one run; also in out/bench.json")

@@ -4,24 +4,48 @@ from __future__ import annotations
 
 import datetime
 import json
+import os
+import platform
 import subprocess
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from benchmarks.row import Row
+from spacerobot.compiled import find_toolchain
 
 HISTORY = Path(__file__).with_name("history.jsonl")
+CPU = ("model name", "cpu family", "model")
 REGRESSION = 1.1
 """Factor by which a ratio may worsen before it is reported: quiet runs scatter by less."""
 
 
-def previous(machine: Mapping[str, Any], path: Path = HISTORY) -> dict[str, float]:
+def machine() -> dict[str, Any]:
+    """The processor by its maker's name where Linux states it, cores, Python and compiler."""
+    toolchain, info = find_toolchain(), Path("/proc/cpuinfo")
+    lines = info.read_text(encoding="utf-8").splitlines() if info.exists() else []
+    told = {key.strip(): value.strip() for key, _, value in (line.partition(":") for line in reversed(lines))}
+    parts = [told[key] if key == "model name" else f"{key} {told[key]}" for key in CPU if key in told]
+    return {
+        "processor": ", ".join(parts) or platform.processor() or platform.machine(),
+        "cores": os.cpu_count(),
+        "python": platform.python_version(),
+        "toolchain": toolchain.summary if toolchain else "none",
+    }
+
+
+def commit() -> str:
+    """The commit that is measured, marked where files differ from it."""
+    command = ["git", "describe", "--always", "--dirty"]
+    return subprocess.run(command, capture_output=True, text=True, check=False).stdout.strip()
+
+
+def previous(measured_on: Mapping[str, Any], path: Path = HISTORY) -> dict[str, float]:
     """Latest kept ratio of each row on machines of the same kind."""
     found: dict[str, float] = {}
     for line in path.read_text(encoding="utf-8").splitlines() if path.exists() else ():
         entry = json.loads(line)
-        if all(entry["machine"].get(key) == machine[key] for key in ("processor", "cores")):
+        if all(entry["machine"].get(key) == measured_on[key] for key in ("processor", "cores")):
             found |= entry["ratios"]
     return found
 
@@ -41,13 +65,10 @@ def regressions(rows: Sequence[Row], before: Mapping[str, float]) -> list[str]:
     return found
 
 
-def keep(rows: Sequence[Row], machine: Mapping[str, Any], path: Path = HISTORY) -> None:
+def keep(rows: Sequence[Row], measured_on: Mapping[str, Any], path: Path = HISTORY) -> None:
     """Append an entry with today's date and the commit that was measured."""
-    commit = subprocess.run(
-        ["git", "describe", "--always", "--dirty"], capture_output=True, text=True, check=False
-    ).stdout.strip()
     ratios = {f"{row.what} / {row.against}": row.ratio for row in rows if row.ratio is not None}
     date = datetime.datetime.now(tz=datetime.UTC).date().isoformat()
-    entry = {"date": date, "commit": commit, "machine": dict(machine), "ratios": ratios}
+    entry = {"date": date, "commit": commit(), "machine": dict(measured_on), "ratios": ratios}
     with path.open("a", encoding="utf-8") as file:
         file.write(json.dumps(entry) + "\n")

@@ -60,7 +60,7 @@ class PlainLoop:
             )
             acceleration += response @ output
             rates.append(rate)
-        return np.concatenate([self._configuration_rate(q, v), acceleration, *rates])
+        return np.concatenate([configuration_rate(model, q, v), acceleration, *rates])
 
     def _grasp(self, v: np.ndarray, tip: int, mate: int, stiffness: float, damping: float) -> np.ndarray:
         data = self.data
@@ -92,17 +92,6 @@ class PlainLoop:
         )
         return (columns, arm, command, pid.kd), np.concatenate([memory_rate, e])
 
-    def _configuration_rate(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        rate = np.empty(self.model.nq)
-        for joint in self.model.joints[1:]:
-            i, k = joint.idx_q, joint.idx_v
-            if joint.nq == 1:
-                rate[i] = v[k]
-            else:
-                c, s, w = q[i + 2], q[i + 3], v[k + 2]
-                rate[i : i + 4] = c * v[k] - s * v[k + 1], s * v[k] + c * v[k + 1], -s * w, c * w
-        return rate
-
     def run(self, duration_s: float, step_s: float) -> np.ndarray:
         """Final state after classical Runge-Kutta steps."""
         x, h = self.x0.copy(), step_s
@@ -115,6 +104,19 @@ class PlainLoop:
             x = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
             x[: self.model.nq] = pin.normalize(self.model, x[: self.model.nq])
         return x
+
+
+def configuration_rate(model: pin.Model, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Rate of q, whose planar joints have x, y, cosine and sine (nq,)."""
+    rate = np.empty(model.nq)
+    for joint in model.joints[1:]:
+        i, k = joint.idx_q, joint.idx_v
+        if joint.nq == 1:
+            rate[i] = v[k]
+        else:
+            c, s, w = q[i + 2], q[i + 3], v[k + 2]
+            rate[i : i + 4] = c * v[k] - s * v[k + 1], s * v[k] + c * v[k + 1], -s * w, c * w
+    return rate
 
 
 def _circle(t: float, start: np.ndarray, circle: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

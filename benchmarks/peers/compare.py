@@ -1,0 +1,194 @@
+"""Two programs on one scene: refined until each has converged, then timed at equal error."""
+
+from __future__ import annotations
+
+import os
+import statistics
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from spacerobot.arrays import Array
+from spacerobot.closedloop import build_closed_loop
+from spacerobot.rollout import build_rollout
+from spacerobot.scene import Scene
+
+TURNS, MOST_LEVELS = 5, 14
+Job = Callable[[], Array]
+
+
+@dataclass(frozen=True)
+class Side:
+    """One of the two programs.
+
+    Attributes
+    ----------
+    ready
+        Builds the simulation at a level of refinement; what it returns simulates and gives the final state.
+        Each level halves the step of the one before.
+    setting
+        Method and step at a level, in words.
+    """
+
+    ready: Callable[[int], Job]
+    setting: Callable[[int], str]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a scene found; times are processor times [s].
+
+    Attributes
+    ----------
+    agreement
+        Difference of the two results, in words with units.
+    error
+        Up to which each has converged, in words with units.
+    ours_s, theirs_s
+        Of one simulation or solution.
+    ours, theirs
+        Method and step of each, and what its preparation takes.
+    numbers
+        Raw numbers for the JSON file.
+    """
+
+    agreement: str
+    error: str
+    ours_s: float
+    theirs_s: float
+    ours: str
+    theirs: str
+    numbers: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class PeerScene:
+    """A scene that a peer simulates too.
+
+    Attributes
+    ----------
+    peer
+        Its name, as in the table.
+    package
+        Of the peer, in the package index.
+    title
+        What is simulated, one line.
+    note
+        What differs, what the peer lacks, and since when its users ask for it.
+    measure
+        Does it; raises ImportError where the peer is missing.
+    """
+
+    peer: str
+    package: str
+    title: str
+    note: str
+    measure: Callable[[], Outcome]
+
+
+def spent_s() -> float:
+    """Processor time of this process and its ended children, compilers among them [s]."""
+    return time.process_time() + sum(os.times()[2:4])
+
+
+def timed(job: Callable[[], Any]) -> tuple[Any, float]:
+    """What a job returns, and the processor time that it takes [s]."""
+    before = spent_s()
+    found = job()
+    return found, spent_s() - before
+
+
+def distance(a: Array, b: Array) -> float:
+    """Greatest difference of two states, each component by the larger of one and its size.
+
+    Turns of planar bases may be counted or not: whole turns do not matter.
+    """
+    gap = a - b
+    gap = np.where(np.abs(gap) > np.pi, gap - 2 * np.pi * np.round(gap / (2 * np.pi)), gap)
+    return float(np.max(np.abs(gap) / np.maximum(1, np.abs(b))))
+
+
+def converged(side: Side, tolerance: float) -> tuple[int, float, Array]:
+    """Coarsest level whose final state differs from the next one's by at most a tolerance.
+
+    Parameters
+    ----------
+    side
+        What is refined, level by level.
+    tolerance
+        Greatest difference, as :func:`distance` counts it.
+
+    Returns
+    -------
+    tuple
+        The level, its difference from the next one, and the final state at the next one.
+    """
+    before = side.ready(0)()
+    for level in range(MOST_LEVELS):
+        after = side.ready(level + 1)()
+        change = distance(before, after)
+        if change <= tolerance:
+            break
+        before = after
+    return level, change, after
+
+
+def compare(ours: Side, theirs: Side, tolerance: float, quantity: str = "state") -> Outcome:
+    """Refine both, compare the results, let them take turns at the levels found.
+
+    Parameters
+    ----------
+    ours, theirs
+        The two programs; final states in the same coordinates.
+    tolerance
+        Of each one's own convergence, relative to the larger of one unit and a component's size.
+    quantity
+        What is compared, in words.
+    """
+    _, prepare_s = timed(lambda: ours.ready(0))
+    sides = (ours, theirs)
+    found = [converged(side, tolerance) for side in sides]
+    times: tuple[list[float], list[float]] = ([], [])
+    for _ in range(TURNS):
+        for side, (level, _, _), kept in zip(sides, found, times, strict=True):
+            kept.append(timed(side.ready(level))[1])
+    words = [side.setting(level) for side, (level, _, _) in zip(sides, found, strict=True)]
+    apart, errors = distance(found[0][2], found[1][2]), [change for _, change, _ in found]
+    return Outcome(
+        f"{quantity} {apart:.0e}",
+        " / ".join(f"{error:.0e}" for error in errors),
+        statistics.median(times[0]),
+        statistics.median(times[1]),
+        f"{words[0]}; compiled in {prepare_s:.1f} s",
+        words[1],
+        {"apart": apart, "errors": errors, "times_s": times, "prepare_s": prepare_s},
+    )
+
+
+def our_side(scene: Scene, step_s: float, state: Callable[[Array], Array], method: str = "tanaka6") -> Side:
+    """Ours: the compiled rollout of a scene, without samples in between.
+
+    Parameters
+    ----------
+    scene
+        With its duration.
+    step_s
+        Step of level 0 [s].
+    state
+        From the final state of the closed loop to the coordinates in which both are compared.
+    method
+        Numerical method.
+    """
+    duration_s = scene.scenario.simulation.duration
+    loop = build_closed_loop(scene)
+
+    def ready(level: int) -> Job:
+        rollout = build_rollout(
+            loop, duration_s=duration_s, step_s=step_s / 2**level, output_step_s=duration_s, method=method
+        )
+        return lambda: state(rollout.run().state[-1])
+
+    return Side(ready, lambda level: f"{method}, {step_s / 2**level * 1e3:g} ms")

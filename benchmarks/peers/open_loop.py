@@ -1,0 +1,45 @@
+"""Torques that no program has to compute: constant ones of joints and of a base."""
+
+from __future__ import annotations
+
+from typing import ClassVar, Literal
+
+import casadi as ca
+
+from spacerobot.elements import Contribution, RobotContext, register
+from spacerobot.elements.base_control import reduced
+from spacerobot.elements.contribution import ControlChannel
+from spacerobot.elements.controller import RobotController
+from spacerobot.elements.robot_element import Part
+from spacerobot.section import Vector, quantity
+
+
+@register
+class ConstantTorques(RobotController):
+    """Constant joint torques."""
+
+    kind: Literal["constant_torques"] = "constant_torques"
+    torques: tuple[float, ...] = quantity("N m", "of each free joint, in the order of the model")
+
+    def build(self, robot: RobotContext) -> Contribution:
+        """The torques."""
+        return Contribution(torques=(robot.torque(ca.DM(self.torques)),))
+
+
+@register
+class ConstantBaseTorque(RobotController):
+    """A torque that is constant in the axes of the base, which wheels deliver."""
+
+    base_wrench: ClassVar[frozenset[Part]] = frozenset({"torque"})
+    kind: Literal["constant_base_torque"] = "constant_base_torque"
+    torque: Vector = quantity("N m", "root link's axes")
+
+    def build(self, robot: RobotContext) -> Contribution:
+        """The torque, as a command to the base's actuators."""
+        plant = robot.plant
+        turning = plant.jacobian(robot.base_frame)[3:, :].T
+        command = ca.mtimes(plant.placement(robot.base_frame)[0], robot.context.vector("torque"))
+        sense = ca.SX(plant.v.size1(), 3)
+        drive = reduced(robot, turning)
+        channel = ControlChannel(robot.name, turning, drive, sense, command, None, moves_tip=False)
+        return Contribution(channels=(channel,))

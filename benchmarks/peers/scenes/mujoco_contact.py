@@ -1,0 +1,70 @@
+"""The ball against the fist once more, by MuJoCo's contact: a spring and a damper of constant restitution."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy.optimize import brentq
+
+from benchmarks.peers.compare import Job, Outcome, PeerScene, Side, compare
+from benchmarks.peers.mjcf import coordinates, mjcf, numbers
+from benchmarks.peers.scenes.drake_contact import DURATION, STIFFNESS, TITLE, bounce, spheres
+from benchmarks.peers.scenes.mujoco_plant import our_plant
+from spacerobot.arrays import Array
+from spacerobot.scene import load_scene
+
+TOLERANCE, STIFF = 1e-4, 5000.0  # [1/s^2] about the stiffness of ours over the masses that meet
+
+
+def damping_ratio(restitution: float) -> float:
+    """Of a linear spring and damper that part when their force is zero.
+
+    From m d'' + c d' + k d = 0, d(0) = 0 to m d'' = 0: e = exp(-2 z / s atan(s / z)), s = sqrt(1 - z^2).
+    """
+
+    def miss(z: float) -> float:
+        s = math.sqrt(1 - z * z)
+        return math.exp(-2 * z / s * math.atan(s / z)) - restitution
+
+    return float(brentq(miss, 1e-6, 0.99))
+
+
+def measure() -> Outcome:
+    """Both lose the same part of the speed at which they meet; their forces differ in between."""
+    import mujoco
+
+    shipped = load_scene("bounce").scenario.contacts["bump"]
+    kept, speed = shipped.restitution, shipped.restitution_speed
+    law = {"stiffness": STIFFNESS, "exponent": 1, "restitution": kept, "restitution_speed": speed}
+    scene = bounce({"kind": "hunt_crossley"} | law)
+    solref = f"{-STIFF:.17g} {-2 * damping_ratio(kept) * math.sqrt(STIFF):.17g}"
+    geoms = {
+        joint: f'<geom type="sphere" size="{radius}" pos="{numbers(centre)}" condim="1" solref="{solref}" '
+        'solimp="0.9999 0.9999 0.001"/>'
+        for joint, centre, radius in spheres(scene)
+    }
+    option = '<option integrator="RK4" tolerance="1e-14" iterations="50"><flag gravity="disable"/></option>'
+    model = mujoco.MjModel.from_xml_string(mjcf(scene, option=option, geoms=geoms))
+
+    def ready(level: int) -> Job:
+        data, step = mujoco.MjData(model), 0.004 / 2**level
+        data.qpos[:], data.qvel[:] = coordinates(scene, scene.q, scene.v)
+
+        def run() -> Array:
+            model.opt.timestep = step
+            mujoco.mj_step(model, data, nstep=round(DURATION / step))
+            return np.concatenate([data.qpos, data.qvel])
+
+        return run
+
+    return compare(our_plant(scene, 0.04), Side(ready, lambda level: f"RK4, {4 / 2**level:g} ms"), TOLERANCE)
+
+
+SCENE = PeerScene(
+    "MuJoCo",
+    "mujoco",
+    TITLE,
+    "another law: a linear spring and damper whose restitution is that of ours at 0.25 m/s",
+    measure,
+)
