@@ -7,7 +7,7 @@ PEERS := build/peers-venv/bin/python -m
 export PIP_CONSTRAINT := $(CURDIR)/constraints.txt
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: demo test check check-js docs bench peers wheel-check floors clean
+.PHONY: demo test coverage check check-js docs bench peers wheel-check floors clean
 
 demo: $(VENV)/installed  ## Run the main jobs: a docking, and the paper's scenario, from URDF to a result
 	$(BIN)/spacerobot run docking --out out/docking
@@ -21,6 +21,10 @@ demo: $(VENV)/installed  ## Run the main jobs: a docking, and the paper's scenar
 
 test: $(VENV)/installed-all  ## Pass the tests
 	$(BIN)/python -m pytest -n auto --dist worksteal
+
+coverage: $(VENV)/installed-all  ## Run the tests and report which lines they reach, in build/coverage
+	$(BIN)/python -m pip install --quiet --editable '.[coverage]'
+	$(BIN)/python -m pytest -n auto --dist worksteal --cov --cov-report=term:skip-covered --cov-report=html
 
 check: $(VENV)/installed-all  ## Lint and type-check
 	$(BIN)/ruff check .
@@ -60,13 +64,16 @@ wheel-check: $(VENV)/installed-all  ## The built wheel, alone in a fresh environ
 	$(WHEEL_VENV)/bin/python -m pip install --quiet dist/*.whl
 	cd build && wheel-venv/bin/spacerobot run paper --out out
 
-floors:  ## The lowest versions that pyproject.toml names run the paper's scenario
+floors:  ## The lowest versions that pyproject.toml names simulate, tune and plan
 	rm -rf build/floors && $(PYTHON) -m venv build/floors
 	$(PYTHON) -c "import tomllib; d = tomllib.load(open('pyproject.toml', 'rb'))['project']['dependencies']; \
 		open('build/floors.txt', 'w').write('\n'.join(x.replace('>=', '==') for x in d) + '\n')"
-	PIP_CONSTRAINT= build/floors/bin/python -m pip install --quiet -r build/floors.txt
+	PIP_CONSTRAINT= build/floors/bin/python -m pip install --quiet --only-binary :all: -r build/floors.txt
 	PIP_CONSTRAINT= build/floors/bin/python -m pip install --quiet --no-deps --editable .
 	build/floors/bin/spacerobot run paper --out build/floors-paper
+	build/floors/bin/spacerobot figures build/floors-paper
+	build/floors/bin/spacerobot tune paper --method cmaes --set simulation.duration=1 --set tuning.budget=40 --set tuning.runs=1 --out build/floors-tuned
+	build/floors/bin/spacerobot plan capture --out build/floors-plan
 
 $(VENV)/installed: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)

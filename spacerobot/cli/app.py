@@ -205,7 +205,8 @@ def main() -> None:
         library = str(fault).split(":")[0]
         print_error(
             f"{library} is missing on this system, and {fault.name or 'a compiled package'} needs it. "
-            "Install it with the system's package manager (libgomp.so.1: `apt install libgomp1`)."
+            "Install it with the system's package manager (libgomp.so.1: `apt install libgomp1`), or, if it "
+            "belongs to a Python package, install that again (`pip install --upgrade --force-reinstall pin`)."
         )
         sys.exit(2)
     except OSError as fault:

@@ -1,6 +1,8 @@
-"""Sections whose keys are those of registered quantities: limits, constraints, weights of an objective."""
+"""Sections whose keys are those of registered quantities: limits, constraints, weights of an objective.
 
-from __future__ import annotations
+Annotations here are objects, not strings: pydantic before 2.13 evaluates ``__pydantic_extra__`` in the module
+of the subclass.
+"""
 
 from collections.abc import Collection, Mapping
 from typing import TYPE_CHECKING, Annotated
