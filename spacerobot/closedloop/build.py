@@ -21,8 +21,8 @@ from spacerobot.closedloop.outputs import added_up, combine, core_outputs
 from spacerobot.closedloop.phases import phased
 from spacerobot.closedloop.plant import build_plant
 from spacerobot.dynamics import configuration_derivative, normalise
-from spacerobot.elements import Contribution, SectionContext, State
-from spacerobot.elements.contribution import concatenate
+from spacerobot.elements import Contribution, Event, SectionContext, State
+from spacerobot.elements.contribution import SampledLaw, concatenate
 from spacerobot.errors import SpaceRobotError
 from spacerobot.scenario.load import to_document
 from spacerobot.scene import Scene
@@ -104,7 +104,8 @@ def evaluate(
         for constraint, (force, torque) in zip(acting.constraints, solution.wrenches, strict=True)
     )
     acting = concatenate([acting, solution.driven])
-    events = (*acting.events, *answers.events)
+    events = tuple(_evaluated(event, acting.sampled, solution.sampled) for event in acting.events)
+    events = (*events, *answers.events)
     impulse = impulse_of(plant, [*acting.outside, *on_bases(scene, plant, solution.torque)])
     powers = (*plant_powers(plant, solution.torque), *acting.powers, *answers.powers, *booked(events))
     works = build_works(powers)
@@ -122,6 +123,15 @@ def evaluate(
     states = (*acting.states, *impulse.states, *(work.state for work in works), *phases.states)
     acting = replace(acting, states=states, events=(*events, *phases.events))
     return EvaluatedLoop(acting, solution.acceleration, solution.torque, works, variables, outputs)
+
+
+def _evaluated(event: Event, laws: Sequence[SampledLaw], outputs: Sequence[ca.SX]) -> Event:
+    """Event with what was solved for in the place of the outputs of laws that it evaluates."""
+    for law, output in zip(laws, outputs, strict=True):
+        if law.event == event.name:
+            values = ca.substitute(list(event.updates.values()), [law.output], [output])
+            event = replace(event, updates=dict(zip(event.updates, values, strict=True)))
+    return event
 
 
 def _beginning(builder: LoopBuilder, acting: Contribution, x: ca.SX) -> tuple[InitialState, ca.SX]:

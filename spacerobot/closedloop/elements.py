@@ -21,9 +21,11 @@ from spacerobot.elements import (
     EnvironmentContext,
     GraspContext,
     RobotContext,
+    RobotController,
     SectionContext,
     State,
     TipContext,
+    TipController,
     either,
     memory,
     negated,
@@ -32,6 +34,7 @@ from spacerobot.elements.capture_release import living
 from spacerobot.elements.context import Affine, ContactSurface
 from spacerobot.elements.contribution import gated
 from spacerobot.elements.reference import DEGREE
+from spacerobot.elements.sampling import periodic
 from spacerobot.elements.sensor import ideal
 from spacerobot.scenario import Robot
 from spacerobot.scene import Scene, SceneBody, SceneGrasp, SceneTip
@@ -87,14 +90,16 @@ class LoopBuilder:
     def controllers(self) -> list[Contribution]:
         """Of the controllers of tips and those of robots, in the scene's order."""
         found = [
-            self._resting(f"{tip.path}.{key}", controller.build(self._tip(tip, key)))
+            self._acting(f"{tip.path}.{key}", f"{tip.label}/{key}", controller, self._tip(tip, key))
             for tip in self.scene.tips
             for key, controller in tip.config.elements()
         ]
         for body in self.scene.robots:
             if isinstance(body.config, Robot):
                 found += [
-                    self._resting(f"{body.path}.{key}", controller.build(self._robot(body, key)))
+                    self._acting(
+                        f"{body.path}.{key}", f"{body.name}/{key}", controller, self._robot(body, key)
+                    )
                     for key, controller in body.config.elements()
                 ]
         return found
@@ -128,6 +133,15 @@ class LoopBuilder:
         """Time since the present phase began (1x1) [s], since the start where there are no phases."""
         time = self.context.time
         return time - self.memory("began_at").symbol if self.context.phases else time
+
+    def _acting(
+        self, path: str, name: str, controller: TipController | RobotController, seen: Any
+    ) -> Contribution:
+        """Contribution of a controller, continuous or evaluated periodically."""
+        found = self._resting(path, controller.build(seen))
+        if controller.sampled is None:
+            return found
+        return periodic(controller.sampled, self.context.at(f"{path}.sampled"), name, found)
 
     def _resting(self, path: str, contribution: Contribution) -> Contribution:
         """Contribution of a controller that rests in some phases."""

@@ -29,6 +29,8 @@ class LoopEvent:
         Whether the rollout is over.
     kink
         Whether it only marks where the dynamics are not smooth.
+    clock, silent
+        Whether its guard is time less an instant that events alone change; whether it is not recorded.
     """
 
     name: str
@@ -37,6 +39,8 @@ class LoopEvent:
     sets: tuple[tuple[int, bool], ...]
     ends: bool
     kink: bool = False
+    clock: bool = False
+    silent: bool = False
 
 
 def booked(events: Sequence[Event]) -> tuple[PowerTerm, ...]:
@@ -56,6 +60,8 @@ def rules_of(events: Sequence[Event], switches: Sequence[str]) -> tuple[LoopEven
             tuple((places[name], value) for name, value in event.sets.items()),
             event.ends,
             event.kink,
+            event.clock,
+            event.silent,
         )
         for event in events
     )

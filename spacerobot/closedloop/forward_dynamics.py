@@ -38,7 +38,7 @@ from spacerobot.elements import (
     Contribution,
     ControlChannel,
 )
-from spacerobot.elements.contribution import concatenate
+from spacerobot.elements.contribution import SampledLaw, concatenate
 from spacerobot.symbolic import Plant
 
 
@@ -57,12 +57,15 @@ class ForwardDynamicsResult:
         constraints' order.
     driven
         What actuators bring beside the torques that they deliver.
+    sampled
+        Outputs of laws that are evaluated at instants, as they are now (n x 1 each).
     """
 
     acceleration: ca.SX
     torque: ca.SX
     wrenches: tuple[tuple[ca.SX, ca.SX], ...]
     driven: Contribution
+    sampled: tuple[ca.SX, ...] = ()
 
 
 def solve_accelerations(plant: Plant, acting: Contribution) -> ForwardDynamicsResult:
@@ -83,6 +86,7 @@ def solve_accelerations(plant: Plant, acting: Contribution) -> ForwardDynamicsRe
     for asked in acting.torques:
         torque = torque + _projected(plant, asked, acting.channels)
     first, then = in_turn(acting.drives, ideal)
+    commanded = torque
     torque, early = deliver(torque, first, {column for drive in then for column in drive.columns})
     wrenches = [*acting.wrenches, *acting.outside, *early.wrenches, *early.outside]
     driven = plant.reduced_moving(torque, wrenches)
@@ -103,7 +107,23 @@ def solve_accelerations(plant: Plant, acting: Contribution) -> ForwardDynamicsRe
     acceleration = plant.articulated.motion(driven)
     own = zip(acting.constraints, reactions[: len(acting.constraints)], strict=True)
     on_targets = tuple(constraint.on_target(along) for constraint, along in own)
-    return ForwardDynamicsResult(acceleration, torque, on_targets, concatenate([early, answer]))
+    sampled = tuple(_at_instant(plant, acting, law, commanded, (ideal, held)) for law in acting.sampled)
+    return ForwardDynamicsResult(acceleration, torque, on_targets, concatenate([early, answer]), sampled)
+
+
+def _at_instant(
+    plant: Plant,
+    acting: Contribution,
+    law: SampledLaw,
+    commanded: ca.SX,
+    solved: tuple[Sequence[ControlChannel], Sequence[_Held]],
+) -> ca.SX:
+    """Outputs (n x 1) of a law that is evaluated at instants, with what continuous ones do about it."""
+    ideal, held = solved
+    torque, answers = deliver(commanded - law.held, law.others(acting.drives))
+    wrenches = [*acting.wrenches, *acting.outside, *answers.wrenches, *answers.outside]
+    outputs, _ = _solve(plant, plant.reduced_moving(torque, wrenches), [*law.channels, *ideal], held)
+    return ca.vertcat(*outputs[: len(law.channels)])
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ from spacerobot.elements import (
     either,
     memory,
 )
+from spacerobot.elements.clock import Clock
 from spacerobot.elements.context import Affine, ReferenceContext
 from spacerobot.scene import SceneBody, SceneReference, SceneTip
 from spacerobot.symbolic import InitialState, Plant
@@ -34,24 +35,25 @@ class SampledMeasurement:
     ----------
     shown
         What it shows now, of the components that can change (n x 1).
-    value, next
-        What it showed then, and when it measures again [s].
+    value
+        What it showed then.
+    clock
+        When it measures.
     event
         That it measures.
     """
 
     shown: ca.SX
     value: State
-    next: State
+    clock: Clock
     event: Event
 
     @classmethod
     def of(cls, name: str, who: str, time: ca.SX, period: ca.SX, shown: ca.SX) -> SampledMeasurement:
         """A sensor that measures at the start and then once in each period."""
-        value, then = memory(f"{name}.measured", shown), memory(f"{name}.next", period)
-        updates = {value.name: shown, then.name: then.symbol + period}
-        due = Event(f"{name}.measured", "measured", who, time - then.symbol, ca.SX(1), updates=updates)
-        return cls(shown, value, then, due)
+        value, clock = memory(f"{name}.measured", shown), Clock.of(name, time, period, begin=period)
+        due = clock.event(f"{name}.measured", "measured", who, {value.name: shown})
+        return cls(shown, value, clock, due)
 
 
 @dataclass(frozen=True)
@@ -154,7 +156,7 @@ class TipGuidance:
             return shown
         name = f"{self.tip.label}.{path}.{signal}"
         if name not in self.held:
-            period = self.holding[signal].number("period")
+            period = self.holding[signal].steady("period")
             self.held[name] = SampledMeasurement.of(
                 name, self.tip.label, self.context.time, period, _changing(shown)
             )
@@ -262,7 +264,7 @@ class TipGuidance:
     @property
     def states(self) -> tuple[State, ...]:
         """What it remembers."""
-        held = (state for one in self.held.values() for state in (one.value, one.next))
+        held = (state for one in self.held.values() for state in (one.value, one.clock.count))
         return (*self.kept.values(), *(state for state, _ in self.seen.values()), *held)
 
     @property

@@ -150,6 +150,36 @@ class ControlChannel:
 
 
 @dataclass(frozen=True)
+class SampledLaw:
+    """Channels with a derivative that are evaluated at instants, and held between them.
+
+    At an instant their outputs are solved for as those of a continuous law are, with all other torques as
+    they are asked for then.
+
+    Attributes
+    ----------
+    event
+        Name of the event that evaluates them.
+    channels
+        As they would act continuously.
+    output
+        Symbols (n x 1) that stand for their outputs in the event's updates, one after the other.
+    held
+        Generalized forces (nv x 1) that their controller holds, which the new ones replace.
+    """
+
+    event: str
+    channels: tuple[ControlChannel, ...]
+    output: ca.SX
+    held: ca.SX
+
+    def others(self, drives: Iterable[ActuatorDrive]) -> list[ActuatorDrive]:
+        """Actuators of other places: what the channels ask for counts as delivered, as in continuous time."""
+        rows = {row for channel in self.channels for row in channel.actuation.sparsity().row()}
+        return [drive for drive in drives if rows.isdisjoint(drive.columns)]
+
+
+@dataclass(frozen=True)
 class PowerTerm:
     """A power of the energy balance.
 
@@ -258,6 +288,8 @@ class Contribution:
         Wrenches from outside the scene; momentum is then not conserved.
     channels
         Laws that may depend on the acceleration.
+    sampled
+        Such laws that are evaluated at instants.
     drives
         Of actuators, in the order in which they act.
     stored
@@ -282,6 +314,7 @@ class Contribution:
     wrenches: tuple[Wrench, ...] = ()
     outside: tuple[Wrench, ...] = ()
     channels: tuple[ControlChannel, ...] = ()
+    sampled: tuple[SampledLaw, ...] = ()
     drives: tuple[ActuatorDrive, ...] = ()
     stored: tuple[StoredMomentum, ...] = ()
     wheels: tuple[ca.SX, ...] = ()

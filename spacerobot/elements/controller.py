@@ -10,6 +10,7 @@ from spacerobot.elements.context import RobotContext, TipContext
 from spacerobot.elements.contribution import Contribution
 from spacerobot.elements.element import Element
 from spacerobot.elements.robot_element import RobotElement
+from spacerobot.elements.sampling import SAMPLED, Sampling
 from spacerobot.section import Section
 
 
@@ -19,6 +20,8 @@ class TipController(Element):
     family: ClassVar[str] = "tip_controller"
     by_phase: ClassVar[tuple[str, ...]] = ()
     """Keys of words that may differ by phase, beside numbers; the law reads them by ``context.chosen``."""
+
+    sampled: Sampling | None = SAMPLED
 
     def build(self, tip: TipContext) -> Contribution:
         """What it adds to the closed loop."""
@@ -61,6 +64,8 @@ class RobotController(RobotElement):
     """A controller of all joints of a robot."""
 
     family: ClassVar[str] = "robot_controller"
+
+    sampled: Sampling | None = SAMPLED
 
     @property
     def replanning(self) -> Replanning | None:

@@ -37,6 +37,11 @@ class Event:
         Whether the rollout is over.
     kink
         Whether it only marks where a law is not smooth, so that an integrator may step over it.
+    clock
+        Whether its guard is time less an instant that events alone change, as that of
+        :class:`~spacerobot.elements.clock.Clock`: steps then end there without root finding.
+    silent
+        Whether it is not recorded; for a clock that turns no switch.
     """
 
     name: str
@@ -50,6 +55,8 @@ class Event:
     loss: ca.SX | None = None
     ends: bool = False
     kink: bool = False
+    clock: bool = False
+    silent: bool = False
 
 
 def both(*conditions: ca.SX) -> ca.SX:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import casadi as ca
 
 from spacerobot.elements.event import Event, both, either, negated
+from spacerobot.errors import ScenarioError
 from spacerobot.symbolic import Constants, Parameters
 
 
@@ -74,6 +75,20 @@ class SectionContext:
             if own in self.parameters:
                 found = ca.if_else(active, self.constants.hoist(own, self.parameters(own)), found)
         return found
+
+    def steady(self, key: str) -> ca.SX:
+        """A number of the section (1x1) that no phase may change.
+
+        Raises
+        ------
+        ScenarioError
+            If one does.
+        """
+        for name in self.phases:
+            own = f"phases.{name}.{self.path}.{key}"
+            if own in self.parameters:
+                raise ScenarioError("found a number, allowed: none; phases do not change it", where=own)
+        return self.number(key)
 
     def chosen(self, key: str, word: str) -> dict[str, ca.SX]:
         """Words that stand at a key of the section, each with whether it does now (1x1).

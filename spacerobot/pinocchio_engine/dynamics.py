@@ -12,7 +12,7 @@ masked, and idle is 1 on its rows. Actuators on whose places an output u acts ar
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -22,8 +22,8 @@ import numpy as np
 from spacerobot.arrays import Array
 from spacerobot.closedloop.forward_dynamics import ForwardDynamicsResult, deliver, in_turn
 from spacerobot.closedloop.impulse import PlasticImpact, idleness, masked
-from spacerobot.elements import Contribution
-from spacerobot.elements.contribution import concatenate
+from spacerobot.elements import Contribution, ControlChannel
+from spacerobot.elements.contribution import SampledLaw, concatenate
 from spacerobot.pinocchio_engine.state import MechanicalState
 from spacerobot.symbolic import Plant
 
@@ -42,6 +42,9 @@ class Unknowns:
         Expressions that depend on no unknown, by name.
     early, late
         Generalized forces, commanded and of wrenches (nv x 1 each), before and after ``output`` is known.
+    laws, sampled
+        Loads of laws that are evaluated at instants, by the name of the event that does it, and the symbols
+        of their outputs (n x 1 each).
     """
 
     def __init__(self, plant: Plant, acting: Contribution) -> None:
@@ -69,6 +72,7 @@ class Unknowns:
                     f"asked_{number}_drive": ca.horzcat(*(one.drive for one in own), plant.ties),
                 }
         first, self.then = in_turn(acting.drives, self.implicit)
+        commanded = torque
         torque, early = deliver(torque, first, {column for drive in self.then for column in drive.columns})
         wrenches = [*acting.wrenches, *acting.outside, *early.wrenches, *early.outside]
         pushed = plant.reduced(wrenches=wrenches) - plant.damping * plant.v
@@ -79,20 +83,26 @@ class Unknowns:
         torque, answer = deliver(torque, self.then)
         self.late = torque, pushed + plant.reduced(wrenches=[*answer.wrenches, *answer.outside])
         self.driven = concatenate([early, answer])
+        self.laws = {law.event: self._at_instant(plant, acting, law, commanded) for law in acting.sampled}
+        self.sampled = tuple(law.output for law in acting.sampled)
         self.reaction = ca.SX.sym("reaction", sum(held.size for held in acting.constraints))
         self.acceleration = ca.SX.sym("acceleration", size)
         self._describe(plant, acting)
+
+    def _at_instant(
+        self, plant: Plant, acting: Contribution, law: SampledLaw, commanded: ca.SX
+    ) -> dict[str, ca.SX]:
+        """Loads from which a law that is evaluated at instants is solved, with the continuous ones."""
+        torque, answers = deliver(commanded - law.held, law.others(acting.drives))
+        wrenches = [*acting.wrenches, *acting.outside, *answers.wrenches, *answers.outside]
+        effort = torque + plant.reduced(wrenches=wrenches) - plant.damping * plant.v
+        return {"effort": effort} | _loads(plant, [*law.channels, *self.implicit])
 
     def _describe(self, plant: Plant, acting: Contribution) -> None:
         """Loads and conditions of implicit channels and rigid connections."""
         none, ties, held = ca.SX(0, 1), plant.ties.size2(), acting.constraints
         wide = ca.SX(plant.v.size1(), 0)
-        gains = (one.derivative_gain for one in self.implicit if one.derivative_gain is not None)
-        self.loads |= {
-            "channel_sense": ca.horzcat(wide, *(one.sense for one in self.implicit)),
-            "channel_drive": ca.horzcat(wide, *(one.drive for one in self.implicit)),
-            "command": ca.vertcat(none, *(one.command for one in self.implicit)),
-            "gain": ca.vertcat(none, *gains),
+        self.loads |= _loads(plant, self.implicit) | {
             "held": ca.horzcat(wide, *(masked(one.sense, one.active) for one in held), plant.ties),
             "drift": ca.vertcat(none, *(masked(one.drift, one.active) for one in held), ca.SX(ties, 1)),
             "slip": ca.vertcat(none, *(masked(one.slip, one.active) for one in held), ca.SX(ties, 1)),
@@ -113,7 +123,9 @@ class Unknowns:
     @property
     def result(self) -> ForwardDynamicsResult:
         """What follows from the unknowns."""
-        return ForwardDynamicsResult(self.acceleration, self.late[0], self.wrenches, self.driven)
+        return ForwardDynamicsResult(
+            self.acceleration, self.late[0], self.wrenches, self.driven, self.sampled
+        )
 
     @property
     def solved(self) -> ca.SX:
@@ -124,6 +136,18 @@ class Unknowns:
     def impact(self) -> ca.SX:
         """Unknowns of an impact (n x 1)."""
         return ca.vertcat(self.struck.velocity, *self.struck.impulses, self.struck.loss)
+
+
+def _loads(plant: Plant, channels: Sequence[ControlChannel]) -> dict[str, ca.SX]:
+    """Of channels whose outputs depend on the acceleration."""
+    none, wide = ca.SX(0, 1), ca.SX(plant.v.size1(), 0)
+    gains = (ca.SX(one.size, 1) if one.derivative_gain is None else one.derivative_gain for one in channels)
+    return {
+        "channel_sense": ca.horzcat(wide, *(one.sense for one in channels)),
+        "channel_drive": ca.horzcat(wide, *(one.drive for one in channels)),
+        "command": ca.vertcat(none, *(one.command for one in channels)),
+        "gain": ca.vertcat(none, *gains),
+    }
 
 
 @dataclass(frozen=True)

@@ -127,7 +127,12 @@ class Engine:
         self._outputs = function("outputs", [*given, solved], *outputs.values())
         self._guards = function("guards", [*given, solved], guards)
         self._armed = function("armed", [constants.symbols], armed)
-        self._update = function("update", [*given, solved, unknowns.impact, which], updated)
+        sampled = ca.vertcat(none, *unknowns.sampled)
+        self._update = function("update", [*given, solved, unknowns.impact, sampled, which], updated)
+        self._laws = {
+            name: function(f"law_{i}", [*given, solved], *loads.values())
+            for i, (name, loads) in enumerate(unknowns.laws.items())
+        }
         self._rows = function("rows", given, constants.cursors)
         self._start = function("start", given, start)
         self._output_names = tuple(outputs)
@@ -241,22 +246,36 @@ class Engine:
         gaps, speeds = np.array(found).reshape(-1, 2).T
         return gaps, speeds
 
-    def happen(self, number: int, t: float, x: Array) -> Array:
-        """Turn the switches of an event; the state afterwards (nx,)."""
+    def happen(self, number: int, t: float, x: Array, within: float | None = None) -> Array:
+        """Turn the switches of an event; the state afterwards (nx,). Arguments as for :meth:`derivative`."""
         event = self.events[number]
         if event.ends:
             return x
         for place, value in event.sets:
             self.c[self._switches[place]] = float(value)
         self._kept.clear()
-        now = self.instant(t, x)
+        now = self.instant(t, x, within)
         impact = np.zeros(self._unknowns.impact.size1())
         if self._impacts[number]:
             conditions = self._conditions(now.state, now.given)
             impact = conditions.strike(self._unknowns.reaction.size1())
-        after = _numbers(self._update(*now.given, now.solved, impact, number))
+        sampled = self._sampled(now, event.name)
+        after = _numbers(self._update(*now.given, now.solved, impact, sampled, number))
         self._kept.clear()
         return after
+
+    def _sampled(self, now: Instant, event: str) -> Array:
+        """Outputs of laws that are evaluated at instants; zero for those that another event evaluates."""
+        found = [np.zeros(output.size1()) for output in self._unknowns.sampled]
+        for place, (name, loads) in enumerate(self._unknowns.laws.items()):
+            if name == event:
+                values = self._laws[name].call([*now.given, now.solved])
+                own = {key: value.full() for key, value in zip(loads, values, strict=True)}
+                conditions = self._conditions(now.state, now.given)
+                conditions = Conditions(now.state, {**conditions.loads, **own})
+                outputs = conditions.solve(own["effort"][:, 0], outputs=True)[0]
+                found[place] = outputs[: len(found[place])]
+        return np.concatenate([np.empty(0), *found])
 
     def _conditions(self, state: MechanicalState, given: tuple[float, Array, Array, Array]) -> Conditions:
         found = self._loads.call(list(given))

@@ -23,6 +23,8 @@ LOOK_S = 0.01
 """Longest time between two looks at guards [s]; what rises above zero for less may be passed by."""
 PAST_S = 1e-13
 """First step past a root whose guard rounding leaves below zero [s]; each further one is twice as long."""
+EARLY = 5e-13
+"""So long before its instant a clock's guard is above zero [s]."""
 CHATTER, CHATTER_S = 100, 1e-3
 """More events than this within this time [s] end a rollout."""
 
@@ -89,30 +91,36 @@ class Integrator:
             self._settle()
         while self.t < until and not self.stopped:
             stops = [t for t in self._engine.breakpoints if self.t < t < until * (1 - 1e-12)]
+            clocks = [number for number in self._engine.armed if self._engine.events[number].clock]
+            if clocks:
+                left = -self._engine.guards(self.t, self.x, self.t)[clocks]
+                stops += [min(t, until) for t in self.t + left + EARLY if self.t < t <= until + EARLY]
             stop = min(stops, default=until)
             within = 0.5 * (self.t + stop)
             with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
                 good = self._interval(stop, within)
             if not good:
                 return None, within
+            if clocks and self.t == stop:
+                self._settle(within)
         return self.x, within
 
-    def _settle(self) -> None:
-        """Let happen what may at this instant."""
+    def _settle(self, within: float | None = None) -> None:
+        """Let happen what may at this instant; clocks see references as within an interval, if given."""
         while not self.stopped:
             guards = self._engine.guards(self.t, self.x, self.t)
             due = next((number for number in self._engine.armed if guards[number] > 0), None)
             if due is None:
                 return
-            self._happen(int(due))
+            self._happen(int(due), within)
 
-    def _happen(self, number: int) -> None:
+    def _happen(self, number: int, within: float | None = None) -> None:
         before, event = self.x, self._engine.events[number]
-        self.x = self._engine.happen(number, self.t, self.x)
+        self.x = self._engine.happen(number, self.t, self.x, within if event.clock else None)
         self.events.append(LocatedEvent(self.t, event.name, event.kind, event.who, before, self.x))
         self.ended = event.ends
         recent = self.events[-CHATTER - 1 :]
-        self.chattering = len(recent) > CHATTER and self.t - recent[0].time_s < CHATTER_S
+        self.chattering = not event.clock and len(recent) > CHATTER and self.t - recent[0].time_s < CHATTER_S
         self._step = None
 
     def _solver(self, until: float, within: float) -> DOP853:
@@ -130,7 +138,8 @@ class Integrator:
 
     def _interval(self, until: float, within: float) -> bool:
         """Integrate to a time or an event, without breakpoints on the way; whether the state stays good."""
-        solver, watched = self._solver(until, within), self._engine.armed
+        solver = self._solver(until, within)
+        watched = [number for number in self._engine.armed if not self._engine.events[number].clock]
         if not np.isfinite(solver.f).all():
             return False
         while solver.status == "running":

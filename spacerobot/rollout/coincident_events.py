@@ -74,7 +74,9 @@ class SweepNotes:
 
     def __init__(self, kernel: Kernel, instants: CoincidentInstants) -> None:
         self._modes, self._instants = [*kernel.switches, *kernel.jumps], instants
+        self._moving, self._bars = kernel.moving, kernel.jump_bars
         self._now, self._counts = np.zeros(1, dtype=instants.found.dtype)[0], False
+        self._moves = False  # whether parameters move anything that happened at the instant
         self._now["first"] = np.inf
 
     def note(self, thing: Occurrence, bar: Array, met: Array) -> None:
@@ -83,6 +85,7 @@ class SweepNotes:
         if thing.time_s < now["first"] - TOGETHER:
             self.close()
             now["number"] = now["missed"] = 0
+            self._moves = False
             now["last"], now["bar"], now["met"] = thing.time_s, bar, 0
         number = int(now["number"])
         now["met"][:-1][met] = BETWEEN if number else BEHIND
@@ -93,7 +96,8 @@ class SweepNotes:
         now["first"], now["before"] = thing.time_s, thing.x
         now["missed"] = now["missed"] or thing.near > behind
         now["mode"][:-1] = thing.c[self._modes]
-        self._counts = bool(number or now["missed"])
+        self._moves |= self._moving[thing.what] if thing.what >= 0 else self._bars[-1 - thing.what] >= 0
+        self._counts = self._moves and bool(number or now["missed"])
 
     def close(self) -> None:
         """Tell the instant that was met last, if more than one thing happened."""

@@ -125,7 +125,8 @@ def compile_kernel(
     names = [name for name, needed in (parts | {"adjoint": adjoint}).items() if needed]
     loops = [folder.joinpath(f"{name}.hpp").read_text(encoding="utf-8") for name in names]
     tail = "\n".join([*_facts(kernel), kernel.method.source(), *loops])
-    cold = set(kernel.functions) - HOT
+    often = {"update", "guards"} if any(event.clock for event in kernel.events) else set()
+    cold = set(kernel.functions) - HOT - often
     return compile_functions(
         kernel.functions, lanes=lanes, cold=cold, tail=tail, toolchain=toolchain, progress=progress
     )
@@ -138,6 +139,7 @@ def _facts(kernel: Kernel) -> list[str]:
         "PEAKS": kernel.peaks,
         "JUMPS": len(kernel.jumps),
         "EVENTS": len(kernel.events),
+        "CLOCKS": sum(event.clock for event in kernel.events),
         "SWITCHES": len(kernel.switches),
         "FINES": len(kernel.fine),
         "SEEING": len(kernel.seen),
@@ -158,6 +160,9 @@ def _facts(kernel: Kernel) -> list[str]:
         "int KINK": [event.kink for event in kernel.events],
         "int MOVES": kernel.moving or [False] * len(kernel.events),
         "int GAP": [event.kind == GAP for event in kernel.events],
+        "int CLOCK": [event.clock for event in kernel.events],
+        "int SILENT": [event.silent for event in kernel.events],
+        "int FIXED": [not moves for moves in kernel.moving] or [False] * len(kernel.events),
         "int SEEN": kernel.seen,
         "int FINE": [place for place, _, _ in kernel.fine],
         "int TABLE_CURSOR": [table.cursor for table in kernel.tables],

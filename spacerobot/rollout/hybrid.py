@@ -34,6 +34,9 @@ TOLERANCE = 1e-12
 SHORTEST, GRAZES = 1e-4, 1e-3
 """Part of a step after which a guard's peak is looked for; within which a guard that grazes turns back."""
 
+EARLY = 5e-13
+"""So long before its instant a clock's guard is above zero [s]."""
+
 MARGIN = 0.05
 """Part of its bend that a guard's cubic may be wrong."""
 
@@ -106,6 +109,9 @@ class HybridRun:
         self._begin, self._level = self.x, np.zeros(len(kernel.events))
         self._kinks = np.array([event.kink for event in kernel.events], bool)
         self._gaps = np.array([event.kind == GAP for event in kernel.events], bool)
+        self._clocks = np.array([event.clock for event in kernel.events], bool)
+        self._fixed = ~np.array(kernel.moving or [True] * len(kernel.events), bool)
+        self._carried = False  # whether the next segment begins where an event was
         self._fresh, self._last = True, -1
         self._crossed = np.zeros(len(kernel.events), bool)  # what rose in the last step, with an event
         self._burst, self._since = 0, -np.inf
@@ -165,6 +171,7 @@ class HybridRun:
     def _cross(self, part: Segment) -> None:
         """Steps from the beginning of a segment to its end, cut anew wherever an event is."""
         begin, first, whole = part.begin_s, part.first, self._longest() == self.grid.step_s
+        first, self._carried = HERE if self._carried and first < 0 else first, False
         number, h = part.steps, part.length(self.grid)
         if not whole:
             number = self._number(part.end_s - begin)
@@ -185,8 +192,16 @@ class HybridRun:
                 first = first if done is None else HERE
                 number, index = self._number(part.end_s - begin), 0
                 h = (part.end_s - begin) / number
+                if first == HERE and begin >= part.end_s and part.last < 0 and self._at_rest(begin):
+                    self._carried = True
+                    return
         if self.fate == COMPLETED:
             self.end_s = part.end_s
+
+    def _at_rest(self, t: float) -> bool:
+        """Whether nothing is left to happen at an instant, as far as clocks are concerned."""
+        values = self.engine.kernel.functions["values"](t, self.x, self.c).full().ravel()
+        return bool(self._clocks.any()) and not (values > self._level).any()
 
     def _number(self, length_s: float) -> int:
         return max(1, math.ceil(length_s / self._longest() * (1 - ROUNDING)))
@@ -231,7 +246,7 @@ class HybridRun:
     def _step(self, t: float, h: float, row: tuple[int, int, int, int], until_s: float, own: int) -> _Done:
         """One step of length h, or one cut short: to the root, where it begins, of event `own`."""
         dt, dh = self._moved(row)
-        shorter = self._graded(t, h)
+        shorter = self._aimed(t, self._graded(t, h))
         short = shorter < h
         done = self._tried(t, shorter, dt, 0.0 if short else dh) if own < 0 else self._at_root(t, dt, own)
         done.cut = done.cut or short
@@ -255,6 +270,13 @@ class HybridRun:
         elif done.cut:
             self._slope = slope
         return done
+
+    def _aimed(self, t: float, h: float) -> float:
+        """Length of a step of at most h that does not pass a clock's instant."""
+        past = (TOGETHER if self.backwards else EARLY) + 4 * 2.2e-16 * t
+        left = past - self._first[self._clocks & (self._first <= 0)]
+        nearest = float(left.min(initial=np.inf))
+        return nearest if nearest < h - TOLERANCE else h
 
     def _sound(self, x: Array) -> bool:
         with np.errstate(over="ignore", invalid="ignore"):
@@ -345,6 +367,7 @@ class HybridRun:
             self._doubt(GRAZING, np.array([event]))
         near = g + TOGETHER * np.maximum(self._rates, 0.0) > 0
         near[event] = False
+        near &= ~(self._fixed & self._fixed[event])
         others = np.flatnonzero(near & ~self._kinks & ~self._kinks[event])
         self._doubt(COINCIDENT, others)
         return len(others)
@@ -404,6 +427,8 @@ class HybridRun:
         self.happenings.append(InterpretedEvent(event, t, self.x, after, len(self.rows), *now))
         self.x, self._fresh, self._last = after, True, event
         self._look_up(t)
+        if rule.clock:
+            return
         close = t - self._since <= self.grid.step_s
         self._burst, self._since = (self._burst + 1, self._since) if close else (1, t)
         self.fate = ENDED if rule.ends else CHATTERING if self._burst > BURST else COMPLETED

@@ -179,10 +179,12 @@ class InterpretedEngine:
     def _one(self, p: Array, grid: TimeGrid, raw: RolloutArrays, rows: Sequence[int]) -> None:
         path = self.path(p, grid, estimate=raw.error is not None, backwards=raw.backwards)
         at = path.plan.sampled[: len(path.shown)]
+        seen = path.x[at]
+        seen[0] = self.kernel.functions["setup"](p)[0].full().ravel()  # before what happens at the start
         if raw.x is not None:
-            raw.x[0, : len(at)] = path.x[at]
+            raw.x[0, : len(at)] = seen
         if raw.y is not None:
-            y = self.kernel.functions["outputs"](grid.time[None, : len(at)], path.x[at].T, path.shown.T)
+            y = self.kernel.functions["outputs"](grid.time[None, : len(at)], seen.T, path.shown.T)
             raw.y[0, : len(at)] = y.full().T[:, list(rows)]
         if raw.error is not None:
             size = np.maximum(1.0, np.abs(path.x).max(axis=0))
@@ -195,9 +197,10 @@ class InterpretedEngine:
     def note(self, path: DiscreteTrajectory, raw: RolloutArrays) -> None:
         """Write down how the only rollout of ``raw`` went, and its events."""
         raw.done[0], raw.reached[0], raw.fate[0] = path.done, path.end_s, path.fate
-        log, first = raw.log, path.happenings[: raw.log.event.shape[1]]
-        log.fired[0], log.doubt[0] = len(path.happenings), path.doubt
-        for k, here in enumerate(first):
+        silent, log = [event.silent for event in self.kernel.events], raw.log
+        told = [here for here in path.happenings if not silent[here.event]]
+        log.fired[0], log.doubt[0] = len(told), path.doubt
+        for k, here in enumerate(told[: log.event.shape[1]]):
             log.event[0, k], log.when[0, k] = here.event, here.time_s
             if log.jump is not None:
                 log.jump[0, k] = here.before, here.after

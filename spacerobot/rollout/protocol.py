@@ -37,6 +37,14 @@ class EventRule(Protocol):
     def kink(self) -> bool:
         """Whether it only marks where a law is not smooth: neither state nor rate jumps there."""
 
+    @property
+    def clock(self) -> bool:
+        """Whether its guard is time less an instant that events alone change."""
+
+    @property
+    def silent(self) -> bool:
+        """Whether it is not recorded."""
+
 
 class TableRule(Protocol):
     """Rows of equal width in c, one after the other, and a window that shows one of them."""

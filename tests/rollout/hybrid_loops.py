@@ -20,6 +20,8 @@ class Rule:
     sets: tuple[tuple[int, bool], ...] = ()
     ends: bool = False
     kink: bool = False
+    clock: bool = False
+    silent: bool = False
     kind: str = "kind"
     who: str = "who"
 

@@ -21,6 +21,7 @@ from spacerobot.arrays import Array
 from spacerobot.dynamics.algebra import cross
 from spacerobot.elements.actuator import Actuator
 from spacerobot.elements.allocation import ThrusterLayout, allocate, largest_box, steps_needed
+from spacerobot.elements.clock import Clock
 from spacerobot.elements.context import ActuatorContext
 from spacerobot.elements.contribution import ActuatorDrive, Contribution, Output, PowerTerm, State, memory
 from spacerobot.elements.event import Event
@@ -30,8 +31,6 @@ from spacerobot.section import Name, Section, Vector, quantity
 
 GRAVITY = 9.80665
 """Standard gravity [m/s^2], by which specific impulse in seconds is defined."""
-AT_ONCE = 1e-12
-"""Before the start [s], so that the first period begins with it."""
 WHOLE = 1 - 1e-9
 """Part of the thrust from which on a pulse lasts for the whole period."""
 
@@ -295,23 +294,21 @@ class _Jets:
         """Thrusters that give all of their thrust for times decided at the beginning of each period."""
         context, names = self.actuator.context, list(self.config.nozzles)
         firing = self.firing
-        due = memory(f"{self.name}.due", ca.SX(-AT_ONCE))
+        period = context.steady("period")
+        clock = Clock.of(f"{self.name}.decisions", context.time, period)
         off_at = memory(f"{self.name}.off_at", ca.SX(len(names), 1))
-        period = context.number("period")
         part = self.parts(asked)
         # what is on for all of the period is not switched off at its end, but goes on as decided then
-        until = due.symbol + ca.if_else(part < WHOLE, self._on_times(part * period), 2 * period)
+        until = clock.instant + ca.if_else(part < WHOLE, self._on_times(part * period), 2 * period)
         sets = {switch.name(): True for switch in firing}
-        updates = {due.name: due.symbol + period, off_at.name: until}
-        guard, armed = context.time - due.symbol, ca.SX(1)
-        events = [Event(f"{self.name}.control", "control", self.name, guard, armed, sets, updates)]
+        events = [clock.event(f"{self.name}.control", "control", self.name, {off_at.name: until}, sets)]
         for i, (name, switch) in enumerate(zip(names, firing, strict=True)):
             label = f"{self.name}.{name}"
             over = context.time - off_at.symbol[i]
             events.append(Event(f"{label}.cut", "cut", label, over, switch, {switch.name(): False}))
         acting = self._acting(ca.vertcat(*firing))
         return Contribution(
-            states=(*acting.states, due, off_at),
+            states=(*acting.states, clock.count, off_at),
             outside=acting.outside,
             powers=acting.powers,
             outputs=acting.outputs,

@@ -200,6 +200,9 @@ static void again(const Job& job, Trajectory& at, const Position& begin, Record*
 #endif
   for (int64_t k = 0; k < number; ++k) {
     ready(job, at);  // a checkpoint was taken when a step was ready
+#if EVENTS
+    aim(job, at);
+#endif
     record_step(tape[k], at, m, next);
     if (k == number - 1) std::memcpy(c, at.c, sizeof c);
     settle<false>(job, at, tape[k].slope, next, &tape[k], true);
@@ -217,10 +220,10 @@ static void again(const Job& job, Trajectory& at, const Position& begin, Record*
 struct Instants {
   Instant now[LANES];
   int64_t told[LANES], taken[LANES];  // the step of each lane that follows
-  bool counts[LANES];
+  bool counts[LANES], moves[LANES];  // whether the one that is open shall be told; whether parameters move a thing of it
 
   void begin(int64_t steps) {
-    for (int l = 0; l < LANES; ++l) told[l] = 0, taken[l] = steps, counts[l] = false, now[l].first = INFINITY;
+    for (int l = 0; l < LANES; ++l) told[l] = 0, taken[l] = steps, counts[l] = moves[l] = false, now[l].first = INFINITY;
   }
   void close(const Job& job, const AdjointJob& adjoint, int64_t rollout, int l) {
     if (!counts[l] || rollout >= job.count) return;
@@ -255,7 +258,7 @@ static void note_instants(const Job& job, const AdjointJob& adjoint, int64_t fir
     Instant& now = all.now[l];
     if (t < now.first - TOGETHER) {
       all.close(job, adjoint, first + l, l);
-      all.counts[l] = false, now.number = now.missed = 0., now.last = t;
+      all.counts[l] = all.moves[l] = false, now.number = now.missed = 0., now.last = t;
       for (int i = 0; i < NX; ++i) now.bar[i] = lane(bar.x[i], l);
       for (int i = 0; i < PEAKS; ++i) now.met[i] = ELSEWHERE;
     }
@@ -266,7 +269,12 @@ static void note_instants(const Job& job, const AdjointJob& adjoint, int64_t fir
     for (int i = 0; i < number && i < THINGS; ++i) behind += now.thing[i] >= 0 && now.root[i] != 0;
     if (number < THINGS) now.thing[number] = thing, now.root[number] = root;
     now.first = t, now.missed = now.missed != 0 || near > behind;
-    all.counts[l] = number > 0 || now.missed != 0;
+    bool moves = thing < 0 && JUMP_BAR[int(-1 - thing)] >= 0;
+#if EVENTS
+    moves = moves || (thing >= 0 && !FIXED[int(thing)]);
+#endif
+    all.moves[l] = all.moves[l] || moves;
+    all.counts[l] = all.moves[l] && (number > 0 || now.missed != 0);
     for (int i = 0; i < NX; ++i) now.before[i] = lane((waits ? past.x : end)[i], l);
 #if EVENTS
     for (int i = 0; i < SWITCHES; ++i) now.mode[i] = lane(found.mode[i], l);

@@ -1,7 +1,9 @@
 // Events of hybrid motion: where each fires, and what it changes. An event fires where its guard is above zero, and a
 // guard that is not armed is minus infinity. SWITCH lists the places in c of the switches, which are constant between
 // events; SETS holds what each event makes of them (-1: leaves it), ENDS whether the rollout is over with it,
-// KINK whether it only marks where a law is not smooth, GAP whether its guard is minus a gap. FINE lists switches, FINE_STEP the longest step while one is on,
+// KINK whether it only marks where a law is not smooth, GAP whether its guard is minus a gap, CLOCK whether it is time less
+// that of a sample, which events alone change, SILENT whether it is not told, FIXED whether no parameter that derivatives are
+// asked for moves its time. FINE lists switches, FINE_STEP the longest step while one is on,
 // FINE_GROW over how many of these steps grow behind its beginning, and shrink before its end.
 //
 // Every step is tried. Where no guard is above zero at its end, it is done; else the lane takes it once more, with other
@@ -30,6 +32,7 @@ constexpr double UNSURE = 0.01;       // part of it by which it is wrong where h
 constexpr double WRONG = 12;          // a guard may be above its cubic by so many times what that is wrong by at CHECK
 constexpr double SURGE = 1.3;         // a gap may close so many times as fast where it turns as it is seen to elsewhere
 enum { CHECK = 2 };                   // which of the places inside checks the cubic
+constexpr double EARLY = 5e-13;       // a clock's guard is above zero so long before its instant, s
 enum { SECANTS = 8, TRIES = 60 };     // lengths tried at peaks, or before they are halved; in all
 enum { BURST = 100 };                 // more events than that within one step are chattering
 enum Doubt { NONE, GRAZING, COINCIDENT, AT_END };
@@ -71,6 +74,31 @@ static void watch(Trajectory& at) {
   for (int f = 0; f < FINES; ++f) w.on[f] = 0., w.off[f] = INFINITY;
   w.last = -1., w.fresh = 1., w.burst = w.graded = 0., w.since = -INFINITY;
   for (int l = 0; l < LANES; ++l) forget(w, l), at.fired[l] = at.doubt[l] = at.doubted[l] = 0;
+}
+
+// Make ready what is known before a step is tried. Steps end at clocks instead of looking for them: just behind the guard's
+// root, at the instant itself. What rose with another event fires at a step of length zero.
+static void aim(const Job& job, Trajectory& at) {
+  Watch& w = at.now.watch;
+  Step& s = at.now.step;
+  if (any(w.fresh)) {
+    real g[EVENTS];
+    values(at, s.t, at.now.x, g);
+    for (int i = 0; i < EVENTS; ++i) w.first[i] = select(w.fresh, g[i], w.first[i]);
+  }
+  for (int l = 0; CLOCKS && l < LANES; ++l) {
+    if (lane(s.busy, l) == 0 || lane(at.now.alive, l) == 0 || lane(w.high, l) < INFINITY) continue;
+    const double t = lane(s.t, l), past = (job.backwards ? TOGETHER : EARLY) + 4 * 2.2e-16 * t;
+    for (int i = 0; i < EVENTS; ++i) {
+      const double g = lane(w.first[i], l) - lane(w.level[i], l);
+      if (!CLOCK[i] || g < -lane(s.h, l) - TOGETHER) continue;
+      if (g > 0 && lane(w.fresh, l) != 0) lane(s.h, l) = 0;
+      else if (g <= 0 && past - g < lane(s.h, l) - TOLERANCE) {
+        lane(s.h, l) = past - g;
+        lane(w.peak, l) = ::fmax(lane(w.peak, l), 0.5);  // cut short, whatever rounding makes of the guard
+      }
+    }
+  }
 }
 
 // Let the rest of lane l's segment begin at t. Where it begins `anew`, that is behind a step cut short.
@@ -124,7 +152,7 @@ static int judge_root(const Job& job, Trajectory& at, int l, int e, double h, co
   int near = 0;
   for (int i = 0; i < EVENTS; ++i) {
     const double soon = TOGETHER * ::fmax(lane(tried.rate[i], l), 0.);
-    if (i == e || KINK[e] || KINK[i] || !(lane(tried.g1[i], l) + soon > 0)) continue;
+    if (i == e || KINK[e] || KINK[i] || (FIXED[e] && FIXED[i]) || !(lane(tried.g1[i], l) + soon > 0)) continue;
     doubt(at, l, COINCIDENT, i), ++near;
   }
   return near;
@@ -188,9 +216,10 @@ static double peak_of(const Cubic<double>& g) {
 // How long a step of lane l must be to end at the first peak of a guard that may rise above its level within it; and
 // whether shapes may have met within it unseen.
 static double shortest_peak(Trajectory& at, int l, const Tried& tried, bool& skipped) {
-  const double h = lane(at.now.step.h, l), margin = lane(at.now.watch.peak, l) != 0 ? GRAZES : MARGIN;
+  const double h = lane(at.now.step.h, l), margin = lane(at.now.watch.peak, l) >= 1 ? GRAZES : MARGIN;
   double shortest = h;
   for (int i = 0; i < EVENTS; ++i) {
+    if (CLOCK[i]) continue;
     const Cubic<double> g = Cubic<double>::of(lane(tried.g0[i], l), lane(tried.inner[0][i], l),
                                               lane(tried.inner[1][i], l), lane(tried.g1[i], l));
     const double s = peak_of(g), bend = 3 * g.bend();
@@ -263,7 +292,7 @@ static void judge_lane(const Job& job, Trajectory& at, int l, const Tried& tried
     lane((event < 0 ? w.before : w.after)[i], l) = lane(tried.g1[i], l);
     const Guard guard = {lane(tried.g0[i], l),  lane(tried.rate[i], l), low,
                          lane(w.before[i], l), high,                   lane(w.after[i], l)};
-    if (guard.after > 0) root = ::fmin(root, guard.root());
+    if (guard.after > 0) root = ::fmin(root, CLOCK[i] ? -guard.first : guard.root());
   }
   const double tries = ++lane(w.tries, l);
   const bool near = high - root <= tolerance || high - low <= tolerance || tries > TRIES;
@@ -299,19 +328,21 @@ INLINE void judge(const Job& job, Trajectory& at, const real* k, const real* nex
   Tried tried;
   real end[EVENTS], off[FINES + 1], stirs = 0.;
   for (int f = 0; f < FINES; ++f) off[f] = INFINITY;
-  if (any(w.fresh)) {
-    values(at, s.t, at.now.x, end);
-    for (int i = 0; i < EVENTS; ++i) w.first[i] = select(w.fresh, end[i], w.first[i]);
+  if (int(CLOCKS) < int(EVENTS)) {
+    look_inside<SHARED, 0>(at, k, tried.inner[0]);
+    look_inside<SHARED, 1>(at, k, tried.inner[1]);
+    look_inside<SHARED, CHECK>(at, k, tried.inner[CHECK]);
   }
-  look_inside<SHARED, 0>(at, k, tried.inner[0]);
-  look_inside<SHARED, 1>(at, k, tried.inner[1]);
-  look_inside<SHARED, CHECK>(at, k, tried.inner[CHECK]);
   values(at, s.t + s.h, next, end);
   for (int i = 0; i < EVENTS; ++i) {
     w.level[i] = select(w.last == real(double(i)), fmax(w.first[i], 0.), w.level[i]);
     const real level = w.level[i], g0 = w.first[i] - level, g1 = end[i] - level;
-    for (int n = 0; n < 3; ++n) tried.inner[n][i] = tried.inner[n][i] - level;
     tried.g0[i] = g0, tried.g1[i] = g1;
+    if (CLOCK[i]) {
+      stirs = stirs || g1 > 0. || (g0 > 0. && w.fresh);
+      continue;
+    }
+    for (int n = 0; n < 3; ++n) tried.inner[n][i] = tried.inner[n][i] - level;
     const Cubic<real> g = Cubic<real>::of(g0, tried.inner[0][i], tried.inner[1][i], g1);
     const real near = -3. * MARGIN * g.bend();
     stirs = stirs || g1 > 0. || (g0 > 0. && w.fresh) || g.b[1] > near || g.b[2] > near;
@@ -383,6 +414,19 @@ static void tell_event(const Job& job, const Trajectory& at, int l, int e, doubl
   }
 }
 
+// Let lanes whose last event was at the end of a sample interval wait there, without a step of length zero, where nothing
+// else is left to happen. The next interval then begins where the event was.
+static void finish(Trajectory& at, real cut) {
+  Step& s = at.now.step;
+  const real over = cut && s.busy && s.begin >= s.end && s.to == real(-1.);
+  if (!any(over)) return;
+  real g[EVENTS], left = 0.;
+  values(at, s.t, at.now.x, g);
+  for (int i = 0; i < EVENTS; ++i) left = left || g[i] > at.now.watch.level[i];
+  for (int l = 0; l < LANES; ++l)
+    if (lane(over, l) != 0 && lane(left, l) == 0) lane(s.to, l) = HERE, lane(s.busy, l) = lane(s.h, l) = 0.;
+}
+
 // Let the events fire that were found, behind the steps that were done; and cut the segments behind steps cut short.
 static void happen(const Job& job, Trajectory& at, const Happened& found, bool again) {
   Watch& w = at.now.watch;
@@ -418,13 +462,14 @@ static void happen(const Job& job, Trajectory& at, const Happened& found, bool a
 #endif
     if (lane(fires, l) == 0 || lane(at.now.alive, l) == 0) continue;
     const int event = int(lane(e[0], l));
-    if (!again) tell_event(job, at, l, event, instant, next), ++at.fired[l];
+    if (!again && !SILENT[event]) tell_event(job, at, l, event, instant, next), ++at.fired[l];
     for (int i = 0; i < NX; ++i) lane(at.now.x[i], l) = lane(next[i], l);
     lane(w.last, l) = event, lane(w.fresh, l) = 1.;
 #if TABLES
     lane(at.now.turned, l) = 1.;
 #endif
     const bool close = instant - lane(w.since, l) <= job.h;
+    if (CLOCK[event]) continue;
     lane(w.burst, l) = close ? lane(w.burst, l) + 1 : 1.;
     if (!close) lane(w.since, l) = instant;
     if (ENDS[event]) at.fate[l] = ENDED;
@@ -432,4 +477,5 @@ static void happen(const Job& job, Trajectory& at, const Happened& found, bool a
     else continue;
     lane(at.now.alive, l) = lane(at.now.step.busy, l) = lane(at.now.step.h, l) = 0.;
   }
+  if (CLOCKS) finish(at, found.cut);
 }

@@ -167,6 +167,9 @@ static int64_t integrate(const Job& job, int64_t first, const real* p, Trajector
     if (!ready(job, at)) break;
     Record* record = tape ? tape + k % segment : nullptr;
     const bool estimates = LANES == 1 && job.error && !record;
+#if EVENTS
+    aim(job, at);
+#endif
     const real h = now.step.h;
     real took;
     if (record) {

@@ -96,7 +96,7 @@ struct Watch {
   real crossed[EVENTS];                // truth where a guard rose above its level in the last step, with an event
   real last;                           // event that fired last, until a step is done; or -1
   real fresh;                          // truth where a guard above its level fires at once
-  real peak;                           // lengths tried that end at a guard's peak
+  real peak;                           // lengths tried that end at a guard's peak; a half where one ends at a clock
   real low, high, tries;               // lengths without and with a guard above its level; lengths tried
   real before[EVENTS], after[EVENTS];  // the guards there
   real burst, since;                   // events in turn that were close to each other, and when they began
@@ -324,10 +324,20 @@ INLINE void stages(Trajectory& at, real dt, real dh, const real* x, real* k, rea
   }
 }
 
-// One step from x to `next`; `k` has room for the slopes. Its beginning and length have the derivatives dt and dh.
+// One step from x to `next`; `k` has room for the slopes. Its beginning and length have the derivatives dt and dh. Where
+// every lane's length is zero (events at one instant) all slopes are the first.
 template <bool SHARED, int LAST = M::STAGES>
 INLINE void step(Trajectory& at, const real* x, real* k, real* m, real* next, real dt, real dh) {
   real sum[NX];
+#if EVENTS && !defined(RATE)
+  if (!any(at.now.step.h > 0.)) {
+    stages<0, 1, SHARED>(at, dt, dh, x, k, m);
+    for (int s = 1; s < (SHARED ? int(M::PLACES) : LAST); ++s)
+      if (s * NX != place_of<SHARED>(0)) std::memcpy(k + s * NX, k + place_of<SHARED>(0), sizeof sum);
+    G::normalise(x, next);
+    return;
+  }
+#endif
   stages<0, LAST, SHARED>(at, dt, dh, x, k, m);
   combine<SOLUTION, SHARED>(at.now.step.h, x, k, sum);
 #ifdef RATE

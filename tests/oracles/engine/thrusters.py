@@ -10,8 +10,9 @@ from scipy.linalg import null_space
 from scipy.optimize import lsq_linear, nnls
 
 from spacerobot.arrays import Array
-from spacerobot.elements.actuators.thrusters import AT_ONCE, GRAVITY, WHOLE, Nozzle, Thrusters
+from spacerobot.elements.actuators.thrusters import GRAVITY, WHOLE, Nozzle, Thrusters
 from spacerobot.elements.allocation import EVEN, NEAREST
+from spacerobot.elements.clock import EARLY
 from spacerobot.scene import Scene, SceneBody
 from tests.oracles.engine.actuation import Delivered, Now, Push, Turn, base_columns, delivery_of
 from tests.oracles.engine.kinematics import Kinematics
@@ -24,8 +25,8 @@ ROUNDING = 1e-9
 class Jets:
     """Thrusters of one section.
 
-    Their state is the propellant that they have spent; where they are pulsed, also when the next decision is
-    due and when each is cut off.
+    Their state is the propellant that they have spent; where they are pulsed, also the number of the next
+    decision and when each is cut off.
     """
 
     scene: Scene
@@ -57,13 +58,13 @@ class Jets:
     def state_names(self) -> tuple[str, ...]:
         """The propellant, and times."""
         name, count = self._name, len(self.config.nozzles)
-        times = (f"{name}.due[0]", *(f"{name}.off_at[{i}]" for i in range(count)))
+        times = (f"{name}.decisions.count[0]", *(f"{name}.off_at[{i}]" for i in range(count)))
         return (f"{name}.propellant[0]", *(times if self._pulsed else ()))
 
     def initial(self, kinematics: Kinematics) -> Array:
         """Nothing spent, and a decision due."""
         del kinematics
-        return np.r_[0.0, -AT_ONCE, np.zeros(len(self.config.nozzles))] if self._pulsed else np.zeros(1)
+        return np.zeros(2 + len(self.config.nozzles) if self._pulsed else 1)
 
     def deliver(self, kinematics: Kinematics, asked: Array, states: Array, now: Now) -> Delivered:
         """Forces of all nozzles; what is missing is left to the next actuator, if any."""
@@ -113,15 +114,16 @@ class Jets:
 
     def _turns(self, t: float, states: Array, shared: Callable[[], Array]) -> Iterator[Turn]:
         """The next decision, which puts all on, and the end of each pulse."""
-        names, (spent, due, *off_at) = list(self.config.nozzles), states
+        names, (spent, count, *off_at) = list(self.config.nozzles), states
+        due = count * self.config.period
 
         def decided() -> Array:
             ends = [due + self._on_time(n, part) for n, part in zip(names, shared(), strict=True)]
-            return np.array([spent, due + self.config.period, *ends])
+            return np.array([spent, count + 1, *ends])
 
         switches = [f"{self._name}.firing.{name}" for name in names]
         sets = dict.fromkeys(switches, True)
-        yield Turn(f"{self._name}.control", "control", self._name, t - due, sets, decided)
+        yield Turn(f"{self._name}.control", "control", self._name, t - due + EARLY, sets, decided)
         for name, switch, end in zip(names, switches, off_at, strict=True):
             label = f"{self._name}.{name}"
             yield Turn(f"{label}.cut", "cut", label, t - end, {switch: False})

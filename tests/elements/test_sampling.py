@@ -1,0 +1,232 @@
+"""Periodic controllers: convergence, the cost of a delay, both engines, gradients, and errors."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from spacerobot.closedloop import build_closed_loop
+from spacerobot.errors import ScenarioError
+from spacerobot.pinocchio_engine import simulate
+from spacerobot.rollout import Measures, Signals, build_rollout, final
+from tests.oracles.small_scenes import PLANAR, SPATIAL, small_scene
+
+ONE, TWO = "robots.one.tips.tip.pid", "robots.two.tips.tip.pid"
+STEPS = {"step_s": 0.01, "output_step_s": 0.1}
+
+
+def rolled(changes, text=PLANAR, duration_s=0.4, backend="interpreted", **options):
+    scene = small_scene(text, changes)
+    loop = build_closed_loop(scene)
+    given = {"duration_s": duration_s, "backend": backend} | STEPS | options
+    return scene, build_rollout(loop, **given)
+
+
+def sampled(period, **more):
+    return {"sampled": {"period": period} | more}
+
+
+def plate(kp=0.0, ki=0.0, kd=0.0, **section):
+    """A plate of two robots' scene, alone: its attitude is a double integrator."""
+    turn = {"kind": "base_attitude", "kp": kp, "ki": ki, "kd": kd, "feed_forward": 0.0} | section
+    return {
+        "grasps": {},
+        "target.base": {"joint": "planar", "position": [20, 0, 0]},
+        "robots.two.base": {"joint": "planar", "position": [40, 0, 0]},
+        "robots.one.tips.tip.pid": None,
+        "robots.one.tips.tip.amnesia": None,
+        "robots.two.tips.tip.pid": None,
+        "robots.*.joints.*.locked": True,
+        "robots.one.joints.joint_1.rate_deg": 0,
+        "robots.one.actuators": {"ideal": {"kind": "base_wrench"}},
+        "robots.one.controllers": {"turn": turn},
+    }
+
+
+KINDS = {
+    "pid with amnesia": {ONE: sampled},
+    "filtered derivative": {
+        ONE: lambda period: sampled(period) | {"derivative": "filtered", "filter_time": 0.2}
+    },
+    "joint pd": {
+        "robots.one.joint_pd": lambda period: {"kp": 20, "kd": 3} | sampled(period),
+    },
+    "base": {
+        "robots.one.controllers": lambda period: {
+            "turn": {"kind": "base_attitude", "kp": 40, "ki": 5, "kd": 20} | sampled(period)
+        },
+        "robots.one.actuators": lambda _: {"ideal": {"kind": "base_wrench"}},
+    },
+    "resolved rates": {
+        "robots.one.controllers": lambda period: {"led": {"kind": "resolved_rate"} | sampled(period)},
+        ONE: lambda _: None,
+        "robots.one.tips.tip.amnesia": lambda _: None,
+    },
+}
+
+
+def given(kind, period):
+    """Changes of a scene in which a controller is sampled, or continuous."""
+    found = {}
+    for path, make in KINDS[kind].items():
+        section = make(period or 1.0)
+        if path == ONE and section is not None:
+            found |= {f"{path}.{key}": value for key, value in section.items()}
+        else:
+            found[path] = section
+    if period is None:
+        found.pop(f"{ONE}.sampled", None)
+        for section in found.values():
+            for part in [section, *(section.values() if isinstance(section, dict) else [])]:
+                if isinstance(part, dict):
+                    part.pop("sampled", None)
+    return found
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_sampled_controller_converges_to_the_continuous_one_at_first_order(kind):
+    _, ideal = rolled(given(kind, None))
+    wanted, errors = ideal.run().outputs["body_position"][-1], []
+    for period in (0.02, 0.01, 0.005):
+        _, rollout = rolled(given(kind, period))
+        errors.append(np.abs(rollout.run().outputs["body_position"][-1] - wanted).max())
+    slopes = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert errors[0] > 1e-7
+    np.testing.assert_allclose(slopes, 1, atol=0.15)
+
+
+def inertia_of(scene):
+    """About the centre of mass of the first robot, its joints locked [kg m^2]."""
+    data = scene.model.createData()
+    pin.crba(scene.model, data, scene.q)
+    root = next(body for body in scene.robots if body.name == "one").root_joint
+    return data.Ycrb[root].inertia[2, 2]
+
+
+@pytest.mark.parametrize("late", [0.0, 0.4, 1.0, 2.0, 2.25])
+def test_a_rate_loop_with_a_delay_follows_its_difference_equation_to_its_stability_limit(late):
+    """omega_k+1 = omega_k - a (r omega_k-m-1 + (1 - r) omega_k-m) for a delay of m + r periods.
+
+    For whole periods z^(m+1) - z^m + a has its roots on the unit circle at a = 2 sin(pi / (4 m + 2)).
+    """
+    period, whole = 0.05, int(late)
+    limit, count = 2 * np.sin(np.pi / (4 * whole + 2)), 24
+    ends = []
+    for part in (0.95, 1.05):
+        changes = plate(kd=1.0, **sampled(period, delay=late * period))
+        inertia = inertia_of(small_scene(PLANAR, changes))
+        changes["robots.one.controllers"]["turn"]["kd"] = part * limit * inertia / period
+        steps = {"duration_s": count * period, "step_s": period, "output_step_s": period}
+        rollout = rolled(changes, **steps)[1]
+        run, rolled_names = rollout.run(), rollout.loop.state_names
+        omega = run.state[:, rolled_names.index("v.one/root[2]")]
+        wanted = [omega[0]]
+        for k in range(count):
+            before, now = (wanted[k - m] if k >= m else 0.0 for m in (whole + 1, whole))
+            wanted.append(wanted[k] - part * limit * ((late - whole) * before + (1 - late + whole) * now))
+        np.testing.assert_allclose(omega, wanted, atol=1e-10 * np.abs(wanted).max())
+        ends.append(np.abs(omega[-2 * whole - 4 :]).max())
+    if late == whole:
+        assert ends[0] < abs(omega[0]) < ends[1]
+
+
+def test_limits_rates_and_steps_of_the_output_hold():
+    form = {"limit": 0.4, "rate_limit": 5.0, "resolution": 0.05}
+    _, rollout = rolled(plate(kp=40, kd=10, **sampled(0.02, **form)), output_step_s=0.02)
+    wheel = rollout.run()
+    name = rollout.loop.state_names.index("one/controllers.turn.held[0]")
+    held = wheel.state[:, name]
+    assert np.abs(held).max() == pytest.approx(0.4)
+    assert np.abs(np.diff(held)).max() <= 5 * 0.02 + 0.05 + 1e-12
+    np.testing.assert_allclose(held / 0.05, np.round(held / 0.05), atol=1e-9)
+    assert len(np.unique(held.round(9))) > 3
+
+
+RATES = {
+    f"{ONE}.sampled": {"period": 0.02, "delay": 0.03, "limit": 50.0, "rate_limit": 1000.0},
+    f"{TWO}.sampled": {"period": 0.01},
+    "robots.one.joint_pd": {"kp": 5.0, "kd": 1.0, "sampled": {"period": 0.05}},
+}
+
+
+@pytest.mark.parametrize("text", [PLANAR, SPATIAL], ids=["planar", "spatial"])
+def test_both_engines_give_the_same_at_several_rates_in_one_scene(text):
+    scene, rollout = rolled(RATES, text, duration_s=0.12, step_s=0.002)
+    own, other = rollout.run(), simulate(scene, duration_s=0.12, output_step_s=0.1)
+    assert sum(event.kind == "sampled" for event in other.happened) == 7 + 13 + 3
+    np.testing.assert_allclose(own.state, other.state, atol=1e-9)
+
+
+def costed(changes, duration_s, **options):
+    loop = build_closed_loop(small_scene(PLANAR, changes))
+    signals = Signals.of(loop)
+    measures = Measures(
+        signals, {"end": final(signals["tip_position"][:2])}, lambda r, p: {"x": r["end"][0] + r["end"][1]}
+    )
+    return build_rollout(loop, duration_s=duration_s, measures=measures, **STEPS, **options)
+
+
+def difference(rollout, path, step):
+    """Central differences, extrapolated."""
+    value = rollout.values()[rollout.indices([path])[0]]
+    steps = np.array([step, step / 2])
+    ends = rollout.batch([path], (value + np.outer(steps, [1, -1]).ravel())[:, None]).costs["x"]
+    coarse, fine = (ends[0] - ends[1]) / (2 * step), (ends[2] - ends[3]) / step
+    return fine + (fine - coarse) / 3
+
+
+def test_gradients_go_through_samples_periods_and_delays():
+    """Of a gain, which moves no instant, and of a period and a delay, which move all of them."""
+    changes = {f"{ONE}.sampled": {"period": 0.037, "delay": 0.051}, f"{TWO}.sampled": {"period": 0.05}}
+    rollout = costed(changes, 0.26, backend="interpreted")
+    paths = [f"{ONE}.kp", f"{ONE}.sampled.period", f"{ONE}.sampled.delay"]
+    for path, step in zip(paths, (0.3, 4e-4, 4e-4), strict=True):
+        found = rollout.value_and_gradient(wrt=[path])
+        assert found.status == ("exact",)
+        forward = rollout.jacobian(wrt=[path], orders=True).measures["end"]
+        np.testing.assert_allclose(forward.sum(), found.gradients["x"][0], rtol=1e-9)
+        wanted = difference(rollout, path, step)
+        np.testing.assert_allclose(found.gradients["x"][0], wanted, rtol=1e-7)
+
+
+@pytest.mark.compiler
+def test_compiled_lanes_and_adjoint_give_the_same_as_the_interpreter():
+    changes = plate(kp=40, ki=5, kd=20, **sampled(0.02, delay=0.025)) | {"robots.two.joint_pd": {"kp": 1.0}}
+    path = "robots.one.controllers.turn.sampled.period"
+    ends, slopes = [], []
+    for backend in ("interpreted", "compiled"):
+        rollout = costed(changes, 0.2, backend=backend)
+        ends.append(rollout.batch([path], np.linspace(0.018, 0.023, 9)[:, None]).costs["x"])
+        slopes.append(rollout.value_and_gradient(wrt=[path], orders=True).gradients["x"])
+    np.testing.assert_allclose(*ends, rtol=1e-12)
+    np.testing.assert_allclose(*slopes, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("section", "told"),
+    [
+        ({"period": 0.0}, r"pid\.sampled\.period: found 0\.0, allowed: above 0"),
+        ({"period": 0.01, "delay": 0.2}, r"delay: found 0\.2 s, allowed: at most 16 periods, 0\.16 s"),
+        ({}, r"pid\.sampled\.period: missing"),
+    ],
+)
+def test_a_period_or_a_delay_that_cannot_be_is_refused(section, told):
+    with pytest.raises(ScenarioError, match=told):
+        small_scene(PLANAR, {f"{ONE}.sampled": section})
+
+
+def test_a_phase_does_not_change_a_period():
+    own = {"robots": {"one": {"tips": {"tip": {"pid": {"sampled": {"period": 0.02}}}}}}}
+    phases = {"phases": {"come": {"until": {"time": 0.37}}, "stay": own}}
+    scene = small_scene(PLANAR, {f"{ONE}.sampled": {"period": 0.01}} | phases)
+    with pytest.raises(ScenarioError, match=r"phases do not change it"):
+        build_closed_loop(scene)
+
+
+def test_a_controller_that_rests_in_a_phase_commands_nothing_from_its_next_instant_on():
+    own = {"robots": {"one": {"tips": {"tip": {"pid": None, "amnesia": None}}}}}
+    phases = {"phases": {"come": {"until": {"time": 0.1}}, "stay": own}}
+    _, rollout = rolled({f"{ONE}.sampled": {"period": 0.03}} | phases, duration_s=0.2, output_step_s=0.01)
+    run = rollout.run()
+    held = run.state[:, rollout.loop.state_names.index("one/tip/pid.held[0]")]
+    assert held[(run.time > 0.005) & (run.time < 0.115)].all()
+    assert not held[run.time > 0.125].any()
