@@ -171,8 +171,12 @@ class _Phases:
         return replace(happens, updates=updates | self._anew(updates)) if phase.reset else happens
 
     def _anew(self, updates: Mapping[str, ca.SX]) -> dict[str, ca.SX]:
-        """States of controllers as they begin, from where the event leaves everything else."""
-        own = [state for part in self.builder.controllers for state in part.states]
+        """States of controllers as they begin, from where the event leaves everything else.
+
+        What a periodic controller holds, and its clock, go on.
+        """
+        states = (state for part in self.builder.controllers for state in part.states)
+        own = [state for state in states if not state.remembers]
         leads = [state for lead in self.builder.leads.values() for state in lead.states]
         changed = [state for state in leads if state.name in updates]
         old = ca.vertcat(*(state.symbol for state in (*own, *changed)))

@@ -22,14 +22,13 @@ their projection follows the posture.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import casadi as ca
 from pydantic import Field, model_validator
 
-from spacerobot.elements.clock import Clock
+from spacerobot.elements.clock import MAX_DELAY, Clock, DelayLine
 from spacerobot.elements.contribution import (
     CommandedTorque,
     Contribution,
@@ -37,12 +36,8 @@ from spacerobot.elements.contribution import (
     State,
     memory,
 )
-from spacerobot.elements.event import Event
 from spacerobot.elements.section_context import SectionContext
 from spacerobot.section import Section, quantity
-
-MAX_DELAY = 16
-"""Longest delay, in periods: as many values are held."""
 
 
 class Sampling(Section):
@@ -103,9 +98,7 @@ def periodic(config: Sampling, context: SectionContext, name: str, continuous: C
     """
     period = context.steady("period")
     clock = Clock.of(f"{name}.samples", context.time, period)
-    states = [
-        replace(one, derivative=ca.SX.zeros(one.symbol.size1()), remembers=True) for one in continuous.states
-    ]
+    states = [replace(one, derivative=ca.SX.zeros(one.symbol.size1())) for one in continuous.states]
     updates = {one.name: _advanced(one, period) for one in continuous.states if not one.remembers}
     solved = {
         i: ca.SX.sym(f"{name}.output{i}", channel.size)
@@ -133,10 +126,10 @@ def periodic(config: Sampling, context: SectionContext, name: str, continuous: C
         if context.is_zero("delay"):
             updates[held.name] = value
         else:
-            line = _DelayLine.of(config, context, own, clock, held, period)
+            line = DelayLine.of(own, context, clock, held, config.delay / config.period)
             states += line.states
             updates |= line.shifted(value)
-            events.append(line.event)
+            events.append(line.event("acts"))
         full = ca.SX(asked.size1(), 1)
         full[rows] = held.symbol
         torques.append(CommandedTorque(robot, full, null_space))
@@ -198,49 +191,3 @@ def _formed(
         step = context.number("resolution")
         value = step * ca.floor(value / step + 0.5)
     return value, states
-
-
-@dataclass(frozen=True)
-class _DelayLine:
-    """Samples that wait, the latest first, and the clock that hands them on.
-
-    Sample j acts from t_j + d on. When it is due, k samples were taken since, and it stands at place k of the
-    register. That the place is counted, and not given, lets period and delay be varied.
-    """
-
-    samples: Clock
-    due: Clock
-    register: State
-    held: State
-    name: str
-
-    @classmethod
-    def of(
-        cls, config: Sampling, context: SectionContext, name: str, clock: Clock, held: State, period: ca.SX
-    ) -> _DelayLine:
-        """Room for the delay, and for one that is up to a period longer."""
-        places = math.floor(config.delay / config.period * (1 + 1e-9)) + 2
-        size = held.symbol.size1()
-        due = Clock.of(f"{name}.outputs", context.time, period, begin=context.steady("delay"))
-        register = memory(f"{name}.waiting", ca.SX.zeros(size * places))
-        return cls(clock, due, register, held, name)
-
-    @property
-    def states(self) -> list[State]:
-        """What it remembers."""
-        return [self.register, self.due.count]
-
-    def shifted(self, value: ca.SX) -> dict[str, ca.SX]:
-        """The register with one sample more."""
-        size = self.held.symbol.size1()
-        return {self.register.name: ca.vertcat(value, self.register.symbol[:-size])}
-
-    @property
-    def event(self) -> Event:
-        """The next sample acts from now on; one that left the register gives no number."""
-        size = self.held.symbol.size1()
-        since = self.samples.count.symbol - 1 - self.due.count.symbol
-        found = ca.SX.nan(size)
-        for k in range(self.register.symbol.size1() // size):
-            found = ca.if_else(since == k, self.register.symbol[k * size : (k + 1) * size], found)
-        return self.due.event(f"{self.name}.acts", "acts", self.name, {self.held.name: found}, silent=True)

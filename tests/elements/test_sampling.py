@@ -136,7 +136,7 @@ def test_limits_rates_and_steps_of_the_output_hold():
     name = rollout.loop.state_names.index("one/controllers.turn.held[0]")
     held = wheel.state[:, name]
     assert np.abs(held).max() == pytest.approx(0.4)
-    assert np.abs(np.diff(held)).max() <= 5 * 0.02 + 0.05 + 1e-12
+    assert np.abs(np.diff(held[1:])).max() <= 5 * 0.02 + 0.05 + 1e-12
     np.testing.assert_allclose(held / 0.05, np.round(held / 0.05), atol=1e-9)
     assert len(np.unique(held.round(9))) > 3
 
@@ -230,3 +230,14 @@ def test_a_controller_that_rests_in_a_phase_commands_nothing_from_its_next_insta
     held = run.state[:, rollout.loop.state_names.index("one/tip/pid.held[0]")]
     assert held[(run.time > 0.005) & (run.time < 0.115)].all()
     assert not held[run.time > 0.125].any()
+
+
+def test_a_phase_that_resets_leaves_clocks_and_outputs_alone():
+    phases = {"phases": {"come": {"until": {"time": 0.1}}, "stay": {"reset": True}}}
+    _, rollout = rolled({f"{ONE}.sampled": {"period": 0.03}} | phases, duration_s=0.2, output_step_s=0.01)
+    run, names = rollout.run(), rollout.loop.state_names
+    count = run.state[:, names.index("one/tip/pid.samples.count[0]")]
+    np.testing.assert_array_equal(count[1:], np.floor(run.time[1:] / 0.03 + 1e-9) + 1)
+    integral = run.state[:, names.index("one/tip/pid.integral[0]")]
+    assert abs(integral[9]) > 0 == abs(integral[11])
+    assert run.state[11, names.index("one/tip/pid.held[0]")] != 0
