@@ -22,9 +22,9 @@ from benchmarks import (
     ddp,
     dockings,
     events,
-    follow,
     history,
     methods,
+    plan_following,
     planning,
     process,
     rollouts,
@@ -33,7 +33,7 @@ from benchmarks import (
     studio_page,
     wheels,
 )
-from benchmarks.row import Row
+from benchmarks.table_row import Row
 from spacerobot.files import write_text
 
 JOBS: dict[str, Callable[[], list[Row]]] = {
@@ -44,7 +44,7 @@ JOBS: dict[str, Callable[[], list[Row]]] = {
     "events": events.rows,
     "sampled": sampled.rows,
     "wheels": wheels.rows,
-    "follow": follow.rows,
+    "follow": plan_following.rows,
     "campaign": lambda: [campaign.row()],
     "aba": aba.rows,
     "compilation": compilation.rows,

@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 
-from benchmarks.row import Row
+from benchmarks.table_row import Row
 from benchmarks.timing import cpu_time_of, paired
 from spacerobot.compiled import compile_functions, numpy_function
 from spacerobot.description.find import find_urdf

@@ -9,7 +9,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from benchmarks.row import Row
+from benchmarks.table_row import Row
 from optim.campaign import CampaignEvaluator, CampaignProgress, all_draws, build_evaluator, run_campaign
 from spacerobot.arrays import Array
 from spacerobot.compiled import usable_cores

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import casadi as ca
 
-from benchmarks.row import Row
+from benchmarks.table_row import Row
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.compiled import find_toolchain
 from spacerobot.rollout import Measures, Signals, build_rollout, integral

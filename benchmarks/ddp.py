@@ -13,15 +13,15 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from benchmarks.row import Row
+from benchmarks.table_row import Row
 from benchmarks.timing import paired
 from optim.planning.formulation.formulate import formulate
-from optim.planning.formulation.stage import Problem
-from optim.planning.transcription.functions import build_instants
-from optim.planning.transcription.guess import guess
+from optim.planning.formulation.stage import PlanningProblem
+from optim.planning.transcription.collocation_program import CollocationProgram
+from optim.planning.transcription.initial_guess import initial_guess
+from optim.planning.transcription.instant_functions import build_instants
 from optim.planning.transcription.lobatto import Lobatto
-from optim.planning.transcription.program import Program
-from optim.planning.transcription.refine import solve_from
+from optim.planning.transcription.mesh_transfer import solve_from
 from spacerobot.arrays import Array
 from spacerobot.scene import load_scene
 
@@ -55,8 +55,11 @@ def row() -> Row:
 
     problem = formulate(load_scene(REACH, {"robots.arm.joints.*.damping": 0.0}))
     instants, lobatto = build_instants(problem), Lobatto.of_order(ORDER)
-    program, first = Program(problem, instants, lobatto, INTERVALS), guess(problem, lobatto, COARSE)
-    scale = Program(problem, instants, lobatto, COARSE).objective(first.unknowns)
+    program, first = (
+        CollocationProgram(problem, instants, lobatto, INTERVALS),
+        initial_guess(problem, lobatto, COARSE),
+    )
+    scale = CollocationProgram(problem, instants, lobatto, COARSE).objective(first.unknowns)
     rival = Rival(crocoddyl, problem, KNOTS)
     found: dict[str, Any] = {}
 
@@ -98,7 +101,7 @@ class Rival:
         Steps of it.
     """
 
-    def __init__(self, crocoddyl: Any, problem: Problem, intervals: int) -> None:
+    def __init__(self, crocoddyl: Any, problem: PlanningProblem, intervals: int) -> None:
         self.crocoddyl, self._problem = crocoddyl, problem
         model = pin.Model(problem.stage.scene.model)
         model.names[1] = "root_joint"  # by which crocoddyl knows a base that nothing drives

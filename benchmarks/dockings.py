@@ -11,8 +11,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from benchmarks.row import Row
-from optim.planning.searches.make import make_plan
+from benchmarks.table_row import Row
+from optim.planning.search.make_plan import make_plan
 from spacerobot.errors import SpaceRobotError
 from spacerobot.scene import load_scene
 
@@ -45,7 +45,7 @@ def rows() -> list[Row]:
             faults.append(str(fault))
         else:
             intervals.append(plan.motion.intervals)
-            iterations.append(sum(one.iterations for one in plan.solves))
+            iterations.append(sum(one.iterations for one in plan.runs))
         times.append(time.process_time() - begin)
     median, planned = statistics.median(times), DRAWS - len(faults)
     taken = statistics.median(iterations or [0])

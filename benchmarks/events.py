@@ -7,7 +7,7 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 
-from benchmarks.row import Row
+from benchmarks.table_row import Row
 from benchmarks.timing import paired
 from spacerobot.closedloop import ClosedLoop, build_closed_loop
 from spacerobot.errors import DivergedError

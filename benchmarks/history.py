@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks.row import Row
+from benchmarks.table_row import Row
 from spacerobot.compiled import find_toolchain
 
 HISTORY = Path(__file__).with_name("history.jsonl")

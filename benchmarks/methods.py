@@ -9,7 +9,7 @@ from statistics import median
 import casadi as ca
 import numpy as np
 
-from benchmarks.row import Row
+from benchmarks.table_row import Row
 from benchmarks.timing import cpu_time_of
 from spacerobot.closedloop import ClosedLoop, build_closed_loop
 from spacerobot.rollout import Measures, Rollout, Signals, build_rollout, integral, time_grid

@@ -10,19 +10,19 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from benchmarks.row import Row
+from benchmarks.table_row import Row
 from benchmarks.timing import paired
 from optim.planning.formulation.formulate import formulate
 from optim.planning.formulation.rows import implicit_in
-from optim.planning.formulation.stage import Problem
-from optim.planning.solver.solve import LEAST_BARRIER, Solved, ipopt_options, one_thread, solve
-from optim.planning.transcription.functions import Instants, Places, build_instants
-from optim.planning.transcription.guess import guess
+from optim.planning.formulation.stage import PlanningProblem
+from optim.planning.solver.ipopt import LEAST_BARRIER, Solution, ipopt_options, one_thread, solve
+from optim.planning.transcription.collocation_program import CollocationProgram, SparseSums
+from optim.planning.transcription.initial_guess import initial_guess
+from optim.planning.transcription.instant_functions import InstantFunctions, Places, build_instants
 from optim.planning.transcription.lobatto import Lobatto
+from optim.planning.transcription.mesh_transfer import solve_from
 from optim.planning.transcription.motion import Motion
-from optim.planning.transcription.program import Program, Sums
-from optim.planning.transcription.refine import solve_from
-from optim.planning.verification.replay import replays
+from optim.planning.verification.replay import replay_motion
 from spacerobot.arrays import Array
 from spacerobot.dynamics import ArticulatedBody, Inertias
 from spacerobot.dynamics.joints import sparse
@@ -88,7 +88,7 @@ CAPTURE: Mapping[str, Any] = {
 
 
 @dataclass(frozen=True, eq=False)
-class Solution:
+class MeasuredSolution:
     """Where one of the two ended, after how many iterations, on each mesh."""
 
     motion: Motion
@@ -100,7 +100,7 @@ class Solution:
     def error(self) -> float:
         """Greatest error of a configuration at the knots [m, rad] when the torques are replayed."""
         nq, knots = self.motion.problem.stage.scene.model.nq, self.motion.lobatto.points - 1
-        return float(np.abs(replays(self.motion)[0][:, :nq] - self.motion.z[::knots, :nq]).max())
+        return float(np.abs(replay_motion(self.motion)[0][:, :nq] - self.motion.z[::knots, :nq]).max())
 
 
 def rows() -> list[Row]:
@@ -110,30 +110,32 @@ def rows() -> list[Row]:
     """
     problem = formulate(build_scene(validate(dict(CAPTURE))))
     instants, knots = build_instants(problem), Lobatto.of_order(2)
-    first = guess(problem, knots, INTERVALS)
-    scale = Program(problem, instants, knots, INTERVALS).objective(first.unknowns)
+    first = initial_guess(problem, knots, INTERVALS)
+    scale = CollocationProgram(problem, instants, knots, INTERVALS).objective(first.unknowns)
     shooting = Shooting(problem, first, scale)
     cold = [_row(problem, instants, shooting, scale, *mesh) for mesh in MESHES]
     return [*cold, _warm_row(problem, instants, shooting, scale)]
 
 
-def _row(problem: Problem, instants: Instants, shooting: Shooting, scale: float, *mesh: int) -> Row:
+def _row(
+    problem: PlanningProblem, instants: InstantFunctions, shooting: Shooting, scale: float, *mesh: int
+) -> Row:
     order, intervals, coarse = mesh
     lobatto = Lobatto.of_order(order)
-    program = Program(problem, instants, lobatto, intervals)
-    first = guess(problem, lobatto, coarse)
-    found: dict[str, Solution] = {}
+    program = CollocationProgram(problem, instants, lobatto, intervals)
+    first = initial_guess(problem, lobatto, coarse)
+    found: dict[str, MeasuredSolution] = {}
 
     def ours() -> None:
-        solves: tuple[Solved, ...]
+        runs: tuple[Solution, ...]
         if coarse == intervals:
-            solves = (solve(program, first.unknowns, scale=scale),)
+            runs = (solve(program, first.unknowns, scale=scale),)
         else:
-            solves = solve_from(first, program, scale=scale)
-        z, duration = program.split(solves[-1].w)
+            runs = solve_from(first, program, scale=scale)
+        z, duration = program.split(runs[-1].w)
         motion = Motion(problem, lobatto, program.mesh, duration, z)
-        many = " + ".join(str(one.iterations) for one in solves)
-        found["ours"] = Solution(motion, program.objective(solves[-1].w), solves[-1].converged, many)
+        many = " + ".join(str(one.iterations) for one in runs)
+        found["ours"] = MeasuredSolution(motion, program.objective(runs[-1].w), runs[-1].converged, many)
 
     def theirs() -> None:
         found["theirs"] = shooting.solve()
@@ -142,23 +144,23 @@ def _row(problem: Problem, instants: Instants, shooting: Shooting, scale: float,
     return _compared(program, shooting, (ours, theirs), found, f"of order {order}", begun)
 
 
-def _warm_row(problem: Problem, instants: Instants, shooting: Shooting, scale: float) -> Row:
+def _warm_row(problem: PlanningProblem, instants: InstantFunctions, shooting: Shooting, scale: float) -> Row:
     """Both go on from their solution, with its multipliers, to one whose start is moved."""
     order, intervals, _ = MESHES[0]
     lobatto, start = Lobatto.of_order(order), problem.fixed.copy()
-    program = Program(problem, instants, lobatto, intervals)
-    before = solve(program, guess(problem, lobatto, intervals).unknowns, scale=scale)
+    program = CollocationProgram(problem, instants, lobatto, intervals)
+    before = solve(program, initial_guess(problem, lobatto, intervals).unknowns, scale=scale)
     start[-program.nv :] += MOVED
     moved = dataclasses.replace(problem, fixed=start)
-    program = Program(moved, instants, lobatto, intervals)
+    program = CollocationProgram(moved, instants, lobatto, intervals)
     shooting.solve()
-    near, found = shooting.found, dict[str, Solution]()
+    near, found = shooting.found, dict[str, MeasuredSolution]()
 
     def ours() -> None:
         solved = solve(program, before.w, before)
         z, duration = program.split(solved.w)
         motion = Motion(moved, lobatto, program.mesh, duration, z)
-        found["ours"] = Solution(
+        found["ours"] = MeasuredSolution(
             motion, program.objective(solved.w), solved.converged, str(solved.iterations)
         )
 
@@ -171,10 +173,10 @@ def _warm_row(problem: Problem, instants: Instants, shooting: Shooting, scale: f
 
 
 def _compared(
-    program: Program,
+    program: CollocationProgram,
     shooting: Shooting,
     jobs: tuple[Callable[[], None], Callable[[], None]],
-    found: Mapping[str, Solution],
+    found: Mapping[str, MeasuredSolution],
     *words: str,
 ) -> Row:
     """Row of two jobs that leave their solutions."""
@@ -216,7 +218,7 @@ class Shooting:
         Size of the cost.
     """
 
-    def __init__(self, problem: Problem, first: Motion, scale: float) -> None:
+    def __init__(self, problem: PlanningProblem, first: Motion, scale: float) -> None:
         self._first = first
         stage, count = problem.stage, first.intervals
         nx, nu = len(problem.fixed), stage.u.numel()
@@ -248,7 +250,7 @@ class Shooting:
         self._given: dict[str, Any] = {"x0": guessed, "lbx": low.ravel(), "ubx": high.ravel()}
         self._given |= {"lbg": sides[0], "ubg": sides[1]}
 
-    def solve(self, near: Mapping[str, ca.DM] | None = None, start: Array | None = None) -> Solution:
+    def solve(self, near: Mapping[str, ca.DM] | None = None, start: Array | None = None) -> MeasuredSolution:
         """Solve it from its guess, or from what was found before, with its multipliers, for another start."""
         given, solver = self._given, self._solvers["cold" if near is None else "warm"]
         if near is not None and start is not None:
@@ -261,7 +263,9 @@ class Shooting:
         stats, z = solver.stats(), np.zeros_like(self._first.z)
         z[:, self._own] = np.array(self.found["x"]).reshape(len(z), -1)
         motion = dataclasses.replace(self._first, z=z)
-        return Solution(motion, float(self.found["f"]), bool(stats["success"]), str(stats["iter_count"]))
+        return MeasuredSolution(
+            motion, float(self.found["f"]), bool(stats["success"]), str(stats["iter_count"])
+        )
 
 
 class _Blocks:
@@ -340,7 +344,9 @@ class _Blocks:
         return {"x": w, "p": p, "f": f, "g": g}, options
 
 
-def _one(problem: Problem, length: float) -> tuple[ca.SX, ca.SX, ca.SX, tuple[list[ca.SX], list[ca.SX]]]:
+def _one(
+    problem: PlanningProblem, length: float
+) -> tuple[ca.SX, ca.SX, ca.SX, tuple[list[ca.SX], list[ca.SX]]]:
     """Both ends of an interval (x, u, x, u), its rows with its cost as the last one, and the goal's rows.
 
     Normals of keep-outs are held constant in derivatives, as in ours: what stands for them, and they.
@@ -391,7 +397,7 @@ def _summed(places: list[tuple[Any, Any]], shape: tuple[int, int], values: ca.MX
     """Sparse matrix of entries, those in the same place summed."""
     where = [tuple(np.ravel(k) for k in np.broadcast_arrays(*place)) for place in places]
     at, columns = (np.concatenate(side) for side in zip(*where, strict=True))
-    sums = Sums.of(at, columns, shape)
+    sums = SparseSums.of(at, columns, shape)
     matrix, given = sums.matrix, len(at)
     adding = ca.Sparsity.triplet(matrix.nnz, given, sums.place.tolist(), list(range(given)))
     pattern = ca.Sparsity(*shape, matrix.indptr.tolist(), matrix.indices.tolist())

@@ -10,7 +10,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from benchmarks.row import Row
+from benchmarks.table_row import Row
 from benchmarks.timing import time_of
 
 RUNS = 5

@@ -8,7 +8,7 @@ import numpy as np
 
 from benchmarks.methods import DURATION, GAINS, built
 from benchmarks.plain_loop import PlainLoop
-from benchmarks.row import Row
+from benchmarks.table_row import Row
 from benchmarks.timing import cpu_time_of, paired
 from spacerobot.closedloop import ClosedLoop, build_closed_loop
 from spacerobot.rollout import Rollout

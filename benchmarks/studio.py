@@ -11,9 +11,9 @@ from typing import Any
 
 from tornado.websocket import WebSocketClientConnection, websocket_connect
 
-from benchmarks.row import Row, hand_row
+from benchmarks.table_row import Row, hand_row
 from spacerobot.scene import load_scene
-from viz.studio.prepared import Origin
+from viz.studio.prepared_design import Origin
 from viz.studio.server import Studio
 
 WARM, COUNT = 20, 200

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.browser import NO_3D, Browser, chromium
-from benchmarks.row import Row, hand_row
+from benchmarks.table_row import Row, hand_row
 from spacerobot.scene import load_scene
-from viz.studio.prepared import Origin
+from viz.studio.prepared_design import Origin
 from viz.studio.server import Studio
 
 WARM, COUNT = 10, 100

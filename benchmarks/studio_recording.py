@@ -14,7 +14,7 @@ from PIL import Image
 from benchmarks.browser import Browser, chromium
 from spacerobot.files import write_bytes
 from spacerobot.scene import load_scene
-from viz.studio.prepared import Origin
+from viz.studio.prepared_design import Origin
 from viz.studio.server import Studio
 
 SIZE, WIDTH = (1180, 760), 860

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from benchmarks.row import Row
+from benchmarks.table_row import Row
 from benchmarks.timing import paired
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.rollout import Rollout, build_rollout

@@ -99,7 +99,7 @@ def scenario() -> str:
 
 def elements() -> str:
     """Every kind of element by family."""
-    from spacerobot.elements.table import markdown
+    from spacerobot.elements.kind_table import markdown
 
     return re.sub(r"^### ", "#" * SECTIONS + " ", markdown(), flags=re.MULTILINE)
 

@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 
 import spacerobot as sr
-from optim.planning.searches.make import make_plan
-from optim.planning.written.plan_file import FOLLOWED, write
-from viz.figures import disturbance, to_bytes
+from optim.planning.output.plan_folder import FOLLOWED, write
+from optim.planning.search.make_plan import make_plan
+from viz.figures import base_disturbance, to_bytes
 
 TASK = Path(__file__).with_name("reach.yaml")
 ARM, TIP = "robots.arm", "robots.arm.tips.tip"
@@ -53,7 +53,7 @@ def main(
         print(f"{name:30s}{turned:7.2e} deg {moved:7.2e} mm{rms:9.3f} N m{torque.max():9.2f} N m", end="")
         print(f"{rests:14.2f} s{1e3 * away[-1]:19.4f} mm")
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "disturbance.png").write_bytes(to_bytes(disturbance(results), "png"))
+    (folder / "disturbance.png").write_bytes(to_bytes(base_disturbance(results), "png"))
 
 
 if __name__ == "__main__":

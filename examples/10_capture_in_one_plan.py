@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import Any
 
 import spacerobot as sr
-from optim.planning.searches.make import make_plan
-from optim.planning.written.plan_file import FOLLOWED, write
+from optim.planning.output.plan_folder import FOLLOWED, write
+from optim.planning.search.make_plan import make_plan
 
 LEFT = {"tip": "servicer/left_tip", "frame": "mate_left"}
 RIGHT = {"tip": "servicer/right_tip", "frame": "mate_right"}

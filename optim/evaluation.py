@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from optim.problem.measured import context_of, measure, with_added_states
+from optim.problem.quantity_measures import context_of, measure, with_added_states
 from spacerobot.errors import ResultError, ScenarioError
 from spacerobot.files import StrPath, staged
 from spacerobot.loop_cache import cached_closed_loop

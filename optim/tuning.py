@@ -12,7 +12,7 @@ import numpy as np
 from optim.methods.evolutionary import METHODS as EVOLUTIONARY
 from optim.methods.run_method import Effort, MethodOutcome, effort_of, run_method
 from optim.problem.blackbox import ResultProblem
-from optim.problem.scenes import tuning_of
+from optim.problem.scene_recipe import tuning_of
 from optim.problem.tuning_problem import TuningProblem, build_problem
 from optim.search.search import Progress
 from optim.search.session import SearchSession

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from optim.campaign import CampaignEvaluator
-    from optim.planning.searches.make import Planned
+    from optim.planning.search.make_plan import PlanResult
     from viz.figures import Drawing
     from viz.page.notebook import EmbeddedPage
 
@@ -62,9 +62,9 @@ def simulate(scene: Scene, *, backend: Backend = "auto", progress: Progress | No
         If the scenario cannot be simulated by its engine, or its result does not fit into the memory.
     """
     if uses_mpc(scene):
-        from optim.planning.receding.flight import fly
+        from optim.planning.mpc.simulation import simulate_mpc
 
-        return fly(scene, backend=backend, progress=progress)
+        return simulate_mpc(scene, backend=backend, progress=progress)
     return _simulate(scene, backend=backend, progress=progress)
 
 
@@ -216,7 +216,7 @@ def plan(
     warm_start: StrPath | None = None,
     backend: Backend = "auto",
     progress: Progress | None = None,
-) -> Planned:
+) -> PlanResult:
     """Solve the trajectory optimisation problem of a ``plan`` section, and verify the solution by replay.
 
     Parameters
@@ -235,7 +235,7 @@ def plan(
 
     Returns
     -------
-    Planned
+    PlanResult
         Motion, cost and the result of the verification.
 
     Raises
@@ -247,8 +247,8 @@ def plan(
     ResultError
         If the folder holds something else or cannot be written.
     """
-    from optim.planning.searches.make import make_plan
-    from optim.planning.written.plan_file import check_plan_folder, write
+    from optim.planning.output.plan_folder import check_plan_folder, write
+    from optim.planning.search.make_plan import make_plan
 
     if folder is not None:
         check_plan_folder(folder)

@@ -30,12 +30,12 @@ from spacerobot.rollout import (
     integrate_cvodes,
     time_grid,
 )
-from spacerobot.rollout.step import NoStepError
+from spacerobot.rollout.step_choice import NoStepError
 from spacerobot.scene import Scene, build_scene
-from spacerobot.scene.size import check_size
+from spacerobot.scene.memory import check_size
 
 if TYPE_CHECKING:
-    from spacerobot.pinocchio_engine import Checked
+    from spacerobot.pinocchio_engine import PinocchioTrajectory
 
 Progress = Callable[[str], None]
 LOCAL_TOLERANCE = 1e-3
@@ -332,7 +332,7 @@ def _check(scene: Scene, loop: ClosedLoop, tell: Progress) -> _Run:
     return _Run(scene, ready, dataclasses.replace(checked, events=_fired(loop, checked)))
 
 
-def _fired(loop: ClosedLoop, checked: Checked) -> tuple[FiredEvent, ...]:
+def _fired(loop: ClosedLoop, checked: PinocchioTrajectory) -> tuple[FiredEvent, ...]:
     """Events of the independent engine as the closed loop's, whose states are the same."""
     switches = loop.setup(loop.parameter_values)[1].full().ravel()[list(loop.switches)]
     rules = {rule.name: place for place, rule in enumerate(loop.events)}

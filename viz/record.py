@@ -26,7 +26,7 @@ from spacerobot.result import Result, note_derived
 from viz.drawing.motion import BodyMotion, greatest_force, pick_rows, sample_motion
 from viz.drawing.projection import fit
 from viz.drawing.view import View, view_of
-from viz.figures.bases import draw_plumes
+from viz.figures.base_motion import draw_plumes
 from viz.figures.docking import draw_forces, draw_frame, draw_names, seen_points
 from viz.figures.style import COLOURS, Drawing, styled
 

@@ -14,8 +14,8 @@ from optim.campaign.run import (
     run_campaign,
 )
 from optim.campaign.store.folder import load_campaign
-from optim.campaign.store.notes import ScenarioSource
-from optim.campaign.store.reopen import reopen
+from optim.campaign.store.load_evaluator import reopen
+from optim.campaign.store.run_settings import ScenarioSource
 
 __all__ = [
     "ROLLING_OUT",

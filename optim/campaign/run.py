@@ -19,7 +19,7 @@ from optim.campaign.rollouts.evaluator import (
 from optim.campaign.store.folder import check_place, open_store
 from optim.campaign.store.intervals import Interval
 from optim.campaign.store.netcdf import DatasetLayout
-from optim.campaign.store.notes import ScenarioSource, notes_of
+from optim.campaign.store.run_settings import ScenarioSource, notes_of
 from spacerobot.arrays import Array
 from spacerobot.files import StrPath
 from spacerobot.scene import Scene

@@ -9,13 +9,13 @@ from dataclasses import dataclass
 from optim.comparison.benchmark_problem import BenchmarkProblem, ProblemComparison, compare_on_problem
 from optim.comparison.design_evaluator import build_design_evaluator
 from optim.methods.run_method import Effort, effort_of
-from optim.problem.scenes import tuning_of
+from optim.problem.scene_recipe import tuning_of
 from optim.problem.tuning_problem import build_problem
 from optim.search.session import SearchSession
 from spacerobot.errors import ScenarioError, near_names
 from spacerobot.scenario import Tuning
 from spacerobot.scene import Scene
-from spacerobot.scene.size import check_size
+from spacerobot.scene.memory import check_size
 
 
 @dataclass(frozen=True)

@@ -14,9 +14,9 @@ import casadi as ca
 from optim.problem.problem import EvaluationCost
 from optim.problem.tuning_problem import TuningProblem
 from spacerobot.rollout.adjoint import SEGMENT_BYTES, WHOLE_BYTES, adjoint_kernel
-from spacerobot.rollout.grid import TimeGrid
 from spacerobot.rollout.kernel import Kernel
 from spacerobot.rollout.sensitivity import sensitivity_kernel
+from spacerobot.rollout.time_grid import TimeGrid
 
 LANES = 8  # of the adjoint whose tape is priced: the same everywhere, whatever the machine has
 MOVES = {ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST}  # instructions that compute nothing

@@ -10,7 +10,7 @@ import numpy as np
 
 from optim.problem.formulation import rollout_of
 from optim.problem.objectives import OBJECTIVE, build_terms, extended_loop
-from optim.problem.scenes import changed_scene, tuning_of
+from optim.problem.scene_recipe import changed_scene, tuning_of
 from spacerobot.arrays import Array
 from spacerobot.loop_cache import cached_closed_loop
 from spacerobot.rollout import Rollout

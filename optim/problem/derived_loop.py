@@ -14,7 +14,7 @@ import numpy as np
 
 from spacerobot.arrays import Array
 from spacerobot.rollout import ClosedLoopFunctions, EventRule, Signals
-from spacerobot.rollout.protocol import TableRule
+from spacerobot.rollout.closed_loop_protocol import TableRule
 
 
 @dataclass(frozen=True)

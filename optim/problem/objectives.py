@@ -9,8 +9,8 @@ import casadi as ca
 import numpy as np
 
 from optim.problem.derived_loop import extend
-from optim.problem.measured import context_of, measure, required_measure, with_added_states
 from optim.problem.problem import Form
+from optim.problem.quantity_measures import context_of, measure, required_measure, with_added_states
 from spacerobot.arrays import Array
 from spacerobot.errors import ScenarioError
 from spacerobot.quantities import Context, Quantity, find_quantity

@@ -11,20 +11,20 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from optim.problem import operations
+from optim.problem import worker_operations
 from optim.problem.derived_loop import tie
 from optim.problem.formulation import Formulation, rollout_of
 from optim.problem.objectives import OBJECTIVE, UserObjective, build_terms, extended_loop
 from optim.problem.problem import Evaluation, EvaluationCost, Linearisation
-from optim.problem.scenes import NewVariables, SceneRecipe, changed_scene, tuning_of, with_variables
+from optim.problem.scene_recipe import NewVariables, SceneRecipe, changed_scene, tuning_of, with_variables
 from optim.problem.variables import resolve_variables
 from optim.workers import Arrays, Threads, Workers
 from optim.workers.workers import LANES
 from spacerobot.arrays import Array
 from spacerobot.loop_cache import cached_closed_loop
-from spacerobot.rollout.accuracy import inaccurate
+from spacerobot.rollout.gradient_accuracy import inaccurate
 from spacerobot.scene import Scene
-from spacerobot.scene.size import check_size
+from spacerobot.scene.memory import check_size
 
 
 @dataclass(frozen=True)
@@ -142,7 +142,9 @@ class TuningProblem(Formulation):
         if self.form == "smooth":
             return replace(self.evaluate(u), rows=np.empty((len(u), 0)))
         found = self.workers.map(
-            self, partial(operations.samples, paths=self.names), self.variables.values(np.atleast_2d(u))
+            self,
+            partial(worker_operations.samples, paths=self.names),
+            self.variables.values(np.atleast_2d(u)),
         )
         return Evaluation(np.array(found[OBJECTIVE]), self._constraints(found, len(u)), found["rows"])
 
@@ -162,7 +164,7 @@ class TuningProblem(Formulation):
         """The same at values (N, k) of the variables, in the scenario's units."""
         others = dict(plants or {})
         rows = np.column_stack([np.atleast_2d(values), *others.values()])
-        return self.workers.map(self, partial(operations.measures, paths=(*self.names, *others)), rows)
+        return self.workers.map(self, partial(worker_operations.measures, paths=(*self.names, *others)), rows)
 
     def linearise(self, u: Array) -> Linearisation:
         """Values and their exact derivatives at one point u (k,); see :mod:`optim.problem.linearise`."""
@@ -171,7 +173,7 @@ class TuningProblem(Formulation):
     def linearise_all(self, u: Array) -> list[Linearisation]:
         """The same at points u (N, k); several gradients by the adjoint share lanes."""
         grain = LANES if self.linear_cost.gradients else 1
-        found = self.workers.map(self, operations.linearisations, u, grain=grain)
+        found = self.workers.map(self, worker_operations.linearisations, u, grain=grain)
         return [
             Linearisation.of_arrays({name: values[i] for name, values in found.items()})
             for i in range(len(u))

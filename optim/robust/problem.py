@@ -27,10 +27,10 @@ from optim.campaign.sampling.parameter_space import (
 from optim.campaign.sampling.samplers import draw
 from optim.json_values import plain
 from optim.methods.run_method import Effort, MethodOutcome, effort_of, run_method
-from optim.problem import operations
+from optim.problem import worker_operations
 from optim.problem.objectives import OBJECTIVE
 from optim.problem.problem import Evaluation, EvaluationCost, Form, Linearisation
-from optim.problem.scenes import changed_scene, tuning_of
+from optim.problem.scene_recipe import changed_scene, tuning_of
 from optim.problem.tuning_problem import TuningProblem, build_problem
 from optim.search.search import Progress
 from optim.search.session import SearchSession
@@ -148,7 +148,7 @@ class RobustProblem:
         a kink wherever another sample takes the lead.
         """
         ask, slope = self._rows_at(u), self.nominal.variables.slope(u)
-        found = ask(operations.gradients)
+        found = ask(worker_operations.gradients)
         each, slopes = found[OBJECTIVE], found["gradient"] * slope
         order = np.argsort(np.where(np.isnan(each), np.inf, each), kind="stable")
         weights = self._weights(each[order])
@@ -164,7 +164,7 @@ class RobustProblem:
             )
         if not self.constraint_names:
             return plain
-        limited = ask(operations.limited)
+        limited = ask(worker_operations.limited)
         return replace(
             plain,
             constraints=limited["constraints"].ravel(),

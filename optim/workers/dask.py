@@ -22,8 +22,8 @@ from optim.workers.cluster import (
     submit,
     threads_of,
 )
+from optim.workers.concurrent_searches import TurnLock
 from optim.workers.threads import Threads, joined
-from optim.workers.turns import TurnLock
 from optim.workers.workers import LANES, Arrays, Ended, Operation, Portable, Workers
 from spacerobot.arrays import Array
 

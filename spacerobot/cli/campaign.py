@@ -80,7 +80,7 @@ def command(
 ) -> None:
     """Run a campaign; exit code 130 after Ctrl-C, with the samples so far."""
     from optim.campaign import ROLLING_OUT, ScenarioSource, run_campaign, summarise
-    from optim.campaign.rollouts.gains import gain_sets
+    from optim.campaign.rollouts.gain_sets import gain_sets
     from spacerobot.files import write_text
     from spacerobot.scene import load_scene
 

@@ -36,8 +36,8 @@ def distributions(evaluator: CampaignEvaluator, data: xr.Dataset) -> list[dict[s
 def _spread(evaluator: CampaignEvaluator, data: xr.Dataset, gains: str, again: int) -> dict[str, Any]:
     from spacerobot.quantities import metrics as all_metrics
     from viz.figures.style import unit_scale
+    from viz.page.campaign_spread import CampaignSpread
     from viz.page.meshcat_scene import packed
-    from viz.page.spread import CampaignSpread
 
     member = evaluator.member(gains)
     spread, rows = CampaignSpread(member.scene, member.rollout), member.space.values(data.draw.values[:again])

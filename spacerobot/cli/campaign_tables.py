@@ -20,7 +20,7 @@ def marks() -> dict[str, tuple[str, str]]:
 
 def show(summary: Mapping[str, Any]) -> None:
     """Print the results of a campaign: probability of failure, percentiles, sensitivities, worst samples."""
-    from viz.report.campaign_words import depends, drawn, mixed, stepping, unfinished
+    from viz.report.campaign_text import depends, drawn, mixed, stepping, unfinished
 
     level = f"{100 * summary['confidence']:g} %"
     for warning in (unfinished(summary), *summary["doubts"]):
@@ -60,7 +60,7 @@ def show(summary: Mapping[str, Any]) -> None:
 
 def _why(worst: Mapping[str, Any]) -> str:
     """Reason why a sample is the worst."""
-    from viz.report.campaign_words import quantity_of
+    from viz.report.campaign_text import quantity_of
 
     if worst["unclosed"]:
         return str(worst["unclosed"])
@@ -89,7 +89,7 @@ def _failures(summary: Mapping[str, Any]) -> Rows:
 
 
 def _percentiles(told: Mapping[str, Any]) -> Rows:
-    from viz.report.campaign_words import place_of
+    from viz.report.campaign_text import place_of
 
     metrics = told["metrics"]
     head = ["", *(f"{q['percent']:g} %" for q in metrics[0]["percentiles"]), "largest"]
@@ -112,7 +112,7 @@ def _map(told: Mapping[str, Any], parameters: list[str]) -> Rows:
 
 
 def _against(summary: Mapping[str, Any]) -> Rows:
-    from viz.report.campaign_words import quantity_of
+    from viz.report.campaign_text import quantity_of
 
     rows = []
     for row in summary["against"]:

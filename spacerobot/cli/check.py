@@ -34,8 +34,8 @@ Example:
 def command(scenario: ScenarioName, changes: Changes = None) -> None:
     """Print the scene as a tree and every assumption taken."""
     from spacerobot.scene import load_scene
+    from spacerobot.scene.memory import check_size
     from spacerobot.scene.overlaps import overlaps
-    from spacerobot.scene.size import check_size
 
     scene = load_scene(scenario, parse_changes(changes))
     check_size(scene)

@@ -107,7 +107,7 @@ def command(
     from optim.comparison.compare import even_effort
     from optim.comparison.report import to_data
     from optim.comparison.suite import compare_suite
-    from optim.problem.scenes import tuning_of
+    from optim.problem.scene_recipe import tuning_of
     from optim.workers.dask import open_workers
     from spacerobot.scene import load_scene
 

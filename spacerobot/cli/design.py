@@ -8,19 +8,19 @@ from typing import TYPE_CHECKING, Any
 from spacerobot.cli.output import console, pairs, table
 
 if TYPE_CHECKING:
-    from optim.planning.studies.study import Study
+    from optim.planning.studies.design_study import DesignStudy
     from spacerobot.scene import Scene
 
 
-def make(scene: Scene, points: int, out: Path | None, **how: Any) -> tuple[Study, dict[str, Any]]:
+def make(scene: Scene, points: int, out: Path | None, **how: Any) -> tuple[DesignStudy, dict[str, Any]]:
     """Make a study; written and drawn if a folder is given."""
-    from optim.planning.studies.study import make_study
-    from optim.planning.written.study_file import to_data, write
+    from optim.planning.output.study_folder import to_data, write
+    from optim.planning.studies.design_study import make_study
 
     study = make_study(scene, points, **how)
     if out is None:
         return study, to_data(study)
-    from viz.figures.study import write_study
+    from viz.figures.design_study import write_study
 
     how["progress"]("writing the design and its plan")
     data = write(study, out)
@@ -59,6 +59,6 @@ def show(data: dict[str, Any]) -> None:
 
 def _cells(trial: dict[str, Any], k: int) -> list[str]:
     value = f"{trial['values'][k]:.6g}"
-    if trial["fault"]:
-        return [value, trial["fault"], ""]
+    if trial["failure"]:
+        return [value, trial["failure"], ""]
     return [value, f"{trial['cost']:.6g}", f"{trial['slopes'][k]:+.5g}"]

@@ -57,7 +57,7 @@ def command(
     width: Width = "double",
 ) -> None:
     """Write all figures."""
-    from optim.planning.written.plan_file import is_plan
+    from optim.planning.output.plan_folder import is_plan
     from spacerobot.result import load
     from viz.figures import save_figures
 
@@ -75,8 +75,8 @@ def command(
 
 def _plan(folder: Path, flown: Path | None, out: Path) -> None:
     """Draw a plan, and what was flown of it."""
-    from optim.planning.written.held import with_flown
-    from optim.planning.written.plan_file import SCENARIO, read
+    from optim.planning.output.constraint_values import with_flown
+    from optim.planning.output.plan_folder import SCENARIO, read
     from spacerobot.result import load
     from spacerobot.scene import load_scene
     from viz.figures.plan import write_plan_figures

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 from spacerobot.cli.output import console, table
 
 if TYPE_CHECKING:
-    from optim.planning.studies.front import Wanted
+    from optim.planning.studies.pareto_front import FrontRequest
     from spacerobot.scene import Scene
 
 
-def wanted_front(terms: str, points: int) -> Wanted:
+def wanted_front(terms: str, points: int) -> FrontRequest:
     """Which front is wanted, from two names between commas.
 
     Raises
@@ -20,25 +20,25 @@ def wanted_front(terms: str, points: int) -> Wanted:
     ScenarioError
         If these are not two.
     """
-    from optim.planning.studies.front import Wanted
+    from optim.planning.studies.pareto_front import FrontRequest
     from spacerobot.errors import ScenarioError
 
     names = tuple(part.strip() for part in terms.split(","))
     if len(names) != 2:
         message = f"found {terms!r}, allowed: two terms of the cost, as time,base_rotation"
         raise ScenarioError(message, where="--pareto")
-    return Wanted(names, points)
+    return FrontRequest(names, points)
 
 
-def make(scene: Scene, wanted: Wanted, out: Path | None, **how: Any) -> dict[str, Any]:
+def make(scene: Scene, wanted: FrontRequest, out: Path | None, **how: Any) -> dict[str, Any]:
     """Plan all points; written and drawn if a folder is given."""
-    from optim.planning.studies.front import make_front
-    from optim.planning.written.front_file import to_data, write
+    from optim.planning.output.front_folder import to_data, write
+    from optim.planning.studies.pareto_front import make_front
 
     front = make_front(scene, wanted, **how)
     if out is None:
         return to_data(front)
-    from viz.figures.front import write_front
+    from viz.figures.pareto_front import write_front
 
     how["progress"]("writing the plans")
     data = write(front, out)
@@ -80,4 +80,4 @@ def _words(point: dict[str, Any]) -> str:
     if point["status"] != "refused":
         return "" if point["status"] == "efficient" else "dominated"
     where = ", ".join(f"{path} {value:.4g}" for path, value in point["changes"].items())
-    return f"refused ({where}): {point['fault']}"
+    return f"refused ({where}): {point['failure']}"

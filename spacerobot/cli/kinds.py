@@ -30,7 +30,7 @@ def command(
 ) -> None:
     """List kinds, or the keys of one."""
     from spacerobot.elements import FAMILIES, PLANS, kinds
-    from spacerobot.elements import table as tables
+    from spacerobot.elements import kind_table as tables
     from spacerobot.errors import SpaceRobotError, near_names
 
     if markdown:

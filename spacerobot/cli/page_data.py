@@ -33,7 +33,7 @@ def to_play(folders: Sequence[Path], tell: Tell) -> PageData:
     ResultError
         If a folder holds none of these, or the results cannot be compared.
     """
-    from optim.planning.written.plan_file import FOLLOWED, is_plan
+    from optim.planning.output.plan_folder import FOLLOWED, is_plan
     from spacerobot.result import load
     from viz.page.animation import animation
     from viz.report.comparison_section import COMPARISON
@@ -101,7 +101,7 @@ def campaign_at_once(folder: Path) -> tuple[dict[str, Any], CampaignEvaluator]:
 
 def plan(folder: Path, tell: Tell) -> PageData:
     """The motion of a plan, and the flight of the scenario that follows it."""
-    from optim.planning.written.plan_file import FOLLOWED
+    from optim.planning.output.plan_folder import FOLLOWED
     from spacerobot.scene import load_scene
     from spacerobot.simulation import simulate
 
@@ -109,8 +109,8 @@ def plan(folder: Path, tell: Tell) -> PageData:
 
 
 def _over_its_plan(flown: Result, folder: Path) -> PageData:
-    from optim.planning.written.plan_file import SCENARIO, read
+    from optim.planning.output.plan_folder import SCENARIO, read
     from spacerobot.scene import load_scene
-    from viz.page.planned import beside_its_plan
+    from viz.page.plan_overlay import beside_its_plan
 
     return PageData(beside_its_plan(flown, load_scene(folder / SCENARIO), read(folder)[0]), [flown])

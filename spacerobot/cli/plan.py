@@ -15,8 +15,8 @@ from spacerobot.cli.output import console, pairs, progress, table, warn
 from spacerobot.interrupts import keep, recall
 
 if TYPE_CHECKING:
-    from optim.planning.searches.choices import Tried
-    from optim.planning.searches.make import Planned
+    from optim.planning.search.candidates import Candidate
+    from optim.planning.search.make_plan import PlanResult
     from spacerobot.scene import Scene
 
 Backend = Annotated[
@@ -158,17 +158,17 @@ def _plan(
     scene: Scene, out: Path | None, how: dict[str, Any], sensitivities: str | None
 ) -> Callable[[], None]:
     """Make a plan, and write it if a folder is given; what shows it."""
-    from optim.planning.searches.make import make_plan
-    from optim.planning.written.follow import PLAN, handover_warnings
-    from optim.planning.written.plan_file import FOLLOWED, SUMMARY, check_plan_folder, read, write
+    from optim.planning.output.following_scenario import PLAN, handover_warnings
+    from optim.planning.output.plan_folder import FOLLOWED, SUMMARY, check_plan_folder, read, write
+    from optim.planning.search.make_plan import make_plan
 
     if out is not None:
         check_plan_folder(out)
     planned, found = make_plan(scene, **how), {}
     if sensitivities is not None:
-        from optim.planning.studies.design import cost_slopes
+        from optim.planning.studies.cost_sensitivities import cost_sensitivities
 
-        found = cost_slopes(planned, [path.strip() for path in sensitivities.split(",")])
+        found = cost_sensitivities(planned, [path.strip() for path in sensitivities.split(",")])
     if out is not None:
         from viz.figures.plan import write_plan_figures
 
@@ -193,8 +193,8 @@ def _plan(
 
 def _design(scene: Scene, points: int, out: Path | None, how: dict[str, Any]) -> Callable[[], None]:
     """Make a design study, likewise."""
-    from optim.planning.written.plan_file import check_plan_folder, read
-    from optim.planning.written.study_file import DESIGN
+    from optim.planning.output.plan_folder import check_plan_folder, read
+    from optim.planning.output.study_folder import DESIGN
     from spacerobot.cli.design import make, show
 
     if out is not None:
@@ -218,7 +218,7 @@ def _design(scene: Scene, points: int, out: Path | None, how: dict[str, Any]) ->
 
 def _front(scene: Scene, asked: tuple[str, int], out: Path | None, how: dict[str, Any]) -> Callable[[], None]:
     """Make a front, likewise."""
-    from optim.planning.written.front_file import FRONT, check_front_folder
+    from optim.planning.output.front_folder import FRONT, check_front_folder
     from spacerobot.cli.front import make, show, wanted_front
 
     wanted = wanted_front(*asked)
@@ -236,29 +236,32 @@ def _front(scene: Scene, asked: tuple[str, int], out: Path | None, how: dict[str
     return shown
 
 
-def _show(planned: Planned) -> None:
+def _show(planned: PlanResult) -> None:
     """Print the plan, its verification, and each run of the solver."""
-    course, verdict = planned.course, planned.verdict
+    phased_motion, verification = planned.phased_motion, planned.verification
     order = 2 * planned.motion.lobatto.points - 2
-    intervals = sum(motion.intervals for motion in course.motions)
-    phases = zip(planned.names, course.motions, strict=True)
+    intervals = sum(motion.intervals for motion in phased_motion.motions)
+    phases = zip(planned.names, phased_motion.motions, strict=True)
     rows = [
-        ("duration", f"{course.duration_s:.6g} s"),
+        ("duration", f"{phased_motion.duration_s:.6g} s"),
         *((f"  {name}", f"{motion.duration_s:.6g} s") for name, motion in phases if name),
-        ("mesh", f"{intervals} intervals of order {order}, {len(course.unknowns)} unknowns"),
-        *((f"candidate {_named(one)}", _outcome(one)) for one in planned.tried),
+        ("mesh", f"{intervals} intervals of order {order}, {len(phased_motion.unknowns)} unknowns"),
+        *((f"candidate {_named(one)}", _outcome(one)) for one in planned.candidates),
         *((f"base of {name}", f"within the limits of {own}") for name, own in _base_limits(planned)),
         *((("collision avoidance", _avoided(planned)),) if planned.pairs else ()),
         ("cost", f"{planned.cost:.6g}"),
         *((f"  {name.replace('_', ' ')}", f"{value:.6g}") for name, value in planned.terms.items()),
-        ("first-order residual", f"{verdict.residual:.1e}"),
-        ("second-order conditions", verdict.status),
-        ("replay error, open loop", f"{verdict.replay_error_m:.1e} m (allowed {verdict.tolerance_m:g} m)"),
-        ("  with feedback", f"{verdict.followed_error_m:.1e} m"),
+        ("first-order residual", f"{verification.residual:.1e}"),
+        ("second-order conditions", verification.status),
+        (
+            "replay error, open loop",
+            f"{verification.replay_error_m:.1e} m (allowed {verification.tolerance_m:g} m)",
+        ),
+        ("  with feedback", f"{verification.followed_error_m:.1e} m"),
         ("greatest violation", _violation(planned)),
     ]
     console().print(pairs(f"plan of {planned.scene.scenario.name}", rows))
-    if verdict.saddle:
+    if verification.saddle:
         warn("the plan is a saddle point: nearby motions cost less; raise `plan.starts`")
     cells = [
         [
@@ -269,37 +272,37 @@ def _show(planned: Planned) -> None:
             f"{one.seconds:.3g}",
             one.status.replace("_", " ").lower(),
         ]
-        for one in planned.solves
+        for one in planned.runs
     ]
     heads = ["start", "intervals", "cost", "iterations", "time [s]", "status"]
     console().print(table("runs of IPOPT", heads, cells))
 
 
-def _avoided(planned: Planned) -> str:
+def _avoided(planned: PlanResult) -> str:
     """How many pairs of links were checked, and those that needed a constraint."""
     names = ", ".join(" and ".join(names) for names in planned.kept_apart)
     return f"{planned.pairs} pairs of links apart" + (f", by a constraint {names}" if names else "")
 
 
-def _base_limits(planned: Planned) -> Iterable[tuple[str, str]]:
+def _base_limits(planned: PlanResult) -> Iterable[tuple[str, str]]:
     """Robots whose bases are driven within the limits of their actuators, and which."""
-    from optim.planning.formulation.bases import limits_taken
-    from optim.planning.formulation.formulate import plan_of
+    from optim.planning.formulation.base_actuation import limiting_actuators
+    from optim.planning.formulation.formulate import plan_section
 
-    return limits_taken(planned.scene, plan_of(planned.scene).by_phase.values()).items()
+    return limiting_actuators(planned.scene, plan_section(planned.scene).by_phase.values()).items()
 
 
-def _named(one: Tried) -> str:
+def _named(one: Candidate) -> str:
     return ", ".join(f"{name} {value}" for name, value in one.chosen.items())
 
 
-def _outcome(one: Tried) -> str:
-    return one.fault if one.cost is None else f"cost {one.cost:.6g}"
+def _outcome(one: Candidate) -> str:
+    return one.failure if one.cost is None else f"cost {one.cost:.6g}"
 
 
-def _violation(planned: Planned) -> str:
+def _violation(planned: PlanResult) -> str:
     """The greatest violation between the points, in words."""
-    if not planned.verdict.violations:
+    if not planned.verification.violations:
         return "none"
-    worst = planned.verdict.violations[0]
+    worst = planned.verification.violations[0]
     return f"{worst.amount:.1e} {worst.unit}, {worst.name} (allowed {worst.allowed:.1e})"

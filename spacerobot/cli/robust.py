@@ -63,7 +63,7 @@ def command(
 ) -> None:
     """Tune robustly and nominally, and print both on fresh samples."""
     from optim import effort_of
-    from optim.problem.scenes import tuning_of
+    from optim.problem.scene_recipe import tuning_of
     from optim.robust.problem import Statistic, build_robust, save_robust, tune_robust
     from optim.workers.dask import open_workers
     from spacerobot.scene import load_scene

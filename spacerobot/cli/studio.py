@@ -42,7 +42,7 @@ def command(
 ) -> None:
     """Serve the studio's page to this computer until Ctrl-C."""
     from spacerobot.scene import load_scene
-    from viz.studio.prepared import Origin
+    from viz.studio.prepared_design import Origin
     from viz.studio.server import Studio
 
     given = parse_changes(changes)

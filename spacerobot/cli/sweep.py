@@ -48,7 +48,7 @@ def command(
     from optim import EvolutionSettings, SearchSession, build_problem
     from optim.comparison.statistics import statistics
     from optim.comparison.sweep import sweep
-    from optim.problem.scenes import tuning_of
+    from optim.problem.scene_recipe import tuning_of
     from optim.workers.dask import open_workers
     from spacerobot.files import write_text
     from spacerobot.scene import load_scene

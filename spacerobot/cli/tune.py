@@ -79,7 +79,7 @@ def command(
 ) -> None:
     """Tune, simulate the best design, and save it if a folder is given."""
     from optim import build_problem, effort_of, tune
-    from optim.problem.scenes import tuning_of
+    from optim.problem.scene_recipe import tuning_of
     from optim.problem.varied_parameters import vary as varied
     from optim.workers.dask import open_workers
     from spacerobot.result import save

@@ -9,8 +9,8 @@ from typing import Any
 
 import casadi as ca
 
+from spacerobot.closedloop.built_elements import LoopBuilder
 from spacerobot.closedloop.closed_loop import ClosedLoop, OutputVariable
-from spacerobot.closedloop.elements import LoopBuilder
 from spacerobot.closedloop.energy import EnergyTerm, build_works, plant_powers, stored_energies
 from spacerobot.closedloop.events import booked, guards_of, rules_of, update_of
 from spacerobot.closedloop.external_impulse import impulse_of, on_bases, unbooked

@@ -15,7 +15,7 @@ import numpy as np
 from spacerobot.dynamics import forward_kinematics, frame_placement, frame_velocity
 from spacerobot.dynamics.algebra import cross
 from spacerobot.dynamics.rotations import rotation_from_quaternion, rotation_from_rpy
-from spacerobot.scene import Scene, SceneBody, turns
+from spacerobot.scene import Scene, SceneBody, base_alignment
 from spacerobot.scene.grasp_closing import ClosingBase, find_closings
 from spacerobot.symbolic import InitialState, Parameters
 
@@ -31,24 +31,26 @@ def initial_state(scene: Scene, parameters: Parameters) -> InitialState:
     q, v = ca.SX(scene.model.nq, 1), ca.SX(scene.model.nv, 1)
     closings = find_closings(scene.bodies, scene.grasps)
     giving = {closing.body.name: closing for closing in closings}
-    turned: dict[int, turns.Quaternion] = {}
+    turned: dict[int, base_alignment.Quaternion] = {}
     for body in scene.bodies:
         turned |= _set_joints(scene.model, body, parameters, q, v)
         turned |= _set_base(scene.model, body, giving.get(body.name), parameters, q, v)
     for closing in closings:
         if closing.aligns:
             vector = parameters.sparse_vector(f"{closing.body.path}.base.align_rotation_deg")
-            found = turns.aligned(scene.model, closing, turned, _turn(vector * DEGREE))
+            found = base_alignment.aligned(scene.model, closing, turned, _turn(vector * DEGREE))
             turned[closing.body.root_joint] = _align(scene.model, closing, found, q, v)
         _close(scene.model, closing, q, v)
     return InitialState(scene.model, q, v, forward_kinematics(scene.model, q))
 
 
-def _align(model: Any, closing: ClosingBase, found: turns.Quaternion, q: ca.SX, v: ca.SX) -> turns.Quaternion:
+def _align(
+    model: Any, closing: ClosingBase, found: base_alignment.Quaternion, q: ca.SX, v: ca.SX
+) -> base_alignment.Quaternion:
     """Turn a base so that its grasp begins aligned, and its described velocity with its axes."""
     joint = model.joints[closing.body.root_joint]
     if joint.nv == 3:
-        found = turns.upright(found, ca.sqrt(found[2] ** 2 + found[3] ** 2))
+        found = base_alignment.upright(found, ca.sqrt(found[2] ** 2 + found[3] ** 2))
     quaternion = ca.SX(ca.vertcat(*found))
     rotation = rotation_from_quaternion(quaternion)
     if joint.nv == 3:
@@ -85,7 +87,7 @@ def _close(model: Any, closing: ClosingBase, q: ca.SX, v: ca.SX) -> None:
 
 def _set_base(
     model: Any, body: SceneBody, closing: ClosingBase | None, parameters: Parameters, q: ca.SX, v: ca.SX
-) -> Mapping[int, turns.Quaternion]:
+) -> Mapping[int, base_alignment.Quaternion]:
     """Set a floating base as described, to zero what gives way to a grasp; its turn by its joint's id.
 
     A fixed base is the model's.
@@ -121,14 +123,14 @@ def _set_base(
     return {body.root_joint: _turn(rpy)}
 
 
-def _turn(rpy: ca.SX) -> turns.Quaternion:
+def _turn(rpy: ca.SX) -> base_alignment.Quaternion:
     """Quaternion of roll, pitch, yaw (3x1) [rad]."""
-    return turns.rpy(ca.vertsplit(ca.cos(rpy / 2)), ca.vertsplit(ca.sin(rpy / 2)))
+    return base_alignment.rpy(ca.vertsplit(ca.cos(rpy / 2)), ca.vertsplit(ca.sin(rpy / 2)))
 
 
 def _set_joints(
     model: Any, body: SceneBody, parameters: Parameters, q: ca.SX, v: ca.SX
-) -> Mapping[int, turns.Quaternion]:
+) -> Mapping[int, base_alignment.Quaternion]:
     """Set joints as described; their turns by their ids."""
     begins, turned = {}, {}
     for index in body.free_joints:
@@ -150,5 +152,5 @@ def _set_joints(
             q[joint.idx_q : joint.idx_q + 2] = ca.vertcat(ca.cos(position), ca.sin(position))
         else:
             q[joint.idx_q] = position
-        turned[index] = turns.joint(model, index, ca.cos(position / 2), ca.sin(position / 2))
+        turned[index] = base_alignment.joint(model, index, ca.cos(position / 2), ca.sin(position / 2))
     return turned

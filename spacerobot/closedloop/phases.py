@@ -9,7 +9,7 @@ from typing import Literal
 import casadi as ca
 import numpy as np
 
-from spacerobot.closedloop.elements import LoopBuilder
+from spacerobot.closedloop.built_elements import LoopBuilder
 from spacerobot.elements import Contribution, Event, Output, SectionContext, both, negated
 from spacerobot.errors import ScenarioError, near_names
 from spacerobot.scenario.phases import END, Limit, Phase, Settled, successors

@@ -20,7 +20,7 @@ from spacerobot.elements.context import RobotContext
 from spacerobot.elements.contribution import Contribution
 from spacerobot.elements.controller import RobotController
 from spacerobot.elements.joint_position import nearest_position
-from spacerobot.elements.knots import Knots
+from spacerobot.elements.knot_motion import Knots
 from spacerobot.elements.plan_following import JointMotion, check_given, known, plan_file, plan_phase, table
 from spacerobot.elements.robot_element import RobotProperties
 from spacerobot.elements.sensor import measured

@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from spacerobot.elements.context import RobotContext
-from spacerobot.elements.knots import is_parted, nodes_of
+from spacerobot.elements.knot_motion import is_parted, nodes_of
 from spacerobot.elements.section_context import SectionContext
 from spacerobot.section import Name, Section, Vector, quantity
 

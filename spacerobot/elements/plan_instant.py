@@ -162,7 +162,7 @@ class JointCoordinate(NamedTuple):
         return ca.atan2(s * c - q * d, q * c + s * d)
 
 
-class Base(NamedTuple):
+class PlannedBase(NamedTuple):
     """The floating base of a robot.
 
     Attributes
@@ -189,7 +189,7 @@ class Base(NamedTuple):
     torque_limits: Array
 
 
-class Wheels(NamedTuple):
+class PlannedWheels(NamedTuple):
     """Reaction wheels that alone turn a robot's base.
 
     Attributes
@@ -253,7 +253,7 @@ class PlanInstant(Protocol):
     def by_joint(self, given: Mapping[str, T], key: str) -> Mapping[str, T]:
         """What is given for each joint, by robot/joint; a full name wins over a pattern."""
 
-    def bases(self) -> Mapping[str, Base]:
+    def bases(self) -> Mapping[str, PlannedBase]:
         """Floating bases, by robot."""
 
     def base_reactions(self) -> Mapping[str, tuple[ca.SX, ca.SX]]:
@@ -265,7 +265,7 @@ class PlanInstant(Protocol):
     def grips(self) -> Mapping[str, tuple[ca.SX, ca.SX]]:
         """Force [N] and torque [N m] on its tip of each grasp that holds, by grasp, world axes."""
 
-    def wheels(self) -> Mapping[str, Wheels]:
+    def wheels(self) -> Mapping[str, PlannedWheels]:
         """Reaction wheels that alone turn a base, by robot; there must be some."""
 
     def arrivals(self) -> Iterator[tuple[ca.SX, ca.SX]]:

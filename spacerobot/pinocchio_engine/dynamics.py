@@ -24,11 +24,11 @@ from spacerobot.closedloop.forward_dynamics import ForwardDynamicsResult, delive
 from spacerobot.closedloop.impulse import PlasticImpact, idleness, masked
 from spacerobot.elements import Contribution, ControlChannel
 from spacerobot.elements.contribution import SampledLaw, concatenate
-from spacerobot.pinocchio_engine.state import MechanicalState
+from spacerobot.pinocchio_engine.mechanical_state import MechanicalState
 from spacerobot.symbolic import Plant
 
 
-class Unknowns:
+class DynamicsUnknowns:
     """Symbols of what NumPy solves for, and the loads and conditions that it is solved from.
 
     Attributes
@@ -151,8 +151,8 @@ def _loads(plant: Plant, channels: Sequence[ControlChannel]) -> dict[str, ca.SX]
 
 
 @dataclass(frozen=True)
-class Conditions:
-    """Numbers of :attr:`Unknowns.loads` at one state, and mechanics there."""
+class DynamicsConditions:
+    """Numbers of :attr:`DynamicsUnknowns.loads` at one state, and mechanics there."""
 
     state: MechanicalState
     loads: Mapping[str, Array]

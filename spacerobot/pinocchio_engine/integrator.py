@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 
 from spacerobot.arrays import Array
 from spacerobot.errors import SpaceRobotError
-from spacerobot.pinocchio_engine.engine import Engine
+from spacerobot.pinocchio_engine.closed_loop import PinocchioLoop
 
 POSITION_LIMIT = 1e6
 """Greatest position [m, rad] of a rollout that is not called diverged."""
@@ -64,7 +64,7 @@ class Integrator:
         Whether an event ended the simulation, and whether there were too many in too short a time.
     """
 
-    def __init__(self, engine: Engine, rtol: float, atol: float) -> None:
+    def __init__(self, engine: PinocchioLoop, rtol: float, atol: float) -> None:
         for name, value in (("rtol", rtol), ("atol", atol)):
             if not 0 < value < np.inf:
                 raise SpaceRobotError(f"{name} of the integrator is {value}, allowed: above zero and finite")

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from spacerobot.arrays import Array
-from spacerobot.pinocchio_engine.engine import Engine
+from spacerobot.pinocchio_engine.closed_loop import PinocchioLoop
 from spacerobot.pinocchio_engine.integrator import Integrator, LocatedEvent
-from spacerobot.rollout.grid import time_grid
+from spacerobot.rollout.time_grid import time_grid
 from spacerobot.rollout.trajectory import Trajectory, frozen
 from spacerobot.scene import Scene
 
@@ -20,7 +20,7 @@ Progress = Callable[[float], None]
 
 
 @dataclass(frozen=True, repr=False)
-class Checked(Trajectory):
+class PinocchioTrajectory(Trajectory):
     """A rollout by this engine.
 
     Attributes
@@ -40,7 +40,7 @@ def simulate(
     rtol: float = 1e-11,
     atol: float = 1e-12,
     progress: Progress | None = None,
-) -> Checked:
+) -> PinocchioTrajectory:
     """Simulate a scene with Pinocchio's algorithms and an explicit Runge-Kutta method of order 8.
 
     The integration stops at every sample and wherever two pieces of a reference meet, so that each of its
@@ -59,7 +59,7 @@ def simulate(
 
     Returns
     -------
-    Checked
+    PinocchioTrajectory
         No measures and costs. A sample on the end of a reference shows what led up to it. Cut short, with
         status ``diverged``, where the state leaves its bounds, becomes singular or cannot be integrated.
 
@@ -73,10 +73,10 @@ def simulate(
     output_step_s = simulation.output_step if output_step_s is None else output_step_s
     duration_s = simulation.duration if duration_s is None else duration_s
     samples = time_grid(duration_s, output_step_s, output_step_s).time
-    engine = Engine(scene)
+    engine = PinocchioLoop(scene)
     integrator = Integrator(engine, rtol, atol)
     states, outputs, bad = _roll_out(engine, integrator, samples, progress or (lambda _: None))
-    return Checked(
+    return PinocchioTrajectory(
         time=frozen(samples[: len(states)]),
         state=frozen(np.array(states)),
         outputs={name: frozen(np.array([y[name] for y in outputs])) for name in outputs[0]},
@@ -95,7 +95,7 @@ def simulate(
 
 
 def _roll_out(
-    engine: Engine, integrator: Integrator, samples: Array, progress: Progress
+    engine: PinocchioLoop, integrator: Integrator, samples: Array, progress: Progress
 ) -> tuple[list[Array], list[dict[str, Array]], float | None]:
     """States and outputs at the samples, and the time [s] at which they end early, if they do."""
     states, outputs = [integrator.x], [engine.outputs(0.0, integrator.x)]
@@ -112,7 +112,7 @@ def _roll_out(
     return states, outputs, None
 
 
-def _outputs(engine: Engine, t: float, x: Array, within: float) -> dict[str, Array] | None:
+def _outputs(engine: PinocchioLoop, t: float, x: Array, within: float) -> dict[str, Array] | None:
     """Outputs of a sample; None where they do not exist."""
     try:
         return engine.outputs(t, x, within)

@@ -1,6 +1,6 @@
 """Results: labelled data, metrics, ledger, and their folders on disk."""
 
-from spacerobot.result.derived import note_derived
+from spacerobot.result.derived_files import note_derived
 from spacerobot.result.result import Result
 from spacerobot.result.store import JOURNALS, check_folder, load, save
 

@@ -19,10 +19,10 @@ import xarray as xr
 from spacerobot.errors import ResultError, ScenarioError
 from spacerobot.files import STAGE, StrPath, locked, staged
 from spacerobot.interrupts import uninterrupted
-from spacerobot.result.derived import DERIVED, remove_derived
+from spacerobot.result.completeness import missing_data, missing_summary
+from spacerobot.result.derived_files import DERIVED, remove_derived
 from spacerobot.result.result import Result
 from spacerobot.result.summary import FORMAT
-from spacerobot.result.whole import missing_data, missing_summary
 from spacerobot.scenario.load import read_document, to_yaml, validate
 
 SCENARIO, SUMMARY, DATA = "scenario.yaml", "summary.json", "result.nc"

@@ -26,7 +26,7 @@ from spacerobot.result.metrics import (
     propellant,
     tip_errors,
 )
-from spacerobot.result.missed import missed_captures
+from spacerobot.result.missed_captures import missed_captures
 from spacerobot.result.trust import advise, deep_contacts, judge
 from spacerobot.rollout import Trajectory
 from spacerobot.scene import Scene

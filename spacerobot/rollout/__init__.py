@@ -2,13 +2,13 @@
 
 from spacerobot.rollout.batch import BatchProgress
 from spacerobot.rollout.build import Backend, build_rollout, choose_step
-from spacerobot.rollout.closure import unclosed
+from spacerobot.rollout.closed_loop_protocol import ClosedLoopFunctions, EventRule
 from spacerobot.rollout.cvodes import integrate_cvodes
-from spacerobot.rollout.grid import TimeGrid, time_grid
+from spacerobot.rollout.initial_gaps import unclosed
 from spacerobot.rollout.measures import Measure, Measures, Signals, final, integral, peak
-from spacerobot.rollout.protocol import ClosedLoopFunctions, EventRule
 from spacerobot.rollout.rollout import Rollout
-from spacerobot.rollout.step import StepChoice
+from spacerobot.rollout.step_choice import StepChoice
+from spacerobot.rollout.time_grid import TimeGrid, time_grid
 from spacerobot.rollout.trajectory import (
     Batch,
     BatchEvents,

@@ -13,15 +13,15 @@ import numpy as np
 from spacerobot.compiled import Library
 from spacerobot.errors import CompileError
 from spacerobot.rollout.adjoint_sweep import AdjointSweep
-from spacerobot.rollout.arrays import RolloutArrays
+from spacerobot.rollout.closed_loop_protocol import Array
 from spacerobot.rollout.engines import StopFlag, make_job
-from spacerobot.rollout.grid import TimeGrid
 from spacerobot.rollout.interpreted import InterpretedEngine
 from spacerobot.rollout.kernel import Kernel, entries, slices, sx_function
-from spacerobot.rollout.moving import moving_events
-from spacerobot.rollout.protocol import Array
+from spacerobot.rollout.parameter_dependent_events import moving_events
+from spacerobot.rollout.rollout_arrays import RolloutArrays
 from spacerobot.rollout.segments import FEWEST
 from spacerobot.rollout.tables import places_in, reached_with, sources
+from spacerobot.rollout.time_grid import TimeGrid
 
 WHOLE_BYTES = 128 * 2**20
 """Longest tape that holds a whole rollout, for each thread and over the number of lanes: a group of lanes

@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from spacerobot.rollout.arrays import ENDED, CoincidentInstants
+from spacerobot.rollout.closed_loop_protocol import Array
 from spacerobot.rollout.coincident_events import Occurrence, SweepNotes
 from spacerobot.rollout.interpreted import DiscreteTrajectory
 from spacerobot.rollout.interpreted_event import InterpretedEvent
 from spacerobot.rollout.kernel import Kernel
-from spacerobot.rollout.protocol import Array
+from spacerobot.rollout.rollout_arrays import ENDED, CoincidentInstants
 from spacerobot.rollout.segments import HERE
 from spacerobot.rollout.tables import Integers, gather
 

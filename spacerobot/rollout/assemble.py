@@ -6,11 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from spacerobot.rollout.arrays import AT_END, CHATTERING, COINCIDENT, ENDED, GRAZING, RolloutArrays
+from spacerobot.rollout.closed_loop_protocol import Array
 from spacerobot.rollout.engines import KernelEngine
-from spacerobot.rollout.grid import TimeGrid
 from spacerobot.rollout.kernel import Kernel
-from spacerobot.rollout.protocol import Array
+from spacerobot.rollout.rollout_arrays import AT_END, CHATTERING, COINCIDENT, ENDED, GRAZING, RolloutArrays
+from spacerobot.rollout.time_grid import TimeGrid
 from spacerobot.rollout.trajectory import Batch, BatchEvents, FiredEvent, Gradient, Status, Trajectory, frozen
 
 

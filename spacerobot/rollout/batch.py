@@ -12,11 +12,11 @@ import numpy as np
 
 from spacerobot.compiled import usable_cores
 from spacerobot.rollout.adjoint import AdjointEngine
-from spacerobot.rollout.arrays import MOST_EVENTS, CoincidentInstants, Integers, RolloutArrays
+from spacerobot.rollout.closed_loop_protocol import Array
 from spacerobot.rollout.coincident_events import judge_orders
 from spacerobot.rollout.engines import KernelEngine, StopFlag
-from spacerobot.rollout.grid import TimeGrid
-from spacerobot.rollout.protocol import Array
+from spacerobot.rollout.rollout_arrays import MOST_EVENTS, CoincidentInstants, Integers, RolloutArrays
+from spacerobot.rollout.time_grid import TimeGrid
 
 TASK_STEPS = 20_000
 """Most steps of a task, over its groups: long enough to hide Python, short enough to report and cancel."""

@@ -8,14 +8,14 @@ from typing import Literal, TypedDict, Unpack
 
 from spacerobot.compiled import NO_COMPILER, find_toolchain
 from spacerobot.errors import CompileError, SpaceRobotError
-from spacerobot.rollout.factory import Engines
-from spacerobot.rollout.grid import time_grid
+from spacerobot.rollout.closed_loop_protocol import ClosedLoopFunctions
+from spacerobot.rollout.engine_factory import Engines
 from spacerobot.rollout.kernel import Kernel, build_kernel
 from spacerobot.rollout.measures import Measures
 from spacerobot.rollout.methods import DEFAULT, METHODS
-from spacerobot.rollout.protocol import ClosedLoopFunctions
 from spacerobot.rollout.rollout import TOLERANCE, Parameters, Rollout
-from spacerobot.rollout.step import StepChoice
+from spacerobot.rollout.step_choice import StepChoice
+from spacerobot.rollout.time_grid import time_grid
 
 Backend = Literal["auto", "compiled", "interpreted"]
 

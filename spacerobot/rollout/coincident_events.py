@@ -15,7 +15,9 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from spacerobot.rollout.arrays import (
+from spacerobot.rollout.closed_loop_protocol import Array
+from spacerobot.rollout.kernel import Kernel
+from spacerobot.rollout.rollout_arrays import (
     COINCIDENT,
     FAINT,
     SAME,
@@ -24,8 +26,6 @@ from spacerobot.rollout.arrays import (
     CoincidentInstants,
     RolloutArrays,
 )
-from spacerobot.rollout.kernel import Kernel
-from spacerobot.rollout.protocol import Array
 from spacerobot.rollout.tables import Integers, fill, gather
 
 BETWEEN, BEHIND = 1, 2
@@ -182,7 +182,7 @@ class CoincidentInstant:
     c
         Prepared constants of the rollout (nc,).
     found
-        The instant, of :class:`~spacerobot.rollout.arrays.CoincidentInstants`.
+        The instant, of :class:`~spacerobot.rollout.rollout_arrays.CoincidentInstants`.
     """
 
     def __init__(self, kernel: Kernel, calls: Mapping[str, _Call], c: Array, found: Any) -> None:

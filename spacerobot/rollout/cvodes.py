@@ -14,11 +14,11 @@ import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
-from spacerobot.rollout.closure import unclosed
-from spacerobot.rollout.grid import TimeGrid, time_grid
-from spacerobot.rollout.protocol import Array, ClosedLoopFunctions
+from spacerobot.rollout.closed_loop_protocol import Array, ClosedLoopFunctions
+from spacerobot.rollout.initial_gaps import unclosed
 from spacerobot.rollout.segments import Segment, segments
 from spacerobot.rollout.tables import fill
+from spacerobot.rollout.time_grid import TimeGrid, time_grid
 from spacerobot.rollout.trajectory import Status, Trajectory, frozen
 
 MOST_STEPS = 100_000

@@ -14,11 +14,11 @@ import numpy.typing as npt
 
 from spacerobot.compiled import Library, Toolchain, compile_functions
 from spacerobot.errors import CompileError
-from spacerobot.rollout.arrays import RolloutArrays
+from spacerobot.rollout.closed_loop_protocol import Array
 from spacerobot.rollout.event_location import GAP
-from spacerobot.rollout.grid import TimeGrid
 from spacerobot.rollout.kernel import Kernel
-from spacerobot.rollout.protocol import Array
+from spacerobot.rollout.rollout_arrays import RolloutArrays
+from spacerobot.rollout.time_grid import TimeGrid
 
 
 class StopFlag:
@@ -63,7 +63,7 @@ class KernelEngine(Protocol):
         """Roll out every row of parameters (N, np) into ``raw``, recording outputs ``rows``."""
 
 
-class _Job(ctypes.Structure):
+class _EngineCall(ctypes.Structure):
     _fields_ = (
         ("count", ctypes.c_int64),
         ("intervals", ctypes.c_int64),
@@ -211,7 +211,7 @@ class CompiledEngine:
 
 def make_job(
     kernel: Kernel, p: Array, grid: TimeGrid, raw: RolloutArrays, rows: Sequence[int], stop: StopFlag
-) -> tuple[_Job, list[Any]]:
+) -> tuple[_EngineCall, list[Any]]:
     """The structure that the compiled loops read, and the arrays that must outlive the call."""
     given = np.ascontiguousarray(p, dtype=float)
     row = np.ascontiguousarray(rows, dtype=np.int64)
@@ -220,7 +220,7 @@ def make_job(
     def address(array: npt.NDArray[Any] | None) -> int | None:
         return None if array is None else array.ctypes.data
 
-    job = _Job(
+    job = _EngineCall(
         len(given),
         grid.intervals,
         grid.every,

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from spacerobot.rollout.grid import ROUNDING
+from spacerobot.rollout.closed_loop_protocol import Array
 from spacerobot.rollout.methods.tableau import INNER
-from spacerobot.rollout.protocol import Array
+from spacerobot.rollout.time_grid import ROUNDING
 
 UNSURE, WRONG, CHECK = 0.01, 12, 2
 """Part of its bend by which a cubic is wrong where half the step is tried; by how many times that a guard may

@@ -9,7 +9,12 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from spacerobot.rollout.arrays import (
+from spacerobot.rollout.closed_loop_protocol import Array
+from spacerobot.rollout.event_location import GAP, RootBracket, TrialStep
+from spacerobot.rollout.interpreted_event import InterpretedEvent
+from spacerobot.rollout.kernel import Kernel
+from spacerobot.rollout.methods.tableau import INNER
+from spacerobot.rollout.rollout_arrays import (
     AT_END,
     CHATTERING,
     COINCIDENT,
@@ -19,14 +24,9 @@ from spacerobot.rollout.arrays import (
     GRAZING,
     TOGETHER,
 )
-from spacerobot.rollout.event_location import GAP, RootBracket, TrialStep
-from spacerobot.rollout.grid import ROUNDING, TimeGrid
-from spacerobot.rollout.interpreted_event import InterpretedEvent
-from spacerobot.rollout.kernel import Kernel
-from spacerobot.rollout.methods.tableau import INNER
-from spacerobot.rollout.protocol import Array
 from spacerobot.rollout.segments import HERE, Segment, StepPlan, graded, segments
 from spacerobot.rollout.tables import Integers, fill
+from spacerobot.rollout.time_grid import ROUNDING, TimeGrid
 
 TOLERANCE = 1e-12
 """Of an event's time [s]."""

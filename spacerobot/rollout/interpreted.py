@@ -10,15 +10,15 @@ from itertools import pairwise
 import casadi as ca
 import numpy as np
 
-from spacerobot.rollout.arrays import COMPLETED, DIVERGED, ENDED, RolloutArrays
+from spacerobot.rollout.closed_loop_protocol import Array
 from spacerobot.rollout.engines import StopFlag
-from spacerobot.rollout.grid import TimeGrid
 from spacerobot.rollout.hybrid import HybridRun
 from spacerobot.rollout.interpreted_event import InterpretedEvent
 from spacerobot.rollout.kernel import Kernel
-from spacerobot.rollout.protocol import Array
+from spacerobot.rollout.rollout_arrays import COMPLETED, DIVERGED, ENDED, RolloutArrays
 from spacerobot.rollout.segments import StepPlan, plan
 from spacerobot.rollout.tables import Integers, fill
+from spacerobot.rollout.time_grid import TimeGrid
 
 BLOCK = 64  # steps that CasADi's virtual machine does between two looks from Python
 

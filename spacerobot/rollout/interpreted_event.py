@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from spacerobot.rollout.protocol import Array
+from spacerobot.rollout.closed_loop_protocol import Array
 from spacerobot.rollout.tables import Integers
 
 

@@ -9,11 +9,11 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from spacerobot.rollout.closure import Closure
+from spacerobot.rollout.check_measures import check_measures
+from spacerobot.rollout.closed_loop_protocol import Array, ClosedLoopFunctions, EventRule, TableRule
+from spacerobot.rollout.initial_gaps import Closure
 from spacerobot.rollout.measures import Measures, Signals
 from spacerobot.rollout.methods import DEFAULT, METHODS, Tableau
-from spacerobot.rollout.missing import check_measures
-from spacerobot.rollout.protocol import Array, ClosedLoopFunctions, EventRule, TableRule
 
 POSITION_LIMIT = VELOCITY_LIMIT = 1e6
 CONTROLLER_LIMIT = 1e12

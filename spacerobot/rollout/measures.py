@@ -23,7 +23,7 @@ import casadi as ca
 
 from spacerobot.errors import SpaceRobotError, near_names
 from spacerobot.notebook import html_table
-from spacerobot.rollout.protocol import ClosedLoopFunctions
+from spacerobot.rollout.closed_loop_protocol import ClosedLoopFunctions
 
 Kind = Literal["integral", "peak", "final"]
 Costs = Callable[[Mapping[str, ca.SX], Mapping[str, ca.SX]], Mapping[str, ca.SX]]

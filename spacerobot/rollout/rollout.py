@@ -13,15 +13,15 @@ import numpy.typing as npt
 
 from spacerobot.errors import SpaceRobotError, near_names
 from spacerobot.notebook import html_table
-from spacerobot.rollout.accuracy import inaccurate
 from spacerobot.rollout.assemble import batch_of, gradient_of, split, statuses, trajectory_of
 from spacerobot.rollout.batch import Control, Controls, Samples, run_batch, run_gradients, run_one
-from spacerobot.rollout.factory import Engines
-from spacerobot.rollout.grid import TimeGrid, time_grid
+from spacerobot.rollout.closed_loop_protocol import Array, ClosedLoopFunctions
+from spacerobot.rollout.engine_factory import Engines
+from spacerobot.rollout.gradient_accuracy import inaccurate
 from spacerobot.rollout.kernel import Kernel
-from spacerobot.rollout.protocol import Array, ClosedLoopFunctions
 from spacerobot.rollout.sensitivity import DERIVATIVE
-from spacerobot.rollout.step import StepChoice, search_step
+from spacerobot.rollout.step_choice import StepChoice, search_step
+from spacerobot.rollout.time_grid import TimeGrid, time_grid
 from spacerobot.rollout.trajectory import Batch, Gradient, Jacobian, Slopes, Trajectory, frozen
 
 TOLERANCE = 1e-6

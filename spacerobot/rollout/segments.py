@@ -14,8 +14,8 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
-from spacerobot.rollout.grid import ROUNDING, TimeGrid
-from spacerobot.rollout.protocol import Array
+from spacerobot.rollout.closed_loop_protocol import Array
+from spacerobot.rollout.time_grid import ROUNDING, TimeGrid
 
 HERE = -2
 """What a segment begins at that an event began; see :class:`StepPlan`."""

@@ -15,7 +15,7 @@ import casadi as ca
 import numpy as np
 
 from spacerobot.rollout.kernel import Kernel, entries, slices, sx_function
-from spacerobot.rollout.moving import moving_events
+from spacerobot.rollout.parameter_dependent_events import moving_events
 from spacerobot.rollout.tables import places_in, reached_with
 
 DERIVATIVE = "d "  # prefix of the names of measures' derivatives

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 import numpy.typing as npt
 
-from spacerobot.rollout.protocol import Array, TableRule
+from spacerobot.rollout.closed_loop_protocol import Array, TableRule
 
 Integers = npt.NDArray[np.int64]
 

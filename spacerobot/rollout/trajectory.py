@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from spacerobot.notebook import html_table
-from spacerobot.rollout.protocol import Array
+from spacerobot.rollout.closed_loop_protocol import Array
 
 Status = Literal["completed", "diverged", "unclosed", "chattering"]
 Integers = npt.NDArray[np.int64]

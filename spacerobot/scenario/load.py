@@ -10,10 +10,10 @@ from pydantic import ValidationError
 
 from spacerobot.elements import kinds
 from spacerobot.errors import ScenarioError
-from spacerobot.scenario.faults import explain
 from spacerobot.scenario.paths import Document
 from spacerobot.scenario.plan import FAMILY_OF
 from spacerobot.scenario.scenario import Scenario
+from spacerobot.scenario.validation_errors import explain
 from spacerobot.scenario.yaml_text import Dumper, Loader, describe
 
 MAX_BYTES = 5_000_000

@@ -19,13 +19,13 @@ from spacerobot.elements import Family, kinds
 from spacerobot.elements.goal import Goal
 from spacerobot.elements.plan_cost import PlanCost
 from spacerobot.elements.plan_limit import PlanLimit
-from spacerobot.scenario.faults import explain
 from spacerobot.scenario.merge import overlay, pick, without_null
 from spacerobot.scenario.tuning import DesignVariable
+from spacerobot.scenario.validation_errors import explain
 from spacerobot.section import Name, Section, Vector, quantity
 
 
-class Span(Section):
+class TimeRange(Section):
     """A time that is free between two limits; a number alone is a time that is given."""
 
     lower: float = quantity("s", "least", gt=0)
@@ -40,7 +40,7 @@ class Span(Section):
         return {"lower": data, "upper": data} if number else data
 
     @model_validator(mode="after")
-    def _check(self) -> Span:
+    def _check(self) -> TimeRange:
         if not self.lower <= self.upper:
             raise ValueError(f"lower must not be above upper, found {self.lower:g} and {self.upper:g}")
         if self.guess is not None and not self.lower <= self.guess <= self.upper:
@@ -48,23 +48,23 @@ class Span(Section):
         return self
 
 
-class Room(Section):
+class JointStartRange(Section):
     """How far from the scenario's own position a joint may begin, to both sides."""
 
     angle_deg: float | None = quantity("deg", "of a revolute or continuous joint", default=None, gt=0)
     offset: float | None = quantity("m", "of a prismatic joint", default=None, gt=0)
 
     @model_validator(mode="after")
-    def _check(self) -> Room:
+    def _check(self) -> JointStartRange:
         if (self.angle_deg is None) == (self.offset is None):
             raise ValueError("give either `angle_deg` or `offset`")
         return self
 
 
-class Beginning(Section):
+class FreeStart(Section):
     """Where a robot may begin: what of its posture and its base's placement is to be found too."""
 
-    joints: dict[str, Room] = Field(
+    joints: dict[str, JointStartRange] = Field(
         default={}, description="joints that may begin elsewhere, by name; `*` stands for any letters"
     )
     position: Vector = quantity(
@@ -75,7 +75,7 @@ class Beginning(Section):
     )
 
     @model_validator(mode="after")
-    def _check(self) -> Beginning:
+    def _check(self) -> FreeStart:
         if min(self.position) < 0:
             raise ValueError("position: found a distance below 0")
         return self
@@ -86,7 +86,7 @@ class Beginning(Section):
         return any(self.position) or bool(self.rotation_deg)
 
 
-class Choice(Section):
+class PlanChoice(Section):
     """One of several values, such as mating frames: each is planned, and the best plan is kept."""
 
     paths: tuple[str, ...] = Field(
@@ -125,10 +125,10 @@ PASSED = "passed"
 """Told of a phase that is not the last one, and may end anywhere."""
 
 
-class Planning(Section):
+class PlanSection(Section):
     """The planning problem, and how well it is to be solved."""
 
-    duration: Span = quantity(
+    duration: TimeRange = quantity(
         "s",
         "duration, or the limits between which it is free; missing where phases give theirs",
         default=None,
@@ -136,7 +136,7 @@ class Planning(Section):
     goals: dict[Name, Annotated[Goal, Family("goal")]] = Field(
         default={}, description="what holds at the end, by name; those of phases stand there"
     )
-    start: dict[Name, Beginning] = Field(
+    start: dict[Name, FreeStart] = Field(
         default={}, description="by robot: where it may begin, as far as that is to be found"
     )
     costs: dict[Name, Annotated[PlanCost, Family("plan_cost")]] = Field(
@@ -176,7 +176,7 @@ class Planning(Section):
     design: dict[Name, DesignVariable] = Field(
         default={}, description="numbers of the scenario that a design study is free to choose, by name"
     )
-    choices: dict[Name, Choice] = Field(
+    choices: dict[Name, PlanChoice] = Field(
         default={}, description="what is taken from a few values, by name: each is planned, the best is kept"
     )
     intervals: int = Field(default=16, ge=2, le=2000, description="intervals of the first mesh")
@@ -241,7 +241,7 @@ class Planning(Section):
         return found
 
     @model_validator(mode="after")
-    def _check(self, info: ValidationInfo) -> Planning:
+    def _check(self, info: ValidationInfo) -> PlanSection:
         if self.most_intervals < self.intervals:
             raise ValueError(
                 f"most_intervals: found {self.most_intervals}, allowed: at least {self.intervals}"
@@ -259,7 +259,7 @@ class Planning(Section):
             raise ValueError(f"costs: nothing is to become small; give one of {names} a weight above 0")
         return self
 
-    def _check_phases(self) -> Planning:
+    def _check_phases(self) -> PlanSection:
         """Each phase is judged and filled as a section of its own is."""
         if self.goals:
             names = ", ".join(self.phases)
@@ -284,13 +284,15 @@ class Planning(Section):
         return self.model_dump(mode="json", exclude={"phases"}, exclude_none=True)
 
     @staticmethod
-    def _laid_over(base: dict[str, Any], changes: dict[str, Any], context: str | None = PASSED) -> Planning:
+    def _laid_over(
+        base: dict[str, Any], changes: dict[str, Any], context: str | None = PASSED
+    ) -> PlanSection:
         """Section of a plain form with changes, without what is null."""
         document = overlay(base, changes)
         for key in ("keep_out", "cones", "sights"):
             if isinstance(document[key], dict):
                 document[key] = without_null(document[key])
-        return Planning.model_validate(document, context=context)
+        return PlanSection.model_validate(document, context=context)
 
     def every_limit(self) -> Iterator[tuple[str, str, PlanLimit]]:
         """Section, name and limit of each, those of sections that are named after their kind too."""
@@ -299,7 +301,7 @@ class Planning(Section):
                 yield section, name, limit
 
     @property
-    def by_phase(self) -> dict[str, Planning]:
+    def by_phase(self) -> dict[str, PlanSection]:
         """Sections of the phases by name, each without phases; this one, of no name, where there are none."""
         if not self.phases:
             return {"": self}

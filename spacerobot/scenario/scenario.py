@@ -11,13 +11,13 @@ from spacerobot.elements.registry import on_change
 from spacerobot.errors import near_names
 from spacerobot.scenario.bodies import Base, Robot, Target, Tip
 from spacerobot.scenario.campaign import Campaign
-from spacerobot.scenario.faults import explain
 from spacerobot.scenario.merge import check_changes, expand_names, overlay, pick, without_resting
 from spacerobot.scenario.paths import Document
 from spacerobot.scenario.phases import Phase, check_phases, check_planned
-from spacerobot.scenario.plan import Planning
+from spacerobot.scenario.plan import PlanSection
 from spacerobot.scenario.sensors import Sensors
 from spacerobot.scenario.tuning import Tuning
+from spacerobot.scenario.validation_errors import explain
 from spacerobot.section import Name, Section, Vector, quantity
 
 
@@ -82,7 +82,7 @@ class Scenario(Section):
     simulation: Simulation = Field(default=Simulation(), description="how long, how finely, by which engine")
     tuning: Tuning | None = Field(default=None, description="the tuning problem")
     campaign: Campaign | None = Field(default=None, description="uncertain numbers, and rollouts over them")
-    plan: Planning | None = Field(default=None, description="the planning problem")
+    plan: PlanSection | None = Field(default=None, description="the planning problem")
 
     def __repr__(self) -> str:
         """Name and names of what it holds, in one line."""
@@ -168,7 +168,7 @@ class Scenario(Section):
 
 def _rebuild() -> None:
     """Take in the kinds that were added, from the inside out."""
-    for section in (Tip, Sensors, Robot, Target, Planning, Scenario):
+    for section in (Tip, Sensors, Robot, Target, PlanSection, Scenario):
         section.model_rebuild(force=True)
 
 

@@ -13,9 +13,9 @@ from spacerobot.scenario import Robot
 from spacerobot.scene.checks import resolved_bodies, robot_elements, robot_facts
 from spacerobot.scene.configure import initial_state
 from spacerobot.scene.contacts import dome_warnings
-from spacerobot.scene.envelopes import envelope_warnings, mating_warnings
+from spacerobot.scene.envelope_checks import envelope_warnings, mating_warnings
 from spacerobot.scene.grasp_closing import ClosingBase, find_closings, has_loops, is_rigid, open_grasps
-from spacerobot.scene.reach import reference_warnings
+from spacerobot.scene.reference_checks import reference_warnings
 from spacerobot.scene.scene import Scene, SceneBody, SceneTip
 
 SLIP = 1e-9  # [m/s, rad/s, deg/s] that a described velocity may differ from the one that begins

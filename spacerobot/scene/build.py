@@ -34,7 +34,7 @@ from spacerobot.scene.configure import close_velocity, initial_state
 from spacerobot.scene.contacts import check_overlap, find_contacts
 from spacerobot.scene.grasp_closing import has_loops
 from spacerobot.scene.model import build_model
-from spacerobot.scene.reach import check_followed, check_in_plane
+from spacerobot.scene.reference_checks import check_followed, check_in_plane
 from spacerobot.scene.references import references_of
 from spacerobot.scene.resolve import fill, forget_files, locate, read_descriptions, read_files, settle
 from spacerobot.scene.scene import Scene, SceneBody, SceneGrasp, SceneTip

@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from spacerobot.arrays import Array
-from spacerobot.scene import turns
+from spacerobot.scene import base_alignment
 from spacerobot.scene.grasp_closing import ClosingBase, begun, find_closings, is_rigid
 from spacerobot.scene.scene import Scene, SceneBody, SceneGrasp
 
@@ -28,7 +28,7 @@ def initial_state(
     q, v = pin.neutral(model), np.zeros(model.nv)
     closings = find_closings(bodies, grasps, source=source)
     giving = {closing.body.name: closing for closing in closings}
-    turned: dict[int, turns.Quaternion] = {}
+    turned: dict[int, base_alignment.Quaternion] = {}
     for body in bodies:
         turned |= _set_joints(model, body, q, v)
         turned |= _set_base(model, body, giving.get(body.name), q, v)
@@ -40,14 +40,14 @@ def initial_state(
 
 
 def _align(
-    model: Any, closing: ClosingBase, turned: Mapping[int, turns.Quaternion], q: Array, v: Array
-) -> turns.Quaternion:
+    model: Any, closing: ClosingBase, turned: Mapping[int, base_alignment.Quaternion], q: Array, v: Array
+) -> base_alignment.Quaternion:
     """Turn a base so that its grasp begins aligned, and its described velocity with its axes."""
     joint = model.joints[closing.body.root_joint]
     offset = _turn(closing.body.base.align_rotation_deg)
-    found = turns.aligned(model, closing, turned, offset)
+    found = base_alignment.aligned(model, closing, turned, offset)
     if joint.nv == 3:
-        found = turns.upright(found, np.hypot(*found[2:]))
+        found = base_alignment.upright(found, np.hypot(*found[2:]))
     rotation = pin.Quaternion(np.array(found, dtype=float)).toRotationMatrix()
     if joint.nv == 3:
         q[joint.idx_q + 2 : joint.idx_q + 4] = rotation[:2, 0]
@@ -120,7 +120,7 @@ def relative_jacobian(scene: Scene, grasp: SceneGrasp) -> Array:
 
 def _set_base(
     model: Any, body: SceneBody, closing: ClosingBase | None, q: Array, v: Array
-) -> Mapping[int, turns.Quaternion]:
+) -> Mapping[int, base_alignment.Quaternion]:
     """Set a floating base as described, to zero what gives way to a grasp; its turn by its joint's id."""
     if not body.root_joint:
         return {}
@@ -139,13 +139,13 @@ def _set_base(
     return {body.root_joint: _turn(body.base.rotation_deg)}
 
 
-def _turn(rpy_deg: Sequence[float]) -> turns.Quaternion:
+def _turn(rpy_deg: Sequence[float]) -> base_alignment.Quaternion:
     """Quaternion of roll, pitch, yaw [deg]."""
     halves = np.radians(rpy_deg) / 2
-    return turns.rpy(tuple(np.cos(halves)), tuple(np.sin(halves)))
+    return base_alignment.rpy(tuple(np.cos(halves)), tuple(np.sin(halves)))
 
 
-def _set_joints(model: Any, body: SceneBody, q: Array, v: Array) -> Mapping[int, turns.Quaternion]:
+def _set_joints(model: Any, body: SceneBody, q: Array, v: Array) -> Mapping[int, base_alignment.Quaternion]:
     """Set joints as described; their turns by their ids."""
     begins, turned = {}, {}
     for name, joint in body.config.joints.items():
@@ -162,5 +162,5 @@ def _set_joints(model: Any, body: SceneBody, q: Array, v: Array) -> Mapping[int,
             q[pin_joint.idx_q : pin_joint.idx_q + 2] = [np.cos(angle), np.sin(angle)]
         else:
             q[pin_joint.idx_q] = angle
-        turned[index] = turns.joint(model, index, np.cos(angle / 2), np.sin(angle / 2))
+        turned[index] = base_alignment.joint(model, index, np.cos(angle / 2), np.sin(angle / 2))
     return turned

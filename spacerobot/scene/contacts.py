@@ -17,8 +17,8 @@ from spacerobot.elements import CollisionShape, Contact
 from spacerobot.elements.collision_shape import Wrap, wrapping_shapes
 from spacerobot.errors import ScenarioError, near_names
 from spacerobot.scenario import Scenario
+from spacerobot.scene.bounding_primitives import shape_of, wrapped, wraps_around
 from spacerobot.scene.scene import Scene, SceneBody, SceneContact, SceneShape
-from spacerobot.scene.wrapping import shape_of, wrapped, wraps_around
 from spacerobot.section import matching
 from spacerobot.shapes import Shape, have_distance, proximity
 

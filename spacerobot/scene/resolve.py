@@ -13,8 +13,8 @@ from spacerobot.arrays import Array
 from spacerobot.description.find import find_urdf, is_file
 from spacerobot.description.mount import mounted
 from spacerobot.description.parts import UrdfJoint as UrdfJoint
-from spacerobot.description.place import placed
 from spacerobot.description.read import Description, read_description
+from spacerobot.description.relocated_links import placed
 from spacerobot.elements import FAMILIES, Element, kinds
 from spacerobot.errors import DescriptionError, ScenarioError, near_names
 from spacerobot.scenario import Joint, Scenario

@@ -1,8 +1,8 @@
 """A scene as CasADi expressions: its numbers, where it begins, its mechanics."""
 
+from spacerobot.symbolic.initial_state import InitialState
 from spacerobot.symbolic.parameters import Constants, Parameters
 from spacerobot.symbolic.plant import Plant
-from spacerobot.symbolic.start import InitialState
 from spacerobot.symbolic.tables import WindowTable
 
 __all__ = ["Constants", "InitialState", "Parameters", "Plant", "WindowTable"]

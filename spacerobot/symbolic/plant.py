@@ -22,8 +22,8 @@ from spacerobot.dynamics import (
     mass_matrix,
 )
 from spacerobot.dynamics.rotations import rotation_log
+from spacerobot.symbolic.initial_state import InitialState
 from spacerobot.symbolic.parameters import Constants
-from spacerobot.symbolic.start import InitialState
 
 
 @dataclass(frozen=True)

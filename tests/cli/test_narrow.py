@@ -158,7 +158,7 @@ DESIGN = {
     "trials": [{"iterations": 3}],
     "ended": "converged",
     "variables": {LONG: NUMBER | {"found": -0.000765432, "slope": 1.2345e-5, "where": "at its upper bound"}},
-    "sweeps": {LONG: [{"values": [1.23456], "fault": "no feasible plan was found: " * 4}]},
+    "sweeps": {LONG: [{"values": [1.23456], "failure": "no feasible plan was found: " * 4}]},
 }
 FRONT = {
     "scenario": "mine",
@@ -171,7 +171,7 @@ FRONT = {
             "status": "refused",
             "values": {"time": 12.3456},
             "changes": {LONG: 1.2345},
-            "fault": "no feasible plan was found: " * 4,
+            "failure": "no feasible plan was found: " * 4,
         }
     ],
 }

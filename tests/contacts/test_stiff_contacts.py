@@ -6,13 +6,13 @@ import pytest
 
 import spacerobot as sr
 from spacerobot.errors import DivergedError
-from spacerobot.rollout import step
+from spacerobot.rollout import step_choice
 
 STIFF = {"contacts.bump.stiffness": 1e8, "contacts.bump.longest_step": None, "simulation.output_step": 0.5}
 
 
 def test_a_refusal_for_a_stiff_contact_names_its_longest_step(monkeypatch):
-    monkeypatch.setattr(step, "HALVINGS", 6)
+    monkeypatch.setattr(step_choice, "HALVINGS", 6)
     with pytest.raises(DivergedError) as fault:
         sr.simulate(sr.load_scene("bounce", STIFF))
     assert (

@@ -81,7 +81,7 @@ from pathlib import Path
 import numpy as np
 import spacerobot as sr
 from spacerobot.closedloop import build_closed_loop
-from spacerobot.pinocchio_engine import Engine
+from spacerobot.pinocchio_engine import PinocchioLoop
 from tests.oracles.small_scenes import PLANAR, SPATIAL, small_scene
 
 sr.load_plugin(Path("examples/plugins/reaction_wheel.py"))
@@ -103,7 +103,7 @@ for text, axis in ((PLANAR, [0, 0, 1]), (SPATIAL, [0.6, 0, 0.8])):
     slope = rollout.jacobian(wrt=[path], outputs=["tip_position"]).outputs["tip_position"][..., 0]
     ends = [rollout.run({path: 0.3 + s * 1e-4}).outputs["tip_position"] for s in (1, -1)]
     assert np.abs(slope - (ends[0] - ends[1]) / 2e-4).max() < 1e-6 * max(1e-2, np.abs(slope).max())
-    engine = Engine(scene)
+    engine = PinocchioLoop(scene)
     x = engine.normalise(engine.x0 + 0.01)
     rate = loop.dynamics(0.3, x, loop.setup(loop.parameter_values)[1]).full().ravel()
     assert np.abs(rate - engine.derivative(0.3, x)).max() < 1e-10 * np.abs(rate).max()

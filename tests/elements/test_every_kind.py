@@ -14,7 +14,7 @@ import spacerobot.elements as elements
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.elements.grasps.point import Point
 from spacerobot.errors import ScenarioError
-from spacerobot.pinocchio_engine import Engine
+from spacerobot.pinocchio_engine import PinocchioLoop
 from tests.oracles import engine as independent
 from tests.oracles.engine.actuation import delivery_of
 from tests.oracles.engine.contacts import contact_of
@@ -255,7 +255,7 @@ def test_a_kind_has_an_independent_implementation_in_the_tests(family, kind):
 @pytest.mark.parametrize(("family", "kind"), KINDS)
 def test_the_engines_and_the_independent_laws_agree(family, kind, text):
     scene, loop = built(family, kind, text)
-    engine, oracle = Engine(scene), independent.Engine(scene)
+    engine, oracle = PinocchioLoop(scene), independent.Engine(scene)
     _, c = loop.setup(loop.parameter_values)
     first = scene.model.nq + scene.model.nv
     assert engine.state_names == loop.state_names[first:]

@@ -30,14 +30,14 @@ SCRIPT = """
 import numpy as np
 import spacerobot as sr
 from spacerobot.closedloop import build_closed_loop
-from spacerobot.pinocchio_engine import Engine
+from spacerobot.pinocchio_engine import PinocchioLoop
 from pathlib import Path
 
 sr.load_plugin(Path("examples/plugins/impedance.py"))
 sr.load_plugin(Path("examples/plugins/lemniscate.py"))
 changes = {"robots.*.tips.tip.reference": {"kind": "lemniscate", "duration": 2.0}, "simulation.duration": 0.4}
 scene = sr.load_scene("paper", changes)
-loop, engine = build_closed_loop(scene), Engine(scene)
+loop, engine = build_closed_loop(scene), PinocchioLoop(scene)
 _, c = loop.setup(loop.parameter_values)
 x = engine.normalise(engine.x0 + 1e-3)
 second = engine.derivative(0.7, x)
@@ -48,7 +48,7 @@ for vary in ("robots.rpr1.tips.tip.reference.size", "robots.rpr1.tips.tip.contro
     loop = build_closed_loop(own)
     _, c = loop.setup(loop.parameter_values)
     rate = loop.dynamics(0.7, x, c).full().ravel()
-    assert np.abs(rate - Engine(own).derivative(0.7, x)).max() < 1e-9 * np.abs(rate).max()
+    assert np.abs(rate - PinocchioLoop(own).derivative(0.7, x)).max() < 1e-9 * np.abs(rate).max()
     rollout = sr.build_rollout(loop, duration_s=0.4, step_s=0.01, backend="interpreted")
     assert vary in loop.parameter_paths
     jacobian = rollout.jacobian(wrt=[vary], outputs=["tip_position"]).outputs["tip_position"]
@@ -95,7 +95,7 @@ import subprocess
 import sys
 from pathlib import Path
 import spacerobot as sr
-from optim.problem.scenes import SceneRecipe
+from optim.problem.scene_recipe import SceneRecipe
 
 sr.load_plugin(Path("examples/plugins/lemniscate.py"))
 scene = sr.load_scene("paper", {"robots.*.tips.tip.reference": {"kind": "lemniscate"}})

@@ -15,7 +15,7 @@ import numpy as np
 import yaml
 
 import spacerobot as sr
-from optim.planning.searches.make import make_plan
+from optim.planning.search.make_plan import make_plan
 from spacerobot.scene.contacts import gaps
 from tests.optim.planning.conftest import REACH
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from optim.campaign.rollouts.metrics import build_campaign_metrics
-from optim.problem.measured import with_added_states
 from optim.problem.objectives import OBJECTIVE, build_terms, extended_loop
+from optim.problem.quantity_measures import with_added_states
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.errors import ScenarioError
 from spacerobot.quantities import find_quantity

@@ -24,8 +24,8 @@ import numpy as np
 
 from optim.campaign.sampling.parameter_space import campaign_of, resolve_space
 from optim.planning.formulation.formulate import formulate_phases
-from optim.planning.studies.study import design_of
-from optim.problem.scenes import tuning_of
+from optim.planning.studies.design_study import design_variables
+from optim.problem.scene_recipe import tuning_of
 from optim.problem.variables import resolve_variables
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.errors import SpaceRobotError
@@ -209,7 +209,7 @@ def use(case: Case) -> None:
     if scenario.plan is not None:
         uses.append(lambda: formulate_phases(scene))
         if scenario.plan.design:
-            uses.append(lambda: design_of(scene))
+            uses.append(lambda: design_variables(scene))
     if scenario.tuning is not None:
         uses.append(lambda: resolve_variables(scene, tuning_of(scene)))
     if scenario.campaign is not None:

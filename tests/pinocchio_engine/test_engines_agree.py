@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from spacerobot.closedloop import build_closed_loop
-from spacerobot.pinocchio_engine import Engine
+from spacerobot.pinocchio_engine import PinocchioLoop
 from spacerobot.scene import load_scene
 from tests.oracles import engine as independent
 from tests.oracles.engine.outputs import outputs_at
@@ -237,7 +237,7 @@ def assert_close(found: np.ndarray, expected: np.ndarray, tolerance: float, what
 
 def assert_engines_agree(scene, times, tolerance=1e-10):
     loop, rng = build_closed_loop(scene), np.random.default_rng(3)
-    engine, oracle = Engine(scene), independent.Engine(scene)
+    engine, oracle = PinocchioLoop(scene), independent.Engine(scene)
     seen_by = {engine: engine.outputs, oracle: functools.partial(outputs_at, oracle)}
     x0, c = (part.full().ravel() for part in loop.setup(loop.parameter_values))
     for one in seen_by:
@@ -271,7 +271,7 @@ def test_engines_agree_on_shipped_scenes(name):
 
 def test_at_the_end_of_a_reference_both_take_what_holds_afterwards():
     scene = small_scene(PLANAR)
-    loop, engine = build_closed_loop(scene), Engine(scene)
+    loop, engine = build_closed_loop(scene), PinocchioLoop(scene)
     c, x = loop.setup(loop.parameter_values)[1], engine.x0
     for t in engine.breakpoints:
         after = loop.dynamics(t, x, c).full().ravel()

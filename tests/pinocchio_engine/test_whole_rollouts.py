@@ -7,7 +7,7 @@ import pytest
 
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.errors import SpaceRobotError
-from spacerobot.pinocchio_engine import Engine, simulate
+from spacerobot.pinocchio_engine import PinocchioLoop, simulate
 from spacerobot.rollout import build_rollout
 from tests.oracles.small_scenes import PLANAR, SPATIAL, small_scene
 
@@ -63,7 +63,7 @@ def test_samples_lie_on_the_same_times_and_show_what_led_up_to_them():
     # both references end on a sample, where the acceleration, and with it the torque, jumps
     for name in ("joint_torque", "tip_reference", "grasp_force"):
         assert np.abs(checked.outputs[name] - ours.outputs[name]).max() < 1e-4
-    engine = Engine(scene)
+    engine = PinocchioLoop(scene)
     x = checked.state[3]
     jump = engine.derivative(1.5, x) - engine.derivative(1.5, x, within=1.4)
     assert np.abs(jump).max() > 0.01
@@ -108,7 +108,7 @@ def test_divergence_is_a_status_and_keeps_what_was_good():
 
 
 def test_state_without_a_rate_is_divergence_not_an_endless_search(monkeypatch):
-    monkeypatch.setattr(Engine, "derivative", lambda self, t, x, within=None: np.full(len(x), np.nan))
+    monkeypatch.setattr(PinocchioLoop, "derivative", lambda self, t, x, within=None: np.full(len(x), np.nan))
     found = simulate(small_scene(PLANAR))
     assert (found.status, found.diverged_at_s, len(found.time)) == ("diverged", 0.0, 1)
 
@@ -126,7 +126,7 @@ def test_joint_past_half_a_turn_is_not_kicked():
     turned = small_scene(
         SPATIAL, {"robots.one.joints.round.angle_deg": 179.9, "robots.one.joint_pd": {"kp": 5, "kd": 0}}
     )
-    loop, engine = build_closed_loop(turned), Engine(turned)
+    loop, engine = build_closed_loop(turned), PinocchioLoop(turned)
     c = loop.setup(loop.parameter_values)[1]
     place = next(i for i, n in enumerate(loop.state_names) if n == "q.one/round[0]")
     desired = next(i for i, n in enumerate(loop.state_names) if n == "one/joint_pd.theta_d[1]")

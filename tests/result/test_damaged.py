@@ -9,7 +9,7 @@ import xarray as xr
 
 from spacerobot.errors import ResultError, SpaceRobotError
 from spacerobot.result import load, save
-from spacerobot.result.whole import DIMENSIONS
+from spacerobot.result.completeness import DIMENSIONS
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
 from tests.oracles import one_arm

@@ -11,7 +11,7 @@ from spacerobot.closedloop import build_closed_loop
 from spacerobot.errors import DivergedError, ScenarioError
 from spacerobot.result.table import status_text
 from spacerobot.scene import load_scene
-from spacerobot.scene.size import numbers_each
+from spacerobot.scene.memory import numbers_each
 from spacerobot.simulation import simulate, simulate_designs
 
 SHORT = {"simulation.duration": 0.1, "simulation.output_step": 0.02}
@@ -79,7 +79,7 @@ def test_what_lies_before_a_number_that_is_none_is_kept(worst, monkeypatch):
 
 
 def test_a_result_that_the_memory_does_not_hold_is_refused_before_it_runs(monkeypatch):
-    monkeypatch.setattr("spacerobot.scene.size.available_memory", lambda: 8e9)
+    monkeypatch.setattr("spacerobot.scene.memory.available_memory", lambda: 8e9)
     long = {"simulation.duration": 1e6, "simulation.output_step": 0.1}
     begin = []
     with pytest.raises(
@@ -103,7 +103,7 @@ def test_what_a_result_takes_is_counted_from_its_scene(name):
 
 @pytest.mark.parametrize("command", ["check", "tune", "compare", "robust"])
 def test_every_command_refuses_it_in_one_line(command, monkeypatch, tmp_path, capsys):
-    monkeypatch.setattr("spacerobot.scene.size.available_memory", lambda: 8e9)
+    monkeypatch.setattr("spacerobot.scene.memory.available_memory", lambda: 8e9)
     to = [] if command == "check" else ["--out", str(tmp_path / "out")]
     long = ["--set", "simulation.duration=1e6", "--set", "simulation.output_step=0.1"]
     monkeypatch.setattr("sys.argv", ["spacerobot", command, "paper", *long, *to])

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from spacerobot.errors import DivergedError
-from spacerobot.rollout import build_rollout, choose_step, integrate_cvodes, step
+from spacerobot.rollout import build_rollout, choose_step, integrate_cvodes, step_choice
 
 GRID = {"duration_s": 2.0, "output_step_s": 0.1}
 STIFF = {"arm.kd": 2000.0}  # an eigenvalue of -2000 / 1.3 1/s
@@ -75,7 +75,7 @@ def test_a_hopeless_loop_is_told(loop):
 @pytest.mark.parametrize(("most", "halvings"), [(1000, 5), (6000, 7)])
 def test_what_is_tried_is_bounded_and_told(loop, monkeypatch, most, halvings):
     """Twenty intervals of two seconds: 20, 40, 80, ... steps, until their sum would be above the bound."""
-    monkeypatch.setattr(step, "MOST_STEPS", most)
+    monkeypatch.setattr(step_choice, "MOST_STEPS", most)
     rollout, told = build_rollout(loop, **GRID, step_s=0.1), []
     finest = 0.1 / 2**halvings
     with pytest.raises(DivergedError, match=rf"no step down to {finest:.3g} s reaches .* of 1e-30: an error"):
@@ -85,7 +85,7 @@ def test_what_is_tried_is_bounded_and_told(loop, monkeypatch, most, halvings):
 
 
 def test_a_long_rollout_gets_its_first_halvings_all_the_same(loop, monkeypatch):
-    monkeypatch.setattr(step, "MOST_STEPS", 1)
+    monkeypatch.setattr(step_choice, "MOST_STEPS", 1)
     assert choose_step(loop, **GRID, tolerance=1e-5).error < 1e-5
 
 

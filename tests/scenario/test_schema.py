@@ -17,7 +17,7 @@ from spacerobot.errors import ScenarioError
 from spacerobot.scenario import Scenario
 from spacerobot.scenario.catalogue import shipped
 from spacerobot.scenario.load import json_schema, parse_yaml, read_document, to_document, to_yaml, validate
-from spacerobot.scenario.plan import Planning
+from spacerobot.scenario.plan import PlanSection
 from spacerobot.section import leaves
 from tests.oracles.small_scenes import PLANAR, SPATIAL
 
@@ -259,9 +259,9 @@ def test_every_field_of_the_schema_says_what_it_is():
 def test_the_kind_of_a_goal_is_told_by_its_keys_as_in_older_results(given, kind):
     section = {"duration": 1, "costs": {"time": 1}}
     for goal in (given, FLAT | given, given | {"kind": kind}):
-        planning = Planning.model_validate(section | {"goals": {"one": goal}})
+        planning = PlanSection.model_validate(section | {"goals": {"one": goal}})
         assert planning.goals["one"].kind == kind
-        assert Planning.model_validate(planning.model_dump(mode="json")) == planning
+        assert PlanSection.model_validate(planning.model_dump(mode="json")) == planning
 
 
 @pytest.mark.parametrize(
@@ -273,4 +273,4 @@ def test_a_goal_of_no_kind_or_of_two_is_refused(goal, found):
     with pytest.raises(
         ValueError, match=f"found {found}, allowed: one of attitude, frame, position, joints, still"
     ):
-        Planning.model_validate(section)
+        PlanSection.model_validate(section)

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from spacerobot.scene import load_scene
-from spacerobot.scene.envelopes import _centre, _within, envelope_warnings
+from spacerobot.scene.envelope_checks import _centre, _within, envelope_warnings
 from tests.oracles.free_bodies import DEEP, FLAT, free_bodies
 
 SERVICER = load_scene("capture")

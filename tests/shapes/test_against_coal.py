@@ -12,7 +12,7 @@ import pytest
 
 from spacerobot import elements
 from spacerobot.elements import create
-from spacerobot.pinocchio_engine.crowned import crowned_distance
+from spacerobot.pinocchio_engine.crowned_distance import crowned_distance
 from spacerobot.scene.contacts import coal_distance
 from spacerobot.scene.scene import SceneShape
 from spacerobot.shapes import Shape, proximity

@@ -7,9 +7,9 @@ import pytest
 import yaml
 from typer.testing import CliRunner
 
-from optim.planning.searches.make import make_plan
-from optim.planning.written.held import with_flown
-from optim.planning.written.plan_file import SCENARIO, read, write
+from optim.planning.output.constraint_values import with_flown
+from optim.planning.output.plan_folder import SCENARIO, read, write
+from optim.planning.search.make_plan import make_plan
 from spacerobot import simulation
 from spacerobot.cli.app import app
 from spacerobot.cli.page_data import to_play
@@ -19,7 +19,7 @@ from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
 from tests.optim.planning.conftest import REACH
 from viz.figures.plan import plan_constraints, plan_joints
-from viz.page.planned import beside_its_plan
+from viz.page.plan_overlay import beside_its_plan
 
 PLAN = REACH["plan"] | {
     "intervals": 4,

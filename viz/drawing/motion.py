@@ -28,7 +28,7 @@ PAD = np.array([0.85, 0.45, 0.1, 1.0])
 
 
 @dataclass(frozen=True, eq=False)
-class Solid:
+class DrawnSolid:
     """A shape fixed to a node.
 
     Attributes
@@ -65,7 +65,7 @@ class Node:
     joint: int
     body: str
     is_base: bool
-    solids: tuple[Solid, ...]
+    solids: tuple[DrawnSolid, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,12 +119,12 @@ def scene_nodes(scene: Scene) -> tuple[Node, ...]:
     for body in scene.bodies:
         links = body.description.links
         seen = any(link.visuals for link in links)
-        by_joint: dict[int, list[Solid]] = {}
+        by_joint: dict[int, list[DrawnSolid]] = {}
         for link in links:
             frame = scene.model.frames[scene.model.getFrameId(f"{body.name}/{link.name}", pin.FrameType.BODY)]
             for shape in link.visuals if seen else link.collisions:
                 placement = frame.placement.homogeneous @ shape.placement
-                solid = Solid(placement, shape.geometry, GREY if shape.rgba is None else shape.rgba)
+                solid = DrawnSolid(placement, shape.geometry, GREY if shape.rgba is None else shape.rgba)
                 by_joint.setdefault(int(frame.parentJoint), []).append(solid)
         for carrier, joint, solid in pads:
             if carrier == body.name:
@@ -136,7 +136,7 @@ def scene_nodes(scene: Scene) -> tuple[Node, ...]:
     return tuple(nodes)
 
 
-def _pads(scene: Scene) -> list[tuple[str, int, Solid]]:
+def _pads(scene: Scene) -> list[tuple[str, int, DrawnSolid]]:
     """Pads of contacts: the body and joint that carry each, and what is seen of it."""
     pairs = [pair for contact in scene.contacts for pair in contact.pairs]
     found = []
@@ -148,7 +148,7 @@ def _pads(scene: Scene) -> list[tuple[str, int, Solid]]:
 
 def pad_solids(
     scene: Scene, shape: SceneShape, pairs: Sequence[tuple[SceneShape, SceneShape]]
-) -> list[Solid]:
+) -> list[DrawnSolid]:
     """What is seen of a pad, in the frame of the joint that carries it."""
     placement = scene.model.frames[shape.frame].placement.homogeneous @ shape.placement
     others = {other for pair in pairs if shape in pair for other in pair if other is not shape}
@@ -156,7 +156,7 @@ def pad_solids(
     for part in shape.config.drawing(max(_reach(scene, shape, other) for other in others)):
         moved = placement.copy()
         moved[:3, 3] += part.along * placement[:3, 2]
-        found.append(Solid(moved, part.geometry, np.array([*PAD[:3], part.opacity])))
+        found.append(DrawnSolid(moved, part.geometry, np.array([*PAD[:3], part.opacity])))
     return found
 
 

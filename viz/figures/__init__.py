@@ -2,11 +2,11 @@
 
 from viz.figures.approach import approach
 from viz.figures.bands import BandSeries, bands, moving_components
+from viz.figures.base_disturbance import disturbance
 from viz.figures.bodies import base_motion, grip_forces, object_motion
 from viz.figures.campaign import SampleSpread, distributions, robustness
 from viz.figures.collect import KINDS, draw_all, save_figures
 from viz.figures.contacts import contact_forces
-from viz.figures.disturbance import disturbance
 from viz.figures.docking import docking
 from viz.figures.joints import joints
 from viz.figures.ledger import ledger

@@ -26,10 +26,10 @@ from viz.drawing.motion import (
 from viz.drawing.view import first_view, view_of
 from viz.figures.collect import check_comparable
 from viz.figures.style import labels_of
+from viz.page.centres_of_mass import mass_data, no_masses
 from viz.page.contacts import contact_data, grip_data, no_contacts, no_grips
 from viz.page.events import event_data
 from viz.page.limits import joint_limits
-from viz.page.masses import mass_data, no_masses
 from viz.page.meshcat_scene import Meshes, changed_descriptions, packed, poses, rounded
 from viz.page.panel import panel_data
 from viz.page.plumes import no_plumes, plume_data

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from spacerobot.result import Result
 from spacerobot.scene import Scene
 from viz.drawing.meshes import mesh_file, shown_meshes
-from viz.drawing.motion import BodyMotion, Node, Solid
+from viz.drawing.motion import BodyMotion, DrawnSolid, Node
 
 DIGITS = 7
 """Significant digits of numbers that are written as text: those of single precision."""
@@ -69,7 +69,7 @@ class Meshes:
             for node in nodes
         ]
 
-    def _solid(self, solid: Solid) -> dict[str, Any]:
+    def _solid(self, solid: DrawnSolid) -> dict[str, Any]:
         """Kind, size, colour and placement (column by column) of a solid, and its mesh's place."""
         data = solid_data(solid)
         if solid.geometry.kind == "mesh":
@@ -77,7 +77,7 @@ class Meshes:
         return data
 
 
-def solid_data(solid: Solid) -> dict[str, Any]:
+def solid_data(solid: DrawnSolid) -> dict[str, Any]:
     """Kind, size, colour and placement (column by column) of a solid."""
     return {
         "kind": solid.geometry.kind,

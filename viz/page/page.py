@@ -15,8 +15,8 @@ from spacerobot.errors import SpaceRobotError
 from spacerobot.files import StrPath, write_text
 from spacerobot.result import Result, note_derived
 from viz.page.animation import animation
+from viz.page.es_modules import joined
 from viz.page.meshcat_scene import encoded, script_hash
-from viz.page.modules import joined
 
 PLAYER, STUDIO = "main.js", "studio/main.js"
 """Modules that are run: on a page of results, and on a studio's."""

@@ -53,7 +53,7 @@ class Signal:
 
 
 @dataclass(frozen=True, eq=False)
-class Quantity:
+class PlottedQuantity:
     """Signals of one kind, drawn on one axis."""
 
     title: str
@@ -61,7 +61,7 @@ class Quantity:
     signals: Sequence[Signal]
 
 
-def quantities(result: Result) -> list[Quantity]:
+def quantities(result: Result) -> list[PlottedQuantity]:
     """All signals of a result at all its times, by quantity; what it is about comes first.
 
     That is the tip error; where nothing leads a tip the errors of bases, the orbit, and the momentum.
@@ -75,7 +75,7 @@ def quantities(result: Result) -> list[Quantity]:
     return list(by_title.values())
 
 
-def chart_rows(result: Result, shown: Iterable[Quantity]) -> Rows:
+def chart_rows(result: Result, shown: Iterable[PlottedQuantity]) -> Rows:
     """Rows that a chart needs: an even spacing, and where each signal is least and greatest."""
     time = result.array("time")
     rows = [pick_rows(time, rate_hz=1e9, most=MOST_SAMPLES)]
@@ -90,7 +90,9 @@ def chart_rows(result: Result, shown: Iterable[Quantity]) -> Rows:
     return np.unique(np.concatenate(rows))
 
 
-def signal_data(shown: Iterable[Quantity], rows: Rows, limits: Limits = NO_LIMITS) -> list[dict[str, Any]]:
+def signal_data(
+    shown: Iterable[PlottedQuantity], rows: Rows, limits: Limits = NO_LIMITS
+) -> list[dict[str, Any]]:
     """Plain data of signals at some rows.
 
     Returns
@@ -139,7 +141,7 @@ def _about(result: Result) -> list[str]:
     return ["z"] if "body_angle" in result.data else ["x", "y", "z"]
 
 
-def _tip_errors(result: Result) -> list[Quantity]:
+def _tip_errors(result: Result) -> list[PlottedQuantity]:
     """Of the tips that are led."""
     tips, axes = [str(tip) for tip in result.array("tip")], shown_axes(result)
     led = result.led_tips
@@ -150,36 +152,38 @@ def _tip_errors(result: Result) -> list[Quantity]:
     error = result.array("tip_error")[:, places] * 1e3
     turned = np.degrees(result.array("tip_orientation_error")[:, places])
     return [
-        Quantity("tip error", "mm", _size(error, led, colours)),
-        Quantity("tip error by axis", "mm", _along(error, led, axes)),
-        Quantity("tip orientation error", "deg", _size(turned, led, colours)),
+        PlottedQuantity("tip error", "mm", _size(error, led, colours)),
+        PlottedQuantity("tip error by axis", "mm", _along(error, led, axes)),
+        PlottedQuantity("tip orientation error", "deg", _size(turned, led, colours)),
     ]
 
 
-def _tips(result: Result) -> list[Quantity]:
+def _tips(result: Result) -> list[PlottedQuantity]:
     axes, led, names = shown_axes(result), result.led_tips, [str(tip) for tip in result.array("tip")]
     references = result.array("tip_reference")[:, [names.index(tip) for tip in led]]
     return [
-        Quantity("tip position", "m", _along(result.array("tip_position"), names, axes)),
-        Quantity("tip reference", "m", _along(references, led, axes)),
-        Quantity("tip velocity", "mm/s", _along(result.array("tip_velocity") * 1e3, names, axes)),
+        PlottedQuantity("tip position", "m", _along(result.array("tip_position"), names, axes)),
+        PlottedQuantity("tip reference", "m", _along(references, led, axes)),
+        PlottedQuantity("tip velocity", "mm/s", _along(result.array("tip_velocity") * 1e3, names, axes)),
     ]
 
 
-def _grasps(result: Result) -> list[Quantity]:
+def _grasps(result: Result) -> list[PlottedQuantity]:
     axes = shown_axes(result)
     names, tips = [str(grasp) for grasp in result.array("grasp")], [str(tip) for tip in result.array("tip")]
     colours = [("tip", tips.index(result.scenario.grasps[name].tip)) for name in names]
     force = result.array("grasp_force")
     return [
-        Quantity("grip force", "N", _size(force, names, colours)),
-        Quantity("grip force by axis", "N", _along(force, names, axes)),
-        Quantity("grip torque by axis", "N m", _along(result.array("grasp_torque"), names, _about(result))),
-        Quantity("gap of grips", "mm", _size(result.array("grasp_gap") * 1e3, names, colours)),
+        PlottedQuantity("grip force", "N", _size(force, names, colours)),
+        PlottedQuantity("grip force by axis", "N", _along(force, names, axes)),
+        PlottedQuantity(
+            "grip torque by axis", "N m", _along(result.array("grasp_torque"), names, _about(result))
+        ),
+        PlottedQuantity("gap of grips", "mm", _size(result.array("grasp_gap") * 1e3, names, colours)),
     ]
 
 
-def _contacts(result: Result) -> list[Quantity]:
+def _contacts(result: Result) -> list[PlottedQuantity]:
     data, axes = result.data, shown_axes(result)
     if "contact" not in data.dims:
         return []
@@ -189,13 +193,13 @@ def _contacts(result: Result) -> list[Quantity]:
         return [Signal(n, data[variable].sel(contact=n).values * factor) for n in names]
 
     return [
-        Quantity("contact force along the normal", "N", each("contact_normal_force")),
-        Quantity("contact force by axis", "N", _along(result.array("contact_force"), names, axes)),
-        Quantity("gap of contacts", "mm", each("contact_gap", 1e3)),
+        PlottedQuantity("contact force along the normal", "N", each("contact_normal_force")),
+        PlottedQuantity("contact force by axis", "N", _along(result.array("contact_force"), names, axes)),
+        PlottedQuantity("gap of contacts", "mm", each("contact_gap", 1e3)),
     ]
 
 
-def _joints(result: Result) -> list[Quantity]:
+def _joints(result: Result) -> list[PlottedQuantity]:
     turns = result.array("joint_kind") != "prismatic"
     names = np.array([str(joint) for joint in result.array("joint")])
     kinds = (
@@ -209,11 +213,13 @@ def _joints(result: Result) -> list[Quantity]:
     found = []
     for title, unit, variable, chosen, factor in kinds:
         values = result.array(variable)[:, chosen] * factor
-        found.append(Quantity(title, unit, [Signal(n, values[:, k]) for k, n in enumerate(names[chosen])]))
+        found.append(
+            PlottedQuantity(title, unit, [Signal(n, values[:, k]) for k, n in enumerate(names[chosen])])
+        )
     return found
 
 
-def _bodies(result: Result) -> list[Quantity]:
+def _bodies(result: Result) -> list[PlottedQuantity]:
     axes, about = shown_axes(result), _about(result)
     names = [str(body) for body in result.array("body")]
     said, colours = [called(name) for name in names], [("body", k) for k in range(len(names))]
@@ -221,12 +227,12 @@ def _bodies(result: Result) -> list[Quantity]:
     moved = [translation_mm(result, name)[1] for name in names]
     rotations = [v[:, 0] if len(about) == 1 else np.linalg.norm(v, axis=-1) for v in turned]
     return [
-        Quantity(
+        PlottedQuantity(
             "rotation since the start",
             "deg",
             [Signal(n, v, c) for n, v, c in zip(said, rotations, colours, strict=True)],
         ),
-        Quantity(
+        PlottedQuantity(
             "translation since the start",
             "mm",
             [
@@ -238,7 +244,7 @@ def _bodies(result: Result) -> list[Quantity]:
     ]
 
 
-def _momenta(result: Result) -> list[Quantity]:
+def _momenta(result: Result) -> list[PlottedQuantity]:
     """Of every body, of all together, and what came from outside."""
     axes = shown_axes(result)
     said = [called(str(name)) for name in result.array("body")]
@@ -251,13 +257,15 @@ def _momenta(result: Result) -> list[Quantity]:
     everyone = [*said, "all together", *(["given from outside"] if given else [])]
     together = [*colours, ("all", 0), *([("body", len(said))] if given else [])]
     return [
-        Quantity("linear momentum", "N s", _size(momenta["linear"], everyone, together)),
-        Quantity("linear momentum by axis", "N s", _along(momenta["linear"], everyone, axes)),
-        Quantity("angular momentum by axis", "N m s", _along(momenta["angular"], everyone, _about(result))),
+        PlottedQuantity("linear momentum", "N s", _size(momenta["linear"], everyone, together)),
+        PlottedQuantity("linear momentum by axis", "N s", _along(momenta["linear"], everyone, axes)),
+        PlottedQuantity(
+            "angular momentum by axis", "N m s", _along(momenta["angular"], everyone, _about(result))
+        ),
     ]
 
 
-def _wheels(result: Result) -> list[Quantity]:
+def _wheels(result: Result) -> list[PlottedQuantity]:
     data = result.data
     if "wheel" not in data.dims:
         return []
@@ -271,17 +279,19 @@ def _wheels(result: Result) -> list[Quantity]:
     bodies = [called(str(body)) for body in carried.body.values]
     return [
         *(
-            Quantity(title, unit, [Signal(n, result.array(key)[:, k] * scale) for k, n in enumerate(names)])
+            PlottedQuantity(
+                title, unit, [Signal(n, result.array(key)[:, k] * scale) for k, n in enumerate(names)]
+            )
             for title, unit, key, scale in kinds
             if key in data
         ),
-        Quantity("angular momentum of wheels by axis", "N m s", _along(carried.values, bodies, about)),
+        PlottedQuantity("angular momentum of wheels by axis", "N m s", _along(carried.values, bodies, about)),
     ]
 
 
-def _base_errors(result: Result) -> list[Quantity]:
+def _base_errors(result: Result) -> list[PlottedQuantity]:
     """Of bases that are held."""
-    data, found = result.data, list[Quantity]()
+    data, found = result.data, list[PlottedQuantity]()
     kinds = (
         ("attitude error of bases by axis", "deg", "base_attitude_error", np.degrees(1.0), _about(result)),
         ("position error of bases by axis", "mm", "base_position_error", 1e3, shown_axes(result)),
@@ -290,11 +300,11 @@ def _base_errors(result: Result) -> list[Quantity]:
         if key in data:
             held = data[key].dropna("body", how="all")
             names = [called(str(body)) for body in held.body.values]
-            found.append(Quantity(title, unit, _along(held.values * factor, names, along)))
+            found.append(PlottedQuantity(title, unit, _along(held.values * factor, names, along)))
     return found
 
 
-def _thrusters(result: Result) -> list[Quantity]:
+def _thrusters(result: Result) -> list[PlottedQuantity]:
     """What they give and spend."""
     data = result.data
     if "thruster" not in data.dims:
@@ -303,12 +313,12 @@ def _thrusters(result: Result) -> list[Quantity]:
     forces = [Signal(str(name), size[:, k]) for k, name in enumerate(result.array("thruster"))]
     spent = data.propellant.dropna("body", how="all") * 1e3
     masses = [Signal(called(str(body)), spent.sel(body=body).values) for body in spent.body.values]
-    return [Quantity("thruster force", "N", forces), Quantity("propellant", "g", masses)]
+    return [PlottedQuantity("thruster force", "N", forces), PlottedQuantity("propellant", "g", masses)]
 
 
-def _orbit(result: Result) -> list[Quantity]:
+def _orbit(result: Result) -> list[PlottedQuantity]:
     """Motion of bodies in radial, along-track and cross-track axes."""
-    data, found = result.data, list[Quantity]()
+    data, found = result.data, list[PlottedQuantity]()
     if "hill_position" not in data:
         return found
     axes = ("radial", "along-track", "cross-track")[: len(shown_axes(result))]
@@ -319,23 +329,25 @@ def _orbit(result: Result) -> list[Quantity]:
             for k, body in enumerate(result.array("body"))
             for i, axis in enumerate(axes)
         ]
-        found.append(Quantity(f"{title} in Hill axes", unit, signals))
+        found.append(PlottedQuantity(f"{title} in Hill axes", unit, signals))
     return found
 
 
-def _energies(result: Result) -> list[Quantity]:
+def _energies(result: Result) -> list[PlottedQuantity]:
     works = {work_text(work): result.array(str(work.name)) for work in works_of(result.data)}
     return [
-        Quantity("energy", "J", [Signal(text, result.array(name)) for name, text in ENERGIES.items()]),
-        Quantity("work since the start", "J", [Signal(text, values) for text, values in works.items()]),
+        PlottedQuantity("energy", "J", [Signal(text, result.array(name)) for name, text in ENERGIES.items()]),
+        PlottedQuantity(
+            "work since the start", "J", [Signal(text, values) for text, values in works.items()]
+        ),
     ]
 
 
-def _declared(result: Result) -> list[Quantity]:
+def _declared(result: Result) -> list[PlottedQuantity]:
     """Outputs of kinds of one's own, as they declare them: text, unit, and who they are of."""
     known, found = (
         {head + tail for head, tails in SHIPPED.items() for tail in tails.split()},
-        list[Quantity](),
+        list[PlottedQuantity](),
     )
     for key, variable in result.data.data_vars.items():
         name, (along, *dims) = str(key), variable.dims
@@ -349,8 +361,8 @@ def _declared(result: Result) -> list[Quantity]:
             values, owners = variable.values[:, None], [name.replace("_", " ")]
         title, unit = str(variable.attrs["long_name"]), str(variable.attrs["units"])
         if values.ndim == 3:
-            found.append(Quantity(title, unit, _along(values, owners, shown_axes(result))))
+            found.append(PlottedQuantity(title, unit, _along(values, owners, shown_axes(result))))
         else:
             signals = [Signal(owner, values[:, k]) for k, owner in enumerate(owners)]
-            found.append(Quantity(title, unit, signals))
+            found.append(PlottedQuantity(title, unit, signals))
     return found

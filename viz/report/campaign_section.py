@@ -27,7 +27,7 @@ from viz.figures.style import Drawing, unit_scale
 from viz.page.animation import animation
 from viz.page.notebook import frame
 from viz.page.page import page as animated
-from viz.report.campaign_words import (
+from viz.report.campaign_text import (
     capturing,
     depends,
     drawn,
@@ -64,7 +64,7 @@ class CampaignReport:
         By kept signal: how it spreads over time, for each set of gains by name.
     spreads
         What the animated page tells of all samples, one for each set of gains; see
-        :func:`viz.page.spread.spread_data`.
+        :func:`viz.page.campaign_spread.spread_data`.
     faults
         By set of gains: why its worst sample cannot be simulated.
     """

@@ -21,8 +21,8 @@ from spacerobot.simulation import simulate
 from viz.page.page import write_animation
 from viz.page.signals import quantities
 from viz.record import write_recording
-from viz.studio.edit import edited, flow
-from viz.studio.prepared import Origin, Tell
+from viz.studio.edited_text import edited, flow
+from viz.studio.prepared_design import Origin, Tell
 
 NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")
 """What a file may be called."""

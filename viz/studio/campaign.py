@@ -12,11 +12,11 @@ from optim.campaign.sampling.samplers import draw
 from spacerobot.arrays import Array
 from spacerobot.errors import ScenarioError
 from spacerobot.scenario import Campaign
-from spacerobot.scenario.faults import explain
-from viz.page.spread import CampaignSpread
+from spacerobot.scenario.validation_errors import explain
+from viz.page.campaign_spread import CampaignSpread
 from viz.studio.job import Job
 from viz.studio.messages import Request
-from viz.studio.prepared import DesignCache, PreparedDesign
+from viz.studio.prepared_design import DesignCache, PreparedDesign
 
 MOST_SAMPLES = 4096
 CHUNK = 64  # rollouts between two messages

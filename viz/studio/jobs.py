@@ -11,7 +11,7 @@ from spacerobot.errors import SpaceRobotError
 from viz.studio.campaign import cloud
 from viz.studio.job import Job, Send
 from viz.studio.messages import Request
-from viz.studio.prepared import DesignCache
+from viz.studio.prepared_design import DesignCache
 from viz.studio.search import METHODS, improve, tune
 
 

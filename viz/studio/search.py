@@ -13,7 +13,7 @@ from scipy.optimize import minimize
 
 from optim.methods.run_method import effort_of, run_method
 from optim.problem.problem import Evaluation, EvaluationCost, Linearisation
-from optim.problem.scenes import tuning_of
+from optim.problem.scene_recipe import tuning_of
 from optim.problem.tuning_problem import TuningProblem, build_problem
 from optim.problem.varied_parameters import LARGE_RATIO
 from spacerobot.arrays import Array
@@ -21,9 +21,9 @@ from spacerobot.errors import ScenarioError
 from spacerobot.scene import build_scene
 from viz.studio.job import Job, SearchFound
 from viz.studio.messages import Request
+from viz.studio.metric_slopes import differences
 from viz.studio.metrics import Metric
-from viz.studio.prepared import DesignCache, PreparedDesign
-from viz.studio.slopes import differences
+from viz.studio.prepared_design import DesignCache, PreparedDesign
 
 METHODS = ("nlp", "ga", "cmaes", "de", "pso", "sobol", "random")
 """Methods that the page offers."""

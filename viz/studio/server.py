@@ -16,7 +16,7 @@ from spacerobot.scene import Scene
 from viz.page.loopback import FIRST_PORT, LocalRequestHandler, Loopback, Stream
 from viz.page.page import page
 from viz.studio.messages import MOST_BYTES
-from viz.studio.prepared import Origin
+from viz.studio.prepared_design import Origin
 from viz.studio.session import StudioSession
 
 FOLDER = Path("out/studio")
@@ -71,7 +71,7 @@ class Studio(Loopback):
     def handlers(self) -> list[Any]:
         """The page and its connection."""
         given = {"server": self}
-        return [(r"/", _Page, given), (r"/studio", _Connection, given)]
+        return [(r"/", _StudioPage, given), (r"/studio", _Connection, given)]
 
     def knows(self, token: str) -> bool:
         """Whether a token is the studio's."""
@@ -114,7 +114,7 @@ def studio(scene: Scene, *, folder: StrPath = FOLDER, port: int = FIRST_PORT) ->
     return Studio(Origin(scene), Path(folder), port)
 
 
-class _Known(LocalRequestHandler):
+class _TokenHolder(LocalRequestHandler):
     """Answers who knows the token."""
 
     def prepare(self) -> None:
@@ -123,7 +123,7 @@ class _Known(LocalRequestHandler):
             raise tornado.web.HTTPError(403)
 
 
-class _Page(_Known):
+class _StudioPage(_TokenHolder):
     def get(self) -> None:
         self.set_header("Cache-Control", "no-store")
         self.set_header("Referrer-Policy", "no-referrer")
@@ -164,7 +164,7 @@ class Peer:
         self._server.session.wake()
 
 
-class _Connection(_Known, Stream):
+class _Connection(_TokenHolder, Stream):
     peer: Peer
 
     def open(self, *_: str, **__: str) -> None:

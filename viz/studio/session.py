@@ -13,7 +13,7 @@ from typing import Any, Protocol
 from spacerobot.errors import SpaceRobotError
 from spacerobot.result import Result
 from spacerobot.rollout import Trajectory
-from spacerobot.rollout.factory import ADJOINT
+from spacerobot.rollout.engine_factory import ADJOINT
 from spacerobot.simulation import STEP_ERROR_LIMIT
 from viz.page.animation import notices, run_data, shown_data
 from viz.page.meshcat_scene import Meshes
@@ -21,9 +21,9 @@ from viz.studio.bookmarks import KINDS as SAVED
 from viz.studio.bookmarks import command_line, keep
 from viz.studio.jobs import Jobs
 from viz.studio.messages import Request, packets, read
+from viz.studio.metric_slopes import differences
 from viz.studio.parameters import suggested
-from viz.studio.prepared import DesignCache, Origin, PreparedDesign
-from viz.studio.slopes import differences
+from viz.studio.prepared_design import DesignCache, Origin, PreparedDesign
 
 REST_S = 0.2
 """After so long without another design the last one is judged as ``spacerobot run`` would judge it."""

@@ -1,6 +1,6 @@
 // Chosen signals over time, a plot for each quantity: values under the pointer, a cursor, a click goes there.
 import { amount, button, digits, element, floats, mark } from "./format.js";
-import { plotIn, stroked } from "./plot.js";
+import { plotIn, stroked } from "./uplot_plot.js";
 import { inked, strokeOf } from "./theme.js";
 
 export class Chart {

@@ -1,16 +1,16 @@
 // The page: puts its parts together, and lets each hear of what the others do.
-import { Busy } from "./busy.js";
+import { Busy } from "./busy_indicator.js";
 import { Chart } from "./chart.js";
 import { EventStrip } from "./events.js";
-import { curvesPicture, curvesTable } from "./export.js";
+import { curvesPicture, curvesTable } from "./curve_export.js";
 import { $, element, floats, options } from "./format.js";
 import { Labels, called } from "./labels.js";
 import { LAYERS, Legend } from "./legend.js";
-import { Link } from "./link.js";
-import { Magnifier } from "./magnifier.js";
-import { SignalPicker } from "./picker.js";
-import { Camera, save, saveText } from "./picture.js";
-import { Portrait } from "./portrait.js";
+import { Link } from "./permalink.js";
+import { Magnifier } from "./error_magnifier.js";
+import { SignalPicker } from "./signal_picker.js";
+import { Camera, save, saveText } from "./image_export.js";
+import { Portrait } from "./phase_portrait.js";
 import { Readout } from "./readout.js";
 import { Scene } from "./scene.js";
 import { cloudOf } from "./shapes.js";

@@ -1,5 +1,5 @@
 // Whether bodies have the same shapes.
-import { viewerIn } from "./blind.js";
+import { viewerIn } from "./no_webgl_viewer.js";
 import { Eye } from "./camera.js";
 import { niceStep } from "./format.js";
 import { LAYERS } from "./legend.js";

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from optim.campaign.rollouts.evaluator import CampaignEvaluator
-from optim.campaign.store.notes import Changes
+from optim.campaign.store.run_settings import Changes
 from spacerobot.arrays import Array
 from spacerobot.result import Result
 from spacerobot.scenario.load import to_document

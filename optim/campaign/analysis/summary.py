@@ -19,7 +19,7 @@ from optim.campaign.rollouts.evaluator import CampaignEvaluator
 from optim.campaign.rollouts.trust import doubts, untrusted
 from optim.campaign.sampling.parameter_space import sensor_offsets, units_of
 from optim.campaign.store.folder import load_campaign, load_head
-from optim.campaign.store.notes import ScenarioSource, named_in
+from optim.campaign.store.run_settings import ScenarioSource, named_in
 from spacerobot.arrays import Array
 from spacerobot.errors import ResultError
 from spacerobot.files import StrPath, write_text

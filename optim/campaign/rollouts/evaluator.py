@@ -21,8 +21,8 @@ from optim.campaign.sampling.parameter_space import (
     resolve_space,
 )
 from optim.campaign.sampling.samplers import draw
-from optim.problem.measured import with_added_states
-from optim.problem.scenes import SceneRecipe
+from optim.problem.quantity_measures import with_added_states
+from optim.problem.scene_recipe import SceneRecipe
 from spacerobot.arrays import Array
 from spacerobot.errors import ScenarioError
 from spacerobot.loop_cache import cached_closed_loop

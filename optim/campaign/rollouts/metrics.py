@@ -16,7 +16,7 @@ from optim.campaign.rollouts.trust import (
     residual_measure,
     residual_of,
 )
-from optim.problem.measured import context_of, measure
+from optim.problem.quantity_measures import context_of, measure
 from spacerobot.arrays import Array
 from spacerobot.closedloop import ClosedLoop
 from spacerobot.quantities import quantities

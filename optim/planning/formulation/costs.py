@@ -7,13 +7,13 @@ from collections.abc import Iterable, Mapping
 import casadi as ca
 import numpy as np
 
-from optim.planning.formulation.instant import Seen
+from optim.planning.formulation.instant_view import InstantView
 from optim.planning.formulation.stage import Stage
 from spacerobot.elements.plan_cost import PlanCost
-from spacerobot.scenario.plan import Planning
+from spacerobot.scenario.plan import PlanSection
 
 
-def cost_terms(stage: Stage, plan: Planning) -> tuple[dict[str, ca.SX], dict[str, ca.SX]]:
+def cost_terms(stage: Stage, plan: PlanSection) -> tuple[dict[str, ca.SX], dict[str, ca.SX]]:
     """Integrands, and what the last instant costs, by name, without their weights.
 
     Those without a weight are left out, and those about nothing that there is at this instant.
@@ -21,16 +21,16 @@ def cost_terms(stage: Stage, plan: Planning) -> tuple[dict[str, ca.SX], dict[str
     found: dict[str, dict[str, ca.SX]] = {"motion": {}, "end": {}}
     for name, cost in plan.costs.items():
         if cost.weight and cost.of != "duration":
-            value = ca.SX(cost.expression(Seen(stage, f"plan.costs.{name}", plan.goals)))
+            value = ca.SX(cost.expression(InstantView(stage, f"plan.costs.{name}", plan.goals)))
             if ca.depends_on(value, stage.z):
                 found[cost.of][name] = value
     return found["motion"], found["end"]
 
 
-def magnitudes(stage: Stage, plan: Planning, terms: Iterable[str]) -> dict[str, ca.SX]:
+def magnitudes(stage: Stage, plan: PlanSection, terms: Iterable[str]) -> dict[str, ca.SX]:
     """Forces (n x 1) [N] whose magnitudes terms round off, by name, where there are any."""
-    seen = {name: Seen(stage, f"plan.costs.{name}", plan.goals) for name in terms}
-    found = {name: ca.SX(plan.costs[name].magnitudes(one)) for name, one in seen.items()}
+    views = {name: InstantView(stage, f"plan.costs.{name}", plan.goals) for name in terms}
+    found = {name: ca.SX(plan.costs[name].magnitudes(one)) for name, one in views.items()}
     return {name: forces for name, forces in found.items() if forces.numel()}
 
 

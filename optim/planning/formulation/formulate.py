@@ -8,24 +8,29 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from optim.planning.formulation.arms_at_rest import rest_rows
 from optim.planning.formulation.costs import cost_terms, magnitudes
 from optim.planning.formulation.goals import goal_rows
-from optim.planning.formulation.grips import held
-from optim.planning.formulation.limits import avoidance_rows, instant_limits, path_rows, what_drives
-from optim.planning.formulation.settled import settled_rows
-from optim.planning.formulation.stage import Problem, Stage
-from optim.planning.formulation.start import beginnings
+from optim.planning.formulation.grasps import closed_grasps
+from optim.planning.formulation.initial_conditions import initial_conditions
+from optim.planning.formulation.path_constraints import (
+    avoidance_rows,
+    driven_coordinates,
+    instant_limits,
+    path_rows,
+)
+from optim.planning.formulation.stage import PlanningProblem, Stage
 from spacerobot.elements.goal import Goal, TipGoal
 from spacerobot.elements.grasp import Grasp
 from spacerobot.errors import ScenarioError
-from spacerobot.scenario.plan import Planning
+from spacerobot.scenario.plan import PlanSection
 from spacerobot.scene import Scene, build_scene
 from spacerobot.scene.configure import close_velocity
 from spacerobot.scene.grasp_closing import is_rigid
 from spacerobot.scene.scene import SceneGrasp
 
 
-def plan_of(scene: Scene) -> Planning:
+def plan_section(scene: Scene) -> PlanSection:
     """The plan section of a scene.
 
     Raises
@@ -42,7 +47,7 @@ def plan_of(scene: Scene) -> Planning:
     return scene.scenario.plan
 
 
-def modelled(scene: Scene) -> Scene:
+def scene_with_plan_model(scene: Scene) -> Scene:
     """The scene that plans are made with: the plant, with what `plan.model` says otherwise.
 
     Raises
@@ -50,7 +55,7 @@ def modelled(scene: Scene) -> Scene:
     ScenarioError
         If a change leads nowhere, or changes what is moved or where it begins.
     """
-    changes = plan_of(scene).model
+    changes = plan_section(scene).model
     if not changes:
         return scene
     for path in changes:
@@ -77,7 +82,7 @@ def modelled(scene: Scene) -> Scene:
 
 
 @dataclass(frozen=True, eq=False)
-class Phase:
+class PhaseProblem:
     """One phase of a plan.
 
     Attributes
@@ -88,17 +93,17 @@ class Phase:
         What the section says of it.
     problem
         Its planning problem.
-    struck
+    impact
         Whether rigid grasps close where it begins, so that an impulse leads into it.
     """
 
     name: str
-    plan: Planning
-    problem: Problem
-    struck: bool = False
+    plan: PlanSection
+    problem: PlanningProblem
+    impact: bool = False
 
 
-def formulate(scene: Scene) -> Problem:
+def formulate(scene: Scene) -> PlanningProblem:
     """Planning problem of a scene, of the first phase where there are several.
 
     Raises
@@ -109,7 +114,7 @@ def formulate(scene: Scene) -> Problem:
     return formulate_phases(scene)[0].problem
 
 
-def formulate_phases(scene: Scene) -> tuple[Phase, ...]:
+def formulate_phases(scene: Scene) -> tuple[PhaseProblem, ...]:
     """Planning problems of the phases in turn.
 
     Raises
@@ -117,7 +122,7 @@ def formulate_phases(scene: Scene) -> tuple[Phase, ...]:
     ScenarioError
         If the section asks for what there is not.
     """
-    whole, scene = plan_of(scene), modelled(scene)
+    whole, scene = plan_section(scene), scene_with_plan_model(scene)
     if whole.choices:
         raise ScenarioError(
             f"{next(iter(whole.choices))!r} is chosen where one plan is made; decide here, and give `{{}}`",
@@ -130,16 +135,18 @@ def formulate_phases(scene: Scene) -> tuple[Phase, ...]:
             source=scene.source,
             where="environment",
         )
-    found, before = list[Phase](), tuple[SceneGrasp, ...]()
-    for (name, plan), closed in zip(whole.by_phase.items(), closed_in(scene, whole), strict=True):
-        struck = bool(found) and any(is_rigid(grasp) and grasp not in before for grasp in closed)
-        with told_in(whole, name):
-            found.append(Phase(name, plan, _problem(scene, plan, closed, begins=not found), struck))
+    found, before = list[PhaseProblem](), tuple[SceneGrasp, ...]()
+    for (name, plan), closed in zip(
+        whole.by_phase.items(), closed_grasps_by_phase(scene, whole), strict=True
+    ):
+        impact = bool(found) and any(is_rigid(grasp) and grasp not in before for grasp in closed)
+        with located_in_phase(whole, name):
+            found.append(PhaseProblem(name, plan, _problem(scene, plan, closed, begins=not found), impact))
         before = closed
     return tuple(found)
 
 
-def check_weights(whole: Planning, phases: Sequence[Phase]) -> None:
+def check_weights(whole: PlanSection, phases: Sequence[PhaseProblem]) -> None:
     """Refuse a weight on what there is in no phase.
 
     Parameters
@@ -156,7 +163,7 @@ def check_weights(whole: Planning, phases: Sequence[Phase]) -> None:
     for phase in phases:
         for name, cost in phase.plan.costs.items():
             if cost.weight and cost.of != "duration" and name not in found:
-                with told_in(whole, phase.name):
+                with located_in_phase(whole, phase.name):
                     raise ScenarioError(
                         f"found a weight of {cost.weight:g}, but there are no {cost.weighs}; or leave the "
                         "weight out",
@@ -166,7 +173,7 @@ def check_weights(whole: Planning, phases: Sequence[Phase]) -> None:
 
 
 @contextlib.contextmanager
-def told_in(whole: Planning, name: str) -> Iterator[None]:
+def located_in_phase(whole: PlanSection, name: str) -> Iterator[None]:
     """Faults of a phase's section told with its place, where the phase says what is at fault.
 
     Raises
@@ -186,7 +193,7 @@ def told_in(whole: Planning, name: str) -> Iterator[None]:
         raise ScenarioError(fault.message, source=fault.source, where=where) from None
 
 
-def closed_in(scene: Scene, whole: Planning) -> Iterator[tuple[SceneGrasp, ...]]:
+def closed_grasps_by_phase(scene: Scene, whole: PlanSection) -> Iterator[tuple[SceneGrasp, ...]]:
     """Grasps that hold in each phase of a plan: those that phases before it captured and did not release.
 
     Raises
@@ -194,7 +201,7 @@ def closed_in(scene: Scene, whole: Planning) -> Iterator[tuple[SceneGrasp, ...]]
     ScenarioError
         If a phase ends with a grasp captured whose tip no goal brings to its mating frame.
     """
-    closed, open_ = {grasp.name: grasp for grasp in held(scene)}, {g.name: g for g in scene.grasps}
+    closed, open_ = {grasp.name: grasp for grasp in closed_grasps(scene)}, {g.name: g for g in scene.grasps}
     for name, plan in whole.by_phase.items():
         phase = scene.scenario.phases.get(name) if name else None
         for let_go in phase.releases if phase is not None else ():
@@ -237,19 +244,21 @@ def _check_mated(scene: Scene, grasp: SceneGrasp, goals: Mapping[str, Goal], pha
         )
 
 
-def _problem(scene: Scene, plan: Planning, closed: tuple[SceneGrasp, ...], *, begins: bool) -> Problem:
+def _problem(
+    scene: Scene, plan: PlanSection, closed: tuple[SceneGrasp, ...], *, begins: bool
+) -> PlanningProblem:
     """Of one phase; one that does not begin the plan begins where the one before it ends."""
-    stage = Stage.of(scene, what_drives(scene, plan.limits), closed)
+    stage = Stage.of(scene, driven_coordinates(scene, plan.limits), closed)
     lower, upper = instant_limits(stage, plan.limits)
     goals = [row for name, goal in plan.goals.items() for row in goal_rows(stage, name, goal)]
-    goals += settled_rows(stage, plan.goals)
+    goals += rest_rows(stage, plan.goals)
     terms, ends = cost_terms(stage, plan)
     span = plan.duration
     fixed = np.concatenate([scene.q, close_velocity(scene) if stage.grips and begins else scene.v])
-    begin, beginning = beginnings(stage, plan, fixed, (lower, upper))
+    begin, beginning = initial_conditions(stage, plan, fixed, (lower, upper))
     if not begins:
         begin = (np.full(fixed.size, -np.inf), np.full(fixed.size, np.inf))
-    return Problem(
+    return PlanningProblem(
         stage=stage,
         path=(*path_rows(stage, plan), *beginning, *avoidance_rows(stage, plan)),
         goal=tuple(goals),

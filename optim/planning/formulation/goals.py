@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
-from optim.planning.formulation.instant import Seen
+from optim.planning.formulation.instant_view import InstantView
 from optim.planning.formulation.stage import Stage
 from spacerobot.elements.goal import Goal
 from spacerobot.elements.plan_instant import BoundedRow
@@ -19,7 +19,7 @@ def goal_rows(stage: Stage, name: str, goal: Goal) -> list[BoundedRow]:
         If it names what there is not.
     """
     scene = stage.scene
-    rows = list(goal.rows(Seen(stage, f"plan.goals.{name}")))
+    rows = list(goal.rows(InstantView(stage, f"plan.goals.{name}")))
     if goal.rests:
         body = next(body for body in scene.bodies if body.name == goal.body)
         tolerance = goal.rate_within

@@ -6,12 +6,12 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 
-from optim.planning.formulation.grips import slip
+from optim.planning.formulation.grasps import tip_slip
 from optim.planning.formulation.stage import Stage
 from spacerobot.arrays import Array
 
 
-def struck(stage: Stage, state: Array, *, locked: bool = False) -> Array:
+def state_after_impact(stage: Stage, state: Array, *, locked: bool = False) -> Array:
     """State (nq + nv,) behind the impact that joins what a phase's rigid grasps hold.
 
     Parameters
@@ -25,7 +25,7 @@ def struck(stage: Stage, state: Array, *, locked: bool = False) -> Array:
     """
     model = stage.scene.model
     q, v = np.split(state, [model.nq])
-    rows = slip(stage.scene, stage.kinematics, stage.grips)
+    rows = tip_slip(stage.scene, stage.kinematics, stage.grips)
     if locked:
         rows = ca.vertcat(rows, stage.v[list(stage.driven.columns[: len(stage.driven.joints)])])
     if not rows.numel():

@@ -22,9 +22,9 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from optim.planning.formulation.bases import able
-from optim.planning.formulation.formulate import plan_of
-from optim.planning.formulation.limits import PREFIX
+from optim.planning.formulation.base_actuation import base_wrench_limits
+from optim.planning.formulation.formulate import plan_section
+from optim.planning.formulation.path_constraints import PREFIX
 from spacerobot.arrays import Array
 from spacerobot.elements import create
 from spacerobot.elements.collision_shape import Wrap, wrapping_shapes
@@ -33,7 +33,7 @@ from spacerobot.errors import ScenarioError
 from spacerobot.scene import Scene
 from spacerobot.scene.contacts import coal_distance, find_pairs
 from spacerobot.scene.overlaps import Solid, overlap_depth, solids
-from spacerobot.scene.reach import com_from_base, joint_from_base
+from spacerobot.scene.reference_checks import com_from_base, joint_from_base
 from spacerobot.scene.scene import SceneBody
 
 ALLOWED = 1e-4
@@ -92,14 +92,14 @@ def link_pairs(scene: Scene) -> list[LinkPair]:
     scene
         With a ``plan`` section.
     """
-    if not plan_of(scene).collision_avoidance:
+    if not plan_section(scene).collision_avoidance:
         return []
     model, found = scene.model, list[LinkPair]()
     by_link = {body.name: _by_link(scene, body) for body in scene.bodies}
     data, meant = model.createData(), _meant(scene)
     pin.centerOfMass(model, data, scene.q, scene.v)
     drifts = {body.name: _Drift.of(scene, body, data) for body in scene.bodies}
-    longest = sum(plan.duration.upper for plan in plan_of(scene).by_phase.values())
+    longest = sum(plan.duration.upper for plan in plan_section(scene).by_phase.values())
     for one, other in itertools.combinations_with_replacement(scene.bodies, 2):
         if one is other:
             links = list(itertools.combinations(by_link[one.name].items(), 2))
@@ -169,7 +169,7 @@ def keep_apart(scene: Scene, entered: Sequence[Collision]) -> Scene:
     ScenarioError
         If a pair's shapes have no distance that is positive where the motion begins.
     """
-    plan = plan_of(scene)
+    plan = plan_section(scene)
     zones = dict(plan.keep_out)
     for one in entered:
         number = next(k for k in itertools.count(1) if f"{PREFIX}_{k}" not in zones)
@@ -219,12 +219,13 @@ class _Drift:
     @classmethod
     def of(cls, scene: Scene, body: SceneBody, data: Any) -> _Drift:
         """Of a body, with Pinocchio's data of the start."""
-        plan, root = plan_of(scene), body.root_joint
+        plan, root = plan_section(scene), body.root_joint
         if not root:
             own = {joint: joint_from_base(scene, body, joint) for joint in (0, *body.joints)}
             return cls(np.zeros(3), np.zeros(3), own)
         driven = body is not scene.target and any(
-            able(phase.limits, body, scene.planar).most.any() for phase in plan.by_phase.values()
+            base_wrench_limits(phase.limits, body, scene.planar).largest.any()
+            for phase in plan.by_phase.values()
         )
         grasped = any(
             body in (grasp.tip.body, scene.target) and (plan.phases or grasp.config.begins == "closed")
@@ -267,7 +268,7 @@ def _meant(scene: Scene) -> set[frozenset[int]]:
     tips = {tip.label: tip.joint for tip in scene.tips}
     found = {frozenset((grasp.tip.joint, grasp.joint)) for grasp in scene.grasps}
     found |= {frozenset(shape.joint for shape in pair) for one in scene.contacts for pair in one.pairs}
-    for plan in plan_of(scene).by_phase.values():
+    for plan in plan_section(scene).by_phase.values():
         for goal in plan.goals.values():
             if isinstance(goal, TipGoal) and goal.follows and goal.tip in tips:
                 frame = scene.model.getFrameId(f"target/{goal.follows}", pin.FrameType.BODY)

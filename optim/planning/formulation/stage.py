@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 import casadi as ca
 import numpy as np
 
-from optim.planning.formulation.grips import axes_of, held, pull, slip
+from optim.planning.formulation.grasps import closed_grasps, spring_wrench, tip_slip, wrench_axes
 from spacerobot.arrays import Array
 from spacerobot.dynamics import (
     Inertias,
@@ -37,7 +37,7 @@ from spacerobot.scene.scene import SceneGrasp
 
 
 @dataclass(frozen=True, eq=False)
-class Driven:
+class DrivenCoordinates:
     """What drives a scene: generalized forces on some velocities.
 
     Attributes
@@ -92,7 +92,7 @@ class Stage:
     """
 
     scene: Scene
-    driven: Driven
+    driven: DrivenCoordinates
     grips: tuple[SceneGrasp, ...]
     springs: tuple[SceneGrasp, ...]
     q: ca.SX
@@ -103,7 +103,7 @@ class Stage:
     kinematics: Kinematics
 
     @classmethod
-    def of(cls, scene: Scene, driven: Driven, closed: Sequence[SceneGrasp] | None = None) -> Stage:
+    def of(cls, scene: Scene, driven: DrivenCoordinates, closed: Sequence[SceneGrasp] | None = None) -> Stage:
         """Symbols of a scene.
 
         Parameters
@@ -113,11 +113,11 @@ class Stage:
         closed
             Grasps that hold; those that begin closed if not given.
         """
-        model, closed = scene.model, held(scene) if closed is None else closed
+        model, closed = scene.model, closed_grasps(scene) if closed is None else closed
         grips, springs = (tuple(g for g in closed if is_rigid(g) is rigid) for rigid in (True, False))
         q, v, a = (ca.SX.sym(n, size) for n, size in (("q", model.nq), ("v", model.nv), ("a", model.nv)))
         u = ca.SX.sym("u", len(driven.columns))
-        w = ca.SX.sym("w", sum(len(axes_of(scene, grip)) for grip in grips))
+        w = ca.SX.sym("w", sum(len(wrench_axes(scene, grip)) for grip in grips))
         return cls(scene, driven, grips, springs, q, v, a, u, w, forward_kinematics(model, q, v))
 
     @property
@@ -139,22 +139,22 @@ class Stage:
         for k, column in enumerate(self.driven.columns):
             force[column] -= self.u[k]
         for spring in self.springs:
-            apart = slip(self.scene, self.kinematics, [spring])
+            apart = tip_slip(self.scene, self.kinematics, [spring])
             force = force - ca.jtimes(apart, self.v, ca.vertcat(*self.wrench(spring)), True)
-        return force - ca.jtimes(slip(self.scene, self.kinematics, self.grips), self.v, self.w, True)
+        return force - ca.jtimes(tip_slip(self.scene, self.kinematics, self.grips), self.v, self.w, True)
 
     @property
     def parting(self) -> ca.SX:
         """Relative acceleration of what the grasps hold together (nw x 1) [m/s^2, rad/s^2]."""
         state, rate = ca.vertcat(self.q, self.v), ca.vertcat(self.rate, self.a)
-        return ca.jtimes(slip(self.scene, self.kinematics, self.grips), state, rate)
+        return ca.jtimes(tip_slip(self.scene, self.kinematics, self.grips), state, rate)
 
     def wrench(self, grip: SceneGrasp) -> tuple[ca.SX, ca.SX]:
         """Force and torque of a grasp on its tip, world axes."""
         if grip in self.springs:
-            return pull(self.scene, self.kinematics, grip)
-        first = sum(len(axes_of(self.scene, own)) for own in self.grips[: self.grips.index(grip)])
-        linear, size = len(self.scene.translation_axes), len(axes_of(self.scene, grip))
+            return spring_wrench(self.scene, self.kinematics, grip)
+        first = sum(len(wrench_axes(self.scene, own)) for own in self.grips[: self.grips.index(grip)])
+        linear, size = len(self.scene.translation_axes), len(wrench_axes(self.scene, grip))
         return self.w[first : first + linear], self.w[first + linear : first + size]
 
     def placement(self, frame: int) -> tuple[ca.SX, ca.SX]:
@@ -174,7 +174,7 @@ class Stage:
 
 
 @dataclass(frozen=True, eq=False)
-class Problem:
+class PlanningProblem:
     """A planning problem over a scene, before it is cut into intervals.
 
     Attributes

@@ -14,15 +14,15 @@ import numpy as np
 import numpy.typing as npt
 from scipy import sparse
 
-from optim.planning.solver.solvable import Solvable
+from optim.planning.solver.nonlinear_program import NonlinearProgram
 from spacerobot.arrays import Array
 
 COST = 1e-4
 """Weight e of the cost: far below the multipliers' inverse, and enough to make the minimum unique."""
 
 
-class Elastic:
-    """An elastic program; :class:`Solvable` itself.
+class ElasticProgram:
+    """An elastic program; :class:`NonlinearProgram` itself.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ class Elastic:
         Unknowns of the program, then p (m,) and n (m,); its constraints.
     """
 
-    def __init__(self, program: Solvable, soft: npt.NDArray[np.int64], scale: float) -> None:
+    def __init__(self, program: NonlinearProgram, soft: npt.NDArray[np.int64], scale: float) -> None:
         self.program, self.soft, self._weight = program, soft, COST / scale
         many = len(soft)
         self.size, self.rows = program.size + 2 * many, program.rows

@@ -13,7 +13,7 @@ from scipy import sparse
 from scipy.sparse.csgraph import breadth_first_order, maximum_bipartite_matching
 from scipy.sparse.linalg import splu
 
-from optim.planning.solver.solvable import Solvable
+from optim.planning.solver.nonlinear_program import NonlinearProgram
 from spacerobot.arrays import Array
 
 Places = npt.NDArray[np.int64]
@@ -25,8 +25,8 @@ EXACT = 1e-11
 """Greatest residual, and greatest violation of a limit, that count as none."""
 
 
-class Presolved:
-    """A program without its determined unknowns; :class:`Solvable` itself.
+class PresolvedProgram:
+    """A program without its determined unknowns; :class:`NonlinearProgram` itself.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ class Presolved:
         How many they are.
     """
 
-    def __init__(self, program: Solvable, first: Array) -> None:
+    def __init__(self, program: NonlinearProgram, first: Array) -> None:
         self.program = program
         (low, high), (least, greatest) = program.bounds(), program.limits()
         self._equations, self._known = determined(program.jacobian_pattern, least == greatest, low < high)

@@ -9,7 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from optim.planning.formulation.stage import Problem
+from optim.planning.formulation.stage import PlanningProblem
 from optim.planning.transcription.lobatto import Lobatto
 from optim.planning.transcription.mesh import Mesh
 from spacerobot.arrays import Array
@@ -31,7 +31,7 @@ class Motion:
         Instants at all points (points, nz): configuration, velocity, acceleration, drive, grips' wrenches.
     """
 
-    problem: Problem
+    problem: PlanningProblem
     lobatto: Lobatto
     mesh: Mesh
     duration_s: float
@@ -119,7 +119,7 @@ class Motion:
 
 
 @dataclass(frozen=True, eq=False)
-class Course:
+class PhasedMotion:
     """The motions of all phases of a plan, in turn; of one phase as a rule.
 
     Attributes
@@ -158,10 +158,10 @@ class Course:
         """Of all phases."""
         return tuple(motion.mesh for motion in self.motions)
 
-    def on(self, lobatto: Lobatto, meshes: Sequence[Mesh]) -> Course:
+    def on(self, lobatto: Lobatto, meshes: Sequence[Mesh]) -> PhasedMotion:
         """The same motions on other meshes."""
         found = (motion.on(lobatto, mesh) for motion, mesh in zip(self.motions, meshes, strict=True))
-        return Course(tuple(found), self.impulses)
+        return PhasedMotion(tuple(found), self.impulses)
 
 
 def normalised(model: Any, q: Array) -> Array:
@@ -176,6 +176,6 @@ def normalised(model: Any, q: Array) -> Array:
     return q
 
 
-def _rates(problem: Problem) -> ca.Function:
+def _rates(problem: PlanningProblem) -> ca.Function:
     """Rates of the configuration of instants."""
     return ca.Function("rate", [problem.stage.z], [ca.densify(problem.stage.rate)])

@@ -12,12 +12,12 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 
-from optim.planning.formulation.grips import pull, slip
-from optim.planning.formulation.impact import struck
+from optim.planning.formulation.grasps import spring_wrench, tip_slip
+from optim.planning.formulation.impact import state_after_impact
 from optim.planning.formulation.stage import Stage
 from optim.planning.transcription.lobatto import Lobatto
-from optim.planning.transcription.motion import Course, Motion
-from optim.planning.verification.gains import tracking_gains
+from optim.planning.transcription.motion import Motion, PhasedMotion
+from optim.planning.verification.tracking_gains import tracking_gains
 from spacerobot.arrays import Array
 from spacerobot.dynamics import (
     ArticulatedBody,
@@ -35,7 +35,7 @@ LONGEST_STEP = 0.01
 
 
 @dataclass(frozen=True)
-class Replayed:
+class ReplayLoop:
     """A scene whose drive is a polynomial of time, with joint PD to the plan, as rollouts know closed loops.
 
     Parameters are the state at the beginning, and for one interval of the plan: its length, gains of joints
@@ -65,7 +65,7 @@ class Replayed:
     max_gaps: Mapping[str, float] = dataclasses.field(default_factory=dict)
 
     @classmethod
-    def of(cls, stage: Stage, lobatto: Lobatto) -> Replayed:
+    def of(cls, stage: Stage, lobatto: Lobatto) -> ReplayLoop:
         """Loop of a scene over one interval of this collocation."""
         model, driven = stage.scene.model, stage.driven
         nx, nu = model.nq + model.nv, len(driven.columns)
@@ -114,13 +114,13 @@ def _acceleration(stage: Stage, q: ca.SX, v: ca.SX, force: ca.SX) -> ca.SX:
     scene, model, grips = stage.scene, stage.scene.model, stage.grips
     kinematics = forward_kinematics(model, q, v)
     for spring in stage.springs:
-        wrench = ca.vertcat(*pull(scene, kinematics, spring))
-        force = force + ca.jtimes(slip(scene, kinematics, [spring]), v, wrench, True)
+        wrench = ca.vertcat(*spring_wrench(scene, kinematics, spring))
+        force = force + ca.jtimes(tip_slip(scene, kinematics, [spring]), v, wrench, True)
     body = ArticulatedBody.factorise(model, kinematics, Inertias.from_model(model))
     free = body.acceleration(force)
     if not grips:
         return free
-    parting = slip(scene, kinematics, grips)
+    parting = tip_slip(scene, kinematics, grips)
     slopes = ca.jacobian(parting, v)
     drift = ca.jtimes(parting, q, configuration_derivative(model, q, v))
     response = ca.horzcat(*(body.response(row.T) for row in ca.vertsplit(slopes)))
@@ -128,19 +128,19 @@ def _acceleration(stage: Stage, q: ca.SX, v: ca.SX, force: ca.SX) -> ca.SX:
     return free + ca.mtimes(response, wrench)
 
 
-def replays_of(course: Course, backend: str = "auto") -> tuple[list[Array], list[Array]]:
+def replay_phases(phased_motion: PhasedMotion, backend: str = "auto") -> tuple[list[Array], list[Array]]:
     """The same of all phases, each from where the one before it ended, through the impact of what closes."""
     alone, followed = list[Array](), list[Array]()
-    for motion in course.motions:
+    for motion in phased_motion.motions:
         stage, starts = motion.problem.stage, None
         if alone:
-            starts = struck(stage, alone[-1][-1]), struck(stage, followed[-1][-1])
-        for states, found in zip((alone, followed), replays(motion, backend, starts), strict=True):
+            starts = state_after_impact(stage, alone[-1][-1]), state_after_impact(stage, followed[-1][-1])
+        for states, found in zip((alone, followed), replay_motion(motion, backend, starts), strict=True):
             states.append(found)
     return alone, followed
 
 
-def replays(
+def replay_motion(
     motion: Motion, backend: str = "auto", starts: tuple[Array, Array] | None = None
 ) -> tuple[Array, Array]:
     """States (intervals + 1, nq + nv) at the knots when a plan's drive acts without feedback, and with it.
@@ -182,7 +182,7 @@ def steps_of(motion: Motion, backend: str = "auto") -> Callable[[int, Array, Arr
     backend
         ``auto``, ``compiled`` or ``interpreted``.
     """
-    loop = Replayed.of(motion.problem.stage, motion.lobatto)
+    loop = ReplayLoop.of(motion.problem.stage, motion.lobatto)
     lengths, rollouts = motion.duration_s * motion.mesh.widths, dict[int, Rollout]()
 
     def step(n: int, state: Array, gains: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Reaction wheels of a base; see :mod:`spacerobot.elements.wheels`."""
+"""Reaction wheels of a base; see :mod:`spacerobot.elements.wheel_set`."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from spacerobot.elements.contribution import ActuatorDrive, Contribution, PowerT
 from spacerobot.elements.reference import DEGREE
 from spacerobot.elements.registry import register
 from spacerobot.elements.robot_element import Part, RobotProperties
-from spacerobot.elements.wheels import WheelMotors, Wheels, are_independent, shares, turning
+from spacerobot.elements.wheel_set import WheelMotors, WheelSet, are_independent, shares, turning
 from spacerobot.section import Section, Vector, quantity
 
 ACROSS = 1e-6
@@ -44,7 +44,7 @@ class Pyramid(Section):
 
 
 @register
-class ReactionWheels(Wheels):
+class ReactionWheels(WheelSet):
     """A set of equal reaction wheels on the base that deliver the torque asked of it, until they saturate."""
 
     kind: Literal["reaction_wheels"] = "reaction_wheels"

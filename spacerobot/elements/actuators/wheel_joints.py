@@ -1,4 +1,4 @@
-"""Joints of the URDF as reaction wheels; see :mod:`spacerobot.elements.wheels`."""
+"""Joints of the URDF as reaction wheels; see :mod:`spacerobot.elements.wheel_set`."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from spacerobot.elements.context import ActuatorContext
 from spacerobot.elements.contribution import ActuatorDrive, Contribution, PowerTerm
 from spacerobot.elements.registry import register
 from spacerobot.elements.robot_element import RobotProperties
-from spacerobot.elements.wheels import WheelMotors, Wheels, are_independent, shares, turning
+from spacerobot.elements.wheel_set import WheelMotors, WheelSet, are_independent, shares, turning
 from spacerobot.errors import near_names
 from spacerobot.section import matching
 
 
 @register
-class WheelJoints(Wheels):
+class WheelJoints(WheelSet):
     """Continuous joints of the URDF as reaction wheels: none of the arm's, they deliver the base's torque."""
 
     kind: Literal["wheel_joints"] = "wheel_joints"

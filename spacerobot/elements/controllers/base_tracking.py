@@ -19,7 +19,7 @@ from pydantic import Field, model_validator
 from spacerobot.elements.context import RobotContext
 from spacerobot.elements.contribution import CommandedTorque, Contribution
 from spacerobot.elements.controller import RobotController
-from spacerobot.elements.knots import Knots
+from spacerobot.elements.knot_motion import Knots
 from spacerobot.elements.plan_following import BaseMotion, check_given, known, plan_file, plan_phase, table
 from spacerobot.elements.registry import register
 from spacerobot.elements.robot_element import Part, RobotProperties

@@ -12,7 +12,7 @@ from spacerobot.elements.context import RobotContext
 from spacerobot.elements.contribution import Contribution
 from spacerobot.elements.controller import Replanning
 from spacerobot.elements.joint_plan import JointPlanController
-from spacerobot.elements.knots import Knots
+from spacerobot.elements.knot_motion import Knots
 from spacerobot.elements.registry import register
 from spacerobot.elements.robot_element import RobotProperties
 from spacerobot.errors import ScenarioError

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import ClassVar, Literal
 
 from spacerobot.elements.registry import register
-from spacerobot.elements.rigid import RigidGrasp
+from spacerobot.elements.rigid_grasp import RigidGrasp
 
 
 @register

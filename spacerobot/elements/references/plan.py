@@ -17,7 +17,7 @@ from spacerobot.dynamics.joints import sparse
 from spacerobot.dynamics.rotations import rotation_exp
 from spacerobot.elements.context import ReferenceContext
 from spacerobot.elements.desired_motion import DesiredMotion, InitialMotion, TimeProfile
-from spacerobot.elements.knots import Knots, ends_of, slices_of
+from spacerobot.elements.knot_motion import Knots, ends_of, slices_of
 from spacerobot.elements.plan_following import TipMotion, check_given, known, plan_file
 from spacerobot.elements.reference import PLANE_TOLERANCE, Reference
 from spacerobot.elements.registry import register

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from spacerobot.rollout.protocol import Array
+from spacerobot.rollout.closed_loop_protocol import Array
 
 INNER = (1 / 3, 2 / 3, 0.45)
 """Parts of a step at which guards are seen inside it: two for a cubic, and one to check it."""

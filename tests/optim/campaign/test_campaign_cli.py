@@ -10,7 +10,7 @@ import typer
 from typer.testing import CliRunner
 
 from optim.campaign import load_campaign
-from optim.campaign.rollouts.gains import controllers, gain_sets
+from optim.campaign.rollouts.gain_sets import controllers, gain_sets
 from spacerobot.cli import campaign, report, robust
 from spacerobot.errors import ScenarioError
 from tests.oracles import one_arm

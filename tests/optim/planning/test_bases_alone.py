@@ -11,17 +11,17 @@ from scipy import sparse
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
-from optim.planning.searches.bench import Attempt, Bench
-from optim.planning.searches.make import make_plan
-from optim.planning.searches.search import search
-from optim.planning.solver.solve import solve
-from optim.planning.transcription.guess import guess
+from optim.planning.output.plan_folder import dataset, read, summary
+from optim.planning.search.make_plan import make_plan
+from optim.planning.search.plan_solver import PlanSolver, SolveResult
+from optim.planning.search.solve_request import solve_request
+from optim.planning.solver.ipopt import solve
+from optim.planning.transcription.initial_guess import initial_guess
 from optim.planning.transcription.lobatto import Lobatto
-from optim.planning.transcription.motion import Course
-from optim.planning.verification.curvature import falling
+from optim.planning.transcription.motion import PhasedMotion
 from optim.planning.verification.replay import tip_errors
-from optim.planning.verification.verdict import judge
-from optim.planning.written.plan_file import dataset, read, summary
+from optim.planning.verification.second_order_conditions import descent_direction
+from optim.planning.verification.verify import verify
 from spacerobot.cli.app import app
 from spacerobot.cli.plan import _show
 from spacerobot.errors import ScenarioError
@@ -122,7 +122,7 @@ def test_an_attitude_of_a_base_that_is_fixed_is_refused(tmp_path):
     plan = TURN["plan"] | {"goals": {"turn": TURN["plan"]["goals"]["turn"]}}
     (tmp_path / "fixed.yaml").write_text(yaml.safe_dump({"robots": robots, "target": target, "plan": plan}))
     with pytest.raises(ScenarioError, match="so its attitude never changes; give it `joint: free_flyer`"):
-        Bench.of(load_scene(tmp_path / "fixed.yaml"), "interpreted")
+        PlanSolver.of(load_scene(tmp_path / "fixed.yaml"), "interpreted")
 
 
 FASTER = [
@@ -138,8 +138,10 @@ FASTER = [
 
 @pytest.mark.parametrize("start", [1, 2, 3])
 def test_further_starts_turn_about_other_axes_than_the_eigenaxis(turning, start):
-    bench = Bench.of(turning(*FASTER), "interpreted")
-    assert search(bench, bench.asked(start=start, refine=False)).cost == pytest.approx(3.5050, abs=2e-4)
+    solver = PlanSolver.of(turning(*FASTER), "interpreted")
+    assert solve_request(solver, solver.request(start=start, refine=False)).cost == pytest.approx(
+        3.5050, abs=2e-4
+    )
 
 
 @pytest.mark.parametrize("flat", [True, False])
@@ -148,10 +150,10 @@ def test_guesses_of_bases_begin_as_given_and_wind_to_their_attitude_in_three_way
     base = {"joint": "planar" if flat else "free_flyer", "spin_deg": [0, 0, 5], "velocity": [0.1, 0.2, 0]}
     goal = {"tip": "sat/sensor", "position": [1, 2, 0], "rotation_deg": [0, 0, turn]}
     changes = [("robots.sat.base", base), ("plan.goals", {"turn": goal}), ("plan.limits.base_force", 1)]
-    problem = Bench.of(turning(*changes), "interpreted").problem
+    problem = PlanSolver.of(turning(*changes), "interpreted").problem
     ends, lobatto = [], Lobatto.of_order(6)
     for start in (1, 2, 3):
-        motion = guess(problem, lobatto, 40, np.random.default_rng(start), start)
+        motion = initial_guess(problem, lobatto, 40, np.random.default_rng(start), start)
         np.testing.assert_allclose(motion.z[0, : problem.fixed.size], problem.fixed)
         q, v, a = motion.q, motion.v, motion.a
         np.testing.assert_allclose(q[-1, :2], [1, 2], atol=1e-5)
@@ -171,35 +173,37 @@ def test_guesses_of_bases_begin_as_given_and_wind_to_their_attitude_in_three_way
 
 
 def test_the_eigenaxis_turn_is_a_saddle_point_that_a_search_leaves(turning):
-    bench = Bench.of(turning(*FASTER), "interpreted")
-    program, problem = bench.program(bench.asked(), bench.meshes(12)), bench.problem
-    turned = solve(program, guess(problem, bench.lobatto, 12).unknowns, scale=3.0)
+    solver = PlanSolver.of(turning(*FASTER), "interpreted")
+    program, problem = solver.program(solver.request(), solver.meshes(12)), solver.problem
+    turned = solve(program, initial_guess(problem, solver.lobatto, 12).unknowns, scale=3.0)
     cost = program.objective(turned.w)
     assert cost == pytest.approx(3.6494, abs=1e-3)
-    along, slopes = falling(program, turned, cost), program.jacobian_pattern.copy()
+    along, slopes = descent_direction(program, turned, cost), program.jacobian_pattern.copy()
     slopes.data, upper = program.jacobian(turned.w), program.hessian_pattern.copy()
     upper.data = program.hessian(turned.w, 1.0, turned.multipliers)
     assert along @ (upper + sparse.triu(upper, 1).T) @ along < -1e-3 * cost
     equal = np.equal(*program.limits())
     assert np.abs(slopes @ along)[equal].max() < 1e-5
-    judged = judge(
-        Course((bench.motion(bench.asked(), Attempt((), turned, bench.meshes(12), cost, None, "")),)),
+    judged = verify(
+        PhasedMotion(
+            (solver.motion(solver.request(), SolveResult((), turned, solver.meshes(12), cost, None, "")),)
+        ),
         program,
         turned,
         cost,
         "interpreted",
     )
     assert judged.status == "saddle point"
-    found = search(bench, bench.asked(refine=False))
+    found = solve_request(solver, solver.request(refine=False))
     assert found.cost == pytest.approx(3.5050, abs=2e-4)
-    left = bench.program(bench.asked(), found.meshes)
-    assert falling(left, found.solved, found.cost) is None
+    left = solver.program(solver.request(), found.meshes)
+    assert descent_direction(left, found.solution, found.cost) is None
 
 
 def test_a_plan_that_is_a_saddle_point_says_so(turning, capsys):
     found = make_plan(turning(), backend="interpreted")
     assert summary(found)["verdict"]["second_order"] == "minimum"
-    saddle = dataclasses.replace(found, verdict=dataclasses.replace(found.verdict, saddle=True))
+    saddle = dataclasses.replace(found, verification=dataclasses.replace(found.verification, saddle=True))
     assert summary(saddle)["verdict"]["second_order"] == dataset(saddle).status == "saddle point"
     _show(saddle)
     assert "saddle point: nearby motions cost less" in " ".join(capsys.readouterr().err.split())
@@ -207,10 +211,10 @@ def test_a_plan_that_is_a_saddle_point_says_so(turning, capsys):
 
 def test_the_least_time_of_half_a_turn_is_that_of_bilimoria_and_wie(turning):
     """3.243 s with unit inertia and torques up to 1 N m about each axis; 3.545 s about the eigenaxis."""
-    bench = Bench.of(turning(*FASTER, ("plan.costs", {"time": 1})), "interpreted")
-    found = search(bench, bench.asked(start=1))
+    solver = PlanSolver.of(turning(*FASTER, ("plan.costs", {"time": 1})), "interpreted")
+    found = solve_request(solver, solver.request(start=1))
     assert found.cost == pytest.approx(3.243, abs=5e-4)
-    assert not found.verdict.faults()
-    course = bench.course(bench.asked(), found)
-    torques = np.concatenate([motion.u for motion in course.motions if motion.duration_s > 0.1])
+    assert not found.verification.failures()
+    phased_motion = solver.phased_motion(solver.request(), found)
+    torques = np.concatenate([motion.u for motion in phased_motion.motions if motion.duration_s > 0.1])
     assert np.abs(torques).min() > 0.99

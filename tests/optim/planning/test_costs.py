@@ -9,16 +9,16 @@ from scipy.integrate import simpson
 from scipy.optimize import brentq
 from scipy.sparse import triu
 
+from optim.planning.formulation.base_reactions import base_reactions
 from optim.planning.formulation.costs import headings, reported
 from optim.planning.formulation.formulate import formulate
-from optim.planning.formulation.reactions import base_reactions
-from optim.planning.searches.make import make_plan
-from optim.planning.transcription.functions import build_instants
+from optim.planning.search.make_plan import make_plan
+from optim.planning.transcription.collocation_program import CollocationProgram
+from optim.planning.transcription.instant_functions import build_instants
 from optim.planning.transcription.lobatto import Lobatto
-from optim.planning.transcription.program import Program
 from spacerobot.elements import kinds
 from spacerobot.scene import load_scene
-from tests.optim.planning.test_hand_checked import LINK, TWO_LINKS, scene, to
+from tests.optim.planning.test_independent_checks import LINK, TWO_LINKS, scene, to
 
 IN_SPACE = TWO_LINKS.replace('<axis xyz="0 0 1"/>', '<axis xyz="0 0.6 0.8"/>', 1)
 BODY = f'<robot name="body">{LINK.format("body", 2, 0, 0.1)}</robot>'
@@ -75,12 +75,12 @@ def test_least_impulse_is_a_push_a_drift_and_a_push(tmp_path):
         return simpson(force(slope) * (1 - share), x=share) * 4**2 - 2 * 1
 
     best = force(brentq(off, 1, 2))
-    assert found.solves[-1].cost == pytest.approx(
+    assert found.runs[-1].cost == pytest.approx(
         simpson(np.sqrt(best**2 + 0.03**2) - 0.03, x=4 * share), rel=1e-3
     )
     fine = np.abs(motion.along(share)[:, -2:]).sum(axis=1)
     assert found.terms["propellant"] == pytest.approx(simpson(fine, x=4 * share), rel=1e-6)
-    assert found.cost == found.terms["propellant"] > found.solves[-1].cost + 0.01
+    assert found.cost == found.terms["propellant"] > found.runs[-1].cost + 0.01
     push = (4 - np.sqrt(4**2 - 4 * 2 * 1 / 3)) / 2
     assert simpson(np.abs(motion.u[:, 0]), x=motion.time) == pytest.approx(2 * 3 * push, rel=0.03)
     drifts = (motion.time > 0.3) & (motion.time < 3.7)
@@ -95,7 +95,7 @@ def test_what_the_end_costs_has_its_derivatives(reach):
     """First and second ones of the program against differences, along one direction."""
     costs = {"impact_speed": 3, "propellant": 1, "base_reaction": 1}
     problem = formulate(reach(("plan.costs", costs), ("plan.goals.mate.speed_within", 0.1), BASE))
-    program = Program(problem, build_instants(problem, "interpreted"), Lobatto.of_order(4), 2)
+    program = CollocationProgram(problem, build_instants(problem, "interpreted"), Lobatto.of_order(4), 2)
     draw = np.random.default_rng(0)
     w, along = draw.uniform(0.1, 1, program.size), draw.uniform(-1, 1, program.size)
     multipliers = draw.uniform(-1, 1, program.rows)

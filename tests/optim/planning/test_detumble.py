@@ -5,9 +5,9 @@ import pinocchio as pin
 import pytest
 import yaml
 
-from optim.planning.searches.bench import Bench
-from optim.planning.searches.make import make_plan
-from optim.planning.written.plan_file import FOLLOWED, dataset, write
+from optim.planning.output.plan_folder import FOLLOWED, dataset, write
+from optim.planning.search.make_plan import make_plan
+from optim.planning.search.plan_solver import PlanSolver
 from spacerobot.errors import ScenarioError
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
@@ -168,10 +168,10 @@ def test_what_cannot_come_to_rest_is_refused(spinning, changes, message):
 def test_a_robot_cannot_come_to_rest_relative_to_what_moves_otherwise(reach):
     rest = ("plan.goals.mate.rest", True)
     with pytest.raises(ScenarioError, match="its angular momentum stays 0 N m s, so it cannot turn likewise"):
-        Bench.of(reach(rest), "interpreted")
+        PlanSolver.of(reach(rest), "interpreted")
     drifting = ("target.base.spin_deg", [0, 0, 0])
     with pytest.raises(ScenarioError, match="goes on at 0 m/s, another velocity than that") as fault:
-        Bench.of(reach(rest, drifting), "interpreted")
+        PlanSolver.of(reach(rest, drifting), "interpreted")
     assert fault.value.where == "plan.goals.mate"
     same = ("robots.one.base.velocity", [0.01, 0.02, 0])
     for changes in (
@@ -179,4 +179,4 @@ def test_a_robot_cannot_come_to_rest_relative_to_what_moves_otherwise(reach):
         [("plan.limits", {"base_force": 1})],
         [("plan.goals.mate.orientation", False)],
     ):
-        Bench.of(reach(rest, *changes), "interpreted")
+        PlanSolver.of(reach(rest, *changes), "interpreted")

@@ -7,14 +7,14 @@ import pytest
 import scipy.sparse as sp
 
 from optim.planning.formulation.formulate import formulate
-from optim.planning.searches.bench import Bench
-from optim.planning.searches.failure import bad_start, soft_rows
-from optim.planning.searches.make import fault_of, make_plan
-from optim.planning.searches.search import search
-from optim.planning.solver.elastic import Elastic
-from optim.planning.transcription.functions import build_instants
+from optim.planning.search.failure_messages import bad_guess_message, soft_rows
+from optim.planning.search.make_plan import failure_message, make_plan
+from optim.planning.search.plan_solver import PlanSolver
+from optim.planning.search.solve_request import solve_request
+from optim.planning.solver.elastic import ElasticProgram
+from optim.planning.transcription.collocation_program import CollocationProgram
+from optim.planning.transcription.instant_functions import build_instants
 from optim.planning.transcription.lobatto import Lobatto
-from optim.planning.transcription.program import Program
 from spacerobot.errors import NoPlanError
 
 QUICK = [("plan.intervals", 4), ("plan.tolerance", 1.0)]
@@ -64,14 +64,14 @@ def test_a_time_limit_that_is_not_reached_changes_nothing(reach):
 
 
 def test_a_bad_start_names_what_is_no_number(reach):
-    bench = Bench.of(reach(*QUICK), "interpreted")
-    row = bench.problem.goal[0]
-    bad = (dataclasses.replace(row, value=row.value / 0), *bench.problem.goal[1:])
-    problem = dataclasses.replace(bench.problem, goal=bad)
-    wrong = dataclasses.replace(bench, problem=problem, instants=build_instants(problem, "interpreted"))
-    attempt = search(wrong, wrong.asked())
-    assert attempt.solved is None
-    message = fault_of(attempt)
+    solver = PlanSolver.of(reach(*QUICK), "interpreted")
+    row = solver.problem.goal[0]
+    bad = (dataclasses.replace(row, value=row.value / 0), *solver.problem.goal[1:])
+    problem = dataclasses.replace(solver.problem, goal=bad)
+    wrong = dataclasses.replace(solver, problem=problem, instants=build_instants(problem, "interpreted"))
+    result = solve_request(wrong, wrong.request())
+    assert result.solution is None
+    message = failure_message(result)
     assert "bad start: the first guess cannot be evaluated, for these are no numbers: " in message
     assert "mate: position x" in message
     assert "starts: 5" in message
@@ -87,8 +87,8 @@ def test_derivatives_of_the_elastic_program_equal_central_differences(reach):
     problem = formulate(
         reach(("plan.cones.mate", {"tip": "one/tip", "frame": "mate_1", "half_angle_deg": 20}))
     )
-    program = Program(problem, build_instants(problem, "interpreted"), Lobatto.of_order(4), 2)
-    elastic, rng = Elastic(program, soft_rows(program), 0.5), np.random.default_rng(0)
+    program = CollocationProgram(problem, build_instants(problem, "interpreted"), Lobatto.of_order(4), 2)
+    elastic, rng = ElasticProgram(program, soft_rows(program), 0.5), np.random.default_rng(0)
     w, along = 0.3 * rng.normal(size=elastic.size), rng.normal(size=elastic.size)
     w[program.size - 1] = 5.0
     multipliers, step = rng.normal(size=elastic.rows), 1e-6
@@ -111,14 +111,14 @@ def test_derivatives_of_the_elastic_program_equal_central_differences(reach):
     )
     whole = upper + sp.triu(upper, 1).T
     np.testing.assert_allclose(whole @ along, difference(lagrangian), rtol=1e-5, atol=1e-5)
-    assert bad_start(program, w[: program.size]) is None
+    assert bad_guess_message(program, w[: program.size]) is None
 
 
 def test_the_elastic_program_begins_feasible_in_what_is_soft(reach):
     problem = formulate(reach())
-    program = Program(problem, build_instants(problem, "interpreted"), Lobatto.of_order(4), 2)
+    program = CollocationProgram(problem, build_instants(problem, "interpreted"), Lobatto.of_order(4), 2)
     soft = soft_rows(program)
-    elastic, rng = Elastic(program, soft, 1.0), np.random.default_rng(1)
+    elastic, rng = ElasticProgram(program, soft, 1.0), np.random.default_rng(1)
     w = 0.3 * rng.normal(size=program.size)
     g, (least, greatest) = elastic.constraints(elastic.started(w)), elastic.limits()
     assert (np.maximum(least - g, g - greatest)[soft] < 1e-12).all()

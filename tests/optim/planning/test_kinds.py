@@ -11,11 +11,11 @@ import pytest
 import yaml
 
 from optim.planning.formulation.formulate import formulate
-from optim.planning.searches.bench import Bench
-from optim.planning.searches.make import make_plan
+from optim.planning.search.make_plan import make_plan
+from optim.planning.search.plan_solver import PlanSolver
 from spacerobot.errors import ScenarioError
 from spacerobot.scenario.load import to_document
-from spacerobot.scenario.plan import Planning
+from spacerobot.scenario.plan import PlanSection
 from tests.optim.planning.conftest import REACH
 
 ROOT = Path(__file__).parents[3]
@@ -65,7 +65,7 @@ def test_sections_are_as_short_in_results_as_users_write_them(reach):
     assert document["costs"]["torque"] == 0.5
     assert document["costs"]["wrist"] == {"kind": "torque", "weight": 1.0, "joints": {}}
     assert document["limits"] == plan["limits"]
-    assert Planning.model_validate(document) == scene.scenario.plan
+    assert PlanSection.model_validate(document) == scene.scenario.plan
 
 
 @pytest.mark.parametrize(
@@ -104,7 +104,7 @@ def test_sections_are_as_short_in_results_as_users_write_them(reach):
 )
 def test_what_is_not_there_is_refused(reach, changes, message):
     with pytest.raises(ScenarioError, match=message):
-        Bench.of(reach(*changes), "interpreted")
+        PlanSolver.of(reach(*changes), "interpreted")
 
 
 def test_a_cost_and_a_limit_of_ones_own_come_from_one_file(tmp_path):

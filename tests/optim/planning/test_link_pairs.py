@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from optim.planning.formulation.link_pairs import collisions, link_pairs
-from optim.planning.searches.make import make_plan
+from optim.planning.output.plan_folder import summary
+from optim.planning.search.make_plan import make_plan
 from optim.planning.verification.clearance import course_collisions
-from optim.planning.written.plan_file import summary
 from spacerobot.cli.check import command as check
 
 LOOK = {"look": {"tip": "one/tip", "position": [1.2, 0.15, 0]}}
@@ -29,17 +29,17 @@ def names(scene):
 def test_a_link_that_would_enter_the_target_stays_outside(reach):
     scene = reach(*CROSSED)
     without = make_plan(reach(*CROSSED, ("plan.collision_avoidance", False)), backend="interpreted")
-    (entered,) = course_collisions(without.course, link_pairs(scene))
+    (entered,) = course_collisions(without.phased_motion, link_pairs(scene))
     assert (entered.first, entered.second) == ("one/link_3", "target/body")
     assert entered.depth_m > 0.02
     planned = make_plan(scene, backend="interpreted")
-    assert course_collisions(planned.course, link_pairs(scene)) == []
+    assert course_collisions(planned.phased_motion, link_pairs(scene)) == []
     assert planned.cost > without.cost
     assert summary(planned)["collision_avoidance"] == {
         "pairs": len(link_pairs(scene)),
         "kept_apart": [["one/link_3", "target/body"]],
     }
-    cold, warm = planned.solves
+    cold, warm = planned.runs
     assert cold.cost == pytest.approx(without.cost)
     assert warm.iterations < 30
 

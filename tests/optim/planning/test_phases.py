@@ -6,11 +6,11 @@ import pytest
 import yaml
 from scipy.optimize import minimize, minimize_scalar
 
+from optim.planning.formulation.base_reactions import base_reactions
 from optim.planning.formulation.formulate import formulate_phases
-from optim.planning.formulation.reactions import base_reactions
-from optim.planning.searches.make import make_plan
-from optim.planning.studies.front import Wanted, make_front
-from optim.planning.written.plan_file import FOLLOWED, dataset, write
+from optim.planning.output.plan_folder import FOLLOWED, dataset, write
+from optim.planning.search.make_plan import make_plan
+from optim.planning.studies.pareto_front import FrontRequest, make_front
 from spacerobot.errors import ScenarioError
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
@@ -86,18 +86,18 @@ def test_a_catch_and_what_follows_cost_least_together(catch, closing):
     best = minimize(
         lambda t: sum(parts(t, closing)), (2.0, 2.0), method="Nelder-Mead", options={"xatol": 1e-9}
     )
-    durations = [motion.duration_s for motion in found.course.motions]
+    durations = [motion.duration_s for motion in found.phased_motion.motions]
     np.testing.assert_allclose(durations, best.x, rtol=1e-4)
     assert found.cost == pytest.approx(best.fun, rel=1e-6)
     first = minimize_scalar(lambda t: parts((t, 1.0), closing)[0], bounds=(0.5, 9), method="bounded").x
     second = minimize_scalar(lambda t: parts((first, t), closing)[1], bounds=(0.5, 9), method="bounded").x
     assert found.cost < sum(parts((first, second), closing)) - 1e-3  # one after the other
-    assert found.verdict.replay_error_m < 1e-5
+    assert found.verification.replay_error_m < 1e-5
     if closing:
         impulse = CART * OBJECT / (CART + OBJECT) * closing
-        assert np.abs(found.course.impulses[0]).max() == pytest.approx(impulse, rel=1e-6)
+        assert np.abs(found.phased_motion.impulses[0]).max() == pytest.approx(impulse, rel=1e-6)
     else:
-        assert np.abs(found.course.impulses[0]).max() < 1e-6
+        assert np.abs(found.phased_motion.impulses[0]).max() < 1e-6
 
 
 @pytest.mark.parametrize("impact", [0.0, 3.0])
@@ -120,8 +120,8 @@ def test_how_fast_a_rigid_grasp_closes_is_found_too(catch, impact):
     assert found.terms.get("impact_speed", 0.0) == pytest.approx(impact * best.x[2] ** 2, rel=1e-3)
     assert found.cost == pytest.approx(best.fun, rel=1e-5)
     impulse = CART * OBJECT / (CART + OBJECT) * best.x[2]
-    assert abs(found.course.impulses[0]).max() == pytest.approx(abs(impulse), rel=1e-3)
-    assert found.verdict.replay_error_m < 1e-5
+    assert abs(found.phased_motion.impulses[0]).max() == pytest.approx(abs(impulse), rel=1e-3)
+    assert found.verification.replay_error_m < 1e-5
 
 
 def test_the_mating_frame_that_costs_least_is_chosen(catch):
@@ -132,12 +132,12 @@ def test_the_mating_frame_that_costs_least_is_chosen(catch):
     choice[1]["where"]["among"].pop()
     found = make_plan(catch(choice), backend="interpreted")
     costs = [minimize(lambda t, far=far: sum(parts(t, far=far)), (2.0, 2.0)).fun for far in (FAR, FAR - 0.2)]
-    assert [one.chosen for one in found.tried] == [{"where": "ball"}, {"where": "handle"}]
-    np.testing.assert_allclose([one.cost for one in found.tried], costs, rtol=1e-6)
-    assert found.cost == found.tried[1].cost
+    assert [one.chosen for one in found.candidates] == [{"where": "ball"}, {"where": "handle"}]
+    np.testing.assert_allclose([one.cost for one in found.candidates], costs, rtol=1e-6)
+    assert found.cost == found.candidates[1].cost
     assert found.scene.scenario.grasps["grip"].frame == "handle"
     with pytest.raises(ScenarioError, match="'where' is chosen where one plan is made"):
-        make_front(catch(choice), Wanted(("time", "torque"), 2), backend="interpreted")
+        make_front(catch(choice), FrontRequest(("time", "torque"), 2), backend="interpreted")
 
 
 TWO = [
@@ -174,7 +174,7 @@ def test_a_plan_of_two_phases_is_flown_through_the_capture(reach, tmp_path, grip
     found = make_plan(reach(*changes), backend="interpreted")
     write(found, tmp_path)
     flown = simulate(load_scene(tmp_path / FOLLOWED), backend="interpreted")
-    first, second = (motion.duration_s for motion in found.course.motions)
+    first, second = (motion.duration_s for motion in found.phased_motion.motions)
     told = [(event["kind"], event["who"]) for event in flown.summary["events"]]
     assert told[:2] == [("captured", "left"), ("phase", "stop")]
     times = [event["time_s"] for event in flown.summary["events"]]

@@ -10,16 +10,16 @@ import scipy.sparse as sp
 import xarray as xr
 
 from optim.planning.formulation.formulate import formulate
-from optim.planning.searches import bench as benches
-from optim.planning.searches.make import make_plan
-from optim.planning.transcription.functions import build_instants
+from optim.planning.output.following_scenario import PLAN
+from optim.planning.output.plan_folder import FOLLOWED, SUMMARY, write
+from optim.planning.search import plan_solver as solvers
+from optim.planning.search.make_plan import make_plan
+from optim.planning.transcription.collocation_program import CollocationProgram
+from optim.planning.transcription.instant_functions import build_instants
 from optim.planning.transcription.lobatto import Lobatto
 from optim.planning.transcription.mesh import Mesh
-from optim.planning.transcription.motion import Course, Motion
-from optim.planning.transcription.program import Program
-from optim.planning.verification.replay import replays, tip_errors
-from optim.planning.written.follow import PLAN
-from optim.planning.written.plan_file import FOLLOWED, SUMMARY, write
+from optim.planning.transcription.motion import Motion, PhasedMotion
+from optim.planning.verification.replay import replay_motion, tip_errors
 from spacerobot.errors import NoPlanError, ScenarioError
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
@@ -58,7 +58,7 @@ def test_derivatives_of_the_program_equal_central_differences(reach, changes):
     ]
     problem = formulate(reach(*held, *changes))
     mesh = Mesh((0.0, 0.2, 0.35, 1.0))
-    program = Program(problem, build_instants(problem, "interpreted"), Lobatto.of_order(6), mesh)
+    program = CollocationProgram(problem, build_instants(problem, "interpreted"), Lobatto.of_order(6), mesh)
     rng = np.random.default_rng(1)
     w, along = 0.3 * rng.normal(size=program.size), rng.normal(size=program.size)
     w[-1], multipliers, step = 5.0, rng.normal(size=program.rows), 1e-6
@@ -88,9 +88,9 @@ def test_derivatives_of_the_program_equal_central_differences(reach, changes):
 
 def test_a_plan_meets_its_goal_and_its_verdict(planned):
     motion, scene = planned.motion, planned.scene
-    assert planned.verdict.residual < 1e-6
-    assert planned.verdict.replay_error_m < 1e-5
-    assert not planned.verdict.faults()
+    assert planned.verification.residual < 1e-6
+    assert planned.verification.replay_error_m < 1e-5
+    assert not planned.verification.failures()
     model, data = scene.model, scene.model.createData()
     pin.forwardKinematics(model, data, motion.q[-1], motion.v[-1])
     pin.updateFramePlacements(model, data)
@@ -131,8 +131,10 @@ def test_what_is_written_is_flown(planned, tmp_path):
 def test_feedback_takes_back_torques_that_are_wrong_as_the_follower_does(planned, tmp_path):
     z = planned.motion.z.copy()
     z[:, -3:] *= 1.2
-    wrong = dataclasses.replace(planned, course=Course((dataclasses.replace(planned.motion, z=z),)))
-    alone, followed = replays(wrong.motion, "interpreted")
+    wrong = dataclasses.replace(
+        planned, phased_motion=PhasedMotion((dataclasses.replace(planned.motion, z=z),))
+    )
+    alone, followed = replay_motion(wrong.motion, "interpreted")
     errors = [tip_errors(wrong.motion, states)["one/tip"][-1] for states in (alone, followed)]
     assert errors[0] > 0.02
     assert errors[1] < errors[0] / 4
@@ -153,12 +155,12 @@ def test_a_free_duration_with_weight_on_time_is_shorter_and_costs_less(reach, pl
     cheap = make_plan(reach(FREE, ("plan.costs.time", 0.01)), backend="interpreted")
     assert 3 <= cheap.motion.duration_s < 6
     assert cheap.cost < planned.cost + 0.06
-    assert cheap.verdict.residual < 1e-6
+    assert cheap.verification.residual < 1e-6
 
 
 def test_several_starts_are_the_same_each_time(reach):
     changes = [("plan.starts", 2), ("plan.intervals", 4), ("plan.tolerance", 1.0)]
-    costs = [[one.cost for one in make_plan(reach(*changes), backend="interpreted").solves] for _ in range(2)]
+    costs = [[one.cost for one in make_plan(reach(*changes), backend="interpreted").runs] for _ in range(2)]
     assert costs[0] == costs[1]
     assert len(costs[0]) == 2
 
@@ -193,10 +195,10 @@ def test_a_mesh_too_coarse_is_refused_by_its_replay(reach):
 
 def test_functions_are_compiled_only_where_so_much_is_solved_that_it_pays(reach, monkeypatch):
     asked = []
-    monkeypatch.setattr(benches, "build_instants", lambda _, backend: asked.append(backend))
+    monkeypatch.setattr(solvers, "build_instants", lambda _, backend: asked.append(backend))
     for motions in (1, 1000):
-        benches.Bench.of(reach(), motions=motions)
-    benches.Bench.of(reach(), "compiled")
+        solvers.PlanSolver.of(reach(), motions=motions)
+    solvers.PlanSolver.of(reach(), "compiled")
     assert asked == ["interpreted", "auto", "compiled"]
 
 
@@ -204,4 +206,4 @@ def test_a_plan_of_nothing_to_do_costs_nothing_and_holds(reach):
     stay = {"stay": {"robot": "one", "joints": {"joint_1": {"angle_deg": 40}}}}
     found = make_plan(reach(("plan.goals", stay), ("plan.intervals", 4)), backend="interpreted")
     assert found.cost < 1e-12
-    assert not found.verdict.faults()
+    assert not found.verification.failures()

@@ -6,9 +6,9 @@ import pytest
 import yaml
 
 from optim.planning.formulation.formulate import formulate
-from optim.planning.searches import bench as benches
-from optim.planning.searches.bench import Bench
-from optim.planning.searches.reachability import check_posture
+from optim.planning.search import plan_solver as solvers
+from optim.planning.search.plan_solver import PlanSolver
+from optim.planning.search.reachability import check_posture
 from spacerobot.errors import ScenarioError
 from spacerobot.scene import load_scene
 
@@ -50,9 +50,9 @@ def test_poses_that_a_posture_of_the_floating_robot_has_are_reached(reach, seed)
 def test_captures_out_of_reach_are_refused_with_their_miss_before_a_solver_runs(
     reach, monkeypatch, place, miss
 ):
-    monkeypatch.setattr(benches, "build_instants", lambda *_: pytest.fail("a solver is prepared"))
+    monkeypatch.setattr(solvers, "build_instants", lambda *_: pytest.fail("a solver is prepared"))
     with pytest.raises(ScenarioError, match=miss) as fault:
-        Bench.of(reach(("target.base.position", place)), "interpreted")
+        PlanSolver.of(reach(("target.base.position", place)), "interpreted")
     assert "out of reach" in str(fault.value)
     assert "plan.goals" in str(fault.value)
 
@@ -89,5 +89,5 @@ def test_a_goal_about_what_nothing_changes_is_refused(reach, tmp_path):
     document["plan"]["goals"]["there"] = {"tip": "two/corner", "position": [-2, -1.9, 0]}
     (tmp_path / "two.yaml").write_text(yaml.safe_dump(document))
     with pytest.raises(ScenarioError, match="nothing that is planned changes it") as fault:
-        Bench.of(load_scene(tmp_path / "two.yaml"), "interpreted")
+        PlanSolver.of(load_scene(tmp_path / "two.yaml"), "interpreted")
     assert "there: position" in str(fault.value)

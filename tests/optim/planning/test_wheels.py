@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 import yaml
 
-from optim.planning.formulation.wheels import turned_by_wheels
-from optim.planning.searches.bench import Bench
-from optim.planning.searches.make import make_plan
-from optim.planning.written.plan_file import FOLLOWED, summary, write
+from optim.planning.formulation.reaction_wheels import wheel_driven_bases
+from optim.planning.output.plan_folder import FOLLOWED, summary, write
+from optim.planning.search.make_plan import make_plan
+from optim.planning.search.plan_solver import PlanSolver
 from spacerobot.elements.actuators.thrusters import Thrusters
 from spacerobot.errors import ScenarioError
 from spacerobot.scene import load_scene
@@ -67,7 +67,7 @@ def flown(found, robot, folder):
     write(found, folder)
     result = simulate(load_scene(folder / FOLLOWED), backend="interpreted").data
     stage = found.motion.problem.stage
-    turned = turned_by_wheels(stage)[robot]
+    turned = wheel_driven_bases(stage)[robot]
     inertia = turned.wheels.inertia
     formula = ca.Function("speeds", [stage.q, stage.v], [ca.densify(turned.speeds)])
     speeds = np.array(formula(result.q.values.T, result.v.values.T)).T
@@ -118,12 +118,12 @@ def test_limits_not_given_are_those_of_the_actuators(spinning):
     moment = found.scene.model.inertias[1].inertia[2, 2] * np.radians(10)
     assert found.motion.duration_s == pytest.approx(moment / 0.1, rel=1e-6)
     jets = {"jets": {"kind": "thrusters", "nozzles": JETS}}
-    pushed = Bench.of(spinning(*PLANAR, ("robots.body.actuators", jets)), "interpreted").problem
+    pushed = PlanSolver.of(spinning(*PLANAR, ("robots.body.actuators", jets)), "interpreted").problem
     assert pushed.stage.driven.of_base("body") == ["fx", "tz"]
     np.testing.assert_allclose(pushed.stage.driven.limits, [1, 0.5], rtol=1e-6)
     free = [("robots.body.base.spin_deg", [0, 0, 0]), ("plan.limits.base_torque", 0)]
     free += [("robots.body.actuators", ideal), ("plan.limits.base_force", 0)]
-    still = Bench.of(spinning(*PLANAR, *free), "interpreted").problem
+    still = PlanSolver.of(spinning(*PLANAR, *free), "interpreted").problem
     assert not still.stage.driven.drives_bases
 
 
@@ -153,5 +153,5 @@ def test_the_box_of_thrusters_is_one_whose_corners_they_reach():
 )
 def test_momentum_of_wheels_that_is_not_known_is_refused(spinning, changes, message):
     with pytest.raises(ScenarioError, match=message) as fault:
-        Bench.of(spinning(*changes), "interpreted")
+        PlanSolver.of(spinning(*changes), "interpreted")
     assert fault.value.exit_code == 2

@@ -12,12 +12,12 @@ import pytest
 
 from optim.methods.evolutionary import EvolutionSettings, evolve
 from optim.methods.nlp import NlpSettings, solve
-from optim.problem import operations
+from optim.problem import worker_operations
 from optim.problem.tuning_problem import build_problem
 from optim.search.search import Search
 from optim.tuning import tune
 from optim.workers import Threads
-from optim.workers.turns import TurnLock
+from optim.workers.concurrent_searches import TurnLock
 from spacerobot.errors import SpaceRobotError
 from tests.oracles.known_optima import constrained, quadratic, rosenbrock
 
@@ -231,7 +231,7 @@ class Nobody(Threads):
     """Rolls out nothing but the check of the step at the best point: all else must be in the journals."""
 
     def map(self, problem, operation, rows, *, grain=8):
-        assert operation is operations.linearisations, "a rollout is not in the journals"
+        assert operation is worker_operations.linearisations, "a rollout is not in the journals"
         assert len(rows) == 1
         return super().map(problem, operation, rows, grain=grain)
 

@@ -14,7 +14,7 @@ from scipy.special import lambertw
 from spacerobot.arrays import Array
 from spacerobot.elements import Contact
 from spacerobot.elements.contacts.hunt_crossley import HuntCrossley
-from spacerobot.pinocchio_engine.crowned import shape_distance
+from spacerobot.pinocchio_engine.crowned_distance import shape_distance
 from spacerobot.scene.scene import SceneContact, SceneShape
 from tests.oracles.engine.kinematics import Kinematics, cross
 from tests.oracles.engine.laws import refusal

@@ -12,7 +12,7 @@ import pinocchio as pin
 from scipy.interpolate import KroghInterpolator
 
 from spacerobot.arrays import Array
-from spacerobot.elements.knots import ends_of, slices_of
+from spacerobot.elements.knot_motion import ends_of, slices_of
 from spacerobot.elements.plan_following import PhasedPlan, TipMotion
 from spacerobot.elements.references.plan import PlanReference
 from tests.oracles.engine.kinematics import Kinematics, cross

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from spacerobot.arrays import Array
-from spacerobot.rollout.grid import time_grid
+from spacerobot.rollout.time_grid import time_grid
 from spacerobot.rollout.trajectory import Trajectory, frozen
 from spacerobot.scene import Scene
 from tests.oracles.engine.engine import Engine

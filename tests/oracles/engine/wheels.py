@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from spacerobot.arrays import Array
 from spacerobot.elements.actuators.reaction_wheels import ReactionWheels
 from spacerobot.elements.actuators.wheel_joints import WheelJoints
-from spacerobot.elements.wheels import PULL, SLACK, Wheels
+from spacerobot.elements.wheel_set import PULL, SLACK, WheelSet
 from spacerobot.scene import Scene, SceneBody
 from tests.oracles.engine.actuation import (
     Delivered,
@@ -27,7 +27,7 @@ from tests.oracles.engine.kinematics import Kinematics
 
 
 @dataclass(frozen=True)
-class WheelSet:
+class Wheels:
     """Wheels of one section; those that are joints have columns of their own, the others states.
 
     Attributes
@@ -40,7 +40,7 @@ class WheelSet:
 
     scene: Scene
     body: SceneBody
-    config: Wheels
+    config: WheelSet
     key: str
     axes: Array
     inertia: Array
@@ -188,7 +188,7 @@ class WheelSet:
 
 
 @delivery_of.register
-def _(actuator: ReactionWheels, scene: Scene, body: SceneBody, key: str) -> WheelSet:
+def _(actuator: ReactionWheels, scene: Scene, body: SceneBody, key: str) -> Wheels:
     if actuator.pyramid is None:
         axes = np.array([np.array(axis) / np.linalg.norm(axis) for axis in actuator.axes])
     else:
@@ -198,11 +198,11 @@ def _(actuator: ReactionWheels, scene: Scene, body: SceneBody, key: str) -> Whee
             [np.cos(tilt) * np.cos(around), np.cos(tilt) * np.sin(around), np.full(count, np.sin(tilt))]
         )
     inertia = np.full(len(axes), actuator.inertia)
-    return WheelSet(scene, body, actuator, key, axes, inertia, (), np.zeros(len(axes)))
+    return Wheels(scene, body, actuator, key, axes, inertia, (), np.zeros(len(axes)))
 
 
 @delivery_of.register
-def _(actuator: WheelJoints, scene: Scene, body: SceneBody, key: str) -> WheelSet:
+def _(actuator: WheelJoints, scene: Scene, body: SceneBody, key: str) -> Wheels:
     by_name = {body.joint_name(scene.model, joint): joint for joint in body.free_joints}
     names = actuator.owns(tuple(by_name))
     axes, inertia = [], []
@@ -214,4 +214,4 @@ def _(actuator: WheelJoints, scene: Scene, body: SceneBody, key: str) -> WheelSe
         inertia.append(axis @ scene.model.inertias[joint].matrix()[3:, 3:] @ axis)
     damping = np.array([body.config.joints[name].damping or 0.0 for name in names])
     own = tuple(int(scene.model.idx_vs[by_name[name]]) for name in names)
-    return WheelSet(scene, body, actuator, key, np.array(axes), np.array(inertia), own, damping)
+    return Wheels(scene, body, actuator, key, np.array(axes), np.array(inertia), own, damping)

@@ -4,7 +4,7 @@ import numpy as np
 
 from spacerobot.description import Geometry
 from spacerobot.scene import load_scene
-from viz.drawing.motion import GREY, BodyMotion, Node, Solid
+from viz.drawing.motion import GREY, BodyMotion, DrawnSolid, Node
 from viz.drawing.placements import JointPlacements
 from viz.drawing.view import TOP, _clearest, first_view, oblique, view_of
 from viz.figures import docking
@@ -13,7 +13,7 @@ from viz.record import frames
 
 
 def box(body, size, *, is_base=False):
-    return Node(1, body, is_base, (Solid(np.eye(4), Geometry("box", np.full(3, size)), GREY),))
+    return Node(1, body, is_base, (DrawnSolid(np.eye(4), Geometry("box", np.full(3, size)), GREY),))
 
 
 def motion(*places):

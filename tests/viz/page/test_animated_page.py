@@ -20,10 +20,10 @@ from tests.oracles.free_bodies import FLAT, free_bodies
 from viz.drawing.motion import pick_rows, scene_nodes
 from viz.figures import KINDS, draw_all
 from viz.page.animation import animation
+from viz.page.campaign_spread import CampaignSpread
 from viz.page.meshcat_scene import packed
 from viz.page.page import animation_page, json_text, meshcat_script, write_animation
 from viz.page.page import page as to_html
-from viz.page.spread import CampaignSpread
 from viz.record import write_recording
 
 BOX = (

@@ -8,7 +8,7 @@ import pytest
 
 import viz
 from spacerobot.errors import SpaceRobotError
-from viz.page.modules import joined
+from viz.page.es_modules import joined
 
 WEB = Path(viz.__file__).parent / "web"
 MODULES = {

@@ -15,10 +15,10 @@ from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
 from viz.drawing.placements import joint_placements
 from viz.page.animation import animation
-from viz.page.masses import centres_of_mass
-from viz.page.modules import joined
+from viz.page.centres_of_mass import centres_of_mass
+from viz.page.es_modules import joined
 from viz.page.page import animation_page
-from viz.page.signals import MOST_SAMPLES, Quantity, Signal, chart_rows, quantities
+from viz.page.signals import MOST_SAMPLES, PlottedQuantity, Signal, chart_rows, quantities
 
 READY = "document.body?.dataset.ready === 'true'"
 CANVAS = "document.querySelector('.panel canvas').getBoundingClientRect()"
@@ -142,7 +142,7 @@ def test_extremes_of_every_signal_reach_the_chart(paper):
     spike = np.zeros(count)
     spike[12345] = 1.0
     longer = type(paper)(paper.scenario, data, paper.summary)
-    rows = chart_rows(longer, [Quantity("spike", "1", [Signal("spike", spike)])])
+    rows = chart_rows(longer, [PlottedQuantity("spike", "1", [Signal("spike", spike)])])
     assert 12345 in rows
     assert len(rows) <= MOST_SAMPLES + 2
     names = {(q.title, signal.name) for q in found for signal in q.signals}

@@ -8,7 +8,7 @@ import pytest
 
 from spacerobot.scene import load_scene
 from tests.oracles import one_arm
-from viz.studio.prepared import Origin
+from viz.studio.prepared_design import Origin
 from viz.studio.session import StudioSession
 
 

@@ -9,7 +9,7 @@ from spacerobot.scenario.load import parse_yaml, to_document
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
 from viz.studio.bookmarks import as_yaml, place
-from viz.studio.edit import edited
+from viz.studio.edited_text import edited
 
 KP = "robots.arm.tips.tip.pid.kp"
 

@@ -8,7 +8,7 @@ from spacerobot.rollout import build_rollout
 from spacerobot.scenario import Constraints
 from tests.oracles.free_bodies import FLAT, free_bodies
 from viz.studio.metrics import build_metrics
-from viz.studio.prepared import PreparedDesign
+from viz.studio.prepared_design import PreparedDesign
 
 
 def test_a_search_makes_small_what_is_shown_a_miss_distance_too(tmp_path):

@@ -10,7 +10,7 @@ from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
 from tests.oracles import one_arm
 from tests.viz.page.test_page_sizes import CONTRAST
-from viz.studio.prepared import Origin
+from viz.studio.prepared_design import Origin
 from viz.studio.server import Studio
 
 KP = "robots.arm.tips.tip.pid.kp"

@@ -15,9 +15,9 @@ from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
 from viz.studio.jobs import Jobs
 from viz.studio.messages import Request
+from viz.studio.metric_slopes import differences
 from viz.studio.parameters import Leaf
-from viz.studio.prepared import Origin, PreparedDesign
-from viz.studio.slopes import differences
+from viz.studio.prepared_design import Origin, PreparedDesign
 
 PID = "robots.arm.tips.tip.pid"
 KP, KI, STIFFNESS = f"{PID}.kp", f"{PID}.ki", "grasps.left.stiffness"
@@ -162,7 +162,7 @@ def test_another_structure_is_compiled_and_then_follows(page, arm):
 
 def test_every_number_that_is_said_to_follow_does(page, monkeypatch):
     """Whatever part of the scenario it stands in."""
-    monkeypatch.setattr("viz.studio.prepared.PLACES", ())
+    monkeypatch.setattr("viz.studio.prepared_design.PLACES", ())
     plants = page.session.plants
     assert all(plants.find({path: plants.base.nominal[path]}) for path in plants.base.free)
 

@@ -1,6 +1,6 @@
 // Kept designs side by side: their metrics, and the numbers in which they differ.
 import { amountOf, button, element, tableRow } from "../format.js";
-import { short } from "./numbers.js";
+import { short } from "./parameter_tree.js";
 
 export class Bookmarks {
   // ``designs``: whose; ``metricsOf`` gives a design's metrics once they are known.

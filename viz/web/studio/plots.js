@@ -1,6 +1,6 @@
 // Small plots of the panel: best value over rollouts, and how a metric is distributed.
 import { amount } from "../format.js";
-import { plotIn, stroked } from "../plot.js";
+import { plotIn, stroked } from "../uplot_plot.js";
 
 // ``points``: [rollouts, best so far]; the axis begins at zero, so that half is half the height.
 export function plotConvergence(root, points, { label, unit }) {

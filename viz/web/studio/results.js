@@ -1,6 +1,6 @@
 // The panel of a page without a server: results side by side, their metrics, where they differ, which are shown.
 import { $, amountOf, element, tableRow } from "../format.js";
-import { Spread } from "./spread.js";
+import { Spread } from "./campaign_spread.js";
 
 const ROOMY = 1100; // px from which on the panel is open at first
 

@@ -1,6 +1,6 @@
 // A number in the hand: a slider, linear or logarithmic, a field, its range, and what the chosen metric would do.
 import { button, digits, element } from "../format.js";
-import { rangeWords, short } from "./numbers.js";
+import { rangeWords, short } from "./parameter_tree.js";
 
 const NOTCHES = 400;
 

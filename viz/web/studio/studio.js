@@ -3,12 +3,12 @@ import { $, digits } from "../format.js";
 import { Bookmarks } from "./bookmarks.js";
 import { Designs, parsed } from "./designs.js";
 import { Jobs } from "./jobs.js";
-import { Keep } from "./keep.js";
+import { Keep } from "./save_design.js";
 import { Metrics } from "./metrics.js";
-import { Numbers } from "./numbers.js";
+import { Numbers } from "./parameter_tree.js";
 import { Rollouts, keyOf } from "./rollouts.js";
 import { Slider, firstRange } from "./slider.js";
-import { Wire } from "./wire.js";
+import { Wire } from "./connection.js";
 import { STILL } from "../theme.js";
 
 export class Studio {

@@ -7,7 +7,7 @@ from optim.campaign.analysis.summary import summarise
 from optim.campaign.run import run_campaign
 from optim.campaign.store.folder import load_campaign
 from tests.oracles.free_bodies import FLAT, free_bodies
-from viz.report.campaign_words import capturing, depends
+from viz.report.campaign_text import capturing, depends
 
 CAMPAIGN = {
     "parameters": {

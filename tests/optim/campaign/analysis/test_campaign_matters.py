@@ -12,7 +12,7 @@ from optim.campaign.sampling.samplers import draw
 from spacerobot.scenario import Campaign
 from viz.figures import SampleSpread, bands, distributions, moving_components, robustness
 from viz.figures.campaign import BAD
-from viz.report.campaign_words import depends, failing, mixed, unfinished
+from viz.report.campaign_text import depends, failing, mixed, unfinished
 
 UNIFORM = {"lower": -1, "upper": 3}
 PLAIN = {"parameters": {name: {"paths": name, **UNIFORM} for name in "abcd"}, "samples": 256}

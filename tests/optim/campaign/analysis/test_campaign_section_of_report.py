@@ -10,13 +10,13 @@ from typer.testing import CliRunner
 
 from optim.campaign import LocalExecutor, load_campaign, reopen, run_campaign, simulate_sample, summarise
 from optim.campaign.sampling.parameter_space import sensor_offsets
-from optim.campaign.store.notes import ScenarioSource
+from optim.campaign.store.run_settings import ScenarioSource
 from spacerobot.cli.campaign_page import campaign_page
 from spacerobot.cli.page_data import campaign_at_once
 from spacerobot.errors import DivergedError, ResultError
 from spacerobot.scenario import UncertainParameter
 from spacerobot.scene import load_scene
-from viz.report.campaign_words import stepping
+from viz.report.campaign_text import stepping
 
 ONE = {"soft": {"robots.*.tips.tip.pid.kp": 50}}
 """A single set of gains, where how many there are does not matter: each costs the page a simulation."""

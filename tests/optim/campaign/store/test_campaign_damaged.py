@@ -9,7 +9,7 @@ import pytest
 import xarray as xr
 
 from optim.campaign.run import run_campaign
-from optim.campaign.store.reopen import reopen
+from optim.campaign.store.load_evaluator import reopen
 from spacerobot.cli.campaign_page import campaign_page
 from spacerobot.errors import ResultError
 

@@ -1,0 +1,77 @@
+"""What following a plan costs, with few knots and with many."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from benchmarks.table_row import Row
+from benchmarks.timing import paired
+from spacerobot.closedloop import ClosedLoop, build_closed_loop
+from spacerobot.rollout import Rollout, build_rollout
+from spacerobot.scene import load_scene
+
+FEW, MANY = 16, 400
+DURATION, STEP, POINTS, MOST = 10.0, 0.005, 4, 2.0
+NODES = np.array([0, (1 - 5**-0.5) / 2, (1 + 5**-0.5) / 2])
+SCENE, KEY = "examples/reach.yaml", "robots.arm.controllers"
+
+
+def plan(intervals: int) -> dict[str, Any]:
+    """Section of a controller that follows so many intervals: each joint swings a little."""
+    ends = np.linspace(0, DURATION, intervals + 1)
+    times = np.append((ends[:-1, None] + DURATION / intervals * NODES).ravel(), DURATION)
+    first, pace = np.radians(40) * np.repeat([1, -1], 4), 2 * np.pi / DURATION
+    swing, rate = np.sin(pace * times)[:, None] ** 2, pace * np.sin(2 * pace * times)[:, None]
+    shape = np.linspace(0.1, 0.2, 8)
+    knots = {
+        "times": times,
+        "position": first + swing * shape,
+        "rate": rate * shape,
+        "effort": 0 * (swing + first),
+    }
+    rows = {key: value.tolist() for key, value in knots.items()}
+    joints = [f"joint_{k}" for k in range(1, 9)]
+    return {
+        "kind": "joint_tracking",
+        "kp": 20,
+        "kd": 20,
+        "knots": {**rows, "points": POINTS, "joints": joints},
+    }
+
+
+def loop(intervals: int) -> ClosedLoop:
+    """The paper's arm without a controller, or behind a plan."""
+    followed = {"follow": plan(intervals)} if intervals else {}
+    return build_closed_loop(load_scene(SCENE, {KEY: followed, "plan": None}))
+
+
+def rollout(closed: ClosedLoop) -> Rollout:
+    """Of the plan's duration."""
+    return build_rollout(closed, duration_s=DURATION, step_s=STEP, output_step_s=DURATION / 10)
+
+
+def rows() -> list[Row]:
+    """A rollout that follows a plan against one of the same arm without a controller."""
+    loops = {count: loop(count) for count in (0, FEW, MANY)}
+    rollouts = {count: rollout(each) for count, each in loops.items()}
+    operations = {count: each.dynamics.n_instructions() for count, each in loops.items()}
+    found = []
+    for count in (FEW, MANY):
+        times = paired(rollouts[count].run, rollouts[0].run, calls=(1, 1))
+        ratio = times.first_s / times.second_s
+        found.append(
+            Row(
+                f"one rollout of the paper's arm behind a plan of {count} intervals of {POINTS} points",
+                "the same arm without a controller",
+                f"{times.first_s * 1e3:.1f} ms",
+                f"{times.second_s * 1e3:.1f} ms",
+                ratio,
+                f"at most {MOST:g} times",
+                ratio <= MOST,
+                f"{operations[count]} operations and {operations[0]}; {STEP * 1e3:g} ms steps",
+                {"operations": [operations[count], operations[0]]},
+            )
+        )
+    return found

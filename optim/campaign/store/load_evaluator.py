@@ -1,0 +1,79 @@
+"""The evaluator of a campaign, made again from its folder alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from optim.campaign.rollouts.evaluator import CampaignEvaluator, all_draws, build_evaluator
+from optim.campaign.store.folder import HEAD, difference, load_head, open_store
+from optim.campaign.store.netcdf import DATA, DatasetLayout, check_layout, is_complete
+from optim.campaign.store.run_settings import named_in
+from spacerobot.errors import ResultError, SpaceRobotError
+from spacerobot.files import StrPath
+from spacerobot.scenario.load import validate
+from spacerobot.scene import build_scene
+from spacerobot.scene.resolve import read_descriptions
+
+AGAIN = "run the campaign again in another folder"
+
+
+def reopen(folder: StrPath) -> CampaignEvaluator:
+    """What made the campaign in a folder, its store merged as far as it is; nothing is compiled.
+
+    Parameters
+    ----------
+    folder
+        What ``spacerobot campaign`` or :func:`optim.campaign.run_campaign` wrote, to its end or not.
+
+    Raises
+    ------
+    ResultError
+        If it holds no campaign, no sample yet, or one that another process writes; or if it was made by
+        another version of the library or from URDFs that have changed since; or if its data are damaged.
+    """
+    folder = Path(folder)
+    head = load_head(folder)
+    try:
+        _check_urdfs(folder, head)
+        evaluator = _evaluator(folder, head)
+        draws = all_draws(evaluator)
+        layout = DatasetLayout.of(evaluator, head["notes"]["about"])
+        named_in(head["notes"])
+    except (KeyError, TypeError, AttributeError) as fault:
+        raise ResultError(f"is no campaign's: {fault!r}", source=folder / HEAD) from None
+    except ResultError:
+        raise
+    except SpaceRobotError as fault:
+        found = f"cannot be made a scene again: {fault.message}"
+        raise ResultError(found, source=folder / HEAD, where=fault.where) from None
+    identity = evaluator.identity(draws)
+    differs = difference(head, identity)
+    if differs is not None:
+        what = f" ({differs})" if differs else ""
+        raise ResultError(f"made by another version of the library{what}; {AGAIN}", source=folder)
+    if not is_complete(folder / DATA, len(draws)):
+        with open_store(folder, identity, len(draws)) as store:
+            if not store.done:
+                raise ResultError("holds no sample yet; start its campaign again to go on", source=folder)
+            store.merge(layout)
+    check_layout(folder / DATA, layout)
+    return evaluator
+
+
+def _evaluator(folder: Path, head: Mapping[str, Any]) -> CampaignEvaluator:
+    document = dict(head["scenario"])
+    document["campaign"] = document["campaign"] | head["notes"]["asked"]
+    source = folder / HEAD
+    scene = build_scene(validate(document, source=source), source=source)
+    return build_evaluator(scene, head["gains"], compiled=False)
+
+
+def _check_urdfs(folder: Path, head: Mapping[str, Any]) -> None:
+    """Refuse a folder whose URDFs are not those that its numbers were made with."""
+    for path, found in read_descriptions(head["scenario"], source=folder / HEAD).items():
+        name = path.removeprefix("robots.")
+        if found.sha256 != head["urdf"][name]:
+            message = f"the URDF of {name}, {found.path}, has changed since; put the old one back, or {AGAIN}"
+            raise ResultError(message, source=folder)

@@ -1,0 +1,89 @@
+"""What drives floating bases: limits of the section, else those of what the scenario has on them.
+
+`base_wrench` and `reaction_wheels` give a box of wrenches; of thrusters it is the largest box inside all that
+they can give, with the sides in the ratio of what each axis gets alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from optim.planning.formulation.reaction_wheels import only_wheels
+from spacerobot.arrays import Array
+from spacerobot.elements.plan_limit import PlanLimit, WrenchPart
+from spacerobot.scenario.bodies import Robot
+from spacerobot.scenario.plan import PlanSection
+from spacerobot.scene import Scene
+from spacerobot.scene.scene import SceneBody
+
+PARTS: dict[WrenchPart, int] = {"force": 0, "torque": 3}
+"""Where the parts of a wrench begin."""
+
+
+@dataclass(frozen=True)
+class BaseWrenchLimits:
+    """What a base is driven by.
+
+    Attributes
+    ----------
+    largest
+        Greatest force along [N] and torque about [N m] each axis of the root link (6,).
+    source
+        Where they come from, in words, for those that the section does not give.
+    """
+
+    largest: Array
+    source: str = ""
+
+
+def base_wrench_limits(limits: Mapping[str, PlanLimit], body: SceneBody, planar: bool) -> BaseWrenchLimits:
+    """Limits of a floating base."""
+    asked = section_base_limits(limits)
+    most, told = np.zeros(6), dict[str, None]()
+    own = _actuated(body, planar)
+    if only_wheels(body) is not None and asked.get("force"):
+        own = {"torque": own["torque"]}
+    for part, first in PARTS.items():
+        if part in asked:
+            most[first : first + 3] = asked[part]
+        elif part in own:
+            values, name = own[part]
+            most[first : first + 3] = values
+            told[name] = None
+    if told and only_wheels(body) is not None and not most[:3].any():
+        most[3:] = np.inf  # the motors' own limits hold, wheel by wheel
+    return BaseWrenchLimits(most, " and ".join(told))
+
+
+def section_base_limits(limits: Mapping[str, PlanLimit]) -> dict[WrenchPart, float]:
+    """Lowest of the section's limits of the force [N] and the torque [N m] on bases, where it gives any."""
+    found = dict[WrenchPart, float]()
+    for limit in limits.values():
+        for part, value in limit.base_limits().items():
+            found[part] = min(value, found.get(part, np.inf))
+    return found
+
+
+def limiting_actuators(scene: Scene, plans: Iterable[PlanSection]) -> dict[str, str]:
+    """By robot, the actuators whose limits hold for its base because the section gives none."""
+    bodies = [body for body in scene.robots if body.root_joint]
+    told = {
+        body.name: dict.fromkeys(base_wrench_limits(plan.limits, body, scene.planar).source for plan in plans)
+        for body in bodies
+    }
+    return {name: ", ".join(filter(None, own)) for name, own in told.items() if any(own)}
+
+
+def _actuated(body: SceneBody, planar: bool) -> dict[WrenchPart, tuple[Array, str]]:
+    """Greatest force and torque by axis, each with the actuator that it is of; wheels come last."""
+    found: dict[WrenchPart, tuple[Array, str]] = {}
+    if not isinstance(body.config, Robot):
+        return found
+    own = [(where.rpartition(".")[2], one) for where, one in body.config.driven_by()]
+    for name, one in sorted(own, key=lambda named: named[1].momentum_storage() is not None):
+        for part, values in one.wrench_limits(planar=planar).items():
+            found.setdefault(part, (values, name))
+    return found

@@ -1,0 +1,111 @@
+"""Grasps that hold in a phase of a plan: rigid ones by an unknown wrench, others by springs and dampers.
+
+The wrench acts on the tip at its origin, and opposite on the target's point there. That of a rigid grasp does
+no work on motions that the grasp allows, so its generalized forces are A' w with A the slopes of the relative
+velocity A v, which is zero.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import casadi as ca
+import numpy as np
+import pinocchio as pin
+
+from spacerobot.arrays import Array
+from spacerobot.dynamics import Kinematics, frame_placement, frame_velocity, rotation_log
+from spacerobot.dynamics.algebra import cross
+from spacerobot.dynamics.joints import exact_directions
+from spacerobot.elements.grasp import Displacement
+from spacerobot.errors import ScenarioError
+from spacerobot.scene import Scene
+from spacerobot.scene.grasp_closing import begun, is_rigid
+from spacerobot.scene.scene import SceneGrasp
+
+AXES = "xyz"
+
+
+def closed_grasps(scene: Scene) -> tuple[SceneGrasp, ...]:
+    """Grasps that hold at the start.
+
+    Raises
+    ------
+    ScenarioError
+        If one of them is neither rigid nor springs and dampers.
+    """
+    found = begun(scene.grasps)
+    for grasp in found:
+        if not is_rigid(grasp) and not grasp.config.has_springs:
+            raise ScenarioError(
+                f"found {grasp.config.kind!r}, closed from the start; plans know rigid grasps, "
+                "and springs and dampers",
+                source=scene.source,
+                where=grasp.path,
+            )
+    return found
+
+
+def wrench_axes(scene: Scene, grasp: SceneGrasp) -> list[str]:
+    """Names of the entries of a grasp's wrench: ``fx``, ... and where it turns ``tz``, ..., world axes."""
+    forces = [f"f{AXES[i]}" for i in scene.translation_axes]
+    turns = scene.rotation_axes if grasp.config.holds_orientation else ()
+    return forces + [f"t{AXES[i]}" for i in turns]
+
+
+def tip_slip(scene: Scene, kinematics: Kinematics, grasps: Sequence[SceneGrasp]) -> ca.SX:
+    """Velocity of each tip relative to the target's point there (n x 1), as :func:`wrench_axes` orders it."""
+    model, found = scene.model, ca.SX(0, 1)
+    for grasp in grasps:
+        (speed, spin), (moving, turning) = (
+            frame_velocity(model, kinematics, frame) for frame in (grasp.tip.frame, grasp.frame)
+        )
+        linear = speed - moving - cross(turning, _gap(scene, kinematics, grasp))
+        found = ca.vertcat(found, linear[list(scene.translation_axes)])
+        if grasp.config.holds_orientation:
+            found = ca.vertcat(found, (spin - turning)[list(scene.rotation_axes)])
+    return found
+
+
+def spring_wrench(scene: Scene, kinematics: Kinematics, grasp: SceneGrasp) -> tuple[ca.SX, ca.SX]:
+    """Force and torque of springs and dampers on a tip, world axes."""
+    config, turns = grasp.config, grasp.config.holds_orientation
+    along, about = list(scene.translation_axes), list(scene.rotation_axes)
+    rate = tip_slip(scene, kinematics, [grasp])
+    gap, twist, velocity, spin = (ca.SX(3, 1) for _ in range(4))
+    gap[along], velocity[along] = _gap(scene, kinematics, grasp)[along], rate[: len(along)]
+    if turns:
+        twist[about], spin[about] = _twist(scene, kinematics, grasp), rate[len(along) :]
+    tip = Displacement(gap, twist, velocity, spin)
+    force, torque = config.spring_wrench(lambda key: ca.SX(getattr(config, key)), tip)
+    return -force[along], -torque[about] if turns else ca.SX(0, 1)
+
+
+def _gap(scene: Scene, kinematics: Kinematics, grasp: SceneGrasp) -> ca.SX:
+    """From mating frame to tip (3x1) [m]."""
+    tip, mate = (
+        frame_placement(scene.model, kinematics, frame)[1] for frame in (grasp.tip.frame, grasp.frame)
+    )
+    return tip - mate
+
+
+def _twist(scene: Scene, kinematics: Kinematics, grasp: SceneGrasp) -> ca.SX:
+    """Rotation vector from where the springs are at rest to a tip's orientation, world axes [rad]."""
+    tip, mate = (
+        frame_placement(scene.model, kinematics, frame)[0] for frame in (grasp.tip.frame, grasp.frame)
+    )
+    wanted = ca.mtimes(mate, exact_directions(_rest(scene, grasp)))
+    relative = ca.mtimes(wanted.T, tip)
+    if scene.planar:
+        return ca.atan2(relative[1, 0], relative[0, 0])
+    return ca.mtimes(wanted, rotation_log(relative))
+
+
+def _rest(scene: Scene, grasp: SceneGrasp) -> Array:
+    """Orientation of a tip in the mating frame where rotational springs are at rest (3x3)."""
+    capture = grasp.config.capture
+    if grasp.config.begins == "open":
+        return np.asarray(pin.rpy.rpyToMatrix(np.radians(capture.mated_deg if capture else (0.0, 0.0, 0.0))))
+    data = scene.model.createData()
+    pin.framesForwardKinematics(scene.model, data, np.array(scene.q))
+    return np.asarray(data.oMf[grasp.frame].rotation.T @ data.oMf[grasp.tip.frame].rotation)

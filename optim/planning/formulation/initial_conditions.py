@@ -1,0 +1,127 @@
+"""Where a motion begins: as the scenario says, or within what is left free of postures and placements."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from optim.planning.formulation.lookup import find_robot, joints_named
+from optim.planning.formulation.path_constraints import urdf_joint
+from optim.planning.formulation.stage import Stage
+from spacerobot.arrays import Array
+from spacerobot.elements.plan_instant import BoundedRow
+from spacerobot.errors import ScenarioError
+from spacerobot.scenario.plan import FreeStart, JointStartRange, PlanSection
+from spacerobot.scene.scene import SceneBody
+
+Sides = tuple[Array, Array]
+"""Least and greatest configuration and velocity at the start (nq + nv,)."""
+
+
+def initial_conditions(
+    stage: Stage, plan: PlanSection, fixed: Array, limits: Sides
+) -> tuple[Sides | None, list[BoundedRow]]:
+    """Limits of the start, none where nothing is free, and what must hold there beside.
+
+    Parameters
+    ----------
+    stage, plan
+        One instant, and the section.
+    fixed
+        Where the scenario begins (nq + nv,).
+    limits
+        Of an instant (nz,): ranges of joints among them.
+
+    Raises
+    ------
+    ScenarioError
+        If the section leaves free what there is not, or what others count from.
+    """
+    if not plan.start:
+        return None, []
+    least, greatest = fixed.copy(), fixed.copy()
+    rows: list[BoundedRow] = []
+    for name, room in plan.start.items():
+        where = f"plan.start.{name}"
+        body = find_robot(stage.scene, name, where)
+        for _, joint, given in joints_named(stage.scene, body, room.joints, f"{where}.joints"):
+            _check_unit(stage, body, joint, given, where)
+            rows += _free_joint(stage, joint, given, (least, greatest))
+        if room.places:
+            rows += _free_base(stage, body, room, (least, greatest), where)
+    _check_counted(stage, plan)
+    lower, upper = (side[: fixed.size] for side in limits)
+    least = np.maximum(least, np.minimum(lower, fixed))
+    return (least, np.minimum(greatest, np.maximum(upper, fixed))), rows
+
+
+def _check_unit(stage: Stage, body: SceneBody, joint: int, given: JointStartRange, where: str) -> None:
+    """Refuse an angle of a prismatic joint, and an offset of another one."""
+    urdf = urdf_joint(stage.scene, body, joint)
+    key = "offset" if urdf.kind == "prismatic" else "angle_deg"
+    if getattr(given, key) is None:
+        raise ScenarioError(
+            f"{urdf.name} is {urdf.kind}: give `{key}`", source=stage.scene.source, where=f"{where}.joints"
+        )
+
+
+def _free_joint(stage: Stage, joint: int, given: JointStartRange, sides: Sides) -> list[BoundedRow]:
+    own, name = stage.scene.model.joints[joint], stage.scene.model.names[joint]
+    if own.nq == 2:
+        return [_turned(stage, own.idx_q, np.radians(given.angle_deg or 0.0), sides, f"start of {name}")]
+    reach = np.radians(given.angle_deg or 0.0) + (given.offset or 0.0)
+    sides[0][own.idx_q] -= reach
+    sides[1][own.idx_q] += reach
+    return []
+
+
+def _free_base(stage: Stage, body: SceneBody, room: FreeStart, sides: Sides, where: str) -> list[BoundedRow]:
+    scene = stage.scene
+    if not body.root_joint:
+        raise ScenarioError(
+            f"the base of {body.name!r} is fixed; give it `joint: planar` or `free_flyer` to place it",
+            source=scene.source,
+            where=where,
+        )
+    own = scene.model.joints[body.root_joint]
+    if (own.nv == 3 and room.position[2]) or (own.nv == 6 and room.rotation_deg):
+        key = "position" if own.nv == 3 else "rotation_deg"
+        told = "a planar base stays in its plane" if own.nv == 3 else "only a planar base begins turned"
+        raise ScenarioError(told, source=scene.source, where=f"{where}.{key}")
+    axes = 2 if own.nv == 3 else 3
+    sides[0][own.idx_q : own.idx_q + axes] -= room.position[:axes]
+    sides[1][own.idx_q : own.idx_q + axes] += room.position[:axes]
+    if not room.rotation_deg:
+        return []
+    return [
+        _turned(stage, own.idx_q + 2, np.radians(room.rotation_deg), sides, f"start of {body.name}'s base")
+    ]
+
+
+def _turned(stage: Stage, place: int, reach: float, sides: Sides, name: str) -> BoundedRow:
+    """Cosine and sine of an angle that is free to both sides: limits of each, and that they are a pair."""
+    angle = float(np.arctan2(sides[0][place + 1], sides[0][place]))
+    angles = angle + np.linspace(-reach, reach, 721)
+    for k, values in enumerate((np.cos(angles), np.sin(angles))):
+        sides[0][place + k], sides[1][place + k] = values.min(), values.max()
+    pair = stage.q[place : place + 2]
+    return BoundedRow(name, "1", ca.sumsqr(pair) - 1, 0.0, 0.0, first=True)
+
+
+def _check_counted(stage: Stage, plan: PlanSection) -> None:
+    """Refuse a free placement where something counts from it, and free starts of what is held."""
+    source = stage.scene.source
+    if stage.grips:
+        raise ScenarioError(
+            f"grasp {stage.grips[0].name!r} begins closed, so the start is given by it",
+            source=source,
+            where="plan.start",
+        )
+    counted = [f"costs.{name}" for name, one in plan.costs.items() if one.weight and one.relative_to_start]
+    counted += [f"limits.{name}" for name, one in plan.limits.items() if one.relative_to_start]
+    if counted and any(room.places for room in plan.start.values()):
+        raise ScenarioError(
+            f"{counted[0]} counts from where bases begin, and that is free; leave one of the two out",
+            source=source,
+            where="plan.start",
+        )

@@ -1,0 +1,216 @@
+"""One instant of a plan as its goals, costs and limits see it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TypeVar
+
+import casadi as ca
+import numpy as np
+import pinocchio as pin
+
+from optim.planning.formulation.base_reactions import base_reactions
+from optim.planning.formulation.lookup import find_frame, find_robot, find_still, find_tip, joints_named
+from optim.planning.formulation.reaction_wheels import wheel_driven_bases
+from optim.planning.formulation.stage import Stage
+from spacerobot.dynamics import forward_kinematics
+from spacerobot.dynamics.joints import exact_directions, sparse
+from spacerobot.elements.collision_shape import Wrap
+from spacerobot.elements.goal import Goal
+from spacerobot.elements.plan_instant import JointCoordinate, MovingFrame, PlannedBase, PlannedWheels
+from spacerobot.errors import ScenarioError, near_names
+from spacerobot.scene.contacts import find_pairs
+from spacerobot.scene.scene import SceneShape
+from spacerobot.section import matching
+from spacerobot.shapes import Implicit, Shape, held_gap
+
+T = TypeVar("T")
+AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
+"""Axes of what drives a base, in its own axes."""
+
+
+@dataclass(frozen=True, eq=False)
+class InstantView:
+    """What a section sees of an instant: a :class:`spacerobot.elements.plan_instant.PlanInstant`.
+
+    Attributes
+    ----------
+    stage
+        The instant.
+    where
+        Dotted path of the section, for messages.
+    goals
+        Goals of the plan, by name.
+    """
+
+    stage: Stage
+    where: str
+    goals: Mapping[str, Goal] = field(default_factory=dict)
+
+    @property
+    def axes(self) -> Sequence[int]:
+        """Along which things move."""
+        return self.stage.scene.translation_axes
+
+    @property
+    def turns(self) -> Sequence[int]:
+        """About which things turn."""
+        return self.stage.scene.rotation_axes
+
+    def tip(self, label: str, key: str = "tip") -> MovingFrame:
+        """A tip, by robot/tip."""
+        return self._frame(find_tip(self.stage.scene, label, f"{self.where}.{key}").frame)
+
+    def mating(self, link: str, key: str = "frame") -> MovingFrame:
+        """A link of the target."""
+        return self._frame(find_frame(self.stage.scene, link, f"{self.where}.{key}"))
+
+    def root(self, body: str, key: str) -> tuple[ca.SX, ca.SX]:
+        """Velocity and spin of a floating root link, its own axes."""
+        model = self.stage.scene.model
+        joint = find_still(self.stage.scene, body, f"{self.where}.{key}").root_joint
+        first, size = int(model.idx_vs[joint]), int(model.nvs[joint])
+        middle = first + size - (3 if size == 6 else 1)
+        return self.stage.v[first:middle], self.stage.v[middle : first + size]
+
+    def base(self, robot: str, key: str) -> MovingFrame:
+        """The floating root link of a robot."""
+        scene, where = self.stage.scene, f"{self.where}.{key}"
+        body = find_robot(scene, robot, where)
+        if not body.root_joint:
+            raise ScenarioError(
+                f"the base of {robot!r} is fixed, so its attitude never changes; give it `joint: free_flyer` "
+                "or `planar`",
+                source=scene.source,
+                where=where,
+            )
+        return self._frame(body.root_frame)
+
+    def joints(self, robot: str, given: Mapping[str, T], key: str) -> Iterator[tuple[JointCoordinate, T]]:
+        """Joints of a robot that patterns name, and what is given for each."""
+        scene = self.stage.scene
+        body = find_robot(scene, robot, f"{self.where}.robot")
+        for name, joint, each in joints_named(scene, body, given, f"{self.where}.{key}"):
+            yield self._joint(name, joint), each
+
+    def turned(self, wanted: ca.SX, found: ca.SX) -> ca.SX:
+        """Rotation vector from one orientation to another."""
+        return self.stage.turned(wanted, found)
+
+    def fault(self, message: str, key: str) -> ScenarioError:
+        """Error that names the place of a key of the section."""
+        return ScenarioError(message, source=self.stage.scene.source, where=f"{self.where}.{key}")
+
+    def link(self, label: str, key: str = "link") -> MovingFrame:
+        """A link of a robot, by robot/link."""
+        scene, (robot, _, link) = self.stage.scene, label.partition("/")
+        links = [one.name for one in find_robot(scene, robot, f"{self.where}.{key}").description.links]
+        if link not in links:
+            told = f"no link {link!r}; {near_names(link, links)}"
+            raise ScenarioError(told, source=scene.source, where=f"{self.where}.{key}")
+        return self._frame(int(scene.model.getFrameId(label, pin.FrameType.BODY)))
+
+    def joint_states(self) -> dict[str, JointCoordinate]:
+        """Joints of all robots that are planned, by robot/joint."""
+        driven = self.stage.driven
+        named = zip(driven.names, driven.joints, strict=False)
+        return {name: self._joint(name.partition("/")[2], joint) for name, joint in named}
+
+    def by_joint(self, given: Mapping[str, T], key: str) -> dict[str, T]:
+        """What is given for each joint, by robot/joint; a full name wins over a pattern."""
+        driven, found = self.stage.driven, dict[str, T]()
+        names = driven.names[: len(driven.joints)]
+        for pattern in sorted(given, key=lambda pattern: "*" not in pattern):
+            matched = matching(names, pattern)
+            if not matched:
+                told = f"no joint {pattern!r}; {near_names(pattern, names)}"
+                raise ScenarioError(told, source=self.stage.scene.source, where=f"{self.where}.{key}")
+            found |= dict.fromkeys(matched, given[pattern])
+        return found
+
+    def bases(self) -> dict[str, PlannedBase]:
+        """Floating bases, by robot."""
+        stage, found = self.stage, {}
+        scene, moving = stage.scene, stage.kinematics
+        still = forward_kinematics(scene.model, ca.SX(np.asarray(scene.q)))
+        for body in scene.robots:
+            root = body.root_joint
+            if not root:
+                continue
+            wrench, limits, turn = ca.SX(6, 1), np.zeros(6), ca.SX(3, 1)
+            for name, value, limit in zip(
+                stage.driven.names, ca.vertsplit(stage.u), stage.driven.limits, strict=True
+            ):
+                base, _, axis = name.rpartition(".")
+                if base == f"{body.name}/base":
+                    wrench[AXES.index(axis)], limits[AXES.index(axis)] = value, limit
+            began = exact_directions(np.array(ca.DM(still.rotation[root])))
+            turn[list(self.turns)] = stage.turned(began, moving.rotation[root])
+            shift = moving.origin[root] - ca.SX(ca.DM(still.origin[root]))
+            frame = self._frame(body.root_frame)
+            found[body.name] = PlannedBase(frame, turn, shift, wrench[:3], wrench[3:], limits[:3], limits[3:])
+        return found
+
+    def base_reactions(self) -> dict[str, tuple[ca.SX, ca.SX]]:
+        """Force and torque of each robot's arms on its base, by robot."""
+        count = len(self.axes)
+        return {name: (one[:count], one[count:]) for name, one in base_reactions(self.stage).items()}
+
+    def grips(self) -> dict[str, tuple[ca.SX, ca.SX]]:
+        """Force and torque on its tip of each grasp that holds, by grasp."""
+        return {grip.name: self.stage.wrench(grip) for grip in (*self.stage.grips, *self.stage.springs)}
+
+    def wheels(self) -> dict[str, PlannedWheels]:
+        """Reaction wheels that alone turn a base, by robot."""
+        found = wheel_driven_bases(self.stage)
+        if not found:
+            raise ScenarioError(
+                "no robot's base is turned by one set of `reaction_wheels` alone, so that momentum is not "
+                "conserved or there is none; leave it out, or `base_force` and other actuators of the base",
+                source=self.stage.scene.source,
+                where=self.where,
+            )
+        return {name: PlannedWheels(one.momenta, one.speeds, one.motors) for name, one in found.items()}
+
+    def arrivals(self) -> Iterator[tuple[ca.SX, ca.SX]]:
+        """Velocity and spin of tips relative to the mating frames that goals lead them to."""
+        for name, goal in self.goals.items():
+            found = goal.arrival(InstantView(self.stage, f"plan.goals.{name}"))
+            if found is not None:
+                yield found
+
+    def gaps(self, between: tuple[str, str], wrap: Wrap | None) -> Iterator[tuple[str, ca.SX, Implicit]]:
+        """Distances of pairs of shapes."""
+        for first, second in find_pairs(self.stage.scene, between, wrap, self.where):
+            yield f"{first.label} to {second.label}", *shape_distance(self.stage, first, second)
+
+    def _joint(self, name: str, joint: int) -> JointCoordinate:
+        own, stage = self.stage.scene.model.joints[joint], self.stage
+        torque = stage.u[stage.driven.joints.index(joint)]
+        place = slice(own.idx_q, own.idx_q + own.nq)
+        model, bounded = stage.scene.model, own.nq == own.nv
+        lower = float(model.lowerPositionLimit[own.idx_q]) if bounded else -np.inf
+        upper = float(model.upperPositionLimit[own.idx_q]) if bounded else np.inf
+        return JointCoordinate(
+            name, stage.q[place], stage.v[own.idx_v], stage.a[own.idx_v], torque, lower, upper
+        )
+
+    def _frame(self, frame: int) -> MovingFrame:
+        return MovingFrame(*self.stage.placement(frame), *self.stage.velocity(frame))
+
+
+def shape_distance(stage: Stage, first: SceneShape, second: SceneShape) -> tuple[ca.SX, Implicit]:
+    """Distance of two shapes (1x1) [m], and what an iteration finds for it."""
+    return held_gap(_shape(stage, first), _shape(stage, second))
+
+
+def _shape(stage: Stage, shape: SceneShape) -> Shape:
+    """A shape where its link is."""
+    rotation, origin = stage.placement(shape.frame)
+    return Shape(
+        type(shape.config),
+        ca.mtimes(rotation, exact_directions(shape.placement[:3, :3])),
+        origin + ca.mtimes(rotation, sparse(shape.placement[:3, 3])),
+        shape.config.measures(),
+    )

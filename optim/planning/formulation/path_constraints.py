@@ -1,0 +1,162 @@
+"""What must hold at all times: bounds of the unknowns, and the kinds of the plan's limits as rows."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Collection, Iterator, Mapping
+
+import casadi as ca
+import numpy as np
+
+from optim.planning.formulation.base_actuation import base_wrench_limits
+from optim.planning.formulation.grasps import wrench_axes
+from optim.planning.formulation.instant_view import AXES, InstantView
+from optim.planning.formulation.reaction_wheels import wheel_rows
+from optim.planning.formulation.stage import DrivenCoordinates, Stage
+from spacerobot.arrays import Array
+from spacerobot.description.parts import UrdfJoint as UrdfJoint
+from spacerobot.elements.plan_instant import BoundedRow
+from spacerobot.elements.plan_limit import JointQuantity, PlanLimit, PlannedJoint
+from spacerobot.errors import ScenarioError
+from spacerobot.scenario.plan import PlanSection
+from spacerobot.scene import Scene
+from spacerobot.scene.scene import SceneBody
+
+PREFIX = "collision_avoidance"
+"""Of the names of keep-out zones that a search adds for links that collide."""
+Limits = Mapping[str, PlanLimit]
+"""A plan's ``limits``, by name."""
+
+
+def driven_coordinates(scene: Scene, given: Limits) -> DrivenCoordinates:
+    """Joints that are planned, and bases that actuators drive.
+
+    Raises
+    ------
+    ScenarioError
+        If a limit that is asked for is missing in a URDF, or a joint mimics another one.
+    """
+    if scene.ties:
+        raise ScenarioError(
+            f"{scene.model.names[scene.ties[0].joint]} mimics another joint, which plans do not know; lock "
+            "it by `locked: true`",
+            source=scene.source,
+            where="plan",
+        )
+    names, columns, limits, joints = [], [], [], []
+    for body in scene.robots:
+        for joint in body.driven_joints:
+            planned = planned_joint(scene, body, joint)
+            for name, limit in given.items():
+                for fault in limit.faults(planned):
+                    raise ScenarioError(fault, source=scene.source, where=f"plan.limits.{name}")
+            names.append(str(scene.model.names[joint]))
+            columns.append(int(scene.model.idx_vs[joint]))
+            joints.append(int(joint))
+            own = body.config.joints[body.joint_name(scene.model, joint)].torque_limit
+            limits.append(min(own or np.inf, _least(given, planned, "torque")))
+    for base_axis, column, most in _bases(scene, given):
+        names.append(base_axis)
+        columns.append(column)
+        limits.append(most)
+    return DrivenCoordinates(tuple(names), tuple(columns), np.array(limits, dtype=float), tuple(joints))
+
+
+def instant_limits(stage: Stage, given: Limits) -> tuple[Array, Array]:
+    """Least and greatest z (nz,)."""
+    scene, model = stage.scene, stage.scene.model
+    upper = np.full(stage.z.numel(), np.inf)
+    lower = -upper
+    for body in scene.robots:
+        for joint in body.driven_joints:
+            urdf, pin_joint = urdf_joint(scene, body, joint), model.joints[joint]
+            if pin_joint.nq == 1:
+                lower[pin_joint.idx_q], upper[pin_joint.idx_q] = urdf.lower, urdf.upper
+            place = model.nq + pin_joint.idx_v
+            upper[place] = min(urdf.velocity, _least(given, planned_joint(scene, body, joint), "rate"))
+            lower[place] = -upper[place]
+    first = model.nq + 2 * model.nv
+    last = first + stage.u.numel()
+    lower[first:last], upper[first:last] = -stage.driven.limits, stage.driven.limits
+    return lower, upper
+
+
+def path_rows(stage: Stage, plan: PlanSection) -> list[BoundedRow]:
+    """What must hold at all instants beside the limits of z, without what a search added."""
+    rows = [*_hold_rows(stage), *wheel_rows(stage, plan)]
+    for section, name, limit in plan.every_limit():
+        if not name.startswith(PREFIX):
+            rows += limit_rows(stage, plan, section, name, limit)
+    return rows
+
+
+def avoidance_rows(stage: Stage, plan: PlanSection, known: Collection[str] = ()) -> list[BoundedRow]:
+    """Rows of the keep-out zones that a search added; they are the last ones of a path.
+
+    Parameters
+    ----------
+    stage, plan
+        An instant, and the section.
+    known
+        Names of zones that are left out.
+    """
+    return [
+        row
+        for name, limit in plan.keep_out.items()
+        if name.startswith(PREFIX) and name not in known
+        for row in limit_rows(stage, plan, "keep_out", name, limit)
+    ]
+
+
+def limit_rows(
+    stage: Stage, plan: PlanSection, section: str, name: str, limit: PlanLimit
+) -> list[BoundedRow]:
+    """Rows of one limit, under its name where that is not its kind's."""
+    prefix = "" if name == limit.kind else f"{name}: "
+    found = limit.rows(InstantView(stage, f"plan.{section}.{name}", plan.goals))
+    return [dataclasses.replace(row, name=f"{prefix}{row.name}") for row in found]
+
+
+def urdf_joint(scene: Scene, body: SceneBody, joint: int) -> UrdfJoint:
+    """A joint as its URDF has it."""
+    name = body.joint_name(scene.model, joint)
+    return next(found for found in body.description.joints if found.name == name)
+
+
+def planned_joint(scene: Scene, body: SceneBody, joint: int) -> PlannedJoint:
+    """A joint as limits see it."""
+    urdf = urdf_joint(scene, body, joint)
+    has = {
+        "position": urdf.kind == "continuous" or bool(np.isfinite([urdf.lower, urdf.upper]).all()),
+        "rate": bool(np.isfinite(urdf.velocity)),
+        "torque": body.config.joints[urdf.name].torque_limit is not None,
+    }
+    limited = frozenset(key for key, there in has.items() if there)
+    return PlannedJoint(f"{body.name}/{urdf.name}", urdf.kind, limited, body.description.path.name)
+
+
+def _least(given: Limits, joint: PlannedJoint, key: JointQuantity) -> float:
+    """The lowest of all limits of a joint's rate or torque; infinite where there is none."""
+    return min((limit.joint_limits(joint).get(key, np.inf) for limit in given.values()), default=np.inf)
+
+
+def _bases(scene: Scene, given: Limits) -> Iterator[tuple[str, int, float]]:
+    """Name, velocity and limit of each axis of a floating base that is driven."""
+    for body in scene.robots:
+        if not body.root_joint:
+            continue
+        first, size = int(scene.model.idx_vs[body.root_joint]), int(scene.model.nvs[body.root_joint])
+        axes, limits = (
+            (0, 1, 5) if size == 3 else range(6),
+            base_wrench_limits(given, body, size == 3).largest,
+        )
+        for k, axis in enumerate(axes):
+            if limits[axis]:
+                yield f"{body.name}/base.{AXES[axis]}", first + k, float(limits[axis])
+
+
+def _hold_rows(stage: Stage) -> Iterator[BoundedRow]:
+    """What rigid grasps hold together."""
+    names = [f"{grip.name}.{axis}" for grip in stage.grips for axis in wrench_axes(stage.scene, grip)]
+    for name, value in zip(names, ca.vertsplit(stage.parting), strict=True):
+        yield BoundedRow(f"hold of {name}", "m/s^2 or rad/s^2", value, 0.0, 0.0)

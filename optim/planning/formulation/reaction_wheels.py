@@ -1,0 +1,172 @@
+"""Reaction wheels in a plan: their momentum is what the bodies that they turn have lost.
+
+Nothing else acts on them, so that with the wheels' axes A, root link's axes,
+
+    A h(t) = R(t)' (L(0) + R(0) A h(0) - L(q, v)),    h(t) = h(0) + A^+ A (h(t) - h(0)),
+
+L being the angular momentum of a robot, and of the object that it catches or holds, about their common centre
+of mass. The momenta h need no unknowns. A planned torque T on the base takes ``-A^+ (T + w x A h)`` of the
+motors, w being the base's spin. Friction of wheels is left to the feedback.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from scipy.linalg import null_space
+
+from optim.planning.formulation.grasps import closed_grasps
+from optim.planning.formulation.stage import Stage
+from spacerobot.arrays import Array
+from spacerobot.dynamics import Inertias, Kinematics, centre_of_mass, forward_kinematics, momentum
+from spacerobot.dynamics.algebra import cross
+from spacerobot.dynamics.joints import sparse
+from spacerobot.elements.actuator import MomentumStorage
+from spacerobot.elements.plan_instant import BoundedRow, zero
+from spacerobot.errors import ScenarioError
+from spacerobot.scenario.bodies import Robot
+from spacerobot.scenario.plan import PlanSection
+from spacerobot.scene import Scene
+from spacerobot.scene.configure import close_velocity
+from spacerobot.scene.grasp_closing import is_rigid
+from spacerobot.scene.scene import SceneBody
+
+
+def only_wheels(body: SceneBody) -> MomentumStorage | None:
+    """The one set of wheels of a robot on whose base nothing else acts."""
+    if not isinstance(body.config, Robot):
+        return None
+    own = [part for _, part in body.config.driven_by() if part.base_wrench]
+    return own[0].momentum_storage() if len(own) == 1 else None
+
+
+@dataclass(frozen=True, eq=False)
+class WheelDrivenBase:
+    """A robot that its wheels turn, at one instant.
+
+    Attributes
+    ----------
+    robot
+        Its name.
+    wheels
+        The set.
+    momenta
+        Angular momentum of each about its axis (n x 1) [N m s].
+    speeds
+        Of each relative to the base (n x 1) [rad/s].
+    commanded
+        Torque that the base is to ask for, gyroscopic torque of the wheels included (3x1) [N m].
+    """
+
+    robot: str
+    wheels: MomentumStorage
+    momenta: ca.SX
+    speeds: ca.SX
+    commanded: ca.SX
+
+    @property
+    def motors(self) -> ca.SX:
+        """Torques of the motors (n x 1) [N m]."""
+        return ca.mtimes(sparse(-np.linalg.pinv(self.wheels.axes)), self.commanded)
+
+
+def wheel_driven_bases(stage: Stage) -> dict[str, WheelDrivenBase]:
+    """Robots whose bases wheels alone drive, by name."""
+    found = {}
+    for body in stage.scene.robots:
+        wheels, driven = only_wheels(body), stage.driven.of_base(body.name)
+        if wheels is not None and driven and all(axis.startswith("t") for axis in driven):
+            found[body.name] = _turned(stage, body, wheels)
+    return found
+
+
+def wheel_rows(stage: Stage, plan: PlanSection) -> Iterator[BoundedRow]:
+    """Limits of the wheels' torques and speeds.
+
+    Raises
+    ------
+    ScenarioError
+        If momentum counts from a start that is free.
+    """
+    for name, turned in wheel_driven_bases(stage).items():
+        if name in plan.start:
+            raise ScenarioError(
+                f"the momentum of {name}'s wheels counts from where it begins, and that is free; leave it "
+                "out, or let nothing drive the base by `limits.base_torque: 0`",
+                source=stage.scene.source,
+                where=f"plan.start.{name}",
+            )
+        _check_alone(stage, name)
+        for k, value in enumerate(ca.vertsplit(ca.mtimes(sparse(_across(stage, turned)), turned.commanded))):
+            yield zero(f"torque {k} across {name}'s wheels", "N m", value)
+        for what, unit, values, most in (
+            ("torque", "N m", turned.motors, turned.wheels.torque_limit),
+            ("speed", "rad/s", turned.speeds, turned.wheels.speed_limit),
+        ):
+            if most is not None:
+                for k, value in enumerate(ca.vertsplit(values)):
+                    label = f"{what} of {name}'s wheel {k}"
+                    yield BoundedRow(label, unit, value, -most, most, size=most)
+
+
+def commanded_base_wrench(stage: Stage) -> ca.SX:
+    """What controllers ask for that follow a plan, along the axes of driven bases (n x 1) [N, N m]."""
+    joints, found = len(stage.driven.joints), wheel_driven_bases(stage)
+    asked = list[ca.SX]()
+    for k, name in enumerate(stage.driven.names[joints:], start=joints):
+        robot, _, axis = name.rpartition("/base.")
+        own = found.get(robot)
+        asked.append(stage.u[k] if own is None else own.commanded["xyz".index(axis[1])])
+    return ca.vertcat(ca.SX(0, 1), *asked)
+
+
+def _turned(stage: Stage, body: SceneBody, wheels: MomentumStorage) -> WheelDrivenBase:
+    scene, axes, inertia = stage.scene, wheels.axes, wheels.inertia
+    first, size = int(scene.model.idx_vs[body.root_joint]), int(scene.model.nvs[body.root_joint])
+    about, columns = ([2], [first + 2]) if size == 3 else ([0, 1, 2], [first + k for k in (3, 4, 5)])
+    start = close_velocity(scene) if any(is_rigid(grasp) for grasp in closed_grasps(scene)) else scene.v
+    before = forward_kinematics(scene.model, ca.SX(np.array(scene.q)), ca.SX(np.array(start)))
+    spins = np.zeros(3)
+    spins[about] = np.array(start)[columns]
+    began = inertia * (axes.T @ spins + wheels.speeds)
+    turn = np.array(ca.DM(before.rotation[body.root_joint]))
+    whole = np.array(ca.DM(_angular(scene, body, before))).ravel() + turn @ axes @ began
+    left = sparse(whole) - _angular(scene, body, stage.kinematics)
+    carried = ca.mtimes(stage.kinematics.rotation[body.root_joint].T, left)
+    momenta = sparse(began) + ca.mtimes(sparse(np.linalg.pinv(axes)), carried - sparse(axes @ began))
+    spin, torque = ca.SX(3, 1), ca.SX(3, 1)
+    spin[about] = stage.v[columns]
+    for k, axis in zip(about, ("tx", "ty", "tz") if size == 6 else ("tz",), strict=True):
+        torque[k] = stage.u[stage.driven.names.index(f"{body.name}/base.{axis}")]
+    speeds = momenta / inertia - ca.mtimes(sparse(axes.T), spin)
+    return WheelDrivenBase(body.name, wheels, momenta, speeds, torque + cross(spin, carried))
+
+
+def _angular(scene: Scene, body: SceneBody, kinematics: Kinematics) -> ca.SX:
+    """Angular momentum of a robot and what it may hold about their centre of mass (3x1) [N m s]."""
+    catches = any(grasp.tip.body.name == body.name for grasp in scene.grasps) and scene.target is not None
+    joints = [*body.subtree, *(scene.target.subtree if catches and scene.target else ())]
+    model, inertias = scene.model, Inertias.from_model(scene.model)
+    centre = centre_of_mass(model, kinematics, inertias, joints)
+    return momentum(model, kinematics, inertias, joints, centre)[1]
+
+
+def _across(stage: Stage, turned: WheelDrivenBase) -> Array:
+    """Directions about which the wheels give no torque (k, 3)."""
+    return np.zeros((0, 3)) if stage.scene.planar else np.asarray(null_space(turned.wheels.axes.T).T)
+
+
+def _check_alone(stage: Stage, name: str) -> None:
+    """Refuse an object that several robots hold, for whose wheels take what of it nobody knows."""
+    holding = {grasp.tip.body.name for grasp in stage.scene.grasps}
+    if name in holding and len(holding) > 1:
+        other = min(holding - {name})
+        raise ScenarioError(
+            f"{other!r} grasps the target too, so that the momentum of {name}'s wheels is not known; let "
+            "nothing drive the base by `limits.base_torque: 0`",
+            source=stage.scene.source,
+            where="plan.limits",
+        )

@@ -1,0 +1,249 @@
+"""A plan that is made anew again and again: for what is left of the first one's duration, then on and on.
+
+Intervals keep their length, as far as the times of the plans allow, so that what is left of one plan lies on
+the mesh of the next: unknowns and multipliers are carried over as they are, and a few iterations are enough.
+Behind the end of the first plan each one keeps the goal for a short while from where it begins.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from optim.planning.formulation.stage import PlanningProblem
+from optim.planning.search.make_plan import failure_message
+from optim.planning.search.plan_solver import PlanSolver
+from optim.planning.search.solve_request import solve_request
+from optim.planning.solver.ipopt import PATIENCE, Solution, solve
+from optim.planning.transcription.collocation_program import CollocationProgram
+from optim.planning.transcription.initial_guess import initial_guess
+from optim.planning.transcription.mesh_transfer import transfer_constrained, transfer_remaining
+from optim.planning.transcription.motion import Motion, PhasedMotion
+from optim.planning.verification.clearance import course_collisions
+from optim.planning.verification.replay import joint_angle
+from spacerobot.arrays import Array
+from spacerobot.errors import NoPlanError
+
+FEWEST = 4
+"""Intervals of a plan at least, where the first one has as many."""
+ROUNDING = 1e-9
+"""Of numbers of intervals, and of times in parts of a period."""
+GOOD = 1e-4
+"""Greatest violation [m, rad, N or N m] of a plan that is flown before the solver is content."""
+ROOM = 1e-6
+"""By which a limit that is violated where a plan begins is wider than that."""
+
+
+@dataclass
+class Horizon:
+    """The plan that is flown now, and what was done for all of them.
+
+    Attributes
+    ----------
+    solver
+        The problem.
+    motion, solution, program
+        The plan, its solution, and what that solves.
+    first_duration_s
+        Duration of the first plan [s].
+    begin_s
+        When the present plan began [s].
+    min_horizon
+        Shortest time that a plan looks ahead [s].
+    iterations, seconds
+        Of each solve.
+    missed, unfinished
+        How many led to no plan, and to one that was flown before the solver was content.
+    """
+
+    solver: PlanSolver
+    motion: Motion
+    solution: Solution
+    program: CollocationProgram
+    first_duration_s: float
+    min_horizon: float
+    begin_s: float = 0.0
+    iterations: list[int] = field(default_factory=list)
+    seconds: list[float] = field(default_factory=list)
+    missed: int = 0
+    unfinished: int = 0
+
+    @classmethod
+    def of(cls, solver: PlanSolver, measured: Array, min_horizon: float) -> Horizon:
+        """With the first plan, from a first guess.
+
+        Parameters
+        ----------
+        solver
+            The problem.
+        measured
+            Configuration and velocity at its beginning (nq + nv,), as they seem to be.
+        min_horizon
+            Shortest time that a plan looks ahead [s].
+
+        Raises
+        ------
+        NoPlanError
+            If none is found.
+        """
+        own = dataclasses.replace(solver, problem=dataclasses.replace(solver.problem, fixed=measured))
+        request = own.request(refine=False)
+        found = solve_request(own, request)
+        if found.solution is None:
+            raise NoPlanError(str(failure_message(found)), source=solver.scene.source, where="plan")
+        motion, solver = own.motion(request, found), solver.keeping_apart(found.apart)
+        return cls(
+            solver,
+            motion,
+            found.solution,
+            CollocationProgram(motion.problem, solver.instants, solver.lobatto, motion.mesh),
+            motion.duration_s,
+            min_horizon,
+            iterations=[one.iterations for one in found.runs],
+            seconds=[one.seconds for one in found.runs],
+        )
+
+    def replans_at(self, begin: float) -> bool:
+        """Whether a plan is to begin at a time [s]: the last one before the end is kept until there.
+
+        None where the shortest time to look ahead is longer than the first plan.
+        """
+        left, rounding = self.first_duration_s - begin, ROUNDING * self.first_duration_s
+        return self.min_horizon <= self.first_duration_s and (
+            left > self.min_horizon - rounding or left < rounding
+        )
+
+    def replan(self, begin: float, measured: Array, iterations: int) -> None:
+        """Plan anew from a time on, from the last plan; where that leads nowhere, from a first guess.
+
+        Where none is found the last one stays.
+
+        Parameters
+        ----------
+        begin
+            When the plan begins [s].
+        measured
+            Configuration and velocity then (nq + nv,), as they seem to be.
+        iterations
+            At most.
+        """
+        clock, solver, scale = time.perf_counter(), self.solver, self.solution.scale
+        problem = self._problem(solver, begin, measured)
+        intervals = self._intervals(problem.duration[0])
+        program = CollocationProgram(problem, solver.instants, solver.lobatto, intervals)
+        warm = transfer_remaining(self.solution, self.program, program, self._gone(begin))
+        found = solve(program, self._ahead(program, begin), warm, iterations=min(iterations, PATIENCE))
+        spent = found.iterations
+        if not is_usable(program, found) and spent < iterations:
+            fresh = initial_guess(problem, solver.lobatto, intervals).unknowns
+            found = solve(program, fresh, scale=scale, iterations=iterations - spent)
+            spent += found.iterations
+        while is_usable(program, found):
+            z, duration = program.split(found.w)
+            motion = Motion(problem, solver.lobatto, program.mesh, duration, z)
+            wider = solver.keeping_apart(course_collisions(PhasedMotion((motion,)), solver.pairs))
+            if wider is solver:
+                self.solver, self.motion = solver, motion
+                self.solution, self.program, self.begin_s = found, program, begin
+                self.unfinished += not found.converged
+                break
+            # links collide: once more from here, with the keep-out zones that this plan needs
+            problem, before, solver = self._problem(wider, begin, measured), program, wider
+            program = CollocationProgram(problem, solver.instants, solver.lobatto, intervals)
+            warm = transfer_constrained(found, before, program)
+            left = max(iterations - spent, 1)
+            found = solve(program, found.w, warm, scale=scale, iterations=min(left, PATIENCE))
+            spent += found.iterations
+        else:
+            self.missed += 1
+        self.iterations.append(spent)
+        self.seconds.append(time.perf_counter() - clock)
+
+    def _problem(self, solver: PlanSolver, begin: float, measured: Array) -> PlanningProblem:
+        """The problem from a time on.
+
+        What holds for a last part of the whole holds from the same time on, and no more behind the end. A
+        limit that is violated already is not to be violated more.
+        """
+        problem, left = solver.problem, self.first_duration_s - begin
+        behind = left < ROUNDING * self.first_duration_s
+        duration = self.min_horizon if behind else left
+        z = np.concatenate(self.at(np.array([begin])), axis=1)[0]
+        z[: measured.size] = measured
+        values = solver.instants.call("values", z[:, None])[measured.size :, 0]
+        rows = []
+        for row, value in zip(problem.path, values, strict=False):
+            if behind and row.last < 1:
+                rows.append(dataclasses.replace(row, lower=-np.inf, upper=np.inf))
+                continue
+            last = min(row.last * self.first_duration_s / duration, 1.0)
+            low, high = row.lower, row.upper
+            if last == 1:
+                low = low if value >= low else value - ROOM
+                high = high if value <= high else value + ROOM
+            rows.append(dataclasses.replace(row, last=last, lower=low, upper=high))
+        return dataclasses.replace(problem, path=tuple(rows), fixed=measured, duration=(duration,) * 3)
+
+    def _intervals(self, left: float) -> int:
+        """How many intervals of about the first plan's length there are in a time [s]."""
+        whole = self.solver.plan.intervals
+        return max(min(whole, FEWEST), int(np.ceil(whole * left / self.first_duration_s - ROUNDING)))
+
+    def _gone(self, begin: float) -> float:
+        """Part of the present plan that is over where the next one begins, if both end together."""
+        return (
+            (begin - self.begin_s) / self.motion.duration_s
+            if begin < self.first_duration_s * (1 - ROUNDING)
+            else 0.0
+        )
+
+    def _ahead(self, program: CollocationProgram, begin: float) -> Array:
+        """Unknowns of what is left of the present plan, and on as everything moves at its end."""
+        duration, model = program.problem.duration[0], program.problem.stage.scene.model
+        end = self.begin_s + self.motion.duration_s
+        times = begin + program.lobatto.times(program.mesh, duration)
+        q, v, a, u, w = self.at(np.minimum(times, end))
+        for k, late in enumerate(times - end):
+            if late > ROUNDING * duration:
+                q[k], a[k], u[k] = pin.integrate(model, q[k], v[k] * late), 0.0, 0.0
+        z = np.hstack([q, v, a, u, w])
+        z[0, : program.nx] = program.problem.fixed
+        return np.append(z.ravel(), duration)
+
+    def at(self, times: Array) -> list[Array]:
+        """Configuration, velocity, acceleration, drive and wrenches of the present plan at times (n,) [s].
+
+        Behind its end they are those at its end.
+        """
+        parts = np.clip((times - self.begin_s) / self.motion.duration_s, 0.0, 1.0)
+        return self.motion.parts(self.motion.along(parts))
+
+    def knots(self, now: float, period: float, robot: str) -> dict[str, Any]:
+        """What a robot's joints do in a period [s] from now on, at the points of one interval."""
+        stage = self.motion.problem.stage
+        model, driven = stage.scene.model, stage.driven
+        times = self.solver.lobatto.nodes * period
+        q, v, _, u, *_ = self.at(now + times)
+        own = [k for k, name in enumerate(driven.names) if name.startswith(f"{robot}/")]
+        own = [k for k in own if k < len(driven.joints)]
+        joints = [model.joints[driven.joints[k]] for k in own]
+        angles = np.array([[joint_angle(joint, row) for joint in joints] for row in q])
+        return {
+            "times": times.tolist(),
+            "points": len(times),
+            "joints": [driven.names[k].partition("/")[2] for k in own],
+            "position": np.unwrap(angles, axis=0).tolist(),
+            "rate": v[:, [driven.columns[k] for k in own]].tolist(),
+            "effort": u[:, own].tolist(),
+        }
+
+
+def is_usable(program: CollocationProgram, found: Solution) -> bool:
+    """Whether a plan may be flown: a solution, or feasible so far."""
+    g, (least, greatest) = program.constraints(found.w), program.limits()
+    return found.converged or bool(np.maximum(least - g, g - greatest).max() <= GOOD)

@@ -1,0 +1,257 @@
+"""The scenario that follows a plan.
+
+Joints track the plan in the first phase, or in the first phases where the plan has several; grasps that such
+a phase captures close when it ends. Where the last of them has not ended with the plan it goes on as one of
+its own: the scenario's controllers take over, and tips that were to be mated stay with their mating frames.
+All that follows is as in the scenario.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+
+import numpy as np
+
+from optim.planning.formulation.base_actuation import section_base_limits
+from optim.planning.formulation.formulate import mated, plan_section
+from optim.planning.search.make_plan import PlanResult
+from optim.planning.verification.replay import joint_angle
+from optim.planning.verification.tracking_gains import base_gains, tracking_gains
+from spacerobot.elements.goal import TipGoal
+from spacerobot.scenario import Scenario
+from spacerobot.scenario.load import to_document, validate
+from spacerobot.scenario.merge import CONTROLLERS, overlay
+from spacerobot.scenario.paths import Document
+from spacerobot.scenario.phases import Phase, successors
+
+PLAN = "plan.nc"
+ALONE = "approach"
+"""Phase of a scenario that has none, and open grasps."""
+
+
+def plan_phase(scenario: Scenario) -> str:
+    """Phase in which a plan of one phase is flown, the first one; none without phases and open grasps."""
+    opens = any(grasp.begins == "open" for grasp in scenario.grasps.values())
+    return next(iter(scenario.phases), ALONE if opens else "")
+
+
+def following_scenario(planned: PlanResult) -> Scenario:
+    """The scenario with joints that track a plan, and what comes behind it."""
+    scenario = planned.scene.scenario
+    document = to_document(scenario)
+    document["plan"] = None
+    named = {side for contact in scenario.contacts.values() for side in contact.between}
+    document["pads"] = {name: pad for name, pad in document["pads"].items() if name in named}
+    _begin(planned, document)
+    for name, robot in scenario.robots.items():  # what plans in flight does not follow
+        for key, controller in robot.controllers.items():
+            if controller.replanning is not None:
+                del document["robots"][name]["controllers"][key]
+    if plan_phase(scenario):
+        return validate(_in_phases(planned, document))
+    document["simulation"]["duration"] = planned.phased_motion.duration_s
+    for name, robot in document["robots"].items():
+        robot |= overlay(robot, _resting(robot)) | {"controllers": _tracking(planned, name, 0, "plan")}
+        robot["actuators"] = _actuated(planned, name, robot["actuators"])
+        for tip in robot["tips"].values():
+            tip["controllers"] = {}
+    return validate(document)
+
+
+def handover_warnings(planned: PlanResult) -> list[str]:
+    """One for each goal behind which the scenario's own controllers take over joints in full motion."""
+    scenario = planned.scene.scenario
+    if not plan_phase(scenario):
+        return []
+    robots = to_document(scenario)["robots"]
+    last = next(reversed(plan_section(planned.scene).by_phase.values()))
+    return [
+        f"goal {name!r} is not `settled`: controllers of {goal.body} take over joints that are in motion, "
+        "and brake them at once; give `settled: true`"
+        for name, goal in last.goals.items()
+        if goal.ends_in_motion and goal.body in robots and _has_controllers(robots[goal.body])
+    ]
+
+
+def _begin(planned: PlanResult, document: Document) -> None:
+    """Put robots, in place, where the plan begins, as far as it was free to find that."""
+    scene, q = planned.scene, planned.motion.q[0]
+    for name, room in plan_section(scene).start.items():
+        body, robot = scene.body(name), document["robots"][name]
+        for joint in body.driven_joints:
+            own = robot["joints"][body.joint_name(scene.model, joint)]
+            position = joint_angle(scene.model.joints[joint], q)
+            if own["angle_deg"] is not None:
+                own["angle_deg"] = float(np.degrees(position))
+            elif own["offset"] is not None:
+                own["offset"] = position
+        if room.places:
+            first = int(scene.model.idx_qs[body.root_joint])
+            place = robot["base"]["position"]
+            axes = 2 if scene.model.nvs[body.root_joint] == 3 else 3
+            robot["base"]["position"] = [*map(float, q[first : first + axes]), *place[axes:]]
+            if room.rotation_deg:
+                angle = float(np.degrees(np.arctan2(q[first + 3], q[first + 2])))
+                robot["base"]["rotation_deg"] = [*robot["base"]["rotation_deg"][:2], angle]
+
+
+def _in_phases(planned: PlanResult, document: Document) -> Document:
+    """The plan in the first phases, what is left of the last one behind it, and the phases that follow."""
+    scenario = planned.scene.scenario
+    flown = planned.names if any(planned.names) else (plan_phase(scenario),)
+    own = scenario.phases or {flown[0]: Phase()}
+    phases = {name: phase.model_dump(mode="json") for name, phase in own.items()}
+    phased_motion, last = planned.phased_motion, flown[-1]
+    closing = flown if len(flown) > 1 and _is_captured(planned, last) else flown[:-1]
+    for k, name in enumerate(closing):
+        motion = phased_motion.motions[k]
+        _closing(
+            document, phases[name], float(phased_motion.begins[k]) + motion.duration_s, motion.duration_s
+        )
+    end, left = phases.pop(last), _unused(f"{last}_wait", set(phases))
+    rest, (following_scenario, on_timeout) = None, successors(own)[last]
+    if last not in closing:
+        end |= {"next": following_scenario, "on_timeout": on_timeout}
+        end, rest = _parted(
+            end, phased_motion.motions[-1].duration_s if len(flown) > 1 else phased_motion.duration_s, left
+        )
+    document["simulation"]["duration"] = max(phased_motion.duration_s, scenario.simulation.duration)
+    if rest is not None:
+        rest["robots"] = overlay(rest["robots"], _waiting(planned, last))
+        if scenario.simulation.duration > phased_motion.duration_s:
+            end["captures"] = []  # behind the plan's end, where motions match
+            waits = (end["until"] or {}).get("captured") or ()
+            if any(scenario.grasps[name].begins == "open" for name in waits):
+                end["until"] = None  # it ends with the plan
+    order = [*flown, *([left] if rest is not None else []), *(name for name in own if name not in flown)]
+    phases |= {last: end} | ({} if rest is None else {left: rest})
+    phases = {name: phases[name] for name in order}
+    _track(planned, document, phases, flown)
+    document["phases"] = phases
+    return document
+
+
+def _is_captured(planned: PlanResult, last: str) -> bool:
+    """Whether the plan ends where all is mated that its last phase is to capture."""
+    scenario, goals = planned.scene.scenario, plan_section(planned.scene).by_phase[last].goals
+    until = scenario.phases[last].until
+    captured = (until.captured or ()) if until is not None else ()
+    return bool(captured) and all(mated(scenario.grasps[name], goals) for name in captured)
+
+
+def _closing(document: Document, phase: Document, now: float, duration: float) -> None:
+    """Let a planned phase end after its duration, with what it captures closed then, in place."""
+    captured = (phase["until"] or {}).get("captured") or []
+    until = {"captured": captured} if captured else {"time": duration}
+    phase |= {"until": until, "timeout": None, "on_timeout": None, "captures": captured}
+    for name in captured:
+        before = document["grasps"][name]["capture"]
+        document["grasps"][name]["capture"] = {"at": now, **{k: before[k] for k in ("axis", "mated_deg")}}
+
+
+def _track(planned: PlanResult, document: Document, phases: Document, flown: Sequence[str]) -> None:
+    """Give each robot what follows each phase of the plan, and rests in all others, in place."""
+    taken = {name for robot in planned.scene.scenario.robots.values() for name in robot.controllers}
+    before = {name: dict(robot) for name, robot in document["robots"].items()}
+    for k, now in enumerate(flown):
+        key = _unused("plan" if len(flown) == 1 else f"plan_{now}", taken)
+        for name, robot in document["robots"].items():
+            resting = {name: _resting(before[name])}
+            phases[now]["robots"] = overlay(phases[now]["robots"], resting)
+            tracking = _tracking(planned, name, k, key)
+            others = [phase for other, phase in phases.items() if other != now]
+            if len(flown) == 1 and not _has_controllers(before[name]):
+                others = []  # joints of one that has none stay where the plan leaves them
+            for phase in others:
+                phase["robots"] = overlay(phase["robots"], {name: {"controllers": dict.fromkeys(tracking)}})
+            robot["controllers"] = {**robot["controllers"], **tracking}
+    for name, robot in document["robots"].items():
+        robot["actuators"] = _actuated(planned, name, robot["actuators"])
+
+
+def _parted(own: Document, duration: float, left: str) -> tuple[Document, Document | None]:
+    """A phase that names its successors, for as long as the plan lasts, and what is left of it, if any."""
+    timed = (own["until"] or {}).get("time")
+    end = min(time for time in (timed, own["timeout"], np.inf) if time is not None)
+    first = own | {"until": None if timed else own["until"], "timeout": duration}
+    if end <= duration:
+        return first | {"on_timeout": own["next"] if timed == end else own["on_timeout"]}, None
+    rest = own | {"releases": [], "reset": False}
+    if timed:
+        rest["until"] = own["until"] | {"time": timed - duration}
+    if own["timeout"] is None:
+        rest["on_timeout"] = None
+    else:
+        rest["timeout"] = own["timeout"] - duration
+    if end == np.inf and own["until"] is None:
+        rest["next"] = None
+    return first | {"on_timeout": left}, rest
+
+
+def _resting(robot: Document) -> Document:
+    """What differs of a robot while its joints track the plan: its own controllers rest."""
+    found: Document = {"tips": {}, "controllers": dict.fromkeys(robot["controllers"])}
+    for name, tip in robot["tips"].items():
+        own: Document = {key: None for key in CONTROLLERS if tip[key] is not None}
+        reference = {"kind": "plan", "file": PLAN}
+        found["tips"][name] = {
+            **own,
+            "controllers": dict.fromkeys(tip["controllers"]),
+            "reference": reference,
+        }
+    return found | ({} if robot["joint_pd"] is None else {"joint_pd": None})
+
+
+def _waiting(planned: PlanResult, flown: str) -> Document:
+    """What differs of the robots behind the plan: tips stay where it brought them."""
+    scenario = planned.scene.scenario
+    now = scenario.during(flown) if scenario.phases else scenario
+    found: Document = {}
+    plans = plan_section(planned.scene).by_phase
+    for goal in next(reversed(plans.values())).goals.values():
+        if isinstance(goal, TipGoal):
+            robot, _, tip = goal.tip.partition("/")
+            reference = now.robots[robot].tips[tip].reference
+            found = overlay(found, {robot: {"tips": {tip: {"reference": goal.kept(reference)}}}})
+    return found
+
+
+def _has_controllers(robot: Document) -> bool:
+    tips = robot["tips"].values()
+    led = any(tip["controllers"] or any(tip[key] for key in CONTROLLERS) for tip in tips)
+    return led or bool(robot["joint_pd"] or robot["controllers"])
+
+
+def _unused(name: str, taken: set[str]) -> str:
+    """A name that is not taken."""
+    return next(
+        found for found in itertools.accumulate(itertools.repeat("_"), initial=name) if found not in taken
+    )
+
+
+def _tracking(planned: PlanResult, robot: str, k: int, key: str) -> Document:
+    """Controllers of a robot that follow a phase of the plan, by name."""
+    scene, driven = planned.scene, planned.phased_motion.motions[k].problem.stage.driven
+    file, found = {"file": PLAN} | ({"phase": planned.names[k]} if planned.names[k] else {}), {}
+    if scene.body(robot).driven_joints:
+        found[key] = {"kind": "joint_tracking", **file, **tracking_gains(scene, robot)}
+    if driven.of_base(robot):
+        found[f"{key}_base"] = {"kind": "base_tracking", **file, **base_gains(scene, robot)}
+    return found
+
+
+def _actuated(planned: PlanResult, robot: str, actuators: Document) -> Document:
+    """A robot's actuators, and an ideal one where they do not deliver what the plan asks of the base."""
+    scenario = planned.scene.scenario
+    axes = [a for motion in planned.phased_motion.motions for a in motion.problem.stage.driven.of_base(robot)]
+    own = [part for _, one in scenario.robots[robot].driven_by() for part in one.base_wrench]
+    if {"torque" if axis[0] == "t" else "force" for axis in axes} <= set(own):
+        return actuators
+    limits = [section_base_limits(plan.limits) for plan in plan_section(planned.scene).by_phase.values()]
+    ideal = {
+        "kind": "base_wrench",
+        "force": max(own.get("force", 0.0) for own in limits) or None,
+        "torque": max(own.get("torque", 0.0) for own in limits) or None,
+    }
+    return actuators | {_unused("plan", set(actuators)): ideal}

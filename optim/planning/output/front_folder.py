@@ -1,0 +1,72 @@
+"""What a front leaves behind: ``front.json``, and a plan's folder for each of its points."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+from typing import Any
+
+from optim.json_values import plain
+from optim.planning.formulation.costs import headings
+from optim.planning.output.plan_folder import summary
+from optim.planning.output.plan_folder import write as write_plan
+from optim.planning.studies.pareto_front import FrontPoint, ParetoFront
+from spacerobot.files import StrPath, write_text
+from spacerobot.result.store import check_folder
+from spacerobot.scene import build_scene
+
+FRONT = "front.json"
+
+
+def check_front_folder(folder: StrPath) -> None:
+    """Refuse, before any work is done, a folder that cannot be written or holds something else.
+
+    Raises
+    ------
+    ResultError
+        With the reason.
+    """
+    folder = Path(folder)
+    check_folder(folder, FRONT)
+
+
+def to_data(front: ParetoFront) -> dict[str, Any]:
+    """A front, plain."""
+    costs = front.costs
+    return {
+        "scenario": front.scene.scenario.name,
+        "terms": list(front.names),
+        "headings": headings(costs),
+        "units": {name: cost.unit for name, cost in costs.items()},
+        "points": [_point(point) for point in front.points],
+    }
+
+
+def _point(point: FrontPoint) -> dict[str, Any]:
+    told = {
+        "name": point.name,
+        "status": point.status,
+        "failure": point.failure,
+        "changes": dict(point.changes),
+        "values": dict(point.values),
+    }
+    return told | ({} if point.plan is None else {"plan": summary(point.plan)})
+
+
+def write(front: ParetoFront, folder: StrPath) -> dict[str, Any]:
+    """Write a front, and each plan into a folder of its own; gives what stands in ``front.json``.
+
+    Raises
+    ------
+    ResultError
+        If the folder cannot be written.
+    """
+    folder = Path(folder)
+    data = plain(to_data(front))
+    for point in front.points:
+        if point.plan is not None:
+            scene = build_scene(front.scene.scenario, dict(point.changes), source=front.scene.source)
+            write_plan(dataclasses.replace(point.plan, scene=scene), folder / point.name)
+    write_text(folder / FRONT, json.dumps(data, indent=1, allow_nan=False) + "\n")
+    return dict(data)

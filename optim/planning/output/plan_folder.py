@@ -1,0 +1,313 @@
+"""What a plan leaves behind: ``plan.nc``, its summary, and the scenario that follows it."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pinocchio as pin
+import xarray as xr
+
+import spacerobot
+from optim.json_values import plain
+from optim.planning.formulation.base_actuation import limiting_actuators
+from optim.planning.formulation.formulate import plan_section
+from optim.planning.formulation.grasps import wrench_axes
+from optim.planning.formulation.reaction_wheels import commanded_base_wrench
+from optim.planning.output.constraint_values import constraint_variables
+from optim.planning.output.following_scenario import PLAN, following_scenario, handover_warnings, plan_phase
+from optim.planning.output.multipliers import multiplier_norms
+from optim.planning.search.make_plan import PlanResult, solver_statistics
+from optim.planning.transcription.motion import Motion
+from spacerobot.arrays import Array
+from spacerobot.errors import ResultError
+from spacerobot.files import StrPath, staged, write_text
+from spacerobot.interrupts import uninterrupted
+from spacerobot.result.store import check_folder
+from spacerobot.scenario.load import to_yaml
+from spacerobot.scene import Scene
+
+SUMMARY, FOLLOWED, SCENARIO = "plan.json", "followed.yaml", "scenario.yaml"
+AXES = ["x", "y", "z"]
+
+
+def check_plan_folder(folder: StrPath) -> None:
+    """Refuse, before any work is done, a folder that cannot be written or holds something else.
+
+    Raises
+    ------
+    ResultError
+        With the reason.
+    """
+    folder = Path(folder)
+    check_folder(folder, SUMMARY)
+
+
+def dataset(planned: PlanResult) -> xr.Dataset:
+    """A plan as labelled arrays, one row for each point of its mesh; two where phases meet."""
+    phased_motion, scene = planned.phased_motion, planned.scene
+    model, driven = scene.model, planned.motion.problem.stage.driven
+    stages = [motion.problem.stage for motion in phased_motion.motions]
+    count = len(driven.joints)
+    drives = {
+        name: column
+        for stage in stages
+        for name, column in zip(stage.driven.names[count:], stage.driven.columns[count:], strict=True)
+    }
+    grips = [
+        f"{grip.name}.{axis}"
+        for grip in scene.grasps
+        if any(grip in (*stage.grips, *stage.springs) for stage in stages)
+        for axis in wrench_axes(scene, grip)
+    ]
+    parts = [_over_time(scene, motion, drives, grips) for motion in phased_motion.motions]
+    variables: dict[str, Any] = {
+        name: (dims, np.concatenate([part[name][1] for part in parts]), told)
+        for name, (dims, _, told) in parts[0].items()
+    }
+    told = _told("1", "norm of the multipliers of equations of motion and limits, as densities over time")
+    variables["multiplier_norm"] = ("time", multiplier_norms(planned), told)
+    solution, text = planned.solution, "for warm starts, in the program's order"
+    variables["multiplier"] = (
+        "equation",
+        solution.multipliers,
+        {"long_name": f"multipliers of constraints, {text}"},
+    )
+    variables["bound_multiplier"] = (
+        "unknown",
+        solution.bound_multipliers,
+        {"long_name": f"multipliers of the unknowns' limits, {text}"},
+    )
+    alone = plan_phase(scene.scenario)
+    names = planned.names if any(planned.names) else (alone,) * len(phased_motion.motions)
+    if any(names):
+        phases = [name for name, m in zip(names, phased_motion.motions, strict=True) for _ in m.time]
+        variables["phase"] = ("time", phases, {"long_name": "phase of the scenario"})
+    coordinates: dict[str, Any] = {
+        "time": ("time", phased_motion.time, {"units": "s", "long_name": "time"}),
+        "configuration": _entries(model, "nq"),
+        "velocity": _entries(model, "nv"),
+        "joint": list(driven.names[:count]),
+        "tip": [tip.label for tip in scene.tips],
+        "axis": AXES,
+    }
+    coordinates |= ({"drive": list(drives)} if drives else {}) | ({"grip": grips} if grips else {})
+    held, sides = constraint_variables(phased_motion, planned.names)
+    return xr.Dataset(variables | held, coordinates | sides, _attributes(planned))
+
+
+def _over_time(scene: Scene, motion: Motion, drives: Mapping[str, int], grips: list[str]) -> dict[str, Any]:
+    """Variables over the points of one phase, with axes of bases and grasps that others drive or hold."""
+    stage = motion.problem.stage
+    driven, count = stage.driven, len(stage.driven.joints)
+    columns = list(driven.columns[:count])
+    q, v, a, u = motion.q, motion.v, motion.a, motion.u
+    tips = _tips(scene, q, v)
+    variables: dict[str, Any] = {
+        "q": (("time", "configuration"), q, _told("m, rad or 1", "configuration in Pinocchio's coordinates")),
+        "v": (("time", "velocity"), v, _told("m/s or rad/s", "velocity, of a base in its own axes")),
+        "acceleration": (("time", "velocity"), a, _told("m/s^2 or rad/s^2", "acceleration, likewise")),
+        "torque": (
+            ("time", "joint"),
+            u[:, :count],
+            _told(_unit(scene, driven.joints, "N m or N"), "torques and forces of the joints"),
+        ),
+        "joint_position": (
+            ("time", "joint"),
+            _positions(scene, driven.joints, q),
+            _told(_unit(scene, driven.joints, "rad or m"), "positions"),
+        ),
+        "joint_rate": (
+            ("time", "joint"),
+            v[:, columns],
+            _told(_unit(scene, driven.joints, "rad/s or m/s"), "joint rates"),
+        ),
+        "joint_acceleration": (("time", "joint"), a[:, columns], _told("rad/s^2 or m/s^2", "their rates")),
+    }
+    for name, unit, text in TIP_MOTION:
+        variables[name] = (("time", "tip", "axis"), tips[name], _told(unit, text))
+    if drives:
+        told = _told("N or N m", "forces and torques that bases ask for, in their own axes")
+        asked = ca.Function("asked", [stage.z], [ca.densify(commanded_base_wrench(stage))])
+        wrench = _spread(list(drives), driven.names[count:], np.array(asked(motion.z.T).full()).T)
+        variables["base_wrench"] = (("time", "drive"), wrench, told)
+        told = _told("m/s or rad/s", "velocities and spins of bases along and about these axes")
+        variables["base_rate"] = (("time", "drive"), v[:, list(drives.values())], told)
+    if grips:
+        told = _told("N or N m", "forces and torques of grasps on tips, world axes")
+        closed = (*stage.grips, *stage.springs)
+        own = [f"{grip.name}.{axis}" for grip in closed for axis in wrench_axes(scene, grip)]
+        wrenches = ca.vertcat(ca.SX(0, 1), *(part for grip in closed for part in stage.wrench(grip)))
+        values = np.array(ca.Function("grip", [stage.z], [ca.densify(wrenches)])(motion.z.T).full()).T
+        variables["grip_wrench"] = (("time", "grip"), _spread(grips, own, values), told)
+    return variables
+
+
+def _spread(names: Sequence[str], own: Sequence[str], values: Array) -> Array:
+    """Columns of one's own names among all names; zeros elsewhere."""
+    found = np.zeros((len(values), len(names)))
+    found[:, [names.index(name) for name in own]] = values
+    return found
+
+
+TIP_MOTION = (
+    ("tip_position", "m", "tip positions, world axes"),
+    ("tip_velocity", "m/s", "tip velocities, world axes"),
+    ("tip_rotation", "rad", "rotation vectors of the tips' axes, world axes"),
+    ("tip_spin", "rad/s", "angular velocities of the tips, world axes"),
+)
+
+
+def summary(planned: PlanResult) -> dict[str, Any]:
+    """What is known of a plan, plain."""
+    phased_motion, verification = planned.phased_motion, planned.verification
+    phases = [
+        {"name": name, "duration_s": motion.duration_s, "intervals": motion.intervals}
+        for name, motion in zip(planned.names, phased_motion.motions, strict=True)
+    ]
+    return {
+        "scenario": planned.scene.scenario.name,
+        "duration_s": phased_motion.duration_s,
+        "phases": phases if len(set(planned.names)) > 1 else [],
+        "jumps_s": phased_motion.begins[1:].tolist() if len(set(planned.names)) == 1 else [],
+        "intervals": sum(motion.intervals for motion in phased_motion.motions),
+        "order": 2 * planned.motion.lobatto.points - 2,
+        "unknowns": len(phased_motion.unknowns),
+        "cost": planned.cost,
+        "terms": dict(planned.terms),
+        "verdict": {
+            "residual": verification.residual,
+            "second_order": verification.status,
+            "replay_error_m": dict(verification.replay_errors_m),
+            "followed_error_m": dict(verification.followed_errors_m),
+            "tolerance_m": verification.tolerance_m,
+            "violations": [vars(violation) for violation in verification.violations],
+        },
+        "base_limits": limiting_actuators(planned.scene, plan_section(planned.scene).by_phase.values()),
+        "collision_avoidance": {
+            "pairs": planned.pairs,
+            "kept_apart": [list(names) for names in planned.kept_apart],
+        },
+        "choices": [vars(one) for one in planned.candidates],
+        "evaluation": planned.backend,
+        "solves": solver_statistics(planned),
+    }
+
+
+def write(planned: PlanResult, folder: StrPath) -> None:
+    """Write a plan; one that is there already is replaced.
+
+    Raises
+    ------
+    ResultError
+        If the folder cannot be written; what was there before is then still there.
+    """
+    folder = Path(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with uninterrupted(), staged(folder) as stage:
+            found = dataset(planned)
+            encoding = {str(name): {"zlib": True, "complevel": 1} for name in found.data_vars}
+            found.to_netcdf(stage / PLAN, engine="netcdf4", encoding=encoding)
+            (stage / PLAN).replace(folder / PLAN)
+            text = json.dumps(plain(summary(planned)), indent=1, allow_nan=False)
+            write_text(folder / SUMMARY, text + "\n")
+            notes = "".join(f"# {line}\n" for line in handover_warnings(planned))
+            write_text(folder / FOLLOWED, notes + to_yaml(following_scenario(planned)))
+            write_text(folder / SCENARIO, to_yaml(planned.scene.scenario))
+    except (OSError, RuntimeError) as fault:
+        raise ResultError(f"cannot be written: {fault}", source=folder) from None
+
+
+def read(folder: StrPath) -> tuple[xr.Dataset, dict[str, Any]]:
+    """What stands in a plan's ``plan.nc`` and ``plan.json``.
+
+    Raises
+    ------
+    ResultError
+        If they cannot be read.
+    """
+    folder = Path(folder)
+    try:
+        summary = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
+        with xr.open_dataset(folder / PLAN, engine="netcdf4") as stored:
+            return stored.load(), dict(summary)
+    except (OSError, ValueError, RuntimeError) as fault:
+        raise ResultError(f"holds no plan that can be read: {fault}", source=folder) from None
+
+
+def is_plan(folder: Path) -> bool:
+    """Whether a folder is a plan's."""
+    return (folder / SUMMARY).is_file()
+
+
+def _attributes(planned: PlanResult) -> dict[str, Any]:
+    motion, verification = planned.motion, planned.verification
+    text = to_yaml(planned.scene.scenario)
+    return {
+        "scenario": hashlib.sha256(text.encode()).hexdigest(),
+        "spacerobot": spacerobot.__version__,
+        "status": "saddle point" if verification.saddle else "solved",
+        "interpolation": "lobatto",
+        "points": motion.lobatto.points,
+        "intervals": sum(motion.intervals for motion in planned.phased_motion.motions),
+        "order": 2 * motion.lobatto.points - 2,
+        "duration_s": planned.phased_motion.duration_s,
+        "cost": planned.cost,
+        "residual": verification.residual,
+        "barrier": planned.solution.barrier,
+        "replay_error_m": verification.replay_error_m,
+        "followed_error_m": verification.followed_error_m,
+    }
+
+
+def _positions(scene: Scene, joints: tuple[int, ...], q: Array) -> Array:
+    """Positions of joints, unbounded ones unwound (n, joints)."""
+    found = np.empty((len(q), len(joints)))
+    for k, joint in enumerate(joints):
+        own = scene.model.joints[joint]
+        angle = own.nq == 2
+        column = np.unwrap(np.arctan2(q[:, own.idx_q + 1], q[:, own.idx_q])) if angle else q[:, own.idx_q]
+        found[:, k] = column
+    return found
+
+
+def _tips(scene: Scene, q: Array, v: Array) -> dict[str, Array]:
+    """Motion of all tips (n, tips, 3), world axes."""
+    model, data = scene.model, scene.model.createData()
+    found = {name: np.zeros((len(q), len(scene.tips), 3)) for name, _, _ in TIP_MOTION}
+    world = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+    for i, (at, rate) in enumerate(zip(q, v, strict=True)):
+        pin.forwardKinematics(model, data, np.array(at), np.array(rate))
+        pin.updateFramePlacements(model, data)
+        for k, tip in enumerate(scene.tips):
+            motion = pin.getFrameVelocity(model, data, tip.frame, world)
+            found["tip_position"][i, k] = data.oMf[tip.frame].translation
+            found["tip_velocity"][i, k] = motion.linear
+            found["tip_rotation"][i, k] = pin.log3(data.oMf[tip.frame].rotation)
+            found["tip_spin"][i, k] = motion.angular
+    return found
+
+
+def _unit(scene: Scene, joints: tuple[int, ...], either: str) -> str:
+    """Unit of joints that all turn, or all slide; ``either`` where some do the one and some the other."""
+    slides = {"P" in scene.model.joints[joint].shortname().removeprefix("JointModel") for joint in joints}
+    return either if len(slides) != 1 else either.split(" or ")[slides.pop()]
+
+
+def _entries(model: Any, size: str) -> list[str]:
+    """A name for each coordinate of configuration or velocity."""
+    found = []
+    for name, joint in zip(list(model.names)[1:], list(model.joints)[1:], strict=True):
+        count = getattr(joint, size)
+        found += [str(name)] if count == 1 else [f"{name}[{k}]" for k in range(count)]
+    return found
+
+
+def _told(unit: str, text: str) -> dict[str, str]:
+    return {"units": unit, "long_name": text}

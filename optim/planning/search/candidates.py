@@ -1,0 +1,93 @@
+"""Choices among candidates, such as mating frames: each is planned, and the best plan is kept."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TypeVar
+
+from optim.planning.formulation.formulate import plan_section
+from spacerobot.errors import NoPlanError, ScenarioError
+from spacerobot.scene import Scene, build_scene
+
+T = TypeVar("T")
+Value = str | float
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One candidate.
+
+    Attributes
+    ----------
+    chosen
+        What was taken, by the choice's name.
+    cost
+        Of its plan; None where there is none.
+    failure
+        Why there is none.
+    """
+
+    chosen: dict[str, Value]
+    cost: float | None = None
+    failure: str = ""
+
+
+def candidate_scenes(scene: Scene) -> list[tuple[dict[str, Value], Scene]]:
+    """What may be chosen, and the scene that has it; the scene itself where its plan has no choices.
+
+    Raises
+    ------
+    ScenarioError
+        If a choice names a path that is not there, or a value that it does not take.
+    """
+    choices, found = plan_section(scene).choices, list[tuple[dict[str, Value], Scene]]()
+    if not choices:
+        return [({}, scene)]
+    for values in itertools.product(*(choice.among for choice in choices.values())):
+        changes = [
+            (path, value)
+            for choice, value in zip(choices.values(), values, strict=True)
+            for path in choice.paths
+        ]
+        built = build_scene(scene.scenario, [("plan.choices", {}), *changes], source=scene.source)
+        found.append((dict(zip(choices, values, strict=True)), built))
+    return found
+
+
+def best_candidate(
+    scene: Scene, plan: Callable[[Scene, str], tuple[float, T]]
+) -> tuple[T, tuple[Candidate, ...]]:
+    """The plan that costs least of those of all candidates, and what was tried.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    plan
+        Gives the cost of a scene's plan, and the plan; it is told in words which candidate it is of.
+
+    Raises
+    ------
+    ScenarioError
+        If there are no choices, and there is no plan; NoPlanError where none of them leads to one.
+    """
+    best: tuple[float, T] | None = None
+    candidates, found = list[Candidate](), candidate_scenes(scene)
+    for chosen, each in found:
+        words = ", ".join(f"{name} {value}" for name, value in chosen.items())
+        try:
+            cost, planned = plan(each, words)
+        except (NoPlanError, ScenarioError) as fault:
+            if not chosen:
+                raise
+            candidates.append(Candidate(chosen, failure=fault.message))
+            continue
+        candidates.append(Candidate(chosen, cost))
+        if best is None or cost < best[0]:
+            best = cost, planned
+    if best is None:
+        told = "; ".join(f"{', '.join(map(str, one.chosen.values()))}: {one.failure}" for one in candidates)
+        raise NoPlanError(f"no candidate leads to a plan: {told}", source=scene.source, where="plan.choices")
+    return best[1], tuple(candidates) if found[0][0] else ()

@@ -1,0 +1,215 @@
+"""Why a search found no plan, and what to try: infeasible, iterations or time exhausted, a bad start."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import numpy.typing as npt
+
+from optim.planning.solver.elastic import ElasticProgram
+from optim.planning.solver.ipopt import TIME_LIMIT, Solution
+from optim.planning.solver.nonlinear_program import NonlinearProgram
+from optim.planning.transcription.collocation_program import CollocationProgram
+from optim.planning.transcription.phase_chain import phase_programs
+from optim.planning.verification.verify import limit_names
+from spacerobot.arrays import Array
+from spacerobot.scenario.plan import PlanSection
+
+VIOLATED = 1e-6
+"""Violation that is told."""
+NAMED = 4
+"""Constraints and limits that are named at most."""
+SHARE = 0.05
+"""Part of the strongest limit's pull from which on another one is named."""
+
+
+def limit_message(program: NonlinearProgram, solution: Solution, plan: PlanSection) -> str:
+    """Message where a search was stopped by a limit of its own, or by numbers; none where it ended itself.
+
+    Parameters
+    ----------
+    program, solution
+        What was to be solved, and where that ended.
+    plan
+        The section, whose limits are named.
+    """
+    left = f"where it stopped, violated most: {largest_violations(program, solution.w)}"
+    if solution.status == TIME_LIMIT:
+        return (
+            f"time exhausted: `plan.time_limit`, {plan.time_limit:g} s of processor time, was over in "
+            f"iteration {solution.iterations}; {left}; raise `time_limit`, or try fewer `intervals`"
+        )
+    if solution.status == "Maximum_Iterations_Exceeded":
+        return (
+            f"iterations exhausted: {solution.iterations} of `plan.iterations` were not enough; {left}; "
+            "raise `iterations`, or try further first guesses (`starts: 5`) or another `duration.guess`"
+        )
+    if solution.status == "Invalid_Number_Detected":
+        return (
+            f"the search came to where the motion cannot be evaluated, in iteration {solution.iterations}; "
+            "try further first guesses (`starts: 5`), or another `duration.guess`"
+        )
+    return ""
+
+
+def bad_guess_message(program: NonlinearProgram, first: Array) -> str | None:
+    """Message where a first guess cannot be evaluated, naming what; None where it can.
+
+    Parameters
+    ----------
+    program, first
+        What is to be solved, and the unknowns to begin with.
+    """
+    g, cost = program.constraints(first), program.objective(first)
+    wrong = [name for name, rows in _rows(program) if not np.isfinite(g[rows]).all()]
+    if not np.isfinite(cost):
+        wrong.append("the cost")
+    if not wrong:
+        return None
+    return (
+        "bad start: the first guess cannot be evaluated, for these are no numbers: "
+        f"{', '.join(wrong[:NAMED])}; try further first guesses "
+        "(`starts: 5`), another `duration.guess`, or begin elsewhere"
+    )
+
+
+def infeasibility_message(elastic: ElasticProgram, solution: Solution, status: str) -> str:
+    """Message where no motion was found that meets all constraints, from the elastic program's solution.
+
+    Parameters
+    ----------
+    elastic, solution
+        The elastic program, and where that ended.
+    status
+        IPOPT's word for where the program itself ended.
+    """
+    program, w = elastic.program, solution.w[: elastic.program.size]
+    hints = "relax them, or try further first guesses (`starts: 5`)"
+    if not solution.converged:
+        return (
+            f"no motion that meets all constraints was found ({status.replace('_', ' ').lower()}), nor the "
+            "least violation; "
+            f"violated most where the search ended: {largest_violations(program, w)}; {hints}"
+        )
+    limits = active_limits(program, _with_durations(elastic, solution))
+    held = f", held back by {', '.join(limits)}" if limits else ""
+    return (
+        "infeasible, as far as can be seen from this first guess: the least violation leaves "
+        f"{largest_violations(program, w)}{held}; {hints}"
+    )
+
+
+def largest_violations(program: NonlinearProgram, w: Array) -> str:
+    """Constraints that are violated most, by name with their violations.
+
+    Parameters
+    ----------
+    program, w
+        What is solved, and its unknowns.
+    """
+    g, (least, greatest) = program.constraints(w), program.limits()
+    over, found = np.maximum(np.maximum(least - g, g - greatest), 0.0), dict[str, tuple[float, str]]()
+    scales = _scales(program)
+    for name, rows in _rows(program):
+        scale, unit = scales.get(name, (1.0, "m or rad"))
+        value = float(np.max(over[rows], initial=0.0)) * scale
+        found[name] = max((value, unit), found.get(name, (0.0, unit)))
+    worst = sorted(found.items(), key=lambda item: -item[1][0])
+    named = [f"{name} ({value:.2g} {unit})" for name, (value, unit) in worst if value > VIOLATED][:NAMED]
+    return ", ".join(named) or "nothing"
+
+
+def active_limits(program: NonlinearProgram, multipliers: Array) -> list[str]:
+    """Limits of unknowns that hold most, by name.
+
+    Parameters
+    ----------
+    program
+        What was solved.
+    multipliers
+        Of the limits of its unknowns (size,).
+    """
+    pulls, times, first, (low, high) = dict[str, float](), dict[str, float](), 0, program.bounds()
+    for one in phase_programs(program):
+        own = slice(first, first + one.size)
+        limit = np.where(multipliers[own] > 0, high[own], low[own])
+        fixed = low[own] == high[own]
+        fixed[-1] = False  # a duration that is given is a limit, too
+        pull = np.where(np.isfinite(limit) & ~fixed, np.abs(multipliers[own]), 0.0)
+        pull = pull * np.maximum(np.abs(np.where(np.isfinite(limit), limit, 0.0)), 1e-3)
+        per_point = pull[:-1].reshape(one.points, one.nz).sum(axis=0)
+        for k, (name, _) in limit_names(one.problem).items():
+            pulls[name] = pulls.get(name, 0.0) + float(per_point[k])
+        times[f"the duration (at most {high[own][-1]:g} s)"] = float(pull[-1]) * (multipliers[own][-1] > 0)
+        first += one.size
+    most = max(pulls.values(), default=0.0)
+    worst = sorted(pulls, key=lambda name: -pulls[name])[:NAMED]
+    named = [name for name in worst if most > VIOLATED and pulls[name] >= SHARE * most]
+    return named + [name for name, pull in times.items() if pull > VIOLATED]
+
+
+def _with_durations(elastic: ElasticProgram, solution: Solution) -> Array:
+    """Multipliers of the limits of a program's unknowns (size,), with those of durations that are given.
+
+    The solver leaves these out; they make the slope of the Lagrangian vanish.
+    """
+    program, found = elastic.program, solution.bound_multipliers[: elastic.program.size].copy()
+    pattern = elastic.jacobian_pattern.copy()
+    pattern.data = elastic.jacobian(solution.w)
+    slope = elastic.gradient(solution.w) + pattern.T @ solution.multipliers
+    low, high = program.bounds()
+    for end in np.cumsum([one.size for one in phase_programs(program)]) - 1:
+        if low[end] == high[end]:
+            found[end] = -slope[end]
+    return found
+
+
+def soft_rows(program: NonlinearProgram) -> npt.NDArray[np.int64]:
+    """Constraints that an elastic program may violate: goals, and limits along the path.
+
+    Equations of motion and collocation stay, and so does what grasps hold.
+    """
+    found, first = list[npt.NDArray[np.int64]](), 0
+    for one in phase_programs(program):
+        hard = np.zeros((one.points, one.per_point), dtype=bool)
+        hard[:, : one.nv] = True
+        for k, row in enumerate(one.problem.path):
+            hard[:, one.nv + k] = row.lower == row.upper
+        own = np.concatenate(
+            [np.zeros(one.defects, dtype=bool), ~hard.ravel(), np.ones(len(one.problem.goal), dtype=bool)]
+        )
+        found.append(first + np.flatnonzero(own))
+        first += one.rows
+    rows, (least, greatest) = np.concatenate(found), program.limits()
+    return rows[np.isfinite(least[rows]) | np.isfinite(greatest[rows])]
+
+
+def _scales(program: NonlinearProgram) -> dict[str, tuple[float, str]]:
+    """What a violation of one means, and the unit, of constraints by name."""
+    found = {"equations of motion": (1.0, "N or N m")}
+    for one in phase_programs(program):
+        found |= {row.name: (row.scale, row.unit) for row in (*one.problem.path, *one.problem.goal)}
+    return found
+
+
+def _rows(program: NonlinearProgram) -> Iterator[tuple[str, npt.NDArray[np.int64]]]:
+    """Names of all constraints, and which rows they are."""
+    first = 0
+    for one in phase_programs(program):
+        yield "continuity", first + np.arange(one.defects)
+        yield from _rows_at_points(one, first + one.defects)
+        goals = first + one.rows - len(one.problem.goal)
+        for k, row in enumerate(one.problem.goal):
+            yield row.name, np.array([goals + k])
+        first += one.rows
+    if first < program.rows:
+        yield "continuity between phases", np.arange(first, program.rows)
+
+
+def _rows_at_points(program: CollocationProgram, first: int) -> Iterator[tuple[str, npt.NDArray[np.int64]]]:
+    """Those of the constraints that hold at points."""
+    at = first + np.arange(program.points * program.per_point).reshape(program.points, program.per_point)
+    yield "equations of motion", at[:, : program.nv].ravel()
+    for k, row in enumerate(program.problem.path):
+        yield row.name, at[:, program.nv + k]

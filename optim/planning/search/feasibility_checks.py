@@ -1,0 +1,318 @@
+"""What is refused before a solver runs: a start that violates its own limits, a goal that no arm reaches."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pinocchio as pin
+
+from optim.planning.formulation.instant_view import InstantView
+from optim.planning.formulation.rows import row_values
+from optim.planning.formulation.stage import PlanningProblem
+from optim.planning.transcription.initial_guess import drift
+from optim.planning.transcription.lobatto import Lobatto
+from spacerobot.arrays import Array
+from spacerobot.elements.goal import TipGoal
+from spacerobot.errors import ScenarioError
+from spacerobot.scenario.plan import PlanSection
+from spacerobot.scene import Scene
+from spacerobot.scene.reference_checks import com_from_base, reach
+from spacerobot.scene.scene import SceneBody, SceneTip
+
+SLACK = 1e-9
+"""Violation of a start that is rounding."""
+MISSED = 1e-6
+"""Miss of a goal that nothing changes, for which it is refused."""
+INSTANTS = 100
+"""Instants of a free duration at which a moving goal is looked for."""
+
+
+def check_start(problem: PlanningProblem) -> None:
+    """Refuse a start that is given and violates its own limits.
+
+    Raises
+    ------
+    ScenarioError
+        Naming the limit.
+    """
+    if problem.begin is not None:
+        return
+    scene, driven = problem.stage.scene, problem.stage.driven
+    model = scene.model
+    for joint in driven.joints:
+        own, name = model.joints[joint], str(model.names[joint])
+        checked = [("rate", model.nq + own.idx_v, "rad/s or m/s")]
+        if own.nq == 1:
+            checked.append(("position", own.idx_q, "rad or m"))
+        for what, place, unit in checked:
+            least, greatest = problem.lower[place], problem.upper[place]
+            if not least - SLACK <= problem.fixed[place] <= greatest + SLACK:
+                raise ScenarioError(
+                    f"the start violates a limit: the {what} of {name} is {problem.fixed[place]:.4g}, "
+                    f"allowed {least:.4g} to {greatest:.4g} {unit}; begin elsewhere or change the limit",
+                    source=scene.source,
+                    where="plan",
+                )
+    stage = problem.stage
+    later = ca.vertcat(stage.a, stage.u, stage.w)
+    rows = [row for row in problem.path if row.last == 1.0 and not ca.depends_on(row.value, later)]
+    if not rows:
+        return
+    rest = np.zeros(problem.stage.z.numel() - len(problem.fixed))
+    found = row_values(rows, problem.stage.z, np.concatenate([problem.fixed, rest])[:, None])[:, 0]
+    for row, value in zip(rows, found, strict=True):
+        if not row.lower - SLACK <= value <= row.upper + SLACK:
+            over = max(row.lower - value, value - row.upper) * row.scale
+            raise ScenarioError(
+                f"the start violates a limit: {row.name} is passed by {over:.4g} {row.unit}; begin elsewhere "
+                "or change the limit",
+                source=scene.source,
+                where="plan",
+            )
+
+
+def check_momentum(problem: PlanningProblem, plan: PlanSection) -> None:
+    """Refuse that bodies come to rest whose momentum nothing takes, or that are told to twice.
+
+    Raises
+    ------
+    ScenarioError
+        With that momentum.
+    """
+    scene, resting = problem.stage.scene, dict[str, str]()
+    for name, goal in plan.goals.items():
+        if goal.stops is None:
+            continue
+        where = f"plan.goals.{name}"
+        body = next(body for body in scene.bodies if body.name == goal.stops)
+        group = _moving_with(problem, body)
+        if body.name in resting:
+            raise ScenarioError(
+                f"{body.name} comes to rest by goal {resting[body.name]!r} already, by a weld; leave "
+                "one of the two out",
+                source=scene.source,
+                where=where,
+            )
+        if problem.stage.springs:
+            continue  # they may take it
+        names = {one.name for one in group}
+        resting |= dict.fromkeys(names, name)
+        if names == {"target"}:
+            told = "moves on as it does, for nothing holds it"
+            raise ScenarioError(f"{body.name} {told}", source=scene.source, where=where)
+        if any(not one.root_joint for one in group):
+            continue  # the world takes it
+        momenta = zip(_momenta(scene, group), _taken(problem, group), strict=True)
+        for (momentum, able), unit, key in zip(
+            momenta, ("N s", "N m s"), ("base_force", "base_torque"), strict=True
+        ):
+            size, most = float(np.linalg.norm(momentum)), able * problem.duration[1]
+            if size <= max(SLACK, most * (1 + 1e-6)):
+                continue
+            told = f"for nothing takes its momentum of {size:.4g} {unit}; give `limits.{key}`"
+            if able:
+                told = (
+                    f"for its momentum is {size:.4g} {unit}, of which {problem.duration[1]:g} s take no more "
+                    f"than {most:.4g} {unit}; raise `limits.{key}`, or the duration"
+                )
+            raise ScenarioError(f"{body.name} cannot come to rest, {told}", source=scene.source, where=where)
+
+
+def _taken(problem: PlanningProblem, group: list[SceneBody]) -> tuple[float, float]:
+    """Bounds of the force [N], and of the torque about their centre of mass [N m], on the bases of bodies."""
+    scene, driven = problem.stage.scene, problem.stage.driven
+    bases = [body for body in group if body is not scene.target]
+    force, torque = (sum(driven.strength(body.name, part) for body in bases) for part in "ft")
+    # forces on a base turn what lies beside it: bounded for a robot alone
+    lever = com_from_base(scene, bases[0]) if len(group) == 1 else np.inf
+    return force, torque + (lever * force if force else 0.0)
+
+
+def check_joined(problem: PlanningProblem, plan: PlanSection) -> None:
+    """Refuse that a robot ends at rest relative to the target with momenta that it cannot come to have.
+
+    What floats freely keeps its momenta. With its joints at rest and its tip moving as the mating frame it
+    would move as one with the target: momentum m v and, about its centre of mass, I w with some inertia I.
+
+    Raises
+    ------
+    ScenarioError
+        With the velocity, or the spin, that nothing changes.
+    """
+    scene, tips = problem.stage.scene, {tip.label: tip for tip in problem.stage.scene.tips}
+    driven = problem.stage.driven
+    if driven.drives_bases or problem.stage.grips or problem.begin is not None:
+        return
+    for name, goal in plan.goals.items():
+        if not isinstance(goal, TipGoal) or goal.follows is None or goal.end_speed is None:
+            continue
+        tip = tips[goal.tip]
+        if not tip.body.root_joint:
+            continue
+        linear, angular = _momenta(scene, [tip.body])
+        mass = sum(float(scene.model.inertias[joint].mass) for joint in tip.body.subtree)
+        own, near = linear / mass, _greatest_distance(problem, tip)
+        velocities, spins = _mate_motion(problem, goal.follows)
+        turning, turned = np.linalg.norm(spins, axis=1), float(np.linalg.norm(angular))
+        apart = np.linalg.norm(velocities - own, axis=1) - turning * near - goal.end_speed
+        fault = ""
+        if apart.min() > SLACK:
+            fault = f"its centre of mass goes on at {np.linalg.norm(own):.4g} m/s, another velocity than that"
+        elif np.all((spins @ angular <= SLACK * turned) & (turning + turned > SLACK)):
+            fault = f"its angular momentum stays {turned:.4g} N m s, so it cannot turn likewise"
+        if fault:
+            raise ScenarioError(
+                f"{tip.body.name} cannot end at rest relative to the target: nothing acts on it from outside "
+                f"and {fault}; leave `rest` out, or give `limits.base_force` and `base_torque`",
+                source=scene.source,
+                where=f"plan.goals.{name}",
+            )
+
+
+def _mate_motion(problem: PlanningProblem, name: str) -> tuple[Array, Array]:
+    """Velocity and spin of a mating frame, world axes, when a plan may end (n, 3) each [m/s, rad/s]."""
+    scene, (least, greatest, _) = problem.stage.scene, problem.duration
+    model, data = scene.model, scene.model.createData()
+    frame = model.getFrameId(f"target/{name}", pin.FrameType.BODY)
+    qs, vs = (
+        part[int(INSTANTS * least / greatest) :]
+        for part in drift(problem, Lobatto.of_order(2), INSTANTS, greatest)
+    )
+    found = []
+    for q, v in zip(qs, vs, strict=True):
+        pin.forwardKinematics(model, data, q, v)
+        motion = pin.getFrameVelocity(model, data, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
+        found.append((motion.linear, motion.angular))
+    velocities, spins = zip(*found, strict=True)
+    return np.array(velocities), np.array(spins)
+
+
+def _moving_with(problem: PlanningProblem, body: SceneBody) -> list[SceneBody]:
+    """A body, and those that welds join with it."""
+    target = problem.stage.scene.target
+    holding = {
+        grip.tip.body.name: grip.tip.body for grip in problem.stage.grips if grip.config.fixes_orientation
+    }
+    if target is None or not holding or body.name not in (*holding, target.name):
+        return [body]
+    return [target, *holding.values()]
+
+
+def _momenta(scene: Scene, bodies: Iterable[SceneBody]) -> tuple[Array, Array]:
+    """Linear and angular momentum at the start, the latter about the common centre of mass (3,) each."""
+    model, data = scene.model, scene.model.createData()
+    pin.forwardKinematics(model, data, np.array(scene.q), np.array(scene.v))
+    linear, angular, moment, mass = np.zeros(3), np.zeros(3), np.zeros(3), 0.0
+    for joint in (joint for body in bodies for joint in body.subtree):
+        inertia, place = model.inertias[joint], data.oMi[joint]
+        momentum = place.act(inertia * data.v[joint])
+        linear, angular = linear + momentum.linear, angular + momentum.angular
+        moment, mass = moment + inertia.mass * place.act(inertia.lever), mass + inertia.mass
+    return linear, angular - np.cross(moment / mass, linear)
+
+
+def check_changeable(problem: PlanningProblem) -> None:
+    """Refuse a goal about what nothing can change: it moves on as it does, and misses the goal.
+
+    Nothing changes what is neither driven nor held together with what is.
+
+    Raises
+    ------
+    ScenarioError
+        By how much the goal is missed at the least.
+    """
+    stage, scene = problem.stage, problem.stage.scene
+    if problem.begin is not None or stage.grips or stage.springs or not problem.goal:
+        return
+    driven = {scene.model.names[joint].partition("/")[0] for joint in stage.driven.joints}
+    driven |= {name.partition("/")[0] for name in stage.driven.names}
+    free = [joint for body in scene.bodies if body.name not in driven for joint in body.subtree]
+    fixed = np.ones(scene.model.nq, dtype=bool), np.ones(scene.model.nv, dtype=bool)
+    for joint in free:
+        own = scene.model.joints[joint]
+        fixed[0][own.idx_q : own.idx_q + own.nq] = fixed[1][own.idx_v : own.idx_v + own.nv] = False
+    moved = ca.vertcat(
+        stage.q[np.flatnonzero(fixed[0]).tolist()],
+        stage.v[np.flatnonzero(fixed[1]).tolist()],
+        stage.a,
+        stage.u,
+    )
+    rows = [row for row in problem.goal if not ca.depends_on(row.value, moved)]
+    if not rows:
+        return
+    least, greatest, _ = problem.duration
+    qs, vs = drift(problem, Lobatto.of_order(2), INSTANTS, greatest)
+    first = int(INSTANTS * least / greatest)
+    state = np.hstack([qs, vs])[first:].T
+    values = ca.Function("goals", [ca.vertcat(stage.q, stage.v)], [ca.vertcat(*(row.value for row in rows))])
+    for row, found in zip(rows, np.array(values(state)).reshape(len(rows), -1), strict=True):
+        over = np.maximum(row.lower - found, found - row.upper)
+        crossed = row.lower == row.upper and found.min() <= row.lower <= found.max()
+        if not crossed and over.min() > MISSED:
+            raise ScenarioError(
+                f"{row.name}: nothing that is planned changes it, and it misses by at least "
+                f"{over.min() * row.scale:.3g} {row.unit}; leave the goal out, or drive or hold its body",
+                source=scene.source,
+                where="plan.goals",
+            )
+
+
+def check_reach(problem: PlanningProblem, plan: PlanSection, tips: dict[str, SceneTip]) -> None:
+    """Refuse a goal farther from a robot's centre of mass than its tip can ever be.
+
+    The centre of mass of a floating robot that nothing drives moves uniformly, and its base is never far from
+    it, so that the bound needs no solver.
+
+    Raises
+    ------
+    ScenarioError
+        With both distances.
+    """
+    scene, driven = problem.stage.scene, problem.stage.driven
+    pushed = any(driven.strength(body.name, "f") for body in scene.robots)
+    if pushed or problem.stage.grips or problem.begin is not None:
+        return
+    least, greatest, _ = problem.duration
+    data = scene.model.createData()
+    qs = drift(problem, Lobatto.of_order(2), INSTANTS, greatest)[0][int(INSTANTS * least / greatest) :]
+    for name, goal in plan.goals.items():
+        if not isinstance(goal, TipGoal):
+            continue
+        tip, nearest, stage = tips[goal.tip], np.inf, problem.stage
+        allowed = _greatest_distance(problem, tip)
+        place = ca.Function(
+            "place", [stage.q], [ca.densify(goal.place(InstantView(stage, f"plan.goals.{name}")))]
+        )
+        for q in qs:
+            pin.framesForwardKinematics(scene.model, data, q)
+            away = np.array(place(q)).ravel() - _centre(problem, tip, data, q)
+            nearest = min(nearest, float(np.linalg.norm(away)))
+        if nearest > allowed * (1 + 1e-6):
+            raise ScenarioError(
+                f"out of reach: at its nearest the goal is {nearest:.4g} m from {tip.body.name}'s centre of "
+                f"mass, and {tip.label} is never more than {allowed:.4g} m from it",
+                source=scene.source,
+                where=f"plan.goals.{name}",
+            )
+
+
+def _greatest_distance(problem: PlanningProblem, tip: SceneTip) -> float:
+    """Bound of the distance of a tip from what does not move of its robot [m]."""
+    scene = problem.stage.scene
+    length = reach(scene, tip)
+    if not tip.body.root_joint:
+        return length
+    return length + com_from_base(scene, tip.body)
+
+
+def _centre(problem: PlanningProblem, tip: SceneTip, data: Any, q: Array) -> Array:
+    """Centre of mass of a floating robot, or origin of a fixed one's root link [m]."""
+    scene = problem.stage.scene
+    if not tip.body.root_joint:
+        return np.asarray(data.oMf[tip.body.root_frame].translation)
+    pin.centerOfMass(scene.model, data, q)
+    root = tip.body.root_joint
+    return np.asarray(data.oMi[root].act(data.com[root]))

@@ -1,0 +1,258 @@
+"""A plan from beginning to end: formulated, solved from several starts, refined, judged."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.polynomial import Polynomial
+
+from optim.planning.search.candidates import Candidate, best_candidate
+from optim.planning.search.plan_solver import PlanSolver, SolveRequest, SolveResult, SolverRun
+from optim.planning.search.result_store import ResultStore
+from optim.planning.search.solve_tasks import SolveTask, run_tasks
+from optim.planning.search.warm_start import stored_motion
+from optim.planning.solver.ipopt import Solution
+from optim.planning.transcription.motion import Motion, PhasedMotion
+from optim.planning.verification.verify import VerificationResult
+from spacerobot.errors import NoPlanError
+from spacerobot.files import StrPath
+from spacerobot.scene import Scene
+
+Progress = Callable[[str], None]
+PLAN = "plan"
+"""Name of the task that ends with the plan."""
+
+
+@dataclass(frozen=True, eq=False)
+class PlanResult:
+    """A motion, what was done for it, and what is to be thought of it.
+
+    Attributes
+    ----------
+    scene, phased_motion
+        The scene and its motion, in one phase or several.
+    names
+        Of the scenario's phases; one of no name where the plan tells no phases.
+    cost, terms
+        Cost, and its parts by name.
+    runs
+        Every run of the solver, in turn.
+    solution
+        Where the solver ended, with its multipliers.
+    verification
+        On the motion.
+    backend
+        ``compiled`` or ``interpreted``: what evaluated the problem's functions.
+    candidates
+        Candidates among which the plan chose, where it had a choice; its scene has what was chosen.
+    pairs, kept_apart
+        How many pairs of links were checked for collisions, and the names of those for which the plan was
+        made again with a keep-out zone, which its scene has.
+    """
+
+    scene: Scene
+    phased_motion: PhasedMotion
+    names: tuple[str, ...]
+    cost: float
+    terms: Mapping[str, float]
+    runs: tuple[SolverRun, ...]
+    solution: Solution
+    verification: VerificationResult
+    backend: str
+    candidates: tuple[Candidate, ...] = ()
+    pairs: int = 0
+    kept_apart: tuple[tuple[str, str], ...] = ()
+
+    def __repr__(self) -> str:
+        """Scenario, duration and cost, in one line."""
+        duration = f"{self.phased_motion.duration_s:.4g} s"
+        return f"<PlanResult {self.scene.scenario.name}: {duration}, cost {self.cost:.6g}, {self.backend}>"
+
+    @property
+    def motion(self) -> Motion:
+        """The motion in the first phase."""
+        return self.phased_motion.motions[0]
+
+
+def make_plan(
+    scene: Scene,
+    *,
+    backend: str = "auto",
+    progress: Progress | None = None,
+    folder: StrPath | None = None,
+    dask: str | None = None,
+    warm_start: StrPath | None = None,
+) -> PlanResult:
+    """Plan what a scene's ``plan`` section asks for.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    backend
+        ``auto``, ``compiled`` or ``interpreted``.
+    progress
+        Called with a few words whenever something that may take a while begins.
+    folder
+        Where searches are kept as they end, so that a killed plan goes on where it was; nowhere if None.
+    dask
+        Address of a cluster, as for :func:`optim.workers.cluster.connect`, whose workers search from several
+        starts at once; this process alone if None. No number but times depends on it.
+    warm_start
+        A plan's folder, or its ``plan.nc``, whose motion is the first guess of the first start, with its
+        multipliers where they fit; see :func:`optim.planning.search.warm_start.stored_motion`.
+
+    Raises
+    ------
+    ScenarioError
+        If the section asks for what cannot be, or ``warm_start`` is no plan of such a scene.
+    NoPlanError
+        If no motion was found, naming what stands against it, or the one found does not hold.
+    """
+    folder = None if folder is None else Path(folder)
+
+    def of(each: Scene, words: str) -> tuple[float, PlanResult]:
+        """Plan of one candidate, and its cost."""
+        notify = progress or (lambda _: None)
+        solver = PlanSolver.of(each, backend, (lambda text: notify(f"{words}: {text}")) if words else notify)
+        near = None if warm_start is None else stored_motion(solver, Path(warm_start))
+        tasks = plan_tasks(solver, solver.request(near=near))
+        found = run_tasks(solver, tasks, result_store(folder, solver), dask)
+        fault = failure_message(found[PLAN], solver.plan.starts)
+        if fault is not None:
+            raise NoPlanError(fault, source=scene.source, where="plan")
+        plan = plan_result(solver, solver.request(), found)
+        return plan.cost, plan
+
+    best, candidates = best_candidate(scene, of)
+    return dataclasses.replace(best, candidates=candidates)
+
+
+def plan_tasks(solver: PlanSolver, request: SolveRequest, name: str = PLAN) -> dict[str, SolveTask]:
+    """Searches from every start on the first mesh, and the one, so named, that refines the best of them.
+
+    A motion that is asked to be begun with is the first start's.
+    """
+    starts = tuple(f"{name}, start {k + 1}" for k in range(solver.plan.starts))
+    tasks = {
+        start: SolveTask(
+            lambda _, k=k: dataclasses.replace(  # type: ignore[misc]
+                request, start=k, near=None if k else request.near, refine=False
+            )
+        )
+        for k, start in enumerate(starts)
+    }
+
+    def best(found: Mapping[str, SolveResult]) -> SolveRequest:
+        """Refine the start that ended best."""
+        k = min(range(len(starts)), key=lambda k: found[starts[k]].cost)
+        return dataclasses.replace(request, start=k, near=found[starts[k]], is_solved=True)
+
+    return tasks | {name: SolveTask(best, starts)}
+
+
+def result_store(folder: Path | None, solver: PlanSolver) -> ResultStore:
+    """Where attempts of a problem are kept."""
+    return ResultStore(folder, solver.recipe.key)
+
+
+def failure_message(result: SolveResult, starts: int = 1) -> str | None:
+    """Why there is no plan; None if there is one."""
+    names = ", ".join(dict.fromkeys(f"{one.first} and {one.second}" for one in result.apart))
+    told = f"; `collision_avoidance` keeps apart {names}" if names else ""
+    if result.solution is None:
+        many = f" from {starts} starts" if starts > 1 else ""
+        return f"no plan was found{many}: {result.cause}{told}"
+    assert result.verification is not None
+    faults = result.verification.failures()
+    if faults and result.cause:
+        faults.append(result.cause)
+    return f"the plan is refused: {'; '.join(faults)}{told}" if faults else None
+
+
+def plan_result(
+    solver: PlanSolver, request: SolveRequest, found: Mapping[str, SolveResult], name: str = PLAN
+) -> PlanResult:
+    """The plan that a task ended with."""
+    result = found[name]
+    assert result.verification is not None
+    assert result.solution is not None
+    phased_motion = solver.phased_motion(request, result)
+    terms, solver = _terms(phased_motion), solver.keeping_apart(result.apart)
+    runs = [one for task, a in found.items() if task.startswith(f"{name}, start") for one in a.runs]
+    return PlanResult(
+        solver.scene,
+        phased_motion,
+        (solver.name, *(one.name for one in solver.following_phases))
+        if solver.following_phases
+        else (solver.name,) * len(phased_motion.motions),
+        sum(terms.values()),
+        terms,
+        (*runs, *result.runs),
+        result.solution,
+        result.verification,
+        solver.instants.backend,
+        pairs=len(solver.pairs),
+        kept_apart=tuple(dict.fromkeys((one.first, one.second) for one in result.apart)),
+    )
+
+
+def _terms(phased_motion: PhasedMotion) -> dict[str, float]:
+    """Parts of the cost by name, of all phases."""
+    found: dict[str, float] = {}
+    for motion in phased_motion.motions:
+        for name, value in integrals(motion).items():
+            found[name] = found.get(name, 0.0) + motion.problem.weights[name] * value
+    return found
+
+
+def integrals(motion: Motion) -> dict[str, float]:
+    """Integrals over the motion of the terms of the cost, what its end costs, and the duration, without their
+    weights; magnitudes that the search rounds off as they are.
+    """
+    problem = motion.problem
+    found: dict[str, float] = {}
+    weights = motion.lobatto.quadrature(motion.mesh)
+    for name, term in problem.terms.items():
+        values = ca.Function("term", [problem.stage.z], [ca.densify(term)])(motion.z.T).full()
+        found[name] = float(weights @ np.array(values).ravel()) * motion.duration_s
+    for name, forces in problem.magnitudes.items():  # smooth in the search, which is less than they are
+        found[name] = integral_of_magnitudes(motion, forces)
+    for name, end in problem.ends.items():
+        found[name] = float(ca.Function("end", [problem.stage.z], [end])(motion.z[-1]))
+    return found | ({"time": motion.duration_s} if problem.time_weight else {})
+
+
+def integral_of_magnitudes(motion: Motion, forces: ca.SX) -> float:
+    """Integral of the magnitudes of driving forces [N s].
+
+    Forces are polynomials in each interval: between their roots the magnitude's integral is exact.
+
+    Parameters
+    ----------
+    motion
+        The motion.
+    forces
+        Expression in its instants, linear in what drives it (n x 1) [N].
+    """
+    lobatto, found = motion.lobatto, 0.0
+    drive = np.array(ca.Function("forces", [motion.problem.stage.z], [ca.densify(forces)])(motion.z.T).full())
+    for n, width in enumerate(motion.mesh.widths):
+        inside = slice(n * (lobatto.points - 1), (n + 1) * (lobatto.points - 1) + 1)
+        for values in drive[:, inside]:
+            force = Polynomial(np.transpose(lobatto.basis) @ values)
+            roots = force.roots()
+            ends = np.unique([*np.clip(roots[np.abs(roots.imag) < 1e-09].real, 0, 1).tolist(), 0.0, 1.0])
+            found += width * float(np.abs(np.diff(force.integ()(ends))).sum())
+    return float(found * motion.duration_s)
+
+
+def solver_statistics(plan_result: PlanResult) -> list[dict[str, Any]]:
+    """What each run of the solver took, plain."""
+    return [dict(vars(one)) for one in plan_result.runs]

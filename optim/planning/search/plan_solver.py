@@ -1,0 +1,424 @@
+"""A planning problem on the bench; what is asked of a search, and what it leaves, as plain data."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+from optim.planning.formulation.formulate import (
+    PhaseProblem,
+    check_weights,
+    formulate_phases,
+    located_in_phase,
+    plan_section,
+)
+from optim.planning.formulation.link_pairs import Collision, LinkPair, keep_apart, link_pairs
+from optim.planning.formulation.path_constraints import avoidance_rows
+from optim.planning.formulation.stage import PlanningProblem
+from optim.planning.search.feasibility_checks import (
+    check_changeable,
+    check_joined,
+    check_momentum,
+    check_reach,
+    check_start,
+)
+from optim.planning.search.reachability import check_posture
+from optim.planning.solver.ipopt import Solution
+from optim.planning.solver.nonlinear_program import NonlinearProgram
+from optim.planning.transcription.collocation_program import CollocationProgram
+from optim.planning.transcription.drive_jumps import segment_constraints, segment_problems
+from optim.planning.transcription.instant_functions import InstantFunctions, build_instants, extended
+from optim.planning.transcription.lobatto import Lobatto
+from optim.planning.transcription.mesh import Mesh
+from optim.planning.transcription.motion import Motion, PhasedMotion
+from optim.planning.transcription.phase_chain import Linkage, PhaseChain, phase_programs
+from optim.planning.verification.verify import VerificationResult
+from optim.problem.scene_recipe import SceneRecipe
+from spacerobot.elements.plan_instant import BoundedRow
+from spacerobot.scenario.plan import PlanSection
+from spacerobot.scene import Scene
+
+ProgressCallback = Callable[[str], None]
+
+ITERATIONS = 50
+"""Of one solve, about, with its refinement."""
+COMPILED = 30_000
+"""Instants from which on it takes less time to compile a problem's functions than to interpret them."""
+
+
+@dataclass(frozen=True)
+class SolverRun:
+    """One run of the solver.
+
+    Attributes
+    ----------
+    start, intervals
+        Which start it came from, and its mesh.
+    cost, status, converged
+        Where it ended, the solver's word for it, and whether it is a solution.
+    iterations, evaluations_s, seconds
+        Its steps, time [s] spent in the problem's functions and altogether.
+    costs, violations
+        Cost, and greatest violation of a constraint, at each iteration.
+    """
+
+    start: int
+    intervals: int
+    cost: float
+    status: str
+    converged: bool
+    iterations: int
+    evaluations_s: float
+    seconds: float
+    costs: tuple[float, ...]
+    violations: tuple[float, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class SolveResult:
+    """What a search leaves.
+
+    Attributes
+    ----------
+    runs
+        Every run of the solver, in turn.
+    solution, meshes, cost
+        The best solution, the mesh of each phase and its cost; None where there is none.
+    verification
+        On it, where it was refined.
+    cause
+        What stands against a solution, where there is none.
+    apart
+        Pairs of links that collided where nothing kept them apart, each with a keep-out zone since.
+    """
+
+    runs: tuple[SolverRun, ...]
+    solution: Solution | None
+    meshes: tuple[Mesh, ...]
+    cost: float
+    verification: VerificationResult | None
+    cause: str
+    apart: tuple[Collision, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class SolveRequest:
+    """What is asked of a search.
+
+    Attributes
+    ----------
+    duration
+        Least, greatest and first guess of the duration [s].
+    weights
+        Of the terms of the cost, and of ``time``.
+    start
+        Which first guess it begins with, where it begins with no motion.
+    near
+        Result of the same solver whose motion is the first guess.
+    is_solved
+        Whether that is a solution of what is asked for, which is left to be refined.
+    refine
+        Whether the mesh is refined until the verdict is good.
+    """
+
+    duration: tuple[float, float, float]
+    weights: Mapping[str, float]
+    start: int = 0
+    near: SolveResult | None = None
+    is_solved: bool = False
+    refine: bool = True
+
+    @property
+    def key(self) -> str:
+        """Hash of it."""
+        plain = [self.duration, dict(self.weights), self.start, self.is_solved, self.refine]
+        digest = hashlib.sha256(json.dumps(plain, sort_keys=True).encode())
+        if self.near is not None and self.near.solution is not None:
+            digest.update(self.near.solution.w.tobytes() + str((self.near.meshes, self.near.apart)).encode())
+        return digest.hexdigest()
+
+
+@dataclass(frozen=True)
+class PlanSolverRecipe:
+    """What builds a bench in another process.
+
+    Attributes
+    ----------
+    scene
+        The scene, its plan section in it.
+    backend
+        ``auto``, ``compiled`` or ``interpreted``.
+    """
+
+    scene: SceneRecipe
+    backend: str
+
+    @property
+    def key(self) -> str:
+        """Hash of it."""
+        text = json.dumps(dataclasses.asdict(self), sort_keys=True, default=str)
+        return hashlib.sha256(text.encode()).hexdigest()
+
+    def build(self) -> PlanSolver:
+        """The bench."""
+        return PlanSolver.of(self.scene.build(), self.backend)
+
+
+@dataclass(frozen=True, eq=False)
+class FollowingPhase:
+    """A phase of a plan behind the first one.
+
+    Attributes
+    ----------
+    name, plan, problem, instants
+        Of the scenario's phase, its section, the problem, and its functions.
+    link
+        What leads into it.
+    """
+
+    name: str
+    plan: PlanSection
+    problem: PlanningProblem
+    instants: InstantFunctions
+    link: Linkage
+
+    @classmethod
+    def of(cls, phase: PhaseProblem, backend: str) -> FollowingPhase:
+        """With a phase's functions."""
+        problem = phase.problem
+        link = Linkage.into(problem.stage, phase.impact)
+        return cls(phase.name, phase.plan, problem, build_instants(problem, backend), link)
+
+
+@dataclass(frozen=True, eq=False)
+class PlanSolver:
+    """A planning problem ready to be solved, for any limits of its duration and any weights.
+
+    Attributes
+    ----------
+    scene, plan, problem, instants, lobatto, backend
+        The scene, its section, the problem, its functions, the collocation, and what evaluates it.
+    notify
+        Told in a few words what begins.
+    name, following_phases
+        Where a plan has several phases: name of the first one, to which the above belong, and the others.
+    pairs, apart
+        Pairs of links that a plan keeps apart, and those of them that have a keep-out zone because they
+        collided in its search.
+    """
+
+    scene: Scene
+    plan: PlanSection
+    problem: PlanningProblem
+    instants: InstantFunctions
+    lobatto: Lobatto
+    backend: str
+    notify: ProgressCallback = field(default=lambda _: None)
+    name: str = ""
+    following_phases: tuple[FollowingPhase, ...] = ()
+    pairs: tuple[LinkPair, ...] = ()
+    apart: tuple[Collision, ...] = ()
+    _known: dict[Any, tuple[tuple[BoundedRow, ...], InstantFunctions]] = field(
+        default_factory=dict, repr=False
+    )
+
+    @classmethod
+    def of(
+        cls,
+        scene: Scene,
+        backend: str = "auto",
+        notify: ProgressCallback = lambda _: None,
+        *,
+        motions: int = 1,
+    ) -> PlanSolver:
+        """The bench of a scene.
+
+        Parameters
+        ----------
+        scene
+            With a ``plan`` section.
+        backend
+            ``auto``, ``compiled`` or ``interpreted``; ``auto`` compiles where so much is solved that it pays.
+        notify
+            Told in a few words what begins.
+        motions
+            How many are to be planned, each from all starts.
+
+        Raises
+        ------
+        ScenarioError
+            If its plan section asks for what cannot be.
+        """
+        first, *others = formulate_phases(scene)
+        plan, problem = first.plan, first.problem
+        whole = plan_section(scene)
+        with located_in_phase(whole, first.name):
+            check_start(problem)
+            check_reach(problem, plan, {tip.label: tip for tip in scene.tips})
+            check_joined(problem, plan)
+        for phase in (first, *others):
+            with located_in_phase(whole, phase.name):
+                check_momentum(phase.problem, phase.plan)
+            if phase.problem.stage.driven.drives_bases:
+                break  # what momentum is left behind it nobody knows
+        check_weights(whole, (first, *others))
+        with located_in_phase(whole, first.name):
+            check_changeable(problem)
+            check_posture(problem)
+        intervals = sum(phase.plan.intervals for phase in (first, *others))
+        instants_in_all = motions * plan.starts * intervals * plan.order // 2 * ITERATIONS
+        if backend == "auto" and instants_in_all < COMPILED:
+            backend = "interpreted"
+        compiling = backend != "interpreted"
+        notify(
+            "compiling the problem's functions, or finding them compiled" if compiling else "differentiating"
+        )
+        instants = build_instants(problem, backend)
+        following_phases = tuple(FollowingPhase.of(phase, backend) for phase in others)
+        lobatto = Lobatto.of_order(plan.order)
+        pairs = tuple(link_pairs(scene))
+        return cls(
+            scene, plan, problem, instants, lobatto, backend, notify, first.name, following_phases, pairs
+        )
+
+    def keeping_apart(self, apart: Sequence[Collision]) -> PlanSolver:
+        """The same with a keep-out zone for each of some pairs of links, in this order.
+
+        Only their rows are differentiated. What is known of a pair of shapes already is left out.
+
+        Parameters
+        ----------
+        apart
+            The pairs, with the shapes that collided.
+
+        Raises
+        ------
+        ScenarioError
+            If shapes have no distance that is positive where the motion begins.
+        """
+        shapes = {(one.first, one.second, k) for one in self.apart for k in one.only}
+        new = [
+            dataclasses.replace(one, only=tuple(left))
+            for one in apart
+            if (left := [k for k in one.only if (one.first, one.second, k) not in shapes])
+        ]
+        if not new:
+            return self
+        scene, whole = keep_apart(self.scene, new), (*self.apart, *new)
+        plans = plan_section(scene).by_phase
+        zones = tuple((one.first, one.second, one.only) for one in whole)
+
+        def added(
+            name: str, problem: PlanningProblem, instants: InstantFunctions
+        ) -> tuple[PlanningProblem, InstantFunctions]:
+            """One phase."""
+            if (name, zones) not in self._known:
+                rows = tuple(avoidance_rows(problem.stage, plans[name], plan_section(self.scene).keep_out))
+                self._known[name, zones] = rows, extended(instants, problem, rows)
+            rows, own = self._known[name, zones]
+            return dataclasses.replace(problem, path=(*problem.path, *rows)), own
+
+        problem, instants = added(self.name, self.problem, self.instants)
+        following_phases = []
+        for one in self.following_phases:
+            own, functions = added(one.name, one.problem, one.instants)
+            following_phases.append(
+                dataclasses.replace(one, problem=own, instants=functions, plan=plans[one.name])
+            )
+        return dataclasses.replace(
+            self,
+            scene=scene,
+            plan=next(iter(plans.values())),
+            problem=problem,
+            instants=instants,
+            following_phases=tuple(following_phases),
+            apart=whole,
+        )
+
+    @property
+    def recipe(self) -> PlanSolverRecipe:
+        """What builds it in another process."""
+        return PlanSolverRecipe(SceneRecipe.of(self.scene), self.backend)
+
+    @cached_property
+    def interpreted(self) -> PlanSolver:
+        """The same with the problem's functions by CasADi, to judge by."""
+        if self.instants.backend == "interpreted":
+            return self
+        following_phases = tuple(
+            dataclasses.replace(one, instants=build_instants(one.problem, "interpreted"))
+            for one in self.following_phases
+        )
+        return dataclasses.replace(
+            self, instants=build_instants(self.problem, "interpreted"), following_phases=following_phases
+        )
+
+    def request(self, **changes: object) -> SolveRequest:
+        """What the section asks for."""
+        request = SolveRequest(self.problem.duration, self.problem.weights)
+        return dataclasses.replace(request, **changes)  # type: ignore[arg-type]
+
+    def problem_of(self, request: SolveRequest) -> PlanningProblem:
+        """The problem, of the first phase, with the duration and weights that are asked for."""
+        return dataclasses.replace(self.problem, duration=request.duration, weights=request.weights)
+
+    def problems_of(self, request: SolveRequest) -> list[PlanningProblem]:
+        """The problems of all phases."""
+        return [self.problem_of(request), *(one.problem for one in self.following_phases)]
+
+    def meshes(self, intervals: int) -> tuple[Mesh, ...]:
+        """Equal intervals of each phase, where the first one has so many."""
+        shares = (one.plan.intervals / self.plan.intervals for one in self.following_phases)
+        counts = (intervals, *(max(1, round(share * intervals)) for share in shares))
+        return tuple(Mesh.of(count) for count in counts)
+
+    def program(self, request: SolveRequest, meshes: Sequence[Mesh]) -> NonlinearProgram:
+        """What is to be solved, on a mesh of each phase, or of each segment of the one phase there is."""
+        problems = self.problems_of(request)
+        if not self.following_phases and len(meshes) > 1:
+            programs = [
+                CollocationProgram(problem, self.instants, self.lobatto, mesh)
+                for problem, mesh in zip(segment_problems(problems[0], len(meshes)), meshes, strict=True)
+            ]
+            return PhaseChain(
+                programs, [self.joint] * (len(meshes) - 1), segment_constraints(programs, problems[0])
+            )
+        evaluated = [self.instants, *(one.instants for one in self.following_phases)]
+        programs = [
+            CollocationProgram(problem, instants, self.lobatto, mesh)
+            for problem, instants, mesh in zip(problems, evaluated, meshes, strict=True)
+        ]
+        return (
+            PhaseChain(programs, [one.link for one in self.following_phases])
+            if self.following_phases
+            else programs[0]
+        )
+
+    @cached_property
+    def joint(self) -> Linkage:
+        """What holds between two segments of a phase: the state goes on."""
+        return Linkage.into(self.problem.stage, False)
+
+    def motion(self, request: SolveRequest, result: SolveResult) -> Motion:
+        """The motion of a solution, in the first phase."""
+        return self.phased_motion(request, result).motions[0]
+
+    def phased_motion(self, request: SolveRequest, result: SolveResult) -> PhasedMotion:
+        """The motions of a solution, in all phases."""
+        assert result.solution is not None
+        own = self.keeping_apart(result.apart)
+        program, w = own.program(request, result.meshes), result.solution.w
+        programs, parts = (
+            phase_programs(program),
+            program.parts(w) if isinstance(program, PhaseChain) else [w],
+        )
+        motions = [
+            Motion(p.problem, p.lobatto, p.mesh, *p.split(own)[::-1])
+            for p, own in zip(programs, parts, strict=False)
+        ]
+        return PhasedMotion(tuple(motions), tuple(parts[len(motions) :]))

@@ -1,0 +1,261 @@
+"""Whether any posture of the robots reaches the goals: inverse kinematics before a solver runs.
+
+A free-floating robot moves its base by moving its arm, but not its centre of mass: on which nothing acts that
+goes on uniformly. So a posture in which a motion may end has joints within their ranges and bases anywhere,
+such that
+
+    r(q) = 0 (poses and postures of the goals),    c(q) = c(t) (centres of mass of floating robots),
+    l <= p(q) <= u (path constraints that depend on the configuration alone).
+
+The attitude of a base is left free: it follows from the way that is taken. What no posture meets no motion
+does. Levenberg's and Marquardt's method minimises the sum of squares from several postures; where the
+duration is free, the instant t within its limits is an unknown too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+import numpy.typing as npt
+import pinocchio as pin
+
+from optim.planning.formulation.stage import PlanningProblem
+from optim.planning.transcription.initial_guess import drift
+from optim.planning.transcription.lobatto import Lobatto
+from spacerobot.arrays import Array
+from spacerobot.elements.plan_instant import BoundedRow
+from spacerobot.errors import ScenarioError
+
+POSTURES = 20
+"""From which inverse kinematics begins."""
+INSTANTS = 50
+"""Between which the free motion of the target is interpolated."""
+STEPS = 60
+"""Of one search for a posture, at most."""
+MET, MISSED = 1e-6, 1e-4
+"""[m, rad] Residual of a goal that is met, and the least one for which it is refused."""
+FIRM = 30.0
+"""Weight of centres of mass, which the goals yield to."""
+NAMED = 3
+"""Goals whose misses are told at most."""
+
+
+def check_posture(problem: PlanningProblem) -> None:
+    """Refuse goals that no posture of the robots reaches.
+
+    Parameters
+    ----------
+    problem
+        Of the first phase; nothing is refused where its start is free or grasps hold.
+
+    Raises
+    ------
+    ScenarioError
+        By how much the goals are missed at the least.
+    """
+    if problem.begin is not None or problem.stage.grips or problem.stage.springs:
+        return
+    search = _Postures.of(problem)
+    if search is None:
+        return
+    nearest, misses = np.inf, dict[str, tuple[float, str]]()
+    for posture in search.starts():
+        size, found = search.run(posture)
+        if size < nearest:
+            nearest, misses = size, search.misses(found)
+        if nearest < MET:
+            return
+    missed = {name: one for name, one in misses.items() if one[0] > MISSED}
+    if not missed:
+        return
+    first = {row.name for row in problem.goal} & missed.keys() or missed.keys()
+    worst = sorted(first, key=lambda name: -missed[name][0])[:NAMED]
+    words = ", ".join(f"{name} by {missed[name][0]:.2g} {missed[name][1]}" for name in worst)
+    raise ScenarioError(
+        f"out of reach: the nearest posture that inverse kinematics found from {POSTURES} postures misses "
+        f"{words}; bring the object nearer, or change the goal or the limits of joints and bases",
+        source=problem.stage.scene.source,
+        where="plan.goals",
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Postures:
+    """Inverse kinematics of all robots for all goals.
+
+    A posture is a configuration of the scene and the part of the longest duration at which it is taken.
+
+    Attributes
+    ----------
+    problem
+        Of the first phase.
+    rows
+        Goals, then path constraints, that depend on the configuration alone.
+    values
+        Function of a configuration: their values, and their derivatives by all velocities.
+    columns
+        Velocities along which the posture is searched.
+    floating
+        Root joints of the robots whose centre of mass nothing accelerates.
+    drift
+        Configurations (INSTANTS + 1, nq) and velocities in the longest duration where nothing is driven.
+    """
+
+    problem: PlanningProblem
+    rows: tuple[BoundedRow, ...]
+    values: ca.Function
+    columns: list[int]
+    floating: list[int]
+    drift: tuple[Array, Array]
+
+    @classmethod
+    def of(cls, problem: PlanningProblem) -> _Postures | None:
+        """None where no goal depends on the configuration alone."""
+        stage, model = problem.stage, problem.stage.scene.model
+        moving = ca.vertcat(stage.v, stage.a, stage.u, stage.w)
+        goals = [row for row in problem.goal if not ca.depends_on(row.value, moving)]
+        if not goals:
+            return None
+        # distances between shapes are left out: their derivatives take longer than all else
+        path = [
+            row
+            for row in problem.path
+            if row.about is None and not row.first and not ca.depends_on(row.value, moving)
+        ]
+        value = ca.densify(ca.vertcat(*(row.value for row in (*goals, *path))))
+        slopes = ca.mtimes(ca.jacobian(value, stage.q), ca.jacobian(stage.rate, stage.v))
+        columns, floating = list(stage.driven.columns[: len(stage.driven.joints)]), list[int]()
+        for body in stage.scene.robots:
+            if body.root_joint:
+                first = int(model.idx_vs[body.root_joint])
+                columns += range(first, first + int(model.nvs[body.root_joint]))
+                if not stage.driven.strength(body.name, "f"):
+                    floating.append(body.root_joint)
+        function = ca.Function("posture", [stage.q], [value, ca.densify(slopes)], {"cse": True})
+        free = drift(problem, Lobatto.of_order(2), INSTANTS, problem.duration[1])
+        return cls(problem, (*goals, *path), function, columns, floating, free)
+
+    def starts(self) -> Iterator[tuple[Array, float]]:
+        """Postures to begin with: the scenario's, then drawn ones, at instants between the limits."""
+        model, (least, greatest, guessed) = self.problem.stage.scene.model, self.problem.duration
+        rng, (lower, upper) = np.random.default_rng(0), self._sides
+        for k in range(POSTURES):
+            part = float(guessed if k == 0 else rng.uniform(least, greatest)) / greatest
+            q = self._at(self.drift[0][0], part, np.ones(model.nv, dtype=bool))
+            step = np.zeros(model.nv)
+            for joint in self.problem.stage.driven.joints if k else ():
+                own = model.joints[joint]
+                low, high = max(lower[own.idx_q], -np.pi), min(upper[own.idx_q], np.pi)
+                bounded = own.nq == 1
+                step[own.idx_v] = (
+                    rng.uniform(low, high) - q[own.idx_q] if bounded else rng.uniform(-np.pi, np.pi)
+                )
+            yield self._clipped(pin.integrate(model, q, step)), part
+
+    def run(self, posture: tuple[Array, float]) -> tuple[float, tuple[Array, float]]:
+        """Least norm of what is violated, from a posture on, and the posture that has it."""
+        model, (least, greatest, _) = self.problem.stage.scene.model, self.problem.duration
+        (q, part), damping = posture, 1e-2
+        drifting = np.ones(model.nv, dtype=bool)
+        drifting[self.columns] = False
+        off, slopes = self._residual(q, part)
+        for _ in range(STEPS):
+            if np.linalg.norm(off) < MET / 10 or damping > 1e8:
+                break
+            # a joint at the end of its range moves inwards alone, and so does the instant
+            pull = -slopes.T @ off
+            held = np.append(self._held(q), int(part >= 1.0) - int(part <= least / greatest))
+            free = ~((held != 0) & (np.sign(pull) == held))
+            free[-1] &= least < greatest
+            own, step = slopes[:, free], np.zeros(len(pull))
+            step[free] = np.linalg.solve(own.T @ own + damping * np.eye(own.shape[1]), pull[free])
+            step /= max(1.0, np.abs(step).max())
+            along = np.zeros(model.nv)
+            along[self.columns] = step[:-1]
+            later = float(np.clip(part + step[-1], least / greatest, 1.0))
+            other = self._at(self._clipped(pin.integrate(model, q, along)), later, drifting)
+            found, after = self._residual(other, later)
+            if np.linalg.norm(found) < np.linalg.norm(off):
+                q, part, off, slopes, damping = other, later, found, after, max(damping / 10, 1e-9)
+            else:
+                damping *= 10
+        return float(np.linalg.norm(off)), (q, part)
+
+    def misses(self, posture: tuple[Array, float]) -> dict[str, tuple[float, str]]:
+        """What is violated in a posture, by name: by how much, and the unit."""
+        values = np.array(self.values(posture[0])[0]).ravel()
+        rows = zip(self.rows, values, strict=True)
+        return {
+            row.name: (max(row.lower - value, value - row.upper, 0.0) * row.scale, row.unit)
+            for row, value in rows
+        }
+
+    def _residual(self, q: Array, part: float) -> tuple[Array, Array]:
+        """What is violated, zero where limits are kept, and its derivatives by the columns and the part."""
+        lower, upper = (np.array([getattr(row, key) for row in self.rows]) for key in ("lower", "upper"))
+        scale = np.array([row.scale for row in self.rows])
+        value, slopes = (np.array(x) for x in self.values(q))
+        over = np.maximum(value.ravel() - upper, 0.0) - np.maximum(lower - value.ravel(), 0.0)
+        slopes = slopes * (scale * ((over != 0) | (lower == upper)))[:, None]
+        k, _ = self._instant(part)
+        rate = self.problem.duration[1] * self.drift[1][k]
+        drifting = rate.copy()
+        drifting[self.columns] = 0.0
+        centres, of_centres = self._centres(q)
+        wanted, of_wanted = self._centres(self._at(self.drift[0][0], part, np.ones(len(rate), dtype=bool)))
+        return (
+            np.concatenate([scale * over, FIRM * (centres - wanted)]),
+            np.block(
+                [
+                    [slopes[:, self.columns], (slopes @ drifting)[:, None]],
+                    [FIRM * of_centres[:, self.columns], -FIRM * (of_wanted @ rate)[:, None]],
+                ]
+            ),
+        )
+
+    def _instant(self, part: float) -> tuple[int, float]:
+        """Interval of the free motion in which a part of the longest duration lies, and where in it."""
+        k = min(int(part * INSTANTS), INSTANTS - 1)
+        return k, part * INSTANTS - k
+
+    def _at(self, q: Array, part: float, drifting: npt.NDArray[np.bool_]) -> Array:
+        """Configuration with these velocities' entries where they drift to in a part of the duration."""
+        model, (k, place), qs = self.problem.stage.scene.model, self._instant(part), self.drift[0]
+        free, q = pin.interpolate(model, qs[k], qs[k + 1], place), q.copy()
+        for joint in list(model.joints)[1:]:
+            if drifting[joint.idx_v]:
+                q[joint.idx_q : joint.idx_q + joint.nq] = free[joint.idx_q : joint.idx_q + joint.nq]
+        return q
+
+    def _centres(self, q: Array) -> tuple[Array, Array]:
+        """Centres of mass of floating robots (3 robots,) [m], and their derivatives (3 robots, nv)."""
+        model = self.problem.stage.scene.model
+        data, places, slopes = model.createData(), [np.zeros(0)], [np.zeros((0, model.nv))]
+        for root in self.floating:
+            slopes.append(pin.jacobianSubtreeCenterOfMass(model, data, q, root))
+            places.append(data.com[root].copy())  # in world axes, after the line above
+        return np.concatenate(places), np.vstack(slopes)
+
+    @property
+    def _sides(self) -> tuple[Array, Array]:
+        nq = self.problem.stage.scene.model.nq
+        return self.problem.lower[:nq], self.problem.upper[:nq]
+
+    def _clipped(self, q: Array) -> Array:
+        """With joints within their ranges."""
+        return np.clip(q, *self._sides)
+
+    def _held(self, q: Array) -> npt.NDArray[np.int64]:
+        """Of each column: 1 at its upper limit, -1 at its lower one, else 0."""
+        model, (lower, upper) = self.problem.stage.scene.model, self._sides
+        held = np.zeros(model.nv, dtype=np.int64)
+        for joint in self.problem.stage.driven.joints:
+            own = model.joints[joint]
+            if own.nq == 1:
+                held[own.idx_v] = int(q[own.idx_q] >= upper[own.idx_q]) - int(
+                    q[own.idx_q] <= lower[own.idx_q]
+                )
+        return held[self.columns]

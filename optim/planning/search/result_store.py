@@ -1,0 +1,111 @@
+"""Attempts kept in files, so that a plan or a front that was killed goes on where it was.
+
+Each attempt is one file, written whole or not at all, named by all that it depends on: the scene, what was
+asked, and the motion that it began with. Nothing has to be in order, and what no longer fits is never found.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import io
+import json
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import spacerobot
+from optim.json_values import plain
+from optim.planning.formulation.link_pairs import Collision
+from optim.planning.search.plan_solver import SolveRequest, SolveResult, SolverRun
+from optim.planning.solver.ipopt import TIME_LIMIT, Solution
+from optim.planning.transcription.mesh import Mesh
+from optim.planning.verification.verify import VerificationResult, Violation
+from spacerobot.files import write_bytes
+
+ARRAYS = ("w", "multipliers", "bound_multipliers")
+
+
+@dataclasses.dataclass(frozen=True)
+class ResultStore:
+    """A folder of attempts; nothing is kept if it is None.
+
+    Attributes
+    ----------
+    folder
+        Where they lie.
+    fingerprint
+        What all of them depend on.
+    """
+
+    folder: Path | None = None
+    fingerprint: str = ""
+
+    def find(self, request: SolveRequest) -> SolveResult | None:
+        """What was found when this was asked; None if it was not asked yet, or its file is spoilt."""
+        if self.folder is None:
+            return None
+        try:
+            with np.load(self._file(request), allow_pickle=False) as stored:
+                return _attempt({name: stored[name] for name in stored.files})
+        except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile):
+            return None
+
+    def add(self, request: SolveRequest, result: SolveResult) -> None:
+        """Keep what was found.
+
+        Raises
+        ------
+        ResultError
+            If it cannot be written.
+        """
+        late = any(solve.status == TIME_LIMIT for solve in result.runs)
+        if self.folder is None or late or not (result.runs or result.solution):
+            return  # what time ended may come farther another time
+        buffer = io.BytesIO()
+        np.savez(buffer, allow_pickle=False, **_arrays(result))
+        write_bytes(self._file(request), buffer.getvalue())
+
+    def _file(self, request: SolveRequest) -> Path:
+        assert self.folder is not None
+        text = f"{spacerobot.__version__} {self.fingerprint} {request.key}"
+        return self.folder / f"plan-{hashlib.sha256(text.encode()).hexdigest()[:32]}.npz"
+
+
+def _arrays(result: SolveResult) -> dict[str, Any]:
+    told: dict[str, Any] = {
+        "solves": [vars(solve) for solve in result.runs],
+        "meshes": [mesh.knots for mesh in result.meshes],
+        "cost": result.cost,
+        "blame": result.cause,
+        "apart": [vars(one) for one in result.apart],
+        "solved": None,
+        "verdict": None if result.verification is None else dataclasses.asdict(result.verification),
+    }
+    found = {}
+    if result.solution is not None:
+        parts = vars(result.solution)
+        found = {name: parts[name] for name in ARRAYS}
+        told["solved"] = {name: value for name, value in parts.items() if name not in ARRAYS}
+    return found | {"told": np.array(json.dumps(plain(told)))}
+
+
+def _attempt(stored: dict[str, Any]) -> SolveResult:
+    told = json.loads(str(stored["told"]))
+    runs = tuple(
+        SolverRun(**(one | {key: tuple(one[key]) for key in ("costs", "violations")}))
+        for one in told["solves"]
+    )
+    solution, verification = told["solved"], told["verdict"]
+    if solution is not None:
+        solution = Solution(**{name: stored[name] for name in ARRAYS}, **solution)
+    if verification is not None:
+        verification = VerificationResult(
+            **(verification | {"violations": tuple(Violation(**v) for v in verification["violations"])})
+        )
+    cost = np.inf if told["cost"] is None else told["cost"]
+    meshes = tuple(Mesh(tuple(knots)) for knots in told["meshes"])
+    apart = tuple(Collision(**(one | {"only": tuple(one["only"])})) for one in told["apart"])
+    return SolveResult(runs, solution, meshes, cost, verification, told["blame"], apart)

@@ -1,0 +1,329 @@
+"""One search for a motion: solved from a guess or a motion nearby, refined, judged."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+
+import numpy as np
+
+from optim.planning.formulation.stage import PlanningProblem
+from optim.planning.search.failure_messages import (
+    bad_guess_message,
+    infeasibility_message,
+    limit_message,
+    soft_rows,
+)
+from optim.planning.search.plan_solver import PlanSolver, SolveRequest, SolveResult, SolverRun
+from optim.planning.solver.elastic import ElasticProgram
+from optim.planning.solver.ipopt import TIME_LIMIT, Solution, solve
+from optim.planning.solver.nonlinear_program import NonlinearProgram
+from optim.planning.transcription.drive_jumps import may_jump, split_at_jumps
+from optim.planning.transcription.initial_guess import initial_guesses, rescaled_motion
+from optim.planning.transcription.mesh import Mesh
+from optim.planning.transcription.mesh_transfer import transfer, transfer_constrained
+from optim.planning.transcription.motion import PhasedMotion
+from optim.planning.verification.clearance import course_collisions
+from optim.planning.verification.mesh_refinement import refined_meshes
+from optim.planning.verification.second_order_conditions import descent_direction
+from optim.planning.verification.verify import VerificationResult, verify
+
+BARRIER = 1e-4
+"""Barrier parameter, in units of the cost's size, to begin with from another problem's solution."""
+
+Meshes = tuple[Mesh, ...]
+"""One for each phase."""
+
+RELAXED = 150
+"""Iterations of the elastic program at most."""
+AIMLESS = (
+    "a motion that meets all constraints was found, but no best one; try further first guesses "
+    "(`starts: 5`), other `intervals`, or a weight on `joint_acceleration`"
+)
+"""Message where the search from a feasible motion ends without a solution."""
+FEASIBLE = 1e-7
+"""Violation of the elastic program's solution that counts as none."""
+MOST_SEGMENTS = 40
+"""Segments between jumps of the drives from which on a mesh is refined alone."""
+DRAWN = 2
+"""Guesses that are drawn, at most, to leave a saddle point."""
+
+MANY, COARSER = 40, 4
+"""Intervals from which on a first mesh is solved from one that is coarser by a factor."""
+STALL = "Stalled"
+STALLED_AT, STALLED = 20, 0.25
+"""A search whose violation is above this share of its guess's after so many iterations is given up
+for one on a coarser mesh; searches that converge soon have reduced it further by then."""
+
+
+def solve_request(solver: PlanSolver, request: SolveRequest) -> SolveResult:
+    """Search for a motion.
+
+    Parameters
+    ----------
+    solver
+        The problem.
+    request
+        What is asked for.
+    """
+    near = request.near
+    run = _SolverRuns(solver if near is None else solver.keeping_apart(near.apart), request)
+    if near is not None and request.is_solved:
+        run.cost, run.cause = near.cost, near.cause
+        run.kept, run.cleared = None if near.solution is None else (near.solution, near.meshes), near.solution
+    else:
+        run.solve(near)
+        run.clear()
+    verification = run.refined() if request.refine and run.kept is not None else None
+    solution, meshes = run.kept or (None, solver.meshes(solver.plan.intervals))
+    return SolveResult(tuple(run.runs), solution, meshes, run.cost, verification, run.cause, run.solver.apart)
+
+
+NOTHING = 1e-12
+"""Cost that counts as none."""
+
+
+def _size(cost: float) -> float:
+    """What residuals are taken relative to: a cost, or one where there is none, which tells no size."""
+    return cost if cost > NOTHING else 1.0
+
+
+class _SolverRuns:
+    """Runs of the solver, one after the other."""
+
+    def __init__(self, solver: PlanSolver, request: SolveRequest) -> None:
+        self.solver, self.request = solver, request
+        self.runs: list[SolverRun] = []
+        self.kept: tuple[Solution, Meshes] | None = None
+        self.cleared: Solution | None = None
+        self.cost, self.cause, self.why = np.inf, "", ""
+        self.deadline = time.thread_time() + solver.plan.time_limit
+        self.ended: tuple[NonlinearProgram, Solution, Meshes] | None = None
+        self.stalled = False
+
+    @property
+    def problem(self) -> PlanningProblem:
+        """The problem of the first phase, as it is asked."""
+        return self.solver.problem_of(self.request)
+
+    def solve(self, near: SolveResult | None) -> None:
+        """Solve from a motion nearby if there is one, else or where that fails from a first guess."""
+        if (
+            near is not None
+            and near.solution is not None
+            and len(near.meshes) == 1 + len(self.solver.following_phases)
+        ):
+            self.warm(near)
+        if self.kept is None:
+            self.cold()
+        if self.kept is None:
+            self.relaxed()
+
+    def clear(self) -> None:
+        """Solve again with keep-out zones for links that collide along what is kept, until none do.
+
+        Most pairs never come near, so that a pair has a constraint only where a motion violates it. What was
+        found before is begun with, its multipliers too.
+        """
+        while self.kept is not None and self.kept[0] is not self.cleared:
+            (solution, meshes), solver = self.kept, self.solver
+            found = SolveResult((), solution, meshes, self.cost, None, "", solver.apart)
+            entered = course_collisions(solver.phased_motion(self.request, found), solver.pairs)
+            self.solver = solver.keeping_apart(entered)
+            if self.solver is solver:
+                self.cleared = solution
+                return
+            solver.notify(f"planning again: {entered[0].words()}")
+            self.kept, self.cost = None, np.inf
+            near = None
+            if len(meshes) == 1 + len(solver.following_phases):  # else forces jump: from a first guess
+                programs = (each.program(self.request, meshes) for each in (solver, self.solver))
+                near = dataclasses.replace(
+                    found, solution=transfer_constrained(solution, *programs), apart=self.solver.apart
+                )
+            self.solve(near)
+
+    def cold(self) -> None:
+        """Solve from a first guess, on the first mesh, and before on a coarser one where that is fine."""
+        many = self.solver.plan.intervals
+        wanted = self.solver.meshes(many)
+        if many < MANY:
+            coarser = many // COARSER
+            found = self._guessed(wanted, give_up=coarser > 1)
+            if self.stalled and not found:
+                found = self._guessed(self.solver.meshes(coarser)) and self._finer(wanted)
+                if not found:
+                    self.kept, self.cost = None, np.inf
+                    self._guessed(wanted)
+        elif not self._guessed(self.solver.meshes(many // COARSER)) or not self._finer(wanted):
+            self.kept, self.cost = None, np.inf
+            self._guessed(wanted)
+        self._leave()
+
+    def _leave(self) -> None:
+        """Solve from drawn guesses where the search ended at a saddle point, and keep what costs less.
+
+        From a symmetric guess, as a turn about its eigenaxis, IPOPT's steps are symmetric too and end there.
+        """
+        for k in range(1, DRAWN + 1):
+            if self.kept is None:
+                return
+            kept, cost = self.kept, self.cost
+            if descent_direction(self.solver.program(self.request, kept[1]), kept[0], _size(cost)) is None:
+                return
+            if (
+                not self._guessed(kept[1], self.request.start + k * self.solver.plan.starts)
+                or self.cost >= cost
+            ):
+                self.kept, self.cost, self.cause = kept, cost, ""
+
+    def warm(self, near: SolveResult) -> None:
+        """Solve from the solution of a problem with another duration or other weights, on its mesh."""
+        assert near.solution is not None
+        phased_motion, (least, greatest, _) = (
+            self.solver.phased_motion(self.request, near),
+            self.problem.duration,
+        )
+        motion, *others = phased_motion.motions
+        duration = float(np.clip(motion.duration_s, least, greatest))
+        phased_motion = dataclasses.replace(
+            phased_motion, motions=(rescaled_motion(motion, self.problem, duration), *others)
+        )
+        solution = dataclasses.replace(near.solution, barrier=max(near.solution.barrier, BARRIER))
+        self._solve(phased_motion, near.meshes, solution)
+
+    def refined(self) -> VerificationResult | None:
+        """Verdict on the motion on meshes that become finer until it is good, or as fine as is allowed."""
+        jumps = not self.solver.following_phases and not self.solver.name and may_jump(self.problem)
+        verification = None
+        while True:
+            self.clear()
+            if self.kept is None:
+                return verification
+            (solution, meshes), solver = self.kept, self.solver
+            phased_motion = solver.phased_motion(
+                self.request, SolveResult((), solution, meshes, self.cost, None, "")
+            )
+            solver.notify("replaying the plan")
+            program = solver.interpreted.program(self.request, meshes)
+            verification = verify(phased_motion, program, solution, _size(self.cost), solver.backend)
+            if verification.fine_enough:
+                return verification
+            if jumps and len(meshes) < MOST_SEGMENTS:
+                pieces = split_at_jumps(phased_motion, self.problem)
+                jumps = pieces is not None and self._solve(pieces, tuple(m.mesh for m in pieces.motions))
+                if jumps:
+                    continue
+                self.cause = ""
+            finer = refined_meshes(phased_motion, verification, solver.plan.most_intervals, solver.backend)
+            if finer is None:
+                self.cause = f"no finer mesh is allowed: raise `most_intervals`, {solver.plan.most_intervals}"
+                return verification
+            self.why = f" (refined, for {verification.failures()[-1]})"
+            if not self._finer(finer):
+                return verification
+
+    def relaxed(self) -> None:
+        """Solve the elastic program where the search ended by itself without a solution.
+
+        What it finds feasible is gone on from; else its multipliers tell which limits keep it from being so.
+        """
+        if self.ended is None:
+            return
+        program, solution, meshes = self.ended
+        w = solution.w if np.isfinite(solution.w).all() else self._first
+        elastic = ElasticProgram(program, soft_rows(program), _size(program.objective(w)))
+        self.solver.notify("looking for the least violation")
+        found = solve(
+            elastic,
+            elastic.started(w),
+            iterations=min(self.solver.plan.iterations, RELAXED),
+            told=lambda k, cost, _: self._late(f"least violation: iteration {k}, {cost:.3g}"),
+        )
+        own = found.w[: program.size]
+        if elastic.violation(found.w) < FEASIBLE and found.converged:
+            near = SolveResult((), dataclasses.replace(solution, w=own), meshes, 0.0, None, "")
+            if not self._solve(self.solver.phased_motion(self.request, near), meshes):
+                self.cause = self.cause or AIMLESS
+        elif found.converged or not self.cause:
+            self.cause = infeasibility_message(elastic, found, solution.status)
+
+    def _late(self, words: str) -> bool:
+        """Tell what is being done; whether the time is over, so that no further iteration begins."""
+        self.solver.notify(words)
+        return time.thread_time() > self.deadline
+
+    def _guessed(self, meshes: Meshes, start: int | None = None, *, give_up: bool = False) -> bool:
+        """Solve from a first guess on a mesh, that of the search's start if none is named.
+
+        With ``give_up`` the solver is stopped where it stalls.
+        """
+        start = self.request.start if start is None else start
+        rng = np.random.default_rng([self.solver.plan.seed, start]) if start else None
+        solver = self.solver
+        phased_motion = initial_guesses(solver.problems_of(self.request), solver.lobatto, meshes, rng, start)
+        impulses = tuple(np.zeros(one.link.impulses) for one in solver.following_phases)
+        return self._solve(dataclasses.replace(phased_motion, impulses=impulses), meshes, give_up=give_up)
+
+    def _finer(self, wanted: Meshes) -> bool:
+        """Solve on a finer mesh from what is kept."""
+        assert self.kept is not None
+        solver, (solution, meshes) = self.solver, self.kept
+        coarse, fine = (solver.program(self.request, each) for each in (meshes, wanted))
+        phased_motion = solver.phased_motion(
+            self.request, SolveResult((), solution, meshes, self.cost, None, "")
+        )
+        finer = phased_motion.on(solver.lobatto, wanted)
+        return self._solve(finer, wanted, transfer(solution, coarse, fine))
+
+    def _solve(
+        self,
+        phased_motion: PhasedMotion,
+        meshes: Meshes,
+        warm: Solution | None = None,
+        *,
+        give_up: bool = False,
+    ) -> bool:
+        solver, costs, violations = self.solver, list[float](), list[float]()
+        program = solver.program(self.request, meshes)
+        intervals = sum(mesh.intervals for mesh in meshes)
+        many = f"start {self.request.start + 1} of {solver.plan.starts}, " if solver.plan.starts > 1 else ""
+        words = f"solving: {many}{intervals} intervals{self.why}"
+
+        def told(iteration: int, cost: float, violation: float) -> bool:
+            """Note an iteration, and tell of it."""
+            costs.append(cost)
+            violations.append(violation)
+            late = self._late(f"{words}, iteration {iteration}, cost {cost:.4g}, violation {violation:.1e}")
+            self.stalled = give_up and len(violations) == STALLED_AT and violation > STALLED * violations[0]
+            return late or self.stalled
+
+        first = self._first = phased_motion.unknowns
+        self.ended, fault = None, bad_guess_message(program, first)
+        if fault is not None:
+            self.cause = fault
+            return False
+        guessed = program.objective(first)
+        scale = _size(self.cost if np.isfinite(self.cost) else guessed)
+        solution = solve(program, first, warm, scale=scale, iterations=solver.plan.iterations, told=told)
+        cost, converged = program.objective(solution.w), solution.converged
+        self.runs.append(
+            SolverRun(
+                self.request.start,
+                intervals,
+                cost,
+                STALL if self.stalled else solution.status,
+                converged,
+                solution.iterations,
+                solution.evaluations_s,
+                solution.seconds,
+                tuple(costs),
+                tuple(violations),
+            )
+        )
+        if converged:
+            self.kept, self.cost, self.cause = (solution, meshes), cost, ""
+        else:
+            self.cause = limit_message(program, solution, solver.plan)
+            self.ended = None if solution.status == TIME_LIMIT else (program, solution, meshes)
+        return converged

@@ -1,0 +1,143 @@
+"""Warm starts: the motion of a stored plan as the first guess of another search."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+import xarray as xr
+
+from optim.planning.formulation.grasps import wrench_axes
+from optim.planning.formulation.stage import PlanningProblem
+from optim.planning.search.plan_solver import PlanSolver, SolveResult
+from optim.planning.solver.ipopt import Solution
+from optim.planning.transcription.lobatto import Lobatto
+from optim.planning.transcription.mesh import Mesh
+from optim.planning.transcription.motion import Motion, PhasedMotion
+from spacerobot.arrays import Array
+from spacerobot.elements.plan_file import numbers, open_plan, phase_rows
+from spacerobot.errors import ScenarioError
+
+FILE = "plan.nc"
+MULTIPLIERS = ("multiplier", "bound_multiplier")
+
+
+def stored_motion(solver: PlanSolver, path: Path) -> SolveResult:
+    """Motion of a stored plan as an attempt to begin with.
+
+    Configuration, velocity, acceleration and the wrenches of grasps are the file's; what drives the motion
+    follows from the equations of motion of this scene, which may have other masses. The mesh is the file's
+    where its order is that of the section and it has from `intervals` to `most_intervals` intervals; else the
+    motion is interpolated on the section's first mesh. Multipliers are taken where constraints and mesh are
+    as many as in the file.
+
+    Parameters
+    ----------
+    solver
+        The problem.
+    path
+        A plan's folder, or its ``plan.nc``.
+
+    Returns
+    -------
+    SolveResult
+        Without multipliers where none fit.
+
+    Raises
+    ------
+    ScenarioError
+        If the file is no plan, or one of another scene: naming what differs.
+    """
+    file = path / FILE if path.is_dir() else path
+    plan = open_plan(file, ("q", "v", "acceleration", "configuration", "velocity"))
+    problems = solver.problems_of(solver.request())
+    model, names = (
+        problems[0].stage.scene.model,
+        [solver.name, *(one.name for one in solver.following_phases)],
+    )
+    rows = phase_rows(plan) if len(names) > 1 else {"": (0, plan.sizes["time"] - 1)}
+    bodies = {str(name).partition("/")[0] for name in model.names[1:]}
+    joints = {str(name) for name in model.names[1:]}
+    labels = {str(label).partition("[")[0] for label in plan.configuration.values}
+    _same(file, "bodies", {label.partition("/")[0] for label in labels}, bodies)
+    _same(file, "joints", labels, joints)
+    stored = list(phase_rows(plan))
+    _same(file, "phases", stored if stored[1:] else [], names if names[1:] else [])
+    sizes = plan.sizes["configuration"], plan.sizes["velocity"]
+    if sizes != (model.nq, model.nv):
+        raise ScenarioError(
+            f"a plan of another scene: {sizes[0]} entries of configuration and {sizes[1]} of velocity, where "
+            f"this scene has {model.nq} and {model.nv}",
+            source=file,
+        )
+    motions = []
+    for problem, (first, last) in zip(problems, (rows[name] for name in names), strict=True):
+        own = plan.isel(time=slice(first, last + 1))
+        rises = np.append(np.diff(own.time.values) > 0, True)  # forces may jump at knots, states do not
+        motions.append(_motion(problem, own.isel(time=rises), file))
+    phased_motion = PhasedMotion(
+        tuple(motions), tuple(np.zeros(one.link.impulses) for one in solver.following_phases)
+    )
+    intervals = (solver.plan.intervals, *(one.plan.intervals for one in solver.following_phases))
+    fits = all(
+        motion.lobatto.points == solver.lobatto.points
+        and least <= motion.intervals <= solver.plan.most_intervals
+        for motion, least in zip(motions, intervals, strict=True)
+    )
+    if not fits:
+        phased_motion = phased_motion.on(solver.lobatto, solver.meshes(solver.plan.intervals))
+    program = solver.program(solver.request(), phased_motion.meshes)
+    multipliers, of_bounds = (
+        np.asarray(plan[name].values, dtype=float).ravel() if name in plan.variables else np.empty(0)
+        for name in MULTIPLIERS
+    )
+    known = fits and (multipliers.size, of_bounds.size) == (program.rows, program.size)
+    if not (known and np.isfinite(multipliers).all() and np.isfinite(of_bounds).all()):
+        multipliers = of_bounds = np.empty(0)
+    barrier = float(plan.attrs.get("barrier", 0.0))
+    solution = Solution(
+        phased_motion.unknowns, multipliers, of_bounds, "stored", True, 0, 0.0, 0.0, 1.0, barrier
+    )
+    return SolveResult((), solution, phased_motion.meshes, np.inf, None, "")
+
+
+def _same(file: Path, what: str, there: Iterable[str], here: Iterable[str]) -> None:
+    """Refuse names that differ."""
+    alone = [
+        f"{', '.join(sorted(set(own) - set(other))[:3])} only {where}"
+        for own, other, where in ((there, here, "in the file"), (here, there, "in this scene"))
+        if set(own) - set(other)
+    ]
+    if alone:
+        raise ScenarioError(f"a plan of another scene: its {what} differ, {', '.join(alone)}", source=file)
+
+
+def _motion(problem: PlanningProblem, plan: xr.Dataset, file: Path) -> Motion:
+    """Motion of one phase, from the rows of that phase."""
+    stage, times, points = problem.stage, plan.time.values, int(plan.attrs.get("points", 0))
+    known = 3 <= points <= 5 and len(times) >= points and (len(times) - 1) % (points - 1) == 0
+    if not (known and np.isfinite(times).all()):
+        raise ScenarioError("not a plan whose motion is known between its points; plan again", source=file)
+    knots = np.asarray(times - times[0], dtype=float)[:: points - 1]
+    q = numbers(plan, "q", ("time", "configuration"))
+    v, a = (numbers(plan, name, ("time", "velocity")) for name in ("v", "acceleration"))
+    axes = [f"{grip.name}.{axis}" for grip in stage.grips for axis in wrench_axes(stage.scene, grip)]
+    w = np.zeros((len(times), len(axes)))
+    if axes:
+        stored = [str(name) for name in plan.grip.values] if "grip" in plan.coords else []
+        _same(file, "grasps that hold", [axis for axis in axes if axis in stored], axes)
+        w = numbers(plan, "grip_wrench", ("time", "grip"))[:, [stored.index(axis) for axis in axes]]
+    z = np.hstack([q, v, a, np.zeros((len(times), stage.u.numel())), w])
+    first = stage.q.numel() + stage.v.numel() + stage.a.numel()
+    z[:, first : first + stage.u.numel()] = _drive(problem, z)
+    mesh = Mesh(tuple(float(knot) for knot in knots / knots[-1]))
+    return Motion(problem, Lobatto.of_order(2 * points - 2), mesh, float(knots[-1]), z)
+
+
+def _drive(problem: PlanningProblem, z: Array) -> Array:
+    """What drives instants (n, nu): what is left of the equations of motion where nothing does."""
+    stage = problem.stage
+    left = ca.Function("left", [stage.z], [ca.densify(stage.balance[list(stage.driven.columns)])])
+    return np.array(left(z.T).full()).T

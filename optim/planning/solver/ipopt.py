@@ -1,0 +1,377 @@
+"""A program solved by IPOPT, with exact first and second derivatives."""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import dataclasses
+import os
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from scipy import sparse
+
+from optim.planning.solver.nonlinear_program import NonlinearProgram
+from optim.planning.solver.presolve import PresolvedProgram
+from spacerobot.arrays import Array
+
+PATIENCE = 30
+"""Iterations after which a search from multipliers that do not fit begins anew without them."""
+LEAST_BARRIER = 1e-8
+"""Barrier parameter with which a search goes on at least, in units of the cost's size."""
+
+FROM_A_GUESS = {"mu_init": 1e-2, "constr_mult_init_max": 0.0}
+"""Options without multipliers to begin with: those of least squares lead astray more often than zeros do."""
+
+FROM_A_MOTION = {"constr_mult_init_max": 1e3}
+"""Options near a solution whose multipliers are not known: those of least squares are near its own there."""
+
+THROWN = "NonIpopt_Exception_Thrown"
+"""IPOPT's word where something raised; our own functions' faults never reach it, which leaves Ctrl-C."""
+
+TIME_LIMIT = "Time_Limit"
+"""Status of a search that was stopped by who was told of its iterations."""
+
+Told = Callable[[int, float, float], bool]
+"""Called at each iteration with its number, the cost and the greatest violation; whether to stop there."""
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Where IPOPT ended.
+
+    Attributes
+    ----------
+    w
+        Unknowns.
+    multipliers, bound_multipliers
+        Of the constraints and of the limits of the unknowns, positive where an upper one holds.
+    status
+        IPOPT's word for it.
+    converged
+        Whether it is a solution by IPOPT's judgement.
+    iterations, evaluations_s, seconds
+        Its steps, time [s] spent in the problem's functions and altogether.
+    scale, barrier
+        Size of the cost that was taken, and the barrier parameter at the end in units of it.
+    """
+
+    w: Array
+    multipliers: Array
+    bound_multipliers: Array
+    status: str
+    converged: bool
+    iterations: int
+    evaluations_s: float
+    seconds: float
+    scale: float
+    barrier: float
+
+
+def solve(
+    program: NonlinearProgram,
+    first: Array,
+    warm: Solution | None = None,
+    *,
+    scale: float | None = None,
+    iterations: int = 500,
+    told: Told | None = None,
+) -> Solution:
+    """Solve a program.
+
+    Parameters
+    ----------
+    program
+        What is solved.
+    first
+        Unknowns to begin with.
+    warm
+        A solution of a program of the same shape that is near: its multipliers, barrier parameter and scale
+        are gone on with. Where that leads nowhere, the search begins anew without them. Without multipliers
+        (of no length) those of least squares are begun with.
+    scale
+        Size of the cost: residuals are taken relative to it. That of ``warm``, or one, if not given.
+    iterations
+        At most, in each of the two searches.
+    told
+        Called at each iteration.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        If Ctrl-C came meanwhile.
+    """
+    if scale is None:
+        scale = 1.0 if warm is None else warm.scale
+    presolved = PresolvedProgram(program, first)
+    if warm is None:
+        return _solve(presolved, first, None, ipopt_options(iterations, scale), told)
+    known = warm.multipliers.size > 0
+    options = ipopt_options(min(iterations, PATIENCE), scale, warm.barrier, known=known)
+    found = _solve(presolved, first, warm if known else None, options, told)
+    if found.converged or iterations <= PATIENCE or found.status == TIME_LIMIT:
+        return found
+    anew = _solve(presolved, first, None, ipopt_options(iterations, scale), told)
+    return dataclasses.replace(
+        anew,
+        iterations=found.iterations + anew.iterations,
+        evaluations_s=found.evaluations_s + anew.evaluations_s,
+        seconds=found.seconds + anew.seconds,
+    )
+
+
+def _solve(
+    program: PresolvedProgram,
+    first: Array,
+    warm: Solution | None,
+    ipopt: dict[str, Any],
+    told: Told | None,
+) -> Solution:
+    begin = time.perf_counter()
+    bridge = _CasadiFunctions(program)
+    watch = _IterationCallback(program, bridge, told)
+    solver = ca.nlpsol("plan", "ipopt", bridge.problem, bridge.options(watch) | {"ipopt": ipopt})
+    (low, high), (least, greatest) = program.bounds(), program.limits()
+    given: dict[str, Any] = {
+        "x0": first[program.free],
+        "lbx": low,
+        "ubx": high,
+        "lbg": least,
+        "ubg": greatest,
+    }
+    if warm is not None:
+        given["lam_g0"] = warm.multipliers[program.held]
+        given["lam_x0"] = warm.bound_multipliers[program.free]
+    with one_thread():
+        found = solver(**given)
+    stats = solver.stats()
+    if bridge.fault is not None:
+        raise bridge.fault
+    if bridge.interrupted or stats["return_status"] == THROWN:
+        raise KeyboardInterrupt
+    w, multipliers, of_bounds = (np.array(found[name]).ravel() for name in ("x", "lam_g", "lam_x"))
+    return Solution(
+        program.unknowns(w),
+        program.multipliers(w, multipliers),
+        program.spread(of_bounds),
+        TIME_LIMIT if bridge.late else str(stats["return_status"]),
+        bool(stats["success"]),
+        int(stats["iter_count"]),
+        bridge.seconds,
+        time.perf_counter() - begin,
+        1 / ipopt["obj_scaling_factor"],
+        float(stats["iterations"]["mu"][-1]) if stats.get("iterations") else ipopt.get("mu_init", 0.1),
+    )
+
+
+def ipopt_options(
+    iterations: int, scale: float, barrier: float | None = None, *, known: bool = True
+) -> dict[str, Any]:
+    """IPOPT's options; with a barrier parameter where the search begins near a solution."""
+    options: dict[str, Any] = {
+        "print_level": 0,
+        "sb": "yes",
+        "linear_solver": "mumps",
+        "mumps_mem_percent": 200,
+        "max_iter": iterations,
+        "tol": 1e-8,
+        "obj_scaling_factor": 1 / scale,
+        "constr_viol_tol": 1e-9,
+        "acceptable_iter": 0,
+        "mu_strategy": "monotone",
+        "honor_original_bounds": "yes",
+    }
+    if barrier is None:
+        options |= FROM_A_GUESS
+    elif not known:
+        options |= FROM_A_MOTION | {"mu_init": barrier}
+    else:
+        options |= {
+            "warm_start_init_point": "yes",
+            "mu_init": max(barrier, LEAST_BARRIER),
+            "warm_start_bound_push": 1e-8,
+            "warm_start_bound_frac": 1e-8,
+            "warm_start_slack_bound_push": 1e-8,
+            "warm_start_slack_bound_frac": 1e-8,
+            "warm_start_mult_bound_push": 1e-8,
+        }
+    return options
+
+
+@contextlib.contextmanager
+def one_thread() -> Iterator[None]:
+    """Have CasADi's own BLAS use one thread, so that no sum depends on how many there are."""
+    with contextlib.ExitStack() as stack:
+        for blas in loaded_blas():
+            stack.callback(blas.openblas_set_num_threads, int(blas.openblas_get_num_threads()))
+            blas.openblas_set_num_threads(1)
+        yield
+
+
+def loaded_blas() -> Iterator[ctypes.CDLL]:
+    """CasADi's own BLAS: of several copies in its folder, the one that the solver is linked to."""
+    if not hasattr(os, "RTLD_NOLOAD"):
+        return
+    for file in sorted(Path(ca.__file__).parent.glob("libcasadi-tp-openblas*")):
+        with contextlib.suppress(OSError):
+            yield ctypes.CDLL(str(file), mode=os.RTLD_NOW | os.RTLD_NOLOAD)
+
+
+class _CasadiFunctions:
+    """A program as the functions that CasADi's interface to IPOPT asks for."""
+
+    def __init__(self, program: NonlinearProgram) -> None:
+        self.interrupted, self.late, self.seconds = False, False, 0.0
+        self.fault: Exception | None = None
+        n, m = program.size, program.rows
+        x, p = ca.Sparsity.dense(n), ca.Sparsity(0, 0)
+        one, g = ca.Sparsity.dense(1), ca.Sparsity.dense(m)
+        jacobian, hessian = _sparsity(program.jacobian_pattern), _sparsity(program.hessian_pattern)
+
+        def bends(w: Array, _: Array, factor: Array, multipliers: Array) -> Array:
+            return program.hessian(w, float(factor[0]), multipliers)
+
+        cost, constraints = (lambda w, _: program.objective(w)), (lambda w, _: program.constraints(w))
+        at = {"x": x, "p": p}
+        self.problem = _ProgramCallback(self, "nlp", at, {"f": (one, cost), "g": (g, constraints)})
+        self.gradient = _ProgramCallback(
+            self, "nlp_grad_f", at, {"f": (one, cost), "grad_f_x": (x, lambda w, _: program.gradient(w))}
+        )
+        self.jacobian = _ProgramCallback(
+            self,
+            "nlp_jac_g",
+            at,
+            {"g": (g, constraints), "jac_g_x": (jacobian, lambda w, _: program.jacobian(w))},
+        )
+        self.hessian = _ProgramCallback(
+            self, "nlp_hess_l", at | {"lam_f": one, "lam_g": g}, {"triu_hess_gamma_x_x": (hessian, bends)}
+        )
+
+    def options(self, watch: ca.Callback) -> dict[str, Any]:
+        """What CasADi's interface is given beside the problem."""
+        return {
+            "grad_f": self.gradient,
+            "jac_g": self.jacobian,
+            "hess_lag": self.hessian,
+            "iteration_callback": watch,
+            "no_nlp_grad": True,
+            "print_time": False,
+        }
+
+
+class _ProgramCallback(ca.Callback):
+    """Python functions of arrays as a CasADi function; Ctrl-C and faults end the solver and are kept.
+
+    An output has its entries' places and the function that gives them; it is called where it is wanted.
+    """
+
+    def __init__(
+        self,
+        bridge: _CasadiFunctions,
+        name: str,
+        inputs: dict[str, ca.Sparsity],
+        outputs: dict[str, tuple[ca.Sparsity, Callable[..., Any]]],
+    ) -> None:
+        ca.Callback.__init__(self)
+        self._bridge = bridge
+        self._inputs, self._outputs = inputs, outputs
+        self.construct(name, {})
+
+    def get_n_in(self) -> int:
+        """How many inputs."""
+        return len(self._inputs)
+
+    def get_n_out(self) -> int:
+        """How many outputs."""
+        return len(self._outputs)
+
+    def get_name_in(self, i: int) -> str:
+        """Name of an input."""
+        return list(self._inputs)[i]
+
+    def get_name_out(self, i: int) -> str:
+        """Name of an output."""
+        return list(self._outputs)[i]
+
+    def get_sparsity_in(self, i: int) -> ca.Sparsity:
+        """Where an input has entries."""
+        return list(self._inputs.values())[i]
+
+    def get_sparsity_out(self, i: int) -> ca.Sparsity:
+        """Where an output has entries."""
+        return list(self._outputs.values())[i][0]
+
+    def has_eval_buffer(self) -> bool:
+        """Whether :meth:`eval_buffer` is called."""
+        return True
+
+    def eval_buffer(self, given: Sequence[Any], wanted: Sequence[Any]) -> int:
+        """Evaluate, from and into CasADi's own memory."""
+        begin = time.perf_counter()
+        try:
+            arrays = [
+                np.zeros(place.nnz()) if one is None else np.frombuffer(one)
+                for place, one in zip(self._inputs.values(), given, strict=True)
+            ]
+            for (_, function), found in zip(self._outputs.values(), wanted, strict=True):
+                if found is not None:
+                    np.frombuffer(found)[:] = function(*arrays)
+        except KeyboardInterrupt:
+            self._bridge.interrupted = True
+        except Exception as fault:
+            self._bridge.fault = fault
+        finally:
+            self._bridge.seconds += time.perf_counter() - begin
+        return int(self._bridge.interrupted or self._bridge.fault is not None)
+
+
+class _IterationCallback(ca.Callback):
+    """Tells of each iteration, and ends the solver where it was interrupted or is late."""
+
+    def __init__(self, program: NonlinearProgram, bridge: _CasadiFunctions, told: Told | None) -> None:
+        ca.Callback.__init__(self)
+        self._bridge, self._told, self._count = bridge, told, -1
+        self._sizes = {"x": program.size, "f": 1, "g": program.rows, "lam_x": program.size}
+        self._sizes |= {"lam_g": program.rows, "lam_p": 0}
+        self._limits = program.limits()
+        self.construct("watch", {})
+
+    def get_n_in(self) -> int:
+        """What a solver gives."""
+        return int(ca.nlpsol_n_out())
+
+    def get_n_out(self) -> int:
+        """Whether to end."""
+        return 1
+
+    def get_name_in(self, i: int) -> str:
+        """Name of what it gives."""
+        return str(ca.nlpsol_out(i))
+
+    def get_sparsity_in(self, i: int) -> ca.Sparsity:
+        """Length of what it gives."""
+        size = self._sizes[ca.nlpsol_out(i)]
+        return ca.Sparsity.dense(size) if size else ca.Sparsity(0, 0)
+
+    def eval(self, given: Sequence[ca.DM]) -> list[Any]:
+        """Tell."""
+        try:
+            self._count += 1
+            if self._told is not None:
+                g = np.array(given[2].nonzeros())
+                over = np.maximum(self._limits[0] - g, g - self._limits[1])
+                late = self._told(self._count, float(given[1]), max(float(over.max(initial=0.0)), 0.0))
+                self._bridge.late = bool(late)
+        except KeyboardInterrupt:
+            self._bridge.interrupted = True
+        return [int(self._bridge.late or self._bridge.interrupted or self._bridge.fault is not None)]
+
+
+def _sparsity(pattern: sparse.csc_matrix) -> ca.Sparsity:
+    rows, columns = pattern.shape
+    return ca.Sparsity(int(rows), int(columns), pattern.indptr.tolist(), pattern.indices.tolist())

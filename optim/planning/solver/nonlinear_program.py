@@ -1,0 +1,45 @@
+"""What a solver asks of a program."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from scipy import sparse
+
+from spacerobot.arrays import Array
+
+
+class NonlinearProgram(Protocol):
+    """What a solver asks of a program."""
+
+    size: int
+    rows: int
+
+    @property
+    def jacobian_pattern(self) -> sparse.csc_matrix:
+        """Where the constraints' first derivatives stand."""
+
+    @property
+    def hessian_pattern(self) -> sparse.csc_matrix:
+        """Where the upper triangle of the Lagrangian's second derivatives stands."""
+
+    def bounds(self) -> tuple[Array, Array]:
+        """Least and greatest unknowns."""
+
+    def limits(self) -> tuple[Array, Array]:
+        """Least and greatest values of the constraints."""
+
+    def objective(self, w: Array) -> float:
+        """Cost."""
+
+    def gradient(self, w: Array) -> Array:
+        """Of the cost."""
+
+    def constraints(self, w: Array) -> Array:
+        """All constraints."""
+
+    def jacobian(self, w: Array) -> Array:
+        """Entries of the constraints' first derivatives."""
+
+    def hessian(self, w: Array, factor: float, multipliers: Array) -> Array:
+        """Entries of the upper triangle of the Lagrangian's second derivatives."""

@@ -1,0 +1,274 @@
+"""A design study: which numbers of a scenario make a plan's least cost least, and how it changes with each.
+
+The least cost of a design is found by planning for it, from the plan of the design before, on one mesh; its
+slopes are those of the Lagrangian there. A quasi-Newton method with bounds (L-BFGS-B) follows them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy import optimize
+
+from optim.planning.formulation.formulate import plan_section
+from optim.planning.search.make_plan import (
+    PLAN,
+    PlanResult,
+    Progress,
+    failure_message,
+    make_plan,
+    plan_result,
+    result_store,
+)
+from optim.planning.search.plan_solver import PlanSolver, SolveRequest, SolveResult
+from optim.planning.search.solve_request import solve_request
+from optim.planning.studies.cost_sensitivities import OptimalPoint
+from optim.problem.variables import Variables, variables_of
+from spacerobot.arrays import Array
+from spacerobot.errors import NoPlanError, ScenarioError
+from spacerobot.files import StrPath
+from spacerobot.scene import Scene, build_scene
+
+DESIGNS = 50
+"""Tried by the search, at most."""
+PRECISE = 1e-7
+"""Part of the cost that another step must save, and slope per range of a variable that counts as none."""
+ENDS = {0: "no slope leads farther", 1: f"{DESIGNS} designs were tried"}
+"""What L-BFGS-B's word for its end means."""
+FIRST = 0.1
+"""Length of the first step, in ranges of the variables."""
+LOST = 10.0
+"""What a design without a plan counts as, in costs of the first one."""
+
+
+@dataclass(frozen=True, eq=False)
+class DesignTrial:
+    """A design that was planned for.
+
+    Attributes
+    ----------
+    values
+        Of the variables (k,), in the scenario's units.
+    cost, slopes
+        Least cost, and its derivatives by the variables (k,); not finite where no plan was found.
+    failure
+        Why there is none.
+    iterations
+        Of the solver.
+    """
+
+    values: Array
+    cost: float
+    slopes: Array
+    failure: str
+    iterations: int
+
+
+@dataclass(frozen=True, eq=False)
+class DesignStudy:
+    """What a design study found.
+
+    Attributes
+    ----------
+    scene
+        The scenario's own.
+    variables
+        What was free.
+    trials
+        Designs of the search, in turn; the first is the scenario's own.
+    found
+        The best of them.
+    sweeps
+        Designs that differ from that by one variable, by its name, in the order of its values.
+    ended
+        Why the search ended, in words.
+    plan
+        The plan of the design that was found, refined and judged.
+    """
+
+    scene: Scene
+    variables: Variables
+    trials: tuple[DesignTrial, ...]
+    found: DesignTrial
+    sweeps: Mapping[str, tuple[DesignTrial, ...]]
+    ended: str
+    plan: PlanResult
+
+
+def make_study(
+    scene: Scene,
+    points: int = 9,
+    *,
+    backend: str = "auto",
+    progress: Progress | None = None,
+    folder: StrPath | None = None,
+    dask: str | None = None,
+) -> DesignStudy:
+    """Find the design with the least cost within its bounds, and sweep each variable around it.
+
+    Parameters
+    ----------
+    scene
+        A scene whose ``plan`` section names ``design`` variables.
+    points
+        Designs of each sweep, from bound to bound.
+    backend, progress, folder, dask
+        As for :func:`optim.planning.search.make_plan.make_plan`; the cluster plans the first design.
+
+    Raises
+    ------
+    ScenarioError
+        If the section names no variables, or numbers that there are not.
+    NoPlanError
+        If the scenario's own design, or the one that was found, has no plan that holds.
+    """
+    folder = None if folder is None else Path(folder)
+    variables = design_variables(scene)
+    first = build_scene(scene.scenario, variables.as_changes(variables.start), source=scene.source)
+    begun = make_plan(first, backend=backend, progress=progress, folder=folder, dask=dask)
+    designs = _DesignSearch(variables, begun, folder, progress or (lambda _: None))
+    ended = designs.descend()
+    best, trials = designs.best, tuple(designs.trials)
+    sweeps = {name: designs.sweep(k, points) for k, name in enumerate(variables.names)}
+    return DesignStudy(scene, variables, trials, best.trial, sweeps, ended, designs.finish())
+
+
+def design_variables(scene: Scene) -> Variables:
+    """Variables of a scene's design study.
+
+    Raises
+    ------
+    ScenarioError
+        If there are none, they name numbers that there are not, or the plan has several phases.
+    """
+    plan = plan_section(scene)
+    named = plan.design
+    if plan.phases:
+        message = "a design study takes a plan of one phase; leave them out"
+        raise ScenarioError(message, source=scene.source, where="plan.phases")
+    if not named:
+        message = (
+            "no variables; give some, as {mass: {paths: robots.arm.links.base.mass, lower: 50, upper: 400}}"
+        )
+        raise ScenarioError(message, source=scene.source, where="plan.design")
+    return variables_of(scene, named, "plan.design")
+
+
+@dataclass(frozen=True, eq=False)
+class _PlannedDesign:
+    """A design with its plan."""
+
+    trial: DesignTrial
+    solver: PlanSolver
+    request: SolveRequest
+    result: SolveResult
+
+
+class _DesignSearch:
+    """Designs that are planned for one after the other, on the mesh of the first one's plan."""
+
+    def __init__(
+        self, variables: Variables, begun: PlanResult, folder: Path | None, notify: Progress
+    ) -> None:
+        self.variables, self.begun, self.folder, self.notify = variables, begun, folder, notify
+        self.intervals = begun.motion.intervals
+        self.trials: list[DesignTrial] = []
+        given = SolveResult(
+            begun.runs, begun.solution, begun.phased_motion.meshes, begun.cost, begun.verification, ""
+        )
+        first = self._planned_for(variables.start, given, given)
+        assert isinstance(first, _PlannedDesign)  # as the scenario has it, and planned for already
+        self.best = first
+
+    def descend(self) -> str:
+        """Search for the best design; why that ended, in words."""
+        variables, size = self.variables, self.best.trial.cost or 1.0
+        begin = variables.unit(variables.start) / FIRST  # the method's own first step is one long
+
+        def least(x: Array) -> tuple[float, Array]:
+            """Least cost and its slopes, in costs of the first design."""
+            u = x * FIRST
+            same = not self.trials
+            known = self.best if same else self._planned_for(variables.values(u), self.best.result)
+            trial = known.trial if isinstance(known, _PlannedDesign) else known
+            self.trials.append(trial)
+            if not isinstance(known, _PlannedDesign):
+                return LOST, np.zeros(len(x))
+            if trial.cost < self.best.trial.cost:
+                self.best = known
+            return trial.cost / size, trial.slopes * variables.slope(u) * FIRST / size
+
+        options = {"maxfun": DESIGNS, "ftol": PRECISE, "gtol": PRECISE}
+        box = [(0.0, 1 / FIRST)] * len(variables)
+        found = optimize.minimize(least, begin, jac=True, method="L-BFGS-B", bounds=box, options=options)
+        return ENDS.get(int(found.status), "nothing better was found along the slopes")
+
+    def sweep(self, k: int, points: int) -> tuple[DesignTrial, ...]:
+        """Designs that differ from the best one by a variable, each begun with its neighbour's plan."""
+        own = self.best.trial.values
+        grid = np.tile(self.variables.unit(own), (points, 1))
+        grid[:, k] = np.linspace(0.0, 1.0, points)
+        values = self.variables.values(grid)
+        above = int(np.searchsorted(values[:, k], own[k]))
+        found: dict[int, DesignTrial] = {}
+        for way in (range(above, points), range(above - 1, -1, -1)):
+            near = self.best.result
+            for n in way:
+                known = self._planned_for(values[n], near)
+                found[n] = known.trial if isinstance(known, _PlannedDesign) else known
+                near = known.result if isinstance(known, _PlannedDesign) else near
+        return tuple(found[n] for n in range(points))
+
+    def finish(self) -> PlanResult:
+        """The plan of the best design, refined and judged.
+
+        Raises
+        ------
+        NoPlanError
+            If it does not hold.
+        """
+        solver = self.best.solver
+        request = solver.request(near=self.best.result, is_solved=True)
+        result = solve_request(solver, request)
+        fault = failure_message(result)
+        if fault is not None:
+            raise NoPlanError(fault, source=solver.scene.source, where="plan.design")
+        return plan_result(solver, request, {f"{PLAN}, start": self.best.result, PLAN: result})
+
+    def _planned_for(
+        self, values: Array, near: SolveResult, result: SolveResult | None = None
+    ) -> _PlannedDesign | DesignTrial:
+        """A design with its plan, begun with one nearby or given, or without one."""
+        variables, base = self.variables, self.begun.scene
+        said = ", ".join(f"{name} {value:.5g}" for name, value in variables.as_mapping(values).items())
+        self.notify(f"planning for {said}")
+        changes = variables.as_changes(values) | {"plan.intervals": self.intervals}
+        try:
+            scene = build_scene(base.scenario, changes, source=base.source)
+            solver = PlanSolver.of(scene, self.begun.backend, self.notify)
+        except ScenarioError as fault:
+            return _lost(values, fault.message, 0)
+        request, kept = solver.request(near=near, refine=False), result_store(self.folder, solver)
+        result = result or kept.find(request)
+        if result is None:
+            result = solve_request(solver, request)
+            kept.add(request, result)
+        iterations = sum(solve.iterations for solve in result.runs)
+        if result.solution is None:
+            return _lost(values, f"no plan was found: {result.cause}", iterations)
+        own = solver.keeping_apart(result.apart)
+        solution = OptimalPoint(
+            own.scene, solver.motion(request, result), result.solution, own.interpreted.instants
+        )
+        tied = [dict.fromkeys(paths, float(v)) for paths, v in zip(variables.paths, values, strict=True)]
+        slopes = np.array([solution.slope(numbers) for numbers in tied])
+        return _PlannedDesign(
+            DesignTrial(values, result.cost, slopes, "", iterations), solver, request, result
+        )
+
+
+def _lost(values: Array, fault: str, iterations: int) -> DesignTrial:
+    return DesignTrial(values, np.inf, np.full(len(values), np.nan), fault, iterations)

@@ -1,0 +1,262 @@
+"""The Pareto front of two terms of a plan's cost: what less of one takes of the other.
+
+Where one of them is the time, durations are given, evenly between the limits of the section, and the rest of
+the cost becomes small: the constraint method. Elsewhere the weights of the two are swept against each other.
+Each point begins with the motion of one that lies near; which one is laid down, halving the way between two
+that are done, so that the points do not depend on who works on them.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from optim.planning.formulation.costs import reported
+from optim.planning.formulation.formulate import plan_section
+from optim.planning.search.make_plan import (
+    PlanResult,
+    Progress,
+    failure_message,
+    integrals,
+    plan_result,
+    plan_tasks,
+    result_store,
+)
+from optim.planning.search.plan_solver import PlanSolver, SolveRequest, SolveResult
+from optim.planning.search.solve_tasks import SolveTask, run_tasks
+from spacerobot.elements import PlanCost, create, kinds
+from spacerobot.errors import ScenarioError, near_names
+from spacerobot.files import StrPath
+from spacerobot.scene import Scene
+
+DECADES = 3.0
+"""By how much the ratio of two weights is swept, to either side together."""
+ROUNDING = 1e-6
+"""By what part a value must be less to be better."""
+Status = Literal["efficient", "dominated", "refused"]
+
+
+@dataclass(frozen=True, eq=False)
+class FrontPoint:
+    """One point of a front.
+
+    Attributes
+    ----------
+    name
+        Of its task and its folder.
+    changes
+        What makes the scenario's plan section that of this point, by dotted path.
+    values
+        Duration [s] and what is told of every term, in SI units, by name: root mean squares over the
+        duration, of propellant the whole, of the end's the root; empty where refused.
+    status
+        ``dominated`` where another point is as good in both and better in one.
+    failure
+        Why it is refused.
+    plan
+        The plan, where there is one.
+    """
+
+    name: str
+    changes: Mapping[str, float]
+    values: Mapping[str, float]
+    status: Status
+    failure: str
+    plan: PlanResult | None
+
+
+@dataclass(frozen=True, eq=False)
+class ParetoFront:
+    """Points from one end to the other.
+
+    Attributes
+    ----------
+    scene
+        Where they belong.
+    names
+        The two terms.
+    points
+        In order.
+    """
+
+    scene: Scene
+    names: tuple[str, str]
+    points: tuple[FrontPoint, ...]
+
+    @property
+    def costs(self) -> dict[str, PlanCost]:
+        """The two terms, by name; the duration is one though it may have no weight."""
+        given = plan_section(self.scene).costs
+        return {
+            name: given[name] if name in given else create("plan_cost", name, weight=0.0)
+            for name in self.names
+        }
+
+
+@dataclass(frozen=True)
+class FrontRequest:
+    """Which front is wanted.
+
+    Attributes
+    ----------
+    names
+        The two terms of the cost; ``time`` may be one.
+    count
+        Number of points.
+    """
+
+    names: tuple[str, str] = ("time", "base_rotation")
+    count: int = 9
+
+
+def make_front(
+    scene: Scene,
+    wanted: FrontRequest,
+    *,
+    backend: str = "auto",
+    progress: Progress | None = None,
+    folder: StrPath | None = None,
+    dask: str | None = None,
+) -> ParetoFront:
+    """Plan every point of a front.
+
+    Parameters
+    ----------
+    scene
+        A scene with a ``plan`` section.
+    wanted
+        Which front.
+    backend, progress, folder, dask
+        As for :func:`optim.planning.search.make_plan.make_plan`.
+
+    Raises
+    ------
+    ScenarioError
+        If the terms have no weights, or the duration that is to be swept is given.
+    """
+    folder = None if folder is None else Path(folder)
+    solver = PlanSolver.of(scene, backend, progress or (lambda _: None), motions=wanted.count)
+    requests = _asks(solver, wanted)
+    names = [f"point_{k + 1}" for k in range(len(requests))]
+    tasks: dict[str, SolveTask] = {}
+    for k, parent in bisection_order(len(requests)):
+        if parent is None:
+            tasks |= plan_tasks(solver, requests[k], names[k])
+        else:
+            tasks[names[k]] = _after(requests[k], names[parent])
+    found = run_tasks(solver, tasks, result_store(folder, solver), dask)
+    points = [_point(solver, request, found, name) for name, request in zip(names, requests, strict=True)]
+    return ParetoFront(scene, wanted.names, tuple(_compared(points, wanted.names)))
+
+
+def bisection_order(count: int) -> list[tuple[int, int | None]]:
+    """Numbers from 0 on, from the middle, each with a number before it that is near; none for the first."""
+    found: list[tuple[int, int | None]] = []
+    gaps = [(-1, count)]
+    while gaps:
+        low, high = gaps.pop(0)
+        if high - low < 2:
+            continue
+        k = (low + high) // 2
+        ends = [end for end in (high, low) if 0 <= end < count]
+        found.append((k, min(ends, key=lambda end: abs(end - k), default=None)))
+        gaps += [(low, k), (k, high)]
+    return found
+
+
+def _asks(solver: PlanSolver, wanted: FrontRequest) -> list[SolveRequest]:
+    """What is asked for at each point.
+
+    Raises
+    ------
+    ScenarioError
+        If that cannot be.
+    """
+    weights, plain = solver.problem.weights, solver.request()
+    if solver.following_phases:
+        raise ScenarioError(
+            "a front takes a plan of one phase", source=solver.scene.source, where="plan.phases"
+        )
+    for name in wanted.names:
+        known = dict.fromkeys([*solver.plan.costs, *kinds("plan_cost")])
+        if name not in known:
+            raise ScenarioError(f"no term {name!r}; {near_names(name, known)}", where="--pareto")
+        if name != "time" and not weights.get(name):
+            raise ScenarioError(
+                "has no weight, so that nothing makes it small; give it one",
+                source=solver.scene.source,
+                where=f"plan.costs.{name}",
+            )
+    first, second = wanted.names
+    if first == second:
+        raise ScenarioError(f"found {first!r} twice, allowed: two terms", where="--pareto")
+    if "time" not in wanted.names:
+        shares = np.linspace(DECADES / 2, -DECADES / 2, wanted.count) / 2
+        return [
+            dataclasses.replace(
+                plain,
+                weights={
+                    **weights,
+                    first: float(weights[first] * 10**share),
+                    second: float(weights[second] * 10**-share),
+                },
+            )
+            for share in shares
+        ]
+    least, greatest, _ = solver.problem.duration
+    if least == greatest:
+        raise ScenarioError(
+            f"found {least:g} s; a front over time needs limits of the duration, as {{lower: 6, upper: 12}}",
+            source=solver.scene.source,
+            where="plan.duration",
+        )
+    times = np.linspace(least, greatest, wanted.count)
+    return [dataclasses.replace(plain, duration=(float(t),) * 3) for t in times]
+
+
+def _after(request: SolveRequest, parent: str) -> SolveTask:
+    return SolveTask(lambda found: dataclasses.replace(request, near=found[parent]), (parent,))
+
+
+def _point(
+    solver: PlanSolver, request: SolveRequest, found: Mapping[str, SolveResult], name: str
+) -> FrontPoint:
+    """What was found of a point."""
+    fault, plain = failure_message(found[name], solver.plan.starts), solver.request()
+    changes = {
+        f"plan.costs.{key}": value for key, value in request.weights.items() if value != plain.weights[key]
+    }
+    if request.duration != plain.duration:
+        changes["plan.duration"] = request.duration[0]
+    if fault is not None:
+        return FrontPoint(name, changes, {}, "refused", fault, None)
+    plan = plan_result(solver, request, found, name)
+    duration, sums = plan.phased_motion.duration_s, dict[str, float]()
+    for motion in plan.phased_motion.motions:
+        for term, value in integrals(motion).items():
+            sums[term] = sums.get(term, 0.0) + value
+    values = {
+        term: reported(solver.plan.costs[term], value, duration)
+        for term, value in sums.items()
+        if term != "time"
+    }
+    return FrontPoint(name, changes, {"time": duration, **values}, "efficient", "", plan)
+
+
+def _compared(points: Sequence[FrontPoint], names: tuple[str, str]) -> list[FrontPoint]:
+    """The points, those that another one beats marked."""
+    at = {p.name: np.array([p.values[name] for name in names]) for p in points if p.plan is not None}
+
+    def beaten(name: str) -> bool:
+        """Whether another point is nowhere worse and somewhere better."""
+        own = at.get(name)
+        return own is not None and any(
+            (own >= other).all() and (own > (1 + ROUNDING) * other).any() for other in at.values()
+        )
+
+    return [dataclasses.replace(p, status="dominated") if beaten(p.name) else p for p in points]

@@ -1,0 +1,312 @@
+"""The sparse nonlinear program of a planning problem on a mesh.
+
+Unknowns are the instants at all points and the duration T; for interval n, a part h_n of the duration, with
+its points j = 0 .. s - 1
+
+    x_nj = x_n0 + T h_n sum_k A_jk x'_nk,    x = (q, v),  x' = (q'(z), a),
+
+and at every point the equations of motion and the path's rows, at the last one the goal's.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+
+from optim.planning.formulation.stage import PlanningProblem
+from optim.planning.transcription.instant_functions import InstantFunctions, Places
+from optim.planning.transcription.lobatto import Lobatto
+from optim.planning.transcription.mesh import Mesh
+from spacerobot.arrays import Array
+
+
+@dataclass(frozen=True, eq=False)
+class SparseSums:
+    """Entries given in any order, several for one place, summed up into a compressed sparse matrix.
+
+    Attributes
+    ----------
+    matrix
+        Where entries stand; its numbers have no meaning.
+    place
+        Entry of the matrix for each one given.
+    """
+
+    matrix: sparse.csc_matrix
+    place: Places
+
+    @classmethod
+    def of(cls, rows: Places, columns: Places, shape: tuple[int, int]) -> SparseSums:
+        """Sums for entries in rows and columns."""
+        keys, place = np.unique(columns * np.int64(shape[0]) + rows, return_inverse=True)
+        own_rows, own_columns = keys % shape[0], keys // shape[0]
+        starts = np.searchsorted(own_columns, np.arange(shape[1] + 1))
+        matrix = sparse.csc_matrix((np.zeros(len(keys)), own_rows, starts), shape=shape)
+        return cls(matrix, place)
+
+    def entries(self, values: Array) -> Array:
+        """Numbers of the matrix's entries."""
+        return np.asarray(np.bincount(self.place, weights=values, minlength=self.matrix.nnz), dtype=float)
+
+
+class CollocationProgram:
+    """A planning problem on a mesh.
+
+    Parameters
+    ----------
+    problem
+        The problem.
+    instants
+        Its functions.
+    lobatto, mesh
+        The collocation, and the mesh, or how many equal intervals it has.
+    """
+
+    def __init__(
+        self, problem: PlanningProblem, instants: InstantFunctions, lobatto: Lobatto, mesh: int | Mesh
+    ) -> None:
+        self.problem, self.instants, self.lobatto = problem, instants, lobatto
+        self.mesh = Mesh.of(mesh)
+        self.intervals = intervals = self.mesh.intervals
+        model = problem.stage.scene.model
+        self.nq, self.nv, self.nz = model.nq, model.nv, problem.stage.z.numel()
+        self.nx, self.inner = model.nq + model.nv, lobatto.points - 1
+        self.points = intervals * self.inner + 1
+        self.size = self.points * self.nz + 1
+        self.ncost = self.nq + self.nv + len(problem.path)  # rows from here on are terms of the cost
+        self.term_weights = np.array([problem.weights[name] for name in problem.terms])
+        self.end_weights = np.array([problem.weights[name] for name in problem.ends])
+        self._of = np.arange(intervals)[:, None] * self.inner + np.arange(
+            lobatto.points
+        )  # points by interval
+        self.weights = lobatto.quadrature(self.mesh)
+        self._parts = self.mesh.widths[:, None, None]  # h_n
+        self.defects = intervals * self.inner * self.nx
+        self.per_point = self.nv + len(problem.path)
+        self.rows = self.defects + self.points * self.per_point + len(problem.goal)
+        self._seen: tuple[bytes, dict[str, Array]] = (b"", {})
+        self._jacobian, self._hessian = self._jacobian_sums(), self._hessian_sums()
+
+    @property
+    def jacobian_pattern(self) -> sparse.csc_matrix:
+        """Where the constraints' first derivatives stand."""
+        return self._jacobian.matrix
+
+    @property
+    def hessian_pattern(self) -> sparse.csc_matrix:
+        """Where the upper triangle of the Lagrangian's second derivatives stands."""
+        return self._hessian.matrix
+
+    def split(self, w: Array) -> tuple[Array, float]:
+        """Instants (points, nz) and duration [s] of the unknowns."""
+        return w[:-1].reshape(self.points, self.nz), float(w[-1])
+
+    def bounds(self) -> tuple[Array, Array]:
+        """Least and greatest unknowns: the start is fixed, as far as it is given, and so is the duration."""
+        problem = self.problem
+        lower, upper = (np.tile(side, (self.points, 1)) for side in (problem.lower, problem.upper))
+        lower[0, : self.nx], upper[0, : self.nx] = problem.start
+        least, greatest, _ = problem.duration
+        return np.append(lower, least), np.append(upper, greatest)
+
+    def limits(self) -> tuple[Array, Array]:
+        """Least and greatest values of the constraints."""
+        sides = []
+        share = self.lobatto.times(self.mesh, 1.0)
+        for key in ("lower", "upper"):
+            at = np.zeros((self.points, self.per_point))
+            for k, row in enumerate(self.problem.path):
+                free = np.inf if key == "upper" else -np.inf
+                held = row.held(share, first_constrained(self.lobatto, self.mesh, row.last))
+                at[:, self.nv + k] = np.where(held, getattr(row, key), free)
+            goal = [getattr(row, key) for row in self.problem.goal]
+            sides.append(np.concatenate([np.zeros(self.defects), at.ravel(), goal]))
+        return sides[0], sides[1]
+
+    def objective(self, w: Array) -> float:
+        """Cost."""
+        found, duration = self._values(w), float(w[-1])
+        running = duration * (self._running(found) + self.problem.time_weight)
+        if not self.end_weights.size:
+            return running
+        return running + float(self._last("goal_values", w)[len(self.problem.goal) :] @ self.end_weights)
+
+    def gradient(self, w: Array) -> Array:
+        """Of the cost (size,)."""
+        entries, duration = self._instant_jacobian(w), float(w[-1])
+        rows, columns = self.instants.jacobian
+        own = rows >= self.ncost
+        out = np.zeros((self.points, self.nz))
+        weighted = self.term_weights[rows[own] - self.ncost] * entries[:, own]
+        np.add.at(out.T, columns[own], (duration * self.weights[:, None] * weighted).T)
+        if self.end_weights.size:
+            rows, columns = self.instants.goal_jacobian
+            own, first = rows >= len(self.problem.goal), len(self.problem.goal)
+            jacobian = self._last("goal_jacobian", w)[own]
+            np.add.at(out[-1], columns[own], self.end_weights[rows[own] - first] * jacobian)
+        return np.append(out, self._running(self._values(w)) + self.problem.time_weight)
+
+    def constraints(self, w: Array) -> Array:
+        """All constraints (rows,)."""
+        (z, duration), found = self.split(w), self._values(w)
+        x, rate = z[:, : self.nx], self._rates(z, found)
+        moved = np.einsum("jk,nkx->njx", self.lobatto.integral[1:], rate[self._of])
+        defects = x[self._of[:, 1:]] - x[self._of[:, :1]] - duration * self._parts * moved
+        own = found[:, self.nq : self.ncost]
+        goal = self._last("goal_values", w)[: len(self.problem.goal)]
+        return np.concatenate([defects.ravel(), own.ravel(), goal])
+
+    def jacobian(self, w: Array) -> Array:
+        """Entries of the constraints' first derivatives, as :attr:`jacobian_pattern` has them."""
+        (z, duration), entries = self.split(w), self._instant_jacobian(w)
+        step = duration * self._parts[..., None]
+        rows, _ = self.instants.jacobian
+        a = self.lobatto.integral[1:]
+        shape = (self.intervals, self.inner, self.nx)
+        moving = entries[:, rows < self.nq][self._of]  # (N, s, entries)
+        by_rate = -step * np.einsum("jk,nke->njke", a, moving)
+        by_acceleration = np.broadcast_to(-step * a[:, :, None], (*shape[:2], self.inner + 1, self.nv))
+        rate = self._rates(z, self._values(w))
+        by_time = -self._parts * np.einsum("jk,nkx->njx", a, rate[self._of])
+        own = entries[:, (rows >= self.nq) & (rows < self.ncost)]
+        goal = self._last("goal_jacobian", w)[self.instants.goal_jacobian[0] < len(self.problem.goal)]
+        parts = [np.ones(shape), -np.ones(shape), by_rate, by_acceleration, by_time, own, goal]
+        return self._jacobian.entries(np.concatenate([part.ravel() for part in parts]))
+
+    def hessian(self, w: Array, factor: float, multipliers: Array) -> Array:
+        """Entries of the upper triangle of the second derivatives of factor times cost plus multipliers times
+        constraints, as :attr:`hessian_pattern` has them.
+        """
+        z, duration = self.split(w)
+        weights = self._weights(factor, multipliers)  # per unit of duration, for rates and cost
+        scaled = weights.copy()
+        scaled[:, : self.nq] *= duration
+        scaled[:, self.ncost :] *= duration
+        hessian = self.instants.call("hessian", z.T, scaled.T).T
+        goal = np.append(multipliers[self.rows - len(self.problem.goal) :], factor * self.end_weights)
+        last = np.zeros(len(self.instants.goal_hessian[0]))
+        if goal.size:  # a segment before the last one has neither goal nor costs of its end
+            last = self.instants.call("goal_hessian", z[-1:].T, goal[:, None])[:, 0]
+        return self._hessian.entries(
+            np.concatenate([hessian.ravel(), last, self._crossed(w, weights, multipliers)])
+        )
+
+    def _crossed(self, w: Array, weights: Array, multipliers: Array) -> Array:
+        """Second derivatives by the duration and each instant (points nz,)."""
+        rows, columns = self.instants.jacobian
+        entries = self._instant_jacobian(w)
+        timed = (rows < self.nq) | (rows >= self.ncost)
+        out = np.zeros((self.points, self.nz))
+        contributions = weights[:, rows[timed]] * entries[:, timed]
+        np.add.at(out.T, columns[timed], contributions.T)
+        out[:, self.nx : self.nx + self.nv] += self._pulled(multipliers)[:, self.nq :]
+        return out.ravel()
+
+    def _pulled(self, multipliers: Array) -> Array:
+        """What defects' multipliers weigh the rates at each point with, per unit of duration (points, nx)."""
+        of_defects = multipliers[: self.defects].reshape(self.intervals, self.inner, self.nx)
+        pulled = -self._parts * np.einsum("jk,njx->nkx", self.lobatto.integral[1:], of_defects)
+        out = np.zeros((self.points, self.nx))
+        np.add.at(out, self._of, pulled)
+        return out
+
+    def _weights(self, factor: float, multipliers: Array) -> Array:
+        """Weights of F's rows at each point; those of rates and cost per unit of duration."""
+        own = multipliers[self.defects : self.rows - len(self.problem.goal)].reshape(
+            self.points, self.per_point
+        )
+        terms = factor * self.weights[:, None] * self.term_weights
+        return np.hstack([self._pulled(multipliers)[:, : self.nq], own, terms])
+
+    def _running(self, found: Array) -> float:
+        """The integral over a duration of one of the terms, each with its weight [1/s]."""
+        return float(self.weights @ (found[:, self.ncost :] @ self.term_weights))
+
+    def _rates(self, z: Array, found: Array) -> Array:
+        """X' at each point (points, nx)."""
+        return np.hstack([found[:, : self.nq], z[:, self.nx : self.nx + self.nv]])
+
+    def _values(self, w: Array) -> Array:
+        """F (points, rows)."""
+        return self._at(w, "values")
+
+    def _instant_jacobian(self, w: Array) -> Array:
+        """Entries of F's derivatives (points, entries)."""
+        return self._at(w, "jacobian")
+
+    def _last(self, name: str, w: Array) -> Array:
+        """One of the last instant's functions."""
+        return self.instants.call(name, self.split(w)[0][-1:].T)[:, 0]
+
+    def _at(self, w: Array, name: str) -> Array:
+        """One of the functions at all points, kept for the last unknowns."""
+        key = w.tobytes()
+        if self._seen[0] != key:
+            self._seen = (key, {})
+        found = self._seen[1]
+        if name not in found:
+            found[name] = self.instants.call(name, self.split(w)[0].T).T
+        return found[name]
+
+    def _jacobian_sums(self) -> SparseSums:
+        """Places of the entries in the order in which :meth:`jacobian` gives them."""
+        rows, columns = self.instants.jacobian
+        n, i, k = np.meshgrid(
+            np.arange(self.intervals), np.arange(self.inner), np.arange(self.nx), indexing="ij"
+        )
+        defect = (n * self.inner + i) * self.nx + k
+        found = [(defect, self._of[n, i + 1] * self.nz + k), (defect, self._of[n, 0] * self.nz + k)]
+        moving = rows < self.nq
+        found.append(self._by_point(defect, rows[moving], columns[moving]))
+        own = np.arange(self.nq, self.nx)
+        found.append(self._by_point(defect, own, self.nx + own - self.nq))
+        found.append((defect, np.full(defect.shape, self.size - 1)))
+        inside = (rows >= self.nq) & (rows < self.ncost)
+        point = np.arange(self.points)[:, None]
+        found.append(
+            (
+                self.defects + point * self.per_point + rows[inside] - self.nq,
+                point * self.nz + columns[inside],
+            )
+        )
+        goal_rows, goal_columns = self.instants.goal_jacobian
+        held = goal_rows < len(self.problem.goal)
+        goal_rows, goal_columns = goal_rows[held], goal_columns[held]
+        first = self.rows - len(self.problem.goal)
+        found.append((first + goal_rows, (self.points - 1) * self.nz + goal_columns))
+        return _sums(found, (self.rows, self.size))
+
+    def _by_point(self, defect: Array, rows: Array, columns: Array) -> tuple[Array, Array]:
+        """Defects (N, s - 1, nx) of some rows by some entries of the instants at each of their points."""
+        row = defect[:, :, None, :][..., rows]  # (N, s - 1, 1, entries)
+        column = self._of[:, None, :, None] * self.nz + columns
+        shape = (self.intervals, self.inner, self.inner + 1, len(rows))
+        return np.broadcast_to(row, shape), np.broadcast_to(column, shape)
+
+    def _hessian_sums(self) -> SparseSums:
+        rows, columns = self.instants.hessian
+        point = np.arange(self.points)[:, None] * self.nz
+        goal_rows, goal_columns = self.instants.goal_hessian
+        last = (self.points - 1) * self.nz
+        every = np.arange(self.size - 1)
+        found = [
+            (point + rows, point + columns),
+            (last + goal_rows, last + goal_columns),
+            (every, np.full(every.shape, self.size - 1)),
+        ]
+        return _sums(found, (self.size, self.size))
+
+
+def first_constrained(lobatto: Lobatto, mesh: Mesh, last: float) -> float:
+    """First point, as part of the duration, at which what holds for a last part of it must hold."""
+    share = lobatto.times(mesh, 1.0)
+    return float(share[share >= 1 - last - 1e-12][0])
+
+
+def _sums(found: list[tuple[Any, Any]], shape: tuple[int, int]) -> SparseSums:
+    rows = np.concatenate([np.asarray(r).ravel() for r, _ in found])
+    columns = np.concatenate([np.asarray(c).ravel() for _, c in found])
+    return SparseSums.of(rows.astype(np.int64), columns.astype(np.int64), shape)

@@ -1,0 +1,172 @@
+"""Drives that jump: segments of a motion between knots whose times are free.
+
+Where nothing in the cost keeps drives smooth, as in least time, they jump from limit to limit, and no
+polynomial follows. The motion is then cut where its drives change between levels within two intervals, and
+each piece becomes a program of its own: states go on from one to the next, accelerations and drives jump, and
+durations are unknowns with a sum within the plan's limits.
+
+In each interval of a segment drives are linear in time,
+
+    u_nj = (1 - c_j) u_n0 + c_j u_n(s-1)    at the inner nodes c_j,
+
+so that limits at the points hold between them. Without that the least time is too small: between its nodes a
+polynomial swings beyond the limits. A drive that is constant between jumps is found exactly.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import sparse
+
+from optim.planning.formulation.stage import PlanningProblem
+from optim.planning.transcription.collocation_program import CollocationProgram
+from optim.planning.transcription.mesh import Mesh
+from optim.planning.transcription.motion import Motion, PhasedMotion
+from optim.planning.transcription.phase_chain import LinearConstraints
+from spacerobot.arrays import Array
+
+AT_LIMIT, AT_REST = 0.9, 0.1
+"""Parts of a limit above and below which a drive is at one of its levels: the limits, and none."""
+NEAR = 2.0
+"""Intervals, at most, between two levels that make a jump."""
+APART = 0.2
+"""Part of an interval by which jumps lie apart, and away from the ends."""
+LEAST = 2
+"""Intervals of a segment, at least."""
+SHORTEST = 1e-4
+"""Part of the plan's greatest duration that a segment lasts at least."""
+
+
+def segment_problems(problem: PlanningProblem, count: int) -> list[PlanningProblem]:
+    """Problems of segments: each begins where the one before it ends, the last one has the goal."""
+    greatest = problem.duration[1]
+    span = (SHORTEST * greatest, greatest, greatest / count)
+    anywhere = (np.full(problem.fixed.size, -np.inf), np.full(problem.fixed.size, np.inf))
+    found = []
+    for k in range(count):
+        own = dataclasses.replace(problem, duration=span)
+        own = own if k == 0 else dataclasses.replace(own, begin=anywhere)
+        found.append(own if k == count - 1 else dataclasses.replace(own, goal=(), ends={}))
+    return found
+
+
+def segment_constraints(
+    programs: Sequence[CollocationProgram], problem: PlanningProblem
+) -> LinearConstraints:
+    """What holds in all segments: limits of the durations' sum, and linear drives in each interval."""
+    sizes = np.cumsum([0, *(program.size for program in programs)])
+    rows, columns, values = [np.zeros(len(programs), dtype=int)], [sizes[1:] - 1], [np.ones(len(programs))]
+    count = 1
+    for first, program in zip(sizes[:-1], programs, strict=True):
+        stage, inner = program.problem.stage, program.inner
+        drives = program.nx + program.nv + np.arange(stage.u.numel())
+        for n in range(program.intervals):
+            for j in range(1, inner):
+                place = float(program.lobatto.nodes[j])
+                for at, weight in ((j, 1.0), (0, place - 1.0), (inner, -place)):
+                    rows.append(count + np.arange(len(drives)))
+                    columns.append(first + (n * inner + at) * program.nz + drives)
+                    values.append(np.full(len(drives), weight))
+                count += len(drives)
+    entries = np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))
+    matrix = sparse.csr_matrix(entries, shape=(count, int(sizes[-1])))
+    (least, greatest, _), none = problem.duration, np.zeros(count - 1)
+    return LinearConstraints(matrix, np.append(least, none), np.append(greatest, none))
+
+
+def may_jump(problem: PlanningProblem) -> bool:
+    """Whether a motion can be cut: nothing holds for a part of its duration, and its start is given."""
+    return problem.begin is None and all(row.last == 1.0 for row in problem.path)
+
+
+@dataclass(frozen=True)
+class DriveJump:
+    """A drive that goes from one of its levels to another.
+
+    Attributes
+    ----------
+    share
+        When, as a part of the duration.
+    drive
+        Which one.
+    before, after
+        Its levels [N m or N].
+    """
+
+    share: float
+    drive: int
+    before: float
+    after: float
+
+
+def split_at_jumps(phased_motion: PhasedMotion, problem: PlanningProblem) -> PhasedMotion | None:
+    """A motion of one problem in segments between the jumps of its drives; None where there are no new ones.
+
+    Parameters
+    ----------
+    phased_motion
+        The motion, which may have segments already.
+    problem
+        What it is a motion of.
+    """
+    found = list[Motion]()
+    largest = np.max([np.abs(motion.u).max(axis=0) for motion in phased_motion.motions], axis=0)
+    for motion in phased_motion.motions:
+        jumps = find_jumps(motion, np.minimum(problem.stage.driven.limits, largest))
+        least, ends = APART * float(motion.mesh.widths.min()), [0.0]
+        for jump in jumps:
+            if jump.share - ends[-1] > least and jump.share < 1 - least:
+                ends.append(jump.share)
+        for begin, end in itertools.pairwise([*ends, 1.0]):
+            mesh = motion.mesh
+            if len(ends) > 1:
+                inside = int(np.count_nonzero((mesh.starts >= begin) & (mesh.starts < end)))
+                mesh = Mesh.of(max(LEAST, inside))
+            share = begin + (end - begin) * motion.lobatto.times(mesh, 1.0)
+            z = motion.along(share)
+            drives = motion.parts(z)[3]  # a view
+            for jump in jumps:
+                near = NEAR * float(motion.mesh.widths.max())
+                if begin - least <= jump.share <= begin + least:
+                    drives[share < jump.share + near / 2, jump.drive] = jump.after
+                if end - least <= jump.share <= end + least:
+                    drives[share > jump.share - near / 2, jump.drive] = jump.before
+            found.append(Motion(problem, motion.lobatto, mesh, (end - begin) * motion.duration_s, z))
+    if len(found) == len(phased_motion.motions):
+        return None
+    problems = segment_problems(problem, len(found))
+    return PhasedMotion(
+        tuple(dataclasses.replace(m, problem=own) for m, own in zip(found, problems, strict=True)),
+        tuple(np.empty(0) for _ in found[1:]),
+    )
+
+
+def find_jumps(motion: Motion, limits: Array) -> list[DriveJump]:
+    """Jumps of the drives within a motion, in turn.
+
+    A drive is at a level where it is near to a limit, or near to none for an interval at least.
+    """
+    share, width, found = motion.lobatto.times(motion.mesh, 1.0), motion.mesh.widths, list[DriveJump]()
+    for k, limit in enumerate(limits):
+        part = motion.u[:, k] / limit if limit > 0 else np.zeros(len(share))
+        level = np.where(
+            np.abs(part) > AT_LIMIT, np.sign(part), np.where(np.abs(part) < AT_REST, 0.0, np.nan)
+        )
+        runs = list[tuple[float, int, int]]()  # level, first and last point
+        for i in np.flatnonzero(np.isfinite(level)):
+            if runs and runs[-1][0] == level[i] and np.isfinite(level[runs[-1][2] : i]).all():
+                runs[-1] = (runs[-1][0], runs[-1][1], int(i))
+            else:
+                runs.append((float(level[i]), int(i), int(i)))
+        runs = [run for run in runs if run[0] or share[run[2]] - share[run[1]] >= width.min()]
+        for (one, _, last), (other, first, _) in itertools.pairwise(runs):
+            middle = (share[last] + share[first]) / 2
+            own = width[motion.mesh.located(np.array([middle]))[0][0]]
+            if one != other and share[first] - share[last] <= NEAR * own:
+                found.append(DriveJump(float(middle), k, one * limit, other * limit))
+    return sorted(found, key=lambda jump: jump.share)

@@ -1,0 +1,302 @@
+"""Where a search begins: joints on their way to a posture that meets the goal, all else as it drifts."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections.abc import Callable, Sequence
+
+import casadi as ca
+import numpy as np
+import pinocchio as pin
+
+from optim.planning.formulation.impact import state_after_impact
+from optim.planning.formulation.stage import PlanningProblem
+from optim.planning.transcription.lobatto import Lobatto
+from optim.planning.transcription.mesh import Mesh
+from optim.planning.transcription.motion import Motion, PhasedMotion
+from spacerobot.arrays import Array
+from spacerobot.scene.scene import SceneBody
+
+STEPS = 200
+"""Steps by which the free motion is integrated."""
+ITERATIONS = 200
+"""Of the inverse kinematics, at most."""
+DAMPING = 1e-3
+"""Of its normal equations [m^2, rad^2]."""
+SPREAD = 0.7
+"""[rad or m] Standard deviation by which further starts' postures and base paths differ."""
+WINDINGS = 3
+"""Ways in which a base turns to its attitude: the short way, the other way about the same axis, and the short
+way with a full turn about another axis beside it."""
+STEP = 1e-3
+"""Part of the duration over which a base's path is differentiated."""
+
+
+def initial_guesses(
+    problems: Sequence[PlanningProblem],
+    lobatto: Lobatto,
+    meshes: Sequence[Mesh],
+    rng: np.random.Generator | None,
+    start: int = 0,
+) -> PhasedMotion:
+    """Motions to begin with of the phases of a plan, each from where the one before it ends.
+
+    Parameters
+    ----------
+    problems, meshes
+        Of each phase.
+    lobatto, rng, start
+        As for :func:`initial_guess`.
+    """
+    motions = list[Motion]()
+    for problem, mesh in zip(problems, meshes, strict=True):
+        if motions:
+            end = np.concatenate([motions[-1].q[-1], motions[-1].v[-1]])
+            problem = dataclasses.replace(problem, fixed=state_after_impact(problem.stage, end, locked=True))
+        motions.append(initial_guess(problem, lobatto, mesh, rng, start))
+    return PhasedMotion(tuple(motions))
+
+
+def initial_guess(
+    problem: PlanningProblem,
+    lobatto: Lobatto,
+    mesh: int | Mesh,
+    rng: np.random.Generator | None = None,
+    start: int = 0,
+) -> Motion:
+    """A motion to begin with.
+
+    Parameters
+    ----------
+    problem
+        The problem.
+    lobatto, mesh
+        Collocation and mesh of the motion, or how many equal intervals that has.
+    rng
+        Draws another posture, another duration where that is free, and another path of each base that is
+        driven; the plain guess if None.
+    start
+        Which start it is; bases wind in turn in each of the :data:`WINDINGS` ways.
+    """
+    stage, (least, greatest, duration) = problem.stage, problem.duration
+    model, driven = stage.scene.model, stage.driven
+    columns = moved = list(driven.columns[: len(driven.joints)])
+    if rng is not None and least < greatest:
+        duration = float(rng.uniform(least, greatest))
+    mesh = Mesh.of(mesh)
+    drift_q, drift_v = drift(problem, lobatto, mesh, duration)
+    first = drift_q[-1].copy()
+    if rng is not None:
+        step, moved = np.zeros(model.nv), list(driven.columns)
+        step[moved] = rng.normal(0.0, SPREAD, len(moved))
+        first = _clipped(problem, pin.integrate(model, first, step))
+    ends = _inverse_kinematics(problem, first, drift_v[-1], moved)
+    way = np.zeros(model.nv)
+    way[columns] = pin.difference(model, drift_q[-1], ends)[columns]
+    share = lobatto.times(mesh, 1.0)
+    blend = share**3 * (10 - 15 * share + 6 * share**2)
+    slope = 30 * share**2 * (1 - share) ** 2 / duration
+    bend = 60 * share * (1 - share) * (1 - 2 * share) / duration**2
+    q = np.array([pin.integrate(model, at, way * b) for at, b in zip(drift_q, blend, strict=True)])
+    v, a = drift_v + slope[:, None] * way, bend[:, None] * way
+    if rng is not None:
+        for k, body in enumerate(body for body in stage.scene.robots if driven.of_base(body.name)):
+            joint = model.joints[body.root_joint]
+            path = _base_path(problem, body, ends, duration, rng, start // WINDINGS**k % WINDINGS)
+            place, speed = (
+                slice(joint.idx_q, joint.idx_q + joint.nq),
+                slice(joint.idx_v, joint.idx_v + joint.nv),
+            )
+            for i, s in enumerate(share):
+                q[i, place], v[i, speed], a[i, speed] = _differentiated(path, s, duration, joint.nv == 3)
+            if joint.nv == 6:  # of two quaternions the one that goes on from the point before
+                turns = q[:, joint.idx_q + 3 : joint.idx_q + 7]
+                for i in range(len(turns)):
+                    before = turns[i - 1] if i else problem.fixed[joint.idx_q + 3 : joint.idx_q + 7]
+                    turns[i] *= 1.0 if turns[i] @ before > 0 else -1.0
+    u = np.array([_drive(problem, *at) for at in zip(q, v, a, strict=True)])
+    z = np.hstack([q, v, a, u, np.zeros((len(q), stage.w.numel()))])
+    z = np.clip(z, problem.lower, problem.upper)
+    z[0, : problem.fixed.size] = problem.fixed
+    return Motion(problem, lobatto, mesh, duration, z)
+
+
+def _base_path(
+    problem: PlanningProblem,
+    body: SceneBody,
+    ends: Array,
+    duration: float,
+    rng: np.random.Generator,
+    winding: int,
+) -> Callable[[float], pin.SE3]:
+    """Placement of a driven base at parts of the duration, from its start to where inverse kinematics ended.
+
+    With the velocity and spin at the start, and none at the end, along an arc that the generator draws:
+
+        R(s) = R(0) exp(f(s) T w(0)) exp(b(s) r) exp(b(s) n) exp(c(s) e),
+        f = s (1 - s)^2,  b = s^3 (10 - 15 s + 6 s^2),  c = 16 s^2 (1 - s)^2,
+
+    where exp(r) is the turn to the end, also by more than half a turn, n a full turn about any axis, or none,
+    and e the arc's. What moves along axes that are not driven is left to the search.
+    """
+    model, axes = problem.stage.scene.model, problem.stage.driven.of_base(body.name)
+    joint = model.joints[body.root_joint]
+    flat = joint.nv == 3
+    pushed, turned = (any(axis[0] == part for axis in axes) for part in "ft")
+    twist = problem.fixed[model.nq + joint.idx_v : model.nq + joint.idx_v + joint.nv]
+    begin, end = (_placement(q[joint.idx_q : joint.idx_q + joint.nq]) for q in (problem.fixed, ends))
+    spin = np.array([0.0, 0.0, twist[2]]) if flat else twist[3:]
+    speed = begin.rotation @ (np.array([*twist[:2], 0.0]) if flat else twist[:3])
+    turn, full = pin.log3(begin.rotation.T @ end.rotation), np.zeros(3)
+    arc, bow, axis = rng.normal(0.0, SPREAD, (3, 3))
+    if flat:
+        bow, axis = bow * [0, 0, 1], np.array([0.0, 0.0, 1.0])
+        arc[2] = 0.0
+    axis /= np.linalg.norm(axis)
+    if winding == 1:
+        angle = float(np.linalg.norm(turn))
+        turn -= 2 * np.pi * (turn / angle if angle > 0 else axis)
+    elif winding == 2:
+        full = 2 * np.pi * axis
+    way = end.translation - begin.translation if pushed else duration * speed
+    arc *= np.linalg.norm(way) if pushed else 0.0
+    if not turned:
+        turn, full, bow = (np.zeros(3) for _ in range(3))
+
+    def path(s: float) -> pin.SE3:
+        f, b, c = s * (1 - s) ** 2, s**3 * (10 - 15 * s + 6 * s**2), 16 * s**2 * (1 - s) ** 2
+        begun = duration * (f if turned else s)
+        rotation = begin.rotation @ pin.exp3(begun * spin) @ pin.exp3(b * turn) @ pin.exp3(b * full)
+        moved = begin.translation + (f * duration * speed + b * way + c * arc if pushed else s * way)
+        return pin.SE3(rotation @ pin.exp3(c * bow), moved)
+
+    return path
+
+
+def _placement(q: Array) -> pin.SE3:
+    """Placement of a floating joint, planar or free."""
+    if q.size == 4:
+        return pin.SE3(pin.exp3(np.array([0.0, 0.0, np.arctan2(q[3], q[2])])), np.array([*q[:2], 0.0]))
+    return pin.SE3(pin.Quaternion(*q[[6, 3, 4, 5]]).normalized().toRotationMatrix(), q[:3])
+
+
+def _differentiated(
+    path: Callable[[float], pin.SE3], s: float, duration: float, flat: bool
+) -> tuple[Array, Array, Array]:
+    """Configuration, velocity and acceleration of a floating joint on a path, as Pinocchio has them."""
+    before, here, after = (path(s + k * STEP) for k in (-1, 0, 1))
+    h = STEP * duration
+    one, other = (pin.log3(a.rotation.T @ b.rotation) / h for a, b in ((before, here), (here, after)))
+    spin, gain = (one + other) / 2, (other - one) / h
+    speed = here.rotation.T @ (after.translation - before.translation) / (2 * h)
+    bend = here.rotation.T @ (after.translation - 2 * here.translation + before.translation) / h**2
+    bend -= np.cross(spin, speed)
+    if flat:
+        angle = np.arctan2(here.rotation[1, 0], here.rotation[0, 0])
+        q = np.array([*here.translation[:2], np.cos(angle), np.sin(angle)])
+        return q, np.array([*speed[:2], spin[2]]), np.array([*bend[:2], gain[2]])
+    q = np.array([*here.translation, *pin.Quaternion(here.rotation).coeffs()])
+    return q, np.concatenate([speed, spin]), np.concatenate([bend, gain])
+
+
+def rescaled_motion(motion: Motion, problem: PlanningProblem, duration: float) -> Motion:
+    """A motion to begin with: another problem's motion over the same scene, made to last as long.
+
+    What it adds to the free drift is taken over at the same parts of the duration.
+    """
+    model, share = problem.stage.scene.model, duration / motion.duration_s
+    before = drift(problem, motion.lobatto, motion.mesh, motion.duration_s)
+    after = drift(problem, motion.lobatto, motion.mesh, duration)
+    z = np.empty_like(motion.z)
+    parts = zip(motion.q, motion.v, motion.a, motion.u, motion.w, strict=True)
+    for k, (q, v, a, u, w) in enumerate(parts):
+        q = pin.integrate(model, after[0][k], pin.difference(model, before[0][k], q))
+        v, a = after[1][k] + (v - before[1][k]) / share, a / share**2
+        z[k] = np.concatenate([q, v, a, u if share == 1.0 else _drive(problem, q, v, a), w])
+    z = np.clip(z, problem.lower, problem.upper)
+    size = problem.fixed.size
+    z[0, :size] = np.clip(z[0, :size], *problem.start)
+    return Motion(problem, motion.lobatto, motion.mesh, duration, z)
+
+
+def _drive(problem: PlanningProblem, q: Array, v: Array, a: Array) -> Array:
+    """What drives a motion, by Pinocchio's inverse dynamics; what floating bases would need is left out."""
+    model = problem.stage.scene.model
+    force = pin.rnea(model, model.createData(), q, v, a) + np.asarray(model.damping) * v
+    return np.asarray(force[list(problem.stage.driven.columns)])
+
+
+def drift(
+    problem: PlanningProblem, lobatto: Lobatto, mesh: int | Mesh, duration: float
+) -> tuple[Array, Array]:
+    """Configuration and velocity at all points where nothing drives anything and joints stand still."""
+    model, fall = problem.stage.scene.model, _falling(problem)
+    q, v = problem.fixed[: model.nq].copy(), problem.fixed[model.nq :] * _moving(problem)
+    times, found = lobatto.times(mesh, duration), [(q, v)]
+    for begin, end in itertools.pairwise(times):
+        steps = max(1, round(STEPS * (end - begin) / duration))
+        h = (end - begin) / steps
+        for _ in range(steps):  # Heun's method on the manifold
+            one = fall(q, v)
+            other = fall(pin.integrate(model, q, h * v), v + h * one)
+            q, v = pin.integrate(model, q, h * (v + h / 4 * (one + other))), v + h / 2 * (one + other)
+        found.append((q, v))
+    qs, vs = zip(*found, strict=True)
+    return np.array(qs), np.array(vs)
+
+
+def _moving(problem: PlanningProblem) -> Array:
+    """1 for velocities that are free, 0 for those of joints (nv,)."""
+    free = np.ones(problem.stage.scene.model.nv)
+    free[list(problem.stage.driven.columns[: len(problem.stage.driven.joints)])] = 0.0
+    return free
+
+
+def _falling(problem: PlanningProblem) -> Callable[[Array, Array], Array]:
+    """Acceleration (nv,) where nothing drives anything and joints stand still."""
+    stage, free = problem.stage, _moving(problem)
+    model, data = stage.scene.model, stage.scene.model.createData()
+    if not stage.grips:
+        return lambda q, v: np.asarray(free * pin.aba(model, data, q, v, np.zeros(model.nv)))
+    rows = ca.vertcat(stage.parting, stage.a[np.flatnonzero(free == 0).tolist()])
+    held = ca.Function("held", [stage.q, stage.v, stage.a], [rows, ca.jacobian(rows, stage.a)])
+
+    def fall(q: Array, v: Array) -> Array:
+        """With what is held."""
+        bias, slopes = (np.array(x.full()) for x in held(q, v, np.zeros(model.nv)))
+        upper, none = np.triu(pin.crba(model, data, q)), np.zeros((len(slopes), len(slopes)))
+        inertia = upper + np.triu(upper, 1).T
+        matrix = np.block([[inertia, slopes.T], [slopes, none]])
+        right = -np.concatenate([pin.nle(model, data, q, v), bias.ravel()])
+        return np.asarray(np.linalg.lstsq(matrix, right, rcond=None)[0][: model.nv])
+
+    return fall
+
+
+def _inverse_kinematics(problem: PlanningProblem, q: Array, v: Array, columns: list[int]) -> Array:
+    """Configuration near one, with other joint positions, that comes near the goal's poses and postures."""
+    stage, model = problem.stage, problem.stage.scene.model
+    rows = ca.vertcat(*(row.value for row in problem.goal))
+    still = np.flatnonzero(~np.array(ca.which_depends(rows, stage.v, 1, True), dtype=bool)).tolist()
+    if not still:
+        return q
+    rows = ca.densify(rows[still])
+    tangent = ca.jacobian(stage.rate, stage.v)[:, columns]
+    slopes = ca.densify(ca.mtimes(ca.jacobian(rows, stage.q), tangent))
+    function = ca.Function("goal", [stage.z], [rows, slopes])
+    rest = np.zeros(stage.z.numel() - model.nq - model.nv)
+    for _ in range(ITERATIONS):
+        residual, jacobian = (np.array(x) for x in function(np.concatenate([q, v, rest])))
+        if np.abs(residual).max() < 1e-6:
+            break
+        normal = jacobian @ jacobian.T + DAMPING * np.eye(len(residual))
+        step = np.zeros(model.nv)
+        step[columns] = -(jacobian.T @ np.linalg.solve(normal, residual)).ravel()
+        q = _clipped(problem, pin.integrate(model, q, step / max(1.0, 5 * np.abs(step).max())))
+    return q
+
+
+def _clipped(problem: PlanningProblem, q: Array) -> Array:
+    """Configuration whose joints keep to their ranges."""
+    return np.clip(q, problem.lower[: q.size], problem.upper[: q.size])

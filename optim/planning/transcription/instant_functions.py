@@ -1,0 +1,262 @@
+"""Values and derivatives of a planning problem's instants: compiled in lanes, or interpreted by CasADi."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+import numpy.typing as npt
+
+from optim.planning.formulation.rows import implicit_in, implicit_values, symbols_of
+from optim.planning.formulation.stage import PlanningProblem
+from spacerobot.arrays import Array
+from spacerobot.compiled import Library, compile_functions, find_toolchain
+from spacerobot.elements.plan_instant import BoundedRow
+from spacerobot.errors import CompileError
+from spacerobot.shapes import Implicit
+
+Places = npt.NDArray[np.int64]
+Pattern = tuple[Places, Places]
+"""Rows and columns of the entries of a sparse matrix."""
+NAMES = ("values", "jacobian", "hessian")
+"""Of the functions of rows."""
+
+
+@dataclass(frozen=True, eq=False)
+class InstantFunctions:
+    """Functions of all instants at once, one column for each, and of the last one.
+
+    Attributes
+    ----------
+    call
+        Evaluates one of ``values(z -> F)``, ``jacobian(z -> J's entries)`` and ``hessian(z, weights -> H's
+        entries)`` for many columns, with F = (q', what is left of the equations of motion, path rows, terms
+        of the cost) and H the upper triangle of the second derivatives of weights . F; ``goal_...`` the same
+        of the goal rows and of what the last instant costs.
+    backend
+        ``compiled`` or ``interpreted``.
+    jacobian, hessian, goal_jacobian, goal_hessian
+        Where the entries stand.
+    """
+
+    call: Callable[..., Array]
+    backend: str
+    jacobian: Pattern
+    hessian: Pattern
+    goal_jacobian: Pattern
+    goal_hessian: Pattern
+
+
+def build_instants(problem: PlanningProblem, backend: str = "auto") -> InstantFunctions:
+    """Functions of a problem.
+
+    Parameters
+    ----------
+    problem
+        What they are of.
+    backend
+        ``auto``, ``compiled`` or ``interpreted``.
+
+    Raises
+    ------
+    CompileError
+        If ``compiled`` cannot be had.
+    """
+    return _instants(problem.stage.z, _rows(problem), backend)
+
+
+def extended(
+    instants: InstantFunctions, problem: PlanningProblem, rows: Sequence[BoundedRow]
+) -> InstantFunctions:
+    """Functions of a problem with further rows at the end of its path, of which alone new ones are made.
+
+    Parameters
+    ----------
+    instants, problem
+        The functions, and what they are of.
+    rows
+        Added to its path.
+    """
+    z = problem.stage.z
+    expression = ca.densify(ca.vertcat(*(row.value for row in rows)))
+    added = _instants(z, {"": (expression, implicit_in(rows))}, instants.backend)
+    first = problem.stage.rate.numel() + problem.stage.balance.numel() + len(problem.path)
+    count = len(rows)
+
+    def call(name: str, *given: Array) -> Array:
+        """Values of both, the added rows after the path."""
+        if name.startswith("goal_"):
+            return instants.call(name, *given)
+        if name == "hessian":
+            z, weights = given
+            own = np.delete(weights, slice(first, first + count), axis=0)
+            both = instants.call(name, z, own), added.call(name, z, weights[first : first + count])
+            return np.vstack(both)
+        one, other = instants.call(name, *given), added.call(name, *given)
+        return np.vstack([one[:first], other, one[first:]] if name == "values" else [one, other])
+
+    (rows_of, columns), (own, at) = instants.jacobian, added.jacobian
+    moved = np.where(rows_of < first, rows_of, rows_of + count)
+    jacobian = np.concatenate([moved, first + own]), np.concatenate([columns, at])
+    hessian = tuple(np.concatenate(both) for both in zip(instants.hessian, added.hessian, strict=True))
+    return dataclasses.replace(instants, call=call, jacobian=jacobian, hessian=(hessian[0], hessian[1]))
+
+
+def with_values_of(instants: InstantFunctions, problem: PlanningProblem) -> InstantFunctions:
+    """Functions with the values, interpreted, of a problem that differs by numbers alone; no derivatives."""
+    values = _instants(problem.stage.z, _rows(problem), "interpreted", derivatives=False)
+    return dataclasses.replace(instants, call=values.call, backend="interpreted")
+
+
+Parts = tuple[ca.SX, list[Implicit]]
+"""Rows as one expression, and what iterations find for them."""
+
+
+def _rows(problem: PlanningProblem) -> dict[str, Parts]:
+    """F of one instant, and the goal's rows, by the prefix of their functions' names."""
+    stage = problem.stage
+    parts = {
+        "": (ca.vertcat(stage.rate, stage.balance), problem.path, ca.vertcat(*problem.terms.values())),
+        "goal_": (ca.SX(0, 1), problem.goal, ca.vertcat(ca.SX(0, 1), *problem.ends.values())),
+    }
+    return {
+        prefix: (
+            ca.densify(ca.vertcat(before, *(row.value for row in rows), behind)),
+            implicit_in(rows),
+        )
+        for prefix, (before, rows, behind) in parts.items()
+    }
+
+
+def _instants(
+    z: ca.SX, rows: Mapping[str, Parts], backend: str, *, derivatives: bool = True
+) -> InstantFunctions:
+    """Functions of rows of an instant (nz x 1)."""
+    functions, patterns = dict[str, ca.Function](), list[Pattern]()
+    for prefix, (expression, found) in rows.items():
+        symbols = symbols_of(found) if found else None
+        if derivatives:
+            own, where = derived(z, expression, prefix, symbols)
+            functions |= own
+            patterns += where
+        else:
+            functions[f"{prefix}values"] = _function(f"{prefix}values", _inputs(z, symbols), expression)
+        if found:
+            given = ca.vertcat(*(one.given for one in found))
+            functions[f"{prefix}given"] = _function(f"{prefix}given", [z], given)
+            functions |= {one.function.name(): one.function for one in found if one.function is not None}
+    call, used = _caller(functions, backend)
+    none = (np.empty(0, dtype=np.int64),) * 2
+    return InstantFunctions(_held(call, rows), used, *(patterns + [none] * (4 - len(patterns))))
+
+
+def _held(call: Callable[..., Array], rows: Mapping[str, Parts]) -> Callable[..., Array]:
+    """What evaluates functions of an instant alone: what iterations find is kept for the last instants."""
+    implicit = {f"{prefix}{name}": (prefix, found) for prefix, (_, found) in rows.items() for name in NAMES}
+    kept: dict[str, tuple[bytes, Array]] = {}
+
+    def called(name: str, z: Array, *others: Array) -> Array:
+        """Values (n, count) of a function at columns of instants, and of what else it takes."""
+        prefix, found = implicit[name]
+        if not found:
+            return call(name, z, *others)
+        key = z.tobytes()
+        if prefix not in kept or kept[prefix][0] != key:
+            kept[prefix] = key, implicit_values(found, call(f"{prefix}given", z), call)
+        return call(name, z, kept[prefix][1], *others)
+
+    return called
+
+
+def derived(
+    z: ca.SX, rows: ca.SX, prefix: str, held: ca.SX | None = None
+) -> tuple[dict[str, ca.Function], list[Pattern]]:
+    """Values and first and second derivatives of rows, and where the derivatives' entries stand.
+
+    The functions are called with z, with the symbols that are held constant, if such are given, and the
+    second derivatives with weights of the rows.
+    """
+    weights, given = ca.SX.sym("weights", rows.numel()), _inputs(z, held)
+    jacobian = ca.jacobian(rows, z)
+    hessian = ca.triu(ca.hessian(ca.dot(weights, rows), z)[0])
+    functions = {
+        f"{prefix}values": _function(f"{prefix}values", given, rows),
+        f"{prefix}jacobian": _function(f"{prefix}jacobian", given, _entries(jacobian)),
+        f"{prefix}hessian": _function(f"{prefix}hessian", [*given, weights], _entries(hessian)),
+    }
+    return functions, [_pattern(jacobian), _pattern(hessian)]
+
+
+def _inputs(z: ca.SX, held: ca.SX | None) -> list[ca.SX]:
+    """What functions of rows are called with first."""
+    return [z] if held is None else [z, held]
+
+
+def _function(name: str, inputs: list[ca.SX], output: ca.SX) -> ca.Function:
+    return ca.Function(name, inputs, [ca.densify(output)], {"cse": True})
+
+
+def _entries(matrix: ca.SX) -> ca.SX:
+    """Entries of a sparse matrix as a dense column."""
+    return ca.reshape(matrix.nz[:], matrix.nnz(), 1)  # of a single row they come as a row
+
+
+def _pattern(matrix: ca.SX) -> Pattern:
+    rows, columns = matrix.sparsity().get_triplet()
+    return np.array(rows, dtype=np.int64), np.array(columns, dtype=np.int64)
+
+
+def _caller(functions: Mapping[str, ca.Function], backend: str) -> tuple[Callable[..., Array], str]:
+    """What evaluates the functions for columns (n, N), and how."""
+    toolchain = None if backend == "interpreted" else find_toolchain()
+    if toolchain is not None or backend == "compiled":
+        try:
+            lanes = 1 if toolchain is None else toolchain.lanes
+            used = {name: f for name, f in functions.items() if f.numel_out(0)}
+            library = compile_functions(used, lanes=lanes, toolchain=toolchain)
+        except CompileError:
+            if backend == "compiled":
+                raise
+        else:
+            return _in_lanes(library, functions), "compiled"
+    return _in_turn(functions), "interpreted"
+
+
+def _in_lanes(library: Library, functions: Mapping[str, ca.Function]) -> Callable[..., Array]:
+    """Groups of columns as wide as the lanes; the last column fills up the last group."""
+    lanes = library.lanes
+
+    def call(name: str, *given: Array) -> Array:
+        """Values (n, count) of a function at columns of its arguments."""
+        count, size = given[0].shape[1], functions[name].numel_out(0)
+        out = np.empty((size, count))
+        if not size:
+            return out
+        for begin in range(0, count, lanes):
+            end = min(begin + lanes, count)
+            wide = [_filled(array[:, begin:end], lanes) for array in given]
+            out[:, begin:end] = library(name, *wide)[0][:, : end - begin]
+        return out
+
+    return call
+
+
+def _filled(columns: Array, lanes: int) -> Array:
+    """As many columns as there are lanes."""
+    missing = lanes - columns.shape[1]
+    return np.hstack([columns, np.tile(columns[:, -1:], missing)]) if missing else columns
+
+
+def _in_turn(functions: Mapping[str, ca.Function]) -> Callable[..., Array]:
+    mapped: dict[tuple[str, int], ca.Function] = {}
+
+    def call(name: str, *given: Array) -> Array:
+        count = given[0].shape[1]
+        if (name, count) not in mapped:
+            mapped[name, count] = functions[name].map(count)
+        return np.array(mapped[name, count](*given).full()).reshape(-1, count)
+
+    return call

@@ -1,0 +1,146 @@
+"""From one mesh to another: a search on a fine mesh begins near its end, at the solution on a coarse one."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from optim.planning.solver.ipopt import Solution, Told, solve
+from optim.planning.solver.nonlinear_program import NonlinearProgram
+from optim.planning.transcription.collocation_program import CollocationProgram
+from optim.planning.transcription.motion import Motion
+from optim.planning.transcription.phase_chain import PhaseChain, phase_programs
+from spacerobot.arrays import Array
+
+
+def solve_from(
+    motion: Motion,
+    program: CollocationProgram,
+    *,
+    scale: float,
+    iterations: int = 500,
+    told: Told | None = None,
+) -> tuple[Solution, Solution]:
+    """Solve a problem on a motion's mesh first, and then on the program's from what was found there.
+
+    Parameters
+    ----------
+    motion
+        Where the search begins, on a coarse mesh.
+    program
+        What is to be solved.
+    scale, iterations, told
+        As for :func:`solve`; iterations on each mesh.
+
+    Returns
+    -------
+    tuple
+        What was found on the coarse mesh, and on the program's.
+    """
+    coarse = CollocationProgram(program.problem, program.instants, motion.lobatto, motion.mesh)
+    found = solve(coarse, motion.unknowns, scale=scale, iterations=iterations, told=told)
+    z, duration = coarse.split(found.w)
+    near = dataclasses.replace(motion, z=z, duration_s=duration).on(program.lobatto, program.mesh)
+    warm = transfer(found, coarse, program) if found.converged else None
+    return found, solve(program, near.unknowns, warm, scale=scale, iterations=iterations, told=told)
+
+
+def transfer(solution: Solution, source: NonlinearProgram, target: NonlinearProgram) -> Solution:
+    """What a solver found on one mesh, for the same problem on another.
+
+    Multipliers of what holds at points are densities over time times the weights of the quadrature; those of
+    the defects come from the costates p, of which an interval's multipliers are A^T lambda = b p.
+
+    Parameters
+    ----------
+    solution
+        Where it ended.
+    source, target
+        Its program, and the one that is to be solved. Unknowns are not carried over.
+    """
+    if not (isinstance(source, PhaseChain) and isinstance(target, PhaseChain)):
+        return transfer_remaining(solution, phase_programs(source)[0], phase_programs(target)[0])
+    parts = source.parted(solution)
+    of = zip(parts, source.programs, target.programs, strict=False)
+    parts[: len(source.programs)] = [transfer_remaining(*one) for one in of]
+    return dataclasses.replace(
+        solution,
+        multipliers=np.concatenate([*(part.multipliers for part in parts), np.zeros(len(target.rest.least))]),
+        bound_multipliers=np.concatenate([part.bound_multipliers for part in parts]),
+    )
+
+
+def transfer_constrained(solution: Solution, source: NonlinearProgram, target: NonlinearProgram) -> Solution:
+    """What a solver found, for the same problem on the same mesh with further path constraints.
+
+    Parameters
+    ----------
+    solution
+        Where it ended.
+    source, target
+        Its program, and the one whose path has all rows of the source's, in the same order, and more of other
+        names: their multipliers are zero.
+    """
+    parts, found = source.parted(solution) if isinstance(source, PhaseChain) else [solution], list[Array]()
+    for part, old, new in zip(parts, phase_programs(source), phase_programs(target), strict=False):
+        last = old.rows - len(old.problem.goal)
+        held = part.multipliers[old.defects : last].reshape(old.points, -1)
+        values, k = np.zeros((new.points, new.per_point)), new.nv
+        values[:, : new.nv] = held[:, : old.nv]
+        for column, row in enumerate(new.problem.path, start=new.nv):
+            if k < old.per_point and row.name == old.problem.path[k - old.nv].name:
+                values[:, column] = held[:, k]
+                k += 1
+        found.append(
+            np.concatenate([part.multipliers[: old.defects], values.ravel(), part.multipliers[last:]])
+        )
+    found.append(solution.multipliers[sum(one.rows for one in phase_programs(source)) :])  # of links
+    return dataclasses.replace(solution, multipliers=np.concatenate(found))
+
+
+def transfer_remaining(
+    solution: Solution, source: CollocationProgram, target: CollocationProgram, begin: float = 0.0
+) -> Solution:
+    """What a solver found for one phase, on another mesh, for what is left of it.
+
+    Parameters
+    ----------
+    solution, source, target
+        As for :func:`transfer`.
+    begin
+        Part of the source's duration at which the target begins; both end together.
+    """
+    left = 1.0 - begin
+    share, wanted = (at.lobatto.times(at.mesh, 1.0) for at in (source, target))
+    wanted = begin + left * wanted
+    between = np.array([np.interp(wanted, share, unit) for unit in np.eye(len(share))]).T
+    weights = left * target.weights[:, None] * between / source.weights
+    last = source.rows - len(source.problem.goal)
+    held = weights @ solution.multipliers[source.defects : last].reshape(source.points, -1)
+    bounds = weights @ solution.bound_multipliers[:-1].reshape(source.points, -1)
+    if source.problem.begin is None:
+        bounds[0, : target.nx] = 0.0  # the start is no unknown
+    return dataclasses.replace(
+        solution,
+        multipliers=np.concatenate(
+            [_defects(solution, source, target, begin).ravel(), held.ravel(), solution.multipliers[last:]]
+        ),
+        bound_multipliers=np.append(bounds, solution.bound_multipliers[-1]),
+    )
+
+
+def _defects(
+    solution: Solution, source: CollocationProgram, target: CollocationProgram, begin: float
+) -> Array:
+    """Multipliers of the target's defects (N, s - 1, nx)."""
+    found = solution.multipliers[: source.defects].reshape(source.intervals, source.inner, source.nx)
+    lobatto, other = source.lobatto, target.lobatto
+    costates = np.einsum("jk,njx->nkx", lobatto.integral[1:], found) / lobatto.weights[:, None]
+    starts, widths = (begin + (1.0 - begin) * target.mesh.starts), (1.0 - begin) * target.mesh.widths
+    inside = source.mesh.located(starts + widths / 2)[0]  # one polynomial for all points of an interval
+    places = starts[:, None] + widths[:, None] * other.nodes - source.mesh.starts[inside, None]
+    values = lobatto.values_at(places / source.mesh.widths[inside, None])  # (N, s, points of the source)
+    p = np.einsum("nik,nkx->nix", values, costates[inside])
+    back = np.linalg.pinv(other.integral[1:].T)
+    return np.asarray(np.einsum("jk,nkx->njx", back, other.weights[:, None] * p))

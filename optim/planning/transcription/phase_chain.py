@@ -1,0 +1,264 @@
+"""Programs of phases that follow each other, as one program.
+
+Their unknowns stand one after the other, those of the links behind them, and so do their constraints. A link
+joins the last instant of a phase with the first one of the next: the state goes on, or, where rigid grasps
+close, it jumps by the plastic impulse Lambda on what they hold together,
+
+    q+ = q-,   M(q) (v+ - v-) = A(q)' Lambda,   A(q) v+ = 0.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from scipy import sparse
+
+from optim.planning.formulation.grasps import tip_slip
+from optim.planning.formulation.stage import Stage
+from optim.planning.solver.ipopt import Solution
+from optim.planning.solver.nonlinear_program import NonlinearProgram
+from optim.planning.transcription.collocation_program import CollocationProgram, SparseSums
+from optim.planning.transcription.instant_functions import Pattern, derived
+from spacerobot.arrays import Array
+from spacerobot.dynamics import Inertias, forward_kinematics, inverse_dynamics
+
+
+@dataclass(frozen=True, eq=False)
+class Linkage:
+    """What holds where a phase follows another one.
+
+    Attributes
+    ----------
+    functions
+        ``values``, ``jacobian`` and ``hessian`` of the state before, the state behind, and the impulse.
+    jacobian, hessian
+        Where the entries stand.
+    impulses
+        How many entries the impulse has.
+    """
+
+    functions: dict[str, ca.Function]
+    jacobian: Pattern
+    hessian: Pattern
+    impulses: int
+
+    @classmethod
+    def into(cls, stage: Stage, impact: bool) -> Linkage:
+        """Link into a phase.
+
+        Parameters
+        ----------
+        stage
+            An instant of that phase.
+        impact
+            Whether rigid grasps close where it begins.
+        """
+        scene, model = stage.scene, stage.scene.model
+        count = stage.w.numel() if impact else 0
+        before, behind = (ca.SX.sym(name, model.nq + model.nv) for name in ("before", "behind"))
+        impulse = ca.SX.sym("impulse", count)
+        rows = behind - before
+        if impact:
+            q, v, jump = before[: model.nq], behind[model.nq :], rows[model.nq :]
+            still, inertias = forward_kinematics(model, q, ca.SX(model.nv, 1)), Inertias.from_model(model)
+            momentum, none = (
+                inverse_dynamics(model, still, inertias, by) for by in (jump, ca.SX(model.nv, 1))
+            )
+            parting = tip_slip(scene, forward_kinematics(model, q, v), stage.grips)
+            rows[model.nq :] = momentum - none - ca.jtimes(parting, v, impulse, True)
+            rows = ca.vertcat(rows, parting)
+        functions, (jacobian, hessian) = derived(ca.vertcat(before, behind, impulse), ca.densify(rows), "")
+        return cls(functions, jacobian, hessian, count)
+
+    @property
+    def rows(self) -> int:
+        """How many constraints it makes."""
+        return int(self.functions["values"].numel_out(0))
+
+    def call(self, name: str, *given: Array) -> Array:
+        """Values of one of its functions."""
+        return np.array(self.functions[name](*given).full()).ravel()
+
+
+@dataclass(frozen=True, eq=False)
+class LinearConstraints:
+    """Constraints that are linear in all unknowns of a chain.
+
+    Attributes
+    ----------
+    matrix
+        Their jacobian (rows, size).
+    least, greatest
+        Limits of their values (rows,) each.
+    """
+
+    matrix: sparse.csr_matrix
+    least: Array
+    greatest: Array
+
+
+class PhaseChain:
+    """Programs of phases in turn, and the links between them.
+
+    Parameters
+    ----------
+    programs
+        One for each phase.
+    links
+        Between each two of them.
+    rest
+        What holds beside, linear in all unknowns: the last constraints; none if not given.
+    """
+
+    def __init__(
+        self,
+        programs: Sequence[CollocationProgram],
+        links: Sequence[Linkage],
+        rest: LinearConstraints | None = None,
+    ) -> None:
+        self.programs, self.links = tuple(programs), tuple(links)
+        self._sizes = [*(p.size for p in programs), *(link.impulses for link in links)]
+        self._counts = [
+            *(p.rows for p in programs),
+            *(link.rows for link in links),
+            0 if rest is None else len(rest.least),
+        ]
+        self.size, self.rows = sum(self._sizes), sum(self._counts)
+        first = np.cumsum([0, *self._sizes])
+        self.rest = rest or LinearConstraints(sparse.csr_matrix((0, self.size)), np.empty(0), np.empty(0))
+        self._joined = []  # the unknowns of each link
+        for k, link in enumerate(links):
+            before = programs[k]
+            own = np.arange(before.nx)
+            self._joined.append(
+                np.concatenate(
+                    [
+                        first[k] + (before.points - 1) * before.nz + own,
+                        first[k + 1] + own,
+                        first[len(programs) + k] + np.arange(link.impulses),
+                    ]
+                )
+            )
+        self._jacobian, self._hessian = self._jacobian_sums(), self._hessian_sums()
+
+    @property
+    def jacobian_pattern(self) -> sparse.csc_matrix:
+        """Where the constraints' first derivatives stand."""
+        return self._jacobian.matrix
+
+    @property
+    def hessian_pattern(self) -> sparse.csc_matrix:
+        """Where the upper triangle of the Lagrangian's second derivatives stands."""
+        return self._hessian.matrix
+
+    def parts(self, w: Array) -> list[Array]:
+        """Unknowns of each program, and the impulse of each link."""
+        return np.split(w, np.cumsum(self._sizes)[:-1])
+
+    def parted(self, solution: Solution) -> list[Solution]:
+        """A solution by program."""
+        of = zip(*(self.parts(a) for a in (solution.w, solution.bound_multipliers)), strict=True)
+        rows = np.split(solution.multipliers, np.cumsum(self._counts)[:-1])
+        return [
+            dataclasses.replace(solution, w=w, bound_multipliers=bounds, multipliers=own)
+            for (w, bounds), own in zip(of, rows, strict=False)
+        ]
+
+    def bounds(self) -> tuple[Array, Array]:
+        """Least and greatest unknowns; impulses are free."""
+        free = np.full(sum(link.impulses for link in self.links), np.inf)
+        lower, upper = zip(*(p.bounds() for p in self.programs), strict=True)
+        return np.concatenate([*lower, -free]), np.concatenate([*upper, free])
+
+    def limits(self) -> tuple[Array, Array]:
+        """Least and greatest values of the constraints."""
+        met = np.zeros(sum(link.rows for link in self.links))
+        lower, upper = zip(*(p.limits() for p in self.programs), strict=True)
+        rest = self.rest
+        return np.concatenate([*lower, met, rest.least]), np.concatenate([*upper, met, rest.greatest])
+
+    def objective(self, w: Array) -> float:
+        """Cost of all phases."""
+        return sum(p.objective(own) for p, own in zip(self.programs, self.parts(w), strict=False))
+
+    def gradient(self, w: Array) -> Array:
+        """Of the cost (size,)."""
+        found = [p.gradient(own) for p, own in zip(self.programs, self.parts(w), strict=False)]
+        return np.concatenate([*found, np.zeros(sum(link.impulses for link in self.links))])
+
+    def constraints(self, w: Array) -> Array:
+        """All constraints (rows,)."""
+        found = [p.constraints(own) for p, own in zip(self.programs, self.parts(w), strict=False)]
+        return np.concatenate([*found, *self._linked("values", w), self.rest.matrix @ w])
+
+    def jacobian(self, w: Array) -> Array:
+        """Entries of the constraints' first derivatives, as :attr:`jacobian_pattern` has them."""
+        found = [p.jacobian(own) for p, own in zip(self.programs, self.parts(w), strict=False)]
+        jacobian = np.concatenate([*found, *self._linked("jacobian", w), self.rest.matrix.tocoo().data])
+        return self._jacobian.entries(jacobian)
+
+    def hessian(self, w: Array, factor: float, multipliers: Array) -> Array:
+        """Entries of the upper triangle of the Lagrangian's second derivatives, likewise."""
+        weights = np.split(multipliers, np.cumsum(self._counts)[:-1])
+        found = [
+            p.hessian(own, factor, weight)
+            for p, own, weight in zip(self.programs, self.parts(w), weights, strict=False)
+        ]
+        found += [
+            link.call("hessian", w[own], weight)
+            for link, own, weight in zip(
+                self.links, self._joined, weights[len(self.programs) :], strict=False
+            )
+        ]
+        return self._hessian.entries(np.concatenate(found))
+
+    def _linked(self, name: str, w: Array) -> list[Array]:
+        return [link.call(name, w[own]) for link, own in zip(self.links, self._joined, strict=True)]
+
+    def _jacobian_sums(self) -> SparseSums:
+        """Places of the entries: those of the programs, and those of the links."""
+        first, at = (np.cumsum([0, *sizes]) for sizes in (self._counts, self._sizes))
+        found = []
+        for k, program in enumerate(self.programs):
+            rows, columns = _places(program.jacobian_pattern)
+            found.append((first[k] + rows, at[k] + columns))
+        for k, (link, own) in enumerate(zip(self.links, self._joined, strict=True)):
+            rows, columns = link.jacobian
+            found.append((first[len(self.programs) + k] + rows, own[columns]))
+        rest = self.rest.matrix.tocoo()
+        found.append((self.rows - len(self.rest.least) + rest.row, rest.col))
+        return _summed(found, (self.rows, self.size))
+
+    def _hessian_sums(self) -> SparseSums:
+        at, found = np.cumsum([0, *self._sizes]), []
+        for k, program in enumerate(self.programs):
+            rows, columns = _places(program.hessian_pattern)
+            found.append((at[k] + rows, at[k] + columns))
+        found += [
+            (own[link.hessian[0]], own[link.hessian[1]])
+            for link, own in zip(self.links, self._joined, strict=True)
+        ]
+        return _summed(found, (self.size, self.size))
+
+
+def phase_programs(program: NonlinearProgram) -> tuple[CollocationProgram, ...]:
+    """Programs of the phases, one where there is no chain."""
+    if isinstance(program, PhaseChain):
+        return program.programs
+    assert isinstance(program, CollocationProgram)
+    return (program,)
+
+
+def _places(pattern: sparse.csc_matrix) -> Pattern:
+    """Row and column of each entry, in their order."""
+    columns = np.repeat(np.arange(pattern.shape[1]), np.diff(pattern.indptr))
+    return pattern.indices.astype(np.int64), columns.astype(np.int64)
+
+
+def _summed(found: list[Pattern], shape: tuple[int, int]) -> SparseSums:
+    rows, columns = (np.concatenate(side).astype(np.int64) for side in zip(*found, strict=True))
+    return SparseSums.of(rows, columns, shape)

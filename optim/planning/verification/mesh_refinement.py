@@ -1,0 +1,116 @@
+"""Local mesh refinement: intervals are split where a motion is wrong, and nowhere else.
+
+The error of interval n is measured by the rollouts' own method: from the plan's state at the beginning of the
+interval the plan's torques lead to another state at its end than the plan's. That moves a tip by e_p there
+and lets it drift off at e_v, so that by the end of the plan, a time t later, the interval has added about
+e_n = e_p + t e_v. Cut into m pieces, an interval adds e_n / m^p, with p the order of the collocation.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Sequence
+
+import numpy as np
+import pinocchio as pin
+
+from optim.planning.transcription.mesh import Mesh
+from optim.planning.transcription.motion import Motion, PhasedMotion
+from optim.planning.verification.replay import steps_of, tip_errors
+from optim.planning.verification.verify import ROUNDING, VerificationResult, between_points
+from spacerobot.arrays import Array
+
+SAFETY = 0.3
+"""Part of the tolerance that the errors of all intervals are to sum up to: estimates are asymptotic."""
+PIECES = 4
+"""Into which one interval is cut at once, at most."""
+
+
+def refined_meshes(
+    phased_motion: PhasedMotion, verification: VerificationResult, max_intervals: int, backend: str = "auto"
+) -> tuple[Mesh, ...] | None:
+    """Meshes on which the motion is expected to keep the tolerance of its replay and its limits.
+
+    Parameters
+    ----------
+    phased_motion, verification
+        The motion, and what is wrong with it.
+    max_intervals
+        Of each phase.
+    backend
+        What integrates: ``auto``, ``compiled`` or ``interpreted``.
+
+    Returns
+    -------
+    tuple or None
+        A mesh for each phase; None where no interval may be split any more.
+    """
+    counts = [_pieces_within_limits(motion) for motion in phased_motion.motions]
+    if max(verification.replay_error_m, verification.followed_error_m) > verification.tolerance_m:
+        errors = local_errors(phased_motion, backend)
+        # Errors of intervals cancel, or grow on the way: what they sum up to is scaled to what was seen.
+        seen = max(verification.replay_error_m, verification.followed_error_m) / max(
+            sum(float(own.sum()) for own in errors), 1e-300
+        )
+        _split_worst(counts, [own * seen for own in errors], phased_motion, SAFETY * verification.tolerance_m)
+    meshes = []
+    for motion, own in zip(phased_motion.motions, counts, strict=True):
+        room = max_intervals - motion.intervals
+        for n in np.argsort(-own, kind="stable"):  # those that need most pieces first
+            own[n] = min(own[n], 1 + max(room, 0))
+            room -= own[n] - 1
+        meshes.append(motion.mesh.split(own.tolist()))
+    return None if all((own == 1).all() for own in counts) else tuple(meshes)
+
+
+def local_errors(phased_motion: PhasedMotion, backend: str = "auto") -> list[Array]:
+    """Distance [m] by which each interval of each phase moves the tips off the plan until its end (N,).
+
+    Parameters
+    ----------
+    phased_motion
+        The motion.
+    backend
+        What integrates: ``auto``, ``compiled`` or ``interpreted``.
+    """
+    found = []
+    for begin, motion in zip(phased_motion.begins, phased_motion.motions, strict=True):
+        stage, step = motion.problem.stage, steps_of(motion, backend)
+        model, none = stage.scene.model, np.zeros(2 * len(stage.driven.joints))
+        knots = np.hstack([motion.q, motion.v])[:: motion.lobatto.points - 1]
+        left = phased_motion.duration_s - begin - motion.duration_s * np.array(motion.mesh.knots[1:])
+        states = knots.copy()
+        for n in range(motion.intervals):
+            state = step(n, knots[n], none)
+            drift = left[n] * (state[model.nq :] - knots[n + 1, model.nq :])
+            states[n + 1, : model.nq] = pin.integrate(model, state[: model.nq], drift)
+        found.append(np.max([own[1:] for own in tip_errors(motion, states).values()], axis=0))
+    return found
+
+
+def _split_worst(
+    counts: Sequence[Array], errors: Sequence[Array], phased_motion: PhasedMotion, allowed: float
+) -> None:
+    """One piece more for the interval that adds most, until all of them add no more than is allowed."""
+    order = 2 * phased_motion.motions[0].lobatto.points - 2
+    rest = [own / count**order for own, count in zip(errors, counts, strict=True)]
+    heap = [(-error, k, n) for k, own in enumerate(rest) for n, error in enumerate(own)]
+    heapq.heapify(heap)
+    total = sum(float(own.sum()) for own in rest)
+    while heap and total > allowed:
+        error, k, n = heapq.heappop(heap)
+        if counts[k][n] >= PIECES:
+            continue
+        counts[k][n] += 1
+        after = errors[k][n] / counts[k][n] ** order
+        total += error + after
+        heapq.heappush(heap, (-after, k, n))
+
+
+def _pieces_within_limits(motion: Motion) -> Array:
+    """Two pieces for intervals inside which a limit is passed by more than allowed, one for others (N,)."""
+    counts = np.ones(motion.intervals, dtype=int)
+    for one in between_points(motion):
+        passed = one.time_s[one.excess > max(one.allowed, ROUNDING)] / motion.duration_s
+        counts[motion.mesh.located(passed)[0]] = 2
+    return counts

@@ -1,0 +1,122 @@
+"""Second-order conditions: whether the cost falls along a direction that the constraints allow.
+
+At a solution with multipliers let H be the Hessian of the Lagrangian, J the slopes of the constraints, and
+D > 0 the stiffness of each: large for an equation, multiplier over room for a limit, so that one that holds
+counts as an equation and one that leaves room does not count. The solution is a minimum where the KKT matrix
+
+    [ H   J'     ]
+    [ J  -1/D    ]
+
+has as many negative eigenvalues as it has constraints (Nocedal and Wright, *Numerical Optimization*, section
+16.3). Eliminating its lower right block, that is where H + J' D J is positive definite, which an LDL'
+factorisation without interchanges decides: it exists, with positive pivots, for such a matrix alone.
+
+Curvatures are measured by W, which has the parts of the duration that belong to the unknowns on its diagonal:
+d' H d / d' W d is the second change of the cost by a motion whose mean square is one.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.linalg import SuperLU, splu
+
+from optim.planning.solver.ipopt import Solution
+from optim.planning.solver.nonlinear_program import NonlinearProgram
+from optim.planning.transcription.phase_chain import phase_programs
+from spacerobot.arrays import Array
+
+FLAT = 1e-3
+"""Curvature, as a part of the cost, below which a direction counts as flat: plans may have several optima."""
+EQUATION = 1e8
+"""Stiffness of an equation and greatest one of a limit, as a part of the cost."""
+STEPS = 30
+"""Of the inverse iteration."""
+
+
+def descent_direction(program: NonlinearProgram, solution: Solution, scale: float) -> Array | None:
+    """Direction (size,) along which the cost falls to second order and the constraints hold to first.
+
+    None where the solution is a minimum. Its mean square over the duration is one.
+
+    Parameters
+    ----------
+    program, solution
+        What was solved, and where the solver ended.
+    scale
+        Size of the cost.
+    """
+    matrix, weights = _projected(program, solution, scale)
+    free = np.flatnonzero(weights)
+    matrix, own = matrix[free][:, free].tocsc(), sparse.diags(weights[free], format="csc")
+    if _positive(matrix + FLAT * scale * own) is not None:
+        return None
+    shift = FLAT * scale
+    for _ in range(60):
+        shift *= 4
+        factors = _positive(matrix + shift * own)
+        if factors is not None:
+            break
+    else:
+        return None  # no number: the problem's derivatives are at fault
+    found = np.random.default_rng(0).standard_normal(len(free))
+    for _ in range(STEPS):
+        found = factors.solve(own @ found)
+        found /= np.sqrt(found @ (own @ found))
+    if not found @ (matrix @ found) < -FLAT * scale / 2:
+        return None
+    out = np.zeros(program.size)
+    out[free] = found
+    return out
+
+
+def _projected(
+    program: NonlinearProgram, solution: Solution, scale: float
+) -> tuple[sparse.csc_matrix, Array]:
+    """H + J' D J, and the diagonal of W with zeros for unknowns that are given."""
+    w, (low, high), (least, greatest) = solution.w, program.bounds(), program.limits()
+    pattern = program.hessian_pattern
+    upper = sparse.csc_matrix(
+        (program.hessian(w, 1.0, solution.multipliers), pattern.indices, pattern.indptr), shape=pattern.shape
+    )
+    pattern = program.jacobian_pattern
+    slopes = sparse.csc_matrix((program.jacobian(w), pattern.indices, pattern.indptr), shape=pattern.shape)
+    stiff = _stiffness(program.constraints(w), least, greatest, solution.multipliers, EQUATION * scale)
+    sizes = np.sqrt(np.asarray(slopes.multiply(slopes).sum(axis=1)).ravel())
+    equal = least == greatest
+    stiff[equal] /= np.maximum(sizes[equal], 1e-12) ** 2
+    held = _stiffness(w, low, high, solution.bound_multipliers, EQUATION * scale)
+    weights = np.concatenate([_weights(program), np.ones(program.size)])[: program.size]
+    weights[low == high] = 0.0
+    held[low == high] = 0.0
+    hessian = upper + sparse.triu(upper, 1).T
+    return (hessian + sparse.diags(held) + slopes.T @ sparse.diags(stiff) @ slopes).tocsc(), weights
+
+
+def _weights(program: NonlinearProgram) -> Array:
+    """Parts of the duration that belong to the unknowns of the phases; one for their durations."""
+    return np.concatenate([np.append(np.repeat(one.weights, one.nz), 1.0) for one in phase_programs(program)])
+
+
+def _stiffness(values: Array, least: Array, greatest: Array, multipliers: Array, most: float) -> Array:
+    """Multiplier over room of each limit, no more than ``most``, which equations have."""
+    room = np.where(multipliers > 0, greatest - values, values - least)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        found = np.abs(multipliers) / np.maximum(room, 0.0)
+    found = np.where(np.isfinite(room), np.nan_to_num(found, nan=0.0, posinf=most), 0.0)
+    return np.where(least == greatest, most, np.minimum(found, most))
+
+
+def _positive(matrix: sparse.csc_matrix) -> SuperLU | None:
+    """Factors of a symmetric matrix if it is positive definite."""
+    try:
+        factors = splu(
+            matrix.tocsc(),
+            permc_spec="MMD_AT_PLUS_A",
+            diag_pivot_thresh=0.0,
+            options={"SymmetricMode": True, "Equil": False},
+        )
+    except RuntimeError:  # singular
+        return None
+    same = np.array_equal(factors.perm_r, factors.perm_c)
+    return factors if same and (factors.U.diagonal() > 0).all() else None

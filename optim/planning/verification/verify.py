@@ -1,0 +1,260 @@
+"""Whether a plan may be trusted: judged anew, whatever the solver said of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from optim.planning.formulation.rows import row_values
+from optim.planning.formulation.stage import PlanningProblem
+from optim.planning.solver.ipopt import Solution
+from optim.planning.solver.nonlinear_program import NonlinearProgram
+from optim.planning.transcription.collocation_program import first_constrained
+from optim.planning.transcription.motion import Motion, PhasedMotion
+from optim.planning.verification.replay import replay_phases, tip_errors
+from optim.planning.verification.second_order_conditions import descent_direction
+from spacerobot.arrays import Array
+
+RESIDUAL = 1e-6
+"""Greatest residual of the first-order conditions."""
+FINER = 10
+"""Instants that are looked at for each interval."""
+RELATIVE = 1e-3
+"""Violation allowed between the points, of a limit's size."""
+ABSOLUTE = 1e-4
+"""[m, rad] Violation allowed where a limit has no size."""
+
+
+ROUNDING = 1e-8
+"""What is no violation: the solver's own tolerance."""
+
+
+@dataclass(frozen=True)
+class Violation:
+    """How far a limit is passed, at most.
+
+    Attributes
+    ----------
+    name, unit
+        What, and the unit of the amounts.
+    amount, allowed
+        By how much it is passed, and by how much it may be.
+    time_s
+        When [s].
+    """
+
+    name: str
+    unit: str
+    amount: float
+    allowed: float
+    time_s: float
+
+
+@dataclass(frozen=True)
+class VerificationResult:
+    """What is known of a plan.
+
+    Attributes
+    ----------
+    residual
+        Of the first-order conditions, relative to the cost.
+    violations
+        Of each limit that is passed between the points, the greatest first.
+    replay_errors_m, followed_errors_m
+        Greatest distance of each tip from the plan when its torques are replayed [m]: alone, and with the
+        feedback by which joints follow it.
+    tolerance_m
+        What is allowed of these.
+    saddle
+        Whether second-order conditions fail: the cost falls along a direction that the constraints allow.
+    """
+
+    residual: float
+    violations: tuple[Violation, ...]
+    replay_errors_m: Mapping[str, float]
+    followed_errors_m: Mapping[str, float]
+    tolerance_m: float
+    saddle: bool = False
+
+    @property
+    def status(self) -> str:
+        """What the plan is by second-order conditions: a minimum, or a saddle point."""
+        return "saddle point" if self.saddle else "minimum"
+
+    @property
+    def replay_error_m(self) -> float:
+        """The greatest replay error [m]."""
+        return max(self.replay_errors_m.values(), default=0.0)
+
+    @property
+    def followed_error_m(self) -> float:
+        """The greatest error with feedback [m]."""
+        return max(self.followed_errors_m.values(), default=0.0)
+
+    @property
+    def fine_enough(self) -> bool:
+        """Whether a finer mesh is not needed."""
+        errors = (*self.replay_errors_m.values(), *self.followed_errors_m.values())
+        return all(error <= self.tolerance_m for error in errors) and not self.exceeded
+
+    @property
+    def exceeded(self) -> tuple[Violation, ...]:
+        """Violations that are too great."""
+        return tuple(v for v in self.violations if v.amount > v.allowed)
+
+    def failures(self) -> list[str]:
+        """Why the plan is refused, a clause each; none where it is not."""
+        found = []
+        if not self.residual <= RESIDUAL:
+            found.append(f"the first-order residual is {self.residual:.1e}, allowed {RESIDUAL:g}")
+        for how, errors in (("replayed", self.replay_errors_m), ("followed", self.followed_errors_m)):
+            label, error = max(errors.items(), key=lambda item: item[1], default=("", 0.0))
+            if not error <= self.tolerance_m:
+                found.append(
+                    f"{how}, {label} ends up to {error:.1e} m off the plan, allowed {self.tolerance_m:g} m"
+                )
+        found += [
+            f"{v.name} is passed by {v.amount:.3g} {v.unit} at {v.time_s:.3g} s, allowed {v.allowed:.3g}"
+            for v in self.exceeded[:3]
+        ]
+        return found
+
+
+def verify(
+    phased_motion: PhasedMotion,
+    program: NonlinearProgram,
+    solution: Solution,
+    scale: float,
+    backend: str = "auto",
+) -> VerificationResult:
+    """Verdict on a motion and the multipliers found with it.
+
+    Parameters
+    ----------
+    phased_motion, solution
+        The motion, and where the solver ended.
+    program
+        What was solved, with functions that are interpreted: the residual is computed by these.
+    scale
+        Cost that the residual is taken relative to.
+    backend
+        What replays: ``auto``, ``compiled`` or ``interpreted``.
+    """
+    alone, followed = (
+        _greatest_errors(phased_motion, states) for states in replay_phases(phased_motion, backend)
+    )
+    violations = [
+        Violation(one.name, one.unit, float(one.excess.max()), max(one.allowed, 1e-12), begin + one.worst_s)
+        for begin, motion in zip(phased_motion.begins, phased_motion.motions, strict=True)
+        for one in between_points(motion)
+        if one.excess.max() > ROUNDING
+    ]
+    violations.sort(key=lambda v: -v.amount / v.allowed)
+    tolerance = phased_motion.motions[0].problem.tolerance
+    found = first_order_residual(program, solution, scale)
+    saddle = found <= RESIDUAL and descent_direction(program, solution, scale) is not None
+    return VerificationResult(found, tuple(violations), alone, followed, tolerance, saddle)
+
+
+def _greatest_errors(phased_motion: PhasedMotion, states: list[Array]) -> dict[str, float]:
+    """Greatest distance of each tip from the plan in any phase [m]."""
+    greatest: dict[str, float] = {}
+    for motion, found in zip(phased_motion.motions, states, strict=True):
+        for label, errors in tip_errors(motion, found).items():
+            greatest[label] = max(greatest.get(label, 0.0), float(errors.max()))
+    return greatest
+
+
+def first_order_residual(program: NonlinearProgram, solution: Solution, scale: float) -> float:
+    """Greatest residual of the first-order conditions, with the solver's multipliers and nothing else of it.
+
+    That of the Lagrangian's slope, and the products of multipliers with the room that their limits leave, are
+    relative to a cost; to these comes the constraints' violation.
+    """
+    w, (low, high) = solution.w, program.bounds()
+    jacobian = program.jacobian_pattern.copy()
+    jacobian.data = program.jacobian(w)
+    free = low < high
+    slope = program.gradient(w) + jacobian.T @ solution.multipliers + solution.bound_multipliers
+    g, (least, greatest) = program.constraints(w), program.limits()
+    parts = [
+        np.abs(slope[free]) / scale,
+        _products(w, low, high, solution.bound_multipliers)[free] / scale,
+        _products(g, least, greatest, solution.multipliers)[least < greatest] / scale,
+        np.maximum(least - g, g - greatest),
+        np.maximum(low - w, w - high),
+    ]
+    return float(max(np.max(part, initial=0.0) for part in parts))
+
+
+def _products(values: Array, least: Array, greatest: Array, multipliers: Array) -> Array:
+    """Multipliers times the room to the limit that they belong to: the upper one where they are positive."""
+    room = np.where(multipliers > 0, greatest - values, values - least)
+    held = np.where(np.isfinite(room), room, 1.0)  # without a limit, the multiplier itself must vanish
+    return np.asarray(np.abs(multipliers * held))
+
+
+@dataclass(frozen=True, eq=False)
+class LimitExcess:
+    """How far a limit is passed, over time.
+
+    Attributes
+    ----------
+    name, unit, allowed
+        As of a :class:`Violation`.
+    time_s
+        Instants at which the limit holds (n,) [s], from the phase's beginning on.
+    excess
+        By how much it is passed at each (n,); negative where it is kept.
+    """
+
+    name: str
+    unit: str
+    allowed: float
+    time_s: Array
+    excess: Array
+
+    @property
+    def worst_s(self) -> float:
+        """When it is passed most [s]."""
+        return float(self.time_s[np.argmax(self.excess)])
+
+
+def between_points(motion: Motion) -> Iterator[LimitExcess]:
+    """How far each limit is passed on a grid ten times finer than the intervals."""
+    problem, mesh = motion.problem, motion.mesh
+    places = np.arange(FINER) / FINER
+    z = np.vstack([motion.at(mesh, places), motion.z[-1:]])
+    shares = np.append((mesh.starts[:, None] + mesh.widths[:, None] * places).ravel(), 1.0)
+    time = shares * motion.duration_s
+    names = limit_names(problem)
+    for k, (name, unit) in names.items():
+        size = np.nanmax(
+            np.abs([x for x in (problem.lower[k], problem.upper[k]) if np.isfinite(x)]), initial=0.0
+        )
+        over = np.maximum(problem.lower[k] - z[:, k], z[:, k] - problem.upper[k])
+        yield LimitExcess(name, unit, RELATIVE * float(size), time, over)
+    if problem.path:
+        values = row_values(problem.path, problem.stage.z, z.T)
+        for row, found in zip(problem.path, values, strict=True):
+            held = row.held(shares, first_constrained(motion.lobatto, mesh, row.last))
+            allowed = ABSOLUTE if row.size is None else RELATIVE * row.size
+            over = row.scale * np.maximum(row.lower - found[held], found[held] - row.upper)
+            yield LimitExcess(row.name, row.unit, allowed, time[held], over)
+
+
+def limit_names(problem: PlanningProblem) -> Mapping[int, tuple[str, str]]:
+    """What a user calls each entry of an instant that has a limit, and its unit."""
+    stage = problem.stage
+    model, found = stage.scene.model, {}
+    for joint in stage.driven.joints:
+        own = model.joints[joint]
+        if own.nq == 1:
+            found[own.idx_q] = (f"range of {model.names[joint]}", "rad or m")
+        found[model.nq + own.idx_v] = (f"rate of {model.names[joint]}", "rad/s or m/s")
+    first = model.nq + 2 * model.nv
+    for k, name in enumerate(stage.driven.names):
+        found[first + k] = (f"torque of {name}", "N m or N")
+    return {k: v for k, v in found.items() if np.isfinite([problem.lower[k], problem.upper[k]]).any()}

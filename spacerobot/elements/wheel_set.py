@@ -1,0 +1,234 @@
+"""Reaction wheels: what a set of them makes of the torque that is asked for at its robot's base.
+
+With the axes a_i of the wheels as columns of A, root link's axes, the motors give ``-A^+ T`` for a torque T
+on the base, the least ones that do, each up to its limit. Of a wheel at the speed s relative to the base,
+
+
+    h' = (motor's torque) - (friction at s),    h = J (s + a . omega),
+
+h being its angular momentum about its axis. The base takes ``-A h' - omega x A h``. At its speed limit a
+motor balances friction and nothing else, so that h stays as it is, until what is asked of it leads back.
+The others of a redundant set take over its share: the pseudo-inverse is then that of their axes alone.
+
+Which wheels of a redundant set are held is a linear complementarity problem. The motors' torques u minimise
+``|u|^2 + |A u + T|^2 / SINGULAR`` subject to ``(u_i - f_i) sign(s_i) <= 0`` for each wheel at its limit, with
+f the friction: a held wheel has ``u_i = f_i``, and is free again where u_i, found with it free and the others
+as they are, leads back. That has the sign of its multiplier. The problem is strictly convex, so one set of
+held wheels solves it, and torques are continuous where a wheel becomes free. Exchanging one wheel at a time,
+the first one that contradicts its switch, ends at that set (Murty's least-index method). These exchanges are
+the events below, in their order, at one instant. A hysteresis keeps rounding from repeating them for ever.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from spacerobot.arrays import Array
+from spacerobot.dynamics.algebra import SymmetricFactors
+from spacerobot.elements.actuator import Actuator
+from spacerobot.elements.context import ActuatorContext
+from spacerobot.elements.contribution import Output
+from spacerobot.elements.event import Event, both, negated
+from spacerobot.elements.robot_element import Part
+from spacerobot.section import quantity
+
+SLACK = 1e-3
+"""Part of its speed limit that a wheel held there may lose, as its base turns, until it is free."""
+
+
+SINGULAR = 1e-8
+"""Stands for what the axes of free wheels lack to give any torque."""
+
+PULL = 1e-6
+"""Part of the set's torques by which a held wheel's must lead back to free it: well above rounding, which is
+1e-16 / SINGULAR where the free wheels lack a direction. Only where wheels depend on each other."""
+
+
+class WheelSet(Actuator):
+    """A set of equal wheels that take over the torque that is asked for at their robot's base."""
+
+    base_wrench: ClassVar[frozenset[Part]] = frozenset({"torque"})
+    has_wheels: ClassVar[bool] = True
+
+    torque_limit: float | None = quantity("N m", "greatest torque of each motor", default=None, gt=0)
+    speed_limit: float | None = quantity(
+        "rad/s", "greatest speed relative to the base, 628 rad/s for 6000 rpm", default=None, gt=0
+    )
+    coulomb: float = quantity("N m", "friction that does not depend on speed", default=0.0, ge=0)
+    coulomb_speed: float = quantity(
+        "rad/s", "speed at which that friction has reached 1/sqrt(2) of its value", default=1.0, gt=0
+    )
+
+    def within(self) -> str:
+        """The limits in words."""
+        limits = [] if self.torque_limit is None else [f"{self.torque_limit:g} N m"]
+        if self.speed_limit is not None:
+            limits.append(f"{self.speed_limit:g} rad/s ({self.speed_limit * 30 / np.pi:.0f} rpm)")
+        return f"each up to {' and '.join(limits)}" if limits else "torque and speed not limited"
+
+    def rub(self, actuator: ActuatorContext, speed: ca.SX) -> ca.SX:
+        """Coulomb friction against motion at these speeds (n x 1) [N m], smooth through zero."""
+        path = f"{actuator.context.path}.coulomb"
+        most = actuator.context.once("coulomb", actuator.context.parameters.sparse(path))
+        if not most.nnz():
+            return ca.SX(speed.size1(), 1)
+        return most * speed / ca.sqrt(speed**2 + actuator.context.number("coulomb_speed") ** 2)
+
+    def motors(
+        self, actuator: ActuatorContext, asked: ca.SX, axes: ca.SX, speed: ca.SX, friction: ca.SX
+    ) -> WheelMotors:
+        """What the motors do of what would be asked of them if all were free, at these speeds (n x 1 each).
+
+        Their axes (k x n) have the parts that can turn the base.
+        """
+        command, count, switches = asked, speed.size1(), list[ca.SX]()
+        pull = ca.SX(0)
+        if self.speed_limit is not None:
+            switches = [actuator.context.switch(f"held.{i}") for i in range(count)]
+        if self.speed_limit is not None and _is_redundant(axes):
+            # a held wheel's motor gives its friction, so what others take over is what it would give beyond
+            command = friction + _taken_over(asked - friction, axes, ca.vertcat(*switches))
+            pull = PULL * ca.sum1(ca.fabs(asked - friction))
+        events = list[Event]()
+        if self.torque_limit is not None:
+            limit = actuator.context.number("torque_limit")
+            events += _clips(actuator, ca.fabs(command) / limit - 1, switches)
+            command = ca.fmin(ca.fmax(command, -limit), limit)
+        if self.speed_limit is None:
+            return WheelMotors(command, command - friction, friction, tuple(events))
+        most, free = actuator.context.number("speed_limit"), list[ca.SX]()
+        for i, (name, held) in enumerate(zip(names_of(actuator, count), switches, strict=True)):
+            over = ca.fabs(speed[i]) / most - 1
+            faster = (command[i] - friction[i]) * speed[i] / most
+            back = ca.fmax(-faster - pull, -SLACK - over)
+            turned = held.name()
+            events += [
+                Event(
+                    f"{name}.saturated",
+                    "saturated",
+                    name,
+                    ca.fmin(over, faster),
+                    negated(held),
+                    {turned: True},
+                ),
+                Event(f"{name}.freed", "freed", name, back, held, {turned: False}),
+            ]
+            free.append(1 - held)
+        net = (command - friction) * ca.vertcat(*free)
+        return WheelMotors(net + friction, net, friction, tuple(events))
+
+    def observed(
+        self, actuator: ActuatorContext, motors: WheelMotors, speed: ca.SX, momentum: ca.SX
+    ) -> tuple[Output, ...]:
+        """Speed, torque and margin of each wheel (n x 1 each), and the momentum of all (3x1), world axes."""
+        names, found = names_of(actuator, speed.size1()), list[Output]()
+        values = {
+            "wheel_speed": (speed, "rad/s", "speed of wheels relative to their bases"),
+            "wheel_torque": (motors.net + motors.friction, "N m", "torque of wheels' motors"),
+        }
+        if self.speed_limit is not None:
+            margin = 1 - ca.fabs(speed) / actuator.context.number("speed_limit")
+            values["wheel_margin"] = (margin, "1", "part of wheels' speed limits that is left")
+        for name, (value, unit, text) in values.items():
+            found += [Output(name, value[i], unit, text, "wheel", names[i]) for i in range(len(names))]
+        text = "angular momentum of wheels about their axes, by the bodies that carry them"
+        return (*found, Output("wheel_momentum", momentum, "N m s", text, "body", actuator.robot))
+
+
+@dataclass(frozen=True)
+class WheelMotors:
+    """What the motors of n wheels do at one instant.
+
+    Attributes
+    ----------
+    command
+        Torques of the motors: friction where a wheel is held at its speed limit (n x 1) [N m].
+    net
+        Torques on the wheels, friction included (n x 1) [N m].
+    friction
+        Against the wheels' motion (n x 1) [N m].
+    events
+        At which wheels come to their speed limit, and are free of it.
+    """
+
+    command: ca.SX
+    net: ca.SX
+    friction: ca.SX
+    events: tuple[Event, ...]
+
+
+def names_of(actuator: ActuatorContext, count: int) -> list[str]:
+    """Names of the wheels of a set."""
+    return [f"{actuator.robot}/{actuator.context.path.rpartition('.')[2]}.{i}" for i in range(count)]
+
+
+def turning(actuator: ActuatorContext) -> tuple[tuple[int, ...], list[int]]:
+    """Places in v of the base's angular velocity, and which of the root link's axes they are about."""
+    columns = actuator.base_columns
+    return (columns[2:], [2]) if len(columns) == 3 else (columns[3:], [0, 1, 2])
+
+
+def shares(axes: ca.SX) -> ca.SX:
+    """Pseudo-inverse (n x k) of independent rows, or else columns, of n wheels' axes (k x n).
+
+    Rows that are structurally zero have no part in it.
+    """
+    rows = [i for i in range(axes.size1()) if axes[i, :].nnz()]
+    own = axes[rows, :]
+    found = ca.SX(axes.size2(), axes.size1())
+    if len(rows) <= axes.size2():
+        found[:, rows] = SymmetricFactors(ca.mtimes(own, own.T)).solve(own).T
+    else:
+        found[:, rows] = SymmetricFactors(ca.mtimes(own.T, own)).solve(own.T)
+    return found
+
+
+def _clips(actuator: ActuatorContext, beyond: ca.SX, held: list[ca.SX]) -> list[Event]:
+    """Events where what is asked of each free motor passes its torque limit, beyond it above zero (n x 1).
+
+    Torques have kinks there. They depend on no switch: steps end there, so that the method keeps its order,
+    and derivatives by the limit know when it begins and ends to count.
+    """
+    found = []
+    for i, name in enumerate(names_of(actuator, beyond.numel())):
+        clipped = actuator.context.switch(f"clipped.{i}")
+        free = negated(held[i]) if held else ca.SX(1)
+        for kind, guard, armed, on in (
+            ("clipped", beyond[i], negated(clipped), True),
+            ("unclipped", -beyond[i], clipped, False),
+        ):
+            sets = {clipped.name(): on}
+            found.append(Event(f"{name}.{kind}", kind, name, guard, both(armed, free), sets, kink=True))
+    return found
+
+
+def _is_redundant(axes: ca.SX) -> bool:
+    """Whether some wheels (k x n) can take over what others do not give."""
+    return sum(axes[i, :].nnz() > 0 for i in range(axes.size1())) < axes.size2()
+
+
+def _taken_over(asked: ca.SX, axes: ca.SX, held: ca.SX) -> ca.SX:
+    """What is asked of each wheel (n x 1) if it is free and those of the others that are held are left out.
+
+    With the torque m that held wheels do not give, those that are free add ``a_i . y``, ``A W A^T y = m``,
+    which together is the pseudo-inverse of their axes. A held wheel would be one more of them.
+    """
+    rows = [i for i in range(axes.size1()) if axes[i, :].nnz()]
+    own, free = axes[rows, :], 1 - held
+    matrix = SINGULAR * ca.SX.eye(len(rows)) + ca.mtimes(own, free * own.T)
+    found = SymmetricFactors(matrix).solve(ca.horzcat(ca.mtimes(own, held * asked), own))
+    more, sizes = ca.mtimes(own.T, found[:, 0]), ca.sum1(own * found[:, 1:]).T
+    return (asked + more) / (1 + held * sizes)
+
+
+def are_independent(axes: Sequence[ArrayLike]) -> bool:
+    """Whether :func:`shares` is a pseudo-inverse, of the axes of n wheels (n, 3)."""
+    found: Array = np.array(axes, dtype=float)
+    found = found[:, found.any(axis=0)]
+    return bool(np.linalg.matrix_rank(found, tol=1e-6) == min(found.shape))

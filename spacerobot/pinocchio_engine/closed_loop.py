@@ -1,0 +1,309 @@
+"""The closed loop of a scene as x' = f(t, x), y = h(t, x), evaluated with NumPy and Pinocchio.
+
+The laws are those of the elements' contributions, compiled once as functions of time, state, constants and
+mechanical inputs. Mechanics, forward dynamics, impacts, distances and time integration are this engine's own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+import pinocchio as pin
+
+from spacerobot.arrays import Array
+from spacerobot.closedloop.build import evaluate, section_context, state_names
+from spacerobot.closedloop.events import LoopEvent, rules_of, update_of
+from spacerobot.closedloop.forward_dynamics import ForwardDynamicsResult
+from spacerobot.elements import Contribution
+from spacerobot.pinocchio_engine.dynamics import DynamicsConditions, DynamicsUnknowns
+from spacerobot.pinocchio_engine.mechanical_inputs import InputBuilder, InputPlant, numeric_start
+from spacerobot.pinocchio_engine.mechanical_state import MechanicalState, configuration_rate, coordinates
+from spacerobot.scenario.load import to_document
+from spacerobot.scene import Scene
+from spacerobot.section import numbers
+from spacerobot.symbolic import Constants, Parameters, Plant
+
+
+@dataclass(frozen=True)
+class EvaluatedInstant:
+    """Mechanics, numbers that every law sees, and what was solved for, at one time.
+
+    Attributes
+    ----------
+    state
+        Mechanics.
+    given
+        Arguments of the compiled laws: t, (q, v, z), c and inputs.
+    solved
+        The unknowns (n,); NaN where nobody asked for them.
+    acceleration
+        v' (nv,), the last of them.
+    """
+
+    state: MechanicalState
+    given: tuple[float, Array, Array, Array]
+    solved: Array
+    acceleration: Array
+
+
+class PinocchioLoop:
+    """A scene made ready to evaluate.
+
+    The state is x = (q, v, z), that of the closed loop. The constants c, which hold the switches, change by
+    :meth:`happen` alone.
+
+    Attributes
+    ----------
+    scene, model
+        The scene and its ``pinocchio.Model``.
+    state_names
+        Names of z, in the closed loop's order.
+    x0
+        Initial state (nx,).
+    c
+        Constants (nc,), with the switches as they are now.
+    events
+        What may happen, as data.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene, self.model = scene, scene.model
+        parameters = Parameters(dict(numbers(to_document(scene.scenario))))
+        context = section_context(scene, parameters)
+        plant = InputPlant.of(scene, parameters, context.constants)
+        builder = InputBuilder(scene, context, plant, numeric_start(scene))
+        self._inputs, self._places = plant.inputs, coordinates(scene.model)
+
+        def solve(plant: Plant, acting: Contribution) -> ForwardDynamicsResult:
+            self._unknowns = DynamicsUnknowns(plant, acting)
+            return self._unknowns.result
+
+        found = evaluate(builder, solve)
+        acting = found.acting
+        constants = context.constants
+        z = ca.vertcat(ca.SX(0, 1), *(state.symbol for state in acting.states))
+        self.state_names = state_names(self.model, acting.states)[self.model.nq + self.model.nv :]
+        p = parameters.values
+        self.c: Array = _numbers(ca.Function("c", [parameters.symbols], [constants.expressions])(p))
+        self._jumps, self._tables = list(constants.jumps), constants.tables
+        self._jump_times = self.c[self._jumps]
+        self._switches = list(constants.switches.values())
+        self.events: tuple[LoopEvent, ...] = rules_of(acting.events, list(constants.switches))
+        self._impacts = [event.impact for event in acting.events]
+        self._kept: dict[float, Array] = {}
+        self._compile(plant, context.time, z, constants, found.outputs, acting)
+        self.x0 = self._first(acting)
+
+    def _compile(
+        self,
+        plant: InputPlant,
+        time: ca.SX,
+        z: ca.SX,
+        constants: Constants,
+        outputs: Mapping[str, ca.SX],
+        acting: Contribution,
+    ) -> None:
+        """Functions of (t, x, c, inputs) and, later ones, of what was solved for."""
+        unknowns, which = self._unknowns, ca.SX.sym("which")
+        none = ca.SX(0, 1)
+        rates = ca.vertcat(none, *(state.derivative for state in acting.states))
+        guards = ca.vertcat(none, *(event.guard for event in acting.events))
+        armed = ca.vertcat(none, *(event.armed for event in acting.events))
+        start = ca.vertcat(none, *(state.initial for state in acting.states))
+        updated = update_of(plant, acting, which, unknowns.struck)
+        given = [time, ca.vertcat(plant.q, plant.v, z), constants.symbols, plant.inputs.symbols]
+        null_space, output, solved = unknowns.null_space, unknowns.output, unknowns.solved
+
+        def function(name: str, arguments: list[ca.SX], *values: ca.SX) -> ca.Function:
+            return ca.Function(name, arguments, ca.cse([ca.densify(value) for value in values]))
+
+        self._loads = function("loads", given, *unknowns.loads.values())
+        self._early = function("early", [*given, null_space], *unknowns.early)
+        self._late = function("late", [*given, null_space, output], *unknowns.late)
+        self._rates = function("rates", [*given, solved], rates)
+        self._outputs = function("outputs", [*given, solved], *outputs.values())
+        self._guards = function("guards", [*given, solved], guards)
+        self._armed = function("armed", [constants.symbols], armed)
+        sampled = ca.vertcat(none, *unknowns.sampled)
+        self._update = function("update", [*given, solved, unknowns.impact, sampled, which], updated)
+        self._laws = {
+            name: function(f"law_{i}", [*given, solved], *loads.values())
+            for i, (name, loads) in enumerate(unknowns.laws.items())
+        }
+        self._rows = function("rows", given, constants.cursors)
+        self._start = function("start", given, start)
+        self._output_names = tuple(outputs)
+        self._guards_see_forces = bool(ca.depends_on(guards, solved)) if guards.numel() else False
+
+    def _first(self, acting: Contribution) -> Array:
+        """Initial state (nx,): other states count as zero where one begins, but for what events change."""
+        q, v, model = np.array(self.scene.q), np.array(self.scene.v), self.model
+        remembers = np.concatenate(
+            [np.empty(0), *(np.full(one.symbol.size1(), one.remembers) for one in acting.states)]
+        )
+        inputs = self._inputs.values(MechanicalState(model, q, v))
+        z = np.zeros(len(remembers))
+        for _ in range(2):
+            x = np.concatenate([q, v, z * remembers])
+            z = _numbers(self._start(0.0, x, self.c, inputs))
+        return np.concatenate([q, v, z])
+
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        """Times known beforehand at which the dynamics jump [s], rising."""
+        return tuple(sorted({float(t) for t in self._jump_times}))
+
+    @property
+    def switches(self) -> Array:
+        """Switches as they are now, 0 or 1."""
+        return self.c[self._switches]
+
+    def split(self, x: Array) -> tuple[Array, Array, Array]:
+        """Parts q (nq,), v (nv,) and z (nz,) of a state."""
+        nq, nv = self.model.nq, self.model.nv
+        return x[:nq], x[nq : nq + nv], x[nq + nv :]
+
+    def normalise(self, x: Array) -> Array:
+        """State with cosine-sine pairs and quaternions back on their unit spheres."""
+        q, v, z = self.split(x)
+        return np.concatenate([pin.normalize(self.model, q), v, z])
+
+    def instant(
+        self, t: float, x: Array, within: float | None = None, *, solved: bool = True
+    ) -> EvaluatedInstant:
+        """Everything at one instant; arguments and errors as for :meth:`derivative`.
+
+        Without ``solved`` the unknowns are not asked for.
+        """
+        q, v, z = self.split(x)
+        state = MechanicalState(self.model, q, v)
+        x = np.concatenate([state.q, v, z])
+        inputs = self._inputs.values(state)
+        given = (t, x, self._shown(t, x, inputs, within), inputs)
+        if not solved:
+            return EvaluatedInstant(
+                state, given, np.full(self._unknowns.solved.size1(), np.nan), np.full(len(v), np.nan)
+            )
+        conditions = self._conditions(state, given)
+        parts = [conditions.kept_still(name, size) for name, size in self._unknowns.projections]
+        null_space = np.concatenate([np.empty(0), *parts])
+        commanded, pushed = self._early(*given, null_space)
+        effort = _numbers(commanded + pushed)
+        outputs, reactions, acceleration = conditions.solve(effort, outputs=True)
+        if len(outputs):
+            commanded, pushed = self._late(*given, null_space, outputs)
+            effort = _numbers(commanded + pushed)
+        if self._unknowns.then:
+            _, reactions, acceleration = conditions.solve(effort, outputs=False)
+        own = reactions[: self._unknowns.reaction.size1()]
+        return EvaluatedInstant(
+            state, given, np.concatenate([null_space, outputs, own, acceleration]), acceleration
+        )
+
+    def derivative(self, t: float, x: Array, within: float | None = None) -> Array:
+        """Rate x' (nx,) of the state at time t [s].
+
+        Parameters
+        ----------
+        t, x
+            Time and state; the configuration need not be normalised.
+        within
+            A time in the interval that is meant where t itself lies between two; t if None.
+
+        Raises
+        ------
+        numpy.linalg.LinAlgError
+            In a posture in which rigid grasps fix a freedom twice.
+        """
+        now = self.instant(t, x, within)
+        q, v, _ = self.split(x)
+        rates = _numbers(self._rates(*now.given, now.solved))
+        return np.concatenate([configuration_rate(self._places, q, v), now.acceleration, rates])
+
+    def outputs(self, t: float, x: Array, within: float | None = None) -> dict[str, Array]:
+        """Outputs by name, column vectors of the closed loop's; arguments and errors as for the rate."""
+        now = self.instant(t, x, within)
+        found = self._outputs.call([*now.given, now.solved])
+        return {name: _numbers(value) for name, value in zip(self._output_names, found, strict=True)}
+
+    def guards(self, t: float, x: Array, within: float) -> Array:
+        """Guards of all events (ne,), armed or not."""
+        now = self.instant(t, x, within, solved=self._guards_see_forces)
+        return _numbers(self._guards(*now.given, now.solved))
+
+    @property
+    def armed(self) -> list[int]:
+        """Numbers of the events that may happen with the switches as they are."""
+        return [int(number) for number in np.flatnonzero(_numbers(self._armed(self.c)))]
+
+    def gaps(self, x: Array) -> tuple[Array, Array]:
+        """Gaps [m] between the shapes of all contacts, and how fast they change [m/s] (n,) each."""
+        q, v, _ = self.split(x)
+        state, found = MechanicalState(self.model, q, v), list[tuple[float, float]]()
+        for contact in self.scene.contacts:
+            for pair in contact.pairs:
+                near = state.proximity(pair, contact.config.crown)
+                found.append((near[0], state.opening(pair, near)))
+        gaps, speeds = np.array(found).reshape(-1, 2).T
+        return gaps, speeds
+
+    def happen(self, number: int, t: float, x: Array, within: float | None = None) -> Array:
+        """Turn the switches of an event; the state afterwards (nx,). Arguments as for :meth:`derivative`."""
+        event = self.events[number]
+        if event.ends:
+            return x
+        for place, value in event.sets:
+            self.c[self._switches[place]] = float(value)
+        self._kept.clear()
+        now = self.instant(t, x, within)
+        impact = np.zeros(self._unknowns.impact.size1())
+        if self._impacts[number]:
+            conditions = self._conditions(now.state, now.given)
+            impact = conditions.strike(self._unknowns.reaction.size1())
+        sampled = self._sampled(now, event.name)
+        after = _numbers(self._update(*now.given, now.solved, impact, sampled, number))
+        self._kept.clear()
+        return after
+
+    def _sampled(self, now: EvaluatedInstant, event: str) -> Array:
+        """Outputs of laws that are evaluated at instants; zero for those that another event evaluates."""
+        found = [np.zeros(output.size1()) for output in self._unknowns.sampled]
+        for place, (name, loads) in enumerate(self._unknowns.laws.items()):
+            if name == event:
+                values = self._laws[name].call([*now.given, now.solved])
+                own = {key: value.full() for key, value in zip(loads, values, strict=True)}
+                conditions = self._conditions(now.state, now.given)
+                conditions = DynamicsConditions(now.state, {**conditions.loads, **own})
+                outputs = conditions.solve(own["effort"][:, 0], outputs=True)[0]
+                found[place] = outputs[: len(found[place])]
+        return np.concatenate([np.empty(0), *found])
+
+    def _conditions(
+        self, state: MechanicalState, given: tuple[float, Array, Array, Array]
+    ) -> DynamicsConditions:
+        found = self._loads.call(list(given))
+        names = self._unknowns.loads
+        return DynamicsConditions(state, {k: value.full() for k, value in zip(names, found, strict=True)})
+
+    def _shown(self, t: float, x: Array, inputs: Array, within: float | None) -> Array:
+        """Constants (nc,) as they hold within an interval: jumps passed or not, rows of tables shown."""
+        at = t if within is None else within
+        if at in self._kept and within is not None:
+            return self._kept[at]
+        c = self.c.copy()
+        c[self._jumps] = np.where(self._jump_times <= at, -np.inf, np.inf)
+        if self._tables:
+            rows = _numbers(self._rows(t, x, c, inputs)).astype(int)
+            for table in self._tables:
+                first = table.first + rows[table.cursor] * table.width
+                c[table.window : table.window + table.width] = c[first : first + table.width]
+        self._kept = {at: c}
+        return c
+
+
+def _numbers(value: ca.DM) -> Array:
+    found: Array = value.full().ravel()
+    return found

@@ -1,0 +1,208 @@
+"""Distances of shapes in NumPy: coal's, and Newton's method on support functions where faces are crowned."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pinocchio as pin
+
+from spacerobot.arrays import Array
+from spacerobot.elements import CollisionShape
+from spacerobot.scene.contacts import coal_distance
+from spacerobot.scene.scene import SceneShape
+from spacerobot.shapes import CrownedTerm, Shape, SmoothTerm, is_exact
+
+SmoothSupport = Callable[[Array], Sequence[Array]]
+"""From directions (3,) or (3, k) to support function, its gradient and its Hessian."""
+
+_LOOKS = 200
+_GOLDEN = np.pi * (3 - 5**0.5)
+_HEIGHTS = np.linspace(-1, 1, _LOOKS)
+_AROUND = np.sqrt(1 - _HEIGHTS**2)[:, None] * np.exp(1j * _GOLDEN * np.arange(_LOOKS))[:, None]
+DIRECTIONS = np.hstack([_AROUND.real, _AROUND.imag, _HEIGHTS[:, None]])
+"""Unit vectors (200, 3) all around."""
+_STEPS, _HALVINGS = 200, 40
+_SMALL, _LEVEL = 1e-14, 1e-13
+"""Last step, and by how much rounding may lower a distance [m]."""
+
+
+def shape_distance(
+    pair: tuple[SceneShape, SceneShape], links: Sequence[Any], crown: float
+) -> tuple[float, Array, Array]:
+    """Signed distance [m], normal (3,) and point halfway (3,) [m] of two shapes.
+
+    Coal's, where the distance has a closed form; elsewhere by support functions, from coal's normal.
+
+    Parameters
+    ----------
+    pair
+        The shapes; at most one is a half-space.
+    links
+        Placements of their links in the world (``pin.SE3``).
+    crown
+        Height of the domes, of half the lengths.
+    """
+    near = coal_distance(*pair, links)
+    normal = np.array(near.normal)
+    if _has_closed_form(*((type(shape.config), shape.config.measures().numel()) for shape in pair)):
+        return near.min_distance, normal, (near.getNearestPoint1() + near.getNearestPoint2()) / 2
+    return crowned_distance(pair, links, crown, normal)
+
+
+@functools.cache
+def _has_closed_form(*kinds: tuple[type[CollisionShape], int]) -> bool:
+    """Whether the distance of two kinds of shapes, with so many measures, has a closed form."""
+    one, other = (
+        Shape(kind, ca.SX.sym("R", 3, 3), ca.SX.sym("p", 3), ca.SX.sym("size", size)) for kind, size in kinds
+    )
+    return is_exact(one, other)
+
+
+@dataclass(frozen=True)
+class CrownedSupport:
+    """How far crowned shapes reach: sums of a ball, ellipsoids (thickened segments and discs), smooth terms.
+
+    Attributes
+    ----------
+    roots
+        Of the ellipsoids' squared support functions (k, 3, 3), world axes [m^2].
+    ball
+        Radius [m].
+    smooth
+        Rotations (3, 3), and values, gradients and Hessians of directions in own axes.
+    """
+
+    roots: Array
+    ball: float
+    smooth: tuple[tuple[Array, SmoothSupport], ...] = ()
+
+    @classmethod
+    def of(cls, shape: SceneShape, rotation: Array, crown: float) -> CrownedSupport:
+        """Of a shape that is turned (3, 3)."""
+        flat, domes, ball, smooth = _own(shape.config)
+        roots = rotation @ (flat + crown**2 * domes) @ rotation.T
+        return cls(roots, ball, tuple((rotation @ own, term) for own, term in smooth))
+
+    def __add__(self, other: CrownedSupport) -> CrownedSupport:
+        """The Minkowski sum."""
+        roots = np.concatenate([self.roots, other.roots])
+        return CrownedSupport(roots, self.ball + other.ball, self.smooth + other.smooth)
+
+    def reach(self, n: Array) -> Array:
+        """Support function (k,) [m] of directions (k, 3)."""
+        found = np.sqrt(np.einsum("ni,kij,nj->nk", n, self.roots, n)).sum(axis=1) + self.ball
+        for rotation, term in self.smooth:
+            found = found + term((n @ rotation).T)[0].ravel()
+        return np.asarray(found)
+
+    def farthest(self, n: Array) -> Array:
+        """Its farthest point along a unit vector (3,), from its centre [m]."""
+        seen = self.roots @ n
+        found = (seen / np.sqrt(seen @ n)[:, None]).sum(axis=0) + self.ball * n
+        for rotation, term in self.smooth:
+            found = found + rotation @ term(n @ rotation)[1].ravel()
+        return np.asarray(found)
+
+    def curvature(self, n: Array) -> Array:
+        """Derivative of the farthest point (3, 3) [m]."""
+        seen = self.roots @ n
+        reach = np.sqrt(seen @ n)[:, None, None]
+        parts = self.roots / reach - np.einsum("ki,kj->kij", seen, seen) / reach**3
+        found = parts.sum(axis=0) + self.ball * (np.eye(3) - np.outer(n, n))
+        for rotation, term in self.smooth:
+            found = found + rotation @ term(n @ rotation)[2] @ rotation.T
+        return np.asarray(found)
+
+
+@functools.lru_cache(maxsize=1024)
+def _own(shape: CollisionShape) -> tuple[Array, Array, float, tuple[tuple[Array, SmoothSupport], ...]]:
+    """Roots without domes and of domes (k, 3, 3) [m^2], ball [m] and smooth terms, in own axes."""
+    if shape.is_halfspace:
+        return np.empty((0, 3, 3)), np.empty((0, 3, 3)), 0.0, ()
+    support = shape.support(ca.SX.eye(3), shape.measures())
+    flat, domes, smooth = [np.empty((0, 3, 3))], [np.empty((0, 3, 3))], []
+    for term in support.terms:
+        if isinstance(term, CrownedTerm):
+            size, axis = _numbers(term.size).item(), _numbers(term.axis)
+            along = axis @ axis.T
+            flat.append(size**2 * (np.eye(3) - along if term.is_disc else along)[None])
+            domes.append(size**2 * np.eye(3)[None])
+        elif isinstance(term, SmoothTerm):
+            smooth.append((_numbers(term.rotation), _smooth(term)))
+    return np.concatenate(flat), np.concatenate(domes), _numbers(support.ball).item(), tuple(smooth)
+
+
+def _smooth(term: SmoothTerm) -> SmoothSupport:
+    """A smooth term's value, gradient and Hessian in own axes."""
+    function, measures = term.own_derivatives, _numbers(term.measures)
+    return lambda directions: [found.full() for found in function(directions, measures)]
+
+
+def _numbers(expression: ca.SX) -> Array:
+    """Numbers of a constant expression."""
+    return np.asarray(ca.evalf(expression).full())
+
+
+def crowned_distance(
+    pair: tuple[SceneShape, SceneShape], links: Sequence[Any], crown: float, normal: Array
+) -> tuple[float, Array, Array]:
+    """Signed distance [m], normal (3,) and point halfway (3,) [m] of two shapes.
+
+    Parameters
+    ----------
+    pair
+        The shapes; at most one is a half-space.
+    links
+        Placements of their links in the world (``pin.SE3``).
+    crown
+        Height of the domes, of half the lengths.
+    normal
+        Of the shapes as they are without domes (3,), from which that with domes is sought. Inside one another
+        coal's may be a far longer way out, seen from some directions all around.
+    """
+    at = [link * pin.SE3(shape.placement) for link, shape in zip(links, pair, strict=True)]
+    centre = at[1].translation - at[0].translation
+    one, other = (
+        CrownedSupport.of(shape, place.rotation, crown) for shape, place in zip(pair, at, strict=True)
+    )
+    below = [shape.config.is_halfspace for shape in pair]
+    if below[0]:
+        n = at[0].rotation[:, 2]
+    elif below[1]:
+        n = -at[1].rotation[:, 2]
+    else:
+        n = _greatest(centre, one + other, normal)
+    ends = at[0].translation + one.farthest(n), at[1].translation - other.farthest(n)
+    # two points on a plane differ by what lies along it
+    gap = float(n @ (ends[1] - ends[0]))
+    point = ends[0] + gap / 2 * n if not below[0] else ends[1] - gap / 2 * n
+    return gap, n, point
+
+
+def _greatest(centre: Array, both: CrownedSupport, start: Array) -> Array:
+    """Unit vector (3,) that is uphill from another one and along which shapes are farthest apart."""
+    looks = np.vstack([start, DIRECTIONS]) if np.isfinite(start).all() else DIRECTIONS
+    gaps = np.where(np.linalg.norm(looks, axis=1) > 0.5, looks @ centre - both.reach(looks), -np.inf)
+    n, gap = looks[gaps.argmax()], float(gaps.max())
+    for _ in range(_STEPS):
+        mirror = n + np.copysign(np.eye(3)[2], n[2])  # turns z onto n or -n
+        plane = np.eye(3)[:2] - 2 * np.outer(mirror[:2], mirror) / (mirror @ mirror)
+        slopes, turned = np.linalg.eigh(plane @ both.curvature(n) @ plane.T + gap * np.eye(2))
+        pull = plane @ (centre - both.farthest(n))
+        step = turned @ ((turned.T @ pull) / np.maximum(np.abs(slopes), _SMALL)) @ plane
+        step /= max(1.0, float(np.linalg.norm(step)))
+        for _ in range(_HALVINGS):
+            ahead = (n + step) / np.linalg.norm(n + step)
+            found = float(ahead @ (centre - both.farthest(ahead)))
+            if found >= gap - _LEVEL:
+                break
+            step = step / 2
+        n, gap = ahead, found
+        if np.linalg.norm(step) < _SMALL:
+            break
+    return np.asarray(n)

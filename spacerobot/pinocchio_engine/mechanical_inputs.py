@@ -1,0 +1,277 @@
+"""The plant and the contacts as elements see them, every mechanical quantity an input that Pinocchio fills.
+
+Elements request placements, velocities, Jacobians and drifts of a plant, wherever these come from. Here each
+of them is a matrix of symbols. Entries that are constant whatever the state (zeros of a planar scene) stay
+constant, as in the closed loop, since the number of states that remember something depends on them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from spacerobot.arrays import Array
+from spacerobot.closedloop.built_elements import LoopBuilder
+from spacerobot.closedloop.plant import joint_damping
+from spacerobot.dynamics import Inertias, Kinematics, Wrench, configuration_derivative, forward_kinematics
+from spacerobot.dynamics.algebra import IDENTITY3, cross
+from spacerobot.dynamics.joints import sparse
+from spacerobot.dynamics.kinematics import (
+    frame_drift,
+    frame_jacobian,
+    frame_placement,
+    frame_velocity,
+    point_jacobian,
+)
+from spacerobot.dynamics.local_motion import UNIVERSE, LocalMotion
+from spacerobot.elements.context import ContactContext, ContactSurface
+from spacerobot.pinocchio_engine.mechanical_state import MechanicalState
+from spacerobot.scene import Scene
+from spacerobot.scene.scene import SceneContact
+from spacerobot.shapes import Proximity
+from spacerobot.symbolic import Constants, InitialState, Parameters, Plant
+
+Reader = Callable[[MechanicalState], Array]
+"""From mechanics at a state to the number of each entry of a matrix."""
+
+
+@dataclass
+class MechanicalInputs:
+    """Symbols of mechanical quantities in the order in which they were requested, and how each is read."""
+
+    matrices: dict[tuple[Any, ...], ca.SX] = field(default_factory=dict)
+    _symbols: list[ca.SX] = field(default_factory=list)
+    _readers: list[tuple[Reader, tuple[int, int], tuple[list[int], list[int]]]] = field(default_factory=list)
+
+    def matrix(self, key: tuple[Any, ...], pattern: ca.SX, read: Reader) -> ca.SX:
+        """Matrix of inputs where a pattern is not constant; the same key gives the same symbols."""
+        if key not in self.matrices:
+            entries = zip(pattern.sparsity().row(), pattern.sparsity().get_col(), strict=True)
+            places = [place for place in entries if not pattern[place].is_constant()]
+            symbol, found = ca.SX.sym("_".join(map(str, key)), len(places)), ca.SX(pattern)
+            for number, place in enumerate(places):
+                found[place] = symbol[number]
+            self._symbols.append(symbol)
+            rows, columns = [i for i, _ in places], [j for _, j in places]
+            self._readers.append((read, pattern.shape, (rows, columns)))
+            self.matrices[key] = found
+        return self.matrices[key]
+
+    @property
+    def symbols(self) -> ca.SX:
+        """All inputs so far (n x 1)."""
+        return ca.vertcat(ca.SX(0, 1), *self._symbols)
+
+    def values(self, state: MechanicalState) -> Array:
+        """Their numbers at a state (n,)."""
+        parts = [np.reshape(read(state), shape)[own] for read, shape, own in self._readers]
+        return np.concatenate([np.empty(0), *parts])
+
+
+@dataclass(frozen=True)
+class InputPlant(Plant):
+    """A plant whose mechanics are inputs; loads are generalized forces as they are, not reduced.
+
+    Attributes
+    ----------
+    inputs
+        What was requested so far.
+    pattern
+        Kinematics as expressions, of which nothing but the constant entries is used.
+    """
+
+    inputs: MechanicalInputs
+    pattern: Kinematics
+
+    @classmethod
+    def of(cls, scene: Scene, parameters: Parameters, constants: Constants) -> InputPlant:
+        """Plant of a scene."""
+        model, inputs = scene.model, MechanicalInputs()
+        q, v = ca.SX.sym("q", model.nq), ca.SX.sym("v", model.nv)
+        pattern = forward_kinematics(model, q, v)
+        relative = sparse(np.eye(model.nv) - scene.spread)
+        ties = [relative[model.idx_vs[tie.joint], :].T for tie in scene.ties]
+        none: Any = None  # nothing here goes by articulated bodies
+        return cls(
+            model,
+            scene.planar,
+            q,
+            v,
+            _kinematics(model, v, pattern, inputs),
+            Inertias.from_model(model),
+            none,
+            joint_damping(scene, parameters, constants),
+            ca.horzcat(ca.SX(model.nv, 0), *ties),
+            sparse(scene.spread),
+            inputs,
+            pattern,
+        )
+
+    def placement(self, frame: int) -> tuple[ca.SX, ca.SX]:
+        """Rotation (3x3) and origin (3x1) [m] of a frame."""
+        rotation, origin = frame_placement(self.model, self.pattern, frame)
+        return (
+            self.inputs.matrix(("rotation", frame), rotation, lambda s: s.frame(frame).rotation),
+            self.inputs.matrix(("origin", frame), origin, lambda s: s.frame(frame).position),
+        )
+
+    def velocity(self, frame: int) -> tuple[ca.SX, ca.SX]:
+        """Linear and angular velocity of a frame's origin (3x1 each) [m/s, rad/s]."""
+        pattern = ca.vertcat(*frame_velocity(self.model, self.pattern, frame))
+        found = self.inputs.matrix(("velocity", frame), pattern, lambda s: s.frame(frame).velocity)
+        return found[:3], found[3:]
+
+    def jacobian(self, frame: int) -> ca.SX:
+        """Jacobian of a frame (6 x nv), linear rows first."""
+        pattern = frame_jacobian(self.model, self.pattern, frame)
+        return self.inputs.matrix(("jacobian", frame), pattern, lambda s: s.frame(frame).jacobian)
+
+    def drift(self, frame: int) -> tuple[ca.SX, ca.SX]:
+        """Linear and angular acceleration of a frame at zero joint acceleration (3x1 each)."""
+        pattern = ca.vertcat(*frame_drift(self.model, self.pattern, frame))
+        found = self.inputs.matrix(("drift", frame), pattern, lambda s: s.frame(frame).drift)
+        return found[:3], found[3:]
+
+    def reduced(self, torque: ca.SX | None = None, wrenches: Sequence[Wrench] = ()) -> ca.SX:
+        """Generalized forces of torques and wrenches (nv x 1): ``torque + sum J^T f``."""
+        total = ca.SX(self.v.size1(), 1) if torque is None else torque
+        for wrench in wrenches:
+            if wrench.joint_id:
+                jacobian = _joint_jacobian(self.pattern, self.inputs, wrench.joint_id)
+                lever = wrench.point - self.kinematics.origin[wrench.joint_id]
+                load = ca.vertcat(wrench.force, wrench.torque + cross(lever, wrench.force))
+                total = total + ca.mtimes(jacobian.T, load)
+        return total
+
+    def resistance(self, acceleration: ca.SX) -> ca.SX:
+        """Generalized forces (nv x 1) that an acceleration from rest (nv x 1) takes."""
+        return ca.mtimes(self.mass_matrix, acceleration)
+
+    def inertia_force(self, joints: Iterable[int]) -> tuple[ca.SX, ca.SX]:
+        """Force and torque (3x1 each) that a subtree takes at zero joint acceleration, gravity removed."""
+        root = next(iter(joints))
+        found = self.inputs.matrix(
+            ("inertia_force", root), ca.SX.sym("pattern", 6), lambda s: s.inertia_force(root)
+        )
+        return found[:3], found[3:]
+
+    @property
+    def mass_matrix(self) -> ca.SX:
+        """Joint-space inertia (nv x nv)."""
+        size = self.v.size1()
+        return self.inputs.matrix(("inertia",), ca.SX.sym("pattern", size, size), lambda s: s.inertia)
+
+    @property
+    def bias(self) -> ca.SX:
+        """Generalized forces of gravity, centrifugal and Coriolis accelerations (nv x 1)."""
+        return self.inputs.matrix(("bias",), ca.SX.sym("pattern", self.v.size1()), lambda s: s.bias)
+
+    def rate(self, expression: ca.SX) -> ca.SX:
+        """Rate of an expression of the configuration and of frames' Jacobians."""
+        rates = [(self.q, configuration_derivative(self.model, self.q, self.v))]
+        for kind, frame in [key for key in self.inputs.matrices if key[0] == "jacobian"]:
+            jacobian, rate = self.inputs.matrices[kind, frame], self._jacobian_rate(frame)
+            entries = zip(jacobian.sparsity().row(), jacobian.sparsity().get_col(), strict=True)
+            rates += [(jacobian[p], rate[p]) for p in entries if not jacobian[p].is_constant()]
+        return ca.jtimes(
+            expression, ca.vertcat(*(symbol for symbol, _ in rates)), ca.vertcat(*(rate for _, rate in rates))
+        )
+
+    def _jacobian_rate(self, frame: int) -> ca.SX:
+        pattern = frame_jacobian(self.model, self.pattern, frame)
+        return self.inputs.matrix(("jacobian_rate", frame), pattern, lambda s: s.frame(frame).jacobian_rate)
+
+    def at_start(self, expression: ca.SX, start: InitialState, constants: Constants) -> ca.SX:
+        """An expression of (q, v, c) and inputs where everything begins, as one of the parameters."""
+        q, v = (ca.DM(part).full().ravel() for part in (start.q, start.v))
+        given = [self.q, self.v, self.inputs.symbols, constants.symbols]
+        found = ca.Function("first", given, [expression])
+        return found(q, v, self.inputs.values(MechanicalState(self.model, q, v)), constants.expressions)
+
+
+def _joint_jacobian(pattern: Kinematics, inputs: MechanicalInputs, joint: int) -> ca.SX:
+    structure = point_jacobian(pattern, joint, pattern.origin[joint])
+    return inputs.matrix(("joint_jacobian", joint), structure, lambda s: s.joint_jacobian(joint))
+
+
+def _kinematics(model: Any, v: ca.SX, pattern: Kinematics, inputs: MechanicalInputs) -> Kinematics:
+    """Motion of the joint frames as inputs, in world axes throughout."""
+    local = [UNIVERSE, *(_joint_motion(pattern, inputs, joint) for joint in range(1, model.njoints))]
+    return Kinematics(
+        pattern.joints,
+        v,
+        tuple(local),
+        tuple(motion.body for motion in local),
+        tuple(_joint_origin(pattern, inputs, joint) for joint in range(model.njoints)),
+        tuple(motion.linear for motion in local),
+        tuple(motion.angular for motion in local),
+        tuple(motion.velocity for motion in local),
+        tuple(motion.spin for motion in local),
+    )
+
+
+def _joint_origin(pattern: Kinematics, inputs: MechanicalInputs, joint: int) -> ca.SX:
+    key = ("joint_origin", joint)
+    return inputs.matrix(key, pattern.origin[joint], lambda s: s.data.oMi[joint].translation)
+
+
+def _joint_motion(pattern: Kinematics, inputs: MechanicalInputs, joint: int) -> LocalMotion:
+    """Motion of a joint frame; what only other algorithms use of it is not a number."""
+    own, unused = pattern.joints[joint - 1], ca.SX.nan(3, 3)
+    columns = list(range(own.idx_v, own.idx_v + own.nv))
+    jacobian = _joint_jacobian(pattern, inputs, joint)
+    velocities = ca.vertcat(pattern.linear_velocity[joint], pattern.angular_velocity[joint])
+    moving = inputs.matrix(("joint_velocity", joint), velocities, lambda s: s.joint_velocity(joint))
+    return LocalMotion(
+        axes=IDENTITY3,
+        to_parent=None,
+        body=inputs.matrix(
+            ("joint_rotation", joint), pattern.rotation[joint], lambda s: s.data.oMi[joint].rotation
+        ),
+        arm=_joint_origin(pattern, inputs, joint) - _joint_origin(pattern, inputs, own.parent),
+        linear=jacobian[:3, columns],
+        angular=jacobian[3:, columns],
+        velocity=moving[:3],
+        spin=moving[3:],
+        velocity_bias=unused[:, 0],
+        spin_bias=unused[:, 0],
+        products=unused,
+        gradient=unused,
+    )
+
+
+@dataclass(frozen=True)
+class InputContact(ContactContext):
+    """Shapes of two bodies that may touch, how near they are being an input."""
+
+    scene_contact: SceneContact
+
+    def proximity(self, first: ContactSurface, second: ContactSurface) -> Proximity:
+        """How near two shapes are."""
+        assert isinstance(self.plant, InputPlant)
+        number = next(k for k, pair in enumerate(self.pairs) if pair[0] is first and pair[1] is second)
+        pair, crown = self.scene_contact.pairs[number], self.scene_contact.config.crown
+        found = self.plant.inputs.matrix(
+            ("near", self.name, number), ca.SX.sym("pattern", 7), lambda s: s.proximity(pair, crown)
+        )
+        return Proximity(found[0], found[1:4], found[4:])
+
+
+@dataclass(frozen=True)
+class InputBuilder(LoopBuilder):
+    """What the elements of a scene are built from, mechanics and contacts being inputs."""
+
+    def contact(self, contact: SceneContact) -> ContactContext:
+        """What a contact is built from."""
+        own = super().contact(contact)
+        return InputContact(own.context, own.plant, own.name, own.pairs, contact)
+
+
+def numeric_start(scene: Scene) -> InitialState:
+    """Where everything begins, as numbers."""
+    q, v = ca.SX(ca.DM(scene.q)), ca.SX(ca.DM(scene.v))
+    return InitialState(scene.model, q, v, forward_kinematics(scene.model, q))

@@ -1,0 +1,157 @@
+"""Mechanics at one state, by Pinocchio's own algorithms; everything in world axes."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from spacerobot.arrays import Array
+from spacerobot.pinocchio_engine.crowned_distance import shape_distance
+from spacerobot.scene.scene import SceneShape
+
+_AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+
+
+@dataclass(frozen=True)
+class FrameMotion:
+    """A frame, or the frame of a joint, at one instant.
+
+    Attributes
+    ----------
+    rotation, position
+        (3, 3) and (3,) [m].
+    velocity
+        Of its origin, then angular (6,) [m/s, rad/s].
+    drift
+        Acceleration at zero joint acceleration, classical, then angular (6,).
+    jacobian, jacobian_rate
+        (6, nv) each, linear rows first.
+    """
+
+    rotation: Array
+    position: Array
+    velocity: Array
+    drift: Array
+    jacobian: Array
+    jacobian_rate: Array
+
+
+class MechanicalState:
+    """Kinematics and dynamics of a model at one configuration and velocity, computed when first asked for.
+
+    Parameters
+    ----------
+    model
+        The scene's ``pinocchio.Model``.
+    q, v
+        Configuration (nq,), normalised here, and velocity (nv,).
+    """
+
+    def __init__(self, model: Any, q: Array, v: Array) -> None:
+        self.model, self.q, self.v = model, pin.normalize(model, q), v
+        self.data = model.createData()
+        pin.computeJointJacobiansTimeVariation(model, self.data, self.q, v)
+        pin.forwardKinematics(model, self.data, self.q, v, np.zeros(model.nv))
+        pin.updateFramePlacements(model, self.data)
+        self._frames: dict[int, FrameMotion] = {}
+
+    def frame(self, index: int) -> FrameMotion:
+        """Motion of a frame."""
+        if index not in self._frames:
+            model, data, placement = self.model, self.data, self.data.oMf[index]
+            self._frames[index] = FrameMotion(
+                np.array(placement.rotation),
+                np.array(placement.translation),
+                np.array(pin.getFrameVelocity(model, data, index, _AXES).vector),
+                np.array(pin.getFrameClassicalAcceleration(model, data, index, _AXES).vector),
+                pin.getFrameJacobian(model, data, index, _AXES),
+                pin.getFrameJacobianTimeVariation(model, data, index, _AXES),
+            )
+        return self._frames[index]
+
+    def joint_velocity(self, joint: int) -> Array:
+        """Velocity of a joint frame's origin, then angular (6,) [m/s, rad/s]."""
+        return np.array(pin.getVelocity(self.model, self.data, joint, _AXES).vector)
+
+    def joint_jacobian(self, joint: int) -> Array:
+        """Jacobian of a joint frame (6, nv), linear rows first."""
+        found: Array = pin.getJointJacobian(self.model, self.data, joint, _AXES)
+        return found
+
+    @functools.cached_property
+    def inertia(self) -> Array:
+        """Joint-space inertia (nv, nv), by the composite-rigid-body algorithm."""
+        upper = np.triu(pin.crba(self.model, self.model.createData(), self.q))
+        found: Array = upper + np.triu(upper, 1).T
+        return found
+
+    @functools.cached_property
+    def _newton_euler(self) -> Any:
+        data = self.model.createData()
+        pin.rnea(self.model, data, self.q, self.v, np.zeros(self.model.nv))
+        return data
+
+    @property
+    def bias(self) -> Array:
+        """Generalized forces of gravity, centrifugal and Coriolis accelerations (nv,)."""
+        return np.array(self._newton_euler.tau)
+
+    def inertia_force(self, root: int) -> Array:
+        """Force and torque (6,) that the subtree behind a joint takes at zero joint acceleration.
+
+        The recursive Newton-Euler algorithm leaves it as what the joint carries, in its own axes.
+        """
+        rotation, carried = self.data.oMi[root].rotation, self._newton_euler.f[root]
+        return np.concatenate([rotation @ carried.linear, rotation @ carried.angular])
+
+    def free_acceleration(self, effort: Array) -> Array:
+        """Acceleration (nv,) under generalized forces (nv,), by the articulated-body algorithm."""
+        return np.array(pin.aba(self.model, self.model.createData(), self.q, self.v, effort))
+
+    def proximity(self, pair: tuple[SceneShape, SceneShape], crown: float) -> Array:
+        """Gap [m], normal and point halfway [m] (7,) of two shapes, by coal's distances."""
+        places = [pin.SE3(f.rotation, f.position) for f in (self.frame(shape.frame) for shape in pair)]
+        gap, normal, point = shape_distance(pair, places, crown)
+        return np.concatenate([[gap], normal, point])
+
+    def opening(self, pair: tuple[SceneShape, SceneShape], near: Array) -> float:
+        """Rate of a gap [m/s], from its proximity (7,)."""
+        first, second = (
+            f.velocity[:3] + np.cross(f.velocity[3:], near[4:] - f.position)
+            for f in (self.frame(shape.frame) for shape in pair)
+        )
+        return float(near[1:4] @ (second - first))
+
+
+def coordinates(model: Any) -> list[tuple[slice, slice]]:
+    """Places of each joint's coordinates in q and v."""
+    return [
+        (slice(joint.idx_q, joint.idx_q + joint.nq), slice(joint.idx_v, joint.idx_v + joint.nv))
+        for joint in list(model.joints)[1:]
+    ]
+
+
+def configuration_rate(places: Sequence[tuple[slice, slice]], q: Array, v: Array) -> Array:
+    """Time derivative of Pinocchio's coordinates (nq,), joint by joint; q need not be normalised."""
+    rate: Array = np.concatenate([_joint_rate(q[own], v[speed]) for own, speed in places])
+    return rate
+
+
+def _joint_rate(q: Array, v: Array) -> Array:
+    if len(q) == len(v):
+        return v
+    if len(q) == 2:  # cos, sin
+        return np.array([-q[1] * v[0], q[0] * v[0]])
+    if len(q) == 4:  # x, y, cos, sin; velocity in the body's axes
+        cos, sin = q[2:] / np.hypot(q[2], q[3])
+        return np.array([cos * v[0] - sin * v[1], sin * v[0] + cos * v[1], -q[3] * v[2], q[2] * v[2]])
+    quaternion = pin.Quaternion(q[3:] / np.linalg.norm(q[3:]))
+    turned = quaternion * pin.Quaternion(np.array([*v[3:], 0.0]))
+    length = np.linalg.norm(q[3:])
+    rate: Array = np.concatenate([quaternion.toRotationMatrix() @ v[:3], 0.5 * length * turned.coeffs()])
+    return rate

@@ -1,0 +1,73 @@
+"""Measures over outputs that exist for some labels only.
+
+Where an element of a dimension declares no output that others do, its entries are constants that are not
+numbers (:func:`spacerobot.closedloop.outputs.combine`). An integral over one would end every rollout at its
+first step, and a cost made of one would have no value; so both are refused before anything is compiled.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import casadi as ca
+import numpy as np
+
+from spacerobot.errors import SpaceRobotError
+from spacerobot.rollout.closed_loop_protocol import ClosedLoopFunctions
+from spacerobot.rollout.measures import Measures
+
+
+def check_measures(loop: ClosedLoopFunctions, measures: Measures, outputs: Sequence[ca.SX]) -> None:
+    """Refuse integrals and costs that are no number whatever the rollout does.
+
+    Parameters
+    ----------
+    loop
+        The closed loop.
+    measures
+        What is gathered.
+    outputs
+        The loop's outputs as expressions, in their order, each (n,).
+
+    Raises
+    ------
+    SpaceRobotError
+        Names the measure or cost, the signal, and the labels for which that exists.
+    """
+    symbols = measures.signals.outputs
+    absent = {
+        name: [k for k in range(value.numel()) if value[k].is_constant() and np.isnan(float(value[k]))]
+        for name, value in zip(symbols, outputs, strict=True)
+    }
+    entries = [(name, symbols[name][k]) for name, places in absent.items() for k in places]
+    if not entries:
+        return
+
+    def refuse(what: str, signal: str) -> SpaceRobotError:
+        size = symbols[signal].numel()
+        variable = next((one for one in getattr(loop, "variables", ()) if one.name == signal), None)
+        labels = variable.labels if variable is not None else ()
+        each = size // len(labels) if labels else 1
+        there = [
+            f"{label} ({k * each}:{(k + 1) * each})"
+            for k, label in enumerate(labels)
+            if k * each not in absent[signal]
+        ]
+        return SpaceRobotError(
+            f"{what} depends on {signal!r} where that does not exist; take the entries of "
+            f"{', '.join(there) or 'no label'}"
+        )
+
+    r = {name: ca.SX.sym(name, measure.expression.numel()) for name, measure in measures.named.items()}
+    lost: list[tuple[str, ca.SX]] = []
+    for name, measure in measures.named.items():
+        for k in range(measure.expression.numel()):
+            found = [signal for signal, symbol in entries if ca.depends_on(measure.expression[k], symbol)]
+            if found and measure.kind == "integral":
+                raise refuse(f"the integral {name!r}", found[0])
+            lost += [(found[0], r[name][k])] if found else []
+    p = {path: ca.SX.sym(path) for path in loop.parameter_paths}
+    for name, cost in measures.cost_expressions(r, p).items() if lost else ():
+        for signal, entry in lost:
+            if ca.depends_on(cost, entry):
+                raise refuse(f"the cost {name!r}", signal)

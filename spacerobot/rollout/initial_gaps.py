@@ -1,0 +1,54 @@
+"""Whether a rollout begins closed: the gaps of grasps that its own numbers may open."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+import numpy.typing as npt
+
+from spacerobot.rollout.closed_loop_protocol import Array
+
+
+@dataclass(frozen=True)
+class Closure:
+    """Initial gaps, and how large they may be.
+
+    Attributes
+    ----------
+    gaps
+        ``(p) -> (gap)``, in m.
+    largest
+        Greatest gap allowed [m], by name of the grasp, in the same order.
+    """
+
+    gaps: ca.Function
+    largest: Mapping[str, float]
+
+    def measure(self, p: Array) -> Array:
+        """Gaps (N, n) [m] of rows of parameters (N, np); further columns are not read."""
+        if not self.largest:
+            return np.empty((len(p), 0))
+        found: Array = self.gaps(p[:, : self.gaps.numel_in(0)].T).full().T
+        return found
+
+    def is_open(self, gaps: Array) -> npt.NDArray[np.bool_]:
+        """Whether each row (N, n) has a gap that is too large (N,)."""
+        return np.asarray((gaps > list(self.largest.values())).any(axis=1), dtype=np.bool_)
+
+    def told(self, gaps: Array) -> tuple[str, ...]:
+        """What does not close in each row (N, n); empty where all does."""
+        if not self.largest:
+            return ("",) * len(gaps)
+        return tuple(unclosed(dict(zip(self.largest, row, strict=True)), self.largest) for row in gaps)
+
+
+def unclosed(gaps: Mapping[str, float], largest: Mapping[str, float]) -> str:
+    """Which grasps do not close, in words; empty if all do."""
+    return "; ".join(
+        f"{name} does not close: its gap is {gap:.4g} m, allowed max_gap {largest[name]:g} m"
+        for name, gap in gaps.items()
+        if gap > largest[name]
+    )

@@ -1,0 +1,106 @@
+"""A closed loop whose rollouts begin anywhere: at any time, in any state, with any switches."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from spacerobot.rollout.closed_loop_protocol import Array
+from spacerobot.rollout.trajectory import Trajectory
+
+
+def resumed(loop: Any) -> Any:
+    """The loop with its start as parameters, behind its own: time, state, switches.
+
+    Its rollouts count time from their start; what depends on time sees that of the whole.
+
+    Parameters
+    ----------
+    loop
+        A closed loop, a data class with what
+        :class:`spacerobot.rollout.closed_loop_protocol.ClosedLoopFunctions` names.
+    """
+    nx, np_ = loop.nq + loop.nv + loop.nz, len(loop.parameter_paths)
+    switches, jumps = list(loop.switches), list(loop.jumps)
+    p, own = ca.SX.sym("p", np_), ca.SX.sym("start", 1 + nx + len(switches))
+    begin, x0 = own[0], own[1 : 1 + nx]
+    c = loop.setup(p)[1]
+    for k, place in enumerate(switches):
+        c[place] = own[1 + nx + k]
+    for place in jumps:
+        c[place] -= begin
+    t, x, xdot, e = ca.SX.sym("t"), ca.SX.sym("x", nx), ca.SX.sym("xdot", nx), ca.SX.sym("e")
+    held = ca.SX.sym("c", c.numel() + 1)
+    at = (t + held[-1], x, _whole(held, jumps))
+    given, names = [t, x, held], ["t", "x", "c"]
+    return dataclasses.replace(
+        loop,
+        parameter_paths=(*loop.parameter_paths, *(f"start.{i}" for i in range(own.numel()))),
+        parameter_values=np.concatenate([loop.parameter_values, start_of(loop)]),
+        setup=ca.Function("setup", [ca.vertcat(p, own)], [x0, ca.vertcat(c, begin)], ["p"], ["x0", "c"]),
+        dynamics=ca.Function("dynamics", given, [loop.dynamics(*at)], names, ["xdot"]),
+        outputs=ca.Function("outputs", given, _all(loop.outputs, at), names, loop.outputs.name_out()),
+        gaps=ca.Function("gaps", [ca.vertcat(p, own)], [ca.SX(loop.gaps(p))], ["p"], ["gap"]),
+        guards=ca.Function(
+            "guards", [*given, xdot], _all(loop.guards, (*at, xdot)), [*names, "xdot"], ["g", "rate"]
+        ),
+        rows=ca.Function("rows", given, [loop.rows(*at)], names, ["row"]),
+        update=ca.Function("update", [*given, e], [loop.update(*at, e)], [*names, "e"], ["x_after"]),
+    )
+
+
+def start_of(loop: Any) -> Array:
+    """Where a loop begins by itself: time 0, its initial state, its switches."""
+    x0, c = (value.full().ravel() for value in loop.setup(loop.parameter_values))
+    return np.concatenate([[0.0], x0, c[list(loop.switches)]])
+
+
+def end_of(trajectory: Trajectory, start: Array, nx: int) -> Array:
+    """Where a rollout of a resumed loop ended, as the next one's start."""
+    events = trajectory.events
+    switches = np.array(events[-1].switches) if events else start[1 + nx :]
+    return np.concatenate([[start[0] + trajectory.time[-1]], trajectory.state[-1], switches])
+
+
+def joined(pieces: Sequence[tuple[float, Trajectory]]) -> Trajectory:
+    """Rollouts one after the other as one, each with the time [s] at which it began."""
+    first, last = pieces[0][1], pieces[-1][1]
+
+    def together(values: Sequence[Array]) -> Array:
+        """The samples of all; where one ends and another begins, the one that led up to it."""
+        return np.concatenate([values[0], *(value[1:] for value in values[1:])])
+
+    ended = last.ended_at_s
+    return dataclasses.replace(
+        last,
+        time=together([begin + piece.time for begin, piece in pieces]),
+        state=together([piece.state for _, piece in pieces]),
+        outputs={name: together([piece.outputs[name] for _, piece in pieces]) for name in first.outputs},
+        diverged_at_s=None if last.diverged_at_s is None else pieces[-1][0] + last.diverged_at_s,
+        steps=sum(piece.steps for _, piece in pieces),
+        wall_s=sum(piece.wall_s for _, piece in pieces),
+        step_error=float(np.max([piece.step_error for _, piece in pieces])),
+        events=tuple(
+            dataclasses.replace(event, time_s=begin + event.time_s)
+            for begin, piece in pieces
+            for event in piece.events
+        ),
+        ended_at_s=None if ended is None else pieces[-1][0] + ended,
+    )
+
+
+def _whole(held: ca.SX, jumps: Sequence[int]) -> ca.SX:
+    """Constants as the loop has them, with its jumps in the time of the whole."""
+    c = held[:-1]
+    for place in jumps:
+        c[place] += held[-1]
+    return c
+
+
+def _all(function: ca.Function, arguments: Sequence[ca.SX]) -> list[ca.SX]:
+    found = function(*arguments)
+    return list(found) if isinstance(found, tuple) else [found]

@@ -1,0 +1,86 @@
+"""Steps and samples of a rollout, all derived from whole numbers."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from spacerobot.errors import SpaceRobotError
+from spacerobot.rollout.closed_loop_protocol import Array
+
+ROUNDING = 1e-9
+"""Part of a step by which a length may exceed whole steps without another one."""
+
+
+@dataclass(frozen=True)
+class TimeGrid:
+    """A duration cut into equal sample intervals, each cut into equal steps.
+
+    Attributes
+    ----------
+    duration_s
+        The whole.
+    intervals
+        Number of sample intervals; there is one sample more.
+    every
+        Steps in each interval; one in which something jumps is cut there, and may have one more.
+    finer
+        Factor of the closed loop's own longest steps, those of contacts while they touch.
+    """
+
+    duration_s: float
+    intervals: int
+    every: int
+    finer: float = 1.0
+
+    @property
+    def steps(self) -> int:
+        """Steps in all, where nothing jumps."""
+        return self.intervals * self.every
+
+    @property
+    def step_s(self) -> float:
+        """Length of a step; none is longer."""
+        return self.duration_s / self.steps
+
+    @property
+    def halved(self) -> TimeGrid:
+        """The same samples, with steps of half the length."""
+        return replace(self, every=2 * self.every, finer=self.finer / 2)
+
+    @property
+    def time(self) -> Array:
+        """Sample times, shape (intervals + 1,): step index times step, never a sum."""
+        return np.asarray(np.arange(self.intervals + 1) * self.every * self.step_s, dtype=np.float64)
+
+
+def time_grid(duration_s: float, step_s: float, output_step_s: float | None = None) -> TimeGrid:
+    """Cut a duration into steps no longer than asked for.
+
+    Where a length does not divide the next one, it is taken a little shorter, so that everything fits
+    exactly.
+
+    Parameters
+    ----------
+    duration_s, step_s
+        Duration and longest step.
+    output_step_s
+        Longest time between samples; each step is a sample if None.
+
+    Raises
+    ------
+    SpaceRobotError
+        A length is not positive and finite.
+    """
+    sample_s = step_s if output_step_s is None else output_step_s
+    for name, value in (("duration", duration_s), ("step", step_s), ("output step", sample_s)):
+        if not (math.isfinite(value) and value > 0):
+            raise SpaceRobotError(f"the {name} of a rollout is {value} s, allowed: above zero and finite")
+    intervals = _pieces(duration_s, sample_s)
+    return TimeGrid(float(duration_s), intervals, _pieces(duration_s / intervals, step_s))
+
+
+def _pieces(whole: float, piece: float) -> int:
+    return max(1, math.ceil(whole / piece * (1 - ROUNDING)))

@@ -1,0 +1,359 @@
+"""Each room knows only the rooms behind it, and nobody knows the command line."""
+
+import ast
+from functools import cache
+from graphlib import TopologicalSorter
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+
+EVERYWHERE = {"arrays", "errors", "notebook"}
+"""What every room of the library may import."""
+
+KNOWS = {
+    "spacerobot.arrays": set(),
+    "spacerobot.errors": set(),
+    "spacerobot.notebook": set(),
+    "spacerobot.interrupts": set(),
+    "spacerobot.files": set(),
+    "spacerobot.lazy_names": set(),
+    "spacerobot.section": set(),
+    "spacerobot.dynamics": set(),
+    "spacerobot.symbolic": {"dynamics"},
+    "spacerobot.shapes": {"dynamics"},
+    "spacerobot.elements": {"files", "section", "description", "dynamics", "shapes", "symbolic"},
+    "spacerobot.quantities": set(),
+    "spacerobot.scenario": {"section", "elements", "shapes", "quantities"},
+    "spacerobot.description": {"files"},
+    "spacerobot.scene": {"files", "section", "elements", "scenario", "description", "shapes"},
+    "spacerobot.closedloop": {"section", "elements", "symbolic", "scenario", "scene", "dynamics", "shapes"},
+    "spacerobot.progress": set(),
+    "spacerobot.compiled": {"interrupts", "progress"},
+    "spacerobot.rollout": {"compiled"},
+    "spacerobot.loop_cache": {"closedloop", "compiled", "elements", "scenario", "scene"},
+    "spacerobot.pinocchio_engine": {
+        "section",
+        "dynamics",
+        "symbolic",
+        "shapes",
+        "elements",
+        "scenario",
+        "scene",
+        "closedloop",
+        "rollout",
+    },
+    "spacerobot.result": {"files", "interrupts", "elements", "scenario", "scene", "closedloop", "rollout"},
+    "spacerobot.simulation": {"closedloop", "loop_cache", "pinocchio_engine", "result", "rollout", "scene"},
+    "spacerobot.paper": {"result", "scene", "simulation"},
+}
+"""What each room of the library may import, the command line aside."""
+
+BUILT_ON = {
+    "optim.json_values": set(),
+    "optim.workers": set(),
+    "optim.problem": {"optim.workers"},
+    "optim.evaluation": {"optim.problem"},
+    "optim.search": {"optim.problem", "optim.workers"},
+    "optim.methods": {"optim.problem", "optim.search", "optim.workers"},
+    "optim.planning": set(),
+    "optim.planning.formulation": set(),
+    "optim.planning.solver": set(),
+    "optim.planning.transcription": {"optim.planning.formulation", "optim.planning.solver"},
+    "optim.planning.verification": {
+        "optim.planning.formulation",
+        "optim.planning.solver",
+        "optim.planning.transcription",
+    },
+    "optim.planning.search": {
+        "optim.json_values",
+        "optim.problem",
+        "optim.workers",
+        "optim.planning.formulation",
+        "optim.planning.solver",
+        "optim.planning.transcription",
+        "optim.planning.verification",
+    },
+    "optim.planning.studies": {
+        "optim.problem",
+        "optim.planning.formulation",
+        "optim.planning.solver",
+        "optim.planning.transcription",
+        "optim.planning.search",
+    },
+    "optim.planning.output": {
+        "optim.json_values",
+        "optim.problem",
+        "optim.planning.formulation",
+        "optim.planning.transcription",
+        "optim.planning.verification",
+        "optim.planning.search",
+        "optim.planning.studies",
+    },
+    "optim.planning.mpc": {
+        "optim.planning.formulation",
+        "optim.planning.solver",
+        "optim.planning.transcription",
+        "optim.planning.verification",
+        "optim.planning.search",
+    },
+    "optim.tuning": {"optim.problem", "optim.search", "optim.methods", "optim.workers"},
+    "optim.campaign.sampling": {"optim.problem"},
+    "optim.campaign.rollouts": {"optim.problem", "optim.campaign.sampling"},
+    "optim.campaign.store": {"optim.campaign.rollouts"},
+    "optim.campaign.analysis": {
+        "optim.problem",
+        "optim.campaign.sampling",
+        "optim.campaign.rollouts",
+        "optim.campaign.store",
+    },
+    "optim.campaign": {
+        "optim.problem",
+        "optim.workers",
+        "optim.campaign.rollouts",
+        "optim.campaign.store",
+        "optim.campaign.analysis",
+    },
+    "optim.robust": {
+        "optim.json_values",
+        "optim.problem",
+        "optim.search",
+        "optim.methods",
+        "optim.workers",
+        "optim.campaign.sampling",
+        "optim.campaign.analysis",
+    },
+    "optim.comparison": {
+        "optim.json_values",
+        "optim.problem",
+        "optim.search",
+        "optim.methods",
+        "optim.workers",
+        "optim.robust",
+    },
+    "viz.drawing": set(),
+    "viz.figures": {"viz.drawing"},
+    "viz.page": {"viz.drawing", "viz.figures"},
+    "viz.record": {"viz.drawing", "viz.figures"},
+    "viz.readme_picture": {"viz.record"},
+    "viz.studio": {
+        "viz.drawing",
+        "viz.page",
+        "viz.record",
+        "optim.problem",
+        "optim.search",
+        "optim.methods",
+        "optim.campaign.sampling",
+        "optim.campaign.rollouts",
+    },
+    "viz.report": {"viz.page", "viz.figures", "optim.comparison"},
+}
+"""What each room of tuning and of pictures may import beside the library."""
+
+
+@cache
+def parsed(path):
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+def nodes(path):
+    """Every node of a file but those for type checkers alone, which load nothing."""
+    waiting = [parsed(path)]
+    while waiting:
+        node = waiting.pop()
+        yield node
+        for child in ast.iter_child_nodes(node):
+            if (
+                isinstance(child, ast.If)
+                and isinstance(child.test, ast.Name)
+                and child.test.id == "TYPE_CHECKING"
+            ):
+                waiting += child.orelse
+            else:
+                waiting.append(child)
+
+
+def imports(path):
+    """Modules that a file imports, at any depth."""
+    for node in nodes(path):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.module, f"{path}: relative import"
+            assert not node.level, f"{path}: relative import"
+            # `from spacerobot import x` names a room, or a name of the package itself
+            yield from (
+                (f"spacerobot.{a.name}" for a in node.names) if node.module == "spacerobot" else [node.module]
+            )
+
+
+def files(room):
+    place = ROOT / room.replace(".", "/")
+    found = sorted(place.rglob("*.py")) if place.is_dir() else [place.with_suffix(".py")]
+    assert found
+    return found
+
+
+def modules():
+    """Path of each module by its dotted name."""
+    paths = [path for top in ("spacerobot", "optim", "viz") for path in files(top)]
+    return {
+        ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): path
+        for path in paths
+    }
+
+
+def edges():
+    """Modules that each module imports, at any depth."""
+    found = {}
+    for module, path in MODULES.items():
+        found[module] = set()
+        for node in nodes(path):
+            if isinstance(node, ast.Import):
+                found[module] |= {alias.name for alias in node.names} & MODULES.keys()
+            elif isinstance(node, ast.ImportFrom):
+                inside = {f"{node.module}.{alias.name}" for alias in node.names} & MODULES.keys()
+                found[module] |= inside or {node.module} & MODULES.keys()
+    return found
+
+
+MODULES = modules()
+EDGES = edges()
+
+
+@pytest.mark.parametrize("room", KNOWS)
+def test_a_room_knows_only_the_rooms_behind_it(room):
+    own = room.split(".")[1]
+    for path in files(room):
+        for module in imports(path):
+            top, _, rest = module.partition(".")
+            assert top not in ("optim", "viz", "tests", "benchmarks"), f"{path}: {module}"
+            if top == "spacerobot" and rest:
+                assert rest.split(".")[0] in KNOWS[room] | EVERYWHERE | {own}, f"{path}: {module}"
+
+
+def room_of(module):
+    """The listed room that a module of ``optim`` or ``viz`` stands in."""
+    parts = module.split(".")
+    heads = (".".join(parts[:k]) for k in range(len(parts), 1, -1))
+    return next(head for head in heads if head in BUILT_ON)
+
+
+@pytest.mark.parametrize("package", ["optim", "viz"])
+def test_a_room_of_tuning_or_pictures_knows_only_the_rooms_behind_it(package):
+    for module, path in MODULES.items():
+        if module.startswith(f"{package}."):
+            room = room_of(module)
+            for known in EDGES[module]:
+                if known.partition(".")[0] in ("optim", "viz"):
+                    assert room_of(known) in BUILT_ON[room] | {room}, f"{path}: {known}"
+
+
+def test_no_room_knows_itself_by_way_of_others():
+    tuple(TopologicalSorter(BUILT_ON).static_order())
+    tuple(TopologicalSorter(KNOWS).static_order())
+
+
+def test_no_module_knows_itself_by_way_of_others():
+    """The front doors aside, which load nothing before a name is used."""
+    doors = {"spacerobot", "optim", "viz"}
+    tuple(
+        TopologicalSorter({m: known - doors for m, known in EDGES.items() if m not in doors}).static_order()
+    )
+
+
+def test_every_room_of_the_library_is_listed():
+    here = {
+        f"spacerobot.{p.stem}"
+        for p in (ROOT / "spacerobot").iterdir()
+        if p.suffix == ".py" or (p / "__init__.py").exists()
+    }
+    on_top = {"spacerobot.__init__", "spacerobot.__main__", "spacerobot.api", "spacerobot.cli"}
+    assert here - on_top == set(KNOWS)
+
+
+def test_every_room_stands_in_the_documentation():
+    told = (ROOT / "docs" / "explanation" / "architecture.md").read_text(encoding="utf-8")
+    rooms = [room.replace(".", "/") for room in (*KNOWS, *BUILT_ON)]
+    assert [room for room in rooms if f"`{room}`" not in told] == []
+
+
+@pytest.mark.parametrize("package", ["optim", "viz", "spacerobot.api", "spacerobot.cli"])
+def test_nothing_that_ships_knows_tests_and_benchmarks(package):
+    for path in files(package):
+        assert not any(module.partition(".")[0] in ("tests", "benchmarks") for module in imports(path)), path
+
+
+def test_tuning_knows_nothing_of_pictures():
+    for path in files("optim"):
+        assert not any(module.partition(".")[0] == "viz" for module in imports(path)), path
+
+
+def test_commands_import_what_is_built_on_the_library_only_when_they_need_it():
+    for path in [*files("spacerobot.cli"), *files("spacerobot.api")]:
+        for node in parsed(path).body:
+            if isinstance(node, ast.Import | ast.ImportFrom):
+                names = [node.module] if isinstance(node, ast.ImportFrom) else [a.name for a in node.names]
+                assert not any(name.partition(".")[0] in ("optim", "viz") for name in names), path
+
+
+@pytest.mark.parametrize("package", ["optim", "viz"])
+def test_nobody_but_the_command_line_prints_or_knows_it(package):
+    rooms = [path for room in KNOWS for path in files(room)] + files(package)
+    for path in rooms:
+        if path.name in ("__main__.py", "readme_picture.py"):
+            continue
+        assert not any(module.startswith("spacerobot.cli") for module in imports(path)), path
+        calls = (n for n in ast.walk(parsed(path)) if isinstance(n, ast.Call))
+        assert not any(isinstance(c.func, ast.Name) and c.func.id == "print" for c in calls), path
+
+
+LONGEST_FUNCTION, LONGEST_MODULE, MOST_PARAMETERS = 120, 700, 6
+
+
+def functions(path):
+    for node in ast.walk(parsed(path)):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            first = min([node.lineno, *(decorator.lineno for decorator in node.decorator_list)])
+            yield node.name, node.end_lineno - first + 1
+
+
+def everything():
+    return [path for top in ("spacerobot", "optim", "viz", "benchmarks") for path in files(top)]
+
+
+def test_functions_fit_on_a_screen():
+    long = {
+        f"{path.relative_to(ROOT).as_posix()}: {name}"
+        for path in everything()
+        for name, lines in functions(path)
+        if lines > LONGEST_FUNCTION
+    }
+    assert long == set()
+
+
+def parameters(node):
+    """How many parameters a function takes, the object or class that it belongs to aside."""
+    every = [*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs]
+    return len(every) - (bool(every) and every[0].arg in ("self", "cls"))
+
+
+def test_functions_take_few_parameters():
+    """Commands aside, whose parameters are the command line's options."""
+    many = set()
+    for path in everything():
+        place = path.relative_to(ROOT).as_posix()
+        for node in ast.walk(parsed(path)):
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                command = place.startswith("spacerobot/cli/") and (
+                    node.name == "command" or node.decorator_list
+                )
+                if parameters(node) > MOST_PARAMETERS and not command:
+                    many.add(f"{place}: {node.name}")
+    assert many == set()
+
+
+def test_modules_stay_short():
+    lengths = {path: len(path.read_text(encoding="utf-8").splitlines()) for path in everything()}
+    assert [path for path, lines in lengths.items() if lines > LONGEST_MODULE] == []

@@ -1,0 +1,300 @@
+"""Plans that are made anew in flight, from what sensors show; rollouts that go on from where they were."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from optim.planning.formulation.formulate import formulate
+from optim.planning.mpc.horizon import Horizon
+from optim.planning.mpc.measured_state import measured_state, sensors_of
+from optim.planning.mpc.simulation import mpc_settings, simulate_mpc
+from optim.planning.search.plan_solver import PlanSolver
+from spacerobot.closedloop import build_closed_loop
+from spacerobot.errors import ScenarioError
+from spacerobot.rollout import build_rollout
+from spacerobot.rollout.resumable_loop import end_of, joined, resumed, start_of
+from spacerobot.scene import load_scene
+from tests.oracles.small_scenes import PLANAR, small_scene
+
+LEAD = {"kind": "mpc", "period": 0.5, "min_horizon": 1.0, "kp": 2, "kd": 1}
+FLIGHT = [
+    ("robots.one.controllers", {"lead": LEAD}),
+    ("robots.one.sensors.target_velocity", {"scale": 0.5, "offset": 0.01}),
+    ("plan.intervals", 4),
+    ("plan.duration", 3),
+]
+
+
+def miss(result, scene):
+    """Distance of the tip from its mating frame at the end [m]."""
+    data = scene.model.createData()
+    pin.framesForwardKinematics(scene.model, data, result.data.q.values[-1])
+    mate = scene.model.getFrameId("target/mate_1", pin.FrameType.BODY)
+    return float(np.linalg.norm(data.oMf[scene.tips[0].frame].translation - data.oMf[mate].translation))
+
+
+def test_plans_made_anew_take_back_what_sensors_misread(reach):
+    scene = reach(*FLIGHT)
+    flown = simulate_mpc(scene, backend="interpreted")
+    once = simulate_mpc(
+        reach(*FLIGHT, ("robots.one.controllers.lead.min_horizon", 100)), backend="interpreted"
+    )
+    assert miss(once, scene) > 0.015
+    assert miss(flown, scene) < 0.45 * miss(once, scene)  # the last plan is one second old of three
+    told = flown.summary["mpc"]
+    assert (told["plans"], told["missed"], once.summary["mpc"]["plans"]) == (5, 0, 1)
+    assert flown.completed
+    np.testing.assert_allclose(flown.data.time.values, np.linspace(0, 3, 31), atol=1e-12)
+    assert np.abs(np.diff(flown.data.momentum_linear.values, axis=0)).max() < 1e-12
+    again = simulate_mpc(scene, backend="interpreted")
+    np.testing.assert_array_equal(again.data.q.values, flown.data.q.values)
+    assert again.summary["mpc"]["iterations"] == told["iterations"]
+
+
+def test_where_no_plan_is_found_the_last_one_is_flown_on(reach, monkeypatch):
+    from optim.planning.mpc import horizon
+
+    whole = simulate_mpc(
+        reach(*FLIGHT, ("robots.one.controllers.lead.min_horizon", 100)), backend="interpreted"
+    )
+    real = horizon.solve
+    monkeypatch.setattr(horizon, "solve", lambda *a, **k: real(*a, **(k | {"iterations": 1})))
+    lost = simulate_mpc(reach(*FLIGHT), backend="interpreted")
+    assert lost.summary["mpc"]["missed"] == 4
+    np.testing.assert_allclose(lost.data.q.values, whole.data.q.values, atol=1e-9)
+
+
+def test_a_rollout_in_pieces_is_the_whole_one():
+    changes = {
+        "robots.one.sensors.target_position": {"kind": "sampled", "period": 0.13, "offset": 0.02},
+        "robots.one.tips.tip.reference": {
+            "kind": "rendezvous",
+            "frame": "mate_2",
+            "standoff": 0.3,
+            "approach_time": 0.7,
+        },
+        "robots.one.tips.tip.pid": {"kp": 20, "ki": 5, "kd": 3},
+    }
+    loop = build_closed_loop(small_scene(PLANAR, changes))
+    assert loop.events
+    assert loop.jumps or loop.switches
+    options = {"step_s": 0.02, "output_step_s": 0.1, "backend": "interpreted"}
+    whole = build_rollout(loop, duration_s=1.2, **options).run()
+    half, start, pieces = build_rollout(resumed(loop), duration_s=0.6, **options), start_of(loop), []
+    for begin in (0.0, 0.6):
+        pieces.append((begin, half.run(np.concatenate([loop.parameter_values, start]))))
+        start = end_of(pieces[-1][1], start, loop.nx)
+    found = joined(pieces)
+    np.testing.assert_allclose(found.time, whole.time, atol=1e-12)
+    np.testing.assert_allclose(found.state, whole.state, atol=1e-7)
+    assert [e.event for e in found.events] == [e.event for e in whole.events]
+    np.testing.assert_allclose([e.time_s for e in found.events], [e.time_s for e in whole.events], atol=1e-9)
+
+
+def test_the_target_is_where_sensors_show_it(reach):
+    scene = reach(
+        ("robots.one.sensors.target_position.offset", 0.1), ("robots.one.sensors.target_spin.scale", 2.0)
+    )
+    state = np.concatenate([scene.q, scene.v])
+    seen = measured_state(scene, scene.scenario.plan, sensors_of(scene), state)
+    joint = scene.model.joints[scene.target.root_joint]
+    shift = np.zeros(len(state))
+    shift[joint.idx_q : joint.idx_q + 2] = 0.1
+    np.testing.assert_allclose((seen - state)[: scene.model.nq], shift[: scene.model.nq], atol=1e-12)
+    spin = scene.model.nq + joint.idx_v + 2
+    assert seen[spin] == pytest.approx(2 * state[spin])
+
+
+def test_the_target_is_turned_as_its_sensor_shows_about_the_mating_frame(reach):
+    scene = reach(
+        ("robots.one.sensors.target_orientation.offset", 0.1),
+        ("robots.one.sensors.joint_position.offset", 0.02),
+    )
+    model, state = scene.model, np.concatenate([scene.q, scene.v])
+    tip, mate = scene.tips[0].frame, model.getFrameId("target/mate_1", pin.FrameType.BODY)
+    away, angle, velocity = [], [], []
+    for q in (state, measured_state(scene, scene.scenario.plan, sensors_of(scene), state)):
+        data = model.createData()
+        pin.forwardKinematics(model, data, q[: model.nq], q[model.nq :])
+        pin.updateFramePlacements(model, data)
+        away.append(data.oMf[mate].translation - data.oMf[tip].translation)
+        angle.append(pin.log3(data.oMf[mate].rotation @ data.oMf[tip].rotation.T)[2])
+        velocity.append(
+            pin.getFrameVelocity(model, data, mate, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED).vector
+        )
+    np.testing.assert_allclose(away[1], away[0], atol=1e-12)  # relative to where the tip seems to be
+    assert angle[1] - angle[0] == pytest.approx(0.1)
+    np.testing.assert_allclose(velocity[1], velocity[0], atol=1e-12)
+
+
+def test_the_base_is_where_its_sensors_show_it(reach):
+    errors = {"position": 0.01, "orientation": 0.02, "velocity": 0.03, "spin": 0.04}
+    scene = reach(*((f"robots.one.sensors.base_{key}.offset", error) for key, error in errors.items()))
+    nq, joint = scene.model.nq, scene.model.joints[scene.robots[0].root_joint]
+    q, v = np.split(
+        measured_state(scene, scene.scenario.plan, sensors_of(scene), np.append(scene.q, scene.v)), [nq]
+    )
+    x, y, cos, sin = q[joint.idx_q : joint.idx_q + 4]
+    np.testing.assert_allclose([x, y, np.arctan2(sin, cos)], [-0.49, 0.01, 0.02], atol=1e-12)
+    turned = np.array([[cos, sin], [-sin, cos]]) @ [0.03, 0.03]  # own axes
+    np.testing.assert_allclose(v[joint.idx_v : joint.idx_v + 3], [*turned, 0.04], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ([("plan.duration", {"lower": 2, "upper": 3})], "found 2 to 3 s, allowed with kind mpc"),
+        ([("plan.duration", 3.2)], "so many periods of 0.5 s"),
+        ([("robots.one.controllers", {})], "has no controller of kind mpc"),
+        (
+            [("robots.one.sensors.target_spin", {"kind": "sampled", "period": 0.2})],
+            "target_spin.period: found 0.2 s",
+        ),
+        ([("plan.start", {"one": {"position": [0.1, 0, 0]}})], "found a free start"),
+        (
+            [("phases", {"come": {"until": {"time": 3}}, "wait": {}})],
+            "phases.wait.robots.one.controllers: plans are made in the first phase alone; write `lead: null`",
+        ),
+        ([("phases", {"wait": {"robots": {"one": {"controllers": {"lead": None}}}}})], "rests in the first"),
+        ([("robots.one.controllers.lead.delay", 0.6)], "delay: found 0.6 s, allowed: at most the period"),
+        ([("plan.limits.base_force", 1.0)], "found an actuator on a base, allowed with kind mpc"),
+    ],
+)
+def test_what_does_not_fit_is_refused_in_one_line(reach, changes, message):
+    with pytest.raises(ScenarioError, match=message):
+        simulate_mpc(reach(*FLIGHT, *changes), backend="interpreted")
+
+
+def test_what_cannot_plan_in_flight_says_so(reach):
+    with pytest.raises(ScenarioError, match=r"robots.one.controllers.lead: kind mpc plans anew") as fault:
+        build_closed_loop(reach(*FLIGHT))
+    assert fault.value.exit_code == 2
+
+
+@pytest.mark.parametrize("name", ["receding", "docking-receding"])
+def test_the_examples_are_read(name):
+    scene = load_scene(f"examples/{name}.yaml")
+    assert not scene.warnings
+    assert mpc_settings(scene).period > 0
+
+
+SLOW = [
+    ("plan.duration", 2),
+    ("robots.one.controllers.lead.iterations", 30),
+    ("target.base.velocity", [0.002, 0.004, 0]),
+    ("target.base.spin_deg", [0, 0, 0.5]),
+    ("robots.one.tips.tip.pid", {"kp": 20, "kd": 10}),
+    (
+        "grasps",
+        {
+            "grip": {
+                "tip": "one/tip",
+                "frame": "mate_1",
+                "kind": "compliant",
+                "begins": "open",
+                "stiffness": 20,
+                "damping": 4,
+                "capture": {"distance": 0.02, "closing_speed": 0.05, "lateral_speed": 0.05, "dwell": 0.1},
+            }
+        },
+    ),
+    (
+        "phases",
+        {
+            "come": {
+                "robots": {"one": {"tips": {"tip": {"pid": None}}}},
+                "until": {"captured": ["grip"]},
+                "timeout": 4,
+                "on_timeout": "end",
+            },
+            "hold": {"robots": {"one": {"controllers": {"lead": None}}}, "until": {"time": 0.5}},
+        },
+    ),
+]
+"""Comes to the target by plans, is captured, and holds it by its own controllers."""
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.3])
+def test_plans_lead_in_the_first_phase_until_the_capture(reach, delay):
+    lead = ("robots.one.controllers.lead.delay", delay)
+    flown = simulate_mpc(reach(*FLIGHT, *SLOW, lead), backend="interpreted")
+    kinds = [event["kind"] for event in flown.summary["events"]]
+    assert kinds[-3:] == ["captured", "phase", "end"]
+    captured = next(event["time_s"] for event in flown.summary["events"] if event["kind"] == "captured")
+    assert 1.5 < captured < 3
+    assert flown.summary["status"]["reached_s"] == pytest.approx(captured + 0.5)
+    told = flown.summary["mpc"]
+    assert (told["delay_s"], told["missed"]) == (delay, 0)
+
+
+def test_behind_the_delay_a_plan_begins_where_the_model_comes_to(reach, monkeypatch):
+    real, begun = Horizon.replan, []
+    monkeypatch.setattr(
+        Horizon,
+        "replan",
+        lambda self, begin, seen, most: (begun.append((begin, seen)), real(self, begin, seen, most)),
+    )
+    scene = reach(*FLIGHT[:1], *FLIGHT[2:], ("plan.duration", 2), ("robots.one.controllers.lead.delay", 0.3))
+    flown = simulate_mpc(scene, backend="interpreted")
+    assert [begin for begin, _ in begun] == pytest.approx([0.8])
+    there = flown.data.sel(time=0.8, method="nearest")
+    np.testing.assert_allclose(begun[0][1], np.append(there.q.values, there.v.values), atol=1e-9)
+
+
+def test_a_limit_that_is_violated_already_is_not_to_be_violated_more(reach):
+    scene = reach(*FLIGHT, ("plan.limits.base_rotation_deg", 5))
+    solver = PlanSolver.of(scene, "interpreted")
+    state = np.concatenate([scene.q, scene.v])
+    horizon = Horizon.of(solver, state, 1.0)
+    joint = scene.model.joints[scene.robots[0].root_joint]
+    angle = np.radians(-5.1)
+    state[joint.idx_q + 2 : joint.idx_q + 4] = np.cos(angle), np.sin(angle)
+    horizon.replan(0.5, state, 60)
+    assert horizon.missed == 0
+    wider = [
+        (old.upper, new.upper)
+        for old, new in zip(solver.problem.path, horizon.motion.problem.path, strict=True)
+        if old.upper != new.upper
+    ]
+    assert len(wider) == 1
+    assert wider[0][0] < wider[0][1] < 1.1 * wider[0][0]
+
+
+def test_what_is_left_of_a_plan_is_the_next_one(reach):
+    scene = reach(*FLIGHT, ("plan.intervals", 6))
+    horizon = Horizon.of(PlanSolver.of(scene, "interpreted"), np.concatenate([scene.q, scene.v]), 0.5)
+    times = np.linspace(1, 3, 9)
+    whole = horizon.at(times)
+    horizon.replan(1.0, np.concatenate([whole[0][0], whole[1][0]]), 60)
+    assert horizon.motion.intervals == 4
+    assert horizon.iterations[-1] <= 2  # multipliers and unknowns are nearly those of the solution
+    for new, old in zip(horizon.at(times)[:2], whole[:2], strict=True):
+        np.testing.assert_allclose(new, old, atol=2e-4)
+
+
+def test_plans_are_made_with_a_model_of_their_own(reach):
+    """A base that plans take for 30 % lighter: made anew they arrive, one plan does not."""
+    mass = reach().scenario.robots["one"].links["base"].mass
+    model = ("plan.model", {"robots.one.links.base.mass": 0.7 * mass})
+    scene = reach(FLIGHT[0], *FLIGHT[2:], model)
+    base = scene.robots[0].root_joint
+    assert formulate(scene).stage.scene.model.inertias[base].mass < 0.8 * scene.model.inertias[base].mass
+    exact, flown, once = (
+        simulate_mpc(reach(FLIGHT[0], *FLIGHT[2:], *more), backend="interpreted")
+        for more in ((), (model,), (model, ("robots.one.controllers.lead.min_horizon", 100)))
+    )
+    misses = [miss(one, scene) for one in (exact, flown, once)]
+    assert misses[0] < misses[1] < 0.6 * misses[2]
+
+
+@pytest.mark.parametrize(
+    ("path", "message"),
+    [
+        ("robots.one.links.bass.mass", "plan.model: robots.one.links"),
+        ("simulation.duration", "allowed: paths in robots, target"),
+        ("robots.one.base.position", "changes where or with what the motion begins"),
+    ],
+)
+def test_a_model_that_is_no_model_of_the_plant_is_refused(reach, path, message):
+    with pytest.raises(ScenarioError, match=message):
+        formulate(reach(("plan.model", {path: [0, 1, 0] if "position" in path else 1.0})))

@@ -1,0 +1,156 @@
+"""A plan beside what was flown of it: pale bodies, planned curves, keep-out shapes and approach cones."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import xarray as xr
+from scipy.interpolate import CubicSpline
+
+from spacerobot.arrays import Array
+from spacerobot.elements.plan_limit import ApproachCone
+from spacerobot.errors import ResultError
+from spacerobot.result import Result
+from spacerobot.scenario.plan import PlanSection
+from spacerobot.scene import Scene
+from spacerobot.scene.contacts import find_pairs
+from viz.drawing.motion import BodyMotion, DrawnSolid, SceneGeometry, pad_solids, place, scene_nodes
+from viz.page.animation import FRAMES_PER_S, animation
+from viz.page.meshcat_scene import packed, poses, rounded, solid_data
+
+CONE = (0.55, 0.8, 1.0, 0.25)
+"""Colour and opacity of approach cones."""
+LONG = 0.1
+"""Length of a cone, as a part of the scene's size."""
+
+
+def beside_its_plan(flown: Result, scene: Scene, plan: xr.Dataset) -> dict[str, Any]:
+    """Data of a page that plays a result, and pale over it the plan that it follows.
+
+    Parameters
+    ----------
+    flown
+        The result.
+    scene
+        Of the plan, its plan section in it.
+    plan
+        What stands in ``plan.nc``.
+
+    Raises
+    ------
+    ResultError
+        If the result has other bodies or joints.
+    """
+    if flown.data.q.shape[1] != plan.q.shape[1]:
+        raise ResultError("was not flown by this plan: its bodies are others", source=flown.folder)
+    data = animation(flown, title=f"{flown.scenario.name}: the plan, followed")
+    (run,) = data["runs"]
+    motion = _motion(scene, plan)
+    ghost = run | {
+        "label": "plan",
+        "pale": True,
+        "completed": True,
+        "time": packed(motion.time),
+        "poses": poses(motion),
+        "tips": packed(_over(plan.time.values, plan.tip_position.values, motion.time)),
+        "target": _target(scene, motion, run["target"]),
+        "fine_time": packed(plan.time.values),
+        "errors": [],
+        "quantities": list(_curves(run["quantities"], plan)),
+    }
+    marked = _marks(scene, float(data["scale"]))
+    nodes = [
+        node | {"solids": [*node["solids"], *marked.get(own.joint, ())]}
+        for node, own in zip(run["nodes"], scene_nodes(flown.scene()), strict=True)
+    ]
+    return data | {"runs": [run | {"nodes": nodes}, ghost], "over": True}
+
+
+def _motion(scene: Scene, plan: xr.Dataset) -> BodyMotion:
+    """The plan's motion in frames; between its points configurations are splined."""
+    end = float(plan.time.values[-1])
+    time = np.linspace(0.0, end, max(2, round(end * FRAMES_PER_S) + 1))
+    q = _over(plan.time.values, plan.q.values, time)
+    return place(scene, SceneGeometry.of(scene), q, time)
+
+
+def _over(time: Array, values: Array, wanted: Array) -> Array:
+    """Values between rows; where two phases meet, one of two rows of the same time is taken."""
+    first = np.append(True, np.diff(time) > 0)
+    return np.asarray(CubicSpline(time[first], values[first], axis=0)(wanted))
+
+
+def _target(scene: Scene, motion: BodyMotion, flown: Any) -> Any:
+    """Path of the target's root, where there is a target."""
+    if flown is None or scene.target is None:
+        return None
+    names = [(node.body, node.is_base) for node in motion.nodes]
+    return packed(motion.position[:, names.index((scene.target.name, True))])
+
+
+def _curves(quantities: list[dict[str, Any]], plan: xr.Dataset) -> Iterator[dict[str, Any]]:
+    """Planned curves of the quantities that are flown and planned."""
+    known = {"joint angle": ("joint_position", 180 / np.pi), "joint torque": ("torque", 1.0)}
+    labels = [str(joint) for joint in plan.joint.values]
+    for quantity in quantities:
+        name, scale = known.get(quantity["title"], (None, 1.0))
+        if name is not None:
+            signals = [
+                signal | {"values": packed(plan[name].sel(joint=signal["name"]).values * scale)}
+                for signal in quantity["signals"]
+                if signal["name"] in labels
+            ]
+            yield quantity | {"signals": signals}
+
+
+def _marks(scene: Scene, size: float) -> dict[int, list[dict[str, Any]]]:
+    """What keeps out and where tips come in, by the joint that carries it."""
+    plan = scene.scenario.plan
+    found: dict[int, list[dict[str, Any]]] = {}
+    if plan is None:
+        return found
+    for joint, solid in _kept_out(scene, plan):
+        found.setdefault(joint, []).append(solid_data(solid))
+    cones = {
+        (section, name): limit.approach_cone
+        for part in plan.by_phase.values()
+        for section, name, limit in part.every_limit()
+    }
+    for cone in filter(None, cones.values()):
+        frame = scene.model.frames[scene.model.getFrameId(f"target/{cone.frame}", pin.FrameType.BODY)]
+        found.setdefault(int(frame.parentJoint), []).append(
+            _cone(frame.placement.homogeneous, cone, LONG * size)
+        )
+    return found
+
+
+def _kept_out(scene: Scene, plan: PlanSection) -> Iterator[tuple[int, DrawnSolid]]:
+    """Pads that stay apart, each once."""
+    pairs = [
+        pair
+        for part in plan.by_phase.values()
+        for section, name, limit in part.every_limit()
+        if (apart := limit.separated) is not None
+        for pair in find_pairs(scene, apart.between, apart.wrap, f"plan.{section}.{name}")
+    ]
+    for shape in {shape.label: shape for pair in pairs for shape in pair if shape.path is not None}.values():
+        for solid in pad_solids(scene, shape, pairs):
+            yield shape.joint, solid
+
+
+def _cone(frame: Array, cone: ApproachCone, length: float) -> dict[str, Any]:
+    """A cone that opens from its mating frame against the direction of approach."""
+    back = -np.array(cone.axis) / np.linalg.norm(cone.axis)
+    turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), back).toRotationMatrix()
+    placement = np.eye(4)
+    placement[:3, :3], placement[:3, 3] = turn, back * length / 2
+    wide = cone.radius + length * np.tan(np.radians(cone.half_angle_deg))
+    return {
+        "kind": "cone",
+        "size": rounded([cone.radius, wide, length]),
+        "rgba": list(CONE),
+        "matrix": rounded((frame @ placement).T),
+    }

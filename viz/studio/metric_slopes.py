@@ -1,0 +1,74 @@
+"""Slopes of a metric from rollouts alone: what the page is told while exact gradients are being compiled."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+
+from spacerobot.errors import ScenarioError
+from viz.studio.metrics import Metric
+from viz.studio.parameters import Leaf
+from viz.studio.prepared_design import PreparedDesign
+
+SHARE = 1e-4
+"""Half a difference's width, as a share of the number, or of its slider where it is zero."""
+
+
+PART_S = 0.3
+"""After so long what is known is told."""
+
+
+def differences(
+    plant: PreparedDesign,
+    numbers: Mapping[str, float],
+    metric: Metric,
+    paths: Sequence[str],
+    halted: Callable[[], bool] = lambda: False,
+) -> Iterator[dict[str, float | None]]:
+    """Derivative of a metric by each number, by two rollouts for each, on both sides where both are allowed.
+
+    Parameters
+    ----------
+    plant, numbers
+        The design.
+    metric
+        What changes.
+    paths
+        Of the numbers; those that do not follow at once are left out.
+    halted
+        Asked before each rollout whether something more urgent waits; then nothing more is told.
+
+    Yields
+    ------
+    dict
+        Some of them by path, in the metric's unit per unit of the number, None where a rollout diverged.
+    """
+    nominal, told_at = plant.nominal | dict(numbers), time.monotonic()
+    found: dict[str, float | None] = {}
+    for path in paths:
+        if path not in plant.free:
+            continue
+        leaf, value = plant.leaves[path], nominal[path]
+        step = SHARE * (abs(value) or 0.5 * (leaf.slider[1] - leaf.slider[0]))
+        ends = [end if _allowed(leaf, end) else value for end in (value - step, value + step)]
+        costs = []
+        for end in ends:
+            if halted():
+                return
+            costs.append(plant.cost({**numbers, path: end}, metric))
+        low, high = costs
+        known = low is not None and high is not None and ends[0] < ends[1]
+        found[path] = (high - low) / (ends[1] - ends[0]) if known else None  # type: ignore[operator]
+        if time.monotonic() - told_at > PART_S:
+            yield found
+            found, told_at = {}, time.monotonic()
+    if found:
+        yield found
+
+
+def _allowed(leaf: Leaf, value: float) -> bool:
+    try:
+        leaf.check(value)
+    except ScenarioError:
+        return False
+    return True
