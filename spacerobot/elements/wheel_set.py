@@ -34,8 +34,9 @@ from spacerobot.dynamics.algebra import SymmetricFactors
 from spacerobot.elements.actuator import Actuator
 from spacerobot.elements.context import ActuatorContext
 from spacerobot.elements.contribution import Output
-from spacerobot.elements.event import Event, both, negated
+from spacerobot.elements.event import Event, negated
 from spacerobot.elements.robot_element import Part
+from spacerobot.elements.saturation import saturation_events
 from spacerobot.section import quantity
 
 SLACK = 1e-3
@@ -98,7 +99,8 @@ class WheelSet(Actuator):
         events = list[Event]()
         if self.torque_limit is not None:
             limit = actuator.context.number("torque_limit")
-            events += _clips(actuator, ca.fabs(command) / limit - 1, switches)
+            beyond, names = ca.fabs(command) / limit - 1, names_of(actuator, count)
+            events += saturation_events(actuator, names, beyond, free=[negated(held) for held in switches])
             command = ca.fmin(ca.fmax(command, -limit), limit)
         if self.speed_limit is None:
             return WheelMotors(command, command - friction, friction, tuple(events))
@@ -186,25 +188,6 @@ def shares(axes: ca.SX) -> ca.SX:
         found[:, rows] = SymmetricFactors(ca.mtimes(own, own.T)).solve(own).T
     else:
         found[:, rows] = SymmetricFactors(ca.mtimes(own.T, own)).solve(own.T)
-    return found
-
-
-def _clips(actuator: ActuatorContext, beyond: ca.SX, held: list[ca.SX]) -> list[Event]:
-    """Events where what is asked of each free motor passes its torque limit, beyond it above zero (n x 1).
-
-    Torques have kinks there. They depend on no switch: steps end there, so that the method keeps its order,
-    and derivatives by the limit know when it begins and ends to count.
-    """
-    found = []
-    for i, name in enumerate(names_of(actuator, beyond.numel())):
-        clipped = actuator.context.switch(f"clipped.{i}")
-        free = negated(held[i]) if held else ca.SX(1)
-        for kind, guard, armed, on in (
-            ("clipped", beyond[i], negated(clipped), True),
-            ("unclipped", -beyond[i], clipped, False),
-        ):
-            sets = {clipped.name(): on}
-            found.append(Event(f"{name}.{kind}", kind, name, guard, both(armed, free), sets, kink=True))
     return found
 
 

@@ -11,6 +11,7 @@ import pytest
 
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.errors import ScenarioError
+from spacerobot.rollout import build_rollout
 from tests.oracles.engine import Engine
 from tests.oracles.small_scenes import PLANAR, SPATIAL, random_x, small_scene
 
@@ -271,3 +272,74 @@ with tempfile.TemporaryDirectory() as folder:
 
 def test_a_joint_that_an_actuator_owns_is_none_of_the_arms():
     run(OWN + OWNED)
+
+
+SATURATED = {
+    "joint": (
+        """
+robots:
+  one:
+    urdf: arm.urdf
+    base: {joint: fixed}
+    joints: {joint_1: {angle_deg: 50}, joint_2: {angle_deg: -70}}
+    joint_pd: {kp: 9, kd: 6}
+    tips: {tip: {reference: {kind: line, displacement: [0.1, 0.1, 0], duration: 0.2}}}
+    actuators: {motors: {kind: torque_limit, limit: 0.35}}
+simulation: {duration: 2}
+""",
+        "robots.one.actuators.motors.limit",
+        "tip_position",
+    ),
+    "base": (
+        """
+robots:
+  one:
+    urdf: plate.urdf
+    base: {joint: planar}
+    controllers: {turn: {kind: base_attitude, kp: 6, kd: 1, attitude_deg: [0, 0, 60]}}
+    actuators: {ideal: {kind: base_wrench, torque: 1.1}}
+simulation: {duration: 2}
+""",
+        "robots.one.actuators.ideal.torque",
+        "base_attitude_error",
+    ),
+    "thrusters": (
+        """
+robots:
+  one:
+    urdf: plate.urdf
+    base: {joint: planar}
+    controllers: {turn: {kind: base_attitude, kp: 6, kd: 1, attitude_deg: [0, 0, 60]}}
+    actuators:
+      jets:
+        kind: thrusters
+        thrust: 2.0
+        nozzles:
+          left: {position: [0.3, 0, 0], direction: [0, 1, 0]}
+          right: {position: [0.3, 0, 0], direction: [0, -1, 0]}
+          other: {position: [-0.3, 0, 0], direction: [0, 1, 0]}
+          last: {position: [-0.3, 0, 0], direction: [0, -1, 0]}
+simulation: {duration: 2}
+""",
+        "robots.one.actuators.jets.thrust",
+        "base_attitude_error",
+    ),
+}
+
+
+@pytest.mark.parametrize("which", SATURATED)
+def test_steps_end_where_actuators_saturate(which):
+    """Derivatives by a limit do not depend on the step, and are those of finite differences."""
+    text, path, output = SATURATED[which]
+    loop = build_closed_loop(small_scene(text))
+    value, found = loop.parameters()[loop.index(path)], []
+    for step in (0.05, 0.0125):
+        rollout = build_rollout(loop, duration_s=2.0, step_s=step, output_step_s=1.0, backend="interpreted")
+        slopes = rollout.jacobian(wrt=[path], outputs=[output], accuracy=False)
+        found.append(slopes.outputs[output][-1, ..., 0].ravel())
+    assert {loop.events[fired.event].kind for fired in slopes.trajectory.events} == {"clipped", "unclipped"}
+    ends = [rollout.run({path: value * (1 + sign * 1e-4)}).outputs[output][-1] for sign in (1, -1)]
+    difference = (ends[0] - ends[1]).ravel() / (2e-4 * value)
+    assert np.abs(difference).max() > 1e-2
+    np.testing.assert_allclose(found[1], difference, atol=2e-5 * np.abs(difference).max())
+    np.testing.assert_allclose(found[0], found[1], atol=1e-3 * np.abs(difference).max())

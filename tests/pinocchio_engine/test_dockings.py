@@ -15,7 +15,7 @@ from tests.oracles import engine as independent
 from tests.oracles.free_bodies import DEEP, FLAT, free_bodies
 
 BASES = pytest.mark.parametrize("bases", [FLAT, DEEP], ids=["planar", "spatial"])
-INNER = ("reference",)
+INNER = ("reference", "clipped", "unclipped")
 
 
 def both(scene, duration, step):

@@ -14,6 +14,7 @@ from spacerobot.elements.context import ActuatorContext
 from spacerobot.elements.contribution import ActuatorDrive, Contribution
 from spacerobot.elements.registry import register
 from spacerobot.elements.robot_element import Part
+from spacerobot.elements.saturation import saturation_events
 from spacerobot.section import quantity
 
 
@@ -51,8 +52,18 @@ class BaseWrench(Actuator):
             limit = ca.SX(ca.inf) if given is None else actuator.context.number(key)
             limits.append(ca.repmat(limit, count, 1))
         most = ca.vertcat(*limits)
+        each: list[float | None] = [self.force] * linear + [self.torque] * (len(columns) - linear)
+        bounded = [k for k, limit in enumerate(each) if limit is not None]
+        axes = ("fx", "fy", "tz") if len(columns) == 3 else ("fx", "fy", "fz", "tx", "ty", "tz")
+        labels = [f"{actuator.robot}/base.{axes[k]}" for k in bounded]
+
+        def kinks(asked: ca.SX) -> Contribution:
+            """Events where the wrench begins and ceases to be clipped."""
+            beyond = ca.fabs(asked[bounded]) / most[bounded] - 1
+            return Contribution(events=saturation_events(actuator, labels, beyond))
+
         return Contribution(
-            drives=(ActuatorDrive(columns, lambda asked: ca.fmin(ca.fmax(asked, -most), most)),)
+            drives=(ActuatorDrive(columns, lambda asked: ca.fmin(ca.fmax(asked, -most), most), kinks),)
         )
 
     def words(self) -> str:

@@ -8,6 +8,7 @@ so steps end there and derivatives go through it.
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -27,12 +28,15 @@ from spacerobot.elements.contribution import ActuatorDrive, Contribution, Output
 from spacerobot.elements.event import Event
 from spacerobot.elements.registry import register
 from spacerobot.elements.robot_element import Part, RobotProperties
+from spacerobot.elements.saturation import saturation_events
 from spacerobot.section import Name, Section, Vector, quantity
 
 GRAVITY = 9.80665
 """Standard gravity [m/s^2], by which specific impulse in seconds is defined."""
 WHOLE = 1 - 1e-9
 """Part of the thrust from which on a pulse lasts for the whole period."""
+SHUT = 1e-9
+"""Part of the thrust below which a throttled thruster is shut."""
 
 
 def _not_zero(value: Vector) -> Vector:
@@ -287,8 +291,12 @@ class _Jets:
         return [self.actuator.context.switch(f"firing.{name}") for name in self.config.nozzles]
 
     def throttled(self, asked: ca.SX) -> Contribution:
-        """Thrusters that give parts of their thrust."""
-        return self._acting(self.parts(asked))
+        """Thrusters that give parts of their thrust, with events where one shuts, opens or is fully open."""
+        parts, names = self.parts(asked), [f"{self.name}.{name}" for name in self.config.nozzles]
+        acting = self._acting(parts)
+        shut = saturation_events(self.actuator, names, SHUT - parts, side="_shut")
+        full = saturation_events(self.actuator, names, parts - (1 - SHUT), side="_full")
+        return dataclasses.replace(acting, events=(*acting.events, *shut, *full))
 
     def pulsed(self, asked: ca.SX) -> Contribution:
         """Thrusters that give all of their thrust for times decided at the beginning of each period."""

@@ -13,6 +13,7 @@ from spacerobot.elements.context import ActuatorContext
 from spacerobot.elements.contribution import ActuatorDrive, Contribution
 from spacerobot.elements.registry import register
 from spacerobot.elements.robot_element import RobotProperties
+from spacerobot.elements.saturation import saturation_events
 from spacerobot.errors import near_names
 from spacerobot.section import matching, quantity
 
@@ -40,8 +41,14 @@ class TorqueLimit(Actuator):
         else:
             limit = ca.repmat(actuator.context.number("limit"), len(names), 1)
         columns = tuple(actuator.columns[name] for name in names)
+        labels = [f"{actuator.robot}/{name}" for name in names]
+
+        def kinks(asked: ca.SX) -> Contribution:
+            """Events where torques begin and cease to be clipped."""
+            return Contribution(events=saturation_events(actuator, labels, ca.fabs(asked) / limit - 1))
+
         return Contribution(
-            drives=(ActuatorDrive(columns, lambda asked: ca.fmin(ca.fmax(asked, -limit), limit)),)
+            drives=(ActuatorDrive(columns, lambda asked: ca.fmin(ca.fmax(asked, -limit), limit), kinks),)
         )
 
     def limits(self, joints: Sequence[str]) -> list[str]:
