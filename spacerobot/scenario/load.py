@@ -123,11 +123,11 @@ def json_schema() -> dict[str, Any]:
         if paths is not None:  # one path may stand without a list around it
             several = {key: paths.pop(key) for key in ("type", "items", "minItems") if key in paths}
             paths["anyOf"] = [{"type": "string"}, several]
-    duration = schema["$defs"]["Planning"]["properties"]["duration"]  # a number is a time that is given
+    duration = schema["$defs"]["PlanSection"]["properties"]["duration"]  # a number is a time that is given
     duration["anyOf"] = [{"type": "number", "exclusiveMinimum": 0}, {"$ref": duration.pop("$ref")}]
     definitions = schema["$defs"]
     for key, family in FAMILY_OF.items():  # under the name of a kind, a number or list alone
-        entries = definitions["Planning"]["properties"][key]
+        entries = definitions["PlanSection"]["properties"][key]
         (section,) = entries.pop("patternProperties").values()
         entries |= {"properties": {}, "additionalProperties": section}
         for name, place in section["discriminator"]["mapping"].items():
