@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
+import numpy as np
+
 from spacerobot.arrays import Array
 from spacerobot.elements.context import ActuatorContext
 from spacerobot.elements.contribution import Contribution
@@ -73,6 +75,19 @@ class Actuator(RobotElement):
         """
         del planar
         return {}
+
+    def joined_limits(self, own: Array, after: Array) -> Array:
+        """Limits of a force or torque together with those of the actuators that act on the base after it.
+
+        As a rule the next actuator takes over what this one delivers, so that the lower limit holds.
+
+        Parameters
+        ----------
+        own, after
+            Greatest force [N] or torque [N m] along or about each axis of the root link (3,), by this one and
+            by those after it.
+        """
+        return np.minimum(own, after)
 
     def momentum_storage(self) -> MomentumStorage | None:
         """Wheels that exchange angular momentum with the base, for a plan to follow their momentum."""

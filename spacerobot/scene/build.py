@@ -112,7 +112,7 @@ def resolve(
     pairs = list(changes.items()) if isinstance(changes, Mapping) else list(changes)
     document = to_document(scenario)
     for pattern, value in pairs:
-        if _names_files(pattern):
+        if _names_files(pattern, value):
             document = forget_files(_change(document, pattern, value, source), document)
     validate(document, source=source)
     locate(document, source=source)
@@ -120,7 +120,7 @@ def resolve(
     descriptions = read_descriptions(document, source=source)
     document = fill(document, descriptions, source=source)
     for pattern, value in pairs:
-        if not _names_files(pattern):
+        if not _names_files(pattern, value):
             document = _change(document, pattern, value, source)
             for link in _links_given_inertia(pattern):
                 document = _change(document, f"{link}.inertia_at_mass", None, source)
@@ -133,10 +133,11 @@ def resolve(
     return resolved, settle(resolved, descriptions, source=source)
 
 
-def _names_files(pattern: str) -> bool:
-    """Whether a change decides which files are read, or how URDFs are mounted."""
+def _names_files(pattern: str, value: Any) -> bool:
+    """Whether a change decides which files are read, or how URDFs are mounted; a whole body does."""
     segments = pattern.split(".")
-    return segments[-1] in ("urdf", "file") or "mounts" in segments[2:3]
+    whole = isinstance(value, Mapping) and (segments == ["target"] or segments[:-1] == ["robots"])
+    return whole or segments[-1] in ("urdf", "file") or "mounts" in segments[2:3]
 
 
 def _links_given_inertia(pattern: str) -> list[str]:

@@ -105,18 +105,20 @@ def test_a_library_that_hears_nothing_is_ended(code):
 @pytest.mark.skipif(os.name == "nt", reason="no SIGINT for processes there")
 def test_a_command_is_ended_wherever_the_interrupt_comes(tmp_path):
     """While it loads libraries, builds, and prints; at random times of a fixed seed."""
-    delays, ended = random.Random(1), []
+    drawn, ended, delay = random.Random(1), [], 0.6
     command = [sys.executable, "-m", "spacerobot", "check", "servicer"]
-    for _ in range(4):
+    interrupted, not_begun = ("error: interrupted\n", 130), ("", -signal.SIGINT)
+    while ended.count(interrupted) < 3 and len(ended) < 16:
         process = subprocess.Popen(
             command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
         )
-        time.sleep(delays.uniform(0.3, 1.2))
+        time.sleep(delay * drawn.uniform(0.5, 2.0))
         process.send_signal(signal.SIGINT)
-        ended.append((process.communicate(timeout=60)[1], process.returncode))
-    # a process that has ended, or has not begun, when it comes is none of ours
-    assert set(ended) <= {("error: interrupted\n", 130), ("", 0), ("", -signal.SIGINT)}
-    assert ("error: interrupted\n", 130) in ended
+        ended.append((process.communicate()[1], process.returncode))
+        # a process that has not begun when it comes, or has ended, is none of ours: it depends on the load
+        delay *= {not_begun: 2.0, ("", 0): 0.5}.get(ended[-1], 1.0)
+    assert set(ended) <= {interrupted, ("", 0), not_begun}
+    assert interrupted in ended
 
 
 def run(monkeypatch, *arguments):

@@ -117,3 +117,11 @@ def test_scenarios_find_urdfs_beside_themselves(tmp_path):
     assert validate(parse_yaml(to_yaml(load_scene(file).scenario))).robots["a"].urdf == str(
         tmp_path / "rectangle.urdf"
     )
+
+
+def test_a_change_adds_a_whole_robot():
+    own = {"urdf": "planar_arm.urdf", "base": {"joint": "planar", "position": [0, -5, 0]}}
+    scene = load_scene("docking", {"robots.third": own})
+    assert [body.name for body in scene.robots] == ["rpr1", "rpr2", "third"]
+    with pytest.raises(ScenarioError, match=r"robots\.third\.urdf: missing"):
+        load_scene("docking", {"robots.third": {"base": {"joint": "planar"}}})

@@ -78,12 +78,22 @@ def limiting_actuators(scene: Scene, plans: Iterable[PlanSection]) -> dict[str, 
 
 
 def _actuated(body: SceneBody, planar: bool) -> dict[WrenchPart, tuple[Array, str]]:
-    """Greatest force and torque by axis, each with the actuator that it is of; wheels come last."""
+    """Greatest force and torque by axis, each with the actuators that they are of.
+
+    Actuators act one after the other, so that limits are joined from the last one on. Wheels count where
+    nothing else gives a part.
+    """
     found: dict[WrenchPart, tuple[Array, str]] = {}
     if not isinstance(body.config, Robot):
         return found
     own = [(where.rpartition(".")[2], one) for where, one in body.config.driven_by()]
-    for name, one in sorted(own, key=lambda named: named[1].momentum_storage() is not None):
+    for name, one in reversed([named for named in own if named[1].momentum_storage() is None]):
         for part, values in one.wrench_limits(planar=planar).items():
-            found.setdefault(part, (values, name))
+            after, names = found.get(part, (None, ""))
+            joined = values if after is None else one.joined_limits(values, after)
+            found[part] = joined, f"{name} and {names}" if names else name
+    for name, one in own:
+        if one.momentum_storage() is not None:
+            for part, values in one.wrench_limits(planar=planar).items():
+                found.setdefault(part, (values, name))
     return found

@@ -131,6 +131,10 @@ class Thrusters(Actuator):
         box = largest_box(np.array(pushes).T, [0, 1, 5] if planar else range(6))
         return {"force": box[:3], "torque": box[3:]}
 
+    def joined_limits(self, own: Array, after: Array) -> Array:
+        """Throttled thrusters leave the rest of what is asked to the next actuator, pulses leave nothing."""
+        return own + after if self.mode == "proportional" else own
+
     def build(self, actuator: ActuatorContext) -> Contribution:
         """Wrench from outside, propellant, and the pulses' events."""
         jets, columns = _Jets(self, actuator), actuator.base_columns

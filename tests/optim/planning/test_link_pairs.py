@@ -1,11 +1,19 @@
 """Links that touch nothing on purpose are kept apart by plans without being named."""
 
+import dataclasses
+
 import numpy as np
 import pytest
+from scipy import sparse
 
-from optim.planning.formulation.link_pairs import collisions, link_pairs
+from optim.planning.formulation.link_pairs import Collision, collisions, link_pairs
+from optim.planning.mpc.horizon import Horizon
 from optim.planning.output.plan_folder import summary
 from optim.planning.search.make_plan import make_plan
+from optim.planning.search.plan_solver import PlanSolver
+from optim.planning.studies.pareto_front import FrontRequest, make_front
+from optim.planning.transcription.instant_functions import build_instants
+from optim.planning.transcription.motion import PhasedMotion
 from optim.planning.verification.clearance import course_collisions
 from spacerobot.cli.check import command as check
 
@@ -86,3 +94,50 @@ def test_check_reports_them(reach, capsys):
     check(str(reach().source))
     printed = " ".join(capsys.readouterr().out.split())
     assert f"collision avoidance: plans keep {len(link_pairs(reach()))} pairs of links apart" in printed
+
+
+def test_added_rows_have_the_derivatives_of_the_whole_problem(reach):
+    """Only they are differentiated, and put between the path and the cost of what was there."""
+    solver = PlanSolver.of(reach(*CROSSED), "interpreted")
+    apart = [Collision("one/link_3", "target/body", 0.1, 1.0, (0,))]
+    added = solver.keeping_apart(apart)
+    assert len(added.problem.path) == len(solver.problem.path) + 1
+    whole, rng = build_instants(added.problem, "interpreted"), np.random.default_rng(0)
+    z = rng.normal(size=(added.problem.stage.z.numel(), 3))
+    rows = whole.call("values", z).shape[0]
+    np.testing.assert_allclose(added.instants.call("values", z), whole.call("values", z), rtol=1e-12)
+    weights = rng.normal(size=(rows, 3))
+    for name, others, shape in (("jacobian", (), (rows, len(z))), ("hessian", (weights,), (len(z), len(z)))):
+        found = [
+            sparse.coo_matrix((one.call(name, z, *others)[:, 1], getattr(one, name)), shape).toarray()
+            for one in (added.instants, whole)
+        ]
+        assert np.abs(found[1]).max() > 0.1
+        np.testing.assert_allclose(*found, atol=1e-9 * np.abs(found[1]).max())
+    again = solver.keeping_apart(apart)
+    assert again.instants is added.instants
+    assert added.keeping_apart(apart) is added
+
+
+def test_points_of_a_front_are_kept_apart(reach):
+    scene = reach(*CROSSED, ("plan.costs.time", 0.01), ("plan.duration", {"lower": 5, "upper": 7}))
+    front = make_front(scene, FrontRequest(("time", "torque"), 2), backend="interpreted")
+    for point in front.points:
+        assert course_collisions(point.plan.phased_motion, link_pairs(scene)) == []
+        assert point.plan.kept_apart == (("one/link_3", "target/body"),)
+        assert point.plan.scene.scenario.plan.keep_out
+
+
+def test_plans_of_mpc_are_kept_apart(reach):
+    """Also where the plan before it, from which it begins, led through the target."""
+    solver = PlanSolver.of(reach(*CROSSED), "interpreted")
+    seen = np.concatenate([solver.scene.q, solver.scene.v])
+    first = Horizon.of(solver, seen, 1.0)
+    assert course_collisions(PhasedMotion((first.motion,)), solver.pairs) == []
+    through = Horizon.of(dataclasses.replace(solver, pairs=()), seen, 1.0)
+    assert course_collisions(PhasedMotion((through.motion,)), solver.pairs)
+    through.solver = solver
+    q, v, *_ = through.at(np.array([0.75]))
+    through.replan(0.75, np.concatenate([q[0], v[0]]), 200)
+    assert (through.missed, through.begin_s) == (0, 0.75)
+    assert course_collisions(PhasedMotion((through.motion,)), solver.pairs) == []

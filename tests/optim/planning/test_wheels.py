@@ -134,6 +134,30 @@ def test_the_box_of_thrusters_is_one_whose_corners_they_reach():
 
 
 @pytest.mark.parametrize(
+    ("first", "limits"),
+    [
+        ("jets", [3, 2, 1.2]),  # what thrusters leave goes to the wrench
+        ("ideal", [1, 0.5]),  # the wrench bounds what is asked of thrusters
+    ],
+)
+def test_thrusters_and_a_wrench_on_one_base_both_count(spinning, first, limits):
+    both = {
+        "jets": {"kind": "thrusters", "nozzles": JETS},
+        "ideal": {"kind": "base_wrench", "force": 2, "torque": 0.7},
+    }
+    own = {name: both[name] for name in sorted(both, key=lambda name: name != first)}
+    problem = PlanSolver.of(spinning(*PLANAR, ("robots.body.actuators", own)), "interpreted").problem
+    np.testing.assert_allclose(problem.stage.driven.limits, limits, rtol=1e-6)
+
+
+def test_pulses_leave_nothing_to_the_next_actuator(spinning):
+    jets = {"kind": "thrusters", "mode": "pulsed", "nozzles": JETS}
+    own = ("robots.body.actuators", {"jets": jets, "ideal": {"kind": "base_wrench", "force": 2}})
+    problem = PlanSolver.of(spinning(*PLANAR, own), "interpreted").problem
+    np.testing.assert_allclose(problem.stage.driven.limits, [1, 0.5], rtol=1e-6)
+
+
+@pytest.mark.parametrize(
     ("changes", "message"),
     [
         (
