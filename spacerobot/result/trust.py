@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from spacerobot.arrays import Array
 from spacerobot.scene.scene import SceneContact
 
 MOST_DRIFT = 0.01
@@ -74,14 +75,40 @@ def deep_contacts(contacts: Sequence[SceneContact], data: xr.Dataset) -> list[st
     """
     found = []
     for contact in contacts:
-        size = min(shape.config.extent()[0] for pair in contact.pairs for shape in pair)
-        depth = -float(np.min(data.contact_gap.sel(contact=contact.name).values))
+        size = contact_size(contact)
+        gap = np.asarray(data.contact_gap.sel(contact=contact.name).values)
+        depth = -least_between(gap, np.asarray(data.time.values))
         if depth > MOST_DEPTH * size:
             found.append(
                 f"contact {contact.name} is {1e3 * depth:.3g} mm deep, where its smaller shape has "
                 f"{1e3 * size:.3g} mm from its middle to its surface"
             )
     return found
+
+
+def contact_size(contact: SceneContact) -> float:
+    """Least distance from the middle of a contact's smaller shape to its surface [m]."""
+    return float(min(shape.config.extent()[0] for pair in contact.pairs for shape in pair))
+
+
+def least_between(values: Array, time: Array) -> float:
+    """Least value of a signal, also between its samples: that of the parabola through the three lowest.
+
+    Parameters
+    ----------
+    values, time
+        The signal (n,), and when it was sampled (n,) [s].
+    """
+    k = int(np.argmin(values))
+    if not 0 < k < len(values) - 1:
+        return float(values[k])
+    steps = np.diff(time[k - 1 : k + 2])
+    if not (steps > 0).all():  # at an event there are two samples of one time
+        return float(values[k])
+    slopes = np.diff(values[k - 1 : k + 2]) / steps
+    bend = (slopes[1] - slopes[0]) / steps.sum()
+    slope = (slopes[0] * steps[1] + slopes[1] * steps[0]) / steps.sum()
+    return float(values[k] - (slope**2 / (4 * bend) if bend > 0 else 0.0))
 
 
 def _drifts(momentum: Mapping[str, Any]) -> list[str]:

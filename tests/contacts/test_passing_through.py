@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from spacerobot.closedloop import build_closed_loop
-from spacerobot.result.trust import warning
+from spacerobot.result.trust import least_between, warning
 from spacerobot.rollout import build_rollout
 from spacerobot.scene import Scene
 from spacerobot.simulation import simulate
@@ -91,3 +91,11 @@ def test_a_contact_that_is_too_soft_is_not_trusted(stiffness, trusted):
         assert "contact bump is 6" in warning(status)
         assert "smaller shape has 100 mm" in warning(status)
         assert "take a stiffer contact" in warning(status)
+
+
+def test_the_depth_between_samples_is_found():
+    """A parabola is met exactly; at an end, or where time stands still, the sample is taken."""
+    time = np.array([0.0, 0.4, 1.0, 1.3, 2.0])
+    assert least_between(2 * (time - 0.9) ** 2 - 0.3, time) == pytest.approx(-0.3, abs=1e-14)
+    assert least_between(time - 1, time) == -1
+    assert least_between(np.array([1.0, -1.0, -1.0, 3.0]), np.array([0.0, 1.0, 1.0, 2.0])) == -1

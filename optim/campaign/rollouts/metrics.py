@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from optim.campaign.rollouts.trust import (
+    DEPTH,
     DRIFT,
     KINDS,
     RESIDUAL,
+    depth_measure,
     drift_measure,
     drift_of,
     residual_measure,
@@ -23,7 +25,11 @@ from spacerobot.quantities import quantities
 from spacerobot.rollout import ClosedLoopFunctions, Measure, Measures
 from spacerobot.scene import Scene
 
-LEDGER = {DRIFT: drift_of, RESIDUAL: residual_of}
+LEDGER: Mapping[str, Callable[[Array], Array]] = {
+    DRIFT: drift_of,
+    RESIDUAL: residual_of,
+    DEPTH: np.asarray,
+}
 """What is made of the measures that say whether a rollout can be trusted."""
 
 
@@ -94,8 +100,8 @@ def build_campaign_metrics(
 ) -> CampaignMetrics:
     """What is kept of rollouts of a closed loop; a metric that a scene has nothing for is left out.
 
-    The residual of the energy is kept besides, and the drift of the momenta where they are constant: they say
-    which rollouts to trust.
+    The residual of the energy is kept besides, the drift of the momenta where they are constant, and the
+    indentation of contacts: they say which rollouts to trust.
 
     Parameters
     ----------
@@ -126,5 +132,8 @@ def build_campaign_metrics(
     if columns and not loop.outside:
         named[DRIFT] = drift_measure(loop, signals)
         columns += [MetricColumn(DRIFT, kind, "1") for kind in KINDS]
+    if columns and scene.contacts:
+        named[DEPTH] = depth_measure(scene, signals)
+        columns += [MetricColumn(DEPTH, contact.name, "1") for contact in scene.contacts]
     measures = Measures(signals, named, costs=lambda _r, _p: {})
     return CampaignMetrics(measures, tuple(columns), scene.scenario.simulation.duration, labels)

@@ -1,5 +1,5 @@
 """Whether a campaign's rollouts can be trusted: each is judged by its ledger at the end, momenta and energy,
-by the limits of :mod:`spacerobot.result.trust`.
+and by the indentation of its contacts, by the limits of :mod:`spacerobot.result.trust`.
 """
 
 from __future__ import annotations
@@ -13,13 +13,22 @@ import xarray as xr
 
 from spacerobot.arrays import Array
 from spacerobot.closedloop import ClosedLoop
-from spacerobot.result.trust import LEAST_ENERGY, LEAST_MOMENTUM, MOST_DRIFT, MOST_RESIDUAL, share
-from spacerobot.rollout import Measure, Signals, final
+from spacerobot.result.trust import (
+    LEAST_ENERGY,
+    LEAST_MOMENTUM,
+    MOST_DEPTH,
+    MOST_DRIFT,
+    MOST_RESIDUAL,
+    contact_size,
+    share,
+)
+from spacerobot.rollout import Measure, Signals, final, peak
 from spacerobot.scenario import Campaign
+from spacerobot.scene import Scene
 
-DRIFT, RESIDUAL = "momentum_drift", "energy_residual"
+DRIFT, RESIDUAL, DEPTH = "momentum_drift", "energy_residual", "contact_depth"
 KINDS = ("linear", "angular")
-LIMITS = {DRIFT: MOST_DRIFT, RESIDUAL: MOST_RESIDUAL}
+LIMITS = {DRIFT: MOST_DRIFT, RESIDUAL: MOST_RESIDUAL, DEPTH: MOST_DEPTH}
 STORED = ("energy_kinetic", "energy_spring", "energy_potential")
 
 Mask = np.typing.NDArray[np.bool_]
@@ -56,6 +65,12 @@ def residual_measure(loop: ClosedLoop, signals: Signals) -> Measure:
     return final(ca.vertcat(ca.fabs(unexplained), largest))
 
 
+def depth_measure(scene: Scene, signals: Signals) -> Measure:
+    """Greatest indentation of each contact at all steps, in parts of its smaller shape's least half (n)."""
+    sizes = [contact_size(contact) for contact in scene.contacts]
+    return peak(-ca.vec(signals["contact_gap"]) / ca.DM(sizes))
+
+
 def _begin(loop: ClosedLoop, signals: Signals) -> dict[str, ca.SX]:
     """Outputs at the start."""
     x0, c = loop.setup(ca.vertcat(*signals.parameters.values()))
@@ -86,7 +101,7 @@ def residual_of(values: Array) -> Array:
 
 
 def untrusted(data: xr.Dataset, failed: Mapping[str, Mask]) -> dict[str, dict[str, Any]]:
-    """How many rollouts that were completed leave their ledger open, and by how much, by set of gains.
+    """How many rollouts that were completed are not to be trusted, and by how much, by set of gains.
 
     Parameters
     ----------
@@ -118,13 +133,18 @@ def doubts(found: Mapping[str, Mapping[str, Any]], campaign: Campaign) -> list[s
         if told["count"]:
             kept = told["not_failed"]
             failing = "all of them count as failed" if not kept else f"{kept} of them do not count as failed"
+            over = {kind for kind, value in told["largest"].items() if value > LIMITS[kind]}
+            faults = ["leave the ledger open"] if over - {DEPTH} else []
+            faults += ["press bodies too deep into each other"] if DEPTH in over else []
             largest = ", ".join(
-                f"{kind.replace('_', ' ')} at most {share(value)}" for kind, value in told["largest"].items()
+                f"{kind.replace('_', ' ')} at most {share(value)}, allowed {100 * LIMITS[kind]:g} %"
+                for kind, value in told["largest"].items()
             )
+            advice = [f"a campaign.step shorter than {campaign.step:g} s"] if over - {DEPTH} else []
+            advice += ["a stiffer contact, or a lower speed"] if DEPTH in over else []
             sentences.append(
-                f"With the gains {name}, {told['count']} of {told['of']} completed rollouts leave the ledger "
-                f"open ({largest}; allowed: {100 * MOST_DRIFT:g} % and {100 * MOST_RESIDUAL:g} %): their "
-                f"numbers are not to be trusted ({failing}). Try a campaign.step shorter than "
-                f"{campaign.step:g} s."
+                f"With the gains {name}, {told['count']} of {told['of']} completed rollouts "
+                f"{' or '.join(faults)} ({largest}): their numbers are not to be trusted ({failing}). Try "
+                f"{'; '.join(advice)}."
             )
     return sentences

@@ -2,13 +2,16 @@
 
 import numpy as np
 import pytest
+import xarray as xr
 
 from optim.campaign.analysis.samples import simulate_sample
 from optim.campaign.analysis.summary import summarise
 from optim.campaign.rollouts.evaluator import build_evaluator
-from optim.campaign.rollouts.trust import DRIFT, RESIDUAL, doubts, drift_of, residual_of, untrusted
+from optim.campaign.rollouts.trust import DEPTH, DRIFT, RESIDUAL, doubts, drift_of, residual_of, untrusted
 from optim.campaign.run import run_campaign
 from optim.campaign.store.folder import load_campaign
+from spacerobot.scene import load_scene
+from spacerobot.simulation import simulate
 
 
 def test_drift_is_that_of_a_whole_rollout(small):
@@ -96,3 +99,33 @@ def test_energy_is_judged_where_momentum_is_not_constant(small, tmp_path):
     summary = summarise(ran.folder, ran.evaluator)
     assert summary["untrusted"]["all"]["count"] > 0
     assert "energy residual at most" in summary["doubts"][0]
+
+
+def test_indentation_counts_as_in_a_run(tmp_path):
+    """A soft contact: the ball is half way through the fist, though momenta and energy are kept."""
+    soft = {
+        "contacts.bump": {"between": ["fist", "target/body"], "stiffness": 300, "friction": 0},
+        "simulation": {"duration": 1.2, "output_step": 0.1, "step": 0.005},
+        "campaign": {
+            "parameters": {"speed": {"paths": "target.base.velocity.0", "lower": -1.5, "upper": -0.2}},
+            "metrics": ["tip_error_peak"],
+            "samples": 4,
+            "step": 0.005,
+        },
+    }
+    scene = load_scene("bounce", soft)
+    evaluator = build_evaluator(scene)
+    names = [column.name for column in evaluator.columns]
+    speeds = np.array([[-0.2], [-1.5]])
+    found = evaluator.evaluate(speeds).metrics[:, 0, names.index(f"{DEPTH} bump")]
+    assert found[0] < 0.5 < found[1]
+    for speed, depth in zip(speeds[:, 0], found, strict=True):
+        run = simulate(load_scene("bounce", {**soft, "target.base.velocity.0": speed}), backend="interpreted")
+        assert ("deep" in run.summary["status"]) is bool(depth > 0.5)
+    data = xr.Dataset({DEPTH: (("gains", "sample", "contact"), found[None, :, None])}, {"gains": ["all"]})
+    told = untrusted(data, {"all": np.zeros(2, bool)})
+    assert (told["all"]["count"], told["all"]["of"]) == (1, 2)
+    (sentence,) = doubts(told, evaluator.campaign)
+    assert "1 of 2 completed rollouts press bodies too deep into each other" in sentence
+    assert "a stiffer contact" in sentence
+    assert "campaign.step" not in sentence
