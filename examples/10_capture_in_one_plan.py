@@ -10,20 +10,20 @@ from optim.planning.search.make_plan import make_plan
 
 LEFT = {"tip": "servicer/left_tip", "frame": "mate_left"}
 RIGHT = {"tip": "servicer/right_tip", "frame": "mate_right"}
-CONE = {"half_angle_deg": 25, "last": 0.2}
+CONE = {"half_angle_deg": 25, "final_fraction": 0.2}
 PHASES = {  # each grip closes where its phase ends
-    "reach": {"duration": 8, "goals": {"left": LEFT}, "cones": {"left": {**LEFT, **CONE}}},
+    "reach": {"duration": 8, "goals": {"left": LEFT}, "approach_cones": {"left": {**LEFT, **CONE}}},
     "stop": {"duration": {"lower": 1, "upper": 10, "guess": 2}, "intervals": 2},
     "second": {
         "duration": {"lower": 3, "upper": 12, "guess": 6},
         "goals": {"right": RIGHT},
-        "cones": {"right": {**RIGHT, **CONE}},
+        "approach_cones": {"right": {**RIGHT, **CONE}},
     },
 }
 CHANGES = {  # what stood in the plan of the first arm alone stands in its phase
     "plan.duration": None,
     "plan.goals": {},
-    "plan.cones": {},
+    "plan.approach_cones": {},
     "plan.costs": {"torque": 1e-3, "joint_acceleration": 1, "base_rotation": 10, "time": 0.01},
     "plan.intervals": 6,
     "plan.phases": PHASES,

@@ -77,6 +77,10 @@ FORMER_NAMES = {
     "least": "min_horizon",
     "rival_budget": "baseline_budget",
     "readings": "variants",
+    "most_intervals": "max_intervals",
+    "last": "final_fraction",
+    "cones": "approach_cones",
+    "sights": "line_of_sight",
     "shape": "kind",
 }
 """Keys of earlier versions and those that replaced them; an unknown key gets its new name in the message."""

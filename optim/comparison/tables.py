@@ -16,7 +16,7 @@ NEVER = "-"
 
 
 @dataclass(frozen=True)
-class TextTable:
+class ComparisonTable:
     """Rows of text.
 
     Attributes
@@ -34,7 +34,7 @@ class TextTable:
     rows: tuple[tuple[str, ...], ...]
 
 
-def summary_table(data: Data) -> TextTable:
+def summary_table(data: Data) -> ComparisonTable:
     """Expected running times of all problems to 1 % and 0.1 %, the lowest of each problem marked."""
     precisions = data["precisions"]
     shown = [i for i, p in enumerate(precisions) if p <= 0.01] or [0]
@@ -46,10 +46,10 @@ def summary_table(data: Data) -> TextTable:
             cells = [_expected(benchmark["methods"].get(name), i) + "*" * (name == best) for name in names]
             rows.append((benchmark["name"], percent(precisions[i]), *cells))
     title = "Expected running time [rollouts] to a gap to the best known value; * lowest, - not reached"
-    return TextTable(title, ("problem", "to", *names), tuple(rows))
+    return ComparisonTable(title, ("problem", "to", *names), tuple(rows))
 
 
-def running_time_table(benchmark: Data, precisions: list[float], *, narrow: bool = False) -> TextTable:
+def running_time_table(benchmark: Data, precisions: list[float], *, narrow: bool = False) -> ComparisonTable:
     """Expected running time of each ranked method, its interval unless narrow, and how many runs met it."""
     heads = [head for p in precisions for head in (f"to {percent(p)}", "met")]
     rows = []
@@ -63,22 +63,22 @@ def running_time_table(benchmark: Data, precisions: list[float], *, narrow: bool
             cells += [expected + mark, f"{time['met']}/{time['runs']}"]
         rows.append(tuple(cells))
     title = f"Expected running time [rollouts]{'' if narrow else ' (90 % interval)'}; * lowest"
-    return TextTable(title, ("method", *heads), tuple(rows))
+    return ComparisonTable(title, ("method", *heads), tuple(rows))
 
 
-def success_table(benchmark: Data, precisions: list[float]) -> TextTable:
+def success_table(benchmark: Data, precisions: list[float]) -> ComparisonTable:
     """Success rate of each ranked method with its binomial interval."""
     rows = tuple(
         (name, *(_rate(time) for time in method["running_times"]))
         for name, method in benchmark["methods"].items()
         if method["running_times"]
     )
-    return TextTable(
+    return ComparisonTable(
         "Success rate (90 % interval)", ("method", *(f"to {percent(p)}" for p in precisions)), rows
     )
 
 
-def found_table(benchmark: Data) -> TextTable:
+def found_table(benchmark: Data) -> ComparisonTable:
     """Best objective of each method, cost of all its runs, and how the best run ended."""
     number = number_of(benchmark)
     rows = [(_untuned(benchmark), number(_untuned_objective(benchmark)), *[""] * 4)]
@@ -97,21 +97,21 @@ def found_table(benchmark: Data) -> TextTable:
         )
     unit = benchmark["unit"]["name"]
     heads = ("method", f"best [{unit}]", "median", "cost", "time [s]", "status")
-    return TextTable(
+    return ComparisonTable(
         "Results of all runs; cost in rollouts; time without and (with) compilation", heads, tuple(rows)
     )
 
 
-def gains_table(benchmark: Data) -> TextTable:
+def gains_table(benchmark: Data) -> ComparisonTable:
     """Gains of each method's best; those at a bound are marked."""
     rows = tuple(
         (name, *(_gain(best, gain) for gain in best["gains"]))
         for name, best in ((name, method["best"]) for name, method in benchmark["methods"].items())
     )
-    return TextTable("Gains of the best run; * at a bound", ("method", *benchmark["variables"]), rows)
+    return ComparisonTable("Gains of the best run; * at a bound", ("method", *benchmark["variables"]), rows)
 
 
-def designs_table(benchmark: Data) -> TextTable | None:
+def designs_table(benchmark: Data) -> ComparisonTable | None:
     """Peak loads of the best designs, and their objective on other plants; None if not evaluated."""
     if benchmark["baseline"] is None:
         return None
@@ -133,10 +133,10 @@ def designs_table(benchmark: Data) -> TextTable | None:
             )
         )
     heads = ("design", "error [mm]", "torque [N m]", "grip [N]", f"other plants [{unit}]", "worst")
-    return TextTable("Best designs: peak values, and the objective on other plants", heads, tuple(rows))
+    return ComparisonTable("Best designs: peak values, and the objective on other plants", heads, tuple(rows))
 
 
-def sensitivity_table(benchmark: Data) -> TextTable | None:
+def sensitivity_table(benchmark: Data) -> ComparisonTable | None:
     """Relative change of the objective, to first order, if a gain crossed its range; None if unknown."""
     if benchmark["sensitivity"] is None:
         return None
@@ -145,10 +145,10 @@ def sensitivity_table(benchmark: Data) -> TextTable | None:
         for where, across in benchmark["sensitivity"]["over_range"].items()
     )
     title = "Relative change of the objective, to first order, if the gain crossed its range"
-    return TextTable(title, ("point", *benchmark["variables"]), rows)
+    return ComparisonTable(title, ("point", *benchmark["variables"]), rows)
 
 
-def tables_of(benchmark: Data, precisions: list[float], *, narrow: bool = False) -> list[TextTable]:
+def tables_of(benchmark: Data, precisions: list[float], *, narrow: bool = False) -> list[ComparisonTable]:
     """All tables of a problem, most important first; without intervals if the terminal is narrow."""
     made = [
         running_time_table(benchmark, precisions, narrow=narrow),
@@ -198,7 +198,7 @@ def markdown(data: Data) -> str:
     return "\n\n".join(parts) + "\n"
 
 
-def as_markdown(table: TextTable) -> str:
+def as_markdown(table: ComparisonTable) -> str:
     """A table of a document."""
     rows = [table.headings, ("---",) * len(table.headings), *table.rows]
     return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in rows)

@@ -17,7 +17,7 @@ from spacerobot.cli.tuning_options import Budget, Runs, Seed, Starts, journals, 
 
 if TYPE_CHECKING:
     from optim.comparison.compare import Comparison
-    from optim.comparison.tables import TextTable
+    from optim.comparison.tables import ComparisonTable
 
 Name = Annotated[
     str,
@@ -192,5 +192,5 @@ def show(data: Mapping[str, Any]) -> None:
     console().print(LEGEND, markup=False)
 
 
-def _print(made: TextTable, keys: int = 1) -> None:
+def _print(made: ComparisonTable, keys: int = 1) -> None:
     console().print(table(made.title, made.headings, made.rows, keys=keys))

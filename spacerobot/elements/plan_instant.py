@@ -34,7 +34,7 @@ class BoundedRow:
         Expression (1x1) in an instant, and in the symbol of ``about``.
     lower, upper
         Limits.
-    last
+    final_fraction
         Part of the duration, at its end, for which it must hold.
     scale
         What a violation of one means in that unit.
@@ -53,7 +53,7 @@ class BoundedRow:
     value: ca.SX
     lower: float = -np.inf
     upper: float = np.inf
-    last: float = 1.0
+    final_fraction: float = 1.0
     scale: float = 1.0
     size: float | None = None
     first: bool = False

@@ -110,7 +110,7 @@ WHOLE = (
     "design",
     "collision_avoidance",
     "start",
-    "most_intervals",
+    "max_intervals",
     "order",
     "tolerance",
     "starts",
@@ -152,10 +152,10 @@ class PlanSection(Section):
     keep_out: dict[Name, Annotated[PlanLimit, Family("plan_limit", only="keep_out")]] = Field(
         default={}, description="what stays apart, by name"
     )
-    cones: dict[Name, Annotated[PlanLimit, Family("plan_limit", only="cone")]] = Field(
+    approach_cones: dict[Name, Annotated[PlanLimit, Family("plan_limit", only="approach_cone")]] = Field(
         default={}, description="approach cones, by name"
     )
-    sights: dict[Name, Annotated[PlanLimit, Family("plan_limit", only="sight")]] = Field(
+    line_of_sight: dict[Name, Annotated[PlanLimit, Family("plan_limit", only="line_of_sight")]] = Field(
         default={}, description="lines of sight that are kept, by name"
     )
     collision_avoidance: bool = Field(
@@ -180,9 +180,7 @@ class PlanSection(Section):
         default={}, description="what is taken from a few values, by name: each is planned, the best is kept"
     )
     intervals: int = Field(default=16, ge=2, le=2000, description="intervals of the first mesh")
-    most_intervals: int = Field(
-        default=256, ge=2, le=4000, description="intervals of the finest mesh allowed"
-    )
+    max_intervals: int = Field(default=256, ge=2, le=4000, description="intervals of the finest mesh allowed")
     order: Literal[4, 6, 8] = Field(
         default=6, description="order of the collocation: 4 is Hermite and Simpson's, 6 and 8 go on from it"
     )
@@ -242,10 +240,8 @@ class PlanSection(Section):
 
     @model_validator(mode="after")
     def _check(self, info: ValidationInfo) -> PlanSection:
-        if self.most_intervals < self.intervals:
-            raise ValueError(
-                f"most_intervals: found {self.most_intervals}, allowed: at least {self.intervals}"
-            )
+        if self.max_intervals < self.intervals:
+            raise ValueError(f"max_intervals: found {self.max_intervals}, allowed: at least {self.intervals}")
         if self.phases:
             return self._check_phases()
         for key in ("duration", "goals", "costs"):
@@ -289,14 +285,14 @@ class PlanSection(Section):
     ) -> PlanSection:
         """Section of a plain form with changes, without what is null."""
         document = overlay(base, changes)
-        for key in ("keep_out", "cones", "sights"):
+        for key in ("keep_out", "approach_cones", "line_of_sight"):
             if isinstance(document[key], dict):
                 document[key] = without_null(document[key])
         return PlanSection.model_validate(document, context=context)
 
     def every_limit(self) -> Iterator[tuple[str, str, PlanLimit]]:
         """Section, name and limit of each, those of sections that are named after their kind too."""
-        for section in ("limits", "keep_out", "cones", "sights"):
+        for section in ("limits", "keep_out", "approach_cones", "line_of_sight"):
             for name, limit in getattr(self, section).items():
                 yield section, name, limit
 

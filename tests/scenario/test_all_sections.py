@@ -34,7 +34,7 @@ NO_SECTIONS = (3, "text", [1], None, True, {"a": 1}, {"a": None}, [[1]], {"tip":
         ("catch.yaml", "plan.phases"),
         *(
             ("catch.yaml", f"plan.phases.*.{key}")
-            for key in ("cones", "sights", "costs", "keep_out", "goals")
+            for key in ("approach_cones", "line_of_sight", "costs", "keep_out", "goals")
         ),
     ],
 )

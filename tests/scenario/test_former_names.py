@@ -16,6 +16,10 @@ PLACES = {
     "least": ("examples/receding.yaml", "robots.*.controllers.lead"),
     "rival_budget": ("docking", "tuning"),
     "readings": ("paper", "tuning"),
+    "most_intervals": ("docking", "plan"),
+    "last": ("docking", "plan.approach_cones.left"),
+    "cones": ("docking", "plan"),
+    "sights": ("docking", "plan"),
     "shape": ("bounce", "pads.fist"),
 }
 

@@ -27,7 +27,9 @@ PLAN = REACH["plan"] | {
     "duration": 2,
     "limits": {"torque": 5, "base_rotation_deg": 0.4},
     "keep_out": {"apart": {"between": ["end", "ball"], "distance": 0.02}},
-    "cones": {"mate": {"tip": "one/tip", "frame": "mate_1", "half_angle_deg": 20, "last": 0.5}},
+    "approach_cones": {
+        "mate": {"tip": "one/tip", "frame": "mate_1", "half_angle_deg": 20, "final_fraction": 0.5}
+    },
 }
 PADS = {
     "ball": {"link": "target/body", "kind": "sphere", "radius": 0.1},

@@ -138,7 +138,7 @@ def _benchmark(benchmark: Mapping[str, Any], precisions: list[float], folder: Pa
     )
 
 
-def _table(made: tables.TextTable) -> str:
+def _table(made: tables.ComparisonTable) -> str:
     return f"<p>{escape(made.title)}</p>{table(made.headings, made.rows)}"
 
 

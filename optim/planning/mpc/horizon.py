@@ -178,15 +178,15 @@ class Horizon:
         values = solver.instants.call("values", z[:, None])[measured.size :, 0]
         rows = []
         for row, value in zip(problem.path, values, strict=False):
-            if behind and row.last < 1:
+            if behind and row.final_fraction < 1:
                 rows.append(dataclasses.replace(row, lower=-np.inf, upper=np.inf))
                 continue
-            last = min(row.last * self.first_duration_s / duration, 1.0)
+            last = min(row.final_fraction * self.first_duration_s / duration, 1.0)
             low, high = row.lower, row.upper
             if last == 1:
                 low = low if value >= low else value - ROOM
                 high = high if value <= high else value + ROOM
-            rows.append(dataclasses.replace(row, last=last, lower=low, upper=high))
+            rows.append(dataclasses.replace(row, final_fraction=last, lower=low, upper=high))
         return dataclasses.replace(problem, path=tuple(rows), fixed=measured, duration=(duration,) * 3)
 
     def _intervals(self, left: float) -> int:

@@ -102,7 +102,7 @@ def _constraints(phased_motion: PhasedMotion, k: int, phase: str) -> Iterator[_C
         told, limits = _told(row, own)
         over = np.full(sum(points), np.nan)
         over[sum(points[:k]) : sum(points[: k + 1])] = told
-        share = first_constrained(motion.lobatto, motion.mesh, row.last)
+        share = first_constrained(motion.lobatto, motion.mesh, row.final_fraction)
         begin = phased_motion.begins[k] + share * motion.duration_s
         name = f"{phase}: {row.name}" if phase else row.name
         yield _ConstraintValues(name, row.unit, over, limits, begin)

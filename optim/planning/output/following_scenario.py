@@ -110,9 +110,9 @@ def _in_phases(planned: PlanResult, document: Document) -> Document:
             document, phases[name], float(phased_motion.begins[k]) + motion.duration_s, motion.duration_s
         )
     end, left = phases.pop(last), _unused(f"{last}_wait", set(phases))
-    rest, (following_scenario, on_timeout) = None, successors(own)[last]
+    rest, (next_phase, on_timeout) = None, successors(own)[last]
     if last not in closing:
-        end |= {"next": following_scenario, "on_timeout": on_timeout}
+        end |= {"next": next_phase, "on_timeout": on_timeout}
         end, rest = _parted(
             end, phased_motion.motions[-1].duration_s if len(flown) > 1 else phased_motion.duration_s, left
         )

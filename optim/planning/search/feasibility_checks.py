@@ -58,7 +58,7 @@ def check_start(problem: PlanningProblem) -> None:
                 )
     stage = problem.stage
     later = ca.vertcat(stage.a, stage.u, stage.w)
-    rows = [row for row in problem.path if row.last == 1.0 and not ca.depends_on(row.value, later)]
+    rows = [row for row in problem.path if row.final_fraction == 1.0 and not ca.depends_on(row.value, later)]
     if not rows:
         return
     rest = np.zeros(problem.stage.z.numel() - len(problem.fixed))

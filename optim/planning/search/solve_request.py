@@ -215,9 +215,9 @@ class _SolverRuns:
                 if jumps:
                     continue
                 self.cause = ""
-            finer = refined_meshes(phased_motion, verification, solver.plan.most_intervals, solver.backend)
+            finer = refined_meshes(phased_motion, verification, solver.plan.max_intervals, solver.backend)
             if finer is None:
-                self.cause = f"no finer mesh is allowed: raise `most_intervals`, {solver.plan.most_intervals}"
+                self.cause = f"no finer mesh is allowed: raise `max_intervals`, {solver.plan.max_intervals}"
                 return verification
             self.why = f" (refined, for {verification.failures()[-1]})"
             if not self._finer(finer):

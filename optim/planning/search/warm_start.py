@@ -29,7 +29,7 @@ def stored_motion(solver: PlanSolver, path: Path) -> SolveResult:
 
     Configuration, velocity, acceleration and the wrenches of grasps are the file's; what drives the motion
     follows from the equations of motion of this scene, which may have other masses. The mesh is the file's
-    where its order is that of the section and it has from `intervals` to `most_intervals` intervals; else the
+    where its order is that of the section and it has from `intervals` to `max_intervals` intervals; else the
     motion is interpolated on the section's first mesh. Multipliers are taken where constraints and mesh are
     as many as in the file.
 
@@ -83,7 +83,7 @@ def stored_motion(solver: PlanSolver, path: Path) -> SolveResult:
     intervals = (solver.plan.intervals, *(one.plan.intervals for one in solver.following_phases))
     fits = all(
         motion.lobatto.points == solver.lobatto.points
-        and least <= motion.intervals <= solver.plan.most_intervals
+        and least <= motion.intervals <= solver.plan.max_intervals
         for motion, least in zip(motions, intervals, strict=True)
     )
     if not fits:

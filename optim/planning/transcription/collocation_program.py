@@ -120,7 +120,7 @@ class CollocationProgram:
             at = np.zeros((self.points, self.per_point))
             for k, row in enumerate(self.problem.path):
                 free = np.inf if key == "upper" else -np.inf
-                held = row.held(share, first_constrained(self.lobatto, self.mesh, row.last))
+                held = row.held(share, first_constrained(self.lobatto, self.mesh, row.final_fraction))
                 at[:, self.nv + k] = np.where(held, getattr(row, key), free)
             goal = [getattr(row, key) for row in self.problem.goal]
             sides.append(np.concatenate([np.zeros(self.defects), at.ravel(), goal]))

@@ -81,7 +81,7 @@ def segment_constraints(
 
 def may_jump(problem: PlanningProblem) -> bool:
     """Whether a motion can be cut: nothing holds for a part of its duration, and its start is given."""
-    return problem.begin is None and all(row.last == 1.0 for row in problem.path)
+    return problem.begin is None and all(row.final_fraction == 1.0 for row in problem.path)
 
 
 @dataclass(frozen=True)

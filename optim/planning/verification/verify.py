@@ -239,7 +239,7 @@ def between_points(motion: Motion) -> Iterator[LimitExcess]:
     if problem.path:
         values = row_values(problem.path, problem.stage.z, z.T)
         for row, found in zip(problem.path, values, strict=True):
-            held = row.held(shares, first_constrained(motion.lobatto, mesh, row.last))
+            held = row.held(shares, first_constrained(motion.lobatto, mesh, row.final_fraction))
             allowed = ABSOLUTE if row.size is None else RELATIVE * row.size
             over = row.scale * np.maximum(row.lower - found[held], found[held] - row.upper)
             yield LimitExcess(row.name, row.unit, allowed, time[held], over)

@@ -16,18 +16,18 @@ from spacerobot.section import Vector, quantity
 
 
 @register
-class Cone(PlanLimit):
+class ApproachConeLimit(PlanLimit):
     """A tip that comes to a mating frame inside a cone about its axis of approach."""
 
     short: ClassVar[str | None] = None
 
-    kind: Literal["cone"] = "cone"
+    kind: Literal["approach_cone"] = "approach_cone"
     tip: str = Field(description="which tip, as robot/tip")
     frame: str = Field(description="mating frame, a link of the target's URDF")
     axis: Vector = quantity("1", "direction of approach in the mating frame", default=(1.0, 0.0, 0.0))
     half_angle_deg: float = quantity("deg", "between its axis and its surface", gt=0, lt=90)
     radius: float = quantity("m", "of its cut in the mating frame's plane", default=0.01, gt=0)
-    last: float = quantity(
+    final_fraction: float = quantity(
         "1", "part of the duration, at its end, for which it holds", default=0.2, gt=0, le=1
     )
 
@@ -43,4 +43,10 @@ class Cone(PlanLimit):
         across = ca.sqrt(ca.sumsqr(place + before * unit(self.axis)) + small**2)
         slope = float(np.tan(np.radians(self.half_angle_deg)))
         upper = self.radius + small
-        yield BoundedRow("off the cone's axis", "m", across - slope * before, upper=upper, last=self.last)
+        yield BoundedRow(
+            "off the cone's axis",
+            "m",
+            across - slope * before,
+            upper=upper,
+            final_fraction=self.final_fraction,
+        )

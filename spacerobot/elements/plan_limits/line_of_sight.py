@@ -19,22 +19,22 @@ NEAR = 1e-4
 
 
 @register
-class Sight(PlanLimit):
+class LineOfSightLimit(PlanLimit):
     """A camera that keeps a mating frame in sight."""
 
     short: ClassVar[str | None] = None
 
-    kind: Literal["sight"] = "sight"
+    kind: Literal["line_of_sight"] = "line_of_sight"
     camera: str = Field(description="link that carries it, as robot/link; it is at the link's origin")
     axis: Vector = quantity("1", "direction in which it looks, axes of that link", default=(1.0, 0.0, 0.0))
     frame: str = Field(description="mating frame, a link of the target's URDF")
     half_angle_deg: float = quantity("deg", "between its axis and the edge of what it sees", gt=0, lt=180)
-    last: float = quantity(
+    final_fraction: float = quantity(
         "1", "part of the duration, at its end, for which it holds", default=1.0, gt=0, le=1
     )
 
     @model_validator(mode="after")
-    def _check(self) -> Sight:
+    def _check(self) -> LineOfSightLimit:
         if not any(self.axis):
             raise ValueError("axis: found 0 0 0, allowed: a direction")
         return self
@@ -52,7 +52,7 @@ class Sight(PlanLimit):
             "rad",
             cosine,
             lower=float(np.cos(limit)),
-            last=self.last,
+            final_fraction=self.final_fraction,
             scale=float(1 / np.sin(limit)),
             form="cosine",
         )

@@ -60,7 +60,7 @@ def test_least_impulse_is_a_push_a_drift_and_a_push(tmp_path):
     plan = {"duration": 4, "goals": goals, "costs": {"propellant": 1}, "limits": {"base_force": 3}}
     robot = {"urdf": "body.urdf", "base": {"joint": "planar"}, "tips": {"tip": {"frame": "body"}}}
     file = tmp_path / "body.yaml"
-    mesh = {"intervals": 40, "order": 4, "most_intervals": 40, "tolerance": 1.0}
+    mesh = {"intervals": 40, "order": 4, "max_intervals": 40, "tolerance": 1.0}
     file.write_text(yaml.safe_dump({"robots": {"one": robot}, "plan": plan | mesh}))
     found = make_plan(load_scene(file), backend="interpreted")
     motion, share = found.motion, np.linspace(0, 1, 20001)

@@ -78,14 +78,14 @@ def test_a_bad_start_names_what_is_no_number(reach):
 
 
 def test_a_mesh_that_may_not_be_finer_is_named(reach):
-    message = fault(reach(("plan.intervals", 2), ("plan.most_intervals", 2), ("plan.tolerance", 1e-9)))
+    message = fault(reach(("plan.intervals", 2), ("plan.max_intervals", 2), ("plan.tolerance", 1e-9)))
     assert "the plan is refused: " in message
-    assert "raise `most_intervals`, 2" in message
+    assert "raise `max_intervals`, 2" in message
 
 
 def test_derivatives_of_the_elastic_program_equal_central_differences(reach):
     problem = formulate(
-        reach(("plan.cones.mate", {"tip": "one/tip", "frame": "mate_1", "half_angle_deg": 20}))
+        reach(("plan.approach_cones.mate", {"tip": "one/tip", "frame": "mate_1", "half_angle_deg": 20}))
     )
     program = CollocationProgram(problem, build_instants(problem, "interpreted"), Lobatto.of_order(4), 2)
     elastic, rng = ElasticProgram(program, soft_rows(program), 0.5), np.random.default_rng(0)

@@ -70,7 +70,7 @@ def test_least_time_of_a_mass_on_a_rail(tmp_path):
     }
     over = []
     for intervals in (9, 27):
-        meshed = plan | {"intervals": intervals, "most_intervals": intervals}
+        meshed = plan | {"intervals": intervals, "max_intervals": intervals}
         found = least_time(scene(tmp_path, RAIL, "fixed", meshed))
         over.append(found - 2.0)
     assert 0 < over[1] < over[0] < 0.1

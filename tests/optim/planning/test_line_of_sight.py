@@ -9,7 +9,13 @@ from optim.planning.search.make_plan import make_plan
 from spacerobot.errors import ScenarioError
 
 CHEAP = [("plan.order", 4), ("plan.intervals", 8), ("plan.tolerance", 1e-3), ("plan.costs", {"torque": 1})]
-EYE = {"camera": "one/link_3", "axis": [2, 0, 0], "frame": "mate_1", "half_angle_deg": 10, "last": 0.5}
+EYE = {
+    "camera": "one/link_3",
+    "axis": [2, 0, 0],
+    "frame": "mate_1",
+    "half_angle_deg": 10,
+    "final_fraction": 0.5,
+}
 
 
 def angles(motion):
@@ -26,7 +32,7 @@ def angles(motion):
 
 def test_a_mating_frame_stays_in_sight(reach):
     free, kept = (
-        make_plan(reach(*CHEAP, ("plan.sights", sights)), backend="interpreted")
+        make_plan(reach(*CHEAP, ("plan.line_of_sight", sights)), backend="interpreted")
         for sights in ({}, {"eye": EYE})
     )
     late = free.motion.time >= 3 - 1e-9
@@ -42,14 +48,14 @@ def test_a_mating_frame_stays_in_sight(reach):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"camera": "two/base"}, "plan.sights.eye.camera: no robot 'two'"),
-        ({"camera": "one/link_4"}, "plan.sights.eye.camera: no link 'link_4'; did you mean link_"),
-        ({"frame": "mate_9"}, "plan.sights.eye.frame: no link 'mate_9'"),
+        ({"camera": "two/base"}, "plan.line_of_sight.eye.camera: no robot 'two'"),
+        ({"camera": "one/link_4"}, "plan.line_of_sight.eye.camera: no link 'link_4'; did you mean link_"),
+        ({"frame": "mate_9"}, "plan.line_of_sight.eye.frame: no link 'mate_9'"),
         ({"axis": [0, 0, 0]}, "axis: found 0 0 0"),
-        ({"last": 1}, "the start violates a limit: eye: off the camera's axis is passed by"),
+        ({"final_fraction": 1}, "the start violates a limit: eye: off the camera's axis is passed by"),
     ],
 )
 def test_bad_sights_are_refused_in_one_line(reach, changes, message):
     with pytest.raises(ScenarioError) as fault:
-        make_plan(reach(("plan.sights", {"eye": EYE | changes})), backend="interpreted")
+        make_plan(reach(("plan.line_of_sight", {"eye": EYE | changes})), backend="interpreted")
     assert message in str(fault.value)

@@ -54,7 +54,10 @@ def test_derivatives_of_the_program_equal_central_differences(reach, changes):
         ("pads.ball", {"link": "target/body", "kind": "sphere", "radius": 0.2}),
         ("pads.end", {"link": "one/link_3", "kind": "sphere", "radius": 0.05}),
         ("plan.keep_out.apart", {"between": ["end", "ball"], "distance": 0.02}),
-        ("plan.cones.mate", {"tip": "one/tip", "frame": "mate_1", "half_angle_deg": 20, "last": 0.5}),
+        (
+            "plan.approach_cones.mate",
+            {"tip": "one/tip", "frame": "mate_1", "half_angle_deg": 20, "final_fraction": 0.5},
+        ),
     ]
     problem = formulate(reach(*held, *changes))
     mesh = Mesh((0.0, 0.2, 0.35, 1.0))
@@ -188,7 +191,7 @@ def test_bad_input_is_refused_in_one_line(reach, changes, message):
 
 
 def test_a_mesh_too_coarse_is_refused_by_its_replay(reach):
-    changes = [("plan.intervals", 2), ("plan.most_intervals", 2), ("plan.tolerance", 1e-9)]
+    changes = [("plan.intervals", 2), ("plan.max_intervals", 2), ("plan.tolerance", 1e-9)]
     with pytest.raises(NoPlanError, match="replayed, one/tip ends up to"):
         make_plan(reach(*changes), backend="interpreted")
 
