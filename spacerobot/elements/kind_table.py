@@ -22,7 +22,7 @@ PLACES = {
     "shape": "`pads.*`",
     "goal": "`plan.goals.*`; the kind follows from `attitude`, `frame`, `position`, `joints` or `still`",
     "plan_cost": "`plan.costs.*`; the name is the kind if the section gives none, a number alone the weight",
-    "plan_limit": "`plan.limits.*`, likewise; `plan.keep_out.*`, `plan.approach_cones.*`, `plan.line_of_sight.*`",
+    "plan_limit": "`plan.limits.*`, likewise; `plan.keep_out.*`, `.approach_cones.*`, `.line_of_sight.*`",
 }
 """Where a kind of each family stands in a scenario."""
 
