@@ -28,21 +28,7 @@ def driven(torque: tuple[float, float, float]) -> dict[str, object]:
 
 @dataclass(frozen=True)
 class Built:
-    """A simulation to be run.
-
-    Attributes
-    ----------
-    body
-        Basilisk's dynamic object.
-    state
-        Reads the final state.
-    after
-        Modules that run after it.
-    kept
-        What Basilisk refers to and does not keep.
-    start
-        Sets the state after initialisation.
-    """
+    """A dynamic object, its final state, modules after it, what has to be kept, how it starts."""
 
     body: Any
     state: Callable[[], Array]
@@ -52,15 +38,7 @@ class Built:
 
 
 def basilisk_side(build: Callable[[], Built], step_s: float, duration_s: float) -> Side:
-    """A simulation by Basilisk's RK4, one task whose period is the step.
-
-    Parameters
-    ----------
-    build
-        Called once for each run.
-    step_s, duration_s
-        Step of level 0, and how long [s].
-    """
+    """A simulation by Basilisk's RK4, one task whose period is the step; built once for each run."""
     from Basilisk.simulation import svIntegrators
     from Basilisk.utilities import SimulationBaseClass, macros
 

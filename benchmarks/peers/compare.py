@@ -24,13 +24,8 @@ Job = Callable[[], Array]
 class Side:
     """One of the two programs.
 
-    Attributes
-    ----------
-    ready
-        Builds the simulation at a level of refinement; what it returns simulates and gives the final state.
-        Each level halves the step of the one before.
-    setting
-        Method and step at a level, in words.
+    ``ready`` builds the simulation at a level, each of half the step of the one before; what it returns
+    simulates and gives the final state. ``setting`` has method and step of a level in words.
     """
 
     ready: Callable[[int], Job]
@@ -39,21 +34,7 @@ class Side:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a scene found; times are processor times [s].
-
-    Attributes
-    ----------
-    agreement
-        Difference of the two results, in words with units.
-    error
-        Up to which each has converged, in words with units.
-    ours_s, theirs_s
-        Of one simulation or solution.
-    ours, theirs
-        Method and step of each, and what its preparation takes.
-    numbers
-        Raw numbers for the JSON file.
-    """
+    """What a scene found: in words, the processor times of one run each [s], their settings, raw numbers."""
 
     agreement: str
     error: str
@@ -66,21 +47,7 @@ class Outcome:
 
 @dataclass(frozen=True)
 class PeerScene:
-    """A scene that a peer simulates too.
-
-    Attributes
-    ----------
-    peer
-        Its name, as in the table.
-    package
-        Of the peer, in the package index.
-    title
-        What is simulated, one line.
-    note
-        What differs, what the peer lacks, and since when its users ask for it.
-    measure
-        Does it; raises ImportError where the peer is missing.
-    """
+    """A scene that a peer simulates too: ``measure`` raises ImportError where its package is missing."""
 
     peer: str
     package: str
@@ -112,20 +79,7 @@ def distance(a: Array, b: Array) -> float:
 
 
 def converged(side: Side, tolerance: float) -> tuple[int, float, Array]:
-    """Coarsest level whose final state differs from the next one's by at most a tolerance.
-
-    Parameters
-    ----------
-    side
-        What is refined, level by level.
-    tolerance
-        Greatest difference, as :func:`distance` counts it.
-
-    Returns
-    -------
-    tuple
-        The level, its difference from the next one, and the final state at the next one.
-    """
+    """Coarsest level that is within a tolerance of the next, their difference, the finer result."""
     before = side.ready(0)()
     for level in range(MOST_LEVELS):
         after = side.ready(level + 1)()
@@ -137,17 +91,7 @@ def converged(side: Side, tolerance: float) -> tuple[int, float, Array]:
 
 
 def compare(ours: Side, theirs: Side, tolerance: float, quantity: str = "state") -> Outcome:
-    """Refine both, compare the results, let them take turns at the levels found.
-
-    Parameters
-    ----------
-    ours, theirs
-        The two programs; final states in the same coordinates.
-    tolerance
-        Of each one's own convergence, relative to the larger of one unit and a component's size.
-    quantity
-        What is compared, in words.
-    """
+    """Refine both up to a tolerance, compare the results, let them take turns at the levels found."""
     _, prepare_s = timed(lambda: ours.ready(0))
     sides = (ours, theirs)
     found = [converged(side, tolerance) for side in sides]
@@ -169,19 +113,7 @@ def compare(ours: Side, theirs: Side, tolerance: float, quantity: str = "state")
 
 
 def our_side(scene: Scene, step_s: float, state: Callable[[Array], Array], method: str = "tanaka6") -> Side:
-    """Ours: the compiled rollout of a scene, without samples in between.
-
-    Parameters
-    ----------
-    scene
-        With its duration.
-    step_s
-        Step of level 0 [s].
-    state
-        From the final state of the closed loop to the coordinates in which both are compared.
-    method
-        Numerical method.
-    """
+    """Ours: the compiled rollout of a scene; ``state`` gives the coordinates in which both are compared."""
     duration_s = scene.scenario.simulation.duration
     loop = build_closed_loop(scene)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 import pinocchio as pin
@@ -23,43 +23,28 @@ def numbers(values: object) -> str:
 def mjcf(
     scene: Scene,
     *,
-    option: str = "",
-    sites: Mapping[str, int] | None = None,
-    more: Mapping[str, str] | None = None,
-    geoms: Mapping[int, str] | None = None,
+    more: str = "",
+    inside: Mapping[int, str] | None = None,
     wheels: tuple[Array, float] | None = None,
 ) -> str:
-    """MuJoCo's description of the bodies of a scene, without gravity.
+    """MuJoCo's description of the bodies of a scene, joint by joint.
 
     Parameters
     ----------
     scene
-        Whose model is written, joint by joint.
-    option
-        Of MuJoCo, an XML element.
-    sites
-        From a site's name to the frame of the model that it marks.
+        Whose model is written.
     more
-        XML by section, ``actuator`` or ``equality``.
-    geoms
-        XML of geometries by joint of the model.
+        Further sections, XML: options, motors, equality constraints.
+    inside
+        Geometries and sites, XML by joint of the model.
     wheels
         Axes of wheels (3 x n) and the inertia of each about its axis [kg m^2], on the first floating base.
-
-    Returns
-    -------
-    str
-        The XML text.
     """
     model = scene.model
     children: dict[int, list[int]] = {}
     for joint in range(1, model.njoints):
         children.setdefault(int(model.parents[joint]), []).append(joint)
     data = model.createData()
-    marks: dict[int, list[str]] = {}
-    for name, frame in (sites or {}).items():
-        at = model.frames[frame]
-        marks.setdefault(int(at.parentJoint), []).append(f'<site name="{name}" {_pose(at.placement)}/>')
 
     def body(joint: int) -> str:
         inertia, inner = model.inertias[joint], ""
@@ -76,20 +61,21 @@ def mjcf(
             kind = "hinge" if axis[3:].any() else "slide"
             way = numbers(axis[3:] if kind == "hinge" else axis[:3])
             joints = f'<joint name="{name}" type="{kind}" axis="{way}" damping="{damping:.17g}"/>'
-        inner += "".join(marks.get(joint, [])) + (geoms or {}).get(joint, "")
-        inner += "".join(body(child) for child in children.get(joint, []))
-        place = _pose(model.jointPlacements[joint])
+        inner += (inside or {}).get(joint, "") + "".join(body(child) for child in children.get(joint, []))
+        place = pose(model.jointPlacements[joint])
         return f'<body name="{name}" {place}>{_inertial(inertia)}{joints}{inner}</body>'
 
     bodies = "".join(body(joint) for joint in children[0])
-    sections = "".join(f"<{key}>{text}</{key}>" for key, text in (more or {}).items())
-    return (
-        '<mujoco model="scene"><compiler angle="radian" autolimits="true"/>'
-        f"{option}<worldbody>{bodies}</worldbody>{sections}</mujoco>"
-    )
+    return f'<mujoco model="scene"><compiler angle="radian"/><worldbody>{bodies}</worldbody>{more}</mujoco>'
 
 
-def _pose(placement: pin.SE3) -> str:
+def motors(names: Iterable[str]) -> str:
+    """Motors of joints, each of the joint's name."""
+    return f"<actuator>{''.join(f'<motor name={n!r} joint={n!r}/>' for n in names)}</actuator>"
+
+
+def pose(placement: pin.SE3) -> str:
+    """Attributes of a body or a site."""
     quat = pin.Quaternion(placement.rotation).coeffs()
     return f'pos="{numbers(placement.translation)}" quat="{numbers(np.roll(quat, 1))}"'
 
@@ -102,11 +88,7 @@ def _inertial(inertia: pin.Inertia) -> str:
 
 
 def _wheels(inertia: pin.Inertia, axes: Array, spin: float) -> tuple[str, pin.Inertia]:
-    """Wheels at the centre of mass as bodies on hinges, and what remains of the base that carries them.
-
-    A body needs inertia across its axis as well; it is taken from the base, as is the mass. Both together are
-    the base of the scenario, to which wheels add inertia about their axes alone.
-    """
+    """Wheels as bodies on hinges; their mass and inertia across their axes are taken from the base."""
     across, texts, rest = 0.6 * spin, "", np.array(inertia.inertia)
     for i, axis in enumerate(axes.T):
         own = across * np.eye(3) + (spin - across) * np.outer(axis, axis)
@@ -120,11 +102,7 @@ def _wheels(inertia: pin.Inertia, axes: Array, spin: float) -> tuple[str, pin.In
 
 
 def coordinates(scene: Scene, q: Array, v: Array) -> tuple[Array, Array]:
-    """Positions and velocities as MuJoCo has them.
-
-    Planar bases have x, y, angle; free bodies a quaternion with the real part first. Their linear velocities
-    are in world axes, the angular ones of free bodies in their own.
-    """
+    """MuJoCo's positions and velocities: linear ones of bases in world axes, angular in their own."""
     position: list[float] = []
     velocity: list[float] = []
     for joint in scene.model.joints[1:]:
@@ -138,6 +116,6 @@ def coordinates(scene: Scene, q: Array, v: Array) -> tuple[Array, Array]:
             position += [own[0], own[1], np.arctan2(s, c)]
             velocity += [c * rate[0] - s * rate[1], s * rate[0] + c * rate[1], rate[2]]
         else:
-            position.append(own[0])
+            position.append(own[0] if joint.nq == 1 else np.arctan2(own[1], own[0]))
             velocity.append(rate[0])
     return np.array(position), np.array(velocity)

@@ -6,7 +6,7 @@ import numpy as np
 
 from benchmarks.peers.basilisk import Built, basilisk_side, driven
 from benchmarks.peers.compare import Outcome, PeerScene, Side, compare, our_side
-from benchmarks.peers.mjcf import coordinates, mjcf
+from benchmarks.peers.mjcf import coordinates, mjcf, motors
 from spacerobot.arrays import Array
 from spacerobot.scene import Scene, load_scene
 
@@ -41,8 +41,7 @@ def measure() -> Outcome:
     storage = scene.robots[0].config.actuators["wheels"].momentum_storage()
     count = len(storage.speeds)
     names = [f"wheel_{i}" for i in range(count)]
-    motors = "".join(f'<motor name="{name}" joint="{name}"/>' for name in names)
-    text = mjcf(scene, wheels=(storage.axes, storage.inertia), more={"actuator": motors})
+    text = mjcf(scene, wheels=(storage.axes, storage.inertia), more=motors(names))
     commands = -np.linalg.pinv(storage.axes) @ TORQUE
 
     def moved(position: Array, velocity: Array, t: float, sign: int) -> tuple[Array, Array]:

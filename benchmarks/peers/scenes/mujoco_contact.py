@@ -45,7 +45,7 @@ def measure() -> Outcome:
         for joint, centre, radius in spheres(scene)
     }
     option = '<option integrator="RK4" tolerance="1e-14" iterations="50"><flag gravity="disable"/></option>'
-    model = mujoco.MjModel.from_xml_string(mjcf(scene, option=option, geoms=geoms))
+    model = mujoco.MjModel.from_xml_string(mjcf(scene, more=option, inside=geoms))
 
     def ready(level: int) -> Job:
         data, step = mujoco.MjData(model), 0.004 / 2**level

@@ -48,7 +48,7 @@ def measure() -> Outcome:
 
     scene = passive()
     option = f'<option integrator="RK4">{FLAGS}</option>'
-    model = mujoco.MjModel.from_xml_string(mjcf(scene, option=option))
+    model = mujoco.MjModel.from_xml_string(mjcf(scene, more=option))
 
     def ready(level: int) -> Job:
         data, step = mujoco.MjData(model), 0.02 / 2**level

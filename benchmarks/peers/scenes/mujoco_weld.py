@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.peers.compare import Job, Outcome, PeerScene, Side, compare
-from benchmarks.peers.mjcf import coordinates, mjcf
+from benchmarks.peers.mjcf import coordinates, mjcf, pose
 from benchmarks.peers.scenes.mujoco_plant import our_plant
 from spacerobot.arrays import Array
 from spacerobot.elements import load_plugin
@@ -40,17 +40,23 @@ def measure() -> Outcome:
     import mujoco
 
     scene = held()
-    sites, welds = {}, ""
+    sites: dict[int, str] = {}
+    welds = ""
     for grasp in scene.grasps:
-        ends = {f"{grasp.name}.tip": grasp.tip.frame, f"{grasp.name}.mate": grasp.frame}
-        sites |= ends
+        ends = [scene.model.frames[frame] for frame in (grasp.tip.frame, grasp.frame)]
+        for end in ends:
+            sites[end.parentJoint] = (
+                sites.get(end.parentJoint, "") + f'<site name="{end.name}" {pose(end.placement)}/>'
+            )
         first, second = ends
-        welds += f'<weld site1="{first}" site2="{second}" solimp="0.9999 0.9999 0.001"/>'
+        welds += f'<weld site1="{first.name}" site2="{second.name}" solimp="0.9999 0.9999 0.001"/>'
     option = (
         '<option integrator="RK4" solver="Newton" tolerance="1e-14" iterations="50">'
         '<flag contact="disable" gravity="disable"/></option>'
     )
-    model = mujoco.MjModel.from_xml_string(mjcf(scene, option=option, sites=sites, more={"equality": welds}))
+    model = mujoco.MjModel.from_xml_string(
+        mjcf(scene, more=f"{option}<equality>{welds}</equality>", inside=sites)
+    )
     columns = [model.joint(scene.model.names[j]).dofadr[0] for body in scene.robots for j in body.joints]
 
     def ready(level: int) -> Job:

@@ -18,17 +18,7 @@ from spacerobot.scene import Scene
 def python_loop(
     scene: Scene, duration_s: float, step_s: float, acceleration: Callable[[Array, Array], Array]
 ) -> Side:
-    """Classical Runge-Kutta steps of (q, v), normalised after each.
-
-    Parameters
-    ----------
-    scene
-        Where it begins.
-    duration_s, step_s
-        For how long, and the step of level 0 [s].
-    acceleration
-        Of (q, v).
-    """
+    """Classical Runge-Kutta steps of (q, v), normalised after each."""
     model = scene.model
 
     def rate(x: Array) -> Array:
