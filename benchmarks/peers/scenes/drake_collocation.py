@@ -7,11 +7,11 @@ import numpy as np
 from benchmarks.peers.compare import Job, Outcome, PeerScene, Side, compare
 from benchmarks.peers.mjcf import coordinates, mjcf, motors
 from optim.planning.formulation.formulate import formulate
-from optim.planning.solver.solve import solve
-from optim.planning.transcription.functions import build_instants
-from optim.planning.transcription.guess import guess
+from optim.planning.solver.ipopt import solve
+from optim.planning.transcription.collocation_program import CollocationProgram
+from optim.planning.transcription.initial_guess import initial_guess
+from optim.planning.transcription.instant_functions import build_instants
 from optim.planning.transcription.lobatto import Lobatto
-from optim.planning.transcription.program import Program
 from spacerobot.arrays import Array
 from spacerobot.scene import Scene, load_scene
 
@@ -31,8 +31,8 @@ def measure() -> Outcome:
 
     def ready(level: int) -> Job:
         intervals = 4 * 2**level
-        first = guess(problem, order, intervals)
-        program = Program(problem, instants, order, intervals)
+        first = initial_guess(problem, order, intervals)
+        program = CollocationProgram(problem, instants, order, intervals)
         scale = program.objective(first.unknowns)
 
         def run() -> Array:
