@@ -69,7 +69,7 @@ def test_the_page_states_what_is_flown(flown):
             "hand error in space, `reactionless`, less than, um": hand["reactionless/hand"],
             "base turns, `wheels`, with the momentum of the arm fed forward, deg": base["wheels"],
             "base turns, `wheels`, feedback alone (`feed_forward: 0`), deg": without,
-            "largest wheel momentum, N m s": float(abs(flown.data.wheel_speed).max()) * 0.05,
+            "largest momentum of one wheel, N m s": float(abs(flown.data.wheel_speed).max()) * 0.05,
         },
     )
 

@@ -33,7 +33,7 @@ def impulse(result, captured):
 
 
 def test_the_page_states_what_is_flown():
-    result = sr.simulate(sr.load_scene("ssrms", {"simulation.step": 0.04}))  # that which is chosen
+    result = sr.simulate(sr.load_scene("ssrms", {"simulation.step": 0.08}), backend="interpreted")
     events = {event["name"]: event for event in result.summary["events"]}
     captured, time = events["grapple.captured"], result.data.time.values
     tip, speed = (result.data[name].values[:, 0] for name in ("tip_position", "tip_velocity"))
