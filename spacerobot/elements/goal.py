@@ -130,6 +130,11 @@ class TipGoal(Goal):
         return 0.0
 
     @property
+    def is_exact(self) -> bool:
+        """Whether the tip's pose has no tolerance."""
+        return True
+
+    @property
     def end_speed(self) -> float | None:
         """Speed of the tip relative to what it follows at the end [m/s], where it then moves along with it.
 

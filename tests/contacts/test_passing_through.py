@@ -99,3 +99,21 @@ def test_the_depth_between_samples_is_found():
     assert least_between(2 * (time - 0.9) ** 2 - 0.3, time) == pytest.approx(-0.3, abs=1e-14)
     assert least_between(time - 1, time) == -1
     assert least_between(np.array([1.0, -1.0, -1.0, 3.0]), np.array([0.0, 1.0, 1.0, 2.0])) == -1
+
+
+@pytest.mark.parametrize("offset", [0.05, 0.13])
+def test_derivatives_through_steps_that_were_shortened(loop, offset):
+    """One step would pass both balls by each other; how they part depends on where they meet."""
+    rollout = build_rollout(loop, duration_s=1.0, step_s=1.0, output_step_s=1.0, backend="interpreted")
+    at = {OFFSET: offset}
+    found = rollout.jacobian(at, wrt=[OFFSET], outputs=["body_position"], accuracy=False)
+    assert [loop.events[one.event].kind for one in found.trajectory.events] == ["touched", "parted"]
+    slope = found.outputs["body_position"][-1, ..., 0]
+    wide, narrow = (
+        np.subtract(*(rollout.run({OFFSET: offset + s * h}).outputs["body_position"][-1] for s in (1, -1)))
+        / (2 * h)
+        for h in (2e-5, 1e-5)
+    )
+    difference = (4 * narrow - wide) / 3
+    assert np.abs(difference).max() > 10
+    np.testing.assert_allclose(slope, difference, atol=1e-5 * np.abs(difference).max())

@@ -236,6 +236,12 @@ def _check_mated(scene: Scene, grasp: SceneGrasp, goals: Mapping[str, Goal], pha
             where=where,
         )
     goal = goals[mating[0]]
+    if isinstance(goal, TipGoal) and not goal.is_exact:
+        raise ScenarioError(
+            f"found a tolerance of the pose, where {grasp.name!r} closes on the mating frame; leave it out",
+            source=scene.source,
+            where=f"{where}.{mating[0]}",
+        )
     if not is_rigid(grasp) and isinstance(goal, TipGoal) and goal.end_distance:
         raise ScenarioError(
             f"found a standoff, where {grasp.name!r} closes and its springs are at rest; leave it out",

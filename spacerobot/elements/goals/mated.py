@@ -12,7 +12,7 @@ from pydantic import Field, model_validator
 
 from spacerobot.dynamics.joints import exact_directions
 from spacerobot.elements.goal import TipGoal
-from spacerobot.elements.plan_instant import BoundedRow, PlanInstant, matched, unit, zero
+from spacerobot.elements.plan_instant import BoundedRow, PlanInstant, matched, unit, within, zero
 from spacerobot.elements.reference import Reference
 from spacerobot.elements.registry import register
 from spacerobot.section import Vector, quantity
@@ -39,6 +39,12 @@ class Mated(TipGoal):
     closing_speed: float = quantity(
         "m/s", "speed along `axis` relative to the mating frame", default=0.0, ge=0
     )
+    position_within: float | None = quantity(
+        "m", "greatest distance from there; none if not given", default=None, gt=0
+    )
+    orientation_within_deg: float | None = quantity(
+        "deg", "greatest angle from there; none if not given", default=None, gt=0
+    )
     speed_within: float | None = quantity(
         "m/s",
         "greatest speed beside `closing_speed`, for a rigid grasp; none if not given",
@@ -61,8 +67,9 @@ class Mated(TipGoal):
             raise ValueError("axis: found 0 0 0, allowed: a direction")
         if self.settled and self.rest:
             raise ValueError("settled: joints at rest are settled; leave out `settled` or `rest`")
-        if self.spin_within_deg is not None and not self.orientation:
-            raise ValueError("spin_within_deg: without `orientation` spin is free already")
+        for key in ("spin_within_deg", "orientation_within_deg"):
+            if getattr(self, key) is not None and not self.orientation:
+                raise ValueError(f"{key}: without `orientation` orientation and spin are free already")
         return self
 
     @property
@@ -86,6 +93,11 @@ class Mated(TipGoal):
         return self.standoff
 
     @property
+    def is_exact(self) -> bool:
+        """Whether the pose has no tolerance."""
+        return self.position_within is None and self.orientation_within_deg is None
+
+    @property
     def end_speed(self) -> float | None:
         """The closing speed, where the tip then neither turns nor moves otherwise relative to the frame."""
         return self.closing_speed if self.rests and self.orientation and not self.rate_within else None
@@ -103,17 +115,19 @@ class Mated(TipGoal):
         tip, mate, axis = instant.tip(self.tip), instant.mating(self.frame), unit(self.axis)
         place, speed, spin = tip.seen_from(mate)
         place, speed = place + self.standoff * axis, speed - self.closing_speed * axis
-        for i in instant.axes:
-            yield zero(f"position {'xyz'[i]}", "m", place[i])
+        yield from matched("position", "m", place, instant.axes, self.position_within)
         yield from matched("velocity", "m/s", speed, instant.axes, self.speed_within)
         if not self.orientation:
             return
         mated = exact_directions(pin.rpy.rpyToMatrix(np.radians(self.mated_deg)))
         turn = instant.turned(ca.mtimes(mate.rotation, mated), tip.rotation)
-        for k, i in enumerate(instant.turns):
-            yield zero(f"orientation {'xyz'[i]}", "rad", turn[k])
-        within = None if self.spin_within_deg is None else float(np.radians(self.spin_within_deg))
-        yield from matched("spin", "rad/s", spin, instant.turns, within)
+        if self.orientation_within_deg is not None:
+            yield within("orientation", "rad", turn, float(np.radians(self.orientation_within_deg)))
+        else:
+            for k, i in enumerate(instant.turns):
+                yield zero(f"orientation {'xyz'[i]}", "rad", turn[k])
+        slow = None if self.spin_within_deg is None else float(np.radians(self.spin_within_deg))
+        yield from matched("spin", "rad/s", spin, instant.turns, slow)
 
     def arrival(self, instant: PlanInstant) -> tuple[ca.SX, ca.SX]:
         """In the mating frame; no spin where orientation is free."""

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import casadi as ca
 import numpy as np
+import pinocchio as pin
 import pytest
 import yaml
 
@@ -162,11 +163,35 @@ def test_goals_have_tolerances_and_cost_less_with_them(reach):
             {"position x", "position y", "orientation"},
         ),
         ({"attitude": "one", "rotation_deg": [0, 0, 9], "rotation_within_deg": 2}, {"attitude"}),
+        (
+            {"tip": "one/tip", "frame": "mate_1", "position_within": 0.1, "orientation_within_deg": 2},
+            {"position", "orientation", "velocity x", "velocity y", "spin z"},
+        ),
     ],
 )
 def test_tolerances_of_goals_are_bounds_of_sizes(reach, goal, rows):
     found = [row for row in formulate(reach(("plan.goals", {"end": goal}))).goal if "rate" not in row.name]
     assert {row.name.removeprefix("end: ") for row in found} == rows
+
+
+def test_a_mated_pose_is_met_within_its_tolerances(reach):
+    """Both are used up: what a nearer pose would cost is saved."""
+    goal = {"tip": "one/tip", "frame": "mate_1", "position_within": 0.05, "orientation_within_deg": 1}
+    short = [("plan.intervals", 4), ("plan.tolerance", 1e-2), ("plan.duration", 3)]
+    loose = make_plan(reach(*short, ("plan.goals", {"mate": goal})), backend="interpreted")
+    exact = make_plan(reach(*short), backend="interpreted")
+    assert loose.cost < 0.97 * exact.cost
+    scene, off = loose.scene, list[float]()
+    for plan in (loose, exact):
+        data = scene.model.createData()
+        pin.framesForwardKinematics(scene.model, data, plan.motion.q[-1])
+        mate = data.oMf[scene.model.getFrameId("target/mate_1", pin.FrameType.BODY)]
+        seen = mate.inverse() * data.oMf[scene.tips[0].frame]
+        off += [
+            float(np.linalg.norm(seen.translation)),
+            float(np.degrees(np.linalg.norm(pin.log3(seen.rotation)))),
+        ]
+    np.testing.assert_allclose(off, [0.05, 1.0, 0.0, 0.0], atol=2e-5)
 
 
 def test_a_posture_outside_a_range_is_refused(reach):
