@@ -1,1 +1,1 @@
-"""What is measured, each beside what it is measured against, in the same run."""
+"""Benchmarks, each measured in the same run as its baseline."""

@@ -1,4 +1,4 @@
-"""What following a plan costs, with few knots and with many."""
+"""Cost of following a plan, with few knots and with many."""
 
 from __future__ import annotations
 

@@ -300,7 +300,7 @@ class _Blocks:
         return int(self._parts["step"][2].n_instructions())
 
     def program(self, w: ca.MX, pairs: ca.MX) -> tuple[dict[str, ca.MX], dict[str, Any]]:
-        """What CasADi's interface to IPOPT asks for."""
+        """Program in the form of CasADi's interface to IPOPT."""
         (step, slopes, bends, at, bent), (goal, ends, end_bends, end_at, end_bent) = self._parts.values()
         count, inner, goals, n = self._count, self._inner, self._goals, np.arange(self._count)[:, None]
         last, shift, end_shift = pairs[:, -1], n * self._wide, (count - 1) * self._wide

@@ -1,4 +1,4 @@
-"""What four reaction wheels and the attitude control that uses them cost, one rollout and a batch."""
+"""Cost of four reaction wheels and the attitude control that uses them, one rollout and a batch."""
 
 from __future__ import annotations
 

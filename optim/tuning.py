@@ -26,7 +26,7 @@ HALVINGS = 6
 
 @dataclass(frozen=True)
 class TuningResult:
-    """What tuning found.
+    """Result of tuning.
 
     Attributes
     ----------

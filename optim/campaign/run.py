@@ -34,7 +34,7 @@ GRAIN = 64  # samples by which chunks grow: whole groups of lanes for every thre
 
 @dataclass(frozen=True)
 class CampaignProgress:
-    """What a campaign is doing, and how far it is.
+    """Progress of a campaign.
 
     Attributes
     ----------
@@ -74,7 +74,7 @@ class ChunkQueue:
 
 
 class Executor(Protocol):
-    """What works through chunks: this process, or many machines."""
+    """Executor of chunks: this process, or many machines."""
 
     def work(
         self, evaluator: CampaignEvaluator, draws: Array, chunks: ChunkQueue

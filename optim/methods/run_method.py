@@ -79,7 +79,7 @@ def effort_of(tuning: Tuning, **changes: int | None) -> Effort:
 
 @dataclass(frozen=True)
 class MethodOutcome:
-    """What one method found.
+    """Result of one method.
 
     Attributes
     ----------

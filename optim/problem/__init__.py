@@ -1,1 +1,1 @@
-"""What is asked: the tuning problem of a scene, its variables, objective, constraints and derivatives."""
+"""The tuning problem of a scene: its variables, objective, constraints and derivatives."""

@@ -1,4 +1,4 @@
-"""What a tuning problem is made of: variables, terms, and the rollout that gives them."""
+"""Formulation of a tuning problem: variables, terms, and the rollout that gives them."""
 
 from __future__ import annotations
 

@@ -53,7 +53,7 @@ UserObjective = Callable[[Signals], Measure | ReducedObjective]
 
 @dataclass(frozen=True)
 class ObjectiveTerms:
-    """What is measured of each rollout, and how objective and constraints follow from it.
+    """Measures of each rollout, and the objective and constraints made of them.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What every optimiser needs to know of a problem, and nothing more.
+"""Interface of a problem to optimisers.
 
 A point u lies in the unit cube of the k variables. The problem is
 

@@ -1,4 +1,4 @@
-"""What workers are asked of a tuning problem: rows in, arrays out, each row for itself, on one thread."""
+"""Operations of workers on a tuning problem: rows in, arrays out, each row independently, on one thread."""
 
 from __future__ import annotations
 

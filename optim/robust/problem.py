@@ -271,7 +271,7 @@ def build_robust(
 
 @dataclass(frozen=True)
 class RobustTuningResult:
-    """What robust tuning found.
+    """Result of robust tuning.
 
     Attributes
     ----------

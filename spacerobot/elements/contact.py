@@ -69,7 +69,7 @@ class Contact(Element):
     )
 
     def build(self, contact: ContactContext) -> Contribution:
-        """What it adds to the closed loop."""
+        """Contribution to the closed loop."""
         raise NotImplementedError
 
 

@@ -1,4 +1,4 @@
-"""What a law may ask for when it is built."""
+"""Context of a law while it is built."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an element contributes to the closed loop."""
+"""Contributions of elements to the closed loop."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def memory(name: str, initial: ca.SX) -> State:
 
 @dataclass(frozen=True)
 class CommandedTorque:
-    """What a robot's actuators are asked for.
+    """Generalized forces commanded of a robot's actuators.
 
     Attributes
     ----------
@@ -274,7 +274,7 @@ class AccelerationConstraint:
 
 @dataclass(frozen=True)
 class Contribution:
-    """What one element adds to the closed loop; the loop concatenates.
+    """Contribution of one element to the closed loop; the loop concatenates.
 
     Attributes
     ----------

@@ -24,7 +24,7 @@ class TipController(Element):
     sampled: Sampling | None = SAMPLED
 
     def build(self, tip: TipContext) -> Contribution:
-        """What it adds to the closed loop."""
+        """Contribution to the closed loop."""
         raise NotImplementedError
 
     def reads(self, key: str, siblings: Mapping[str, Section]) -> set[str]:
@@ -73,7 +73,7 @@ class RobotController(RobotElement):
         return None
 
     def build(self, robot: RobotContext) -> Contribution:
-        """What it adds to the closed loop."""
+        """Contribution to the closed loop."""
         raise NotImplementedError
 
     def reads(self) -> set[str]:

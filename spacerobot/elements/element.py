@@ -1,4 +1,4 @@
-"""What every element has in common."""
+"""Base class of all elements."""
 
 from __future__ import annotations
 
@@ -46,11 +46,11 @@ class Element(Section):
         raise NotImplementedError
 
     def assumptions(self) -> list[str]:
-        """What is assumed where it acts, a sentence each."""
+        """Assumptions where it acts, a sentence each."""
         return []
 
     def warnings(self) -> list[str]:
-        """What a user should look at before it acts, a sentence each."""
+        """Warnings before it acts, a sentence each."""
         return []
 
     def words(self) -> str:

@@ -10,7 +10,7 @@ import casadi as ca
 
 @dataclass(frozen=True)
 class Event:
-    """What happens where a guard rises above zero.
+    """Event that fires where a guard rises above zero.
 
     Switches are numbers in c, 0 or 1, constant between events; ``context.switch`` makes them.
 

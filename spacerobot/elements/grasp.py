@@ -130,7 +130,7 @@ class Grasp(Element):
         raise NotImplementedError
 
     def build(self, grasp: GraspContext) -> Contribution:
-        """What it adds to the closed loop while it is closed."""
+        """Contribution to the closed loop while it is closed."""
         raise NotImplementedError
 
 

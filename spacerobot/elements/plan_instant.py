@@ -208,7 +208,7 @@ class PlannedWheels(NamedTuple):
 
 
 class PlanInstant(Protocol):
-    """What goals, costs and limits of a plan see of an instant of the motion.
+    """Instant of the trajectory as goals, costs and limits of a plan evaluate it.
 
     A ``key`` is the key of the section that names what is looked for, for messages.
 

@@ -1,4 +1,4 @@
-"""What rigid grasps have in common: acceleration constraints and the wrenches that see to them."""
+"""Rigid grasps: acceleration constraints and their constraint wrenches."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ from spacerobot.scene import Scene, build_scene
 
 @dataclass(frozen=True)
 class Result:
-    """What came out of one simulation.
+    """Result of one simulation.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What a rollout needs to know of a closed loop, and nothing more."""
+"""Interface of a closed loop to rollouts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is asked of a rollout: integrals, peaks and final values of expressions, and costs made of them.
+"""Measures of a rollout: integrals, peaks and final values of expressions, and costs made of them.
 
 Expressions are written once, with CasADi, over the named outputs::
 

@@ -1,4 +1,4 @@
-"""What rollouts return."""
+"""Trajectories: the results of rollouts."""
 
 from __future__ import annotations
 

@@ -57,7 +57,7 @@ class DesignVariable(Section):
 
 
 class Objective(QuantityWeights):
-    """What is minimised: a measure of the tip errors, weighted penalties, and weighted quantities."""
+    """Objective to be minimised: a measure of the tip errors, weighted penalties, and weighted quantities."""
 
     kind: Literal["ise", "itae", "minimax", "eq45", "eq45_printed"] = Field(
         default="ise",

@@ -1,4 +1,4 @@
-"""What was assumed where a scenario is silent, in sentences for people."""
+"""Assumptions where a scenario gives no value, as sentences."""
 
 from __future__ import annotations
 

@@ -1,5 +1,6 @@
 """Documentation and help texts use the field's terms; private words stay out of them."""
 
+import ast
 import re
 from pathlib import Path
 
@@ -84,3 +85,21 @@ def test_pages_are_short():
     long = {page: length for page, length in lengths.items() if length > 2500}
     assert set(long) <= NOT_CONVERTED, long
     assert lengths["README.md"] <= 1300
+
+
+BEGIN_WITH_WHAT = 187
+"""Docstrings that still begin with "What". The number may only become smaller; of planning there are none."""
+
+
+def test_docstrings_name_their_subject():
+    found = []
+    for path in sorted(
+        path for package in ("spacerobot", "optim", "viz") for path in (ROOT / package).rglob("*.py")
+    ):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.FunctionDef | ast.ClassDef | ast.Module):
+                text = ast.get_docstring(node) or ""
+                if text.startswith("What "):
+                    found.append(f"{path.relative_to(ROOT)}: {text.splitlines()[0]}")
+    assert not [line for line in found if line.startswith("optim/planning")]
+    assert len(found) <= BEGIN_WITH_WHAT, found

@@ -1,1 +1,1 @@
-"""What is drawn: surfaces, where they are over time, their projection and their pixels."""
+"""Drawings: surfaces, their placements over time, their projection and their pixels."""

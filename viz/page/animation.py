@@ -1,4 +1,4 @@
-"""What the animated page shows, as plain data: bodies, poses, paths, forces and errors over time."""
+"""Data of the animated page: bodies, poses, paths, forces and errors over time."""
 
 from __future__ import annotations
 

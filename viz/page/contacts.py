@@ -1,4 +1,4 @@
-"""What grips and touches, for the page: contact forces, which grasps hold, and when they were captured."""
+"""Contacts and grasps for the page: contact forces, which grasps hold, and when they were captured."""
 
 from __future__ import annotations
 

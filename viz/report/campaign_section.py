@@ -50,7 +50,7 @@ MOST_ANIMATED = 4
 
 @dataclass(frozen=True)
 class CampaignReport:
-    """What a report about a campaign shows.
+    """Report about a campaign.
 
     Attributes
     ----------

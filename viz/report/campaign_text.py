@@ -1,4 +1,4 @@
-"""What a campaign's summary says, in sentences."""
+"""Sentences of a campaign's summary."""
 
 from __future__ import annotations
 

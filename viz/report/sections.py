@@ -26,7 +26,7 @@ MOST_COMPARED = 4
 
 @dataclass(frozen=True)
 class Subject:
-    """What a report is about.
+    """Subject of a report.
 
     Attributes
     ----------

@@ -30,7 +30,7 @@ KINDS = ("set", "gradient", "improve", "tune", "campaign", "stop", "save", "comm
 
 @dataclass(frozen=True)
 class Request:
-    """What a page asks.
+    """Request of a page.
 
     Attributes
     ----------

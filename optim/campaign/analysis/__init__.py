@@ -1,1 +1,1 @@
-"""What a campaign says: estimates with their intervals, what matters, bands, single samples."""
+"""Analysis of a campaign: estimates with confidence intervals, sensitivity, bands, single samples."""

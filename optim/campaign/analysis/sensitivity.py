@@ -1,4 +1,4 @@
-"""What matters: which uncertain parameters a metric depends on, and how."""
+"""Sensitivity analysis: which uncertain parameters a metric depends on, and how."""
 
 from __future__ import annotations
 

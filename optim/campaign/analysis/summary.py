@@ -1,4 +1,4 @@
-"""What a campaign says: plain data for ``summary.json``, made of its store."""
+"""Summary of a campaign: plain data for ``summary.json``, made of its store."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ INDEPENDENT = ("monte_carlo", "latin_hypercube", "sobol")
 
 @dataclass(frozen=True)
 class SampleStatistics:
-    """What the samples of one set of gains gave.
+    """Statistics of the samples of one set of gains.
 
     Attributes
     ----------

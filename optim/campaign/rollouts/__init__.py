@@ -1,1 +1,1 @@
-"""What is rolled out: draws and sets of gains in, rows of numbers and series out."""
+"""Rollouts of a campaign: draws and sets of gains in, rows of numbers and series out."""

@@ -1,4 +1,4 @@
-"""What a campaign keeps of each rollout: a row of named numbers."""
+"""Metrics of each rollout of a campaign: a row of named numbers."""
 
 from __future__ import annotations
 

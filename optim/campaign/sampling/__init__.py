@@ -1,1 +1,1 @@
-"""What is drawn: uncertain parameters of a scene, and points of their distributions."""
+"""Sampling: uncertain parameters of a scene, and points of their distributions."""

@@ -1,4 +1,4 @@
-"""What a campaign's folder notes beside what decides its numbers: how it was called, and what is asked."""
+"""Settings of a campaign's folder that do not decide its numbers: its call, and what is requested."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""What a plan is asked for: unknowns of an instant, goals, costs, limits, and where motions begin."""
+"""Problem formulation: unknowns of an instant, goals, costs, limits, initial conditions."""

@@ -1,4 +1,4 @@
-"""What drives floating bases: limits of the section, else those of what the scenario has on them.
+"""Actuation of floating bases: wrench limits of the section, else those of the scenario's actuators.
 
 `base_wrench` and `reaction_wheels` give a box of wrenches; of thrusters it is the largest box inside all that
 they can give, with the sides in the ratio of what each axis gets alone.
@@ -25,7 +25,7 @@ PARTS: dict[WrenchPart, int] = {"force": 0, "torque": 3}
 
 @dataclass(frozen=True)
 class BaseWrenchLimits:
-    """What a base is driven by.
+    """Largest wrench that a base's actuators deliver.
 
     Attributes
     ----------

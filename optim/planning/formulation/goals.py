@@ -1,4 +1,4 @@
-"""What holds at the end, as rows."""
+"""Goals as rows that vanish at the last instant."""
 
 from __future__ import annotations
 

@@ -32,7 +32,7 @@ AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
 
 @dataclass(frozen=True, eq=False)
 class InstantView:
-    """What a section sees of an instant: a :class:`spacerobot.elements.plan_instant.PlanInstant`.
+    """View of an instant for one section: a :class:`spacerobot.elements.plan_instant.PlanInstant`.
 
     Attributes
     ----------
@@ -118,7 +118,7 @@ class InstantView:
         return {name: self._joint(name.partition("/")[2], joint) for name, joint in named}
 
     def by_joint(self, given: Mapping[str, T], key: str) -> dict[str, T]:
-        """What is given for each joint, by robot/joint; a full name wins over a pattern."""
+        """Value given for each joint, by robot/joint; a full name wins over a pattern."""
         driven, found = self.stage.driven, dict[str, T]()
         names = driven.names[: len(driven.joints)]
         for pattern in sorted(given, key=lambda pattern: "*" not in pattern):

@@ -1,4 +1,4 @@
-"""What a plan section names: tips, links, robots and joints of a scene."""
+"""Look up the tips, links, robots and joints of a scene that a plan section names."""
 
 from __future__ import annotations
 

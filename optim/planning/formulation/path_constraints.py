@@ -1,4 +1,4 @@
-"""What must hold at all times: bounds of the unknowns, and the kinds of the plan's limits as rows."""
+"""Path constraints: bounds of the unknowns, and the kinds of the plan's limits as rows."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def instant_limits(stage: Stage, given: Limits) -> tuple[Array, Array]:
 
 
 def path_rows(stage: Stage, plan: PlanSection) -> list[BoundedRow]:
-    """What must hold at all instants beside the limits of z, without what a search added."""
+    """Path constraints in addition to the limits of z, without those that a search added."""
     rows = [*_hold_rows(stage), *wheel_rows(stage, plan)]
     for section, name, limit in plan.every_limit():
         if not name.startswith(PREFIX):
@@ -156,7 +156,7 @@ def _bases(scene: Scene, given: Limits) -> Iterator[tuple[str, int, float]]:
 
 
 def _hold_rows(stage: Stage) -> Iterator[BoundedRow]:
-    """What rigid grasps hold together."""
+    """Acceleration constraints of closed rigid grasps."""
     names = [f"{grip.name}.{axis}" for grip in stage.grips for axis in wrench_axes(stage.scene, grip)]
     for name, value in zip(names, ca.vertsplit(stage.parting), strict=True):
         yield BoundedRow(f"hold of {name}", "m/s^2 or rad/s^2", value, 0.0, 0.0)

@@ -113,7 +113,7 @@ def wheel_rows(stage: Stage, plan: PlanSection) -> Iterator[BoundedRow]:
 
 
 def commanded_base_wrench(stage: Stage) -> ca.SX:
-    """What controllers ask for that follow a plan, along the axes of driven bases (n x 1) [N, N m]."""
+    """Wrench commanded by controllers that follow a plan, along the axes of driven bases (n x 1) [N, N m]."""
     joints, found = len(stage.driven.joints), wheel_driven_bases(stage)
     asked = list[ca.SX]()
     for k, name in enumerate(stage.driven.names[joints:], start=joints):

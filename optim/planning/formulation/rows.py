@@ -16,7 +16,7 @@ Call = Callable[..., Array]
 
 
 def implicit_in(rows: Sequence[BoundedRow]) -> list[Implicit]:
-    """What iterations find for some rows."""
+    """Quantities that iterations find for some rows."""
     return [row.about for row in rows if row.about is not None and row.about.function is not None]
 
 
@@ -26,7 +26,7 @@ def symbols_of(found: Sequence[Implicit]) -> ca.SX:
 
 
 def implicit_values(found: Sequence[Implicit], given: Array, call: Call) -> Array:
-    """What iterations find (n, N), all columns of one function at once.
+    """Values that iterations find (n, N), all columns of one function at once.
 
     Parameters
     ----------

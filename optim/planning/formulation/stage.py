@@ -38,7 +38,7 @@ from spacerobot.scene.scene import SceneGrasp
 
 @dataclass(frozen=True, eq=False)
 class DrivenCoordinates:
-    """What drives a scene: generalized forces on some velocities.
+    """Driven coordinates of a scene: velocities on which generalized forces act.
 
     Attributes
     ----------
@@ -132,7 +132,7 @@ class Stage:
 
     @property
     def balance(self) -> ca.SX:
-        """What is left of the equations of motion (nv x 1) [N, N m]."""
+        """Residual of the equations of motion (nv x 1) [N, N m]."""
         model = self.scene.model
         force = inverse_dynamics(model, self.kinematics, Inertias.from_model(model), self.a)
         force = force + sparse(np.asarray(model.damping)) * self.v

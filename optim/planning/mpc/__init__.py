@@ -1,1 +1,1 @@
-"""Plans made anew in flight."""
+"""Model predictive control: replanning during the simulation."""

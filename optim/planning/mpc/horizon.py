@@ -1,4 +1,4 @@
-"""A plan that is made anew again and again: for what is left of the first one's duration, then on and on.
+"""Repeated planning over a horizon: the rest of the first plan's duration, then a constant time ahead.
 
 Intervals keep their length, as far as the times of the plans allow, so that what is left of one plan lies on
 the mesh of the next: unknowns and multipliers are carried over as they are, and a few iterations are enough.
@@ -41,7 +41,7 @@ ROOM = 1e-6
 
 @dataclass
 class Horizon:
-    """The plan that is flown now, and what was done for all of them.
+    """The present plan, and the solver's record of all plans.
 
     Attributes
     ----------
@@ -119,7 +119,7 @@ class Horizon:
         )
 
     def replan(self, begin: float, measured: Array, iterations: int) -> None:
-        """Plan anew from a time on, from the last plan; where that leads nowhere, from a first guess.
+        """Replan from a time on, from the last plan; where that fails, from a first guess.
 
         Where none is found the last one stays.
 
@@ -224,7 +224,7 @@ class Horizon:
         return self.motion.parts(self.motion.along(parts))
 
     def knots(self, now: float, period: float, robot: str) -> dict[str, Any]:
-        """What a robot's joints do in a period [s] from now on, at the points of one interval."""
+        """Motion of a robot's joints in the next period [s], at the points of one interval."""
         stage = self.motion.problem.stage
         model, driven = stage.scene.model, stage.driven
         times = self.solver.lobatto.nodes * period

@@ -1,4 +1,4 @@
-"""Where a scene seems to be, as the robots' sensors show it."""
+"""State of a scene as the robots' sensors measure it."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def sensors_of(scene: Scene) -> dict[str, Sensors]:
 
 
 def measured_state(scene: Scene, plan: PlanSection, sensors: Mapping[str, Sensors], state: Array) -> Array:
-    """Where everything seems to be.
+    """State of a scene with the errors of the robots' sensors.
 
     Joints and floating bases are read by their robots' sensors. Of the target, the mating frames of the goals
     are seen relative to where the tips seem to be; where several see it, it is taken to be in the middle.
@@ -133,6 +133,6 @@ def _read_joints(scene: Scene, body: SceneBody, sensors: Sensors, q: Array, v: A
 
 
 def _shown(sensor: Any, value: Any, axes: tuple[int, ...] | None = None) -> Any:
-    """What a sensor shows of a signal, with errors along some axes alone."""
+    """Reading of a sensor, with errors along some axes alone."""
     error = sensor.offset + (sensor.scale - 1) * value
     return value + (error if axes is None else error * np.isin(np.arange(3), axes))

@@ -1,4 +1,4 @@
-"""A receding horizon: in each period the plan is made anew from what is sensed, for the time that is left."""
+"""Model predictive control: each period replans from the measured state, for the time that is left."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def mpc_controllers(scene: Scene) -> dict[str, tuple[str, Replanning]]:
 
 @dataclass
 class _MpcSimulation:
-    """What was flown until now, piece by piece.
+    """A simulation with model predictive control, advanced piece by piece.
 
     Attributes
     ----------
@@ -145,7 +145,7 @@ class _MpcSimulation:
 
 
 def simulate_mpc(scene: Scene, *, backend: str = "auto", progress: Progress | None = None) -> Result:
-    """Simulate a scene whose robots plan anew in each period.
+    """Simulate a scene whose robots replan in each period.
 
     Parameters
     ----------
@@ -197,7 +197,7 @@ def simulate_mpc(scene: Scene, *, backend: str = "auto", progress: Progress | No
 
 
 def mpc_settings(scene: Scene) -> Replanning:
-    """What the controllers have in common: period, delay, and when the last plan is made.
+    """Settings that all mpc controllers share: period, delay, and when the last plan is made.
 
     Parameters
     ----------
@@ -307,7 +307,7 @@ def _check_driven(solver: PlanSolver) -> None:
 
 
 def _rollout(scene: Scene, horizon: Horizon, period: float, backend: str) -> tuple[Rollout, ClosedLoop]:
-    """What rolls out one period from anywhere, and the closed loop."""
+    """Rollout of one period from any state, and the closed loop."""
     changes: dict[str, Any] = {}
     if not scene.scenario.phases:
         changes["simulation.duration"] = horizon.first_duration_s

@@ -1,1 +1,1 @@
-"""What a plan, a front or a study leaves in files, and the scenario that follows it."""
+"""Files of plans, Pareto fronts and design studies, and the scenario that follows a plan."""

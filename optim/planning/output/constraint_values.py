@@ -1,4 +1,4 @@
-"""What holds along a planned motion: limits of joints, and each constraint over time."""
+"""Constraints along a trajectory: limits of joints, and the value of each constraint over time."""
 
 from __future__ import annotations
 

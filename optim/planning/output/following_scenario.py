@@ -190,7 +190,7 @@ def _parted(own: Document, duration: float, left: str) -> tuple[Document, Docume
 
 
 def _resting(robot: Document) -> Document:
-    """What differs of a robot while its joints track the plan: its own controllers rest."""
+    """Changes of a robot while its joints track the plan: its own controllers rest."""
     found: Document = {"tips": {}, "controllers": dict.fromkeys(robot["controllers"])}
     for name, tip in robot["tips"].items():
         own: Document = {key: None for key in CONTROLLERS if tip[key] is not None}
@@ -204,7 +204,7 @@ def _resting(robot: Document) -> Document:
 
 
 def _waiting(planned: PlanResult, flown: str) -> Document:
-    """What differs of the robots behind the plan: tips stay where it brought them."""
+    """Changes of the robots after the plan: tips stay where it brought them."""
     scenario = planned.scene.scenario
     now = scenario.during(flown) if scenario.phases else scenario
     found: Document = {}

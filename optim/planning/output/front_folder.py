@@ -1,4 +1,4 @@
-"""What a front leaves behind: ``front.json``, and a plan's folder for each of its points."""
+"""Files of a Pareto front: ``front.json``, and a plan's folder for each of its points."""
 
 from __future__ import annotations
 

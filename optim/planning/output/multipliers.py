@@ -1,4 +1,4 @@
-"""How hard what must hold pulls on the cost along a plan."""
+"""Multipliers of the constraints along a plan."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a plan leaves behind: ``plan.nc``, its summary, and the scenario that follows it."""
+"""Files of a plan: ``plan.nc``, its summary, and the scenario that follows it."""
 
 from __future__ import annotations
 
@@ -164,7 +164,7 @@ TIP_MOTION = (
 
 
 def summary(planned: PlanResult) -> dict[str, Any]:
-    """What is known of a plan, plain."""
+    """Summary of a plan as plain data."""
     phased_motion, verification = planned.phased_motion, planned.verification
     phases = [
         {"name": name, "duration_s": motion.duration_s, "intervals": motion.intervals}
@@ -225,7 +225,7 @@ def write(planned: PlanResult, folder: StrPath) -> None:
 
 
 def read(folder: StrPath) -> tuple[xr.Dataset, dict[str, Any]]:
-    """What stands in a plan's ``plan.nc`` and ``plan.json``.
+    """Data and summary of a stored plan, from ``plan.nc`` and ``plan.json``.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What a design study leaves behind: ``design.json`` beside the files of the plan that it ends with."""
+"""Files of a design study: ``design.json`` and the files of the best design's plan."""
 
 from __future__ import annotations
 

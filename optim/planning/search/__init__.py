@@ -1,1 +1,1 @@
-"""One search for a motion and many: asked, refined, kept, chosen among."""
+"""One solve and many: initial guesses, mesh refinement, stored results, candidates."""

@@ -35,7 +35,7 @@ class Candidate:
 
 
 def candidate_scenes(scene: Scene) -> list[tuple[dict[str, Value], Scene]]:
-    """What may be chosen, and the scene that has it; the scene itself where its plan has no choices.
+    """Combinations of choices, each with its scene; the scene itself where its plan has no choices.
 
     Raises
     ------
@@ -59,7 +59,7 @@ def candidate_scenes(scene: Scene) -> list[tuple[dict[str, Value], Scene]]:
 def best_candidate(
     scene: Scene, plan: Callable[[Scene, str], tuple[float, T]]
 ) -> tuple[T, tuple[Candidate, ...]]:
-    """The plan that costs least of those of all candidates, and what was tried.
+    """The plan with the lowest cost of all candidates, and the outcome of each.
 
     Parameters
     ----------

@@ -186,7 +186,7 @@ def soft_rows(program: NonlinearProgram) -> npt.NDArray[np.int64]:
 
 
 def _scales(program: NonlinearProgram) -> dict[str, tuple[float, str]]:
-    """What a violation of one means, and the unit, of constraints by name."""
+    """Scale and unit of each constraint's violation, by name."""
     found = {"equations of motion": (1.0, "N or N m")}
     for one in phase_programs(program):
         found |= {row.name: (row.scale, row.unit) for row in (*one.problem.path, *one.problem.goal)}

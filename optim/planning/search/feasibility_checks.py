@@ -1,4 +1,4 @@
-"""What is refused before a solver runs: a start that violates its own limits, a goal that no arm reaches."""
+"""Checks before a solver runs: a start that violates its own limits, a goal that no arm reaches."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A plan from beginning to end: formulated, solved from several starts, refined, judged."""
+"""A plan from formulation to verification: solved from several starts, refined, verified."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ PLAN = "plan"
 
 @dataclass(frozen=True, eq=False)
 class PlanResult:
-    """A motion, what was done for it, and what is to be thought of it.
+    """A planned trajectory with its cost, the solver's runs and its verification.
 
     Attributes
     ----------
@@ -89,7 +89,7 @@ def make_plan(
     dask: str | None = None,
     warm_start: StrPath | None = None,
 ) -> PlanResult:
-    """Plan what a scene's ``plan`` section asks for.
+    """Solve the trajectory optimisation problem of a scene's ``plan`` section.
 
     Parameters
     ----------
@@ -158,7 +158,7 @@ def plan_tasks(solver: PlanSolver, request: SolveRequest, name: str = PLAN) -> d
 
 
 def result_store(folder: Path | None, solver: PlanSolver) -> ResultStore:
-    """Where attempts of a problem are kept."""
+    """Store of the results of a problem's searches."""
     return ResultStore(folder, solver.recipe.key)
 
 
@@ -179,7 +179,7 @@ def failure_message(result: SolveResult, starts: int = 1) -> str | None:
 def plan_result(
     solver: PlanSolver, request: SolveRequest, found: Mapping[str, SolveResult], name: str = PLAN
 ) -> PlanResult:
-    """The plan that a task ended with."""
+    """The plan that a task found."""
     result = found[name]
     assert result.verification is not None
     assert result.solution is not None
@@ -254,5 +254,5 @@ def integral_of_magnitudes(motion: Motion, forces: ca.SX) -> float:
 
 
 def solver_statistics(plan_result: PlanResult) -> list[dict[str, Any]]:
-    """What each run of the solver took, plain."""
+    """Statistics of each run of the solver, as plain data."""
     return [dict(vars(one)) for one in plan_result.runs]

@@ -1,4 +1,4 @@
-"""A planning problem on the bench; what is asked of a search, and what it leaves, as plain data."""
+"""A planning problem ready to be solved; requests to its solver and their results, as plain data."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ class SolverRun:
 
 @dataclass(frozen=True, eq=False)
 class SolveResult:
-    """What a search leaves.
+    """Result of a solve request.
 
     Attributes
     ----------
@@ -108,7 +108,7 @@ class SolveResult:
 
 @dataclass(frozen=True, eq=False)
 class SolveRequest:
-    """What is asked of a search.
+    """Request to a plan solver.
 
     Attributes
     ----------
@@ -145,7 +145,7 @@ class SolveRequest:
 
 @dataclass(frozen=True)
 class PlanSolverRecipe:
-    """What builds a bench in another process.
+    """Recipe that builds a plan solver in another process.
 
     Attributes
     ----------
@@ -165,13 +165,13 @@ class PlanSolverRecipe:
         return hashlib.sha256(text.encode()).hexdigest()
 
     def build(self) -> PlanSolver:
-        """The bench."""
+        """The plan solver."""
         return PlanSolver.of(self.scene.build(), self.backend)
 
 
 @dataclass(frozen=True, eq=False)
 class FollowingPhase:
-    """A phase of a plan behind the first one.
+    """A phase of a plan after the first one.
 
     Attributes
     ----------
@@ -236,7 +236,7 @@ class PlanSolver:
         *,
         motions: int = 1,
     ) -> PlanSolver:
-        """The bench of a scene.
+        """The plan solver of a scene.
 
         Parameters
         ----------
@@ -342,7 +342,7 @@ class PlanSolver:
 
     @property
     def recipe(self) -> PlanSolverRecipe:
-        """What builds it in another process."""
+        """Recipe that builds it in another process."""
         return PlanSolverRecipe(SceneRecipe.of(self.scene), self.backend)
 
     @cached_property
@@ -359,7 +359,7 @@ class PlanSolver:
         )
 
     def request(self, **changes: object) -> SolveRequest:
-        """What the section asks for."""
+        """Request with the section's duration and weights."""
         request = SolveRequest(self.problem.duration, self.problem.weights)
         return dataclasses.replace(request, **changes)  # type: ignore[arg-type]
 
@@ -378,7 +378,7 @@ class PlanSolver:
         return tuple(Mesh.of(count) for count in counts)
 
     def program(self, request: SolveRequest, meshes: Sequence[Mesh]) -> NonlinearProgram:
-        """What is to be solved, on a mesh of each phase, or of each segment of the one phase there is."""
+        """Nonlinear program on a mesh of each phase, or of each segment of a single phase."""
         problems = self.problems_of(request)
         if not self.following_phases and len(meshes) > 1:
             programs = [
@@ -401,7 +401,7 @@ class PlanSolver:
 
     @cached_property
     def joint(self) -> Linkage:
-        """What holds between two segments of a phase: the state goes on."""
+        """Linkage of two segments of a phase: the state is continuous."""
         return Linkage.into(self.problem.stage, False)
 
     def motion(self, request: SolveRequest, result: SolveResult) -> Motion:

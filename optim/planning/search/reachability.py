@@ -185,7 +185,7 @@ class _Postures:
         return float(np.linalg.norm(off)), (q, part)
 
     def misses(self, posture: tuple[Array, float]) -> dict[str, tuple[float, str]]:
-        """What is violated in a posture, by name: by how much, and the unit."""
+        """Violations of a posture by name, each with its unit."""
         values = np.array(self.values(posture[0])[0]).ravel()
         rows = zip(self.rows, values, strict=True)
         return {
@@ -194,7 +194,7 @@ class _Postures:
         }
 
     def _residual(self, q: Array, part: float) -> tuple[Array, Array]:
-        """What is violated, zero where limits are kept, and its derivatives by the columns and the part."""
+        """Residual, zero where limits are satisfied, and its derivatives by the columns and the part."""
         lower, upper = (np.array([getattr(row, key) for row in self.rows]) for key in ("lower", "upper"))
         scale = np.array([row.scale for row in self.rows])
         value, slopes = (np.array(x) for x in self.values(q))

@@ -1,4 +1,4 @@
-"""Attempts kept in files, so that a plan or a front that was killed goes on where it was.
+"""Results of searches stored in files, so that an interrupted plan or front resumes.
 
 Each attempt is one file, written whole or not at all, named by all that it depends on: the scene, what was
 asked, and the motion that it began with. Nothing has to be in order, and what no longer fits is never found.
@@ -30,7 +30,7 @@ ARRAYS = ("w", "multipliers", "bound_multipliers")
 
 @dataclasses.dataclass(frozen=True)
 class ResultStore:
-    """A folder of attempts; nothing is kept if it is None.
+    """A folder of solve results; nothing is stored if it is None.
 
     Attributes
     ----------
@@ -44,7 +44,7 @@ class ResultStore:
     fingerprint: str = ""
 
     def find(self, request: SolveRequest) -> SolveResult | None:
-        """What was found when this was asked; None if it was not asked yet, or its file is spoilt."""
+        """Stored result of a request; None if there is none, or its file is damaged."""
         if self.folder is None:
             return None
         try:
@@ -54,7 +54,7 @@ class ResultStore:
             return None
 
     def add(self, request: SolveRequest, result: SolveResult) -> None:
-        """Keep what was found.
+        """Store a result.
 
         Raises
         ------

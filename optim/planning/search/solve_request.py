@@ -1,4 +1,4 @@
-"""One search for a motion: solved from a guess or a motion nearby, refined, judged."""
+"""One search for a trajectory: solved from a guess or a nearby solution, refined, verified."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ NOTHING = 1e-12
 
 
 def _size(cost: float) -> float:
-    """What residuals are taken relative to: a cost, or one where there is none, which tells no size."""
+    """Scale of residuals: the cost, or one where the cost vanishes."""
     return cost if cost > NOTHING else 1.0
 
 

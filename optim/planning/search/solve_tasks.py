@@ -1,4 +1,4 @@
-"""Attempts that build on each other, made here or by Dask's workers, and kept as they come.
+"""Solve tasks that build on each other, run here or by Dask's workers, and stored as they end.
 
 Which attempt begins with which is laid down before anything is done. So what is found depends neither on how
 many work, nor on who is ready first, nor on how often it was interrupted.
@@ -20,7 +20,7 @@ ResultsByTask = dict[str, SolveResult]
 
 @dataclass(frozen=True)
 class SolveTask:
-    """One attempt among others.
+    """One solve among others.
 
     Attributes
     ----------
@@ -37,7 +37,7 @@ class SolveTask:
 def run_tasks(
     solver: PlanSolver, tasks: Mapping[str, SolveTask], kept: ResultStore, dask: str | None = None
 ) -> ResultsByTask:
-    """Make attempts, but for those that are kept already.
+    """Run tasks, except those whose results are stored already.
 
     Parameters
     ----------

@@ -25,7 +25,7 @@ MULTIPLIERS = ("multiplier", "bound_multiplier")
 
 
 def stored_motion(solver: PlanSolver, path: Path) -> SolveResult:
-    """Motion of a stored plan as an attempt to begin with.
+    """Trajectory of a stored plan as a result to begin with.
 
     Configuration, velocity, acceleration and the wrenches of grasps are the file's; what drives the motion
     follows from the equations of motion of this scene, which may have other masses. The mesh is the file's
@@ -137,7 +137,7 @@ def _motion(problem: PlanningProblem, plan: xr.Dataset, file: Path) -> Motion:
 
 
 def _drive(problem: PlanningProblem, z: Array) -> Array:
-    """What drives instants (n, nu): what is left of the equations of motion where nothing does."""
+    """Drive at instants (n, nu): the residual of the equations of motion without it."""
     stage = problem.stage
     left = ca.Function("left", [stage.z], [ca.densify(stage.balance[list(stage.driven.columns)])])
     return np.array(left(z.T).full()).T

@@ -253,7 +253,7 @@ class _CasadiFunctions:
         )
 
     def options(self, watch: ca.Callback) -> dict[str, Any]:
-        """What CasADi's interface is given beside the problem."""
+        """Options of CasADi's interface in addition to the problem."""
         return {
             "grad_f": self.gradient,
             "jac_g": self.jacobian,
@@ -342,7 +342,7 @@ class _IterationCallback(ca.Callback):
         self.construct("watch", {})
 
     def get_n_in(self) -> int:
-        """What a solver gives."""
+        """Number of outputs of a solver."""
         return int(ca.nlpsol_n_out())
 
     def get_n_out(self) -> int:

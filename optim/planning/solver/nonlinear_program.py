@@ -1,4 +1,4 @@
-"""What a solver asks of a program."""
+"""Interface of a nonlinear program to its solver."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from spacerobot.arrays import Array
 
 
 class NonlinearProgram(Protocol):
-    """What a solver asks of a program."""
+    """Interface of a nonlinear program to its solver."""
 
     size: int
     rows: int

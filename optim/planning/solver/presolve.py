@@ -105,7 +105,7 @@ class PresolvedProgram:
         return every
 
     def spread(self, values: Array) -> Array:
-        """What belongs to the unknowns that are left, among zeros for all of the program."""
+        """Values of the remaining unknowns, spread among zeros for all of the program's."""
         return _spread(values, self.free, self.program.size)
 
     def _found(self, wanted: Array) -> bool:

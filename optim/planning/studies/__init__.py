@@ -1,1 +1,1 @@
-"""Many plans: fronts of two terms of the cost, slopes by the design, the best design."""
+"""Many plans: Pareto fronts of two terms of the cost, cost sensitivities, design optimisation."""

@@ -1,4 +1,4 @@
-"""How a plan's least cost changes with the design: derivatives at the solution, without planning again.
+"""Cost sensitivities: derivatives of a plan's optimal cost by the design, without replanning.
 
 Where the Lagrangian of cost, constraints and limits is stationary, the derivative of the least cost
 by any number of the scenario is that of the Lagrangian at the same unknowns and multipliers (the envelope
@@ -33,7 +33,7 @@ SIDES = ((1, 8.0), (2, -1.0))
 
 
 def cost_sensitivities(planned: PlanResult, paths: Sequence[str]) -> dict[str, float]:
-    """Derivative of a plan's least cost by numbers of its scenario, in the scenario's own units.
+    """Derivative of a plan's optimal cost by numbers of its scenario, in the scenario's own units.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""A design study: which numbers of a scenario make a plan's least cost least, and how it changes with each.
+"""A design study: the numbers of a scenario that minimise a plan's optimal cost, and its change with each.
 
 The least cost of a design is found by planning for it, from the plan of the design before, on one mesh; its
 slopes are those of the Lagrangian there. A quasi-Newton method with bounds (L-BFGS-B) follows them.
@@ -69,7 +69,7 @@ class DesignTrial:
 
 @dataclass(frozen=True, eq=False)
 class DesignStudy:
-    """What a design study found.
+    """Result of a design study.
 
     Attributes
     ----------
@@ -223,7 +223,7 @@ class _DesignSearch:
         return tuple(found[n] for n in range(points))
 
     def finish(self) -> PlanResult:
-        """The plan of the best design, refined and judged.
+        """The plan of the best design, refined and verified.
 
         Raises
         ------

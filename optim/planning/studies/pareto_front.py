@@ -1,4 +1,4 @@
-"""The Pareto front of two terms of a plan's cost: what less of one takes of the other.
+"""The Pareto front of two terms of a plan's cost.
 
 Where one of them is the time, durations are given, evenly between the limits of the section, and the rest of
 the cost becomes small: the constraint method. Elsewhere the weights of the two are swept against each other.
@@ -170,7 +170,7 @@ def bisection_order(count: int) -> list[tuple[int, int | None]]:
 
 
 def _asks(solver: PlanSolver, wanted: FrontRequest) -> list[SolveRequest]:
-    """What is asked for at each point.
+    """Solve request of each point.
 
     Raises
     ------
@@ -226,7 +226,7 @@ def _after(request: SolveRequest, parent: str) -> SolveTask:
 def _point(
     solver: PlanSolver, request: SolveRequest, found: Mapping[str, SolveResult], name: str
 ) -> FrontPoint:
-    """What was found of a point."""
+    """Point of the front from a search's result."""
     fault, plain = failure_message(found[name], solver.plan.starts), solver.request()
     changes = {
         f"plan.costs.{key}": value for key, value in request.weights.items() if value != plain.weights[key]

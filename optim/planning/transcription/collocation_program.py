@@ -206,7 +206,7 @@ class CollocationProgram:
         return out.ravel()
 
     def _pulled(self, multipliers: Array) -> Array:
-        """What defects' multipliers weigh the rates at each point with, per unit of duration (points, nx)."""
+        """Weights of the rates at points by the defects' multipliers, per unit of duration (points, nx)."""
         of_defects = multipliers[: self.defects].reshape(self.intervals, self.inner, self.nx)
         pulled = -self._parts * np.einsum("jk,njx->nkx", self.lobatto.integral[1:], of_defects)
         out = np.zeros((self.points, self.nx))

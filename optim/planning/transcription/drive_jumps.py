@@ -58,7 +58,7 @@ def segment_problems(problem: PlanningProblem, count: int) -> list[PlanningProbl
 def segment_constraints(
     programs: Sequence[CollocationProgram], problem: PlanningProblem
 ) -> LinearConstraints:
-    """What holds in all segments: limits of the durations' sum, and linear drives in each interval."""
+    """Constraints of all segments: limits of the durations' sum, and linear drives in each interval."""
     sizes = np.cumsum([0, *(program.size for program in programs)])
     rows, columns, values = [np.zeros(len(programs), dtype=int)], [sizes[1:] - 1], [np.ones(len(programs))]
     count = 1

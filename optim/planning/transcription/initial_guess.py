@@ -221,7 +221,7 @@ def rescaled_motion(motion: Motion, problem: PlanningProblem, duration: float) -
 
 
 def _drive(problem: PlanningProblem, q: Array, v: Array, a: Array) -> Array:
-    """What drives a motion, by Pinocchio's inverse dynamics; what floating bases would need is left out."""
+    """Drive of a motion by Pinocchio's inverse dynamics, without floating bases."""
     model = problem.stage.scene.model
     force = pin.rnea(model, model.createData(), q, v, a) + np.asarray(model.damping) * v
     return np.asarray(force[list(problem.stage.driven.columns)])

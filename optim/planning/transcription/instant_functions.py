@@ -154,7 +154,7 @@ def _instants(
 
 
 def _held(call: Callable[..., Array], rows: Mapping[str, Parts]) -> Callable[..., Array]:
-    """What evaluates functions of an instant alone: what iterations find is kept for the last instants."""
+    """Evaluate functions of an instant alone: what iterations find is cached."""
     implicit = {f"{prefix}{name}": (prefix, found) for prefix, (_, found) in rows.items() for name in NAMES}
     kept: dict[str, tuple[bytes, Array]] = {}
 
@@ -191,7 +191,7 @@ def derived(
 
 
 def _inputs(z: ca.SX, held: ca.SX | None) -> list[ca.SX]:
-    """What functions of rows are called with first."""
+    """First inputs of functions of rows."""
     return [z] if held is None else [z, held]
 
 
@@ -210,7 +210,7 @@ def _pattern(matrix: ca.SX) -> Pattern:
 
 
 def _caller(functions: Mapping[str, ca.Function], backend: str) -> tuple[Callable[..., Array], str]:
-    """What evaluates the functions for columns (n, N), and how."""
+    """Evaluator of the functions for columns (n, N), and its backend."""
     toolchain = None if backend == "interpreted" else find_toolchain()
     if toolchain is not None or backend == "compiled":
         try:

@@ -47,7 +47,7 @@ def solve_from(
 
 
 def transfer(solution: Solution, source: NonlinearProgram, target: NonlinearProgram) -> Solution:
-    """What a solver found on one mesh, for the same problem on another.
+    """Transfer a solution from one mesh to another of the same problem.
 
     Multipliers of what holds at points are densities over time times the weights of the quadrature; those of
     the defects come from the costates p, of which an interval's multipliers are A^T lambda = b p.
@@ -72,7 +72,7 @@ def transfer(solution: Solution, source: NonlinearProgram, target: NonlinearProg
 
 
 def transfer_constrained(solution: Solution, source: NonlinearProgram, target: NonlinearProgram) -> Solution:
-    """What a solver found, for the same problem on the same mesh with further path constraints.
+    """Transfer a solution to the same problem and mesh with further path constraints.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ def transfer_constrained(solution: Solution, source: NonlinearProgram, target: N
 def transfer_remaining(
     solution: Solution, source: CollocationProgram, target: CollocationProgram, begin: float = 0.0
 ) -> Solution:
-    """What a solver found for one phase, on another mesh, for what is left of it.
+    """Transfer the rest of a phase's solution to another mesh.
 
     Parameters
     ----------

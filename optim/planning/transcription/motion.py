@@ -64,7 +64,7 @@ class Motion:
 
     @property
     def u(self) -> Array:
-        """What drives it (points, nu) [N m or N]."""
+        """Drive at all points (points, nu) [N m or N]."""
         return self.parts(self.z)[3]
 
     @property

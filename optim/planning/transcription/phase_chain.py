@@ -29,7 +29,7 @@ from spacerobot.dynamics import Inertias, forward_kinematics, inverse_dynamics
 
 @dataclass(frozen=True, eq=False)
 class Linkage:
-    """What holds where a phase follows another one.
+    """Linkage constraints between a phase and the next one.
 
     Attributes
     ----------

@@ -1,1 +1,1 @@
-"""Whether a solution is a plan: its residual, its limits between the points, its replay by the simulator."""
+"""Verification of a solution: first-order residual, limits between the points, replay by the simulator."""

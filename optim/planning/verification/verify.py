@@ -1,4 +1,4 @@
-"""Whether a plan may be trusted: judged anew, whatever the solver said of it."""
+"""Verification of a plan, independent of the solver's own status."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class Violation:
 
 @dataclass(frozen=True)
 class VerificationResult:
-    """What is known of a plan.
+    """Result of a plan's verification.
 
     Attributes
     ----------
@@ -80,7 +80,7 @@ class VerificationResult:
 
     @property
     def status(self) -> str:
-        """What the plan is by second-order conditions: a minimum, or a saddle point."""
+        """Classification by second-order conditions: a minimum, or a saddle point."""
         return "saddle point" if self.saddle else "minimum"
 
     @property
@@ -129,7 +129,7 @@ def verify(
     scale: float,
     backend: str = "auto",
 ) -> VerificationResult:
-    """Verdict on a motion and the multipliers found with it.
+    """Verify a trajectory and the multipliers found with it.
 
     Parameters
     ----------
@@ -246,7 +246,7 @@ def between_points(motion: Motion) -> Iterator[LimitExcess]:
 
 
 def limit_names(problem: PlanningProblem) -> Mapping[int, tuple[str, str]]:
-    """What a user calls each entry of an instant that has a limit, and its unit."""
+    """Name and unit of each entry of an instant that has a limit."""
     stage = problem.stage
     model, found = stage.scene.model, {}
     for joint in stage.driven.joints:
