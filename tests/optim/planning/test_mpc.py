@@ -171,7 +171,7 @@ def test_what_cannot_plan_in_flight_says_so(reach):
     assert fault.value.exit_code == 2
 
 
-@pytest.mark.parametrize("name", ["receding", "docking-receding"])
+@pytest.mark.parametrize("name", ["receding", "docking-receding", "wrong-model"])
 def test_the_examples_are_read(name):
     scene = load_scene(f"examples/{name}.yaml")
     assert not scene.warnings
@@ -273,12 +273,15 @@ def test_what_is_left_of_a_plan_is_the_next_one(reach):
 
 
 def test_plans_are_made_with_a_model_of_their_own(reach):
-    """A base that plans take for 30 % lighter: made anew they arrive, one plan does not."""
-    mass = reach().scenario.robots["one"].links["base"].mass
-    model = ("plan.model", {"robots.one.links.base.mass": 0.7 * mass})
+    """A base taken for 30 % lighter, with a wrong inertia: plans made again arrive, one plan does not."""
+    base = reach().scenario.robots["one"].links["base"]
+    wrong = {"mass": 0.7 * base.mass, "inertia.2": 1.5 * base.inertia[2]}
+    model = ("plan.model", {f"robots.one.links.base.{key}": value for key, value in wrong.items()})
     scene = reach(FLIGHT[0], *FLIGHT[2:], model)
     base = scene.robots[0].root_joint
-    assert formulate(scene).stage.scene.model.inertias[base].mass < 0.8 * scene.model.inertias[base].mass
+    assumed, true = (each.model.inertias[base] for each in (formulate(scene).stage.scene, scene))
+    assert assumed.mass < 0.8 * true.mass
+    assert assumed.inertia[2, 2] > 1.1 * true.inertia[2, 2]
     exact, flown, once = (
         simulate_mpc(reach(FLIGHT[0], *FLIGHT[2:], *more), backend="interpreted")
         for more in ((), (model,), (model, ("robots.one.controllers.lead.min_horizon", 100)))
