@@ -213,7 +213,7 @@ def plan_figures(
         yield "plan_bases", plan_bases(plan, flown)
     if "constraint" in plan:
         yield "plan_constraints", plan_constraints(plan)
-    yield "convergence", convergence(summary["solves"])
+    yield "convergence", convergence(summary["solver_runs"])
 
 
 def write_plan_figures(

@@ -180,7 +180,7 @@ def summary(planned: PlanResult) -> dict[str, Any]:
         "unknowns": len(phased_motion.unknowns),
         "cost": planned.cost,
         "terms": dict(planned.terms),
-        "verdict": {
+        "verification": {
             "residual": verification.residual,
             "second_order": verification.status,
             "replay_error_m": dict(verification.replay_errors_m),
@@ -195,7 +195,7 @@ def summary(planned: PlanResult) -> dict[str, Any]:
         },
         "choices": [vars(one) for one in planned.candidates],
         "evaluation": planned.backend,
-        "solves": solver_statistics(planned),
+        "solver_runs": solver_statistics(planned),
     }
 
 

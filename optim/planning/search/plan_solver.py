@@ -123,7 +123,7 @@ class SolveRequest:
     is_solved
         Whether that is a solution of what is asked for, which is left to be refined.
     refine
-        Whether the mesh is refined until the verdict is good.
+        Whether the mesh is refined until the verification passes.
     """
 
     duration: tuple[float, float, float]

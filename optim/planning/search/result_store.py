@@ -76,29 +76,28 @@ class ResultStore:
 
 def _arrays(result: SolveResult) -> dict[str, Any]:
     told: dict[str, Any] = {
-        "solves": [vars(solve) for solve in result.runs],
+        "runs": [vars(solve) for solve in result.runs],
         "meshes": [mesh.knots for mesh in result.meshes],
         "cost": result.cost,
-        "blame": result.cause,
+        "cause": result.cause,
         "apart": [vars(one) for one in result.apart],
-        "solved": None,
-        "verdict": None if result.verification is None else dataclasses.asdict(result.verification),
+        "solution": None,
+        "verification": None if result.verification is None else dataclasses.asdict(result.verification),
     }
     found = {}
     if result.solution is not None:
         parts = vars(result.solution)
         found = {name: parts[name] for name in ARRAYS}
-        told["solved"] = {name: value for name, value in parts.items() if name not in ARRAYS}
+        told["solution"] = {name: value for name, value in parts.items() if name not in ARRAYS}
     return found | {"told": np.array(json.dumps(plain(told)))}
 
 
 def _attempt(stored: dict[str, Any]) -> SolveResult:
     told = json.loads(str(stored["told"]))
     runs = tuple(
-        SolverRun(**(one | {key: tuple(one[key]) for key in ("costs", "violations")}))
-        for one in told["solves"]
+        SolverRun(**(one | {key: tuple(one[key]) for key in ("costs", "violations")})) for one in told["runs"]
     )
-    solution, verification = told["solved"], told["verdict"]
+    solution, verification = told["solution"], told["verification"]
     if solution is not None:
         solution = Solution(**{name: stored[name] for name in ARRAYS}, **solution)
     if verification is not None:
@@ -108,4 +107,4 @@ def _attempt(stored: dict[str, Any]) -> SolveResult:
     cost = np.inf if told["cost"] is None else told["cost"]
     meshes = tuple(Mesh(tuple(knots)) for knots in told["meshes"])
     apart = tuple(Collision(**(one | {"only": tuple(one["only"])})) for one in told["apart"])
-    return SolveResult(runs, solution, meshes, cost, verification, told["blame"], apart)
+    return SolveResult(runs, solution, meshes, cost, verification, told["cause"], apart)

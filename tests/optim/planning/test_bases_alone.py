@@ -202,9 +202,9 @@ def test_the_eigenaxis_turn_is_a_saddle_point_that_a_search_leaves(turning):
 
 def test_a_plan_that_is_a_saddle_point_says_so(turning, capsys):
     found = make_plan(turning(), backend="interpreted")
-    assert summary(found)["verdict"]["second_order"] == "minimum"
+    assert summary(found)["verification"]["second_order"] == "minimum"
     saddle = dataclasses.replace(found, verification=dataclasses.replace(found.verification, saddle=True))
-    assert summary(saddle)["verdict"]["second_order"] == dataset(saddle).status == "saddle point"
+    assert summary(saddle)["verification"]["second_order"] == dataset(saddle).status == "saddle point"
     _show(saddle)
     assert "saddle point: nearby motions cost less" in " ".join(capsys.readouterr().err.split())
 

@@ -38,7 +38,7 @@ def told(front):
     """All that is written of a front, but times."""
     data = to_data(front)
     for point in data["points"]:
-        for solve in point.get("plan", {}).get("solves", []):
+        for solve in point.get("plan", {}).get("solver_runs", []):
             del solve["seconds"], solve["evaluations_s"]
     return data
 

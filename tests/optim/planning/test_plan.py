@@ -125,7 +125,7 @@ def test_what_is_written_is_flown(planned, tmp_path):
     plan = xr.load_dataset(tmp_path / "out" / PLAN)
     assert plan.sizes["time"] == planned.motion.intervals * 3 + 1
     assert list(plan.joint.values) == ["one/joint_1", "one/joint_2", "one/joint_3"]
-    assert json.loads((tmp_path / "out" / SUMMARY).read_text())["verdict"]["residual"] < 1e-6
+    assert json.loads((tmp_path / "out" / SUMMARY).read_text())["verification"]["residual"] < 1e-6
     flown = simulate(load_scene(tmp_path / "out" / FOLLOWED), backend="interpreted")
     wanted = plan.tip_position.isel(time=-1).sel(tip="one/tip").values
     np.testing.assert_allclose(flown.data.tip_position.isel(time=-1, tip=0).values, wanted, atol=1e-5)
