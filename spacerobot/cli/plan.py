@@ -242,6 +242,8 @@ def _show(planned: PlanResult) -> None:
     order = 2 * planned.motion.lobatto.points - 2
     intervals = sum(motion.intervals for motion in phased_motion.motions)
     phases = zip(planned.names, phased_motion.motions, strict=True)
+    replayed, followed = f"{verification.replay_error_m:.1e} m", f"{verification.followed_error_m:.1e} m"
+    allowed = f" (allowed {verification.tolerance_m:g} m)"
     rows = [
         ("duration", f"{phased_motion.duration_s:.6g} s"),
         *((f"  {name}", f"{motion.duration_s:.6g} s") for name, motion in phases if name),
@@ -253,11 +255,8 @@ def _show(planned: PlanResult) -> None:
         *((f"  {name.replace('_', ' ')}", f"{value:.6g}") for name, value in planned.terms.items()),
         ("first-order residual", f"{verification.residual:.1e}"),
         ("second-order conditions", verification.status),
-        (
-            "replay error, open loop",
-            f"{verification.replay_error_m:.1e} m (allowed {verification.tolerance_m:g} m)",
-        ),
-        ("  with feedback", f"{verification.followed_error_m:.1e} m"),
+        ("replay error, open loop", replayed + (allowed if verification.open_loop else "")),
+        ("  with feedback", followed + ("" if verification.open_loop else allowed)),
         ("greatest violation", _violation(planned)),
     ]
     console().print(pairs(f"plan of {planned.scene.scenario.name}", rows))

@@ -187,6 +187,11 @@ class PlanSection(Section):
     tolerance: float = quantity(
         "m", "greatest error of a tip when the plan's torques are replayed", default=1e-5, gt=0
     )
+    open_loop: bool = Field(
+        default=True,
+        description="whether the tolerance holds without feedback too; false for long plans whose motion is "
+        "unstable without it, as of an arm that pushes a heavy object for a minute",
+    )
     starts: int = Field(default=1, ge=1, le=1000, description="from how many guesses the search begins")
     iterations: int = Field(default=500, ge=1, description="of one search, at most")
     time_limit: float = quantity(

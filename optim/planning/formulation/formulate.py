@@ -277,6 +277,7 @@ def _problem(
         duration=(span.lower, span.upper, span.guess or (span.lower + span.upper) / 2),
         fixed=fixed,
         tolerance=plan.tolerance,
+        open_loop=plan.open_loop,
         begin=begin,
         magnitudes=magnitudes(stage, plan, terms),
     )

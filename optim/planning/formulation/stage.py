@@ -203,6 +203,8 @@ class PlanningProblem:
         Least and greatest q and v at the start, where that is free (nq + nv,) each.
     magnitudes
         Forces (n x 1) [N] whose magnitudes a term rounds off, by name.
+    open_loop
+        Whether the tolerance holds for the replay without feedback too.
     """
 
     stage: Stage
@@ -218,6 +220,7 @@ class PlanningProblem:
     tolerance: float
     begin: tuple[Array, Array] | None = None
     magnitudes: Mapping[str, ca.SX] = field(default_factory=dict)
+    open_loop: bool = True
 
     @property
     def start(self) -> tuple[Array, Array]:

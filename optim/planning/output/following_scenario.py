@@ -232,10 +232,11 @@ def _unused(name: str, taken: set[str]) -> str:
 
 def _tracking(planned: PlanResult, robot: str, k: int, key: str) -> Document:
     """Controllers of a robot that follow a phase of the plan, by name."""
-    scene, driven = planned.scene, planned.phased_motion.motions[k].problem.stage.driven
+    scene, motion = planned.scene, planned.phased_motion.motions[k]
+    driven = motion.problem.stage.driven
     file, found = {"file": PLAN} | ({"phase": planned.names[k]} if planned.names[k] else {}), {}
     if scene.body(robot).driven_joints:
-        found[key] = {"kind": "joint_tracking", **file, **tracking_gains(scene, robot)}
+        found[key] = {"kind": "joint_tracking", **file, **tracking_gains(motion, robot)}
     if driven.of_base(robot):
         found[f"{key}_base"] = {"kind": "base_tracking", **file, **base_gains(scene, robot)}
     return found

@@ -46,12 +46,10 @@ def refined_meshes(
         A mesh for each phase; None where no interval may be split any more.
     """
     counts = [_pieces_within_limits(motion) for motion in phased_motion.motions]
-    if max(verification.replay_error_m, verification.followed_error_m) > verification.tolerance_m:
+    if verification.error_m > verification.tolerance_m:
         errors = local_errors(phased_motion, backend)
         # Errors of intervals cancel, or grow on the way: what they sum up to is scaled to what was seen.
-        seen = max(verification.replay_error_m, verification.followed_error_m) / max(
-            sum(float(own.sum()) for own in errors), 1e-300
-        )
+        seen = verification.error_m / max(sum(float(own.sum()) for own in errors), 1e-300)
         _split_worst(counts, [own * seen for own in errors], phased_motion, SAFETY * verification.tolerance_m)
     meshes = []
     for motion, own in zip(phased_motion.motions, counts, strict=True):

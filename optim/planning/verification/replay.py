@@ -154,9 +154,9 @@ def replay_motion(
     starts
         States (nq + nv,) to begin with, of the one and of the other; the plan's own if not given.
     """
-    scene, driven = motion.problem.stage.scene, motion.problem.stage.driven
+    driven = motion.problem.stage.driven
     robots = [name.partition("/")[0] for name in driven.names[: len(driven.joints)]]
-    gains = {name: tracking_gains(scene, name) for name in dict.fromkeys(robots)}
+    gains = {name: tracking_gains(motion, name) for name in dict.fromkeys(robots)}
     feedback = np.array([[gains[robot][key] for robot in robots] for key in ("kp", "kd")]).ravel()
     if starts is None:
         starts = (np.concatenate([motion.q[0], motion.v[0]]),) * 2

@@ -67,6 +67,8 @@ class VerificationResult:
         feedback by which joints follow it.
     tolerance_m
         What is allowed of these.
+    open_loop
+        Whether the tolerance holds for the replay without feedback too.
     saddle
         Whether second-order conditions fail: the cost falls along a direction that the constraints allow.
     """
@@ -76,6 +78,7 @@ class VerificationResult:
     replay_errors_m: Mapping[str, float]
     followed_errors_m: Mapping[str, float]
     tolerance_m: float
+    open_loop: bool = True
     saddle: bool = False
 
     @property
@@ -94,10 +97,14 @@ class VerificationResult:
         return max(self.followed_errors_m.values(), default=0.0)
 
     @property
+    def error_m(self) -> float:
+        """The greatest error for which the tolerance holds [m]."""
+        return max(self.replay_error_m, self.followed_error_m) if self.open_loop else self.followed_error_m
+
+    @property
     def fine_enough(self) -> bool:
         """Whether a finer mesh is not needed."""
-        errors = (*self.replay_errors_m.values(), *self.followed_errors_m.values())
-        return all(error <= self.tolerance_m for error in errors) and not self.exceeded
+        return self.error_m <= self.tolerance_m and not self.exceeded
 
     @property
     def exceeded(self) -> tuple[Violation, ...]:
@@ -109,7 +116,8 @@ class VerificationResult:
         found = []
         if not self.residual <= RESIDUAL:
             found.append(f"the first-order residual is {self.residual:.1e}, allowed {RESIDUAL:g}")
-        for how, errors in (("replayed", self.replay_errors_m), ("followed", self.followed_errors_m)):
+        replayed = {"replayed": self.replay_errors_m} if self.open_loop else {}
+        for how, errors in (replayed | {"followed": self.followed_errors_m}).items():
             label, error = max(errors.items(), key=lambda item: item[1], default=("", 0.0))
             if not error <= self.tolerance_m:
                 found.append(
@@ -152,10 +160,12 @@ def verify(
         if one.excess.max() > ROUNDING
     ]
     violations.sort(key=lambda v: -v.amount / v.allowed)
-    tolerance = phased_motion.motions[0].problem.tolerance
+    problem = phased_motion.motions[0].problem
     found = first_order_residual(program, solution, scale)
     saddle = found <= RESIDUAL and descent_direction(program, solution, scale) is not None
-    return VerificationResult(found, tuple(violations), alone, followed, tolerance, saddle)
+    return VerificationResult(
+        found, tuple(violations), alone, followed, problem.tolerance, problem.open_loop, saddle
+    )
 
 
 def _greatest_errors(phased_motion: PhasedMotion, states: list[Array]) -> dict[str, float]:
