@@ -5,8 +5,8 @@ import pinocchio as pin
 import pytest
 
 import spacerobot as sr
-from optim.planning.verification.gains import BANDWIDTH, tracking_gains
-from optim.planning.verification.verdict import Verdict
+from optim.planning.verification.tracking_gains import BANDWIDTH, tracking_gains
+from optim.planning.verification.verify import VerificationResult
 
 HELD = {
     "grasps.grip": {"tip": "arm/tip", "frame": "mate_1", "kind": "weld"},
@@ -46,7 +46,7 @@ def test_joints_feel_what_a_rigid_grasp_holds(planned):
 
 @pytest.mark.parametrize(("open_loop", "refused"), [(True, True), (False, False)])
 def test_the_tolerance_may_be_for_the_replay_with_feedback_alone(open_loop, refused):
-    verdict = Verdict(0.0, (), {"arm/tip": 1.0}, {"arm/tip": 1e-6}, 1e-5, open_loop)
-    assert bool(verdict.faults()) is refused
-    assert verdict.fine_enough is not refused
-    assert verdict.error_m == (1.0 if open_loop else 1e-6)
+    found = VerificationResult(0.0, (), {"arm/tip": 1.0}, {"arm/tip": 1e-6}, 1e-5, open_loop)
+    assert bool(found.failures()) is refused
+    assert found.fine_enough is not refused
+    assert found.error_m == (1.0 if open_loop else 1e-6)
