@@ -24,6 +24,7 @@ from benchmarks import (
     events,
     history,
     methods,
+    page_frames,
     plan_following,
     planning,
     process,
@@ -52,6 +53,7 @@ JOBS: dict[str, Callable[[], list[Row]]] = {
     "planning": planning.rows,
     "dockings": dockings.rows,
     "reach": lambda: [ddp.measured()],
+    "page": page_frames.rows,
     "studio": lambda: [*studio.rows(), *studio_page.rows()],
 }
 

@@ -8,9 +8,9 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from benchmarks.browser import NO_3D, Browser, chromium
 from benchmarks.table_row import Row, hand_row
 from spacerobot.scene import load_scene
+from viz.browser import NO_3D, Browser, chromium
 from viz.studio.prepared_design import Origin
 from viz.studio.server import Studio
 

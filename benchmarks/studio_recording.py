@@ -11,9 +11,9 @@ from pathlib import Path
 
 from PIL import Image
 
-from benchmarks.browser import Browser, chromium
 from spacerobot.files import write_bytes
 from spacerobot.scene import load_scene
+from viz.browser import Browser, chromium
 from viz.studio.prepared_design import Origin
 from viz.studio.server import Studio
 

@@ -1,4 +1,8 @@
-"""Recordings without a display: GIF, and MP4 where ffmpeg is installed."""
+"""Recordings without a display: GIF, PNG, and MP4 where ffmpeg is installed.
+
+They show the page's scene, drawn by a headless Chromium where there is one; else what the built-in
+renderer draws.
+"""
 
 from __future__ import annotations
 
@@ -10,9 +14,8 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -23,21 +26,32 @@ from spacerobot.arrays import Array
 from spacerobot.errors import ResultError, near_names
 from spacerobot.files import StrPath, write_bytes
 from spacerobot.result import Result, note_derived
+from viz.browser import program as browser_program
 from viz.drawing.motion import BodyMotion, greatest_force, pick_rows, sample_motion
 from viz.drawing.projection import fit
 from viz.drawing.view import View, view_of
 from viz.figures.base_motion import draw_plumes
 from viz.figures.docking import draw_forces, draw_frame, draw_names, seen_points
 from viz.figures.style import COLOURS, Drawing, styled
+from viz.film import FINE, page_pictures
+from viz.page.animation import animation
 
-USUAL: dict[str, tuple[float, tuple[int, int]]] = {".gif": (12.5, (640, 400)), ".mp4": (25.0, (1280, 800))}
+USUAL: dict[str, tuple[float, tuple[int, int]]] = {
+    ".gif": (12.5, (640, 400)),
+    ".mp4": (30.0, (1280, 720)),
+}
 """Frames per second, and width and height in pixels, of each format where nothing else is said."""
+
+POSTER = 3840, 2160
+"""Width and height of one picture, in pixels."""
 
 WIDTH_IN = 6.4
 """Width of a picture to which the sizes of its texts and lines relate."""
 
 Progress = Callable[[str], None]
-_GIF_COLOURS = 96
+T = TypeVar("T")
+_GIF_COLOURS = 128
+_LONGEST_S = 20
 _MP4_FILTERS = "pad=ceil(iw/2)*2:ceil(ih/2)*2,tpad=stop_mode=clone:stop_duration=1"
 _LONGEST_ARROW = 0.06  # as a share of the scene's size
 
@@ -62,7 +76,7 @@ def write_recording(
     frames_per_s, size_px
         Of the recording; those of :data:`USUAL` if not given.
     speed
-        Simulated seconds per second; so that it lasts at most 10 s if not given.
+        Simulated seconds per second; so that it lasts at most 20 s if not given.
     progress
         Told in a few words how far it is.
 
@@ -77,19 +91,67 @@ def write_recording(
         raise ResultError(f"no recording {path.suffix!r}; {near_names(kind, USUAL)}", source=path)
     program = _ffmpeg(path) if kind == ".mp4" else ""
     per_s, size = frames_per_s or USUAL[kind][0], size_px or USUAL[kind][1]
-    pace = speed or max(1.0, float(result.data.time.values[-1]) / 10)
-    drawn = frames(result, rate_hz=per_s / pace, size_px=size, speed=pace)
-    pictures = _counted(drawn, progress)
-    content = _mp4(program, pictures, per_s, path) if kind == ".mp4" else _gif(pictures, per_s)
+    duration = float(result.data.time.values[-1])
+    pace = speed or max(1.0, duration / _LONGEST_S)
+    encoded: Iterable[bytes]
+    pictures: Iterator[Image.Image]
+    if browser_program() is None:
+        drawn = frames(result, rate_hz=per_s / pace, size_px=size, speed=pace)
+        pictures = _counted(drawn, len(drawn), progress)
+        encoded = (picture.tobytes() for picture in pictures)
+        form = ["-f", "rawvideo", "-pixel_format", "rgb24", "-video_size", f"{size[0]}x{size[1]}"]
+    else:
+        times = [*np.arange(0, duration, pace / per_s), duration]
+        encoded = _counted(page_pictures(animation(result), times, size), len(times), progress)
+        pictures, form = map(_decoded, encoded), ["-f", "image2pipe", "-c:v", "mjpeg"]
+    content = _mp4(program, encoded, form, per_s, path) if kind == ".mp4" else _gif(pictures, per_s)
     write_bytes(path, content)
     note_derived([result], [path])
 
 
-def _counted(drawn: Frames, progress: Progress | None) -> Iterator[Image.Image]:
+def write_poster(
+    result: Result, path: StrPath, *, at: float | None = None, size_px: tuple[int, int] = POSTER
+) -> None:
+    """Write one picture of a result as PNG, drawn as finely as can be.
+
+    Parameters
+    ----------
+    result
+        What is shown.
+    path
+        ``.png``.
+    at
+        Time [s]; that of the first capture if not given, else the middle.
+    size_px
+        Width and height.
+
+    Raises
+    ------
+    ResultError
+        If the file cannot be written.
+    """
+    duration = float(result.data.time.values[-1])
+    captures = [e["time_s"] for e in result.summary.get("events", ()) if e["kind"] == "captured"]
+    time = float(np.clip(at if at is not None else min(captures, default=duration / 2), 0, duration))
+    if browser_program() is not None:
+        (content,) = page_pictures(animation(result), [time], size_px, level=FINE, kind="png")
+    else:
+        drawn, buffer = frames(result, rate_hz=1e6, size_px=size_px), io.BytesIO()
+        drawn.picture(int(np.abs(drawn.motion.time - time).argmin())).save(buffer, "PNG")
+        content = buffer.getvalue()
+    write_bytes(path, content)
+    note_derived([result], [Path(path)])
+
+
+def _decoded(picture: bytes) -> Image.Image:
+    return Image.open(io.BytesIO(picture)).convert("RGB")
+
+
+def _counted(pictures: Iterable[T], count: int, progress: Progress | None) -> Iterator[T]:
     """Pictures as they are drawn, with a word on how far it is now and then."""
-    for k, picture in enumerate(drawn):
+    for k, picture in enumerate(pictures):
         if progress is not None and k % 10 == 0:
-            progress(f"recording: {100 * k // len(drawn)} %")
+            progress(f"recording: {100 * k // count} %")
         yield picture
 
 
@@ -199,33 +261,31 @@ def _ffmpeg(path: Path) -> str:
     return program
 
 
-def _mp4(program: str, pictures: Iterator[Image.Image], frames_per_s: float, path: Path) -> bytes:
-    """H.264 that browsers play, the last picture held for a second; pictures go straight to ffmpeg."""
-    first = next(pictures)
+def _mp4(program: str, pictures: Iterable[bytes], form: list[str], frames_per_s: float, path: Path) -> bytes:
+    """H.264 that browsers play, the last picture held for a second; ``form``: of the pictures, for ffmpeg."""
     with tempfile.TemporaryDirectory() as folder:
         made, errors = Path(folder) / "made.mp4", Path(folder) / "errors.txt"
-        command = [program, "-loglevel", "error", "-f", "rawvideo", "-pixel_format", "rgb24"]
-        command += ["-video_size", f"{first.width}x{first.height}", "-framerate", f"{frames_per_s:g}"]
-        command += ["-i", "pipe:0", "-vf", _MP4_FILTERS]
+        command = [program, "-loglevel", "error", *form, "-framerate", f"{frames_per_s:g}"]
+        command += ["-i", "pipe:0", "-vf", _MP4_FILTERS, "-preset", "veryfast"]
         command += ["-crf", "20", "-pix_fmt", "yuv420p", "-movflags", "+faststart", str(made)]
         with errors.open("wb") as stderr:
             process = subprocess.Popen(
                 command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=stderr
             )
-            _feed(process, chain([first], pictures))
+            _feed(process, pictures)
         if process.returncode:
             said = errors.read_text(encoding="utf-8", errors="replace").strip()
             raise ResultError(f"ffmpeg failed: {said[-300:]}", source=path)
         return made.read_bytes()
 
 
-def _feed(process: subprocess.Popen[bytes], pictures: Iterable[Image.Image]) -> None:
+def _feed(process: subprocess.Popen[bytes], pictures: Iterable[bytes]) -> None:
     """Write pictures to a process until it closes its input, and wait for its end."""
     try:
         if process.stdin is not None:
             with suppress(BrokenPipeError), process.stdin as sink:
                 for picture in pictures:
-                    sink.write(picture.tobytes())
+                    sink.write(picture)
         process.wait()
     finally:
         if process.poll() is None:

@@ -28,11 +28,16 @@ Html = Annotated[
     typer.Option("--html", metavar="FILE", help="Write one self-contained page instead of serving it."),
 ]
 Record = Annotated[
-    Path | None, typer.Option("--record", metavar="FILE", help="Write a recording instead: .gif, or .mp4.")
+    Path | None,
+    typer.Option("--record", metavar="FILE", help="Write a recording instead: .gif, .mp4, or one .png."),
 ]
 Speed = Annotated[
     float | None,
-    typer.Option("--speed", min=1e-6, help="Of a recording, times real time; else it lasts at most 10 s."),
+    typer.Option("--speed", min=1e-6, help="Of a recording, times real time; else it lasts at most 20 s."),
+]
+At = Annotated[
+    float | None,
+    typer.Option("--at", metavar="SECONDS", min=0, help="Of a .png: its time; else the first capture."),
 ]
 NoBrowser = Annotated[bool, typer.Option("--no-browser", help="Only print the address.")]
 
@@ -54,6 +59,8 @@ Examples:
 
     spacerobot animate out/paper --record docking.mp4 --speed 2
 
+    spacerobot animate out/docking --record poster.png --at 16.5
+
     spacerobot animate out/before out/after --html docking.html
 
     spacerobot animate out/campaign
@@ -68,6 +75,7 @@ def command(
     html: Html = None,
     record: Record = None,
     speed: Speed = None,
+    at: At = None,
     port: Port = 7000,
     no_browser: NoBrowser = False,
 ) -> None:
@@ -89,10 +97,13 @@ def command(
             note_derived(shown.results, [html])
         console().print(f"page in {html}", markup=False, soft_wrap=True)
     if record is not None:
-        from viz.record import write_recording
+        from viz.record import write_poster, write_recording
 
         with progress("recording") as tell:
-            write_recording(shown.results[0], record, speed=speed, progress=tell)
+            if record.suffix.lower() == ".png":
+                write_poster(shown.results[0], record, at=at)
+            else:
+                write_recording(shown.results[0], record, speed=speed, progress=tell)
         console().print(f"recording in {record}", markup=False, soft_wrap=True)
     if html is None and record is None:
         serve(shown.data, port, open_browser=not no_browser)

@@ -124,7 +124,8 @@ def _link(
                 continue
             material = getattr(shape, "material", None)
             rgba = _rgba(material, colours)
-            shapes[kind].append(LinkShape(shape.name, _placement(shape.origin), geometry, rgba))
+            named = getattr(material, "name", None) or ""
+            shapes[kind].append(LinkShape(shape.name, _placement(shape.origin), geometry, rgba, named))
     return UrdfLink(
         name=link.name,
         mass=mass,

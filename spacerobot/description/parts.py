@@ -58,12 +58,15 @@ class LinkShape:
         What is there.
     rgba
         Colour and opacity (4,), 0 to 1; None where the file gives none.
+    material
+        Name of its material in the file; empty where the file names none.
     """
 
     name: str | None
     placement: Array
     geometry: Geometry
     rgba: Array | None = None
+    material: str = ""
 
 
 @dataclass(frozen=True, eq=False)

@@ -135,7 +135,9 @@ BUILT_ON = {
     "viz.drawing": set(),
     "viz.figures": {"viz.drawing"},
     "viz.page": {"viz.drawing", "viz.figures"},
-    "viz.record": {"viz.drawing", "viz.figures"},
+    "viz.browser": set(),
+    "viz.film": {"viz.browser", "viz.page"},
+    "viz.record": {"viz.browser", "viz.drawing", "viz.figures", "viz.film", "viz.page"},
     "viz.readme_picture": {"viz.record"},
     "viz.studio": {
         "viz.drawing",

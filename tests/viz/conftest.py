@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from benchmarks.browser import Browser, started
 from spacerobot.result import save
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
 from tests.oracles.free_bodies import FLAT, free_bodies
+from viz.browser import Browser, started
 from viz.figures.comparison import write_figures
 
 

@@ -1,5 +1,6 @@
 """Recordings: they move, and need no display."""
 
+import io
 import json
 import shutil
 import stat
@@ -11,7 +12,15 @@ from PIL import Image
 
 from spacerobot.errors import ResultError
 from viz import record
+from viz.browser import program as browser_program
+from viz.film import page_pictures
+from viz.page.animation import animation
 from viz.record import frames, write_recording
+
+
+@pytest.fixture(autouse=True)
+def _no_browser(monkeypatch):
+    monkeypatch.setattr(record, "browser_program", lambda: None)
 
 
 def test_a_gif_moves_at_the_wanted_pace(paper, tmp_path):
@@ -71,3 +80,18 @@ def test_wrong_formats_and_a_missing_ffmpeg_are_told(paper, tmp_path, monkeypatc
     monkeypatch.setattr(record.shutil, "which", lambda _: None)
     with pytest.raises(ResultError, match="needs ffmpeg"):
         write_recording(paper, tmp_path / "a.mp4")
+
+
+@pytest.mark.skipif(
+    browser_program() is None, reason="no Chromium on this computer: the page was not recorded"
+)
+def test_a_page_is_recorded_as_it_is_seen(paper):
+    """Pictures of the scene alone, of the wanted size, that move, and are the same when taken again."""
+    payload = animation(paper)
+    first, later, again = (
+        np.asarray(Image.open(io.BytesIO(one)).convert("RGB")).astype(int)
+        for one in page_pictures(payload, [0.0, 6.0, 0.0], (320, 200), kind="png")
+    )
+    assert first.shape == (200, 320, 3)
+    assert (np.abs(later - first).max(axis=2) > 40).mean() > 0.01
+    assert (first == again).all()

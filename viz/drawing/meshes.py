@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from functools import lru_cache
 from operator import itemgetter
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from spacerobot.description import Geometry
 from spacerobot.description.meshes import read_mesh
 
 Indices = NDArray[np.int64]
+Colours = NDArray[np.uint8]
 
 MOST_TRIANGLES = 60_000
 """Of all the different meshes of a scene together."""
@@ -27,10 +28,21 @@ _PULL = 1e-3  # towards the mean of a cell's vertices, in directions in which it
 
 
 class TriangleMesh(NamedTuple):
-    """Vertices (n, 3) in m and triangles (m, 3), counter-clockwise seen from outside."""
+    """A surface.
+
+    Attributes
+    ----------
+    vertices
+        (n, 3), m.
+    triangles
+        (m, 3), counter-clockwise seen from outside.
+    colours
+        Red, green, blue (m, 3) of the triangles, 0 to 255; None where the file gives none.
+    """
 
     vertices: Array
     triangles: Indices
+    colours: Colours | None = None
 
 
 class MeshFile(NamedTuple):
@@ -60,7 +72,59 @@ def load_mesh(file: MeshFile) -> TriangleMesh:
     corners = [
         np.fromiter(map(itemgetter(k), triangles), dtype=np.int64, count=len(triangles)) for k in range(3)
     ]
-    return TriangleMesh(vertices, np.stack(corners, axis=1))
+    plain = TriangleMesh(vertices, np.stack(corners, axis=1))
+    return _coloured(file, plain) or plain
+
+
+_COLOURED = (".dae", ".obj", ".gltf", ".glb", ".ply")
+_LINEAR = (".gltf", ".glb")  # the colour factors of whose materials are of linear light
+_TURNS = (np.eye(3), np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]))  # as it is; y up to z up
+
+
+def _coloured(file: MeshFile, plain: TriangleMesh) -> TriangleMesh | None:
+    """A mesh with the colours of its file's materials and textures; None where it has none.
+
+    The geometry library that Pinocchio uses reads no materials, and of a file with several parts in one node
+    (a part for each material) it gives wrong triangles. So the file is read by trimesh, and brought to the
+    size and the upward axis of the other reading, ``plain``: readers differ in how they treat both.
+    """
+    if file.path is None or file.path.suffix.lower() not in _COLOURED or not len(plain.vertices):
+        return None
+    import trimesh  # comes with yourdfpy; only meshes that may have colours pay for its import
+
+    try:
+        whole: Any = trimesh.load_scene(file.path).dump()
+        parts = [part for part in whole if part.visual.defined]
+        colours = [_face_colours(part, file.path.suffix.lower() in _LINEAR) for part in parts]
+    except Exception:  # a colour is no reason to refuse a mesh; trimesh's readers raise whatever they meet
+        return None
+    if not parts:
+        return None
+    starts = np.cumsum([0, *(len(part.vertices) for part in parts)])
+    vertices = np.concatenate([part.vertices for part in parts])
+    triangles = np.concatenate([part.faces + start for part, start in zip(parts, starts, strict=False)])
+    wanted: Array = np.ptp(plain.vertices / np.array(file.scale), axis=0)
+    fits: list[tuple[float, float]] = []
+    for turn in _TURNS:
+        spans: Array = np.ptp(vertices @ turn.T, axis=0)
+        factor = float(np.linalg.norm(wanted)) / max(float(np.linalg.norm(spans)), 1e-12)
+        fits.append((float(np.abs(wanted - factor * spans).sum()), factor))
+    best = int(np.argmin([misfit for misfit, _ in fits]))
+    placed = vertices @ _TURNS[best].T * fits[best][1] * file.scale
+    return TriangleMesh(placed, triangles.astype(np.int64), np.concatenate(colours).astype(np.uint8))
+
+
+def _face_colours(part: Any, linear: bool) -> Array:
+    """Colours (m, 3) of a part's triangles, 0 to 255: of its faces, vertices, texture or material."""
+    look = part.visual
+    if look.kind != "texture":
+        return np.asarray(look.face_colors[:, :3], dtype=np.float64)
+    texture = getattr(look.material, "baseColorTexture", None) or getattr(look.material, "image", None)
+    if texture is not None and look.uv is not None:
+        return np.asarray(look.material.to_color(look.uv)[part.faces][..., :3].mean(axis=1))
+    colour = np.asarray(look.material.main_color[:3], dtype=np.float64)
+    shown = 255 * (colour / 255) ** (1 / 2.2) if linear else colour
+    return np.tile(shown, (len(part.faces), 1))
 
 
 def _hull(corners: Array) -> TriangleMesh:
@@ -69,7 +133,7 @@ def _hull(corners: Array) -> TriangleMesh:
     a, b, c = (corners[hull.simplices[:, k]] for k in range(3))
     inward = np.sum(np.cross(b - a, c - a) * hull.equations[:, :3], axis=1) < 0
     triangles = np.where(inward[:, None], hull.simplices[:, ::-1], hull.simplices)
-    return _compact(corners, triangles.astype(np.int64))
+    return _compact(corners, triangles.astype(np.int64), None)
 
 
 def shown_meshes(files: Iterable[MeshFile]) -> dict[MeshFile, TriangleMesh]:
@@ -102,7 +166,7 @@ def simplified(surface: TriangleMesh, cell: float) -> TriangleMesh:
     cell
         Edge of the grid's cells, m.
     """
-    vertices, triangles = surface
+    vertices, triangles, colours = surface
     place = np.floor((vertices - vertices.min(axis=0)) / cell).astype(np.int64)
     owner = _numbered(place)
     size = int(owner.max()) + 1
@@ -111,7 +175,8 @@ def simplified(surface: TriangleMesh, cell: float) -> TriangleMesh:
     kept = (merged != np.roll(merged, 1, axis=1)).all(axis=1)
     _, first = np.unique(_numbered(np.sort(merged[kept], axis=1)), return_index=True)
     best = mean + np.clip(_meeting_points(surface, owner, mean), -cell / 2, cell / 2)
-    return _compact(best, merged[kept][np.sort(first)])
+    left = np.flatnonzero(kept)[np.sort(first)]
+    return _compact(best, merged[left], None if colours is None else colours[left])
 
 
 def _meeting_points(surface: TriangleMesh, owner: Indices, mean: Array) -> Array:
@@ -145,7 +210,7 @@ def _sums(owner: Indices, values: Array, size: int) -> Array:
     return np.stack([np.bincount(owner, column, minlength=size) for column in values.T], axis=1)
 
 
-def _compact(vertices: Array, triangles: Indices) -> TriangleMesh:
+def _compact(vertices: Array, triangles: Indices, colours: Colours | None) -> TriangleMesh:
     """The same without vertices that no triangle has."""
     used, renamed = np.unique(triangles, return_inverse=True)
-    return TriangleMesh(vertices[used], renamed.reshape(-1, 3))
+    return TriangleMesh(vertices[used], renamed.reshape(-1, 3), colours)

@@ -27,6 +27,20 @@ PAD = np.array([0.85, 0.45, 0.1, 1.0])
 """Colour of pads."""
 
 
+FINISHES = {
+    "foil": ("foil", "mli", "gold", "kapton"),
+    "solar": ("solar", "panel", "cell"),
+    "metal": ("metal", "silver", "alumin", "steel", "chrome", "titan"),
+}
+"""Looks of surfaces, and the words in a URDF material's name that stand for them; all others are painted."""
+
+
+def finish_of(material: str) -> str:
+    """Finish of a surface, from the name of its material in the URDF."""
+    name = material.lower()
+    return next((f for f, words in FINISHES.items() if any(word in name for word in words)), "paint")
+
+
 @dataclass(frozen=True, eq=False)
 class DrawnSolid:
     """A shape fixed to a node.
@@ -39,11 +53,14 @@ class DrawnSolid:
         What is there.
     rgba
         Colour and opacity (4,), 0 to 1.
+    finish
+        How its surface looks; see :data:`FINISHES`.
     """
 
     placement: Array
     geometry: Geometry
     rgba: Array
+    finish: str = "paint"
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +141,8 @@ def scene_nodes(scene: Scene) -> tuple[Node, ...]:
             frame = scene.model.frames[scene.model.getFrameId(f"{body.name}/{link.name}", pin.FrameType.BODY)]
             for shape in link.visuals if seen else link.collisions:
                 placement = frame.placement.homogeneous @ shape.placement
-                solid = DrawnSolid(placement, shape.geometry, GREY if shape.rgba is None else shape.rgba)
+                rgba = GREY if shape.rgba is None else shape.rgba
+                solid = DrawnSolid(placement, shape.geometry, rgba, finish_of(shape.material))
                 by_joint.setdefault(int(frame.parentJoint), []).append(solid)
         for carrier, joint, solid in pads:
             if carrier == body.name:

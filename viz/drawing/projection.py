@@ -153,6 +153,8 @@ def _node_surfaces(nodes: tuple[Node, ...]) -> list[_NodeSurface]:
             triangles.append(shape.triangles + sum(map(len, vertices)))
             vertices.append(shape.vertices @ solid.placement[:3, :3].T + solid.placement[:3, 3])
             rgba.append(np.tile(solid.rgba, (len(shape.triangles), 1)))
+            if shape.colours is not None:
+                rgba[-1][:, :3] = shape.colours / 255
             part.append(np.full(len(shape.triangles), next(numbers)))
         found.append(
             _NodeSurface(

@@ -18,6 +18,9 @@ _AZIMUTH_DEG, _ELEVATION_DEG = -60.0, 25.0
 _TURNS_DEG = (0, 30, -30, 60, -60, 90, -90, 120, -120, 150, -150, 180)
 """Away from the usual azimuth, in the order in which they are preferred."""
 
+_ELEVATIONS_DEG = (25.0, 50.0, 5.0, -20.0)
+"""Of views of a grasp, in the order in which they are preferred."""
+
 _AS_GOOD = 0.1  # less of what matters may be hidden by a direction that is preferred
 _NEAR = 0.01  # of the largest box: what is nearer than this hides nothing
 
@@ -63,7 +66,27 @@ def oblique(azimuth_deg: float = _AZIMUTH_DEG, elevation_deg: float = _ELEVATION
 def view_of(result: Result, scene: Scene) -> View:
     """Where a result is seen from: planar scenes from above, others from where arms are hidden least."""
     rows = len(result.data.time)
-    return TOP if scene.planar else _clearest(sample_motion(result, scene, [0, rows // 2, rows - 1]))
+    chosen = [0, rows // 2, rows - 1, *capture_rows(result)]
+    return TOP if scene.planar else _clearest(sample_motion(result, scene, chosen))
+
+
+def capture_rows(result: Result) -> list[int]:
+    """Rows of a result's data at which grasps are captured, each once, in time."""
+    times = [e["time_s"] for e in result.summary.get("events", ()) if e["kind"] == "captured"]
+    rows = np.searchsorted(result.array("time"), times).clip(0, len(result.data.time) - 1)
+    return sorted({int(row) for row in rows})
+
+
+def grasp_view(motion: BodyMotion, frame: int, usual: View) -> View:
+    """From where a frame's grasps are hidden least; of such sides the one nearest to the usual."""
+    azimuth = float(np.degrees(np.arctan2(usual.towards[1], usual.towards[0])))
+    seen = _frame(motion, frame)
+    seen = seen._replace(links=np.zeros((0, 3)))  # here only the grasps matter
+    turns = [(turn, up) for up in _ELEVATIONS_DEG for turn in _TURNS_DEG]
+    views = [oblique(azimuth + turn, up) for turn, up in turns]
+    shares = np.array([seen.seen(view.towards) for view in views])
+    away = np.array([abs(turn) / 90 + abs(up - _ELEVATION_DEG) / 60 for turn, up in turns])
+    return views[int(np.argmin(np.where(shares >= shares.max() - 1e-9, away, np.inf)))]
 
 
 def first_view(scene: Scene) -> View:

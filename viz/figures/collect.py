@@ -16,6 +16,7 @@ from viz.figures.contacts import contact_forces
 from viz.figures.docking import docking
 from viz.figures.joints import joints
 from viz.figures.ledger import ledger
+from viz.figures.storyboard import storyboard
 from viz.figures.style import Drawing, drawn_for, to_bytes
 from viz.figures.tips import orientation_errors, tip_errors, tip_paths
 from viz.figures.wheels import momentum_budget, wheels
@@ -87,6 +88,7 @@ KINDS = (
         "orientation_errors", "Orientation errors of tips", orientation_errors, True, _controls_orientation
     ),
     FigureKind("docking", "The motion, frame by frame", docking, printed="Fig. 8"),
+    FigureKind("storyboard", "The instants that tell the motion: phases, captures, releases", storyboard),
     FigureKind(
         "approach",
         "The approach: lateral error and speeds over the distance to go",

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from matplotlib.axes import Axes
 
 from spacerobot.arrays import Array
 from spacerobot.result import Result
-from viz.drawing.motion import BodyMotion, bounds, extremes, pick_rows, sample_motion
+from viz.drawing.motion import BodyMotion, Rows, bounds, extremes, pick_rows, sample_motion
 from viz.drawing.projection import draw_ghosts, draw_nodes, fit
 from viz.drawing.view import View, view_of
 from viz.figures.style import COLOURS, Drawing, called, is_narrow, styled, width_in
@@ -19,9 +21,23 @@ def docking(result: Result, *, frames: int = 6) -> Drawing:
 
     Planar scenes are seen from above, spatial ones by parallel projection from outside and above.
     """
+    return strip(result, pick_rows(result.data.time.values, rate_hz=1e6, most=frames))
+
+
+def strip(result: Result, rows: Rows, words: Sequence[str] = ()) -> Drawing:
+    """The scene at rows of a result's data, in reading order, each with its time and what it is.
+
+    Parameters
+    ----------
+    result
+        What is drawn.
+    rows
+        Of its data, ascending.
+    words
+        What happens at each; nothing is written where there are none.
+    """
     scene = result.scene()
     view = view_of(result, scene)
-    rows = pick_rows(result.data.time.values, rate_hz=1e6, most=frames)
     motion = sample_motion(result, scene, rows)
     points = seen_points(result, motion)
     columns = min(2 if is_narrow() else 3, len(rows))
@@ -37,7 +53,7 @@ def docking(result: Result, *, frames: int = 6) -> Drawing:
             continue
         fit(panel, points, view, margin=0.02)
         draw_frame(panel, result, motion, k, view)
-        panel.set_title(f"t = {motion.time[k]:.3g} s")
+        panel.set_title(f"t = {motion.time[k]:.3g} s" + (f": {words[k]}" if words and words[k] else ""))
         if k == 0:
             draw_names(panel, motion, k, view)
         _label(panel, view, float(size.max()), last=k + columns >= len(rows), first=k % columns == 0)

@@ -32,7 +32,9 @@ from viz.page.events import event_data
 from viz.page.limits import joint_limits
 from viz.page.meshcat_scene import Meshes, changed_descriptions, packed, poses, rounded
 from viz.page.panel import panel_data
+from viz.page.planet import planet_data
 from viz.page.plumes import no_plumes, plume_data
+from viz.page.shots import shots
 from viz.page.signals import chart_rows, quantities, signal_data
 
 FRAMES_PER_S = 25.0
@@ -89,12 +91,14 @@ def shown_data(
     low, high = np.min([box[0] for box in boxes], axis=0), np.max([box[1] for box in boxes], axis=0)
     scale = float(np.linalg.norm(high - low))
     force = max(greatest_force(one.result) for one in shown)
+    view = view_of(shown[0].result, shown[0].scene)
     return {
         "title": title or _title([one.label for one in shown]),
         "about": _about(shown),
         "notices": _notices(shown),
         "planar": shown[0].scene.planar,
-        "towards": rounded(view_of(shown[0].result, shown[0].scene).towards),
+        "towards": rounded(view.towards),
+        "shots": shots(shown[0].result, shown[0].scene, shown[0].motion, view, (low, high)),
         "box": [rounded(low), rounded(high)],
         "reach": [rounded(point) for one in shown for point in extremes(one.motion, low, high)],
         "near": [rounded(point) for one in shown for point in _near(one, low, high)],
@@ -144,6 +148,7 @@ def still(scene: Scene, *, about: str | None = None) -> dict[str, Any]:
         "tips": "",
         "references": [],
         "target": None,
+        "tip_nodes": [],
         "grasp_tips": [],
         "forces": "",
         "mates": "",
@@ -151,6 +156,7 @@ def still(scene: Scene, *, about: str | None = None) -> dict[str, Any]:
         "contacts": no_contacts(),
         "plumes": no_plumes(),
         "masses": no_masses(),
+        "planet": None,
         "fine_time": packed(motion.time),
         "errors": [],
         "quantities": [],
@@ -164,6 +170,7 @@ def still(scene: Scene, *, about: str | None = None) -> dict[str, Any]:
         "box": [rounded(low), rounded(high)],
         "reach": [rounded(point) for point in extremes(motion, low, high)],
         "near": [],
+        "shots": [],
         "scale": float(np.linalg.norm(high - low)),
         "longest_arrow": _ARROW_SHARE,
         "greatest_force": 0.0,
@@ -192,6 +199,7 @@ def run_data(shown: AnimatedResult) -> dict[str, Any]:
         "tips": packed(result.array("tip_position")[rows]),
         "references": [packed(references[:, k]) for k in range(len(tips))],
         "target": packed(bodies[:, list(result.array("body")).index(target.name)]) if target else None,
+        "tip_nodes": [_node_of(tip.joint, shown) for tip in shown.scene.tips],
         "grasp_tips": [tips.index(grasp.tip.label) for grasp in shown.scene.grasps],
         "forces": packed(result.array("grasp_force")[rows]),
         "mates": packed(motion.mates),
@@ -199,11 +207,18 @@ def run_data(shown: AnimatedResult) -> dict[str, Any]:
         "contacts": contact_data(result, rows),
         "plumes": plume_data(result, rows),
         "masses": mass_data(result, shown.scene, motion),
+        "planet": planet_data(result, rows),
         "events": event_data(result),
         "fine_time": packed(result.array("time")[finer]),
         "errors": [packed(error[:, k]) if tip in led else None for k, tip in enumerate(tips)],
         "quantities": signal_data(shown_over_time, finer, joint_limits(shown.scene)),
     }
+
+
+def _node_of(joint: int, shown: AnimatedResult) -> int:
+    """Place among the nodes of the one behind a joint; 0 if nothing of it can be seen."""
+    joints = [node.joint for node in shown.motion.nodes]
+    return joints.index(joint) if joint in joints else 0
 
 
 def _box(shown: AnimatedResult) -> tuple[Array, Array]:

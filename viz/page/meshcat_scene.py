@@ -53,11 +53,12 @@ class Meshes:
         self._places = {file: k for k, file in enumerate(self._surfaces)}
 
     def data(self) -> list[dict[str, str]]:
-        """Vertices and triangles of each."""
+        """Vertices and triangles of each, and the triangles' colours, empty where its file gives none."""
         return [
             {
                 "vertices": encoded(packed(surface.vertices)),
                 "triangles": encoded(surface.triangles.astype("<u4")),
+                "colours": "" if surface.colours is None else encoded(surface.colours),
             }
             for surface in self._surfaces.values()
         ]
@@ -83,6 +84,7 @@ def solid_data(solid: DrawnSolid) -> dict[str, Any]:
         "kind": solid.geometry.kind,
         "size": rounded(solid.geometry.size),
         "rgba": rounded(solid.rgba),
+        "finish": solid.finish,
         "matrix": rounded(solid.placement.T),
     }
 

@@ -2,6 +2,8 @@ import { THREE } from "./three.js";
 
 const TO_NAMES = 24, TO_SCALE = 24; // px that the scene leaves to names above it and to the scale below
 
+const TURNING = 0.5; // of the shorter of two shots: so long the eye goes from one to the other
+
 // The view: everything that ever moves fills what the words leave of the pane, from above where the scene is planar.
 export class Eye {
   constructor(viewer, pane, side, onResize) {
@@ -67,7 +69,17 @@ export class Eye {
 
   // Points that must be seen, in copies of the scene moved by ``shifts``; the distance of the eye that results.
   fit(points, shifts, { planar, towards }) {
-    const camera = this.viewer.camera, { back, up } = this.axes(planar, towards);
+    const { camera } = this.viewer, { centre, back, distance } = this.framed(points, shifts, { planar, towards });
+    camera.near = distance / 200;
+    camera.far = distance * 20;
+    this.moved = false;
+    this.stand(centre.clone().addScaledVector(back, distance), centre);
+    return distance;
+  }
+
+  // The same as what is looked at, the way back to the eye, and its distance.
+  framed(points, shifts, { planar, towards }) {
+    const { camera } = this.viewer, { back, up } = this.axes(planar, towards);
     const frame = { back, up, across: up.clone().cross(back).normalize() };
     camera.fov = planar ? 14 : 26;
     const [wide, tall] = this.aim();
@@ -80,11 +92,31 @@ export class Eye {
       centre.addScaledVector(frame.across, x.middle * distance).addScaledVector(frame.up, y.middle * distance);
       distance = Math.max(1.05 * radius, distance * Math.max(x.half / wide, y.half / tall));
     }
-    camera.near = distance / 200;
-    camera.far = distance * 20;
-    this.moved = false;
-    this.stand(centre.clone().addScaledVector(frame.back, distance), centre);
-    return distance;
+    return { centre, back, distance };
+  }
+
+  // Shots over time: the eye goes from one to the next within a share of the shorter one, and rests between.
+  direct(shots, planar, end) {
+    this.shots = shots.map(({ time, points, towards }) => ({ time, ...this.framed(points, [[0, 0, 0]], { planar, towards }) }));
+    this.shots.forEach((one, k) => { one.lasts = (this.shots[k + 1]?.time ?? end) - one.time; });
+  }
+
+  play(time) {
+    const { shots } = this, k = Math.max(0, shots.findLastIndex((one) => one.time <= time)), shot = shots[k];
+    const centre = shot.centre.clone(), back = shot.back.clone(), smooth = (t) => t * t * (3 - 2 * t);
+    let { distance } = shot;
+    const towards = (other, share) => {
+      centre.lerp(other.centre, share);
+      back.lerp(other.back, share).normalize();
+      distance *= (other.distance / distance) ** share;
+    };
+    // it moves while it is the farther one of two shots: from near it stands still
+    const next = shots[k + 1], before = shots[k - 1], within = (other) => TURNING * Math.min(shot.lasts, other.lasts);
+    if (next && next.distance <= shot.distance) towards(next, smooth(Math.max(0, 1 - (next.time - time) / within(next))));
+    if (before && before.distance < shot.distance) towards(before, smooth(Math.max(0, 1 - (time - shot.time) / within(before))));
+    const { camera } = this.viewer, most = Math.max(...shots.map((one) => one.distance));
+    [camera.near, camera.far] = [distance / 200, 20 * most];
+    this.stand(centre.clone().addScaledVector(back, distance), centre);
   }
 
   stand(position, target) {

@@ -23,7 +23,6 @@ export class Camera {
     canvas.height = Math.round(clientHeight * ratio);
     const pen = canvas.getContext("2d", { willReadFrequently: true });
     pen.scale(ratio, ratio);
-    this.sky(pen, clientWidth, clientHeight);
     pen.drawImage(drawn, 0, 0, clientWidth, clientHeight);
     const letters = 12 / Math.min(1, ratio); // px of the pane: never smaller in the picture than on the page
     this.labels.draw(pen, letters);
@@ -32,19 +31,6 @@ export class Camera {
     pen.textBaseline = "bottom";
     pen.fillText(this.words(), 12, clientHeight - 8);
     return canvas;
-  }
-
-  // The page's background; in step with #stage in page.css.
-  sky(pen, width, height) {
-    const [x, y] = [0.5 * width, 0.4 * height], tall = (0.6 * height) * Math.SQRT2;
-    pen.save();
-    pen.translate(x, y);
-    pen.scale((0.5 * width * Math.SQRT2) / tall, 1);
-    const shade = pen.createRadialGradient(0, 0, 0, 0, 0, tall);
-    [[0, "#4a5d70"], [0.55, "#2a3846"], [1, "#18212b"]].forEach(([at, colour]) => shade.addColorStop(at, colour));
-    pen.fillStyle = shade;
-    pen.fillRect(-4 * width, -4 * height, 8 * width, 8 * height);
-    pen.restore();
   }
 
   savePicture(name) {

@@ -14,19 +14,25 @@ export const LAYERS = [
   ["centres", "centres of mass; white: total", COLOURS.centre, "ring"],
   ["momenta", "linear momenta", COLOURS.momentum, "arrow"],
   ["frames", "axes x, y, z: red, green, blue", AXIS_COLOURS[0], "line"],
+  ["graspview", "grasp camera", COLOURS.mate, "box"], ["tipview", "tip camera", COLOURS.mate, "box"],
+  ["grid", "grid", COLOURS.grid, "thin"], ["sun", "sunlight and shadows", "#fff4e6", "ring"], ["earthshine", "earthshine", "#8fb4e8", "ring"],
+  ["stars", "stars", "#ffffff", "ring"], ["earth", "planet of the orbit", "#4f8fd0", "ring"],
 ];
-const HIDDEN_AT_FIRST = ["centres", "momenta", "frames"];
+const HIDDEN_AT_FIRST = ["ghosts", "centres", "momenta", "frames", "graspview", "tipview"];
+const HIDDEN_IN_SPACE = [...HIDDEN_AT_FIRST, "grid"]; // a scene in three dimensions has no floor
 
 export class Legend {
   constructor(root, form, onToggle) {
     this.root = root;
     this.form = form;
     this.onToggle = onToggle;
-    this.reset();
+    this.reset(true);
   }
 
-  reset() {
-    this.shown = Object.fromEntries(LAYERS.map(([name]) => [name, !HIDDEN_AT_FIRST.includes(name)]));
+  reset(planar = this.planar) {
+    this.planar = planar;
+    this.hidden = planar ? HIDDEN_AT_FIRST : HIDDEN_IN_SPACE;
+    this.shown = Object.fromEntries(LAYERS.map(([name]) => [name, !this.hidden.includes(name)]));
   }
 
   // Boxes for the layers that are there.
@@ -54,7 +60,7 @@ export class Legend {
 
   // Names of the layers that differ from the beginning, and back.
   get text() {
-    return LAYERS.map(([name]) => name).filter((name) => this.shown[name] === HIDDEN_AT_FIRST.includes(name)).join(" ");
+    return LAYERS.map(([name]) => name).filter((name) => this.shown[name] === this.hidden.includes(name)).join(" ");
   }
 
   set text(text) {

@@ -11,6 +11,17 @@ if (payload.runs.length) {
   player.link.follow();
 } else player.wait(payload);
 if (payload.live) follow();
+// A program that records draws picture after picture, each when it asks for it.
+Object.assign(window, { spacerobotFilm: {
+  begin: (level) => player.stage(level),
+  level: (level) => { player.scene.quality.fixed = level; player.scene.quality.tick(0, false); },
+  draw: (time) => {
+    player.timeline.seek(time);
+    const view = player.scene.render().getContext("webgl2");
+    view.readPixels(0, 0, 1, 1, view.RGBA, view.UNSIGNED_BYTE, new Uint8Array(4)); // waits until it is drawn
+  },
+  picture: (time, width, kind) => { player.timeline.seek(time); player.place(); return player.camera.take(width).toDataURL(kind, 0.9); },
+} });
 document.body.dataset.ready = "true";
 
 // Shows what the server sends, and says so when the server has gone.

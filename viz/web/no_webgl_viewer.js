@@ -4,7 +4,11 @@ import { THREE } from "./three.js";
 
 export function viewerIn(pane) {
   try {
-    return new MeshCat.Viewer(pane);
+    const renderer = new THREE.WebGLRenderer({ antialias: true, powerPreference: "high-performance" });
+    Object.assign(renderer, { outputEncoding: THREE.sRGBEncoding, toneMapping: THREE.ACESFilmicToneMapping, toneMappingExposure: 0.72 });
+    Object.assign(renderer.shadowMap, { enabled: true, type: THREE.PCFShadowMap });
+    pane.append(renderer.domElement);
+    return new MeshCat.Viewer(pane, true, renderer);
   } catch (fault) {
     const words = `This browser cannot draw in three dimensions (${fault.message.replace(/\.+$/, "")}). Time, curves and numbers work without.`;
     pane.replaceChildren(element("p", words, "fault"));
@@ -17,7 +21,7 @@ class BlindViewer {
   constructor() {
     this.camera = new THREE.PerspectiveCamera();
     this.gui = { domElement: { style: {} } };
-    this.renderer = { setSize() {} };
+    this.renderer = { setSize() {}, setPixelRatio() {} };
     const target = new THREE.Vector3(), { camera } = this;
     this.controls = {
       target,

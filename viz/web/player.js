@@ -60,6 +60,7 @@ export class Player {
     this.payload = payload;
     this.words();
     this.signals = new Signals(payload.runs);
+    if (this.legend.planar !== payload.planar) this.legend.reset(payload.planar);
     if (payload.over) this.scene.over = true; // a plan lies under what was flown
     this.scene.load(payload, this.legend.shown);
     this.magnifier.load(this.scene.runs);
@@ -131,6 +132,8 @@ export class Player {
   offer() {
     $("placing").hidden = this.payload.runs.length < 2;
     $("looking").hidden = this.payload.near.length === 0;
+    const looks = [["all", "all"], ["near", "close up"]];
+    options($("look"), this.payload.shots.length > 1 ? [["auto", "auto"], ...looks] : looks);
     const { bodies } = this.scene;
     $("following").hidden = bodies.length === 0 || this.scene.end < 1e-6;
     options($("follow"), [["", "nothing"], ...bodies.map((body) => [body, called(body)])]);
@@ -140,7 +143,7 @@ export class Player {
   // The controls say what the scene does.
   controls() {
     $("arrange").value = this.scene.over ? "over" : "beside";
-    $("look").value = this.scene.near ? "near" : "all";
+    $("look").value = this.scene.near ? "near" : this.scene.auto ? "auto" : "all";
     $("follow").value = this.scene.followed;
     $("scale").textContent = this.scene.scale;
   }
@@ -212,6 +215,7 @@ export class Player {
     this.last = now;
     if (!this.payload || !this.scene.runs.length) return;
     if (!this.filming) this.timeline.tick(passed);
+    this.scene.quality.tick(now, this.timeline.playing || this.scene.eye.touched);
     this.place();
   }
 
@@ -240,13 +244,24 @@ export class Player {
     }
   }
 
+  // Nothing but the scene is shown, drawn as finely as a level says.
+  stage(level) {
+    document.body.classList.add("film");
+    this.filming = true;
+    this.timeline.pause();
+    this.scene.quality.fixed = level;
+    this.scene.quality.tick(0, false);
+    this.scene.viewer.set_3d_pane_size();
+    this.scene.refit();
+  }
+
   get fileName() {
     return this.payload.title.replace(/[^\w.-]+/g, "_").slice(0, 60) || "view";
   }
 
   listen() {
     $("arrange").addEventListener("change", () => this.view(() => this.scene.lay($("arrange").value === "over")));
-    $("look").addEventListener("change", () => this.view(() => this.scene.look($("look").value === "near")));
+    $("look").addEventListener("change", () => this.view(() => this.scene.look($("look").value)));
     $("follow").addEventListener("change", () => this.view(() => this.scene.follow($("follow").value)));
     $("reset").addEventListener("click", () => this.view(() => this.scene.arrange()));
     $("picture").addEventListener("click", () => this.camera.savePicture(this.fileName));
@@ -296,7 +311,7 @@ export class Player {
     return [
       ["t", timeline.time.toFixed(3)], ["play", timeline.playing ? "1" : ""],
       ["speed", timeline.speed === 1 ? "" : String(timeline.speed)],
-      ["arrange", scene.over ? "over" : ""], ["look", scene.near ? "near" : ""], ["follow", scene.followed],
+      ["arrange", scene.over ? "over" : ""], ["look", scene.near ? "near" : scene.auto || !this.payload?.shots?.length ? "" : "all"], ["follow", scene.followed],
       ["signals", this.signals.text], ["phase", this.portrait.text], ["layers", this.legend.text],
       ["eye", pose && pose.map((value) => Number(value.toPrecision(6))).join(" ")],
     ];
@@ -315,7 +330,7 @@ export class Player {
       this.magnifier.show(this.legend.shown.magnifier);
     }
     if (wanted.has("arrange")) scene.lay(wanted.get("arrange") === "over");
-    if (wanted.has("look")) scene.look(wanted.get("look") === "near");
+    if (wanted.has("look")) scene.look(wanted.get("look") || "auto");
     if (wanted.has("signals")) { this.signals.text = wanted.get("signals"); this.picked(); }
     if (wanted.has("phase")) this.portrait.text = wanted.get("phase");
     if (wanted.has("t")) timeline.seek(Number(wanted.get("t")));

@@ -1,5 +1,6 @@
 // One run in the scene: bodies, ghosts, paths, forces, at any time.
 import { floats, locate } from "./format.js";
+import { paint } from "./materials.js";
 import { COLOURS, arrow, ball, dye, ghostOf, overlay, plume, setPose, surfaces, tipColour, triad } from "./shapes.js";
 import { THREE } from "./three.js";
 import { grow, tube, tubeGeometry } from "./tubes.js";
@@ -82,7 +83,7 @@ export class Run {
       for (const mesh of surfaces(node.solids, this.scale)) group.add(mesh);
       this.root.add(group);
       if (node.base) {
-        const ghost = this.put("ghosts", ghostOf(node, this.scale));
+        const ghost = this.put("ghosts", ghostOf(node, this.scale), 2);
         setPose(ghost, this.poses.subarray(7 * k, 7 * k + 7));
         this.ghosts.push([ghost, k]);
         const axes = triad(0.06 * this.scale);
@@ -208,7 +209,7 @@ export class Run {
     this.plumes.forEach((shown, k) => {
       this.between(this.nozzles, nozzles, k, i, share, this.from);
       this.between(this.thrusts, nozzles, k, i, share, this.vector).multiplyScalar(this.metresPerThrust);
-      shown.fire(this.from, this.vector, 0.001 * this.scale);
+      shown.fire(this.from, this.vector, 0.001 * this.scale, time);
     });
     this.centreBalls.forEach((dot, k) => {
       this.between(this.centres, masses, k, i, share, dot.position);
@@ -259,7 +260,7 @@ export class Run {
         Object.assign(mesh.material, { polygonOffset: faint, polygonOffsetFactor: side, polygonOffsetUnits: 8 * side });
       }
     }
-    for (const trace of this.growing) trace.material.color.set(colour || trace.userData.colour);
+    for (const trace of this.growing) trace.material.color.copy(paint(colour || trace.userData.colour));
   }
 }
 

@@ -2,10 +2,16 @@
 import { viewerIn } from "./no_webgl_viewer.js";
 import { Eye } from "./camera.js";
 import { niceStep } from "./format.js";
+import { INSETS, Insets } from "./insets.js";
 import { LAYERS } from "./legend.js";
+import { isSoftware, refineSurface } from "./materials.js";
 import { Run, extentOf } from "./run.js";
-import { COLOURS, RUN_COLOURS, keepMeshes } from "./shapes.js";
+import { LEVELS, Quality } from "./quality.js";
+import { COLOURS, PIXELS, RUN_COLOURS, keepMeshes } from "./shapes.js";
+import { Space } from "./space.js";
 import { THREE } from "./three.js";
+
+const MARKS_IN_AUTO = 0.5; // so large are marks where the camera comes near and goes away
 
 export function alike(nodes, others) {
   return nodes === others || JSON.stringify(nodes) === JSON.stringify(others);
@@ -27,16 +33,38 @@ export class Scene {
   }
 
   light() {
-    for (const name of ["PointLightNegativeX", "PointLightPositiveX", "FillLight", "SpotLight"]) {
-      this.viewer.set_property(["Lights", name], "visible", false);
-    }
-    this.viewer.set_property(["Lights", "AmbientLight", "<object>"], "intensity", 0.55);
+    for (const name of ["PointLightNegativeX", "PointLightPositiveX", "FillLight", "SpotLight", "AmbientLight"]) this.viewer.delete_path(["Lights", name]);
     for (const name of ["Grid", "Axes"]) this.viewer.set_property([name], "visible", false);
-    const key = new THREE.DirectionalLight(0xffffff, 0.5), rim = new THREE.DirectionalLight(0xbfd8ff, 0.2);
-    key.position.set(-3, -4, 9);
-    rim.position.set(6, 3, 2);
-    this.viewer.set_object(["Lights", "Key"], key);
-    this.viewer.set_object(["Lights", "Rim"], rim);
+    this.space = new Space(this.viewer);
+    this.quality = new Quality((level) => this.refine(level), isSoftware(this.viewer.renderer));
+    this.insets = new Insets(this.viewer, this.pane);
+    const draw = this.viewer.render.bind(this.viewer);
+    this.viewer.render = () => {
+      const { camera, renderer } = this.viewer;
+      this.space.place(camera);
+      PIXELS.value = renderer.domElement?.height / (2 * Math.tan((camera.fov * Math.PI) / 360));
+      draw();
+      if (this.runs.length) this.insets.draw(this.runs[0], this.payload);
+    };
+  }
+
+  // Draw as fine as a level says.
+  refine({ ratio, shadows, soft, mirrors, creases, share }) {
+    const { sun: { shadow, shadow: { map } }, sun } = this.space, { renderer } = this.viewer;
+    renderer.setPixelRatio(ratio * window.devicePixelRatio);
+    sun.castShadow = shadows > 0;
+    const edges = soft ? THREE.PCFShadowMap : THREE.BasicShadowMap, others = renderer.shadowMap && renderer.shadowMap.type !== edges;
+    if (others) renderer.shadowMap.type = edges;
+    if (sun.castShadow && shadow.mapSize.x !== shadows) {
+      shadow.mapSize.set(shadows, shadows);
+      /** @type {any} */ (map)?.dispose();
+      shadow.map = null;
+    }
+    for (const { nodes, plumes } of this.runs) {
+      for (const gas of plumes) gas.refine(share);
+      for (const { material } of nodes.flatMap(({ children }) => children)) if (material) refineSurface(material, mirrors, creases, others);
+    }
+    this.viewer.set_dirty();
   }
 
   // ``shown``: whether each layer is, by name; kept, not copied.
@@ -44,6 +72,7 @@ export class Scene {
     this.payload = payload;
     this.shown = shown;
     this.near = false;
+    this.auto = payload.shots.length > 1;
     this.followed = "";
     this.time = 0;
     keepMeshes(payload.meshes);
@@ -51,6 +80,8 @@ export class Scene {
     this.first = extentOf(this.runs);
     this.beyond = [[0, 0, 0], [0, 0, 0]]; // how far motions that came later leave that of the first, m
     this.grid();
+    const [{ time, data: { planet } }] = this.runs;
+    this.space.load({ ...payload, planet, time }, payload.scale);
     this.arrange();
   }
 
@@ -61,11 +92,12 @@ export class Scene {
     const each = (greatest) => (greatest > 0 ? (longest * scale) / greatest : 0), { momentum, thrust, impulse } = this.greatest;
     const sizes = { scene: scale, newton: each(force), thrust: each(thrust), impulse: each(impulse), newtonSecond: each(momentum) };
     this.runs = runs.map((data, k) => {
-      const run = new Run(data, sizes, this.near ? this.closeness() : 1);
+      const run = new Run(data, sizes, this.near ? this.closeness() : this.auto ? MARKS_IN_AUTO : 1);
       this.viewer.set_object([`run${k}`], run.root);
       return run;
     });
     for (const [name] of LAYERS) this.show(name);
+    this.refine(LEVELS[this.quality.applied]);
   }
 
   // Other motions of the same bodies: camera, layers and time stay. Whether the objects of the runs are others than before.
@@ -119,7 +151,12 @@ export class Scene {
     this.show("cloud");
   }
 
-  has(layer) { return layer === "cloud" ? Boolean(this.cloud) : this.runs.some((run) => run.layers[layer]?.length > 0); }
+  has(layer) {
+    if (["grid", "sun", "earthshine", "stars"].includes(layer)) return true;
+    if (layer in INSETS) return this.runs.some((run) => run.arrows.length > 0);
+    if (layer === "earth") return Boolean(this.space.earth);
+    return layer === "cloud" ? Boolean(this.cloud) : this.runs.some((run) => run.layers[layer]?.length > 0);
+  }
 
   // Bodies that a camera can follow.
   get bodies() {
@@ -132,8 +169,9 @@ export class Scene {
   }
 
   // Close up, or everything.
-  look(near) {
-    this.near = near && this.payload.near.length > 0;
+  look(how) {
+    this.near = how === "near" && this.payload.near.length > 0;
+    this.auto = how === "auto" && this.payload.shots.length > 1;
     this.build();
     this.arrange();
   }
@@ -150,8 +188,10 @@ export class Scene {
     const grid = new THREE.GridHelper(2 * half, Math.round((2 * half) / step), COLOURS.grid, COLOURS.grid);
     grid.rotateX(Math.PI / 2);
     grid.position.set(Math.round((low[0] + high[0]) / 2 / step) * step, Math.round((low[1] + high[1]) / 2 / step) * step, low[2]);
-    Object.assign(grid.material, { transparent: true, opacity: 0.16, depthWrite: false });
+    Object.assign(grid.material, { transparent: true, opacity: 0.16, depthWrite: false, toneMapped: false });
     this.viewer.set_object(["Scale"], grid);
+    this.lines = grid;
+    this.show("grid");
     this.spacing = Number(step.toPrecision(3));
   }
 
@@ -164,7 +204,7 @@ export class Scene {
   // What lengths mean, in words.
   get scale() {
     const { greatest_force: force } = this.payload, { momentum, thrust, impulse } = this.greatest;
-    const parts = [`grid ${this.spacing} m`];
+    const parts = this.shown.grid ? [`grid ${this.spacing} m`] : [];
     if (force > 0 && (this.shown.forces || this.shown.contacts)) parts.push(`longest force ${force.toPrecision(3)} N`);
     if (impulse > 0 && this.shown.impulses) parts.push(`longest impulse ${impulse.toPrecision(3)} N s`);
     if (thrust > 0 && this.shown.plumes) parts.push(`longest plume ${thrust.toPrecision(3)} N`);
@@ -188,6 +228,7 @@ export class Scene {
       run.tint(this.colours && this.colours[k], over && k > 0);
     });
     fit(best);
+    if (this.directed) this.eye.direct(this.payload.shots, this.payload.planar, this.end);
     // fitted to the whole motion: what is followed is followed from its beginning on
     for (const run of this.runs) run.seek(0);
     this.eye.hold(this.followedPoint);
@@ -202,6 +243,9 @@ export class Scene {
     this.viewer.set_dirty();
   }
 
+  // Whether the camera goes from shot to shot; runs beside each other are seen as a whole.
+  get directed() { return this.auto && !this.followed && (this.over || this.runs.filter(({ data }) => !data.pale).length < 2); }
+
   get followedPoint() { return this.followed ? this.runs[0].rootOf(this.followed) : null; }
 
   // The camera goes with a body of the first run; with nothing if the name is empty.
@@ -211,6 +255,9 @@ export class Scene {
   }
 
   show(layer) {
+    this.space.show(layer, this.shown[layer]);
+    if (layer in INSETS) this.insets.show(layer, this.shown[layer]);
+    if (layer === "grid" && this.lines) this.lines.visible = this.shown.grid;
     if (layer === "cloud" && this.cloud) this.cloud.visible = this.shown.cloud;
     for (const run of this.runs) if (run.layers[layer]) run.show(layer, this.shown[layer]);
     this.viewer.set_dirty();
@@ -222,7 +269,8 @@ export class Scene {
       run.seek(time);
       for (const layer of ["forces", "contacts", "impulses", "plumes", "momenta"]) if (!this.shown[layer]) run.show(layer, false);
     }
-    this.eye.follow(this.followedPoint);
+    if (this.directed && !this.eye.moved) this.eye.play(time); else this.eye.follow(this.followedPoint);
+    this.space.seek(time, new THREE.Vector3().fromArray([0, 1, 2].map((c) => (this.payload.box[0][c] + this.payload.box[1][c]) / 2)));
     this.viewer.set_dirty();
   }
 

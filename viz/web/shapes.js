@@ -1,5 +1,6 @@
 // Three.js objects from the page's plain data.
 import { bytes, floats } from "./format.js";
+import { linear, paint, scattered, surfaceMaterial, texturePlaces } from "./materials.js";
 import { THREE } from "./three.js";
 import { tube } from "./tubes.js";
 
@@ -22,11 +23,17 @@ export function keepMeshes(data) {
   if (data === madeOf) return;
   madeOf = data;
   meshes.forEach((geometry) => geometry.dispose());
-  meshes = data.map(({ vertices, triangles }) => {
+  meshes = data.map(({ vertices, triangles, colours }) => {
     const geometry = new THREE.BufferGeometry();
     geometry.setAttribute("position", new THREE.BufferAttribute(floats(vertices), 3));
     geometry.setIndex(new THREE.BufferAttribute(new Uint32Array(bytes(triangles)), 1));
-    return creased(geometry.toNonIndexed(), Array.from(new Uint32Array(bytes(triangles))));
+    const made = creased(geometry.toNonIndexed(), Array.from(new Uint32Array(bytes(triangles))));
+    if (colours) {
+      const each = new Uint8Array(bytes(colours)), corners = new Float32Array(3 * each.length);
+      for (let i = 0; i < corners.length; i++) corners[i] = each[3 * Math.floor(i / 9) + (i % 3)] / 255;
+      made.setAttribute("color", new THREE.BufferAttribute(corners, 3));
+    }
+    return made;
   });
 }
 
@@ -64,33 +71,48 @@ function solidGeometry({ kind, size, mesh }, scale) {
   return new THREE.CylinderGeometry(size[0], size[0], size[1], sides).rotateX(Math.PI / 2);
 }
 
-// A body's solids, as few objects as can be, for each costs a draw call: closed ones of one opacity are one.
+// A body's solids, as few objects as can be, for each costs a draw call: closed ones of one opacity and finish are one.
 export function surfaces(solids, scale) {
   const closed = new Map(), found = [];
   for (const solid of solids) {
-    const alpha = solid.rgba[3];
+    const { rgba: { 3: alpha }, finish } = solid, key = `${alpha} ${finish}`;
     if (!CLOSED.includes(solid.kind)) {
-      const mesh = surface(solidGeometry(solid, scale), solid.rgba.slice(0, 3), alpha, THREE.DoubleSide);
+      const geometry = solidGeometry(solid, scale).clone(), own = geometry.attributes.color;
+      geometry.setAttribute("uv", texturePlaces(geometry, spans(geometry), finish));
+      const mesh = surface(geometry, own ? [...own.array] : colourOf(solid), { alpha, finish, side: THREE.DoubleSide });
       mesh.matrixAutoUpdate = false;
       mesh.matrix.fromArray(solid.matrix);
       found.push(mesh);
-    } else closed.set(alpha, [...(closed.get(alpha) || []), solid]);
+    } else closed.set(key, [...(closed.get(key) || []), solid]);
   }
-  for (const [alpha, alike] of closed) {
-    const geometries = alike.map((solid) => placed(solidGeometry(solid, scale), solid));
-    const colours = alike.flatMap(({ rgba }, k) => Array.from({ length: geometries[k].attributes.position.count }, () => rgba.slice(0, 3)).flat());
-    const whole = merged(geometries);
+  for (const alike of closed.values()) {
+    const geometries = alike.map((solid) => {
+      const geometry = solidGeometry(solid, scale);
+      geometry.setAttribute("uv", texturePlaces(geometry, spans(geometry), solid.finish));
+      return placed(geometry, solid);
+    });
+    const colours = alike.flatMap((solid, k) => Array.from({ length: geometries[k].attributes.position.count }, () => colourOf(solid)).flat());
+    const whole = merged(geometries), [{ rgba: { 3: alpha }, finish }] = alike;
     whole.setAttribute("color", new THREE.Float32BufferAttribute(colours, 3));
-    found.push(surface(whole, colours, alpha, THREE.FrontSide));
+    found.push(surface(whole, colours, { alpha, finish, side: THREE.FrontSide }));
   }
   return found;
 }
 
+// Solar cells have the colours of their texture.
+function colourOf({ rgba, finish }) { return finish === "solar" ? [1, 1, 1] : rgba.slice(0, 3); }
+
+function spans(geometry) {
+  geometry.computeBoundingBox();
+  return geometry.boundingBox.getSize(new THREE.Vector3()).toArray();
+}
+
 // ``colours``: one, or one for each vertex, as red, green and blue.
-function surface(geometry, colours, opacity, side) {
-  const material = new THREE.MeshLambertMaterial({ opacity, side, transparent: opacity < 1, vertexColors: side === THREE.FrontSide });
+function surface(geometry, colours, { alpha, finish, side }) {
+  const material = surfaceMaterial(finish, { coloured: colours.length > 3, opacity: alpha, side });
   const mesh = new THREE.Mesh(geometry, material);
-  mesh.userData = { opacity, side, colours };
+  mesh.castShadow = mesh.receiveShadow = true;
+  mesh.userData = { opacity: alpha, side, colours };
   dye(mesh);
   return mesh;
 }
@@ -98,7 +120,7 @@ function surface(geometry, colours, opacity, side) {
 // A surface in its own colours, or mostly in another one.
 /** @param {any} surface  @param {string} [colour] */
 export function dye({ geometry, material, userData: { colours } }, colour) {
-  const other = new THREE.Color(colour).toArray(), mixed = colours.map((own, k) => (colour ? own + 0.7 * (other[k % 3] - own) : own));
+  const other = new THREE.Color(colour).toArray(), mixed = linear(colours.map((own, k) => (colour ? own + 0.7 * (other[k % 3] - own) : own)));
   if (!material.vertexColors) { material.color.fromArray(mixed); return; }
   geometry.attributes.color.copyArray(mixed);
   geometry.attributes.color.needsUpdate = true;
@@ -117,27 +139,20 @@ function merged(geometries) {
     for (const k of array) index.push(first + k);
     first += attributes.position.count;
   }
-  for (const name of ["position", "normal"]) {
-    whole.setAttribute(name, new THREE.Float32BufferAttribute(geometries.flatMap(({ attributes }) => [...attributes[name].array]), 3));
+  for (const [name, size] of /** @type {[string, number][]} */ ([["position", 3], ["normal", 3], ["uv", 2]])) {
+    whole.setAttribute(name, new THREE.Float32BufferAttribute(geometries.flatMap(({ attributes }) => [...attributes[name].array]), size));
   }
   whole.setIndex(index);
   return whole;
 }
 
-// Where a body began: its solids' surfaces hardly seen, and their edges.
+// Where a body began: the edges of its solids.
 export function ghostOf({ solids }, scale) {
-  const ghost = new THREE.Group();
-  const fill = new THREE.MeshBasicMaterial({ color: "#ffffff", opacity: 0.1, transparent: true, depthWrite: false,
-    polygonOffset: true, polygonOffsetFactor: 4, polygonOffsetUnits: 4 });
-  const edge = new THREE.LineBasicMaterial({ color: "#ffffff", opacity: 0.55, transparent: true }), edges = [];
-  for (const mesh of surfaces(solids, scale)) {
-    ghost.add(Object.assign(mesh, { material: fill }));
-  }
+  const edge = new THREE.LineBasicMaterial({ color: paint("#cfd8e3"), opacity: 0.5, transparent: true, toneMapped: false }), edges = [];
   for (const solid of solids) edges.push(...placed(new THREE.EdgesGeometry(solidGeometry(solid, scale), 30), solid).attributes.position.array);
   const lines = new THREE.BufferGeometry();
   lines.setAttribute("position", new THREE.Float32BufferAttribute(edges, 3));
-  ghost.add(new THREE.LineSegments(lines, edge));
-  return ghost;
+  return new THREE.LineSegments(lines, edge);
 }
 
 // Position and quaternion (x, y, z, w).
@@ -147,7 +162,7 @@ export function setPose(object, pose) {
 }
 
 export function overlay(colour, opacity) {
-  return new THREE.MeshBasicMaterial({ color: colour, opacity, transparent: true, depthTest: false, depthWrite: false });
+  return new THREE.MeshBasicMaterial({ color: paint(colour), opacity, transparent: true, depthTest: false, depthWrite: false, toneMapped: false });
 }
 
 export function arrow(size, colour) {
@@ -156,6 +171,14 @@ export function arrow(size, colour) {
   const shaft = new THREE.Mesh(new THREE.CylinderGeometry(size, size, 1, 10).translate(0, 0.5, 0), material);
   const head = new THREE.Mesh(new THREE.ConeGeometry(2.8 * size, 6 * size, 14).translate(0, 3 * size, 0), material);
   shaft.renderOrder = head.renderOrder = 30;
+  // a dark rim, so that it is legible in front of anything
+  const rim = overlay("#05070b", 0.55), shaftRim = new THREE.Mesh(shaft.geometry, rim), headRim = new THREE.Mesh(head.geometry, rim);
+  shaftRim.scale.set(1.8, 1, 1.8);
+  headRim.scale.setScalar(1.22);
+  headRim.position.y = -0.5 * size;
+  shaftRim.renderOrder = headRim.renderOrder = 29;
+  shaft.add(shaftRim);
+  head.add(headRim);
   group.add(shaft, head);
   const point = (from, vector) => {
     const length = vector.length();
@@ -182,7 +205,7 @@ export function cloudOf(points, [samples, times, tips]) {
   const places = [], colours = [];
   for (let s = 0; s < samples; s++) {
     for (let k = 0; k < tips; k++) {
-      const { r, g, b } = new THREE.Color(tipColour(k)), at = (i) => 3 * ((s * times + i) * tips + k);
+      const { r, g, b } = paint(tipColour(k)), at = (i) => 3 * ((s * times + i) * tips + k);
       for (let i = 0; i + 1 < times; i++) {
         for (const j of [at(i), at(i + 1)]) {
           places.push(points[j], points[j + 1], points[j + 2]);
@@ -194,29 +217,43 @@ export function cloudOf(points, [samples, times, tips]) {
   const geometry = new THREE.BufferGeometry();
   geometry.setAttribute("position", new THREE.Float32BufferAttribute(places, 3));
   geometry.setAttribute("color", new THREE.Float32BufferAttribute(colours, 3));
-  const material = new THREE.LineBasicMaterial({ vertexColors: true, transparent: true, opacity: 0.35, depthTest: false });
+  const material = new THREE.LineBasicMaterial({ vertexColors: true, transparent: true, opacity: 0.35, depthTest: false, toneMapped: false });
   const lines = new THREE.LineSegments(geometry, material);
   lines.renderOrder = 9;
   lines.frustumCulled = false;
   return lines;
 }
 
-// A cone of gas that leaves a nozzle against the force on the body.
+const PARTICLES = 110;
+export const PIXELS = { value: 1 }; // of a metre at one metre's distance, for all plumes
+
+// Gas that leaves a nozzle against the force on the body: soft particles that widen and fade, where time has carried them.
 export function plume(colour) {
-  const material = new THREE.MeshBasicMaterial({
-    color: colour, opacity: 0.6, transparent: true, depthWrite: false, side: THREE.DoubleSide,
-  });
-  const cone = new THREE.Mesh(new THREE.ConeGeometry(0.22, 1, 20, 1, true).translate(0, -0.5, 0), material);
-  cone.renderOrder = 15;
-  const fire = (from, force, shortest) => {
+  const geometry = new THREE.BufferGeometry(), uniforms = { time: { value: 0 }, pixels: PIXELS, colour: { value: paint(colour) } };
+  geometry.setAttribute("position", new THREE.Float32BufferAttribute(Array.from({ length: 3 * PARTICLES }, scattered(11)), 3));
+  const gas = new THREE.Points(geometry, new THREE.ShaderMaterial({
+    uniforms, transparent: true, depthWrite: false, blending: THREE.AdditiveBlending,
+    vertexShader: `uniform float time; uniform float pixels; varying float age; void main() {
+      age = fract(position.x + 1.7 * time); float turn = 6.2832 * position.y, off = (0.02 + 0.24 * age) * sqrt(position.z);
+      vec4 seen = modelViewMatrix * vec4(off * cos(turn), -age, off * sin(turn), 1.0);
+      gl_PointSize = clamp(pixels * length(modelMatrix[1].xyz) * (0.1 + 0.42 * age) / -seen.z, 1.0, 96.0); gl_Position = projectionMatrix * seen; }`,
+    fragmentShader: `uniform vec3 colour; varying float age; void main() {
+      float soft = 1.0 - smoothstep(0.0, 0.5, length(gl_PointCoord - 0.5));
+      gl_FragColor = vec4(mix(vec3(1.0), colour, sqrt(age)), 1.0) * soft * soft * 0.6 * (1.0 - age) * (1.0 - age); }`,
+  }));
+  gas.frustumCulled = false;
+  gas.renderOrder = 15;
+  const fire = (from, force, shortest, time) => {
     const length = force.length();
-    cone.visible = length > shortest;
-    if (!cone.visible) return;
-    cone.position.copy(from);
-    cone.quaternion.setFromUnitVectors(new THREE.Vector3(0, 1, 0), force.clone().divideScalar(length));
-    cone.scale.setScalar(length);
+    gas.visible = length > shortest;
+    if (!gas.visible) return;
+    uniforms.time.value = time;
+    gas.position.copy(from);
+    gas.quaternion.setFromUnitVectors(new THREE.Vector3(0, 1, 0), force.clone().divideScalar(length));
+    gas.scale.setScalar(1.6 * length);
   };
-  return Object.assign(cone, { fire });
+  const refine = (share) => geometry.setDrawRange(0, Math.round(share * PARTICLES));
+  return Object.assign(gas, { fire, refine });
 }
 
 // A body's own axes: x red, y green, z blue.

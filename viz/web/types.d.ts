@@ -1,3 +1,3 @@
 // What other scripts of the page bring.
-declare const MeshCat: { Viewer: new (pane: HTMLElement) => any; THREE: typeof import("three") };
+declare const MeshCat: { Viewer: new (pane: HTMLElement, animate?: boolean, renderer?: any) => any; THREE: typeof import("three") };
 declare const uPlot: typeof import("uplot");

@@ -6,6 +6,7 @@ import shutil
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from spacerobot.description import Geometry, shipped_urdf_folder
 from spacerobot.description.meshes import read_mesh
@@ -13,6 +14,7 @@ from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
 from viz.drawing.geometry import surface
 from viz.drawing.meshes import MOST_TRIANGLES, MeshFile, TriangleMesh, load_mesh, shown_meshes, simplified
+from viz.drawing.motion import finish_of
 from viz.drawing.raster import Faces, cover, draw_faces
 from viz.figures import docking, to_bytes
 from viz.page.animation import animation
@@ -52,7 +54,7 @@ def test_a_mesh_is_drawn_and_a_missing_one_is_a_box_with_a_warning(browser, mesh
 def test_vertices_are_scaled(tmp_path):
     path = tmp_path / "shape.obj"
     path.write_text(TETRAHEDRON)
-    vertices, triangles = load_mesh(MeshFile(path, (2.0, 1.0, 1.0)))
+    vertices, triangles, _ = load_mesh(MeshFile(path, (2.0, 1.0, 1.0)))
     np.testing.assert_allclose(vertices.max(axis=0), [2, 1, 1])
     assert triangles.shape == (4, 3)
 
@@ -186,3 +188,47 @@ def test_a_mesh_is_read_once_and_again_where_its_file_has_changed(tmp_path):
     assert read_mesh(file, (2.0, 1.0, 1.0)) is not first
     file.write_text(TETRAHEDRON + "v 0 0 2\nf 1 3 5\n")
     assert read_mesh(file, (1.0, 1.0, 1.0)).num_tris == first.num_tris + 1
+
+
+def coloured(folder, materials):
+    """A tetrahedron of two materials, its first two faces and its last two."""
+    (folder / "shape.mtl").write_text(materials)
+    vertices = [line for line in TETRAHEDRON.splitlines() if line.startswith("v")]
+    faces = [line.split()[1:] for line in TETRAHEDRON.splitlines() if line.startswith("f")]
+    placed = [" ".join(f"{corner}/{1 + (k > 1)}" for corner in face) for k, face in enumerate(faces)]
+    one, two = ([f"f {face}" for face in some] for some in (placed[:2], placed[2:]))
+    parts = ["usemtl one", *one, "usemtl two", *two]
+    places = ["vt 0.25 0.5", "vt 0.75 0.5"]
+    (folder / "shape.obj").write_text("\n".join(["mtllib shape.mtl", *vertices, *places, *parts, ""]))
+    return load_mesh(MeshFile(folder / "shape.obj", (2.0, 1.0, 1.0)))
+
+
+def test_triangles_have_the_colours_of_their_materials(tmp_path):
+    mesh = coloured(tmp_path, "newmtl one\nKd 1 0 0\nnewmtl two\nKd 0 0 1\n")
+    # the faces at the origin but one are red: those whose middles are in the planes z = 0 and y = 0
+    middles = mesh.vertices[mesh.triangles].mean(axis=1)
+    red = np.isclose(middles[:, 2], 0) | np.isclose(middles[:, 1], 0)
+    assert red.sum() == 2
+    np.testing.assert_array_equal(mesh.colours, np.where(red[:, None], [255, 0, 0], [0, 0, 255]))
+    np.testing.assert_allclose(np.ptp(mesh.vertices, axis=0), [2, 1, 1])
+
+
+def test_triangles_have_the_colours_of_their_texture(tmp_path):
+    Image.fromarray(np.array([[[0, 200, 0], [90, 0, 90]]], dtype=np.uint8)).save(tmp_path / "paint.png")
+    mesh = coloured(tmp_path, "newmtl one\nmap_Kd paint.png\nnewmtl two\nmap_Kd paint.png\n")
+    found, counts = np.unique(mesh.colours, axis=0, return_counts=True)
+    np.testing.assert_allclose(found, [[0, 200, 0], [90, 0, 90]], atol=2)
+    assert (counts == 2).all()
+
+
+def test_a_mesh_without_materials_has_no_colours(tmp_path):
+    (tmp_path / "shape.obj").write_text(TETRAHEDRON)
+    assert load_mesh(MeshFile(tmp_path / "shape.obj", (1.0, 1.0, 1.0))).colours is None
+
+
+@pytest.mark.parametrize(
+    ("material", "finish"),
+    [("gold", "foil"), ("MLI", "foil"), ("solar_left", "solar"), ("silver", "metal"), ("white", "paint")],
+)
+def test_a_material_is_finished_as_its_name_says(material, finish):
+    assert finish_of(material) == finish

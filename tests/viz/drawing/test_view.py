@@ -6,7 +6,7 @@ from spacerobot.description import Geometry
 from spacerobot.scene import load_scene
 from viz.drawing.motion import GREY, BodyMotion, DrawnSolid, Node
 from viz.drawing.placements import JointPlacements
-from viz.drawing.view import TOP, _clearest, first_view, oblique, view_of
+from viz.drawing.view import TOP, _clearest, _frame, first_view, grasp_view, oblique, view_of
 from viz.figures import docking
 from viz.page.animation import animation, still
 from viz.record import frames
@@ -43,6 +43,18 @@ def test_a_mate_on_the_far_face_is_behind_the_object():
     )
     assert (_clearest(shown).towards == oblique().towards).all()
     assert _clearest(moved).towards[1] > -0.6
+
+
+def test_a_grasp_is_seen_from_where_nothing_hides_it():
+    behind = motion(oblique().towards)  # a box between the usual eye and the origin
+    mates = np.zeros((1, 1, 3))
+    moved = BodyMotion(
+        behind.nodes, behind.rows, behind.time, behind.position, behind.quaternion, mates, behind.joints
+    )
+    frame = _frame(moved, 0)._replace(links=np.zeros((0, 3)))
+    assert frame.seen(oblique().towards) == 0
+    assert frame.seen(grasp_view(moved, 0, oblique()).towards) == 1
+    np.testing.assert_allclose(grasp_view(moved, 0, oblique(120)).towards, oblique(120).towards)
 
 
 def test_pictures_and_pages_look_from_the_same_side(spatial):

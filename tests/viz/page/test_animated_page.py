@@ -139,7 +139,9 @@ def test_everything_can_be_reached_on_a_phone(browser, blind, paper, tmp_path):
     assert not page.evaluate("document.getElementById('legend').open")
 
 
-def test_a_result_of_a_single_instant_and_a_body_without_shapes_are_shown(browser, paper, tmp_path):
+def test_a_result_of_a_single_instant_and_a_body_without_shapes_are_shown(
+    browser, paper, tmp_path, monkeypatch
+):
     text = (shipped_urdf_folder() / "rectangle.urdf").read_text()
     (tmp_path / "bare.urdf").write_text(re.sub(r"(?s)<(visual|collision)\b.*?</\1>", "", text))
     scene = load_scene("paper", {"target.urdf": str(tmp_path / "bare.urdf"), "simulation.duration": 0.02})
@@ -151,6 +153,7 @@ def test_a_result_of_a_single_instant_and_a_body_without_shapes_are_shown(browse
     assert page.evaluate("document.getElementById('play').disabled")
     assert page.errors == []
     assert len(list(draw_all(instant))) == sum(kind.applies(instant) for kind in KINDS)
+    monkeypatch.setattr("viz.record.browser_program", lambda: None)
     write_recording(instant, tmp_path / "instant.gif", size_px=(160, 100))
 
 

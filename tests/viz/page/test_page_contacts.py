@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from spacerobot.result.result import Result
+from viz.figures.storyboard import chosen
 from viz.page.animation import animation
 from viz.page.page import animation_page
 from viz.record import frames
@@ -15,7 +16,7 @@ READY = "document.body?.dataset.ready === 'true'"
 
 def _open(browser, path, result, time):
     path.write_text(animation_page(result), encoding="utf-8")
-    browser.open(f"{path.as_uri()}#t={time:.3f}&layers=names traces magnifier")
+    browser.open(f"{path.as_uri()}#t={time:.3f}&look=all&layers=names traces magnifier")
     browser.wait_for(READY)
     picture = browser.picture()
     assert browser.errors == []
@@ -95,3 +96,29 @@ def test_a_recording_shows_contact_forces_and_says_so(bounce):
     ]
     assert violet[0] == 0
     assert violet[1] > 10
+
+
+def test_the_camera_is_near_the_grasp_when_it_is_captured(docked, bounce):
+    assert animation(bounce)["shots"] == []
+    (capture,) = (event["time_s"] for event in docked.summary["events"] if event["kind"] == "captured")
+    data = animation(docked)
+    times = [shot["time"] for shot in data["shots"]]
+    assert times == sorted(times)
+    assert times[0] == 0
+    at = [shot for shot in data["shots"] if shot["time"] <= capture][-1]
+    low, high = np.min(at["points"], axis=0), np.max(at["points"], axis=0)
+    row = int(np.searchsorted(docked.array("time"), capture))
+    mate = docked.array("tip_position")[row, 0]
+    assert (low < mate).all()
+    assert (mate < high).all()
+    whole = np.ptp(data["reach"], axis=0)[:2]
+    assert ((high - low)[:2] < 0.7 * whole.max()).all()
+
+
+def test_a_storyboard_has_the_instants_of_events(docked):
+    (capture,) = (event["time_s"] for event in docked.summary["events"] if event["kind"] == "captured")
+    times, words = chosen(docked, 5)
+    assert len(times) == 5
+    assert times == sorted(times)
+    assert words[times.index(capture)].endswith("captured")
+    assert (times[0], times[-1]) == (0, docked.array("time")[-1])

@@ -16,6 +16,8 @@ from typing import Any
 from tornado.httpclient import AsyncHTTPClient
 from tornado.websocket import WebSocketClientConnection, websocket_connect
 
+from spacerobot.errors import SpaceRobotError
+
 PROGRAMS = ("chromium", "chromium-browser", "google-chrome")
 FLAGS = (
     "--headless",
@@ -62,7 +64,8 @@ class Browser:
         while True:
             answer = json.loads(await self._socket.read_message() or "{}")
             if answer.get("id") == number:
-                assert "error" not in answer, answer
+                if "error" in answer:
+                    raise SpaceRobotError(f"the browser refused a command: {answer['error']}")
                 return answer["result"]
             self.note(answer.get("method"), answer.get("params", {}))
 
@@ -72,7 +75,9 @@ class Browser:
     def evaluate(self, expression: str) -> Any:
         """Value of an expression, awaited."""
         found = self.call("Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True)
-        assert "exceptionDetails" not in found, found
+        if "exceptionDetails" in found:
+            about = found["exceptionDetails"]
+            raise SpaceRobotError(f"a script of the page failed: {about.get('exception', about)}")
         return found["result"].get("value")
 
     def wait_for(self, expression: str, timeout_s: float = 300.0) -> None:
@@ -90,6 +95,11 @@ class Browser:
             time.sleep(0.02)
 
 
+def program() -> str | None:
+    """Path of a Chromium; None where there is none on this computer."""
+    return next(filter(None, map(shutil.which, PROGRAMS)), None)
+
+
 @contextmanager
 def chromium() -> Iterator[Browser | None]:
     """A browser; None where there is no Chromium on this computer."""
@@ -100,13 +110,13 @@ def chromium() -> Iterator[Browser | None]:
 @contextmanager
 def started() -> Iterator[int | None]:
     """Port at which a Chromium is asked; None where there is none on this computer."""
-    program = next(filter(None, map(shutil.which, PROGRAMS)), None)
-    if program is None:
+    path = program()
+    if path is None:
         yield None
         return
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as home:
         quiet = subprocess.DEVNULL
-        process = subprocess.Popen([program, f"--user-data-dir={home}", *FLAGS], stdout=quiet, stderr=quiet)
+        process = subprocess.Popen([path, f"--user-data-dir={home}", *FLAGS], stdout=quiet, stderr=quiet)
         try:
             yield _port(Path(home) / "DevToolsActivePort")
         finally:

@@ -1,0 +1,48 @@
+"""The instants that tell a motion: its phases, captures and releases, and evenly between them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from spacerobot.result import Result
+from viz.figures.docking import strip
+from viz.figures.phases import phases_of
+from viz.figures.style import Drawing, styled
+
+_KINDS = ("captured", "released", "slipped")
+_APART = 0.02  # of the duration: events nearer to each other share a picture
+
+
+@styled
+def storyboard(result: Result, *, instants: int = 6) -> Drawing:
+    """The scene at its events, named; where there are fewer than ``instants``, also in the longest gaps."""
+    time = result.data.time.values
+    rows, words = chosen(result, instants)
+    return strip(result, np.searchsorted(time, rows).clip(0, len(time) - 1), words)
+
+
+def chosen(result: Result, instants: int) -> tuple[list[float], list[str]]:
+    """Times [s], ascending, and what happens at each; events first, then the middles of the longest gaps."""
+    end = float(result.data.time.values[-1])
+    events = [
+        (e["time_s"], f"{e['who']} {e['kind']}")
+        for e in result.summary.get("events", ())
+        if e["kind"] in _KINDS
+    ]
+    events += [(begin, name) for name, begin, _ in phases_of(result)]
+    found: dict[float, str] = {0.0: "", end: ""}
+    # captures and releases go before the beginnings of phases
+    for time, words in events:
+        near = next((t for t in found if abs(t - time) <= _APART * end), None)
+        if near is not None:
+            found[near] = found[near] or words
+        elif len(found) < instants:
+            found[float(time)] = words
+    while len(found) < instants:
+        times = sorted(found)
+        gaps = np.diff(times)
+        widest = int(np.argmax(gaps))
+        if gaps[widest] <= 0:
+            break
+        found[times[widest] + gaps[widest] / 2] = ""
+    return sorted(found), [found[time] for time in sorted(found)]

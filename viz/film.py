@@ -1,0 +1,71 @@
+"""Pictures of a page's scene, taken by a headless Chromium: the same as a user sees."""
+
+from __future__ import annotations
+
+import base64
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from spacerobot.errors import ResultError
+from viz.browser import Browser, chromium
+from viz.page.page import page
+
+FINE, MOVING = 0, 2
+"""Levels of ``viz/web/quality.js``: all that can be drawn, for one picture; and for many."""
+
+_READY = "document.body?.dataset.ready === 'true'"
+
+
+def page_pictures(
+    payload: Mapping[str, Any],
+    times: Sequence[float],
+    size_px: tuple[int, int],
+    *,
+    level: int = MOVING,
+    kind: str = "jpeg",
+) -> Iterator[bytes]:
+    """Encoded pictures of a page's scene at some times, without its words and curves.
+
+    Parameters
+    ----------
+    payload
+        As :func:`viz.page.animation.animation` makes it.
+    times
+        Of the simulation, s.
+    size_px
+        Width and height.
+    level
+        How finely it is drawn, 0 is the finest.
+    kind
+        ``jpeg`` or ``png``.
+
+    Raises
+    ------
+    ResultError
+        If there is no Chromium, or it cannot draw in three dimensions.
+    """
+    width, height = size_px
+    with tempfile.TemporaryDirectory() as folder, chromium() as browser:
+        if browser is None:
+            raise ResultError("no Chromium on this computer; record with the built-in renderer")
+        file = Path(folder) / "page.html"
+        file.write_text(page(payload), encoding="utf-8")
+        browser.call("Page.enable")
+        _resize(browser, width, height)
+        browser.call("Page.navigate", url=f"{file.as_uri()}#t=0&play=0")
+        browser.wait_for(_READY)
+        if browser.evaluate("document.body.classList.contains('blind')"):
+            raise ResultError(
+                "this Chromium cannot draw in three dimensions; record with the built-in renderer"
+            )
+        browser.evaluate(f"spacerobotFilm.begin({level})")
+        for time in times:
+            found = browser.evaluate(f"spacerobotFilm.picture({time:.9g}, {width}, 'image/{kind}')")
+            yield base64.b64decode(found.partition(",")[2])
+
+
+def _resize(browser: Browser, width: int, height: int) -> None:
+    metrics = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
+    browser.call("Emulation.setDeviceMetricsOverride", **metrics)

@@ -1,0 +1,96 @@
+"""Shots of the camera over a motion: the approach, each capture from near, and the whole afterwards."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from spacerobot.arrays import Array
+from spacerobot.result import Result
+from spacerobot.scene import Scene
+from viz.drawing.motion import BodyMotion, extremes, only
+from viz.drawing.view import View, grasp_view
+from viz.page.meshcat_scene import rounded
+
+_LEAD, _TAIL = 0.14, 0.06  # of the whole duration: a close-up before and after a capture
+_TOGETHER = 0.02  # of it: captures that share a close-up
+_NEAR = 0.6  # half of a close-up, as a share of the target's size
+_LEAST = 0.07  # and of the scene's
+
+
+def shots(
+    result: Result, scene: Scene, motion: BodyMotion, view: View, box: tuple[Array, Array]
+) -> list[dict[str, Any]]:
+    """Shots in time: first instant ``time`` [s], ``points`` to be seen [m] and ``towards`` the eye.
+
+    None where nothing is captured: then one view shows everything.
+
+    Parameters
+    ----------
+    result, scene, motion
+        What is shown, and how it moves.
+    view
+        From where it is seen as a whole.
+    box
+        Least and greatest corner (3,) of all that is shown, m.
+    """
+    time, names = motion.time, list(result.array("grasp"))
+    captures = sorted(
+        (e["time_s"], names.index(e["who"]))
+        for e in result.summary.get("events", ())
+        if e["kind"] == "captured"
+    )
+    if not captures or len(time) < 3 or scene.target is None:
+        return []
+    reach = max(
+        _NEAR * float(np.ptp(extremes(_between(only(motion, scene.target.name), 0, 0), *box), axis=0).max()),
+        _LEAST * float(np.linalg.norm(box[1] - box[0])),
+    )
+    # captures at almost the same time share a close-up; between others the camera changes halfway
+    groups = [[captures[0]]]
+    for before, capture in pairwise(captures):
+        if capture[0] - before[0] < _TOGETHER * time[-1]:
+            groups[-1].append(capture)
+        else:
+            groups.append([capture])
+    edges = [0.0]
+    for k, group in enumerate(groups):
+        following = groups[k + 1][0][0] if k + 1 < len(groups) else np.inf
+        begin = max(edges[-1], group[0][0] - _LEAD * time[-1])
+        edges += [begin, min(time[-1], group[-1][0] + _TAIL * time[-1], (group[-1][0] + following) / 2)]
+    found = []
+    for k, (begin, end) in enumerate(pairwise([*edges, float(time[-1])])):
+        first, last = np.searchsorted(time, [begin, end]).clip(0, len(time) - 1)
+        if end <= begin:
+            continue
+        if k % 2 == 0:
+            points, seen = extremes(_between(motion, first, last), *box), view
+        else:
+            group = groups[k // 2]
+            row = int(np.searchsorted(time, group[0][0]).clip(0, len(time) - 1))
+            held = replace(motion, mates=motion.mates[:, [grasp for _, grasp in group]])
+            points = _around(held.mates[row], reach)
+            seen = view if scene.planar else grasp_view(held, row, view)
+        found.append(
+            {"time": float(begin), "points": [rounded(p) for p in points], "towards": rounded(seen.towards)}
+        )
+    return found
+
+
+def _between(motion: BodyMotion, first: int, last: int) -> BodyMotion:
+    """A motion from one frame to another."""
+    part = slice(first, last + 1)
+    return replace(
+        motion, time=motion.time[part], position=motion.position[part], quaternion=motion.quaternion[part]
+    )
+
+
+def _around(points: Array, reach: float) -> Array:
+    """Corners (8, 3) of a box around points (n, 3), and as far beyond their middle as it shall reach, m."""
+    middle = (points.min(axis=0) + points.max(axis=0)) / 2
+    half = np.maximum(np.ptp(points, axis=0) / 2 * 1.3, reach)
+    corners = np.meshgrid(*np.stack([middle - half, middle + half]).T)
+    return np.stack(corners).reshape(3, -1).T

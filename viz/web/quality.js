@@ -1,0 +1,49 @@
+// How much is drawn: where pictures come too slowly the finest things go first, and where nothing moves all come back.
+
+// Each without one more thing. ``ratio``: pixels a CSS pixel; ``shadows``: edge of their map; ``soft``: their edges; ``mirrors``: metals
+// reflect; ``creases``: foil is crinkled; ``share``: of the plumes' particles. What each costs is measured in benchmarks/page_frames.py.
+export const LEVELS = [
+  { ratio: 1, shadows: 2048, soft: true, mirrors: true, creases: true, share: 1 },
+  { ratio: 1, shadows: 2048, soft: true, mirrors: false, creases: true, share: 0.7 },
+  { ratio: 1, shadows: 1024, soft: false, mirrors: false, creases: true, share: 0.5 },
+  { ratio: 0.8, shadows: 1024, soft: false, mirrors: false, creases: false, share: 0.4 },
+  { ratio: 0.66, shadows: 512, soft: false, mirrors: false, creases: false, share: 0.3 },
+  { ratio: 0.5, shadows: 0, soft: false, mirrors: false, creases: false, share: 0.2 },
+];
+const SLOW_MS = 45, WINDOW = 10, REST_MS = 500; // 45 ms: more than 20 pictures a second
+
+export class Quality {
+  // ``apply`` hears the level; ``software``: whether a processor draws, which cannot keep up with the finest levels.
+  constructor(apply, software) {
+    this.apply = apply;
+    this.level = software ? 2 : 0;
+    this.applied = 0;
+    this.times = [];
+    this.moved = -REST_MS;
+    this.fixed = -1; // the level of a recording, which waits for each of its pictures
+  }
+
+  // A frame begins, ``now`` [ms]; ``moving``: whether the next will differ.
+  tick(now, moving) {
+    if (this.fixed >= 0) { this.set(this.fixed); return; }
+    if (!moving) {
+      this.times = [];
+      if (now - this.moved > REST_MS) this.set(0);
+      return;
+    }
+    this.moved = now;
+    this.set(this.level);
+    this.times.push(now);
+    if (this.times.length <= WINDOW) return;
+    // the median bears a hitch
+    const gaps = this.times.slice(1).map((t, k) => t - this.times[k]).sort((a, b) => a - b), slow = gaps[gaps.length >> 1] > SLOW_MS;
+    this.times = [];
+    if (slow && this.level < LEVELS.length - 1) this.level++;
+  }
+
+  set(level) {
+    if (level === this.applied) return;
+    this.applied = level;
+    this.apply(LEVELS[level]);
+  }
+}
