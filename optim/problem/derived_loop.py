@@ -14,7 +14,7 @@ import numpy as np
 
 from spacerobot.arrays import Array
 from spacerobot.rollout import ClosedLoopFunctions, EventRule, Signals
-from spacerobot.rollout.closed_loop_protocol import TableRule
+from spacerobot.rollout.closed_loop_protocol import NoiseRule, TableRule
 
 
 @dataclass(frozen=True)
@@ -41,6 +41,7 @@ class DerivedLoop:
     rows: ca.Function
     guards: ca.Function
     update: ca.Function
+    noise: Sequence[NoiseRule] = ()
 
 
 def tie(
@@ -87,6 +88,7 @@ def tie(
         loop.rows,
         loop.guards,
         loop.update,
+        tuple(loop.noise),
     )
 
 
@@ -144,6 +146,7 @@ def extend(
         tuple(loop.tables),
         _function("rows", at, {"row": ca.SX(loop.rows(t, x[:nx], c[:nc]))}) if loop.tables else loop.rows,
         *_extended_events(loop, at),
+        tuple(loop.noise),
     )
 
 

@@ -104,6 +104,9 @@ def evaluate(
         for constraint, (force, torque) in zip(acting.constraints, solution.wrenches, strict=True)
     )
     acting = concatenate([acting, solution.driven])
+    # at one instant sensors measure before controllers read
+    first = sorted(acting.events, key=lambda event: event.kind != "measured")
+    acting = replace(acting, events=tuple(first))
     events = tuple(_evaluated(event, acting.sampled, solution.sampled) for event in acting.events)
     events = (*events, *answers.events)
     impulse = impulse_of(plant, [*acting.outside, *on_bases(scene, plant, solution.torque)])
@@ -121,7 +124,9 @@ def evaluate(
     phases = phased(builder, seen)
     variables, outputs = combine(scene, [*seen, *phases.outputs])
     states = (*acting.states, *impulse.states, *(work.state for work in works), *phases.states)
-    acting = replace(acting, states=states, events=(*events, *phases.events))
+    measured = [event for event in phases.events if event.kind == "measured"]
+    rest = [event for event in phases.events if event.kind != "measured"]
+    acting = replace(acting, states=states, events=(*measured, *events, *rest))
     return EvaluatedLoop(acting, solution.acceleration, solution.torque, works, variables, outputs)
 
 
@@ -191,6 +196,7 @@ def _assemble(builder: LoopBuilder, found: EvaluatedLoop) -> ClosedLoop:
         variables=found.variables,
         gaps=_function("gaps", {"p": parameters.symbols}, {"gap": ca.densify(gaps)}),
         max_gaps=max_gaps,
+        noise=tuple(parameters.noise),
         works={work.name: 1 if work.sign == "in" else -1 for work in found.works},
         outside=unbooked(builder.scene),
         jumps=constants.jumps,

@@ -33,9 +33,10 @@ from spacerobot.elements import (
 from spacerobot.elements.capture_release import living
 from spacerobot.elements.context import Affine, ContactSurface
 from spacerobot.elements.contribution import gated
+from spacerobot.elements.measurement import Measurement, changing, filled
 from spacerobot.elements.reference import DEGREE
 from spacerobot.elements.sampling import periodic
-from spacerobot.elements.sensor import ideal
+from spacerobot.elements.sensor import ideal, measured
 from spacerobot.scenario import Robot
 from spacerobot.scene import Scene, SceneBody, SceneGrasp, SceneTip
 from spacerobot.scene.scene import SceneContact, SceneShape
@@ -57,6 +58,8 @@ class LoopBuilder:
         Mechanics now, and where everything begins.
     remembered
         What is remembered of phases, by a short name.
+    measurements
+        What controllers read at instants, by name.
     """
 
     scene: Scene
@@ -64,6 +67,7 @@ class LoopBuilder:
     plant: Plant
     start: InitialState
     remembered: dict[str, State] = field(default_factory=dict)
+    measurements: dict[str, Measurement] = field(default_factory=dict)
 
     @functools.cached_property
     def leads(self) -> Mapping[str, TipGuidance]:
@@ -76,7 +80,7 @@ class LoopBuilder:
                 self.start,
                 self.scene.target,
                 self._sensors(tip.body),
-                self._holding(tip.body),
+                self._measure(tip.body),
             )
             for tip in self.scene.tips
         }
@@ -107,6 +111,7 @@ class LoopBuilder:
     def contributions(self) -> list[Contribution]:
         """Of controllers, grasps, contacts, actuators and environments, in the scene's order."""
         found = [*self.controllers]
+        found += [Contribution(states=one.states, events=one.events) for one in self.measurements.values()]
         found += [living(grasp.config, self._grasp(grasp)) for grasp in self.scene.grasps]
         found += [contact.config.build(self.contact(contact)) for contact in self.scene.contacts]
         for body in self.scene.robots:
@@ -158,13 +163,32 @@ class LoopBuilder:
             return ideal
         return lambda signal: sensors[signal].affine(self.context.at(f"{body.path}.sensors.{signal}"))
 
-    def _holding(self, body: SceneBody) -> dict[str, SectionContext]:
+    def _measure(self, body: SceneBody) -> Callable[[str, str, ca.SX, ca.SX | None], Measurement | None]:
         sensors = body.config.sensors if isinstance(body.config, Robot) else None
-        return {
-            signal: self.context.at(f"{body.path}.sensors.{signal}")
-            for signal in (type(sensors).model_fields if sensors is not None else ())
-            if sensors is not None and sensors[signal].holds
-        }
+
+        def measure(signal: str, name: str, shown: ca.SX, distance: ca.SX | None) -> Measurement | None:
+            if sensors is None:
+                return None
+            context = self.context.at(f"{body.path}.sensors.{signal}")
+            return sensors[signal].measurement(name, context, shown, distance)
+
+        return measure
+
+    def _held(self, body: SceneBody, owner: str) -> Callable[[str, ca.SX], ca.SX | None]:
+        """What controllers read of a signal at instants; all that read one see the same."""
+        measure, sensors = self._measure(body), self._sensors(body)
+
+        def held(signal: str, value: ca.SX) -> ca.SX | None:
+            name = f"{owner if signal.startswith('tip_') else body.name}.{signal}.{value.size1()}"
+            shown = measured(sensors(signal), value)
+            if name not in self.measurements:
+                found = measure(signal, name, changing(shown), None)
+                if found is None:
+                    return None
+                self.measurements[name] = found
+            return filled(shown, self.measurements[name].value.symbol)
+
+        return held
 
     def _tip(self, tip: SceneTip, key: str) -> TipContext:
         return TipContext(
@@ -179,6 +203,7 @@ class LoopBuilder:
             base_frame=tip.body.root_frame,
             motion=self.motions[tip.label],
             sensors=self._sensors(tip.body),
+            held=self._held(tip.body, tip.label),
             siblings=tip.config.sections,
         )
 
@@ -194,6 +219,7 @@ class LoopBuilder:
             positions=functools.partial(_positions, body),
             passed=self.passed,
             sensors=self._sensors(body),
+            held=self._held(body, body.name),
             base_frame=body.root_frame,
             arm=tuple(int(self.plant.model.idx_vs[joint]) for joint in body.arm_joints),
             tips=tuple(self._tip(tip, "") for tip in self.scene.tips if tip.body.name == body.name),

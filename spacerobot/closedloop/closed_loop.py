@@ -12,7 +12,7 @@ from spacerobot.arrays import Array
 from spacerobot.closedloop.events import LoopEvent
 from spacerobot.errors import ScenarioError, near_names
 from spacerobot.notebook import html_table
-from spacerobot.symbolic import WindowTable
+from spacerobot.symbolic import NoiseTable, WindowTable
 
 
 @dataclass(frozen=True)
@@ -95,6 +95,8 @@ class ClosedLoop:
         ``setup`` gives the first rows and rollouts the present ones, as :meth:`at` does.
     rows
         (t, x, c) -> (row): the present row of each cursor, which changes at jumps and events alone.
+    noise
+        Random numbers of sensors among the parameters, which a rollout draws by ``simulation.noise_draw``.
     """
 
     parameter_paths: tuple[str, ...]
@@ -120,6 +122,7 @@ class ClosedLoop:
     fine: tuple[tuple[int, float, float], ...]
     tables: tuple[WindowTable, ...]
     rows: ca.Function
+    noise: tuple[NoiseTable, ...] = ()
 
     def at(self, t: Any, x: Any, c: Any) -> Any:
         """Constants (nc x 1) with the rows of tables in their windows that hold at an instant.

@@ -21,39 +21,10 @@ from spacerobot.elements import (
     either,
     memory,
 )
-from spacerobot.elements.clock import Clock
 from spacerobot.elements.context import Affine, ReferenceContext
+from spacerobot.elements.measurement import Measurement, changing, filled
 from spacerobot.scene import SceneBody, SceneReference, SceneTip
 from spacerobot.symbolic import InitialState, Plant
-
-
-@dataclass(frozen=True)
-class SampledMeasurement:
-    """What a sensor measured last.
-
-    Attributes
-    ----------
-    shown
-        What it shows now, of the components that can change (n x 1).
-    value
-        What it showed then.
-    clock
-        When it measures.
-    event
-        That it measures.
-    """
-
-    shown: ca.SX
-    value: State
-    clock: Clock
-    event: Event
-
-    @classmethod
-    def of(cls, name: str, who: str, time: ca.SX, period: ca.SX, shown: ca.SX) -> SampledMeasurement:
-        """A sensor that measures at the start and then once in each period."""
-        value, clock = memory(f"{name}.measured", shown), Clock.of(name, time, period, begin=period)
-        due = clock.event(f"{name}.measured", "measured", who, {value.name: shown})
-        return cls(shown, value, clock, due)
 
 
 @dataclass(frozen=True)
@@ -70,8 +41,9 @@ class TipGuidance:
         The target, None if there is none.
     sensors
         Of the tip's robot.
-    holding
-        Sections of those sensors that hold what they measured, by signal.
+    measure
+        From signal, name, what the sensor sees and the distance to the measurement at instants; None for
+        one that is continuous.
     kept
         What is remembered of the instant at which the present reference began, by a short name.
     seen
@@ -86,10 +58,10 @@ class TipGuidance:
     start: InitialState
     target: SceneBody | None
     sensors: Callable[[str], Affine]
-    holding: Mapping[str, SectionContext]
+    measure: Callable[[str, str, ca.SX, ca.SX | None], Measurement | None]
     kept: dict[str, State] = field(default_factory=dict)
     seen: dict[str, tuple[State, ca.SX]] = field(default_factory=dict)
-    held: dict[str, SampledMeasurement] = field(default_factory=dict)
+    held: dict[str, Measurement] = field(default_factory=dict)
 
     @property
     def root(self) -> int | None:
@@ -152,15 +124,17 @@ class TipGuidance:
 
     def _measured_last(self, path: str, signal: str, shown: ca.SX) -> ca.SX:
         """What a sensor shows, or showed when it measured last; what is constant of it stays so."""
-        if signal not in self.holding:
-            return shown
         name = f"{self.tip.label}.{path}.{signal}"
         if name not in self.held:
-            period = self.holding[signal].steady("period")
-            self.held[name] = SampledMeasurement.of(
-                name, self.tip.label, self.context.time, period, _changing(shown)
-            )
-        return _filled(shown, self.held[name].value.symbol)
+            frame = self.plant.placement(self.tip.frame)[1]
+            away = None
+            if self.root is not None:
+                away = ca.norm_2(ca.densify(self.plant.placement(self.root)[1] - frame))
+            found = self.measure(signal, name, changing(shown), away)
+            if found is None:
+                return shown
+            self.held[name] = found
+        return filled(shown, self.held[name].value.symbol)
 
     def _at_start(self, name: str, value: ca.SX) -> ca.SX:
         """An expression of the state where everything begins, where every sensor measures."""
@@ -173,9 +147,9 @@ class TipGuidance:
         """An expression of the state when the present reference began; what is constant of it stays so."""
         label = f"{self.tip.label}.begun.{path}.{name}"
         if label not in self.seen:
-            changing = _changing(value)
-            self.seen[label] = memory(label, changing), changing
-        return _filled(value, self.seen[label][0].symbol)
+            own = changing(value)
+            self.seen[label] = memory(label, own), own
+        return filled(value, self.seen[label][0].symbol)
 
     def _first_twist(self) -> tuple[ca.SX, ca.SX]:
         """Velocity and spin of the tip at the start (3x1 each)."""
@@ -264,30 +238,11 @@ class TipGuidance:
     @property
     def states(self) -> tuple[State, ...]:
         """What it remembers."""
-        held = (state for one in self.held.values() for state in (one.value, one.clock.count))
+        held = (state for one in self.held.values() for state in one.states)
         return (*self.kept.values(), *(state for state, _ in self.seen.values()), *held)
 
     @property
     def events(self) -> tuple[Event, ...]:
         """Instants at which a reference jumps, or a sensor measures."""
         jumps = (event for since in self.sinces for event in (*since.jumps.values(), *since.knots))
-        return (*jumps, *(one.event for one in self.held.values()))
-
-
-def _places(value: ca.SX) -> list[tuple[int, int]]:
-    """Places in a matrix of what is no constant."""
-    rows, columns = value.sparsity().row(), value.sparsity().get_col()
-    return [place for place in zip(rows, columns, strict=True) if not value[place].is_constant()]
-
-
-def _changing(value: ca.SX) -> ca.SX:
-    """What is no constant of a matrix (n x 1)."""
-    return ca.vertcat(ca.SX(0, 1), *(value[place] for place in _places(value)))
-
-
-def _filled(value: ca.SX, changing: ca.SX) -> ca.SX:
-    """A matrix with other values (n x 1) of what is no constant."""
-    found = ca.SX(value)
-    for place, other in zip(_places(value), ca.vertsplit(changing), strict=True):
-        found[place] = other
-    return found
+        return (*jumps, *(event for one in self.held.values() for event in one.events))

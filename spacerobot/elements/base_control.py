@@ -52,7 +52,7 @@ def held(
     motion
         What is held.
     error
-        Position error [m] or rotation vector [rad] (3x1), world axes.
+        Position error [m] or rotation vector [rad] (3x1), world axes, as sensors show it.
     actuation
         Force [N] or torque [N m] in world axes to generalized forces (nv x 3).
     reaction
@@ -60,7 +60,8 @@ def held(
     """
     plant, context, turns = robot.plant, robot.context, motion == "rotation"
     axes = list(plant.rotation_axes if turns else plant.translation_axes)
-    velocity = plant.velocity(robot.base_frame)[turns][axes]
+    signal = "base_spin" if turns else "base_velocity"
+    velocity = robot.read(signal, plant.velocity(robot.base_frame)[turns])[axes]
     kp, ki, kd = (context.number(gain) for gain in ("kp", "ki", "kd"))
     command, gain = kp * error[axes] - kd * velocity, None
     states = []

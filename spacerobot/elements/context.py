@@ -44,6 +44,8 @@ class RobotContext:
         Gives the time (1x1) [s] since the present phase began, since the start where there are no phases.
     sensors
         From a signal's name to its sensor's offset and scale.
+    held
+        From a signal's name and its value (n x 1) to what was measured of it last; None if it is continuous.
     base_frame
         Of its root link in the model.
     arm
@@ -62,9 +64,14 @@ class RobotContext:
     positions: Callable[[ca.SX], Mapping[int, ca.SX]]
     passed: Callable[[], ca.SX]
     sensors: Callable[[str], Affine]
+    held: Callable[[str, ca.SX], ca.SX | None]
     base_frame: int
     arm: tuple[int, ...]
     tips: tuple[TipContext, ...] = ()
+
+    def read(self, signal: str, value: ca.SX) -> ca.SX:
+        """A signal (n x 1) as its sensor gives it."""
+        return known(self, signal, value)
 
     @property
     def key(self) -> str:
@@ -104,6 +111,8 @@ class TipContext:
         What the tip's reference asks for.
     sensors
         From a signal's name to its sensor's offset and scale.
+    held
+        As of a robot; joint rates are those of ``columns``.
     siblings
         What else stands in the tip's section, by key.
     """
@@ -119,7 +128,12 @@ class TipContext:
     base_frame: int
     motion: DesiredMotion
     sensors: Callable[[str], Affine]
+    held: Callable[[str, ca.SX], ca.SX | None]
     siblings: Mapping[str, Section]
+
+    def read(self, signal: str, value: ca.SX) -> ca.SX:
+        """A signal (n x 1) as its sensor gives it."""
+        return known(self, signal, value)
 
     @property
     def joint(self) -> int:
@@ -379,6 +393,15 @@ class ContactContext:
         """One pair of opposite forces at a point (3x1 each): on the second as given, and on the first."""
         none = ca.SX(3, 1)
         return Wrench(pair[1].joint, force, none, point), Wrench(pair[0].joint, -force, none, point)
+
+
+def known(context: RobotContext | TipContext, signal: str, value: ca.SX) -> ca.SX:
+    """A signal (n x 1) as its sensor gives it: what was measured last, or a + b s."""
+    last = context.held(signal, value)
+    if last is not None:
+        return last
+    offset, scale = context.sensors(signal)
+    return scale * value if offset is None else offset + scale * value
 
 
 def joint_of(plant: Plant, frame: int) -> int:

@@ -19,11 +19,10 @@ from pydantic import Field, model_validator
 from spacerobot.elements.context import RobotContext
 from spacerobot.elements.contribution import Contribution
 from spacerobot.elements.controller import RobotController
-from spacerobot.elements.joint_position import nearest_position
+from spacerobot.elements.joint_position import read_positions
 from spacerobot.elements.knot_motion import Knots
 from spacerobot.elements.plan_following import JointMotion, check_given, known, plan_file, plan_phase, table
 from spacerobot.elements.robot_element import RobotProperties
-from spacerobot.elements.sensor import measured
 from spacerobot.section import Name, quantity
 
 APART = 1e-3
@@ -60,12 +59,12 @@ class JointPlanController(RobotController):
         efforts = ca.SX(len(robot.joints), 1)
         if motion.effort is not None:
             efforts = number("feed_forward") * knots.force("effort", self._table(robot, "effort"))
-        kp, kd, model, torques = number("kp"), number("kd"), robot.plant.model, []
-        for i, (joint, column) in enumerate(zip(robot.joints, robot.columns, strict=True)):
-            place = nearest_position(model, joint, robot.plant.q, wanted.value[i])
-            position = measured(robot.sensors("joint_position"), place)
-            speed = measured(robot.sensors("joint_rate"), robot.plant.v[column])
-            torques.append(efforts[i] + kp * (wanted.value[i] - position) + kd * (wanted.rate[i] - speed))
+        kp, kd = number("kp"), number("kd")
+        speeds = robot.read("joint_rate", robot.plant.v[list(robot.columns)])
+        torques = [
+            efforts[i] + kp * (wanted.value[i] - position) + kd * (wanted.rate[i] - speeds[i])
+            for i, position in enumerate(read_positions(robot, wanted.value))
+        ]
         events = () if knots.event is None else (knots.event,)
         return Contribution(torques=(robot.torque(ca.vertcat(*torques)),), events=events)
 

@@ -6,6 +6,9 @@ from typing import Any
 
 import casadi as ca
 
+from spacerobot.elements.context import RobotContext
+from spacerobot.elements.sensor import measured
+
 
 def joint_position(model: Any, joint: int, q: ca.SX) -> ca.SX:
     """Position of a one-degree-of-freedom joint [rad or m]; an unbounded one is read from its cos and sin."""
@@ -13,6 +16,24 @@ def joint_position(model: Any, joint: int, q: ca.SX) -> ca.SX:
     if pin_joint.nq == 2:
         return ca.atan2(q[pin_joint.idx_q + 1], q[pin_joint.idx_q])
     return q[pin_joint.idx_q]
+
+
+def read_positions(robot: RobotContext, desired: ca.SX) -> list[ca.SX]:
+    """Positions of a robot's joints as its sensor gives them, each the one that is nearest to the desired."""
+    model, q, joints = robot.plant.model, robot.plant.q, robot.joints
+    last = robot.held("joint_position", ca.vertcat(*(joint_position(model, joint, q) for joint in joints)))
+    found = []
+    for i, joint in enumerate(joints):
+        if last is None:
+            found.append(
+                measured(robot.sensors("joint_position"), nearest_position(model, joint, q, desired[i]))
+            )
+        elif model.joints[joint].nq == 2:
+            behind = last[i] - desired[i]
+            found.append(desired[i] + ca.atan2(ca.sin(behind), ca.cos(behind)))
+        else:
+            found.append(last[i])
+    return found
 
 
 def nearest_position(model: Any, joint: int, q: ca.SX, desired: ca.SX) -> ca.SX:

@@ -76,6 +76,12 @@ class SectionContext:
                 found = ca.if_else(active, self.constants.hoist(own, self.parameters(own)), found)
         return found
 
+    def random(self, sensor: str, rows: int, width: int, row: ca.SX) -> ca.SX:
+        """Standard normal numbers (width x 1) of a sensor's sample of a number (1x1) that events change."""
+        numbers = self.parameters.random(sensor, rows, width)
+        cursor = self.constants.cursor(f"{sensor}.sample", ca.fmin(row, rows - 1))
+        return self.constants.window(f"{sensor}.noise", numbers, cursor)
+
     def steady(self, key: str) -> ca.SX:
         """A number of the section (1x1) that no phase may change.
 

@@ -5,9 +5,11 @@ from __future__ import annotations
 from typing import ClassVar
 
 import casadi as ca
+from pydantic import Field
 
 from spacerobot.elements.context import Affine
 from spacerobot.elements.element import Element
+from spacerobot.elements.measurement import Measurement, SensorErrors
 from spacerobot.elements.section_context import SectionContext
 
 
@@ -22,6 +24,32 @@ class Sensor(Element):
 
     family: ClassVar[str] = "sensor"
     holds: ClassVar[bool] = False
+    errors: SensorErrors | None = Field(
+        default=None,
+        description="sampling, latency and noise: `period`, `delay`, `noise`, `noise_growth`, `bias`, "
+        "`bias_walk`, `resolution`, `dropout`, `range`; continuous and without noise if not given",
+    )
+
+    def measurement(
+        self, name: str, context: SectionContext, shown: ca.SX, distance: ca.SX | None = None
+    ) -> Measurement | None:
+        """Measurement at instants of what it sees (n x 1); None if it is continuous.
+
+        Parameters
+        ----------
+        name
+            Unique in the closed loop.
+        context
+            Of the sensor's section.
+        shown
+            What it sees now, by :meth:`affine`.
+        distance
+            To the target (1x1) [m], where it sees that.
+        """
+        if self.errors is not None:
+            own = context.at(f"{context.path}.errors")
+            return Measurement.of(name, own, self.errors, shown, distance)
+        return Measurement.held(name, context, shown) if self.holds else None
 
     def affine(self, context: SectionContext) -> Affine:
         """Offset a and scale b of the reading a + b s."""

@@ -70,6 +70,29 @@ class TableRule(Protocol):
         """Rows."""
 
 
+class NoiseRule(Protocol):
+    """Random numbers of a sensor among the parameters, one after the other."""
+
+    @property
+    def path(self) -> str:
+        """Of the first one."""
+
+    @property
+    def rows(self) -> int:
+        """Samples."""
+
+    @property
+    def width(self) -> int:
+        """Numbers for each."""
+
+    @property
+    def keys(self) -> tuple[str, str]:
+        """Paths of the parameters that decide them: seed and draw."""
+
+    def drawn(self, seed: float, draw: float) -> Array:
+        """All of them."""
+
+
 class ClosedLoopFunctions(Protocol):
     """A closed loop as SX functions without free variables.
 
@@ -139,6 +162,10 @@ class ClosedLoopFunctions(Protocol):
 
         A row changes at jumps and events alone. An event's ``update`` sees what was shown before it.
         """
+
+    @property
+    def noise(self) -> Sequence[NoiseRule]:
+        """Random numbers among the parameters, drawn by two others."""
 
     @property
     def guards(self) -> ca.Function:

@@ -47,6 +47,11 @@ class Simulation(Section):
         "scenes; pinocchio: slow and independent, for checks",
     )
 
+    noise_draw: float = quantity(
+        "1", "which draw of the sensors' noise, its whole part; campaigns vary it", default=0.0, ge=0, le=1e15
+    )
+    noise_seed: float = quantity("1", "of all draws", default=0.0, ge=0, le=1e15)
+
     @model_validator(mode="after")
     def _check(self) -> Simulation:
         if self.duration / self.output_step > 1e7:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import model_validator
-
 from spacerobot.elements import Family, Sensor, create
 from spacerobot.section import Section, quantity
 
@@ -39,24 +37,20 @@ class Sensors(Section):
         "rad", "rotation vector from tips to mating frames, world axes, used by `mpc`", default=IDEAL
     )
     target_spin: AnySensor = quantity("rad/s", "angular velocity of the target, likewise", default=IDEAL)
-    base_position: AnySensor = quantity("m", "root link of a floating base, used by `mpc`", default=IDEAL)
+    base_position: AnySensor = quantity(
+        "m", "root link of a floating base, used by `mpc` and `base_position`", default=IDEAL
+    )
     base_orientation: AnySensor = quantity(
-        "rad", "rotation vector of the root link in the world, likewise", default=IDEAL
+        "rad",
+        "rotation vector of the root link, used by `mpc`, also by `base_attitude`, from its attitude",
+        default=IDEAL,
     )
     base_velocity: AnySensor = quantity(
-        "m/s", "velocity of the root link, world axes, likewise", default=IDEAL
+        "m/s", "velocity of the root link, world axes, used by `mpc` and `base_position`", default=IDEAL
     )
-    base_spin: AnySensor = quantity("rad/s", "angular velocity of the root link, likewise", default=IDEAL)
-
-    @model_validator(mode="after")
-    def _check(self) -> Sensors:
-        for signal in type(self).model_fields:
-            if self[signal].holds and not signal.startswith("target_"):
-                raise ValueError(
-                    f"{signal}: found kind '{self[signal].kind}', allowed where only a reference reads it: "
-                    "target_position, target_velocity, target_orientation, target_spin"
-                )
-        return self
+    base_spin: AnySensor = quantity(
+        "rad/s", "angular velocity of the root link, used by `mpc` and `base_attitude`", default=IDEAL
+    )
 
     def __getitem__(self, signal: str) -> Sensor:
         """Sensor of a signal."""

@@ -1,8 +1,9 @@
 """A scene as CasADi expressions: its numbers, where it begins, its mechanics."""
 
 from spacerobot.symbolic.initial_state import InitialState
+from spacerobot.symbolic.noise import NoiseTable
 from spacerobot.symbolic.parameters import Constants, Parameters
 from spacerobot.symbolic.plant import Plant
 from spacerobot.symbolic.tables import WindowTable
 
-__all__ = ["Constants", "InitialState", "Parameters", "Plant", "WindowTable"]
+__all__ = ["Constants", "InitialState", "NoiseTable", "Parameters", "Plant", "WindowTable"]

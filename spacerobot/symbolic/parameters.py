@@ -8,6 +8,7 @@ import casadi as ca
 import numpy as np
 
 from spacerobot.arrays import Array
+from spacerobot.symbolic.noise import DRAW, SEED, NoiseTable
 from spacerobot.symbolic.tables import WindowTable
 
 
@@ -29,6 +30,16 @@ class Parameters:
         self._numbers = dict(numbers)
         self._vary = frozenset(vary)
         self._symbols: dict[str, ca.SX] = {}
+        self.noise: list[NoiseTable] = []
+
+    def random(self, sensor: str, rows: int, width: int) -> ca.SX:
+        """Symbols (rows x width) of a sensor's standard normal numbers."""
+        table = NoiseTable(sensor, f"noise.{sensor}.0", rows, width)
+        paths = [f"noise.{sensor}.{i}" for i in range(rows * width)]
+        _ = self(DRAW), self(SEED)
+        self._numbers |= dict(zip(paths, table.drawn(self.value(SEED), self.value(DRAW)), strict=True))
+        self.noise.append(table)
+        return ca.reshape(ca.vertcat(*(self(path) for path in paths)), width, rows).T
 
     def __call__(self, path: str) -> ca.SX:
         """Symbol of one number (1x1)."""

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from spacerobot.closedloop import build_closed_loop
-from spacerobot.errors import ScenarioError
 from spacerobot.rollout import Measures, Signals, build_rollout, final
 from tests.oracles.engine import simulate
 from tests.oracles.small_scenes import PLANAR, small_scene
@@ -69,13 +68,6 @@ def test_gradients_go_through_the_instants_of_measurement():
     base, h = rollout.values()[rollout.indices(paths)], 1e-5
     ends = rollout.batch(paths, np.concatenate([base + h * np.eye(2), base - h * np.eye(2)])).costs["x"]
     np.testing.assert_allclose(adjoint.gradients["x"], (ends[:2] - ends[2:]) / (2 * h), rtol=1e-5)
-
-
-def test_who_cannot_hold_says_so():
-    with pytest.raises(
-        ScenarioError, match=r"joint_rate: found kind 'sampled', allowed where only a reference"
-    ):
-        small_scene(PLANAR, {"robots.one.sensors": {"joint_rate": SENSOR}})
 
 
 SEEN = {

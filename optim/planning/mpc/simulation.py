@@ -253,6 +253,12 @@ def _check_held(scene: Scene, period: float) -> None:
     """
     for name, sensors in sensors_of(scene).items():
         for signal, sensor in sensors:
+            if sensor.errors is not None:
+                raise ScenarioError(
+                    "found sensor errors, allowed with kind mpc: none",
+                    source=scene.source,
+                    where=f"robots.{name}.sensors.{signal}.errors",
+                )
             if sensor.holds and abs(period / sensor.period - round(period / sensor.period)) > ROUNDING:
                 raise ScenarioError(
                     f"found {sensor.period:g} s, allowed with kind mpc: a part of {period:g} s",

@@ -62,6 +62,7 @@ class ReplayLoop:
     events: tuple[()] = ()
     fine: tuple[tuple[int, float, float], ...] = ()
     tables: tuple[()] = ()
+    noise: tuple[()] = ()
     max_gaps: Mapping[str, float] = dataclasses.field(default_factory=dict)
 
     @classmethod

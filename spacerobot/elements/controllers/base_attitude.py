@@ -58,6 +58,8 @@ class BaseAttitude(RobotController):
             angles = context.parameters.sparse_vector(f"{context.path}.attitude_deg") * DEGREE
             wanted = context.once("attitude", rotation_from_rpy(angles))
         error = plant.orientation_error(wanted, plant.placement(robot.base_frame)[0])
+        # the signal is the base's rotation relative to the attitude it shall have
+        error = -robot.read("base_orientation", -error)
         turning = plant.jacobian(robot.base_frame)[3:, :].T
         reaction = None if context.is_zero("feed_forward") else self._reaction(robot, turning)
         return held(robot, "rotation", error, turning, reaction)
@@ -81,7 +83,11 @@ class BaseAttitude(RobotController):
 
     def assumptions(self) -> list[str]:
         """Of what it knows."""
-        return ["knows the attitude and the spin of the base, and the motion of the arm, without errors"]
+        return ["feeds the motion of the arm forward as it is, without errors"]
+
+    def reads(self) -> set[str]:
+        """Attitude and spin."""
+        return {"base_orientation", "base_spin"}
 
     def words(self) -> str:
         """Its gains."""

@@ -62,7 +62,8 @@ class BasePosition(RobotController):
         actuation = jacobian[:3, :] - cross_columns(lever, jacobian[3:, :])
         # the point at the lever moves with v + omega x lever
         reaction = None if context.is_zero("feed_forward") else self._reaction(robot, jacobian[:3, :].T)
-        return held(robot, "translation", wanted - here, ca.sparsify(actuation).T, reaction)
+        error = wanted - robot.read("base_position", here)
+        return held(robot, "translation", error, ca.sparsify(actuation).T, reaction)
 
     def _reaction(self, robot: RobotContext, moving: ca.SX) -> ArmReaction:
         """Rate of the linear momentum that is not the base's own."""
@@ -78,7 +79,11 @@ class BasePosition(RobotController):
 
     def assumptions(self) -> list[str]:
         """Of what it knows."""
-        return ["knows the position and the velocity of the base, and the motion of the arm, without errors"]
+        return ["feeds the motion of the arm forward as it is, without errors"]
+
+    def reads(self) -> set[str]:
+        """Position and velocity."""
+        return {"base_position", "base_velocity"}
 
     def words(self) -> str:
         """Its gains."""

@@ -21,10 +21,9 @@ from spacerobot.dynamics.algebra import SymmetricFactors
 from spacerobot.elements.context import RobotContext
 from spacerobot.elements.contribution import Contribution, State
 from spacerobot.elements.controller import RobotController
-from spacerobot.elements.joint_position import joint_position, nearest_position
+from spacerobot.elements.joint_position import joint_position, read_positions
 from spacerobot.elements.registry import register
 from spacerobot.elements.robot_element import RobotProperties
-from spacerobot.elements.sensor import measured
 from spacerobot.section import quantity
 
 
@@ -52,13 +51,11 @@ class JointPd(RobotController):
         name = f"{robot.name}/{robot.key}.theta_d"
         desired = ca.SX.sym(name, len(robot.joints))
         rate = _inverse_kinematics(robot, desired)
-        torques = []
-        for i, (joint, column) in enumerate(zip(robot.joints, robot.columns, strict=True)):
-            position = measured(
-                robot.sensors("joint_position"), nearest_position(model, joint, plant.q, desired[i])
-            )
-            speed = measured(robot.sensors("joint_rate"), plant.v[column])
-            torques.append(kp * (desired[i] - position) - kd * speed)  # Eq. 34
+        speeds = robot.read("joint_rate", plant.v[list(robot.columns)])
+        torques = [
+            kp * (desired[i] - position) - kd * speeds[i]  # Eq. 34
+            for i, position in enumerate(read_positions(robot, desired))
+        ]
         initial = ca.vertcat(*(joint_position(model, joint, plant.q) for joint in robot.joints))
         state = State(name, desired, initial, rate)
         torque = robot.torque(ca.vertcat(*torques), null_space=self.null_space)

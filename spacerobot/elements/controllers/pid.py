@@ -22,7 +22,6 @@ from spacerobot.elements.contribution import Contribution, ControlChannel, State
 from spacerobot.elements.controller import TipController
 from spacerobot.elements.controllers.amnesia import correct
 from spacerobot.elements.registry import register
-from spacerobot.elements.sensor import measured
 from spacerobot.section import Section, quantity
 
 
@@ -140,24 +139,27 @@ def _seen_from(feedback: str, tip: TipContext, axes: list[int], *, turns: bool) 
     plant = tip.plant
     drive, felt = tip.reduced_loads(axes, rotation=turns)
     if feedback == "inertial":
-        offset, scale = tip.sensors("tip_angular_velocity" if turns else "tip_velocity")
-        velocity = measured((offset, scale), plant.velocity(tip.frame)[turns][axes])
+        signal = "tip_angular_velocity" if turns else "tip_velocity"
+        _, scale = tip.sensors(signal)
+        velocity = tip.read(signal, plant.velocity(tip.frame)[turns])[axes]
         return _FedBack(velocity, scale * plant.drift(tip.frame)[turns][axes], drive, scale * felt)
     offset, scale = tip.sensors("joint_rate")
     arm = tip.arm_jacobian[[axis + 3 * turns for axis in axes], :]
-    velocity = scale * ca.mtimes(arm, plant.v)
+    last = tip.held("joint_rate", plant.v[list(tip.columns)])
+    velocity = scale * ca.mtimes(arm, plant.v) if last is None else ca.mtimes(arm[:, list(tip.columns)], last)
     drift = scale * tip.relative_drift(rotation=turns)[axes]
     if offset is not None:
         ones = ca.SX(plant.v.size1(), 1)
         ones[list(tip.columns)] = 1
         seen = ca.mtimes(arm, ones)
-        velocity, drift = velocity + offset * seen, drift + offset * plant.rate(seen)
+        velocity = velocity + offset * seen if last is None else velocity
+        drift = drift + offset * plant.rate(seen)
     return _FedBack(velocity, drift, drive, scale * drive)
 
 
 def _position_error(tip: TipContext, axes: list[int], *, turns: bool) -> ca.SX:
     """Reference minus measured position, or the rotation vector from measured orientation to reference."""
     if not turns:
-        return tip.motion.position[axes] - measured(tip.sensors("tip_position"), tip.position[axes])
+        return (tip.motion.position - tip.read("tip_position", tip.position))[axes]
     # the signal is the tip's rotation relative to its reference, so the error is its negative
-    return -measured(tip.sensors("tip_orientation"), -tip.orientation_error[axes])
+    return -tip.read("tip_orientation", -tip.orientation_error)[axes]

@@ -29,7 +29,6 @@ from spacerobot.elements.contribution import Contribution
 from spacerobot.elements.controller import RobotController
 from spacerobot.elements.registry import register
 from spacerobot.elements.robot_element import RobotProperties
-from spacerobot.elements.sensor import measured
 from spacerobot.section import quantity
 
 
@@ -63,7 +62,7 @@ class ResolvedRate(RobotController):
             tasks.append(_Task.of(led, number("damping")))
         wanted = _resolved(tasks, [task.wanted - task.velocity for task in tasks], rates)
         ahead = _resolved(tasks, [task.acceleration for task in tasks], ca.SX(rates.shape[0], 1))
-        read = measured(robot.sensors("joint_rate"), rates)
+        read = robot.read("joint_rate", rates)
         torque = free.torque(ahead + number("rate_gain") * (wanted - read))
         return Contribution(torques=(robot.torque(torque + robot.plant.damping[columns] * rates),))
 
@@ -75,15 +74,15 @@ class ResolvedRate(RobotController):
         if free.base:
             on_base = jacobian[:, free.base]
             rows, drift = rows + ca.mtimes(on_base, free.reaction), drift + ca.mtimes(on_base, free.falling)
-        now = measured(tip.sensors("tip_velocity"), tip.velocity)
-        error = motion.position - measured(tip.sensors("tip_position"), tip.position)
+        now = tip.read("tip_velocity", tip.velocity)
+        error = motion.position - tip.read("tip_position", tip.position)
         bend = motion.acceleration + gain * (motion.velocity - now) - drift[:3]
         axes = list(plant.translation_axes)
         yield _Task(rows[axes, :], now[axes], (motion.velocity + gain * error)[axes], bend[axes])
         if not self.orientation:
             return
-        now = measured(tip.sensors("tip_angular_velocity"), tip.angular_velocity)
-        error = -measured(tip.sensors("tip_orientation"), -tip.orientation_error)
+        now = tip.read("tip_angular_velocity", tip.angular_velocity)
+        error = -tip.read("tip_orientation", -tip.orientation_error)
         bend = motion.angular_acceleration + gain * (motion.angular_velocity - now) - drift[3:]
         axes = list(plant.rotation_axes)
         wanted = (motion.angular_velocity + gain * error)[axes]

@@ -25,5 +25,5 @@ class Linear(Sensor):
 
     @property
     def is_ideal(self) -> bool:
-        """Whether a is 0 and b is 1."""
-        return self.offset == 0 and self.scale == 1
+        """Whether a is 0 and b is 1, always and without noise."""
+        return self.offset == 0 and self.scale == 1 and self.errors is None

@@ -1,0 +1,27 @@
+"""A rate gyro."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from spacerobot.elements.measurement import SensorErrors
+from spacerobot.elements.registry import register
+from spacerobot.elements.sensors.linear import Linear
+from spacerobot.section import quantity
+
+
+@register
+class Gyro(Linear):
+    """Rate gyro of navigation grade: white noise and a bias that walks at random, sampled at 100 Hz.
+
+    The densities are those of Crassidis and Markley (2003), Unscented filtering for spacecraft attitude
+    estimation, Journal of Guidance, Control, and Dynamics 26(4): 0.316 urad/s^0.5 and 0.316 nrad/s^1.5,
+    an initial bias of 0.1 deg/h.
+    """
+
+    kind: Literal["gyro"] = "gyro"  # type: ignore[assignment]
+    errors: SensorErrors | None = quantity(
+        "1",
+        "sampling and noise",
+        default=SensorErrors(period=0.01, noise=3.16e-7, bias=4.85e-7, bias_walk=3.16e-10),
+    )

@@ -1,0 +1,49 @@
+"""Random numbers of sensors: drawn before a rollout, by a counter-based generator.
+
+Every number is a function of (seed, draw, sensor, index) alone, by Philox (Salmon and others 2011), so that
+lanes, threads, workers and both engines see the same noise. A rollout gets it as a table of parameters.
+"""
+
+from __future__ import annotations
+
+import zlib
+from dataclasses import dataclass
+
+import numpy as np
+
+from spacerobot.arrays import Array
+
+DRAW, SEED = "simulation.noise_draw", "simulation.noise_seed"
+"""Numbers of the scenario: which draw, and of which family."""
+
+
+@dataclass(frozen=True)
+class NoiseTable:
+    """Standard normal numbers of one sensor among the parameters.
+
+    Attributes
+    ----------
+    sensor
+        Its name, unique in the closed loop.
+    path
+        Of its first number; the others follow, row by row.
+    rows, width
+        Samples, and numbers for each.
+    """
+
+    sensor: str
+    path: str
+    rows: int
+    width: int
+
+    @property
+    def keys(self) -> tuple[str, str]:
+        """Paths of the parameters that decide them: seed and draw."""
+        return SEED, DRAW
+
+    def drawn(self, seed: float, draw: float) -> Array:
+        """The numbers (rows x width,) of a draw, whose whole part counts."""
+        key = np.array([int(seed), int(draw)], dtype=np.uint64)
+        counter = np.array([0, 0, 0, zlib.crc32(self.sensor.encode())], dtype=np.uint64)
+        generator = np.random.Generator(np.random.Philox(key=key, counter=counter))
+        return generator.standard_normal(self.rows * self.width)

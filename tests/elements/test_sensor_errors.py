@@ -1,0 +1,161 @@
+"""Sensors with errors: their statistics, the same noise everywhere, both engines, gradients."""
+
+import numpy as np
+import pytest
+
+from spacerobot.closedloop import build_closed_loop
+from spacerobot.errors import ScenarioError
+from spacerobot.pinocchio_engine import simulate
+from spacerobot.rollout import build_rollout
+from tests.elements.test_sampling import ONE, costed, difference, plate
+from tests.oracles.small_scenes import PLANAR, SPATIAL, small_scene
+
+PERIOD, DENSITY, BIAS, WALK = 0.02, 2e-4, 3e-3, 5e-4
+DRAW = "simulation.noise_draw"
+
+
+def seen(duration_s=0.5, draws=(0,), **errors):
+    """Spin of a plate as its gyro shows it at its instants, and as it is (draws, samples)."""
+    section = {"errors": {"period": PERIOD, "noise": 1e-16} | errors}
+    changes = plate(kd=1e-9) | {"robots.one.sensors": {"base_spin": section}}
+    changes["simulation.duration"] = duration_s
+    loop = build_closed_loop(small_scene(PLANAR, changes))
+    rollout = build_rollout(
+        loop, duration_s=duration_s, step_s=0.02, output_step_s=PERIOD, backend="interpreted"
+    )
+    state = rollout.batch([DRAW], np.array(draws, float)[:, None], states=True).state
+    names = rollout.loop.state_names
+    place = max(i for i, name in enumerate(names) if name.startswith("one.base_spin.3.measured"))
+    return state[:, :, place], state[:, :, names.index("v.one/root[2]")]
+
+
+def test_white_noise_has_the_variance_that_its_density_says():
+    """Of 500 samples: within four standard deviations of the mean square, and uncorrelated."""
+    shown, true = seen(draws=range(20), noise=DENSITY)
+    error = (shown - true)[:, 1:]
+    count, variance = error.size, DENSITY**2 / PERIOD
+    assert abs((error**2).mean() / variance - 1) < 4 * np.sqrt(2 / count)
+    assert abs((error[:, 1:] * error[:, :-1]).mean() / variance) < 4 / np.sqrt(count)
+    assert abs(error.mean()) < 4 * np.sqrt(variance / count)
+
+
+def test_the_bias_begins_anywhere_and_walks_with_its_density():
+    shown, true = seen(draws=range(24), duration_s=0.2, bias=BIAS, bias_walk=WALK)
+    bias = (shown - true)[:, 1:]
+    first, steps = bias[:, 0], np.diff(bias, axis=1)
+    # the first sample shown is that after one step of the walk
+    assert abs((first**2).mean() / (BIAS**2 + WALK**2 * PERIOD) - 1) < 4 * np.sqrt(2 / len(first))
+    assert abs((steps**2).mean() / (WALK**2 * PERIOD) - 1) < 4 * np.sqrt(2 / steps.size)
+
+
+def test_samples_are_clipped_quantised_lost_and_late():
+    shown, true = seen(range=0.02, resolution=1e-3)
+    assert np.abs(true).min() > 0.02
+    np.testing.assert_allclose(np.abs(shown[:, 1:]), 0.02, atol=1e-12)
+    shown, true = seen(resolution=1e-3)
+    np.testing.assert_allclose(shown[:, 1:], 1e-3 * np.round(true[:, 1:] / 1e-3), atol=1e-12)
+    shown, _ = seen(draws=range(10), noise=DENSITY, dropout=0.25)
+    same = (np.diff(shown[:, 1:], axis=1) == 0).mean()
+    assert abs(same - 0.25) < 4 * np.sqrt(0.25 * 0.75 / 240)
+    early, _ = seen(noise=DENSITY)
+    late, _ = seen(noise=DENSITY, delay=2.5 * PERIOD)
+    np.testing.assert_allclose(late[:, 4:], early[:, 1:-3], atol=1e-12)
+    assert np.ptp(early) > 1e-4
+
+
+ERRORS = {"period": 0.02, "delay": 0.03, "noise": 1e-4, "bias": 1e-3, "bias_walk": 1e-4, "dropout": 0.2}
+NOISY = {
+    f"{ONE}.sampled": {"period": 0.02},
+    "simulation.duration": 0.3,
+    "robots.one.joint_pd": {"kp": 5.0, "kd": 1.0},
+    "robots.one.sensors": {
+        "joint_rate": {"errors": ERRORS},
+        "joint_position": {"errors": {"period": 0.05, "noise": 1e-3, "resolution": 1e-3, "range": 1.0}},
+        "tip_position": {"offset": 0.001, "errors": {"period": 0.02, "noise": 1e-4}},
+    },
+}
+SEEN = {
+    "grasps": {},
+    "target.base": {"joint": "planar", "position": [1.9, 0.45, 0], "velocity": [0.05, -0.03, 0]},
+    "robots.two.base": {"joint": "planar", "position": [8, 0, 0]},
+    "robots.one.tips.tip.reference": {
+        "kind": "rendezvous",
+        "frame": "mate_2",
+        "approach_time": 0.4,
+        "standoff": 0.3,
+        "end_distance": 0.3,
+    },
+    "robots.one.sensors": {
+        "target_position": {"errors": {"period": 0.05, "delay": 0.02, "noise": 1e-3, "noise_growth": 2.0}}
+    },
+    "simulation.duration": 0.3,
+}
+
+
+@pytest.mark.parametrize(
+    ("text", "changes"),
+    [(PLANAR, NOISY), (SPATIAL, NOISY), (PLANAR, SEEN)],
+    ids=["planar", "spatial", "of the target"],
+)
+def test_both_engines_see_the_same_noise(text, changes):
+    scene = small_scene(text, changes)
+    loop = build_closed_loop(scene)
+    rollout = build_rollout(loop, duration_s=0.12, step_s=0.004, output_step_s=0.06, backend="interpreted")
+    own, other = rollout.run(), simulate(scene, duration_s=0.12, output_step_s=0.06)
+    np.testing.assert_allclose(own.state, other.state, atol=1e-9)
+    another = rollout.run({DRAW: 1.0})
+    assert np.abs(another.state - own.state).max() > 1e-4
+    if text is SPATIAL:
+        return
+    drawn = simulate(small_scene(text, changes | {DRAW: 1}), duration_s=0.12, output_step_s=0.06)
+    np.testing.assert_allclose(another.state, drawn.state, atol=1e-9)
+
+
+def test_noise_depends_on_draw_and_sensor_alone():
+    alone, _ = seen(draws=(3, 4), noise=DENSITY)
+    both, _ = seen(draws=(4, 3, 9), noise=DENSITY)
+    np.testing.assert_array_equal(alone[::-1], both[:2])
+    assert (both[0, 1:] != both[2, 1:]).all()
+
+
+def test_gradients_hold_the_noise_fixed():
+    changes = NOISY | {"robots.one.sensors": {"joint_rate": {"errors": ERRORS | {"period": 0.043}}}}
+    rollout = costed(changes, 0.26, backend="interpreted")
+    paths = {f"{ONE}.kp": 0.3, "robots.one.sensors.joint_rate.errors.noise": 1e-5}
+    for path, step in paths.items():
+        found = rollout.value_and_gradient(wrt=[path])
+        assert found.status == ("exact",)
+        np.testing.assert_allclose(found.gradients["x"][0], difference(rollout, path, step), rtol=1e-7)
+
+
+@pytest.mark.compiler
+def test_lanes_see_the_noise_of_single_rollouts():
+    changes = plate(kp=40, kd=20) | {"simulation.duration": 0.2}
+    changes["robots.one.sensors"] = {"base_spin": {"errors": {"period": 0.02, "noise": 1e-3}}}
+    found = []
+    for backend in ("interpreted", "compiled"):
+        rollout = costed(changes, 0.2, backend=backend)
+        found.append(rollout.batch([DRAW], np.arange(9.0)[:, None]).costs["x"])
+    np.testing.assert_allclose(*found, rtol=1e-12)
+    assert len(np.unique(found[0])) == 9
+
+
+@pytest.mark.parametrize("kind", ["gyro", "star_tracker"])
+def test_presets_have_their_errors(kind):
+    signal = "base_spin" if kind == "gyro" else "base_orientation"
+    changes = plate(kp=40, kd=20) | {"robots.one.sensors": {signal: {"kind": kind}}}
+    loop = build_closed_loop(small_scene(PLANAR, changes))
+    assert [table.sensor for table in loop.noise] == [f"one.{signal}.3"]
+
+
+@pytest.mark.parametrize(
+    ("section", "told"),
+    [
+        ({"period": 0.0}, r"errors\.period: found 0\.0, allowed: above 0"),
+        ({"period": 0.01, "delay": 0.2}, r"delay: found 0\.2 s, allowed: at most 16 periods, 0\.16 s"),
+        ({"period": 0.01, "dropout": 1.0}, r"dropout: found 1\.0, allowed: below 1"),
+    ],
+)
+def test_errors_that_cannot_be_are_refused(section, told):
+    with pytest.raises(ScenarioError, match=told):
+        small_scene(PLANAR, {"robots.one.sensors": {"joint_rate": {"errors": section}}})
