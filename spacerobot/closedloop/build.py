@@ -196,7 +196,7 @@ def _assemble(builder: LoopBuilder, found: EvaluatedLoop) -> ClosedLoop:
         variables=found.variables,
         gaps=_function("gaps", {"p": parameters.symbols}, {"gap": ca.densify(gaps)}),
         max_gaps=max_gaps,
-        noise=tuple(parameters.noise),
+        noise=tuple(constants.noise),
         works={work.name: 1 if work.sign == "in" else -1 for work in found.works},
         outside=unbooked(builder.scene),
         jumps=constants.jumps,

@@ -96,7 +96,7 @@ class ClosedLoop:
     rows
         (t, x, c) -> (row): the present row of each cursor, which changes at jumps and events alone.
     noise
-        Random numbers of sensors among the parameters, which a rollout draws by ``simulation.noise_draw``.
+        Random numbers of sensors, which a rollout draws by the parameters that they name.
     """
 
     parameter_paths: tuple[str, ...]
@@ -135,6 +135,8 @@ class ClosedLoop:
         rows = self.rows(t, x, c)
         found = type(rows)(c)
         for table in self.tables:
+            if table.noise >= 0:
+                continue
             block = ca.reshape(found[table.first : table.window], table.width, table.count)
             shown = block[:, 0]
             for k in range(1, table.count):

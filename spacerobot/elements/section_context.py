@@ -11,6 +11,7 @@ import casadi as ca
 from spacerobot.elements.event import Event, both, either, negated
 from spacerobot.errors import ScenarioError
 from spacerobot.symbolic import Constants, Parameters
+from spacerobot.symbolic.noise import DRAW, SEED
 
 
 @dataclass(frozen=True)
@@ -78,9 +79,9 @@ class SectionContext:
 
     def random(self, sensor: str, rows: int, width: int, row: ca.SX) -> ca.SX:
         """Standard normal numbers (width x 1) of a sensor's sample of a number (1x1) that events change."""
-        numbers = self.parameters.random(sensor, rows, width)
+        _ = self.parameters(SEED), self.parameters(DRAW)  # a rollout draws by them
         cursor = self.constants.cursor(f"{sensor}.sample", ca.fmin(row, rows - 1))
-        return self.constants.window(f"{sensor}.noise", numbers, cursor)
+        return self.constants.random(sensor, rows, width, cursor)
 
     def steady(self, key: str) -> ca.SX:
         """A number of the section (1x1) that no phase may change.

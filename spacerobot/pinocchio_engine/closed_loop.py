@@ -90,6 +90,8 @@ class PinocchioLoop:
         self.c: Array = _numbers(ca.Function("c", [parameters.symbols], [constants.expressions])(p))
         self._jumps, self._tables = list(constants.jumps), constants.tables
         self._jump_times = self.c[self._jumps]
+        drawn = (t.drawn(*(parameters.value(key) for key in t.keys)) for t in constants.noise)
+        self._noise: Array = np.concatenate([np.empty(0), *drawn])
         self._switches = list(constants.switches.values())
         self.events: tuple[LoopEvent, ...] = rules_of(acting.events, list(constants.switches))
         self._impacts = [event.impact for event in acting.events]
@@ -298,6 +300,10 @@ class PinocchioLoop:
         if self._tables:
             rows = _numbers(self._rows(t, x, c, inputs)).astype(int)
             for table in self._tables:
+                if table.noise >= 0:
+                    first = table.noise + rows[table.cursor] * table.width
+                    c[table.window : table.window + table.width] = self._noise[first : first + table.width]
+                    continue
                 first = table.first + rows[table.cursor] * table.width
                 c[table.window : table.window + table.width] = c[first : first + table.width]
         self._kept = {at: c}

@@ -69,28 +69,20 @@ class TableRule(Protocol):
     def count(self) -> int:
         """Rows."""
 
+    @property
+    def noise(self) -> int:
+        """Place of the first row among the random numbers; -1 where the rows are in c."""
+
 
 class NoiseRule(Protocol):
-    """Random numbers of a sensor among the parameters, one after the other."""
-
-    @property
-    def path(self) -> str:
-        """Of the first one."""
-
-    @property
-    def rows(self) -> int:
-        """Samples."""
-
-    @property
-    def width(self) -> int:
-        """Numbers for each."""
+    """Random numbers that a rollout draws, by two of the parameters."""
 
     @property
     def keys(self) -> tuple[str, str]:
-        """Paths of the parameters that decide them: seed and draw."""
+        """Paths of these parameters: seed and draw."""
 
     def drawn(self, seed: float, draw: float) -> Array:
-        """All of them."""
+        """All numbers (n,)."""
 
 
 class ClosedLoopFunctions(Protocol):
@@ -165,7 +157,7 @@ class ClosedLoopFunctions(Protocol):
 
     @property
     def noise(self) -> Sequence[NoiseRule]:
-        """Random numbers among the parameters, drawn by two others."""
+        """Random numbers, one rule after the other, into which tables have windows."""
 
     @property
     def guards(self) -> ca.Function:

@@ -179,14 +179,16 @@ class CoincidentInstant:
     ----------
     kernel, calls
         With the reverse functions; the functions ready to be called.
-    c
-        Prepared constants of the rollout (nc,).
+    given
+        Prepared constants of the rollout (nc,), and its random numbers (n,).
     found
         The instant, of :class:`~spacerobot.rollout.rollout_arrays.CoincidentInstants`.
     """
 
-    def __init__(self, kernel: Kernel, calls: Mapping[str, _Call], c: Array, found: Any) -> None:
-        self._kernel, self._f, self._found = kernel, calls, found
+    def __init__(
+        self, kernel: Kernel, calls: Mapping[str, _Call], given: tuple[Array, Array], found: Any
+    ) -> None:
+        (c, self._noise), self._kernel, self._f, self._found = given, kernel, calls, found
         self._t, self._c = float(found["last"]), c.copy()
         self._c[[*kernel.switches, *kernel.jumps]] = found["mode"][:-1]
         number = min(int(found["number"]), THINGS)
@@ -240,7 +242,7 @@ class CoincidentInstant:
         if not self._kernel.tables:
             return c, np.empty(0, dtype=np.int64)
         row, c = self._f["rows"](self._t, x, c)[0].astype(np.int64), c.copy()
-        fill(self._kernel.tables, row, c)
+        fill(self._kernel.tables, row, c, noise=self._noise)
         return c, row
 
     def _go(self, way: _Way, thing: int, root: bool) -> None:
@@ -394,7 +396,10 @@ def judge_orders(kernel: Kernel, p: Array, seed: Array, raw: RolloutArrays) -> N
         c = kernel.functions["setup"](p[i])[1].full().ravel()
         rbar = kernel.functions["objective_reverse"](raw.r[i], p[i], seed[i])[0].full().ravel()
         peaks = (raw.r[i, first:last], rbar[first:last])
-        found = [CoincidentInstant(kernel, calls, c, row) for row in instants.found[i, : instants.told[i]]]
+        given = (c, kernel.noise.drawn(p[i : i + 1])[0])
+        found = [
+            CoincidentInstant(kernel, calls, given, row) for row in instants.found[i, : instants.told[i]]
+        ]
         counts = (here.event for here in found if here.order_counts(*peaks))
         left = -1 if instants.told[i] > len(found) else None
         event = next(counts, left)

@@ -71,6 +71,8 @@ class _EngineCall(ctypes.Structure):
         ("h", ctypes.c_double),
         ("finer", ctypes.c_double),
         ("p", ctypes.c_void_p),
+        ("noise", ctypes.c_void_p),
+        ("noises", ctypes.c_int64),
         ("scale", ctypes.c_void_p),
         ("x", ctypes.c_void_p),
         ("y", ctypes.c_void_p),
@@ -169,6 +171,7 @@ def _facts(kernel: Kernel) -> list[str]:
         "int TABLE_FIRST": [table.first for table in kernel.tables],
         "int TABLE_WINDOW": [table.window for table in kernel.tables],
         "int TABLE_WIDTH": [table.width for table in kernel.tables],
+        "int TABLE_NOISE": [table.noise for table in kernel.tables],
         "int C_BAR": kernel.c_bars,
         "int C_SLOPE": kernel.c_slopes,
         "double FINE_STEP": [step_s for _, step_s, _ in kernel.fine],
@@ -215,7 +218,8 @@ def make_job(
     """The structure that the compiled loops read, and the arrays that must outlive the call."""
     given = np.ascontiguousarray(p, dtype=float)
     row = np.ascontiguousarray(rows, dtype=np.int64)
-    keep: list[Any] = [given, row, kernel.scale, raw, stop]
+    noise = np.ascontiguousarray(kernel.noise.drawn(given))
+    keep: list[Any] = [given, row, kernel.scale, raw, stop, noise]
 
     def address(array: npt.NDArray[Any] | None) -> int | None:
         return None if array is None else array.ctypes.data
@@ -227,6 +231,8 @@ def make_job(
         grid.step_s,
         grid.finer,
         address(given),
+        address(noise),
+        noise.shape[1],
         address(kernel.scale),
         address(raw.x),
         address(raw.y),

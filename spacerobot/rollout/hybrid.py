@@ -84,6 +84,8 @@ class HybridRun:
         Whether errors of steps are estimated.
     backwards
         Whether events at one instant fire in the other order; they are then found behind all of them.
+    noise
+        Random numbers (n,).
     """
 
     engine: Stepper
@@ -92,6 +94,7 @@ class HybridRun:
     c: Array
     estimate: bool
     backwards: bool = False
+    noise: Array | None = None
     fate: int = COMPLETED
     doubt: tuple[int, int] = (0, 0)
     happenings: list[InterpretedEvent] = field(default_factory=list)
@@ -149,7 +152,7 @@ class HybridRun:
         kernel = self.engine.kernel
         if kernel.tables:
             self.row = kernel.functions["rows"](t, self.x, self.c).full().ravel().astype(np.int64)
-            fill(kernel.tables, self.row, self.c, kernel.c_slopes)
+            fill(kernel.tables, self.row, self.c, kernel.c_slopes, self.noise)
 
     def _longest(self) -> float:
         kernel = self.engine.kernel

@@ -99,7 +99,8 @@ class InterpretedEngine:
         kernel = self.kernel
         begin, c = (part.full().ravel() for part in kernel.functions["setup"](p))
         if kernel.events:
-            return self._hybrid(HybridRun(self, grid, begin, c, estimate, backwards))
+            noise = kernel.noise.drawn(p[None, :])[0]
+            return self._hybrid(HybridRun(self, grid, begin, c, estimate, backwards, noise))
         times = c[list(kernel.jumps)]
         steps = plan(grid, times, backwards=backwards)
         sides = _sides(c, kernel.jumps, times, steps)

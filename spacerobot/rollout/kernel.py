@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import casadi as ca
@@ -14,6 +14,7 @@ from spacerobot.rollout.closed_loop_protocol import Array, ClosedLoopFunctions, 
 from spacerobot.rollout.initial_gaps import Closure
 from spacerobot.rollout.measures import Measures, Signals
 from spacerobot.rollout.methods import DEFAULT, METHODS, Tableau
+from spacerobot.rollout.noise import NoiseInput
 
 POSITION_LIMIT = VELOCITY_LIMIT = 1e6
 CONTROLLER_LIMIT = 1e12
@@ -60,6 +61,8 @@ class Kernel:
         Derivatives: whether parameters may move the time of each event.
     names
         Of the entries of x, the integrals of measures behind those of the state.
+    noise
+        Random numbers into which tables have windows.
     jump_slopes, rate
         Forward sensitivities: places in c of the jumps' derivatives, -1 likewise, and of that of time, if
         any jump moves.
@@ -88,6 +91,7 @@ class Kernel:
     c_slopes: tuple[int, ...] = ()
     moving: tuple[bool, ...] = ()
     names: tuple[str, ...] = ()
+    noise: NoiseInput = field(default_factory=NoiseInput)
 
     def size(self, function: str, argument: str) -> int:
         """Length of an argument of a function."""
@@ -169,6 +173,7 @@ def build_kernel(
         seen=_seen(functions) if loop.events else (),
         tables=tuple(loop.tables),
         names=(*loop.state_names, *summed),
+        noise=NoiseInput.of(getattr(loop, "noise", ()), list(loop.parameter_paths)),
     )
 
 

@@ -124,8 +124,7 @@ class Rollout:
         if isinstance(parameters, Mapping):
             values = np.array(self.loop.parameter_values, dtype=float)
             values[self.indices(tuple(parameters))] = list(parameters.values())
-            noisy: Array = self._noisy(values[None, :])[0]
-            return noisy
+            return values
         values = np.array(parameters, dtype=float)
         if values.shape != (len(self.loop.parameter_paths),):
             raise SpaceRobotError(
@@ -165,15 +164,6 @@ class Rollout:
         """Full rows (N, np) of parameters with values (N, k) in some places, nominal elsewhere."""
         p = np.tile(self.values(), (len(given), 1))
         p[:, places] = given
-        return self._noisy(p)
-
-    def _noisy(self, p: Array) -> Array:
-        """Parameters (N, np) with the noise of sensors drawn, in place."""
-        for table in self.loop.noise:
-            keys, first = self.indices(table.keys), self.indices([table.path])[0]
-            nominal = np.array(self.loop.parameter_values)[keys]
-            for row in np.flatnonzero((p[:, keys] != nominal).any(axis=1)):
-                p[row, first : first + table.rows * table.width] = table.drawn(*p[row, keys])
         return p
 
     def run(self, parameters: Parameters = None, *, estimate: bool = False) -> Trajectory:

@@ -64,6 +64,7 @@ def sensitivity_kernel(kernel: Kernel, wrt: Sequence[int], outputs: Sequence[str
         rate=rate,
         seen=kernel.seen,
         tables=kernel.tables,
+        noise=kernel.noise,
         c_slopes=places_in(reached, nc, nc) if kernel.tables else (),
         moving=moving_events(kernel, wrt, reached),
     )

@@ -12,7 +12,13 @@ from spacerobot.rollout.closed_loop_protocol import Array, TableRule
 Integers = npt.NDArray[np.int64]
 
 
-def fill(tables: Sequence[TableRule], rows: Integers, c: Array, slopes: Sequence[int] = ()) -> None:
+def fill(
+    tables: Sequence[TableRule],
+    rows: Integers,
+    c: Array,
+    slopes: Sequence[int] = (),
+    noise: Array | None = None,
+) -> None:
     """Let the windows of constants (..., nc) show the rows of their cursors.
 
     Parameters
@@ -21,8 +27,15 @@ def fill(tables: Sequence[TableRule], rows: Integers, c: Array, slopes: Sequence
         The tables, the row of each cursor, and the constants.
     slopes
         Place in c of each constant's derivative, or -1; none without derivatives.
+    noise
+        Random numbers (n,).
     """
     for table in tables:
+        if table.noise >= 0:
+            place = table.noise + int(rows[table.cursor]) * table.width
+            if noise is not None:
+                c[..., table.window : table.window + table.width] = noise[place : place + table.width]
+            continue
         begin, window = table.first + int(rows[table.cursor]) * table.width, table.window
         c[..., window : window + table.width] = c[..., begin : begin + table.width]
         for j in range(table.width if slopes else 0):
@@ -42,6 +55,8 @@ def gather(tables: Sequence[TableRule], rows: Integers, bars: Sequence[int], cba
         Place in cbar of each constant's bar, or -1.
     """
     for table in tables:
+        if table.noise >= 0:
+            continue
         begin = table.first + int(rows[table.cursor]) * table.width
         for j in range(table.width):
             window, place = bars[table.window + j], bars[begin + j]
@@ -54,6 +69,8 @@ def gather(tables: Sequence[TableRule], rows: Integers, bars: Sequence[int], cba
 def cells(tables: Sequence[TableRule]) -> Iterator[tuple[int, int, int]]:
     """Window's place, its table's place, and the table's number, of every entry of every table."""
     for number, table in enumerate(tables):
+        if table.noise >= 0:
+            continue
         for place in range(table.count * table.width):
             yield table.window + place % table.width, table.first + place, number
 

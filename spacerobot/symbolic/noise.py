@@ -1,7 +1,8 @@
 """Random numbers of sensors: drawn before a rollout, by a counter-based generator.
 
 Every number is a function of (seed, draw, sensor, index) alone, by Philox (Salmon and others 2011), so that
-lanes, threads, workers and both engines see the same noise. A rollout gets it as a table of parameters.
+lanes, threads, workers and both engines see the same noise. A rollout reads them through windows of tables
+that no function sees: neither compilation nor setup depends on how many there are.
 """
 
 from __future__ import annotations
@@ -19,20 +20,17 @@ DRAW, SEED = "simulation.noise_draw", "simulation.noise_seed"
 
 @dataclass(frozen=True)
 class NoiseTable:
-    """Standard normal numbers of one sensor among the parameters.
+    """Standard normal numbers of one sensor.
 
     Attributes
     ----------
     sensor
         Its name, unique in the closed loop.
-    path
-        Of its first number; the others follow, row by row.
     rows, width
         Samples, and numbers for each.
     """
 
     sensor: str
-    path: str
     rows: int
     width: int
 
@@ -42,7 +40,7 @@ class NoiseTable:
         return SEED, DRAW
 
     def drawn(self, seed: float, draw: float) -> Array:
-        """The numbers (rows x width,) of a draw, whose whole part counts."""
+        """The numbers (rows x width,), row by row, of a draw; whole parts count."""
         key = np.array([int(seed), int(draw)], dtype=np.uint64)
         counter = np.array([0, 0, 0, zlib.crc32(self.sensor.encode())], dtype=np.uint64)
         generator = np.random.Generator(np.random.Philox(key=key, counter=counter))

@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 
 from spacerobot.arrays import Array
-from spacerobot.symbolic.noise import DRAW, SEED, NoiseTable
+from spacerobot.symbolic.noise import NoiseTable
 from spacerobot.symbolic.tables import WindowTable
 
 
@@ -30,16 +30,6 @@ class Parameters:
         self._numbers = dict(numbers)
         self._vary = frozenset(vary)
         self._symbols: dict[str, ca.SX] = {}
-        self.noise: list[NoiseTable] = []
-
-    def random(self, sensor: str, rows: int, width: int) -> ca.SX:
-        """Symbols (rows x width) of a sensor's standard normal numbers."""
-        table = NoiseTable(sensor, f"noise.{sensor}.0", rows, width)
-        paths = [f"noise.{sensor}.{i}" for i in range(rows * width)]
-        _ = self(DRAW), self(SEED)
-        self._numbers |= dict(zip(paths, table.drawn(self.value(SEED), self.value(DRAW)), strict=True))
-        self.noise.append(table)
-        return ca.reshape(ca.vertcat(*(self(path) for path in paths)), width, rows).T
 
     def __call__(self, path: str) -> ca.SX:
         """Symbol of one number (1x1)."""
@@ -108,6 +98,7 @@ class Constants:
         self._switches: dict[str, int] = {}
         self._cursors: dict[str, ca.SX] = {}
         self._tables: dict[str, WindowTable] = {}
+        self.noise: list[NoiseTable] = []
 
     def jump(self, name: str, time: ca.SX) -> ca.SX:
         """Symbol (1x1) of a time [s] at which the dynamics jump, to be compared with time and nothing else.
@@ -170,6 +161,16 @@ class Constants:
             self._tables[name] = WindowTable(cursor, first, first + count * width, width, count)
         place = self._tables[name]
         return ca.vertcat(*self._symbols[place.window : place.window + place.width])
+
+    def random(self, sensor: str, rows: int, width: int, cursor: int) -> ca.SX:
+        """Symbols (width x 1) of the present row of a sensor's standard normal numbers (rows x width)."""
+        first = sum(table.rows * table.width for table in self.noise)
+        self.noise.append(NoiseTable(sensor, rows, width))
+        window = len(self._symbols)
+        self._symbols += [ca.SX.sym(f"{sensor}.noise[{j}]") for j in range(width)]
+        self._expressions += [ca.SX(0)] * width
+        self._tables[f"{sensor}.noise"] = WindowTable(cursor, -1, window, width, rows, first)
+        return ca.vertcat(*self._symbols[window:])
 
     @property
     def tables(self) -> tuple[WindowTable, ...]:

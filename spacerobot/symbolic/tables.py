@@ -17,6 +17,8 @@ class WindowTable:
         Where in c the first row and the window begin.
     width, count
         Numbers in a row, and rows.
+    noise
+        Place of the first row among the random numbers of a rollout; -1 where the rows are in c.
     """
 
     cursor: int
@@ -24,3 +26,4 @@ class WindowTable:
     window: int
     width: int
     count: int
+    noise: int = -1

@@ -146,6 +146,9 @@ NEEDS: dict[tuple[str, str], dict[str, object]] = {
     },
     ("actuator", "wheel_joints"): {"joints": "rotor*", "torque_limit": 2, "speed_limit": 80, "coulomb": 0.02},
     ("sensor", "linear"): {"offset": 0.01, "scale": 1.1},
+    # what errors do at instants is held to closed forms in test_sensor_errors
+    ("sensor", "gyro"): {"offset": 0.01, "scale": 1.1, "errors": None},
+    ("sensor", "star_tracker"): {"offset": 0.01, "scale": 1.1, "errors": None},
     ("environment", "orbit"): {
         "semi_major_axis": 8.0,
         "planet_radius": 0.5,

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import Literal
 
+from spacerobot.elements.linear_sensor import LinearSensor
 from spacerobot.elements.measurement import SensorErrors
 from spacerobot.elements.registry import register
-from spacerobot.elements.sensors.linear import Linear
 from spacerobot.section import quantity
 
 
 @register
-class Gyro(Linear):
+class Gyro(LinearSensor):
     """Rate gyro of navigation grade: white noise and a bias that walks at random, sampled at 100 Hz.
 
     The densities are those of Crassidis and Markley (2003), Unscented filtering for spacecraft attitude
@@ -19,7 +19,7 @@ class Gyro(Linear):
     an initial bias of 0.1 deg/h.
     """
 
-    kind: Literal["gyro"] = "gyro"  # type: ignore[assignment]
+    kind: Literal["gyro"] = "gyro"
     errors: SensorErrors | None = quantity(
         "1",
         "sampling and noise",

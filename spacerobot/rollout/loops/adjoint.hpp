@@ -49,7 +49,7 @@ static void turn_back(Trajectory& at, const real* row, Bars& bar) {
     for (int k = 0; row && k < CURSORS; ++k) other |= lane(row[k], l) != lane(at.now.row[k], l);
     if (!other) continue;
     for (int i = 0; i < TABLES; ++i)
-      for (int j = 0; j < TABLE_WIDTH[i]; ++j) {
+      for (int j = 0; j < TABLE_WIDTH[i] && TABLE_NOISE[i] < 0; ++j) {
         const int shown = int(lane(at.now.row[TABLE_CURSOR[i]], l)) * TABLE_WIDTH[i] + j;
         const int from = C_BAR[TABLE_WINDOW[i] + j], to = C_BAR[TABLE_FIRST[i] + shown];
         if (to >= 0) lane(bar.c[to], l) += lane(bar.c[from], l);

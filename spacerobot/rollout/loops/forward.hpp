@@ -111,6 +111,8 @@ static void set_out(const Job& job, int64_t first, const real* p, Trajectory& at
   at.c[RATE] = 0.;
 #endif
   at.first = first, at.done = at.reached = 0.;
+  for (int l = 0; l < LANES; ++l)
+    at.noise[l] = job.noise + (first + l < job.count ? first + l : job.count - 1) * job.noises;
   for (int l = 0; l < LANES; ++l) at.fate[l] = COMPLETED;
 #if EVENTS
   watch(at);

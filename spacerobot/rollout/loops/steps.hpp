@@ -37,6 +37,8 @@ struct Job {
   double h;                         // step where there is no jump, s
   double finer;                     // factor of FINE_STEP
   const double* p;                  // (count, NP)
+  const double* noise;              // (count, noises), random numbers
+  int64_t noises;
   const double* scale;              // (NX), one over how far each state may go from where it begins
   double* x;                        // (count, samples, NX) or null
   double* y;                        // (count, samples, rows) or null
@@ -125,6 +127,7 @@ struct Trajectory {
   Position now;
   real c[NC + 1], begin[NX], r[NR + 1], when[PEAKS + 1], done, reached, whole, jump[JUMPS + 1];
   int order[LANES][JUMPS + 1], jumps[LANES];
+  const double* noise[LANES];  // random numbers of each lane
   int64_t first, fate[LANES];  // which rollout the first lane's is; how each ended
 #if EVENTS
   int64_t fired[LANES], doubt[LANES], doubted[LANES];  // events; why gradients may not hold, at which event

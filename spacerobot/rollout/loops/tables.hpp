@@ -4,11 +4,17 @@
 //
 // Rows change at jumps and events alone. TABLE_CURSOR, TABLE_FIRST, TABLE_WINDOW and TABLE_WIDTH tell of each table which
 // cursor it has, where its first row and its window lie in c, and how wide they are. An event's update sees what was
-// shown before it.
+// shown before it. Where TABLE_NOISE is not -1 it tells where the rows begin among the random numbers of a rollout, which
+// no function sees.
 
 // Let the windows of lane l show its rows, and derivatives along its direction likewise.
 static void fill(Trajectory& at, int l) {
   for (int i = 0; i < TABLES; ++i) {
+    if (TABLE_NOISE[i] >= 0) {
+      const double* drawn = at.noise[l] + TABLE_NOISE[i] + int(lane(at.now.row[TABLE_CURSOR[i]], l)) * TABLE_WIDTH[i];
+      for (int j = 0; j < TABLE_WIDTH[i]; ++j) lane(at.c[TABLE_WINDOW[i] + j], l) = drawn[j];
+      continue;
+    }
     const int from = TABLE_FIRST[i] + int(lane(at.now.row[TABLE_CURSOR[i]], l)) * TABLE_WIDTH[i], to = TABLE_WINDOW[i];
     for (int j = 0; j < TABLE_WIDTH[i]; ++j) {
       lane(at.c[to + j], l) = lane(at.c[from + j], l);

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 
 from spacerobot.elements import Sensor
-from spacerobot.elements.sensors.linear import Linear
+from spacerobot.elements.linear_sensor import LinearSensor
 from spacerobot.elements.sensors.sampled import Sampled
 from spacerobot.scenario import Robot
 from spacerobot.scenario.sensors import Sensors
@@ -14,13 +14,13 @@ from tests.oracles.engine.laws import refusal
 
 
 @functools.singledispatch
-def reading_of(sensor: Sensor) -> Linear | Sampled:
+def reading_of(sensor: Sensor) -> LinearSensor | Sampled:
     """Offset and scale of a sensor, of each kind."""
     raise refusal(sensor)
 
 
 @reading_of.register
-def _(sensor: Linear) -> Linear:
+def _(sensor: LinearSensor) -> LinearSensor:
     return sensor
 
 
