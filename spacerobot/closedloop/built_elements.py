@@ -175,7 +175,7 @@ class LoopBuilder:
         return measure
 
     def _held(self, body: SceneBody, owner: str) -> Callable[[str, ca.SX], ca.SX | None]:
-        """What controllers read of a signal at instants; all that read one see the same."""
+        """Reader of signals that are measured at instants; all that read one see the same."""
         measure, sensors = self._measure(body), self._sensors(body)
 
         def held(signal: str, value: ca.SX) -> ca.SX | None:

@@ -64,7 +64,7 @@ class Clock:
         sets: Mapping[str, bool] | None = None,
         silent: bool = False,
     ) -> Event:
-        """What happens at its instants; as for :class:`Event`."""
+        """Event at its instants; as for :class:`Event`."""
         counted = {self.count.name: self.count.symbol + 1} | dict(updates)
         rules = dict(sets or {})
         return Event(name, kind, who, self.guard, ca.SX(1), rules, counted, clock=True, silent=silent)
@@ -115,7 +115,7 @@ class DelayLine:
 
     @property
     def states(self) -> list[State]:
-        """What it remembers."""
+        """States of the register and of its clock."""
         return [self.register, self.due.count]
 
     def shifted(self, value: ca.SX) -> dict[str, ca.SX]:

@@ -1,4 +1,4 @@
-"""What sensors have in common whose reading is a + b s (section 1.6 of the paper)."""
+"""Sensors whose reading is a + b s (section 1.6 of the paper)."""
 
 from __future__ import annotations
 
