@@ -89,7 +89,7 @@ def row() -> Row:
 
 
 def _phases(scene: Scene) -> dict[str, Spent]:
-    """What each phase of a campaign takes, in a store of its own."""
+    """Resources that each phase of a campaign takes, in a store of its own."""
     begun: list[tuple[str, Spent]] = []
 
     def note(now: CampaignProgress) -> None:

@@ -59,7 +59,7 @@ def write_bytes(path: StrPath, content: bytes) -> None:
 
 
 def _sink(path: Path) -> Path | int | None:
-    """What is written to without being replaced: a device, a pipe, or a copy of one of our own open files."""
+    """Target that is written to in place: a device, a pipe, or a copy of an open file of this process."""
     try:
         mode = path.stat().st_mode
     except FileNotFoundError:

@@ -48,7 +48,7 @@ class Variant:
 
     @property
     def changes(self) -> dict[str, Any]:
-        """What differs from the shipped scenario, by dotted path."""
+        """Changes to the shipped scenario, by dotted path."""
         changes: dict[str, Any] = {
             "robots.*.tips.tip.pid.feedback": self.feedback,
             "robots.*.tips.tip.reference.radius": self.radius_m,

@@ -1,4 +1,4 @@
-"""What every part of a scenario has in common: strict keys, finite numbers, a unit for each number."""
+"""Base of all sections of a scenario: strict keys, finite numbers, a unit for each number."""
 
 from __future__ import annotations
 

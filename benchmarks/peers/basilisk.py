@@ -1,4 +1,4 @@
-"""What scenes with Basilisk have in common."""
+"""Common functions of scenes with Basilisk."""
 
 from __future__ import annotations
 

@@ -34,7 +34,7 @@ class Side:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a scene found: in words, the processor times of one run each [s], their settings, raw numbers."""
+    """Outcome of a scene: in words, the processor times of one run each [s], their settings, raw numbers."""
 
     agreement: str
     error: str
@@ -62,7 +62,7 @@ def spent_s() -> float:
 
 
 def timed(job: Callable[[], Any]) -> tuple[Any, float]:
-    """What a job returns, and the processor time that it takes [s]."""
+    """Result of a job, and the processor time that it takes [s]."""
     before = spent_s()
     found = job()
     return found, spent_s() - before

@@ -30,7 +30,7 @@ STALE = 2  # steps in a row that fail before derivatives from secants are taken 
 
 @dataclass(frozen=True)
 class EvaluationRequest:
-    """What a descent wants to know: samples, or linearisations, at points (N, k).
+    """Request of a descent for samples, or linearisations, at points (N, k).
 
     The answer is a list of :class:`optim.methods.local_model.EvaluatedPoint`, or of linearisations.
     """
@@ -126,7 +126,7 @@ class _State:
 
     @property
     def _scale(self) -> float:
-        """What falls are relative to: the objective; the largest so far while a constraint is passed."""
+        """Scale of decreases: the objective; the largest one so far while a constraint is violated."""
         share = 1e-9 if self.at.excess <= 2 * MARGIN else 1.0
         return max(abs(self.at.objective), share * self._largest, np.finfo(float).tiny)
 

@@ -51,7 +51,7 @@ class EvolutionSettings:
     mutation: float = 0.05
 
     def fingerprint(self, method: str, seed: int) -> str:
-        """What a journal of such a run depends on beside the problem."""
+        """Hash of the data, in addition to the problem, on which a journal of such a run depends."""
         return hashlib.sha256(repr((self, method, seed)).encode()).hexdigest()
 
 

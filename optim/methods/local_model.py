@@ -34,7 +34,7 @@ FLAT = 0.01  # least weight of a variable that hardly matters, of that which mat
 
 @dataclass(frozen=True)
 class EvaluatedPoint:
-    """What is known at a point u (k,): objective, constraints (m,) and rows (n,)."""
+    """Values at a point u (k,): objective, constraints (m,) and rows (n,)."""
 
     u: Array
     objective: float
@@ -68,7 +68,7 @@ class EvaluatedPoint:
 
 
 def outer(form: Form, rows: Array) -> float:
-    """What the rows contribute to the objective."""
+    """Contribution of the rows to the objective."""
     if form == "minimax":
         return float(rows.max())
     return float(rows @ rows)

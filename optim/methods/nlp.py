@@ -42,7 +42,7 @@ class NlpSettings:
     budget: int | None = None
 
     def fingerprint(self, *others: object) -> str:
-        """What a journal of such a run depends on beside the problem."""
+        """Hash of the data, in addition to the problem, on which a journal of such a run depends."""
         return hashlib.sha256(repr((self, *others)).encode()).hexdigest()
 
 

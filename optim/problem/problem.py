@@ -87,7 +87,7 @@ class Linearisation:
 
 @dataclass(frozen=True)
 class EvaluationCost:
-    """What was spent, by kind; a problem over several plants counts all of them as one.
+    """Number of evaluations by kind; a problem over several plants counts all of them as one.
 
     Attributes
     ----------
@@ -144,11 +144,11 @@ class OptimisationProblem(Protocol):
 
     @property
     def linear_cost(self) -> EvaluationCost:
-        """What values and derivatives at one point cost; values alone cost one rollout."""
+        """Cost of values and derivatives at one point; values alone cost one rollout."""
 
     @property
     def sample_cost(self) -> EvaluationCost:
-        """What values and rows at one point cost."""
+        """Cost of values and rows at one point."""
 
     @property
     def fingerprint(self) -> str:

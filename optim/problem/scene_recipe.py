@@ -37,7 +37,7 @@ class SceneRecipe:
 
     @classmethod
     def of(cls, scene: Scene) -> SceneRecipe:
-        """What builds a scene again."""
+        """Recipe that builds a scene again."""
         source = None if scene.source is None else str(scene.source)
         return cls(to_document(scene.scenario), source, tuple(map(str, plugins())))
 

@@ -176,7 +176,7 @@ class RobustProblem:
         return [self.linearise(point) for point in u]
 
     def _rows_at(self, u: Array) -> Callable[..., Arrays]:
-        """What workers are asked of every sample at one point."""
+        """Evaluation of every sample at one point by the workers."""
         values = self.space.values(self.draws)
         rows = np.column_stack([np.tile(self.nominal.variables.values(u), (len(values), 1)), values])
         paths = (*self.names, *self.space.paths)
@@ -211,7 +211,7 @@ class RobustProblem:
 
 @dataclass(frozen=True)
 class Statistic:
-    """What of the samples' objectives is made small.
+    """Statistic of the samples' objectives that is minimised.
 
     Attributes
     ----------

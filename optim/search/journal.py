@@ -66,7 +66,7 @@ class Journal:
         return len(self._records)
 
     def replay(self, kind: str, point: Array) -> Mapping[str, Array] | None:
-        """What the next record says, if it was made at this point; else it and all after it are dropped."""
+        """Next record if it was made at this point; if not, it and all after it are dropped."""
         if self._next >= len(self._records):
             return None
         record = self._records[self._next]

@@ -148,7 +148,7 @@ def faults_of(what: str) -> Iterator[None]:
 
 
 def _work(version: str, work: Any, recipe: Recipe, *arguments: Any) -> Any:
-    """What a worker runs."""
+    """Run a work on a recipe's object, in a worker."""
     if version != spacerobot.__version__:
         message = (
             f"a worker has spacerobot {spacerobot.__version__}, this process {version}: install the same"
@@ -158,7 +158,7 @@ def _work(version: str, work: Any, recipe: Recipe, *arguments: Any) -> Any:
 
 
 def _make(recipe: Recipe) -> Any:
-    """What a recipe builds, built once in this process."""
+    """Object of a recipe, built once in this process."""
     key = recipe.key
     with _lock:
         if key not in _built:

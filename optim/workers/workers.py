@@ -39,11 +39,11 @@ class Recipe(Protocol):
 
 
 class Portable(Protocol):
-    """What can be built again in another process."""
+    """Object that can be built again in another process."""
 
     @property
     def recipe(self) -> Recipe:
-        """What builds it."""
+        """Recipe that builds it."""
 
 
 class Workers(Protocol):

@@ -1,4 +1,4 @@
-"""What the animated page plays of a folder, whatever command wrote it."""
+"""Data of the animated page for a folder, whichever command wrote it."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class PageData:
 
 
 def to_play(folders: Sequence[Path], tell: Tell) -> PageData:
-    """What to play of folders of results, or of one comparison, campaign or plan.
+    """Page data of folders of results, or of one comparison, campaign or plan.
 
     Raises
     ------

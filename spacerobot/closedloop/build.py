@@ -207,7 +207,7 @@ def _assemble(builder: LoopBuilder, found: EvaluatedLoop) -> ClosedLoop:
 
 
 def _hybrid(builder: LoopBuilder, acting: Contribution, arguments: Mapping[str, ca.SX]) -> dict[str, Any]:
-    """What the closed loop says of its switches and events."""
+    """Switches, event rules and event functions of the closed loop, as keyword arguments."""
     places, events = builder.context.constants.switches, acting.events
     rate, which = ca.SX.sym("xdot", arguments["x"].size1()), ca.SX.sym("e")
     values, rates = guards_of(events, arguments["t"], arguments["x"], rate)

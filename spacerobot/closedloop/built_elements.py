@@ -46,7 +46,7 @@ from spacerobot.symbolic import InitialState, Plant
 
 @dataclass(frozen=True)
 class LoopBuilder:
-    """What the elements of one closed loop are built from.
+    """Builder of the elements of one closed loop, with the data that they share.
 
     Attributes
     ----------
@@ -87,7 +87,7 @@ class LoopBuilder:
 
     @functools.cached_property
     def motions(self) -> Mapping[str, DesiredMotion]:
-        """What the reference of each tip asks for, by the tip's label."""
+        """Desired motion of each tip, by the tip's label."""
         return {label: lead.motion for label, lead in self.leads.items()}
 
     @functools.cached_property
@@ -129,7 +129,7 @@ class LoopBuilder:
         return constants.switch(path) if path in constants.switches else ca.SX(kind == "closed")
 
     def memory(self, name: str) -> State:
-        """What is remembered of phases under a name, a number."""
+        """Scalar state of the phases that is stored under a name; created on first use."""
         if name not in self.remembered:
             self.remembered[name] = memory(f"phase.{name}", ca.SX.zeros(1))
         return self.remembered[name]
@@ -276,7 +276,7 @@ class LoopBuilder:
         return ca.SX(1) if all(closes) else may, either(*told) if told else ca.SX(0)
 
     def contact(self, contact: SceneContact) -> ContactContext:
-        """What a contact is built from."""
+        """Context from which a contact is built."""
         surfaces = {shape: self._surface(shape) for pair in contact.pairs for shape in pair}
         pairs = tuple((surfaces[first], surfaces[second]) for first, second in contact.pairs)
         return ContactContext(self.context.at(contact.path), self.plant, contact.name, pairs)

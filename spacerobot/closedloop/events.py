@@ -97,7 +97,7 @@ def update_of(plant: Plant, acting: Contribution, which: ca.SX, impact: PlasticI
 def _new_values(
     event: Event, acting: Contribution, impact: PlasticImpact | None, symbols: Mapping[str, ca.SX]
 ) -> Iterator[tuple[str, ca.SX]]:
-    """What an event gives states by name: its own updates, what impulses leave behind, and the work."""
+    """New values of states by name: the event's own updates, the effects of impulses, and the work."""
     yield from event.updates.items()
     taken = ca.SX(1, 1) if event.loss is None else event.loss
     if event.impact and impact is not None:

@@ -1,4 +1,4 @@
-"""What acts from outside: its impulse is booked, so that the momentum less the impulse is constant."""
+"""External impulse: it is recorded, so that the momentum less the impulse is constant."""
 
 from __future__ import annotations
 

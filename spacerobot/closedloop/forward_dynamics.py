@@ -44,7 +44,7 @@ from spacerobot.symbolic import Plant
 
 @dataclass(frozen=True)
 class ForwardDynamicsResult:
-    """What the closed loop does at one instant.
+    """Accelerations, torques and reactions of the closed loop at one instant.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What impulses in rigid connections do to a velocity."""
+"""Velocity changes by impulses in rigid connections."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def masked(loads: ca.SX, active: ca.SX | None) -> ca.SX:
 
 
 def idleness(active: ca.SX | None, size: int) -> ca.SX:
-    """What stands on the diagonal of the small system for a constraint: 1 while it is not active (n x 1).
+    """Diagonal entries of the constraint system: 1 while the constraint is not active (n x 1).
 
     With its loads masked, its reaction is then zero and everything else as if it did not exist.
     """

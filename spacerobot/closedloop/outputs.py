@@ -1,4 +1,4 @@
-"""What can be observed of the closed loop: tips, bodies, joints, the whole, and what elements declare."""
+"""Outputs of the closed loop: of tips, bodies, joints, the whole system, and those that elements declare."""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ Condition = tuple[str, ca.SX, ca.SX]
 
 
 def phased(builder: LoopBuilder, outputs: Sequence[Output]) -> Contribution:
-    """What phases add to the closed loop; nothing where there is one only.
+    """Contribution of the phases to the closed loop; empty if there is only one.
 
     Parameters
     ----------

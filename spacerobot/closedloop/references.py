@@ -1,4 +1,4 @@
-"""What the references of a tip ask for, each from the instant at which it begins to lead."""
+"""Desired motions by the references of a tip, each from the instant at which it becomes active."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class TipGuidance:
 
     @functools.cached_property
     def motion(self) -> DesiredMotion:
-        """What is asked for now."""
+        """Desired motion at the current time, by the active reference."""
         found, *others = self.motions
         for motion, since in zip(others, self.sinces[1:], strict=True):
             parts = {
@@ -82,7 +82,7 @@ class TipGuidance:
 
     @functools.cached_property
     def motions(self) -> tuple[DesiredMotion, ...]:
-        """What each reference asks for."""
+        """Desired motion by each reference."""
         if not self.context.phases:
             return (self._from_start(self.tip.references[0]),)
         return tuple(
@@ -108,7 +108,7 @@ class TipGuidance:
         return reference.config.motion(self._context(self.context.at(reference.path)), beginning, pivot)
 
     def _context(self, context: SectionContext) -> ReferenceContext:
-        """What a reference sees."""
+        """Context of a reference: plant, tip, target and sensors."""
         target, model = self.target, self.plant.model
         links = {} if target is None else {link.name: link for link in target.description.links}
         frames = {name: int(model.getFrameId(f"target/{name}", pin.FrameType.BODY)) for name in links}
@@ -123,7 +123,7 @@ class TipGuidance:
         )
 
     def _measured_last(self, path: str, signal: str, shown: ca.SX) -> ca.SX:
-        """What a sensor shows, or showed when it measured last; what is constant of it stays so."""
+        """Signal of a sensor, or its last sample where it is held; constant entries stay constant."""
         name = f"{self.tip.label}.{path}.{signal}"
         if name not in self.held:
             frame = self.plant.placement(self.tip.frame)[1]
@@ -179,7 +179,7 @@ class TipGuidance:
         return self.context.at(self.tip.path).once("start", self.start.placement(self.tip.frame)[0])
 
     def _symbol(self, key: str) -> ca.SX:
-        """What is remembered under a name, of the components that can change."""
+        """Symbol of the state that is stored under a name; entries that cannot change are left out."""
         if key not in self.kept:
             first = ca.SX.zeros(1) if key == "since" else self._values(None)[key][self._axes(key)]
             self.kept[key] = memory(f"{self.tip.label}.begun.{key}", first)
@@ -203,7 +203,7 @@ class TipGuidance:
         return list(self.plant.rotation_axes if key in ("rotation", "spin") else self.plant.translation_axes)
 
     def _values(self, led: DesiredMotion | None) -> Mapping[str, ca.SX]:
-        """What a reference that begins now remembers: where the tip is, or where a motion leads it."""
+        """Initial values of a reference that becomes active: the tip's pose, or that of the preceding one."""
         plant, frame = self.plant, self.tip.frame
         rotation, origin = plant.placement(frame)
         velocity, spin = plant.velocity(frame)
@@ -237,7 +237,7 @@ class TipGuidance:
 
     @property
     def states(self) -> tuple[State, ...]:
-        """What it remembers."""
+        """States of the references and of held measurements."""
         held = (state for one in self.held.values() for state in one.states)
         return (*self.kept.values(), *(state for state, _ in self.seen.values()), *held)
 

@@ -1,4 +1,4 @@
-"""What makes a closed loop stiff: its fastest rate, and the gains that set it."""
+"""Stiffness of a closed loop: its fastest rate, and the gains that determine it."""
 
 from __future__ import annotations
 

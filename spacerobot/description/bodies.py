@@ -117,7 +117,7 @@ def check_bodies(bodies: Sequence[RigidBody], source: Path, *, floating: bool) -
 
 
 def _fault(body: RigidBody, *, is_base: bool = False) -> str:
-    """What keeps a body from being accelerated; empty if nothing does."""
+    """Reason why a body cannot be accelerated; empty if it can."""
     if body.mass == 0 and np.any(body.inertia):
         return "has an inertia but no mass"
     if body.mass == 0:

@@ -1,4 +1,4 @@
-"""What a description is made of: links, joints and shapes, as read-only values."""
+"""Parts of a description: links, joints and shapes, as read-only values."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ MOST_BYTES = 20_000_000
 
 @dataclass(frozen=True, eq=False)
 class Description:
-    """What a URDF holds, its mass properties and mimicry not judged yet.
+    """Contents of a URDF; mass properties and mimic joints are not yet verified.
 
     Attributes
     ----------

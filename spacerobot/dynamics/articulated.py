@@ -61,7 +61,7 @@ class Wrench:
 
 @dataclass(frozen=True)
 class _Elimination:
-    """What is left of a joint after its own motion was eliminated.
+    """Factors of a joint's articulated inertia after its own motion was eliminated.
 
     The joint's motion subspace is ``A T``: A (6xk) is simple where the joint allows it, T (kxk) orthogonal.
 

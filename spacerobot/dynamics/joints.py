@@ -1,4 +1,4 @@
-"""What the algorithms need to know of a Pinocchio joint, read once from the model.
+"""Properties of Pinocchio joints that the algorithms use, read once from the model.
 
 The configuration and velocity conventions are Pinocchio's: a planar joint is ``(x, y, cos, sin)``, a
 free-flyer ``(x, y, z, qx, qy, qz, qw)``, and the velocity of both is expressed in the moving frame.

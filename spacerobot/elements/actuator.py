@@ -94,7 +94,7 @@ class Actuator(RobotElement):
         return None
 
     def build(self, actuator: ActuatorContext) -> Contribution:
-        """What it adds to the closed loop."""
+        """Contribution to the closed loop."""
         raise NotImplementedError
 
     def limits(self, joints: Sequence[str]) -> list[str]:

@@ -46,7 +46,7 @@ _NO_ZERO = 1e-300
 
 @dataclass(frozen=True)
 class ThrusterLayout:
-    """What thrusters do and spend at full thrust.
+    """Wrenches and propellant consumption of thrusters at full thrust.
 
     Attributes
     ----------

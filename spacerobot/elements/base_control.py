@@ -1,4 +1,4 @@
-"""What controllers of a floating base have in common.
+"""Functions that controllers of a floating base share.
 
     u = K_p e + K_i int(e) - K_d w + k (h' - J w')
 
@@ -43,7 +43,7 @@ def held(
     actuation: ca.SX,
     reaction: ArmReaction | None,
 ) -> Contribution:
-    """What holds a base: its error is driven to zero.
+    """Contribution that holds a base: its error is driven to zero.
 
     Parameters
     ----------

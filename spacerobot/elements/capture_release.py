@@ -33,7 +33,7 @@ STATES = "0 open, 1 in its envelope, 2 captured, 3 released"
 
 
 def living(config: Grasp, grasp: GraspContext) -> Contribution:
-    """What a grasp adds to the closed loop, whether it is always closed or not."""
+    """Contribution of a grasp to the closed loop, whether it is always closed or not."""
     if config.begins == "closed" and config.release is None and grasp.lets_go.is_zero():
         return config.build(grasp)
     return _Life(config, grasp).contribution()
@@ -92,7 +92,7 @@ class _Life:
 
     @functools.cached_property
     def memory(self) -> Mapping[str, State]:
-        """What it remembers, by a short name."""
+        """States of the grasp, by short names."""
         plant, name = self.grasp.plant, self.grasp.name
         lines, turns, capture = len(plant.translation_axes), len(plant.rotation_axes), self.config.capture
         sizes = {}

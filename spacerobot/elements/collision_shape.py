@@ -169,7 +169,7 @@ class CollisionShape(Element):
         return coal.Convex.convexHull(points, False, "")
 
     def drawing(self, reach: float) -> list[DrawnGeometry]:
-        """What is drawn for it: the hull of its surface points.
+        """Drawn geometry: the hull of its surface points.
 
         Parameters
         ----------

@@ -36,7 +36,7 @@ OBSERVED = {
 
 
 class Contact(Element):
-    """What acts between the shapes of two bodies where they touch."""
+    """Contact between the shapes of two bodies."""
 
     family: ClassVar[str] = "contact"
 
@@ -179,7 +179,7 @@ def watch(
 
 @dataclass(frozen=True)
 class ContactForce:
-    """What a pair of shapes does.
+    """Contact force between a pair of shapes.
 
     Attributes
     ----------

@@ -72,7 +72,7 @@ class CommandedTorque:
 
 @dataclass(frozen=True)
 class ActuatorDrive:
-    """What an actuator makes of the generalized forces that it is asked for.
+    """Response of an actuator to commanded generalized forces.
 
     Attributes
     ----------

@@ -36,7 +36,7 @@ class Element(Section):
 
     @classmethod
     def read(cls, file: Path, where: str, phase: str | None = None) -> Mapping[str, Any]:
-        """What a file says, as :attr:`fills` takes it, for the section at a dotted path; of a phase if told.
+        """Values of a section from a file, in the form that :attr:`fills` takes; of one phase if it is given.
 
         Raises
         ------
@@ -54,5 +54,5 @@ class Element(Section):
         return []
 
     def words(self) -> str:
-        """What it is, in a few words with its main numbers, for ``spacerobot check``."""
+        """Short description with the main numbers, for ``spacerobot check``."""
         return self.kind

@@ -18,7 +18,7 @@ from spacerobot.symbolic import Plant
 
 @dataclass(frozen=True)
 class Load:
-    """What one joint carries, rigid in itself: the links welded to it; world axes.
+    """Rigid load of one joint: the links welded to it; world axes.
 
     Attributes
     ----------
@@ -105,5 +105,5 @@ class Environment(Element):
     falls: ClassVar[bool] = False
 
     def build(self, environment: EnvironmentContext) -> Contribution:
-        """What it adds to the closed loop: wrenches from outside, works, outputs."""
+        """Contribution to the closed loop: external wrenches, works, outputs."""
         raise NotImplementedError

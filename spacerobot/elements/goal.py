@@ -99,7 +99,7 @@ class Goal(Element):
         return None
 
     def rows(self, instant: PlanInstant) -> Iterator[BoundedRow]:
-        """What holds at the last instant, the joints' rest aside.
+        """Terminal constraints, without the joints' rest.
 
         Raises
         ------

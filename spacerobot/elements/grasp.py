@@ -155,7 +155,7 @@ class RestPose:
     angular_acceleration: ca.SX
 
     def powers(self, force: ca.SX, torque: ca.SX) -> tuple[PowerTerm, ...]:
-        """What drawing in takes, of a force and a torque on the target (3x1 each); none where it stays."""
+        """Power of drawing in, by a force and a torque on the target (3x1 each); none for a fixed grasp."""
         if not self.velocity.nnz() and not self.spin.nnz():
             return ()
         return (PowerTerm("draw_in", -ca.dot(force, self.velocity) - ca.dot(torque, self.spin), "in"),)

@@ -84,7 +84,7 @@ class JointPlanController(RobotController):
         return known(self.knots)
 
     def _table(self, robot: RobotContext, key: str) -> ca.SX:
-        """What stands at the points (n x joints), joints in the robot's order."""
+        """Values at the points (n x joints), joints in the robot's order."""
         columns = [self.planned.joints.index(name) for name in robot.joint_names]
         return table(robot.context, f"knots.{key}", len(self.planned.times), columns)
 

@@ -112,7 +112,7 @@ class Knots:
         return found
 
     def points(self, name: str, values: ca.SX, last: ca.SX) -> list[ca.SX]:
-        """What stands at the points of the interval (s of m x 1), of what stands at all points (rows).
+        """Values at the points of the current interval (s of m x 1), from those at all points (rows).
 
         Behind the last interval it is ``last`` (1 x m) at all of them.
         """

@@ -178,7 +178,7 @@ def places_of(value: ca.SX) -> list[tuple[int, int]]:
 
 
 def changing(value: ca.SX) -> ca.SX:
-    """What is no constant of a matrix (n x 1)."""
+    """Entries of a matrix that are not constant (n x 1)."""
     return ca.vertcat(ca.SX(0, 1), *(value[place] for place in places_of(value)))
 
 

@@ -78,7 +78,7 @@ class JointCost(PlanCost):
     )
 
     def value(self, joint: JointCoordinate) -> ca.SX:
-        """What is squared of a joint (1x1)."""
+        """Quantity of a joint that is squared (1x1)."""
         raise NotImplementedError
 
     def expression(self, instant: PlanInstant) -> ca.SX:
@@ -98,7 +98,7 @@ class AxesCost(PlanCost):
     )
 
     def vectors(self, instant: PlanInstant) -> Iterator[ca.SX]:
-        """What is squared (3x1 each)."""
+        """Vectors that are squared (3x1 each)."""
         raise NotImplementedError
 
     def expression(self, instant: PlanInstant) -> ca.SX:

@@ -41,7 +41,7 @@ def read_joints(file: Path, where: str, phase: str | None = None) -> Mapping[str
 
 
 def read_base(file: Path, where: str, phase: str | None = None) -> Mapping[str, Any]:
-    """What drives the base of the robot that a dotted path belongs to, plain; in one phase if it is named.
+    """Base drive of the robot that a dotted path belongs to, as plain data; of one phase if it is named.
 
     Raises
     ------

@@ -61,7 +61,7 @@ def known(knots: M | None) -> M:
 
 
 def table(context: SectionContext, key: str, count: int, columns: Sequence[int]) -> ca.SX:
-    """What stands at the points (count x columns) under a key of a section."""
+    """Symbolic values at the points (count x columns) under a key of a section."""
     rows = [[context.parameters(f"{context.path}.{key}.{k}.{j}") for j in columns] for k in range(count)]
     return ca.vertcat(*(ca.horzcat(*row) for row in rows))
 
@@ -109,7 +109,7 @@ class CollocationTimes(Section):
 
 
 class PhasedPlan(CollocationTimes):
-    """What a plan says of a robot, by its phases."""
+    """Phases of a plan that a robot follows."""
 
     phases: dict[Name, tuple[float, float]] = quantity(
         "s", "when each phase of the plan begins and ends, by name; one phase if none", default={}
@@ -137,7 +137,7 @@ class PhasedPlan(CollocationTimes):
 
 
 class BaseMotion(PhasedPlan):
-    """What drives a base, and how it moves, along some of its own axes: what stands at points."""
+    """Wrench and motion of a base along some of its own axes, as values at points."""
 
     axes: tuple[Literal["fx", "fy", "fz", "tx", "ty", "tz"], ...] = Field(
         min_length=1, description="axes of the root link, forces and torques, in the order of each row"

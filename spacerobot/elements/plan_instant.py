@@ -251,7 +251,7 @@ class PlanInstant(Protocol):
         """Joints of all robots that are planned, by robot/joint."""
 
     def by_joint(self, given: Mapping[str, T], key: str) -> Mapping[str, T]:
-        """What is given for each joint, by robot/joint; a full name wins over a pattern."""
+        """Values for each joint, by robot/joint; a full name takes precedence over a pattern."""
 
     def bases(self) -> Mapping[str, PlannedBase]:
         """Floating bases, by robot."""

@@ -255,7 +255,7 @@ def _told(section: Mapping[str, Any], found: Mapping[str, type[Element]]) -> Map
 
 
 def _unknown(section: Mapping[str, Any], found: tuple[str, ...]) -> str:
-    """What stands for the kind, the kinds there are, and those whose names are near, in one line."""
+    """Error text with the kind that was found, the registered kinds and those with similar names."""
     if "kind" not in section:
         return f"missing, allowed: {', '.join(found)}"
     near = difflib.get_close_matches(str(section["kind"]), found, n=2)

@@ -1,4 +1,4 @@
-"""What controllers and actuators of a whole robot have in common: they are judged by the robot's facts."""
+"""Base of controllers and actuators of a whole robot: they are verified against its properties."""
 
 from __future__ import annotations
 
@@ -86,6 +86,6 @@ class RobotElement(Element):
         return ()
 
     def cautions(self, robot: RobotProperties) -> Iterable[str]:
-        """What a user should look at where it acts on this robot, a sentence each."""
+        """Cautions for the user where it acts on this robot, a sentence each."""
         del robot
         return ()

@@ -84,7 +84,7 @@ class WheelSet(Actuator):
     def motors(
         self, actuator: ActuatorContext, asked: ca.SX, axes: ca.SX, speed: ca.SX, friction: ca.SX
     ) -> WheelMotors:
-        """What the motors do of what would be asked of them if all were free, at these speeds (n x 1 each).
+        """Motor torques from the torques commanded of free wheels, at these speeds (n x 1 each).
 
         Their axes (k x n) have the parts that can turn the base.
         """
@@ -145,7 +145,7 @@ class WheelSet(Actuator):
 
 @dataclass(frozen=True)
 class WheelMotors:
-    """What the motors of n wheels do at one instant.
+    """Torques of the motors of n wheels at one instant.
 
     Attributes
     ----------
@@ -197,7 +197,7 @@ def _is_redundant(axes: ca.SX) -> bool:
 
 
 def _taken_over(asked: ca.SX, axes: ca.SX, held: ca.SX) -> ca.SX:
-    """What is asked of each wheel (n x 1) if it is free and those of the others that are held are left out.
+    """Torque of each wheel (n x 1) if it is free and the other wheels at their limit are left out.
 
     With the torque m that held wheels do not give, those that are free add ``a_i . y``, ``A W A^T y = m``,
     which together is the pseudo-inverse of their axes. A held wheel would be one more of them.

@@ -122,7 +122,7 @@ class DynamicsUnknowns:
 
     @property
     def result(self) -> ForwardDynamicsResult:
-        """What follows from the unknowns."""
+        """Result of the forward dynamics, from the unknowns."""
         return ForwardDynamicsResult(
             self.acceleration, self.late[0], self.wrenches, self.driven, self.sampled
         )

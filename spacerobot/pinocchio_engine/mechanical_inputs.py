@@ -263,10 +263,10 @@ class InputContact(ContactContext):
 
 @dataclass(frozen=True)
 class InputBuilder(LoopBuilder):
-    """What the elements of a scene are built from, mechanics and contacts being inputs."""
+    """Builder of a scene's elements with mechanics and contacts as inputs."""
 
     def contact(self, contact: SceneContact) -> ContactContext:
-        """What a contact is built from."""
+        """Context from which a contact is built, its forces being inputs."""
         own = super().contact(contact)
         return InputContact(own.context, own.plant, own.name, own.pairs, contact)
 

@@ -29,7 +29,7 @@ Expression = Any
 
 
 class Loop(Protocol):
-    """What a quantity needs of a closed loop."""
+    """Interface of a closed loop that quantities use."""
 
     @property
     def state_names(self) -> Sequence[str]:

@@ -37,7 +37,7 @@ Name = (str, type(None))
 
 
 def missing_data(data: xr.Dataset, scenario: Scenario) -> str | None:
-    """What a dataset lacks, in words; None if nothing."""
+    """First missing or malformed item of a dataset, in words; None if it is complete."""
     for name, dims in DIMENSIONS.items():
         if name not in data.variables:
             return f"no variable {name!r}"
@@ -75,7 +75,7 @@ def _other_names(data: xr.Dataset, scenario: Scenario) -> str | None:
 
 
 def missing_summary(summary: Mapping[str, Any], data: xr.Dataset) -> str | None:
-    """What a summary lacks, in words; None if nothing."""
+    """First missing item of a summary, in words; None if it is complete."""
     told = _missing(_expected(data), summary, "")
     if told is not None:
         return told

@@ -59,7 +59,7 @@ def remove_derived(folder: Path) -> None:
 
 
 def _read(folder: Path) -> dict[str, str]:
-    """What is listed; nothing where the list is missing or damaged."""
+    """Hashes of the listed files by name; empty where the list is missing or damaged."""
     try:
         found = json.loads((folder / DERIVED).read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):

@@ -41,7 +41,7 @@ def works_of(data: xr.Dataset) -> list[xr.DataArray]:
 
 
 def work_text(work: xr.DataArray) -> str:
-    """What a work is, as a legend says it: ``put in by actuators``."""
+    """Legend text of a work: ``put in by actuators``."""
     return str(work.attrs["long_name"]).removeprefix("work ").removesuffix(" since the start")
 
 
@@ -76,7 +76,7 @@ def _inner_momentum(data: xr.Dataset, bodies: Sequence[Body]) -> dict[str, float
 
 
 def _energy(data: xr.Dataset) -> dict[str, Any]:
-    """What is put in = change of kinetic, spring and potential energy + what is taken."""
+    """Energy balance: energy put in = change of kinetic, spring and potential energy + energy taken."""
     stored = data.energy_kinetic.values + data.energy_spring.values + data.energy_potential.values
     change = stored - stored[0]
     works = works_of(data)

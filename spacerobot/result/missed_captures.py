@@ -86,7 +86,7 @@ def _may_close(scene: Scene, grasp: SceneGrasp, time: Array, events: Sequence[Ma
 def _why(
     scene: Scene, grasp: SceneGrasp, capture: Any, data: xr.Dataset, allowed: Booleans
 ) -> dict[str, Any]:
-    """What :func:`missed_captures` says of one grasp with an envelope."""
+    """Entry of :func:`missed_captures` for one grasp with a capture envelope."""
     time = data["time"].values
     gaps = np.linalg.norm(data["grasp_gap"].sel(grasp=grasp.name).values, axis=1)
     gaps = np.where(allowed, gaps, np.inf)

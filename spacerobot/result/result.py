@@ -58,7 +58,7 @@ class Result:
         return build_scene(self.scenario, source=self.folder / "scenario.yaml" if self.folder else None)
 
     def headline(self) -> list[Row]:
-        """What a person wants to know first, as rows of two texts."""
+        """Main figures of the result, as rows of two texts."""
         return headline(self.summary, self.data)
 
     def __repr__(self) -> str:

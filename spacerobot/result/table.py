@@ -16,7 +16,7 @@ FINEST = 1e-4
 
 
 def headline(summary: Mapping[str, Any], data: xr.Dataset) -> list[Row]:
-    """What a person wants to know first, one row each."""
+    """Main figures of a result, one row each."""
     rows = [("status", status_text(summary["status"]))]
     if summary.get("outcome"):
         rows.append(("outcome", summary["outcome"]))

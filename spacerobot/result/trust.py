@@ -129,7 +129,7 @@ def _residual(energy: Mapping[str, Any]) -> list[str]:
 
 
 def advise(engine: Mapping[str, Any], tolerance: float, fastest: Mapping[str, Any]) -> str:
-    """What to do about an open ledger, in words.
+    """Advice about an open ledger, in words.
 
     Parameters
     ----------
@@ -163,7 +163,7 @@ def share(part: float) -> str:
 
 
 def open_words(status: Mapping[str, Any]) -> str:
-    """What is open or too deep, as it follows a status; empty where nothing is."""
+    """Open balances and excessive depths, as the words that follow a status; empty if there are none."""
     return f"but {'; '.join(_doubts(status))}" if _doubts(status) else ""
 
 

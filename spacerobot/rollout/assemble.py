@@ -48,7 +48,7 @@ def trajectory_of(raw: RolloutArrays, kernel: Kernel, grid: TimeGrid, p: Array) 
 
 
 def _lost(kernel: Kernel, p: Array, x: Array, time: float) -> str:
-    """What makes a rollout diverge: what has no rate at the time when it is lost, else what grows fastest.
+    """Cause of divergence: the states without a finite rate at that time, else the state that grows fastest.
 
     ``x`` is the last good sample; rates are compared with how far a state may go.
     """

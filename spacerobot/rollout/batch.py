@@ -107,7 +107,7 @@ class Control:
 
 @dataclass(frozen=True)
 class Samples:
-    """What is sampled of each rollout: outputs by their places in y, and the states if asked for."""
+    """Samples of each rollout: outputs by their indices in y, and the states on request."""
 
     rows: Sequence[int] = ()
     states: bool = False
@@ -115,7 +115,7 @@ class Samples:
 
 @dataclass(frozen=True)
 class BatchArrays:
-    """What :func:`run_batch` returns: arrays, threads used and time taken in s."""
+    """Result of :func:`run_batch`: arrays, threads used and time taken in s."""
 
     raw: RolloutArrays
     threads: int

@@ -11,7 +11,7 @@ from spacerobot.arrays import Array as Array
 
 
 class EventRule(Protocol):
-    """What is known of an event before anything runs."""
+    """Properties of an event that are known in advance of a rollout."""
 
     @property
     def name(self) -> str:
@@ -19,7 +19,7 @@ class EventRule(Protocol):
 
     @property
     def kind(self) -> str:
-        """What happens, such as ``captured``."""
+        """Kind of event, such as ``captured``."""
 
     @property
     def who(self) -> str:

@@ -62,7 +62,7 @@ class Occurrence:
 
 
 class SweepNotes:
-    """What an interpreted sweep back tells of instants; see ``loops/adjoint.hpp``.
+    """Records of an interpreted backward sweep about coincident events; see ``loops/adjoint.hpp``.
 
     Parameters
     ----------
@@ -260,7 +260,7 @@ class CoincidentInstant:
         way.above |= set(np.flatnonzero(self._guards(way.x, way.c) > 0).tolist())
 
     def _turned(self, own: list[int]) -> _Way | None:
-        """What has its own time the other way round, the rest as soon as it can be; None if that fails."""
+        """Sequence with the given events reversed, the rest as early as possible; None if that fails."""
         own, way = own.copy(), self._begin()
         rest = [(thing, root) for thing, root in self._things if thing not in own]
         while own or rest:

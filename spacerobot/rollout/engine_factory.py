@@ -20,7 +20,7 @@ ADJOINT = "the closed loop's adjoint"
 
 
 class Engines:
-    """What evaluates a kernel: compiled with a toolchain, or interpreted without one.
+    """Engines that evaluate a kernel: compiled with a toolchain, or interpreted without one.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ class Engines:
         return compile_kernel(kernel, lanes, self.toolchain, adjoint=adjoint, progress=progress)
 
     def _once(self, key: tuple[object, ...], make: Callable[[], Made]) -> Made:
-        """What a key stands for, made by the first who asks; others wait only if they ask for the same."""
+        """Value of a key, made by the first caller; others wait only if they request the same key."""
         with self._lock:
             own = self._locks.setdefault(key, threading.Lock())
         with own:

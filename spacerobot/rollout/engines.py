@@ -135,7 +135,7 @@ def compile_kernel(
 
 
 def _facts(kernel: Kernel) -> list[str]:
-    """What the loops must know of a kernel before they are compiled."""
+    """Definitions of a kernel that the loops need at compile time."""
     sizes = {
         "INTEGRALS": kernel.integrals,
         "PEAKS": kernel.peaks,

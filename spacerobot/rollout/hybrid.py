@@ -45,7 +45,7 @@ SECANTS, TRIES, BURST = 8, 60, 100
 
 
 class Stepper(Protocol):
-    """What evaluates steps of a kernel."""
+    """Evaluator of steps of a kernel."""
 
     @property
     def kernel(self) -> Kernel:
@@ -57,7 +57,7 @@ class Stepper(Protocol):
 
 @dataclass
 class _Done:
-    """What a step came to; the event it ends with, or -1, and whether it was cut short."""
+    """Result of a step; the event it ends with, or -1, and whether it was cut short."""
 
     end: Array
     m: Array

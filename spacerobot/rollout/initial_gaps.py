@@ -39,7 +39,7 @@ class Closure:
         return np.asarray((gaps > list(self.largest.values())).any(axis=1), dtype=np.bool_)
 
     def told(self, gaps: Array) -> tuple[str, ...]:
-        """What does not close in each row (N, n); empty where all does."""
+        """Description of the open gaps in each row (N, n); empty where all are closed."""
         if not self.largest:
             return ("",) * len(gaps)
         return tuple(unclosed(dict(zip(self.largest, row, strict=True)), self.largest) for row in gaps)

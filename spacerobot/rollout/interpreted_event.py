@@ -1,4 +1,4 @@
-"""What is known of an event of an interpreted rollout, for the sweep back."""
+"""Data of an event of an interpreted rollout, for the backward sweep."""
 
 from __future__ import annotations
 

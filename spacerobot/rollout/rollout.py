@@ -60,7 +60,7 @@ class Rollout:
     choice: StepChoice | None = None
 
     def __repr__(self) -> str:
-        """What runs, in one line."""
+        """One-line description of the rollout."""
         return f"<Rollout of {self.grid.duration_s:g} s: {self.summary}>"
 
     def _repr_html_(self) -> str:

@@ -180,7 +180,7 @@ class Tip(Section):
 
     @property
     def sections(self) -> dict[str, Section]:
-        """What stands in it, by key."""
+        """Sections by key."""
         return {key: value for key, value in self if isinstance(value, Section)}
 
     def elements(self) -> Iterator[tuple[str, TipController]]:

@@ -74,12 +74,12 @@ def sections(node: Any) -> list[Document]:
 
 
 def without_null(document: Document) -> Document:
-    """What of a mapping is not null."""
+    """Entries of a mapping that are not null."""
     return {name: value for name, value in document.items() if value is not None}
 
 
 def pick(merged: Document, changes: Document) -> Document:
-    """What of a merged document changes name, references whole."""
+    """Entries of a merged document that the changes name; references are kept whole."""
     return {
         key: pick(merged[key], value)
         if isinstance(value, dict) and isinstance(merged.get(key), dict) and key != "reference"

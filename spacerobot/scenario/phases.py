@@ -117,7 +117,7 @@ class Phase(Section):
 
     @property
     def changes(self) -> dict[str, Any]:
-        """What differs from the scenario, nested as in it."""
+        """Differences from the scenario, nested as in it."""
         found = {"robots": self.robots, "target": self.target, "grasps": self.grasps}
         return {key: value for key, value in found.items() if value}
 
@@ -131,7 +131,7 @@ Phases = Mapping[str, Phase]
 
 
 def successors(phases: Phases) -> dict[str, tuple[str, str]]:
-    """What follows each phase, as it ends and where it ends by ``timeout``."""
+    """Successors of each phase: at its end, and at its end by ``timeout``."""
     names = list(phases)
     found = {}
     for name, default in zip(names, [*names[1:], END], strict=True):
@@ -151,7 +151,7 @@ def ways(name: str, phases: Phases) -> str:
 
 
 def differences(phase: Phase) -> list[str]:
-    """What differs from the scenario in a phase, in words."""
+    """Differences of a phase from the scenario, in words."""
     found = [
         f"{path} {value:g}" for path, value in _differing(phase.changes) if isinstance(value, float | int)
     ]

@@ -55,7 +55,7 @@ def list_assumptions(scene: Scene) -> tuple[str, ...]:
 
 
 def list_warnings(scene: Scene) -> tuple[str, ...]:
-    """What a user should look at: the URDFs' oddities, postures, sensors and references without a purpose."""
+    """Warnings about URDFs, postures, and sensors and references without a purpose."""
     found: list[str] = []
     for body in scene.bodies:
         found += [f"{body.path}: {warning}" for warning in body.description.warnings]
@@ -135,7 +135,7 @@ def _unread_sensors(scene: Scene, body: SceneBody) -> list[str]:
 
 
 def _closed(scene: Scene, closing: ClosingBase) -> str:
-    """What of a base gives way to a grasp, and where that places it."""
+    """Base that is placed so that a grasp closes, and its pose, in words."""
     x, y, z = _base_motion(scene, closing.body)[0]
     turned = f", turned by {_vector(_base_turn(scene, closing.body))} deg," if closing.aligns else ""
     found = (

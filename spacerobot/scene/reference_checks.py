@@ -1,4 +1,4 @@
-"""What references ask for, held against what the scene's bodies can do."""
+"""Checks of references against the capabilities of the scene's bodies."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def check_followed(scene: Scene) -> None:
 
 
 def reference_warnings(scene: Scene) -> list[str]:
-    """What references warn of by themselves, and those that lead too far."""
+    """Warnings of the references themselves, and about those that lead out of reach."""
     references = [reference for tip in scene.tips for reference in tip.references]
     own = [
         f"{reference.path}: {warning}" for reference in references for warning in reference.config.warnings()

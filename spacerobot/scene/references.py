@@ -36,7 +36,7 @@ def references_of(
 
 
 def _reference(label: str, scenario: Scenario, changes: Document, phase: str) -> SceneReference:
-    """What leads a tip by a scenario; what a phase changes stands under its name."""
+    """Reference of a tip in a scenario; one that a phase changes carries the phase's name."""
     robot, _, name = label.partition("/")
     tip, target = scenario.robots[robot].tips[name], scenario.target
     place = f"robots.{robot}.tips.{name}.reference"

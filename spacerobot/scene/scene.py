@@ -146,7 +146,7 @@ class SceneTip:
 
     @property
     def reference(self) -> Reference:
-        """What leads it from the start."""
+        """Reference that is active from the start."""
         return self.references[0].config
 
     @property
@@ -199,7 +199,7 @@ class SceneShape:
 
 @dataclass(frozen=True)
 class SceneContact:
-    """What may touch: every first shape with every second one."""
+    """Pairs of shapes that may touch: every first shape with every second one."""
 
     name: str
     path: str

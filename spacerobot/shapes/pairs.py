@@ -82,7 +82,7 @@ def proximity(one: Shape, other: Shape, crown: ca.SX | float = CROWN) -> Proximi
 
 
 class Implicit(NamedTuple):
-    """What an iteration finds, as a symbol that is held constant in derivatives.
+    """Result of an iteration, as a symbol that is held constant in derivatives.
 
     Attributes
     ----------

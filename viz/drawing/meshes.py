@@ -54,7 +54,7 @@ class MeshFile(NamedTuple):
 
 
 def mesh_file(geometry: Geometry) -> MeshFile:
-    """What a shape of the kind ``mesh`` names."""
+    """Mesh file that a shape of the kind ``mesh`` names."""
     corners = () if geometry.corners is None else tuple(map(tuple, geometry.corners.tolist()))
     if geometry.mesh is None and not corners:
         raise ValueError("a mesh without a file")

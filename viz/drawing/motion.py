@@ -167,7 +167,7 @@ def _pads(scene: Scene) -> list[tuple[str, int, DrawnSolid]]:
 def pad_solids(
     scene: Scene, shape: SceneShape, pairs: Sequence[tuple[SceneShape, SceneShape]]
 ) -> list[DrawnSolid]:
-    """What is seen of a pad, in the frame of the joint that carries it."""
+    """Drawn solids of a pad, in the frame of the joint that carries it."""
     placement = scene.model.frames[shape.frame].placement.homogeneous @ shape.placement
     others = {other for pair in pairs if shape in pair for other in pair if other is not shape}
     found = []
@@ -207,7 +207,7 @@ def pick_rows(time: Array, *, rate_hz: float, most: int) -> Rows:
 
 @dataclass(frozen=True, eq=False)
 class SceneGeometry:
-    """What of a scene moves, read once to be placed many times: nodes and joints.
+    """Moving geometry of a scene, read once to be placed many times: nodes and joints.
 
     Attributes
     ----------

@@ -140,7 +140,7 @@ class _NodeSurface(NamedTuple):
 
 @lru_cache(maxsize=16)
 def _node_surfaces(nodes: tuple[Node, ...]) -> list[_NodeSurface]:
-    """What each node is drawn as; solids are numbered through."""
+    """Surface of each node; solids are numbered across nodes."""
     solids = [solid for node in nodes for solid in node.solids]
     meshes = shown_meshes(mesh_file(s.geometry) for s in solids if s.geometry.kind == "mesh")
     numbers, found = count(), []

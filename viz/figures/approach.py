@@ -179,7 +179,7 @@ def _curve(panel: Axes, curve: Approach, name: str, look: Mapping[str, Any]) -> 
 
 
 def _envelope(panel: Axes, capture: Capture, key: str, unit: str) -> None:
-    """What a capture allows, where it limits it."""
+    """Draw the capture envelope, if the capture limits this quantity."""
     limit = getattr(capture, key)
     if limit is None:
         return

@@ -26,7 +26,7 @@ class BandSeries(Protocol):
 
     @property
     def components(self) -> tuple[str, ...]:
-        """What each component is of."""
+        """Labels of the components."""
 
     @property
     def time(self) -> Array:

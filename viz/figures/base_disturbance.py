@@ -1,4 +1,4 @@
-"""What a motion does to the base that carries the arm, for several ways of doing it."""
+"""Base disturbance by the motion of the arm, for several controllers."""
 
 from __future__ import annotations
 

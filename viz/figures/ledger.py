@@ -60,7 +60,7 @@ def stored_change(result: Result) -> Array:
 
 
 def energy_astray(result: Result) -> Array:
-    """What the energy balance leaves open, J."""
+    """Residual of the energy balance [J]."""
     flow = sum(work.attrs["sign"] * work.values for work in works_of(result.data))
     return np.asarray(stored_change(result) - flow, dtype=np.float64)
 

@@ -267,7 +267,7 @@ def _near_limits(panel: Axes, limits: Array) -> None:
 
 
 def _over(panel: Axes, plan: xr.Dataset, flown: Result, name: str, joints: list[str]) -> None:
-    """What was flown until the plan's end, dotted."""
+    """Draw the simulated motion until the plan's end, dotted."""
     scale = unit_scale(plan[name].attrs["units"])[0]
     data = flown.data.sel(time=slice(0.0, float(plan.time.values[-1])))
     known = {str(label) for label in data.joint.values}

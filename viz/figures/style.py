@@ -248,7 +248,7 @@ def labels_of(results: Sequence[Result]) -> list[str]:
 
 
 def called(body: str) -> str:
-    """What people call a body: a robot by its name, the target ``object``."""
+    """Displayed name of a body: a robot's own name, the target as ``object``."""
     return "object" if body == "target" else body
 
 

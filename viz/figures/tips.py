@@ -206,7 +206,7 @@ def _sizes(panel: Axes, results: Sequence[Result], error: _Error, tip: str) -> N
 
 
 def _bands(panel: Axes, tip: str, name: str) -> None:
-    """What the paper prints for this tip and axis, if it does."""
+    """Draw the values that the paper prints for this tip and axis, if it does."""
     if (tip, name) not in AXES:
         return
     seventh, tenth = FIGURE_7_MM[AXES.index((tip, name))], FIGURE_10_MM[AXES.index((tip, name))]

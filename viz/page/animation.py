@@ -252,7 +252,7 @@ def _title(labels: Sequence[str]) -> str:
 
 
 def _about(shown: Sequence[AnimatedResult]) -> str:
-    """What is shown, for a reader who does not know the scenario."""
+    """Description of the shown results, for a reader who does not know the scenario."""
     first, engine = shown[0], shown[0].result.summary["engine"]["name"]
     scenario, kind = first.result.scenario, "planar" if first.scene.planar else "spatial"
     names = {one.result.scenario.name for one in shown}

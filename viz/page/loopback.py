@@ -57,7 +57,7 @@ class Loopback:
         return f"http://{ADDRESS}:{self.port}/"
 
     def handlers(self) -> list[Any]:
-        """What is served, as tornado takes it; each a :class:`LocalRequestHandler`."""
+        """Handlers of the server, as tornado takes them; each a :class:`LocalRequestHandler`."""
         raise NotImplementedError
 
     def allows(self, host: str) -> bool:

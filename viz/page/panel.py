@@ -1,4 +1,4 @@
-"""What stands beside the motion on a page without a server: metrics of results, and where these differ."""
+"""Side panel of a page without a server: metrics of results, and their differences."""
 
 from __future__ import annotations
 

@@ -107,7 +107,7 @@ def _curves(quantities: list[dict[str, Any]], plan: xr.Dataset) -> Iterator[dict
 
 
 def _marks(scene: Scene, size: float) -> dict[int, list[dict[str, Any]]]:
-    """What keeps out and where tips come in, by the joint that carries it."""
+    """Keep-out zones and approach cones, by the joint that carries them."""
     plan = scene.scenario.plan
     found: dict[int, list[dict[str, Any]]] = {}
     if plan is None:

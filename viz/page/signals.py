@@ -305,7 +305,7 @@ def _base_errors(result: Result) -> list[PlottedQuantity]:
 
 
 def _thrusters(result: Result) -> list[PlottedQuantity]:
-    """What they give and spend."""
+    """Thruster forces and propellant consumption."""
     data = result.data
     if "thruster" not in data.dims:
         return []

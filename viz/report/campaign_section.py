@@ -212,7 +212,7 @@ def _percentiles(summary: Mapping[str, Any]) -> str:
 
 
 def _matters(summary: Mapping[str, Any]) -> str:
-    """What each metric depends on: in sentences, and as bars for the first one."""
+    """Dependence of each metric on the parameters: in sentences, and as bars for the first one."""
     parts = []
     for name, told in summary["gains"].items():
         sentences = [depends(metric, entry) for metric, entry in told["matters"].items()]

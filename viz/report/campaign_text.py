@@ -71,7 +71,7 @@ def _cause(cause: str) -> str:
 
 
 def depends(metric: str, entry: Mapping[str, Any]) -> str:
-    """What a metric depends on, strongest first."""
+    """Dependence of a metric on the parameters, strongest first."""
     subject = f"The {quantity_of(metric)}"
     strongest: Sequence[Mapping[str, Any]] = entry["strongest"]
     note = f" ({entry['note']})" if "note" in entry and strongest else ""
@@ -100,7 +100,7 @@ def mixed(summary: Mapping[str, Any]) -> str | None:
 
 
 def stepping(summary: Mapping[str, Any]) -> str | None:
-    """What a sensor's offset does, where one is drawn."""
+    """Effect of a sensor's offset, where one is drawn."""
     names = ", ".join(summary["sensor_offsets"])
     if not names:
         return None

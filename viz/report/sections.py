@@ -92,7 +92,7 @@ _ELSEWHERE = ("status", "engine")
 
 
 def events(subject: Subject) -> str | None:
-    """What happened when, a table for each result that has events."""
+    """Events, a table for each result that has any."""
     tables = [
         (label, event_rows(result.summary.get("events", ())))
         for result, label in zip(subject.results, subject.labels, strict=True)
@@ -188,7 +188,7 @@ def ledger(subject: Subject) -> str | None:
 
 
 def assumptions(subject: Subject) -> str | None:
-    """What was assumed where the scenario is silent, those all share first."""
+    """Assumptions where the scenario is silent, those that all results share first."""
     lists = [list(result.summary["assumptions"]) for result in subject.results]
     shared = [line for line in lists[0] if all(line in other for other in lists)]
     parts = [_list(shared, "assumptions")]

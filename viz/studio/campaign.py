@@ -76,7 +76,7 @@ def _campaign(request: Request, plant: PreparedDesign, numbers: Mapping[str, flo
 
 
 def _told(spread: CampaignSpread, values: Array, total: int) -> dict[str, Any]:
-    """What samples say so far: the metric of each, quantiles of signals over time, paths of some."""
+    """Message about the samples so far: the metric of each, quantiles of signals over time, paths of some."""
     return {
         "progress": len(values) / total,
         "message": "",

@@ -37,7 +37,7 @@ class SearchFound:
     message: str = ""
 
     def plain(self) -> dict[str, Any]:
-        """What the page is told."""
+        """Plain data for the page."""
         best = {"values": dict(self.values), "objective": self.objective} if self.curve else None
         about = {"progress": self.progress, "message": self.message, "start": self.start}
         return {**about, "best": best, "curve": [list(point) for point in thinned(self.curve)]}

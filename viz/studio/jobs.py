@@ -1,4 +1,4 @@
-"""What takes a while beside the designs: improving, tuning and campaigns, told as they go, stoppable."""
+"""Background jobs of the studio: improving, tuning and campaigns, with progress, and cancellable."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the studio's page and server say to each other, as JSON and arrays; docs/how_to/studio.md lists it."""
+"""Messages between the studio's page and server, as JSON and arrays; docs/how_to/studio.md lists them."""
 
 from __future__ import annotations
 

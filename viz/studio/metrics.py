@@ -1,4 +1,4 @@
-"""What each rollout of the studio is measured by: the columns of campaigns, and totals of them."""
+"""Metrics of each rollout of the studio: the columns of campaigns, and totals of them."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class Metric:
     duration_s: float
 
     def plain(self) -> dict[str, str]:
-        """What the page is told."""
+        """Plain data for the page."""
         return {"key": self.key, "label": self.label, "unit": self.unit, "text": self.text}
 
     def expression(self, measured: ca.SX) -> ca.SX:
@@ -89,7 +89,7 @@ class Metrics:
         return named[key]
 
     def values(self, costs: Mapping[str, float]) -> list[float | None]:
-        """What the page is told of a rollout's costs; None where there is no number."""
+        """Metric values of a rollout's costs for the page; None where a value is not finite."""
         found = [metric.factor * float(costs[metric.key]) for metric in self.metrics]
         return [value if np.isfinite(value) else None for value in found]
 

@@ -91,7 +91,7 @@ class Leaf:
         return ""
 
     def plain(self, ends: tuple[float, float, str] | None, free: bool) -> dict[str, Any]:
-        """What the page is told; ``ends`` of its slider where the tuning section gives them."""
+        """Plain data for the page, with ``ends`` of its slider where the tuning section gives them."""
         told = {"path": self.path, "value": self.value, "kind": self.kind, "text": self.text, "free": free}
         if self.kind != "number":
             return told | ({"choices": list(self.choices)} if self.choices else {})

@@ -65,7 +65,7 @@ class PreparedDesign:
 
     @cached_property
     def leaves(self) -> dict[str, Leaf]:
-        """What of it can be changed, by dotted path."""
+        """Parameters that can be changed, by dotted path."""
         return find_leaves(self.scene.scenario)
 
     @cached_property
@@ -150,7 +150,7 @@ class PreparedDesign:
         return look_at(result, scene.scenario.name, scene, self.stage(scene))
 
     def stage(self, scene: Scene) -> SceneGeometry:
-        """What of a scene moves: with other pads it has other shapes."""
+        """Moving geometry of a scene; with other pads it has other shapes."""
         return self._stage if scene.scenario.pads == self.scene.scenario.pads else SceneGeometry.of(scene)
 
     @cached_property
@@ -160,7 +160,7 @@ class PreparedDesign:
 
 @dataclass(frozen=True)
 class Origin:
-    """What designs differ from: a scene, and how the command line names it.
+    """Origin of designs: a scene, and its name on the command line.
 
     Attributes
     ----------

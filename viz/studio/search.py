@@ -52,7 +52,7 @@ class SearchBox:
 
     @classmethod
     def of(cls, request: Request, plant: PreparedDesign) -> SearchBox:
-        """What a request asks for.
+        """Search box that a request defines.
 
         Raises
         ------

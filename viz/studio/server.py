@@ -88,7 +88,7 @@ class Studio(Loopback):
         super().close()
 
     def payload(self) -> dict[str, Any]:
-        """What the page begins with."""
+        """Initial data of the page."""
         return {"title": self._title, "about": "connecting", "runs": [], "studio": True}
 
 

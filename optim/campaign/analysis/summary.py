@@ -207,7 +207,7 @@ def _captured(sampled: SampleStatistics, campaign: Campaign) -> dict[str, Any] |
 
 
 def _matters(sampled: SampleStatistics, draws: Array, campaign: Campaign) -> dict[str, Any]:
-    """What each metric depends on, and whether a capture is missed."""
+    """Dependence of each metric, and of missed captures, on the parameters."""
     values = {metric: sampled.largest(metric) for metric in sampled.metrics}
     if sampled.missed is not None:
         values["missed"] = sampled.missed.astype(float)

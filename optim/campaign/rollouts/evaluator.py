@@ -153,12 +153,12 @@ class CampaignEvaluator:
 
     @property
     def columns(self) -> tuple[MetricColumn, ...]:
-        """What is kept, M of them."""
+        """Metric columns that are kept, M of them."""
         return self.members[0].kept.columns
 
     @property
     def recording(self) -> SignalRecording:
-        """What is kept over time."""
+        """Signals that are kept over time."""
         return self.members[0].recording
 
     @property
@@ -168,7 +168,7 @@ class CampaignEvaluator:
 
     @property
     def bytes_per_sample(self) -> int:
-        """What a sample's series take in memory, all sets of gains together."""
+        """Memory of a sample's series, all sets of gains together [bytes]."""
         return len(self.members) * self.recording.bytes_per_rollout
 
     def member(self, gains: str) -> GainSet:
@@ -177,11 +177,11 @@ class CampaignEvaluator:
 
     @property
     def recipe(self) -> EvaluatorRecipe:
-        """What builds the same one elsewhere."""
+        """Recipe that builds the same evaluator in another process."""
         return EvaluatorRecipe(SceneRecipe.of(self.scene), self.gains)
 
     def identity(self, draws: Array) -> dict[str, Any]:
-        """What decides the numbers: plain data, leaves of which can be compared, and a hash of everything.
+        """Data that determines the numbers: plain data with comparable leaves, and a hash of everything.
 
         Parameters
         ----------

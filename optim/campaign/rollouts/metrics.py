@@ -98,7 +98,7 @@ class CampaignMetrics:
 def build_campaign_metrics(
     loop: ClosedLoop, scene: Scene, wanted: Sequence[str], extended: ClosedLoopFunctions | None = None
 ) -> CampaignMetrics:
-    """What is kept of rollouts of a closed loop; a metric that a scene has nothing for is left out.
+    """Metrics of a closed loop's rollouts; a metric that does not apply to the scene is left out.
 
     The residual of the energy is kept besides, the drift of the momenta where they are constant, and the
     indentation of contacts: they say which rollouts to trust.

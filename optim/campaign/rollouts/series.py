@@ -64,7 +64,7 @@ class SignalRecording:
 
     @property
     def bytes_per_rollout(self) -> int:
-        """What one rollout under one set of gains takes in memory."""
+        """Memory of one rollout under one set of gains [bytes]."""
         return BYTES_EACH * len(self.time) * self.width
 
 
@@ -76,7 +76,7 @@ def series_step(campaign: Campaign, duration_s: float) -> float | None:
 
 
 def build_recording(loop: ClosedLoop, scene: Scene, wanted: Sequence[str], time_s: Array) -> SignalRecording:
-    """What is kept over time of rollouts of a closed loop.
+    """Signals of a closed loop's rollouts that are kept over time.
 
     Parameters
     ----------

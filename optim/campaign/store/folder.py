@@ -159,7 +159,7 @@ def open_store(
 
 
 def load_head(folder: Path) -> dict[str, Any]:
-    """What ``campaign.json`` says.
+    """Contents of ``campaign.json``.
 
     Raises
     ------

@@ -20,7 +20,7 @@ AGAIN = "run the campaign again in another folder"
 
 
 def reopen(folder: StrPath) -> CampaignEvaluator:
-    """What made the campaign in a folder, its store merged as far as it is; nothing is compiled.
+    """Evaluator of the campaign in a folder, its store merged as far as it exists; nothing is compiled.
 
     Parameters
     ----------

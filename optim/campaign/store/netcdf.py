@@ -104,7 +104,7 @@ def check_layout(path: Path, layout: DatasetLayout) -> None:
 
 
 def _missing(file: Any, layout: DatasetLayout) -> str | None:
-    """What a file lacks of a campaign, in words; None if nothing."""
+    """First missing item of a campaign's file, in words; None if it is complete."""
     metrics = list(dict.fromkeys(column.metric for column in layout.columns))
     series = [one.name for one in layout.recording.series]
     names: dict[str, tuple[str, ...]] = {"draw": ("sample", "parameter"), "diverged_at": ("sample", "gains")}

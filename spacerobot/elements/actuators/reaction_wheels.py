@@ -182,7 +182,7 @@ class ReactionWheels(WheelSet):
             yield f"axes.{tilted[0]}", "a planar base turns about z alone, so its wheels' axes are [0, 0, 1]"
 
     def assumptions(self) -> list[str]:
-        """What of the wheels is the root link's."""
+        """Mass properties of the wheels that the root link includes."""
         return ["mass of the wheels, and their inertia across their axes, are part of the root link's"]
 
     def words(self) -> str:

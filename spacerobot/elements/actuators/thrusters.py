@@ -282,11 +282,11 @@ class _Jets:
         return ca.vertcat(asked[: len(self.rows) - len(turns)], -section.number("rate") * over[turns])
 
     def left(self, asked: ca.SX) -> ca.SX:
-        """What throttled thrusters leave to the next actuator."""
+        """Residual generalized forces that throttled thrusters leave to the next actuator."""
         return asked - ca.mtimes(self.full[self.rows, :], self.parts(asked))
 
     def less_pulses(self, asked: ca.SX) -> ca.SX:
-        """What pulses leave to the next actuator."""
+        """Residual generalized forces that pulsed thrusters leave to the next actuator."""
         return asked - ca.mtimes(self.full[self.rows, :], ca.vertcat(*self.firing))
 
     @functools.cached_property

@@ -110,7 +110,7 @@ class ResolvedRate(RobotController):
             )
 
     def words(self) -> str:
-        """What it keeps."""
+        """Kind, gains, and the base motion that is kept."""
         still = {"nothing": "", "attitude": ", base attitude kept", "base": ", base kept"}[self.keeps]
         return f"resolved rates, {self.gain:g} / {self.rate_gain:g} 1/s{still}"
 

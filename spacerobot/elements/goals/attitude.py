@@ -35,7 +35,7 @@ class Attitude(Goal):
         return self.attitude
 
     def rows(self, instant: PlanInstant) -> Iterator[BoundedRow]:
-        """What is left of the turn."""
+        """Terminal constraints on the remaining rotation."""
         wanted = exact_directions(pin.rpy.rpyToMatrix(np.radians(self.rotation_deg)))
         turn = instant.turned(wanted, instant.base(self.attitude, "attitude").rotation)
         if self.rotation_within_deg is not None:

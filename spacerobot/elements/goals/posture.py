@@ -53,7 +53,7 @@ class Posture(Goal):
         return self.robot
 
     def rows(self, instant: PlanInstant) -> Iterator[BoundedRow]:
-        """What is left of the way, joint by joint; of an unbounded one the angle."""
+        """Terminal constraints on each joint's remaining distance; an angle if the joint is unbounded."""
         for joint, end in instant.joints(self.robot, self.joints, "joints"):
             turns = end.offset is None
             wanted = float(np.radians(end.angle_deg or 0.0)) + (end.offset or 0.0)

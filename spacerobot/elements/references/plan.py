@@ -86,7 +86,7 @@ class PlanReference(Reference):
         return tuple(times[k] for k in ends_of(times, self.planned.points)[1:])
 
     def way(self) -> tuple[Array, Array]:
-        """What stands at the points, relative to the first one."""
+        """Positions and rotation vectors at the points, relative to the first one."""
         position, rotation = np.array(self.planned.position), np.array(self.planned.rotation)
         first = pin.exp3(rotation[0])
         return position - position[0], np.array([pin.log3(pin.exp3(r) @ first.T) for r in rotation])

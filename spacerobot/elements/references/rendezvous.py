@@ -75,7 +75,7 @@ class Rendezvous(Reference):
         return document | ({"closing_speed": None, "end_distance": standoff} if stays else {})
 
     def reads(self) -> set[str]:
-        """What is seen of the target."""
+        """Signals of the target that it reads."""
         return {"target_position", "target_velocity", "target_spin"}
 
     def motion(
@@ -163,7 +163,7 @@ class Rendezvous(Reference):
             yield "mated_deg", list(self.mated_deg)
 
     def assumptions(self) -> list[str]:
-        """What its acceleration is made of."""
+        """Model of the target's acceleration."""
         return [
             "its acceleration is that of a target that drifts freely as one body: what grips, touches or "
             "drives the target does not enter it"

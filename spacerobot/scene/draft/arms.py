@@ -1,4 +1,4 @@
-"""What a draft needs to know of its URDFs: names, chains, a posture to begin in."""
+"""Properties of URDFs that a draft uses: names, chains, an initial posture."""
 
 from __future__ import annotations
 

@@ -201,7 +201,7 @@ def _text(found: DraftText, reference: Document, goal: Document, until: float, h
     brake = {"kind": "brake", "deceleration": 0.01, "spin_deceleration_deg": 0.5}
 
     def led(section: Document) -> str:
-        """What a phase changes of the tip."""
+        """Changes of the tip in a phase."""
         return flow({arm.name: {"tips": {arm.tip_name: section}}})
 
     lines = [

@@ -26,7 +26,7 @@ BASES = ("free_flyer", "planar", "fixed")
 
 @dataclass(frozen=True)
 class DraftRequest:
-    """What a scenario is asked for.
+    """Request for a draft of a scenario.
 
     Attributes
     ----------

@@ -30,7 +30,7 @@ SPAN = 10.0
 
 @dataclass(frozen=True)
 class Gains:
-    """What is proposed for one arm.
+    """Proposed gains of one arm.
 
     Attributes
     ----------
@@ -61,7 +61,7 @@ class DraftMotion:
 
 
 class DraftNumbers:
-    """What the draft's numbers follow from, in the scene's initial state.
+    """Basis of the draft's numbers: the scene's initial state.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ class DraftNumbers:
         self.response = _response(scene)
 
     def gains(self, tip: SceneTip) -> Gains:
-        """What is proposed for the arm of a tip."""
+        """Proposed gains for the arm of a tip."""
         arm, columns = self.arms[tip.body.name], self._columns(tip)
         jacobian = self._jacobian(tip)
         linear, angular = self.scene.translation_axes, [3 + a for a in self.scene.rotation_axes]
