@@ -6,6 +6,7 @@ texts between the marks are made from it, and a test compares them.
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import re
 import sys
@@ -20,6 +21,8 @@ ROOT = Path(__file__).parents[1]
 DATA = ROOT / "docs" / "data"
 PAGES = tuple(ROOT / "docs" / "validation" / name for name in ("tuning_results.md", "tuning_suite.md"))
 BLOCK = re.compile(r"<!-- (\w+): (conclusion|table|found|gains|prices) -->\n.*?<!-- end -->", re.DOTALL)
+SHOWN = ("manual", "ga", "de", "nlp")
+"""Methods whose gains the page shows; those of the others are in `docs/data`."""
 LEFT_OUT = ("runs", "trials", "log", "values", "profiles", "largest_errors_m")
 
 
@@ -29,6 +32,12 @@ def kept(value: Any) -> Any:
         # `runs` is a list of all runs in one place, a count in the other
         return {k: kept(v) for k, v in value.items() if k not in LEFT_OUT or isinstance(v, int)}
     return [kept(item) for item in value] if isinstance(value, list) else value
+
+
+def shown_gains(benchmark: Mapping[str, Any]) -> Any:
+    """Gains of the best run of the methods in `SHOWN`."""
+    table = tables.gains_table(benchmark)
+    return dataclasses.replace(table, rows=tuple(row for row in table.rows if row[0] in SHOWN))
 
 
 def blocks(data: Mapping[str, Any]) -> dict[str, str]:
@@ -42,7 +51,7 @@ def blocks(data: Mapping[str, Any]) -> dict[str, str]:
         "conclusion": f"**{conclusion(data)}**",
         "table": tables.as_markdown(tables.summary_table(data)),
         "found": each(tables.found_table),
-        "gains": each(tables.gains_table),
+        "gains": each(shown_gains),
         "prices": "\n".join(f"- {benchmark['name']}: {tables.prices(benchmark)}" for benchmark in problems),
     }
 
