@@ -30,7 +30,7 @@ from viz.browser import program as browser_program
 from viz.drawing.motion import BodyMotion, greatest_force, pick_rows, sample_motion
 from viz.drawing.projection import fit
 from viz.drawing.view import View, view_of
-from viz.figures.base_motion import draw_plumes
+from viz.figures.base_actuation import draw_plumes
 from viz.figures.docking import draw_forces, draw_frame, draw_names, seen_points
 from viz.figures.style import COLOURS, Drawing, styled
 from viz.film import FINE, page_pictures

@@ -10,7 +10,7 @@ from spacerobot.errors import ResultError, near_names
 from spacerobot.files import StrPath, write_bytes
 from spacerobot.result import Result, note_derived
 from viz.figures.approach import approach
-from viz.figures.base_motion import acting_bases, base_control, relative_orbit
+from viz.figures.base_actuation import acting_bases, base_control, relative_orbit
 from viz.figures.bodies import base_motion, grip_forces, object_motion
 from viz.figures.contacts import contact_forces
 from viz.figures.docking import docking
