@@ -129,6 +129,39 @@ def test_a_rate_loop_with_a_delay_follows_its_difference_equation_to_its_stabili
         assert ends[0] < abs(omega[0]) < ends[1]
 
 
+def test_states_of_the_controller_advance_by_their_closed_forms():
+    """An integral, a leak and a lag whose input is held over the period."""
+    period, leak, lag = 0.02, 3.0, 0.05
+    turn = {"kind": "base_attitude", "kp": 40, "ki": 5, "kd": 20, "sampled": {"period": period}}
+    changes = {
+        f"{ONE}.sampled": {"period": period},
+        f"{ONE}.derivative": "filtered",
+        f"{ONE}.filter_time": lag,
+        "robots.one.tips.tip.amnesia.ta": leak,
+        "robots.one.controllers": {"turn": turn},
+        "robots.one.actuators": {"ideal": {"kind": "base_wrench"}},
+    }
+    _, rollout = rolled(changes, duration_s=0.2, output_step_s=period)
+    run, names = rollout.run(), rollout.loop.state_names
+    assert run.status == "completed"
+
+    def state(name, size):
+        return run.state[:, [names.index(f"{name}[{i}]") for i in range(size)]]
+
+    turned = np.diff(state("one/turn.integral", 1)[1:], axis=0)[:, 0]
+    asked = run.outputs["base_attitude_error"][2:, 2]
+    np.testing.assert_allclose(turned, period * asked, rtol=1e-12, atol=1e-16)
+    assert np.abs(turned).min() > 1e-6
+    kept, decay = state("one/tip/amnesia", 2)[1:], np.exp(-leak * period)
+    error = run.outputs["tip_error"][2:, :2]
+    np.testing.assert_allclose(kept[1:], decay * kept[:-1] + (1 - decay) / leak * error, rtol=1e-12)
+    integral, filtered = state("one/tip/pid.integral", 2)[1:], state("one/tip/pid.filter", 2)[1:]
+    seen, decay = np.diff(integral, axis=0) / period, np.exp(-period / lag)
+    np.testing.assert_allclose(
+        filtered[1:], decay * filtered[:-1] + (1 - decay) * seen, rtol=1e-12, atol=1e-13
+    )
+
+
 def test_limits_rates_and_steps_of_the_output_hold():
     form = {"limit": 0.4, "rate_limit": 5.0, "resolution": 0.05}
     _, rollout = rolled(plate(kp=40, kd=10, **sampled(0.02, **form)), output_step_s=0.02)
@@ -139,6 +172,15 @@ def test_limits_rates_and_steps_of_the_output_hold():
     assert np.abs(np.diff(held[1:])).max() <= 5 * 0.02 + 0.05 + 1e-12
     np.testing.assert_allclose(held / 0.05, np.round(held / 0.05), atol=1e-9)
     assert len(np.unique(held.round(9))) > 3
+
+
+def test_the_rate_of_the_output_is_limited_both_ways():
+    _, rollout = rolled(
+        plate(kp=4000, kd=400, **sampled(0.02, rate_limit=5.0)), duration_s=2.0, output_step_s=0.02
+    )
+    held = rollout.run().state[:, rollout.loop.state_names.index("one/controllers.turn.held[0]")]
+    rates = np.diff(held[1:]) / 0.02
+    np.testing.assert_allclose([rates.min(), rates.max()], [-5, 5], rtol=1e-12)
 
 
 RATES = {
@@ -162,7 +204,7 @@ def costed(changes, duration_s, **options):
     measures = Measures(
         signals, {"end": final(signals["tip_position"][:2])}, lambda r, p: {"x": r["end"][0] + r["end"][1]}
     )
-    return build_rollout(loop, duration_s=duration_s, measures=measures, **STEPS, **options)
+    return build_rollout(loop, duration_s=duration_s, measures=measures, **(STEPS | options))
 
 
 def difference(rollout, path, step):
@@ -186,6 +228,16 @@ def test_gradients_go_through_samples_periods_and_delays():
         np.testing.assert_allclose(forward.sum(), found.gradients["x"][0], rtol=1e-9)
         wanted = difference(rollout, path, step)
         np.testing.assert_allclose(found.gradients["x"][0], wanted, rtol=1e-7)
+
+
+def test_gradients_go_on_from_an_instant_at_which_an_output_is_sampled():
+    """The samples act at 0.03, 0.13 and 0.23 s, and the outputs are shown at 0.13 s."""
+    changes = {f"{ONE}.sampled": {"period": 0.1, "delay": 0.03}}
+    rollout = costed(changes, 0.26, backend="interpreted", output_step_s=0.13)
+    for path in (f"{ONE}.sampled.period", f"{ONE}.sampled.delay"):
+        found = rollout.value_and_gradient(wrt=[path])
+        assert found.status == ("exact",)
+        np.testing.assert_allclose(found.gradients["x"][0], difference(rollout, path, 4e-4), rtol=1e-7)
 
 
 @pytest.mark.compiler
