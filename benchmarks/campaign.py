@@ -77,7 +77,7 @@ def row() -> Row:
         f"at least {KEPT_AT_LEAST:g} of it",
         kept >= KEPT_AT_LEAST,
         f"{how}; by processor time {worked:.3f}; "
-        f"beside it building {building:.1f} s, merging {merging:.2f} s",
+        f"in addition building {building:.1f} s, merging {merging:.2f} s",
         {
             "kept_by_processor_time": worked,
             "rolling_s": [spent.clock for spent in rolling],

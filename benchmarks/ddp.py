@@ -42,7 +42,7 @@ def measured() -> Row:
     command = [sys.executable, "-m", "benchmarks.ddp"]
     done = subprocess.run(command, check=False, capture_output=True, text=True)
     if done.returncode:
-        return Row(*here, note=f"not measured: crocoddyl failed beside pin {pin.__version__}")
+        return Row(*here, note=f"not measured: crocoddyl failed with pin {pin.__version__}")
     return Row(**json.loads(done.stdout.splitlines()[-1]))
 
 

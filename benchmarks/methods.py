@@ -69,7 +69,10 @@ def rows() -> list[Row]:
     values = np.linspace(280, 320, COUNT)[:, None]
     jobs: dict[str, tuple[Callable[[Rollout], object], int]] = {
         "one rollout": (lambda rollout: rollout.run(), 1),
-        "a rollout of a batch in lanes": (lambda rollout: rollout.batch(GAINS[:1], values, threads=1), COUNT),
+        "a rollout of a vectorised batch": (
+            lambda rollout: rollout.batch(GAINS[:1], values, threads=1),
+            COUNT,
+        ),
         f"adjoint gradient, {len(GAINS)} gains": (
             lambda rollout: rollout.value_and_gradient(wrt=GAINS, accuracy=False),
             1,

@@ -63,7 +63,7 @@ def rows() -> list[Row]:
         ratio = times.first_s / times.second_s
         found.append(
             Row(
-                f"one rollout of the paper's arm behind a plan of {count} intervals of {POINTS} points",
+                f"one rollout of the paper's arm following a plan of {count} intervals of {POINTS} points",
                 "the same arm without a controller",
                 f"{times.first_s * 1e3:.1f} ms",
                 f"{times.second_s * 1e3:.1f} ms",

@@ -116,7 +116,7 @@ def gradient() -> list[Row]:
             times.ratio,
             "at most 4 rollouts",
             times.ratio <= 4,
-            f"{count} gradients in lanes: {many.ratio:.2f} rollouts each",
+            f"{count} batched gradients: {many.ratio:.2f} rollouts each",
             {"batched_gradient_s": many.second_s, "batched_ratio": many.ratio},
         )
     ]

@@ -156,7 +156,7 @@ def quantity(unit: str, description: str, *, rotation: str | None = None, **opti
 
 
 def matching(names: Iterable[str], pattern: str) -> list[str]:
-    """Names that a pattern stands for, in their order; ``*`` stands for any letters."""
+    """Names that a pattern stands for, in their order; ``*`` matches any letters."""
     expression = ".*".join(re.escape(part) for part in pattern.split("*"))
     return [name for name in names if re.fullmatch(expression, name)]
 

@@ -136,7 +136,7 @@ def _entries(
     tuning, judge, judged = tuning_of(scene), None, object()
     for variant, name in chosen:
         if judge is None or judged != variant:
-            session.tell(f"{variant or 'tuning'}: building and compiling the rollout that judges")
+            session.tell(f"{variant or 'tuning'}: building and compiling the rollout that evaluates designs")
             judge, judged = (
                 build_design_evaluator(scene, variant=variant, threads=session.workers.threads),
                 variant,

@@ -100,7 +100,7 @@ def with_variables(
         return scene, variables
     for name, given in variables.items():
         if not (isinstance(given, tuple | list) and len(given) == 3 and isinstance(given[0], str)):
-            message = f"found {given!r}, wanted: (dotted path, lower, upper)"
+            message = f"found {given!r}, required: (dotted path, lower, upper)"
             raise ScenarioError(message, where=f"variables.{name}")
     made = {name: {"paths": [p], "lower": a, "upper": b} for name, (p, a, b) in variables.items()}
     changes: dict[str, object] = {"tuning.sets": {}, "tuning.variables": made}

@@ -53,7 +53,7 @@ def missing_meshes(missing: Mapping[tuple[str, str], Sequence[str]]) -> list[str
     remedy = ""
     if any(name.startswith(PACKAGE) and fault == "not found" for name, fault in missing):
         remedy = "; packages are looked for above the URDF, in ROS_PACKAGE_PATH and in AMENT_PREFIX_PATH"
-    return [f"a box stands in for mesh {', '.join(named)}{more}{remedy}"]
+    return [f"a box replaces mesh {', '.join(named)}{more}{remedy}"]
 
 
 def is_readable(geometry: Geometry) -> bool:

@@ -240,6 +240,6 @@ def _base(model: pinocchio.Model, kinematics: Kinematics, root: int) -> JointMod
     else:
         found = "a frame fixed to the universe"
     raise DescriptionError(
-        f"a free-floating robot stands on a planar or free-flyer joint on the universe; found {found}",
+        f"a free-floating robot needs a planar or free-flyer joint to the universe; found {found}",
         where=f"joint {model.names[root]!r}",
     )

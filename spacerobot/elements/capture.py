@@ -75,21 +75,25 @@ class Capture(Section):
 
 
 class Release(Section):
-    """Where a closed grasp lets go: at a time, or where it is pulled too hard and slips off."""
+    """Release of a closed grasp: at a time, or where it breaks away under an excessive load."""
 
-    at: float | None = quantity("s", "time at which it lets go", default=None, ge=0)
-    force: float | None = quantity("N", "greatest force that it holds", default=None, gt=0)
-    torque: float | None = quantity("N m", "greatest torque that it holds", default=None, gt=0)
+    at: float | None = quantity("s", "time at which the grasp is released", default=None, ge=0)
+    force: float | None = quantity(
+        "N", "greatest force that it transmits before it breaks away", default=None, gt=0
+    )
+    torque: float | None = quantity(
+        "N m", "greatest torque that it transmits before it breaks away", default=None, gt=0
+    )
 
     @model_validator(mode="after")
     def _check(self) -> Release:
         if self.at is None and self.force is None and self.torque is None:
-            raise ValueError("when it lets go is missing: give `at`, `force` or `torque`")
+            raise ValueError("no release condition: give `at`, `force` or `torque`")
         return self
 
     def words(self) -> str:
-        """When it lets go, in a few words."""
+        """Conditions of release, in a few words."""
         found = [] if self.at is None else [f"at {self.at:g} s"]
         found += [] if self.force is None else [f"above {self.force:g} N"]
         found += [] if self.torque is None else [f"above {self.torque:g} N m"]
-        return f"lets go {' or '.join(found)}"
+        return f"released {' or '.join(found)}"

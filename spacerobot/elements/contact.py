@@ -41,13 +41,12 @@ class Contact(Element):
     family: ClassVar[str] = "contact"
 
     between: tuple[str, str] = Field(
-        description="the two that touch, each the name of a pad, or robot/link or target/link for all "
-        "collision shapes of a link; `*` in a link's name stands for any letters"
+        description="the pair in contact, each the name of a pad, or robot/link or target/link for all "
+        "collision shapes of a link; `*` in a link's name matches any letters"
     )
     wrap: Wrap | None = Field(
         default=None,
-        description="shape around meshes and cylinders that stands in for them; meshes are refused "
-        "if not given",
+        description="shape around meshes and cylinders that replaces them; meshes are refused if not given",
     )
     may_overlap: bool = Field(
         default=False, description="whether the shapes may overlap at the start; refused if not"

@@ -75,10 +75,14 @@ class Grasp(Element):
     )
 
     begins: Literal["closed", "open"] = Field(
-        default="closed", description="whether it holds at the start; an open one closes as `capture` says"
+        default="closed", description="whether it holds at the start; an open one closes by `capture`"
     )
-    capture: Capture | None = Field(default=None, description="where it closes when open; never if not given")
-    release: Release | None = Field(default=None, description="where it lets go; never if not given")
+    capture: Capture | None = Field(
+        default=None, description="conditions of capture while open; never captured if not given"
+    )
+    release: Release | None = Field(
+        default=None, description="conditions of release; never released if not given"
+    )
 
     @model_validator(mode="after")
     def _check_life(self) -> Grasp:
@@ -99,11 +103,11 @@ class Grasp(Element):
         return self.fixes_position or self.fixes_orientation
 
     def life(self, *, told: bool = False) -> str:
-        """When it closes and lets go, in words; ``told`` says whether a phase has it let go."""
+        """Conditions of capture and release, in words; ``told`` is whether a phase releases it."""
         found = []
         if self.begins == "open" and self.capture is not None:
             found.append(f"open, {self.capture.words()}")
-        never = "lets go as phases say" if told else "never lets go"
+        never = "released by phases" if told else "never released"
         found.append(never if self.release is None else self.release.words())
         return "; ".join(found)
 

@@ -35,10 +35,12 @@ class JointPlanController(RobotController):
     fills: ClassVar[str | None] = "knots"
     file: str | None = plan_file()
     phase: Name | None = plan_phase()
-    knots: JointMotion | None = Field(default=None, description="the planned motion, if not in a file")
+    knots: JointMotion | None = Field(
+        default=None, description="points of the planned trajectory, if not in a file"
+    )
     kp: float = quantity("N m/rad or N/m", "proportional gain", default=0.0, ge=0)
     kd: float = quantity("N m s/rad or N s/m", "derivative gain", default=0.0, ge=0)
-    feed_forward: float = quantity("1", "part of the planned torque that is asked for", default=1.0, ge=0)
+    feed_forward: float = quantity("1", "fraction of the planned torque that is commanded", default=1.0, ge=0)
 
     @model_validator(mode="after")
     def _check(self) -> JointPlanController:

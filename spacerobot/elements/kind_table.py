@@ -47,7 +47,7 @@ def markdown() -> str:
     """Table of every kind by family, for the documentation."""
     lines = []
     for family in FAMILIES | PLANS:
-        lines += [f"### {family.replace('_', ' ').capitalize()}", "", f"Stands at {PLACES[family]}.", ""]
+        lines += [f"### {family.replace('_', ' ').capitalize()}", "", f"Location: {PLACES[family]}.", ""]
         lines += ["| kind | what it is | keys |", "|---|---|---|"]
         for name, kind in kinds(family).items():
             keys = ", ".join(f"`{key}`" for key, _, _ in fields_of(kind)) or "none"

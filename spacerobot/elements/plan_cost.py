@@ -73,7 +73,7 @@ class JointCost(PlanCost):
 
     joints: dict[str, Factor] = Field(
         default={},
-        description="factor of the square by joint, robot/joint; `*` stands for any letters, a full name "
+        description="factor of the square by joint, robot/joint; `*` matches any letters, a full name "
         "wins over a pattern; 1 where none is given [1]",
     )
 

@@ -72,7 +72,7 @@ def register(kind: Kind) -> Kind:
     if not name:
         raise SpaceRobotError('no kind; write `kind: Literal["name"] = "name"`', where=where)
     if not kind.__doc__:
-        raise SpaceRobotError("no docstring; its first line stands in the documentation", where=where)
+        raise SpaceRobotError("no docstring; the documentation needs its first line", where=where)
     if not kind.__module__.startswith(_HOMES[family]):
         _load_shipped(_HOMES[family])  # whose names are taken
     taken = _KINDS[family].get(name)
@@ -223,7 +223,7 @@ class Family:
         def known(value: Any) -> Any:
             """The section with its kind, which it names, has by default, or tells by a key of its own."""
             if not isinstance(value, dict | Element):
-                raise PydanticCustomError("dict_type", "a section is wanted")
+                raise PydanticCustomError("dict_type", "a section is required")
             if isinstance(value, dict) and self.default is not None:
                 value = {"kind": self.default} | value
             if isinstance(value, dict) and "kind" not in value:

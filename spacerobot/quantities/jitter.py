@@ -45,7 +45,7 @@ QUANTITIES = (
     Quantity(
         "jitter",
         "jitter",
-        "root mean square of a tip's error behind a high pass of first order",
+        "root mean square of a tip's error after a first-order high-pass filter",
         "m",
         "rms",
         squares,
@@ -58,7 +58,7 @@ QUANTITIES = (
     Quantity(
         "jitter_squared",
         "squared jitter",
-        "integral of the tips' squared jitter: their error behind a high pass of first order",
+        "integral of the tips' squared jitter: their error after a first-order high-pass filter",
         "m^2 s",
         "integral",
         squares,

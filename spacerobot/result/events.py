@@ -142,7 +142,7 @@ def _change(before: Mapping[str, Array], after: Mapping[str, Array]) -> float:
 def outcome_of(scene: Scene, events: Sequence[Mapping[str, Any]]) -> str | None:
     """How a docking came out; None where no grasp begins open.
 
-    ``captured`` if every such grasp was; ``slipped off`` if one was, and not captured again; ``released at
+    ``captured`` if every such grasp was; ``broke away`` if one was, and not captured again; ``released at
     once`` if one was let go at the instant of its capture; ``collided`` if one was not captured and something
     touched; else ``missed``.
     """
@@ -162,7 +162,7 @@ def outcome_of(scene: Scene, events: Sequence[Mapping[str, Any]]) -> str | None:
         elif event["time_s"] - when.get(name, -np.inf) <= AT_ONCE:
             ends[name] = "released at once"
     if "slipped" in ends.values():
-        return "slipped off"
+        return "broke away"
     if "released at once" in ends.values():
         return "released at once"
     if "missed" not in ends.values():
@@ -197,7 +197,7 @@ def what_happened(event: Mapping[str, Any]) -> str:
 WORDS = {
     "entered": "in its envelope",
     "left": "out of its envelope",
-    "slipped": "slipped off",
+    "slipped": "broke away",
     "drawn": "drawn in",
     "saturated": "at its speed limit",
     "freed": "free of its speed limit",

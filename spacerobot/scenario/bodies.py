@@ -79,8 +79,8 @@ class Link(Section):
     )
     inertia_at_mass: float | None = quantity(
         "kg",
-        "mass to which `inertia` belongs, so that it scales with another one; the URDF's, unless `inertia` "
-        "is given by itself and stands whatever the mass",
+        "mass to which `inertia` belongs, so that it scales with another mass; the URDF's if not given, but "
+        "an `inertia` that is given alone does not scale",
         default=None,
         gt=0,
     )
@@ -135,16 +135,16 @@ class Body(Section):
     links: dict[str, Link] = Field(
         default={},
         description="mass properties that differ from the URDF, by link name; `*` in a name "
-        "stands for any letters",
+        "matches any letters",
     )
     placements: dict[str, Placement] = Field(
         default={},
-        description="where links stand on their parents, if not as in the URDF, by link name: mating frames, "
+        description="placements on their parents, by link name, that differ from the URDF: mating frames, "
         "tips, links of another length",
     )
     joints: dict[str, Joint] = Field(
         default={},
-        description="initial state and resistance, by joint name; `*` in a name stands for any letters",
+        description="initial state and resistance, by joint name; `*` in a name matches any letters",
     )
 
 
@@ -228,8 +228,8 @@ class Robot(Body):
     )
     actuators: dict[Name, Annotated[Actuator, Family("actuator")]] = Field(
         default={},
-        description="actuators of its joints and its base, of any kind, by name; what none takes over is "
-        "delivered as asked",
+        description="actuators of its joints and its base, of any kind, by name; forces that none takes "
+        "over are delivered as commanded",
     )
 
     def elements(self) -> Iterator[tuple[str, RobotController]]:

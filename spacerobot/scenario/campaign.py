@@ -138,7 +138,7 @@ class Campaign(Section):
     )
     limits: Limits = Limits()
     percentiles: tuple[float, ...] = Field(
-        default=(5.0, 50.0, 95.0, 99.0), min_length=1, description="which percentiles are told"
+        default=(5.0, 50.0, 95.0, 99.0), min_length=1, description="percentiles that are reported"
     )
     confidence: float = quantity("1", "of every interval", default=0.95, gt=0, lt=1)
     step: float = quantity("s", "step of the rollouts", default=0.01, gt=0)
@@ -157,10 +157,10 @@ class Campaign(Section):
     @model_validator(mode="after")
     def _check(self) -> Campaign:
         if not all(0 < value < 100 for value in self.percentiles):
-            raise ValueError("percentiles: each lies between 0 and 100, the ends left out")
+            raise ValueError("percentiles: each must be between 0 and 100, the ends excluded")
         twice = [name for i, name in enumerate(self.series) if name in self.series[:i]]
         if twice:
-            raise ValueError(f"series: {twice[0]} stands twice")
+            raise ValueError(f"series: {twice[0]} is given twice")
         if self.series_step is not None and not self.series:
             raise ValueError("series_step: there is no series; name signals in `series`")
         for name in self.limits.given:

@@ -37,7 +37,7 @@ def get(document: Any, path: str) -> Any:
     """
     found = _expand(document, path.split("."), path)
     if len(found) != 1:
-        raise ScenarioError(f"stands for {len(found)} values, where one is asked for", where=path)
+        raise ScenarioError(f"matches {len(found)} values, where one is required", where=path)
     for key in found[0]:
         document = document[int(key) if isinstance(document, list | tuple) else key]
     return document

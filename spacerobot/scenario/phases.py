@@ -46,7 +46,7 @@ class PhaseEnd(Section):
     time: float | None = quantity("s", "time since the phase began", default=None, gt=0)
     captured: tuple[Name, ...] | None = Field(default=None, min_length=1, description="all these grasps hold")
     released: tuple[Name, ...] | None = Field(
-        default=None, min_length=1, description="all these grasps have let go"
+        default=None, min_length=1, description="all these grasps have been released"
     )
     settled: Settled | None = Field(default=None, description="a body hardly moves")
     limit: Limit | None = Field(default=None, description="an output passes a limit")
@@ -88,21 +88,22 @@ class Phase(Section):
     )
     captures: tuple[Name, ...] | None = Field(
         default=None,
-        description="grasps that may close in it, those included that have let go; every other open one that "
-        "has not let go if not given",
+        description="grasps that may close in it, including released ones; if not given, every open grasp "
+        "that has not been released",
     )
-    releases: tuple[Name, ...] = Field(default=(), description="grasps that let go when it begins")
+    releases: tuple[Name, ...] = Field(default=(), description="grasps that are released when it begins")
     begins_at: Literal["pose", "reference"] = Field(
         default="pose",
-        description="where references that it brings begin: where tips are, or where those before it led",
+        description="start of its own references: the tips' poses, or the ends of the preceding references",
     )
     reset: bool = Field(
-        default=False, description="controllers' states begin anew with it; they are kept if false"
+        default=False,
+        description="whether controllers' states are reset when it begins; if false they are kept",
     )
     robots: dict[str, Any] = Field(
         default={},
         description="what differs, nested as in the scenario: references, numbers of controllers and "
-        "sensors, null for a controller that rests; `*` in a name stands for any letters",
+        "sensors, null for a controller that rests; `*` in a name matches any letters",
     )
     target: dict[str, Any] = Field(default={}, description="what differs: the object's reference")
     grasps: dict[str, Any] = Field(default={}, description="numbers that differ")
@@ -112,7 +113,7 @@ class Phase(Section):
         if self.on_timeout is not None and self.timeout is None:
             raise ValueError("on_timeout: never followed, for there is no `timeout`")
         if self.next is not None and self.until is None and self.timeout is None:
-            raise ValueError("next: never followed; say how the phase ends by `until` or `timeout`")
+            raise ValueError("next: never followed; define the end of the phase by `until` or `timeout`")
         return self
 
     @property
@@ -162,8 +163,8 @@ def differences(phase: Phase) -> list[str]:
     if phase.captures is not None:
         found.append(f"may close: {', '.join(phase.captures) or 'none'}")
     if phase.releases:
-        found.append(f"lets go: {', '.join(phase.releases)}")
-    return [*found, "controllers begin anew"] if phase.reset else found
+        found.append(f"releases: {', '.join(phase.releases)}")
+    return [*found, "controllers are reset"] if phase.reset else found
 
 
 def _differing(changes: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
@@ -185,7 +186,9 @@ def check_phases(phases: Phases, grasps: Mapping[str, Any], bodies: list[str]) -
     """
     for name, phase in phases.items():
         if name == END:
-            raise ValueError(f"phases.{END}: the name stands for the end of the simulation; rename the phase")
+            raise ValueError(
+                f"phases.{END}: the name is reserved for the end of the simulation; rename the phase"
+            )
         for key, found, allowed in _names(phase, [*phases, END], list(grasps), bodies):
             if found not in allowed:
                 what = (
@@ -199,7 +202,7 @@ def check_phases(phases: Phases, grasps: Mapping[str, Any], bodies: list[str]) -
         for grasp in (phase.until and phase.until.released) or ():
             if grasps[grasp].release is None and grasp not in let_go:
                 raise ValueError(
-                    f"phases.{name}.until.released: {grasp!r} never lets go; give it a `release`, or name it "
+                    f"phases.{name}.until.released: {grasp!r} is never released; add a `release`, or list it "
                     "in a phase's `releases`"
                 )
     for grasp, section in grasps.items():

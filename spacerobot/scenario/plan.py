@@ -65,7 +65,7 @@ class FreeStart(Section):
     """Where a robot may begin: what of its posture and its base's placement is to be found too."""
 
     joints: dict[str, JointStartRange] = Field(
-        default={}, description="joints that may begin elsewhere, by name; `*` stands for any letters"
+        default={}, description="joints that may begin elsewhere, by name; `*` matches any letters"
     )
     position: Vector = quantity(
         "m", "how far a floating base may begin from its place along each world axis", default=(0.0, 0.0, 0.0)
@@ -134,7 +134,7 @@ class PlanSection(Section):
         default=None,
     )
     goals: dict[Name, Annotated[Goal, Family("goal")]] = Field(
-        default={}, description="what holds at the end, by name; those of phases stand there"
+        default={}, description="terminal conditions, by name; those of a phase are given in the phase"
     )
     start: dict[Name, FreeStart] = Field(
         default={}, description="by robot: where it may begin, as far as that is to be found"
@@ -182,7 +182,7 @@ class PlanSection(Section):
     intervals: int = Field(default=16, ge=2, le=2000, description="intervals of the first mesh")
     max_intervals: int = Field(default=256, ge=2, le=4000, description="intervals of the finest mesh allowed")
     order: Literal[4, 6, 8] = Field(
-        default=6, description="order of the collocation: 4 is Hermite and Simpson's, 6 and 8 go on from it"
+        default=6, description="order of the collocation: 4 is Hermite and Simpson's, 6 and 8 extend it"
     )
     tolerance: float = quantity(
         "m", "greatest error of a tip when the plan's torques are replayed", default=1e-5, gt=0
@@ -272,7 +272,7 @@ class PlanSection(Section):
             context = None if name == [*self.phases][-1] else PASSED
             for key in (*WHOLE, "phases"):
                 if key in changes:
-                    raise ValueError(f"phases.{name}.{key}: is the same in all phases; give it beside them")
+                    raise ValueError(f"phases.{name}.{key}: is the same in all phases; give it in `plan`")
             try:
                 phases[name] = pick(self._laid_over(base, changes, context).model_dump(mode="json"), changes)
             except ValidationError as fault:

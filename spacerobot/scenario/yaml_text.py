@@ -40,7 +40,7 @@ class Loader(yaml.SafeLoader):
                 )
             if key in seen:
                 raise yaml.constructor.ConstructorError(
-                    None, None, f"key {key!r} stands twice", key_node.start_mark
+                    None, None, f"key {key!r} is given twice", key_node.start_mark
                 )
             seen.add(key)
         return super().construct_mapping(node, deep=deep)
@@ -67,7 +67,7 @@ class Loader(yaml.SafeLoader):
             Always.
         """
         kind = node.tag.rpartition(":")[2]
-        message = f"a {kind}, where plain values are allowed; a text may stand in quotes"
+        message = f"a {kind}, where plain values are allowed; a text may be quoted"
         raise yaml.constructor.ConstructorError(None, None, message, node.start_mark)
 
 

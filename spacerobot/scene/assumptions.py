@@ -92,7 +92,7 @@ def _never(scene: Scene) -> list[str]:
         for key, time, what in (
             ("capture.at", None if capture is None else capture.at, "closes"),
             ("capture.dwell", None if capture is None else capture.dwell, "closes"),
-            ("release.at", None if release is None else release.at, "lets go"),
+            ("release.at", None if release is None else release.at, "releases"),
         ):
             if time is not None and time >= duration:
                 found.append(
@@ -158,9 +158,9 @@ def _given_way(scene: Scene) -> list[str]:
         if base.close_grasp is None and moved > closing.grasp.config.max_gap:
             found.append(f"{path}: moved {moved:.3g} m from its `position` {end}")
         if closing.sets_velocity and _gives_way(base.velocity, linear):
-            found.append(f"{path}: `velocity` gives way to {_vector(linear)} m/s {end}")
+            found.append(f"{path}: `velocity` is replaced by {_vector(linear)} m/s {end}")
         if closing.sets_spin and _gives_way(base.spin_deg, np.degrees(spin)):
-            found.append(f"{path}: `spin_deg` gives way to {_vector(np.degrees(spin))} deg/s {end}")
+            found.append(f"{path}: `spin_deg` is replaced by {_vector(np.degrees(spin))} deg/s {end}")
     if has_loops(scene):
         described = initial_state(scene.model, scene.bodies, scene.grasps, source=scene.source)[1]
         change = float(np.abs(scene.v - described).max())

@@ -263,7 +263,7 @@ def _check_base(scene: Scene, body: SceneBody) -> None:
         part = min(element.own_wrench - delivered)
         able = [name for name, kind in kinds("actuator").items() if part in getattr(kind, "base_wrench", ())]
         raise ScenarioError(
-            f"asks for a {part} on the base, which no actuator of the robot delivers; give one of kind "
+            f"commands a {part} on the base, which no actuator of the robot delivers; give one of kind "
             f"{', '.join(able)} at {body.path}.actuators",
             source=scene.source,
             where=path,
@@ -281,7 +281,7 @@ def check_environment(scene: Scene) -> None:
     for body in scene.bodies if scene.scenario.environment and not scene.planar else ():
         if body.base.joint == "planar":
             raise ScenarioError(
-                "found planar, allowed beside an environment: free_flyer, fixed, or planar where nothing "
+                "found planar, allowed in an environment: free_flyer, fixed, or planar where nothing "
                 "can leave the x-y plane (no base free in space, all joints in the plane)",
                 source=scene.source,
                 where=f"{body.path}.base.joint",
@@ -294,7 +294,7 @@ def _check_unloading(scene: Scene, actuators: Sequence[tuple[str, Actuator]]) ->
     for place, (path, actuator) in enumerate(actuators):
         if actuator.unloads and (any(wheels[:place]) or not any(wheels[place:])):
             able = [name for name, kind in kinds("actuator").items() if getattr(kind, "has_wheels", False)]
-            message = f"unloads wheels, which must stand behind it; give some, of kind {' or '.join(able)}"
+            message = f"unloads wheels, which must be listed after it; give some, of kind {' or '.join(able)}"
             raise ScenarioError(message, source=scene.source, where=path)
 
 

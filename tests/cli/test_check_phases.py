@@ -25,7 +25,7 @@ def test_phases_are_printed_as_a_timeline(tmp_path):
     assert "approach when left is captured -> carry; after 2.5 s at the latest -> lost" in lines
     assert "carry when target moves slower than 0.001 m/s for 1 s -> end" in lines
     assert "robots.one.tips.tip.reference line" in lines
-    assert "lets go: left" in lines
+    assert "releases: left" in lines
     assert "lost after 1 s -> end" in lines
 
 

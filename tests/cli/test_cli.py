@@ -218,7 +218,7 @@ def test_bad_input_gets_one_clear_line_and_exit_code_2(spacerobot, case, tmp_pat
     ("text", "hint"),
     [
         ("robots: [", "line 1"),
-        ("a: 1\na: 2", "stands twice"),
+        ("a: 1\na: 2", "is given twice"),
         ("- 1", "mapping"),
         ("", "mapping"),
         ("\x00", "error"),

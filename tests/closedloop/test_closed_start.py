@@ -237,7 +237,7 @@ def test_a_spinning_servicer_takes_its_target_along():
     np.testing.assert_array_equal(other.v, follows.v)
     (told,) = set(other.warnings) - set(follows.warnings)
     assert told.startswith(
-        "target.base: `velocity` gives way to (0.1, 0.1204, 0.1303) m/s so that grasp 'left'"
+        "target.base: `velocity` is replaced by (0.1, 0.1204, 0.1303) m/s so that grasp 'left'"
     )
     with pytest.raises(
         ScenarioError, match=r"target\.base\.spin_deg\.2: the closed loop does not depend on it"

@@ -199,7 +199,7 @@ BAD = {
     "unreached": ({"one": {}, "two": {}}, "phases.two", "never reached; 'one' never ends"),
     "skipped": ({"one": {"timeout": 1.0, "next": "end"}, "two": {}}, "phases.two", "never reached"),
     "a grasp": ({"one": {"until": {"captured": ["lef"]}}}, "phases.one.until.captured", "'lef'"),
-    "no release": ({"one": {"until": {"released": ["left"]}}}, "phases.one.until.released", "never lets go"),
+    "no release": ({"one": {"until": {"released": ["left"]}}}, "phases.one.until.released", "never released"),
     "two ways": ({"one": {"until": {"time": 1, "captured": ["left"]}}}, "phases.one.until", "time, captured"),
     "a body": (
         {"one": {"until": {"settled": {"of": "x", "speed": 1}}}},

@@ -152,7 +152,7 @@ def test_missing_meshes_are_one_warning_and_unused_collision_meshes_none(tmp_pat
 
     warned = description("visual", "collision")
     assert warned.warnings == (
-        "a box stands in for mesh 'package://lost/visual0.stl' not found (link l0), "
+        "a box replaces mesh 'package://lost/visual0.stl' not found (link l0), "
         "'package://lost/visual1.stl' not found (link l1), 'package://lost/visual2.stl' not found (link l2) "
         "and 2 more; packages are looked for above the URDF, in ROS_PACKAGE_PATH and in AMENT_PREFIX_PATH",
     )
@@ -201,7 +201,7 @@ def test_a_box_of_the_same_inertia_stands_in(tmp_path: Path, content: str | None
         '<inertia ixx="1" iyy="1.2" izz="1.5" ixy="0.1"/></inertial>'
     )
     description = read_description(mesh_robot(tmp_path, "m.stl", inertial))
-    assert description.warnings == (f"a box stands in for mesh 'm.stl' {fault} (link a)",)
+    assert description.warnings == (f"a box replaces mesh 'm.stl' {fault} (link a)",)
     link = description.links[0]
     box = link.visuals[0]
     turn = box.placement[:3, :3]

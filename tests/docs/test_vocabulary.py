@@ -19,7 +19,7 @@ PRIVATE = {
     r"what is not known": "uncertain parameters",
     r"(?<!pareto )front of two": "Pareto front of two objectives",
     r"gives? way": "reacts, moves",
-    r"comes? to|goes on|go on": "reaches, continues",
+    r"comes? to(?! rest)|goes on|go on": "reaches, continues",
     r"stands?": "is defined in, is located at",
     r"bases that act": "base actuation and attitude control",
     r"lets? go|slips? off|slipped off|caught": "released, breaks away, captured",
@@ -32,6 +32,9 @@ PRIVATE = {
 """Words that the documentation does not use, with what it says instead."""
 
 WORDS = re.compile(rf"(?<![\w`./_-])(?:{'|'.join(PRIVATE)})(?![\w`_/-])", re.IGNORECASE)
+IN_STRINGS = re.compile(r"(?<![\w`./_-])(?:asks?|asked|wanted|led|lets|rooms?)(?![\w`_/-])", re.IGNORECASE)
+"""More words that messages, labels, descriptions of the schema and assumptions do not use."""
+
 CODE = re.compile(r"^```.*?^```|^    .*?$|`[^`\n]*`|(?<=\]\()[^)\s]+", re.DOTALL | re.MULTILINE)
 
 NOT_CONVERTED: set[str] = set()
@@ -87,16 +90,38 @@ def test_pages_are_short():
     assert lengths["README.md"] <= 1300
 
 
+def parsed_modules():
+    """Syntax trees of all modules, by their paths."""
+    for package in ("spacerobot", "optim", "viz", "benchmarks"):
+        for path in sorted((ROOT / package).rglob("*.py")):
+            yield path.relative_to(ROOT).as_posix(), ast.parse(path.read_text(encoding="utf-8"))
+
+
+def texts_for_users(tree):
+    """String literals with spaces, docstrings left out: messages, labels, descriptions, assumptions."""
+    documentation = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+    for node in ast.walk(tree):
+        is_text = isinstance(node, ast.Constant) and isinstance(node.value, str) and " " in node.value
+        if is_text and id(node) not in documentation:
+            yield node
+
+
+def test_texts_for_users_use_the_terms_of_the_field():
+    found = [
+        f"{path}:{node.lineno}: {words}"
+        for path, tree in parsed_modules()
+        for node in texts_for_users(tree)
+        if (words := private_words(node.value) + IN_STRINGS.findall(CODE.sub("", node.value)))
+    ]
+    assert not found
+
+
 def test_docstrings_name_their_subject():
     found = []
-    for path in sorted(
-        path
-        for package in ("spacerobot", "optim", "viz", "benchmarks")
-        for path in (ROOT / package).rglob("*.py")
-    ):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for path, tree in parsed_modules():
+        for node in ast.walk(tree):
             if isinstance(node, ast.FunctionDef | ast.ClassDef | ast.Module):
                 text = ast.get_docstring(node) or ""
                 if text.startswith("What "):
-                    found.append(f"{path.relative_to(ROOT)}: {text.splitlines()[0]}")
+                    found.append(f"{path}: {text.splitlines()[0]}")
     assert not found

@@ -124,7 +124,7 @@ def test_an_ideal_wrench_is_clipped_axis_by_axis():
     [
         (
             {"robots.one.actuators": {}},
-            "robots.one.controllers.turn: asks for a torque on the base, which no actuator of the robot "
+            "robots.one.controllers.turn: commands a torque on the base, which no actuator of the robot "
             "delivers; give one of kind base_wrench",
         ),
         (

@@ -238,7 +238,7 @@ def test_what_has_no_place_beside_an_orbit_is_refused(lone):
         small_scene(PLANAR, {"environment": {"leo": leo}, "gravity": [0, -9.81, 0]})
     with pytest.raises(ScenarioError, match=r"environment.two: the world's origin falls with .*leo"):
         small_scene(PLANAR, {"environment": {"leo": leo, "two": leo}})
-    with pytest.raises(ScenarioError, match="found planar, allowed beside an environment: free_flyer"):
+    with pytest.raises(ScenarioError, match="found planar, allowed in an environment: free_flyer"):
         small_scene(PLANAR, {"environment": {"leo": leo}, "target.base.joint": "free_flyer"})
     with pytest.raises(ScenarioError, match=r"environment.leo.kind: found 'orbits', .*did you mean orbit"):
         small_scene(PLANAR, {"environment": {"leo": {**leo, "kind": "orbits"}}})

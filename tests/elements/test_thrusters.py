@@ -130,7 +130,7 @@ def test_derivatives_go_through_switching_times():
     ("change", "told"),
     [
         ({f"{JETS}.nozzles": {}}, f"{JETS}.nozzles: "),
-        ({f"{JETS}.nozzles.a.direction": [0, 0, 0]}, f"{JETS}.nozzles.a.direction: a direction is wanted"),
+        ({f"{JETS}.nozzles.a.direction": [0, 0, 0]}, f"{JETS}.nozzles.a.direction: a direction is required"),
         (
             {f"{JETS}.nozzles.a.direction": [0, 0, 1]},
             f"{JETS}.nozzles.a.direction: found 1 along z; the base moves",
@@ -220,7 +220,7 @@ def test_unloading_without_wheels_behind_is_refused():
     for actuators in ({"jets": jets}, {"wheels": wheels, "jets": jets}):
         with pytest.raises(ScenarioError) as fault:
             small_scene(PLATE, {"robots.one.actuators": actuators})
-        told = f"{JETS}: unloads wheels, which must stand behind it; give some, of kind reaction_wheels or"
+        told = f"{JETS}: unloads wheels, which must be listed after it; give some, of kind reaction_wheels or"
         assert told in str(fault.value)
 
 

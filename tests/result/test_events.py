@@ -61,7 +61,7 @@ def test_outcomes(tmp_path):
     events = told(scene, 3.0)
     assert [event["kind"] for event in events] == ["captured", "slipped"]
     assert events[1]["energy_lost_j"] > 0
-    assert outcome_of(scene, events) == "slipped off"
+    assert outcome_of(scene, events) == "broke away"
     grasp = {"kind": "weld", "begins": "closed"}
     scene = free_bodies(tmp_path, FLAT, grasp)
     assert outcome_of(scene, ()) is None

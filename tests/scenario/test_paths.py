@@ -69,7 +69,7 @@ def test_wrong_paths_are_told(path, message):
     if path:
         with pytest.raises(ScenarioError):
             get(DOCUMENT, path)
-    with pytest.raises(ScenarioError, match="stands for 2 values"):
+    with pytest.raises(ScenarioError, match="matches 2 values"):
         get(DOCUMENT, "robots.*.tips.x.kp")
 
 

@@ -17,8 +17,8 @@ def refused(text: str, match: str) -> None:
 
 
 def test_key_given_twice_is_refused_with_its_line():
-    refused("a: 1\nb: 2\na: 3\n", r"line 3, column 1: key 'a' stands twice")
-    refused("a: {b: 1, b: 2}", r"key 'b' stands twice")
+    refused("a: 1\nb: 2\na: 3\n", r"line 3, column 1: key 'a' is given twice")
+    refused("a: {b: 1, b: 2}", r"key 'b' is given twice")
 
 
 @pytest.mark.parametrize("key", ["1", "[1, 2]", "{a: 1}", "null", "true", "1.5"])

@@ -32,7 +32,7 @@ def study(data: Mapping[str, Any]) -> Drawing:
         good = [trial for trial in sweep if not trial["failure"]]
         places = [trial["values"][k] for trial in good]
         costs = [trial["cost"] for trial in good]
-        panel.plot(places, costs, "o", markersize=3.5, color=COLOURS[0], label="least cost")
+        panel.plot(places, costs, "o", markersize=3.5, color=COLOURS[0], label="optimal cost")
         panel.plot(told["found"], data["cost"]["found"], "*", markersize=9, color=COLOURS[1], label="found")
         steps = [b["values"][k] - a["values"][k] for a, b in itertools.pairwise(sweep)]
         for place, cost, trial in zip(places, costs, good, strict=True):
@@ -51,8 +51,8 @@ def study(data: Mapping[str, Any]) -> Drawing:
             panel.xaxis.set_major_formatter("{x:.3g}")
             panel.xaxis.set_minor_formatter("")
         unit = "" if told["unit"] == "1" else f" [{told['unit']}]"
-        panel.set(xlabel=f"{name.replace('_', ' ')}{unit}", ylabel="least cost" if k == 0 else "")
-    axes[0, 0].set_title(f"{data['scenario']}: least cost by design")
+        panel.set(xlabel=f"{name.replace('_', ' ')}{unit}", ylabel="optimal cost" if k == 0 else "")
+    axes[0, 0].set_title(f"{data['scenario']}: optimal cost by design")
     legend_over(axes[0, 0], columns=3)
     return figure
 

@@ -31,7 +31,7 @@ def mark_phases(axes: Axes, result: Result, *, named: bool = False) -> None:
     for kind, colour in _MARKS.items():
         times = {e["time_s"] for e in result.summary.get("events", ()) if e["kind"] == kind}
         for k, time in enumerate(sorted(times)):
-            label = ("slipped off" if kind == "slipped" else kind) if named and k == 0 else None
+            label = ("broke away" if kind == "slipped" else kind) if named and k == 0 else None
             axes.axvline(time, color=colour, linewidth=0.9, linestyle=(0, (1, 1.5)), zorder=1, label=label)
 
 

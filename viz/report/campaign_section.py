@@ -318,7 +318,7 @@ def animated_worst(shown: CampaignReport) -> dict[str, Any]:
 
 
 def _animations(shown: CampaignReport, _: Subject) -> str:
-    text = '<p class="onpaper">The animation plays on a screen; its frames stand among the figures.</p>'
+    text = '<p class="onpaper">The animation plays on a screen; its frames are among the figures.</p>'
     text += frame(animated(animated_worst(shown)), 640)
     left = list(shown.worst)[MOST_ANIMATED:]
     return text + (f"<p>Not animated: the worst samples of {escape(', '.join(left))}.</p>" if left else "")

@@ -42,7 +42,7 @@ def failing(name: str, told: Mapping[str, Any], summary: Mapping[str, Any]) -> s
     if any_["low"] is not None:
         low, high = (f"{100 * any_[end]:.3g}" for end in ("low", "high"))
         sure = f"{100 * summary['confidence']:g} %"
-        head += f": the probability of failure lies between {low} and {high} %, with {sure} confidence"
+        head += f": the probability of failure is between {low} and {high} %, with {sure} confidence"
     parts = [f"{c['count']} {_cause(k)}" for k, c in causes.items() if k != "any" and c["count"]]
     return f"{head}. Of them: {', '.join(parts)}." if parts else f"{head}."
 
@@ -57,7 +57,7 @@ def capturing(name: str, told: Mapping[str, Any], summary: Mapping[str, Any]) ->
         return f"{text}."
     low, high = (f"{100 * captured[end]:.3g}" for end in ("low", "high"))
     sure = f"{100 * summary['confidence']:g} %"
-    return f"{text}: P(capture) lies between {low} and {high} %, with {sure} confidence."
+    return f"{text}: P(capture) is between {low} and {high} %, with {sure} confidence."
 
 
 def _cause(cause: str) -> str:
@@ -121,6 +121,6 @@ def unfinished(summary: Mapping[str, Any]) -> str | None:
     if summary["samples"] == summary["of"]:
         return None
     return (
-        f"Not finished: {summary['samples']} of {summary['of']} samples are there. The first samples of a "
-        "design need not cover it evenly; start the campaign again to go on."
+        f"Not finished: {summary['samples']} of {summary['of']} samples are complete. The first samples of a "
+        "design need not cover it evenly; start the campaign again to continue."
     )

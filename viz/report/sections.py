@@ -143,7 +143,7 @@ def _has_amnesia(result: Result) -> bool:
 def moving(subject: Subject) -> str | None:
     """The animation; on paper the docking's frames stand for it."""
     shown = subject.results[:2] if len(subject.results) == 2 else subject.results[:1]
-    text = '<p class="onpaper">The animation plays on a screen; its frames stand among the figures.</p>'
+    text = '<p class="onpaper">The animation plays on a screen; its frames are among the figures.</p>'
     return text + frame(animation_page(*shown, autoplay=False), 720)
 
 

@@ -323,7 +323,7 @@ def _check_place(path: str, value: Any) -> None:
         if place.rpartition(".")[2] == "urdf" and (
             Path(file).is_absolute() or PureWindowsPath(file).anchor or ".." in file or ":" in file
         ):
-            message = f"found {file!r}, allowed on a page: a URDF that ships, or lies beside the scenario"
+            message = f"found {file!r}, allowed on a page: a URDF that ships, or is in the scenario's folder"
             raise ScenarioError(message, where=place)
 
 
@@ -359,4 +359,4 @@ def _of_kind(section: Mapping[str, Any], kind: Any, path: str) -> dict[str, Any]
         if section["kind"] in known and isinstance(kind, str) and kind in known:
             fields = known[kind].model_fields
             return {key: value for key, value in section.items() if key in fields} | {"kind": kind}
-    raise ScenarioError(f"found {kind!r}, which is no kind of what stands here", where=path)
+    raise ScenarioError(f"found {kind!r}, which is no kind of this section", where=path)

@@ -114,7 +114,7 @@ class StudioSession:
             elif request.kind == "save":
                 with self._change:
                     if len(self._waiting) >= MOST_WAITING:
-                        raise SpaceRobotError(f"{MOST_WAITING} files wait to be written; ask again later")
+                        raise SpaceRobotError(f"{MOST_WAITING} files wait to be written; request again later")
                     self._waiting.append((page, request))
                     self._change.notify_all()
             else:

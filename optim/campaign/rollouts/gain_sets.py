@@ -44,7 +44,7 @@ def gain_sets(scene: Scene, asked: Sequence[str]) -> Gains | None:
         if equals and name in known:
             raise ScenarioError(f"{name!r} names a set of the scenario's already", where="--gains")
         if name in found:
-            raise ScenarioError(f"{name!r} stands twice", where="--gains")
+            raise ScenarioError(f"{name!r} is given twice", where="--gains")
         if equals:
             found[name] = controllers(scene, Path(folder))
         elif name in known:

@@ -95,7 +95,7 @@ class CampaignStore:
                 _to_disk(stage / DATA)
                 (stage / DATA).replace(path)
         except (OSError, RuntimeError) as fault:
-            kept = f"what was rolled out stays in {CHUNKS}; make room and start again"
+            kept = f"what was rolled out stays in {CHUNKS}; free disk space and start again"
             raise ResultError(f"cannot be written: {fault}; {kept}", source=path) from None
         finally:
             shutil.rmtree(stage, ignore_errors=True)

@@ -56,7 +56,7 @@ def reopen(folder: StrPath) -> CampaignEvaluator:
     if not is_complete(folder / DATA, len(draws)):
         with open_store(folder, identity, len(draws)) as store:
             if not store.done:
-                raise ResultError("holds no sample yet; start its campaign again to go on", source=folder)
+                raise ResultError("holds no sample yet; start its campaign again to continue", source=folder)
             store.merge(layout)
     check_layout(folder / DATA, layout)
     return evaluator

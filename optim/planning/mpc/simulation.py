@@ -308,7 +308,7 @@ def _check_driven(solver: PlanSolver) -> None:
     """
     driven = solver.problem.stage.driven
     if len(driven.names) > len(driven.joints):
-        told = "found an actuator on a base, allowed with kind mpc: joints alone are led"
+        told = "found an actuator on a base, allowed with kind mpc: only joints are controlled"
         raise ScenarioError(told, source=solver.scene.source, where="plan.limits")
 
 

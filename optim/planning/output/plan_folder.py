@@ -132,7 +132,7 @@ def _over_time(scene: Scene, motion: Motion, drives: Mapping[str, int], grips: l
     for name, unit, text in TIP_MOTION:
         variables[name] = (("time", "tip", "axis"), tips[name], _told(unit, text))
     if drives:
-        told = _told("N or N m", "forces and torques that bases ask for, in their own axes")
+        told = _told("N or N m", "forces and torques commanded of bases, in their own axes")
         asked = ca.Function("asked", [stage.z], [ca.densify(commanded_base_wrench(stage))])
         wrench = _spread(list(drives), driven.names[count:], np.array(asked(motion.z.T).full()).T)
         variables["base_wrench"] = (("time", "drive"), wrench, told)

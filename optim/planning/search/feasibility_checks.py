@@ -160,7 +160,9 @@ def check_joined(problem: PlanningProblem, plan: PlanSection) -> None:
         apart = np.linalg.norm(velocities - own, axis=1) - turning * near - goal.end_speed
         fault = ""
         if apart.min() > SLACK:
-            fault = f"its centre of mass goes on at {np.linalg.norm(own):.4g} m/s, another velocity than that"
+            fault = (
+                f"its centre of mass continues at {np.linalg.norm(own):.4g} m/s, another velocity than that"
+            )
         elif np.all((spins @ angular <= SLACK * turned) & (turning + turned > SLACK)):
             fault = f"its angular momentum stays {turned:.4g} N m s, so it cannot turn likewise"
         if fault:

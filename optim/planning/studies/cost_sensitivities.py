@@ -54,7 +54,7 @@ def cost_sensitivities(planned: PlanResult, paths: Sequence[str]) -> dict[str, f
     """
     if len(planned.phased_motion.motions) > 1:
         raise ScenarioError(
-            "slopes are told of plans of one phase whose drives do not jump",
+            "cost sensitivities need a plan of one phase whose drives do not jump",
             source=planned.scene.source,
             where="plan.phases",
         )

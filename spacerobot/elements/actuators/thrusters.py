@@ -41,7 +41,7 @@ SHUT = 1e-9
 
 def _not_zero(value: Vector) -> Vector:
     if not any(value):
-        raise ValueError("a direction is wanted, not all zeros")
+        raise ValueError("a direction is required, not all zeros")
     return value
 
 
@@ -91,8 +91,8 @@ class Thrusters(Actuator):
     specific_impulse: float = quantity("s", "impulse by weight of propellant", default=220.0, gt=0)
     unload: Unload | None = Field(
         default=None,
-        description="unload the robot's wheels, in place of the torque that is asked for, which is left to "
-        "actuators that come after it: the wheels",
+        description="unload the robot's wheels instead of delivering the commanded torque, which is left to "
+        "later actuators: the wheels",
     )
     steps: int | None = Field(
         default=None,

@@ -23,7 +23,7 @@ class TorqueLimit(Actuator):
     """Motors of joints that deliver what is asked of them up to a greatest torque, or force."""
 
     kind: Literal["torque_limit"] = "torque_limit"
-    joints: str = Field(default="*", description="joint by name; `*` stands for any letters")
+    joints: str = Field(default="*", description="joint by name; `*` matches any letters")
     limit: float | None = quantity(
         "N m or N",
         "greatest torque or force of each; the joint's `torque_limit`, or the URDF's effort, if not given",

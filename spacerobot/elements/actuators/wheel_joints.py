@@ -22,7 +22,7 @@ class WheelJoints(WheelSet):
     """Continuous joints of the URDF as reaction wheels: none of the arm's, they deliver the base's torque."""
 
     kind: Literal["wheel_joints"] = "wheel_joints"
-    joints: str = Field(description="joint by name; `*` stands for any letters")
+    joints: str = Field(description="joint by name; `*` matches any letters")
 
     def build(self, actuator: ActuatorContext) -> Contribution:
         """Torques of the joints, whose momentum is their links' and viscous friction their damping."""

@@ -29,7 +29,7 @@ class HuntCrossley(Contact):
     exponent: float = quantity("1", "n; 1 for a spring, 1.5 for a sphere by Hertz", default=1.5, ge=1, le=10)
     dissipation: float | None = quantity(
         "s/m",
-        "a, force per speed of indentation relative to the spring's; 0 if nothing says",
+        "a, force per speed of indentation relative to the spring's; 0 if not given",
         default=None,
         ge=0,
     )

@@ -38,10 +38,12 @@ class BaseTracking(RobotController):
     fills: ClassVar[str | None] = "knots"
     file: str | None = plan_file()
     phase: Name | None = plan_phase()
-    knots: BaseMotion | None = Field(default=None, description="the planned motion, if not in a file")
+    knots: BaseMotion | None = Field(
+        default=None, description="points of the planned trajectory, if not in a file"
+    )
     kd_linear: float = quantity("N s/m", "gain of the velocity", default=0.0, ge=0)
     kd_angular: float = quantity("N m s/rad", "gain of the spin", default=0.0, ge=0)
-    feed_forward: float = quantity("1", "part of the planned wrench that is asked for", default=1.0, ge=0)
+    feed_forward: float = quantity("1", "fraction of the planned wrench that is commanded", default=1.0, ge=0)
 
     @model_validator(mode="after")
     def _check(self) -> BaseTracking:

@@ -58,7 +58,7 @@ class Mpc(JointPlanController):
         """
         if self.knots is None:
             raise ScenarioError(
-                "kind mpc plans anew between the periods of one rollout, as `spacerobot run` does; "
+                "kind mpc replans between the periods of one rollout, as `spacerobot run` does; "
                 "campaigns, searches and other engines do not: there, follow a plan by joint_tracking",
                 where=robot.context.path,
             )
@@ -90,4 +90,4 @@ class Mpc(JointPlanController):
 
     def words(self) -> str:
         """Its gains and its period."""
-        return f"{self.kp:g} / {self.kd:g} along plans made anew every {self.period:g} s"
+        return f"{self.kp:g} / {self.kd:g} along plans recomputed every {self.period:g} s"

@@ -42,7 +42,7 @@ class ResolvedRate(RobotController):
         description="what of the floating base the joints keep still (reaction null space): nothing, its "
         "attitude, or its position too",
     )
-    orientation: bool = Field(default=True, description="whether the tips' orientation is led too")
+    orientation: bool = Field(default=True, description="whether the tips' orientation is controlled too")
     gain: float = quantity("1/s", "rate at which the tips' errors are removed", default=2.0, ge=0)
     rate_gain: float = quantity(
         "1/s", "rate at which errors of the joint rates are removed", default=20.0, ge=0

@@ -47,7 +47,7 @@ class Mated(TipGoal):
     )
     speed_within: float | None = quantity(
         "m/s",
-        "greatest speed beside `closing_speed`, for a rigid grasp; none if not given",
+        "greatest deviation of the velocity from `closing_speed`, for a rigid grasp; none if not given",
         default=None,
         gt=0,
     )

@@ -37,9 +37,9 @@ class Posture(Goal):
     told_by: ClassVar[str | None] = "joints"
 
     kind: Literal["posture"] = "posture"
-    robot: Name = Field(description="robot whose joints come to `joints`")
+    robot: Name = Field(description="robot whose joints reach `joints`")
     joints: dict[str, End] = Field(
-        min_length=1, description="where joints are at the end, by name; `*` stands for any letters"
+        min_length=1, description="joint positions at the end, by name; `*` matches any letters"
     )
 
     within_deg: float = quantity(

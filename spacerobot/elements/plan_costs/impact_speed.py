@@ -18,12 +18,12 @@ class ImpactSpeedCost(PlanCost):
     unit: ClassVar[str] = "m/s"
     reported: ClassVar[Literal["rms", "integral", "root"]] = "root"
     of: ClassVar[Literal["motion", "end", "duration"]] = "end"
-    weighs: ClassVar[str] = "tips that come to mating frames: give a goal with `frame`"
+    weighs: ClassVar[str] = "tips that reach mating frames: give a goal with `frame`"
 
     kind: Literal["impact_speed"] = "impact_speed"
     weight: float = weight(
         "s^2/m^2",
-        "the squared speeds [m/s] and spins [rad/s] with which tips come to their mating frames",
+        "the squared speeds [m/s] and spins [rad/s] with which tips reach their mating frames",
     )
 
     def expression(self, instant: PlanInstant) -> ca.SX:

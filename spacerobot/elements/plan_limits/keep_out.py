@@ -22,12 +22,12 @@ class KeepOut(PlanLimit):
 
     kind: Literal["keep_out"] = "keep_out"
     between: tuple[str, str] = Field(
-        description="the two, each the name of a pad, or robot/link or target/link for all collision shapes "
-        "of a link; `*` in a link's name stands for any letters"
+        description="the pair, each the name of a pad, or robot/link or target/link for all collision shapes "
+        "of a link; `*` in a link's name matches any letters"
     )
     distance: float = quantity("m", "least distance", default=0.0, ge=0)
     wrap: Wrap | None = Field(
-        default=None, description="shape around meshes and cylinders that stands in for them"
+        default=None, description="shape around meshes and cylinders that replaces them"
     )
     only: tuple[int, ...] | None = Field(
         default=None,

@@ -30,7 +30,9 @@ class PlanReference(Reference):
     kind: Literal["plan"] = "plan"
     fills: ClassVar[str | None] = "knots"
     file: str | None = plan_file()
-    knots: TipMotion | None = Field(default=None, description="the planned motion, if not in a file")
+    knots: TipMotion | None = Field(
+        default=None, description="points of the planned trajectory, if not in a file"
+    )
 
     @model_validator(mode="after")
     def _check(self) -> PlanReference:

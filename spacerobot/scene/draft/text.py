@@ -61,7 +61,7 @@ def text_of(found: DraftText) -> str:
         f"  base: {flow(bare['target']['base'])}   # placed so that this grasp closes, away from the arm",
         "  # as far as moves no joint by more than about 0.3 rad, bases giving way, and a tenth of the",
         "  # distance from base to tip at most; no joint faster than about a tenth of its greatest rate,",
-        "  # and slow beside w",
+        "  # and slow relative to w",
         f"  reference: {flow(reference)}",
         "",
         "grasps:   # a weld is rigid; `kind: compliant` has a stiffness and a damping",
@@ -166,7 +166,7 @@ def _campaign(found: DraftText) -> list[str]:
     peak = 1.5 * max(found.move.displacement) / found.move.duration
     allowed = short(max(found.move.displacement) / 5, 1)
     return [
-        "# What is not known; spreads are proposals. `spacerobot campaign`, docs/how_to/monte_carlo.md",
+        "# Uncertain parameters; spreads are proposals. `spacerobot campaign`, docs/how_to/monte_carlo.md",
         "campaign:",
         "  parameters:",
         "    object_mass: {paths: 'target.links.*.mass', apply: factor, lower: 0.8, upper: 1.2}",

@@ -170,7 +170,7 @@ def test_a_robot_cannot_come_to_rest_relative_to_what_moves_otherwise(reach):
     with pytest.raises(ScenarioError, match="its angular momentum stays 0 N m s, so it cannot turn likewise"):
         PlanSolver.of(reach(rest), "interpreted")
     drifting = ("target.base.spin_deg", [0, 0, 0])
-    with pytest.raises(ScenarioError, match="goes on at 0 m/s, another velocity than that") as fault:
+    with pytest.raises(ScenarioError, match="continues at 0 m/s, another velocity than that") as fault:
         PlanSolver.of(reach(rest, drifting), "interpreted")
     assert fault.value.where == "plan.goals.mate"
     same = ("robots.one.base.velocity", [0.01, 0.02, 0])

@@ -95,7 +95,7 @@ def test_sections_are_as_short_in_results_as_users_write_them(reach):
                 ("plan.costs.impact_speed", 1),
                 ("plan.goals", {"o": {"tip": "one/tip", "position": [0, 0, 0]}}),
             ],
-            "there are no tips that come to mating frames",
+            "there are no tips that reach mating frames",
         ),
         (
             [("plan.costs.base_rotation", 1), ("robots.one.base.joint", "fixed")],

@@ -166,7 +166,7 @@ def test_what_does_not_fit_is_refused_in_one_line(reach, changes, message):
 
 
 def test_what_cannot_plan_in_flight_says_so(reach):
-    with pytest.raises(ScenarioError, match=r"robots.one.controllers.lead: kind mpc plans anew") as fault:
+    with pytest.raises(ScenarioError, match=r"robots.one.controllers.lead: kind mpc replans") as fault:
         build_closed_loop(reach(*FLIGHT))
     assert fault.value.exit_code == 2
 

@@ -91,9 +91,7 @@ def test_sentences_about_failures():
     summary = {"samples": 30, "of": 30, "confidence": 0.95}
     text = failing("scenario", told, summary)
     assert text.startswith("With the scenario's own gains, 3 of 30 samples fail: the probability")
-    assert text.endswith(
-        "lies between 1 and 20 %, with 95 % confidence. Of them: 1 diverged, 2 by grip force."
-    )
+    assert text.endswith("is between 1 and 20 %, with 95 % confidence. Of them: 1 diverged, 2 by grip force.")
     assert unfinished(summary) is None
     assert "30 of 40 samples" in unfinished(summary | {"of": 40})
 

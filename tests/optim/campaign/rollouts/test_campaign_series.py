@@ -164,7 +164,7 @@ def test_blocks_fit_into_memory():
     ("changes", "words"),
     [
         ({"campaign.series": ["tip_eror"]}, r"campaign.series: no signal 'tip_eror'; did you mean tip_error"),
-        ({"campaign.series": ["tip_error", "tip_error"]}, "tip_error stands twice"),
+        ({"campaign.series": ["tip_error", "tip_error"]}, "tip_error is given twice"),
         ({"campaign.series_step": 0.1}, "series_step: there is no series"),
         ({"campaign.series": ["tip_error"], "campaign.series_step": 0}, "allowed: above 0"),
         (
