@@ -42,7 +42,8 @@ def write(comparison: Comparison, folder: StrPath) -> dict[str, Any]:
             entry = found["baseline"] if method == "baseline" else found["methods"][method]["best"]
             entry["result"] = f"{benchmark.name}/{method}"
             entry["largest_error_checked_m"] = largest_error(result)
-            entry["trusted"], entry["open"] = (result.summary["status"][name] for name in ("trusted", "open"))
+            status = result.summary["status"]
+            entry |= {name: status[name] for name in ("trusted", "open", "deep") if name in status}
     write_text(folder / "comparison.json", json.dumps(data, indent=1, allow_nan=False) + "\n")
     return data
 

@@ -84,7 +84,8 @@ def found_table(benchmark: Data) -> ComparisonTable:
     rows = [(_untuned(benchmark), number(_untuned_objective(benchmark)), *[""] * 4)]
     for name, method in benchmark["methods"].items():
         best, used = method["best"], method["spent"]
-        marks = ("" if best["feasible"] else " (infeasible)") + (" (ledger open)" if best.get("open") else "")
+        marks = "" if best["feasible"] else " (infeasible)"
+        marks += (" (ledger open)" if best.get("open") else "") + (" (too deep)" if best.get("deep") else "")
         rows.append(
             (
                 name,
@@ -161,12 +162,17 @@ def tables_of(benchmark: Data, precisions: list[float], *, narrow: bool = False)
 
 
 def doubts(benchmark: Data) -> list[str]:
-    """One sentence for each best design whose ledger is open."""
+    """One sentence for each best design whose ledger is open, or whose contacts are too deep."""
     told = []
     for name, method in benchmark["methods"].items():
         if method["best"].get("open"):
             what = "; ".join(method["best"]["open"])
             told.append(f"{benchmark['name']}: the ledger of {name}'s best is open ({what}): do not trust it")
+        if method["best"].get("deep"):
+            what = "; ".join(method["best"]["deep"])
+            told.append(
+                f"{benchmark['name']}: bodies pass into each other in {name}'s best ({what}): do not trust it"
+            )
     return told
 
 

@@ -1,4 +1,4 @@
-"""Plugins that results were made with: found by the name and hash that a result keeps, run once allowed.
+"""Plugins of results, plans and campaigns: found by the name and hash that a folder keeps, run once allowed.
 
 A plugin is Python code, so a folder that somebody sent must not have it run unasked. What is given by
 ``--plugin`` is allowed, and what the user's list of trusted plugins names by its hash; else the user is asked
@@ -19,10 +19,12 @@ from spacerobot.errors import ResultError
 
 TRUSTED = Path("spacerobot") / "trusted_plugins"
 """File in the user's folder of configuration: a line for each plugin, as ``sha256sum FILE`` writes it."""
+KEPT_IN = ("summary.json", "plan.json", "campaign.json")
+"""Files of results, plans and campaigns that keep the plugins which they were made with."""
 
 
 def load_plugins_of(folders: Iterable[Path]) -> None:
-    """Run the plugins that results in folders were made with, those that are allowed.
+    """Run the plugins that results, plans and campaigns in folders were made with, those that are allowed.
 
     Raises
     ------
@@ -55,9 +57,8 @@ def trusted_list() -> Path:
 def _kept(folders: Iterable[Path]) -> Iterator[tuple[Path, dict[str, str]]]:
     """Results' folders in folders, and what each keeps of a plugin; what is damaged is for who reads it."""
     for folder in folders:
-        for path in sorted(
-            {*folder.glob("summary.json"), *folder.glob("*/summary.json"), *folder.glob("*/*/summary.json")}
-        ):
+        depths = ("", "*/", "*/*/")
+        for path in sorted({path for at in depths for name in KEPT_IN for path in folder.glob(at + name)}):
             try:
                 summary: Any = json.loads(path.read_text(encoding="utf-8"))
             except (OSError, ValueError, RecursionError):

@@ -269,6 +269,24 @@ def test_a_pipe_of_no_stated_width_is_wide(monkeypatch, capsys):
     assert max(map(len, capsys.readouterr().out.splitlines())) == output.PLAIN_WIDTH
 
 
+GUIDES = str.maketrans("", "", "\u2502\u251c\u2514\u2500")
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+@pytest.mark.parametrize("name", ["docking", "servicer-wheels"])
+def test_check_shows_every_word_of_trees_and_prose(monkeypatch, capsys, name, width):
+    """The same words in the same order as in a terminal that is as wide as its longest line."""
+
+    def shown(columns):
+        monkeypatch.setenv("COLUMNS", str(columns))
+        shown_command("check", name)()
+        printed = capsys.readouterr().out
+        assert max(map(len, printed.splitlines())) <= columns
+        return printed.translate(GUIDES).split()
+
+    assert shown(width) == shown(4000)
+
+
 HELPS = [name for name, command in app.command_line().commands.items() if not hasattr(command, "commands")]
 
 

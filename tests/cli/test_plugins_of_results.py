@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from optim.campaign.store.folder import load_head, open_store
 from spacerobot.cli import plugins
 from spacerobot.errors import ResultError
 
@@ -90,6 +91,27 @@ def kept(tmp_path, monkeypatch):
     record = {"file": str(plugin), "sha256": hashlib.sha256(plugin.read_bytes()).hexdigest()}
     (folder / "summary.json").write_text(json.dumps({"plugins": [record]}))
     return folder, plugin, trace
+
+
+@pytest.mark.parametrize("inside", ["summary.json", "plan.json", "campaign.json", "point-1/plan.json"])
+def test_results_plans_campaigns_and_plans_of_a_front_name_theirs(kept, monkeypatch, inside):
+    folder, plugin, trace = kept
+    (folder / inside).parent.mkdir(exist_ok=True)
+    (folder / "summary.json").rename(folder / inside)
+    monkeypatch.setattr(plugins, "_is_allowed", lambda _, path, sha256: path == plugin and bool(sha256))
+    plugins.load_plugins_of([folder])
+    assert trace.exists()
+
+
+def test_a_campaign_keeps_its_plugins_also_where_it_is_opened_without_them(kept, monkeypatch, tmp_path):
+    _, plugin, _ = kept
+    campaign = tmp_path / "campaign"
+    for known in ({plugin: plugin.read_bytes()}, {}):
+        monkeypatch.setattr("spacerobot.elements.registry._PLUGINS", known)
+        with open_store(campaign, {"fingerprint": "1"}, 1):
+            pass
+        (record,) = load_head(campaign)["plugins"]
+        assert record == {"file": str(plugin), "sha256": hashlib.sha256(plugin.read_bytes()).hexdigest()}
 
 
 @pytest.mark.parametrize("answer", [True, False])

@@ -22,6 +22,7 @@ import numpy as np
 from optim.campaign.rollouts.evaluator import SampleTable
 from optim.campaign.store.intervals import Interval, Intervals
 from optim.campaign.store.netcdf import DATA, FORMAT, DatasetLayout, is_complete, load_campaign, write_tables
+from spacerobot.elements.registry import plugin_records
 from spacerobot.errors import ResultError
 from spacerobot.files import write_bytes, write_text
 from spacerobot.interrupts import uninterrupted
@@ -152,6 +153,8 @@ def open_store(
             found = load_head(folder)
             _check_same(folder, found, identity)
         wanted = {"format": FORMAT, **identity, "notes": found.get("notes", {}) if notes is None else notes}
+        if plugins := plugin_records() or found.get("plugins"):
+            wanted["plugins"] = plugins
         text = json.dumps(wanted, indent=1) + "\n"
         if found != json.loads(text):
             write_text(head, text)

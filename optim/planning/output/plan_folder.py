@@ -25,6 +25,7 @@ from optim.planning.output.multipliers import multiplier_norms
 from optim.planning.search.make_plan import PlanResult, solver_statistics
 from optim.planning.transcription.motion import Motion
 from spacerobot.arrays import Array
+from spacerobot.elements.registry import plugin_records
 from spacerobot.errors import ResultError
 from spacerobot.files import StrPath, staged, write_text
 from spacerobot.interrupts import uninterrupted
@@ -196,6 +197,7 @@ def summary(planned: PlanResult) -> dict[str, Any]:
         "choices": [vars(one) for one in planned.candidates],
         "evaluation": planned.backend,
         "solver_runs": solver_statistics(planned),
+        **({"plugins": plugins} if (plugins := plugin_records()) else {}),
     }
 
 

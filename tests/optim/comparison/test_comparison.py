@@ -24,7 +24,7 @@ from optim import (
 from optim.comparison import tables
 from optim.comparison.design_evaluator import build_design_evaluator
 from optim.comparison.report import to_data
-from optim.comparison.results import write
+from optim.comparison.results import results_of, write
 from optim.comparison.statistics import statistics
 from optim.comparison.sweep import sweep
 from optim.problem.sensitivities import sensitivity
@@ -105,6 +105,19 @@ def test_each_best_design_is_saved_as_a_result(found):
     assert tip.pid.kp == pytest.approx(best["gains"]["kp"])
     largest = max(made.problems[0].assessments["nlp"].nominal["tip_error_peak"])
     assert best["largest_error_checked_m"] == pytest.approx(largest, rel=1e-2)
+
+
+def test_a_best_design_is_trusted_as_its_run_is(found, tmp_path, monkeypatch):
+    made, _ = found
+    (method, result), *_ = results_of(made.problems[0])
+    judged = {"trusted": False, "open": [], "deep": ["contact bump is 96 mm deep"], "advice": None}
+    result.summary["status"] |= judged
+    monkeypatch.setattr("optim.comparison.results.results_of", lambda _: [(method, result)])
+    data = write(made, tmp_path)
+    entry = data["problems"][0]["baseline"]
+    assert {name: entry[name] for name in ("trusted", "open", "deep")} == {
+        name: judged[name] for name in ("trusted", "open", "deep")
+    }
 
 
 def test_a_comparison_run_again_is_read_from_its_journals(found, small, monkeypatch):

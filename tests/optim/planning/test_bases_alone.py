@@ -103,6 +103,13 @@ def test_plans_of_bases_alone_are_written_drawn_flown_and_played(turning, tmp_pa
     np.testing.assert_allclose(ends["flown"], ends["planned"], atol=1e-5)
 
 
+def test_plans_name_the_plugins_that_they_were_made_with(turning, tmp_path, monkeypatch):
+    made = make_plan(turning(), backend="interpreted")
+    assert "plugins" not in summary(made)
+    monkeypatch.setattr("spacerobot.elements.registry._PLUGINS", {tmp_path / "mine.py": b""})
+    assert [record["file"] for record in summary(made)["plugins"]] == [str(tmp_path / "mine.py")]
+
+
 def test_a_turn_is_drawn_beyond_half_a_turn_with_the_limits_it_reaches(turning):
     plan = dataset(make_plan(turning(), backend="interpreted"))
     angles = np.linspace(0, 500, len(plan.time))

@@ -76,6 +76,19 @@ def test_a_best_design_whose_ledger_is_open_is_marked_in_tables_and_on_the_page(
     assert page.count("(ledger open)") == 1
 
 
+def test_a_best_design_whose_contacts_are_too_deep_is_marked_likewise(undrawn, folder):
+    file = folder / "comparison.json"
+    data = json.loads(file.read_text())
+    deep = ["contact bump is 96 mm deep, where its smaller shape has 50 mm from its middle to its surface"]
+    data["problems"][0]["methods"]["nlp"]["best"] |= {"trusted": False, "open": [], "deep": deep}
+    file.write_text(json.dumps(data))
+    told = f"bodies pass into each other in nlp's best ({deep[0]}): do not trust it"
+    assert [told in line for line in tables.doubts(data["problems"][0])] == [True]
+    page = comparison_report(folder)
+    assert html.escape(told) in page
+    assert page.count("(too deep)") == 1
+
+
 @pytest.mark.parametrize("content", ["", "{}", '{"problems": [{}]}', '{"problems": 3}'])
 def test_a_broken_comparison_is_one_clear_line(undrawn, folder, content):
     (folder / "comparison.json").write_text(content)
