@@ -30,7 +30,20 @@ def configuration_derivative(model: pinocchio.Model, q: ca.SX, v: ca.SX) -> ca.S
 
 
 def normalise(model: pinocchio.Model, q: ca.SX) -> ca.SX:
-    """Configuration with (cos, sin) pairs and quaternions scaled back to length one, nq."""
+    """Return a configuration to the manifold: (cos, sin) pairs and quaternions are scaled to length one.
+
+    Parameters
+    ----------
+    model
+        Any model of supported joints.
+    q
+        Configuration, Pinocchio's coordinates, nq.
+
+    Returns
+    -------
+    casadi.SX
+        Configuration, nq.
+    """
     return ca.vertcat(*(_normalised(joint, joint.coordinates(q)) for joint in read_joints(model)))
 
 

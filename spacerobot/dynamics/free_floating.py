@@ -59,6 +59,15 @@ class FreeFloating:
     ) -> FreeFloating:
         """Split the momentum of the subtree that starts at joint ``root``.
 
+        Parameters
+        ----------
+        model
+            Model that holds the robot.
+        kinematics, inertias
+            Its posture and its mass properties.
+        root
+            Id of the robot's planar or free-flyer joint on the universe.
+
         Raises
         ------
         DescriptionError
@@ -91,7 +100,21 @@ class FreeFloating:
         return ca.mtimes(jacobian[:, list(_range(self.base))], self._base_velocity_per_momentum())
 
     def base_velocity(self, rates: ca.SX, momentum: ca.SX | None = None) -> ca.SX:
-        """Base velocity in Pinocchio's coordinates (k) that joint rates (n) and momentum (6) entail."""
+        """Base velocity that follows from joint rates and momentum.
+
+        Parameters
+        ----------
+        rates
+            Joint rates, n [rad/s or m/s].
+        momentum
+            Linear momentum [N s] and angular momentum about the world's origin [N m s], world axes,
+            6; zero if ``None``.
+
+        Returns
+        -------
+        casadi.SX
+            Velocity of the base in Pinocchio's coordinates, k.
+        """
         reaction = SymmetricFactors(self.base_inertia).solve_negated(ca.mtimes(self.base_coupling, rates))
         if momentum is None:
             return reaction
@@ -200,7 +223,24 @@ class FreeFloatingRobot:
         return np.asarray(self.function(q, 0, 0)[2])
 
     def base_velocity(self, q: Array, rates: Array, momentum: Array | None = None) -> Array:
-        """Base velocity in Pinocchio's coordinates that joint rates and momentum (6, default 0) entail."""
+        """Base velocity that follows from joint rates and momentum.
+
+        Parameters
+        ----------
+        q
+            Configuration of the whole model, (nq,).
+        rates
+            Joint rates, (n,) [rad/s or m/s].
+        momentum
+            Linear momentum [N s] and angular momentum about the world's origin [N m s], world axes,
+            (6,); zero if ``None``.
+
+        Returns
+        -------
+        numpy.ndarray
+            Velocity of the base in Pinocchio's coordinates, (k,): k = 3 for a planar base, 6 for a
+            free-flyer.
+        """
         return np.asarray(self.function(q, 0 if momentum is None else momentum, rates)[3]).ravel()
 
     def reaction_null_space(self, q: Array, *, angular_only: bool = False, tolerance: float = 1e-10) -> Array:

@@ -47,7 +47,20 @@ class Inertias:
         return cls(tuple(mass), tuple(moment), tuple(rotational))
 
     def in_world(self, kinematics: Kinematics, joint_id: int) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """Mass (1x1), first moment (3x1) and rotational inertia (3x3) about the joint origin, world axes."""
+        """Mass properties of a joint's body about the joint origin, world axes.
+
+        Parameters
+        ----------
+        kinematics
+            Posture of the model.
+        joint_id
+            Joint that carries the body.
+
+        Returns
+        -------
+        tuple
+            Mass (kg, 1x1), first moment (kg m, 3x1) and rotational inertia (kg m^2, 3x3).
+        """
         return self.rotated(kinematics.rotation[joint_id], joint_id)
 
     def rotated(self, rotation: ca.SX, joint_id: int) -> tuple[ca.SX, ca.SX, ca.SX]:

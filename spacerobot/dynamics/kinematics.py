@@ -99,26 +99,65 @@ def forward_kinematics(model: pinocchio.Model, q: ca.SX, v: ca.SX | None = None)
 
 
 def frame_placement(model: pinocchio.Model, kinematics: Kinematics, frame_id: int) -> tuple[ca.SX, ca.SX]:
-    """Rotation (3x3, frame to world) and origin (m, 3x1) of a frame."""
+    """Pose of a frame in the world.
+
+    Parameters
+    ----------
+    model
+        Model that holds the frame.
+    kinematics
+        Its posture.
+    frame_id
+        Pinocchio's id of the frame.
+
+    Returns
+    -------
+    tuple
+        Rotation from frame to world axes (3x3), and origin (m, 3x1).
+    """
     joint, arm = _lever(model, kinematics, frame_id)
     local = exact_directions(model.frames[frame_id].placement.rotation)
     return ca.mtimes(kinematics.rotation[joint], local), kinematics.origin[joint] + arm
 
 
 def frame_velocity(model: pinocchio.Model, kinematics: Kinematics, frame_id: int) -> tuple[ca.SX, ca.SX]:
-    """Linear (m/s) and angular (rad/s) velocity of a frame's origin, world axes, 3x1 each."""
+    """Velocity of a frame's origin and angular velocity of the frame.
+
+    Parameters
+    ----------
+    model
+        Model that holds the frame.
+    kinematics
+        Its posture and velocities.
+    frame_id
+        Pinocchio's id of the frame.
+
+    Returns
+    -------
+    tuple
+        Linear (m/s) and angular (rad/s) velocity, world axes, 3x1 each.
+    """
     joint, arm = _lever(model, kinematics, frame_id)
     spin = kinematics.angular_velocity[joint]
     return kinematics.linear_velocity[joint] + cross(spin, arm), spin
 
 
 def frame_drift(model: pinocchio.Model, kinematics: Kinematics, frame_id: int) -> tuple[ca.SX, ca.SX]:
-    """Classical acceleration of a frame's origin at zero joint acceleration, world axes.
+    """Classical acceleration of a frame's origin at zero joint acceleration.
+
+    Parameters
+    ----------
+    model
+        Model that holds the frame.
+    kinematics
+        Its posture and velocities.
+    frame_id
+        Pinocchio's id of the frame.
 
     Returns
     -------
     tuple
-        Linear (m/s^2) and angular (rad/s^2), 3x1 each: ``Jdot v`` for the Jacobian of
+        Linear (m/s^2) and angular (rad/s^2), world axes, 3x1 each: ``Jdot v`` for the Jacobian of
         :func:`frame_jacobian`.
     """
     frame = model.frames[frame_id]
@@ -129,18 +168,42 @@ def frame_drift(model: pinocchio.Model, kinematics: Kinematics, frame_id: int) -
 
 
 def frame_jacobian(model: pinocchio.Model, kinematics: Kinematics, frame_id: int) -> ca.SX:
-    """Jacobian of a frame, linear rows first, Pinocchio's ``LOCAL_WORLD_ALIGNED``, 6xnv, sparse."""
+    """Jacobian of a frame in Pinocchio's ``LOCAL_WORLD_ALIGNED`` convention.
+
+    Parameters
+    ----------
+    model
+        Model that holds the frame.
+    kinematics
+        Its posture.
+    frame_id
+        Pinocchio's id of the frame.
+
+    Returns
+    -------
+    casadi.SX
+        6xnv, sparse: linear rows (m/s), then angular rows (rad/s) per velocity coordinate, world axes.
+    """
     joint, arm = _lever(model, kinematics, frame_id)
     return point_jacobian(kinematics, joint, kinematics.origin[joint] + arm)
 
 
 def point_jacobian(kinematics: Kinematics, joint_id: int, point: ca.SX) -> ca.SX:
-    """Jacobian of the material point of a joint's body that is at ``point`` (m, world, 3x1).
+    """Jacobian of a material point of a joint's body.
+
+    Parameters
+    ----------
+    kinematics
+        Posture of the model.
+    joint_id
+        Joint that carries the body.
+    point
+        Current position of the point in the world, m, 3x1.
 
     Returns
     -------
     casadi.SX
-        6xnv, sparse: linear rows (m/s), then angular (rad/s), world axes.
+        6xnv, sparse: linear rows (m/s), then angular rows (rad/s) per velocity coordinate, world axes.
     """
     blocks = {joint.index: ca.SX(6, joint.nv) for joint in kinematics.joints}
     for joint in kinematics.support(joint_id):

@@ -13,7 +13,20 @@ from spacerobot.dynamics.kinematics import Kinematics
 
 
 def subtree(model: pinocchio.Model, joint_id: int) -> tuple[int, ...]:
-    """Joint ids of the subtree that starts at ``joint_id``, itself first."""
+    """Joint ids of a subtree.
+
+    Parameters
+    ----------
+    model
+        Any model.
+    joint_id
+        Root of the subtree.
+
+    Returns
+    -------
+    tuple
+        Ids, the root first; the universe is left out.
+    """
     return tuple(int(index) for index in model.subtrees[joint_id] if index)
 
 
@@ -87,7 +100,20 @@ def kinetic_energy(
 
 
 def total_mass(model: pinocchio.Model, inertias: Inertias, joints: Iterable[int] | None = None) -> ca.SX:
-    """Mass (kg, 1x1) of the bodies behind ``joints``; ``None`` means all."""
+    """Total mass of bodies.
+
+    Parameters
+    ----------
+    model, inertias
+        The system and its mass properties.
+    joints
+        Joint ids whose bodies count; ``None`` means all.
+
+    Returns
+    -------
+    casadi.SX
+        kg, 1x1.
+    """
     mass = ca.SX(1, 1)
     for index in _chosen(model, joints):
         mass = mass + inertias.mass[index]
@@ -100,7 +126,20 @@ def centre_of_mass(
     inertias: Inertias,
     joints: Iterable[int] | None = None,
 ) -> ca.SX:
-    """Centre of mass (m, world, 3x1) of the bodies behind ``joints``; ``None`` means all."""
+    """Common centre of mass of bodies.
+
+    Parameters
+    ----------
+    model, kinematics, inertias
+        The system, its posture and its mass properties.
+    joints
+        Joint ids whose bodies count; ``None`` means all.
+
+    Returns
+    -------
+    casadi.SX
+        Position in the world, m, 3x1.
+    """
     chosen = _chosen(model, joints)
     moment = ZERO3
     for index in chosen:

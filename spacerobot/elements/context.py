@@ -70,7 +70,20 @@ class RobotContext:
     tips: tuple[TipContext, ...] = ()
 
     def read(self, signal: str, value: ca.SX) -> ca.SX:
-        """A signal (n x 1) as its sensor gives it."""
+        """Signal as its sensor gives it.
+
+        Parameters
+        ----------
+        signal
+            Name of the signal.
+        value
+            Its true value (n x 1).
+
+        Returns
+        -------
+        casadi.SX
+            Last sample of a sampled sensor, otherwise the value with the sensor's offset and scale (n x 1).
+        """
         return known(self, signal, value)
 
     @property
@@ -84,7 +97,15 @@ class RobotContext:
         return joint_of(self.plant, self.base_frame)
 
     def torque(self, values: ca.SX, *, null_space: bool = False) -> CommandedTorque:
-        """Torques of the robot's free joints (n x 1), in their order [N m or N]."""
+        """Commanded torques of the robot's free joints.
+
+        Parameters
+        ----------
+        values
+            One for each free joint, in the robot's order (n x 1) [N m or N].
+        null_space
+            Whether only the part that does not accelerate the robot's controlled tips acts.
+        """
         torque = ca.SX(self.plant.v.size1(), 1)
         for i, column in enumerate(self.columns):
             torque[column] = values[i]
@@ -132,7 +153,20 @@ class TipContext:
     siblings: Mapping[str, Section]
 
     def read(self, signal: str, value: ca.SX) -> ca.SX:
-        """A signal (n x 1) as its sensor gives it."""
+        """Signal as its sensor gives it.
+
+        Parameters
+        ----------
+        signal
+            Name of the signal.
+        value
+            Its true value (n x 1).
+
+        Returns
+        -------
+        casadi.SX
+            Last sample of a sampled sensor, otherwise the value with the sensor's offset and scale (n x 1).
+        """
         return known(self, signal, value)
 
     @property
@@ -179,17 +213,37 @@ class TipContext:
         return self.plant.gathered(part.T).T
 
     def torque(self, force: ca.SX | None = None, couple: ca.SX | None = None) -> CommandedTorque:
-        """Joint torques ``J^T u`` that press on the tip with a force [N] and a couple [N m] (3x1 each)."""
+        """Commanded joint torques ``J^T u`` of a wrench on the tip, with the manipulator Jacobian.
+
+        Parameters
+        ----------
+        force
+            Force on the tip at its origin, world axes (3x1) [N]; zero if None.
+        couple
+            Couple on the tip, world axes (3x1) [N m]; zero if None.
+        """
         none = ca.SX(3, 1)
         wrench = ca.vertcat(none if force is None else force, none if couple is None else couple)
         axes = [*self.plant.translation_axes, *(axis + 3 for axis in self.plant.rotation_axes)]
         return CommandedTorque(self.robot, ca.mtimes(self.arm_jacobian[axes, :].T, wrench[axes]))
 
     def reduced_loads(self, axes: list[int], *, rotation: bool) -> tuple[ca.SX, ca.SX]:
-        """Unit loads on the tip, reduced, as the arm's joints bring them about and as wrenches (nv x n each).
+        """Unit loads on the tip, reduced: as produced by the arm's joints, and as external wrenches.
 
-        An arm that presses at its tip presses back on its own base: ``J^T u`` with the manipulator Jacobian
+        An arm that pushes at its tip pushes back on its own base: ``J^T u`` with the manipulator Jacobian
         is the wrench u on the tip and -u, at the same point, on the base.
+
+        Parameters
+        ----------
+        axes
+            World axes of the n loads.
+        rotation
+            Whether the loads are couples rather than forces.
+
+        Returns
+        -------
+        tuple
+            Reduced generalized forces by the joints, and those by wrenches (nv x n each).
         """
         point, by_arm, by_wrench = self.position, [], []
         for axis in axes:
@@ -257,11 +311,27 @@ class ActuatorContext:
         return joint_of(self.plant, self.base_frame)
 
     def joint_number(self, joint: str, key: str) -> ca.SX:
-        """A number of a joint's own section (1x1), ``torque_limit``."""
+        """Number of a joint's own section, such as ``torque_limit`` (1x1), in the section's unit.
+
+        Parameters
+        ----------
+        joint
+            Name of the joint in the URDF.
+        key
+            Key of the number.
+        """
         return self.context.at(f"{self.path}.joints.{joint}").number(key)
 
     def on_base(self, force: ca.SX | None = None, torque: ca.SX | None = None) -> Wrench:
-        """Force at the root link's origin [N] and torque [N m] on the base (3x1 each)."""
+        """Wrench on the base at the root link's origin, world axes.
+
+        Parameters
+        ----------
+        force
+            Force (3x1) [N]; zero if None.
+        torque
+            Torque (3x1) [N m]; zero if None.
+        """
         none = ca.SX(3, 1)
         point = self.plant.placement(self.base_frame)[1]
         return Wrench(
@@ -310,7 +380,18 @@ class GraspContext:
         return joint_of(self.plant, self.mate_frame)
 
     def opposite(self, force: ca.SX, torque: ca.SX) -> tuple[Wrench, Wrench]:
-        """One pair of opposite wrenches at the tip's point: on the target as given, and on the robot."""
+        """Pair of opposite wrenches at the tip's origin.
+
+        Parameters
+        ----------
+        force, torque
+            Force [N] and torque [N m] on the target, world axes (3x1 each).
+
+        Returns
+        -------
+        tuple
+            Wrench on the target's joint as given, and the opposite one on the robot's joint.
+        """
         point = self.plant.placement(self.tip_frame)[1]
         return (
             Wrench(self.mate_joint, force, torque, point),
@@ -378,19 +459,48 @@ class ContactContext:
     pairs: tuple[tuple[ContactSurface, ContactSurface], ...]
 
     def proximity(self, first: ContactSurface, second: ContactSurface) -> Proximity:
-        """How near two shapes are."""
+        """Proximity of two shapes, with the contact's ``crown``.
+
+        Parameters
+        ----------
+        first, second
+            Surfaces of the two bodies.
+        """
         crown = self.context.number("crown")
         return proximity(first.shape, second.shape, crown)
 
     def velocity(self, surface: ContactSurface, point: ca.SX) -> ca.SX:
-        """Velocity (3x1) [m/s] of the body's material point that is at a point (3x1) [m]."""
+        """Velocity of a body's material point, world axes (3x1) [m/s].
+
+        Parameters
+        ----------
+        surface
+            Surface of the body.
+        point
+            Current position of the point in the world (3x1) [m].
+        """
         linear, angular = self.plant.velocity(surface.frame)
         return linear + cross(angular, point - self.plant.placement(surface.frame)[1])
 
     def opposite(
         self, pair: tuple[ContactSurface, ContactSurface], force: ca.SX, point: ca.SX
     ) -> tuple[Wrench, Wrench]:
-        """One pair of opposite forces at a point (3x1 each): on the second as given, and on the first."""
+        """Pair of opposite forces at a point.
+
+        Parameters
+        ----------
+        pair
+            The two surfaces.
+        force
+            Force on the second one, world axes (3x1) [N].
+        point
+            Point of application in the world (3x1) [m].
+
+        Returns
+        -------
+        tuple
+            Wrench on the second one's joint as given, and the opposite one on the first one's joint.
+        """
         none = ca.SX(3, 1)
         return Wrench(pair[1].joint, force, none, point), Wrench(pair[0].joint, -force, none, point)
 

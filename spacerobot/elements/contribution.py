@@ -46,7 +46,15 @@ class State:
 
 
 def memory(name: str, initial: ca.SX) -> State:
-    """State that keeps a value (n x 1) until an event gives it another one."""
+    """State that keeps its value until an event changes it.
+
+    Parameters
+    ----------
+    name
+        Name of the state and of its symbol.
+    initial
+        Initial value (n x 1).
+    """
     size = initial.size1()
     return State(name, ca.SX.sym(name, size), ca.densify(initial), ca.SX.zeros(size), remembers=True)
 

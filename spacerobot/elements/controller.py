@@ -28,7 +28,14 @@ class TipController(Element):
         raise NotImplementedError
 
     def reads(self, key: str, siblings: Mapping[str, Section]) -> set[str]:
-        """Signals that it reads from sensors; ``key`` and ``siblings`` as in :class:`TipContext`."""
+        """Names of the signals that it reads from sensors; none by default.
+
+        Parameters
+        ----------
+        key, siblings
+            Key of the controller in the tip's section, and the other sections there, as in
+            :class:`TipContext`.
+        """
         del key, siblings
         return set()
 

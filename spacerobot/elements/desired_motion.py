@@ -78,7 +78,15 @@ STILL = TimeProfile(ca.SX(3, 1), ca.SX(3, 1), ca.SX(3, 1))
 
 
 def cubic_blend(context: SectionContext, key: str = "duration") -> TimeProfile:
-    """From 0 to 1 at rest at both ends, held afterwards (Eq. 42), over the duration that stands at a key."""
+    """Cubic blend from 0 to 1, at rest at both ends and constant afterwards (Eq. 42).
+
+    Parameters
+    ----------
+    context
+        Time, and the numbers of the section.
+    key
+        Key of the blend's duration in the section [s].
+    """
     duration = context.number(key)
     moving = context.time < context.jump(key)
     s = ca.if_else(moving, context.time / duration, 1)

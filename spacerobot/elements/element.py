@@ -36,7 +36,16 @@ class Element(Section):
 
     @classmethod
     def read(cls, file: Path, where: str, phase: str | None = None) -> Mapping[str, Any]:
-        """Values of a section from a file, in the form that :attr:`fills` takes; of one phase if it is given.
+        """Values of a section from a file, in the form that :attr:`fills` takes.
+
+        Parameters
+        ----------
+        file
+            The file.
+        where
+            Dotted path of the section.
+        phase
+            Phase whose values are read, if any.
 
         Raises
         ------

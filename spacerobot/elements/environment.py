@@ -80,9 +80,16 @@ class EnvironmentContext:
         return Load(joint, mass, kinematics.origin[joint] + lever, rotation, central, velocity, spin)
 
     def acting(self, load: Load, force: ca.SX, torque: ca.SX) -> tuple[Wrench, PowerTerm]:
-        """Force at a centre of mass [N] and torque [N m] (3x1 each), and the work that they do.
+        """Wrench on a load at its centre of mass, and the power that it puts in.
 
-        Where nothing can leave the plane, what would act out of it is left out.
+        In a planar scene the components out of the plane are left out.
+
+        Parameters
+        ----------
+        load
+            Load of one joint.
+        force, torque
+            Force [N] and torque [N m], world axes (3x1 each).
         """
         force, torque = ca.SX(force), ca.SX(torque)
         if self.plant.planar:

@@ -104,12 +104,23 @@ def kinds(family: str) -> Mapping[str, type[Element]]:
 
 
 def create(family: str, kind: str, **values: Any) -> Any:
-    """Section of a kind by its name, of these values and its defaults.
+    """Create a section of a registered kind; keys that are not given have their defaults.
+
+    Parameters
+    ----------
+    family
+        Family of the kind, such as ``reference``.
+    kind
+        Name of the kind.
+    **values
+        Values of the section, by key.
 
     Raises
     ------
     pydantic.ValidationError
-        If a value is not what the kind takes.
+        If a value is not allowed by the kind.
+    KeyError
+        If there is no such family or kind.
     """
     return kinds(family)[kind].model_validate({"kind": kind} | values)
 
