@@ -10,7 +10,7 @@ import dataclasses
 import json
 import re
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +40,17 @@ def shown_gains(benchmark: Mapping[str, Any]) -> Any:
     return dataclasses.replace(table, rows=tuple(row for row in table.rows if row[0] in SHOWN))
 
 
+def best_objectives(problems: Iterable[Mapping[str, Any]]) -> tables.ComparisonTable:
+    """Best and median objective and the cost of each method, one column each; times are in `docs/data`."""
+    rows: list[tuple[str, ...]] = []
+    for benchmark in problems:
+        found = tables.found_table(benchmark)
+        methods, best, median, cost, *_ = zip(*found.rows, strict=True)
+        unit = benchmark["unit"]["name"]
+        rows += [(f"{benchmark['name']}, best [{unit}]", *best), ("median", *median), ("cost", *cost)]
+    return tables.ComparisonTable("Results of all runs", ("", *methods), tuple(rows))
+
+
 def blocks(data: Mapping[str, Any]) -> dict[str, str]:
     """Texts by the name of their mark."""
     problems = data["problems"]
@@ -50,7 +61,7 @@ def blocks(data: Mapping[str, Any]) -> dict[str, str]:
     return {
         "conclusion": f"**{conclusion(data)}**",
         "table": tables.as_markdown(tables.summary_table(data)),
-        "found": each(tables.found_table),
+        "found": tables.as_markdown(best_objectives(problems)),
         "gains": each(shown_gains),
         "prices": "\n".join(f"- {benchmark['name']}: {tables.prices(benchmark)}" for benchmark in problems),
     }
