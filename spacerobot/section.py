@@ -51,7 +51,20 @@ class Section(BaseModel):
 
     @classmethod
     def unit_of(cls, key: str, *, rotation: bool = False) -> str | None:
-        """Unit of a key's number, where it controls a rotation if so said; None if its field states none."""
+        """Unit of a key's number; None if its field states none.
+
+        Parameters
+        ----------
+        key
+            Key of the section.
+        rotation
+            Whether the section controls a rotation, whose unit may differ.
+
+        Raises
+        ------
+        KeyError
+            If the section has no such key.
+        """
         extra = cls.model_fields[key].json_schema_extra
         if not isinstance(extra, dict):
             return None

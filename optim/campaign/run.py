@@ -79,7 +79,17 @@ class Executor(Protocol):
     def work(
         self, evaluator: CampaignEvaluator, draws: Array, chunks: ChunkQueue
     ) -> Iterator[tuple[int, SampleTable]]:
-        """Every chunk's table with its first sample, in any order."""
+        """Table of every chunk with the index of its first sample, in any order.
+
+        Parameters
+        ----------
+        evaluator
+            Evaluator of the campaign.
+        draws
+            All draws, (N, k).
+        chunks
+            Queue of the chunks that remain.
+        """
 
 
 @dataclass(frozen=True)
@@ -103,7 +113,17 @@ class LocalExecutor:
     def work(
         self, evaluator: CampaignEvaluator, draws: Array, chunks: ChunkQueue
     ) -> Iterator[tuple[int, SampleTable]]:
-        """Every chunk in order; see :class:`Executor`."""
+        """Table of every chunk with the index of its first sample, in order; see :class:`Executor`.
+
+        Parameters
+        ----------
+        evaluator
+            Evaluator of the campaign.
+        draws
+            All draws, (N, k).
+        chunks
+            Queue of the chunks that remain.
+        """
         size = self.size or first_size(evaluator)
         while (piece := chunks.take(size)) is not None:
             since = time.perf_counter()

@@ -51,7 +51,15 @@ class EvolutionSettings:
     mutation: float = 0.05
 
     def fingerprint(self, method: str, seed: int) -> str:
-        """Hash of the data, in addition to the problem, on which a journal of such a run depends."""
+        """Hash of the data, in addition to the problem, on which a journal of such a run depends.
+
+        Parameters
+        ----------
+        method
+            Name of the method.
+        seed
+            Seed of the run.
+        """
         return hashlib.sha256(repr((self, method, seed)).encode()).hexdigest()
 
 

@@ -32,9 +32,14 @@ class Sensitivity:
 
 
 def sensitivity(problem: TuningProblem, points: Mapping[str, Array]) -> Sensitivity:
-    """Sensitivities at points of the unit cube (k,), by name.
+    """Sensitivities of the objective at given points; NaN where the rollout diverges.
 
-    Points where the rollout diverges get NaN.
+    Parameters
+    ----------
+    problem
+        The tuning problem, of k variables.
+    points
+        Points of the unit cube (k,), by name.
     """
     relative, over_range = {}, {}
     for name, u in points.items():

@@ -161,7 +161,20 @@ class TuningProblem(Formulation):
         return self.measure_values(self.variables.values(np.atleast_2d(u)), plants)
 
     def measure_values(self, values: Array, plants: Mapping[str, Array] | None = None) -> Arrays:
-        """The same at values (N, k) of the variables, in the scenario's units."""
+        """Measures at values of the variables in the scenario's units.
+
+        Parameters
+        ----------
+        values
+            Values of the variables, (N, k).
+        plants
+            Values (N,) of other parameters by dotted path.
+
+        Returns
+        -------
+        Mapping
+            Measures by name, each with N as its first axis.
+        """
         others = dict(plants or {})
         rows = np.column_stack([np.atleast_2d(values), *others.values()])
         return self.workers.map(self, partial(worker_operations.measures, paths=(*self.names, *others)), rows)

@@ -236,7 +236,17 @@ class Search:
         return self._seconds + time.perf_counter() - self._since
 
     def finish(self, status: str, message: str = "", **more: object) -> SearchRun:
-        """The run as it ended; ``more`` are further fields of :class:`SearchRun`."""
+        """Outcome of the search at its end.
+
+        Parameters
+        ----------
+        status
+            Status of the run.
+        message
+            Reason, for a reader.
+        **more
+            Further fields of :class:`SearchRun`.
+        """
         return SearchRun(
             self.method,
             self.index,

@@ -26,7 +26,24 @@ class Threads:
     threads: int | None = None
 
     def map(self, problem: Portable, operation: Operation, rows: Array, *, grain: int = LANES) -> Arrays:
-        """Even shares of the rows, one for each thread; see :class:`optim.workers.Workers`."""
+        """Results of an operation on rows, split evenly between threads; see :class:`optim.workers.Workers`.
+
+        Parameters
+        ----------
+        problem
+            Problem that the operation is applied to.
+        operation
+            Operation on rows, computed for each row.
+        rows
+            Rows, (N, n).
+        grain
+            Smallest number of rows per thread.
+
+        Returns
+        -------
+        Mapping
+            Arrays by name with N as their first axis.
+        """
         count = max(1, min(self.threads or usable_cores(), len(rows) // grain))
         if count == 1:
             return operation(problem, rows)

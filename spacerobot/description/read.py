@@ -67,12 +67,19 @@ class Description:
         return urdf_xml(self.name, self.links, self.joints, prefix)
 
     def settled(self, positions: Mapping[str, float], locked: Collection[str]) -> Description:
-        """The same with some joints locked; see :func:`spacerobot.description.mimic.settle`.
+        """Description with some joints locked; see :func:`spacerobot.description.mimic.settle`.
+
+        Parameters
+        ----------
+        positions
+            Initial joint positions by name [rad or m].
+        locked
+            Names of the locked joints.
 
         Raises
         ------
         DescriptionError
-            If joints that are not locked mimic what cannot be mimicked.
+            If joints that are not locked mimic a joint that does not exist, or each other in a circle.
         """
         return replace(self, joints=settle(self.joints, positions, locked, self.path))
 

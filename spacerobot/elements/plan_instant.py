@@ -61,17 +61,48 @@ class BoundedRow:
     form: Literal["itself", "square", "cosine"] = "itself"
 
     def held(self, share: Array, begins: float) -> npt.NDArray[np.bool_]:
-        """At which parts of the duration it must hold, where its last part begins at one of them."""
+        """Points at which the constraint holds.
+
+        Parameters
+        ----------
+        share
+            Parts of the duration that have passed at the points, 0 to 1 (n,).
+        begins
+            Part of the duration from which it holds; of no effect if it holds at the first instant only.
+
+        Returns
+        -------
+        numpy.ndarray
+            Truth values (n,).
+        """
         return np.asarray(share == 0 if self.first else share >= begins - 1e-12)
 
 
 def zero(name: str, unit: str, value: ca.SX) -> BoundedRow:
-    """Something that must be zero."""
+    """Equality constraint on a value.
+
+    Parameters
+    ----------
+    name, unit
+        Name for messages, and unit of the value.
+    value
+        Expression that must be zero (1x1).
+    """
     return BoundedRow(name, unit, value, 0.0, 0.0)
 
 
 def within(name: str, unit: str, value: ca.SX, limit: float) -> BoundedRow:
-    """A vector no longer than a limit, as its square over the limit's, which is smooth where it is zero."""
+    """Bound on a vector's length, as its square over that of the limit, which is smooth at zero.
+
+    Parameters
+    ----------
+    name, unit
+        Name for messages, and unit of the vector.
+    value
+        The vector (n x 1).
+    limit
+        Greatest length, in that unit.
+    """
     square = ca.sumsqr(value) / limit**2
     return BoundedRow(name, unit, square, upper=1.0, scale=limit / 2, form="square")
 
@@ -224,34 +255,111 @@ class PlanInstant(Protocol):
         """About which things turn: z, or all."""
 
     def tip(self, label: str, key: str = "tip") -> MovingFrame:
-        """A tip, by robot/tip."""
+        """Frame of a tip.
+
+        Parameters
+        ----------
+        label
+            The tip, as robot/tip.
+        key
+            Key of the section that names it.
+        """
 
     def mating(self, link: str, key: str = "frame") -> MovingFrame:
-        """A link of the target."""
+        """Frame of a link of the target.
+
+        Parameters
+        ----------
+        link
+            Name of the link.
+        key
+            Key of the section that names it.
+        """
 
     def root(self, body: str, key: str) -> tuple[ca.SX, ca.SX]:
-        """Velocity and spin of a floating root link, its own axes, as many as there are [m/s, rad/s]."""
+        """Velocity [m/s] and spin [rad/s] of a floating root link, along its own axes in which it moves.
+
+        Parameters
+        ----------
+        body
+            Name of the body.
+        key
+            Key of the section that names it.
+        """
 
     def base(self, robot: str, key: str) -> MovingFrame:
-        """The floating root link of a robot."""
+        """Frame of a robot's floating root link.
+
+        Parameters
+        ----------
+        robot
+            Name of the robot.
+        key
+            Key of the section that names it.
+        """
 
     def joints(self, robot: str, given: Mapping[str, T], key: str) -> Iterator[tuple[JointCoordinate, T]]:
-        """Joints of a robot that patterns name, and what is given for each."""
+        """Joints of a robot that match patterns, each with the value of its pattern.
+
+        Parameters
+        ----------
+        robot
+            Name of the robot.
+        given
+            Values by joint name or pattern.
+        key
+            Key of the section that holds them.
+        """
 
     def turned(self, wanted: ca.SX, found: ca.SX) -> ca.SX:
-        """Rotation vector from one orientation to another, as many entries as :attr:`turns` [rad]."""
+        """Rotation vector from one orientation to another [rad], in the axes of the first.
+
+        Parameters
+        ----------
+        wanted, found
+            Orientations to start from and to reach, as rotations to world axes (3x3 each).
+
+        Returns
+        -------
+        casadi.SX
+            As many entries as :attr:`turns`.
+        """
 
     def fault(self, message: str, key: str) -> ScenarioError:
-        """Error that names the place of a key of the section."""
+        """Error that names the place of a key of the section.
+
+        Parameters
+        ----------
+        message
+            Text of the error.
+        key
+            Key of the section.
+        """
 
     def link(self, label: str, key: str = "link") -> MovingFrame:
-        """A link of a robot, by robot/link."""
+        """Frame of a robot's link.
+
+        Parameters
+        ----------
+        label
+            The link, as robot/link.
+        key
+            Key of the section that names it.
+        """
 
     def joint_states(self) -> Mapping[str, JointCoordinate]:
         """Joints of all robots that are planned, by robot/joint."""
 
     def by_joint(self, given: Mapping[str, T], key: str) -> Mapping[str, T]:
-        """Values for each joint, by robot/joint; a full name takes precedence over a pattern."""
+        """Values for each joint, by robot/joint; a full name takes precedence over a pattern.
+
+        Parameters
+        ----------
+        given
+            Values by robot/joint or pattern.
+        key
+            Key of the section that holds them.
+        """
 
     def bases(self) -> Mapping[str, PlannedBase]:
         """Floating bases, by robot."""
@@ -272,4 +380,18 @@ class PlanInstant(Protocol):
         """Velocity [m/s] and spin [rad/s] of tips relative to the mating frames that goals lead them to."""
 
     def gaps(self, between: tuple[str, str], wrap: Wrap | None) -> Iterator[tuple[str, ca.SX, Implicit]]:
-        """Distances [m] of pairs of shapes: a label, the distance, and what an iteration finds for it."""
+        """Distances of pairs of shapes.
+
+        Parameters
+        ----------
+        between
+            The two sides, each a pad or the links whose shapes count.
+        wrap
+            Shape that replaces meshes and cylinders, if any.
+
+        Returns
+        -------
+        Iterator
+            For each pair: its label, the distance (1x1) [m], and the result of the iteration on which it
+            depends.
+        """

@@ -78,7 +78,22 @@ class SectionContext:
         return found
 
     def random(self, sensor: str, rows: int, width: int, row: ca.SX) -> ca.SX:
-        """Standard normal numbers (width x 1) of a sensor's sample of a number (1x1) that events change."""
+        """Standard normal numbers of a sensor's sample.
+
+        Parameters
+        ----------
+        sensor
+            Name of the sensor, which chooses the stream of numbers.
+        rows, width
+            Number of samples, and of numbers in each.
+        row
+            Index of the sample (1x1), which only events change; limited to the last one.
+
+        Returns
+        -------
+        casadi.SX
+            Numbers of the sample (width x 1).
+        """
         _ = self.parameters(SEED), self.parameters(DRAW)  # a rollout draws by them
         cursor = self.constants.cursor(f"{sensor}.sample", ca.fmin(row, rows - 1))
         return self.constants.random(sensor, rows, width, cursor)
@@ -98,9 +113,14 @@ class SectionContext:
         return self.number(key)
 
     def chosen(self, key: str, word: str) -> dict[str, ca.SX]:
-        """Words that stand at a key of the section, each with whether it does now (1x1).
+        """Words at a key of the section, each with whether it applies in the present phase (1x1).
 
-        ``word`` is the scenario's own, the only one where no phase has another.
+        Parameters
+        ----------
+        key
+            Key of the section.
+        word
+            Word of the scenario, the only one where no phase has another.
         """
         found: dict[str, list[ca.SX]] = {}
         for name, active in self.phases.items():
@@ -115,16 +135,45 @@ class SectionContext:
         return own.value(path) == 0 and not own.varies(path) and not any(phases)
 
     def vector(self, key: str, factor: float = 1.0) -> ca.SX:
-        """Three numbers of the section times a factor (3x1); exact zeros are structural."""
+        """Three numbers of the section times a factor (3x1); exact zeros are structural.
+
+        Parameters
+        ----------
+        key
+            Key of the numbers.
+        factor
+            Factor, for example of a conversion of units.
+        """
         found = self.parameters.sparse_vector(f"{self.path}.{key}")
         return self.once(key, found * factor if factor != 1.0 else found)
 
     def once(self, name: str, expression: ca.SX) -> ca.SX:
-        """Expression of the parameters alone, computed once for each rollout; any shape."""
+        """Evaluate an expression once for each rollout.
+
+        Parameters
+        ----------
+        name
+            Name of the constant, unique in the section.
+        expression
+            Expression of the parameters only; any shape.
+
+        Returns
+        -------
+        casadi.SX
+            Symbol or constant of the same shape.
+        """
         return self.constants.hoist(f"{self.path}.{name}", expression)
 
     def begun(self, name: str, expression: ca.SX) -> ca.SX:
-        """Expression of where the law begins; any shape."""
+        """Value of an expression at the instant at which the law becomes active.
+
+        Parameters
+        ----------
+        name
+            Name of the constant, unique in the section.
+        expression
+            Expression of the initial state of the law; any shape.
+        """
         if self.since is not None:
             return expression
         return self.once(name, self.constants.expanded(expression))
@@ -132,8 +181,15 @@ class SectionContext:
     def jump(self, key: str, time: float | ca.SX | None = None) -> ca.SX:
         """Time (1x1) [s] at which the law jumps, to be compared with time and used for nothing else.
 
-        Steps end there. It is the number that stands at ``key``, or ``time`` where it is no number: an
-        expression of the parameters and of where the law begins.
+        Steps end there.
+
+        Parameters
+        ----------
+        key
+            Key of the time in the section, or a name if ``time`` is given.
+        time
+            Time [s] where it is not a number of the section: an expression of the parameters and of the
+            initial state of the law.
         """
         name = f"{self.path}.{key}"
         at = self.parameters(name) if time is None else ca.SX(time)
@@ -148,5 +204,13 @@ class SectionContext:
         return ca.if_else(passed, -ca.inf, ca.inf)
 
     def switch(self, name: str, initial: bool = False) -> ca.SX:
-        """Switch of the section (1x1): 1 or 0, turned by events alone; its symbol is named ``path.name``."""
+        """Switch of the section (1x1): 1 or 0, changed by events only.
+
+        Parameters
+        ----------
+        name
+            Name of the switch; its symbol is named ``path.name``.
+        initial
+            Whether it is on at the start.
+        """
         return self.constants.switch(f"{self.path}.{name}", initial)

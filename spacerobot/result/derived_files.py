@@ -16,7 +16,14 @@ DERIVED = "derived.json"
 
 
 def note_derived(results: Iterable[Result], paths: Iterable[StrPath]) -> None:
-    """Remember which files were made from results; those outside of a result's folder are not its.
+    """Record which files were made from results.
+
+    Parameters
+    ----------
+    results
+        Results; those without a folder are passed over.
+    paths
+        Files; those outside of a result's folder are not recorded for it.
 
     Raises
     ------

@@ -79,17 +79,24 @@ def check_folder(folder: StrPath, job: str | None = None) -> None:
 
 
 def save(result: Result, folder: StrPath) -> Result:
-    """Write a result; one that is there already is replaced, with the pages and figures made from it.
+    """Write a result; an existing one is replaced, together with the pages and figures made from it.
+
+    Parameters
+    ----------
+    result
+        The result.
+    folder
+        Folder to write to; it is made if it does not exist.
 
     Returns
     -------
     Result
-        The same, knowing its folder.
+        The same result with its folder set.
 
     Raises
     ------
     ResultError
-        If the folder cannot be written; what was there before is then still there.
+        If the folder cannot be written; its earlier content is then still there.
     KeyboardInterrupt
         If Ctrl-C came meanwhile; the result is then written all the same.
     """

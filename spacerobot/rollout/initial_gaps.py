@@ -46,7 +46,15 @@ class Closure:
 
 
 def unclosed(gaps: Mapping[str, float], largest: Mapping[str, float]) -> str:
-    """Which grasps do not close, in words; empty if all do."""
+    """Description of the grasps that do not close; empty if all do.
+
+    Parameters
+    ----------
+    gaps
+        Initial gap of each grasp [m].
+    largest
+        Largest allowed gap of each grasp [m].
+    """
     return "; ".join(
         f"{name} does not close: its gap is {gap:.4g} m, allowed max_gap {largest[name]:g} m"
         for name, gap in gaps.items()

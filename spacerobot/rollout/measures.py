@@ -143,10 +143,22 @@ class Measures:
     def cost_expressions(self, r: Mapping[str, ca.SX], p: Mapping[str, ca.SX]) -> dict[str, ca.SX]:
         """Costs by name, as expressions of measures and parameters.
 
+        Parameters
+        ----------
+        r
+            Measures by name.
+        p
+            Parameters by dotted path.
+
+        Returns
+        -------
+        dict
+            Scalar expressions (1x1); without a function of costs, the measures that are scalars.
+
         Raises
         ------
         SpaceRobotError
-            A cost is not a scalar.
+            If a cost is not a scalar.
         """
         if self.costs is None:
             return {name: value for name, value in r.items() if value.numel() == 1}

@@ -150,7 +150,25 @@ class Rollout:
         return [place[path] for path in paths]
 
     def rows(self, paths: Sequence[str], values: npt.ArrayLike) -> Array:
-        """Full parameter rows (N, np) from values (N, k) of k parameters; the others stay nominal."""
+        """Full parameter rows; parameters that are not named stay nominal.
+
+        Parameters
+        ----------
+        paths
+            Dotted paths of k parameters.
+        values
+            Their values, (N, k).
+
+        Returns
+        -------
+        numpy.ndarray
+            (N, np).
+
+        Raises
+        ------
+        SpaceRobotError
+            If a path is unknown or named twice, or ``values`` has another shape.
+        """
         return self._filled(self.indices(paths), self._changes(paths, values))
 
     def _changes(self, paths: Sequence[str], values: npt.ArrayLike) -> Array:

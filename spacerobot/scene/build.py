@@ -68,9 +68,21 @@ def build_scene(
     *,
     source: StrPath | None = None,
 ) -> Scene:
-    """Scene of a scenario; see :func:`load_scene`.
+    """Build the scene of a scenario; see :func:`load_scene`.
 
-    ``source`` is the file it came from: relative URDF paths start at its folder, and errors name it.
+    Parameters
+    ----------
+    scenario
+        The scenario.
+    changes
+        Values by dotted path that replace those of the scenario, as pairs or a mapping.
+    source
+        File that the scenario was read from: relative URDF paths start at its folder, and errors name it.
+
+    Raises
+    ------
+    ScenarioError, DescriptionError
+        If a change names no value, or the scenario or a URDF cannot be simulated.
     """
     source = None if source is None else Path(source)
     resolved, descriptions = resolve(scenario, changes, source=source)

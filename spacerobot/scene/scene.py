@@ -87,7 +87,15 @@ class SceneBody:
         return tuple(joint for joint in self.joints if joint not in tied)
 
     def joint_name(self, model: Any, joint: int) -> str:
-        """Name of one of its joints in the URDF."""
+        """Name of one of its joints in the URDF.
+
+        Parameters
+        ----------
+        model
+            Pinocchio model of the scene.
+        joint
+            Id of the joint.
+        """
         return str(model.names[joint]).removeprefix(f"{self.name}/")
 
     @property

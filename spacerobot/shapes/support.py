@@ -81,21 +81,62 @@ class CrownedTerm:
         return ca.fmax(1 - along**2, 0) if self.is_disc else along**2
 
     def length(self, n: ca.SX, crown: ca.SX) -> ca.SX:
-        """Sqrt(|u|^2 + crown^2) (1x1)."""
+        """Crowned length ``sqrt(|u|^2 + crown^2)`` (1x1).
+
+        Parameters
+        ----------
+        n
+            Unit vector, world axes (3x1).
+        crown
+            Crown of flat faces and straight edges (1x1).
+        """
         return ca.sqrt(self.square(n) + crown**2)
 
     def reach(self, n: ca.SX, crown: ca.SX) -> ca.SX:
-        """Size times that length (1x1) [m]."""
+        """Support function: size times the crowned length (1x1) [m].
+
+        Parameters
+        ----------
+        n
+            Unit vector, world axes (3x1).
+        crown
+            Crown of flat faces and straight edges (1x1).
+        """
         return self.size * self.length(n, crown)
 
     def farthest(self, n: ca.SX, crown: ca.SX) -> ca.SX:
-        """Farthest point along a unit vector (3x1) [m]."""
+        """Farthest point along a unit vector, world axes (3x1) [m].
+
+        Parameters
+        ----------
+        n
+            Unit vector, world axes (3x1).
+        crown
+            Crown of flat faces and straight edges (1x1).
+        """
         seen = self.seen(n)
         length = ca.sqrt(ca.dot(seen, seen) + crown**2)
         return self.size * (seen + crown**2 * n) / length
 
     def bend(self, n: ca.SX, crown: ca.SX, tangents: ca.SX, memory: ca.SX) -> tuple[ca.SX, tuple[ca.SX, ...]]:
-        """Gradient and Hessian along two tangents, one of the factors u/|u| being that of the memory."""
+        """Gradient and Hessian along two tangents, one of the factors u/|u| being that of the memory.
+
+        Parameters
+        ----------
+        n
+            Unit vector, world axes (3x1).
+        crown
+            Crown of flat faces and straight edges (1x1).
+        tangents
+            Two tangents to the unit sphere at n, as rows (2x3).
+        memory
+            Memory of the preceding Newton step.
+
+        Returns
+        -------
+        tuple
+            Gradient (2x1) and the Hessian's entries 00, 01, 11 (1x1 each) [m].
+        """
         along, across = ca.dot(self.axis, n), ca.mtimes(tangents, self.axis)
         length = self.length(n, crown)
         # u along the tangents, now and as it was foreseen, the latter over its length
@@ -113,7 +154,19 @@ class CrownedTerm:
         return ca.SX.zeros(3 if self.is_disc else 1)
 
     def next_memory(self, n: ca.SX, crown: ca.SX, step: ca.SX, memory: ca.SX) -> ca.SX:
-        """U over its length as it will be after a step, within the unit ball."""
+        """Predicted u over its length after a step, within the unit ball.
+
+        Parameters
+        ----------
+        n
+            Unit vector, world axes (3x1).
+        crown
+            Crown of flat faces and straight edges (1x1).
+        step
+            Change of n (3x1).
+        memory
+            Memory of the preceding Newton step.
+        """
         length = self.length(n, crown)
         along, further = ca.dot(self.axis, n), ca.dot(self.axis, step)
         if not self.is_disc:
@@ -165,17 +218,48 @@ class SmoothTerm:
         return value, ca.mtimes(self.rotation, gradient), turned
 
     def reach(self, n: ca.SX, crown: ca.SX) -> ca.SX:
-        """Its value (1x1) [m]; the crown has no effect."""
+        """Support function (1x1) [m].
+
+        Parameters
+        ----------
+        n
+            Unit vector, world axes (3x1).
+        crown
+            Of no effect.
+        """
         del crown
         return self.derivatives(n)[0]
 
     def farthest(self, n: ca.SX, crown: ca.SX) -> ca.SX:
-        """Its gradient (3x1) [m]."""
+        """Farthest point along a unit vector: the gradient of the support function (3x1) [m].
+
+        Parameters
+        ----------
+        n
+            Unit vector, world axes (3x1).
+        crown
+            Of no effect.
+        """
         del crown
         return self.derivatives(n)[1]
 
     def bend(self, n: ca.SX, crown: ca.SX, tangents: ca.SX, memory: ca.SX) -> tuple[ca.SX, tuple[ca.SX, ...]]:
-        """Gradient and Hessian along two tangents."""
+        """Gradient and Hessian along two tangents.
+
+        Parameters
+        ----------
+        n
+            Unit vector, world axes (3x1).
+        crown, memory
+            Of no effect.
+        tangents
+            Two tangents to the unit sphere at n, as rows (2x3).
+
+        Returns
+        -------
+        tuple
+            Gradient (2x1) and the Hessian's entries 00, 01, 11 (1x1 each) [m].
+        """
         del crown, memory
         _, gradient, hessian = self.derivatives(n)
         along = ca.mtimes([tangents, hessian, tangents.T])
@@ -186,7 +270,15 @@ class SmoothTerm:
         return ca.SX(0, 1)
 
     def next_memory(self, n: ca.SX, crown: ca.SX, step: ca.SX, memory: ca.SX) -> ca.SX:
-        """Nothing."""
+        """Memory after a step, which is empty.
+
+        Parameters
+        ----------
+        n, crown, step
+            Of no effect.
+        memory
+            Empty memory (0x1), returned as it is.
+        """
         del n, crown, step
         return memory
 

@@ -58,7 +58,20 @@ def percentile(values: Array, percent: float, confidence: float) -> Estimate:
 
 
 def share(hits: int, count: int, confidence: float) -> Estimate:
-    """Probability of an event from how often it happened, with the interval of Clopper and Pearson."""
+    """Estimate of an event's probability, with the interval of Clopper and Pearson.
+
+    Parameters
+    ----------
+    hits, count
+        Number of samples in which the event occurred, and of all samples.
+    confidence
+        Confidence level of the interval, between 0 and 1.
+
+    Returns
+    -------
+    Estimate
+        Probability with the ends of its interval.
+    """
     interval = stats.binomtest(hits, count).proportion_ci(confidence, method="exact")
     return Estimate(hits / count, float(interval.low), float(interval.high))
 

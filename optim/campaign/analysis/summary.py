@@ -149,7 +149,22 @@ def summarise(
 def summary_data(
     folder: StrPath, evaluator: CampaignEvaluator, named: ScenarioSource | None = None
 ) -> dict[str, Any]:
-    """The summary that :func:`summarise` writes, as plain data."""
+    """Summary that :func:`summarise` writes, as plain data.
+
+    Parameters
+    ----------
+    folder
+        Folder of the campaign.
+    evaluator
+        Evaluator of the campaign.
+    named
+        Scenario that the commands of the summary name; by default that of the campaign's notes.
+
+    Raises
+    ------
+    ResultError
+        If the campaign cannot be read, or holds no sample yet.
+    """
     folder = Path(folder)
     data, campaign = load_campaign(folder), evaluator.campaign
     named = named or named_in(load_head(folder)["notes"])

@@ -208,9 +208,21 @@ class CampaignEvaluator:
         return plain | {"fingerprint": digest.hexdigest()}
 
     def evaluate(self, draws: Array, threads: int | None = None) -> SampleTable:
-        """Rollouts of some draws (n, k) under every set of gains.
+        """Evaluate rollouts of some draws under every set of gains.
 
         The numbers of a draw depend neither on the others nor on the threads, not even by a bit.
+
+        Parameters
+        ----------
+        draws
+            Draws of k parameters, (n, k).
+        threads
+            Number of threads; one for each usable core if None.
+
+        Returns
+        -------
+        SampleTable
+            Metrics, times of divergence, gaps and series of the draws.
 
         Raises
         ------
