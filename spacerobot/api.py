@@ -34,7 +34,7 @@ Results = Result | Sequence[Result]
 
 
 def simulate(scene: Scene, *, backend: Backend = "auto", progress: Progress | None = None) -> Result:
-    """Simulate a scene; with model predictive control where a controller of kind ``mpc`` asks for it.
+    """Simulate a scene; with model predictive control if a controller is of kind ``mpc``.
 
     Parameters
     ----------
@@ -305,7 +305,7 @@ def figures(
 def animate(
     results: Results, path: StrPath | None = None, *, title: str | None = None
 ) -> EmbeddedPage | None:
-    """Animate a result, or several beside each other.
+    """Animate a result, or several side by side.
 
     Parameters
     ----------

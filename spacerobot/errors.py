@@ -59,7 +59,7 @@ class CompileError(SpaceRobotError):
 
 
 class DivergedError(SpaceRobotError):
-    """A rollout that left its stability limit; raised only where the caller asked for it."""
+    """A rollout that left its stability limit; raised only on the caller's request."""
 
     exit_code = 3
 

@@ -110,7 +110,7 @@ class TuningProblem(Formulation):
 
     @property
     def linear_cost(self) -> EvaluationCost:
-        """A gradient where the adjoint tells all, else a rollout and as many slopes as variables."""
+        """A gradient where the adjoint suffices, else a rollout and as many slopes as variables."""
         if self.form == "smooth" and not self.terms.limits:
             return EvaluationCost(gradients=1)
         return EvaluationCost(rollouts=1, slopes=len(self.names))

@@ -317,7 +317,7 @@ def tune_robust(
     folder: Path | None = None,
     progress: Progress | None = None,
 ) -> RobustTuningResult:
-    """Tune robustly and nominally by the same method, and judge both on fresh samples.
+    """Tune robustly and nominally by the same method, and evaluate both on fresh samples.
 
     Parameters
     ----------
@@ -370,7 +370,7 @@ def _draws(scene: Scene, samples: int, offset: int) -> Array:
 
 
 def save_robust(problem: RobustProblem, found: RobustTuningResult, folder: Path) -> Result:
-    """Simulate the robust design on the nominal plant, and save it with ``robust.json`` beside it.
+    """Simulate the robust design on the nominal plant, and save it together with ``robust.json``.
 
     The folder is then a set of gains for a campaign. The status of the result says whether to trust it.
 

@@ -1,1 +1,1 @@
-"""One search: what it asks, keeps, spends and tells, and the journal by which it is taken up again."""
+"""One search: its evaluations, state, cost and progress, and the journal by which it is resumed."""

@@ -1,1 +1,1 @@
-"""The command line: the topmost room, which prints what the library returns."""
+"""The command line: the top layer, which prints what the library returns."""

@@ -68,7 +68,7 @@ def comparison(folder: Path, tell: Tell) -> PageData:
 
 
 def campaign(folder: Path, tell: Tell, evaluator: CampaignEvaluator | None = None) -> PageData:
-    """The worst sample of each set of gains, all samples beside it."""
+    """The worst sample of each set of gains, together with all samples."""
     from spacerobot.errors import ResultError
     from viz.report.campaign_section import animated_worst
 

@@ -127,7 +127,7 @@ def command(
     with progress("formulating the problem") as tell:
 
         def told(words: str) -> None:
-            """Say what is being done; searches that ended are kept."""
+            """Report progress; completed searches are kept."""
             keep(folder is not None)
             recall()
             tell(words)

@@ -127,7 +127,7 @@ def run_scene(
 
 
 def fail_if_diverged(result: Result) -> None:
-    """Tell of a diverged rollout and leave with exit code 3; warn where the ledger of another one is open.
+    """Report a diverged rollout and exit with code 3; warn where the ledger of another one is open.
 
     Raises
     ------

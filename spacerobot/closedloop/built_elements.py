@@ -124,7 +124,7 @@ class LoopBuilder:
         return found
 
     def grasp_switch(self, name: str, kind: Literal["closed", "released"]) -> ca.SX:
-        """Whether a grasp is closed, or has let go (1x1)."""
+        """Whether a grasp is closed, or released (1x1)."""
         constants, path = self.context.constants, f"grasps.{name}.{kind}"
         return constants.switch(path) if path in constants.switches else ca.SX(kind == "closed")
 

@@ -17,7 +17,7 @@ from spacerobot.symbolic import NoiseTable, WindowTable
 
 @dataclass(frozen=True)
 class OutputVariable:
-    """An output as it stands in a result.
+    """An output variable of a result.
 
     Attributes
     ----------

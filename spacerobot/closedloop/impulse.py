@@ -33,7 +33,7 @@ class PlasticImpact:
 
 
 def strike(plant: Plant, constraints: Sequence[AccelerationConstraint]) -> PlasticImpact:
-    """Velocity changed so that no active constraint slips, at the least kinetic energy of the change.
+    """Velocity after an impact: no active constraint slips, and the change has minimum kinetic energy.
 
     That is what an impulse in each of them makes, ``M (v+ - v-) = G^T j`` with ``G v+ = 0``, as if all closed
     at once; none where nothing slips. It takes the energy ``(v+ - v-)^T M (v+ - v-) / 2 = -j^T G v- / 2``.

@@ -226,7 +226,7 @@ class TipGuidance:
         return next(i for i, reference in enumerate(self.tip.references) if phase in reference.phases)
 
     def begin(self, ended: str, begins: str, *, at_pose: bool) -> tuple[dict[str, bool], dict[str, ca.SX]]:
-        """Switches and states that the reference of the phase that begins sets; none if it goes on."""
+        """Switches and states that the reference of a new phase sets; none if the reference continues."""
         before, after = self.index(ended), self.index(begins)
         if before == after:
             return {}, {}

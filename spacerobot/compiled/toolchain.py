@@ -1,4 +1,4 @@
-"""The C++ compiler, what it is told, and the processor it builds for."""
+"""The C++ compiler, its options, and the processor it builds for."""
 
 from __future__ import annotations
 

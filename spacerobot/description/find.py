@@ -36,7 +36,7 @@ def shipped_names() -> tuple[str, ...]:
 
 
 def find_urdf(name: StrPath, relative_to: StrPath | None = None) -> Path:
-    """Absolute path of the URDF that ``name`` stands for.
+    """Absolute path of the URDF with a name.
 
     Tried in this order: an absolute path or one in a package; a path relative to the scenario's folder; the
     name of a shipped file, with or without ``.urdf``.
@@ -81,7 +81,7 @@ def find_urdf(name: StrPath, relative_to: StrPath | None = None) -> Path:
 
 
 def find_in_package(uri: str, near: Path | None) -> Path | None:
-    """Path of the file that ``package://name/...`` stands for, or None if there is none.
+    """Path of the file of a ``package://name/...`` address, or None if there is none.
 
     Looked for in folders called ``name``: the parents of ``near`` and what lies directly in them, the
     nearest first; then what is in ``ROS_PACKAGE_PATH``, and ``share`` in each prefix of

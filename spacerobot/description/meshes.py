@@ -36,7 +36,7 @@ def resolve_mesh(filename: str, urdf: Path) -> Path | None:
 
 
 def missing_meshes(missing: Mapping[tuple[str, str], Sequence[str]]) -> list[str]:
-    """One warning about all meshes that boxes stand in for, none if there are none.
+    """One warning about all meshes that are replaced by boxes; none if there are none.
 
     Parameters
     ----------

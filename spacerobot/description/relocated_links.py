@@ -1,4 +1,4 @@
-"""A URDF whose links stand elsewhere on their parents."""
+"""A URDF whose links are placed elsewhere on their parents."""
 
 from __future__ import annotations
 

@@ -47,7 +47,7 @@ def mirror(matrix: ca.SX) -> ca.SX:
 
 
 def rotate_symmetric(rotation: ca.SX, matrix: ca.SX) -> ca.SX:
-    """Symmetric matrix in rotated axes: ``R A R^T``, 3x3, at the least number of operations known here.
+    """Symmetric matrix in rotated axes: ``R A R^T``, 3x3, with the fewest operations known here.
 
     About a coordinate axis see :func:`rotate_square`. Else ``A = A_33 1 + A'``, and the first part turns
     into itself.

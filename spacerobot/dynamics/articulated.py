@@ -39,7 +39,7 @@ from spacerobot.dynamics.local_motion import LocalMotion
 
 @dataclass(frozen=True)
 class Wrench:
-    """A force and a couple applied to the body behind a joint, world axes.
+    """A force and a couple applied to a joint's body, world axes.
 
     Attributes
     ----------

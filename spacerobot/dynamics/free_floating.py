@@ -121,7 +121,7 @@ class FreeFloating:
         return reaction + ca.mtimes(self._base_velocity_per_momentum(), momentum)
 
     def coupling(self) -> ca.SX:
-        """Momentum per joint rate while the base stands still, 6xn.
+        """Momentum per joint rate while the base is at rest, 6xn.
 
         Linear momentum (kg m), then angular momentum about the robot's centre of mass (kg m^2), world
         axes. A planar base has its in-plane share alone: it cannot react to the rest.

@@ -15,7 +15,7 @@ from spacerobot.dynamics.kinematics import Kinematics
 
 @dataclass(frozen=True)
 class Inertias:
-    """Mass, first and second moments of the body behind each joint.
+    """Mass, first and second moments of each joint's body.
 
     All tuples are indexed by joint; entry 0 belongs to the universe and is not used. Keep structural zeros:
     a planar arm should hold mass, the moment's x and y, and the rotational inertia's zz alone.

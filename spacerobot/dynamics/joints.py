@@ -29,7 +29,7 @@ arithmetic for the whole subtree; dropped, they change a rotation by less than i
 
 
 class JointKind(Enum):
-    """Families of supported joints; axis and placement tell the members apart."""
+    """Families of supported joints; members differ in axis and placement."""
 
     REVOLUTE = "revolute"
     UNBOUNDED = "unbounded revolute"

@@ -1,4 +1,4 @@
-"""Actuators: what becomes of the generalized forces that controllers ask for."""
+"""Actuators: delivery of the generalized forces that controllers command."""
 
 from __future__ import annotations
 

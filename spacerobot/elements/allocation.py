@@ -1,4 +1,4 @@
-"""Which thrusters give a wrench with the least propellant: an exact optimum, by a path of fixed length.
+"""Thruster allocation with minimum propellant: an exact optimum, by a path of fixed length.
 
     min |A a - w|^2 / (2 e) + sum_i c_i (a_i + d a_i^2 / 2),    0 <= a <= 1
 

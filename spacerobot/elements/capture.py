@@ -1,4 +1,4 @@
-"""Sections of a grasp's life: where it closes, and where it lets go."""
+"""Capture and release of a grasp: sections with their conditions."""
 
 from __future__ import annotations
 

@@ -82,7 +82,7 @@ class _Life:
 
     @functools.cached_property
     def released(self) -> ca.SX:
-        """Switch (1x1): it has let go, and does not close again unless a phase says so."""
+        """Switch (1x1): it is released, and does not close again unless a phase allows it."""
         return self.grasp.context.switch("released")
 
     @property

@@ -188,7 +188,7 @@ class CollisionShape(Element):
 
 
 def wrapping_shapes() -> list[str]:
-    """Names of the kinds that can stand in for meshes and cylinders, the nearest to these first."""
+    """Names of the kinds that can replace meshes and cylinders, the closest fit first."""
     places = [(getattr(kind, "wrap_order", None), name) for name, kind in kinds("shape").items()]
     return [name for _, name in sorted((place, name) for place, name in places if place is not None)]
 

@@ -74,7 +74,7 @@ class Contact(Element):
 
 @dataclass(frozen=True)
 class ContactPair:
-    """One pair of shapes of a contact, and what it does; world axes.
+    """One pair of shapes of a contact, and its force; world axes.
 
     Attributes
     ----------

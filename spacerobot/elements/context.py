@@ -88,7 +88,7 @@ class RobotContext:
 
     @property
     def key(self) -> str:
-        """Last part of the section's path, by which the element is told from others of its kind."""
+        """Last part of the section's path, which identifies the element among those of its kind."""
         return self.context.path.rpartition(".")[2]
 
     @property
@@ -515,7 +515,7 @@ def known(context: RobotContext | TipContext, signal: str, value: ca.SX) -> ca.S
 
 
 def joint_of(plant: Plant, frame: int) -> int:
-    """Id of the joint that carries a frame; 0 where it stands still."""
+    """Id of the joint that carries a frame; 0 for a fixed frame."""
     return int(plant.model.frames[frame].parentJoint)
 
 

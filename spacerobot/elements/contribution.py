@@ -104,7 +104,7 @@ class ActuatorDrive:
 
 @dataclass(frozen=True)
 class StoredMomentum:
-    """Momentum and kinetic energy that an element holds beside those of the links, as a wheel does.
+    """Momentum and kinetic energy of an element in addition to those of the links, such as a wheel's.
 
     Attributes
     ----------
@@ -347,7 +347,7 @@ def concatenate(parts: Iterable[Contribution]) -> Contribution:
 
 
 def gated(contribution: Contribution, switch: ca.SX, outputs: Collection[str] = ()) -> Contribution:
-    """Contribution that acts while a switch is 1; else its states stand still and it stores nothing.
+    """Contribution that acts while a switch is 1; else its states are constant and it stores nothing.
 
     ``outputs`` are the names of those that are then zero.
     """

@@ -1,4 +1,4 @@
-"""Controllers: what they read of a robot or a tip, and what they ask the actuators for."""
+"""Controllers: the signals that they read of a robot or a tip, and the torques that they command."""
 
 from __future__ import annotations
 

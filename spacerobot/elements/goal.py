@@ -78,7 +78,7 @@ class Goal(Element):
         return None
 
     def settling(self, instant: PlanInstant) -> ca.SX | None:
-        """Motion that the joints produce at the end with the least rates, and without acceleration.
+        """Motion that the joints produce at the end with minimum rates, and without acceleration.
 
         Parameters
         ----------
@@ -110,7 +110,7 @@ class Goal(Element):
 
 
 class TipGoal(Goal):
-    """Somewhere that a tip comes to."""
+    """Terminal condition of a tip."""
 
     tip: str = Field(description="which tip, as robot/tip")
 
@@ -126,7 +126,7 @@ class TipGoal(Goal):
 
     @property
     def end_distance(self) -> float:
-        """Distance from what it follows at the end [m]."""
+        """Distance from the followed frame at the end [m]."""
         return 0.0
 
     @property
@@ -136,7 +136,7 @@ class TipGoal(Goal):
 
     @property
     def end_speed(self) -> float | None:
-        """Speed of the tip relative to what it follows at the end [m/s], where it then moves along with it.
+        """Speed of the tip relative to the followed frame at the end [m/s], where it then moves with it.
 
         None where its joints, or some of its motion relative to the frame, are free.
         """

@@ -72,7 +72,7 @@ class JointPlanController(RobotController):
 
     @property
     def begins(self) -> float:
-        """When the plan begins, beside its phase [s]."""
+        """Start of the plan relative to its phase [s]."""
         return 0.0
 
     def among(self, robot: RobotContext) -> Knots:

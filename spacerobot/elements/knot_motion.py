@@ -124,12 +124,12 @@ class Knots:
         return ca.vertsplit(found, values.size2()) if values.size2() > 1 else ca.vertsplit(found)
 
     def force(self, name: str, values: ca.SX) -> ca.SX:
-        """Force (m x 1) through what stands at the points; none behind the last interval."""
+        """Force (m x 1) that interpolates the points; zero after the last interval."""
         points = self.points(name, values, ca.SX(1, values.size2()))
         return _summed([weight for weight, _, _ in lagrange(self.nodes, self.u)], points)
 
     def motion(self, name: str, values: ca.SX, rates: ca.SX) -> TimeProfile:
-        """Position (m x 1) through what stands at the points; the last one behind the last interval."""
+        """Position (m x 1) that interpolates the points; the last one after the last interval."""
         none = ca.SX(1, rates.size2())
         return self.between(
             self.points(name, values, values[-1, :]), self.points(f"{name} rate", rates, none)

@@ -1,4 +1,4 @@
-"""A plan's file: what it says of the joints of a robot and of a tip, as sections of a scenario hold it."""
+"""A plan's file: motions of a robot's joints and of a tip, in the form of a scenario's sections."""
 
 from __future__ import annotations
 
@@ -185,7 +185,7 @@ def _parted(plan: xr.Dataset) -> xr.Dataset:
 
 
 def phase_rows(plan: xr.Dataset) -> dict[str, tuple[int, int]]:
-    """First and last row of each phase of a plan, by name; none where it tells no phases.
+    """First and last row of each phase of a plan, by name; empty if it has no phases.
 
     A phase ends with a row of its own at the time at which the next one begins, or with the next one's first.
     """

@@ -116,7 +116,7 @@ class PhasedPlan(CollocationTimes):
     )
 
     def time(self, robot: RobotContext) -> ca.SX | None:
-        """Time in the plan (1x1) [s]: in its phase of the present name, else behind its end.
+        """Time in the plan (1x1) [s]: in its phase of the present name, after its end in others.
 
         None where time is that of the simulation.
         """
@@ -150,7 +150,7 @@ class BaseMotion(PhasedPlan):
 
 
 class JointMotion(PhasedPlan):
-    """How joints shall move: what stands at points, polynomials in between."""
+    """Desired motion of joints: values at points, with polynomials in between."""
 
     joints: tuple[str, ...] = Field(min_length=1, description="names of joints, in the order of each row")
     position: tuple[Row, ...] = Field(description="positions at each point [rad or m]")
@@ -164,7 +164,7 @@ class JointMotion(PhasedPlan):
 
 
 class TipMotion(CollocationTimes):
-    """How a tip shall move, world axes: what stands at points, polynomials in between."""
+    """Desired motion of a tip, world axes: values at points, with polynomials in between."""
 
     position: tuple[Vector, ...] = Field(description="at each point [m]")
     velocity: tuple[Vector, ...] = Field(description="at each point [m/s]")

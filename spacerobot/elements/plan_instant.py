@@ -1,4 +1,4 @@
-"""One instant of a planned motion, as goals, costs and limits see it, and what they say of it."""
+"""One instant of a planned trajectory, as goals, costs and limits evaluate it, and their rows."""
 
 from __future__ import annotations
 

@@ -45,7 +45,7 @@ class Reference(Element):
         return None
 
     def from_standoff(self, standoff: float) -> dict[str, Any] | None:
-        """Section that goes on as this one does, for a tip that is already near the link that it follows.
+        """Section that continues as this one does, for a tip that is already near the link that it follows.
 
         Parameters
         ----------
@@ -150,7 +150,7 @@ class TimedReference(Reference):
         return cubic_blend(context)
 
     def turned(self, context: SectionContext) -> TimeProfile:
-        """About a fixed axis, structurally none where no rotation is asked for."""
+        """Rotation about a fixed axis, structurally absent where no rotation is given."""
         full = context.vector("rotation_deg", DEGREE)
         return along(full, self.blend(context)) if full.nnz() else STILL
 

@@ -1,4 +1,4 @@
-"""Every kind of element by its family; what ships, what is installed, and what a user adds."""
+"""Every kind of element by its family: shipped, installed, and added by a user."""
 
 from __future__ import annotations
 

@@ -77,7 +77,7 @@ class RobotElement(Element):
 
     @property
     def own_wrench(self) -> frozenset[Part]:
-        """Those parts that this one asks for or takes over, as its section says."""
+        """Parts of the base wrench that it commands or takes over, by its section."""
         return self.base_wrench
 
     def faults(self, robot: RobotProperties) -> Iterable[tuple[str, str]]:

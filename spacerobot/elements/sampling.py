@@ -1,4 +1,4 @@
-"""Periodic controllers: a law that is evaluated at instants, and what it commands held between them.
+"""Periodic controllers: a law is evaluated at instants, and its command is held between them.
 
 A controller of any kind is built as it would act continuously, and then made discrete. At each instant t_k
 = k T its law is evaluated once, with the states z_k of the controller:

@@ -1,4 +1,4 @@
-"""Saturation of actuators: limits at which what is delivered has a kink, as events at which steps end."""
+"""Saturation of actuators: limits at which the delivered force has a kink, as events at which steps end."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def saturation_events(
     free: Sequence[ca.SX] = (),
     side: str = "",
 ) -> tuple[Event, ...]:
-    """Events where what is asked of parts of an actuator passes what they give.
+    """Events at which commands of parts of an actuator cross their limits.
 
     What is delivered has kinks there and depends on no switch: steps end there, so that the method keeps its
     order, and derivatives by a limit know when it begins and ends to count.

@@ -33,7 +33,7 @@ class Sensor(Element):
     def measurement(
         self, name: str, context: SectionContext, shown: ca.SX, distance: ca.SX | None = None
     ) -> Measurement | None:
-        """Measurement at instants of what it sees (n x 1); None if it is continuous.
+        """Sampled measurement of a signal (n x 1); None if it is continuous.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""Reaction wheels: what a set of them makes of the torque that is asked for at its robot's base.
+"""Reaction wheels: response of a set to the torque commanded at its robot's base.
 
 With the axes a_i of the wheels as columns of A, root link's axes, the motors give ``-A^+ T`` for a torque T
 on the base, the least ones that do, each up to its limit. Of a wheel at the speed s relative to the base,
@@ -52,7 +52,7 @@ PULL = 1e-6
 
 
 class WheelSet(Actuator):
-    """A set of equal wheels that take over the torque that is asked for at their robot's base."""
+    """A set of equal wheels that take over the torque commanded at their robot's base."""
 
     base_wrench: ClassVar[frozenset[Part]] = frozenset({"torque"})
     has_wheels: ClassVar[bool] = True

@@ -1,4 +1,4 @@
-"""Phases and captures behind what is drawn over time."""
+"""Shading of phases and marks of captures in plots over time."""
 
 from __future__ import annotations
 

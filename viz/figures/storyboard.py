@@ -1,4 +1,4 @@
-"""The instants that tell a motion: its phases, captures and releases, and evenly between them."""
+"""Key instants of a motion: its phases, captures and releases, and evenly spaced ones between them."""
 
 from __future__ import annotations
 

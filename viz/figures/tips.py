@@ -1,4 +1,4 @@
-"""Tips: paths beside their references (the paper's Fig. 5) and errors (Fig. 7 and 10)."""
+"""Tips: paths with their references (the paper's Fig. 5) and errors (Fig. 7 and 10)."""
 
 from __future__ import annotations
 

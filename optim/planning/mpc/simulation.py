@@ -100,7 +100,7 @@ class _MpcSimulation:
         self.start[0] = end  # not the sum of the pieces
 
     def plan(self, p: Array) -> None:
-        """Plan anew from what is sensed now, for the time behind the delay, flown with parameters p (np,)."""
+        """Replan from present measurements for the time after the delay, flown with parameters p (np,)."""
         state, ready = self.start.copy(), self.now + self.settings.delay
         size = self.loop.nq + self.loop.nv
         state[1 : 1 + size] = measured_state(self.scene, self.horizon.solver.plan, self.sensors, state[1:])

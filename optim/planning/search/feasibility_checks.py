@@ -75,7 +75,7 @@ def check_start(problem: PlanningProblem) -> None:
 
 
 def check_momentum(problem: PlanningProblem, plan: PlanSection) -> None:
-    """Refuse that bodies come to rest whose momentum nothing takes, or that are told to twice.
+    """Refuse goals of rest for bodies whose momentum nothing absorbs, and two such goals for one body.
 
     Raises
     ------

@@ -86,7 +86,7 @@ class OptimalPoint:
     instants: InstantFunctions
 
     def slope(self, numbers: Mapping[str, float]) -> float:
-        """Derivative of the least cost by numbers of the scenario that change together.
+        """Derivative of the optimal cost by numbers of the scenario that change together.
 
         Parameters
         ----------

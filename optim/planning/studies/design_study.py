@@ -107,7 +107,7 @@ def make_study(
     folder: StrPath | None = None,
     dask: str | None = None,
 ) -> DesignStudy:
-    """Find the design with the least cost within its bounds, and sweep each variable around it.
+    """Find the design with the lowest optimal cost within its bounds, and sweep each variable around it.
 
     Parameters
     ----------

@@ -230,7 +230,7 @@ def _drive(problem: PlanningProblem, q: Array, v: Array, a: Array) -> Array:
 def drift(
     problem: PlanningProblem, lobatto: Lobatto, mesh: int | Mesh, duration: float
 ) -> tuple[Array, Array]:
-    """Configuration and velocity at all points where nothing drives anything and joints stand still."""
+    """Configuration and velocity at all points where nothing is driven and joints are at rest."""
     model, fall = problem.stage.scene.model, _falling(problem)
     q, v = problem.fixed[: model.nq].copy(), problem.fixed[model.nq :] * _moving(problem)
     times, found = lobatto.times(mesh, duration), [(q, v)]
@@ -254,7 +254,7 @@ def _moving(problem: PlanningProblem) -> Array:
 
 
 def _falling(problem: PlanningProblem) -> Callable[[Array, Array], Array]:
-    """Acceleration (nv,) where nothing drives anything and joints stand still."""
+    """Acceleration (nv,) where nothing is driven and joints are at rest."""
     stage, free = problem.stage, _moving(problem)
     model, data = stage.scene.model, stage.scene.model.createData()
     if not stage.grips:

@@ -20,7 +20,7 @@ from spacerobot.section import quantity
 
 @register
 class BaseWrench(Actuator):
-    """Ideal actuator of the base: delivers from outside what is asked of it, up to a force and a torque."""
+    """Ideal actuator of the base: delivers the commanded external wrench, up to a force and a torque."""
 
     base_wrench: ClassVar[frozenset[Part]] = frozenset({"force", "torque"})
 

@@ -45,7 +45,7 @@ class Pyramid(Section):
 
 @register
 class ReactionWheels(WheelSet):
-    """A set of equal reaction wheels on the base that deliver the torque asked of it, until they saturate."""
+    """A set of equal reaction wheels on the base that deliver the commanded torque until they saturate."""
 
     kind: Literal["reaction_wheels"] = "reaction_wheels"
     axes: tuple[Vector, ...] = quantity(

@@ -46,7 +46,7 @@ def _not_zero(value: Vector) -> Vector:
 
 
 class Nozzle(Section):
-    """One thruster; what is not given is that of the whole set."""
+    """One thruster; values that are not given are those of the whole set."""
 
     position: Vector = quantity("m", "where its force acts, root link's axes")
     direction: Annotated[Vector, AfterValidator(_not_zero)] = quantity(
@@ -69,7 +69,7 @@ class Unload(Section):
 
 @register
 class Thrusters(Actuator):
-    """Thrusters on the base, throttled or in pulses; what is asked for is given with the least propellant."""
+    """Thrusters on the base, throttled or pulsed; deliver the commanded wrench with minimum propellant."""
 
     base_wrench: ClassVar[frozenset[Part]] = frozenset({"force", "torque"})
 
@@ -132,7 +132,7 @@ class Thrusters(Actuator):
         return {"force": box[:3], "torque": box[3:]}
 
     def joined_limits(self, own: Array, after: Array) -> Array:
-        """Throttled thrusters leave the rest of what is asked to the next actuator, pulses leave nothing."""
+        """Throttled thrusters leave the remaining command to the next actuator, pulsed ones leave none."""
         return own + after if self.mode == "proportional" else own
 
     def build(self, actuator: ActuatorContext) -> Contribution:
@@ -266,7 +266,7 @@ class _Jets:
         return self.numbers("thrust") / (GRAVITY * self.numbers("specific_impulse"))
 
     def parts(self, asked: ca.SX) -> ca.SX:
-        """Parts of their thrust (n x 1) that come nearest to what is asked for, with the least propellant."""
+        """Fractions of full thrust (n x 1) that best match the command, with minimum propellant."""
         layout, scales, steps = self.layout
         return allocate(layout, scales * self.wanted(asked), steps)
 

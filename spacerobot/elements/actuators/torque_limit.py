@@ -1,4 +1,4 @@
-"""Actuators of joints that deliver what is asked of them up to a greatest torque."""
+"""Joint actuators that deliver the commanded torque up to a maximum."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from spacerobot.section import matching, quantity
 
 @register
 class TorqueLimit(Actuator):
-    """Motors of joints that deliver what is asked of them up to a greatest torque, or force."""
+    """Joint motors that deliver the commanded torque, or force, up to a maximum."""
 
     kind: Literal["torque_limit"] = "torque_limit"
     joints: str = Field(default="*", description="joint by name; `*` matches any letters")
@@ -52,7 +52,7 @@ class TorqueLimit(Actuator):
         )
 
     def limits(self, joints: Sequence[str]) -> list[str]:
-        """Joints that the pattern stands for."""
+        """Joints that match the pattern."""
         return matching(joints, self.joints)
 
     def faults(self, robot: RobotProperties) -> Iterable[tuple[str, str]]:

@@ -62,7 +62,7 @@ class WheelJoints(WheelSet):
         return Contribution(drives=(drive,), wheels=(whole,))
 
     def owns(self, joints: Sequence[str]) -> list[str]:
-        """Joints that the pattern stands for."""
+        """Joints that match the pattern."""
         return matching(joints, self.joints)
 
     def faults(self, robot: RobotProperties) -> Iterable[tuple[str, str]]:

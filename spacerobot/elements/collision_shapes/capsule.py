@@ -39,7 +39,7 @@ class Capsule(CollisionShape):
 
     @classmethod
     def around(cls, points: Array, axes: Sequence[int]) -> Wrapping:
-        """The one of the least volume whose segment goes through the middle of the extents along an axis."""
+        """Capsule of minimum volume whose segment goes through the middle of the extents along an axis."""
         middle = (points.min(axis=0) + points.max(axis=0)) / 2
         found = [(*_smallest(points - middle, axis), axis) for axis in axes]
         _, radius, half, shift, axis = min(found, key=lambda one: one[0])

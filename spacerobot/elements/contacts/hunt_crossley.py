@@ -61,7 +61,7 @@ class HuntCrossley(Contact):
         return self
 
     def build(self, contact: ContactContext) -> Contribution:
-        """Forces of every pair of shapes, and what they store and take."""
+        """Forces of every pair of shapes, with their stored energy and dissipated power."""
         context, touching = contact.context, touches(contact)
         stiffness, exponent = context.number("stiffness"), context.number("exponent")
         dissipation = self._dissipation(context)
@@ -107,7 +107,7 @@ class HuntCrossley(Contact):
         return found
 
     def words(self) -> str:
-        """Its stiffness and what it takes."""
+        """Its stiffness and dissipation."""
         if self.restitution is not None:
             loss = f"restitution {self.restitution:g} at {self.restitution_speed:g} m/s"
         else:

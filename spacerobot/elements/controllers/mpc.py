@@ -1,4 +1,4 @@
-"""A plan that is made anew at each period from what is sensed, and followed by the joints."""
+"""Model predictive control: the plan is recomputed from measurements in each period; the joints track it."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from spacerobot.section import quantity
 
 @register
 class Mpc(JointPlanController):
-    """Joints track a plan that is made anew in each period for the time that is left (MPC)."""
+    """Joints track a plan that is recomputed in each period for the remaining time (MPC)."""
 
     kind: Literal["mpc"] = "mpc"
     file: None = Field(default=None, description="none: plans are made in flight")

@@ -18,7 +18,7 @@ from spacerobot.section import Name, Vector, quantity
 
 @register
 class Attitude(Goal):
-    """The floating base of a robot comes to an attitude."""
+    """The floating base of a robot reaches an attitude."""
 
     told_by: ClassVar[str | None] = "attitude"
 

@@ -74,7 +74,7 @@ class Mated(TipGoal):
 
     @property
     def rests(self) -> bool:
-        """Not if not told, for the mating frame moves."""
+        """False unless it is given, since the mating frame moves."""
         return bool(self.rest)
 
     @property

@@ -18,7 +18,7 @@ from spacerobot.section import Vector, quantity
 
 @register
 class Placed(TipGoal):
-    """A tip comes to a place in the world, turned as wished."""
+    """A tip reaches a position and orientation in the world."""
 
     told_by: ClassVar[str | None] = "position"
 

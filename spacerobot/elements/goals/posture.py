@@ -32,7 +32,7 @@ class End(Section):
 
 @register
 class Posture(Goal):
-    """Joints of a robot come to given positions."""
+    """Joints of a robot reach given positions."""
 
     told_by: ClassVar[str | None] = "joints"
 

@@ -1,4 +1,4 @@
-"""Approach cone: a tip comes to a mating frame inside a cone."""
+"""Approach cone: a tip approaches a mating frame inside a cone."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from spacerobot.section import Vector, quantity
 
 @register
 class ApproachConeLimit(PlanLimit):
-    """A tip that comes to a mating frame inside a cone about its axis of approach."""
+    """A tip approaches a mating frame inside a cone about its axis of approach."""
 
     short: ClassVar[str | None] = None
 

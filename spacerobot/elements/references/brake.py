@@ -32,7 +32,7 @@ class Brake(Reference):
     def motion(
         self, context: ReferenceContext, start: InitialMotion, pivot: ca.SX | None = None
     ) -> DesiredMotion:
-        """Velocity and spin fall together, along their own directions; so does what is rigidly carried."""
+        """Velocity and spin fall together, along their own directions; so do rigidly attached bodies."""
         spin, linear = start.angular_velocity, start.velocity
         if pivot is not None:
             linear = linear + cross(spin, pivot - start.origin)

@@ -83,7 +83,7 @@ class PlanReference(Reference):
         )
 
     def jumps(self) -> tuple[float, ...]:
-        """Its knots behind the first one."""
+        """Its knots after the first one."""
         times = self.planned.times
         return tuple(times[k] for k in ends_of(times, self.planned.points)[1:])
 

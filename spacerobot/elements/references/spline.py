@@ -83,7 +83,7 @@ class Spline(Reference):
         ]
 
     def jumps(self) -> tuple[float, ...]:
-        """Its waypoints behind the first one."""
+        """Its waypoints after the first one."""
         return self.times[1:]
 
     def leaves_plane(self) -> Iterator[tuple[str, list[float]]]:

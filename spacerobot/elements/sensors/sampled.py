@@ -27,5 +27,5 @@ class Sampled(Sensor):
 
     @property
     def is_ideal(self) -> bool:
-        """Never: what it gives is old."""
+        """False: its measurements are held between samples."""
         return False
