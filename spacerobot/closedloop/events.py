@@ -31,6 +31,10 @@ class LoopEvent:
         Whether it only marks where the dynamics are not smooth.
     clock, silent
         Whether its guard is time less an instant that events alone change; whether it is not recorded.
+    routine
+        Whether batches do not record it.
+    quantised
+        Whether what it updates has steps.
     """
 
     name: str
@@ -41,6 +45,8 @@ class LoopEvent:
     kink: bool = False
     clock: bool = False
     silent: bool = False
+    routine: bool = False
+    quantised: bool = False
 
 
 def booked(events: Sequence[Event]) -> tuple[PowerTerm, ...]:
@@ -62,6 +68,8 @@ def rules_of(events: Sequence[Event], switches: Sequence[str]) -> tuple[LoopEven
             event.kink,
             event.clock,
             event.silent,
+            event.routine,
+            event.quantised,
         )
         for event in events
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TypedDict, Unpack
 
 import casadi as ca
 
@@ -18,6 +19,14 @@ the output, then comes after it, whatever rounding makes of both."""
 
 MAX_DELAY = 16
 """Longest delay, in periods: as many values are held."""
+
+
+class Marks(TypedDict, total=False):
+    """Marks of an event at the instants of a clock, as in :class:`~spacerobot.elements.event.Event`."""
+
+    silent: bool
+    routine: bool
+    quantised: bool
 
 
 @dataclass(frozen=True)
@@ -62,12 +71,11 @@ class Clock:
         who: str,
         updates: Mapping[str, ca.SX],
         sets: Mapping[str, bool] | None = None,
-        silent: bool = False,
+        **marks: Unpack[Marks],
     ) -> Event:
         """Event at its instants; as for :class:`Event`."""
         counted = {self.count.name: self.count.symbol + 1} | dict(updates)
-        rules = dict(sets or {})
-        return Event(name, kind, who, self.guard, ca.SX(1), rules, counted, clock=True, silent=silent)
+        return Event(name, kind, who, self.guard, ca.SX(1), dict(sets or {}), counted, clock=True, **marks)
 
 
 @dataclass(frozen=True)

@@ -42,6 +42,10 @@ class Event:
         :class:`~spacerobot.elements.clock.Clock`: steps then end there without root finding.
     silent
         Whether it is not recorded; for a clock that turns no switch.
+    routine
+        Whether it recurs by design, as pulses and samples do: batches do not record it.
+    quantised
+        Whether its updates, or the instants that they set, have steps in what they depend on.
     """
 
     name: str
@@ -57,6 +61,8 @@ class Event:
     kink: bool = False
     clock: bool = False
     silent: bool = False
+    routine: bool = False
+    quantised: bool = False
 
 
 def both(*conditions: ca.SX) -> ca.SX:

@@ -88,7 +88,7 @@ class Measurement:
         """Without errors, at the start and then once in each ``period`` of the section."""
         period = context.steady("period")
         value, clock = memory(f"{name}.measured", shown), Clock.of(name, context.time, period, begin=period)
-        due = clock.event(f"{name}.measured", "measured", name, {value.name: shown})
+        due = clock.event(f"{name}.measured", "measured", name, {value.name: shown}, routine=True)
         return cls(shown, value, (value, clock.count), (due,))
 
     @classmethod
@@ -128,7 +128,8 @@ class Measurement:
             states += line.states
             updates |= line.shifted(sample)
             later.append(line.event("measured"))
-        due = clock.event(f"{name}.sampled", "measured", name, updates, silent=True)
+        steps = not context.is_zero("resolution")
+        due = clock.event(f"{name}.sampled", "measured", name, updates, silent=True, quantised=steps)
         return cls(shown, value, (*states, clock.count), (due, *later))
 
 

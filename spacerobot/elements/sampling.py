@@ -134,7 +134,9 @@ def periodic(config: Sampling, context: SectionContext, name: str, continuous: C
         full[rows] = held.symbol
         torques.append(CommandedTorque(robot, full, null_space))
     # samples come before what waits, so that a delay of whole periods finds that of the same instant
-    tick = clock.event(f"{name}.sampled", "sampled", name, updates, silent=True)
+    tick = clock.event(
+        f"{name}.sampled", "sampled", name, updates, silent=True, quantised=not context.is_zero("resolution")
+    )
     laws = []
     if solved:
         ideal = tuple(continuous.channels[i] for i in solved)

@@ -140,6 +140,8 @@ def gradient_of(
 
 def statuses(raw: RolloutArrays, kernel: Kernel, every: int = 1) -> tuple[str, ...]:
     """Whether the derivatives of each rollout hold, in words, where so many rows in turn are of one."""
+    steps = next((event.who for event in kernel.events if event.quantised), "")
+    quantised = f"inaccurate: quantised: derivatives leave out the steps of '{steps}'" if steps else ""
 
     def told(whole: bool, doubt: int, event: int) -> str:
         """One rollout, and the event that its derivatives are doubted for."""
@@ -153,7 +155,7 @@ def statuses(raw: RolloutArrays, kernel: Kernel, every: int = 1) -> tuple[str, .
             return f"coincident: {what} may change places"
         if doubt == AT_END:
             return f"at the end: a small change may move the event '{name}' past the end of the rollout"
-        return "exact"
+        return quantised or "exact"
 
     doubts = [max(rows) for rows in raw.log.doubt.reshape(-1, every, 2).tolist()]
     return tuple(

@@ -45,6 +45,14 @@ class EventRule(Protocol):
     def silent(self) -> bool:
         """Whether it is not recorded."""
 
+    @property
+    def routine(self) -> bool:
+        """Whether batches do not record it."""
+
+    @property
+    def quantised(self) -> bool:
+        """Whether what it updates has steps, which derivatives do not see."""
+
 
 class TableRule(Protocol):
     """Rows of equal width in c, one after the other, and a window that shows one of them."""

@@ -164,6 +164,7 @@ def _facts(kernel: Kernel) -> list[str]:
         "int GAP": [event.kind == GAP for event in kernel.events],
         "int CLOCK": [event.clock for event in kernel.events],
         "int SILENT": [event.silent for event in kernel.events],
+        "int ROUTINE": [event.routine for event in kernel.events],
         "int FIXED": [not moves for moves in kernel.moving] or [False] * len(kernel.events),
         "int SEEN": kernel.seen,
         "int FINE": [place for place, _, _ in kernel.fine],

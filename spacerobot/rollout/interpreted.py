@@ -198,7 +198,8 @@ class InterpretedEngine:
     def note(self, path: DiscreteTrajectory, raw: RolloutArrays) -> None:
         """Write down how the only rollout of ``raw`` went, and its events."""
         raw.done[0], raw.reached[0], raw.fate[0] = path.done, path.end_s, path.fate
-        silent, log = [event.silent for event in self.kernel.events], raw.log
+        rules, log = self.kernel.events, raw.log
+        silent = [rule.silent or (rule.routine and log.jump is None) for rule in rules]
         told = [here for here in path.happenings if not silent[here.event]]
         log.fired[0], log.doubt[0] = len(told), path.doubt
         for k, here in enumerate(told[: log.event.shape[1]]):

@@ -46,7 +46,7 @@ class BatchEvents:
     Attributes
     ----------
     count
-        How many each had, shape (N,).
+        How many each had, shape (N,), without those that are silent or routine.
     event, time_s
         Which, as places in the closed loop's ``events``, and when [s], shape (N, most): the first ones of
         each in turn; -1 and NaN beyond its last.
@@ -227,8 +227,9 @@ class Gradient:
         Time it took.
     status
         Of each rollout ``exact``, or ``lost``, or why its gradient may not hold: it grazes an event, two
-        events may change places, or half the step changes a derivative by more than 1 % (``inaccurate:
-        step``); ``unchecked`` where that was not asked for. N words or sentences, one for a single rollout.
+        events may change places, outputs or measurements are quantised (``inaccurate: quantised``), or half
+        the step changes a derivative by more than 1 % (``inaccurate: step``); ``unchecked`` where that was
+        not asked for. N words or sentences, one for a single rollout.
     """
 
     paths: tuple[str, ...]

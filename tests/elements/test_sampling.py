@@ -240,6 +240,25 @@ def test_gradients_go_on_from_an_instant_at_which_an_output_is_sampled():
         np.testing.assert_allclose(found.gradients["x"][0], difference(rollout, path, 4e-4), rtol=1e-7)
 
 
+QUANTISED = {
+    "output": ({f"{ONE}.sampled": {"period": 0.02, "resolution": 0.05}}, "one/tip/pid"),
+    "measurement": (
+        {"robots.one.sensors": {"joint_rate": {"errors": {"period": 0.05, "resolution": 1e-3}}}},
+        "one.joint_rate.3",
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", QUANTISED)
+def test_gradients_through_steps_of_a_value_have_a_status_of_their_own(kind):
+    changes, name = QUANTISED[kind]
+    path, told = f"{ONE}.kp", f"inaccurate: quantised: derivatives leave out the steps of '{name}'"
+    rollout = costed(changes, 0.1, backend="interpreted")
+    assert rollout.value_and_gradient(wrt=[path]).status == (told,)
+    assert rollout.jacobian(wrt=[path]).status == told
+    assert rollout.slope_batch([path], [[10.0], [11.0]]).status == (told, told)
+
+
 @pytest.mark.compiler
 def test_compiled_lanes_and_adjoint_give_the_same_as_the_interpreter():
     changes = plate(kp=40, ki=5, kd=20, **sampled(0.02, delay=0.025)) | {"robots.two.joint_pd": {"kp": 1.0}}

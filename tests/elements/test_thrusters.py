@@ -264,3 +264,16 @@ def test_the_second_engine_gives_the_on_times_of_scipys_least_squares():
     total, given = found.outputs["momentum_linear"], found.outputs["impulse_linear"]
     assert np.abs(given[-1]).max() > 0.05
     np.testing.assert_allclose(total - given, np.broadcast_to(total[0], total.shape), atol=1e-9)
+
+
+def test_pulses_take_no_room_among_the_events_of_batches():
+    """More pulses than a batch has room for events, then what ends the first phase."""
+    phases = {"phases": {"one": {"until": {"time": 1.9}}, "two": {}}}
+    loop = build_closed_loop(small_scene(PLATE, PULSED | phases | {f"{JETS}.period": 0.04}))
+    rollout = sr.build_rollout(loop, duration_s=2.0, step_s=0.04, backend="interpreted")
+    batch = rollout.batch([f"{JETS}.thrust"], [[0.6], [0.61]])
+    alone = rollout.run().events
+    assert len(alone) > 100
+    told = [event for event in alone if not loop.events[event.event].routine]
+    assert [event.event for event in told] == batch.events.event[0, : len(told)].tolist()
+    assert 0 < len(told) == (batch.events.event[0] >= 0).sum()

@@ -22,6 +22,8 @@ class Rule:
     kink: bool = False
     clock: bool = False
     silent: bool = False
+    routine: bool = False
+    quantised: bool = False
     kind: str = "kind"
     who: str = "who"
 

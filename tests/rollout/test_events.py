@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.optimize import brentq
@@ -65,6 +67,20 @@ def test_a_ball_that_comes_to_rest_chatters_and_is_kept_up_to_there(backend):
     assert np.isfinite(found.state).all()
     assert len(found.events) > 100  # more than there is room for at first
     assert [here.event for here in found.events] == [0] * len(found.events)
+
+
+@BOTH
+def test_routine_events_are_recorded_by_single_rollouts_alone(backend):
+    loop = two_balls(second=1.5)
+    loop.events = [replace(loop.events[0], routine=True), *loop.events[1:]]
+    rollout = build_rollout(loop, duration_s=1.9, step_s=0.02, output_step_s=0.1, backend=backend)
+    alone = [here.event for here in rollout.run().events]
+    path = loop.parameter_paths[0]
+    value = rollout.values()[0]
+    batch = rollout.batch([path], [[value], [value]]).events
+    assert set(alone) == {0, 1}
+    assert set(batch.event[:, : alone.count(1)].ravel()) == {1}
+    np.testing.assert_array_equal(batch.count, alone.count(1))
 
 
 @BOTH

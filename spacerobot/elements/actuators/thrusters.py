@@ -313,11 +313,14 @@ class _Jets:
         # what is on for all of the period is not switched off at its end, but goes on as decided then
         until = clock.instant + ca.if_else(part < WHOLE, self._on_times(part * period), 2 * period)
         sets = {switch.name(): True for switch in firing}
-        events = [clock.event(f"{self.name}.control", "control", self.name, {off_at.name: until}, sets)]
+        steps = bool(self.numbers("resolution").nnz())
+        updates, name = {off_at.name: until}, f"{self.name}.control"
+        events = [clock.event(name, "control", self.name, updates, sets, routine=True, quantised=steps)]
         for i, (name, switch) in enumerate(zip(names, firing, strict=True)):
             label = f"{self.name}.{name}"
             over = context.time - off_at.symbol[i]
-            events.append(Event(f"{label}.cut", "cut", label, over, switch, {switch.name(): False}))
+            off = {switch.name(): False}
+            events.append(Event(f"{label}.cut", "cut", label, over, switch, off, routine=True))
         acting = self._acting(ca.vertcat(*firing))
         return Contribution(
             states=(*acting.states, clock.count, off_at),

@@ -2,7 +2,7 @@
 // guard that is not armed is minus infinity. SWITCH lists the places in c of the switches, which are constant between
 // events; SETS holds what each event makes of them (-1: leaves it), ENDS whether the rollout is over with it,
 // KINK whether it only marks where a law is not smooth, GAP whether its guard is minus a gap, CLOCK whether it is time less
-// that of a sample, which events alone change, SILENT whether it is not told, FIXED whether no parameter that derivatives are
+// that of a sample, which events alone change, SILENT whether it is not told, ROUTINE whether batches do not tell it, FIXED whether no parameter that derivatives are
 // asked for moves its time. FINE lists switches, FINE_STEP the longest step while one is on,
 // FINE_GROW over how many of these steps grow behind its beginning, and shrink before its end.
 //
@@ -462,7 +462,7 @@ static void happen(const Job& job, Trajectory& at, const Happened& found, bool a
 #endif
     if (lane(fires, l) == 0 || lane(at.now.alive, l) == 0) continue;
     const int event = int(lane(e[0], l));
-    if (!again && !SILENT[event]) tell_event(job, at, l, event, instant, next), ++at.fired[l];
+    if (!again && !SILENT[event] && (job.jump || !ROUTINE[event])) tell_event(job, at, l, event, instant, next), ++at.fired[l];
     for (int i = 0; i < NX; ++i) lane(at.now.x[i], l) = lane(next[i], l);
     lane(w.last, l) = event, lane(w.fresh, l) = 1.;
 #if TABLES
